@@ -18,6 +18,7 @@ from emulators.faults.computer import COMPUTER_FAULTS
 from emulators.seams import (
     EmulatedRobot,
     EmulatedSensor,
+    FeelingRobot,
     Floats,
     Joints,
     ShapedSurface,
@@ -208,6 +209,9 @@ class Cell(Generic[Robot, Sensor]):
         path.on_change = self._moved_otherwise
         self.sensor = parts.sensor(self, now, seed)
         """Powered up with the cell."""
+        robot: object = self.robot
+        if isinstance(robot, FeelingRobot):
+            robot.feel(self._contact_at)
         self.ledger = Ledger({**parts.faults, **OWN_FAULTS})
         """The faults of the cell."""
         for device in (self.robot, self.sensor):
@@ -295,6 +299,10 @@ class Cell(Generic[Robot, Sensor]):
     def contact_forces(self, times: Floats) -> Floats:
         """Force of surface and obstacles on the tool (n, 3) at ascending `times` (n,), s, base frame, N."""
         return self._pushed(self._surface.aside(), times, count=False).force
+
+    def _contact_at(self, time: float) -> Vector:
+        """The contact force at a time that has passed, s; of a surface with memory the oldest that is still known."""
+        return _vector(self.contact_forces(np.array([self.truth_available_from(time)]))[0])
 
     def truth_available_from(self, time: float) -> float:
         """The earliest moment from `time` on, s, of which the truth is still known. A surface with memory has lost all

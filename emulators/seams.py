@@ -103,6 +103,18 @@ class EmulatedRobot(Protocol):
         """The joints that hold the true `pose` of the time `at`, s; None where the robot has no kinematics."""
 
 
+ContactSource: TypeAlias = Callable[[float], Vector]
+"""True force of the surroundings on the tool at a time that has passed, s, base frame, N, without the weight."""
+
+
+@runtime_checkable
+class FeelingRobot(Protocol):
+    """A robot that feels the contact of its tool by itself. The cell gives it that force when both are there."""
+
+    def feel(self, contact: ContactSource) -> None:
+        """The force comes from here."""
+
+
 class WrenchSource(Protocol):
     """The true wrench that a sensor feels. The cell implements it.
 

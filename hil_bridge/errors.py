@@ -47,3 +47,7 @@ class OrderRefused(DeviceError):
     def __init__(self, text: str, code: int = 0) -> None:
         super().__init__(text)
         self.code = code
+
+
+class GateStop(OrderRefused):
+    """The last gate stopped an order, which is a bug of this program; nothing of it was sent."""

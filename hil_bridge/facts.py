@@ -98,6 +98,17 @@ class ServoFacts(Struct, frozen=True):
     """How well each of them is known, see `protocol.marks`, by the name of its setting."""
 
 
+class WitnessFacts(Struct, frozen=True):
+    """A robot's own idea of the force on its tool: a witness beside the force sensor."""
+
+    ordinary_n: _Positive
+    """Difference from the force sensor that is still ordinary, N, counted from a zero that both took at once."""
+    delay_s: _NotNegative = 0.0
+    """Time constant of its filter."""
+    marks: dict[str, str] = {}
+    """How well each of them is known, see `protocol.marks`, and from where."""
+
+
 class Pacing(StrEnum):
     """Which side drives the cycle."""
 
@@ -136,6 +147,8 @@ class RobotFacts(Struct, frozen=True):
     traffic: tuple[Traffic, ...] = ()
     late: str = ""
     """Reaction of a robot that streams to answers that come late, in words."""
+    witness: WitnessFacts | None = None
+    """None where the robot tells no force of its own."""
 
 
 class Sensor(Struct, frozen=True, omit_defaults=True):

@@ -17,8 +17,10 @@ from hil_bridge.offers import packages_of_modules
 
 TRACEBACK_EVENT = "traceback"
 """Kind of the event whose text is the traceback of such a failure."""
-RAISED = (Exception, SystemExit, KeyboardInterrupt)
-"""Exceptions that other packages' code may raise where it should return; see `raise_if_asked`."""
+BUG_EVENT = "bug"
+"""Kind of the event whose text is the traceback of a bug."""
+RAISED = BaseException
+"""Whatever other packages' code may raise where it should return; see `raise_if_asked`."""
 FAILED_EVENT = "failed"
 """Kind of the event that tells that an emulated device has failed, in one line."""
 OWN = frozenset(("hil_bridge", "emulators", "protocol"))
@@ -73,16 +75,35 @@ def raise_if_asked(error: BaseException) -> None:
     """Raise a KeyboardInterrupt again, unless a plug-in itself has raised it: a person's goes on its way.
 
     The event loop takes a person's Ctrl-C by a handler of its own, so that none is raised in the midst of other code.
+    For code that awaits, see `hil_bridge.cancelling`.
     """
-    if isinstance(error, KeyboardInterrupt):
-        module = list(_frames(error))[-1][0]
-        if module.partition(".")[0] not in packages_of_modules():
-            raise error
+    if is_keyboard(error):
+        raise error
+
+
+def is_keyboard(error: BaseException) -> bool:
+    """Whether it is a KeyboardInterrupt that no plug-in has raised."""
+    if not isinstance(error, KeyboardInterrupt):
+        return False
+    frames = list(_frames(error))
+    return not frames or frames[-1][0].partition(".")[0] not in packages_of_modules()
 
 
 def of_others(error: BaseException) -> bool:
     """Whether code of another package had a part in an exception."""
     return bool(getattr(error, "blamed", None) or plugin_place(error))
+
+
+def failure_event(error: BaseException) -> tuple[str, str]:
+    """Kind and text of the event that tells the traceback of an exception that nothing expected."""
+    return TRACEBACK_EVENT if of_others(error) else BUG_EVENT, traceback_of(error)
+
+
+def unexpected(error: BaseException) -> str:
+    """Why a run ends with an exception that nothing expected, in one line."""
+    if of_others(error):
+        return f"code of another package ended the run: {failure(error)}"
+    return f"a bug ended the run: {type(error).__name__}: {told(error)}"
 
 
 def code_failed(what: str, cause: BaseException) -> BridgeError:

@@ -3,10 +3,14 @@
 Whatever is in a file, reading it ends in values of ordinary size or in one line that says what is wrong.
 """
 
+import errno
 import json
+import os
 import re
+import stat
 import tomllib
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -24,25 +28,56 @@ SHOWN_CHARACTERS = 80
 """Most characters of a wrong value in a message. Chosen: a line of a terminal."""
 
 _PIECE_BYTES = 1 << 20
+_KINDS = (
+    (stat.S_ISFIFO, "a pipe"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+    (stat.S_ISSOCK, "a socket"),
+)
+_DEEP_KEY = re.compile(rf"(?<![\w-])(?>[\w-]++[ \t\"']*+\.[ \t\"']*+){{{DEPTH_LIMIT}}}")
+"""A key of too many parts, for which the parser would take time by the square of their number. It has the same look in
+a text, where none of ours has it.
+"""
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def read_text(path: Path, limit: int = TEXT_LIMIT_BYTES, encoding: str = "utf-8") -> str:
     """The text of a file of at most `limit` bytes. Raises ConfigError naming the file."""
+    with open_ordinary(path) as file:
+        data = read_up_to(file, limit + 1)
+    if len(data) > limit:
+        raise ConfigError(f"{format_path(path)} is longer than {limit} bytes: it is not what is wanted here")
     try:
-        with path.open("rb") as file:
-            data = read_up_to(file, limit + 1)
-        if len(data) > limit:
-            raise ConfigError(
-                f"{format_path(path)} is longer than {limit} bytes: it is not what is wanted here"
-            )
         return data.decode(encoding).replace("\r\n", "\n")
-    except OSError as error:
-        raise ConfigError(f"cannot read {format_path(path)}: {error.strerror or error}") from error
     except UnicodeDecodeError as error:
         raise ConfigError(f"{format_path(path)} is no text in {encoding}: {error.reason}") from error
+
+
+@contextmanager
+def open_ordinary(path: Path, what: str = "") -> Iterator[BinaryIO]:
+    """An ordinary file, to be read: not a device, a pipe or a folder, which might never end or never begin.
+
+    `what` says what it is, as "the recording". Raises ConfigError naming the file, also for an error while inside.
+    """
+    name = f"{what} {format_path(path)}".lstrip()
+    try:
+        # a pipe without a writer must not keep us waiting
+        with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
+            refuse_other_kinds(os.fstat(file.fileno()).st_mode, name)
+            yield file
+    except OSError as error:
+        raise ConfigError(f"cannot read {name}: {error.strerror or error}") from error
     except ValueError as error:  # a NUL in the path
-        raise ConfigError(f"cannot read {format_path(path)}: {error}") from error
+        raise ConfigError(f"cannot read {name}: {error}") from error
+
+
+def refuse_other_kinds(mode: int, name: str) -> None:
+    """Raise ConfigError for a file whose mode, as stat(2) tells it, is of no ordinary file."""
+    if stat.S_ISDIR(mode):
+        raise ConfigError(f"cannot read {name}: {os.strerror(errno.EISDIR)}")
+    if not stat.S_ISREG(mode):
+        kind = next((text for is_kind, text in _KINDS if is_kind(mode)), "something else")
+        raise ConfigError(f"cannot read {name}: it is {kind}; name an ordinary file")
 
 
 def read_up_to(file: BinaryIO, limit: int) -> bytes:
@@ -60,6 +95,8 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 def parse_toml(text: str, source: str) -> dict[str, Any]:
     """The values of a TOML text. Raises ConfigError that names `source`."""
+    if _DEEP_KEY.search(text):
+        raise ConfigError(f"{source} is no TOML of ours: {_TOO_DEEP}")
     try:
         values = tomllib.loads(text)
     except RecursionError as error:

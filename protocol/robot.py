@@ -4,7 +4,7 @@ import math
 from typing import NamedTuple, Protocol, TypeAlias, TypeVar
 
 from protocol.endpoint import Endpoint
-from protocol.geometry import Pose, Quaternion
+from protocol.geometry import Pose, Quaternion, Vector
 
 UNIT_TOLERANCE = 0.01
 """Chosen: how far a quaternion's norm may be from 1. Robots round what they send: words of 1/16384 make up 0.0001."""
@@ -25,6 +25,10 @@ class RobotReport(NamedTuple):
     """Reasons that forbid to move, in words with a remedy: emergency stop, program stopped; empty without any."""
     stamps: tuple[tuple[str, float], ...] = ()
     """More times of the way to this report, by name."""
+    force: Vector | None = None
+    """Force of the surroundings on the tool as the robot itself feels it, base frame, N; None where it tells none. It
+    is coarse, and may have an offset: its user counts from a zero of its own.
+    """
 
 
 def orientation_fault(quaternion: Quaternion) -> str:

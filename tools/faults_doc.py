@@ -40,6 +40,7 @@ TRACK_S, AFTER_S = 2.0, 0.5
 GIVEN: Mapping[tuple[str, str], Mapping[str, float]] = {
     ("pose", "offset"): {"z_mm": 20.0},
     ("pose", "drift"): {"z_mm_s": 5.0},
+    ("witness", "offset"): {"z_n": 60.0},
 }
 """Parameters of the runs, where a fault with its defaults is none."""
 UNMEASURED = ("computer",)
@@ -87,7 +88,9 @@ def settings(job: Job) -> Mapping[str, object]:
     sensor = job.device if job.device in SENSOR_NAMES else BUS_SENSOR if job.on == "bus" else PARTNER_SENSOR
     given = GIVEN.get((job.on, job.fault), {})
     when = {"phase": "connect"} if job.on == "scales" else {"phase": "track", "after_s": AFTER_S}
+    own_force = {"cell.egm.measured_force": True} if (robot, job.on) == ("egm", "witness") else {}
     return {
+        **own_force,
         "robot.emulated": robot,
         "sensor.emulated": sensor,
         "run.period_ms": 20.0,

@@ -95,28 +95,45 @@ class CycledPath:
     def predicted_until(self, now: float) -> float:
         return self.committed_until(now)
 
-    def _cycles(self, times: Floats) -> NDArray[np.int64]:
-        """The cycle in which each time lies, as far as it is kept."""
+    def _cycle_of(self, time: float) -> int:
+        """The cycle in which a time lies, as far as it is kept."""
+        cycle = math.floor((time - self._powered_at) / self._period + ROUNDING_S)
+        return min(max(cycle, self.cycle - self._size + 1, 0), self.cycle)
+
+    def _stretches(self, times: Floats) -> list[tuple[int, slice]]:
+        """Which of these ascending times lie in which cycle, in order."""
         self.advance(float(times[-1]) - ROUNDING_S)
-        found = np.floor((times - self._powered_at) / self._period + ROUNDING_S).astype(np.int64)
-        return np.minimum(np.maximum(found, max(self.cycle - self._size + 1, 0)), self.cycle)
+        first, last = self._cycle_of(float(times[0])), self._cycle_of(float(times[-1]))
+        if first == last:  # as nearly always: nothing ahead of a cycle is known
+            return [(first, slice(0, len(times)))]
+        cycles = np.floor((times - self._powered_at) / self._period + ROUNDING_S)
+        edges = np.searchsorted(cycles, range(first + 1, last + 1)).tolist()
+        return [
+            (first + number, slice(begin, end))
+            for number, (begin, end) in enumerate(pairwise((0, *edges, len(times))))
+            if begin < end
+        ]
 
     def trajectory(self, times: Floats) -> tuple[Floats, Floats]:
-        cycles = self._cycles(times)
-        rows = cycles % self._size
-        since = times - (self._powered_at + cycles * self._period)
-        speeds = self._speeds[rows]
-        return self._places[rows] + speeds * np.minimum(np.maximum(since, 0.0), self._period)[
-            :, None
-        ], speeds.copy()
+        parts = [self._straight(cycle, times[part]) for cycle, part in self._stretches(times)]
+        if len(parts) == 1:
+            return parts[0]
+        places, speeds = zip(*parts, strict=True)
+        return np.concatenate(places), np.concatenate(speeds)
+
+    def _straight(self, cycle: int, times: Floats) -> tuple[Floats, Floats]:
+        """Places and velocities (n, 3) at these times (n,), all in one cycle."""
+        row, speeds = cycle % self._size, np.empty((len(times), 3))
+        speeds[:] = self._speeds[row]
+        since = times - self.cycle_at(cycle)
+        since = np.minimum(np.maximum(since, 0.0, out=since), self._period, out=since)
+        return self._places[row] + speeds * since[:, None], speeds
 
     def orientations(self, times: Floats) -> list[tuple[slice, Quaternion]]:
-        cycles = self._cycles(times)
-        edges = [0, *(np.flatnonzero(np.diff(cycles)) + 1).tolist(), len(cycles)]
         found: list[tuple[slice, Quaternion]] = []
-        for begin, end in pairwise(edges):
-            turned = self._turns[int(cycles[begin]) % self._size]
+        for cycle, part in self._stretches(times):
+            turned = self._turns[cycle % self._size]
             if found and found[-1][1] == turned:
-                begin = found.pop()[0].start
-            found.append((slice(begin, end), turned))
+                part = slice(found.pop()[0].start, part.stop)
+            found.append((part, turned))
         return found

@@ -10,12 +10,10 @@ import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import numpy as np
-
 from emulators.arm.history import History
 from emulators.arm.loops import REST_M, PositionLoop, Ticks
 from emulators.arm.quaternions import angle_between, normalised, slerp
-from protocol.geometry import Pose, Quaternion
+from protocol.geometry import Pose
 from protocol.marks import Mark, check_settings, setting
 
 
@@ -181,6 +179,4 @@ class FollowedArm:
 
     def pose(self, now: float) -> Pose:
         """Where the tool is at `now`."""
-        x, y, z = self.path.trajectory(np.array([now]))[0][0].tolist()
-        turned: Quaternion = self.path.orientation(now)
-        return Pose((x, y, z), turned)
+        return self.path.pose(now)

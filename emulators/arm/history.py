@@ -15,7 +15,7 @@ from typing import Generic, Protocol, Self, TypeVar
 import numpy as np
 
 from emulators.arm.loops import Floats, PositionLoop, Ticks
-from protocol.geometry import Quaternion
+from protocol.geometry import Pose, Quaternion
 
 ROUNDING_S = 1e-9
 """A time nearer than this to another is the same: the sum of ticks carries rounding errors."""
@@ -149,14 +149,28 @@ class History(Generic[S]):
 
     def at(self, now: float) -> tuple[S, float]:
         """The servo whose set point the loops have at `now`, and the time since they took it, s."""
+        tick, since = self._tick_at(now)
+        return self._servos[tick % self._size], since
+
+    def _tick_at(self, now: float) -> tuple[int, float]:
+        """The tick whose set point the loops have at `now`, and the time since they took it, s."""
         newest = self._look_to(now - self._delay)
         since = now - (self._powered_at + self._delay)
         tick = min(max(math.floor(since / self._period), self._oldest()), newest)
-        return self._servos[tick % self._size], max(since - tick * self._period, 0.0)
+        return tick, max(since - tick * self._period, 0.0)
 
     def orientation(self, now: float) -> Quaternion:
         """Tool frame in the base frame at `now`, w x y z."""
         return self.at(now)[0].turned
+
+    def pose(self, now: float) -> Pose:
+        """Where the tool is at `now`: as `trajectory` and `orientations` of this time alone."""
+        tick, since = self._tick_at(now)
+        row = tick % self._size
+        basis = np.ones((3, 1))
+        basis[1], basis[2] = self._loop.response(np.array([since]))
+        x, y, z, *_ = (self._factors[row] @ basis)[:, 0].tolist()
+        return Pose((x, y, z), self._servos[row].turned)
 
     def trajectory(self, times: Floats) -> tuple[Floats, Floats]:
         """True positions (n, 3), m, and velocities (n, 3), m/s, base frame, at ascending `times` (n,).

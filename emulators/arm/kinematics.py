@@ -13,6 +13,7 @@ Axis 3 is read against the horizon or against the upper arm, see `ArmSize.axis_3
 
 import math
 from bisect import bisect_right
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import accumulate
 from typing import TypeAlias
@@ -86,6 +87,7 @@ class Arm:
         self.middles: Joints = a, b, c, d, e, f
         """The middle of each range."""
         self._speeds = [math.radians(speed) for speed in profile.axis_speeds_deg_s]
+        self._fastest = max(self._speeds)
         self._ranges = [
             (middle - math.radians(reach) - _ROUNDING, middle + math.radians(reach) + _ROUNDING)
             for middle, reach in zip(self.middles, profile.axis_ranges_deg, strict=True)
@@ -110,9 +112,9 @@ class Arm:
         reach = self._wrist_to_tip
         return Pose((x + reach * along[0], y + reach * along[1], z + reach * along[2]), quaternion)
 
-    def postures(self, position: Vector, quaternion: Quaternion, near: Joints) -> list[Joints]:
+    def postures(self, position: Vector, quaternion: Quaternion, near: Joints) -> Iterator[Joints]:
         """Every way inside the ranges to hold the tool in a pose (m, unit quaternion). There are up to eight: arm
-        turned to the front or to the back, elbow up or down, wrist flipped or not.
+        turned to the front or to the back, elbow up or down, wrist flipped or not. The ways of `near` come first.
 
         Of angles a whole turn apart, the one next to `near` is taken. An angle that a singularity leaves open, axis 1
         or axis 4, stays as in `near`.
@@ -124,18 +126,18 @@ class Arm:
         distance = math.sqrt(square)
         upper, fore = self._upper_arm, self._forearm
         if not abs(upper - fore) <= distance <= upper + fore or distance == 0.0:
-            return []
+            return
         cosine = (upper * upper + square - fore * fore) / (2.0 * upper * distance)
         opening = math.acos(max(-1.0, min(1.0, cosine)))
         front = near[0] if radius < _ON_AXIS_1_M else math.atan2(y, x)
         tool = product(quaternion, _conjugate(_TOOL_AT_ZERO))
-        found: list[Joints] = []
-        for turned, forward in ((front, radius), (front + math.pi, -radius)):
+        ways = (front, radius), (front + math.pi, -radius)
+        for turned, forward in ways if math.cos(near[0] - front) >= 0.0 else ways[::-1]:
             turn = self._wound(0, turned, near)
             if turn is None:
                 continue
             elevation = math.atan2(height, forward)
-            for elbow in (opening, -opening):
+            for elbow in (opening, -opening) if self.bend(near) >= 0.0 else (-opening, opening):
                 leaning = math.pi / 2.0 - elevation - elbow
                 lean = self._wound(1, leaning, near)
                 if lean is None:
@@ -149,13 +151,27 @@ class Arm:
                 for angles in _wrist_angles(wrist, near[3]):
                     a, b, c = (self._wound(3 + k, angle, near) for k, angle in enumerate(angles))
                     if a is not None and b is not None and c is not None:
-                        found.append((turn, lean, third, a, b, c))
-        return found
+                        yield turn, lean, third, a, b, c
 
     def nearest(self, position: Vector, quaternion: Quaternion, near: Joints) -> Joints | None:
         """The posture that takes the least motion from `near`, or None where no posture holds the pose."""
-        postures = self.postures(position, quaternion, near)
-        return min(postures, key=lambda joints: self._effort(near, joints), default=None)
+        nearest, least = None, math.inf
+        for joints in self.postures(position, quaternion, near):
+            effort = self._effort(near, joints)
+            if effort < least:
+                nearest, least = joints, effort
+            if effort < self._surely_nearest(joints):
+                break
+        return nearest
+
+    def _surely_nearest(self, joints: Joints) -> float:
+        """Effort of a motion to these joints for which no other posture of the same pose takes less.
+
+        Derived: another way turns axis 1 or 4 by half a turn, or mirrors the bend by axes 2 and 3. So it lies farther
+        than the bend and its rest to half a turn, at the fastest axis's speed. Within half of that nothing is nearer.
+        """
+        bend = abs(self.bend(joints))
+        return (min(bend, math.pi - bend) / 2.0 / self._fastest) ** 2
 
     def least_time(self, before: Joints, after: Joints) -> float:
         """Time of the slowest joint from one posture to another, s."""
@@ -181,11 +197,16 @@ class Arm:
 
     def _effort(self, before: Joints, after: Joints) -> float:
         """Squares, because the slowest joint alone would leave the other ones free to go the long way round."""
-        return sum(((q - p) / speed) ** 2 for p, q, speed in zip(before, after, self._speeds, strict=True))
+        effort = 0.0
+        for p, q, speed in zip(before, after, self._speeds, strict=True):
+            effort += ((q - p) / speed) ** 2
+        return effort
 
 
 def _wrist_angles(wrist: Quaternion, axis_4: float) -> tuple[tuple[float, float, float], ...]:
-    """Axes 4, 5 and 6, not wound, for the flange's turn against the forearm; `axis_4` where that is open."""
+    """Axes 4, 5 and 6, not wound, for the flange's turn against the forearm; the way next to `axis_4` comes first, and
+    stands where the turn leaves it open.
+    """
     # With half angles a, b, c: w = cos b cos(a + c), x = cos b sin(a + c), y = sin b cos(a - c), z = sin b sin(a - c).
     w, x, y, z = wrist
     aside = math.hypot(y, z)
@@ -195,7 +216,8 @@ def _wrist_angles(wrist: Quaternion, axis_4: float) -> tuple[tuple[float, float,
     half_difference = math.atan2(z, y)
     a, c = total / 2.0 + half_difference, total / 2.0 - half_difference
     b = 2.0 * math.atan2(aside, math.hypot(w, x))
-    return (a, b, c), (a + math.pi, -b, c - math.pi)
+    ways = (a, b, c), (a + math.pi, -b, c - math.pi)
+    return ways if math.cos(axis_4 - a) >= 0.0 else ways[::-1]
 
 
 def _forearm_frame(turn: float, pitch: float) -> Quaternion:

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from enum import Enum
 
 from emulators.arm.followed import FollowedArm, FollowedProfile
+from emulators.arm.own_force import Errors, OwnForce
 from emulators.arm.quaternions import normalised
 from emulators.egm.bad_link import BadLink
 from emulators.egm.bad_pose import BadPose
@@ -37,6 +38,7 @@ from protocol.egm import (
     from_wire,
     to_wire,
 )
+from protocol.egm.units import rotated
 from protocol.endpoint import RemoteProtocolError
 from protocol.geometry import Pose
 
@@ -48,6 +50,7 @@ _BEGINS = 256
 """Chosen: begins of motion that are kept."""
 _MOTORS_OFF = "motors-off"
 _CANNOT_SEND = "event 41830: the message cannot be sent"
+_NO_FORCE = (0.0,) * 6
 _COUNTS = (0, 6)
 """Numbers of joints that a message may hold."""
 
@@ -99,6 +102,10 @@ class EgmController:
         """Why the newest message that could not be used could not."""
         self._link = BadLink(seed)
         self._bad_pose = BadPose()
+        errors = Errors(profile.force_offset_n, profile.force_lag_ms * 1e-3, profile.force_noise_n)
+        self._own_force = OwnForce(errors, seed)
+        self.feel = self._own_force.feel
+        """Source of what it feels, see `emulators.seams.FeelingRobot`."""
         self._cycle = 0
         """Number of the next cycle."""
         self._out: list[bytes] = []
@@ -133,6 +140,7 @@ class EgmController:
             },
             "pose": self._bad_pose.handlers,
             "link": self._link.handlers,
+            "witness": self._own_force.handlers,
         }
 
     # --- as an emulated robot
@@ -397,7 +405,7 @@ class EgmController:
             guidance,
             rapid,
             self._converged,
-            (0.0,) * 6,
+            self._force(measured, at) if profile.measured_force else _NO_FORCE,
             False if newer else None,
             motion.utilization_percent,
             0 if newer else None,
@@ -409,6 +417,11 @@ class EgmController:
         sent = self._link.altered(message, at)
         if sent is not None:
             self._out.append(self._link.cut(encode_robot(sent, RobotWare(profile.rw)), at))
+
+    def _force(self, measured: Pose, at: float) -> tuple[float, ...]:
+        """The measured force along the tool's axes, N; it tells no moments."""
+        w, x, y, z = measured.quaternion
+        return *rotated((w, -x, -y, -z), self._own_force.at(at)), 0.0, 0.0, 0.0
 
     # --- faults
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 
+from emulators.arm.own_force import WITNESS_FAULTS
 from emulators.faults.kinds import FOREVER, Fault, Parameter
 from emulators.faults.wire import WIRE_FAULTS
 
@@ -47,5 +48,6 @@ EGM_FAULTS: Mapping[str, Mapping[str, Fault]] = {
     "robot": ROBOT_FAULTS,
     "pose": POSE_FAULTS,
     "link": LINK_FAULTS,
+    "witness": WITNESS_FAULTS,
 }
 """Faults by target."""

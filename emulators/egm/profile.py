@@ -99,6 +99,23 @@ class EgmProfile:
     last_datagram: bool = setting(
         True, Mark.ASSUMED, "one more datagram tells that EGMRun has ended, where none go on"
     )
+    measured_force: bool = setting(
+        False, Mark.CHOSEN, "the robot has Force Control: its datagrams tell the force of its own sensor"
+    )
+    force_noise_n: float = setting(
+        0.2, Mark.ASSUMED, "noise of that force, root mean square", unit="N", minimum=0.0
+    )
+    force_offset_n: float = setting(
+        4.5,
+        Mark.ASSUMED,
+        "largest offset of each of its axes, drawn by the seed",
+        unit="N",
+        minimum=0.0,
+        maximum=100.0,
+    )
+    force_lag_ms: float = setting(
+        10.0, Mark.ASSUMED, "time constant of its filter", unit="ms", minimum=0.0, maximum=1000.0
+    )
     rx_queue: Literal["fifo", "latest"] = setting(
         "fifo", Mark.OBSERVED, "a cycle takes the next message that came, or the newest"
     )

@@ -24,6 +24,11 @@ class OwnFaults:
         """Handlers of faults that happen at once; each act is told the time, s."""
         return {name: Handler(partial(_strike, act)) for name, act in acts.items()}
 
+    @property
+    def any(self) -> bool:
+        """Whether some fault has begun so far."""
+        return bool(self._newest)
+
     def under_way(self, name: str, now: float) -> Injection | None:
         """The injection of a fault that holds now: it has an effect each time that it is asked for."""
         injection = self._newest.get(name)

@@ -34,7 +34,7 @@ from protocol.netft.records import (
     output_step,
 )
 
-_COUNT_END = float(2**31 - 1)
+_COUNT_END = 2**31 - 1
 _MOST_AT_ONCE = 64
 """Chosen: records sent before others have their turn. After a pause of the computer they would overrun a reader."""
 
@@ -247,7 +247,8 @@ class NetBox:
         else:
             ft = self._frozen_ft = ft if self._frozen_ft is None else self._frozen_ft
         stream.sent += 1
-        counts = np.clip(np.rint(state - self.bias), -_COUNT_END, _COUNT_END).astype(np.int64).tolist()
+        pairs = zip(state.tolist(), self.bias.tolist(), strict=True)
+        counts = [max(-_COUNT_END, min(_COUNT_END, round(count - zero))) for count, zero in pairs]
         stream.buffer.append(RECORD.pack(stream.sent % WRAP, ft, self.status(number, now), *counts))
         over = stream.remaining == stream.sent
         if over or len(stream.buffer) >= stream.at_once:
@@ -263,8 +264,8 @@ class NetBox:
         most = self.step if weight == 1.0 else math.ceil(20.0 / weight)
         first = max(self._read + 1, number - most + 1)
         outputs = self._measured.outputs(first, number)
-        if (place := self._measured.last_at_end(outputs)) is not None:
-            self._saturated_until = first + place + self.profile.saturation_hold_samples
+        if (at_end := self._measured.last_at_end(first, number)) is not None:
+            self._saturated_until = at_end + self.profile.saturation_hold_samples
         state: Floats = outputs[-1].copy()
         if weight != 1.0 and self._state is not None:
             powers = (1.0 - weight) ** np.arange(len(outputs) - 1, -1, -1)

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from typing import Protocol
 
 from emulators.arm.cycled import CycledPath
+from emulators.arm.own_force import Errors, OwnForce
 from emulators.arm.quaternions import angle_between, normalised, product
 from emulators.orders import Act, HeardOrder, Hindrance, Orders
 from emulators.rtde.arm import ZERO, Brake, Hold, JointArm, Order, Place, Servo
@@ -107,6 +108,8 @@ class Controller:
         self._force_at = now
         """When the last external force came, s."""
         self.force_zero: Wrench = _NO_FORCE
+        self.own_force = OwnForce(Errors(profile.force_offset_n, profile.force_lag_ms * 1e-3), seed)
+        """The force that the arm feels by itself."""
         self.measured: Wrench = _NO_FORCE
         """actual_TCP_force without noise and zero, N and N·m, base axes."""
         self.program: Program | None = None
@@ -211,10 +214,10 @@ class Controller:
         )
 
     def _force(self, pose: Pose) -> Wrench:
-        """External forces along the base axes; without them nothing."""
+        """External forces along the base axes; without them those that the arm feels, of which it tells no moments."""
         given = self.inputs.get("external_force_torque") if self.external_force else None
         if not isinstance(given, tuple):
-            return _NO_FORCE
+            return _NO_FORCE if self.external_force else (*self.own_force.at(self.now), 0.0, 0.0, 0.0)
         force = rotated(self._flange.quaternion, given[:3])
         u, v, w = rotated(self._flange.quaternion, given[3:])
         if self.profile.force_point == "tcp":
@@ -395,7 +398,7 @@ class Controller:
                 self.protective_stop("a joint is too fast")
             elif moved > profile.max_tcp_speed_mm_s * 1e-3 * self.period:
                 self.protective_stop("the tool is too fast")
-            elif math.hypot(*self.measured[:3]) > profile.max_force_n:
+            elif self.external_force and math.hypot(*self.measured[:3]) > profile.max_force_n:
                 self.protective_stop("the force is too large")
             elif max(map(abs, arm.joints)) > RANGE:
                 self.protective_stop("a joint is at the end of its range")

@@ -56,6 +56,7 @@ class Disturbance:
                 **own.held(name for name in CONNECTION_FAULTS if name != _DROPPED),
             },
             "pose": {**own.held(POSE_FAULTS), **own.ended_by("frozen", self._thaw)},
+            "witness": controller.own_force.handlers,
         }
 
     # --- begin and end

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 
+from emulators.arm.own_force import WITNESS_FAULTS
 from emulators.faults.kinds import FOREVER, Fault, Parameter
 
 ROBOT_FAULTS: Mapping[str, Fault] = {
@@ -46,5 +47,6 @@ RTDE_FAULTS: Mapping[str, Mapping[str, Fault]] = {
     "robot": ROBOT_FAULTS,
     "connection": CONNECTION_FAULTS,
     "pose": POSE_FAULTS,
+    "witness": WITNESS_FAULTS,
 }
 """Faults by target."""

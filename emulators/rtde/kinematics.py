@@ -7,8 +7,8 @@ Joints 2, 3 and 4 have parallel axes, so that they move in one plane. It stands 
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from itertools import product as every
+from collections.abc import Iterator, Mapping, Sequence
+from functools import lru_cache
 from typing import NamedTuple, TypeAlias
 
 from emulators.arm.quaternions import product
@@ -84,8 +84,9 @@ def _about_z(angle: float) -> Quaternion:
     return math.cos(angle / 2.0), 0.0, 0.0, math.sin(angle / 2.0)
 
 
-def flange(arm: Arm, joints: Sequence[float]) -> Pose:
-    """Pose of the flange in the base frame."""
+@lru_cache(maxsize=8)
+def flange(arm: Arm, joints: Joints) -> Pose:
+    """Pose of the flange in the base frame. The newest are kept: a controller asks for the same ones in a cycle."""
     base, shoulder, elbow, wrist_1, wrist_2, wrist_3 = joints
     c, s = math.cos(base), math.sin(base)
     fore = shoulder + elbow
@@ -98,42 +99,64 @@ def flange(arm: Arm, joints: Sequence[float]) -> Pose:
     return Pose((out * c + arm.d4 * s + tx, out * s - arm.d4 * c + ty, arm.d1 + up + tz), turn)
 
 
-def solutions(arm: Arm, pose: Pose, near: Joints) -> list[Joints]:
-    """Every way to hold the flange in a pose, up to eight; of angles a whole turn apart the one next to `near`."""
+def solutions(arm: Arm, pose: Pose, near: Joints) -> Iterator[Joints]:
+    """Every way to hold the flange in a pose, up to eight; those with the signs of `near` come first.
+
+    Of angles a whole turn apart it takes the one next to `near`.
+    """
     turn = pose.quaternion
     tool = rotated(turn, (0.0, 0.0, 1.0))
     x, y, z = (p - arm.d6 * t for p, t in zip(pose.position, tool, strict=True))
     radius = math.hypot(x, y)
     if radius < abs(arm.d4) or radius == 0.0:
-        return []
+        return
     beside, bearing = math.asin(arm.d4 / radius), math.atan2(y, x)
-    found = []
-    for base, flipped in every((bearing + beside, bearing + math.pi - beside), (1.0, -1.0)):
+    bases = bearing + beside, bearing + math.pi - beside
+    for base in bases if math.cos(near[0] - bases[0]) >= math.cos(near[0] - bases[1]) else bases[::-1]:
         c, s = math.cos(base), math.sin(base)
-        wrist_2 = flipped * math.acos(max(-1.0, min(1.0, tool[0] * s - tool[1] * c)))
         along = rotated(conjugate(turn), (s, -c, 0.0))
-        sine = math.sin(wrist_2)
-        wrist_3 = near[5] if abs(sine) < _SINGULAR else math.atan2(-along[1] / sine, along[0] / sine)
-        axis = rotated(turn, (-math.sin(wrist_3), -math.cos(wrist_3), 0.0))
-        out = (x - arm.d5 * axis[0]) * c + (y - arm.d5 * axis[1]) * s
-        up = z - arm.d5 * axis[2] - arm.d1
-        total = math.atan2(axis[0] * c + axis[1] * s, -axis[2])
-        square = out * out + up * up
-        cosine = (square - arm.a2**2 - arm.a3**2) / (2.0 * arm.a2 * arm.a3)
-        if not -1.0 <= cosine <= 1.0:
-            continue
-        for elbow in (math.acos(cosine), -math.acos(cosine)):
-            fore = math.atan2(arm.a3 * math.sin(elbow), arm.a2 + arm.a3 * math.cos(elbow))
-            shoulder = math.atan2(up, out) - fore
-            angles = (base, shoulder, elbow, total - shoulder - elbow, wrist_2, wrist_3)
-            a, b, d, e, f, g = (_wound(angle, old) for angle, old in zip(angles, near, strict=True))
-            found.append((a, b, d, e, f, g))
-    return found
+        tilt = math.acos(max(-1.0, min(1.0, tool[0] * s - tool[1] * c)))
+        for wrist_2 in (tilt, -tilt) if math.sin(near[4]) >= 0.0 else (-tilt, tilt):
+            sine = math.sin(wrist_2)
+            wrist_3 = near[5] if abs(sine) < _SINGULAR else math.atan2(-along[1] / sine, along[0] / sine)
+            axis = rotated(turn, (-math.sin(wrist_3), -math.cos(wrist_3), 0.0))
+            out = (x - arm.d5 * axis[0]) * c + (y - arm.d5 * axis[1]) * s
+            up = z - arm.d5 * axis[2] - arm.d1
+            total = math.atan2(axis[0] * c + axis[1] * s, -axis[2])
+            square = out * out + up * up
+            cosine = (square - arm.a2**2 - arm.a3**2) / (2.0 * arm.a2 * arm.a3)
+            if not -1.0 <= cosine <= 1.0:
+                continue
+            bend = math.acos(cosine)
+            for elbow in (bend, -bend) if math.sin(near[2]) >= 0.0 else (-bend, bend):
+                fore = math.atan2(arm.a3 * math.sin(elbow), arm.a2 + arm.a3 * math.cos(elbow))
+                shoulder = math.atan2(up, out) - fore
+                angles = (base, shoulder, elbow, total - shoulder - elbow, wrist_2, wrist_3)
+                a, b, d, e, f, g = map(_wound, angles, near)
+                yield a, b, d, e, f, g
 
 
 def nearest(arm: Arm, pose: Pose, near: Joints) -> Joints | None:
     """The solution that takes the least motion from `near`; None where no joints hold the pose."""
-    return min(solutions(arm, pose, near), key=lambda joints: math.dist(joints, near), default=None)
+    best, least = None, math.inf
+    for joints in solutions(arm, pose, near):
+        distance = math.dist(joints, near)
+        if distance < least:
+            best, least = joints, distance
+        if distance < _surely_nearest(arm, joints):
+            break
+    return best
+
+
+def _surely_nearest(arm: Arm, joints: Joints) -> float:
+    """Distance from these joints within which no other solution of the same pose is nearer, rad.
+
+    Derived: half of the least way to another one. That mirrors elbow or wrist 2, or stands on the base's other side.
+    """
+    _, shoulder, elbow, wrist_1, wrist_2, _ = joints
+    fore = shoulder + elbow
+    out = arm.a2 * math.cos(shoulder) + arm.a3 * math.cos(fore) + arm.d5 * math.sin(fore + wrist_1)
+    return min(abs(math.sin(elbow)), abs(math.sin(wrist_2)), math.atan2(abs(out), abs(arm.d4)))
 
 
 def _wound(angle: float, near: float) -> float:

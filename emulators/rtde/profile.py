@@ -76,7 +76,12 @@ class RtdeProfile:
         0.3, _A, "the same of their turn, and of each joint", unit="rad", above=0.0
     )
     max_force_n: float = setting(
-        250.0, _A, "of actual_TCP_force; above, it makes a protective stop", unit="N", above=0.0
+        250.0,
+        _A,
+        "of a force that a client gives; above, it makes a protective stop. A contact makes none, so that no run "
+        "leans on it",
+        unit="N",
+        above=0.0,
     )
     noise_um: float = setting(
         5.0, _A, "noise of the reported place, root mean square", unit="µm", minimum=0.0
@@ -87,6 +92,17 @@ class RtdeProfile:
     )
     force_noise_n: float = setting(
         0.2, _A, "noise of the arm's own force sensor, root mean square", unit="N", minimum=0.0
+    )
+    force_offset_n: float = setting(
+        4.5,
+        _O,
+        "largest offset of each axis of actual_TCP_force, drawn by the seed; 28 of a CB3",
+        unit="N",
+        minimum=0.0,
+        maximum=100.0,
+    )
+    force_lag_ms: float = setting(
+        10.0, _A, "time constant of its filter", unit="ms", minimum=0.0, maximum=1000.0
     )
     force_watchdog_hz: float = setting(
         10.0, _A, "the program pauses when external forces come more rarely; 0: never", unit="Hz", minimum=0.0

@@ -32,6 +32,7 @@ class RtdeRobot:
         self.handlers: Handlers = self._disturbance.handlers
         self.begun_at = controller.begun_at
         self.orders, self.hindrance = controller.orders, controller.hindrance
+        self.feel = controller.own_force.feel
         self._open = dict.fromkeys(Port, 0)
 
     @property

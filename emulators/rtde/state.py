@@ -49,6 +49,7 @@ class Snapshot(NamedTuple):
 
 
 _NONE = (0.0,) * 6
+_POWERED, _PLAYING = int(StatusBits.POWER_ON), int(StatusBits.PROGRAM_RUNNING)
 
 
 def _speed(state: Snapshot) -> Value:
@@ -59,9 +60,8 @@ def _speed(state: Snapshot) -> Value:
 
 
 def _status(state: Snapshot) -> float:
-    powered = StatusBits.POWER_ON if state.mode >= RobotMode.POWER_ON else StatusBits(0)
-    playing = StatusBits.PROGRAM_RUNNING if state.runtime == Runtime.PLAYING else StatusBits(0)
-    return int(powered | playing)
+    powered = _POWERED if state.mode >= RobotMode.POWER_ON else 0
+    return powered | _PLAYING if state.runtime == Runtime.PLAYING else powered
 
 
 def _safety(state: Snapshot) -> float:

@@ -17,6 +17,11 @@ def _amount(default: float, meaning: str) -> Parameter:
 
 SIGNAL_FAULTS: Mapping[str, Fault] = {
     "stuck": Fault("every sample repeats the first one, noise included", {}, FOREVER),
+    "replayed": Fault(
+        "the samples of the first moments come again and again, noise included",
+        {"seconds": Parameter(1.0, "how long they are", 0.001, 60.0, "s")},
+        FOREVER,
+    ),
     "dead": Fault("an axis gives noise only", {"axis": _AXIS}, FOREVER),
     "scale": Fault(
         "an axis is told too small or too large",

@@ -71,7 +71,8 @@ class Samples:
         begin = self._ready_from
         stop = begin if ready is None else begin + len(ready)
         if last >= stop:
-            ahead = math.floor(self.predicted_until(last / self._rate) * self._rate)
+            # The first sample that is not predicted: the predicted moment itself is excluded.
+            ahead = math.ceil(self.predicted_until(last / self._rate) * self._rate)
             fresh = self._make(stop, max(last + 1, min(ahead, last + _AHEAD)))
             # The last samples are kept: a reader may begin again at the same moment.
             ready = (

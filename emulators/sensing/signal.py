@@ -20,7 +20,7 @@ _EPSILON = 1e-6
 """Share of a sample period by which a time may be too early through rounding."""
 _ROUNDING_S = 1e-9
 """Time by which the time since a begin may fall short of a whole period through rounding, s."""
-_STUCK, _NOISE = "stuck", "noise"
+_STUCK, _REPLAYED, _NOISE = "stuck", "replayed", "noise"
 
 
 class Signal:
@@ -36,7 +36,7 @@ class Signal:
         self._on_change = on_change
         self._faults: list[Injection] = []
         self._held: dict[Injection, Floats] = {}
-        """Counts (6,) at which a signal is stuck."""
+        """Counts (6,) at which a signal is stuck, or (6, n) that come again and again."""
         self.handlers: Mapping[str, Handler] = {
             name: Handler(self._begin, self._end) for name in SIGNAL_FAULTS
         }
@@ -77,6 +77,19 @@ class Signal:
                 held = self._held.setdefault(injection, counts[:, part.start].copy())[:, None]
                 injection.struck += int(np.any(counts[:, part] != held, axis=0).sum())
                 counts[:, part] = held
+            if injection.fault == _REPLAYED:
+                self._replay(injection, counts[:, part], first + part.start)
+
+    def _replay(self, injection: Injection, counts: Floats, first: int) -> None:
+        """The first samples of the fault, and later these again, in place."""
+        length = max(round(injection.number("seconds") * self._rate), 1)
+        held = self._held.setdefault(injection, np.zeros((len(AXES), length)))
+        numbers = np.arange(first, first + counts.shape[1]) - self._number(injection.injected_at)
+        new = numbers < length
+        held[:, numbers[new]] = counts[:, new]
+        again = held[:, numbers[~new] % length]
+        injection.struck += int(np.any(counts[:, ~new] != again, axis=0).sum())
+        counts[:, ~new] = again
 
     def _parts(self, first: int, count: int) -> Iterator[tuple[Injection, slice]]:
         """Each fault with those of the samples that it holds for, where there are any."""

@@ -186,9 +186,9 @@ class Contact:
         # One row an axis: numpy is quickest along the last dimension, and three is too short for it.
         depth, normal = self._depth_and_normal(positions.T)
         material = self._material
-        beside = self._beside(positions.T)
-        if not material.has_memory and not (depth > 0.0).any() and beside is None:
-            return np.zeros_like(positions)
+        beside = None if self._wall_at == math.inf else self._beside(positions.T)
+        if not material.has_memory and not np.count_nonzero(depth > 0.0) and beside is None:
+            return np.zeros(positions.shape)
         velocity = velocities.T
         leaving = np.einsum("ij,ij->j", velocity, normal)
         factor = hardness if self._uniform else self._factor(positions) * hardness
@@ -268,8 +268,6 @@ class Contact:
         """How far places (3, n) are behind the upright face of the wall that pushes them back (n,), m; None where it
         pushes none of them.
         """
-        if self._wall_at == math.inf:
-            return None
         along, across, height = self._places(positions)
         pushed = self._through_face(along, across, height)
         return np.where(pushed, along - self._wall_at, 0.0) if pushed.any() else None

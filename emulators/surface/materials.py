@@ -129,7 +129,8 @@ class Linear:
     def press(
         self, depth: Floats, approach: Floats, factor: Floats | float, times: Floats | None, memory: Memory
     ) -> tuple[Floats, Memory]:
-        pressing = np.where(depth > 0.0, self.stiffness * factor * depth + self.damping * approach, 0.0)
+        pressing: Floats = self.stiffness * factor * depth + self.damping * approach
+        pressing[~(depth > 0.0)] = 0.0
         return np.maximum(pressing, 0.0, out=pressing), memory
 
 

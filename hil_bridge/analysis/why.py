@@ -75,11 +75,22 @@ _PARTS = (
         "the emulated cell, not a device",
         "the traceback below, which stands in the recording's events",
     ),
+    _Part(
+        r"the last gate stopped",
+        "the program itself",
+        "the recording, which shows the orders before; report it with the bug",
+    ),
     _Part(r"^a bug ended", "the program itself or the controller", "the traceback in the recording's events"),
     _Part(
         r"^no decision for",
         "the computer that runs the bridge, or the controller",
         "what else runs on that computer, and [realtime] of the configuration",
+    ),
+    _Part(
+        r"the robot itself feels",
+        f"{_SENSOR}, or something that touches {_ROBOT} beside the sensor",
+        "what the sensor reads when the tool is pressed by hand; hoses and cables of the tool; then the robot's own "
+        "force, with its axes and its zero",
     ),
     _Part(
         r"robot .*(sent nothing|not acknowledged|no answer|nothing came|answered a block|taken \d+ answers|closed"

@@ -16,6 +16,10 @@ FIGURES: Mapping[str, str] = {
     "retracted": "the tool was taken off the surface at the end, or never moved",
     "force_true_max_n": "largest true contact force, looked at every 10 ms, N",
     "force_true_end_n": "true contact force at the end, N",
+    "force_bound_n": "bound of the true force by the facts of robot and sensor, N",
+    "force_beyond_n": "largest true force less that bound, N; left out where a fault voids the bound",
+    "promises_broken": "promises of the guard that the run did not keep",
+    "promises": "the same in words",
     "duration_s": "duration of the run, s of its own time",
     "cycles": "control cycles",
     "struck": "times that faults had an effect",
@@ -32,7 +36,8 @@ FIGURES: Mapping[str, str] = {
     "largest_force_n": "largest measured force while tracking, N",
 }
 """Names that a criterion may use, and their meaning."""
-_NUMBERS = tuple(name for name in FIGURES if name not in ("outcome", "retracted"))
+WORDS = ("outcome", "retracted", "promises")
+"""Figures that are no numbers."""
 BOUNDS: Mapping[str, Callable[[float, float], bool]] = {
     "below": operator.lt,
     "above": operator.gt,
@@ -98,6 +103,8 @@ def problem_of(figure: str, wanted: object) -> str | None:
     """Fault of a criterion of a file, in words; None where it has none."""
     if figure not in FIGURES:
         return f"is no figure; choose from {', '.join(FIGURES)}"
+    if figure == "promises":
+        return "is in words; use promises_broken"
     if figure == "outcome":
         asked = wanted if isinstance(wanted, list) else [wanted]
         if not asked or any(word not in OUTCOMES for word in asked):

@@ -1,21 +1,28 @@
 """One run of a campaign: simulated, measured, judged."""
 
 import asyncio
-import json
+import math
 import time
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 from hil_bridge.analysis.summary import summarise
 from hil_bridge.api import BridgeError, Config, Result, Simulation, run_virtual, simulation
 from hil_bridge.campaign.criteria import Criterion, Figure, failed
+from hil_bridge.campaign.overlay import config_with
 from hil_bridge.campaign.store import Done
 from hil_bridge.campaign.watching import Watch, recovery_s
-from hil_bridge.settings.configuration import read_config
-from hil_bridge.settings.given import config_of
+from hil_bridge.errors import ConfigError
+from hil_bridge.invariants import (
+    Evidence,
+    Promise,
+    Trace,
+    broken_promises,
+    stated_bound_n,
+    violation_text,
+    void_reasons,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +34,7 @@ class Job:
     """Number of its case."""
     config: str
     table: str
+    """What is laid over it, as JSON: a fault, or settings and faults that were drawn."""
     seed: int
 
 
@@ -53,6 +61,8 @@ def carry_out(job: Job, criteria: tuple[Criterion, ...], folder: Path | None) ->
     began = time.perf_counter()
     try:
         ran = run(configured(job))
+    except ConfigError as error:  # settings that were drawn together and do not fit each other
+        ran = Ran({"outcome": "refused", "retracted": True}, str(error))
     except Exception as error:  # a bug is a result too, and no reason to lose the other runs
         lines = str(error).splitlines() or [""]
         ran = Ran({"outcome": "error"}, f"{type(error).__name__}: {lines[0]}")
@@ -64,18 +74,14 @@ def carry_out(job: Job, criteria: tuple[Criterion, ...], folder: Path | None) ->
         ran.result.save(folder / name, overwrite=True)  # only the same run can have left it
     wall_s = time.perf_counter() - began
     outcome = str(ran.figures["outcome"])
-    return Done(job.key, job.number, job.seed, outcome, ran.cause, tuple(broken), ran.figures, wall_s, name)
+    return Done(
+        job.key, job.number, job.seed, outcome, ran.cause, tuple(broken), ran.figures, wall_s, name, job.table
+    )
 
 
 def configured(job: Job) -> Config:
     """The configuration of a run, with its fault and its seed."""
-    table: dict[str, Any] = json.loads(job.table)
-    return config_of(_config(job.config), [table] if table else [], seed=job.seed)
-
-
-@lru_cache(maxsize=256)
-def _config(text: str) -> Config:
-    return read_config(json.loads(text))
+    return config_with(job.config, job.table, job.seed)
 
 
 def run(config: Config) -> Ran:
@@ -120,6 +126,7 @@ def _measured(seen: _Seen, running: Simulation) -> Ran:
             figures["struck"] = sum(fault.struck for fault in faults)
             if figures["outcome"] == "completed":
                 figures["recovery_s"] = recovery_s(result.recording, seen.watch.fault_ends(), times, forces)
+        figures |= _promises(running, seen.watch)
     if result.events:
         figures["duration_s"] = result.events[-1].at - result.events[0].at
     if result.cycles:
@@ -127,3 +134,19 @@ def _measured(seen: _Seen, running: Simulation) -> Ran:
         figures |= {name: None if v is None or v != v else v for name, v in summary.figures.items()}
         figures["steps_failed"] = len(summary.criteria_failed)
     return Ran(figures, str(seen.error) if refused else result.cause, result)
+
+
+def _promises(running: Simulation, watch: Watch) -> dict[str, Figure]:
+    """The promises of the guard that a run did not keep, and how far its true force was beyond the bound."""
+    trace = Trace(*watch.truth(), watch.positions())
+    evidence = Evidence(running.result.recording, running.config, trace)
+    violations = broken_promises(evidence)
+    figures: dict[str, Figure] = {"promises_broken": len(violations)}
+    if violations:
+        figures["promises"] = "; ".join(map(violation_text, violations))
+    bound_n = stated_bound_n(evidence)
+    if math.isfinite(bound_n):
+        figures["force_bound_n"] = bound_n
+        if not void_reasons(Promise.BOUND, running.config.faults):
+            figures["force_beyond_n"] = float(trace.forces.max()) - bound_n
+    return figures

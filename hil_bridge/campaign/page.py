@@ -7,9 +7,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from html import escape
 
 from hil_bridge.analysis.why import why
-from hil_bridge.campaign.pictures import distributions, fault_of, matrix
+from hil_bridge.campaign.pictures import distributions, drawn_faults, injections, matrix
 from hil_bridge.campaign.plan import Plan
 from hil_bridge.campaign.store import Done, Store
+from hil_bridge.campaign.telling import describe_run, fault_of, faults_of_run, settings_of_run
 from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.kinds import faults_of
 from hil_bridge.recording import read
@@ -54,19 +55,23 @@ def page(store: Store) -> str:
     """The page as HTML, of what is kept so far."""
     plan, runs = store.plan(), list(store.runs())
     bad = sum(not run.passed for run in runs)
-    lead = f"{len(runs)} of {plan.count} runs done: {len(runs) - bad} passed, {bad} failed."
+    hunted = _hunted(store, plan)
+    of_all = "" if hunted else f" of {plan.count}"
+    lead = f"{len(runs)}{of_all} runs done: {len(runs) - bad} passed, {bad} failed."
     return f"""<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>Campaign {escape(plan.name)}</title>
 <meta name="viewport" content="width=device-width, initial-scale=1"><style>{_CSS}</style></head><body>
 <h1>Campaign {escape(plan.name)}</h1>
 <p><strong>{lead}</strong></p>
 {pairs(_facts(store, plan, runs))}
+{hunted}
 <h2>Criteria</h2><div class="scroll">{_criteria(plan, runs)}</div>
 <h2>Worst runs first</h2>{_worst(store, plan, runs)}
 <h2>Each case of the matrix</h2>
 <p class="soft">Number of runs where all passed; else how many passed, of how many. A dot is a fault that the cell
 cannot have, a question mark a case without a run.</p>
 {matrix(plan, runs)}
+{_injected(plan, runs)}
 <h2>How runs ended</h2>{_endings(runs)}
 <h2>Distribution of the figures</h2>{distributions(plan.criteria, runs)}
 <h2>Never exercised</h2>{_never(plan, runs)}
@@ -132,7 +137,7 @@ def _worst(store: Store, plan: Plan, runs: Sequence[Done]) -> str:
             f"{_force(run):.1f} N",
             f"{run.seed}",
             plan.cases[run.number].cell,
-            fault_of(plan.cases[run.number]),
+            faults_of_run(plan.cases[run.number], run),
             run.key,
         )
         for run in hardest
@@ -151,11 +156,28 @@ def _failing(store: Store, plan: Plan, run: Done) -> str:
     ended = f"{run.outcome}: {run.cause}" if run.cause else run.outcome
     return (
         f"<article><p><strong>{escape('; '.join(run.failed))}</strong><br>"
-        f"{escape(case.cell)}; {escape(fault_of(case))}; seed {run.seed}</p>"
+        f"{escape(case.cell)}; {escape(faults_of_run(case, run))}; seed {run.seed}</p>"
+        f"{_drawn(run)}"
         f"<p>{escape(_why(store, run) or ended)}</p>"
         f'<p class="soft">Largest true force {_force(run):.1f} N. Repeat it with {_command(store, run.key)}</p>'
         "</article>"
     )
+
+
+def _drawn(run: Done) -> str:
+    """Promises that the run broke, and the settings that were drawn for it."""
+    parts = [str(run.figures.get("promises") or ""), settings_of_run(run)]
+    return "".join(f'<p class="soft">{escape(part)}</p>' for part in parts if part)
+
+
+def _hunted(store: Store, plan: Plan) -> str:
+    """The worst run that a hunt met, and the same made small; empty for a campaign."""
+    parts = []
+    for fact, label in (("worst", "The worst run"), ("smallest", "The same with the fewest faults")):
+        for run in store.runs("key = ?", [store.fact(fact)]):
+            lines = "<br>".join(map(escape, describe_run(plan, run, label)))
+            parts.append(f"<article><p>{lines}</p><p>{_command(store, run.key)}</p></article>")
+    return f"<h2>What the hunt came to</h2>{''.join(parts)}" if parts else ""
 
 
 def _why(store: Store, run: Done) -> str:
@@ -166,6 +188,20 @@ def _why(store: Store, run: Done) -> str:
     except BridgeError:
         return ""
     return text.replace("monitor FILE`", f"monitor {store.folder.name}/{run.recording}`")
+
+
+def _injected(plan: Plan, runs: Sequence[Done]) -> str:
+    """Which fault came in which phase, and in how many runs; empty where no faults are drawn."""
+    if plan.draw is None or not plan.draw.most:
+        return ""
+    table, empty = injections(plan, runs)
+    named = "; ".join(empty) or "none"
+    return (
+        "<h2>Each fault in each phase</h2>"
+        '<p class="soft">Number of runs in which the fault was planned in this phase where all passed; else how many '
+        "passed, of how many. A question mark is a phase in which no run had it yet.</p>"
+        f"{table}<p>Not injected yet: {escape(named)}.</p>"
+    )
 
 
 def _endings(runs: Iterable[Done]) -> str:
@@ -226,5 +262,7 @@ def _not_planned(plan: Plan) -> Mapping[str, list[str]]:
     planned = {
         (table.get("on"), table.get("fault")) for case in plan.cases for table in [json.loads(case.table)]
     }
+    if plan.draw is not None and plan.draw.most:
+        planned |= {(on, fault) for on, _, fault in (name.partition(": ") for name in drawn_faults(plan))}
     left = {on: [name for name in names if (on, name) not in planned] for on, names in there.items()}
     return {on: names for on, names in left.items() if names}

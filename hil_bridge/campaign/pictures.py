@@ -6,21 +6,20 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from html import escape
 
-from hil_bridge.campaign.criteria import BOUNDS, FIGURES, Criterion
-from hil_bridge.campaign.plan import Case, Plan
+from hil_bridge.campaign.criteria import BOUNDS, FIGURES, WORDS, Criterion
+from hil_bridge.campaign.drawing import faults_of_cell
+from hil_bridge.campaign.plan import Plan, faults_of_table
 from hil_bridge.campaign.store import Done
+from hil_bridge.campaign.telling import fault_of
 
 BINS = 40
 """Bars of a distribution. Chosen."""
 _WIDTH, _HEIGHT, _FOOT = 320, 90, 16
 """Of a distribution's bars, and of the line of text below them. Chosen."""
-PLOTTED = tuple(name for name in FIGURES if name not in ("outcome", "retracted"))
+FIRST_PHASE = "connect"
+"""Phase of a fault that names none."""
+PLOTTED = tuple(name for name in FIGURES if name not in WORDS)
 """Figures that are numbers."""
-
-
-def fault_of(case: Case) -> str:
-    """A fault with its phase, in words."""
-    return f"{case.fault} {case.phase}".rstrip()
 
 
 def matrix(plan: Plan, runs: Sequence[Done]) -> str:
@@ -49,6 +48,52 @@ def matrix(plan: Plan, runs: Sequence[Done]) -> str:
         for fault, numbers in by_fault.items()
     )
     return f'<div class="scroll"><table class="matrix"><tr><th>fault and phase</th>{heads}</tr>\n{rows}</table></div>'
+
+
+def injections(plan: Plan, runs: Sequence[Done]) -> tuple[str, list[str]]:
+    """Faults down, phases across: in how many runs each was planned, and how many of these passed; and the names of
+    the empty fields.
+    """
+    done: Counter[tuple[str, str]] = Counter()
+    passed: Counter[tuple[str, str]] = Counter()
+    for run in runs:
+        for fault in faults_of_table(run.table):
+            place = f"{fault['on']}: {fault['fault']}", fault.get("phase", "") or FIRST_PHASE
+            done[place] += 1
+            passed[place] += run.passed
+    planned = drawn_faults(plan)
+    phases = list(dict.fromkeys(phase for names in planned.values() for phase in names))
+    rows, empty = [], []
+    for name, possible in planned.items():
+        fields = []
+        for phase in phases:
+            place = name, phase
+            if phase not in possible:
+                fields.append('<td class="none" title="not planned">·</td>')
+            elif not done[place]:
+                fields.append('<td class="none" title="no run yet">?</td>')
+                empty.append(f"{name} in {phase}")
+            elif passed[place] == done[place]:
+                fields.append(f'<td class="pass">{done[place]}</td>')
+            else:
+                fields.append(f'<td class="fail">{passed[place]}/{done[place]}</td>')
+        rows.append(f"<tr><th>{escape(name)}</th>{''.join(fields)}</tr>\n")
+    heads = "".join(f"<th>{escape(phase)}</th>" for phase in phases)
+    table = f'<table class="matrix"><tr><th>fault</th>{heads}</tr>\n{"".join(rows)}</table>'
+    return f'<div class="scroll">{table}</div>', empty
+
+
+def drawn_faults(plan: Plan) -> dict[str, list[str]]:
+    """Phases in which each fault may be drawn, by its name; over all cells."""
+    assert plan.draw is not None
+    planned: dict[str, list[str]] = {}
+    for config in dict.fromkeys(case.config for case in plan.cases):
+        for fault in faults_of_cell(plan.draw, config):
+            phases = fault.get("phase", "")
+            names = phases if isinstance(phases, list) else [phases]
+            told = planned.setdefault(f"{fault['on']}: {fault['fault']}", [])
+            told += [name or FIRST_PHASE for name in names if (name or FIRST_PHASE) not in told]
+    return planned
 
 
 def _heads(cells: Sequence[str]) -> list[tuple[str, str]]:

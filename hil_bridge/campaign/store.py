@@ -1,6 +1,7 @@
 """The results of a campaign: one SQLite file, which may be read while it is written."""
 
 import json
+import re
 import sqlite3
 import time
 from collections.abc import Iterable, Iterator, Sequence
@@ -13,16 +14,25 @@ from typing import Any, Self, TypeVar
 import msgspec
 
 from hil_bridge.campaign.criteria import Criterion, Figures
+from hil_bridge.campaign.drawing import Draw
 from hil_bridge.campaign.plan import Case, Plan, code_version
 from hil_bridge.errors import ConfigError
+from hil_bridge.text_files import format_path, refuse_other_kinds
 
 FORMAT = "hil-bridge campaign 1"
 """Format of the file, for a later version that reads it."""
 BUSY_S = 30.0
 """Chosen: how long is waited for another process that writes."""
+READ_BUSY_S = 5.0
+"""Chosen: the same where results are only read. A writer holds the file for milliseconds."""
+RESULTS_LIMIT_BYTES = 1 << 32
+"""Longest file of results that is read. Chosen: some million runs."""
+VALUE_LIMIT_BYTES = 1 << 24
+"""Longest text in it. Chosen: the configuration of a case is 1000 times shorter."""
 FAILED_SUFFIX = "-failed"
 """Recordings of failing runs lie in a folder of the file's name with this."""
 
+_COMPUTES = re.compile(r"\b(VIRTUAL|AS)\b", re.IGNORECASE)
 Row = TypeVar("Row")
 
 _SCHEMA = """
@@ -57,6 +67,8 @@ class Done:
     """Time that it took on its core, s."""
     recording: str
     """File name of its recording; empty where none was left."""
+    table: str = "{}"
+    """What was laid over the configuration of its case, as JSON: its fault, or all that was drawn."""
 
     @property
     def passed(self) -> bool:
@@ -112,7 +124,9 @@ class Store:
             raise ConfigError(f"{path} is a folder; name a file of results in it")
         if not path.is_file():
             raise ConfigError(f"there is no file {path}; `hil-bridge campaign FILE.toml` makes one")
-        store = cls(path, _connect(path, "rw"))
+        if (size := path.stat().st_size) > RESULTS_LIMIT_BYTES:
+            raise ConfigError(f"{path} has {size} bytes, of which at most {RESULTS_LIMIT_BYTES} are read")
+        store = cls(path, _connect(path, "rw", READ_BUSY_S))
         try:
             store._check_format()
         except BaseException:
@@ -129,6 +143,7 @@ class Store:
             "code": code_version(),
             "seeds": json.dumps(plan.seeds),
             "cases_per_seed": str(plan.cases_per_seed),
+            "draw": "" if plan.draw is None else plan.draw.text,
             "criteria": json.dumps([[item.figure, item.wanted] for item in plan.criteria]),
         }
         rows = [
@@ -143,11 +158,18 @@ class Store:
 
     def _check_format(self) -> None:
         try:
-            told = self.fact("format")
+            told = "" if self._holds_programs() else self.fact("format")
         except sqlite3.Error:
             told = ""
         if told != FORMAT:
             raise ConfigError(f"{self.path} holds no results of a campaign; name another file")
+
+    def _holds_programs(self) -> bool:
+        """Whether the file holds what computes by itself when it is read: a view, a trigger, a made column. It could
+        go on for ever, and no file of ours has any.
+        """
+        rows = self._connection.execute("SELECT type, coalesce(sql, '') FROM sqlite_master").fetchall()
+        return any(kind not in ("table", "index") or _COMPUTES.search(sql) for kind, sql in rows)
 
     def _check(self, plan: Plan) -> None:
         self._check_format()
@@ -182,12 +204,17 @@ class Store:
         row = self._connection.execute("SELECT value FROM facts WHERE name = ?", (name,)).fetchone()
         return str(row[0]) if row else ""
 
+    def tell(self, name: str, value: str) -> None:
+        """Keep a fact; it replaces an earlier one of this name."""
+        with self._connection:
+            self._connection.execute("INSERT OR REPLACE INTO facts VALUES (?, ?)", (name, value))
+
     def put(self, done: Sequence[Done], cases: Sequence[Case]) -> None:
         """Keep runs, all or none of them; one that is kept already stays as it is."""
         code = code_version()
         rows = [
             (
-                run.key, run.number, cases[run.number].config_hash, code, cases[run.number].table,
+                run.key, run.number, cases[run.number].config_hash, code, run.table,
                 cases[run.number].phase, run.seed, run.outcome, run.cause, run.passed,
                 json.dumps(run.failed), _json(run.figures), run.wall_s, run.recording,
             )
@@ -222,7 +249,8 @@ class Store:
             )
             if (share := int(self.fact("cases_per_seed") or 0)) < 0:
                 raise ValueError(f"{share} cases for each seed")
-            return Plan(self.fact("name"), self.seeds(), cases, criteria, share)
+            draw = Draw.read(text) if (text := self.fact("draw")) else None
+            return Plan(self.fact("name"), self.seeds(), cases, criteria, share, draw)
 
     def seeds(self) -> tuple[int, ...]:
         """Seeds that the campaign has now; a later start may add some. Raises ConfigError."""
@@ -238,7 +266,7 @@ class Store:
         return list(self._read("WHERE rowid > ? ORDER BY rowid LIMIT ?", (row, most)))
 
     def _read(self, which: str, values: Iterable[object]) -> Iterator[tuple[int, Done]]:
-        columns = "key, number, seed, outcome, cause, failed, figures, wall_s, recording"
+        columns = "key, number, seed, outcome, cause, failed, figures, wall_s, recording, fault"
         with self._readable():
             cases = self._connection.execute("SELECT count(*) FROM cases").fetchone()[0]
             query = f"SELECT rowid, {columns} FROM runs {which}"
@@ -292,8 +320,12 @@ def now() -> str:
     return time.strftime("%Y-%m-%d %H:%M:%S", time.gmtime())
 
 
-def _connect(path: Path, mode: str) -> sqlite3.Connection:
+def _connect(path: Path, mode: str, patience_s: float = BUSY_S) -> sqlite3.Connection:
     try:
-        return sqlite3.connect(f"{path.resolve().as_uri()}?mode={mode}", timeout=BUSY_S, uri=True)
-    except sqlite3.Error as error:
+        if path.exists():
+            refuse_other_kinds(path.stat().st_mode, format_path(path))
+        connection = sqlite3.connect(f"{path.resolve().as_uri()}?mode={mode}", timeout=patience_s, uri=True)
+        connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, VALUE_LIMIT_BYTES)
+    except (OSError, sqlite3.Error) as error:
         raise ConfigError(f"cannot open {path}: {error}") from error
+    return connection

@@ -33,6 +33,7 @@ class Watch:
         self._until = self._clock.now()
         self._times: list[_Floats] = []
         self._forces: list[_Floats] = []
+        self._positions: list[_Floats] = []
 
     async def watch(self) -> None:
         """Look until cancelled."""
@@ -52,10 +53,15 @@ class Watch:
         self._until = end
         self._times.append(times)
         self._forces.append(np.linalg.norm(self._cell.contact_forces(times), axis=1))
+        self._positions.append(self._cell.robot.path.trajectory(times)[0])
 
     def truth(self) -> tuple[_Floats, _Floats]:
         """Moments, s, and lengths of the true contact force, N, both (n,)."""
         return np.concatenate(self._times), np.concatenate(self._forces)
+
+    def positions(self) -> _Floats:
+        """True positions (n, 3) of the tool centre point at the same moments, base frame, m."""
+        return np.concatenate(self._positions)
 
     def fault_ends(self) -> list[float]:
         """When each fault was over, s; infinity for one that lasted to the end of the run."""

@@ -23,7 +23,9 @@ def missing(plan: Plan, store: Store) -> list[Job]:
     code, there = code_version(), store.keys()
     numbers = {case: number for number, case in enumerate(plan.cases)}
     jobs = (
-        Job(case.key(code, seed), numbers[case], case.config, case.table, seed) for case, seed in plan.runs()
+        Job(case.key(code, seed, table), numbers[case], case.config, table, seed)
+        for case, seed in plan.runs()
+        for table in (plan.table_of(case, seed),)
     )
     return [job for job in jobs if job.key not in there]
 

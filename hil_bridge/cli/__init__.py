@@ -78,9 +78,12 @@ class _Commands(click.Group):
             raise
         except BrokenPipeError as error:
             raise ReaderLeft from error
-        except (Exception, SystemExit) as error:
+        except BaseException as error:
+            from hil_bridge.cancelling import is_asked
             from hil_bridge.failures import failure, of_others, traceback_of
 
+            if is_asked(error):
+                raise
             if of_others(error):
                 if debug_wanted(context):
                     click.echo(traceback_of(error), err=True)

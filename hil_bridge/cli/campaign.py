@@ -10,6 +10,7 @@ from hil_bridge.cli.paths import FILE
 from hil_bridge.errors import ConfigError
 
 if TYPE_CHECKING:
+    from hil_bridge.campaign.plan import Plan
     from hil_bridge.campaign.store import Done
 
 DIFFERS = 1
@@ -39,6 +40,20 @@ def _seeds(text: str | None) -> tuple[int, ...]:
         return seeds_of(text) if text else ()
     except ValueError as error:
         raise click.BadParameter(f"must be FROM:TO, such as 1:20, got {text!r}") from error
+
+
+def _plan_of(file: Path, seeds: tuple[int, ...]) -> "Plan":
+    """The plan of a file. Tells every problem of it, the last one by a ConfigError."""
+    from hil_bridge.campaign.plan_file import PlanErrors, read_plan
+
+    if file.suffix == ".sqlite":
+        raise ConfigError(f"{file} holds results, no plan; `hil-bridge campaign report {file}` shows them")
+    try:
+        return read_plan(file, seeds)
+    except PlanErrors as error:
+        for problem in error.problems[:-1]:
+            click.echo(f"hil-bridge: {problem}", err=True)
+        raise ConfigError(error.problems[-1]) from error
 
 
 @click.group(
@@ -87,21 +102,13 @@ def run(
     """Run what is missing of a campaign. Exit code 4 when a run does not meet a criterion."""
     import os
 
-    from hil_bridge.campaign.plan import PlanErrors, read_plan
     from hil_bridge.campaign.scheduler import dask_workers
     from hil_bridge.campaign.store import Store
     from hil_bridge.campaign.working import missing, work
     from hil_bridge.console.progress import run_progress
     from hil_bridge.runs.signals import as_ctrl_c
 
-    if file.suffix == ".sqlite":
-        raise ConfigError(f"{file} holds results, no plan; `hil-bridge campaign report {file}` shows them")
-    try:
-        plan = read_plan(file, seeds)
-    except PlanErrors as error:
-        for problem in error.problems[:-1]:
-            click.echo(f"hil-bridge: {problem}", err=True)
-        raise ConfigError(error.problems[-1]) from error
+    plan = _plan_of(file, seeds)
     impossible = len(plan.cases) - len(plan.possible)
     without = f"; {impossible} more cannot be, see the report" if impossible else ""
     share = f", {plan.cases_per_seed} of them for each seed" if plan.cases_per_seed else ""
@@ -142,6 +149,62 @@ def run(
 
 
 @campaign.command()
+@click.argument("file", type=FILE)
+@click.option(
+    "--minutes", type=click.FloatRange(min=0.0), default=60.0, show_default=True, help="Time to hunt."
+)
+@click.option(
+    "--out", type=FILE, metavar="FILE.sqlite", help="Results.  [default: FILE-hunt.sqlite in this folder]"
+)
+@click.option(
+    "--workers", type=click.IntRange(min=1), metavar="N", help="Processes.  [default: one for each core]"
+)
+@click.option("--voided", is_flag=True, help="Hunt also where faults void the bound: what stays uncovered.")
+def hunt(file: Path, minutes: float, out: Path | None, workers: int | None, voided: bool) -> None:
+    """Look for the worst run among all that FILE.toml could draw: true force beyond its bound, a broken promise.
+
+    The worst run is shrunk to the fewest faults and the simplest values. Exit code 4 when a promise was broken. The
+    same command goes on after Ctrl-C. Needs `pip install "hil-bridge[tune]"`.
+    """
+    import os
+
+    from hil_bridge.campaign.hunting import badness, badness_voided, hunted, is_broken, running
+    from hil_bridge.campaign.hunting import hunt as search
+    from hil_bridge.campaign.shrinking import shrunk
+    from hil_bridge.campaign.store import Store
+    from hil_bridge.campaign.telling import describe_run
+    from hil_bridge.console.progress import run_progress
+    from hil_bridge.runs.signals import as_ctrl_c
+
+    plan = hunted(_plan_of(file, ()), voided)
+    place = out or Path(f"{file.stem}-hunt.sqlite")
+    worth = badness_voided if voided else badness
+    with Store.begin(place, plan) as store:
+        with run_progress(None) as advance, as_ctrl_c():
+            try:
+                with running(plan, store, workers or os.cpu_count() or 1, minutes, advance) as runner:
+                    worst = search(runner, worth)
+                    small = None if worst is None else shrunk(runner, worst, worth)
+            except KeyboardInterrupt:
+                click.echo(
+                    f"interrupted: {len(store.keys())} runs are kept; the same command goes on", err=True
+                )
+                raise
+        if worst is None or small is None:
+            raise ConfigError("no run was done: give the hunt more --minutes")
+        broken = sum(is_broken(done) for done in store.runs())
+        click.echo(f"{len(store.keys())} runs, {broken} of them broke a promise; the worst:")
+        store.tell("worst", worst.key)
+        store.tell("smallest", small.key)
+        for done, label in ((worst, "worst"), (small, "shrunk")):
+            if label == "worst" or done.key != worst.key:
+                tell(f"  {line}" for line in describe_run(plan, done, label))
+                click.echo(f"    hil-bridge campaign rerun {place} {done.key}")
+    if broken:
+        click.get_current_context().exit(FAILED)
+
+
+@campaign.command()
 @click.argument("results", type=FILE, metavar="FILE.sqlite")
 @click.option("--out", type=FILE, metavar="PAGE.html", help="The page.  [default: beside the results]")
 @overwrite_option
@@ -174,6 +237,7 @@ def rerun(results: Path, key: str | None, seed: int | None, out: Path | None, ov
     from hil_bridge.campaign.plan import code_version
     from hil_bridge.campaign.store import Store
     from hil_bridge.recording.files import check_record_place
+    from hil_bridge.text_files import harmless
 
     if (key is None) == (seed is None):
         raise ConfigError("name either the KEY of a run or --seed N")
@@ -197,10 +261,11 @@ def rerun(results: Path, key: str | None, seed: int | None, out: Path | None, ov
             check_record_place(folder / f"{done.key}.mcap", overwrite)
         for done in found:
             case = plan.cases[done.number]
-            ran = run_one(configured(Job(done.key, done.number, case.config, case.table, done.seed)))
-            click.echo(f"{done.key}: seed {done.seed}, {case.cell}, fault {case.fault} {case.phase}".rstrip())
+            ran = run_one(configured(Job(done.key, done.number, case.config, done.table, done.seed)))
+            text = f"{done.key}: seed {done.seed}, {case.cell}, fault {case.fault} {case.phase}"
+            click.echo(harmless(text.rstrip()))
             outcome = ran.figures["outcome"]
-            click.echo(f"  {outcome}{ran.cause and f', {ran.cause}'}")
+            click.echo(harmless(f"  {outcome}{ran.cause and f', {ran.cause}'}"))
             other = list(differences(done.figures, ran.figures))
             tell(f"  differs: {text}" for text in other)
             differing += bool(other)

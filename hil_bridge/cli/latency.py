@@ -37,6 +37,7 @@ def latency(recording: Path, output: Path | None, overwrite: bool) -> None:
     from hil_bridge.recording import read
     from hil_bridge.recording.device_facts import devices_of
     from hil_bridge.recording.files import write_whole
+    from hil_bridge.text_files import harmless
 
     record = read(recording)
     found = latency_of(record)
@@ -57,7 +58,7 @@ def latency(recording: Path, output: Path | None, overwrite: bool) -> None:
         write_whole(output, text.encode(), overwrite)
         lines.append(f"wrote {output}{left_out and f'; {left_out}'}")
     for line in lines:
-        click.echo(line)
+        click.echo(harmless(line))
 
 
 def _site(record: "Recording") -> tuple[str, str]:

@@ -28,6 +28,12 @@ _BESIDE = Path("-")
     help="Mass below the sensor, by whose weight the sensor is checked before the robot moves.",
 )
 @click.option("--unchecked", is_flag=True, help="Run on a sensor whose tool is not known, unchecked.")
+@click.option(
+    "--unverified",
+    multiple=True,
+    type=click.Choice(("fx", "fy", "fz")),
+    help="Axis that the tool's weight cannot verify, and that you take on; each touch is then tested.",
+)
 @click.option("--controller", metavar="NAME", help=f"Force controller: {CONTROLLERS}, or a plug-in.")
 @click.option("--force-n", type=float, metavar="F", help="Desired contact force, N.")
 @click.option(
@@ -87,6 +93,7 @@ def run(
     link_profile: str | None,
     tool_mass_kg: float | None,
     unchecked: bool,
+    unverified: tuple[str, ...],
     controller: str | None,
     force_n: float | None,
     task_file: Path | None,
@@ -132,6 +139,7 @@ def run(
         "robot.link.profile": link_profile,
         "cell.link.profile": link_profile,
         "sensor.unchecked": unchecked or None,
+        "sensor.unverified": unverified or None,
         "tool.mass_kg": tool_mass_kg,
         "controller.name": controller,
         "task.force_n": force_n,

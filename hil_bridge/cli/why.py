@@ -13,12 +13,16 @@ def why(recording: Path) -> None:
     """Tell how a recorded run ended: last good cycle, first symptom, cause, what followed, and what to look at.
 
     Everything comes from the recording, also the traceback of code that failed. A run that failed before its
-    first control cycle has a cause, too.
+    first control cycle has a cause, too. A promise of the guard that the run did not keep is told as well.
     """
     from hil_bridge.analysis.why import tracebacks, why
+    from hil_bridge.invariants.recorded import promises_broken
     from hil_bridge.recording import read_with_traffic
+    from hil_bridge.text_files import harmless
 
     record, _ = read_with_traffic(recording)
-    click.echo(why(record).replace("monitor FILE`", f"monitor {recording}`"))
+    click.echo(harmless(why(record).replace("monitor FILE`", f"monitor {recording}`")))
+    for text in promises_broken(record):
+        click.echo(harmless(f"A promise was broken. {text}."))
     for trace in tracebacks(record):
-        click.echo(f"\n{trace.rstrip()}")
+        click.echo(harmless(f"\n{trace.rstrip()}"))

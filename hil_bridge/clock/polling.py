@@ -1,11 +1,123 @@
-"""A selector that looks again and again for a while before it lets the operating system put the thread to sleep."""
+"""Selectors of an event loop: one that notices files closed by other code, and one that polls before it sleeps."""
 
+import asyncio
+import errno
+import os
 import selectors
 import time
+from collections.abc import Mapping
+from contextlib import suppress
+from typing import Any
+
+CHECK_S = 0.25
+"""Time between two looks at the files, s. Chosen: well before a robot's or a sensor's own time-outs."""
+
+_Ready = list[tuple[selectors.SelectorKey, int]]
 
 
-class BusyPolling(selectors.DefaultSelector):
-    """As the platform's own, but awake for the first part of every wait.
+class WatchfulSelector(selectors.BaseSelector):
+    """As the platform's own, but a file that other code has closed is ready once, so that its reader meets the error.
+
+    The platform's own forgets such a file without a word, and a wire that is only read would be silent for ever. The
+    selector's own file is made again where it was closed.
+    """
+
+    def __init__(self) -> None:
+        self._inner: selectors.BaseSelector = selectors.DefaultSelector()
+        self._lost: list[selectors.BaseSelector] = []
+        """Those whose own file was closed. They are kept, since to free one closes its number, by now another's."""
+        self._checked = time.monotonic()
+        self._reported: set[int] = set()
+        """Closed files that were reported as ready: once each."""
+
+    def register(self, fileobj: Any, events: int, data: Any = None) -> selectors.SelectorKey:
+        """As the base class."""
+        key = self._inner.register(fileobj, events, data)
+        self._reported.discard(key.fd)
+        return key
+
+    def unregister(self, fileobj: Any) -> selectors.SelectorKey:
+        """As the base class."""
+        return self._inner.unregister(fileobj)
+
+    def modify(self, fileobj: Any, events: int, data: Any = None) -> selectors.SelectorKey:
+        """As the base class."""
+        return self._inner.modify(fileobj, events, data)
+
+    def get_map(self) -> Mapping[Any, selectors.SelectorKey]:
+        """As the base class."""
+        return self._inner.get_map()
+
+    def select(self, timeout: float | None = None) -> _Ready:
+        """As the base class; it also returns early, with nothing, to look at the files again."""
+        try:
+            ready = self._inner.select(CHECK_S if timeout is None else min(timeout, CHECK_S))
+        except OSError as error:
+            if error.errno not in (errno.EBADF, errno.EINVAL):
+                raise
+            return self._begin_anew()
+        now = time.monotonic()
+        if now - self._checked < CHECK_S:
+            return ready
+        self._checked = now
+        known = {key.fd for key, _ in ready} | self._reported
+        closed = [key for key in self.get_map().values() if key.fd not in known and not is_open(key.fd)]
+        self._reported.update(key.fd for key in closed)
+        return ready + [(key, key.events) for key in closed]
+
+    def close(self) -> None:
+        """As the base class."""
+        with suppress(OSError):  # its file was closed by other code
+            self._inner.close()
+
+    def _begin_anew(self) -> _Ready:
+        """Watch the same files with a new selector; those that are closed are ready."""
+        keys = list(self.get_map().values())
+        self._lost.append(self._inner)
+        self._inner = selectors.DefaultSelector()
+        closed: _Ready = []
+        for key in keys:
+            try:
+                self._inner.register(key.fileobj, key.events, key.data)
+            except (OSError, ValueError):
+                closed.append((key, key.events))
+        return closed
+
+
+def is_open(fd: int) -> bool:
+    """Whether a file descriptor is open."""
+    try:
+        os.fstat(fd)
+    except OSError:
+        return False
+    return True
+
+
+class WatchfulLoop(asyncio.SelectorEventLoop):
+    """asyncio's loop, which ends in order also where other code has closed its files."""
+
+    def __init__(self, selector: WatchfulSelector) -> None:
+        super().__init__(selector)
+        self._watching = selector
+
+    def call_exception_handler(self, context: dict[str, Any]) -> None:
+        """As in asyncio; a closed file is told in one line."""
+        error = context.get("exception")
+        if isinstance(error, OSError) and error.errno == errno.EBADF:
+            context = {"message": f"other code has closed a file of the event loop: {context['message']}"}
+        super().call_exception_handler(context)
+
+    def close(self) -> None:
+        """As in asyncio."""
+        try:
+            super().close()
+        except (OSError, ValueError):
+            asyncio.BaseEventLoop.close(self)
+            self._watching.close()
+
+
+class BusyPolling(WatchfulSelector):
+    """Looks again and again for a while before it lets the operating system put the thread to sleep.
 
     A thread that sleeps gives up its processor, which then sleeps too: to wake both takes tens of microseconds, more
     in a virtual machine. A thread that polls avoids this delay, and takes all of one processor.
@@ -16,7 +128,7 @@ class BusyPolling(selectors.DefaultSelector):
         super().__init__()
         self._awake_s = awake_s
 
-    def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
+    def select(self, timeout: float | None = None) -> _Ready:
         """As the base class; with a `timeout` of 0 or less it looks once."""
         look = super().select
         if timeout is None or timeout > 0:

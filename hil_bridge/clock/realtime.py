@@ -3,6 +3,7 @@
 Nothing of this is needed for a loop of a few hertz; a 1 kHz sensor on a busy machine is what it is for.
 """
 
+import asyncio
 import ctypes
 import gc
 import os
@@ -96,6 +97,22 @@ def real_time_thread(wanted: RealTime) -> Iterator[ThreadPoolExecutor | None]:
     finally:
         for step in reversed(undo):
             step()
+
+
+@contextmanager
+def real_time_loop(wanted: RealTime, is_virtual: bool) -> Iterator[None]:
+    """The running loop's thread as wanted while inside; threads that have been started already stay as they are.
+
+    Raises ConfigError as `real_time_thread`.
+    """
+    with gc_paused():
+        if is_virtual:
+            yield
+            return
+        with short_switch_interval(), real_time_thread(wanted) as executor:
+            if executor is not None:
+                asyncio.get_running_loop().set_default_executor(executor)
+            yield
 
 
 @contextmanager

@@ -4,11 +4,15 @@ import asyncio
 from collections.abc import Callable, Coroutine
 from typing import Any, TypeAlias, TypeVar
 
-from hil_bridge.clock.polling import BusyPolling
+from hil_bridge.clock.polling import BusyPolling, WatchfulLoop, WatchfulSelector
 from hil_bridge.clock.virtual import VirtualLoop, VirtualTimeError, describe_tasks
 
 T = TypeVar("T")
 Main: TypeAlias = Coroutine[Any, Any, T] | Callable[[], Coroutine[Any, Any, T]]
+
+
+Stray: TypeAlias = Callable[[BaseException], bool]
+"""Takes a SystemExit or KeyboardInterrupt that left a callback or another task; whether the loop shall go on."""
 
 
 class LeakedTasks(VirtualTimeError):
@@ -20,10 +24,14 @@ def run_real(main: Main[T], busy_poll_s: float = 0.0) -> T:
 
     `busy_poll_s` is for how long the loop looks again and again before it sleeps, s; see `BusyPolling`.
     """
-    if not busy_poll_s:
-        return asyncio.run(_watched(main, []))
-    with asyncio.Runner(loop_factory=lambda: asyncio.SelectorEventLoop(BusyPolling(busy_poll_s))) as runner:
-        return runner.run(_watched(main, []))
+    return run_real_on(main, busy_poll_s, None)
+
+
+def run_real_on(main: Main[T], busy_poll_s: float, on_stray: Stray | None) -> T:
+    """As `run_real`; `on_stray` takes what leaves the loop. Signals are then the caller's."""
+    selector = BusyPolling(busy_poll_s) if busy_poll_s else WatchfulSelector()
+    with asyncio.Runner(loop_factory=lambda: WatchfulLoop(selector)) as runner:
+        return _ran(runner, _watched(main, []), on_stray)
 
 
 def run_virtual(main: Main[T]) -> T:
@@ -32,12 +40,17 @@ def run_virtual(main: Main[T]) -> T:
     Stricter than real time: raises LeakedTasks for tasks left behind, and VirtualDeadlock when nothing can happen any
     more. It also raises errors of callbacks, which real time would only have logged.
     """
+    return run_virtual_on(main, None)
+
+
+def run_virtual_on(main: Main[T], on_stray: Stray | None) -> T:
+    """As `run_virtual`; `on_stray` takes what leaves the loop."""
     unhandled: list[dict[str, Any]] = []
     leaked: list[str] = []
     try:
         with asyncio.Runner(loop_factory=VirtualLoop) as runner:
             runner.get_loop().set_exception_handler(lambda _, context: unhandled.append(context))
-            result = runner.run(_watched(main, leaked))
+            result = _ran(runner, _watched(main, leaked), on_stray)
     except Exception as error:
         for context in unhandled:
             error.add_note(f"before that: {context['message']}: {context.get('exception')!r}")
@@ -49,6 +62,24 @@ def run_virtual(main: Main[T]) -> T:
     if leaked:
         raise LeakedTasks(f"tasks were still running at the end: {leaked[0]}")
     return result
+
+
+def _ran(runner: asyncio.Runner, main: Coroutine[Any, Any, T], on_stray: Stray | None) -> T:
+    """Run a coroutine to its end, also when an exception leaves the loop that `on_stray` takes.
+
+    Asyncio lets SystemExit and KeyboardInterrupt of any callback leave the loop at once. A tool that presses would be
+    left there.
+    """
+    if on_stray is None:
+        return runner.run(main)
+    loop = runner.get_loop()
+    task = loop.create_task(main)
+    while True:
+        try:
+            return loop.run_until_complete(task)
+        except (SystemExit, KeyboardInterrupt) as error:
+            if task.done() or not on_stray(error):
+                raise
 
 
 async def _watched(main: Main[T], leaked: list[str]) -> T:

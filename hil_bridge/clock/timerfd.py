@@ -14,6 +14,7 @@ import os
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 
 _CLOCK_MONOTONIC = 1
 _TFD_TIMER_ABSTIME = 1
@@ -47,6 +48,9 @@ class PreciseTimers:
         self._cancelled = 0
         self._expiring = False
         self._fd = _create()
+        self._loop_timer: asyncio.TimerHandle | None = None
+        """A timer of the loop itself, where other code has closed the file."""
+        self._lost = False
         loop.add_reader(self._fd, self._expired)
 
     def call_at(self, when: float, callback: Callable[[], object]) -> Deadline:
@@ -71,19 +75,45 @@ class PreciseTimers:
         """Drop all deadlines. Harmless when called again."""
         if self._fd >= 0:
             self._loop.remove_reader(self._fd)
-            os.close(self._fd)
+            if self._loop_timer is not None:
+                self._loop_timer.cancel()
+            if not self._lost:
+                with suppress(OSError):  # closed by other code
+                    os.close(self._fd)
             self._fd = -1
             self._heap.clear()
 
     def _arm(self) -> None:
-        # rounded up so as never to wake early; 0 would disarm
-        _set_absolute(self._fd, max(1, math.ceil(self._heap[0][0] * 1e9)))
+        when = self._heap[0][0]
+        if not self._lost:
+            try:
+                # rounded up so as never to wake early; 0 would disarm
+                _set_absolute(self._fd, max(1, math.ceil(when * 1e9)))
+                return
+            except OSError:
+                self._lose()
+        if self._loop_timer is not None:
+            self._loop_timer.cancel()
+        self._loop_timer = self._loop.call_at(when, self._expire)
+
+    def _lose(self) -> None:
+        """Go on with the timers of the loop, which are to a millisecond: nothing may hang because of this file."""
+        self._lost = True
+        self._loop.remove_reader(self._fd)
+        message = "other code has closed the file of the timers; times are kept to a millisecond now"
+        self._loop.call_exception_handler({"message": message})
 
     def _expired(self) -> None:
         try:
             os.read(self._fd, 8)
         except BlockingIOError:
             return
+        except OSError:
+            self._lose()
+        self._expire()
+
+    def _expire(self) -> None:
+        """Call back all whose time has come, and wait for the next."""
         now = time.monotonic()
         self._expiring = True
         try:
@@ -96,7 +126,9 @@ class PreciseTimers:
                     continue
                 try:
                     callback()
-                except Exception as error:
+                except (SystemExit, KeyboardInterrupt):
+                    raise
+                except BaseException as error:
                     self._loop.call_exception_handler(
                         {"message": f"Exception in timer {callback!r}", "exception": error}
                     )

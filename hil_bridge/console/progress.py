@@ -17,8 +17,8 @@ Advance: TypeAlias = Callable[[int, int], None]
 
 
 @contextmanager
-def run_progress(total: int) -> Iterator[Advance]:
-    """Rate, time left and failures of `total` runs, while inside."""
+def run_progress(total: int | None) -> Iterator[Advance]:
+    """Rate, time left and failures of `total` runs, while inside; of as many as there is time for without a total."""
     console = Console(stderr=True)
     began = told = time.monotonic()
     done = failures = 0
@@ -49,6 +49,8 @@ def run_progress(total: int) -> Iterator[Advance]:
         yield advance
 
 
-def _line(done: int, total: int, rate: float, broken: str) -> str:
+def _line(done: int, total: int | None, rate: float, broken: str) -> str:
+    if total is None:
+        return f"{done} runs, {rate:.1f} runs/s{f', {broken}' if broken else ''}"
     left = f", {(total - done) / rate / 60.0:.0f} min left" if rate else ""
     return f"{done} of {total} runs, {rate:.1f} runs/s{left}{f', {broken}' if broken else ''}"

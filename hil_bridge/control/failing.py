@@ -1,7 +1,9 @@
 """A controller that fails: in words with its package and place, and its traceback."""
 
+import math
 from typing import Any, NamedTuple
 
+from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.types import Command, Controller
 from hil_bridge.failures import failure, place_of_method, traceback_of
 
@@ -21,7 +23,14 @@ def failed_by(controller: Controller[Any], error: BaseException) -> Failed:
 
 
 def failed_to_answer(controller: Controller[Any], command: Command) -> Failed:
-    """It answered with a command that is no number."""
+    """It answered with a command that is no number, or so far away that it cannot be meant."""
     place = place_of_method(controller, "step")
     said = f"it commands {command.position} m"
     return Failed(f"controller {controller.name} failed: {said}{place and f' ({place})'}")
+
+
+def farthest_answer(limits: Limits) -> float:
+    """Distance from the command before beyond which an answer cannot be meant, m; no place in the workspace is as
+    far.
+    """
+    return limits.correction_total_mm * 1e-3 + math.dist(limits.workspace_min_m, limits.workspace_max_m)

@@ -10,10 +10,13 @@ from typing import Annotated
 from msgspec import Meta, Struct
 from msgspec.structs import replace
 
+from hil_bridge.control.course.answers import calmed, held_back
 from hil_bridge.control.course.contour import Contour, ContourState, normal_force
+from hil_bridge.control.course.following import Following, Trail
 from hil_bridge.control.course.oscillation import Advice, OscillationDetector, OscillationState
 from hil_bridge.control.course.supervisor import Supervisor
 from hil_bridge.control.course.task import Phase, Target, Task, TaskOutput, TaskState
+from hil_bridge.control.course.touch import Doubt
 from hil_bridge.control.course.verdict import (
     LEAVES,
     Cause,
@@ -24,7 +27,7 @@ from hil_bridge.control.course.verdict import (
     SupervisorState,
     Verdict,
 )
-from hil_bridge.control.failing import Failed, failed_by, failed_to_answer
+from hil_bridge.control.failing import Failed, failed_by, failed_to_answer, farthest_answer
 from hil_bridge.control.geometry.turning import rotated
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.state import Felt
@@ -34,6 +37,7 @@ from protocol.geometry import Quaternion, Vector
 
 # Asked for in every cycle, by names of this module: until Python 3.12 an enum's own name costs ten times that.
 _APPROACH, _TRACK, _RETRACT, _END = Phase.APPROACH, Phase.TRACK, Phase.RETRACT, Phase.END
+_FREE = _APPROACH, Phase.MOVE, Phase.SEEK
 LONGEST_SAMPLES = 2.0
 """Sample times that one sample counts for at most. Chosen: as far off as a control period may be."""
 _NO_CONTOUR, _NO_OSCILLATION = ContourState(), OscillationState()
@@ -88,6 +92,12 @@ class Sample(Struct, frozen=True):
     """Reported orientation, tool in base, w x y z; empty in recordings of earlier versions."""
     held: bool = False
     """A person holds the tool in its place on the surface: the force is controlled, the way does not go on."""
+    witness: float | None = None
+    """Contact force along the approach direction as the robot itself feels it, from its own zero, N; None where it
+    tells none.
+    """
+    doubt: Annotated[int, Meta(ge=0, le=2)] = 0
+    """Why a touch that shows now must be proven: a number of `Doubt`."""
 
 
 class LoopState(Struct, frozen=True):
@@ -101,6 +111,8 @@ class LoopState(Struct, frozen=True):
     contour: ContourState = ContourState()
     seen_at: float | None = None
     """`now` of the sample before, s; None before the first."""
+    trail: Trail = ()
+    """Depths that were ordered lately."""
 
 
 class Proposal(Struct, frozen=True):
@@ -174,6 +186,8 @@ class ControlLoop:
     """Estimates the surface's normal, along which the force is then controlled; None keeps the approach direction,
     as the paper does.
     """
+    following: Following | None = None
+    """Watches whether the robot goes where it is ordered to; None for a robot whose servo is not known."""
     sample_time: float = SAMPLE_MS * 1e-3
     """Sample time that the controller is tuned for, s; the first sample counts as that long."""
     fixed_dt: float | None = None
@@ -228,8 +242,10 @@ class ControlLoop:
             x * u + y * v + z * w,
             saturated=sample.saturated,
             dt=self.since(state.seen_at, sample.now),
+            against=0.0 if isinstance(self.task, Program) else sample.force_travel,
         )
         contour, before, felt = _NO_CONTOUR, state.task, None
+        before = before if sample.doubt == before.doubt else replace(before, doubt=Doubt(sample.doubt))
         if isinstance(self.task, Program):
             before, measurement, felt = self.task.sense(
                 before, measurement, self._felt(state, sample, measurement)
@@ -241,7 +257,7 @@ class ControlLoop:
         task, output, failed = self._decide(before, measurement, felt)
         oscillation, advice = self._watch(state.oscillation, measurement, output)
         if advice is not None and advice.factor < 1.0:
-            output = _calmed(output, measurement, advice)
+            output = calmed(output, measurement, advice)
         trace = "" if failed is None else failed.trace
         return Proposal(
             depth,
@@ -261,7 +277,7 @@ class ControlLoop:
         retracting only the limits of motion apply, and the force that the retraction itself makes.
         """
         task, output, advice = proposal.task, proposal.output, proposal.advice
-        seen, guard = _observe(sample, proposal, output), self._guard(output)
+        seen, guard, follows = _observe(sample, proposal, output), self._guard(output), self.following
         verdict: Verdict
         if output.phase is _RETRACT or output.phase is _END:
             request = self._request(state, output)
@@ -276,6 +292,9 @@ class ControlLoop:
         else:
             request = self._request(state, output, self._barrier(proposal))
             supervisor, verdict = guard.step(state.supervisor, seen, request)
+            strayed = "" if follows is None else follows.fault(state.trail, seen, guard.limits)
+            if strayed and not isinstance(verdict, Stop):
+                supervisor, verdict = guard.stop(state.supervisor, Cause.POSE, strayed)
         cause = _cause(state, output, verdict)
         way: Verdict = verdict
         if cause and output.phase is not _RETRACT:
@@ -294,10 +313,16 @@ class ControlLoop:
             (before.depth, before.position) if isinstance(way, Stop) else (way.depth, way.position)
         )
         # Held back at the border of the workspace, a retraction has come as far as it can.
-        held = output.phase is _RETRACT and output.target.depth < before.depth <= depth
+        waits = isinstance(way, Clamp) and way.goes_on
+        held = output.phase is _RETRACT and output.target.depth < before.depth <= depth and not waits
         if held and not output.cause:  # of a program, which has more to do
-            output = replace(output, cause=_held(verdict, seen), failed=True)
-        after = LoopState(state.start, task, supervisor, proposal.oscillation, proposal.contour, sample.now)
+            output = replace(output, cause=held_back(verdict, seen), failed=True)
+        trail: Trail = ()
+        if follows is not None:
+            trail = follows.after(state.trail, (proposal.depth, depth), sample.now, sample.position_at)
+        after = LoopState(
+            state.start, task, supervisor, proposal.oscillation, proposal.contour, sample.now, trail
+        )
         return after, Decision(
             proposal.depth,
             proposal.measurement.force,
@@ -315,7 +340,8 @@ class ControlLoop:
         """The supervisor with the limits of the step under way."""
         if not isinstance(self.task, Program):
             return self.supervisor
-        return Supervisor(self.task.row.legs[output.leg].limits, self.supervisor.speed)
+        guard = self.supervisor
+        return Supervisor(self.task.row.legs[output.leg].limits, guard.speed, guard.witness)
 
     def _barrier(self, proposal: Proposal) -> float:
         """Depth, m, at which the force limit less its margin is predicted. The prediction takes the stiffness in hand,
@@ -366,13 +392,17 @@ class ControlLoop:
     ) -> tuple[TaskState, TaskOutput, Failed | None]:
         """The task's step, and what is wrong with its controller; None while nothing is.
 
-        A controller may come from another package: every error that it raises, and an answer that is not of numbers,
-        is its failure.
+        A controller may come from another package: every error that it raises, and an answer that is not of numbers
+        or cannot be meant, is its failure.
         """
         try:
             task, output = self._stepped(state, measurement, felt)
             command = output.command
-            if command is None or (math.isfinite(command.position) and math.isfinite(command.correction)):
+            if command is None or (
+                # false for what is no number; a sum with what is huge would lose where the tool is
+                abs(command.position - measurement.commanded) <= farthest_answer(self.supervisor.limits)
+                and math.isfinite(command.correction)
+            ):
                 return task, output, None
             failed = failed_to_answer(self.task.controller, command)
         except RAISED as error:
@@ -423,13 +453,6 @@ class ControlLoop:
         return Request(depth, target, self.approach, barrier, output.turned)
 
 
-def _calmed(output: TaskOutput, measurement: Measurement, advice: Advice) -> TaskOutput:
-    """The task's answer with the detector's factor on the change of command."""
-    change = output.target.depth - measurement.commanded
-    depth = measurement.commanded + advice.factor * change
-    return replace(output, target=replace(output.target, depth=depth))
-
-
 def _cause(state: LoopState, output: TaskOutput, verdict: Verdict) -> str:
     """Why the run must end; empty while it need not. An approach that is held in place would last for
     ever.
@@ -440,18 +463,11 @@ def _cause(state: LoopState, output: TaskOutput, verdict: Verdict) -> str:
         case Clamp(depth=depth, reasons=reasons) if (
             output.phase is _APPROACH and depth <= state.supervisor.depth
         ):
-            return f"no contact found: the approach {', '.join(reasons)}"
+            return f"{'the touch' if output.in_contact else 'no contact found: the approach'} {', '.join(reasons)}"
         case Clamp(reasons=reasons) if output.phase in (Phase.MOVE, Phase.SEEK) and LEAVES in reasons:
             return f"the {output.phase} {LEAVES}"
         case _:
             return ""
-
-
-def _held(verdict: Verdict, seen: Observation) -> str:
-    """Why a retraction goes on no farther."""
-    if isinstance(verdict, Clamp) and LEAVES not in verdict.reasons:
-        return seen.fault or "the sensor tells no force to retract the tool by"
-    return "the workspace ends before the tool is retracted"
 
 
 def _observe(sample: Sample, proposal: Proposal, output: TaskOutput) -> Observation:
@@ -480,4 +496,7 @@ def _observe(sample: Sample, proposal: Proposal, output: TaskOutput) -> Observat
         sample.gap,
         proposal.measurement.dt,
         None if proposal.felt is None else proposal.felt.quaternion,
+        proposal.measurement.against,
+        sample.witness,
+        proposal.measurement.force if output.phase in _FREE and not output.in_contact else None,
     )

@@ -72,6 +72,8 @@ class Measurement(Struct, frozen=True):
     """An axis of the sensor is at the end of its range: the force may be anything above."""
     dt: float = SAMPLE_MS * 1e-3
     """Time since the sample before, s, at most twice the controller's sample time; that time for the first sample."""
+    against: float = 0.0
+    """Contact force against the travel, N; 0 where a program leads the way."""
 
     @property
     def is_finite(self) -> bool:

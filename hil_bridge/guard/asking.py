@@ -71,6 +71,14 @@ class Situation:
     """Time since then. By default it is the least line time of a cycle, and for orders the sample time of the
     controller.
     """
+    against_n: float = 0.0
+    """Contact force against the travel."""
+    witness_n: float | None = None
+    """Force along the approach as the robot itself feels it; None where it tells none."""
+    disagreed_ms: float = 60_000.0
+    """Time for which that and the sensor have disagreed before; by default longer than they may."""
+    strayed_mm: float = 0.0
+    """Distance of the reported depth from all that was ordered lately."""
     tilt_deg: float = 0.0
     """Turn of the reported orientation from that of the start."""
     gap_ms: float = 0.0
@@ -127,12 +135,14 @@ class Asked:
             saturated=seen.saturated,
             dead_axis=seen.dead_axis,
             fault=seen.fault,
+            force_travel=seen.against_n,
             peak_force=peak,
             peak_resultant=max(resultant, abs(peak)),
             peak_moment=seen.moment_nm,
             tilt=math.radians(seen.tilt_deg),
             gap=seen.gap_ms * 1e-3,
             unchanged=seen.unchanged_ms * 1e-3,
+            witness=seen.witness_n,
         )
         dt = loop.since(None if seen.cycle_ms is None else _NOW - seen.cycle_ms * 1e-3, _NOW)
         pressing = seen.phase is not Phase.APPROACH and force > config.task.loss_threshold_n
@@ -145,9 +155,12 @@ class Asked:
             None,
             (_NOW - self._cycle(seen), before),
             self._retreat(seen, resultant, depth) if seen.phase is Phase.RETRACT else None,
+            disagreed=seen.disagreed_ms * 1e-3,
         )
         task = TaskState(seen.phase, in_contact=pressing)
-        measurement = Measurement(_NOW, force, depth, commanded, pressing, saturated=seen.saturated, dt=dt)
+        measurement = Measurement(
+            _NOW, force, depth, commanded, pressing, saturated=seen.saturated, dt=dt, against=seen.against_n
+        )
         task, output = self._output(task, measurement, seen)
         advice = Advice(Finding.PERSISTING, 1.0, True, seen.swing_n) if seen.swing_n else None
         proposal = Proposal(
@@ -160,7 +173,9 @@ class Asked:
             OscillationState(),
             ContourState(),
         )
-        _, decision = loop.judge(LoopState(start, task, supervisor), sample, proposal)
+        lately = depth + seen.strayed_mm * 1e-3
+        trail = ((_NOW, lately, lately),) if seen.strayed_mm else ()
+        _, decision = loop.judge(LoopState(start, task, supervisor, trail=trail), sample, proposal)
         return decision
 
     def force(self, seen: Situation) -> float:

@@ -12,7 +12,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from hil_bridge.control import Cause, Clamp, Decision, Phase, Stop
-from hil_bridge.control.course.conditions import BY_CAUSE, CLAMPS, ENDS, ConditionRow
+from hil_bridge.control.course.conditions import BY_CAUSE, CLAMPS, ENDS, ConditionRow, When
 from hil_bridge.guard.asking import Asked, Situation, middle
 from hil_bridge.guard.margins import Margin, margins, number
 from hil_bridge.settings.configuration import Config
@@ -106,9 +106,13 @@ LOOSE: Mapping[str, Any] = {
             "limits.pull_limit_n",
             "limits.resultant_limit_n",
             "limits.moment_limit_nm",
+            "limits.against_travel_n",
             "limits.stale_after_ms",
             "limits.unanswered_mm",
+            "limits.witness_n",
+            "limits.witness_ms",
             "limits.following_error_mm",
+            "limits.path_error_mm",
             "limits.tilt_deg",
             "limits.cycle_deadline_ms",
             "limits.correction_mm_s",
@@ -144,6 +148,8 @@ def _value(config: Config, key: str) -> str:
     value: Any = config
     for name in key.split("."):
         value = getattr(value, name)
+    if value is None:
+        return "that of the robot's facts"
     if isinstance(value, tuple):
         return str(list(value))
     return str(value).lower() if isinstance(value, bool) else f"{value:g}"
@@ -166,7 +172,10 @@ def _rows(
         named = [row for row in rows if set(row.settings) & set(ruled)]
         yield from named or [row for row in rows if not set(row.settings) & set(LOOSE)]
     elif isinstance(decision.verdict, Clamp):
-        yield from (row for row in CLAMPS if set(row.settings) & set(ruled))
+        rows = tuple(row for row in CLAMPS if set(row.settings) & set(ruled))
+        of_retraction = [row for row in rows if row.when is When.RETRACTION]
+        others = [row for row in rows if row.when is not When.RETRACTION]
+        yield from (of_retraction or others) if situation.phase is Phase.RETRACT else others
         if decision.output.failed and situation.phase is Phase.APPROACH:
             yield ENDS[0]
 

@@ -77,6 +77,15 @@ def _resultant(ask: Asked, seen: Situation) -> float:
     return _largest_force(ask, seen) if seen.resultant_n is None else seen.resultant_n
 
 
+def _apart(ask: Asked, seen: Situation) -> float:
+    return 0.0 if seen.witness_n is None else abs(seen.witness_n - ask.force(seen))
+
+
+def _disagreeing(calm: Situation, value: float) -> Situation:
+    """The sensor feels nothing, the robot this."""
+    return dataclasses.replace(calm, force_n=0.0, witness_n=value)
+
+
 def _lag(ask: Asked, seen: Situation) -> float:
     return 0.0 if seen.depth_mm is None else abs(ask.commanded_mm(seen) - seen.depth_mm)
 
@@ -89,6 +98,7 @@ _QUANTITIES = (
     _Quantity("force", "N", (Cause.FORCE,), _largest_force, 1e6, partial(_put, "peak_n")),
     _Quantity("pull", "N", (Cause.PULL,), _pull, 1e6, lambda calm, value: _put("force_n", calm, -value)),
     _Quantity("resultant", "N", (Cause.RESULTANT_FORCE,), _resultant, 1e6, partial(_put, "resultant_n")),
+    _Quantity("witness", "N", (Cause.WITNESS,), _apart, 1e6, _disagreeing),
     _simple("moment", "N·m", Cause.MOMENT, "moment_nm", 1e6),
     _simple("age", "ms", Cause.STALE, "age_ms", 1e6),
     _simple("unchanged", "ms", Cause.FROZEN, "unchanged_ms", 1e6),

@@ -77,6 +77,8 @@ class RunEnd:
     """Place at which the tool was left, in words; empty when it never moved."""
     followed: tuple[str, ...] = ()
     """Events after the cause, in order."""
+    rest: Mapping[str, bool | float | None] = field(default_factory=dict)
+    """Place at which the tool was left, as values: retracted, depth_m, force_n; empty when it never moved."""
 
     def as_metadata(self) -> dict[str, str]:
         """Metadata for `Recorder.close`, so that a record tells its end by itself."""
@@ -89,4 +91,5 @@ class RunEnd:
             "sensor_delay_s": json.dumps(self.sensor_delay_s),
             "left": self.left,
             "followed": json.dumps(self.followed),
+            "rest": json.dumps(dict(self.rest), sort_keys=True),
         }

@@ -26,7 +26,7 @@ from hil_bridge.recording.records import (
 )
 from hil_bridge.recording.removed_map import REMOVED_NAME, RemovedMap, from_json
 from hil_bridge.recording.topics import CYCLE, EVENT, LINK, SENSOR, STEP, TRUTH, WIRE, Record, Topic
-from hil_bridge.text_files import format_path, read_up_to
+from hil_bridge.text_files import format_path, open_ordinary, read_up_to
 
 CHUNK_LIMIT_BYTES = 1 << 24
 """Largest chunk, unpacked. Chosen: 16 times the largest of a run, 4 times the largest of other programs."""
@@ -34,10 +34,17 @@ UNPACKED_LIMIT_BYTES = 1 << 31
 """Of all chunks of a recording, unpacked, and of the file as it is. Chosen: half a day of the default run, and what
 reads it needs some times that in memory.
 """
+RECORD_LIMIT = UNPACKED_LIMIT_BYTES // 128
+"""Records of a recording at most. Derived: the mean record of a run is longer, and as many take minutes to read."""
+MESSAGE_BYTES = 31
+"""A message is never shorter. Source: MCAP specification, version 0: opcode, length and head of a message."""
+CHUNK_EXCESS_BYTES = 4096
+"""Chosen: records of other kinds in a chunk may be so much shorter in all."""
 CLOCK_LIMIT_S = 1e10
 """A time of a run's clock lies below this. Chosen: three centuries."""
 
 _MAGIC = b"\x89MCAP0\r\n"
+_TOO_MANY = f"more than {RECORD_LIMIT} records"
 _RECORD = struct.Struct("<BQ")
 """Opcode and length before every record. Source: MCAP specification, version 0."""
 _CHUNK = struct.Struct("<QQQ")
@@ -185,22 +192,15 @@ def _removed(item: Attachment) -> RemovedMap:
 
 def _bytes(path: Path) -> bytes:
     """A file as it is, and of one that is too long, or is none at all, no more than shows that. Raises ConfigError."""
-    try:
-        with path.open("rb") as file:
-            head = file.read(len(_MAGIC))
-            return head + read_up_to(file, UNPACKED_LIMIT_BYTES) if head == _MAGIC else head
-    except OSError as error:
-        raise ConfigError(
-            f"cannot read the recording {format_path(path)}: {error.strerror or error}"
-        ) from error
-    except ValueError as error:  # a NUL in the path
-        raise ConfigError(f"cannot read the recording {format_path(path)}: {error}") from error
+    with open_ordinary(path, "the recording") as file:
+        head = file.read(len(_MAGIC))
+        return head + read_up_to(file, UNPACKED_LIMIT_BYTES) if head == _MAGIC else head
 
 
 def _too_long(path: Path, what: str) -> ConfigError:
     return ConfigError(
-        f"{format_path(path)} is refused: it says that it holds {what}, but at most {UNPACKED_LIMIT_BYTES} are read, "
-        f"{CHUNK_LIMIT_BYTES} of them in a chunk; is it damaged, or no recording of a run?"
+        f"{format_path(path)} is refused: it says that it holds {what}, but at most {UNPACKED_LIMIT_BYTES} bytes "
+        f"are read, {CHUNK_LIMIT_BYTES} of them in a chunk; is it damaged, or no recording of a run?"
     )
 
 
@@ -246,18 +246,28 @@ def _items(
 
 def _mcap_records(data: bytes) -> Iterator[McapRecord]:
     """Every record up to the closing magic, those in chunks too. Raises _Damage, _TooMuch."""
-    unpacked = 0
+    unpacked = count = 0
     try:
         for item in StreamReader(
             io.BytesIO(data), emit_chunks=True, validate_crcs=True, record_size_limit=len(data)
         ).records:
+            count += 1
+            if count > RECORD_LIMIT:
+                raise _TooMuch(_TOO_MANY)
             if not isinstance(item, Chunk):
                 yield item
                 continue
             unpacked += item.uncompressed_size
             if item.uncompressed_size > CHUNK_LIMIT_BYTES or unpacked > UNPACKED_LIMIT_BYTES:
                 raise _TooMuch(f"a chunk of {item.uncompressed_size} bytes unpacked")
-            yield from breakup_chunk(replace(item, compression="", data=_unpacked(item)), validate_crc=True)
+            plain = replace(item, compression="", data=_unpacked(item))
+            inside = sum(1 for _ in _records(plain.data, 0))
+            if inside * MESSAGE_BYTES > len(plain.data) + CHUNK_EXCESS_BYTES:
+                raise ValueError("a chunk of records that are too short for messages")
+            count += inside
+            if count > RECORD_LIMIT:
+                raise _TooMuch(_TOO_MANY)
+            yield from breakup_chunk(plain, validate_crc=True)
     except _TooMuch:
         raise
     except Exception as error:  # the library lets everything through: struct, zstd, lz4, Unicode, memory
@@ -266,12 +276,19 @@ def _mcap_records(data: bytes) -> Iterator[McapRecord]:
 
 def _claims(data: bytes) -> Iterator[int]:
     """Unpacked size that each chunk states, as far as the file can be followed."""
-    at = len(_MAGIC)
-    while at + _RECORD.size <= len(data):
-        opcode, length = _RECORD.unpack_from(data, at)
-        at += _RECORD.size
+    for opcode, at, length in _records(data, len(_MAGIC)):
         if opcode == Opcode.CHUNK and _CHUNK.size <= length <= len(data) - at:
             yield _CHUNK.unpack_from(data, at)[2]
+
+
+def _records(data: bytes, at: int) -> Iterator[tuple[int, int, int]]:
+    """Opcode, place and length of each record, as far as they can be followed; at most one more than are read."""
+    for _ in range(RECORD_LIMIT + 1):
+        if at + _RECORD.size > len(data):
+            return
+        opcode, length = _RECORD.unpack_from(data, at)
+        at += _RECORD.size
+        yield opcode, at, length
         at += length
 
 

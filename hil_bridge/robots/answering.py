@@ -9,19 +9,24 @@ and comes to rest at a target, no faster than the acceleration allows; see `robo
 point does not move
 
 - without a new target for `hold_after`, though it goes on once there is one;
-- in this movement any more, when the robot reports a fault: what it did meanwhile is not known;
-- for a packet that comes again, or behind a later one.
+- from a packet on that reports a fault, or whose pose is none, until the robot reports to be ready and to stand where
+  the set point is, and there is a new target: what it did meanwhile is not known;
+- for a packet that comes again, or behind a later one;
+- where the last gate stops it, which is the fault of this side, until there is a new target.
 
 Without a new target for `give_up_after` the movement is ended, whether the robot still sends or not.
 """
 
 import math
 from collections import Counter, deque
+from dataclasses import replace
 from typing import Generic
 
 from hil_bridge.facts import ANSWERS, LATE, PACKETS
+from hil_bridge.robots.gate import Bounds, Gate, depth_of
 from hil_bridge.robots.ramp import Pace, Ramp
 from hil_bridge.robots.seam import ANSWER, PACKET, MotionLimits
+from hil_bridge.robots.standing import Faults
 from hil_bridge.transports.pump import Data
 from protocol.geometry import Pose
 from protocol.robot import (
@@ -58,8 +63,8 @@ class Answering(Generic[Data]):
         """The report with the highest number."""
         self.speed = 0.0
         """Speed of the set point, m/s; may be set at any time."""
-        self.fault = ""
-        """The first fault that the robot reported in this movement."""
+        self.faults = Faults()
+        """Those of the robot in this movement, and of this side."""
         self.lost = ""
         """Reason for which the other side, or a lack of targets, ended the movement."""
         self._limits = MotionLimits(0.0)
@@ -68,6 +73,9 @@ class Answering(Generic[Data]):
         """Answer to the newest packet; None outside of a movement."""
         self._goal: Pose | None = None
         self._aimed_at = self._stepped_at = -math.inf
+        self._gate = Gate(Bounds(), 0.0)
+        self._gate_speed = self._deepest = math.nan
+        """Speed that the gate goes by, m/s, and depth of the deeper end of the way to the target, m."""
         self._held = False
         self._given = 0
         """Answers that have carried the target."""
@@ -87,14 +95,17 @@ class Answering(Generic[Data]):
         self._setpoint = self._goal = pose
         self._limits, self.speed = limits, limits.speed
         self._aimed_at = self._stepped_at = now
-        self._held, self._given, self.fault, self.lost = False, 0, "", ""
+        self._held, self._given, self.lost, self.faults = False, 0, "", Faults()
         self._ramp.rest()
+        self._open_gate(pose, now)
         self._client.begin(pose)
 
     def aim(self, target: Pose, now: float) -> None:
         """Go there from the next packet on; nothing outside of a movement."""
-        if self.moving:
+        if self._setpoint is not None:
             self._goal, self._given = target, 0
+            bounds = self._gate.bounds
+            self._deepest = max(depth_of(self._setpoint.position, bounds), depth_of(target.position, bounds))
             self.renew(now)
 
     def renew(self, now: float) -> None:
@@ -168,11 +179,23 @@ class Answering(Generic[Data]):
                 self.counters["packets missing"] += missing
         if wrong := pose_fault(report.pose):
             report = report._replace(fault=report.fault or f"reports {wrong}")
-        if report.fault and self.moving and not self.fault:
-            self.fault = report.fault
+        if self._setpoint is not None:
+            report = self._compare(report, self._setpoint, now)
         self.newest = report = report._replace(stamps=(*report.stamps, *self._answered))
         self._events.append(ReportReceived(report))
         return True
+
+    def _compare(self, report: RobotReport, setpoint: Pose, now: float) -> RobotReport:
+        """A report of this movement, with the fault that has yet to be told. A fault gives up the way to the target."""
+        faults = self.faults
+        if report.fault:
+            faults.note(report.fault, apart=True)
+            self.stay()
+        elif faults.apart and faults.is_back(report.pose, setpoint):
+            self._setpoint = self._goal = report.pose  # a stop by people is left standing where it is
+            self._open_gate(report.pose, now)
+            self._client.begin(report.pose)
+        return report if report.fault or not faults.text else report._replace(fault=faults.text)
 
     def _answer(self, report: RobotReport, fresh: bool, now: float) -> None:
         self.counters[ANSWERS] += 1
@@ -188,7 +211,7 @@ class Answering(Generic[Data]):
     def _step(self, setpoint: Pose, now: float) -> None:
         """Move the set point on its way."""
         passed, self._stepped_at = now - self._stepped_at, now
-        if self._goal is None or self.fault or setpoint == self._goal:
+        if self._goal is None or self.faults.apart or setpoint == self._goal:
             self._ramp.rest()
             return
         limits = self._limits
@@ -199,8 +222,29 @@ class Answering(Generic[Data]):
                 self.counters["holds"] += 1
                 self._tell(f"no new target for {limits.hold_after:g} s: the robot is held on its way")
             return
+        if self.speed != self._gate_speed:
+            self._open_gate(setpoint, now - passed)
         pace = Pace(self.speed, limits.turn_speed, limits.acceleration, limits.turn_acceleration)
-        self._setpoint = self._ramp.step(setpoint, self._goal, pace, passed)
+        after = self._ramp.step(setpoint, self._goal, pace, passed)
+        if stopped := self._gate.judge(after, now, self._deepest):
+            self.faults.note(stopped, apart=False)
+            self.stay()
+            self._tell(stopped)
+            return
+        self._setpoint = after
+
+    def _open_gate(self, pose: Pose, now: float) -> None:
+        """Begin to judge set points anew from this pose: none moves farther than the speed lets it in a cycle."""
+        speed, limits = self.speed, self._limits
+        bounds = replace(
+            limits.bounds or Bounds(),
+            deeper=speed,
+            across=speed,
+            away=speed,
+            turn=limits.turn_speed,
+            time=self._cycle,
+        )
+        self._gate, self._gate_speed = Gate(bounds, now, pose), speed
 
     def _watch(self, now: float) -> None:
         """End a movement for which no target comes any more."""

@@ -1,10 +1,17 @@
-"""The link of another package's robot: whatever its code raises becomes an error that a run knows how to end by."""
+"""The link of another package's robot: whatever its code raises becomes an error that a run knows how to end by.
+
+The last gate stands before each of its targets.
+"""
 
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from typing import Any
 
-from hil_bridge.failures import RAISED, code_failed, raise_if_asked
+from hil_bridge.cancelling import raise_if_asked
+from hil_bridge.clock import Clock
+from hil_bridge.errors import GateStop
+from hil_bridge.failures import RAISED, code_failed
+from hil_bridge.robots.gate import Bounds, Gate
 from hil_bridge.robots.seam import Motion, MotionLimits, RobotLink, RobotReport, Sent
 from protocol.geometry import Pose
 
@@ -22,8 +29,8 @@ def _told(name: str) -> Iterator[None]:
 class LinkOfOthers:
     """A `RobotLink` around one of another package; all that is not here is the link's own."""
 
-    def __init__(self, link: RobotLink) -> None:
-        self._link = link
+    def __init__(self, link: RobotLink, clock: Clock) -> None:
+        self._link, self._clock = link, clock
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._link, name)
@@ -55,7 +62,8 @@ class LinkOfOthers:
         try:
             async with self._link.motion(limits) as motion:
                 try:
-                    yield MotionOfOthers(motion, self._link.name)
+                    gate = Gate(limits.bounds or Bounds(), self._clock.now())
+                    yield MotionOfOthers(motion, self._link.name, gate, self._clock)
                 except BaseException as error:
                     inside = error
                     raise
@@ -76,10 +84,14 @@ class MotionOfOthers:
 
     _motion: Motion
     _name: str
+    _gate: Gate
+    _clock: Clock
 
-    def __init__(self, motion: Motion, name: str) -> None:
+    def __init__(self, motion: Motion, name: str, gate: Gate, clock: Clock) -> None:
         object.__setattr__(self, "_motion", motion)
         object.__setattr__(self, "_name", name)
+        object.__setattr__(self, "_gate", gate)
+        object.__setattr__(self, "_clock", clock)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._motion, name)
@@ -88,7 +100,9 @@ class MotionOfOthers:
         setattr(self._motion, name, value)
 
     async def to(self, target: Pose, *, soon: bool = False) -> Sent:
-        """As of the movement."""
+        """As of the movement. Raises GateStop for a target that the last gate stops."""
+        if stopped := self._gate.judge(target, self._clock.now()):
+            raise GateStop(stopped)
         with _told(self._name):
             return await self._motion.to(target, soon=soon)
 

@@ -9,7 +9,9 @@ What a run may rely on, for both kinds:
 - Nothing moves outside `motion`. Leaving it ends the movement at the last point, whatever happened inside; after an
   exception, a streamed robot is left at the set point that it was given last.
 - After `halt` and after `abandon` nothing more is ordered in this movement, not even its end.
-- A robot that reports a fault takes no target: `to` raises OrderRefused with the robot's words.
+- A robot that reports a fault takes no target: `to` raises OrderRefused with the robot's words. A stream takes targets
+  again when it reports to be ready, and to stand where it was led last.
+- What the last gate stops is not sent: `to` raises GateStop.
 - A robot that does not answer makes `report` and `to` raise BridgeError within seconds. Neither waits for ever.
 """
 
@@ -20,6 +22,7 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 from hil_bridge.facts import Pacing, RobotFacts
+from hil_bridge.robots.gate import Bounds
 from protocol.geometry import Pose, Vector
 from protocol.robot import UNIT_TOLERANCE, RobotReport, orientation_fault
 
@@ -82,6 +85,8 @@ class MotionLimits:
     """Fastest gain of speed of a stream, m/s², and loss of speed at the end of its way. A stop is at once."""
     turn_acceleration: float = TURN_ACCELERATION_RAD_S2
     """The same for turning, rad/s²."""
+    bounds: Bounds | None = None
+    """Bounds of the last gate, see `hil_bridge.robots.gate`; None leaves it open for all that is a pose."""
 
 
 class Motion(Protocol):

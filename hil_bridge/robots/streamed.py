@@ -13,6 +13,7 @@ from hil_bridge.errors import BridgeError, DeviceError, OrderRefused, TransportC
 from hil_bridge.facts import ANSWERS, LATE, PACKETS, Hop, Owner, RobotHops, Traffic
 from hil_bridge.failures import code_failed
 from hil_bridge.robots.answering import Answering
+from hil_bridge.robots.gate import Bounds, Gate
 from hil_bridge.robots.seam import MotionLimits, RobotFacts, RobotReport
 from hil_bridge.robots.streamed_motion import StreamedMotion
 from hil_bridge.transports import Transport
@@ -102,8 +103,10 @@ class StreamedLink(Generic[Data]):
     async def report(self, *, soon: bool = False) -> RobotReport:
         newest = self._newest
         if newest is None or self._handed_out or self._clock.now() - newest.received_at > self._fresh:
-            return await self._next_packet()
+            newest = await self._next_packet()
         self._handed_out = True
+        if newest.fault:
+            self._answering.faults.tell()
         return newest
 
     async def release(self, report: RobotReport) -> None:
@@ -116,9 +119,11 @@ class StreamedLink(Generic[Data]):
         report = await self._next_packet()
         if report.fault:
             raise OrderRefused(report.fault)
-        self._answering.begin(report.pose, limits, self._clock.now())
+        now = self._clock.now()
+        self._answering.begin(report.pose, limits, now)
         self._pump.kick()
-        motion = StreamedMotion(self.name, self._answering, self._clock, self._check, self._next_packet)
+        gate = Gate(limits.bounds or Bounds(), now, report.pose)
+        motion = StreamedMotion(self.name, self._answering, self._clock, self._check, self._next_packet, gate)
         try:
             yield motion
             if motion.ordered and not (motion.halted or motion.abandoned):
@@ -131,12 +136,14 @@ class StreamedLink(Generic[Data]):
         self._pump.kick()
 
     def _check(self) -> None:
-        """Raise OrderRefused for a fault of this movement, another BridgeError where nothing can be ordered."""
+        """Raise OrderRefused for a fault that stands or has yet to be told, another BridgeError where nothing can be
+        ordered.
+        """
         if self._failure is not None:
             raise self._failure
         answering = self._answering
-        if answering.fault:
-            raise OrderRefused(self._faulty(answering.fault))
+        if fault := answering.faults.tell():
+            raise OrderRefused(self._faulty(fault))
         if not answering.moving:
             why = answering.lost or "the movement has ended"
             raise DeviceError(f"robot on {self.name}: {why}; begin another movement")

@@ -4,8 +4,9 @@ from collections.abc import Awaitable, Callable
 from typing import Generic
 
 from hil_bridge.clock import Clock
-from hil_bridge.errors import OrderRefused
+from hil_bridge.errors import GateStop, OrderRefused
 from hil_bridge.robots.answering import Answering
+from hil_bridge.robots.gate import Gate
 from hil_bridge.robots.seam import Sent
 from hil_bridge.transports.pump import Data
 from protocol.geometry import Pose, Vector
@@ -22,10 +23,13 @@ class StreamedMotion(Generic[Data]):
         clock: Clock,
         check: Callable[[], None],
         next_packet: Callable[[], Awaitable[object]],
+        gate: Gate,
     ) -> None:
-        """`check` raises where nothing can be ordered; `next_packet` waits for one, and raises where none comes."""
+        """`check` raises where nothing can be ordered; `next_packet` waits for one, and raises where none comes. `gate`
+        judges the targets.
+        """
         self._name, self._answering, self._clock = name, answering, clock
-        self._check_link, self._next_packet = check, next_packet
+        self._check_link, self._next_packet, self._gate = check, next_packet, gate
         self._last: Pose | None = None
         self.halted = False
         self.abandoned = False
@@ -52,6 +56,8 @@ class StreamedMotion(Generic[Data]):
         if wrong := pose_fault(target):
             raise OrderRefused(f"robot on {self._name} is not sent to {wrong}")
         now = self._clock.now()
+        if stopped := self._gate.judge(target, now):
+            raise GateStop(stopped)
         self._answering.aim(target, now)
         self._last = target
         return Sent(now)

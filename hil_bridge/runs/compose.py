@@ -176,7 +176,7 @@ async def connect_robot(config: Config, url: str, wiring: Wiring) -> RobotLink:
     robot: RobotLink = await kind.connect(wire, settings_of(config, kind), wiring)
     if kind.name in ROBOTS.built_in:
         return robot
-    guarded: Any = LinkOfOthers(robot)
+    guarded: Any = LinkOfOthers(robot, wiring.clock)
     return guarded  # type: ignore[no-any-return]
 
 

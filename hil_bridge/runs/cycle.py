@@ -4,12 +4,14 @@ The shell around the pure `ControlLoop`: it stamps the hops, hands data one way 
 nothing but the robot.
 """
 
+import asyncio
 import math
 from dataclasses import dataclass
 from typing import Protocol
 
 from msgspec.structs import replace
 
+from hil_bridge.cancelling import is_asked
 from hil_bridge.clock import Clock, Heartbeat
 from hil_bridge.control import (
     LoopState,
@@ -19,10 +21,18 @@ from hil_bridge.control import (
     WristAtOrientation,
     turn_between,
 )
+from hil_bridge.control.course.zero import main_axes
 from hil_bridge.control.geometry.turning import apart, unit
 from hil_bridge.control.program.program import Program
 from hil_bridge.errors import BridgeError, DeviceError
-from hil_bridge.failures import TRACEBACK_EVENT, CodeFailed, failure, of_others, told, traceback_of
+from hil_bridge.failures import (
+    TRACEBACK_EVENT,
+    CodeFailed,
+    failure_event,
+    of_others,
+    traceback_of,
+    unexpected,
+)
 from hil_bridge.recording import (
     CHECK_EVENT,
     PHASE_EVENT,
@@ -39,10 +49,12 @@ from hil_bridge.robots.seam import (
     RobotReport,
     orientation_fault,
 )
+from hil_bridge.runs.bounds import check_depth, run_bounds
 from hil_bridge.runs.causes import kind_of
 from hil_bridge.runs.cycle_record import cycle_record
-from hil_bridge.runs.leaving import ARRIVED_M, Left, WayOut, stand_still
+from hil_bridge.runs.leaving import ARRIVED_M, Left, WayOut, in_words, not_away, stand_still
 from hil_bridge.runs.pace import control_loop, cycle_starts
+from hil_bridge.runs.slow_cycles import SlowCycles
 from hil_bridge.runs.small_steps import bring_up
 from hil_bridge.runs.starting import check_start
 from hil_bridge.runs.steps_told import StepTeller
@@ -56,12 +68,8 @@ THEN_EVENT = "then"
 """Kind of the events whose text is what followed the cause of a stop."""
 FOLLOWED_MAX = 5
 """Chosen: things told that followed the cause of a stop."""
-BUG_EVENT = "bug"
-"""Kind of the event whose text is the traceback of a bug."""
 TIME_IS_UP = "time is up"
 """Why a run ends that went as it was meant to."""
-MAIN_SHARE = 0.5
-"""Share of the approach direction on a sensor's axis from which that axis matters. Chosen: tilted by less than 60°."""
 TURNED_RAD = math.radians(0.05)
 """Chosen: turn of a tool that a program turns, below which its wrist counts as the same: 0.01 N of 10 N."""
 
@@ -93,6 +101,8 @@ class RunResult:
     """Place at which the tool was left, in words; empty where it never moved."""
     followed: tuple[str, ...] = ()
     """Events after the first cause."""
+    rest: Left | None = None
+    """The same place as values; None where it never moved."""
 
 
 class Run:
@@ -136,6 +146,8 @@ class Run:
         """Failure whose traceback has been told."""
         self.moving = False
         """A movement sequence is under way: only `interrupt` may end it, not cancellation."""
+        self.result: RunResult | None = None
+        """Result of a run that has ended, also where its task was cancelled while the tool moved."""
 
     @property
     def step_labels(self) -> tuple[str, ...]:
@@ -147,7 +159,7 @@ class Run:
         self._interrupted = True
 
     def fail(self, cause: str) -> None:
-        """Retract from the next cycle on, and end, because of a failure beside the cycles."""
+        """Retract from the next cycle on, and end, because of a failure beside the cycles; nothing without a cause."""
         self._failed = self._failed or cause
 
     def hold(self) -> bool:
@@ -183,9 +195,10 @@ class Run:
         self._orientation = start.pose.quaternion
         self.moving, moved, answers = True, False, True
         commanded = start.pose.position
+        cancelled: asyncio.CancelledError | None = None
         self._heart.start()
         try:
-            async with self._robot.motion(self._limits()) as motion:
+            async with self._robot.motion(self._limits(start)) as motion:
                 try:
                     await self._guarded(motion, start)
                 finally:
@@ -193,20 +206,27 @@ class Run:
                     answers = not motion.abandoned
         except BridgeError as error:
             self._blame(str(error))
+        except asyncio.CancelledError as error:
+            cancelled = error
         finally:
             self._heart.stop()
             self.moving = False
-        left = await self._left(start, commanded, answers) if moved else ""
+        rest = await self._left(start, commanded, answers) if moved else None
         if self._state is not None and self._outcome is not Outcome.COMPLETED:
             self._steps.cut(self._state.task.course, self._cause, self._stopped_at)
         self._enter("end")
-        return RunResult(self._outcome, self._cause, left, tuple(self._followed))
+        left = "" if rest is None else rest.text
+        self.result = RunResult(self._outcome, self._cause, left, tuple(self._followed), rest)
+        if cancelled is not None:
+            raise cancelled
+        return self.result
 
-    def _limits(self) -> MotionLimits:
-        """Limits of the movement: a stream holds when no decision comes for longer than one may last."""
+    def _limits(self, start: RobotReport) -> MotionLimits:
+        """Limits of the movement from here: a stream holds when no decision comes for longer than one may last."""
         robot, limits, run = self._config.robot, self._config.limits, self._config.run
         hold_after, gain = (limits.cycle_deadline_ms + run.period_ms) * 1e-3, robot.acceleration_mm_s2 * 1e-3
-        return MotionLimits(robot.velocity_mm_s * 1e-3, hold_after, acceleration=gain)
+        bounds = run_bounds(self._config, self._robot.facts, self._loop.sample_time, self._turns, start.pose)
+        return MotionLimits(robot.velocity_mm_s * 1e-3, hold_after, acceleration=gain, bounds=bounds)
 
     async def _guarded(self, motion: Motion, start: RobotReport) -> None:
         """All between the start and the end of the movement sequence. Whatever ends it, the tool is retracted as far
@@ -227,25 +247,15 @@ class Run:
             self._trace(error)
             self._blame(self._in_step(str(error)))
             await self._retract(motion)
-        except (Exception, SystemExit) as error:
-            if of_others(error):
-                self._event(TRACEBACK_EVENT, traceback_of(error))
-                cause = f"code of another package ended the run: {failure(error)}"
-            else:
-                self._event(BUG_EVENT, traceback_of(error))
-                cause = f"a bug ended the run: {type(error).__name__}: {told(error)}"
-            self._blame(self._in_step(cause))
-            await self._retract(motion)
         except BaseException as error:
-            if by_others := of_others(error):  # a KeyboardInterrupt that a person did not ask for
-                self._event(TRACEBACK_EVENT, traceback_of(error))
-            self._blame(
-                f"code of another package ended the run: {failure(error)}"
-                if by_others
-                else "the run was cancelled"
-            )
+            if asked := is_asked(error):
+                self._blame("the run was cancelled")
+            else:
+                self._event(*failure_event(error))
+                self._blame(self._in_step(unexpected(error)))
             await self._retract(motion)
-            raise
+            if asked or not (isinstance(error, (Exception, SystemExit)) or of_others(error)):
+                raise
 
     def _in_step(self, cause: str) -> str:
         """Why the run stops, with the step of a program in which it does."""
@@ -258,35 +268,38 @@ class Run:
         self._enter(Phase.RETRACT)
         await self._way_out.retract(motion, self._state, self._orientation, self._blame)
 
-    async def _left(self, start: RobotReport, commanded: Vector, answers: bool) -> str:
-        """Where the tool was left, in words; a tool that is left pressing has not completed."""
+    async def _left(self, start: RobotReport, commanded: Vector, answers: bool) -> Left:
+        """Where the tool was left; a tool that is left pressing has not completed."""
         origin = (start if self._state is None else self._start).pose.position
         course = None if self._state is None else self._state.task.course
         if course is not None and course.zero and self._sensor.peaks is not None:
             self._sensor.peaks.rezero(course.zero)
+        if self._state is None:  # it has come no farther than the way to the zero
+            self._sensor.peaks = self._zeroing.judge_at_rest()
         depth, force = await self._way_out.rest(origin, commanded, answers)
         limits = self._config.limits
         away = depth <= ARRIVED_M
-        pressing = not force <= limits.weight_tolerance_n
-        if self._state is None:  # it has come no farther than the way to the zero
-            force = self._zeroing.contact_force
-            away, pressing = True, not force <= limits.weight_tolerance_n
-        told = f"{force:.1f} N" if math.isfinite(force) else "an unknown force"
+        saturated = bool(self._sensor.saturated)
+        pressing = saturated or not force <= limits.weight_tolerance_n
+        own = math.nan
+        if answers and self._loop.supervisor.witness is not None:
+            own = await self._zeroing.own_force.beside(force, self._loop.supervisor.witness, self._robot)
+        told = in_words(force, saturated)
         if self._outcome is not Outcome.STOPPED and not away:
-            where = (
-                f"reports the tool {depth * 1e3:.1f} mm from the start"
-                if math.isfinite(depth)
-                else "does not tell where the tool was left"
-            )
-            self._blame(f"the robot {where}, with {told}")
+            self._blame(not_away(depth, told))
         elif self._outcome is not Outcome.STOPPED and pressing:
             self._blame(
                 f"{told} after the retraction: the tool touches something, or the sensor's zero has changed"
                 if math.isfinite(force)
                 else "the sensor tells no force after the retraction"
             )
+        elif self._outcome is not Outcome.STOPPED and math.isfinite(own):
+            self._blame(
+                f"the force sensor tells {told} after the retraction, the robot itself feels {own:.0f} N"
+            )
         because = kind_of(self._followed[-1] if self._followed else self._cause)
-        return Left(away and not pressing, depth, force, because).text
+        free = away and not pressing and math.isnan(own)
+        return Left(free, depth, force, because, saturated, own)
 
     async def _cycles(self, motion: Motion) -> None:
         """The cycles from the start point to the end of the retraction."""
@@ -295,7 +308,9 @@ class Run:
         track_ends = math.inf
         unpaced = not self._config.run.period_ms  # then an order is always followed by another at once
         period = self._config.run.period_ms * 1e-3
+        slow = SlowCycles(self._config)
         async for cycle, started_at in cycle_starts(self._clock, period, self._event):
+            self.fail(slow.cycle(started_at))
             if self._log_error is not None:
                 raise self._log_error
             commanded_before = state.supervisor.depth
@@ -335,6 +350,7 @@ class Run:
                 sent = await stand_still(motion)
             else:
                 self._orientation = decision.quaternion or self._orientation
+                check_depth(decision.position, self._start.pose, self._config, decision.target.depth)
                 sent = await motion.to(Pose(decision.position, self._orientation), soon=unpaced)
             state = self._state = after
             self._log.cycle(
@@ -374,20 +390,20 @@ class Run:
         peak_force, peak_resultant, peak_moment, saturated = sensor.peaks.take()
         if orientation_fault(quaternion):
             quaternion = self._start.pose.quaternion  # the fault says so
-        _, tilt = (
-            (None, 0.0) if quaternion == self._orientation else turn_between(self._orientation, quaternion)
-        )
+        ordered = self._orientation
+        tilt = 0.0 if quaternion == ordered else turn_between(ordered, quaternion)[1]
         now = self._clock.now()
         wrist = self._wrist_at(quaternion)
         wrench = wrist.contact_wrench(sensor.wrench(frame))
-        paired = sensor.wrench_at(report.pose_at + self._filter_delay)
+        force = wrist.force_along(_APPROACH, wrench)
+        paired = sensor.wrench_at(report.pose_at + self._filter_delay + sensor.late)
         # by place, in the order of the fields: by name every one costs as much as to read it
         return Sample(
             now,
             position,
-            wrist.force_along(_APPROACH, wrench),
+            force,
             math.hypot(wrench[0], wrench[1], wrench[2]),
-            frame.at,
+            frame.at - sensor.late,
             frame.sequence,
             sensor.repeated,
             saturated or bool(sensor.saturated),
@@ -404,6 +420,8 @@ class Run:
             unchanged=frame.at - sensor.unchanged_since,
             quaternion=quaternion,
             held=self._held,
+            witness=self._zeroing.own_force.along(report),
+            doubt=int(self._zeroing.doubt(force)),
         )
 
     def _frame(self) -> WrenchFrame:
@@ -416,13 +434,9 @@ class Run:
         """Fault of a force axis that carries most of the controlled force, in words; empty while there is none."""
         if not self._sensor.dead:
             return ""
-        shares = self._wrist.seen_by_sensor(self._config.frame.approach, quaternion).tolist()
-        main = {k for k, share in enumerate(shares) if abs(share) >= MAIN_SHARE}
-        dead = [AXES[k] for k in sorted(main & set(self._sensor.dead))]
-        text = (
-            f"{' and '.join(dead)} of the force sensor did not change since the zero while other axes moved"
-        )
-        return text if dead else ""
+        main = main_axes(self._wrist, self._config.frame.approach, quaternion)
+        dead = " and ".join(AXES[k] for k in main if k in self._sensor.dead)
+        return dead and f"{dead} of the force sensor did not change since the zero while other axes moved"
 
     def _wrist_at(self, quaternion: Quaternion) -> WristAtOrientation:
         """The wrist at this orientation, made again only when the tool has turned."""
@@ -438,9 +452,8 @@ class Run:
 
     def _is_another(self, known: Quaternion, quaternion: Quaternion) -> bool:
         """Whether the wrist is to be made again: while a program turns the tool, not for every hair."""
-        if not self._turns:
-            return known != quaternion
-        return known != quaternion and apart(unit(known), unit(quaternion)) > TURNED_RAD
+        near = self._turns and apart(unit(known), unit(quaternion)) <= TURNED_RAD
+        return known != quaternion and not near
 
     def _blame(self, cause: str) -> None:
         """Stop for this cause, or note what followed the first one. A failure that is not answered yet goes first."""

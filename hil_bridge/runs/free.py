@@ -13,6 +13,7 @@ from hil_bridge.control import Wrist, force_along
 from hil_bridge.device_log import LogTo
 from hil_bridge.errors import SafetyStop
 from hil_bridge.robots.seam import MotionLimits, RobotLink
+from hil_bridge.runs.bounds import free_bounds
 from hil_bridge.runs.compose import open_devices
 from hil_bridge.runs.small_steps import LIFT_SPEED_M_S, SmallSteps, bring_up, unit
 from hil_bridge.runs.zeroing import known_wrist, wrist
@@ -88,7 +89,8 @@ class Freeing:
         watch.see(before, 0.0)
         self._say(f"force {math.hypot(*before):.1f} N; moving away by {distance_mm:g} mm")
         moved = 0.0
-        async with self._robot.motion(MotionLimits(LIFT_SPEED_M_S)) as motion:
+        bounds = free_bounds(config, self._robot.facts, start.pose)
+        async with self._robot.motion(MotionLimits(LIFT_SPEED_M_S, bounds=bounds)) as motion:
             while moved < distance_mm - 1e-9:
                 careful = moved < task.zero_lift_mm - 1e-9
                 step = min(task.zero_step_mm if careful else task.single_step_mm, distance_mm - moved)

@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from hil_bridge.clock import Clock
-from hil_bridge.control import ControlLoop, LoopState, Observation, Request, Stop, Supervisor
+from hil_bridge.control import Clamp, ControlLoop, LoopState, Observation, Request, Stop, Supervisor
 from hil_bridge.errors import BridgeError, DeviceError, OrderRefused, TransportError
 from hil_bridge.robots.seam import Motion, Pacing, RobotLink, Sent
 from hil_bridge.sensors.stream import ForceSensor
@@ -44,6 +44,20 @@ async def stand_still(motion: Motion) -> Sent:
     return Sent(math.nan)
 
 
+def in_words(force: float, saturated: bool) -> str:
+    """A force, N, for a person; NaN for one that is not known."""
+    if not math.isfinite(force):
+        return "an unknown force"
+    return f"at least {force:.1f} N at the end of the sensor's range" if saturated else f"{force:.1f} N"
+
+
+def not_away(depth: float, force: str) -> str:
+    """Why a tool has not come back, from its depth below the start, m, and its force in words."""
+    if math.isfinite(depth):
+        return f"the robot reports the tool {depth * 1e3:.1f} mm from the start, with {force}"
+    return f"the robot does not tell where the tool was left, with {force}"
+
+
 @dataclass(frozen=True, slots=True)
 class Left:
     """Where the tool was left, as far as it is known."""
@@ -55,11 +69,24 @@ class Left:
     """Length of the contact force, N; NaN where it is not known."""
     because: str = ""
     """Why it was not retracted."""
+    saturated: bool = False
+    """The sensor was at the end of its range, so that the force may be any above."""
+    own_force: float = math.nan
+    """Length of the force that the robot itself feels, N, where that is no ordinary difference; else NaN."""
+
+    @property
+    def values(self) -> dict[str, bool | float | None]:
+        """The same as plain values, for the record; None for what is not known."""
+        depth = self.depth if math.isfinite(self.depth) else None
+        force = self.force if math.isfinite(self.force) and not self.saturated else None
+        return {"retracted": self.retracted, "depth_m": depth, "force_n": force}
 
     @property
     def text(self) -> str:
         """The result in words, for the last line of a run."""
-        force = f"{self.force:.1f} N" if math.isfinite(self.force) else "force unknown"
+        force = in_words(self.force, self.saturated) if math.isfinite(self.force) else "force unknown"
+        if math.isfinite(self.own_force):
+            force += f" (the robot itself feels {self.own_force:.0f} N)"
         if self.retracted:
             return f"retracted, {force}"
         depth = f"{self.depth * 1e3:.1f} mm" if math.isfinite(self.depth) else "an unknown depth"
@@ -100,7 +127,9 @@ class WayOut:
         while supervisor.depth > goal:
             begun, depth = self._clock.now(), max(supervisor.depth - loop.task.way(speed_mm_s, took), goal)
             request = self._request(supervisor.depth, supervisor.position, depth)
-            after, verdict = self._supervisor.retreat(supervisor, self._observe(state), request)
+            after, verdict = self._supervisor.retreat(
+                supervisor, self._observe(state, supervisor.depth), request
+            )
             if isinstance(verdict, Stop):
                 blame(verdict.text)
                 await stand_still(motion)
@@ -116,7 +145,7 @@ class WayOut:
                     return
                 await self._clock.sleep_until(self._clock.now() + TRY_AGAIN_S)
                 continue
-            if verdict.depth >= supervisor.depth:
+            if verdict.depth >= supervisor.depth and not (isinstance(verdict, Clamp) and verdict.goes_on):
                 return  # held back at the border of the workspace
             supervisor = after
             if self._clock.now() < begun + SOONEST_S:
@@ -129,35 +158,37 @@ class WayOut:
         x, y, z = (p + n * (depth - before) for p, n in zip(position, approach, strict=True))
         return Request(depth, (x, y, z), approach)
 
-    def _observe(self, state: LoopState) -> Observation:
-        """Observation from the sensor alone, without a status of the robot."""
+    def _observe(self, state: LoopState, depth: float) -> Observation:
+        """Observation from the sensor alone, without a status of the robot, which was ordered to this depth, m."""
         sensor, newest, now = self._sensor, self._sensor.newest, self._clock.now()
-        resultant, fault = math.nan, ""
+        force = resultant = math.nan
+        fault = ""
         if newest is not None and sensor.peaks is not None:
-            resultant = sensor.peaks.resultant(newest.values)
+            force, resultant = sensor.peaks.along(newest.values), sensor.peaks.resultant(newest.values)
         try:
             sensor.check()
         except BridgeError as error:
             fault = str(error)
         return Observation(
             now,
+            force,
             resultant,
-            resultant,
-            math.nan if newest is None else newest.at,
+            math.nan if newest is None else newest.at - sensor.late,
             0 if newest is None else newest.sequence,
             saturated=bool(sensor.saturated),
             pressing=state.task.in_contact,
+            depth=depth,
             fault=fault,
         )
 
     async def rest(self, start: Vector, commanded: Vector, answers: bool) -> tuple[float, float]:
         """Wait until the robot has come to rest at the last order; its depth from the start, m, and the force, N.
 
-        Where it does not answer, the depth is that of the last order. A robot that is asked goes there by itself; a
-        streamed one may not have been given it. NaN for what cannot be known any more.
+        A robot that is asked goes to an order that it has taken, also where it does not answer any more. One that did
+        not answer the last order, and a streamed one, may never have been given it. NaN for what cannot be known.
         """
-        asked = self._robot.facts.pacing is Pacing.ASKED
-        depth = self._depth(start, commanded) if asked else math.nan
+        taken = answers and self._robot.facts.pacing is Pacing.ASKED
+        depth = self._depth(start, commanded) if taken else math.nan
         patience = self._clock.now() + ARRIVAL_S
         try:
             if not answers:
@@ -186,6 +217,6 @@ class WayOut:
             self._sensor.check()
         except BridgeError:
             return math.nan
-        if newest is None or peaks is None or newest.at < since:
+        if newest is None or peaks is None or newest.at - self._sensor.late < since:
             return math.nan
         return peaks.resultant(newest.values)

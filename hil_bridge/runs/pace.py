@@ -13,6 +13,7 @@ from typing import Any
 from hil_bridge.clock import Clock
 from hil_bridge.control import ControlLoop, Supervisor, Task, make_controller
 from hil_bridge.control.controllers import PERIOD_FACTOR, check_period, controller_kind, sample_time
+from hil_bridge.control.course.witness import witness_of
 from hil_bridge.control.program.felt import Face, WorkFrame
 from hil_bridge.control.program.legs import legs_of, seconds
 from hil_bridge.control.program.program import Program
@@ -20,6 +21,7 @@ from hil_bridge.control.program.resume import resumed
 from hil_bridge.control.types import Controller, Tuning
 from hil_bridge.errors import ConfigError
 from hil_bridge.facts import RobotFacts
+from hil_bridge.runs.reaction_times import following
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.given import GivenController
 from hil_bridge.settings.kinds import facts_of, sensor_kind, settings_of
@@ -107,14 +109,19 @@ def control_loop(
         if not (config.run.period_ms or robot.cycle_s or robot.line_floor_s):
             raise ConfigError(f"a {robot.kind} tells no cycle time of its own: set run.period_ms")
         check_period(config.run.period_ms * 1e-3 or robot.cycle_s, controller, config.controller.sample_ms)
-    task = Task(config.task, controller, config.limits.force_limit_n, robot.order_step_m)
+    escape_mm_s = min(config.limits.escape_mm_s, config.robot.velocity_mm_s)
+    limits, step = config.limits, robot.order_step_m
+    task = Task(config.task, controller, limits.force_limit_n, step, escape_mm_s, limits.friction_share)
+    own = robot.witness
+    witness = None if own is None else witness_of(config.limits, own.ordinary_n, own.delay_s)
     return ControlLoop(
         program(config, task) if config.task.step else task,
-        Supervisor(config.limits, config.robot.velocity_mm_s * 1e-3),
+        Supervisor(config.limits, config.robot.velocity_mm_s * 1e-3, witness),
         config.frame.approach,
         config.frame.travel,
         config.oscillation if config.limits.oscillation_guard else None,
         config.frame.contour if config.frame.follow_normal else None,
+        following(robot, max(config.run.period_ms * 1e-3, tuned)),
         tuned,
         fixed_dt,
     )

@@ -230,6 +230,7 @@ class RunLog:
             sensor.delay if sensor and sensor.is_ready else None,
             result.left,
             result.followed,
+            {} if result.rest is None else result.rest.values,
         )
 
     def close(self, end: RunEnd) -> None:

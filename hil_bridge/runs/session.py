@@ -8,16 +8,23 @@ from contextlib import asynccontextmanager, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from hil_bridge.analysis.steps import failed_criteria, step_outcomes
-from hil_bridge.clock import Clock, run_real, run_virtual
-from hil_bridge.clock.realtime import collect_generation_1, gc_paused, real_time_thread, short_switch_interval
+from hil_bridge.cancelling import is_asked
+from hil_bridge.clock import Clock, run_real_on, run_virtual_on
+from hil_bridge.clock.realtime import collect_generation_1, real_time_loop
 from hil_bridge.console import keys
 from hil_bridge.console.debugging import debug_wanted, told_bug
 from hil_bridge.console.screen import LEAVE_SECONDS, Terminal
 from hil_bridge.errors import BridgeError
-from hil_bridge.failures import TRACEBACK_EVENT
+from hil_bridge.failures import (
+    BUG_EVENT,
+    TRACEBACK_EVENT,
+    failure_event,
+    traceback_of,
+    unexpected,
+)
 from hil_bridge.faults.schedule import FAULT_EVENT
 from hil_bridge.recording import (
     CHECK_EVENT,
@@ -32,12 +39,13 @@ from hil_bridge.recording import (
 )
 from hil_bridge.recording.ending import ASKED_BY_KEY, ASKED_BY_PAGE
 from hil_bridge.runs.checks import check
-from hil_bridge.runs.cycle import BUG_EVENT, Run, RunResult
+from hil_bridge.runs.closing import ended_after, ended_before
+from hil_bridge.runs.cycle import Run, RunResult
 from hil_bridge.runs.outputs import Outputs, record_path, settled, write_outputs
 from hil_bridge.runs.pace import paced
 from hil_bridge.runs.run_log import RunLog, metadata_of
 from hil_bridge.runs.shown import Relay, Views, fed
-from hil_bridge.runs.signals import Signals, unless_hung_up
+from hil_bridge.runs.signals import Signals, signal_name, unless_hung_up
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.kinds import cell_in_words
 from hil_bridge.text_files import format_path
@@ -52,6 +60,8 @@ EXIT_CODES = {Outcome.COMPLETED: 0, Outcome.STOPPED: 3, Outcome.INTERRUPTED: 130
 EXIT_CRITERION = 4
 """The run has completed, but a step of its program did not meet its criterion."""
 
+SIGNALS_TOLD = 16
+"""Signals that the record names. Chosen: a flood of them must not fill it."""
 TELL_SECONDS = 5.0
 """Longest wait for a blocked output when a signal that comes from no keyboard ended the run. Chosen."""
 _DRAWING_S = 0.015
@@ -89,7 +99,8 @@ def execute(
             session.feed = feed
             awake_s = config.realtime.busy_poll_ms * 1e-3
             try:
-                result = run_virtual(session.main) if virtual else run_real(session.main, awake_s)
+                main, stray = session.main, session.take_stray
+                result = run_virtual_on(main, stray) if virtual else run_real_on(main, awake_s, stray)
             except BridgeError:
                 raise
             except Exception as error:
@@ -174,6 +185,10 @@ class _Session:
         self._moved = False
         """The movement has begun, and may have ended."""
         self._cancelled = False
+        self._task: asyncio.Task[Any] | None = None
+        """The task of the run, once the record can be written."""
+        self._stray: BaseException | None = None
+        """Exception that left a callback of the loop, the first one."""
         self._trouble_told = False
         self._marks = 0
         self._may_draw = asyncio.Event()
@@ -267,12 +282,12 @@ class _Session:
         try:
             if self._recorder.error is not None:
                 raise self._recorder.error
-            with self._interruptible(), self._real_time_loop():
+            with self._interruptible(), real_time_loop(config.realtime, clock.is_virtual):
                 try:
                     async with self._page():
                         result = await self._with_devices()
-                except asyncio.CancelledError:  # by a signal: everything has been closed on the way here
-                    result = self._result or RunResult(Outcome.INTERRUPTED, "before the movement began")
+                except (asyncio.CancelledError, Exception) as error:  # all has been closed on the way here
+                    result = self._ended_by(error)
                 self.end = self._log.end(result)
                 self._close_record()
             return result
@@ -286,24 +301,37 @@ class _Session:
                 self.feed.close()
             clock.close()
 
+    def _ended_by(self, error: BaseException) -> RunResult:
+        """Result of a run that this exception ended, or that it came after. Raises the exception else."""
+        result = self._result or (self._run.result if self._run is not None else None)
+        if result is None:
+            return ended_before(error, self._cancelled, self._stray)
+        if not isinstance(error, (BridgeError, asyncio.CancelledError)):
+            self.bugs.append(traceback_of(error))
+        return ended_after(result, error)
+
+    def take_stray(self, error: BaseException) -> bool:
+        """An exception has left a callback of the loop, which asyncio does not take: the run retracts and ends.
+
+        False where nothing is there that could end in order.
+        """
+        if is_asked(error) or self._task is None:
+            return False
+        if self._stray is None:
+            self._stray = error
+            self._log.notice(*failure_event(error))
+        if self._run is not None and self._moving:
+            self._run.fail(unexpected(error))
+        elif not self._moved:
+            self._task.cancel()
+        return True
+
     def _close_record(self) -> None:
         """Finish the record. Harmless when called again."""
         try:
             self._log.close(self.end)
         except BridgeError as error:
             self.record_error = error
-
-    @contextmanager
-    def _real_time_loop(self) -> Iterator[None]:
-        """The loop's thread as the configuration wants it; the recorder has been started, and stays as it is."""
-        with gc_paused():
-            if self._clock.is_virtual:
-                yield
-                return
-            with short_switch_interval(), real_time_thread(self._config.realtime) as executor:
-                if executor is not None:
-                    asyncio.get_running_loop().set_default_executor(executor)
-                yield
 
     async def _with_devices(self) -> RunResult:
         async with self._log.opened() as devices:
@@ -365,6 +393,7 @@ class _Session:
         """
         loop, task = asyncio.get_running_loop(), asyncio.current_task()
         assert task is not None
+        self._task = task
 
         def ended() -> None:
             if self._moving and self._run is not None:  # the movement has begun since
@@ -373,15 +402,16 @@ class _Session:
                 self._cancelled = True  # once: what is being closed is closed in order
                 task.cancel()
 
-        def interrupted(number: signal.Signals) -> None:
+        def interrupted(number: int) -> None:
             if self._moved and not self._moving:
                 # a shell that closes sends SIGHUP a second time
-                self.hurried |= self.signals.count > 1 and number is not signal.SIGHUP
+                self.hurried |= self.signals.count > 1 and number != signal.SIGHUP
                 return
             if self._run is not None and self._moving:
                 self._moved = True
                 self._run.interrupt()
-            loop.call_soon_threadsafe(self._log.notice, "signal", number.name)
+            if self.signals.count <= SIGNALS_TOLD:
+                loop.call_soon_threadsafe(self._log.notice, "signal", signal_name(number))
             loop.call_soon_threadsafe(ended)
 
         with self.signals.leading_to(interrupted):

@@ -6,10 +6,44 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP)
+ASKING = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGTSTP")
 """Ctrl-C, `kill`, a terminal that closes, Ctrl-\\, and Ctrl-Z: a process that stands still controls no force."""
+OTHERS = (
+    *("SIGUSR1", "SIGUSR2", "SIGALRM", "SIGVTALRM", "SIGPROF", "SIGXCPU", "SIGIO", "SIGPWR", "SIGSTKFLT"),
+    *("SIGABRT", "SIGTRAP", "SIGSYS"),
+)
+"""Signals that no person sends to end a run, and that end a process by themselves.
 
-React = Callable[[signal.Signals], object]
+Source: Linux, signal(7), default actions Term and Core. SIGPIPE and SIGXFSZ are missing, which Python ignores. So are
+SIGSEGV, SIGBUS, SIGFPE and SIGILL: after a handler the failed instruction would be done again for ever.
+"""
+BACKGROUND = ("SIGTTIN", "SIGTTOU")
+"""A background process that reads from its terminal, or writes to it, is not stopped for that: they are ignored."""
+
+
+def _present(names: tuple[str, ...]) -> tuple[int, ...]:
+    """Numbers of the signals that this system has."""
+    return tuple(int(getattr(signal, name)) for name in names if hasattr(signal, name))
+
+
+def _real_time() -> tuple[int, ...]:
+    """Numbers of the real-time signals, which end a process too; none where the system has none."""
+    lowest, highest = getattr(signal, "SIGRTMIN", 1), getattr(signal, "SIGRTMAX", 0)
+    return tuple(range(lowest, highest + 1))
+
+
+ENDING = (*_present(ASKING), *_present(OTHERS), *_real_time())
+"""Numbers of all signals that end a run: each one that ends or stops a process, and that a program can take."""
+
+React = Callable[[int], object]
+
+
+def signal_name(number: int) -> str:
+    """Name of a signal, as `SIGTERM` or `SIGRTMIN+2`."""
+    try:
+        return signal.Signals(number).name
+    except ValueError:
+        return f"SIGRTMIN+{number - signal.SIGRTMIN}"
 
 
 class Signals:
@@ -20,7 +54,7 @@ class Signals:
     """
 
     def __init__(self) -> None:
-        self.first: signal.Signals | None = None
+        self.first: int | None = None
         """The one that came first, if any."""
         self.count = 0
         """Number of signals."""
@@ -30,17 +64,18 @@ class Signals:
     def heard(self) -> Iterator[None]:
         """Inside, signals react; outside, they are what they were. Elsewhere than in the main thread nothing changes.
 
-        SIGHUP stays ignored where it was (nohup). A background process that writes to its terminal is not stopped
-        for that (SIGTTOU).
+        SIGHUP stays ignored where it was (nohup). One of `OTHERS` stays with a handler that another part of the
+        program has set for it, and stays ignored where it was.
         """
         if threading.current_thread() is not threading.main_thread():  # only there may handlers be set
             yield
             return
-        before: dict[signal.Signals, Any] = {}
+        before: dict[int, Any] = {}
         for number in ENDING:
-            if number is not signal.SIGHUP or signal.getsignal(number) is not signal.SIG_IGN:
+            if not _is_of_others(number):
                 before[number] = signal.signal(number, self._take)
-        before[signal.SIGTTOU] = signal.signal(signal.SIGTTOU, signal.SIG_IGN)
+        for number in _present(BACKGROUND):
+            before[number] = signal.signal(number, signal.SIG_IGN)
         try:
             yield
         finally:
@@ -57,21 +92,28 @@ class Signals:
             self._react = before
 
     def _take(self, number: int, frame: object) -> None:
-        taken = signal.Signals(number)
         self.count += 1
         if self.first is None:
-            self.first = taken
-        self._react(taken)
+            self.first = number
+        self._react(number)
 
 
-def at_once(number: signal.Signals) -> None:
+def _is_of_others(number: int) -> bool:
+    """Whether a signal is left to the handler that it has."""
+    handler = signal.getsignal(number)
+    if number == signal.SIGHUP:
+        return handler is signal.SIG_IGN
+    return number not in _present(ASKING) and handler not in (signal.SIG_DFL, None)
+
+
+def at_once(number: int) -> None:
     """End what the main thread does. Raises KeyboardInterrupt."""
     raise KeyboardInterrupt
 
 
-def unless_hung_up(number: signal.Signals) -> None:
+def unless_hung_up(number: int) -> None:
     """The same, but a terminal that closes does not keep files from being written. Raises KeyboardInterrupt."""
-    if number is not signal.SIGHUP:
+    if number != signal.SIGHUP:
         raise KeyboardInterrupt
 
 
@@ -83,8 +125,8 @@ def as_ctrl_c() -> Iterator[None]:
     """
     signals = Signals()
 
-    def react(number: signal.Signals) -> None:
-        if signals.count == 1 or number is not signal.SIGHUP:
+    def react(number: int) -> None:
+        if signals.count == 1 or number != signal.SIGHUP:
             signal.raise_signal(signal.SIGINT)
 
     before = signal.getsignal(signal.SIGINT)

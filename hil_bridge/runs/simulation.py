@@ -37,6 +37,7 @@ from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config
 
 Observe = Callable[[CycleRecord], object]
+_NEVER_MOVED = RunResult(Outcome.INTERRUPTED, "before the movement began")
 
 
 class Arrays(Columns):
@@ -160,12 +161,14 @@ class Simulation(OpenDevices):
         self._run = run
         self._reached = reached
         self._task: asyncio.Task[RunResult] | None = None
+        self._begun = self._ended_early = False
+        """The task has done its first step; `interrupt` came before anything moved."""
         self._result: Result | None = None
 
     def start(self) -> asyncio.Task[RunResult]:
         """Begin the run; its task, the same when called again. To end it early, use `interrupt`."""
         if self._task is None:
-            self._task = asyncio.get_running_loop().create_task(self._run(), name="run")
+            self._task = asyncio.get_running_loop().create_task(self._whole(), name="run")
             self._task.add_done_callback(self._reached.over)
         return self._task
 
@@ -190,8 +193,20 @@ class Simulation(OpenDevices):
     def interrupt(self) -> None:
         """Let the run retract from the next cycle on, and end; at once where nothing has moved yet."""
         if self._task is not None and not (self._reached.moved or self._run.moving):
-            self._task.cancel()
+            self._ended_early = True
+            if self._begun:  # a task that is cancelled before its first step does not see it
+                self._task.cancel()
         self._run.interrupt()
+
+    async def _whole(self) -> RunResult:
+        """The run, and its result also where `interrupt` ended it before anything moved."""
+        self._begun = True
+        try:
+            return _NEVER_MOVED if self._ended_early else await self._run()
+        except asyncio.CancelledError:
+            if self._ended_early:
+                return _NEVER_MOVED
+            raise
 
     @property
     def result(self) -> Result:
@@ -305,7 +320,7 @@ def _how_ended(simulation: Simulation | None) -> RunResult:
     """The result of a run that has ended, or never began."""
     task = None if simulation is None else simulation._task
     if task is None or task.cancelled():
-        return RunResult(Outcome.INTERRUPTED, "before the movement began")
+        return _NEVER_MOVED
     failure = task.exception()
     return task.result() if failure is None else RunResult(Outcome.STOPPED, str(failure))
 

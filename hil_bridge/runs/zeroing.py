@@ -6,11 +6,12 @@ in small slow steps. The zero is taken only if the force does not change on that
 
 import asyncio
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from hil_bridge.clock import Clock
 from hil_bridge.control import (
+    Peaks,
     Reading,
     Wrist,
     lift_fault,
@@ -19,9 +20,13 @@ from hil_bridge.control import (
     weight_fault,
     weight_reading,
 )
+from hil_bridge.control.course.touch import Doubt
+from hil_bridge.control.course.zero import AXES, lost_forces, main_axes, unverified_axes
+from hil_bridge.control.geometry.wrist import NO_WRENCH
 from hil_bridge.errors import ConfigError, DeviceError, SafetyStop
 from hil_bridge.robots.seam import Motion, RobotLink, RobotReport
 from hil_bridge.runs.small_steps import LIFT_SPEED_M_S, SmallSteps, numbers, unit
+from hil_bridge.runs.witness import OwnForce
 from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config
 from protocol.geometry import Quaternion, Vector
@@ -101,9 +106,20 @@ class Zeroing:
         self._known = known_wrist(config)
         self._wrist = wrist(config)
         self._steps = SmallSteps(clock, robot, sensor)
+        self.own_force = OwnForce(config.frame.approach)
+        """The force that the robot itself feels, from where the zero is taken."""
         self._first: Reading
         self._before: Reading
         self._quaternion: Quaternion
+        self._taken_off: tuple[float, ...] | None = NO_WRENCH
+        """Contact wrench in the tool frame that the device's zero took off, N and N·m; None while that is not known."""
+
+        self._unverified = False
+        """The weight has not verified an axis that the approach mainly lies on."""
+        self._lost: tuple[float, ...] = ()
+        """As `lost_forces`."""
+        self._tared = False
+        """The device counts from its own zero."""
 
     async def weigh(self, start: RobotReport) -> None:
         """See that the sensor is at rest and reads the tool's weight, with nothing moving.
@@ -113,10 +129,19 @@ class Zeroing:
         self._say(self._told_facts())
         self._quaternion = unit(start.pose.quaternion)
         self._first = self._before = await self._steps.steady(self._config.task.zero_change_n)
+        limits, approach = self._config.limits, self._config.frame.approach
+        quaternion = start.pose.quaternion
+        unverified = unverified_axes(
+            self._known, quaternion, limits.weight_tolerance_n, limits.weight_tolerance_nm
+        )
+        if unverified:
+            self._say(f"not verified by the tool's weight: {' '.join(AXES[k] for k in unverified)}")
+        main = main_axes(self._wrist, approach, quaternion)
+        self._unverified = bool(set(main) & set(unverified))
+        self._lost = lost_forces(self._known, approach, quaternion)
         if self._known is None:
             self._say("sensor unchecked: the tool's weight is not known")
             return
-        limits = self._config.limits
         expected = weight_reading(self._known, start.pose.quaternion)
         fault = weight_fault(
             self._before.mean, expected, limits.weight_tolerance_n, limits.weight_tolerance_nm
@@ -127,19 +152,54 @@ class Zeroing:
                 f"force sensor on {self._sensor.name}: {fault}; nothing has moved, and hil-bridge free "
                 "lifts off a tool that presses"
             )
+        await self._refuse([k for k in main if k in unverified], start, expected)
+
+    async def _refuse(self, axes: Sequence[int], start: RobotReport, expected: Sequence[float]) -> None:
+        """Raise ConfigError for an axis that nothing has verified, unless a person takes it on."""
+        sensor, limits = self._config.sensor, self._config.limits
+        left = [AXES[k] for k in axes if AXES[k].lower() not in sensor.unverified]
+        if not left or sensor.unchecked:
+            return
+        await self._robot.release(start)
+        told = ", ".join(
+            f"{AXES[k]} ({abs(expected[k] - self._wrist.bias[k]):.2f} N of weight)" for k in axes
+        )
+        names = ", ".join(f'"{name.lower()}"' for name in left)
+        raise ConfigError(
+            f"the approach presses on {told}, which the tool's weight does not verify: it takes more than "
+            f"{limits.weight_tolerance_n:g} N (limits.weight_tolerance_n); correct tool.mass_kg, take a heavier tool, "
+            f"hold it so that its weight lies on the approach, or take it on with sensor.unverified = [{names}] "
+            f"(--unverified {left[0].lower()}): then each touch is tested"
+        )
+
+    def doubt(self, force: float) -> Doubt:
+        """Why a touch that shows with this force along the approach, N, must be proven."""
+        if self._unverified:
+            return Doubt.AXIS
+        threshold, near = self._config.task.contact_threshold_n, self._config.task.zero_change_n
+        if any(lost > threshold and abs(force - lost) <= near for lost in self._lost):
+            return Doubt.WEIGHT
+        return Doubt.NONE
 
     def _told_facts(self) -> str:
         facts = self._sensor.facts
         told = "not told" if facts.full_scales is None else f"{numbers(facts.full_scales)} N, N·m"
         return f"full scales {told}{facts.model and f'; {facts.model}'}"
 
-    @property
-    def contact_force(self) -> float:
-        """Length of the contact force of the newest reading, N; NaN where the tool's weight is not known."""
-        if self._known is None:
-            return math.nan
-        force = self._known.contact_wrench(self._before.mean, self._quaternion, None)[:3].tolist()
-        return math.hypot(*force)
+    def judge_at_rest(self) -> Peaks | None:
+        """What tells the contact force of a frame from here on, beside the zero; None where it cannot be known.
+
+        It cannot be known without the tool's weight, and while the device may or may not have taken its zero.
+        """
+        if self._known is None or self._taken_off is None or not self._sensor.is_ready:
+            return None
+        frame, turned = self._config.frame, self._quaternion
+        wrist = self._known.at_orientation(
+            turned, turned if self._tared else None, frame.approach, frame.travel
+        )
+        peaks = Peaks(wrist, self._sensor.facts.scales)
+        peaks.rezero([-value for value in self._taken_off])
+        return peaks
 
     async def take(self, motion: Motion, start: RobotReport, interrupted: Callable[[], bool]) -> Zero | None:
         """Move away by `task.zero_lift_mm`, and take the zero there.
@@ -161,11 +221,13 @@ class Zeroing:
                     f"{zero.force:.1f} N would be taken for zero, allowed are {self._config.limits.zero_max_n:g} N "
                     "(limits.zero_max_n): free the tool, or let identify-tool find its weight and the sensor's bias"
                 )
+            self._taken_off = None
             try:
                 async with asyncio.timeout(ZERO_PATIENCE_S):
                     await self._sensor.tare()
                     await self._sensor.frame()
                 self._judge_zero()
+                self._taken_off, self._tared = contact, True
             except TimeoutError:
                 raise SafetyStop(
                     f"force sensor on {self._sensor.name} did not stream again within {ZERO_PATIENCE_S:g} s of its zero"
@@ -202,6 +264,7 @@ class Zeroing:
             after = await self._steps.quiet()
             self._judge(after, start, away)
             self._before = after
+            self.own_force.stands(report)
         motion.speed = speed
         return report
 

@@ -13,6 +13,7 @@ from hil_bridge.device_log import DeviceLog
 from hil_bridge.errors import BridgeError, DeviceError, TransportClosed
 from hil_bridge.failures import code_failed
 from hil_bridge.sensors.axis_watch import AxisWatch
+from hil_bridge.sensors.lateness_watch import LatenessWatch
 from hil_bridge.transports import Transport
 from hil_bridge.transports.pump import Pump
 from protocol.geometry import Wrench
@@ -75,6 +76,7 @@ class ForceSensor:
         self._facts: SensorFacts | None = None
         self._watch: AxisWatch
         """Watch over the device since it was ready."""
+        self._lateness = LatenessWatch(None)
         self._converted: WrenchFrame | None = None
         """The frame whose wrench was asked for last."""
         self._wrench: Wrench = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -109,6 +111,11 @@ class ForceSensor:
     def delay(self) -> float:
         """How much later than the force itself the device's filter tells of it, s; known once it is ready."""
         return self.facts.delay
+
+    @property
+    def late(self) -> float:
+        """How much later than the device's quickest frames the newest came, s; 0 where that is jitter."""
+        return self._lateness.late
 
     @property
     def saturated(self) -> tuple[str, ...]:
@@ -239,6 +246,8 @@ class ForceSensor:
                     if event.saturated:
                         peaks.saturated = True
                 self.received += 1
+                statistics = self._client.statistics
+                self._lateness.frame(event.at, self.received + statistics.lost + statistics.malformed)
                 self._log.frame(event)
             case SensorReady(facts=facts):
                 self._facts, self._converted = facts, None
@@ -246,8 +255,10 @@ class ForceSensor:
                     frames = min(max(_HISTORY, math.ceil(_HISTORY_S / facts.period)), _HISTORY_LIMIT)
                     self._history = deque(self._history, maxlen=frames)
                 self._watch = AxisWatch(facts)
+                self._lateness = LatenessWatch(facts.period)
             case Zeroed():
                 self._watch.zeroed()
+                self._lateness.begin()
                 self.zeroed_from = self.newest
                 self.newest = None
                 self._history.clear()

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import (
     BaseModel,
@@ -51,6 +51,7 @@ OPTIONS = {
     "robot.url": "--robot",
     "sensor.url": "--sensor",
     "sensor.unchecked": "--unchecked",
+    "sensor.unverified": "--unverified",
     "tool.mass_kg": "--tool-mass-kg",
     "controller.name": "--controller",
     "task.force_n": "--force-n",
@@ -132,6 +133,10 @@ class SensorSection(_Section):
     unchecked: bool = False
     """Run although the tool's weight is not known: a person takes on that axes, signs and scales of the sensor are
     right.
+    """
+    unverified: tuple[Literal["fx", "fy", "fz"], ...] = ()
+    """Axes that a person takes on although the tool's weight cannot verify them: the tool is light, or its weight does
+    not lie on them. Each touch along them is then tested: the force must rise as the tool goes deeper.
     """
     tare: bool = True
     """Take the sensor's reading before the movement for zero, whatever it is. Otherwise only the bias given here and

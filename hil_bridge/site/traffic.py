@@ -19,6 +19,7 @@ from hil_bridge.kinds import (
 )
 from hil_bridge.recording import LINK_EVENT, LinkRecord, WireRecord, read_link, read_with_traffic
 from hil_bridge.recording.device_facts import json_or_none
+from hil_bridge.text_files import open_ordinary
 from protocol.can.error import decode_error
 from protocol.can.text import parse_frame
 
@@ -57,9 +58,9 @@ class Piece(NamedTuple):
 def is_recording(path: Path) -> bool:
     """Whether there is such a file and it begins as a recording does."""
     try:
-        with path.open("rb") as file:
+        with open_ordinary(path) as file:
             return file.read(len(MCAP_MAGIC)) == MCAP_MAGIC
-    except (OSError, ValueError):
+    except ConfigError:
         return False
 
 

@@ -25,6 +25,7 @@ from hil_bridge.control import (
 from hil_bridge.device_log import LogTo
 from hil_bridge.errors import ConfigError, DeviceError, SafetyStop
 from hil_bridge.robots.seam import GIVE_UP_AFTER_S, Motion, MotionLimits, RobotReport
+from hil_bridge.runs.bounds import turning_bounds
 from hil_bridge.runs.compose import Devices, open_devices
 from hil_bridge.runs.small_steps import bring_up
 from hil_bridge.runs.zeroing import wrist
@@ -126,7 +127,11 @@ class _Measuring:
         poses = []
         still = self._sweep.settle_s + self._sweep.average_s + TIME_CONSTANTS * self._sensor.delay
         speed = self._config.robot.velocity_mm_s * 1e-3
-        async with self._robot.motion(MotionLimits(speed, give_up_after=GIVE_UP_AFTER_S + still)) as motion:
+        bounds = turning_bounds(
+            self._config, self._robot.facts, math.radians(self._sweep.angle_deg), start.pose
+        )
+        limits = MotionLimits(speed, give_up_after=GIVE_UP_AFTER_S + still, bounds=bounds)
+        async with self._robot.motion(limits) as motion:
             await self._go(motion, lifted, upright)
             orientations = self._sweep.orientations(upright)
             for number, orientation in enumerate(orientations, 1):

@@ -89,6 +89,8 @@ def error_number(error: BaseException | None) -> int | None:
 def reason(scheme: str, target: str, error: BaseException) -> str:
     """Meaning of an error, and a remedy."""
     number = error_number(error)
+    if number == errno.EBADF:
+        return "other code of this process has closed its file"
     if number is not None and number in ADVICE.get(scheme, {}):
         return ADVICE[scheme][number].format(target=target)
     if isinstance(error, BusOff):

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import IO
 
@@ -120,8 +121,10 @@ class Feed:
             return
         self._alive = False
         self._deafen()
-        self._told.seek(0)
-        last = self._told.read(65536).decode(errors="replace").strip().rpartition("\n")[2]
+        last = ""
+        with suppress(OSError):  # other code has closed it
+            self._told.seek(0)
+            last = self._told.read(65536).decode(errors="replace").strip().rpartition("\n")[2]
         if self._gone is not None:
             self._gone(f"the page's server has ended{last and f': {last[:300]}'}")
 

@@ -18,7 +18,7 @@ from hil_bridge.web.admission import HEADERS, TOKEN_HEADER, Admission, Bucket
 CLIENTS = 12
 """WebSockets at one time at most, of pages and Foxglove together."""
 CONNECTIONS = 64
-"""Connections at one time at most."""
+"""Connections at one time at most. One more takes the place of the one that has been idle for longest."""
 MESSAGE_BYTES = 1 << 14
 """Message of a client at most; a page sends far less."""
 MESSAGES_PER_S, MESSAGES_BURST = 40.0, 80.0
@@ -29,6 +29,9 @@ SLOW_S = 5.0
 """A client that takes nothing for so long is dropped. Chosen."""
 IDLE_S = 20.0
 """A connection without a complete request for so long is closed. Chosen."""
+FIRST_S = 3.0
+"""A connection is closed that has sent no complete request by then. Chosen: a browser sends one at once, or, where it
+opens a connection beforehand, opens another."""
 PICTURE_S = 0.05
 """Time between two messages to a page. Chosen: a person sees it as motion."""
 BODY_BYTES = 1024
@@ -70,8 +73,12 @@ class Server:
         self._tries = Bucket(TRIES_PER_S, TRIES_BURST, time.monotonic)
         self._sockets: dict[web.WebSocketResponse, web.Request] = {}
         self._tasks: set[asyncio.Task[Any]] = set()
-        self._seen: dict[int, float] = {}
-        """When each connection was seen first, by its transport."""
+        self._seen: dict[asyncio.BaseTransport, float] = {}
+        """When each connection was seen first."""
+        self._asked: dict[asyncio.BaseTransport, float] = {}
+        """When each connection sent its newest request."""
+        self._busy: set[asyncio.BaseTransport] = set()
+        """Connections whose request is being answered."""
         self.retract: Callable[[], object] | None = None
         """Ends the run as its key `r` does; None where there is no run."""
         self.splice: Handler | None = None
@@ -84,6 +91,17 @@ class Server:
     @web.middleware
     async def _guarded(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         """Check every request before anything else looks at it."""
+        transport = request.transport
+        if transport is None:
+            return _refused(400, "the connection has gone")
+        self._asked[transport] = time.monotonic()
+        self._busy.add(transport)
+        try:
+            return await self._checked(request, handler)
+        finally:
+            self._busy.discard(transport)
+
+    async def _checked(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         try:
             origin = request.headers.getall("Origin", [])
             hosts = request.headers.getall("Host", [])
@@ -242,7 +260,7 @@ class Server:
         made = inner
 
         def protocol() -> asyncio.BaseProtocol:
-            return _Refusing() if len(made.connections) >= CONNECTIONS else made()
+            return made() if self._has_room(made) else _Refusing()
 
         server = await asyncio.get_running_loop().create_server(protocol, sock=listener)
         try:
@@ -258,15 +276,35 @@ class Server:
                 async with asyncio.timeout(1.0):
                     await runner.cleanup()
 
+    def _has_room(self, server: web.Server) -> bool:
+        """Whether one more connection may come. Where all places are taken, the one that is idle for longest leaves."""
+        present = _transports(server)
+        if len(present) < CONNECTIONS:
+            return True
+        idle = [one for one in present if one not in self._busy]
+        if not idle:
+            return False
+        _abort(min(idle, key=lambda one: self._asked.get(one, 0.0)))  # of those that never asked, the oldest
+        return True
+
     def _close_idle(self, server: web.Server) -> None:
-        """Close connections that have been there for IDLE_S without being a WebSocket, slow requests among them."""
+        """Close connections that have been there for IDLE_S without being a WebSocket, slow requests among them. One
+        that has asked for nothing is closed after FIRST_S.
+        """
         now = time.monotonic()
-        live = {id(request.transport) for request in self._sockets.values()}
-        present = {id(one.transport): one.transport for one in server.connections}
-        self._seen = {key: self._seen.get(key, now) for key in present}
-        for key, since in self._seen.items():
-            if now - since > IDLE_S and key not in live:
-                _abort(present[key])
+        live = {request.transport for request in self._sockets.values()}
+        present = _transports(server)
+        self._seen = {one: self._seen.get(one, now) for one in present}
+        self._asked = {one: at for one, at in self._asked.items() if one in self._seen}
+        for one, since in self._seen.items():
+            if one not in live and now - since > (IDLE_S if one in self._asked else FIRST_S):
+                _abort(one)
+
+
+def _transports(server: web.Server) -> list[asyncio.BaseTransport]:
+    """The connections of a server that are open, oldest first."""
+    transports = (connection.transport for connection in server.connections)
+    return [one for one in transports if one is not None and not one.is_closing()]
 
 
 class _Refusing(asyncio.Protocol):

@@ -21,6 +21,7 @@ from collections import deque
 from collections.abc import Sequence
 
 from protocol.datagram import arrived_at
+from protocol.egm.frames import Frames
 from protocol.egm.messages import (
     Guidance,
     Motors,
@@ -31,9 +32,9 @@ from protocol.egm.messages import (
     decode_robot,
     encode_answer,
 )
-from protocol.egm.units import from_wire, rotation_vector, to_wire
+from protocol.egm.units import from_wire, rotated, rotation_vector, to_wire
 from protocol.endpoint import RemoteProtocolError
-from protocol.geometry import Pose
+from protocol.geometry import Pose, Vector
 from protocol.robot import ReportReceived, RobotReport, StreamEvent, StreamLost, StreamNotice
 
 _NUMBERS = 2**32
@@ -85,9 +86,11 @@ def fault_of(message: RobotMessage) -> str:
 class EgmClient:
     """A `protocol.robot.StreamClient` over datagrams; the robot speaks first."""
 
-    def __init__(self, cycle: float, feed_forward: bool = True) -> None:
-        """`cycle` is the time between two datagrams of the robot, s. With `feed_forward` answers carry a speed."""
-        self._cycle, self._feed_forward = cycle, feed_forward
+    def __init__(self, cycle: float, feed_forward: bool = True, force_axes: str = "tool") -> None:
+        """`cycle` is the time between two datagrams of the robot, s. With `feed_forward` answers carry a speed. The
+        measured force lies along the axes of the tool or of the base, or is not to be heeded (none).
+        """
+        self._cycle, self._feed_forward, self._force_axes = cycle, feed_forward, force_axes
         self._events: deque[StreamEvent] = deque(maxlen=_EVENTS_MAX)
         self._due = False
         """A datagram waits for its answer."""
@@ -124,6 +127,7 @@ class EgmClient:
         self._moving = False
         self._stopped = False
         """The robot could not move in this movement; it stays where it is until the next one."""
+        self._frames = Frames()
         self._told_at: dict[str, float] = {}
 
     # --- as an endpoint
@@ -177,7 +181,7 @@ class EgmClient:
 
     def hold(self, now: float) -> None:
         again = self._again.popleft() if self._again else False
-        self._due |= not again
+        self._due |= not again and not self._frames.refused
 
     def end(self) -> None:
         self._ends = self._moving and self._sent_speed
@@ -192,11 +196,15 @@ class EgmClient:
                 self._lost("the controller began another EGM session; the tool stands where it was stopped")
             distance = 1
             self._session_at = at
-            self._first, self._wrong_cycle = (message.seqno, message.tm_ms), ""
+            self._first, self._wrong_cycle, self._frames = (message.seqno, message.tm_ms), "", Frames()
         number = self._number + distance
         measured = message.feedback.pose if message.feedback is not None else None
         self._time_cycle(message)
+        planned = message.planned.pose if message.planned is not None else None
         fault = fault_of(message) or ("" if measured is not None else _NO_POSE) or self._wrong_cycle
+        if distance > 0:
+            misplaced = self._misplaced(measured, planned, at)
+            fault = self._frames.refused or fault or misplaced
         if self._waiting_since is not None and at - self._waiting_since >= _ON_THE_WAY * self._cycle:
             self._waiting_since = None  # the robot has looked for it by now
         begins = self._begins(message, at)
@@ -205,14 +213,31 @@ class EgmClient:
             self._guided = not fault
             self._stopped |= self._moving and bool(fault)
             if fault or self._reference is None:
-                planned = message.planned.pose if message.planned is not None else None
                 self._stay_at(planned or measured)
-        if begins:
+        if begins and not self._frames.refused:
             self._due |= distance != 0
             return
         self._again.append(distance == 0)
         pose = _NOWHERE if measured is None else from_wire(measured)
-        self._events.append(ReportReceived(RobotReport(number, pose, at, at, fault)))
+        force = self._measured_force(message.force, pose) if message.force else None
+        self._events.append(ReportReceived(RobotReport(number, pose, at, at, fault, (), force)))
+
+    def _measured_force(self, told: tuple[float, ...], pose: Pose) -> Vector | None:
+        """The robot's own force in the base frame, N; None where it tells none. Six zeros are none: no sensor is so
+        quiet.
+        """
+        if self._force_axes == "none" or len(told) < 3 or not any(told):
+            return None
+        a, b, c = told[:3]
+        force = (a, b, c) if self._force_axes == "base" else rotated(pose.quaternion, (a, b, c))
+        return force if all(map(math.isfinite, force)) else None
+
+    def _misplaced(self, measured: PoseMm | None, planned: PoseMm | None, at: float) -> str:
+        """Why the pose that is told outside of a movement is none to begin one at; empty where it is."""
+        if self._moving:
+            return ""
+        frames = self._frames
+        return frames.fault(measured, planned, at) or frames.leaves(self._reference, planned, at)
 
     def _begins(self, message: RobotMessage, at: float) -> bool:
         """Whether the guidance of a new session is still to begin, and may take so long. A session that has just ended

@@ -56,3 +56,11 @@ def turned(quaternion: Quaternion, by: Vector) -> Quaternion:
     norm = math.hypot(*product)
     p, q, r, s = (part / norm for part in product)
     return p, q, r, s
+
+
+def rotated(quaternion: Quaternion, vector: Vector) -> Vector:
+    """A vector of the tool frame in the base frame, by the tool's orientation of unit length."""
+    w, x, y, z = quaternion
+    a, b, c = vector
+    u, v, t = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
+    return a + w * u + y * t - z * v, b + w * v + z * u - x * t, c + w * t + x * v - y * u

@@ -17,7 +17,7 @@ from protocol.rtde.fields import IN_USE, NOT_FOUND, Recipe
 from protocol.rtde.packets import Kind, Packet, Reader
 from protocol.rtde.profile import ClientProfile
 from protocol.rtde.program import INPUT_NAMES, Command, State, program_text
-from protocol.rtde.rotation import pose_of, six_of
+from protocol.rtde.rotation import pose_of, quaternion_of, six_of, turn_between
 from protocol.rtde.states import RobotMode, Runtime, SafetyBits, name_of
 from protocol.rtde.wires import Piece, Pieces, Port
 
@@ -37,8 +37,16 @@ OUTPUT_NAMES = (
     "speed_scaling",
 )
 """Output recipe of the client."""
-_STATES = 25
-"""Place of `runtime_state` in the laid-out values; the pose stands from 1 on."""
+_SPEED, _TARGET, _STATES = 7, 19, 25
+"""Places of `actual_TCP_speed`, `target_TCP_pose` and `runtime_state` among the values; the pose stands from 1 on."""
+APART_M, APART_RAD = 1e-3, math.radians(1.0)
+"""Chosen: an arm that stands farther from its own target tells another pose than it is ordered to; some times what its
+joints give way by when the tool presses.
+"""
+STANDS_M_S = 1e-3
+"""Chosen: an arm whose tool is slower stands."""
+_FORCE = slice(13, 16)
+"""Place of the force of `actual_TCP_force`."""
 ANSWER_S = 1.0
 """How long the controller may take for an answer. Source: the time-out of UR's own Python client."""
 PLAY_S = 5.0
@@ -354,7 +362,12 @@ class RtdeClient:
             pose = Pose((math.nan,) * 3, (1.0, 0.0, 0.0, 0.0))
         if wrong := pose_fault(pose):
             fault = f"it reports {wrong}"
-        return RobotReport(self._number, pose, at, now, fault)
+        elif not (active or fault):
+            fault = _misplaced(values)
+        a, b, c = force = values[_FORCE]
+        # an arm that has no idea tells zeros
+        known = math.isfinite(a + b + c) and any(force)
+        return RobotReport(self._number, pose, at, now, fault, (), (a, b, c) if known else None)
 
     def _send(self, command: Command) -> None:
         if self._inputs is None or self._stage is _Stage.LOST:
@@ -395,7 +408,7 @@ def _faults(values: tuple[float, ...], moving: bool) -> str:
             return words
     if mode != RobotMode.RUNNING:
         return f"it is in the mode {name_of(RobotMode, mode)!r}; power it on and release its brakes"
-    if not bits & (SafetyBits.NORMAL | SafetyBits.REDUCED):
+    if not bits & _RUNS:
         return "it is stopped for safety; see the pendant, and begin again"
     if runtime != Runtime.PLAYING:
         return f"our program is {name_of(Runtime, runtime)}; begin again"
@@ -412,19 +425,38 @@ def _faults(values: tuple[float, ...], moving: bool) -> str:
     return ""
 
 
-_STOPS = (
-    (
-        SafetyBits.ROBOT_EMERGENCY_STOPPED
-        | SafetyBits.SYSTEM_EMERGENCY_STOPPED
-        | SafetyBits.EMERGENCY_STOPPED,
-        "emergency stop; release it, power the robot on, and begin again",
-    ),
-    (SafetyBits.VIOLATION | SafetyBits.FAULT, "safety violation or fault; restart its safety system"),
-    (
-        SafetyBits.PROTECTIVE_STOPPED,
-        "protective stop; see its cause, unlock it after 5 s at the pendant, and begin again",
-    ),
-    (SafetyBits.SAFEGUARD_STOPPED, "safeguard stop; close the safeguard, and begin again"),
-    (SafetyBits.RECOVERY, "recovery mode; move it back inside its safety limits by hand"),
+def _misplaced(values: tuple[float, ...]) -> str:
+    """Why a pose that is told while the arm stands is none to begin a movement at; empty where it is."""
+    actual, target = values[1:7], values[_TARGET : _TARGET + 6]
+    if not math.hypot(*values[_SPEED : _SPEED + 3]) <= STANDS_M_S:
+        return ""
+    off = math.dist(actual[:3], target[:3])
+    turned = turn_between(quaternion_of(actual[3:]), quaternion_of(target[3:]))
+    if off <= APART_M and turned <= APART_RAD:
+        return ""
+    return (
+        f"it tells to stand {off * 1e3:.1f} mm and {math.degrees(turned):.1f}° from its own target; look at its tool "
+        "centre point and payload, and begin again"
+    )
+
+
+_RUNS = int(SafetyBits.NORMAL | SafetyBits.REDUCED)
+_STOPS = tuple(
+    (int(bits), words)
+    for bits, words in (
+        (
+            SafetyBits.ROBOT_EMERGENCY_STOPPED
+            | SafetyBits.SYSTEM_EMERGENCY_STOPPED
+            | SafetyBits.EMERGENCY_STOPPED,
+            "emergency stop; release it, power the robot on, and begin again",
+        ),
+        (SafetyBits.VIOLATION | SafetyBits.FAULT, "safety violation or fault; restart its safety system"),
+        (
+            SafetyBits.PROTECTIVE_STOPPED,
+            "protective stop; see its cause, unlock it after 5 s at the pendant, and begin again",
+        ),
+        (SafetyBits.SAFEGUARD_STOPPED, "safeguard stop; close the safeguard, and begin again"),
+        (SafetyBits.RECOVERY, "recovery mode; move it back inside its safety limits by hand"),
+    )
 )
-"""Stops, the gravest first, in words."""
+"""Bits of stops, the gravest first, in words. Plain numbers, for flags are slow to join."""

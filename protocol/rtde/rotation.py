@@ -14,9 +14,11 @@ _SMALL = 1e-9
 
 
 def quaternion_of(vector: Sequence[float]) -> Quaternion:
-    """Unit quaternion w x y z of a rotation vector, rad."""
+    """Unit quaternion w x y z of a rotation vector, rad; NaN for one that is too long to turn by."""
     x, y, z = vector
     angle = math.hypot(x, y, z)
+    if not math.isfinite(angle):  # a device may tell any number
+        return math.nan, math.nan, math.nan, math.nan
     if angle < _SMALL:
         return 1.0, x / 2.0, y / 2.0, z / 2.0
     part = math.sin(angle / 2.0) / angle
@@ -44,3 +46,9 @@ def pose_of(six: Sequence[float]) -> Pose:
 def six_of(pose: Pose) -> tuple[float, float, float, float, float, float]:
     """x y z, m, and the rotation vector, rad, of a pose."""
     return (*pose.position, *rotation_vector(pose.quaternion))
+
+
+def turn_between(a: Quaternion, b: Quaternion) -> float:
+    """The shorter turn between two orientations, rad."""
+    chord = min(math.dist(a, b), math.hypot(*(p + q for p, q in zip(a, b, strict=True))))
+    return 4.0 * math.asin(min(chord / 2.0, 1.0))

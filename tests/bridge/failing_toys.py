@@ -1,5 +1,6 @@
 """A package of toys that fail on purpose: `FAILS` says which part, how, and from which call on."""
 
+import asyncio
 import dataclasses
 import math
 from dataclasses import dataclass
@@ -19,10 +20,19 @@ from hil_bridge import Command, Measurement
 from hil_bridge.robots.streamed import StreamedLink
 
 FAILS: dict[str, Any] = {"part": "", "how": "", "after": 0}
+
+
+class OfItsOwn(BaseException):
+    """No Exception: `except Exception` does not take it."""
+
+
 RAISES: dict[str, BaseException] = {
     "raise": ValueError("it is broken\nin two lines"),
     "exit": SystemExit(0),
     "keyboard": KeyboardInterrupt(),
+    "own": OfItsOwn("all is over"),
+    "generator": GeneratorExit(),
+    "cancelled": asyncio.CancelledError(),
 }
 calls: dict[str, int] = {}
 
@@ -34,7 +44,19 @@ def how(part: str) -> str:
         return ""
     if FAILS["how"] in RAISES:
         raise RAISES[FAILS["how"]]
+    if FAILS["how"] == "callback":
+        asyncio.get_running_loop().call_soon(stray)
+        return ""
+    if FAILS["how"] == "cancels":
+        asyncio.tasks.current_task().cancel()  # type: ignore[union-attr]
+        return ""
     return str(FAILS["how"])
+
+
+def stray() -> None:
+    """Leave the loop as no exception of a callback should."""
+    FAILS["how"] = ""
+    raise SystemExit(1)
 
 
 @dataclass(frozen=True)
@@ -64,6 +86,10 @@ class FailingLink(StreamedLink[Any]):
     async def report(self, *, soon: bool = False) -> Any:
         how("link")
         return await super().report(soon=soon)
+
+    async def aclose(self) -> None:
+        await super().aclose()
+        how("link-close")
 
 
 class FailingArm(Arm):

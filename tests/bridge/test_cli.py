@@ -261,10 +261,11 @@ def test_a_device_that_fails_before_the_first_cycle_is_the_cause(
 def test_a_stop_tells_its_cause_and_still_leaves_everything(hil: Command) -> None:
     Path("c.toml").write_text("[task]\napproach_depth_limit_mm = 1.0\n")
     code, output, errors = hil(*VIRTUAL, "c.toml", "--summary", "s.json", "--report", "rep")
-    assert (code, errors) == (3, "hil-bridge: stopped: no contact found within 1 mm\n")
+    assert code == 3
+    assert errors.startswith("hil-bridge: stopped: no contact found within 1 mm: ")
     assert output.startswith("stopped\n")
     assert output.endswith("report: rep/report.html\nleft: retracted, 0.0 N\n")
-    assert json.loads(Path("s.json").read_text())["cause"] == "no contact found within 1 mm"
+    assert json.loads(Path("s.json").read_text())["cause"].startswith("no contact found within 1 mm")
 
 
 def test_an_interruption_before_the_movement_ends_at_once(

@@ -66,7 +66,7 @@ def told(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *options: str
 ) -> tuple[int, str]:
     """Exit code of a run by the command line, and all that it said."""
-    monkeypatch.setattr(sys, "argv", ["hil-bridge", *options, "run", "site.toml", "--virtual", "--no-view"])
+    monkeypatch.setattr(sys, "argv", ["hil-bridge", "run", "site.toml", "--virtual", "--no-view", *options])
     ended: list[Any] = []
     monkeypatch.setattr("hil_bridge.cli.leave", ended.append)
     main()
@@ -86,6 +86,17 @@ CASES = [
         "retracted",
     ),
     ("law", "nan", 40, "controller failing failed: it commands nan m (", "retracted"),
+    ("law", "own", 40, "controller failing failed: OfItsOwn: all is over (", "retracted"),
+    ("law", "generator", 40, "controller failing failed: GeneratorExit (", "retracted"),
+    ("law", "cancelled", 40, "controller failing failed: CancelledError (", "retracted"),
+    ("arm-client", "own", 600, "robot link udp+memory:toyarm stopped: OfItsOwn: all is over (", "NOT"),
+    ("load-client", "generator", 1300, "force sensor udp+memory:toyload stopped: GeneratorExit (", "NOT"),
+    ("link", "own", 100, "robot link udp+memory:toyarm stopped: OfItsOwn: all is over (", "NOT"),
+    ("link", "generator", 100, "robot link udp+memory:toyarm stopped: GeneratorExit (", "NOT"),
+    ("link", "cancelled", 100, "robot link udp+memory:toyarm stopped: CancelledError (", "NOT"),
+    ("arm", "own", 600, "the emulated cell failed: OfItsOwn: all is over (", "NOT"),
+    ("spring", "own", 350, "the emulated cell failed: OfItsOwn: all is over (", "NOT"),
+    ("spring", "cancelled", 350, "the emulated cell failed: CancelledError (", "NOT"),
     ("arm-client", "raise", 600, "robot link udp+memory:toyarm stopped: ValueError: it is broken (", "NOT"),
     ("arm-client", "exit", 600, "robot link udp+memory:toyarm stopped: SystemExit: 0 (", "NOT"),
     ("load-client", "raise", 1300, "force sensor udp+memory:toyload stopped: ValueError: it is", "NOT"),
@@ -127,6 +138,47 @@ def test_a_failure_ends_the_run_and_stands_in_the_record(
     assert bool(traces) == (how != "nan" or part == "spring")
     assert all(text.startswith("Traceback") for text in traces)
     assert PACKAGE in why(result.recording)
+
+
+ENDS = [
+    ("law", "own", 40, 3, "controller failing failed: OfItsOwn: all is over (", "left: retracted, "),
+    ("law", "callback", 40, 3, "code of another package ended the run: SystemExit: 1 (", "left: retracted, "),
+    ("law", "cancels", 40, 3, "the run was cancelled", "left: retracted, "),
+    ("link", "own", 1, 3, "robot link udp+memory:toyarm stopped: OfItsOwn: all is over (", ""),
+    ("link", "callback", 1, 3, "code of another package ended the run: SystemExit: 1 (", ""),
+    ("link", "cancels", 1, 3, "the run was cancelled before the movement began", ""),
+    ("link", "generator", 20, 3, "robot link udp+memory:toyarm stopped: GeneratorExit (", "left: "),
+    (
+        "link-close",
+        "own",
+        1,
+        3,
+        "robot link udp+memory:toyarm stopped: OfItsOwn: all is over (",
+        "left: retr",
+    ),
+    ("connect", "own", 1, 2, "code of another package failed: OfItsOwn: all is over (", ""),
+    ("make", "generator", 1, 2, "code of another package failed: GeneratorExit (", ""),
+]
+
+
+@pytest.mark.parametrize(("part", "how", "after", "code", "cause", "left"), ENDS)
+def test_the_command_ends_in_order_whatever_is_raised(
+    fails: dict[str, Any],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    part: str,
+    how: str,
+    after: int,
+    code: int,
+    cause: str,
+    left: str,
+) -> None:
+    fails.update(part=part, how=how, after=after)
+    ended, text = told(monkeypatch, capsys, "--no-record")
+    assert ended == code, text
+    assert cause in text.splitlines()[0]
+    assert "Traceback" not in text
+    assert text.splitlines()[-1].startswith(left), text
 
 
 def test_nothing_fails_where_nothing_is_to_fail(fails: dict[str, Any]) -> None:

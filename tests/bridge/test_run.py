@@ -329,7 +329,7 @@ def test_a_dead_robot_link_ends_the_run_in_the_time_of_its_time_outs(bench: RunB
     run = bench(after(5, lambda bench: setattr(bench.line, "faults", Faults(loss=1.0))))
     assert run.result.outcome is Outcome.STOPPED
     assert "robot on memory:robot" in run.result.cause
-    assert run.result.left.startswith("NOT retracted: left at 11.")
+    assert run.result.left.startswith("NOT retracted: left at an unknown depth, ")
     assert run.ended_at - run.cycles[-1].answered_at < 25.0
 
 
@@ -343,7 +343,8 @@ def test_a_noisy_line_is_repeated_over(bench: RunBench) -> None:
 
 def test_no_surface_no_contact(bench: RunBench) -> None:
     run = bench(cell={"surface": {"height_mm": 400.0}}, task={"approach_depth_limit_mm": 8.0})
-    assert (run.result.outcome, run.result.cause) == (Outcome.STOPPED, "no contact found within 8 mm")
+    assert run.result.outcome is Outcome.STOPPED
+    assert run.result.cause.startswith("no contact found within 8 mm: ")
 
 
 def test_the_workspace_holds_the_tool_back(bench: RunBench) -> None:

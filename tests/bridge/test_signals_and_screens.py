@@ -54,7 +54,9 @@ def signalled(monkeypatch: pytest.MonkeyPatch, *numbers: signal.Signals) -> None
     monkeypatch.setattr(session._Session, "cycle", cycle)
 
 
-@pytest.mark.parametrize("number", ENDING)
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP]
+)
 def test_each_signal_retracts_and_is_named(
     hil: Command, monkeypatch: pytest.MonkeyPatch, number: signal.Signals
 ) -> None:
@@ -148,8 +150,9 @@ def test_ctrl_c_while_the_report_is_drawn_ends_at_once(hil: Command, monkeypatch
 
 
 def test_every_signal_acts_like_ctrl_c_where_a_task_is_to_end() -> None:
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP, signal.SIGUSR1)
     before = {number: signal.getsignal(number) for number in ENDING}
-    for number in ENDING:
+    for number in numbers:
         with pytest.raises(KeyboardInterrupt), as_ctrl_c():
             signal.raise_signal(number)
     with as_ctrl_c():
@@ -262,7 +265,8 @@ def test_a_reader_that_left_does_not_change_the_exit_code(hil: Command, tmp_path
     ):
         assert ended(*command, cwd=tmp_path) == (expected, b""), command
     code, errors = ended("run", "c.toml", "--virtual", "--summary", "s.json", cwd=tmp_path)
-    assert (code, errors) == (3, b"hil-bridge: stopped: no contact found within 1 mm\n")
+    assert code == 3
+    assert errors.startswith(b"hil-bridge: stopped: no contact found within 1 mm: ")
     assert Path("s.json").exists()
 
 

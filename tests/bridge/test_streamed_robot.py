@@ -103,6 +103,8 @@ class ToyRobot:
     pose: Pose = START
     stopped: bool = False
     silent: bool = False
+    told_off_mm: float = 0.0
+    """It tells to be so much farther along x than it is."""
     sent: int = 0
     answers: list[tuple[float, int, bool, Pose]] = field(default_factory=list)
     """Each: when it came, to which packet, whether within a movement, the set point."""
@@ -121,7 +123,9 @@ class ToyRobot:
 
     def send(self) -> None:
         self.sent += 1
-        self.wire.send([PACKET.pack(self.sent, *self.pose.position, *self.pose.quaternion, self.stopped)])
+        (x, y, z), quaternion = self.pose
+        place = x + self.told_off_mm * 1e-3, y, z
+        self.wire.send([PACKET.pack(self.sent, *place, *quaternion, self.stopped)])
 
     def _answered(self, data: Datagrams) -> None:
         for datagram in data:
@@ -467,7 +471,8 @@ def test_hold_gives_up_the_way_but_not_the_movement() -> None:
     run_cell(script)
 
 
-def test_a_robot_that_reports_a_fault_takes_no_target() -> None:
+@pytest.mark.parametrize("pushed_mm", [0.0, 2.0], ids=["it stands", "it was pushed"])
+def test_a_robot_with_a_fault_takes_targets_where_it_stood(pushed_mm: float) -> None:
     words = r"robot on udp\+memory:robot cannot move: protective stop; release it at the pendant"
 
     async def script(cell: Cell) -> None:
@@ -483,14 +488,20 @@ def test_a_robot_that_reports_a_fault_takes_no_target() -> None:
                 assert "protective stop" in (await cell.link.report()).fault
                 with pytest.raises(OrderRefused, match=words):
                     await motion.to(moved(0.0))
+                cell.robot.told_off_mm = pushed_mm
                 cell.robot.stopped = False
                 await cell.wait(0.05)
-                assert (await cell.link.report()).fault == ""
+                assert bool((await cell.link.report()).fault) is bool(pushed_mm)
                 assert set(cell.robot.setpoints[-10:]) == {stood}
                 await motion.to(moved(0.0))
 
+        if not pushed_mm:
+            await run()
+            assert cell.robot.pose.position == pytest.approx(START.position)
+            return
         with pytest.raises(OrderRefused, match=words):
             await run()
+        cell.robot.told_off_mm = 0.0
         async with cell.link.motion(LIMITS) as motion:
             await motion.to(moved(0.0))
 

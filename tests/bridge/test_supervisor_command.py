@@ -24,7 +24,7 @@ def test_explain_tells_verdict_cause_setting_and_what_follows() -> None:
         "verdict        stop: force",
         "because        contact force 120.0 N is beyond 50 N",
         "ruled by       limits.force_limit_n = 50",
-        "then           the tool retracts, now to 1 mm; the run ends when it is back",
+        "then           the tool retracts, now to 0 mm; the run ends when it is back",
         "leads to       retracts and ends, exit code 3",
         "force          120 N, stops beyond 50 N: 70 too much",
         "resultant      120 N, stops beyond 100 N: 20 too much",
@@ -42,7 +42,8 @@ def test_explain_goes_by_the_configuration(tmp_path: Path) -> None:
 
 def test_explain_takes_every_option() -> None:
     lines = answer(
-        *("explain", "--phase", "retract", "--force", "30", "--lowest", "12", "--retracting-ms", "300"),
+        *("explain", "--phase", "retract", "--force", "0", "--resultant", "30", "--lowest", "12"),
+        *("--retracting-ms", "300"),
         *("--from-air", "--commanded-mm", "1", "--start-m", "0.9", "0", "0.5"),
     )
     assert lines[:5] == [

@@ -77,7 +77,7 @@ def test_an_impossible_path_and_a_file_without_text_are_one_line(
 
 
 def test_a_folder_of_programs_is_not_trusted_either(tmp_path: Path) -> None:
-    (tmp_path / "7.prg").symlink_to("/dev/zero")
+    (tmp_path / "7.prg").write_bytes(bytes(1 << 20))
     with pytest.raises(ConfigError, match=r"7\.prg: too long to be received"):
         read_programs(tmp_path, 240)
     with pytest.raises(ConfigError, match="null byte"):
@@ -88,11 +88,14 @@ def test_a_folder_of_programs_is_not_trusted_either(tmp_path: Path) -> None:
     one_line(caught.value)
 
 
-def test_a_file_without_an_end_is_not_read_to_it() -> None:
-    with pytest.raises(ConfigError, match="/dev/zero is longer than 1048576 bytes"):
-        load_config(Path("/dev/zero"), {})
+def test_a_file_that_is_too_long_is_not_read_to_its_end(tmp_path: Path) -> None:
+    path = tmp_path / "long.toml"
+    with path.open("wb") as file:
+        file.truncate(1 << 40)
+    with pytest.raises(ConfigError, match=r"long\.toml is longer than 1048576 bytes"):
+        load_config(path, {})
     with pytest.raises(ConfigError, match="longer"):
-        read_text(Path("/dev/zero"), TOML_LIMIT_BYTES)
+        read_text(path, TOML_LIMIT_BYTES)
 
 
 @pytest.mark.parametrize("text", ["[" * DEEP, "[" * 40 + "]" * 40, "9" * 5000, str(1 << 64), '"\\u0000"'])

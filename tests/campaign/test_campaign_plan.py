@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 from hil_bridge.campaign.criteria import FIGURES, Criterion, failed
-from hil_bridge.campaign.plan import PlanErrors, code_version, read_plan, seeds_of
+from hil_bridge.campaign.plan import code_version, seeds_of
+from hil_bridge.campaign.plan_file import PlanErrors, read_plan
 from hil_bridge.errors import ConfigError
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "campaigns"

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from hil_bridge.campaign.plan import read_plan
+from hil_bridge.campaign.plan_file import read_plan
 from hil_bridge.campaign.store import Store
 from hil_bridge.campaign.working import missing, work
 from hil_bridge.errors import BridgeError

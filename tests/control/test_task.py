@@ -66,7 +66,7 @@ def test_controller_is_stepped_in_track_only():
 
 def test_nothing_there_is_a_cause_and_never_deeper_than_the_limit():
     state, outputs = drive(task_of(PARAMETERS, Watched()), lambda *_: 0.0, 40)
-    assert state.cause == "no contact found within 5 mm"
+    assert state.cause.startswith("no contact found within 5 mm: start nearer")
     assert state.phase is Phase.END
     assert state.controller is None
     assert max(output.target.depth for output in outputs) == pytest.approx(5e-3)

@@ -85,7 +85,7 @@ def test_every_posture_holds_the_pose_inside_the_ranges(angles: tuple[float, ...
     arm = Arm(S3Profile(axis_3_against=against), TOOL)  # type: ignore[arg-type]
     joints = degrees(*angles)
     position, quaternion = arm.pose(joints)
-    postures = arm.postures(position, quaternion, joints)
+    postures = list(arm.postures(position, quaternion, joints))
     for posture in postures:
         at, turned = arm.pose(posture)
         # A wrist straighter than the wire's quaternions can tell gives way by up to 0.2 mrad.
@@ -100,11 +100,35 @@ def test_every_posture_holds_the_pose_inside_the_ranges(angles: tuple[float, ...
 def test_all_eight_branches_are_found() -> None:
     arm = Arm(EVERYWHERE, TOOL)
     joints = degrees(30, 20, 25, 40, 50, 60)
-    postures = arm.postures(*arm.pose(joints), joints)
+    postures = list(arm.postures(*arm.pose(joints), joints))
     assert len({tuple(round(angle, 6) for angle in posture) for posture in postures}) == 8
     assert sum(arm.bend(posture) > 0.0 for posture in postures) == 4
     assert sum(posture[4] > 0.0 for posture in postures) == 4
     assert sum(abs(posture[0] - joints[0]) < 1e-9 for posture in postures) == 4
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.tuples(*(st.floats(-reach, reach) for reach in RANGES)),
+    st.tuples(*(st.floats(-1.5, 1.5) for _ in RANGES)),
+    st.sampled_from(["horizon", "upper_arm"]),
+)
+def test_the_nearest_posture_takes_the_least_effort_of_all(
+    angles: tuple[float, ...], way: tuple[float, ...], against: str
+) -> None:
+    profile = S3Profile(axis_3_against=against)  # type: ignore[arg-type]
+    arm = Arm(profile, TOOL)
+    pose, near = arm.pose(degrees(*angles)), degrees(*(a + b**5 for a, b in zip(angles, way, strict=True)))
+
+    def effort(posture: Joints) -> float:
+        ways = zip(near, posture, profile.axis_speeds_deg_s, strict=True)
+        return sum(((q - p) / speed) ** 2 for p, q, speed in ways)
+
+    nearest = arm.nearest(*pose, near)
+    efforts = [effort(posture) for posture in arm.postures(*pose, near)]
+    assert (nearest is None) == (not efforts)
+    if nearest is not None:
+        assert effort(nearest) == min(efforts)
 
 
 @pytest.mark.parametrize("fourth", [-170.0, -10.0, 10.0, 170.0])

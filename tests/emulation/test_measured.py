@@ -35,10 +35,25 @@ def test_outputs_are_whole_numbers_with_an_offset_and_ends() -> None:
     sensor, _ = measured(end=20.0)
     outputs = sensor.outputs(0, 300)
     assert outputs[:, 0].tolist() == [min(round(k / 10 + 3.0), 20) for k in range(301)]
-    assert sensor.last_at_end(outputs) == 300
-    assert sensor.last_at_end(outputs[:160]) is None
-    assert sensor.last_at_end(outputs[100:172]) == 71
+    assert sensor.last_at_end(0, 300) == 300
+    assert sensor.last_at_end(0, 159) is None
+    assert sensor.last_at_end(100, 171) == 171
     assert (sensor.number_at(1.0), sensor.first_after(1.0), sensor.number_at(0.999)) == (100, 101, 99)
+
+
+def test_a_sample_made_again_forgets_that_it_was_at_an_end() -> None:
+    load = [1.0]
+    source = KnownWrench(
+        lambda times: np.full((len(times), 6), load[0]), predicted_until=lambda now: now + 1.0
+    )
+    converter = Converter(np.eye(6), np.zeros(6), np.full(6, -9.0), np.full(6, 9.0))
+    sensor = MeasuredWrench(source, RATE, converter, 7, "its noise")
+    load[0] = 20.0
+    sensor.outputs(0, 10)
+    load[0] = 1.0
+    source.on_change(0.045)
+    sensor.outputs(0, 10)
+    assert (sensor.last_at_end(0, 3), sensor.last_at_end(4, 10)) == (3, None)
 
 
 @given(st.lists(st.integers(1, 40), min_size=1, max_size=12), st.sampled_from(sorted(SIGNAL_FAULTS)))

@@ -31,7 +31,7 @@ from protocol.rtde.wires import Piece, Port
 
 T0 = 1000.25
 START = StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2)
-EXACT = RtdeProfile(noise_um=0.0, noise_urad=0.0, force_noise_n=0.0)
+EXACT = RtdeProfile(noise_um=0.0, noise_urad=0.0, force_noise_n=0.0, force_offset_n=0.0)
 DT = 0.002
 CONTROL = "def rtde_control():\n# float register offset\n0\n  while True:\n  end\nend\n"
 
@@ -1007,6 +1007,24 @@ def test_every_solution_holds_the_pose(model: str, joints: tuple[float, ...]) ->
         dot = sum(p * q for p, q in zip(again.quaternion, pose.quaternion, strict=True))
         assert abs(dot) == pytest.approx(1.0, abs=1e-9)
     assert nearest(arm, Pose((9.0, 0.0, 0.0), pose.quaternion), USUAL) is None
+
+
+@given(
+    st.sampled_from(sorted(ARMS)),
+    st.tuples(*[st.floats(-3.0, 3.0)] * 6),
+    st.tuples(*[st.floats(-1.2, 1.2)] * 6),
+)
+def test_the_nearest_solution_is_the_nearest_of_all(
+    model: str, joints: tuple[float, ...], way: tuple[float, ...]
+) -> None:
+    arm = ARMS[model]
+    a, b, c, d, e, f = (joint + part**5 for joint, part in zip(joints, way, strict=True))
+    near = (a, b, c, d, e, f)
+    pose = flange(arm, joints)
+    found = nearest(arm, pose, near)
+    distances = [math.dist(each, near) for each in solutions(arm, pose, near)]
+    assert (found is None) == (not distances)
+    assert found is None or math.dist(found, near) == min(distances)
 
 
 # Times and places that the specification's model gives: 20, 50, 100, 200 and 400 ms after a step of 1.

@@ -21,6 +21,7 @@ from typing import Any
 from unittest import mock
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from emulators.cell_faults import CELL_FAULTS
@@ -28,20 +29,16 @@ from emulators.s3_jr3_cell import PaperCell
 from hil_bridge.clock import Clock
 from hil_bridge.control import CONTROLLERS
 from hil_bridge.errors import BridgeError
+from hil_bridge.invariants import Evidence, Trace, broken_promises, violation_text
 from hil_bridge.recording import Recording, read
 from hil_bridge.runs.compose import make_cell
 from hil_bridge.runs.outputs import Outputs
-from hil_bridge.runs.replay import replay
 from hil_bridge.runs.session import execute
 from hil_bridge.settings.configuration import Config
 
+Floats = npt.NDArray[np.float64]
 SEEDS = int(os.environ.get("HIL_BRIDGE_SEEDS", "100"))
 BLOCK = 20
-LIMIT_N = 50.0
-LATENCY_CYCLES = 3
-"""Cycles from an order to the force that shows its effect: answer, motion, filter, and the cycle that sees it."""
-LONGEST_S = 400.0
-"""A run of two seconds of tracking, with all the patience that it has with robot and sensor."""
 WATCH_S, WATCH_FRAMES = 0.2, 20
 """The truth is looked at every 10 ms, 20 times at once."""
 HARD_N_M = 1e4
@@ -67,15 +64,6 @@ SEEN_BY_WEIGHT = {
     ("scales", "wrong"),
 }  # fmt: skip
 """Faults of the axis that the tool's weight lies on: found before anything moves."""
-LYING = SEEN_BY_WEIGHT | {
-    ("signal", "drift"), ("signal", "turned"), ("signal", "intermittent"), ("signal", "noise"),
-    ("signal", "spike"), ("signal", "stuck"),
-}  # fmt: skip
-"""A sensor that lies once it has been checked: the guard sees what it is told, and no bound of the force holds."""
-MOVES_ITSELF = {("surface", "step"), ("surface", "rises"), ("surface", "swings"), ("surface", "hard"),
-                ("obstacle", "above"), ("pose", "encoder-offset")}  # fmt: skip
-"""Presses by itself, however the tool stands still."""
-
 FITTING = {
     "robot": r"robot on|refused|the reported position|computer",
     "pose": r"report|robot on|commanded|jumped|tool's weight|force stayed|no contact found|contact force|touching|away",
@@ -101,8 +89,12 @@ class Drawn:
     phase: str
     stiffness: float
     config: Config
-    truths: list[tuple[float, float]] = field(default_factory=list)
-    """Time, s, and the largest true contact force since the one before, N."""
+    times: list[Floats] = field(default_factory=list)
+    """Moments at which the truth was looked at, s."""
+    forces: list[Floats] = field(default_factory=list)
+    """True contact forces at these, N."""
+    positions: list[Floats] = field(default_factory=list)
+    """True positions at these, base frame, m."""
     goals: list[tuple[float, float]] = field(default_factory=list)
     """Time, s, and the height that the robot was last ordered to, m."""
     cell: PaperCell | None = None
@@ -148,9 +140,9 @@ class Drawn:
         return self.target, self.fault
 
     @property
-    def bound(self) -> float:
-        """Largest true force that may come of what was ordered: the limit, and what is under way."""
-        return LIMIT_N + self.stiffness * self.config.task.single_step_mm * 1e-3 * LATENCY_CYCLES
+    def trace(self) -> Trace:
+        """The truth over the whole run."""
+        return Trace(*map(np.concatenate, (self.times, self.forces, self.positions)))
 
     def hits(self, cause: str) -> bool:
         """A hard surface may be hit, or swung upon, without any fault."""
@@ -158,7 +150,8 @@ class Drawn:
 
     def __call__(self, path: Path) -> tuple[int, Recording | None]:
         """Run it, and watch it; exit code, and what was recorded of cycles."""
-        self.truths.clear()
+        for looks in (self.times, self.forces, self.positions):
+            looks.clear()
 
         def watched(*arguments: Any) -> PaperCell:
             cell = self.cell = make_cell(*arguments)
@@ -169,7 +162,9 @@ class Drawn:
                 now = clock.now()
                 times = now - WATCH_S + np.arange(1.0, WATCH_FRAMES + 1.0) * (WATCH_S / WATCH_FRAMES)
                 forces = np.linalg.norm(cell.contact_forces(times), axis=1)
-                self.truths.append((now, float(forces.max())))
+                self.times.append(times)
+                self.forces.append(forces)
+                self.positions.append(cell.robot.path.trajectory(times)[0])
                 self.goals.append((now, cell.robot.motion.goal(now)[0][2]))
                 clock.call_at(now + WATCH_S, look)
 
@@ -198,14 +193,9 @@ def broken(drawn: Drawn, code: int, recording: Recording | None) -> Iterator[str
     """Every promise that a run did not keep, in words."""
     if "Traceback" in drawn.said or "bug" in drawn.said:
         yield f"a bug: {drawn.said}"
-    if (took := drawn.truths[-1][0] - drawn.began) > LONGEST_S:
-        yield f"took {took:.0f} s"
-    trusted = drawn.kind not in LYING or drawn.phase in BEFORE
-    largest = max(force for _, force in drawn.truths)
-    if trusted and drawn.kind not in MOVES_ITSELF and largest > drawn.bound:
-        yield f"pressed with {largest:.0f} N of {drawn.bound:.0f} N"
-    if code == 0 and drawn.truths[-1][1] > 1.0:
-        yield f"completed while pressing with {drawn.truths[-1][1]:.1f} N"
+    trace = drawn.trace
+    if code == 0 and trace.forces[-1] > 1.0:
+        yield f"completed while pressing with {trace.forces[-1]:.1f} N"
     assert drawn.cell is not None
     struck = any(injection.struck for injection in drawn.cell.faults)
     if drawn.kind in SEEN_BY_WEIGHT and drawn.phase == "connect" and struck and recording is not None:
@@ -220,10 +210,8 @@ def broken(drawn: Drawn, code: int, recording: Recording | None) -> Iterator[str
         yield f"ended with {code}: {drawn.said}"
     if recording is None:
         return
-    if recording.truncated or not recording.end:
-        yield "the recording is not whole"
-    if any(cycle.differences for cycle in replay(recording, drawn.config, forced=False)):
-        yield "the replay differs"
+    evidence = Evidence(recording, drawn.config, trace, code)
+    yield from map(violation_text, broken_promises(evidence))
     stops = [event.at for event in recording.events if event.kind == "stop"]
     if stops:
         # one order may have been on the line when the stop came

@@ -7,11 +7,12 @@ import pytest
 
 from hil_bridge.control import Cause, Phase
 from hil_bridge.control.course.conditions import BARRIER, BY_CAUSE, CLAMPS, STOPS, Reaction, When
+from hil_bridge.control.course.verdict import WAITS
 from hil_bridge.errors import ConfigError
 from hil_bridge.guard.asking import Asked, Situation
 from hil_bridge.guard.conditions import BEFORE, CONDITIONS, SHELL, as_text
 from hil_bridge.guard.explaining import LOOSE, explain
-from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.configuration import Config, read_config
 
 CONFIG = Config()
 RETRACT = Phase.RETRACT
@@ -26,6 +27,7 @@ STOPPING = [
     (Cause.FORCE, Situation(peak_n=50.1), ("limits.force_limit_n",)),
     (Cause.RESULTANT_FORCE, Situation(resultant_n=100.1), ("limits.resultant_limit_n",)),
     (Cause.MOMENT, Situation(moment_nm=10.1), ("limits.moment_limit_nm",)),
+    (Cause.WALL, Situation(against_n=26.1), ("limits.against_travel_n",)),
     (Cause.SATURATED, Situation(saturated=True), ()),
     (Cause.STALE, Situation(age_ms=200.1), ("limits.stale_after_ms",)),
     (Cause.FROZEN, Situation(unchanged_ms=4001.0), ("limits.frozen_after_ms",)),
@@ -34,6 +36,7 @@ STOPPING = [
     (Cause.FROZEN, Situation(unanswered_mm=2.1), ("limits.unanswered_mm",)),
     (Cause.POSE, Situation(moved_mm=12.7), ("robot.velocity_mm_s",)),
     (Cause.POSE, Situation(depth_mm=20.0, commanded_mm=9.9), ("limits.following_error_mm",)),
+    (Cause.POSE, Situation(strayed_mm=0.5), ("limits.path_error_mm",)),
     (Cause.POSE, Situation(tilt_deg=2.1), ("limits.tilt_deg",)),
     (
         Cause.POSE,
@@ -46,13 +49,18 @@ STOPPING = [
     (Cause.OSCILLATION, Situation(swing_n=4.0), ()),
     (
         Cause.RETRACTION,
-        Situation(RETRACT, force_n=17.1, lowest_n=12.0, retracting_ms=1000.0),
+        Situation(RETRACT, force_n=-10.1, retracting_ms=1000.0),
+        ("limits.pull_limit_n",),
+    ),
+    (
+        Cause.RETRACTION,
+        Situation(RETRACT, force_n=0.0, resultant_n=17.1, lowest_n=12.0, retracting_ms=1000.0),
         ("limits.retract_rise_n", "limits.retract_grace_ms"),
     ),
     (
         Cause.RETRACTION,
-        Situation(RETRACT, force_n=60.0, retracting_ms=1000.0, back_mm=2.1),
-        ("limits.force_limit_n", "limits.unanswered_mm"),
+        Situation(RETRACT, force_n=0.0, resultant_n=110.0, retracting_ms=1000.0, back_mm=2.1),
+        ("limits.resultant_limit_n", "limits.unanswered_mm"),
     ),
 ]
 """One for each row of the supervisor's stops, and the settings that must be found to rule it."""
@@ -79,8 +87,39 @@ def test_each_condition_stops_for_its_cause(
 
 def test_every_row_of_the_stops_has_its_situation() -> None:
     told = {row for _, situation, _ in STOPPING for row in explain(CONFIG, situation).rows}
-    # A request that contradicts itself is a bug that no observation makes.
-    assert set(STOPS) - told == set(BY_CAUSE[Cause.INCONSISTENT])
+    # A request that contradicts itself is a bug that no observation makes; an S3 feels no force itself.
+    assert set(STOPS) - told == {*BY_CAUSE[Cause.INCONSISTENT], *BY_CAUSE[Cause.WITNESS]}
+
+
+FEELING = read_config({"robot": {"emulated": "rtde"}, "sensor": {"emulated": "netft"}})
+"""A robot that feels a force itself."""
+
+
+@pytest.mark.parametrize(
+    ("witness_n", "disagreed_ms", "verdict"),
+    [
+        (93.0, 120.0, "stop"),
+        (93.0, 0.0, "allow"),
+        (21.9, 1e4, "allow"),
+        (22.1, 1e4, "stop"),
+        (-2.1, 1e4, "stop"),
+    ],
+)
+def test_a_robot_that_feels_otherwise_for_long_stops(
+    witness_n: float, disagreed_ms: float, verdict: str
+) -> None:
+    """The sensor tells 10 N, and 12 N of difference are ordinary for this robot."""
+    found = explain(FEELING, Situation(witness_n=witness_n, disagreed_ms=disagreed_ms))
+    assert found.verdict == verdict
+    if verdict == "stop":
+        assert found.cause is Cause.WITNESS
+        assert found.rows == BY_CAUSE[Cause.WITNESS]
+        assert {setting.partition(" = ")[0] for setting in found.settings} == set(found.rows[0].settings)
+
+
+def test_the_margin_of_a_robot_that_feels_otherwise_is_told() -> None:
+    (margin,) = (one for one in explain(FEELING, Situation(witness_n=14.0)).margins if one.name == "witness")
+    assert (margin.value, margin.limit) == (4.0, pytest.approx(12.0))
 
 
 @pytest.mark.parametrize(
@@ -104,6 +143,20 @@ def test_each_clamp_is_named_with_the_deepest_order(
     assert [row.name for row in found.rows] == [name]
     assert found.deepest_mm == pytest.approx(deepest_mm)
     assert {setting.partition(" = ")[0] for setting in found.settings} <= set(found.rows[0].settings)
+
+
+@pytest.mark.parametrize(
+    "situation",
+    [
+        Situation(RETRACT, force_n=17.1, lowest_n=12.0, retracting_ms=1000.0),
+        Situation(RETRACT, force_n=60.0, retracting_ms=1000.0, back_mm=2.1),
+    ],
+)
+def test_a_retraction_waits_for_a_force_from_the_front(situation: Situation) -> None:
+    found = explain(CONFIG, situation)
+    assert (found.verdict, found.reasons) == ("clamp", (WAITS,))
+    assert [row.name for row in found.rows] == ["waits"]
+    assert found.then.endswith("the run ends when it is back")
 
 
 def test_an_approach_that_is_held_in_place_ends() -> None:

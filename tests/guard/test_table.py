@@ -234,7 +234,7 @@ TRACK_POSE_FAULTS = {
     "frozen": (fault("pose", "frozen", phase="track", after_s=1.0), "from the commanded one"),
     "standby": (fault("pose", "standby", phase="track", after_s=1.0), "in standby"),
     "turned": (fault("pose", "turned", phase="track", after_s=1.0), "turned by 30.0°"),
-    "drifts": (fault("pose", "drift", z_mm_s=20.0, phase="track", after_s=1.0), "from the commanded one"),
+    "drifts": (fault("pose", "drift", z_mm_s=20.0, phase="track", after_s=1.0), "all that was ordered"),
 }
 
 

@@ -127,10 +127,11 @@ def test_the_rate_is_limited(play: Play, robot: str, where: str) -> None:
 
 
 def test_a_robot_that_tells_no_turn_is_stopped(play: Play) -> None:
-    """Its pose as it tells it stays as it was, while it is ordered to turn."""
+    """Its pose as it tells it stays as it was, while it is ordered to turn and to press."""
     run = play("egm", [APPROACH, HOLD, RETRACT], FLAT, QUICKLY, meddle=in_step(2, "pose", "frozen"))
     assert run.stopped
-    assert "from the ordered orientation, allowed are 2°, in step 2 (hold)" in run.cause
+    assert "behind all that was ordered" in run.cause
+    assert "in step 2 (hold)" in run.cause
     assert tilt_deg(run, ASKEW) < 2.0 + 10.0 * 0.5 + 0.5
     assert run.last < 1.0
 

@@ -20,6 +20,7 @@ from protocol.egm import (
     RobotWare,
     SensorMessage,
     decode_answer,
+    decode_robot,
     encode_robot,
 )
 from protocol.geometry import Pose
@@ -411,3 +412,25 @@ def test_no_datagrams_make_it_raise_or_answer_more_than_once(data: list[bytes]) 
     talk = Conversation()
     for datagram in data:
         assert len(talk.hears(datagram)) <= 1
+
+
+@pytest.mark.parametrize(
+    ("axes", "force"), [("tool", (0.0, 0.0, 12.5)), ("base", (0.0, 0.0, -12.5)), ("none", None)]
+)
+@pytest.mark.parametrize("shape", ["6", "7"])
+def test_the_robots_own_force_is_told_in_the_base_frame(
+    axes: str, force: tuple[float, ...] | None, shape: str
+) -> None:
+    """The specification's force of 12.5 N along a tool that points down, in both shapes of the message."""
+    version, active = (RobotWare.RW7, False) if shape == "7" else (RobotWare.RW6_10, None)
+    message = decode_robot(told(1))._replace(force=(0.0, 0.0, -12.5, 0.0, 0.25, 0.0), force_control=active)
+    talk = Conversation(force_axes=axes)
+    talk.hears(encode_robot(message, version))
+    assert talk.reports[0].force == force
+
+
+@pytest.mark.parametrize("force", [(), (0.0,) * 6, (math.nan,) * 6, (1.0, 2.0)])
+def test_a_force_that_is_none_is_not_told(force: tuple[float, ...]) -> None:
+    talk = Conversation()
+    talk.hears(told(1, force=force, force_control=False))
+    assert talk.reports[0].force is None

@@ -1,6 +1,7 @@
 """The clients of a controller over RTDE, against a scripted one: each way to fail says in one line what to do."""
 
 import math
+import struct
 from collections.abc import Callable
 from itertools import pairwise
 
@@ -134,6 +135,30 @@ def test_it_asks_the_dashboard_then_agrees_then_uploads_and_then_streams() -> No
     script = [number for number, piece in enumerate(talk.said) if piece.port is Port.SCRIPT]
     assert len(script) == 1
     assert talk.said[script[0] - 1].data == rtde[4], "a package that orders nothing goes before the program"
+
+
+@pytest.mark.parametrize(
+    ("force", "expected"),
+    [
+        ((1.5, -2.0, 12.5), (1.5, -2.0, 12.5)),
+        ((0.0, 0.0, 0.0), None),
+        ((0.0, math.nan, 1.0), None),
+        ((math.inf, 0.0, 1.0), None),
+    ],
+)
+def test_the_arms_own_force_is_told_but_none_that_is_none(
+    force: tuple[float, ...], expected: tuple[float, ...] | None
+) -> None:
+    """`actual_TCP_force` stands behind the stamp, the pose and the speed: big-endian, 13 numbers in."""
+    talk = Talk()
+    for answer in (*ANSWERS.values(), data(100.0), data(100.002)):
+        talk.hear(answer)
+    raw = data(100.004)
+    place = 3 + 1 + 13 * 8
+    talk.client.receive((Piece(Port.RTDE, raw[:place] + struct.pack(">3d", *force) + raw[place + 24 :]),), T0)
+    event = talk.client.next_event()
+    assert isinstance(event, ReportReceived)
+    assert event.report.force == expected
 
 
 WRONG: list[tuple[Kind | None, bytes, str]] = [

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.device_log import LogTo
 from hil_bridge.recording import CycleRecord, EventRecord, Outcome
-from hil_bridge.runs.compose import Ports, connect_robot, connect_sensor, emulated_cell
+from hil_bridge.runs.compose import Ports, cell_ports, connect_robot, connect_sensor, emulated_cell
 from hil_bridge.runs.cycle import Run
 from hil_bridge.settings.configuration import Config
 from hil_bridge.wiring import Wiring
@@ -15,6 +15,8 @@ from protocol.wrench import WrenchFrame
 
 CAN, BOARD = "can+memory:sensor", "jr3+memory:sensor"
 """URLs at which a cell's sensor listens: behind its CAN gateway, or on a receiver board behind its registers."""
+USUAL = ""
+"""Robot and sensor listen at the usual URLs of their kinds: for one cell in a loop."""
 
 
 class RunFailed(Exception):
@@ -54,7 +56,10 @@ class CellRun:
         """Run to the end. Raises RunFailed when it is stopped before."""
         clock = Clock.running()
         began = clock.now()
-        ports = Ports(f"memory:robot{self.number}", f"{self.sensor}{self.number}")
+        if self.sensor == USUAL:
+            ports = cell_ports(self.config, virtual=True)
+        else:
+            ports = Ports(f"memory:robot{self.number}", f"{self.sensor}{self.number}")
 
         def notice(kind: str, text: str) -> None:
             self.event(EventRecord(clock.now(), kind, text))

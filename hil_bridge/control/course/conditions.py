@@ -91,13 +91,23 @@ STOPS: tuple[ConditionRow, ...] = (
         "length of the moment vector about the tool frame's origin, of any frame since the decision before",
         "limits.moment_limit_nm",
     ),
+    _stop(
+        Cause.WALL,
+        "force against the travel of a plain run, beyond the friction of the contact force: something is in the way",
+        "limits.against_travel_n",
+        "limits.friction_share",
+    ),
     _stop(Cause.SATURATED, "an axis of the sensor was at the end of its range"),
     _stop(
         Cause.PULL,
         "force along the approach away from the surface, from the zero",
         "limits.pull_limit_n",
     ),
-    _stop(Cause.STALE, "age of the newest frame", "limits.stale_after_ms"),
+    _stop(
+        Cause.STALE,
+        "age of the newest frame, with the time by which a stream came to be later than its quickest frames were",
+        "limits.stale_after_ms",
+    ),
     _stop(Cause.FROZEN, "how long frames carry identical counts on all axes", "limits.frozen_after_ms"),
     _stop(Cause.FROZEN, "time of the cycles without a new frame", "limits.still_after_ms"),
     _stop(
@@ -118,6 +128,12 @@ STOPS: tuple[ConditionRow, ...] = (
     _stop(Cause.POSE, "distance of the reported from the commanded position", "limits.following_error_mm"),
     _stop(
         Cause.POSE,
+        "distance along the approach of the reported position from all that was ordered in the time that the robot "
+        "takes for an order, half of it added",
+        "limits.path_error_mm",
+    ),
+    _stop(
+        Cause.POSE,
         "turn of the reported orientation from the ordered one, beside what a robot may not have followed yet",
         "limits.tilt_deg",
     ),
@@ -134,7 +150,28 @@ STOPS: tuple[ConditionRow, ...] = (
         "limits.cycle_deadline_ms",
     ),
     _stop(Cause.INCONSISTENT, "depth and position of a command contradict each other, which is a bug"),
-    _stop(Cause.CONTROLLER, "the controller raised an exception, or answered with what is no number"),
+    _stop(
+        Cause.FROZEN,
+        "a pull that lasts while the tool moves through free space: the sensor lost the tool's weight",
+        "limits.weight_tolerance_n",
+    ),
+    _stop(
+        Cause.FROZEN,
+        "how far the tool moved through free space while frames carry identical counts on all axes",
+        "limits.unchanged_mm",
+        "limits.stale_after_ms",
+    ),
+    _stop(
+        Cause.WITNESS,
+        "difference between the force sensor and the force that the robot itself feels, for a time, where it tells one",
+        "limits.witness_n",
+        "limits.witness_ms",
+    ),
+    _stop(
+        Cause.CONTROLLER,
+        "the controller raised an exception, or answered with what is no number, or with a place farther than the "
+        "workspace and the whole correction together",
+    ),
     _stop(
         Cause.OSCILLATION,
         "the force goes on swinging although the gain is at its least",
@@ -146,12 +183,18 @@ STOPS: tuple[ConditionRow, ...] = (
         "oscillation.factor_min",
     ),
     _stands(
-        "the force rose while the tool retracted; from contact, only after a time to take effect",
+        "a force from behind met the tool, beside one that was there when the retraction began",
+        "limits.pull_limit_n",
+    ),
+    _stands(
+        "a force from the side rose while the tool retracted, from contact only after a time to take effect; or one "
+        "from the front rose at the second, slow try",
         "limits.retract_rise_n",
         "limits.retract_grace_ms",
     ),
     _stands(
-        "the force stayed beyond its limit although the tool reported to be so much farther back",
+        "the force stayed beyond its limit although the tool reported to be so much farther back; one from the front, "
+        "at the second try and beyond the start",
         "limits.force_limit_n",
         "limits.resultant_limit_n",
         "limits.unanswered_mm",
@@ -183,9 +226,24 @@ CLAMPS: tuple[ConditionRow, ...] = (
         "oscillation.notch",
     ),
     ConditionRow(
+        "waits",
+        "a force from the front rose, or stayed beyond its limit, while the tool retracted: it waits, and goes on if "
+        "the force rises meanwhile, else tries once more at 1 mm/s",
+        (
+            "limits.retract_rise_n",
+            "limits.retract_grace_ms",
+            "limits.force_limit_n",
+            "limits.unanswered_mm",
+            "limits.escape_mm_s",
+        ),
+        When.RETRACTION,
+        Reaction.CLAMPED,
+        None,
+    ),
+    ConditionRow(
         "no-force",
-        "while the force cannot be known a retraction goes back to the depth of the start, or a little behind the "
-        "contact, and no farther",
+        "while the force cannot be known a retraction goes back at 2.75 mm/s to the depth of the start, or a little "
+        "behind the contact, and no farther",
         ("limits.stale_after_ms", "limits.blind_retract_mm"),
         When.RETRACTION,
         Reaction.CLAMPED,
@@ -197,6 +255,11 @@ CLAMPS: tuple[ConditionRow, ...] = (
 ENDS: tuple[ConditionRow, ...] = (
     ConditionRow("held-approach", "a clamp holds the approach in place", ()),
     ConditionRow("no-contact", "no contact found on the way", ("task.approach_depth_limit_mm",)),
+    ConditionRow(
+        "unanswered-touch",
+        "a touch that the tool's weight could not vouch for: the force does not rise as the tool goes deeper",
+        ("task.least_stiffness_n_m", "task.zero_change_n"),
+    ),
     ConditionRow(
         "surface-ended", "no contact found again after it was lost", ("task.search_depth_limit_mm",)
     ),
@@ -212,7 +275,26 @@ ENDS: tuple[ConditionRow, ...] = (
 )
 """Other conditions that end a run that can still decide."""
 
+GATE = ConditionRow(
+    Cause.GATE.value,
+    "the last gate stops an order: deeper, faster, farther or turned more than may be ordered, or no pose; this is a "
+    "bug",
+    (
+        "limits.correction_total_mm",
+        "limits.correction_mm_s",
+        "limits.travel_mm_s",
+        "limits.workspace_min_m",
+        "limits.workspace_max_m",
+        "limits.turn_deg_s",
+        "limits.turn_total_deg",
+    ),
+    When.ALWAYS,
+    Reaction.RETRACTS_OR_LEFT,
+    cause=Cause.GATE,
+)
+"""The condition of the last gate, which stands behind the supervisor."""
+
 BY_CAUSE: Mapping[Cause, tuple[ConditionRow, ...]] = {
-    cause: tuple(row for row in STOPS if row.cause is cause) for cause in Cause
+    cause: tuple(row for row in (*STOPS, GATE) if row.cause is cause) for cause in Cause
 }
 """The rows of each cause."""

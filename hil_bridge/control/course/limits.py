@@ -23,6 +23,14 @@ class Limits:
     """
     resultant_limit_n: float = 100.0
     """Length of the force vector above which the run stops: a collision from the side."""
+    against_travel_n: float = 20.0
+    """Force against the travel of a plain run, beyond friction, above which the run stops: a wall in its way. Chosen:
+    below the moment that such a force makes on a common tool before that stops the run.
+    """
+    friction_share: float = 0.6
+    """Share of the contact force that friction, or a slope, may bring up against the travel. Chosen: a slope of 17°
+    with a friction of 0.3.
+    """
     correction_mm_s: float = 11.0
     """Fastest that the command may go deeper. Chosen: 2 mm in a cycle of 180 ms."""
     correction_total_mm: float = 100.0
@@ -38,6 +46,11 @@ class Limits:
     frozen_after_ms: float = 4000.0
     """Time for which frames carry identical counts on all axes, after which the run stops. A filtered quiet signal
     repeats itself for some frames, a dead converter for ever. Chosen: 400 frames of the default stream.
+    """
+    unchanged_mm: float = 1.0
+    """How far the tool may move through free space while the counts of all axes stay identical, for longer than
+    `stale_after_ms`. Chosen: six emulated sensors in their quietest setting repeat themselves for 0.12 s at most, which
+    is 0.3 mm of a common approach.
     """
     unanswered_mm: float = 2.0
     """Depth by which a pressing tool may go deeper without the force changing, by one count or by 2 mN. Beyond it
@@ -55,8 +68,20 @@ class Limits:
     """Share of `force_limit_n` that stays free: no command goes deeper than where the stiffness in hand predicts the
     rest.
     """
+    witness_n: float | None = None
+    """Difference between the force sensor and the force that the robot itself feels, along the approach and each from
+    its zero, above which the run stops. By default what is ordinary for the robot by its facts; 0: never.
+    """
+    witness_ms: float = 100.0
+    """How long that difference may last, beside twice the delay of the robot's own force; half as long where it is
+    twice as large. Chosen: sensor and robot see a quick touch some tens of milliseconds apart.
+    """
     following_error_mm: float = 10.0
     """Distance between the reported and the commanded position above which the run stops."""
+    path_error_mm: float = 0.3
+    """Distance along the approach between the reported depth and all depths that were ordered in the time which the
+    robot takes for an order, above which the run stops. Chosen: some times what healthy robots were seen to reach.
+    """
     tilt_deg: float = 2.0
     """Turn of the reported orientation from the ordered one above which the run stops; a turn under way adds to it."""
     turn_deg_s: float = 10.0
@@ -65,20 +90,30 @@ class Limits:
     """Farthest that a program may tip the tool's axis from that of the start."""
     cycle_deadline_ms: float = 500.0
     """Time for which a decision may last, or the computer stand still; longer stops the run."""
+    cycle_max_ms: float = 500.0
+    """Time of a cycle above which the run stops, once three in a row took longer, and longer than two periods. Chosen:
+    a line of 4800 baud takes 375 ms, and the controllers are tuned for half of that.
+    """
     zero_max_n: float = 50.0
     """Largest force that may be taken for zero, beside the known weight of the tool and bias of the sensor."""
     weight_tolerance_n: float = 1.0
     """Largest distance of each force from the known weight of the tool before a run moves."""
     weight_tolerance_nm: float = 0.2
     """The same for each moment."""
+    escape_mm_s: float = 30.0
+    """Fastest that a tool goes back from a surface that presses it beyond `force_limit_n`, up to the path velocity of
+    the robot. Chosen: above the speed of a surface of 20 mm/s. What gets behind the tool meanwhile is met with it.
+    """
     retract_rise_n: float = 5.0
     """Rise of the force while retracting above which the tool stands still."""
     retract_grace_ms: float = 700.0
     """Time that a retraction from contact has to take effect; until then the force may still rise. It covers two cycles
     of the slowest line, the servo and the sensor's filter.
     """
-    blind_retract_mm: float = 5.0
-    """How far a tool that pressed is pulled back without a force to go by, at least to the depth of the start."""
+    blind_retract_mm: float = 3.0
+    """How far a tool that pressed is pulled back without a force to go by, at least to the depth of the start. Chosen:
+    10 N on 5 kN/m need 2 mm. An obstacle of 50 kN/m within that way is met with 150 N at most.
+    """
     retract_patience_s: float = 5.0
     """How long a retraction is tried again when the robot refuses it or does not answer."""
 
@@ -88,27 +123,40 @@ class Limits:
             "force_limit_n",
             "pull_limit_n",
             "resultant_limit_n",
+            "against_travel_n",
             "correction_mm_s",
             "correction_total_mm",
             "travel_mm_s",
             "stale_after_ms",
             "frozen_after_ms",
+            "unchanged_mm",
             "unanswered_mm",
             "still_after_ms",
             "moment_limit_nm",
             "following_error_mm",
+            "path_error_mm",
             "tilt_deg",
             "turn_deg_s",
             "turn_total_deg",
             "cycle_deadline_ms",
+            "cycle_max_ms",
             "zero_max_n",
             "weight_tolerance_n",
             "weight_tolerance_nm",
             "retract_rise_n",
+            "escape_mm_s",
         )
         require_not_negative(
-            self, "force_margin_share", "retract_grace_ms", "retract_patience_s", "blind_retract_mm"
+            self,
+            "friction_share",
+            "force_margin_share",
+            "retract_grace_ms",
+            "retract_patience_s",
+            "blind_retract_mm",
+            "witness_ms",
         )
+        if self.witness_n is not None:
+            require_not_negative(self, "witness_n")
         if self.force_margin_share >= 1:
             raise ValueError(f"force_margin_share must be below 1, got {self.force_margin_share}")
         for low, high in zip(self.workspace_min_m, self.workspace_max_m, strict=True):

@@ -77,6 +77,13 @@ class Peaks:
             *(sum(m * n for m, n in zip(row, values, strict=True)) + o - p for row, o, p in rows)
         )
 
+    def along(self, values: Sequence[float]) -> float:
+        """Contact force of one frame along the approach from the newest zero, N, positive while pressing."""
+        rows = zip(self._matrix[:3], self._offset[:3], self._own[:3], self._direction, strict=True)
+        return -sum(
+            n * (sum(m * v for m, v in zip(row, values, strict=True)) + o - p) for row, o, p, n in rows
+        )
+
     def take(self) -> tuple[float, float, float, bool]:
         """Force along the approach farthest from 0, N, largest resultant, N, and moment, N·m, of all frames since the
         call before; zeros where none came. The last value is whether one was saturated.

@@ -13,20 +13,24 @@ from dataclasses import dataclass
 
 from msgspec.structs import replace
 
-from hil_bridge.control.course import orientation
+from hil_bridge.control.course import orientation, retreat
+from hil_bridge.control.course.free_space import FreeSpace, lifeless, watched
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.verdict import (
     LEAVES,
+    SLOWLY,
+    WAITS,
     Allow,
     Cause,
     Clamp,
     Observation,
     Request,
-    Retreat,
     Stop,
     SupervisorState,
     Verdict,
 )
+from hil_bridge.control.course.wall import beyond_friction
+from hil_bridge.control.course.witness import Witness
 from hil_bridge.control.geometry.turning import apart, unit
 from hil_bridge.errors import ConfigError
 from protocol.geometry import Quaternion, Vector
@@ -39,6 +43,8 @@ class Supervisor:
     limits: Limits
     speed: float = math.inf
     """Path velocity that the robot is given, m/s: a reported position that moves faster is not true."""
+    witness: Witness | None = None
+    """The rule for the robot's own force; None where it tells none."""
 
     def initial(self, position: Vector, depth: float = 0.0) -> SupervisorState:
         """State for a robot that stands at this position in the base frame and at this depth, m.
@@ -57,9 +63,18 @@ class Supervisor:
             return state, state.stopped
         still = state.still + observation.dt if observation.sensor_sequence == state.sensor_sequence else 0.0
         pressed = _pressed(state.pressed, observation)
+        disagreed = None
+        if self.witness is not None and observation.witness is not None:
+            disagreed = self.witness.disagreed(state.disagreed, observation)
         stop = self._first_fault(state, observation, request, still, pressed)
+        if stop is None and disagreed and self.witness is not None:
+            text = self.witness.fault(disagreed, observation)
+            stop = Stop(Cause.WITNESS, text) if text else None
+        free = None
+        if stop is None and observation.free_force is not None:
+            free, stop = self._in_free_space(state, observation)
         if stop is not None:
-            return replace(state, still=still, pressed=pressed, stopped=stop), stop
+            return replace(state, still=still, pressed=pressed, stopped=stop, disagreed=disagreed), stop
         verdict = _clamp(self.limits, state, request, observation.dt)
         position = observation.position
         quaternion, home, lag = state.quaternion, state.home, state.lag
@@ -78,9 +93,22 @@ class Supervisor:
                 quaternion,
                 home,
                 lag,
+                disagreed,
+                free,
             ),
             verdict,
         )
+
+    def _in_free_space(
+        self, state: SupervisorState, seen: Observation
+    ) -> tuple[FreeSpace | None, Stop | None]:
+        """The watch over the sensor while the tool moves through free space, and its stop."""
+        if seen.position is None or seen.free_force is None:
+            return None, None
+        changed = seen.unchanged < seen.dt  # since the decision before
+        free = watched(state.free, self.limits, seen.now, -seen.free_force, (changed, seen.position))
+        text = lifeless(free, self.limits, seen.now, -seen.free_force, (seen.unchanged, seen.position))
+        return free, Stop(Cause.FROZEN, text) if text else None
 
     def _turn(
         self, state: SupervisorState, seen: Observation, wanted: Quaternion, verdict: Allow | Clamp
@@ -106,68 +134,27 @@ class Supervisor:
         """One cycle of pulling back, which no stop ends but one: a force that rises, or stays over its limit, while
         the tool moves away. The tool stands still then.
 
-        Where the force cannot be known the tool goes back to the depth of the start, where it has been. Where it
-        pressed, it goes back by no more than `blind_retract_mm`. The request must be finite. A stop stays latched.
+        Where the force cannot be known the tool goes back slowly to the depth of the start, where it has been. Where
+        it pressed, it goes back by `blind_retract_mm` at least. The request must be finite. A stop stays latched.
         """
-        before, seen = state.retreat, observation
+        before, seen, limits = state.retreat, observation, self.limits
         after = before
-        if not math.isfinite(seen.force + seen.resultant + seen.peak_resultant):
-            known = False
-        else:
-            known = not (seen.fault or seen.saturated or seen.dead_axis) and self._fresh(seen)
+        known = retreat.is_known(limits, before, seen) and self._fresh(seen)
         if known:
-            if before is None:
-                before = Retreat(
-                    seen.now,
-                    seen.pressing,
-                    seen.resultant,
-                    seen.depth,
-                    max(seen.resultant, seen.peak_resultant) <= self.limits.force_limit_n,
-                )
-            after = self._retreated(before, seen)
-            text = self._no_way_back(before, after, seen)
+            after, text = retreat.watch(limits, before, seen)
             if text:
                 stop = Stop(Cause.RETRACTION, text)
                 return replace(state, retreat=after, stopped=state.stopped or stop), stop
-        verdict = _clamp(self.limits, state, request, seen.dt)
-        farthest = self._blind_goal(state, before)
-        if not known and verdict.depth < farthest and verdict.depth < state.depth:
-            verdict = _clamp(self.limits, state, _at_depth(request, min(state.depth, farthest)), seen.dt)
-            reason = "without a force to go by no farther back"
+            highest, reason = state.depth - retreat.longest_way(after, seen.dt), WAITS
+        else:
+            goal = retreat.blind_goal(limits, state.pressed, before)
+            reason = SLOWLY if goal < state.depth else "without a force to go by no farther back"
+            highest = state.depth - max(min(state.depth - goal, retreat.BLIND_M_S * seen.dt), 0.0)
+        verdict = _clamp(limits, state, request, seen.dt)
+        if verdict.depth < highest:
+            verdict = _clamp(limits, state, _at_depth(request, highest), seen.dt)
             verdict = Clamp(verdict.depth, verdict.position, (reason,))
         return replace(state, depth=verdict.depth, position=verdict.position, retreat=after), verdict
-
-    def _blind_goal(self, state: SupervisorState, before: Retreat | None) -> float:
-        """Depth to which a tool may go back without a force to go by, m."""
-        pressed = state.pressed
-        if pressed is None or (before is not None and not before.from_contact):
-            return 0.0
-        return min(0.0, pressed[1] - self.limits.blind_retract_mm * 1e-3)
-
-    def _retreated(self, before: Retreat, seen: Observation) -> Retreat:
-        """The lowest force so far; while the retraction has not taken effect yet, the newest."""
-        resultant = seen.resultant
-        if before.from_contact and (seen.now - before.began_at) * 1e3 <= self.limits.retract_grace_ms:
-            lowest = max(before.lowest, resultant)
-            return Retreat(before.began_at, True, lowest, seen.depth, before.within)
-        lowest = min(before.lowest, resultant)
-        fell = resultant < before.lowest - _FELL_N
-        return Retreat(
-            before.began_at, before.from_contact, lowest, seen.depth if fell else before.depth, before.within
-        )
-
-    def _no_way_back(self, before: Retreat, after: Retreat, seen: Observation) -> str:
-        """Why the tool must stand still, in words; empty while it need not."""
-        limits, force = self.limits, seen.resultant
-        if before.within and force > limits.force_limit_n:
-            return f"the force rose to {force:.1f} N while the tool retracted"
-        if force > after.lowest + limits.retract_rise_n:
-            return f"the force rose from {after.lowest:.1f} N to {force:.1f} N while the tool retracted"
-        over = abs(seen.force) > limits.force_limit_n or force > limits.resultant_limit_n
-        if over and (before.depth - seen.depth) * 1e3 > limits.unanswered_mm:
-            back = (before.depth - seen.depth) * 1e3
-            return f"the force stayed at {force:.1f} N while the tool retracted by {back:.1f} mm"
-        return ""
 
     def _fresh(self, seen: Observation) -> bool:
         return 0.0 <= (seen.now - seen.sensor_at) * 1e3 <= self.limits.stale_after_ms
@@ -194,7 +181,8 @@ class Supervisor:
             return Stop(Cause.DEVICE, seen.fault)
         force = seen.force if abs(seen.force) >= abs(seen.peak_force) else seen.peak_force
         if abs(force) > limits.force_limit_n:
-            return Stop(Cause.FORCE, f"contact force {force:.1f} N is beyond {limits.force_limit_n:g} N")
+            told = f"of at least {abs(force):.1f}" if seen.saturated else f"{force:.1f}"
+            return Stop(Cause.FORCE, f"contact force {told} N is beyond {limits.force_limit_n:g} N")
         resultant = max(seen.resultant, seen.peak_resultant)
         if resultant > limits.resultant_limit_n:
             text = f"resultant force {resultant:.1f} N is beyond {limits.resultant_limit_n:g} N"
@@ -202,6 +190,13 @@ class Supervisor:
         if seen.peak_moment > limits.moment_limit_nm:
             text = f"moment {seen.peak_moment:.2f} N·m is beyond {limits.moment_limit_nm:g} N·m"
             return Stop(Cause.MOMENT, text)
+        wall = beyond_friction(seen.against, seen.force, limits.friction_share)
+        if wall > limits.against_travel_n:
+            text = (
+                f"a force of {seen.against:.1f} N against the travel is {wall:.1f} N more than friction, allowed are "
+                f"{limits.against_travel_n:g} N: something stands in the way"
+            )
+            return Stop(Cause.WALL, text)
         if seen.saturated:
             return Stop(Cause.SATURATED, "the force sensor is at the end of its range")
         if -seen.force > limits.pull_limit_n:
@@ -377,6 +372,3 @@ _SAME_N = 2e-3
 """A force that differs by less is no answer to a tool that presses. Chosen: some times what the jitter of a reported
 orientation makes of 100 N, and less than a count of most sensors.
 """
-
-_FELL_N = 0.25
-"""Chosen: a force that came down by this much has answered the retraction."""

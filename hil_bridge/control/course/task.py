@@ -13,6 +13,9 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from hil_bridge.control.checks import require_above_zero, require_not_negative
+from hil_bridge.control.course.escape import escape_way
+from hil_bridge.control.course.touch import Doubt, Touch, TouchTest, begin_tracking, keep_tracking
+from hil_bridge.control.course.wall import way_back
 from hil_bridge.control.types import POSITION_STEP_MM, SAMPLE_MS, Command, Controller, Measurement, as_answer
 from hil_bridge.control.words.steps import ResumePoint, Step
 from protocol.geometry import Quaternion
@@ -55,11 +58,18 @@ class TaskParameters:
     """Stiffness of the hardest surface expected. The approach goes so slowly that a first touch presses with no more
     than the desired force, and than half the supervisor's limit. Source: the paper's sponge.
     """
-    approach_depth_limit_mm: float = 50.0
-    """Depth added at most in an approach before it is given up."""
+    approach_depth_limit_mm: float = 15.0
+    """Depth added at most in an approach before it is given up; so far at most does a sensor that does not answer let
+    it press. Chosen: the start is taken to be some 10 mm above the surface.
+    """
     search_depth_limit_mm: float = 5.0
     """Depth added at most after a contact loss before the surface counts as ended: an edge is no hole to dive
     into.
+    """
+    least_stiffness_n_m: float | None = None
+    """Stiffness that a touch must show at least where the tool's weight could not verify the axis that measures the
+    force: the tool goes deeper in small steps, and the force must rise. None for a quarter of `expected_stiffness_n_m`:
+    an axis that tells less than a quarter of the force is refused by it.
     """
     contact_threshold_n: float = 1.0
     """Force above which there is contact."""
@@ -106,6 +116,11 @@ class TaskParameters:
     """File with the steps of a program, beside the configuration; empty for steps that stand here, or for none."""
 
     @property
+    def least_stiffness(self) -> float:
+        """Stiffness that a touch in doubt must show, N/m."""
+        return self.least_stiffness_n_m or self.expected_stiffness_n_m / 4
+
+    @property
     def single_step_mm(self) -> float:
         """Step of a movement that waits after each one: the way of an approach in `SAMPLE_MS`. Where it is long enough,
         it is in whole steps of `zero_step_mm`.
@@ -138,6 +153,8 @@ class TaskParameters:
             "zero_lift_mm",
             "safe_height_mm",
         )
+        if self.least_stiffness_n_m is not None:
+            require_above_zero(self, "least_stiffness_n_m")
         if self.loss_threshold_n > self.contact_threshold_n:
             raise ValueError("loss_threshold_n must not be above contact_threshold_n")
         if self.travel_from_share > 1:
@@ -201,6 +218,12 @@ class TaskState(Struct, frozen=True):
     """The controller's last estimate of the contact stiffness, N/m; kept for a program."""
     course: Any = None
     """State of the program; None for a task without one."""
+    doubt: Doubt = Doubt.NONE
+    """Why a touch must be proven, by the newest sample."""
+    touch: Touch | None = None
+    """The touch that is being proven, or was; None where there is none."""
+    yielded: float = 0.0
+    """Way that the tool has gone back along the travel while it retracts, m."""
 
 
 class TaskOutput(Struct, frozen=True):
@@ -238,6 +261,10 @@ class Task:
     """Contact force at which the supervisor stops the run."""
     position_step: float | None = None
     """Step of the robot's position, m, in whole ones of which the tool moves; None for a robot that has none."""
+    escape_mm_s: float = 0.0
+    """Speed at which it goes back from a force beyond the limit, mm/s."""
+    friction_share: float = 0.0
+    """Share of the contact force that may come up against the travel by friction."""
 
     def initial(self) -> TaskState:
         """State at the start point, away from the surface."""
@@ -297,23 +324,54 @@ class Task:
         return state, _output(state, measurement.commanded, phase)
 
     def _approach(self, state: TaskState, measurement: Measurement) -> tuple[TaskState, TaskOutput]:
+        if state.in_contact and not self.is_proven(state):
+            return self._prove(state, measurement)
         if state.in_contact:
             memory = self.controller.initial() if state.controller is None else state.controller
             state = replace(
-                state, phase=Phase.TRACK, turn=None, lost_for=None, settled=False, controller=memory
+                state,
+                phase=Phase.TRACK,
+                turn=None,
+                lost_for=None,
+                settled=False,
+                controller=memory,
+                touch=begin_tracking() if state.touch is None else None,
             )
             return self._track(state, measurement)
+        if state.touch is not None:
+            state = replace(state, touch=None)
         turn = measurement.commanded if state.turn is None else state.turn
         ahead = measurement.commanded - measurement.position
         depth = measurement.commanded + self.careful_step(ahead, measurement.dt)
         limit_mm = self.parameters.approach_depth_limit_mm
         if depth - turn > limit_mm * 1e-3 + _ROUNDING:
-            cause = f"no contact found within {limit_mm:g} mm"
+            cause = (
+                f"no contact found within {limit_mm:g} mm: start nearer, or set task.approach_depth_limit_mm "
+                "(at_most_mm of a step)"
+            )
             return self._retract(self.fail(state, cause), measurement)
         state = replace(state, turn=turn)
         if self._beyond_edge(state, depth):
             return self._retract(self.fail(state, self._edge), measurement)
         return state, _output(state, depth, Phase.APPROACH)
+
+    def is_proven(self, state: TaskState) -> bool:
+        """Whether a contact may be taken for one."""
+        return state.doubt is Doubt.NONE if state.touch is None else state.touch.proven
+
+    def _prove(self, state: TaskState, measurement: Measurement) -> tuple[TaskState, TaskOutput]:
+        """One sample of a touch in doubt: stand, and go deeper by a small step once the last one is answered."""
+        parameters = self.parameters
+        test = TouchTest(parameters.zero_change_n, parameters.least_stiffness, self.position_step or 0.0)
+        touch, way, text = test.after(state.touch or Touch(state.doubt), measurement)
+        state = replace(state, touch=touch)
+        if text:
+            return self._retract(self.fail(state, text), measurement)
+        ahead = measurement.commanded - measurement.position
+        way = (
+            min(way, max(self.careful_step(ahead, measurement.dt), self.position_step or 0.0)) if way else 0.0
+        )
+        return state, _output(state, measurement.commanded + way, Phase.APPROACH)
 
     def careful_step(self, ahead: float, dt: float) -> float:
         """Way into a place where the tool has not been, m, so short that a touch ends within the force allowed.
@@ -340,6 +398,11 @@ class Task:
     def _track(
         self, state: TaskState, measurement: Measurement, stride: Stride = PLAIN
     ) -> tuple[TaskState, TaskOutput]:
+        touch = state.touch
+        if touch is not None and state.in_contact:
+            touch, doubtful = keep_tracking(touch, state.doubt, measurement)
+            if doubtful:
+                return self._prove(replace(state, phase=Phase.APPROACH, turn=None, touch=touch), measurement)
         reference = self.parameters.force_n if stride.reference is None else stride.reference
         enough = measurement.force >= self.parameters.travel_from_share * reference
         settled = state.settled or enough
@@ -377,6 +440,8 @@ class Task:
                 state.failed,
                 state.stiffness,
                 state.course,
+                state.doubt,
+                touch,
             )
             output = _output(state, command.position, _TRACK, command)
             if travel > self.parameters.travel_limit_mm * 1e-3 - _ROUNDING:
@@ -409,13 +474,20 @@ class Task:
         parameters, commanded = self.parameters, measurement.commanded
         turn = commanded if state.turn is None else state.turn
         goal = min(turn - parameters.retract_mm * 1e-3, 0.0)
-        step = self.way(parameters.retract_speed_mm_s, measurement.dt)
+        step, behind = (
+            self.way(parameters.retract_speed_mm_s, measurement.dt),
+            measurement.position - commanded,
+        )
+        stiffness = max(parameters.expected_stiffness_n_m, state.stiffness or 0.0)
+        escape = escape_way(measurement, self.force_limit_n, stiffness, self.escape_mm_s)
         if commanded > _ROUNDING:
-            depth = max(commanded - step, 0.0)
+            depth = max(commanded - max(step, escape), 0.0)
         else:
-            behind = measurement.position - commanded
-            depth = max(commanded - min(step, self.careful_step(behind, measurement.dt)), goal)
-        state = replace(state, turn=turn)
+            careful = min(step, self.careful_step(behind, measurement.dt))
+            depth = max(commanded - max(careful, escape), goal)
+        step = self.way(parameters.retract_speed_mm_s, measurement.dt)
+        aside = way_back(measurement, state.yielded, step, self.friction_share)
+        state = replace(state, turn=turn, travel=state.travel - aside, yielded=state.yielded + aside)
         output = _output(state, depth, Phase.RETRACT)
         # A command that the supervisor held back at the workspace's border does not count as arrived.
         if commanded <= goal + _ROUNDING:

@@ -6,6 +6,7 @@ from typing import ClassVar, TypeAlias
 
 from msgspec import Struct
 
+from hil_bridge.control.course.free_space import FreeSpace
 from hil_bridge.control.types import SAMPLE_MS
 from protocol.geometry import Quaternion, Vector
 
@@ -19,7 +20,9 @@ class Cause(StrEnum):
     PULL = "pull"
     RESULTANT_FORCE = "resultant-force"
     MOMENT = "moment"
+    WALL = "wall"
     SATURATED = "saturated"
+    WITNESS = "witness"
     STALE = "stale"
     FROZEN = "frozen"
     SEQUENCE = "sequence"
@@ -29,6 +32,8 @@ class Cause(StrEnum):
     CONTROLLER = "controller"
     OSCILLATION = "oscillation"
     RETRACTION = "retraction"
+    GATE = "gate"
+    """The last gate stopped an order; see `hil_bridge.robots.gate`."""
 
 
 class Observation(Struct, frozen=True):
@@ -74,6 +79,16 @@ class Observation(Struct, frozen=True):
     """Time since the cycle before, as `Measurement.dt`, s."""
     quaternion: Quaternion | None = None
     """Reported orientation; None where it is not known."""
+    against: float = 0.0
+    """Contact force against the travel of a plain run, N; 0 where it is not known."""
+    witness: float | None = None
+    """Force along the approach as the robot itself feels it, from its own zero, N, positive while pressing; None where
+    it tells none.
+    """
+    free_force: float | None = None
+    """Contact force along the approach direction from the newest zero while the tool moves through free space, N; None
+    elsewhere.
+    """
 
 
 class Request(Struct, frozen=True):
@@ -111,6 +126,11 @@ class Clamp(Struct, frozen=True):
     """The same as a point in the base frame, m."""
     reasons: tuple[str, ...]
 
+    @property
+    def goes_on(self) -> bool:
+        """Whether it holds back a retraction that goes on later."""
+        return self.reasons in ((WAITS,), (SLOWLY,))
+
 
 class Stop(Struct, frozen=True):
     """Send nothing more: end the motion."""
@@ -123,7 +143,26 @@ class Stop(Struct, frozen=True):
 LEAVES = "leaves the workspace"
 """Reason of a clamp at the workspace's border."""
 
+WAITS = "the force does not come down: the retraction waits, then tries slowly"
+"""Reason of a clamp of a retraction that goes on later."""
+
+SLOWLY = "without a force to go by slowly back"
+"""Reason of a clamp of a retraction that goes on."""
+
 Verdict: TypeAlias = Allow | Clamp | Stop
+
+
+class Stage(StrEnum):
+    """Stages of a retraction that the force from the front does not answer."""
+
+    GOES = "goes"
+    """It goes on."""
+    WAITS = "waits"
+    """It stands, to see whether the force rises without it."""
+    SLOW = "slow"
+    """It tries a second time, slowly."""
+    TRUSTED = "trusted"
+    """The force rose while it stood, or fell when it tried again: the way back is right, and it goes on."""
 
 
 class Retreat(Struct, frozen=True):
@@ -139,6 +178,17 @@ class Retreat(Struct, frozen=True):
     """Reported depth at which the force last came down, m."""
     within: bool = False
     """The retraction began within the force limit, so that nothing may carry the force beyond."""
+    force: float = 0.0
+    """Force along the approach when it began, N."""
+    front: float = 0.0
+    """Largest force from the front that was told since, N."""
+    stage: Stage = Stage.GOES
+    since: float = 0.0
+    """When it began to wait, s on the run's clock."""
+    level: float = 0.0
+    """Force beyond which it must not rise at this stage, N."""
+    dt: float = 0.0
+    """Time of the cycle in which it began to wait, s."""
 
 
 class SupervisorState(Struct, frozen=True):
@@ -164,3 +214,7 @@ class SupervisorState(Struct, frozen=True):
     """Orientation from which the tilt counts; None before the tool was turned."""
     lag: float = 0.0
     """Turn that the robot may not have followed yet, rad."""
+    disagreed: float | None = None
+    """Weighted time for which force sensor and robot have disagreed, s; None while they agree."""
+    free: FreeSpace | None = None
+    """Watch over the sensor while the tool moves through free space; None elsewhere."""

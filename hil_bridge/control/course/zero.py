@@ -4,16 +4,19 @@ A reading is the mean of some frames in the sensor frame, fx fy fz in N and mx m
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hil_bridge.control.geometry.frames import tool_gravity_wrench
-from hil_bridge.control.geometry.wrist import Wrist
+from hil_bridge.control.geometry.wrist import NO_WRENCH, Wrist
 from protocol.geometry import Quaternion
 
 AXES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 """Names of the sensor's axes, in the order of a reading."""
+
+MAIN_SHARE = 0.5
+"""Share of the approach direction on a sensor's axis from which that axis matters. Chosen: tilted by less than 60°."""
 
 _MOMENT_ARM = 0.1
 """Chosen: N·m of unrest for each N that is allowed, m, the order of a tool's length."""
@@ -90,6 +93,37 @@ def _likeness(read: Sequence[float], expected: Sequence[float], tolerances: Sequ
         if quiet and abs(value) <= tolerance:
             return f"{touch}, {AXES[main]} is dead or scaled wrongly, or the tool is gone"
     return f"{touch}, the tool or the sensor's bias is another (identify-tool), or an axis is scaled wrongly"
+
+
+def unverified_axes(
+    wrist: Wrist | None, quaternion: Quaternion, tolerance_n: float, tolerance_nm: float
+) -> tuple[int, ...]:
+    """Numbers of the axes on which a reading of the weight proves nothing: a dead one would read the same within its
+    tolerance. All of them where the tool's weight is not known.
+    """
+    if wrist is None:
+        return tuple(range(len(AXES)))
+    weight = weight_reading(replace(wrist, bias=NO_WRENCH), quaternion)
+    tolerances = (tolerance_n,) * 3 + (tolerance_nm,) * 3
+    return tuple(k for k, limit in enumerate(tolerances) if not abs(weight[k]) > limit)
+
+
+def main_axes(wrist: Wrist, approach: Sequence[float], quaternion: Quaternion) -> tuple[int, ...]:
+    """Numbers of the sensor's force axes on which the approach direction mainly lies."""
+    shares = wrist.seen_by_sensor(approach, quaternion).tolist()
+    return tuple(k for k, share in enumerate(shares) if abs(share) >= MAIN_SHARE)
+
+
+def lost_forces(wrist: Wrist | None, approach: Sequence[float], quaternion: Quaternion) -> tuple[float, ...]:
+    """Forces along the approach that a sensor tells from its zero once it has lost the tool's weight, N: on all axes,
+    or on one that the approach mainly lies on. Empty where the weight is not known.
+    """
+    if wrist is None:
+        return ()
+    weight = weight_reading(replace(wrist, bias=NO_WRENCH), quaternion)
+    shares = wrist.seen_by_sensor(approach, quaternion).tolist()
+    lost = [weight[k] * shares[k] for k in range(3)]
+    return sum(lost), *(lost[k] for k in main_axes(wrist, approach, quaternion))
 
 
 def lift_fault(

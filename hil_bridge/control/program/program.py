@@ -264,13 +264,16 @@ class Program:
             return replace(
                 state, phase=phase, turn=None, lost_for=None, settled=False, controller=memory, course=course
             )
-        return replace(state, phase=phase, turn=None, lost_at=None, controller=memory, course=course)
+        return replace(
+            state, phase=phase, turn=None, lost_at=None, controller=memory, course=course, touch=None
+        )
 
     def _over(self, state: TaskState, leg: Leg, measurement: Measurement, felt: Felt) -> bool:
         """Whether a leg is over before it has used this sample."""
         step, course = leg.step, state.course
         if step.do == "approach":
-            return measurement.force > leg.stroke.parameters.contact_threshold_n
+            touches = measurement.force > leg.stroke.parameters.contact_threshold_n
+            return touches and leg.stroke.is_proven(state)
         for_s = getattr(step, "for_s", None)
         return for_s is not None and felt.now - course.began >= for_s
 

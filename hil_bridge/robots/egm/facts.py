@@ -1,9 +1,14 @@
 """Facts of a robot behind Externally Guided Motion, for recording, report and view."""
 
 from emulators.egm import EgmProfile
-from hil_bridge.facts import Pacing, RobotFacts, ServoFacts
+from hil_bridge.facts import Pacing, RobotFacts, ServoFacts, WitnessFacts
 from hil_bridge.robots.egm.settings import EgmSettings
 from protocol.marks import Mark, settings
+
+ORDINARY_N = 12.0
+"""Assumed: as of a robot with a sensor of its own at the wrist; nothing is published of ABB's."""
+WITNESS_DELAY_S = 0.01
+"""Assumed: the time constant of that sensor's filter."""
 
 
 def robot_facts(client: EgmSettings, assumed: EgmProfile) -> RobotFacts:
@@ -15,6 +20,11 @@ def robot_facts(client: EgmSettings, assumed: EgmProfile) -> RobotFacts:
         servo=_servo_facts(assumed),
         late="the controller goes on with the last pose and speed, takes a late message a cycle later, and stops after "
         "CommTimeout without one",
+        witness=None
+        if client.force_axes == "none"
+        else WitnessFacts(
+            ORDINARY_N, WITNESS_DELAY_S, dict.fromkeys(("ordinary_n", "delay_s"), str(Mark.ASSUMED))
+        ),
     )
 
 

@@ -24,7 +24,8 @@ async def connect(url: str, settings: KindSettings, wiring: Wiring) -> StreamedL
     if "strangers" not in parse_url(url, LISTEN_DATAGRAMS).options:
         url += f"{'&' if '?' in url else '?'}strangers=refuse"  # nothing else may take the robot's place
     wire = await wiring.datagrams(url, speak_first=False)
-    client = EgmClient(settings.client.sample_ms * 1e-3, settings.client.feed_forward)
+    own: EgmSettings = settings.client
+    client = EgmClient(own.sample_ms * 1e-3, own.feed_forward, own.force_axes)
     return StreamedLink(wire, client, facts(url, settings), wiring.clock, wiring.log)
 
 

@@ -1,7 +1,7 @@
 """Settings of the client of Externally Guided Motion: section `[robot.egm]`."""
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 from protocol.marks import Mark, check_settings, setting
 
@@ -24,6 +24,11 @@ class EgmSettings:
         True,
         Mark.CHOSEN,
         "answers carry the speed of the reference; without it the robot lags behind by the speed over its gain",
+    )
+    force_axes: Literal["tool", "base", "none"] = setting(
+        "tool",
+        Mark.ASSUMED,
+        "axes of measuredForce, where datagrams have it: no source names them; none: it is not heeded",
     )
 
     def __post_init__(self) -> None:

@@ -11,6 +11,7 @@ from hil_bridge.clock import Clock
 from hil_bridge.device_log import DeviceLog
 from hil_bridge.errors import BridgeError, DeviceError, OrderRefused
 from hil_bridge.robots.asked import Asking
+from hil_bridge.robots.gate import Bounds, Gate
 from hil_bridge.robots.s3.facts import robot_facts
 from hil_bridge.robots.s3.motion import S3Motion
 from hil_bridge.robots.s3.standing import hindrance, stop
@@ -311,10 +312,11 @@ class S3Link:
 
     @asynccontextmanager
     async def motion(self, limits: MotionLimits) -> AsyncIterator[S3Motion]:
-        """A movement sequence, at the speed of the limits; the others are for robots that are streamed."""
+        """A movement sequence, at the speed and in the bounds of the limits; the others are for streams."""
         self._fit = status = self._status
         stands = None if status is None else Pose(status.position, status.quaternion)
-        motion = S3Motion(self, limits.speed, stands)
+        gate = Gate(limits.bounds or Bounds(), self._clock.now(), stands)
+        motion = S3Motion(self, limits.speed, stands, lambda pose: gate.judge(pose, self._clock.now()))
         try:
             await self.exchange(motion.telegram(MoveKind.START))
         except OrderRefused as refused:

@@ -1,11 +1,13 @@
 """A movement sequence of the S3: a start, any number of points, an end at the last point."""
 
+from collections.abc import Callable
 from typing import Protocol
 
-from hil_bridge.errors import OrderRefused
+from hil_bridge.errors import GateStop, OrderRefused
 from hil_bridge.robots.seam import Sent
 from protocol.geometry import Pose, Quaternion, Vector
 from protocol.robot import pose_fault
+from protocol.s3.adlp import HEADER_SIZE
 from protocol.s3.arap import Move, MoveKind, Telegram, stop_program
 
 _POINT = MoveKind.POINT
@@ -33,9 +35,18 @@ class S3Motion:
     The controller has the whole way with each point, so `settled` returns at once and `hold` has nothing to take back.
     """
 
-    def __init__(self, link: Orders, speed: float, stands: Pose | None = None) -> None:
-        """`stands` is where the robot was reported last: an end without any point before it is ordered there."""
-        self._link = link
+    def __init__(
+        self,
+        link: Orders,
+        speed: float,
+        stands: Pose | None = None,
+        judge: Callable[[Pose], str] = lambda pose: "",
+    ) -> None:
+        """`stands` is where the robot was reported last: an end without any point before it is ordered there.
+
+        `judge` is the last gate's word on a pose, empty where it may be ordered.
+        """
+        self._link, self._judge = link, judge
         self._stands = stands
         self.speed = speed
         """Along the path for the orders to come, m/s."""
@@ -63,6 +74,8 @@ class S3Motion:
         if wrong := pose_fault(target):
             raise OrderRefused(f"the robot is not sent to {wrong}")
         order = self.telegram(_POINT, *target)
+        if stopped := self._judge(ordered_pose(order)):
+            raise GateStop(stopped)
         before, self._last = self._last, target
         try:
             await self._link.exchange(order, soon=soon)
@@ -89,3 +102,9 @@ class S3Motion:
         """End the sequence at the last point ordered, unless it was halted or abandoned."""
         if not (self.halted or self.abandoned):
             await self._link.exchange(self.telegram(MoveKind.END, *(self._last or self._stands or ())))
+
+
+def ordered_pose(order: Telegram) -> Pose:
+    """The pose that an order's words mean."""
+    move = Move.from_telegram(order, (len(order.data) + HEADER_SIZE,))
+    return Pose(move.position, move.quaternion)

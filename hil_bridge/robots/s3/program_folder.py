@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.text_files import format_path, read_up_to
+from hil_bridge.text_files import format_path, open_ordinary, read_up_to
 from protocol.s3.adlp import HEADER_SIZE, MESSAGE_LIMIT
 
 NUMBER_LIMIT = 0xFFFF
@@ -22,7 +22,7 @@ def read_programs(folder: Path, max_telegram: int) -> Mapping[int, bytes]:
             number = _number(path)
             if number in found:
                 raise ConfigError(f"{path}: program {number} is there twice; remove one of the files")
-            with path.open("rb") as file:
+            with open_ordinary(path) as file:
                 found[number] = read_up_to(file, room + 1)
             if len(found[number]) > room:
                 raise ConfigError(f"{format_path(path)}: too long to be received, at most {room} bytes")

@@ -13,6 +13,7 @@ import socket
 import struct
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, TypeAlias
 
 from hil_bridge.clock import Clock
@@ -261,4 +262,5 @@ class UdpWire:
         if self._open:
             self._open = False
             self._clock.loop.remove_reader(self._socket.fileno())
-            self._socket.close()
+            with suppress(OSError):  # other code has closed it before
+                self._socket.close()

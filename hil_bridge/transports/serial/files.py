@@ -3,6 +3,7 @@
 import os
 import select
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Protocol
 
 from hil_bridge.clock import Clock
@@ -134,4 +135,5 @@ class FileWire:
             self._clock.loop.remove_reader(self._fd)
             self._clock.loop.remove_writer(self._fd)
             self._queue.clear()
-            self._owner.close()
+            with suppress(OSError):  # other code has closed it before
+                self._owner.close()

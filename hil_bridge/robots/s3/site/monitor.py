@@ -17,7 +17,7 @@ from hil_bridge.robots.s3.room import robot_wire
 from hil_bridge.robots.s3.site.capture import Piece, Sender, parse_capture, recorded_pieces
 from hil_bridge.robots.s3.site.link_monitor import Counts, LinkMonitor
 from hil_bridge.robots.s3.site.printing import counts_text, print_lines
-from hil_bridge.text_files import format_path, parse_json, read_text
+from hil_bridge.text_files import open_ordinary, parse_json, read_text
 from hil_bridge.transports import connect_bytes
 from protocol.s3.adlp import LinkProfile
 from protocol.s3.arap import OrderBook
@@ -125,15 +125,12 @@ async def listen(
 
 def _pieces(path: Path) -> tuple[list[Piece], LinkProfile]:
     """The pieces in a file and the link's settings that it tells."""
-    try:
-        with path.open("rb") as file:
-            head = file.read(len(MCAP_MAGIC))
-        if head == MCAP_MAGIC:
-            records, metadata = read_link(path)
-            return list(recorded_pieces(records, str(path))), _recorded_link(metadata.get("config", ""))
-        return list(parse_capture(read_text(path), str(path))), LinkProfile()
-    except OSError as error:
-        raise ConfigError(f"cannot read {format_path(path)}: {error.strerror}") from error
+    with open_ordinary(path) as file:
+        head = file.read(len(MCAP_MAGIC))
+    if head == MCAP_MAGIC:
+        records, metadata = read_link(path)
+        return list(recorded_pieces(records, str(path))), _recorded_link(metadata.get("config", ""))
+    return list(parse_capture(read_text(path), str(path))), LinkProfile()
 
 
 def _recorded_link(config: str) -> LinkProfile:

@@ -1,0 +1,163 @@
+"""Watch over a retraction: whether the force answers it, and where a tool may go without a force to go by. Pure.
+
+The sign of the force along the approach tells the two dangers apart. A force that presses comes from the front: the
+surface follows the tool, and the way back is right. A force the other way comes from behind, where something stands in
+the way: the tool stands still at once.
+
+A force from the front that does not come down may also have another reason: the robot does not go where it says. So the
+retraction waits, and looks. A force that rises meanwhile is not of its making, and it goes on. One that does not is
+tried a second time, slowly, and for the last time.
+"""
+
+import math
+
+from msgspec.structs import replace
+
+from hil_bridge.control.course.limits import Limits
+from hil_bridge.control.course.verdict import Observation, Retreat, Stage
+
+
+def is_known(limits: Limits, before: Retreat | None, seen: Observation) -> bool:
+    """Whether the observation tells the force, apart from its age.
+
+    A saturated reading may have any value and either sign. It counts as a force from the front, and no more, where one
+    passed the limit there before.
+    """
+    if not math.isfinite(seen.force + seen.resultant + seen.peak_resultant) or seen.fault or seen.dead_axis:
+        return False
+    return not seen.saturated or (before is not None and before.front > limits.force_limit_n)
+
+
+def watch(limits: Limits, before: Retreat | None, seen: Observation) -> tuple[Retreat, str]:
+    """State after one cycle whose force is known, and why the tool must stand still; empty while it need not."""
+    before = before or _begun(limits, seen)
+    if seen.saturated:
+        return replace(before, stage=Stage.TRUSTED), ""
+    after = _advanced(limits, before, seen)
+    if -seen.force > max(-before.force, 0.0) + limits.pull_limit_n:
+        return after, f"a force of {-seen.force:.1f} N from behind met the tool while the tool retracted"
+    if _from_front(limits, seen):
+        return _pressed(limits, before, after, seen)
+    return after, _no_way_back(limits, before, after, seen)
+
+
+def longest_way(state: Retreat | None, dt: float) -> float:
+    """How far the tool may go back in a cycle of `dt` s, m: inf where the retraction does not wait or try again."""
+    match None if state is None else state.stage:
+        case Stage.WAITS:
+            return 0.0
+        case Stage.SLOW:
+            return _SLOW_M_S * dt
+        case _:
+            return math.inf
+
+
+def blind_goal(limits: Limits, pressed: tuple[float, float] | None, before: Retreat | None) -> float:
+    """Depth to which a tool may go back without a force to go by, m. `pressed` is as in `SupervisorState`."""
+    if pressed is None or (before is not None and not before.from_contact):
+        return 0.0
+    return min(0.0, pressed[1] - limits.blind_retract_mm * 1e-3)
+
+
+def _begun(limits: Limits, seen: Observation) -> Retreat:
+    """State of a retraction at its first known force."""
+    within = max(seen.resultant, seen.peak_resultant) <= limits.force_limit_n
+    return Retreat(seen.now, seen.pressing, seen.resultant, seen.depth, within, seen.force)
+
+
+def _advanced(limits: Limits, before: Retreat, seen: Observation) -> Retreat:
+    """The lowest force so far; while the retraction has not taken effect yet, the newest."""
+    resultant = seen.resultant
+    front = max(before.front, seen.force, seen.peak_force)
+    if before.from_contact and (seen.now - before.began_at) * 1e3 <= limits.retract_grace_ms:
+        return replace(before, lowest=max(before.lowest, resultant), depth=seen.depth, front=front)
+    depth = seen.depth if resultant < before.lowest - _FELL_N else before.depth
+    return replace(before, lowest=min(before.lowest, resultant), depth=depth, front=front)
+
+
+def _ahead(seen: Observation) -> float:
+    """Force from where the tool was going: along the approach, and against the travel, from which it yields, N."""
+    return math.hypot(max(seen.force, 0.0), max(seen.against, 0.0))
+
+
+def _from_front(limits: Limits, seen: Observation) -> bool:
+    """Whether the force comes from there, but for friction and noise."""
+    ahead = _ahead(seen)
+    return ahead >= _FRONT_SHARE * (seen.resultant - limits.retract_rise_n) and ahead > 0.0
+
+
+def _no_way_back(limits: Limits, before: Retreat, after: Retreat, seen: Observation) -> str:
+    """Why a tool that is pressed from elsewhere must stand still, in words; empty while it need not."""
+    force = seen.resultant
+    if before.within and force > limits.force_limit_n:
+        return f"the force rose to {force:.1f} N while the tool retracted"
+    if force > after.lowest + limits.retract_rise_n:
+        return f"the force rose from {after.lowest:.1f} N to {force:.1f} N while the tool retracted"
+    over = abs(seen.force) > limits.force_limit_n or force > limits.resultant_limit_n
+    if over and _unanswered(limits, before, seen):
+        back = (before.depth - seen.depth) * 1e3
+        return f"the force stayed at {force:.1f} N while the tool retracted by {back:.1f} mm"
+    return ""
+
+
+def _unanswered(limits: Limits, before: Retreat, seen: Observation) -> bool:
+    """Whether the tool says to have gone back without the force coming down."""
+    return (before.depth - seen.depth) * 1e3 > limits.unanswered_mm
+
+
+def _pressed(limits: Limits, before: Retreat, after: Retreat, seen: Observation) -> tuple[Retreat, str]:
+    """State of a tool that the surface presses, and why it must stand still."""
+    force, now = _ahead(seen), seen.now
+    match before.stage:
+        case Stage.GOES:
+            over = force > limits.force_limit_n
+            rose = seen.resultant > after.lowest + limits.retract_rise_n or (before.within and over)
+            if not rose and not (over and _unanswered(limits, before, seen)):
+                return after, ""
+            return replace(after, stage=Stage.WAITS, since=now, level=force, dt=seen.dt), ""
+        case Stage.WAITS:
+            return _waited(limits, after, seen), ""
+        case Stage.SLOW:
+            if force > after.level + limits.retract_rise_n:
+                return (
+                    after,
+                    f"the force rose from {after.level:.1f} N to {force:.1f} N while the tool retracted slowly",
+                )
+            beyond = seen.depth < 0.0  # up to the depth of the start the tool has been
+            if force > limits.force_limit_n and beyond and _unanswered(limits, before, seen):
+                back = (before.depth - seen.depth) * 1e3
+                return after, f"the force stayed at {force:.1f} N while the tool retracted by {back:.1f} mm"
+            if force < after.level - limits.retract_rise_n:
+                return replace(after, stage=Stage.TRUSTED), ""
+            return after, ""
+    return after, ""
+
+
+def _waited(limits: Limits, after: Retreat, seen: Observation) -> Retreat:
+    """State of a retraction that waits: first for the robot to come to rest, then for what the force does."""
+    waited, force = seen.now - after.since, _ahead(seen)
+    if waited <= _RESTS_S + 2.0 * after.dt:
+        return replace(after, level=force)
+    if force > after.level + limits.retract_rise_n:
+        return replace(after, stage=Stage.TRUSTED)
+    if force < after.level - limits.retract_rise_n or waited * 1e3 > limits.retract_grace_ms:
+        return replace(after, stage=Stage.SLOW, level=force, lowest=seen.resultant, depth=seen.depth)
+    return after
+
+
+_FELL_N = 0.25
+"""Chosen: a force that came down by this much has answered the retraction."""
+
+_FRONT_SHARE = 0.8
+"""Share of the force along the approach from which it comes from the front. Derived: friction of 0.75 leaves it."""
+
+_RESTS_S = 0.1
+"""Time in which a robot comes to rest and the sensor tells so, s, beside two cycles. Chosen: twice what the slowest
+stream takes from a decision to the force.
+"""
+
+BLIND_M_S = 2.75e-3
+"""Speed without a force to go by, m/s. Chosen: that of an approach, for something may be in the way as there."""
+
+_SLOW_M_S = 1e-3
+"""Speed of the second try, m/s. Chosen: where it is wrong, 10 N more on 50 kN/m in the 0.2 s until it is seen."""

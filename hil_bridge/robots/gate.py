@@ -1,0 +1,173 @@
+"""The last gate: what is looked at once more on the very pose that goes to a robot, by arithmetic of its own.
+
+It stands behind all that decides, and shares no code with it. So it stops what a bug there lets through, and nothing
+else: its bounds are a little wider than what may be ordered. A pose that it stops is not sent.
+
+Ways are counted against a credit. The credit grows with the time by the largest speed, and holds no more than some time
+of it. Deciding takes another time in every cycle, so two orders may come sooner one after the other than was decided.
+"""
+
+import math
+from dataclasses import dataclass
+
+from protocol.geometry import Pose, Quaternion, Vector
+
+REPORT = "this is a bug of the program: report it with the recording"
+"""Words at the end of each sentence of the gate."""
+FARTHEST_M = 100.0
+"""Coordinates beyond are none of an arm. Chosen: ten times the reach of the largest arms."""
+UNIT = 0.02
+"""Chosen: how far the norm of an orientation may be from 1; twice what a robot's words are taken with."""
+TURN_SLACK_RAD = math.radians(0.2)
+"""Chosen: slack of a turn and of a tilt; some words of 1/16384."""
+SLACK_M = 1e-6
+"""Slack of a way and of a place beside the robot's words, m. Chosen: far above the error of the arithmetic."""
+CONTRADICTION_M = 1e-4
+"""Largest distance between the depth that was decided and that of the pose, m. Chosen: below one step of a coarse
+robot, and ten times what the guard allows.
+"""
+
+ANY = 1e9
+"""Chosen: a speed that bounds nothing; infinity times no time is no number."""
+_ORIGIN = Pose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Bounds:
+    """Bounds of what may be ordered in one movement; without any given, only what is no pose is stopped."""
+
+    start: Pose = _ORIGIN
+    """Depth and tilt count from here."""
+    approach: Vector = (0.0, 0.0, 1.0)
+    """Unit vector into the surface, base frame."""
+    deepest: float = math.inf
+    """Farthest from the start along the approach, m."""
+    low: Vector = (-FARTHEST_M,) * 3
+    """Lowest corner of the box of the orders, base frame, m."""
+    high: Vector = (FARTHEST_M,) * 3
+    """Its highest corner."""
+    tilt: float = math.inf
+    """Largest angle of the tool's axis with that of the start, rad."""
+    deeper: float = ANY
+    """Largest speed into the surface, m/s."""
+    across: float = ANY
+    """Largest speed across the approach, m/s."""
+    away: float = ANY
+    """Largest speed against the approach, m/s."""
+    turn: float = ANY
+    """Largest speed of turning, rad/s."""
+    time: float = 1.0
+    """Time for which a credit of way is kept, s."""
+    slack: float = SLACK_M
+    """Slack of a place, m: what the robot's words round."""
+
+
+class Gate:
+    """Judges the poses of one movement, one after the other."""
+
+    def __init__(self, bounds: Bounds, now: float, pose: Pose | None = None) -> None:
+        """`pose` is where the tool stands, by default the start of the bounds; `now` is the time, s."""
+        self.bounds = bounds
+        self._last, self._at = pose or bounds.start, now
+        self._turned_at = now
+        self._deeper = self._across = self._away = self._turned = 0.0
+        """Of each credit, what has been used and has not grown again, m and rad."""
+
+    def judge(self, pose: Pose, now: float, deepest: float = math.inf) -> str:
+        """Why this pose must not go to the robot, in words; empty where it may, and counts as ordered.
+
+        `deepest` is one more bound of the depth, m. Written in single numbers, for this runs in every cycle.
+        """
+        bounds, last = self.bounds, self._last
+        (x, y, z), (i, j, k), (u, v, w) = pose.position, last.position, bounds.start.position
+        (a, b, c), (lowest_x, lowest_y, lowest_z), (highest_x, highest_y, highest_z) = (
+            bounds.approach,
+            bounds.low,
+            bounds.high,
+        )
+        turned = pose.quaternion != last.quaternion
+        if not (abs(x) <= FARTHEST_M and abs(y) <= FARTHEST_M and abs(z) <= FARTHEST_M):
+            return _stopped(f"to the position {pose.position}, which is none of an arm")
+        if turned and not abs(math.hypot(*pose.quaternion) - 1.0) <= UNIT:
+            return _stopped(f"to the orientation {pose.quaternion}, which is none")
+        slack, time = bounds.slack, bounds.time
+        depth, limit = a * (x - u) + b * (y - v) + c * (z - w), min(bounds.deepest, deepest)
+        if depth > limit + slack:
+            return _beyond((depth - limit) * 1e3, "mm deeper than the deepest that may be ordered")
+        outside = max(lowest_x - x, x - highest_x, lowest_y - y, y - highest_y, lowest_z - z, z - highest_z)
+        if outside > slack:
+            return _beyond(outside * 1e3, "mm outside the workspace")
+        if turned and bounds.tilt < math.pi:
+            over = _tilt(bounds.start.quaternion, pose.quaternion) - bounds.tilt
+            if over > TURN_SLACK_RAD:
+                return _beyond(math.degrees(over), "° tilted more than may be ordered")
+
+        passed, along = max(now - self._at, 0.0), a * (x - i) + b * (y - j) + c * (z - k)
+        aside = (x - i) ** 2 + (y - j) ** 2 + (z - k) ** 2 - along * along
+        deeper = max(self._deeper - bounds.deeper * passed, 0.0) + max(along, 0.0)
+        if deeper > bounds.deeper * time + slack:
+            over = deeper - bounds.deeper * time - slack
+            return _beyond(over * 1e3, "mm into the surface faster than may be ordered")
+        across = max(self._across - bounds.across * passed, 0.0) + math.sqrt(max(aside, 0.0))
+        if across > bounds.across * time + slack:
+            over = across - bounds.across * time - slack
+            return _beyond(over * 1e3, "mm across the approach faster than may be ordered")
+        away = max(self._away - bounds.away * passed, 0.0) + max(-along, 0.0)
+        if away > bounds.away * time + slack:
+            over = away - bounds.away * time - slack
+            return _beyond(over * 1e3, "mm off the surface faster than may be ordered")
+        if turned:
+            turn = turn_between(last.quaternion, pose.quaternion)
+            turn += max(self._turned - bounds.turn * (now - self._turned_at), 0.0)
+            over = turn - bounds.turn * time - TURN_SLACK_RAD
+            if over > 0.0:
+                return _beyond(math.degrees(over), "° turned faster than may be ordered")
+            self._turned, self._turned_at = turn, now
+        self._last, self._at = pose, now
+        self._deeper, self._across, self._away = deeper, across, away
+        return ""
+
+
+def _beyond(amount: float, words: str) -> str:
+    return _stopped(f"that is {amount:.1f} {words}")
+
+
+def _stopped(words: str) -> str:
+    return f"the last gate stopped an order {words}; {REPORT}"
+
+
+def depth_of(position: Vector, bounds: Bounds) -> float:
+    """Depth of a place below the start, m."""
+    (x, y, z), (u, v, w), (a, b, c) = position, bounds.start.position, bounds.approach
+    return a * (x - u) + b * (y - v) + c * (z - w)
+
+
+def contradiction(position: Vector, origin: Vector, approach: Vector, depth: float) -> str:
+    """Why a place, m, cannot have the depth below an origin that was decided, m; empty where it has."""
+    (x, y, z), (u, v, w), (a, b, c) = position, origin, approach
+    apart = abs(a * (x - u) + b * (y - v) + c * (z - w) - depth)
+    if apart <= CONTRADICTION_M:  # false for what is no number
+        return ""
+    return f"the last gate stopped an order that is {apart * 1e3:.1f} mm from the depth that was decided; {REPORT}"
+
+
+def turn_between(start: Quaternion, goal: Quaternion) -> float:
+    """The shorter turn between two orientations, rad."""
+    (w, x, y, z), (a, b, c, d) = start, goal
+    cosine = w * a + x * b + y * c + z * d
+    sine = math.hypot(
+        w * b - x * a - y * d + z * c, w * c + x * d - y * a - z * b, w * d - x * c + y * b - z * a
+    )
+    return 2.0 * math.atan2(sine, abs(cosine))
+
+
+def _tilt(start: Quaternion, goal: Quaternion) -> float:
+    """Angle between the tool's axes of two orientations, rad."""
+    (a, b, c), (u, v, w) = _axis(start), _axis(goal)
+    return math.atan2(math.hypot(b * w - c * v, c * u - a * w, a * v - b * u), a * u + b * v + c * w)
+
+
+def _axis(q: Quaternion) -> Vector:
+    """The tool's axis, base frame, as long as the square of the orientation's norm."""
+    w, x, y, z = q
+    return 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), w * w - x * x - y * y + z * z

@@ -1,0 +1,49 @@
+"""The force that a robot itself feels, from the zero of the run, and what it tells of a tool that was left."""
+
+import math
+
+from hil_bridge.control.course.witness import Witness
+from hil_bridge.errors import BridgeError
+from hil_bridge.robots.seam import RobotLink, RobotReport
+from protocol.geometry import Vector
+
+_NOTHING: Vector = (0.0, 0.0, 0.0)
+
+
+class OwnForce:
+    """What a robot feels, less the mean of what it felt while the tool was away from the surface.
+
+    The zero counts in the base frame: there a weight that the robot does not know, or knows wrongly, stays the same
+    when the tool turns.
+    """
+
+    def __init__(self, approach: Vector) -> None:
+        """`approach` is the unit vector into the surface, base frame."""
+        self._approach = approach
+        self._sum, self._count = _NOTHING, 0
+        self._zero: Vector | None = None
+
+    def stands(self, report: RobotReport) -> None:
+        """The tool stands away from the surface: this report counts for the zero."""
+        if report.force is not None:
+            x, y, z = (total + part for total, part in zip(self._sum, report.force, strict=True))
+            self._sum, self._count = (x, y, z), self._count + 1
+            self._zero = x / self._count, y / self._count, z / self._count
+
+    def along(self, report: RobotReport) -> float | None:
+        """Contact force along the approach, N, positive while pressing; None where none is known."""
+        if report.force is None or self._zero is None:
+            return None
+        (a, b, c), (x, y, z), (u, v, w) = report.force, self._zero, self._approach
+        return (x - a) * u + (y - b) * v + (z - c) * w
+
+    async def beside(self, force: float, rule: Witness, robot: RobotLink) -> float:
+        """Length of the force on a tool that has come to rest, N; NaN where none is known any more, or where it differs
+        no more than ordinarily from the `force` of the sensor, N.
+        """
+        try:
+            felt = None if self._zero is None else (await robot.report()).force
+        except BridgeError:
+            return math.nan
+        own = math.nan if felt is None or self._zero is None else math.dist(felt, self._zero)
+        return own if not abs(own - force) <= rule.ordinary_n else math.nan

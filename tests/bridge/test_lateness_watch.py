@@ -1,0 +1,69 @@
+"""How late the frames of a stream are, by their count."""
+
+import pytest
+
+from hil_bridge.sensors.lateness_watch import LatenessWatch
+
+PERIOD_S = 0.01
+
+
+def fed(*arrivals: tuple[float, int], period: float | None = PERIOD_S) -> LatenessWatch:
+    """A watch that saw frames with these numbers at these times, s."""
+    watch = LatenessWatch(period)
+    for at, count in arrivals:
+        watch.frame(at, count)
+    return watch
+
+
+def steady(
+    frames: int, period: float = PERIOD_S, late: float = 0.0, first: int = 0
+) -> list[tuple[float, int]]:
+    return [(k * period + late, k) for k in range(first, first + frames)]
+
+
+def test_frames_in_time_are_not_late() -> None:
+    assert fed(*steady(1000)).late == 0.0
+
+
+def test_steps_of_a_delay_add_up() -> None:
+    watch = fed(*steady(100), *steady(50, late=0.1, first=100), *steady(50, late=0.2, first=150))
+    assert watch.late == pytest.approx(0.2, abs=0.025)
+
+
+def test_a_delay_that_creeps_adds_up() -> None:
+    watch = fed(*steady(100), *((1.0 + k * 0.011, 100 + k) for k in range(500)))
+    assert watch.late == pytest.approx(0.39, abs=0.01)
+
+
+@pytest.mark.parametrize("period", [0.0099, 0.0101])
+def test_another_clock_is_no_delay(period: float) -> None:
+    assert fed(*steady(20_000, period)).late == 0.0
+
+
+def test_jitter_is_no_delay() -> None:
+    assert fed(*((k * PERIOD_S + 0.04 * (k % 3 == 0), k) for k in range(1000))).late == 0.0
+
+
+def test_lost_frames_that_are_counted_are_no_delay() -> None:
+    assert fed(*steady(100), *steady(100, first=150)).late == 0.0
+
+
+def test_a_delay_that_ends_is_forgotten() -> None:
+    assert fed(*steady(100), *steady(50, late=0.2, first=100), *steady(10, first=170)).late == 0.0
+
+
+def test_a_counter_that_leaps_hides_no_delay() -> None:
+    late = steady(50, late=0.2, first=100)
+    leapt = [(at, count + 5000) for at, count in steady(50, late=0.2, first=150)]
+    assert fed(*steady(100), *late, *leapt).late == pytest.approx(0.2, abs=0.025)
+
+
+def test_a_sensor_that_is_asked_has_no_cadence() -> None:
+    assert fed((0.0, 0), (5.0, 1), period=None).late == 0.0
+
+
+def test_a_zero_lets_the_count_begin_again() -> None:
+    watch = fed(*steady(100))
+    watch.begin()
+    watch.frame(3.0, 101)
+    assert watch.late == 0.0

@@ -1,0 +1,140 @@
+"""A sensor that does not answer on the way to the surface: how deep the tool gets, and how the run ends."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+import hil_bridge
+from hil_bridge.recording import Outcome
+from hil_bridge.settings.configuration import Config, read_config
+
+Guarded = Any
+Run = Callable[..., Guarded]
+
+ROBOTS = pytest.mark.parametrize("robot", ["s3", "egm"])
+SURFACES = pytest.mark.parametrize("stiffness", [5e3, 5e4])
+QUICK: dict[str, dict[str, Any]] = {
+    "run": {"period_ms": 20},
+    "controller": {"sample_ms": 20},
+    "robot": {"emulated": "egm"},
+    "sensor": {"emulated": "netft"},
+}
+TOUCHES_S = 0.95
+"""About when a healthy approach from 2 mm touches, after its begin, s."""
+
+
+def approach(robot: str, stiffness: float, *faults: dict[str, Any], **more: Any) -> Config:
+    """A second of tracking from 2 mm above a surface; `more` are settings of sections."""
+    values: dict[str, Any] = {
+        name: dict(section) for name, section in (QUICK if robot == "egm" else {}).items()
+    }
+    values["run"] = {**values.get("run", {}), "duration_s": 1.0}
+    surface = {"stiffness_n_m": stiffness}
+    values["cell"] = {"surface": surface, "start_position_mm": (900.0, -100.0, 592.0)}
+    values["task"] = {"retract_speed_mm_s": 20.0, "retract_mm": 3.0}
+    values["faults"] = list(faults)
+    for name, section in more.items():
+        values[name] = {**values.get(name, {}), **section}
+    return read_config(values)
+
+
+def strikes(name: str, after_s: float, **how: Any) -> dict[str, Any]:
+    """A fault of the sensor's signal that comes in the approach and does not end."""
+    return {
+        "on": "signal",
+        "fault": name,
+        "phase": "approach",
+        "after_s": after_s,
+        "for_s": 600.0,
+        "with": how,
+    }
+
+
+@ROBOTS
+@SURFACES
+@pytest.mark.parametrize("early_s", [0.6, 0.1])
+def test_a_stuck_sensor_ends_the_approach_within_a_millimetre(
+    guarded: Run, robot: str, stiffness: float, early_s: float
+) -> None:
+    config = approach(robot, stiffness, strikes("stuck", TOUCHES_S - early_s))
+    run = guarded(config)
+    assert run.result.outcome is Outcome.STOPPED
+    slack_mm = 0.75  # a cycle of the slowest line, and what is under way
+    assert run.largest <= stiffness * (config.limits.unchanged_mm + slack_mm) * 1e-3
+    assert "repeated the same counts" in run.cause
+    assert "through free space" in run.cause
+
+
+@ROBOTS
+@SURFACES
+@pytest.mark.parametrize("axis", ["fz", "all"])
+@pytest.mark.parametrize("early_s", [0.5, 0.1, -0.05])
+def test_an_axis_that_dies_is_no_touch(
+    guarded: Run, robot: str, stiffness: float, axis: str, early_s: float
+) -> None:
+    """It tells the weight that it has lost as a press, which going deeper does not answer."""
+    run = guarded(approach(robot, stiffness, strikes("dead", TOUCHES_S - early_s, axis=axis)))
+    assert run.result.outcome is Outcome.STOPPED
+    assert run.largest <= max(10.0, stiffness * 1.7e-3)
+    assert run.last == 0.0
+    assert "the touch is not answered" in run.cause or "after the retraction" in run.cause
+
+
+@ROBOTS
+@SURFACES
+def test_a_pull_in_free_space_ends_the_approach(guarded: Run, robot: str, stiffness: float) -> None:
+    """The zero is off by less than `limits.pull_limit_n`: the tool would press on in search of the force it has."""
+    run = guarded(approach(robot, stiffness, strikes("offset", 0.3, axis="fz", amount=3.0)))
+    assert "a pull of 3.0 N" in run.cause
+    assert "it lost the tool's weight" in run.cause
+    assert run.largest <= stiffness * 0.5e-3
+
+
+@ROBOTS
+def test_an_approach_without_a_surface_is_short(guarded: Run, robot: str) -> None:
+    config = approach(
+        robot, 5e3, cell={"surface": {"height_mm": 400.0}, "start_position_mm": (900.0, -100.0, 592.0)}
+    )
+    run = guarded(config)
+    assert run.cause.startswith(
+        "no contact found within 15 mm: start nearer, or set task.approach_depth_limit_mm"
+    )
+    assert max(record.depth for record in run.cycles) <= 15.2e-3
+
+
+@ROBOTS
+@pytest.mark.parametrize("stiffness", [8e2, 5e3, 5e4])
+def test_a_healthy_touch_is_taken_for_one(guarded: Run, robot: str, stiffness: float) -> None:
+    """Also where the force that is wanted is the very weight of the tool."""
+    for force_n in (10.0, 4.9):
+        task = {"force_n": force_n, "expected_stiffness_n_m": max(stiffness, 5e3)}
+        run = guarded(approach(robot, stiffness, task=task))
+        assert run.result.outcome is Outcome.COMPLETED, run.cause
+
+
+@pytest.mark.parametrize("sensor", ["gateway", "uart", "board", "netft", "ati-can", "ft300"])
+@pytest.mark.parametrize("speed_mm_s", [0.9, 11.0])
+def test_a_quiet_sensor_is_not_taken_for_a_stuck_one(sensor: str, speed_mm_s: float) -> None:
+    result = hil_bridge.simulate(
+        {
+            **QUICK,
+            "run": {"period_ms": 20, "duration_s": 0.2},
+            "sensor": {"emulated": sensor},
+            "cell": {"start_position_mm": [900.0, -100.0, 592.0], "surface": {"stiffness_n_m": 1e3}},
+            "task": {
+                "approach_speed_mm_s": speed_mm_s,
+                "expected_stiffness_n_m": 500.0,
+                "retract_mm": 3.0,
+            },
+        }
+    )
+    assert result.recording.end["outcome"] == "completed", result.recording.end["cause"]
+
+
+def test_a_second_that_comes_again_is_bounded_by_the_approach(guarded: Run) -> None:
+    """It is live and noisy, so the sensor alone does not show it: the distance bounds how deep it leads."""
+    task = {"approach_depth_limit_mm": 4.0}
+    run = guarded(approach("egm", 5e3, strikes("replayed", 0.0, seconds=0.5), task=task))
+    assert run.cause.startswith("no contact found within 4 mm")
+    assert run.largest == pytest.approx(5e3 * 1.5e-3, rel=0.2)

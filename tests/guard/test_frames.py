@@ -1,0 +1,141 @@
+"""Robots that tell their pose in another frame, or for a moment none: the tool is not led astray, nor left pressing."""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from emulators.egm import controller
+from hil_bridge.settings.configuration import Config, read_config
+from protocol.egm import PoseMm, to_wire
+from protocol.egm.frames import STOOD_S, Frames
+from protocol.geometry import Pose
+from protocol.robot import pose_fault
+from protocol.rtde.rotation import pose_of, turn_between
+
+Guarded = Any
+Run = Callable[..., Guarded]
+UPRIGHT = (0.0, 1.0, 0.0, 0.0)
+
+
+def tracking(robot: str, stiffness: float, *faults: dict[str, Any], mode: str = "") -> Config:
+    """A moment of tracking with an emulated robot that streams, and a Net F/T; `mode` is that of an RSI robot."""
+    robots: dict[str, Any] = {"emulated": robot}
+    cell: dict[str, Any] = {}
+    if mode:
+        robots["rsi"] = cell["rsi"] = {"mode": mode}
+    return read_config(
+        {
+            "run": {"duration_s": 1.0, "period_ms": 20},
+            "controller": {"sample_ms": 20},
+            "robot": robots,
+            "sensor": {"emulated": "netft"},
+            "cell": {
+                **cell,
+                "start_position_mm": (900.0, -100.0, 591.0),
+                "surface": {"stiffness_n_m": stiffness},
+            },
+            "task": {"retract_speed_mm_s": 20.0, "retract_mm": 4.0},
+            "faults": faults,
+        }
+    )
+
+
+def offset(z_mm: float, phase: str) -> dict[str, Any]:
+    return {"on": "pose", "fault": "offset", "phase": phase, "for_s": 600.0, "with": {"z_mm": z_mm}}
+
+
+@pytest.mark.parametrize("robot", ["egm", "rtde"])
+@pytest.mark.parametrize("stiffness", [5e3, 5e4])
+@pytest.mark.parametrize("phase", ["connect", "tare"])
+@pytest.mark.parametrize("z_mm", [-30.0, -5.0])
+def test_a_robot_that_is_not_where_it_stands_is_refused(
+    guarded: Run, robot: str, stiffness: float, phase: str, z_mm: float
+) -> None:
+    """An answer made of its pose would lead it 30 mm deeper."""
+    run = guarded(tracking(robot, stiffness, offset(z_mm, phase)))
+    assert f"it tells to stand {-z_mm:.1f} mm and 0.0° from its own" in run.cause
+    assert run.largest == 0.0
+    assert run.result.left == ""
+
+
+@pytest.mark.parametrize("phase", ["connect", "tare"])
+@pytest.mark.parametrize("mode", ["absolute", "relative"])
+def test_corrections_do_not_follow_a_pose_that_is_off(guarded: Run, mode: str, phase: str) -> None:
+    """The client takes the difference for a correction of before, which it answers as it is."""
+    config = tracking("rsi", 5e4, offset(-30.0, phase), mode=mode)
+    run = guarded(config)
+    assert run.largest <= config.limits.force_limit_n
+    assert run.last == pytest.approx(0.0, abs=0.2)
+
+
+def test_a_robot_that_tells_metres_is_refused(guarded: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its answers would be a thousandth of the place, which is in its own foot."""
+
+    def in_metres(pose: Pose) -> PoseMm:
+        return PoseMm(pose.position, pose.quaternion)
+
+    monkeypatch.setattr(controller, "to_wire", in_metres)
+    run = guarded(tracking("egm", 5e4))
+    assert "1.1 mm from the origin of its base" in run.cause
+    assert "and millimetres" in run.cause
+    assert run.largest == 0.0
+
+
+def at(z_mm: float, quaternion: tuple[float, float, float, float] = UPRIGHT) -> PoseMm:
+    return to_wire(Pose((0.9, -0.1, 0.59 + z_mm * 1e-3), quaternion))
+
+
+def test_a_set_point_that_moves_is_not_compared() -> None:
+    frames = Frames()
+    assert frames.fault(at(0.0), at(0.0), 0.0) == ""
+    for number in range(1, 20):
+        assert frames.fault(at(number - 3.0), at(float(number)), number * 0.004) == "", "it lags"
+    assert frames.fault(at(16.0), at(19.0), 19 * 0.004 + STOOD_S / 2) == ""
+    assert "3.0 mm and 0.0°" in frames.fault(at(16.0), at(19.0), 19 * 0.004 + STOOD_S + 0.01)
+    assert frames.fault(at(19.0), at(19.0), 1.0) == "", "it has come"
+
+
+def test_a_turned_pose_is_compared_too() -> None:
+    half = math.radians(5.0) / 2.0
+    turned = (0.0, math.cos(half), math.sin(half), 0.0)
+    assert "0.0 mm and 5.0°" in Frames().fault(at(0.0, turned), at(0.0), 0.0)
+
+
+def test_a_set_point_that_leaves_its_answer_ends_the_answers() -> None:
+    """The robot takes poses in another work object than it tells them in."""
+    frames = Frames()
+    assert frames.leaves(at(0.0), at(0.0), 0.0) == ""
+    assert frames.leaves(at(0.0), at(-0.9), 0.1) == ""
+    told = frames.leaves(at(0.0), at(-1.1), 0.104)
+    assert "went 1.1 mm away from an answer that stands" in told
+    assert frames.leaves(at(0.0), at(0.0), 0.108) == told, "for the rest of the session"
+    assert frames.fault(at(0.0), at(0.0), 0.108) == told
+
+
+def test_a_rotation_that_is_too_long_is_no_orientation() -> None:
+    pose = pose_of((0.9, -0.1, 0.59, 1.7e308, 1.7e308, 0.0))
+    assert "which is none" in pose_fault(pose)
+    assert turn_between(UPRIGHT, (0.0, -1.0, 0.0, 0.0)) == 0.0
+    assert turn_between(UPRIGHT, (1.0, 0.0, 0.0, 0.0)) == pytest.approx(math.pi)
+
+
+MOMENTS: dict[str, tuple[str, dict[str, Any]]] = {
+    "EGM tells no number once": ("egm", {"on": "pose", "fault": "nan"}),
+    "EGM tells no pose once": ("egm", {"on": "pose", "fault": "missing"}),
+    "RTDE tells no number for 20 ms": ("rtde", {"on": "pose", "fault": "nan", "for_s": 0.02}),
+}
+
+
+@pytest.mark.parametrize("stiffness", [5e3, 5e4])
+@pytest.mark.parametrize(("robot", "fault"), MOMENTS.values(), ids=MOMENTS)
+def test_a_moment_without_a_pose_leaves_no_tool_pressing(
+    guarded: Run, robot: str, fault: dict[str, Any], stiffness: float
+) -> None:
+    run = guarded(tracking(robot, stiffness, {**fault, "phase": "track", "after_s": 0.5}))
+    words = "which is none", "it tells no pose", "is no number"
+    assert any(word in run.cause for word in words)
+    assert run.largest <= 50.0
+    assert run.last == 0.0
+    assert run.result.left == "retracted, 0.0 N"

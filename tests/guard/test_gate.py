@@ -1,0 +1,370 @@
+"""The last gate: its bounds, and controllers and bugs that once pressed far beyond the limit."""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import pytest
+from hypothesis import given, strategies
+from msgspec.structs import replace
+
+from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.control.course import supervisor
+from hil_bridge.control.types import Command, Measurement
+from hil_bridge.device_log import LogTo
+from hil_bridge.robots import ramp
+from hil_bridge.robots.gate import SLACK_M, Bounds, Gate, contradiction
+from hil_bridge.runs import pace
+from hil_bridge.runs.bounds import free_bounds, run_bounds
+from hil_bridge.runs.compose import open_devices
+from hil_bridge.runs.free import Freeing
+from hil_bridge.settings.configuration import Config, read_config
+from hil_bridge.settings.kinds import facts_of
+from hil_bridge.tool.measuring import Sweep, measure
+from protocol.geometry import Pose, Vector, towards
+
+Guarded = Any
+Run = Callable[..., Guarded]
+ROBOTS = ["s3", "egm", "rtde", "rsi"]
+BUG = "this is a bug of the program"
+UPRIGHT = (0.0, 1.0, 0.0, 0.0)
+START = Pose((0.9, -0.1, 0.592), UPRIGHT)
+BOUNDS = Bounds(
+    START,
+    (0.0, 0.0, -1.0),
+    0.02,
+    (0.5, -0.5, 0.5),
+    (1.3, 0.3, 0.6),
+    math.radians(5.0),
+    0.011,
+    0.0275,
+    0.1,
+    math.radians(10.0),
+    0.4,
+)
+
+
+def tracking(robot: str, stiffness: float, **more: Any) -> Config:
+    """Some seconds of tracking with an emulated robot, at the period of its usual decisions."""
+    slow = robot == "s3"
+    values: dict[str, Any] = {
+        "run": {"duration_s": 2.5 if slow else 0.6, "period_ms": 0 if slow else 20},
+        "robot": {"emulated": robot},
+        "sensor": {"emulated": "jr3" if slow else "netft"},
+        "controller": {"sample_ms": 180 if slow else 20},
+        "cell": {
+            "start_position_mm": (900.0, -100.0, 591.0),
+            "surface": {"stiffness_n_m": stiffness},
+        },
+        "task": {"retract_speed_mm_s": 20.0, "retract_mm": 4.0},
+    }
+    for name, section in more.items():
+        values[name] = {**values.get(name, {}), **section}
+    return read_config(values)
+
+
+def bound(config: Config) -> float:
+    """The largest true force that may occur, N: see `docs/explanation/safety.md`."""
+    cycle = config.run.period_ms * 1e-3 or 0.18
+    deepest = config.limits.correction_mm_s * 1e-3 * cycle * 3
+    return config.limits.force_limit_n + config.cell.surface.stiffness_n_m * deepest
+
+
+class Lying:
+    """A controller that is right at first, and then answers with one depth after the other."""
+
+    name = "lying"
+
+    def __init__(self, honest: Any, answers: Sequence[float], sample_ms: float) -> None:
+        self._honest, self._answers, self.sample_ms = honest, answers, sample_ms
+
+    def initial(self) -> tuple[int, Any]:
+        return 0, self._honest.initial()
+
+    def step(
+        self, state: tuple[int, Any], measurement: Measurement, reference: float
+    ) -> tuple[tuple[int, Any], Command]:
+        number, inner = state
+        inner, command = self._honest.step(inner, measurement, reference)
+        if number >= 6:
+            answer = self._answers[number % len(self._answers)]
+            command = replace(command, position=answer)
+        return (number + 1, inner), command
+
+
+def lie(monkeypatch: pytest.MonkeyPatch, config: Config, *answers: float) -> None:
+    make = pace.make_controller
+    sample_ms = config.controller.sample_ms or 180.0
+    monkeypatch.setattr(
+        pace, "make_controller", lambda name, **values: Lying(make(name, **values), answers, sample_ms)
+    )
+
+
+# --- controllers that answer with places that are none
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("stiffness", [5e3, 5e4])
+def test_a_huge_answer_ends_the_run(
+    guarded: Run, monkeypatch: pytest.MonkeyPatch, robot: str, stiffness: float
+) -> None:
+    config = tracking(robot, stiffness)
+    lie(monkeypatch, config, 3e15)
+    run = guarded(config)
+    assert "it commands 3000000000000000.0 m" in run.cause
+    assert run.largest <= bound(config)
+    assert run.result.left.startswith("retracted, ")
+
+
+@pytest.mark.parametrize("answers", [(3e15, 1e-300), (-3e15, 3e15), (-1e300,), (1e3, -1e3)])
+def test_answers_that_change_between_extremes_end_the_run(
+    guarded: Run, monkeypatch: pytest.MonkeyPatch, answers: tuple[float, ...]
+) -> None:
+    config = tracking("egm", 5e4)
+    lie(monkeypatch, config, *answers)
+    run = guarded(config)
+    assert "controller lying failed" in run.cause
+    assert run.largest <= bound(config)
+
+
+# --- bugs that are planted
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_the_gate_stops_what_a_broken_guard_lets_through(
+    guarded: Run, monkeypatch: pytest.MonkeyPatch, robot: str
+) -> None:
+    """The supervisor's clamp asks for 30 mm more than it says, from some cycle on."""
+    clamp, calls = supervisor._clamp, []
+
+    def broken(*arguments: Any) -> Any:
+        verdict = clamp(*arguments)
+        calls.append(verdict)
+        if len(calls) != 30:
+            return verdict
+        x, y, z = verdict.position
+        return replace(verdict, position=(x, y, z - 0.03))
+
+    monkeypatch.setattr(supervisor, "_clamp", broken)
+    config = tracking(robot, 5e4, run={"duration_s": 6.0 if robot == "s3" else 0.6})
+    run = guarded(config)
+    assert "30.0 mm from the depth that was decided" in run.cause
+    assert run.cause.endswith("report it with the recording")
+    assert run.largest <= bound(config)
+    assert run.result.left.startswith("retracted, ")
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_the_gate_stops_a_depth_that_agrees_and_leaps(
+    guarded: Run, monkeypatch: pytest.MonkeyPatch, robot: str
+) -> None:
+    """Depth and place are both 30 mm deeper, so that they do not contradict each other."""
+    clamp, calls = supervisor._clamp, []
+
+    def broken(*arguments: Any) -> Any:
+        verdict = clamp(*arguments)
+        calls.append(verdict)
+        if len(calls) != 30:
+            return verdict
+        x, y, z = verdict.position
+        return replace(verdict, depth=verdict.depth + 0.03, position=(x, y, z - 0.03))
+
+    monkeypatch.setattr(supervisor, "_clamp", broken)
+    config = tracking(robot, 5e4, run={"duration_s": 6.0 if robot == "s3" else 0.6})
+    run = guarded(config)
+    assert "into the surface faster than may be ordered" in run.cause
+    assert run.largest <= bound(config)
+    assert run.result.left.startswith("retracted, ")
+
+
+@pytest.mark.parametrize("leap_mm", [0.5, 30.0])
+def test_the_gate_stops_a_set_point_that_leaps(
+    guarded: Run, monkeypatch: pytest.MonkeyPatch, leap_mm: float
+) -> None:
+    """The way of a stream to its target goes beyond it, once."""
+    step, calls = ramp.Ramp.step, []
+
+    def broken(self: ramp.Ramp, setpoint: Pose, goal: Pose, *arguments: Any) -> Pose:
+        after = step(self, setpoint, goal, *arguments)
+        calls.append(after)
+        if len(calls) != 150:
+            return after
+        x, y, z = after.position
+        return Pose((x, y, z - leap_mm * 1e-3), after.quaternion)
+
+    monkeypatch.setattr(ramp.Ramp, "step", broken)
+    config = tracking("egm", 5e4)
+    run = guarded(config)
+    assert len(calls) > 150
+    assert BUG in run.cause
+    assert run.largest <= bound(config)
+    assert run.result.left.startswith("retracted, ")
+
+
+# --- each bound
+
+
+def deeper(mm: float, across_mm: float = 0.0, base: Pose = START) -> Pose:
+    x, y, z = base.position
+    return Pose((x + across_mm * 1e-3, y, z - mm * 1e-3), base.quaternion)
+
+
+def turned(degrees: float) -> Pose:
+    half = math.radians(degrees) / 2.0
+    return Pose(START.position, (0.0, math.cos(half), math.sin(half) * 0.0, math.sin(half)))
+
+
+@pytest.mark.parametrize(
+    ("pose", "words"),
+    [
+        (deeper(5.0), "0.6 mm into the surface faster"),
+        (deeper(0.0, 12.0), "1.0 mm across the approach faster"),
+        (deeper(-9.0), "1.0 mm outside the workspace"),
+        (deeper(25.0), "5.0 mm deeper than the deepest"),
+        (deeper(0.0, 500.0), "100.0 mm outside the workspace"),
+        (turned(7.0), "2.0 ° tilted more"),
+        (turned(4.9), "0.7 ° turned faster"),
+        (Pose((math.nan, 0.0, 0.0), UPRIGHT), "the position (nan, 0.0, 0.0), which is none of an arm"),
+        (Pose((1e300, 0.0, 0.0), UPRIGHT), "which is none of an arm"),
+        (Pose(START.position, (0.0, 1.1, 0.0, 0.0)), "the orientation (0.0, 1.1, 0.0, 0.0), which is none"),
+        (Pose(START.position, (math.nan,) * 4), "which is none"),
+    ],
+)
+def test_each_bound_stops_a_pose(pose: Pose, words: str) -> None:
+    gate = Gate(BOUNDS, 0.0)
+    told = gate.judge(pose, 0.0)
+    assert words in told
+    assert told.endswith(f"{BUG}: report it with the recording")
+    assert gate.judge(START, 0.0) == "", "what is stopped counts for nothing"
+
+
+def test_a_credit_grows_with_the_time_and_no_farther() -> None:
+    gate = Gate(BOUNDS, 0.0)
+    assert gate.judge(deeper(4.4), 0.0) == ""
+    assert "faster" in gate.judge(deeper(6.6), 0.1)
+    assert gate.judge(deeper(6.6), 0.2) == ""
+    assert "faster" in gate.judge(deeper(6.6 + 4.5), 100.0)
+    assert "faster" in gate.judge(deeper(6.7), -1.0), "a clock that goes back gives nothing"
+
+
+def test_one_way_back_pays_for_no_way_deeper() -> None:
+    gate, depth, now = Gate(BOUNDS, 0.0), 0.0, 0.0
+    for _ in range(3):
+        depth, now = depth + 1.4, now + 1e-6
+        assert gate.judge(deeper(depth), now) == ""
+        depth -= 1.0
+        assert gate.judge(deeper(depth), now) == ""
+    assert "into the surface faster" in gate.judge(deeper(depth + 1.4), now)
+
+
+def test_a_set_point_goes_no_deeper_than_its_target() -> None:
+    gate = Gate(BOUNDS, 0.0)
+    assert "0.5 mm deeper than" in gate.judge(deeper(1.5), 0.0, 0.001)
+    assert gate.judge(deeper(1.0), 0.0, 0.001) == ""
+
+
+PARTS = strategies.floats(-1e3, 1e3) | strategies.floats(allow_nan=True, allow_infinity=True)
+
+
+@given(strategies.lists(strategies.tuples(PARTS, PARTS, PARTS, strategies.floats(0.0, 10.0)), max_size=20))
+def test_no_pose_passes_that_is_outside(places: list[tuple[float, float, float, float]]) -> None:
+    """Whatever is asked for, and in whichever order: what passes is in the bounds, and no faster than they say."""
+    gate, now, last, begun = Gate(BOUNDS, 0.0), 0.0, 0.0, 0.0
+    for x, y, z, passed in places:
+        now += passed
+        for pose in (Pose((x, y, z), UPRIGHT), deeper(z % 40.0 - 10.0, x % 5.0 if math.isfinite(x) else 0.0)):
+            if gate.judge(pose, now):
+                continue
+            depth = 0.592 - pose.position[2]
+            assert depth <= 0.02 + 2 * SLACK_M
+            assert depth - last <= 0.011 * (now - begun + 0.4) + 2 * SLACK_M
+            assert all(
+                low - 2 * SLACK_M <= p <= high + 2 * SLACK_M
+                for low, p, high in zip(BOUNDS.low, pose.position, BOUNDS.high, strict=True)
+            )
+
+
+def test_a_depth_that_is_not_that_of_the_place_is_named() -> None:
+    approach: Vector = (0.0, 0.0, -1.0)
+    assert contradiction((0.9, -0.1, 0.59), START.position, approach, 0.002) == ""
+    assert "0.2 mm from the depth" in contradiction((0.9, -0.1, 0.59), START.position, approach, 0.0022)
+    assert "nan mm from" in contradiction((math.nan, -0.1, 0.59), START.position, approach, 0.002)
+
+
+def test_a_tool_that_is_freed_goes_no_deeper_and_does_not_turn() -> None:
+    config = tracking("egm", 5e3)
+    gate = Gate(free_bounds(config, facts_of(config), START), 0.0)
+    assert gate.judge(deeper(-0.5), 1.0) == ""
+    assert "deeper than the deepest" in gate.judge(deeper(0.1), 2.0)
+    assert "tilted" in gate.judge(turned(0.5), 2.0)
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_bounds_leave_room_for_each_step_of_a_run(robot: str) -> None:
+    """The farthest that one decision may go, with the words of the robot rounded to either side."""
+    config = tracking(robot, 5e3)
+    facts, sample = facts_of(config), config.controller.sample_ms or 180.0
+    gate = Gate(run_bounds(config, facts, sample * 1e-3, False, START), 0.0)
+    step, rounded = facts.order_step_m or 0.0, 0.0
+    farthest = config.limits.correction_mm_s * 2.0 * sample * 1e-3
+    pose = START
+    for number in range(1, 5):
+        rounded = step * (number % 2)
+        pose = deeper(farthest * number + rounded * 1e3)
+        assert gate.judge(pose, 2.0 * sample * 1e-3 * number) == ""
+
+
+# --- it is silent while all is well
+
+
+@pytest.fixture
+def judged(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The gate's words on each pose."""
+    words: list[str] = []
+    judge = Gate.judge
+
+    def listening(self: Gate, *arguments: Any) -> str:
+        words.append(judge(self, *arguments))
+        return words[-1]
+
+    monkeypatch.setattr(Gate, "judge", listening)
+    return words
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_the_gate_is_silent_in_a_run(guarded: Run, judged: list[str], robot: str) -> None:
+    run = guarded(tracking(robot, 5e3))
+    assert run.result.left.startswith("retracted, ")
+    assert len(judged) >= 20
+    assert set(judged) == {""}
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_the_gate_is_silent_while_a_tool_is_freed(judged: list[str], robot: str) -> None:
+    config = tracking(robot, 5e3, cell={"start_position_mm": (900.0, -100.0, 588.0)})
+
+    async def main() -> None:
+        clock = Clock.running()
+        async with open_devices(config, clock, LogTo()) as devices:
+            await Freeing(config, clock, devices.robot, devices.sensor, lambda text: None)(3.0)
+
+    run_virtual(main)
+    assert len(judged) >= 8
+    assert set(judged) == {""}
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_the_gate_is_silent_while_a_tool_is_turned(judged: list[str], robot: str) -> None:
+    config = tracking(robot, 5e3)
+    sweep = Sweep(angle_deg=6.0, lift_mm=10.0, settle_s=0.1, average_s=0.3)
+    assert len(measure(config, True, sweep, lambda text: None)) == 6
+    assert len(judged) >= 20
+    assert set(judged) == {""}
+
+
+def test_a_way_in_steps_is_judged_as_its_end() -> None:
+    """The set points of a way are each in the bounds of its target."""
+    gate, pose, goal = Gate(BOUNDS, 0.0), START, deeper(2.0, 3.0)
+    for number in range(1, 400):
+        pose = towards(pose, goal, 1e-5, 1.0)
+        assert gate.judge(pose, number * 1e-2) == ""

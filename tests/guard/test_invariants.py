@@ -1,0 +1,201 @@
+"""The checkers of the guard's promises: silent for a healthy run, and each finds what is planted for it."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from msgspec.structs import replace as changed
+
+import hil_bridge
+from hil_bridge.faults.settings import FaultConfig
+from hil_bridge.invariants import (
+    CHECKERS,
+    VOIDS,
+    Evidence,
+    Promise,
+    Trace,
+    broken_promises,
+    violation_text,
+    void_reasons,
+)
+from hil_bridge.invariants.recorded import promises_broken
+from hil_bridge.kinds import ROBOTS, SENSORS, faults_of
+from hil_bridge.recording import EventRecord, Recording
+from hil_bridge.robots.gate import Bounds, Gate
+from protocol.geometry import Pose
+
+Plant = Callable[[Evidence], Evidence]
+
+
+@pytest.fixture(scope="module")
+def healthy() -> Evidence:
+    """A run without a fault, with its truth until a second after its end."""
+    config = hil_bridge.load(
+        {
+            "run": {"duration_s": 1.0},
+            "task": {"retract_mm": 2.0},
+            "cell": {"start_position_mm": [900.0, -100.0, 591.0]},
+        }
+    )
+    result = hil_bridge.simulate(config)
+    truths = result.recording.truths
+    times = np.array([truth.at for truth in truths] + [truths[-1].at + 1.0])
+    forces = np.array([float(np.linalg.norm(truth.force)) for truth in truths] + [0.0])
+    positions = np.array([truth.position for truth in truths] + [truths[-1].position])
+    return Evidence(result.recording, config, Trace(times, forces, positions), 0)
+
+
+def recorded(evidence: Evidence, **other: Any) -> Evidence:
+    return replace(evidence, recording=replace(evidence.recording, **other))
+
+
+def traced(evidence: Evidence, **other: Any) -> Evidence:
+    assert evidence.trace is not None
+    return replace(evidence, trace=replace(evidence.trace, **other))
+
+
+def rest(evidence: Evidence, **values: Any) -> Evidence:
+    told = json.loads(evidence.recording.end["rest"]) | values
+    return recorded(evidence, end={**evidence.recording.end, "rest": json.dumps(told)})
+
+
+def with_event(evidence: Evidence, kind: str, text: str = "planted") -> Evidence:
+    at = evidence.recording.cycles[-5].sent_at
+    return recorded(evidence, events=(*evidence.recording.events, EventRecord(at, kind, text)))
+
+
+def gated(evidence: Evidence) -> Evidence:
+    gate = Gate(Bounds(deepest=0.01), 0.0)
+    return with_event(evidence, "then", gate.judge(Pose((0.0, 0.0, 1.0), (1.0, 0.0, 0.0, 0.0)), 1.0))
+
+
+def last(array: Any, value: float) -> Any:
+    return np.append(array[:-1], value)
+
+
+def deeper_after_stop(evidence: Evidence) -> Evidence:
+    cycles = evidence.recording.cycles
+    deeper = changed(cycles[-1], depth_commanded=cycles[-2].depth_commanded + 2e-6)
+    planted = with_event(evidence, "stop")
+    return recorded(planted, cycles=(*cycles[:-1], deeper))
+
+
+def hard(evidence: Evidence) -> Evidence:
+    """A tenth of a second beyond the bound."""
+    assert evidence.trace is not None
+    forces = evidence.trace.forces.copy()
+    forces[3] = 500.0
+    return traced(evidence, forces=forces)
+
+
+def jump(evidence: Evidence) -> Evidence:
+    assert evidence.trace is not None
+    assert evidence.trace.positions is not None
+    positions = evidence.trace.positions.copy()
+    positions[5:, 2] += 0.1
+    told = json.loads(evidence.recording.end["rest"])["depth_m"]
+    return rest(traced(evidence, positions=positions), depth_m=told - 0.1)
+
+
+def decided_otherwise(evidence: Evidence) -> Evidence:
+    cycles = evidence.recording.cycles
+    other = changed(cycles[4], depth_commanded=cycles[4].depth_commanded - 1e-9)
+    return recorded(evidence, cycles=(*cycles[:4], other, *cycles[5:]))
+
+
+PLANTS: dict[str, tuple[Promise, Plant]] = {
+    "order deeper": (Promise.ORDERS, deeper_after_stop),
+    "pressing end": (
+        Promise.END,
+        lambda run: traced(rest(run, force_n=None), forces=last(run.truth.forces, 30.0)),  # type: ignore[union-attr]
+    ),
+    "other force": (Promise.LAST_LINE, lambda run: rest(run, force_n=25.0)),
+    "other depth": (Promise.LAST_LINE, lambda run: rest(run, depth_m=0.02)),
+    "beyond": (Promise.BOUND, hard),
+    "fast": (Promise.SPEED, jump),
+    "gate": (Promise.GATE, gated),
+    "bug": (Promise.BUG, lambda run: with_event(run, "bug")),
+    "decided otherwise": (Promise.REPLAY, decided_otherwise),
+    "cut": (Promise.WHOLE, lambda run: recorded(run, truncated=True)),
+    "no end": (Promise.WHOLE, lambda run: recorded(run, end={})),
+    "exit code": (Promise.EXIT, lambda run: replace(run, exit_code=3)),
+}
+
+
+def test_a_healthy_run_keeps_every_promise(healthy: Evidence) -> None:
+    assert json.loads(healthy.recording.end["rest"])["retracted"] is True
+    assert broken_promises(healthy) == ()
+
+
+@pytest.mark.parametrize("name", PLANTS)
+def test_a_planted_violation_is_found_alone(healthy: Evidence, name: str) -> None:
+    promise, plant = PLANTS[name]
+    violations = broken_promises(plant(healthy))
+    others = {Promise.REPLAY} if promise is Promise.ORDERS else set()  # no other order was decided
+    assert {violation.promise for violation in violations} == {promise} | others
+    text = violation_text(violations[0])
+    assert text.startswith(f"{promise}: ")
+    assert "{" not in text
+    assert "\n" not in text
+
+
+def test_every_promise_has_a_checker_and_a_plant() -> None:
+    assert set(CHECKERS) == set(Promise) == {promise for promise, _ in PLANTS.values()}
+
+
+def test_an_unknown_force_is_no_lie(healthy: Evidence) -> None:
+    assert healthy.trace is not None
+    forces = last(healthy.trace.forces, 30.0)
+    unknown = rest(traced(healthy, forces=forces), force_n=None, retracted=False)
+    stopped = recorded(unknown, end={**unknown.recording.end, "outcome": "stopped"})
+    assert broken_promises(replace(stopped, exit_code=3)) == ()
+
+
+def test_a_fault_voids_what_the_table_says(healthy: Evidence) -> None:
+    surface = FaultConfig(on="surface", fault="step", phase="track")
+    moved = replace(healthy, config=healthy.config.model_copy(update={"faults": (surface,)}))
+    assert broken_promises(hard(moved)) == ()
+    assert [violation.promise for violation in broken_promises(decided_otherwise(moved))] == [Promise.REPLAY]
+
+
+@pytest.mark.parametrize(
+    ("how", "void"),
+    [({"phase": "connect"}, False), ({"phase": "track"}, True), ({"phase": "tare", "after_s": 0.1}, True)],
+)
+def test_a_fault_that_the_check_can_find_voids_nothing(how: dict[str, Any], void: bool) -> None:
+    dead = FaultConfig(on="signal", fault="dead", **how)
+    assert bool(void_reasons(Promise.BOUND, [dead])) is void
+
+
+def test_the_table_names_faults_that_there_are() -> None:
+    known: dict[str, set[str]] = {}
+    for robot in ROBOTS.built_in:
+        for sensor in SENSORS.built_in:
+            for on, faults in faults_of(robot, sensor).items():
+                known.setdefault(on, set()).update(faults)
+    for row in VOIDS:
+        assert row.faults <= known[row.on], row
+        assert row.promises <= set(Promise)
+
+
+def test_a_recording_alone_is_judged_by_its_own_truth(healthy: Evidence) -> None:
+    truths = healthy.recording.truths
+    pressed = (*truths[:4], changed(truths[4], force=(0.0, 0.0, 500.0)), *truths[5:])
+    alone = Evidence(replace(healthy.recording, truths=pressed), healthy.config)
+    assert [violation.promise for violation in broken_promises(alone)] == [Promise.BOUND]
+    assert (
+        broken_promises(Evidence(Recording(healthy.recording.cycles), healthy.config))[0].promise
+        is Promise.WHOLE
+    )
+
+
+def test_a_recording_tells_the_promise_that_was_broken(healthy: Evidence) -> None:
+
+    truths = healthy.recording.truths
+    pressed = (*truths[:4], changed(truths[4], force=(0.0, 0.0, 500.0)), *truths[5:])
+    assert promises_broken(healthy.recording) == ()
+    (text,) = promises_broken(replace(healthy.recording, truths=pressed))
+    assert text.startswith("bound-kept: the true force reached 500.0 N, and the bound is ")

@@ -1,0 +1,104 @@
+"""The last line of a run that ends on the way to the zero: it tells the force of that moment, not one from before."""
+
+import re
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from hil_bridge.settings.configuration import Config, read_config
+
+Guarded = Any
+Run = Callable[..., Guarded]
+
+ROBOTS = pytest.mark.parametrize("robot", ["s3", "egm"])
+SURFACES = pytest.mark.parametrize("stiffness", [5e3, 5e4])
+CLOSE: dict[str, dict[str, Any]] = {
+    "s3": {},
+    "egm": {
+        "run": {"period_ms": 20},
+        "controller": {"sample_ms": 20},
+        "robot": {"emulated": "egm"},
+        "sensor": {"emulated": "netft"},
+    },
+}
+"""Settings of each robot."""
+RISES_AT_S = {"s3": 0.5, "egm": 0.3}
+"""When the surface begins to rise, from the begin of the checks, s: about at the first step to the zero."""
+
+
+def close(robot: str, stiffness: float, faults: list[dict[str, Any]]) -> Config:
+    """A tool that stands 0.2 mm above the surface."""
+    values = {**CLOSE[robot], "faults": faults}
+    surface = {"stiffness_n_m": stiffness}
+    values["run"] = {**values.get("run", {}), "duration_s": 1.0}
+    values["cell"] = {"start_position_mm": (900.0, -100.0, 590.2), "surface": surface}
+    return read_config(values)
+
+
+def rises(at_s: float, for_s: float = 0.4) -> dict[str, Any]:
+    """The surface rises, by 1.6 mm by default."""
+    how = {"on": "surface", "fault": "rises", "phase": "tare", "with": {"mm_s": 4.0}}
+    return {**how, "after_s": at_s, "for_s": for_s}
+
+
+def newtons(left: str) -> float:
+    """Force that the last line tells."""
+    match = re.search(r"([\d.]+) N,", left)
+    assert match is not None, left
+    return float(match[1])
+
+
+@ROBOTS
+@SURFACES
+def test_a_tool_that_a_rising_surface_presses_is_told(guarded: Run, robot: str, stiffness: float) -> None:
+    run = guarded(close(robot, stiffness, [rises(RISES_AT_S[robot])]))
+    assert not run.cycles, "the run ended on the way to the zero"
+    assert run.last > 2.0
+    assert run.result.left.startswith("NOT retracted: ")
+    assert newtons(run.result.left) == pytest.approx(run.last, rel=0.1, abs=0.3)
+
+
+@ROBOTS
+@SURFACES
+@pytest.mark.parametrize("more_s", [0.2, 0.6, 1.0])
+def test_no_moment_of_the_way_hides_a_pressing_tool(
+    guarded: Run, robot: str, stiffness: float, more_s: float
+) -> None:
+    """A zero that is taken while the surface rises hides the force, and is never told as a free tool either."""
+    run = guarded(close(robot, stiffness, [rises(RISES_AT_S[robot] + more_s)]))
+    if run.last > 1.5:
+        assert run.result.left.startswith("NOT retracted: ")
+
+
+@ROBOTS
+@SURFACES
+def test_a_force_that_is_not_told_is_unknown(guarded: Run, robot: str, stiffness: float) -> None:
+    """The sensor falls silent on the way to the zero while the surface rises."""
+    at_s = RISES_AT_S[robot]
+    silent = {"on": "frames", "fault": "off", "phase": "tare", "after_s": at_s + 0.05, "for_s": 600.0}
+    run = guarded(close(robot, stiffness, [rises(at_s, 1.0), silent]))
+    assert run.last > 2.0
+    assert "force unknown" in run.result.left
+    assert run.result.left.startswith("NOT retracted: ")
+
+
+@ROBOTS
+@pytest.mark.parametrize("pressed", [False, True])
+def test_an_interrupted_way_tells_the_force_of_its_end(guarded: Run, robot: str, pressed: bool) -> None:
+    """A person ends the run as the first step is told; the surface rises or does not."""
+    config = close(robot, 5e4, [rises(RISES_AT_S[robot])] if pressed else [])
+
+    def interrupt(run: Guarded) -> None:
+        noted = run.event
+
+        def event(record: Any) -> None:
+            noted(record)
+            if record.kind == "phase" and record.text == "tare":
+                run.clock.call_at(run.clock.now() + RISES_AT_S[robot] + 0.15, run.run.interrupt)
+
+        run.event = event
+
+    run = guarded(config, prepare=interrupt)
+    assert not run.cycles
+    assert run.result.left.startswith("NOT retracted: " if run.last > 1.0 else "retracted, 0.")

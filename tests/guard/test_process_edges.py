@@ -1,0 +1,215 @@
+"""The edges of the process that a run lives in: signals, exceptions that leave the loop, files that are closed."""
+
+import asyncio
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import hil_bridge.cli
+from hil_bridge import api
+from hil_bridge.clock import run_real_on, run_virtual, run_virtual_on
+from hil_bridge.recording import CycleRecord, Outcome, read
+from hil_bridge.runs import session
+from hil_bridge.runs.signals import ASKING, BACKGROUND, ENDING, OTHERS, Signals, as_ctrl_c, signal_name
+
+NOT_TAKEN = {
+    *("SIGKILL", "SIGSTOP"),  # the system lets no program take them
+    *("SIGSEGV", "SIGBUS", "SIGFPE", "SIGILL"),  # a handler would be called for ever
+    *("SIGPIPE", "SIGXFSZ"),  # Python ignores them
+    *("SIGCHLD", "SIGCLD", "SIGCONT", "SIGURG", "SIGWINCH"),  # the system ignores them
+    *BACKGROUND,
+}
+VIRTUAL = ("run", "--virtual", "--no-view", "--duration", "2", "--record", "r.mcap")
+Command = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def defaults() -> Iterator[None]:
+    """Every signal as a process has it at its begin; the tests' own time-out takes SIGALRM."""
+    names = (*OTHERS, *BACKGROUND)
+    before = {number: signal.signal(number, signal.SIG_DFL) for number in map(number_of, names)}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, signal.SIG_DFL if handler is None else handler)
+
+
+@pytest.fixture
+def hil(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path) -> Command:
+    """Run `hil-bridge` with these arguments in an empty folder: exit code, standard output, standard error."""
+    monkeypatch.chdir(tmp_path)
+
+    def command(*arguments: str) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["hil-bridge", *arguments])
+        with pytest.raises(SystemExit) as ended:
+            hil_bridge.cli.main()
+        output, errors = capfd.readouterr()
+        return int(ended.value.code or 0), output, errors
+
+    return command
+
+
+def number_of(name: str) -> signal.Signals:
+    return signal.Signals[name]
+
+
+# --- signals
+
+
+def test_each_signal_is_in_the_table_or_named_here() -> None:
+    names = {name for number in signal.valid_signals() for name in names_of(number)}
+    taken = {name for number in ENDING for name in names_of(number)}
+    assert names - taken == NOT_TAKEN & names
+    assert len(set(ENDING)) == len(ENDING) > 40
+
+
+def names_of(number: int) -> set[str]:
+    """All names that the system has for a signal."""
+    names = {name for name, value in signal.Signals.__members__.items() if value == number}
+    return names or {signal_name(number)}
+
+
+@pytest.mark.usefixtures("defaults")
+def test_every_signal_of_the_table_is_heard_and_given_back() -> None:
+    before = {number: signal.getsignal(number) for number in ENDING}
+    heard: list[int] = []
+    signals = Signals()
+    with signals.heard(), signals.leading_to(heard.append):
+        for number in ENDING:
+            signal.raise_signal(number)
+        for name in BACKGROUND:
+            signal.raise_signal(number_of(name))
+    assert heard == list(ENDING)
+    assert (signals.first, signals.count) == (ENDING[0], len(ENDING))
+    assert {number: signal.getsignal(number) for number in ENDING} == before
+
+
+def test_a_real_time_signal_has_a_name() -> None:
+    assert [signal_name(number) for number in (signal.SIGTERM, signal.SIGRTMIN, signal.SIGRTMIN + 2)] == [
+        "SIGTERM",
+        "SIGRTMIN",
+        "SIGRTMIN+2",
+    ]
+
+
+@pytest.mark.usefixtures("defaults")
+def test_a_handler_of_another_part_stays() -> None:
+    taken: list[int] = []
+    signal.signal(signal.SIGUSR1, lambda number, frame: taken.append(number))
+    signal.signal(signal.SIGUSR2, signal.SIG_IGN)
+    signals = Signals()
+    with signals.heard():
+        signal.raise_signal(signal.SIGUSR1)
+        signal.raise_signal(signal.SIGUSR2)
+    assert (taken, signals.count) == ([signal.SIGUSR1], 0)
+
+
+@pytest.mark.usefixtures("defaults")
+@pytest.mark.parametrize("number", [*map(number_of, OTHERS), signal.SIGRTMIN + 3], ids=signal_name)
+def test_each_other_signal_retracts_and_is_named(
+    hil: Command, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    sending(monkeypatch, number)
+    code, output, errors = hil(*VIRTUAL)
+    assert (code, errors) == (130, "")
+    assert output.splitlines()[-1] == "left: retracted, 0.0 N"
+    recording = read(Path("r.mcap"))
+    assert recording.end["outcome"] == "interrupted"
+    assert [event.text for event in recording.events if event.kind == "signal"] == [signal_name(number)]
+
+
+def sending(monkeypatch: pytest.MonkeyPatch, *numbers: int) -> None:
+    """Send the process these signals once its tool tracks the surface."""
+    cycle, waiting = session._Session.cycle, list(numbers)
+
+    def signalled(self: Any, record: CycleRecord) -> None:
+        cycle(self, record)
+        while record.phase == "track" and waiting:
+            signal.raise_signal(waiting.pop())
+
+    monkeypatch.setattr(session._Session, "cycle", signalled)
+
+
+@pytest.mark.usefixtures("defaults")
+def test_a_flood_of_signals_retracts_and_fills_no_record(
+    hil: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sending(monkeypatch, *[signal.SIGUSR1, signal.SIGTERM] * 500)
+    code, output, _ = hil(*VIRTUAL)
+    assert (code, output.splitlines()[-1]) == (130, "left: retracted, 0.0 N")
+    events = read(Path("r.mcap")).events
+    assert len([event for event in events if event.kind == "signal"]) == session.SIGNALS_TOLD
+
+
+@pytest.mark.usefixtures("defaults")
+def test_other_commands_take_each_signal_for_ctrl_c() -> None:
+    for name in (*ASKING, *OTHERS):
+        with pytest.raises(KeyboardInterrupt), as_ctrl_c():
+            signal.raise_signal(number_of(name))
+
+
+# --- exceptions that leave the loop
+
+
+@pytest.mark.parametrize("run", [run_virtual_on, lambda main, on_stray: run_real_on(main, 0.0, on_stray)])
+@pytest.mark.parametrize("error", [SystemExit(1), KeyboardInterrupt()], ids=["exit", "keyboard"])
+def test_a_loop_goes_on_where_a_callback_would_end_it(run: Any, error: BaseException) -> None:
+    strays: list[BaseException] = []
+
+    def leave() -> None:
+        raise error
+
+    def goes_on(stray: BaseException) -> bool:
+        strays.append(stray)
+        return True
+
+    async def main() -> str:
+        asyncio.get_running_loop().call_soon(leave)
+        await asyncio.sleep(0.01)
+        return "to its end"
+
+    assert run(main, goes_on) == "to its end"
+    assert strays == [error]
+    with pytest.raises(type(error)):
+        run(main, lambda stray: False)
+
+
+# --- a run within a program
+
+
+async def interrupted_at_once(turns: int, reaches: bool) -> tuple[Any, Any]:
+    """Results of a run that is interrupted so many turns of the loop after its begin."""
+    async with api.simulation() as simulation:
+        simulation.start()
+        for _ in range(turns):
+            await asyncio.sleep(0)
+        simulation.interrupt()
+        result = await simulation.finished()
+        if reaches:
+            with pytest.raises(hil_bridge.ConfigError, match="before the phase 'track': before the movement"):
+                await simulation.reached("track")
+    return result, simulation.result
+
+
+@pytest.mark.parametrize("turns", [0, 1, 2, 50])
+@pytest.mark.parametrize("reaches", [False, True])
+def test_an_early_interrupt_is_a_result(turns: int, reaches: bool) -> None:
+    result, kept = run_virtual(interrupted_at_once(turns, reaches))
+    assert (result.outcome, result.cause) == (Outcome.INTERRUPTED, "before the movement began")
+    assert (kept.outcome, kept.left) == (Outcome.INTERRUPTED, "")
+
+
+def test_a_cancelled_wait_for_the_end_stays_cancelled() -> None:
+    async def main() -> Any:
+        async with api.simulation() as simulation:
+            waiting = asyncio.ensure_future(simulation.finished())
+            await asyncio.sleep(0)
+            waiting.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await waiting
+        return simulation.result
+
+    assert run_virtual(main()).outcome is Outcome.INTERRUPTED

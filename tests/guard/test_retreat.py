@@ -1,0 +1,155 @@
+"""Retractions that meet something: a surface that follows, an obstacle behind the tool, a force that is not known."""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from hil_bridge.control.course import retreat
+from hil_bridge.control.course.limits import Limits
+from hil_bridge.control.course.verdict import Observation, Retreat, Stage
+from hil_bridge.settings.configuration import Config, read_config
+
+Guarded = Any
+Run = Callable[..., Guarded]
+LIMITS = Limits()
+HARD = 5e4
+"""N/m."""
+
+
+def cell(robot: str, stiffness: float, *faults: dict[str, Any]) -> Config:
+    """Three seconds of tracking on a surface of this stiffness, N/m; a stream decides every 20 ms."""
+    values: dict[str, Any] = {
+        "run": {"duration_s": 3.0},
+        "cell": {"start_position_mm": (900.0, -100.0, 591.0), "surface": {"stiffness_n_m": stiffness}},
+        "task": {"expected_stiffness_n_m": stiffness, "retract_mm": 30.0},
+        "faults": list(faults),
+    }
+    if robot != "s3":
+        values["run"]["period_ms"] = 20
+        values |= {"controller": {"sample_ms": 20}, "robot": {"emulated": robot}}
+        values["sensor"] = {"emulated": "netft"}
+    return read_config(values)
+
+
+def rising(mm_s: float, for_s: float = 1.0) -> dict[str, Any]:
+    how = {"phase": "track", "after_s": 1.0, "for_s": for_s, "with": {"mm_s": mm_s}}
+    return {"on": "surface", "fault": "rises", **how}
+
+
+def behind(height_mm: float) -> dict[str, Any]:
+    """A hard plane so far above the tip when the retraction begins."""
+    how = {"height_mm": height_mm, "stiffness_n_m": HARD}
+    return {"on": "obstacle", "fault": "above", "phase": "retract", "for_s": 600.0, "with": how}
+
+
+@pytest.mark.parametrize(
+    ("robot", "stiffness", "mm_s", "largest"),
+    [
+        ("s3", 5e3, 20.0, 85.0),
+        ("s3", 5e4, 5.0, 120.0),
+        ("s3", 5e4, 10.0, 240.0),
+        ("egm", 5e3, 50.0, 52.0),
+        ("egm", 5e4, 20.0, 145.0),
+        ("rtde", 5e4, 20.0, 145.0),
+        ("rsi", 5e4, 20.0, 145.0),
+    ],
+)
+def test_a_tool_gets_away_from_a_surface_that_rises(
+    guarded: Run, robot: str, stiffness: float, mm_s: float, largest: float
+) -> None:
+    run = guarded(cell(robot, stiffness, rising(mm_s)))
+    assert run.largest < largest
+    assert run.last == 0.0
+    assert run.result.left.startswith("retracted, ")
+
+
+@pytest.mark.parametrize(("robot", "stiffness"), [("s3", 5e3), ("s3", 5e4), ("egm", 5e3), ("egm", 5e4)])
+@pytest.mark.parametrize("height_mm", [0.2, 1.5])
+def test_what_got_behind_the_tool_stops_it_by_its_sign(
+    guarded: Run, robot: str, stiffness: float, height_mm: float
+) -> None:
+    run = guarded(cell(robot, stiffness, behind(height_mm)))
+    assert run.largest < (90.0 if robot == "s3" else 32.0)
+    assert "from behind met the tool" in run.cause
+    assert run.result.left.startswith("NOT retracted")
+
+
+@pytest.mark.parametrize("robot", ["s3", "egm"])
+@pytest.mark.parametrize("stiffness", [5e3, 5e4])
+def test_a_retraction_above_the_limit_has_a_ceiling_at_once(
+    guarded: Run, robot: str, stiffness: float
+) -> None:
+    """The surface presses with 80 N more, and something hangs 0.2 mm above the tool."""
+    step = {"on": "surface", "fault": "step", "phase": "track", "after_s": 1.5, "for_s": 600.0}
+    up = step | {"with": {"mm": 80.0 / stiffness * 1e3, "ramp_ms": 100.0}}
+    run = guarded(cell(robot, stiffness, up, behind(0.2)))
+    assert run.largest < 125.0
+
+
+@pytest.mark.parametrize("robot", ["s3", "egm"])
+@pytest.mark.parametrize("stiffness", [5e3, 5e4])
+def test_a_blind_retraction_is_short(guarded: Run, robot: str, stiffness: float) -> None:
+    silent = {"on": "frames", "fault": "off", "phase": "track", "after_s": 1.5, "for_s": 600.0}
+    run = guarded(cell(robot, stiffness, silent, behind(0.2)))
+    longest = max(3.0, max(cycle.depth for cycle in run.cycles) * 1e3)
+    assert run.largest <= HARD * (longest - 0.2) * 1e-3 + 2.0
+
+
+def seen(now: float, force: float, depth_mm: float = 0.0, *, lateral: float = 0.0) -> Observation:
+    resultant = math.hypot(force, lateral)
+    return Observation(now, force, resultant, now, 1, pressing=True, depth=depth_mm * 1e-3, dt=0.02)
+
+
+def stages(course: list[Observation]) -> tuple[list[Stage], str]:
+    """The stages of a retraction through these observations, each once, and why it stood still."""
+    state: Retreat | None = None
+    passed: list[Stage] = []
+    for observation in course:
+        state, text = retreat.watch(LIMITS, state, observation)
+        if state.stage not in passed:
+            passed.append(state.stage)
+        if text:
+            return passed, text
+    return passed, ""
+
+
+def held(force: Callable[[float], float], back: Callable[[float], float]) -> list[Observation]:
+    return [seen(k * 0.02, force(k * 0.02), -back(k * 0.02)) for k in range(400)]
+
+
+def test_a_force_that_rises_by_itself_is_left_behind() -> None:
+    """It rises by 40 N/s whether the tool moves or not."""
+    passed, text = stages(held(lambda t: 60.0 + 40.0 * t, lambda t: 5.0 * t))
+    assert passed == [Stage.GOES, Stage.WAITS, Stage.TRUSTED]
+    assert text == ""
+
+
+def test_a_robot_that_goes_the_wrong_way_stands_still() -> None:
+    """The force rises with the way alone: 20 N/mm."""
+    state: Retreat | None = None
+    back, reasons = 0.0, []
+    for k in range(400):
+        state, text = retreat.watch(LIMITS, state, seen(k * 0.02, 60.0 + 20.0 * back, -back))
+        if text:
+            reasons.append(text)
+            break
+        back += min(5.0 * 0.02, retreat.longest_way(state, 0.02) * 1e3)
+    assert back < 4.0
+    assert "retracted slowly" in reasons[0]
+
+
+def test_a_force_that_fell_while_it_waited_is_tried_again() -> None:
+    def force(at: float) -> float:
+        return 80.0 if at < 2.5 else max(80.0 - 60.0 * (at - 2.5), 0.0)
+
+    passed, text = stages(held(force, lambda t: 5.0 * min(t, 1.5)))
+    assert passed == [Stage.GOES, Stage.WAITS, Stage.SLOW, Stage.TRUSTED]
+    assert text == ""
+
+
+def test_a_force_from_the_side_keeps_its_ceiling() -> None:
+    passed, text = stages([seen(0.0, 10.0), seen(1.0, 2.0), seen(1.1, 2.0, lateral=9.0)])
+    assert passed == [Stage.GOES]
+    assert text.startswith("the force rose from 2.0 N to 9.2 N")

@@ -1,0 +1,92 @@
+"""An axis that the tool's weight does not verify: named, refused, or taken on by a person and tested by each touch."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from hil_bridge.control.course.zero import AXES, unverified_axes
+from hil_bridge.control.geometry.wrist import Wrist
+from hil_bridge.recording import Outcome
+from hil_bridge.settings.configuration import Config, read_config
+
+Guarded = Any
+Run = Callable[..., Guarded]
+
+ROBOTS = pytest.mark.parametrize("robot", ["s3", "egm"])
+SURFACES = pytest.mark.parametrize("stiffness", [5e3, 5e4])
+QUICK: dict[str, dict[str, Any]] = {
+    "run": {"period_ms": 20},
+    "controller": {"sample_ms": 20},
+    "robot": {"emulated": "egm"},
+    "sensor": {"emulated": "netft"},
+}
+
+
+def light(robot: str, stiffness: float, faults: list[dict[str, Any]], taken_on: bool) -> Config:
+    """A tool of 80 g, which weighs 0.8 N, 1 mm above a surface."""
+    values: dict[str, Any] = {
+        key: dict(section) for key, section in (QUICK if robot == "egm" else {}).items()
+    }
+    values["run"] = {**values.get("run", {}), "duration_s": 1.0}
+    values["sensor"] = {**values.get("sensor", {}), "unverified": ["fz"] if taken_on else []}
+    values["cell"] = {
+        "surface": {"stiffness_n_m": stiffness},
+        "start_position_mm": (900.0, -100.0, 591.0),
+        "tool": {"mass_kg": 0.08},
+    }
+    values["task"] = {"retract_speed_mm_s": 20.0, "retract_mm": 3.0, "approach_depth_limit_mm": 4.0}
+    return read_config({**values, "faults": faults})
+
+
+def from_power_up(name: str, **how: Any) -> dict[str, Any]:
+    """A fault of Fz that is there before the run looks at the sensor."""
+    return {"on": "signal", "fault": name, "phase": "connect", "for_s": 600.0, "with": {"axis": "fz", **how}}
+
+
+@ROBOTS
+def test_a_light_tool_is_refused_before_anything_moves(guarded: Run, robot: str) -> None:
+    run = guarded(light(robot, 5e3, [from_power_up("dead")], taken_on=False))
+    assert not run.cycles
+    assert run.result.left == ""
+    for part in ("presses on Fz (0.78 N of weight)", "tool.mass_kg", 'sensor.unverified = ["fz"]'):
+        assert part in run.cause
+    assert any("not verified by the tool's weight: Fx Fy Fz" in text for text in run.texts("check"))
+
+
+def test_what_an_upright_tool_does_not_verify_is_named(guarded: Run) -> None:
+    values = {"run": {"duration_s": 0.2}, "cell": {"start_position_mm": (900.0, -100.0, 591.0)}}
+    run = guarded(read_config({**values, "task": {"retract_mm": 1.0}}))
+    assert "not verified by the tool's weight: Fx Fy Mx My Mz" in run.texts("check")
+
+
+@pytest.mark.parametrize(
+    ("quaternion", "verified"),
+    [((1.0, 0.0, 0.0, 0.0), {"Fz"}), ((0.7071068, 0.7071068, 0.0, 0.0), {"Fy", "Mx"})],
+    ids=["upright", "level"],
+)
+def test_the_attitude_decides_which_axes_are_verified(
+    quaternion: tuple[float, float, float, float], verified: set[str]
+) -> None:
+    wrist = Wrist(mass=0.5, centre_of_gravity=(0.0, 0.0, 0.08))
+    unverified = unverified_axes(wrist, quaternion, 1.0, 0.2)
+    assert {AXES[k] for k in range(6)} - {AXES[k] for k in unverified} == verified
+    assert unverified_axes(None, quaternion, 1.0, 0.2) == tuple(range(6))
+
+
+@ROBOTS
+@SURFACES
+def test_an_axis_that_tells_a_fiftieth_is_no_touch(guarded: Run, robot: str, stiffness: float) -> None:
+    """The contact shows late, at 50 N; the touch is not answered as a surface would, and the run ends there."""
+    run = guarded(light(robot, stiffness, [from_power_up("scale", factor=0.02)], taken_on=True))
+    assert run.result.outcome is Outcome.STOPPED
+    assert run.largest <= 50.0 + stiffness * 1e-3
+    assert not any(record.phase == "track" for record in run.cycles)
+
+
+@ROBOTS
+@SURFACES
+def test_a_healthy_axis_that_a_person_takes_on_tracks(guarded: Run, robot: str, stiffness: float) -> None:
+    run = guarded(light(robot, stiffness, [], taken_on=True))
+    assert run.result.outcome is Outcome.COMPLETED, run.cause
+    assert any(record.phase == "track" for record in run.cycles)

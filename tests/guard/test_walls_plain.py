@@ -1,0 +1,52 @@
+"""A wall in the way of a plain run: seen before the limits, and left by yielding back along the way."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from hil_bridge.recording import Outcome
+from hil_bridge.settings.configuration import Config, read_config
+
+Guarded = Any
+Run = Callable[..., Guarded]
+
+
+def run_along(robot: str, stiffness: float, **surface: Any) -> Config:
+    """Five seconds of tracking at 5.5 mm/s; a stream decides every 20 ms."""
+    values: dict[str, Any] = {
+        "run": {"duration_s": 5.0},
+        "cell": {
+            "start_position_mm": (900.0, -100.0, 591.0),
+            "surface": {"stiffness_n_m": stiffness, **surface},
+        },
+        "task": {"expected_stiffness_n_m": stiffness},
+    }
+    if robot != "s3":
+        values["run"]["period_ms"] = 20
+        values |= {"controller": {"sample_ms": 20}, "robot": {"emulated": robot}}
+        values["sensor"] = {"emulated": "netft"}
+    return read_config(values)
+
+
+@pytest.mark.parametrize("stiffness", [5e3, 5e4])
+@pytest.mark.parametrize(("robot", "largest"), [("s3", 100.0), ("egm", 40.0), ("rtde", 40.0), ("rsi", 40.0)])
+def test_a_tool_comes_off_a_wall(guarded: Run, robot: str, stiffness: float, largest: float) -> None:
+    run = guarded(run_along(robot, stiffness, wall_at_mm=-95.0))
+    assert run.result.outcome is Outcome.STOPPED
+    assert run.largest < largest
+    assert run.last == 0.0
+    assert run.result.left.startswith("retracted, ")
+    if robot != "s3":
+        assert "something stands in the way" in run.cause
+
+
+@pytest.mark.parametrize(
+    "surface",
+    [{"friction": 0.6}, {"kind": "sloped", "slope_deg": 20.0, "friction": 0.3, "origin_y_mm": -100.0}],
+    ids=["friction", "slope"],
+)
+def test_friction_and_slopes_are_no_wall(guarded: Run, surface: dict[str, Any]) -> None:
+    run = guarded(run_along("s3", 5e3, **surface))
+    assert run.cause == ""
+    assert run.result.outcome is Outcome.COMPLETED

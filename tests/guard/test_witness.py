@@ -1,0 +1,173 @@
+"""The second witness: a robot that feels the contact itself, beside a force sensor that lies."""
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+import hil_bridge
+from hil_bridge.control.course.limits import Limits
+from hil_bridge.control.course.verdict import Observation
+from hil_bridge.control.course.witness import Witness, witness_of
+from hil_bridge.recording import Outcome
+from hil_bridge.runs.replay import recorded_config, replay
+from hil_bridge.settings.configuration import Config, read_config
+
+Guarded = Any
+Run = Callable[..., Guarded]
+FOR_GOOD_S = 600.0
+ROBOTS = pytest.mark.parametrize("robot", ["rtde", "egm"])
+SURFACES = pytest.mark.parametrize("stiffness", [5e3, 5e4])
+AXES = ("fx", "fy", "fz", "mx", "my", "mz")
+
+
+def feeling(robot: str, stiffness: float, *faults: dict[str, Any], **more: Any) -> Config:
+    """Three seconds at 10 N with a robot that feels a force itself, and a Net F/T; `more` are further settings."""
+    values: dict[str, Any] = {
+        "run": {"duration_s": 3.0, "period_ms": 20},
+        "controller": {"sample_ms": 20},
+        "robot": {"emulated": robot},
+        "sensor": {"emulated": "netft"},
+        "cell": {"start_position_mm": (900.0, -100.0, 592.0), "surface": {"stiffness_n_m": stiffness}},
+        "task": {"retract_speed_mm_s": 20.0, "retract_mm": 4.0, "expected_stiffness_n_m": stiffness},
+        "faults": list(faults),
+    }
+    if robot == "egm":
+        values["cell"]["egm"] = {"measured_force": True}
+    for name, section in more.items():
+        values[name] = {**values.get(name, {}), **section}
+    return read_config(values)
+
+
+def fault(on: str, name: str, phase: str = "approach", **how: Any) -> dict[str, Any]:
+    """It begins with a phase, in track half a second later, and does not end."""
+    after_s = 0.5 if phase == "track" else 0.0
+    return {"on": on, "fault": name, "phase": phase, "after_s": after_s, "for_s": FOR_GOOD_S, "with": how}
+
+
+LIES: dict[str, tuple[dict[str, Any], ...]] = {
+    "stuck in approach": (fault("signal", "stuck"),),
+    "noise on all axes in approach": tuple(fault("signal", "dead", axis=axis) for axis in AXES),
+    "dead Fz in approach": (fault("signal", "dead"),),
+    "dead Fz in track": (fault("signal", "dead", "track"),),
+    "a tenth in approach": (fault("signal", "scale"),),
+    "a tenth in track": (fault("signal", "scale", "track"),),
+    "drift the wrong way": (fault("signal", "drift", "track", per_s=2.0),),
+}
+OFF = {"limits": {"witness_n": 0.0}}
+
+
+@ROBOTS
+@SURFACES
+@pytest.mark.parametrize("lie", LIES)
+def test_a_sensor_that_lies_is_contradicted(guarded: Run, robot: str, stiffness: float, lie: str) -> None:
+    run = guarded(feeling(robot, stiffness, *LIES[lie], run={"duration_s": 8.0 if "drift" in lie else 2.0}))
+    assert run.result.outcome is Outcome.STOPPED
+    assert "the robot itself feels" in run.cause
+    assert run.largest <= (95.0 if stiffness > 1e4 else 30.0)
+    assert run.last == 0.0
+
+
+@ROBOTS
+def test_without_the_witness_the_same_lie_presses_far_harder(guarded: Run, robot: str) -> None:
+    """Dead axes on a hard surface: the guard's other rules see nothing. The run is short, for the force only grows."""
+    lie = LIES["noise on all axes in approach"]
+    assert guarded(feeling(robot, 5e4, *lie, run={"duration_s": 2.0}, **OFF)).largest > 300.0
+
+
+@ROBOTS
+@pytest.mark.parametrize(
+    ("name", "how"),
+    [("dead", {}), ("stuck", {}), ("offset", {"z_n": -60.0}), ("scale", {"factor": 0.1}), ("nan", {})],
+)
+def test_a_witness_that_lies_does_no_harm_beyond_a_stop(
+    guarded: Run, robot: str, name: str, how: dict[str, Any]
+) -> None:
+    run = guarded(feeling(robot, 5e4, fault("witness", name, "track", **how), run={"duration_s": 1.5}))
+    assert run.largest < 20.0
+    assert run.last == 0.0
+    stops = name == "offset"
+    assert ("the robot itself feels" in run.cause) == stops
+    assert run.result.left.startswith("NOT retracted" if stops else "retracted")
+
+
+@ROBOTS
+def test_a_witness_that_dies_too_leaves_the_guard_as_it_was(guarded: Run, robot: str) -> None:
+    """Stuck counts are seen by the other rules, as late as without a witness, and no later."""
+    stuck = fault("signal", "stuck")
+    both = feeling(robot, 5e3, stuck, fault("witness", "dead"))
+    without = feeling(robot, 5e3, stuck, **OFF)
+    forces = [guarded(config).largest for config in (both, without)]
+    assert forces[0] == pytest.approx(forces[1], abs=0.5)
+
+
+@ROBOTS
+@SURFACES
+def test_a_healthy_run_is_left_alone(guarded: Run, robot: str, stiffness: float) -> None:
+    run = guarded(feeling(robot, stiffness))
+    assert run.result.left == "retracted, 0.0 N"
+    differences = [abs(record.sample.witness - record.sample.force) for record in run.cycles]
+    assert len(differences) > 100
+    assert max(differences) < 9.0, "12 N are ordinary"
+
+
+def test_a_tool_that_the_robot_still_feels_pressed_is_not_told_as_retracted(guarded: Run) -> None:
+    """The witness counts at the end too, where its rule no longer stops anything."""
+    late = {**fault("witness", "offset", "retract", z_n=93.0)}
+    run = guarded(feeling("rtde", 5e3, late, run={"duration_s": 0.5}))
+    assert run.result.outcome is Outcome.STOPPED
+    assert "after the retraction, the robot itself feels 93 N" in run.cause
+    assert run.result.left.startswith("NOT retracted: left at ")
+    assert "(the robot itself feels 93 N)" in run.result.left
+
+
+def test_a_stop_by_the_witness_is_decided_alike_in_a_replay() -> None:
+    config = feeling("rtde", 5e3, fault("signal", "dead", "track"), run={"duration_s": 1.0})
+    recording = hil_bridge.simulate(config).recording
+    assert "the robot itself feels" in recording.end["cause"]
+    again = list(replay(recording, recorded_config(recording, {}), forced=False))
+    assert len(again) == len(recording.cycles)
+    assert not any(cycle.differences for cycle in again)
+
+
+RULE = Witness(12.0, 0.1)
+
+
+def observed(force: float, witness: float | None, dt: float = 0.02) -> Observation:
+    return Observation(100.0, force, abs(force), 100.0, 7, dt=dt, witness=witness)
+
+
+@pytest.mark.parametrize(
+    ("force", "witness", "cycles"),
+    [
+        (0.0, 93.0, 4),  # the first counts nothing, each other one twice: 0, 40, 80, 120 ms
+        (93.0, 0.0, 4),
+        (10.0, 21.9, None),
+        (10.0, 22.1, 6),  # hardly more than is ordinary
+        (40.0, 70.0, None),  # less than half is missing
+        (40.0, None, None),
+        (40.0, math.nan, None),
+    ],
+)
+def test_a_difference_must_be_gross_and_last(force: float, witness: float | None, cycles: int | None) -> None:
+    before, count = None, 0
+    for _ in range(50):
+        before = RULE.disagreed(before, observed(force, witness))
+        count += 1
+        if RULE.fault(before, observed(force, witness)):
+            break
+    assert (count if count < 50 else None) == cycles
+
+
+def test_a_witness_that_agrees_again_begins_anew() -> None:
+    before = RULE.disagreed(0.09, observed(10.0, 10.0))
+    assert before is None
+    assert RULE.disagreed(before, observed(0.0, 93.0)) == 0.0
+
+
+@pytest.mark.parametrize(("setting_n", "ordinary_n"), [(None, 12.0), (5.0, 5.0), (0.0, None)])
+def test_the_setting_goes_before_the_facts(setting_n: float | None, ordinary_n: float | None) -> None:
+    rule = witness_of(Limits(witness_n=setting_n), 12.0, 0.01)
+    assert (None if rule is None else rule.ordinary_n) == ordinary_n
+    assert rule is None or rule.lasting_s == pytest.approx(0.12)
