@@ -8,9 +8,10 @@ from hil_bridge.control.controllers import CONTROLLERS, controller_kind, control
 from hil_bridge.control.course.contour import Contour, ContourState, normal_force
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.oscillation import OscillationDetector, OscillationState
+from hil_bridge.control.course.parameters import TaskParameters
 from hil_bridge.control.course.peaks import Peaks
 from hil_bridge.control.course.supervisor import Supervisor
-from hil_bridge.control.course.task import Phase, Target, Task, TaskOutput, TaskParameters, TaskState
+from hil_bridge.control.course.task import Phase, Target, Task, TaskOutput, TaskState
 from hil_bridge.control.course.verdict import (
     Allow,
     Cause,
@@ -22,6 +23,7 @@ from hil_bridge.control.course.verdict import (
     Verdict,
 )
 from hil_bridge.control.course.zero import Reading, lift_fault, reading, weight_fault, weight_reading
+from hil_bridge.control.decision import Decision, LoopState, Proposal, Sample
 from hil_bridge.control.geometry.frames import (
     force_along,
     quaternion_about,
@@ -56,7 +58,7 @@ from hil_bridge.control.laws.linear import Admittance, AdmittanceState, Pi, PiSt
 from hil_bridge.control.laws.predictive import Predictive, PredictiveState
 from hil_bridge.control.laws.rules import PAPER_RULES, RuleBase, parse_rules, read_rules, rules_as_toml
 from hil_bridge.control.laws.stiffness import Pairing, Stiffness
-from hil_bridge.control.loop import ControlLoop, Decision, LoopState, Proposal, Sample
+from hil_bridge.control.loop import ControlLoop
 from hil_bridge.control.types import Command, Controller, Measurement, numeric_explanation
 
 __all__ = [

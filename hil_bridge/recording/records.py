@@ -9,7 +9,7 @@ from typing import Annotated, TypeAlias
 from msgspec import Meta, Struct
 
 from hil_bridge.control.course.task import Phase
-from hil_bridge.control.loop import Sample
+from hil_bridge.control.decision import Sample
 
 Vector: TypeAlias = Annotated[tuple[float, ...], Meta(min_length=3, max_length=3)]
 Quaternion: TypeAlias = Annotated[tuple[float, ...], Meta(min_length=4, max_length=4)]

@@ -25,7 +25,7 @@ from msgspec import structs
 
 from hil_bridge.control import Predictive
 from hil_bridge.control.course.task import Phase
-from hil_bridge.control.loop import Sample
+from hil_bridge.control.decision import Sample
 from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.experiments import run_emulated
 from hil_bridge.facts import ACCEPTED, Devices, RobotFacts, Sensor

@@ -7,17 +7,16 @@ learnt stiffness is kept. `in_contact` tells it of the loss.
 import math
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 from msgspec import Struct
 from msgspec.structs import replace
 
-from hil_bridge.control.checks import require_above_zero, require_not_negative
 from hil_bridge.control.course.escape import escape_way
+from hil_bridge.control.course.parameters import TaskParameters
 from hil_bridge.control.course.touch import Doubt, Touch, TouchTest, begin_tracking, keep_tracking
 from hil_bridge.control.course.wall import way_back
-from hil_bridge.control.types import POSITION_STEP_MM, SAMPLE_MS, Command, Controller, Measurement, as_answer
-from hil_bridge.control.words.steps import ResumePoint, Step
+from hil_bridge.control.types import Command, Controller, Measurement, as_answer
 from protocol.geometry import Quaternion
 
 
@@ -42,125 +41,6 @@ class Phase(StrEnum):
 
 # Asked for in every cycle, by names of this module: until Python 3.12 an enum's own name costs ten times that.
 _APPROACH, _TRACK, _RETRACT = Phase.APPROACH, Phase.TRACK, Phase.RETRACT
-
-
-@dataclass(frozen=True, slots=True)
-class TaskParameters:
-    """Settings of the task. All values are chosen for the paper's experiments and the robot's resolution."""
-
-    __pydantic_config__: ClassVar = {"extra": "forbid"}
-
-    force_n: float = 10.0
-    """Desired contact force. Source: the paper's experiments."""
-    approach_speed_mm_s: float = 2.75
-    """Speed of the approach, at most. Chosen: 0.5 mm in a cycle of 180 ms."""
-    expected_stiffness_n_m: float = 5000.0
-    """Stiffness of the hardest surface expected. The approach goes so slowly that a first touch presses with no more
-    than the desired force, and than half the supervisor's limit. Source: the paper's sponge.
-    """
-    approach_depth_limit_mm: float = 15.0
-    """Depth added at most in an approach before it is given up; so far at most does a sensor that does not answer let
-    it press. Chosen: the start is taken to be some 10 mm above the surface.
-    """
-    search_depth_limit_mm: float = 5.0
-    """Depth added at most after a contact loss before the surface counts as ended: an edge is no hole to dive
-    into.
-    """
-    least_stiffness_n_m: float | None = None
-    """Stiffness that a touch must show at least where the tool's weight could not verify the axis that measures the
-    force: the tool goes deeper in small steps, and the force must rise. None for a quarter of `expected_stiffness_n_m`:
-    an axis that tells less than a quarter of the force is refused by it.
-    """
-    contact_threshold_n: float = 1.0
-    """Force above which there is contact."""
-    loss_threshold_n: float = 0.5
-    """Force below which contact counts as lost; lower than the other so that noise does not toggle it."""
-    loss_ms: float = 800.0
-    """Time without contact after which the surface is approached again; until then the controller may find it by
-    itself, without travelling on. Chosen: five samples of 172 … 187 ms reach it and four do not.
-    """
-    loss_limit: int = 20
-    """Contact losses after which the run is ended."""
-    speed_mm_s: float = 5.5
-    """Speed along the surface. Source: the paper's experiments, 1 mm in a cycle of 180 ms."""
-    travel_from_share: float = 0.0
-    """Share of the desired force that must be reached after contact was found before the tool travels; 0
-    travels at once. Waiting keeps an unknown slope out of the first estimate of the stiffness.
-    """
-    travel_limit_mm: float = 500.0
-    """Travel after which tracking ends."""
-    retract_speed_mm_s: float = 5.5
-    """Speed at which depth is taken back while retracting. Chosen: 1 mm in a cycle of 180 ms."""
-    retract_mm: float = 20.0
-    """Depth taken back in all, from where tracking ended; at least back to the depth of the start."""
-    zero_lift_mm: float = 0.5
-    """How far the tool moves away from the surface before the zero is taken: the force must not change on the way.
-    0 takes the zero where the tool stands.
-    """
-    zero_step_mm: float = POSITION_STEP_MM
-    """One step of that way: so small that it does no harm where it leads the wrong way. Chosen: the resolution of
-    the robot's position.
-    """
-    zero_change_n: float = 0.5
-    """Change of the force on that way, or while the tool stands, above which no zero is taken. Source: the paper's
-    uncertainty of its sensor.
-    """
-
-    step: tuple[Step, ...] = ()
-    """A program, a table [[task.step]] for each step; empty for one approach, one straight way and one retraction."""
-    safe_height_mm: float = 0.0
-    """Height over the start point, away from the surface, at which a program goes to another place."""
-    resume: ResumePoint | None = None
-    """Where a program goes on that was cut before; `run --resume` fills it in."""
-    file: str = ""
-    """File with the steps of a program, beside the configuration; empty for steps that stand here, or for none."""
-
-    @property
-    def least_stiffness(self) -> float:
-        """Stiffness that a touch in doubt must show, N/m."""
-        return self.least_stiffness_n_m or self.expected_stiffness_n_m / 4
-
-    @property
-    def single_step_mm(self) -> float:
-        """Step of a movement that waits after each one: the way of an approach in `SAMPLE_MS`. Where it is long enough,
-        it is in whole steps of `zero_step_mm`.
-        """
-        step = self.approach_speed_mm_s * SAMPLE_MS * 1e-3
-        return round(step / self.zero_step_mm) * self.zero_step_mm or step
-
-    def __post_init__(self) -> None:
-        require_above_zero(
-            self,
-            "force_n",
-            "approach_speed_mm_s",
-            "expected_stiffness_n_m",
-            "approach_depth_limit_mm",
-            "search_depth_limit_mm",
-            "contact_threshold_n",
-            "loss_ms",
-            "loss_limit",
-            "travel_limit_mm",
-            "retract_speed_mm_s",
-            "zero_step_mm",
-            "zero_change_n",
-        )
-        require_not_negative(
-            self,
-            "loss_threshold_n",
-            "speed_mm_s",
-            "travel_from_share",
-            "retract_mm",
-            "zero_lift_mm",
-            "safe_height_mm",
-        )
-        if self.least_stiffness_n_m is not None:
-            require_above_zero(self, "least_stiffness_n_m")
-        if self.loss_threshold_n > self.contact_threshold_n:
-            raise ValueError("loss_threshold_n must not be above contact_threshold_n")
-        if self.travel_from_share > 1:
-            raise ValueError("travel_from_share must not be above 1")
-        if self.contact_threshold_n >= self.force_n:
-            raise ValueError("contact_threshold_n must be below force_n")
 
 
 class Target(Struct, frozen=True):

@@ -7,7 +7,8 @@ from itertools import pairwise
 from typing import Any
 
 from hil_bridge.control.course.limits import Limits
-from hil_bridge.control.course.task import Task, TaskParameters
+from hil_bridge.control.course.parameters import TaskParameters
+from hil_bridge.control.course.task import Task
 from hil_bridge.control.words.paths import Line, Place, Way, way_of
 from hil_bridge.control.words.steps import (
     Approach,

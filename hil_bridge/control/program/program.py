@@ -14,7 +14,8 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from hil_bridge.control.course.task import Phase, Stride, Target, Task, TaskOutput, TaskParameters, TaskState
+from hil_bridge.control.course.parameters import TaskParameters
+from hil_bridge.control.course.task import Phase, Stride, Target, Task, TaskOutput, TaskState
 from hil_bridge.control.geometry.turning import unit
 from hil_bridge.control.program import free_steps
 from hil_bridge.control.program.across import beside
