@@ -19,8 +19,8 @@ from hil_bridge.campaign.judging import Job, carry_out
 from hil_bridge.campaign.plan import Case, Plan, code_version
 from hil_bridge.campaign.store import Done, Store, now
 from hil_bridge.errors import ConfigError
+from hil_bridge.optimiser import optimiser
 from hil_bridge.processes import as_completed, in_chunks, own_processes
-from hil_bridge.tuning.searching import optimiser
 
 SEED = 1
 """Seed of every run of a hunt: the optimiser varies all else."""

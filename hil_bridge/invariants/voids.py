@@ -54,7 +54,7 @@ VOIDS: tuple[Void, ...] = (
     Void(
         _FORCES,
         "signal",
-        frozenset({"stuck", "drift", "turned", "noise", "spike", "intermittent"}),
+        frozenset({"stuck", "replayed", "drift", "turned", "noise", "spike", "intermittent"}),
         _SENSOR_LIES,
     ),
     Void(_FORCES, "scales", frozenset(), _SENSOR_LIES, unless_checked=True),

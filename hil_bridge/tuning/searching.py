@@ -9,6 +9,7 @@ from typing import Any
 
 from hil_bridge.campaign.criteria import Figures
 from hil_bridge.errors import ConfigError
+from hil_bridge.optimiser import optimiser
 from hil_bridge.settings.configuration import Config, dump
 from hil_bridge.tuning.evaluating import Goal, Job, Runs, Worth, scales_of, together, worth
 from hil_bridge.tuning.space import Point, Space
@@ -116,16 +117,6 @@ def _by_cell(
 ) -> list[list[Figures]]:
     found = runs([job for config in configs for job in jobs_of(config, parameters, seeds)])
     return [found[at : at + len(seeds)] for at in range(0, len(found), len(seeds))]
-
-
-def optimiser() -> Callable[..., object]:
-    """SciPy's differential evolution. Raises ConfigError where SciPy is not installed."""
-    try:
-        from scipy.optimize import differential_evolution
-    except ImportError as error:
-        raise ConfigError('tune needs the package scipy; `pip install "hil-bridge[tune]"`') from error
-    found: Callable[..., object] = differential_evolution
-    return found
 
 
 class _Spent(Exception):

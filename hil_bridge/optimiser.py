@@ -1,0 +1,15 @@
+"""The optimiser of searches and hunts: that of SciPy, an extra."""
+
+from collections.abc import Callable
+
+from hil_bridge.errors import ConfigError
+
+
+def optimiser() -> Callable[..., object]:
+    """SciPy's differential evolution. Raises ConfigError where SciPy is not installed."""
+    try:
+        from scipy.optimize import differential_evolution
+    except ImportError as error:
+        raise ConfigError('an optimiser needs the package scipy; `pip install "hil-bridge[tune]"`') from error
+    found: Callable[..., object] = differential_evolution
+    return found
