@@ -30,7 +30,7 @@ from tools.pages import parser, placed, table, write
 
 DOCS = Path(__file__).resolve().parent.parent / "docs" / "explanation"
 DOCUMENT, FIGURES = DOCS / "safety.md", DOCS / "safety.json"
-SEEDS: Mapping[str, int] = {"s3": 20, "egm": 3, "rtde": 3, "rsi": 3}
+SEEDS: Mapping[str, int] = {"s3": 20, "egm": 5, "rtde": 5, "rsi": 5}
 """Runs of a case by robot: fewer of a robot that streams, for each takes some seconds of processor time."""
 STIFFNESSES_N_M = (5e3, 5e4)
 TICK_S = 0.001
@@ -46,16 +46,16 @@ NEAR: Mapping[str, Any] = {"cell.start_position_mm": (900.0, -100.0, 592.0), "ta
 """Of a robot that streams: near the surface, and back by little, for each of its packets is emulated."""
 ROBOTS: Mapping[str, Mapping[str, Any]] = {
     "s3": {},
-    "egm": {"robot.emulated": "egm", "sensor.emulated": "netft", **NEAR},
-    "rtde": {"robot.emulated": "rtde", "sensor.emulated": "netft", **NEAR},
-    "rsi": {"robot.emulated": "rsi", "sensor.emulated": "netft", **NEAR},
+    "egm": {"robot.emulated": "egm", "sensor.emulated": "ft300", **NEAR},
+    "rtde": {"robot.emulated": "rtde", "sensor.emulated": "ft300", **NEAR},
+    "rsi": {"robot.emulated": "rsi", "sensor.emulated": "ft300", **NEAR},
 }
 """Settings of each robot's runs that are not at their defaults."""
 NAMES: Mapping[str, str] = {
     "s3": "S3 with a JR3 at its gateway",
-    "egm": "EGM with a Net F/T",
-    "rtde": "RTDE with a Net F/T",
-    "rsi": "RSI with a Net F/T",
+    "egm": "EGM with an FT 300",
+    "rtde": "RTDE with an FT 300",
+    "rsi": "RSI with an FT 300",
 }
 
 
