@@ -67,7 +67,7 @@ SEEN_BY_WEIGHT = {
 FITTING = {
     "robot": r"robot on|refused|the reported position|computer",
     "pose": r"report|robot on|commanded|jumped|tool's weight|force stayed|no contact found|contact force|touching|away",
-    "link": r"robot on",
+    "link": r"robot on|cycles take",
     "signal": r"Fz|force|sensor|zero|contact|surface|moment|drifts|Fx",
     "scales": r"tool's weight|force|zero",
     "frames": r"sensor|force|frame|moment",
@@ -125,7 +125,11 @@ class Drawn:
                 "run": {"duration_s": 2.0, "seed": seed},
                 "sensor": {"emulated": "board" if fault == "unplugged" else "gateway"},
                 "controller": {"name": draw.choice(sorted(CONTROLLERS))},
-                "task": {"expected_stiffness_n_m": max(stiffness, 2e3), "retract_mm": 5.0},
+                "task": {
+                    "expected_stiffness_n_m": max(stiffness, 2e3),
+                    "retract_mm": 5.0,
+                    "approach_depth_limit_mm": 40.0,
+                },
                 "cell": {
                     "surface": {"stiffness_n_m": stiffness, **shape},
                     "start_position_mm": (900.0, -100.0, 600.0 + draw.uniform(-1.0, 1.0)),
