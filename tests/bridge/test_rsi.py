@@ -19,7 +19,7 @@ from hil_bridge.runs.cycle import Outcome
 from hil_bridge.settings.configuration import load_config
 from hil_bridge.settings.kinds import settings_of
 
-BASE = '[run]\nperiod_ms = 20\n[controller]\nsample_ms = 20\n[robot]\nemulated = "rsi"\n[task]\nretract_mm = 4.0\n'
+BASE = '[run]\nperiod_ms = 20\n[controller]\nsample_ms = 20\n[robot]\nemulated = "rsi"\n[task]\nretract_mm = 4.0\napproach_depth_limit_mm = 20.0\n'
 ABSOLUTE = '[robot.rsi]\nmode = "absolute"\n[cell.rsi]\nmode = "absolute"\n'
 SLOW = "[robot.rsi]\ncycle_ms = 12\n[cell.rsi]\ncycle_ms = 12\n"
 PERIOD = {SLOW: 24}
@@ -75,7 +75,7 @@ def test_the_loop_closes_at_ten_newtons(more: str, tmp_path: Path) -> None:
 
 
 def test_the_force_holds_on_a_contour(tmp_path: Path) -> None:
-    wave = '[task]\napproach_depth_limit_mm = 20.0\n[cell]\nstart_position_mm = [900.0, -100.0, 605.0]\n[cell.surface]\nkind = "sinusoidal"\n'
+    wave = '[cell]\nstart_position_mm = [900.0, -100.0, 605.0]\n[cell.surface]\nkind = "sinusoidal"\n'
     wave += "amplitude_mm = 5.0\nperiod_mm = 200.0\n"
     run = emulated(tmp_path, wave, duration_s=4.0)
     assert run.result.outcome is Outcome.COMPLETED

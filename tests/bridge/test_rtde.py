@@ -41,6 +41,7 @@ period_ms = {period}
 sample_ms = {period}
 [task]
 retract_mm = 4.0
+approach_depth_limit_mm = 20.0
 """
 START = StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2)
 
@@ -93,7 +94,7 @@ def test_it_holds_ten_newtons_and_two_runs_of_a_seed_and_a_replay_are_the_same(r
 
 def test_it_holds_ten_newtons_along_a_contour(runs: Runs) -> None:
     surface = (
-        "[frame]\nfollow_normal = true\n[task]\napproach_depth_limit_mm = 20.0\n[cell]\nstart_position_mm = [900, -100, 605]\n[cell.surface]\n"
+        "[frame]\nfollow_normal = true\n[cell]\nstart_position_mm = [900, -100, 605]\n[cell.surface]\n"
         "kind = 'sinusoidal'\namplitude_mm = 5.0\nperiod_mm = 200.0\n"
     )
     code, told, record = runs(surface, duration=6.0)

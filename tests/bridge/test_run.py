@@ -515,7 +515,7 @@ def test_a_force_axis_that_was_dead_from_the_beginning_is_named(bench: RunBench)
     run = bench(
         prepare=lambda bench: freeze_fz(bench, 434),
         cell={"surface": {"kind": "sloped", "slope_deg": 15.0}},
-        task={"approach_speed_mm_s": 1.1, **DEEP},
+        task={"approach_speed_mm_s": 1.1, "approach_depth_limit_mm": 40.0},
     )
     assert run.result.outcome is Outcome.STOPPED
     assert run.result.cause == "fz of the force sensor did not change since the zero while other axes moved"

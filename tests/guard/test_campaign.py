@@ -1,4 +1,4 @@
-"""A hundred runs, each with a fault at some moment, a controller, a stiffness and a shape drawn by its seed.
+"""140 runs, each with a fault at some moment, a controller, a stiffness and a shape drawn by its seed.
 
 Every draw must keep these promises. The true force stays within its bound, and no order goes deeper after a stop. The
 run ends in time and with a cause that fits the injected faults. Its recording is whole and replayed alike, and no run
@@ -37,7 +37,7 @@ from hil_bridge.runs.session import execute
 from hil_bridge.settings.configuration import Config
 
 Floats = npt.NDArray[np.float64]
-SEEDS = int(os.environ.get("HIL_BRIDGE_SEEDS", "100"))
+SEEDS = int(os.environ.get("HIL_BRIDGE_SEEDS", "140"))
 BLOCK = 20
 WATCH_S, WATCH_FRAMES = 0.2, 20
 """The truth is looked at every 10 ms, 20 times at once."""
