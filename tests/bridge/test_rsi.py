@@ -19,7 +19,10 @@ from hil_bridge.runs.cycle import Outcome
 from hil_bridge.settings.configuration import load_config
 from hil_bridge.settings.kinds import settings_of
 
-BASE = '[run]\nperiod_ms = 20\n[controller]\nsample_ms = 20\n[robot]\nemulated = "rsi"\n[task]\nretract_mm = 4.0\napproach_depth_limit_mm = 20.0\n'
+BASE = (
+    '[run]\nperiod_ms = 20\n[controller]\nsample_ms = 20\n[robot]\nemulated = "rsi"\n'
+    "[task]\nretract_mm = 4.0\napproach_depth_limit_mm = 20.0\n"
+)
 ABSOLUTE = '[robot.rsi]\nmode = "absolute"\n[cell.rsi]\nmode = "absolute"\n'
 SLOW = "[robot.rsi]\ncycle_ms = 12\n[cell.rsi]\ncycle_ms = 12\n"
 PERIOD = {SLOW: 24}

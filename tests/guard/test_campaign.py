@@ -107,6 +107,8 @@ class Drawn:
         kinds = [(target, name) for target, faults in CELL_FAULTS.items() for name in faults]
         target, fault = kinds[seed % len(kinds)]
         phase = draw.choice(PHASES)
+        if target == "scales":
+            phase = "connect"  # a sensor is asked for them once
         stiffness = 10 ** draw.uniform(math.log10(500.0), math.log10(80e3))
         parameters = dict(PARAMETERS.get((target, fault), {}))
         where = {"for_s": parameters.pop("for_s")} if "for_s" in parameters else {}
