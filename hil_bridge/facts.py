@@ -96,6 +96,8 @@ class ServoFacts(Struct, frozen=True):
     """Largest error of the position without correction, either way, in steps of the position."""
     marks: dict[str, str] = {}
     """How well each of them is known, see `protocol.marks`, by the name of its setting."""
+    trail_s: _NotNegative = 0.0
+    """Time constant by which the robot's own set point nears what is ordered; 0 for one that takes it at once."""
 
 
 class WitnessFacts(Struct, frozen=True):

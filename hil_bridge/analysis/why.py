@@ -99,6 +99,17 @@ _PARTS = (
         "the robot's cable, its supply and its program; `hil-bridge monitor FILE` shows the traffic",
     ),
     _Part(
+        r"^cycles take ",
+        f"the link to {_ROBOT}, by which a cycle takes too long",
+        "the robot's cable and whatever delays its line, then limits.cycle_max_ms; `hil-bridge latency FILE` shows "
+        "where the time goes",
+    ),
+    _Part(
+        r"^the touch (is not answered|cannot be tested)",
+        f"{_SENSOR}, or what the tool touches",
+        "whether the sensor's reading follows a press by hand; then whether {robot} goes where it is ordered to",
+    ),
+    _Part(
         r"robot on |the robot does not answer|robot link ",
         _ROBOT,
         "the robot's panel and its status in the events",

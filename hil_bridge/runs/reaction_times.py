@@ -19,6 +19,8 @@ a set point that comes to rest at each target is behind.
 """
 FOLLOWS_SHARE = 1.5
 """Chosen: a robot may take so many times what its facts say, for the servo of most of them is assumed."""
+TRAILS = 3.0
+"""Time constants until a set point that trails counts as there. Derived: an exponential has done 95 % by then."""
 
 
 def force_age(sensor: SensorFacts, wire_s: float = WIRE_S) -> float:
@@ -32,7 +34,7 @@ def robot_motion(robot: RobotFacts) -> float:
     if servo is None:
         return math.inf
     lag = servo_lag(servo.natural_frequency_rad_s, servo.damping_ratio)
-    return servo.interpolation_s + servo.transport_delay_s + lag
+    return servo.interpolation_s + servo.transport_delay_s + servo.trail_s + lag
 
 
 def reaction(robot: RobotFacts, sensor: SensorFacts, cycle_s: float) -> Reaction:
@@ -51,7 +53,7 @@ def _order_s(robot: RobotFacts, cycle_s: float) -> float:
 
 def following(robot: RobotFacts, cycle_s: float) -> Following | None:
     """The watch over this robot with decisions every `cycle_s`, s; None where its servo is not known."""
-    takes_s = _order_s(robot, cycle_s) + robot_motion(robot)
-    if not math.isfinite(takes_s):
+    if robot.servo is None:
         return None
+    takes_s = _order_s(robot, cycle_s) + robot_motion(robot) + (TRAILS - 1.0) * robot.servo.trail_s
     return Following(FOLLOWS_SHARE * takes_s, robot.position_step_m or 0.0)

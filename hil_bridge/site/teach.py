@@ -11,6 +11,10 @@ from protocol.geometry import Vector
 
 HOLD_S = 1.0
 """Chosen: how long the tool presses at each place; the mean of the second half counts."""
+BACK_MM = 5.0
+"""Chosen: least way back from a place, mm. A retract ends no deeper than the start, where the next approach may begin:
+its way is bounded.
+"""
 LEAST_MM = 5.0
 """Chosen: least distance of the third place from the line through the others."""
 STEEPEST_DEG = 45.0
@@ -31,7 +35,7 @@ def touches(places_mm: Sequence[tuple[float, float]], force_n: float) -> list[di
             {"do": "move", "to_mm": place},
             {"do": "approach"},
             {"do": "hold", "for_s": HOLD_S, "force_n": force_n, "name": name_of(number)},
-            {"do": "retract"},
+            {"do": "retract", "back_mm": BACK_MM},
         ]
     return steps
 

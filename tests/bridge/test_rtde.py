@@ -41,6 +41,7 @@ period_ms = {period}
 sample_ms = {period}
 [task]
 retract_mm = 4.0
+approach_depth_limit_mm = 20.0
 """
 START = StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2)
 

@@ -20,6 +20,8 @@ from protocol.s3.timing import answer_time, line_floor
 
 Bench = Any
 RunBench = Callable[..., Bench]
+DEEP = {"approach_depth_limit_mm": 30.0}
+"""For surfaces that lie deeper below the start than an approach goes by default."""
 
 
 def after(cycles: int, act: Callable[[Bench], None]) -> Callable[[Bench, CycleRecord], None]:
@@ -72,7 +74,7 @@ def test_looking_ahead_follows_a_curved_contour(bench: RunBench, seed: int) -> N
     surface = {"kind": "sinusoidal", "amplitude_mm": 10.0, "period_mm": 200.0}
     cell = {"surface": surface, "start_position_mm": (900.0, -100.0, 605.0)}
     ahead, behind = (
-        bench(run={"duration_s": 40.0, "seed": seed}, cell=cell, controller={"name": name})
+        bench(run={"duration_s": 40.0, "seed": seed}, cell=cell, controller={"name": name}, task=DEEP)
         for name in ("predictive", "fuzzy")
     )
     assert ahead.result.outcome is Outcome.COMPLETED
@@ -281,7 +283,7 @@ def test_a_turned_and_left_handed_sensor_reads_the_same_force(bench: RunBench) -
     ],
 )
 def test_contact_is_kept_on_every_surface(bench: RunBench, surface: dict[str, Any]) -> None:
-    run = bench(run={"duration_s": 10.0}, cell={"surface": surface}, task={"speed_mm_s": 2.75})
+    run = bench(run={"duration_s": 10.0}, cell={"surface": surface}, task={"speed_mm_s": 2.75, **DEEP})
     assert run.result.outcome is Outcome.COMPLETED
     assert all(record.in_contact for record in run.tracked()[5:])
     assert statistics.fmean(record.force for record in run.tracked()[10:]) == pytest.approx(10.0, abs=2.5)
@@ -513,7 +515,7 @@ def test_a_force_axis_that_was_dead_from_the_beginning_is_named(bench: RunBench)
     run = bench(
         prepare=lambda bench: freeze_fz(bench, 434),
         cell={"surface": {"kind": "sloped", "slope_deg": 15.0}},
-        task={"approach_speed_mm_s": 1.1},
+        task={"approach_speed_mm_s": 1.1, "approach_depth_limit_mm": 40.0},
     )
     assert run.result.outcome is Outcome.STOPPED
     assert run.result.cause == "fz of the force sensor did not change since the zero while other axes moved"

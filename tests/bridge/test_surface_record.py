@@ -41,7 +41,8 @@ def recorded(folder: Path, **sections: Any) -> Recording:
 
 def test_the_truth_tells_orientation_and_normal(tmp_path: Path) -> None:
     surface = {"kind": "sphere", "radius_mm": 300.0, "height_mm": 575.0, "origin_y_mm": -100.0}
-    truths = recorded(tmp_path, cell={"surface": surface}).truths
+    deep = {"approach_depth_limit_mm": 30.0}
+    truths = recorded(tmp_path, cell={"surface": surface}, task=deep).truths
     assert len(truths) > 10
     for truth in truths:
         x, y, z = truth.position

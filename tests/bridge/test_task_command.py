@@ -339,7 +339,7 @@ def test_steps_that_stand_alone_are_no_configuration(hil: Command) -> None:
 def test_a_retract_out_of_reach_is_refused(hil: Command, robot: str) -> None:
     Path("steps.toml").write_text(f"{SHORT}back_mm = 2000\n")
     told = refused(hil("run", "--virtual", "--no-record", "--robot", robot, "--task", "steps.toml"))
-    assert told.startswith("steps.toml: step 3 (retract): the robot does not reach 900 -100 2550 mm")
+    assert told.startswith("steps.toml: step 3 (retract): the robot does not reach 900 -100 2585 mm")
 
 
 @pytest.mark.parametrize(
@@ -356,6 +356,8 @@ def test_a_safe_height_out_of_reach_is_refused(hil: Command, height_mm: int, mes
 SLOPE = """
 [frame]
 travel = [1, 0, 0]
+[task]
+approach_depth_limit_mm = 20.0
 [cell]
 start_position_mm = [900, 0, 596]
 [cell.surface]
@@ -397,7 +399,7 @@ def test_the_frame_of_a_slope_is_found_and_a_program_in_it_runs(hil: Command, ro
 
 def test_a_program_of_the_configuration_does_not_keep_from_teaching(hil: Command) -> None:
     Path("steps.toml").write_text(SHORT)
-    Path("slope.toml").write_text('[task]\nfile = "steps.toml"\n' + SLOPE)
+    Path("slope.toml").write_text(SLOPE.replace("[task]\n", '[task]\nfile = "steps.toml"\n'))
     code, output, _ = hil("task", "teach-frame", "slope.toml", *PLACES, "--virtual")
     assert code == 0
     assert "touch 3 at" in output

@@ -41,7 +41,8 @@ class Presses:
 
 
 def program_of(*steps, safe_height=0.0):
-    task = Task(TaskParameters(), Presses(), 50.0, 1e-6)
+    # a retract goes back by more than an approach goes by default
+    task = Task(TaskParameters(approach_depth_limit_mm=30.0), Presses(), 50.0, 1e-6)
     row = legs_of(steps, task, Limits(), False, 50.0)
     return Program(row, task, FRAME, safe_height=safe_height)
 

@@ -1,4 +1,4 @@
-"""A hundred runs, each with a fault at some moment, a controller, a stiffness and a shape drawn by its seed.
+"""140 runs, each with a fault at some moment, a controller, a stiffness and a shape drawn by its seed.
 
 Every draw must keep these promises. The true force stays within its bound, and no order goes deeper after a stop. The
 run ends in time and with a cause that fits the injected faults. Its recording is whole and replayed alike, and no run
@@ -37,7 +37,7 @@ from hil_bridge.runs.session import execute
 from hil_bridge.settings.configuration import Config
 
 Floats = npt.NDArray[np.float64]
-SEEDS = int(os.environ.get("HIL_BRIDGE_SEEDS", "100"))
+SEEDS = int(os.environ.get("HIL_BRIDGE_SEEDS", "140"))
 BLOCK = 20
 WATCH_S, WATCH_FRAMES = 0.2, 20
 """The truth is looked at every 10 ms, 20 times at once."""
@@ -67,7 +67,7 @@ SEEN_BY_WEIGHT = {
 FITTING = {
     "robot": r"robot on|refused|the reported position|computer",
     "pose": r"report|robot on|commanded|jumped|tool's weight|force stayed|no contact found|contact force|touching|away",
-    "link": r"robot on",
+    "link": r"robot on|cycles take",
     "signal": r"Fz|force|sensor|zero|contact|surface|moment|drifts|Fx",
     "scales": r"tool's weight|force|zero",
     "frames": r"sensor|force|frame|moment",
@@ -107,6 +107,8 @@ class Drawn:
         kinds = [(target, name) for target, faults in CELL_FAULTS.items() for name in faults]
         target, fault = kinds[seed % len(kinds)]
         phase = draw.choice(PHASES)
+        if target == "scales":
+            phase = "connect"  # a sensor is asked for them once
         stiffness = 10 ** draw.uniform(math.log10(500.0), math.log10(80e3))
         parameters = dict(PARAMETERS.get((target, fault), {}))
         where = {"for_s": parameters.pop("for_s")} if "for_s" in parameters else {}
@@ -125,7 +127,11 @@ class Drawn:
                 "run": {"duration_s": 2.0, "seed": seed},
                 "sensor": {"emulated": "board" if fault == "unplugged" else "gateway"},
                 "controller": {"name": draw.choice(sorted(CONTROLLERS))},
-                "task": {"expected_stiffness_n_m": max(stiffness, 2e3), "retract_mm": 5.0},
+                "task": {
+                    "expected_stiffness_n_m": max(stiffness, 2e3),
+                    "retract_mm": 5.0,
+                    "approach_depth_limit_mm": 40.0,
+                },
                 "cell": {
                     "surface": {"stiffness_n_m": stiffness, **shape},
                     "start_position_mm": (900.0, -100.0, 600.0 + draw.uniform(-1.0, 1.0)),

@@ -27,8 +27,9 @@ _SHORT_M = 5e-5
 _ROUNDING = 1e-9
 """Slack for sums of steps, m."""
 _TRUSTED_M = 0.25e-3
-"""Chosen: depth that a tool that has begun to track may go while its force looks like the lost weight, m. A surface of
-5 kN/m carries the force out of that look by then.
+"""Chosen: depth that a tool that has begun to track may go while its force looks like the lost weight, m, by its orders
+and by its reports. A surface of 5 kN/m carries the force out of that look by then. The way that was ordered before
+does not count, for the force of it is still to come.
 """
 
 
@@ -55,7 +56,9 @@ class Touch(Struct, frozen=True):
     """Force, N, and reported depth, m, from which the rise counts; None until the tool has come to rest."""
     proven: bool = False
     goal: float | None = None
-    """Commanded depth of the present step, m; None while the tool comes to rest first."""
+    """Commanded depth of the present step, m; None while the tool comes to rest first. Of a tool that tracks: the
+    commanded depth at which the doubt began.
+    """
 
 
 def begin_tracking() -> Touch:
@@ -67,14 +70,16 @@ def keep_tracking(touch: Touch, doubt: Doubt, measurement: Measurement) -> tuple
     """The same one sample later, and whether the tool must stand now and prove its touch. None once the force has shown
     for long enough that it is none that a lost weight makes.
     """
-    force, reported = measurement.force, measurement.position
+    force, reported, ordered = measurement.force, measurement.position, measurement.commanded
     if doubt is not Doubt.WEIGHT:
         since = touch.since + measurement.dt
         return (None if since >= SETTLES_S else Touch(Doubt.WEIGHT, since)), False
     before = touch.began or (force, reported)
-    if reported - before[1] > _TRUSTED_M:
-        return Touch(Doubt.WEIGHT, began=(max(force, before[0]), before[1])), True
-    return Touch(Doubt.WEIGHT, touch.since, began=(max(force, before[0]), before[1])), False
+    began = max(force, before[0]), before[1]
+    first = ordered if touch.goal is None else touch.goal
+    if reported - before[1] > _TRUSTED_M and ordered - first > _TRUSTED_M:
+        return Touch(Doubt.WEIGHT, began=began), True
+    return Touch(Doubt.WEIGHT, touch.since, began=began, goal=first), False
 
 
 class TouchTest(Struct, frozen=True):

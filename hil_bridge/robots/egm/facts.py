@@ -17,7 +17,7 @@ def robot_facts(client: EgmSettings, assumed: EgmProfile) -> RobotFacts:
         model="ABB, Externally Guided Motion",
         pacing=Pacing.STREAMED,
         cycle_s=client.sample_ms * 1e-3,
-        servo=_servo_facts(assumed),
+        servo=_servo_facts(assumed, 0.0 if client.feed_forward else _trail_s(assumed)),
         late="the controller goes on with the last pose and speed, takes a late message a cycle later, and stops after "
         "CommTimeout without one",
         witness=None
@@ -28,7 +28,13 @@ def robot_facts(client: EgmSettings, assumed: EgmProfile) -> RobotFacts:
     )
 
 
-def _servo_facts(profile: EgmProfile) -> ServoFacts:
+def _trail_s(profile: EgmProfile) -> float:
+    """Time constant of a set point that no speed leads, s: one by the gain. Without a gain it never comes."""
+    gain = profile.k * profile.pos_corr_gain
+    return 1.0 / gain if gain else 0.0
+
+
+def _servo_facts(profile: EgmProfile, trail_s: float) -> ServoFacts:
     arm = profile.arm
     marks = {
         one.name: str(one.info.mark) if one.value == one.default else str(Mark.CHOSEN)
@@ -40,6 +46,7 @@ def _servo_facts(profile: EgmProfile) -> ServoFacts:
         transport_delay_s=cycles * profile.cycle_ms * 1e-3,
         natural_frequency_rad_s=arm.natural_frequency_rad_s,
         damping_ratio=arm.damping_ratio,
+        trail_s=trail_s,
         marks={
             "interpolation_ms": marks["cycle_ms"],
             "transport_delay_ms": marks["ref_delay_cycles"],
