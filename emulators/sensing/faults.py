@@ -19,7 +19,7 @@ SIGNAL_FAULTS: Mapping[str, Fault] = {
     "stuck": Fault("every sample repeats the first one, noise included", {}, FOREVER),
     "replayed": Fault(
         "the samples of the first moments come again and again, noise included",
-        {"seconds": Parameter(1.0, "how long they are", 0.001, 60.0, "s")},
+        {"length_s": Parameter(1.0, "how long they are", 0.001, 60.0, "s")},
         FOREVER,
     ),
     "dead": Fault("an axis gives noise only", {"axis": _AXIS}, FOREVER),

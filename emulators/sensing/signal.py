@@ -82,7 +82,7 @@ class Signal:
 
     def _replay(self, injection: Injection, counts: Floats, first: int) -> None:
         """The first samples of the fault, and later these again, in place."""
-        length = max(round(injection.number("seconds") * self._rate), 1)
+        length = max(round(injection.number("length_s") * self._rate), 1)
         held = self._held.setdefault(injection, np.zeros((len(AXES), length)))
         numbers = np.arange(first, first + counts.shape[1]) - self._number(injection.injected_at)
         new = numbers < length

@@ -52,6 +52,8 @@ def _words(name: str, key: str, text: str) -> Callable[[_Command], _Command]:
 @_number("--moment", "moment_nm", "Length of the moment vector, N·m.")
 @_number("--age-ms", "age_ms", "Age of the newest frame.")
 @_number("--unchanged-ms", "unchanged_ms", "For how long frames have carried identical counts.")
+@_number("--unchanged-mm", "unchanged_mm", "How far through free space since the counts changed last.")
+@_number("--pulled-ms", "pulled_ms", "For how long a pull in free space has lasted.  [default: long]")
 @_number("--still-ms", "still_ms", "Time of the cycles without a new frame.")
 @_count("--counter-back", "counter_back", "By how much the frame counter went back.")
 @_number("--depth-mm", "depth_mm", "Reported depth below the start.  [default: the commanded one]")

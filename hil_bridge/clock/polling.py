@@ -129,14 +129,19 @@ class BusyPolling(WatchfulSelector):
         self._awake_s = awake_s
 
     def select(self, timeout: float | None = None) -> _Ready:
-        """As the base class; with a `timeout` of 0 or less it looks once."""
+        """As the platform's own, until something comes or the time is over; a `timeout` of 0 or less looks once.
+
+        Once it sleeps it only wakes to look at the files again: it does not poll anew within one wait.
+        """
         look = super().select
-        if timeout is None or timeout > 0:
-            began = time.monotonic()
-            ends = began + (self._awake_s if timeout is None else min(self._awake_s, timeout))
-            while time.monotonic() < ends:
-                if ready := look(0):
-                    return ready
-            if timeout is not None:
-                timeout = max(0.0, began + timeout - time.monotonic())
-        return look(timeout)
+        if timeout is not None and timeout <= 0:
+            return look(timeout)
+        began = time.monotonic()
+        ends = None if timeout is None else began + timeout
+        while (now := time.monotonic()) < began + self._awake_s and (ends is None or now < ends):
+            if ready := look(0):
+                return ready
+        while True:
+            ready = look(None if ends is None else max(0.0, ends - time.monotonic()))
+            if ready or (ends is not None and time.monotonic() >= ends):
+                return ready

@@ -19,6 +19,7 @@ from hil_bridge.control import (
     TaskState,
 )
 from hil_bridge.control.course.contour import ContourState
+from hil_bridge.control.course.free_space import FreeSpace
 from hil_bridge.control.course.oscillation import Advice, Finding, OscillationState
 from hil_bridge.control.course.verdict import Retreat
 from hil_bridge.runs.pace import control_loop, paced
@@ -77,6 +78,10 @@ class Situation:
     """Force along the approach as the robot itself feels it; None where it tells none."""
     disagreed_ms: float = 60_000.0
     """Time for which that and the sensor have disagreed before; by default longer than they may."""
+    pulled_ms: float = 60_000.0
+    """Time for which a pull in free space has lasted before; by default longer than it may."""
+    unchanged_mm: float = 0.0
+    """Way that the tool moved through free space since the counts changed last."""
     strayed_mm: float = 0.0
     """Distance of the reported depth from all that was ordered lately."""
     tilt_deg: float = 0.0
@@ -156,6 +161,7 @@ class Asked:
             (_NOW - self._cycle(seen), before),
             self._retreat(seen, resultant, depth) if seen.phase is Phase.RETRACT else None,
             disagreed=seen.disagreed_ms * 1e-3,
+            free=FreeSpace(self._at(start, depth - seen.unchanged_mm * 1e-3), _NOW - seen.pulled_ms * 1e-3),
         )
         task = TaskState(seen.phase, in_contact=pressing)
         measurement = Measurement(

@@ -109,6 +109,8 @@ LOOSE: Mapping[str, Any] = {
             "limits.against_travel_n",
             "limits.stale_after_ms",
             "limits.unanswered_mm",
+            "limits.unchanged_mm",
+            "limits.weight_tolerance_n",
             "limits.witness_n",
             "limits.witness_ms",
             "limits.following_error_mm",

@@ -8,10 +8,11 @@ from types import SimpleNamespace
 import pytest
 
 from hil_bridge.clock import polling
-from hil_bridge.clock.polling import BusyPolling
+from hil_bridge.clock.polling import CHECK_S, BusyPolling
 
 LOOK_S = 0.25
 """Time of one look on the clock of these tests; a power of two, so that sums are exact."""
+READY = [(selectors.SelectorKey(0, 0, selectors.EVENT_READ, None), selectors.EVENT_READ)]
 
 
 class Looks:
@@ -19,15 +20,15 @@ class Looks:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now = 1000.0
-        self.asked: list[float | None] = []
+        self.asked: list[float] = []
         self.comes_at = float("inf")
         monkeypatch.setattr(polling, "time", SimpleNamespace(monotonic=lambda: self.now))
         monkeypatch.setattr(selectors.DefaultSelector, "select", lambda _, timeout: self.look(timeout))
 
-    def look(self, timeout: float | None) -> list[str]:
+    def look(self, timeout: float) -> list[tuple[selectors.SelectorKey, int]]:
         self.asked.append(timeout)
-        self.now += LOOK_S if timeout == 0 else timeout or 0.0
-        return ["ready"] if self.now >= self.comes_at else []
+        self.now += timeout or LOOK_S
+        return READY if self.now >= self.comes_at else []
 
 
 @pytest.fixture
@@ -43,19 +44,21 @@ def selector() -> Iterator[BusyPolling]:
 
 def test_it_looks_until_something_comes(looks: Looks, selector: BusyPolling) -> None:
     looks.comes_at = looks.now + 0.75
-    assert selector.select() == ["ready"]
+    assert selector.select() == READY
     assert looks.asked == [0, 0, 0]
 
 
 def test_it_sleeps_once_it_has_been_awake_long_enough(looks: Looks, selector: BusyPolling) -> None:
-    assert selector.select() == []
-    assert looks.asked == [0, 0, 0, 0, None]
+    """It wakes for a look at its files alone, and is not awake anew after that."""
+    looks.comes_at = looks.now + 2.0
+    assert selector.select() == READY
+    assert looks.asked == [0] * 4 + [CHECK_S] * 4
 
 
 def test_a_longer_wait_sleeps_for_what_is_left(looks: Looks, selector: BusyPolling) -> None:
-    assert selector.select(3.0) == []
-    assert looks.asked == [0, 0, 0, 0, 2.0]
-    assert looks.now == 1003.0
+    assert selector.select(2.375) == []
+    assert looks.asked == [0] * 4 + [CHECK_S] * 5 + [0.125]
+    assert looks.now == 1002.375
 
 
 def test_a_shorter_wait_never_sleeps(looks: Looks, selector: BusyPolling) -> None:

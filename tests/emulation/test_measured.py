@@ -71,11 +71,14 @@ def test_a_fault_is_the_same_however_the_samples_are_read(sizes: list[int], faul
 @pytest.mark.parametrize("fault", sorted(SIGNAL_FAULTS))
 def test_every_fault_of_the_signal_changes_samples_from_its_begin_on_alone(fault: str) -> None:
     clean, (broken, _) = measured(2.0)[0].outputs(0, 199), measured(2.0)
-    injection = signal_book(broken).inject("signal", fault, 1.0, {} if fault == "stuck" else {"for_s": 0.5})
+    how = {"stuck": {}, "replayed": {"for_s": 0.5, "length_s": 0.1}}.get(fault, {"for_s": 0.5})
+    injection = signal_book(broken).inject("signal", fault, 1.0, how)
     outputs = broken.outputs(0, 199)
     changed = np.flatnonzero((outputs != clean).any(axis=1))
     assert len(changed)
-    assert changed.min() >= 100
+    assert changed.min() >= (110 if fault == "replayed" else 100), (
+        "what is replayed is first taken in, unchanged"
+    )
     assert fault == "stuck" or changed.max() < 150
     assert injection.struck
 

@@ -13,7 +13,8 @@ Guarded = Any
 Run = Callable[..., Guarded]
 
 ROBOTS = pytest.mark.parametrize("robot", ["s3", "egm"])
-SURFACES = pytest.mark.parametrize("stiffness", [5e3, 5e4])
+CELLS = pytest.mark.parametrize(("robot", "stiffness"), [("s3", 5e4), ("egm", 5e3)])
+"""The slowest line over a hard surface, where a late stop presses hardest, and a quick one over a soft surface."""
 QUICK: dict[str, dict[str, Any]] = {
     "run": {"period_ms": 20},
     "controller": {"sample_ms": 20},
@@ -51,8 +52,7 @@ def strikes(name: str, after_s: float, **how: Any) -> dict[str, Any]:
     }
 
 
-@ROBOTS
-@SURFACES
+@CELLS
 @pytest.mark.parametrize("early_s", [0.6, 0.1])
 def test_a_stuck_sensor_ends_the_approach_within_a_millimetre(
     guarded: Run, robot: str, stiffness: float, early_s: float
@@ -66,8 +66,7 @@ def test_a_stuck_sensor_ends_the_approach_within_a_millimetre(
     assert "through free space" in run.cause
 
 
-@ROBOTS
-@SURFACES
+@CELLS
 @pytest.mark.parametrize("axis", ["fz", "all"])
 @pytest.mark.parametrize("early_s", [0.5, 0.1, -0.05])
 def test_an_axis_that_dies_is_no_touch(
@@ -81,8 +80,7 @@ def test_an_axis_that_dies_is_no_touch(
     assert "the touch is not answered" in run.cause or "after the retraction" in run.cause
 
 
-@ROBOTS
-@SURFACES
+@CELLS
 def test_a_pull_in_free_space_ends_the_approach(guarded: Run, robot: str, stiffness: float) -> None:
     """The zero is off by less than `limits.pull_limit_n`: the tool would press on in search of the force it has."""
     run = guarded(approach(robot, stiffness, strikes("offset", 0.3, axis="fz", amount=3.0)))
@@ -135,6 +133,6 @@ def test_a_quiet_sensor_is_not_taken_for_a_stuck_one(sensor: str, speed_mm_s: fl
 def test_a_second_that_comes_again_is_bounded_by_the_approach(guarded: Run) -> None:
     """It is live and noisy, so the sensor alone does not show it: the distance bounds how deep it leads."""
     task = {"approach_depth_limit_mm": 4.0}
-    run = guarded(approach("egm", 5e3, strikes("replayed", 0.0, seconds=0.5), task=task))
+    run = guarded(approach("egm", 5e3, strikes("replayed", 0.0, length_s=0.5), task=task))
     assert run.cause.startswith("no contact found within 4 mm")
     assert run.largest == pytest.approx(5e3 * 1.5e-3, rel=0.2)

@@ -86,7 +86,7 @@ def hit(robot: str, sensor: str, period_ms: float, stiffness_n_m: float) -> dict
     if period_ms:
         values["run"]["period_ms"] = period_ms
         values["controller"] = {"sample_ms": period_ms}
-        values["cell"]["start_position_mm"] = [900.0, -100.0, 592.0]
+        values["cell"]["start_position_mm"] = [900.0, -100.0, 591.0]
     return values
 
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from typing import Any
 
 import pytest
 
@@ -34,6 +35,12 @@ STOPPING = [
     (Cause.FROZEN, Situation(still_ms=451.0), ("limits.still_after_ms",)),
     (Cause.FROZEN, Situation(dead_axis="Fz did not change"), ()),
     (Cause.FROZEN, Situation(unanswered_mm=2.1), ("limits.unanswered_mm",)),
+    (Cause.FROZEN, Situation(APPROACH, force_n=-1.1), ("limits.weight_tolerance_n",)),
+    (
+        Cause.FROZEN,
+        Situation(APPROACH, unchanged_ms=201.0, unchanged_mm=1.1),
+        ("limits.unchanged_mm", "limits.stale_after_ms"),
+    ),
     (Cause.POSE, Situation(moved_mm=12.7), ("robot.velocity_mm_s",)),
     (Cause.POSE, Situation(depth_mm=20.0, commanded_mm=9.9), ("limits.following_error_mm",)),
     (Cause.POSE, Situation(strayed_mm=0.5), ("limits.path_error_mm",)),
@@ -89,6 +96,20 @@ def test_every_row_of_the_stops_has_its_situation() -> None:
     told = {row for _, situation, _ in STOPPING for row in explain(CONFIG, situation).rows}
     # A request that contradicts itself is a bug that no observation makes; an S3 feels no force itself.
     assert set(STOPS) - told == {*BY_CAUSE[Cause.INCONSISTENT], *BY_CAUSE[Cause.WITNESS]}
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"phase": Phase.TRACK},
+        {"force_n": -1.0, "unchanged_mm": 1.0},
+        {"force_n": -1.1, "pulled_ms": 100.0, "unchanged_ms": 200.0},
+    ],
+)
+def test_less_than_that_in_free_space_is_allowed(change: dict[str, Any]) -> None:
+    """In contact a pull is one, and a surface may move the tool."""
+    calm = Situation(APPROACH, force_n=-1.1, pulled_ms=0.0, unchanged_ms=201.0, unchanged_mm=0.0)
+    assert explain(CONFIG, dataclasses.replace(calm, **change)).verdict == "allow"
 
 
 FEELING = read_config({"robot": {"emulated": "rtde"}, "sensor": {"emulated": "netft"}})

@@ -48,3 +48,11 @@ def test_every_run_is_of_a_cell_that_can_have_its_fault(tool: dict[str, Any]) ->
 def test_parameters_are_told_with_default_and_range(tool: dict[str, Any]) -> None:
     fault = Fault("something", {"by": Parameter(2, "how much", 1, 5, "mm")}, 3.0)
     assert tool["parameters"](fault) == "`by` = 2 (1 … 5 mm)<br>`for_s` = 3.0 (0 … 3600 s)"
+
+
+def test_no_parameter_is_named_as_the_duration_once_was(tool: dict[str, Any]) -> None:
+    """It would be taken for the duration, and the parameter would keep its default."""
+    for device in (*tool["ROBOT_NAMES"], *tool["SENSOR_NAMES"], tool["CELL"]):
+        for on, faults in tool["faults_of_device"](device).items():
+            for name, fault in faults.items():
+                assert fault.lasts_s is None or "seconds" not in fault.parameters, f"{device}: {on}: {name}"

@@ -29,8 +29,17 @@ def run_along(robot: str, stiffness: float, **surface: Any) -> Config:
     return read_config(values)
 
 
-@pytest.mark.parametrize("stiffness", [5e3, 5e4])
-@pytest.mark.parametrize(("robot", "largest"), [("s3", 100.0), ("egm", 40.0), ("rtde", 40.0), ("rsi", 40.0)])
+@pytest.mark.parametrize(
+    ("robot", "largest", "stiffness"),
+    [
+        ("s3", 100.0, 5e3),
+        ("s3", 100.0, 5e4),
+        ("egm", 40.0, 5e3),
+        ("egm", 40.0, 5e4),
+        ("rtde", 40.0, 5e4),
+        ("rsi", 40.0, 5e4),
+    ],
+)
 def test_a_tool_comes_off_a_wall(guarded: Run, robot: str, stiffness: float, largest: float) -> None:
     run = guarded(run_along(robot, stiffness, wall_at_mm=-95.0))
     assert run.result.outcome is Outcome.STOPPED
