@@ -53,7 +53,8 @@ MEANINGS: Mapping[str, str] = {
     "hold.force_n": "Wanted force.",
     "hold.for_s": "How long it presses.",
     "approach.contact_n": "Force that counts as contact.",
-    "approach.at_most_mm": "How deep it goes at most; the run ends where it finds nothing.",
+    "approach.at_most_mm": "How deep it goes at most; the run ends where it finds nothing. "
+    "By default the way that the tool came back before counts too.",
     "seek.at_most_mm": "How far it goes at most; the run ends where it finds nothing.",
     "seek.speed_mm_s": "Speed.",
 }

@@ -46,6 +46,20 @@ def refused(*steps, **settings):
 # --- the row
 
 
+def test_an_approach_reaches_as_far_as_the_tool_came_back_before():
+    """Its own bound is a person's word, and stays."""
+    row = row_of(
+        Approach(),
+        Retract(back_mm=6.0),
+        Approach(),
+        Retract(back_mm=6.0),
+        Approach(at_most_mm=7.0),
+        Retract(),
+    )
+    limits = [leg.stroke.parameters.approach_depth_limit_mm for leg in row.legs[::2]]
+    assert limits == [15.0, 21.0, 7.0]
+
+
 def test_a_step_has_the_parameters_of_the_task_but_where_it_has_its_own():
     row = row_of(
         Approach(speed_mm_s=1.0, contact_n=2.0, at_most_mm=7.0),

@@ -91,7 +91,7 @@ def legs_of(
     legs: list[Leg] = []
     places: list[Place | None] = []
     place: Place | None = None if origin_known else (0.0, 0.0)
-    presses = False
+    presses, back_mm = False, 0.0
     for label, step, more in _flat(steps):
         if len(legs) >= LEGS_MAX:
             raise ConfigError(f"task.step: more than {LEGS_MAX} steps, with the passes of a repeat")
@@ -100,6 +100,9 @@ def legs_of(
             leg = _leg(label, step, task, limits, place)
         except ValueError as error:
             raise ConfigError(f"task.step {label}: {error}") from error
+        if isinstance(step, Approach) and step.at_most_mm is None:
+            leg = _reaching(leg, back_mm)
+        back_mm = _backed(leg, back_mm)
         leg = replace(leg, **more)
         legs.append(leg)
         places.append(place)
@@ -108,6 +111,25 @@ def legs_of(
     if presses or not legs:
         raise ConfigError("task.step: the last step must be a retract, so that no program ends pressing")
     return Row(tuple(legs), tuple(places))
+
+
+def _reaching(leg: Leg, back_mm: float) -> Leg:
+    """An approach that goes deeper by the way that the tool has come back before it, mm."""
+    parameters = leg.stroke.parameters
+    deeper = replace(parameters, approach_depth_limit_mm=parameters.approach_depth_limit_mm + back_mm)
+    return replace(leg, stroke=replace(leg.stroke, parameters=deeper))
+
+
+def _backed(leg: Leg, back_mm: float) -> float:
+    """How far the tool has come back from the surface behind this leg, at most, mm."""
+    parameters = leg.stroke.parameters
+    match leg.step:
+        case Retract():
+            return parameters.retract_mm
+        case Move():
+            return max(back_mm, parameters.safe_height_mm)
+        case _:
+            return 0.0 if leg.presses else back_mm
 
 
 def _flat(steps: tuple[Step, ...]) -> Iterator[tuple[str, Any, dict[str, Any]]]:
