@@ -98,7 +98,7 @@ def test_tracking_without_answers_goes_on_as_told(
     assert largest <= 22.0
 
 
-@pytest.mark.parametrize(("period_ms", "after_s", "deeper_mm"), [(20, 0.4638, 0.1), (180, 0.5571, 0.75)])
+@pytest.mark.parametrize(("period_ms", "after_s", "deeper_mm"), [(20, 0.4638, 0.65), (180, 0.5571, 0.75)])
 def test_without_feed_forward_it_hardly_goes_on(
     guarded: Run, period_ms: int, after_s: float, deeper_mm: float
 ) -> None:

@@ -34,6 +34,8 @@ SITE = """\
 duration_s = 1.5
 [robot]
 emulated = "egm"
+[task]
+approach_depth_limit_mm = 25  # the side of the dome lies 17.5 mm below the start
 [cell]
 surface_kind = "height-map"
 start_position_mm = [900, -60, 595]

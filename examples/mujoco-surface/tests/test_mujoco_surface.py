@@ -79,7 +79,8 @@ def test_a_sample_has_one_force_whatever_was_asked_before() -> None:
 
 def test_the_loop_closes_and_repeats_to_the_last_bit() -> None:
     cell = CELL | {
-        "cell": {"surface_kind": "mujoco", "mujoco": {"shape": "sphere"}, "start_position_mm": NEAR}
+        "task": {"approach_depth_limit_mm": 25.0},
+        "cell": {"surface_kind": "mujoco", "mujoco": {"shape": "sphere"}, "start_position_mm": NEAR},
     }
     first, second = (hil_bridge.simulate(cell, seed=7) for _ in range(2))
     assert first.outcome == "completed", first.cause
