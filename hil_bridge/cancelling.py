@@ -1,4 +1,4 @@
-"""What a person or the event loop asks of code that awaits, apart from what code of others raises."""
+"""Cancellations by a person or the event loop, told apart from exceptions of other packages."""
 
 import asyncio
 

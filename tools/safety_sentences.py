@@ -48,7 +48,7 @@ def sentences(text: str) -> Iterator[tuple[str, str]]:
 
 
 def kept(text: str) -> dict[str, str]:
-    """What stands beside each sentence in the document."""
+    """The words beside each sentence in the document."""
     rows = (_ROW.match(line) for line in text.splitlines())
     return {row[1].replace("\\|", "|"): row[2] for row in rows if row is not None}
 

@@ -55,7 +55,7 @@ class Errors(NamedTuple):
 
 
 class OwnForce:
-    """What a robot takes for the force on its tool. Without a source nothing touches it."""
+    """The force that a robot feels on its tool. Without a source nothing touches it."""
 
     def __init__(self, errors: Errors, seed: int) -> None:
         rng = random.Random(f"{seed} own force")

@@ -1,4 +1,4 @@
-"""What a campaign's file says of draws: `[campaign.draw]`, `faults_per_run`, and faults with ranges in them."""
+"""Draws in a campaign's file: `[campaign.draw]`, `faults_per_run`, and faults with ranges in them."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -20,7 +20,7 @@ Problem = tuple[str, str]
 
 
 def draw_of(campaign: Mapping[str, Any]) -> tuple[Draw | None, list[Problem]]:
-    """What is drawn for each run, None where nothing is, and everything that is wrong with it."""
+    """The draws of each run, None where there are none, and everything that is wrong with them."""
     given, count = campaign.get("draw", {}), campaign.get("faults_per_run", 0)
     if not given and not count:
         return None, []

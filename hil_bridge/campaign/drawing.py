@@ -123,7 +123,7 @@ def numbers_of(seed: str, count: int) -> list[float]:
 def drawn(
     draw: Draw, cell: str, config: str, numbers: Numbers, given: Sequence[Mapping[str, Any]] = ()
 ) -> str:
-    """What is laid over a cell's configuration (JSON) for these numbers: settings and faults, as JSON. Faults that are
+    """The values laid over a cell's configuration (JSON) for these numbers: settings and faults, as JSON. The faults
     `given` come first.
     """
     settings: dict[str, Any] = {}

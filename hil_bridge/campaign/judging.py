@@ -34,7 +34,7 @@ class Job:
     """Number of its case."""
     config: str
     table: str
-    """What is laid over it, as JSON: a fault, or settings and faults that were drawn."""
+    """The values laid over it, as JSON: a fault, or settings and faults that were drawn."""
     seed: int
 
 

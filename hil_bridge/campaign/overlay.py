@@ -1,4 +1,4 @@
-"""What is laid over the configuration of a case: one fault, or settings and faults that were drawn."""
+"""Values laid over the configuration of a case: one fault, or settings and faults that were drawn."""
 
 import json
 import math

@@ -91,7 +91,7 @@ class Plan:
         return [cases[(seed * share + place) % len(cases)] for place in range(share)]
 
     def table_of(self, case: Case, seed: int) -> str:
-        """What is laid over the configuration of a case for a seed, as JSON: its fault, or all that is drawn."""
+        """The values laid over the configuration of a case for a seed, as JSON: its fault, or all that is drawn."""
         if self.draw is None:
             return case.table
         return self.table_for(case, numbers_of(f"{seed} {case.cell}", self.draw.dimensions))

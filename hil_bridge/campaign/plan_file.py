@@ -142,7 +142,7 @@ class _Reading:
         return tuple(Criterion(figure, wanted) for figure, wanted in given.items())
 
     def _draw(self, campaign: Mapping[str, Any]) -> Draw | None:
-        """What is drawn for each run; None where nothing is."""
+        """The draws of each run; None where there are none."""
         draw, problems = draw_of(campaign)
         for key, text in problems:
             self._wrong(key, text)

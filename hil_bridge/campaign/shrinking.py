@@ -47,7 +47,7 @@ def shrunk(runner: Runner, done: Done, worth: Callable[[Done], float]) -> Done:
 
 
 def smaller(table: str) -> Iterator[str]:
-    """What is laid over a configuration, each time with a little less, as JSON. The largest steps come first."""
+    """The values laid over a configuration, each time with a little less, as JSON. The largest steps come first."""
     over: dict[str, Any] = json.loads(table)
     settings, faults = over["config"], over["faults"]
     for place in range(len(faults)):

@@ -68,7 +68,7 @@ class Done:
     recording: str
     """File name of its recording; empty where none was left."""
     table: str = "{}"
-    """What was laid over the configuration of its case, as JSON: its fault, or all that was drawn."""
+    """The values laid over the configuration of its case, as JSON: its fault, or all that was drawn."""
 
     @property
     def passed(self) -> bool:

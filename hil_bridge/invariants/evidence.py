@@ -1,4 +1,4 @@
-"""What a run left behind, and a promise that it did not keep. Plain values; text is made from them at the edge."""
+"""The traces of a run, and a promise that it did not keep. Plain values; text is made from them at the edge."""
 
 import math
 from collections.abc import Mapping
@@ -52,7 +52,7 @@ class Violation(NamedTuple):
     at: float
     """When, s on the run's clock; NaN where no moment can be named."""
     figures: Mapping[str, float]
-    """What shows it, by names with units."""
+    """Figures that show it, by names with units."""
     unit: str = ""
     """Unit of the figures, where a promise is about several quantities."""
 

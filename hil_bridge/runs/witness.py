@@ -11,7 +11,7 @@ _NOTHING: Vector = (0.0, 0.0, 0.0)
 
 
 class OwnForce:
-    """What a robot feels, less the mean of what it felt while the tool was away from the surface.
+    """The force that a robot feels, less the mean of what it felt while the tool was away from the surface.
 
     The zero counts in the base frame: there a weight that the robot does not know, or knows wrongly, stays the same
     when the tool turns.

@@ -187,7 +187,7 @@ class Zeroing:
         return f"full scales {told}{facts.model and f'; {facts.model}'}"
 
     def judge_at_rest(self) -> Peaks | None:
-        """What tells the contact force of a frame from here on, beside the zero; None where it cannot be known.
+        """The reference for the contact force of a frame from here on, beside the zero; None where it cannot be known.
 
         It cannot be known without the tool's weight, and while the device may or may not have taken its zero.
         """

@@ -28,7 +28,7 @@ BATCH_RECORDS = 48
 WAITING_RECORDS = 1024
 """Records that wait here for the end of a batch at most."""
 BUFFER_BYTES = 1 << 20
-"""What the socket is asked to hold; Linux may give less."""
+"""Bytes that the socket is asked to hold; Linux may give less."""
 CLOSE_SECONDS = 3.0
 """Longest wait for the serving process to tell its clients the end. Chosen."""
 NEEDED = ("aiohttp", "foxglove")
@@ -36,7 +36,7 @@ NEEDED = ("aiohttp", "foxglove")
 
 @dataclass(frozen=True, slots=True)
 class WebOptions:
-    """What a person wants of the page."""
+    """A person's wishes of the page."""
 
     port: int = 0
     """Port on loopback; 0: one that is free."""

@@ -28,7 +28,7 @@ _OTHER = (
 
 
 class Frames:
-    """What is known of the frame in which a robot tells its poses."""
+    """Knowledge of the frame in which a robot tells its poses."""
 
     def __init__(self) -> None:
         self._planned: PoseMm | None = None

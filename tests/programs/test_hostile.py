@@ -21,7 +21,7 @@ def track(length_mm: float, **more: Any) -> dict[str, Any]:
 
 
 def once(step: int, do: Callable[[Played], object]) -> Callable[[Played, Any], None]:
-    """What happens at the begin of a step."""
+    """An event at the begin of a step."""
     done: list[int] = []
 
     def meddle(run: Played, record: Any) -> None:

@@ -1,4 +1,4 @@
-"""What a decision makes of an answer: the task's where the force swings, and words for a retraction that is held."""
+"""The answer of a decision: the task's where the force swings, and words for a retraction that is held."""
 
 from msgspec.structs import replace
 

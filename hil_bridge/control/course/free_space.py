@@ -18,7 +18,7 @@ than the shock of a start or a single peak.
 
 
 class FreeSpace(Struct, frozen=True):
-    """What was seen of the sensor since the tool moves through free space."""
+    """The sensor's behaviour since the tool moves through free space."""
 
     at: Vector
     """Reported position when the counts changed last, base frame, m."""

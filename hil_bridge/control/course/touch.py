@@ -83,7 +83,7 @@ def keep_tracking(touch: Touch, doubt: Doubt, measurement: Measurement) -> tuple
 
 
 class TouchTest(Struct, frozen=True):
-    """What a touch must show."""
+    """The force that a touch must show."""
 
     rise_n: float
     """Rise of the force that no noise makes, N."""
