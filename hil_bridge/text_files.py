@@ -109,7 +109,7 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
 
 
 def _in_words(problem: str) -> str:
-    """What the parser of TOML says, in words of a file; of the rest its first clause."""
+    """The words of the TOML parser, as words of a file; of the rest its first clause."""
     if (twice := _TWICE.match(problem)) is None:
         return problem.partition(";")[0]
     table = ".".join(re.findall(r"'([^']*)'", twice[1]))

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 
+from hil_bridge.failures import BUG_EVENT
 from hil_bridge.invariants.evidence import Evidence, Promise, Violation
 from hil_bridge.recording import Outcome
 from hil_bridge.recording.ending import ALARMS
@@ -10,8 +11,6 @@ from hil_bridge.robots.gate import REPORT
 
 LONGEST_S = 400.0
 """Chosen: a run may last so much longer than its tracking, s: all the patience that it has with robot and sensor."""
-BUG_EVENT = "bug"
-"""Kind of the events by which a bug is told."""
 EXIT_CODES = {Outcome.COMPLETED: (0, 4), Outcome.STOPPED: (3,), Outcome.INTERRUPTED: (130,)}
 """Exit codes that fit an outcome; 4 where a step of a program did not meet its criterion."""
 

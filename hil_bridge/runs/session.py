@@ -180,7 +180,7 @@ class _Session:
         self.feed: Feed | None = None
         """Feeds the page in the browser."""
         self._warning, self._checked = "", ""
-        """What the page shows of trouble, and of the sensor."""
+        """The page's words on trouble, and on the sensor."""
         self._result: RunResult | None = None
         self._moved = False
         """The movement has begun, and may have ended."""

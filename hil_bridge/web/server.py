@@ -52,7 +52,7 @@ class Teller(Protocol):
         """State of a new page, for `news`."""
 
     def news(self, state: Any) -> Mapping[str, Any] | None:
-        """What is new since the last call for this state; None for nothing."""
+        """News since the last call for this state; None for none."""
 
     def asked(self, state: Any, message: Mapping[str, Any]) -> None:
         """A page has asked for something. Raises ValueError for what it cannot ask."""

@@ -181,8 +181,8 @@ class Supervisor:
             return Stop(Cause.DEVICE, seen.fault)
         force = seen.force if abs(seen.force) >= abs(seen.peak_force) else seen.peak_force
         if abs(force) > limits.force_limit_n:
-            told = f"of at least {abs(force):.1f}" if seen.saturated else f"{force:.1f}"
-            return Stop(Cause.FORCE, f"contact force {told} N is beyond {limits.force_limit_n:g} N")
+            size = f"of at least {abs(force):.1f}" if seen.saturated else f"{force:.1f}"
+            return Stop(Cause.FORCE, f"contact force {size} N is beyond {limits.force_limit_n:g} N")
         resultant = max(seen.resultant, seen.peak_resultant)
         if resultant > limits.resultant_limit_n:
             text = f"resultant force {resultant:.1f} N is beyond {limits.resultant_limit_n:g} N"

@@ -354,18 +354,14 @@ class Task:
         parameters, commanded = self.parameters, measurement.commanded
         turn = commanded if state.turn is None else state.turn
         goal = min(turn - parameters.retract_mm * 1e-3, 0.0)
-        step, behind = (
-            self.way(parameters.retract_speed_mm_s, measurement.dt),
-            measurement.position - commanded,
-        )
+        step = self.way(parameters.retract_speed_mm_s, measurement.dt)
         stiffness = max(parameters.expected_stiffness_n_m, state.stiffness or 0.0)
         escape = escape_way(measurement, self.force_limit_n, stiffness, self.escape_mm_s)
         if commanded > _ROUNDING:
             depth = max(commanded - max(step, escape), 0.0)
         else:
-            careful = min(step, self.careful_step(behind, measurement.dt))
+            careful = min(step, self.careful_step(measurement.position - commanded, measurement.dt))
             depth = max(commanded - max(careful, escape), goal)
-        step = self.way(parameters.retract_speed_mm_s, measurement.dt)
         aside = way_back(measurement, state.yielded, step, self.friction_share)
         state = replace(state, turn=turn, travel=state.travel - aside, yielded=state.yielded + aside)
         output = _output(state, depth, Phase.RETRACT)
