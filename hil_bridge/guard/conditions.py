@@ -74,6 +74,10 @@ BEFORE: tuple[ConditionRow, ...] = (
         "sensor.unchecked",
         exit_code=CONFIGURATION,
     ),
+    _refused(
+        "moved-before",
+        "the robot reports another pose than before: 0.5 mm or 0.5° from where the movement was planned",
+    ),
     _refused("sequence-refused", "the robot refuses to begin a movement"),
     _lift(
         "touching",

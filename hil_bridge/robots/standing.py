@@ -1,4 +1,4 @@
-"""The faults of one movement of a stream: which one stands, and which one has yet to be told. Pure."""
+"""Where a robot stands before a movement, and the faults of one movement of a stream. Pure."""
 
 import math
 
@@ -6,9 +6,23 @@ from hil_bridge.robots.gate import turn_between
 from protocol.geometry import Pose
 
 NEAR_M, NEAR_RAD = 0.5e-3, math.radians(0.5)
-"""Chosen: how near to its set point a robot must report to stand to be led on after a fault; as far as it may stray
-from a small step.
+"""Chosen: how near to its set point a robot must report to stand to be led on after a fault, and how near to
+where it was looked at to be led at all; as far as it may stray from a small step.
 """
+
+
+def moved_since(seen: Pose, stands: Pose) -> str:
+    """By how much a robot has left the pose where it was looked at before a movement, in words; empty where it has not.
+
+    A movement is planned from the pose that was seen. From another one, its first order would be a jump.
+    """
+    way, turn = math.dist(seen.position, stands.position), turn_between(seen.quaternion, stands.quaternion)
+    if way <= NEAR_M and turn <= NEAR_RAD:
+        return ""
+    return (
+        f"moved by {way * 1e3:.1f} mm and turned by {math.degrees(turn):.1f}° before its movement began: let nothing "
+        "else move it, then start again"
+    )
 
 
 class Faults:

@@ -15,6 +15,7 @@ from hil_bridge.failures import code_failed
 from hil_bridge.robots.answering import Answering
 from hil_bridge.robots.gate import Bounds, Gate
 from hil_bridge.robots.seam import MotionLimits, RobotFacts, RobotReport
+from hil_bridge.robots.standing import moved_since
 from hil_bridge.robots.streamed_motion import StreamedMotion
 from hil_bridge.transports import Transport
 from hil_bridge.transports.pump import Data, Pump
@@ -119,10 +120,13 @@ class StreamedLink(Generic[Data]):
         report = await self._next_packet()
         if report.fault:
             raise OrderRefused(report.fault)
+        bounds = limits.bounds or Bounds(report.pose)
+        if moved := moved_since(bounds.start, report.pose):
+            raise OrderRefused(f"robot on {self.name} {moved}")
         now = self._clock.now()
         self._answering.begin(report.pose, limits, now)
         self._pump.kick()
-        gate = Gate(limits.bounds or Bounds(), now, report.pose)
+        gate = Gate(bounds, now, report.pose)
         motion = StreamedMotion(self.name, self._answering, self._clock, self._check, self._next_packet, gate)
         try:
             yield motion

@@ -70,6 +70,26 @@ def test_corrections_do_not_follow_a_pose_that_is_off(guarded: Run, mode: str, p
     assert run.last == pytest.approx(0.0, abs=0.2)
 
 
+@pytest.mark.parametrize("phase", ["connect", "tare"])
+@pytest.mark.parametrize(
+    ("moved", "words"),
+    [
+        ({"fault": "offset", "with": {"x_mm": 30.0}}, "moved by 30.0 mm and turned by 0.0°"),
+        ({"fault": "turned", "with": {"axis": "z", "degrees": 90.0}}, "moved by 0.0 mm and turned by 90.0°"),
+    ],
+)
+def test_a_robot_that_has_moved_since_it_was_looked_at_is_refused(
+    guarded: Run, phase: str, moved: dict[str, Any], words: str
+) -> None:
+    """Its first order would be a jump, which the last gate stops as a bug."""
+    late = {"on": "pose", "phase": phase, "after_s": 0.1, "for_s": 600.0, **moved}
+    run = guarded(tracking("rsi", 5e4, late))
+    assert words in run.cause
+    assert "the last gate" not in run.cause
+    assert run.largest == 0.0
+    assert run.result.left == ""
+
+
 def test_a_robot_that_tells_metres_is_refused(guarded: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its answers would be a thousandth of the place, which is in its own foot."""
 

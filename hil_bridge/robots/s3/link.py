@@ -22,6 +22,7 @@ from hil_bridge.robots.seam import (
     Sent,
     orientation_fault,
 )
+from hil_bridge.robots.standing import moved_since
 from hil_bridge.transports import Direction, Tap, Transport
 from protocol.endpoint import RemoteProtocolError
 from protocol.geometry import Pose
@@ -315,7 +316,10 @@ class S3Link:
         """A movement sequence, at the speed and in the bounds of the limits; the others are for streams."""
         self._fit = status = self._status
         stands = None if status is None else Pose(status.position, status.quaternion)
-        gate = Gate(limits.bounds or Bounds(), self._clock.now(), stands)
+        bounds = limits.bounds or Bounds()
+        if limits.bounds and stands and (moved := moved_since(limits.bounds.start, stands)):
+            raise OrderRefused(f"robot on {self.name} {moved}")
+        gate = Gate(bounds, self._clock.now(), stands)
         motion = S3Motion(self, limits.speed, stands, lambda pose: gate.judge(pose, self._clock.now()))
         try:
             await self.exchange(motion.telegram(MoveKind.START))
