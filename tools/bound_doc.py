@@ -1,13 +1,15 @@
-"""Write the table of the bound of the true force into docs/explanation/safety.md, from runs that hit a surface.
+"""Write two tables of the true force into docs/explanation/safety.md, from runs that hit a surface.
 
-With --measure the runs are made first, in virtual time, and their figures go to docs/explanation/bound.json; it takes
-a quarter of an hour. With --check nothing is written; the exit code is 1 when the document is not up to date.
+The one compares it with its bound, at each period. The other has it by stiffness, approach speed and delay. With
+--measure the runs are made first, in virtual time, and their figures go to docs/explanation/bound.json; `--measure
+touch` makes those of one table alone. With --check nothing is written; the exit code is 1 when the document is not up
+to date.
 """
 
 import json
 import math
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from itertools import pairwise
 from pathlib import Path
@@ -37,6 +39,19 @@ PUSHED_M_S = 0.0109
 """Chosen: a hair below `limits.correction_mm_s`, so that nothing else than the force stops the run."""
 OWN_MS = 4
 """A period up to this is the robot's own cycle, which a Net F/T keeps pace with by itself."""
+
+TOUCH_KN_M, TOUCH_MM_S, TOUCH_SEEDS = (5, 20, 50), (2, 5, 10), (1, 2, 3)
+TOUCH_MS: Mapping[str, int] = {"s3": 0, "egm": 20, "rtde": 20, "rsi": 20}
+"""Period of each robot's runs."""
+LINKS: Mapping[str, tuple[str, str]] = {
+    "s3": ("link", "delay"),
+    "egm": ("link", "delay"),
+    "rtde": ("connection", "late"),
+    "rsi": ("packets", "late"),
+}
+"""Fault by which each robot's link comes late."""
+LATE: Mapping[str, float] = {"nothing": 0.0, "link": 20.0, "forces": 50.0, "forces, much": 150.0}
+"""What comes late from the connection on, and by how many ms."""
 
 
 class Push:
@@ -89,6 +104,31 @@ def measured(job: tuple[str, str, int, str]) -> tuple[float, float]:
     return round(max(math.hypot(*truth.force) for truth in recording.truths), 1), round(bound, 1)
 
 
+def touched(job: tuple[str, str, int, int, int]) -> tuple[float, str]:
+    """Largest true force of one touch, N, and the outcome of its run."""
+    robot, late, stiffness_kn_m, speed_mm_s, seed = job
+    values = settings(robot, "netft" if TOUCH_MS[robot] else "jr3", TOUCH_MS[robot], stiffness_kn_m)
+    values["task"]["approach_speed_mm_s"] = speed_mm_s
+    on, fault = LINKS[robot] if late == "link" else ("frames", "delay")
+    struck = {"on": on, "fault": fault, "phase": "connect", "for_s": 600.0, "with": {"ms": LATE[late]}}
+    faults = [struck] if LATE[late] else []
+    recording = hil_bridge.simulate(values, faults=faults, seed=seed).recording
+    largest = max((math.hypot(*truth.force) for truth in recording.truths), default=0.0)
+    return round(largest, 1), recording.end["outcome"]
+
+
+def measure_touches() -> dict[str, Any]:
+    """By robot and what is late: a row of stiffnesses and speeds, each with the largest force and its outcome."""
+    cells = [(robot, late, k, v) for robot in LINKS for late in LATE for k in TOUCH_KN_M for v in TOUCH_MM_S]
+    figures: dict[str, Any] = {}
+    with ProcessPoolExecutor() as pool:
+        runs = pool.map(touched, [(*cell, seed) for cell in cells for seed in TOUCH_SEEDS], chunksize=4)
+        for robot, late, _, _ in cells:
+            row = figures.setdefault(robot, {}).setdefault(late, [])
+            row.append(max(next(runs) for _ in TOUCH_SEEDS))
+    return figures
+
+
 def measure() -> dict[str, Any]:
     """All runs: by robot, period and case the force and the bound with each sensor."""
     jobs = [
@@ -126,33 +166,52 @@ def _nearest(cells: Mapping[str, Sequence[float]]) -> tuple[float, float, str]:
     return force, bound, sensor
 
 
+def touch_table(figures: Mapping[str, Any]) -> str:
+    """A row for each robot and what is late, a column for each stiffness and speed."""
+    head = ("robot", "late", *(f"{k} kN/m, {v} mm/s" for k in TOUCH_KN_M for v in TOUCH_MM_S))
+    rows = [
+        [robot, f"{late.partition(',')[0]}{f', {LATE[late]:g} ms' if LATE[late] else ''}"]
+        + [f"{force:.0f}{' stopped' if outcome == 'stopped' else ''}" for force, outcome in row]
+        for robot, by_late in figures.items()
+        for late, row in by_late.items()
+    ]
+    return table(head, rows)
+
+
 def renewed(text: str, figures: Mapping[str, Any]) -> str:
-    """The document with the table as the figures have it. Raises ValueError where it has no place."""
-    return placed(text, {"bound": bound_table(figures)})
+    """The document with the tables as the figures have them. Raises ValueError where one has no place."""
+    return placed(text, {"bound": bound_table(figures["bound"]), "touch": touch_table(figures["touch"])})
 
 
 def as_json(figures: Mapping[str, Any]) -> str:
-    """A line for each robot and period."""
-    robots = []
-    for robot, periods in figures.items():
-        lines = [
-            f"  {json.dumps(period)}: {{"
-            + ", ".join(f"{json.dumps(case)}: {json.dumps(cells)}" for case, cells in by_case.items())
-            + "}"
-            for period, by_case in periods.items()
+    """A line for each row of a table."""
+    tables = []
+    for name, robots in figures.items():
+        rows = [
+            f"  {json.dumps(robot)}: {{\n"
+            + ",\n".join(f"   {json.dumps(row)}: {json.dumps(cells)}" for row, cells in by_row.items())
+            + "\n  }"
+            for robot, by_row in robots.items()
         ]
-        robots.append(f" {json.dumps(robot)}: {{\n" + ",\n".join(lines) + "\n }")
-    return "{\n" + ",\n".join(robots) + "\n}\n"
+        tables.append(f" {json.dumps(name)}: {{\n" + ",\n".join(rows) + "\n }")
+    return "{\n" + ",\n".join(tables) + "\n}\n"
+
+
+MEASURES: Mapping[str, Callable[[], dict[str, Any]]] = {"bound": measure, "touch": measure_touches}
+"""The runs of each table."""
 
 
 def main() -> int:
     """Measure if asked to, then write the document, or check it."""
     options = parser(__doc__)
-    options.add_argument("--measure", action="store_true", help="make the runs first")
+    options.add_argument(
+        "--measure", nargs="*", choices=MEASURES, metavar="TABLE", help="make the runs first: bound, touch"
+    )
     chosen = options.parse_args()
-    if chosen.measure:
-        FIGURES.write_text(as_json(measure()), encoding="utf-8")
     figures = json.loads(FIGURES.read_text(encoding="utf-8"))
+    if chosen.measure is not None:
+        figures |= {name: MEASURES[name]() for name in chosen.measure or MEASURES}
+        FIGURES.write_text(as_json(figures), encoding="utf-8")
     return write(DOCUMENT, lambda text: renewed(text, figures), chosen.check)
 
 
