@@ -13,6 +13,7 @@ from hil_bridge.clock import Clock
 from hil_bridge.control import Clamp, ControlLoop, LoopState, Observation, Request, Stop, Supervisor
 from hil_bridge.errors import BridgeError, DeviceError, OrderRefused, TransportError
 from hil_bridge.robots.seam import Motion, Pacing, RobotLink, Sent
+from hil_bridge.runs.small_steps import FOLLOWS_M
 from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config
 from protocol.geometry import Pose, Quaternion, Vector
@@ -200,6 +201,13 @@ class WayOut:
                     break
             settled = self._clock.now() + REST_S + TIME_CONSTANTS * self._sensor.delay
             await self._clock.sleep_until(settled)
+            # one that was stopped on its way passes the last order, and comes to rest behind it
+            while self._clock.now() <= patience:
+                before, position = position, (await self._robot.report()).pose.position
+                depth = self._depth(start, position)
+                if math.dist(before, position) <= FOLLOWS_M:
+                    break
+                await self._clock.sleep_until(self._clock.now() + REST_S)
             while math.isnan(force := self._force(settled)) and self._clock.now() < settled + FRAME_S:
                 await self._clock.sleep_until(self._clock.now() + REST_S)
             return depth, force

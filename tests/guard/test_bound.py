@@ -152,12 +152,21 @@ def test_a_tool_that_is_pushed_deeper_stays_below(robot: str, sensor: str, perio
     assert "contact force" in recording.end["cause"]
 
 
-def test_the_page_has_the_table_of_its_figures() -> None:
-    tool = runpy.run_path(str(ROOT / "tools" / "bound_doc.py"))
-    figures = json.loads((PAGES / "bound.json").read_text(encoding="utf-8"))
+def tool() -> dict[str, Any]:
+    """The names of the program that writes the tables."""
+    return runpy.run_path(str(ROOT / "tools" / "bound_doc.py"))
+
+
+def figures() -> dict[str, Any]:
+    """Those that the tables are made of."""
+    kept: dict[str, Any] = json.loads((PAGES / "bound.json").read_text(encoding="utf-8"))
+    return kept
+
+
+def test_the_page_has_the_tables_of_its_figures() -> None:
     page = (PAGES / "safety.md").read_text(encoding="utf-8")
-    assert tool["renewed"](page, figures) == page, "run python -m tools.bound_doc"
-    for periods in figures.values():
+    assert tool()["renewed"](page, figures()) == page, "run python -m tools.bound_doc"
+    for periods in figures()["bound"].values():
         for by_case in periods.values():
             for cells in by_case.values():
                 assert all(force <= bound for force, bound in cells.values())
@@ -167,10 +176,21 @@ def test_the_page_has_the_table_of_its_figures() -> None:
     "job", [("s3", "jr3", 0, "50"), ("egm", "ft300", 4, "pushed"), ("rsi", "ati-can", 20, "5")]
 )
 def test_a_figure_of_that_table_is_measured_again(job: tuple[str, str, int, str]) -> None:
-    tool = runpy.run_path(str(ROOT / "tools" / "bound_doc.py"))
     robot, sensor, period_ms, case = job
-    then = json.loads((PAGES / "bound.json").read_text(encoding="utf-8"))["bound"][robot][str(period_ms)][case][sensor]
-    assert tool["measured"](job) == pytest.approx(then, rel=0.02)
+    then = figures()["bound"][robot][str(period_ms)][case][sensor]
+    assert tool()["measured"](job) == pytest.approx(then, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("robot", "late", "column"), [("s3", "forces", 4), ("egm", "forces, much", 8), ("rsi", "link", 0)]
+)
+def test_a_touch_of_the_other_table_is_measured_again(robot: str, late: str, column: int) -> None:
+    """The largest of the seeds of one cell, with its outcome."""
+    program = tool()
+    cells = [(k, v) for k in program["TOUCH_KN_M"] for v in program["TOUCH_MM_S"]]
+    runs = [program["touched"]((robot, late, *cells[column], seed)) for seed in program["TOUCH_SEEDS"]]
+    force, outcome = figures()["touch"][robot][late][column]
+    assert max(runs) == (pytest.approx(force, rel=0.02), outcome)
 
 
 def cycles_of(*lengths_s: float, **more: Any) -> list[str]:

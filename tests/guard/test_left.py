@@ -102,3 +102,19 @@ def test_an_interrupted_way_tells_the_force_of_its_end(guarded: Run, robot: str,
     run = guarded(config, prepare=interrupt)
     assert not run.cycles
     assert run.result.left.startswith("NOT retracted: " if run.last > 1.0 else "retracted, 0.")
+
+
+def test_a_tool_that_comes_to_rest_behind_the_last_order_is_told_there(guarded: Run) -> None:
+    """EGM ends with its RAPID program: the robot passes the last order by its momentum."""
+    config = close("egm", 5e3, [])
+    values = {
+        "limits": {"correction_total_mm": 20.0},
+        "task": {"retract_mm": 8.0, "retract_speed_mm_s": 50.0},
+        "faults": [{"on": "robot", "fault": "rapid-stop", "phase": "retract", "after_s": 0.1, "for_s": 0.1}],
+    }
+    config = read_config({**config.model_dump(exclude_unset=True), **values})
+    run = guarded(config)
+    assert run.result.rest is not None
+    told = run.result.rest.depth
+    true = run.cycles[0].start[2] - run.cell.true_state(run.truths[-1][0]).position[2]
+    assert told == pytest.approx(true, abs=2e-4)
