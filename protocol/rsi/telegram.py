@@ -10,7 +10,8 @@ Source: project specification of RSI, sections 2 and 3. Marks stand beside what 
 import math
 import re
 from collections.abc import Iterable, Mapping
-from typing import NamedTuple
+from functools import lru_cache
+from typing import NamedTuple, TypeAlias
 from xml.etree import ElementTree
 
 from protocol.endpoint import RemoteProtocolError
@@ -32,6 +33,14 @@ _NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]{1,3})?
 _CLOCK = re.compile(r"[0-9]{1,19}")
 _LONGEST_NUMBER = 64
 """Chosen: characters of a number that is read."""
+_SPECIAL = re.compile('[&<"]')
+_NOT_PLAIN, _TEXT = re.compile("[<> ']"), re.compile("(?<=>)([^<> ]+)(?=<)")
+_FORMS_MAX = 64
+"""Chosen: forms of telegrams that are kept. A robot and its client have one each."""
+_Form: TypeAlias = tuple[str, tuple[int, ...], tuple[str, ...]]
+"""Root, the places of type, values and clock among the texts, and the tags."""
+_seen: dict[tuple[str, ...], _Form | None] = {}
+"""By what is between the texts of a telegram; None for another form than the vendor's."""
 
 
 class Telegram(NamedTuple):
@@ -49,24 +58,36 @@ class Telegram(NamedTuple):
 
 def encode(telegram: Telegram, type_attribute: str = ROOT_TYPES[0]) -> bytes:
     """The telegram in the vendor's form: one line, tags of one element side by side, IPOC last."""
-    parts = [f'<{telegram.root} {type_attribute}="{_escaped(telegram.type)}">']
+    form = _form(telegram.root, type_attribute, tuple(telegram.values))
+    texts = (telegram.type, *telegram.values.values())
+    if _SPECIAL.search("".join(texts)):
+        texts = tuple(map(_escaped, texts))
+    return (form % (*texts, telegram.ipoc)).encode()
+
+
+@lru_cache(maxsize=_FORMS_MAX)
+def _form(root: str, type_attribute: str, tags: tuple[str, ...]) -> str:
+    """The vendor's form of a telegram with these tags, with a place for each text: a side sends one form all the
+    time.
+    """
+    parts = [f'<{root} {type_attribute}="%s">']
     inside = ""
-    for tag, text in telegram.values.items():
-        element, dot, attribute = tag.partition(".")
+    for tag in tags:
+        element, dot, attribute = tag.replace("%", "%%").partition(".")
         if inside and inside != element:
             parts.append("/>")
             inside = ""
         if not dot:
-            parts.append(f"<{element}>{_escaped(text)}</{element}>")
+            parts.append(f"<{element}>%s</{element}>")
             continue
         if not inside:
             parts.append(f"<{element}")
             inside = element
-        parts.append(f' {attribute}="{_escaped(text)}"')
+        parts.append(f' {attribute}="%s"')
     if inside:
         parts.append("/>")
-    parts.append(f"<{CLOCK}>{telegram.ipoc}</{CLOCK}></{telegram.root}>")
-    return "".join(parts).encode()
+    parts.append(f"<{CLOCK}>%d</{CLOCK}></{root}>")
+    return "".join(parts)
 
 
 def decode(raw: bytes) -> Telegram:
@@ -77,10 +98,61 @@ def decode(raw: bytes) -> Telegram:
     """
     if len(raw) > LARGEST_BYTES:
         raise RemoteProtocolError(f"a telegram of {len(raw)} bytes is longer than {LARGEST_BYTES}")
-    if b"<!" in raw or b"<?" in raw:
+    try:
+        text = raw.decode()
+    except ValueError as error:
+        raise RemoteProtocolError(f"no telegram: {error}") from None
+    plain = _plain(text)
+    if plain is None:
+        return _parsed(text)
+    shape, texts = plain
+    if form := _seen.get(shape):
+        root, order, tags = form
+        kind, *values, clock = map(texts.__getitem__, order)
+        return Telegram(root, kind, dict(zip(tags, values, strict=True)), _ipoc(clock))
+    telegram = _parsed(text)
+    if shape not in _seen and len(_seen) < _FORMS_MAX:
+        _seen[shape] = _form_of(telegram, raw, texts)
+    return telegram
+
+
+def _plain(text: str) -> tuple[tuple[str, ...], list[str]] | None:
+    """What is between the texts of attributes and elements, and these texts, attributes first; None where one of them
+    may need more than to be cut out.
+    """
+    if "&" in text or not (text.isascii() and text.isprintable()):
+        return None
+    pieces = text.split('"')
+    attributes = pieces[1::2]
+    if _NOT_PLAIN.search("".join(attributes)):
+        return None
+    pieces = _TEXT.split('"'.join(pieces[::2]))
+    return tuple(pieces[::2]), attributes + pieces[1::2]
+
+
+def _form_of(telegram: Telegram, raw: bytes, texts: list[str]) -> _Form | None:
+    """How to read every telegram with what is between these texts; None unless it is of the vendor's form, which what
+    is between the texts rules alone.
+    """
+    if len(texts) != len(telegram.values) + 2:
+        return None
+    numbered = telegram._replace(type="0", values={tag: f"{k}" for k, tag in enumerate(telegram.values, 1)})
+    for attribute in ROOT_TYPES:
+        if encode(telegram, attribute) == raw:
+            plain = _plain(encode(numbered._replace(ipoc=len(texts) - 1), attribute).decode())
+            assert plain is not None, "numbers are plain"
+            places = {text: place for place, text in enumerate(plain[1])}
+            order = tuple(places[f"{k}"] for k in range(len(texts)))
+            return telegram.root, order, tuple(telegram.values)
+    return None
+
+
+def _parsed(text: str) -> Telegram:
+    """The telegram in a text of any form."""
+    if "<!" in text or "<?" in text:
         raise RemoteProtocolError("a telegram has neither a prolog nor a document type")
     try:
-        root = ElementTree.fromstring(raw.decode())
+        root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError) as error:
         raise RemoteProtocolError(f"no telegram: {error}") from None
     if root.tag not in (ROBOT, SENSOR):
@@ -92,11 +164,15 @@ def decode(raw: bytes) -> Telegram:
                 values.setdefault(f"{element.tag}.{name}", text.strip())
         else:
             values.setdefault(element.tag, (element.text or "").strip())
-    clock = values.pop(CLOCK, "")
+    ipoc = _ipoc(values.pop(CLOCK, ""))
+    type_name = next((root.attrib[name] for name in ROOT_TYPES if name in root.attrib), "")
+    return Telegram(root.tag, type_name, values, ipoc)
+
+
+def _ipoc(clock: str) -> int:
     if not _CLOCK.fullmatch(clock) or int(clock) > LARGEST_IPOC:
         raise RemoteProtocolError(f"{CLOCK} is {clock[:24]!r}, not a whole number of ms")
-    type_name = next((root.attrib[name] for name in ROOT_TYPES if name in root.attrib), "")
-    return Telegram(root.tag, type_name, values, int(clock))
+    return int(clock)
 
 
 def number(text: str) -> float:

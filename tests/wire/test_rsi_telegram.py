@@ -2,6 +2,7 @@
 
 import math
 import zlib
+from collections.abc import Callable
 
 import pytest
 from hypothesis import given
@@ -20,7 +21,7 @@ from protocol.rsi.angles import (
     turned,
     values_of,
 )
-from protocol.rsi.telegram import LARGEST_BYTES
+from protocol.rsi.telegram import LARGEST_BYTES, _parsed
 
 # The telegrams K1 … K7 of the specification, with their lengths and check sums.
 GOLDEN = {
@@ -353,3 +354,45 @@ def test_a_text_for_the_panel_is_no_wrong_number() -> None:
 
 def test_pose_tags_are_in_the_vendors_order() -> None:
     assert pose_tags("RKorr") == ("RKorr.X", "RKorr.Y", "RKorr.Z", "RKorr.A", "RKorr.B", "RKorr.C")
+
+
+@given(
+    st.lists(
+        st.sampled_from(
+            [
+                '<Rob Type="KUKA">',
+                '<RIst X="1" Y="-2.5"/>',
+                '<RIst X="',
+                "<DiO>5</DiO>",
+                "<DiO> 7 </DiO>",
+                "<DiO></DiO>",
+                "<A B='=\"1\"'/>",
+                '<Delay D=""/>',
+                '<S T="a b" U="&amp;"/>',
+                "5",
+                '"',
+                "</Rob>",
+                "<IPOC>12</IPOC>",
+                "<IPOC>13</IPOC>",
+                "<IPOC>x</IPOC>",
+                "<RKorr X='1'/>",
+                "<E>é</E>",
+                "tail",
+            ]
+        ),
+        max_size=7,
+    )
+)
+def test_a_form_that_is_known_is_read_as_one_that_is_not(parts: list[str]) -> None:
+    """Also with another text in each place, and by the bytes that are malformed."""
+    text = "".join(['<Rob Type="KUKA">', *parts, "<IPOC>12</IPOC></Rob>"])
+    for variant in (text, text.replace("5", "66"), text.replace("12", "9"), text.replace('"1"', '""')):
+        for _ in range(2):
+            assert _read(decode, variant) == _read(lambda raw: _parsed(raw.decode()), variant)
+
+
+def _read(read: Callable[[bytes], Telegram], text: str) -> Telegram | str:
+    try:
+        return read(text.encode())
+    except RemoteProtocolError as error:
+        return str(error)
