@@ -5,7 +5,8 @@ In the second the tool's weight is taken off. The contact wrench is about the to
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -70,15 +71,20 @@ class Wrist:
     ) -> "WristAtOrientation":
         """`contact_wrench` and these directions, worked out once for as long as the tool keeps this orientation."""
         offset = self.contact_wrench(NO_WRENCH, quaternion, quaternion_tare)
-        columns = [
-            self.contact_wrench(unit, quaternion, quaternion_tare) - offset for unit in np.eye(6).tolist()
-        ]
         to_tool = rotation_matrix(quaternion).T
         return WristAtOrientation(
-            tuple(map(tuple, np.transpose(columns).tolist())),
+            _matrix(self),
             tuple(offset.tolist()),
             tuple(tuple((to_tool @ direction).tolist()) for direction in directions_base),
         )
+
+
+@lru_cache(maxsize=8)
+def _matrix(wrist: Wrist) -> tuple[tuple[float, ...], ...]:
+    """As `WristAtOrientation.matrix`, which is the same at every orientation."""
+    bare = replace(wrist, bias=NO_WRENCH, mass=0.0)
+    columns = [bare.contact_wrench(unit, (1.0, 0.0, 0.0, 0.0), None) + 0.0 for unit in np.eye(6).tolist()]
+    return tuple(map(tuple, np.transpose(columns).tolist()))
 
 
 @dataclass(frozen=True, slots=True)
