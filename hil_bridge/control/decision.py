@@ -69,6 +69,8 @@ class Sample(Struct, frozen=True):
     """
     doubt: Annotated[int, Meta(ge=0, le=2)] = 0
     """Why a touch that shows now must be proven: a number of `Doubt`."""
+    overdue: float = 0.0
+    """Time by which the next frame comes later than the facts of the sensor say, s; 0 while it does not."""
 
 
 class LoopState(Struct, frozen=True):

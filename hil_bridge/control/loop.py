@@ -332,7 +332,7 @@ def _cause(state: LoopState, output: TaskOutput, verdict: Verdict) -> str:
         case Stop(text=text):
             return text
         case Clamp(depth=depth, reasons=reasons) if (
-            output.phase is _APPROACH and depth <= state.supervisor.depth
+            output.phase is _APPROACH and depth <= state.supervisor.depth and not verdict.goes_on
         ):
             return f"{'the touch' if output.in_contact else 'no contact found: the approach'} {', '.join(reasons)}"
         case Clamp(reasons=reasons) if output.phase in (Phase.MOVE, Phase.SEEK) and LEAVES in reasons:
@@ -370,4 +370,5 @@ def _observe(sample: Sample, proposal: Proposal, output: TaskOutput) -> Observat
         proposal.measurement.against,
         sample.witness,
         proposal.measurement.force if output.phase in _FREE and not output.in_contact else None,
+        sample.overdue,
     )

@@ -54,6 +54,7 @@ from hil_bridge.runs.causes import kind_of
 from hil_bridge.runs.cycle_record import cycle_record
 from hil_bridge.runs.leaving import ARRIVED_M, Left, WayOut, in_words, not_away, stand_still
 from hil_bridge.runs.pace import control_loop, cycle_starts
+from hil_bridge.runs.reaction_times import usual_gap
 from hil_bridge.runs.slow_cycles import SlowCycles
 from hil_bridge.runs.small_steps import bring_up
 from hil_bridge.runs.starting import check_start
@@ -124,6 +125,8 @@ class Run:
         self._way_out = WayOut(config, clock, robot, sensor, self._loop)
         self._heart = Heartbeat(clock)
         self._filter_delay = math.nan
+        self._due_after = math.inf
+        """Age of the newest frame from which the next one is late, s."""
         self._start: RobotReport
         self._orientation: Quaternion
         """Orientation that was ordered last; that of the start where no program turns the tool."""
@@ -188,6 +191,7 @@ class Run:
         self._enter("connect")
         start = await bring_up(self._robot, self._sensor)
         self._filter_delay = self._sensor.delay
+        self._due_after = usual_gap(self._sensor.facts)
         self._loop.initial(start.pose.position)  # refuses a start outside the workspace
         check_start(self._config, self._loop, start)
         self._enter("tare")
@@ -422,6 +426,7 @@ class Run:
             held=self._held,
             witness=self._zeroing.own_force.along(report),
             doubt=int(self._zeroing.doubt(force)),
+            overdue=max(now - frame.at - self._due_after, 0.0),
         )
 
     def _frame(self) -> WrenchFrame:

@@ -23,9 +23,14 @@ TRAILS = 3.0
 """Time constants until a set point that trails counts as there. Derived: an exponential has done 95 % by then."""
 
 
+def usual_gap(sensor: SensorFacts, wire_s: float = WIRE_S) -> float:
+    """How old the newest frame may be when it is looked at, s: at most, while all is well."""
+    return (ASKED_S if sensor.period is None else sensor.period) + wire_s
+
+
 def force_age(sensor: SensorFacts, wire_s: float = WIRE_S) -> float:
     """How old a force may be when the frame that tells of it is looked at, s: at most, while all is well."""
-    return sensor.delay + (ASKED_S if sensor.period is None else sensor.period) + wire_s
+    return sensor.delay + usual_gap(sensor, wire_s)
 
 
 def robot_motion(robot: RobotFacts) -> float:

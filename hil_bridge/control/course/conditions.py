@@ -211,6 +211,10 @@ BARRIER = _clamp(
 )
 CLAMPS: tuple[ConditionRow, ...] = (
     BARRIER,
+    _clamp(
+        "overdue",
+        "deeper while the sensor's next frame is later than its period and 10.5 ms of wire; it goes on with that frame",
+    ),
     _clamp("deeper", "deeper faster than allowed", "limits.correction_mm_s"),
     _clamp("total", "deeper than the start by more in all", "limits.correction_total_mm"),
     _clamp("across", "across the approach faster than allowed", "limits.travel_mm_s"),

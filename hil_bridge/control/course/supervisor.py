@@ -18,6 +18,7 @@ from hil_bridge.control.course.free_space import FreeSpace, lifeless, watched
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.verdict import (
     LEAVES,
+    OVERDUE,
     SLOWLY,
     WAITS,
     Allow,
@@ -76,6 +77,9 @@ class Supervisor:
         if stop is not None:
             return replace(state, still=still, pressed=pressed, stopped=stop, disagreed=disagreed), stop
         verdict = _clamp(self.limits, state, request, observation.dt)
+        if observation.overdue > 0.0 and verdict.depth > state.depth:
+            verdict = _clamp(self.limits, state, _at_depth(request, state.depth), observation.dt)
+            verdict = Clamp(verdict.depth, verdict.position, (OVERDUE,))
         position = observation.position
         quaternion, home, lag = state.quaternion, state.home, state.lag
         if request.quaternion is not None:

@@ -89,6 +89,8 @@ class Observation(Struct, frozen=True):
     """Contact force along the approach direction from the newest zero while the tool moves through free space, N; None
     elsewhere.
     """
+    overdue: float = 0.0
+    """Time by which the next sensor frame comes later than the facts of the sensor say, s; 0 while it does not."""
 
 
 class Request(Struct, frozen=True):
@@ -128,8 +130,8 @@ class Clamp(Struct, frozen=True):
 
     @property
     def goes_on(self) -> bool:
-        """Whether it holds back a retraction that goes on later."""
-        return self.reasons in ((WAITS,), (SLOWLY,))
+        """Whether it holds back a way that goes on later."""
+        return self.reasons in ((WAITS,), (SLOWLY,), (OVERDUE,))
 
 
 class Stop(Struct, frozen=True):
@@ -148,6 +150,9 @@ WAITS = "the force does not come down: the retraction waits, then tries slowly"
 
 SLOWLY = "without a force to go by slowly back"
 """Reason of a clamp of a retraction that goes on."""
+
+OVERDUE = "no deeper while the next force is late"
+"""Reason of a clamp of a way deeper, which goes on with the next frame."""
 
 Verdict: TypeAlias = Allow | Clamp | Stop
 
