@@ -72,6 +72,8 @@ class Gate:
         self._turned_at = now
         self._deeper = self._across = self._away = self._turned = 0.0
         """Of each credit, what has been used and has not grown again, m and rad."""
+        self._before = (self._last, now, now, 0.0, 0.0, 0.0, 0.0)
+        """Last pose, its time and that of the turn, and the credits, before the newest pose."""
 
     def judge(self, pose: Pose, now: float, deepest: float = math.inf) -> str:
         """Why this pose must not go to the robot, in words; empty where it may, and counts as ordered.
@@ -122,10 +124,25 @@ class Gate:
             over = turn - bounds.turn * time - TURN_SLACK_RAD
             if over > 0.0:
                 return _beyond(math.degrees(over), "° turned faster than may be ordered")
+        self._before = (
+            last,
+            self._at,
+            self._turned_at,
+            self._deeper,
+            self._across,
+            self._away,
+            self._turned,
+        )
+        if turned:
             self._turned, self._turned_at = turn, now
         self._last, self._at = pose, now
         self._deeper, self._across, self._away = deeper, across, away
         return ""
+
+    def take_back(self) -> None:
+        """The robot has not taken the newest pose: it stands, and the next one counts from, where it was before."""
+        self._last, self._at, self._turned_at, *credits_used = self._before
+        self._deeper, self._across, self._away, self._turned = credits_used
 
 
 def _beyond(amount: float, words: str) -> str:

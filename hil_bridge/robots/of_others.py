@@ -9,7 +9,7 @@ from typing import Any
 
 from hil_bridge.cancelling import raise_if_asked
 from hil_bridge.clock import Clock
-from hil_bridge.errors import GateStop
+from hil_bridge.errors import BridgeError, GateStop
 from hil_bridge.failures import RAISED, code_failed
 from hil_bridge.robots.gate import Bounds, Gate
 from hil_bridge.robots.seam import Motion, MotionLimits, RobotLink, RobotReport, Sent
@@ -103,8 +103,12 @@ class MotionOfOthers:
         """As of the movement. Raises GateStop for a target that the last gate stops."""
         if stopped := self._gate.judge(target, self._clock.now()):
             raise GateStop(stopped)
-        with _told(self._name):
-            return await self._motion.to(target, soon=soon)
+        try:
+            with _told(self._name):
+                return await self._motion.to(target, soon=soon)
+        except BridgeError:
+            self._gate.take_back()
+            raise
 
     async def settled(self) -> None:
         """As of the movement."""

@@ -368,3 +368,26 @@ def test_a_way_in_steps_is_judged_as_its_end() -> None:
     for number in range(1, 400):
         pose = towards(pose, goal, 1e-5, 1.0)
         assert gate.judge(pose, number * 1e-2) == ""
+
+
+def test_an_order_that_is_refused_does_not_count() -> None:
+    """A hunt found it: a way far back was refused, and the next, short one was stopped as a leap deeper."""
+    gate = Gate(BOUNDS, 0.0, deeper(5.0))
+    assert gate.judge(deeper(-4.0), 1.0) == ""
+    gate.take_back()
+    assert gate.judge(deeper(4.0), 1.1) == ""
+    assert "into the surface faster" in gate.judge(deeper(19.0), 1.2)
+
+
+def test_a_refused_way_back_does_not_keep_the_tool_on_the_surface(
+    guarded: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The controller asks for a way far back, and the robot refuses that one order."""
+    refused = {"on": "robot", "fault": "refuse", "phase": "track", "after_s": 1.1, "with": {"code": 31}}
+    values = tracking("s3", 5e3).model_dump(exclude_unset=True)
+    config = read_config({**values, "faults": [refused]})
+    lie(monkeypatch, config, -0.02)
+    run = guarded(config)
+    assert "refused order" in run.cause
+    assert not run.result.followed
+    assert run.result.left.startswith("retracted")

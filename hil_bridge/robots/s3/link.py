@@ -320,7 +320,9 @@ class S3Link:
         if limits.bounds and stands and (moved := moved_since(limits.bounds.start, stands)):
             raise OrderRefused(f"robot on {self.name} {moved}")
         gate = Gate(bounds, self._clock.now(), stands)
-        motion = S3Motion(self, limits.speed, stands, lambda pose: gate.judge(pose, self._clock.now()))
+        motion = S3Motion(
+            self, limits.speed, stands, lambda pose: gate.judge(pose, self._clock.now()), gate.take_back
+        )
         try:
             await self.exchange(motion.telegram(MoveKind.START))
         except OrderRefused as refused:

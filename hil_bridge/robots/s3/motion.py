@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Protocol
 
-from hil_bridge.errors import GateStop, OrderRefused
+from hil_bridge.errors import BridgeError, GateStop, OrderRefused
 from hil_bridge.robots.seam import Sent
 from protocol.geometry import Pose, Quaternion, Vector
 from protocol.robot import pose_fault
@@ -41,12 +41,14 @@ class S3Motion:
         speed: float,
         stands: Pose | None = None,
         judge: Callable[[Pose], str] = lambda pose: "",
+        take_back: Callable[[], None] = lambda: None,
     ) -> None:
         """`stands` is where the robot was reported last: an end without any point before it is ordered there.
 
-        `judge` is the last gate's word on a pose, empty where it may be ordered.
+        `judge` is the last gate's word on a pose, empty where it may be ordered; `take_back` tells the gate that the
+        robot has not taken that pose.
         """
-        self._link, self._judge = link, judge
+        self._link, self._judge, self._take_back = link, judge, take_back
         self._stands = stands
         self.speed = speed
         """Along the path for the orders to come, m/s."""
@@ -79,8 +81,10 @@ class S3Motion:
         before, self._last = self._last, target
         try:
             await self._link.exchange(order, soon=soon)
-        except OrderRefused:
-            self._last = before
+        except BridgeError as error:
+            self._take_back()
+            if isinstance(error, OrderRefused):
+                self._last = before
             raise
         return self._link.sent
 
