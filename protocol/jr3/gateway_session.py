@@ -20,6 +20,8 @@ Three sides drive it. The owner asks with `zero`, `set_filter` and `stop`. The c
 
 An acknowledge does not say what it answers. So one order is under way at a time, `_flight`; others wait in `_queue`.
 An order that ends a stream is acknowledged only after the rest of the stream's period: `joins`, `joined_s`.
+A gateway takes its zero with the next sample. One that it has sampled before may follow the acknowledge: the first
+sample after it is dropped, and `Zeroed` is told then.
 Pauses keep orders and answers in step. A gateway that is deaf after each acknowledge gets one every time, `pause_s`.
 One that always listens gets one after a repeated order only, `ack_timeout_s`, in which late acknowledges pass.
 """
@@ -157,6 +159,7 @@ class GatewaySession(Generic[Op]):
         self._answered = False
         self._quiet_until: float | None = None
         self._foreign_acknowledges = 0
+        self._zeroing = False
         self._counter.restart()
         self._range.restart()
         self._enqueue(self._first_step())
@@ -233,12 +236,17 @@ class GatewaySession(Generic[Op]):
                     f"its counter has stood at {counter} for {at - self._new_at:.1f} s while samples go on"
                 )
                 self._fail(f"{stood}: sensor unplugged? plug it in, then switch the gateway off and on")
-        else:
-            self._new_at = at
-            saturated = self._range.saturated(counts)
-            if self._range.warnings:
-                self._events.extend(map(SensorNotice, self._range.warnings))
-            self._events.append(WrenchFrame(counts, counter, sequence, at, saturated))
+            return
+        self._new_at = at
+        if self._zeroing:
+            self._zeroing = False
+            self._range.zeroed(self._range.newest)
+            self._events.append(Zeroed())
+            return
+        saturated = self._range.saturated(counts)
+        if self._range.warnings:
+            self._events.extend(map(SensorNotice, self._range.warnings))
+        self._events.append(WrenchFrame(counts, counter, sequence, at, saturated))
 
     def boot_up(self, now: float) -> None:
         """The gateway has begun again and knows nothing of this session."""
@@ -368,8 +376,7 @@ class GatewaySession(Generic[Op]):
     def _advance(self, answered: Op, words: Sequence[int], now: float) -> None:
         """The next step of the session after the acknowledge of an order."""
         if answered is self._dialect.zero:
-            self._range.zeroed(self._range.newest)
-            self._events.append(Zeroed())
+            self._zeroing = True
         elif answered is self._dialect.stop:
             self.phase = Phase.STOPPED
             self._events.append(SensorStopped())

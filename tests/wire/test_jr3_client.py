@@ -121,7 +121,8 @@ def test_a_client_tells_which_axes_are_saturated_behind_its_zero(can: Any) -> No
     client.receive(encode_sample(1, (0, 0, 20000, 0, 0, 0), 77), T0 + 1)
     client.zero()
     can.exchange(client, T0 + 1, "101#00", expect="301#")
-    client.receive(encode_sample(1, (0, 32767, 32767 - 20000, 0, 0, 0), 155), T0 + 2)
+    client.receive(encode_sample(1, (0, 0, 20000, 0, 0, 0), 155), T0 + 2)  # was sampled before the zero
+    client.receive(encode_sample(1, (0, 32767, 32767 - 20000, 0, 0, 0), 233), T0 + 3)
     before, zeroed, *notices, after = can.events(client)
     assert (before.saturated, zeroed) == (0, Zeroed())
     assert after.saturated == 0b000110

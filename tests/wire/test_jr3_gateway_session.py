@@ -41,6 +41,7 @@ def test_session_from_the_first_question_to_the_stop(wire: Any) -> None:
     client.zero()
     client.zero()
     wire.exchange(client, T0 + 10, wire.ok, expect=wire.zero)
+    client.receive(wire.sample(5), T0 + 10)
     assert wire.events(client) == [Zeroed()]
     assert wire.orders(client, T0 + 19) == []
     client.stop()
@@ -72,7 +73,20 @@ def test_zero_before_ready_waits_for_the_filter(wire: Any) -> None:
     client.zero()
     now = wire.establish(client, T0)
     wire.exchange(client, now, wire.ok, expect=wire.zero)
+    client.receive(wire.sample(5), now)
     assert wire.events(client) == [READY, Zeroed()]
+
+
+def test_a_sample_from_before_the_zero_is_not_told_behind_it(wire: Any) -> None:
+    """A gateway takes its zero with the next sample; one that is on the line by then may follow the acknowledge."""
+    client = wire.ready()
+    client.zero()
+    wire.exchange(client, T0 + 10, wire.ok, expect=wire.zero)
+    client.receive(wire.sample(5), T0 + 10)
+    client.receive(wire.sample(83), T0 + 10)
+    zeroed, frame = wire.events(client)
+    assert zeroed == Zeroed()
+    assert frame.counter == 83
 
 
 def test_set_filter_now_and_at_the_next_start(wire: Any) -> None:
