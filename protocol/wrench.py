@@ -95,6 +95,9 @@ class WrenchFrame(NamedTuple):
 class Zeroed:
     """The zero has been taken: samples count from the wrench of that moment."""
 
+    crossing: WrenchFrame | None = None
+    """A sample that may be from before the zero or from after it: for a record, and for no decision."""
+
 
 @dataclass(frozen=True, slots=True)
 class SensorRestarted:

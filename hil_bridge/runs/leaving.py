@@ -24,6 +24,8 @@ ARRIVED_M = 0.3e-3
 """Chosen: distance from the last order at which the robot counts as come to rest, m."""
 ARRIVAL_S = 3.0
 """Chosen: how long is waited for that."""
+UNSEEN_S = 1.0
+"""Chosen: how long is waited for a robot to come to rest that does not tell where it is."""
 TIME_CONSTANTS = 7.0
 """Time constants of the sensor's filter, waited for at the end. Derived: after as many less than 0.1 % is left."""
 REST_S = 0.05
@@ -199,8 +201,7 @@ class WayOut:
                 depth = self._depth(start, position)
                 if math.dist(position, commanded) <= ARRIVED_M or self._clock.now() > patience:
                     break
-            settled = self._clock.now() + REST_S + TIME_CONSTANTS * self._sensor.delay
-            await self._clock.sleep_until(settled)
+            settled = await self._settle()
             # one that was stopped on its way passes the last order, and comes to rest behind it
             while self._clock.now() <= patience:
                 before, position = position, (await self._robot.report()).pose.position
@@ -208,11 +209,18 @@ class WayOut:
                 if math.dist(before, position) <= FOLLOWS_M:
                     break
                 await self._clock.sleep_until(self._clock.now() + REST_S)
-            while math.isnan(force := self._force(settled)) and self._clock.now() < settled + FRAME_S:
-                await self._clock.sleep_until(self._clock.now() + REST_S)
-            return depth, force
         except BridgeError:
-            return depth, self._force(self._clock.now() - self._config.limits.stale_after_ms * 1e-3)
+            await self._clock.sleep_until(self._clock.now() + UNSEEN_S)
+            settled = await self._settle()
+        while math.isnan(force := self._force(settled)) and self._clock.now() < settled + FRAME_S:
+            await self._clock.sleep_until(self._clock.now() + REST_S)
+        return depth, force
+
+    async def _settle(self) -> float:
+        """Wait until the filter has settled at a tool that stands; when it has, s."""
+        settled = self._clock.now() + REST_S + TIME_CONSTANTS * self._sensor.delay
+        await self._clock.sleep_until(settled)
+        return settled
 
     def _depth(self, start: Vector, position: Vector) -> float:
         offsets = zip(position, start, self._config.frame.approach, strict=True)

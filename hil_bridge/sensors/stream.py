@@ -256,7 +256,10 @@ class ForceSensor:
                     self._history = deque(self._history, maxlen=frames)
                 self._watch = AxisWatch(facts)
                 self._lateness = LatenessWatch(facts.period)
-            case Zeroed():
+            case Zeroed(crossing=crossing):
+                if crossing is not None:
+                    self.received += 1
+                    self._log.frame(crossing)
                 self._watch.zeroed()
                 self._lateness.begin()
                 self.zeroed_from = self.newest

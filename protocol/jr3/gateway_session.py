@@ -20,8 +20,8 @@ Three sides drive it. The owner asks with `zero`, `set_filter` and `stop`. The c
 
 An acknowledge does not say what it answers. So one order is under way at a time, `_flight`; others wait in `_queue`.
 An order that ends a stream is acknowledged only after the rest of the stream's period: `joins`, `joined_s`.
-A gateway takes its zero with the next sample. One that it has sampled before may follow the acknowledge: the first
-sample after it is dropped, and `Zeroed` is told then.
+A gateway takes its zero with the next sample. One that it has sampled before may follow the acknowledge. So `Zeroed`
+is told with the first sample after it, and takes that along.
 Pauses keep orders and answers in step. A gateway that is deaf after each acknowledge gets one every time, `pause_s`.
 One that always listens gets one after a repeated order only, `ack_timeout_s`, in which late acknowledges pass.
 """
@@ -241,7 +241,7 @@ class GatewaySession(Generic[Op]):
         if self._zeroing:
             self._zeroing = False
             self._range.zeroed(self._range.newest)
-            self._events.append(Zeroed())
+            self._events.append(Zeroed(WrenchFrame(counts, counter, sequence, at)))
             return
         saturated = self._range.saturated(counts)
         if self._range.warnings:

@@ -42,7 +42,7 @@ def test_session_from_the_first_question_to_the_stop(wire: Any) -> None:
     client.zero()
     wire.exchange(client, T0 + 10, wire.ok, expect=wire.zero)
     client.receive(wire.sample(5), T0 + 10)
-    assert wire.events(client) == [Zeroed()]
+    assert [type(event) for event in wire.events(client)] == [Zeroed]
     assert wire.orders(client, T0 + 19) == []
     client.stop()
     client.stop()
@@ -74,7 +74,7 @@ def test_zero_before_ready_waits_for_the_filter(wire: Any) -> None:
     now = wire.establish(client, T0)
     wire.exchange(client, now, wire.ok, expect=wire.zero)
     client.receive(wire.sample(5), now)
-    assert wire.events(client) == [READY, Zeroed()]
+    assert [type(event) for event in wire.events(client)] == [type(READY), Zeroed]
 
 
 def test_a_sample_from_before_the_zero_is_not_told_behind_it(wire: Any) -> None:
@@ -85,7 +85,7 @@ def test_a_sample_from_before_the_zero_is_not_told_behind_it(wire: Any) -> None:
     client.receive(wire.sample(5), T0 + 10)
     client.receive(wire.sample(83), T0 + 10)
     zeroed, frame = wire.events(client)
-    assert zeroed == Zeroed()
+    assert zeroed.crossing.counter == 5
     assert frame.counter == 83
 
 
