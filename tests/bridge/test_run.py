@@ -108,12 +108,12 @@ def test_one_tuning_holds_over_more_than_two_decades_of_stiffness(bench: RunBenc
 
 
 def test_waiting_for_the_force_spares_a_hard_contour_the_first_blow(bench: RunBench) -> None:
-    """Seed 4 draws a hard first blow; with others the contact may fall so that waiting gains nothing."""
+    """Seed 7 draws a hard first blow; with others the contact may fall so that waiting gains nothing."""
     surface = {"kind": "sinusoidal", "amplitude_mm": 10.0, "period_mm": 200.0, "stiffness_n_m": 1e5}
     most = []
     for share in (0.0, 0.8):
         run = bench(
-            run={"duration_s": 10.0, "seed": 4},
+            run={"duration_s": 10.0, "seed": 7},
             controller={"name": "predictive"},
             task={
                 "force_n": 50.0,
@@ -299,9 +299,10 @@ def test_too_much_force_stops_retracts_and_keeps_the_cause(bench: RunBench) -> N
     assert run.texts("stop") == [run.result.cause]
     stop = next(record for record in run.cycles if record.verdict == "stop")
     assert stop.phase == "retract"
-    assert stop.correction == pytest.approx(-0.001)
+    assert -0.002 - 1e-9 <= stop.correction < 0.0
     assert run.true_force == 0.0
-    assert run.cycles[-1].depth_commanded == pytest.approx(stop.depth_commanded + 0.001 - 0.02, abs=1e-6)
+    begin = stop.depth_commanded - stop.correction
+    assert run.cycles[-1].depth_commanded == pytest.approx(begin - 0.02, abs=1e-6)
 
 
 def test_an_emergency_stop_in_mid_track_ends_the_run_with_its_name(bench: RunBench) -> None:
@@ -389,8 +390,8 @@ def test_line_floor_follows_the_profile() -> None:
 
 
 def test_a_force_that_swings_has_its_gain_lowered_and_calms_down(bench: RunBench) -> None:
-    """Seed 2 of the paper's adaptation swings for ever by itself: its pairs of force and position are not aligned."""
-    settings = {"run": {"duration_s": 40.0, "seed": 2}, "controller": {"name": "fuzzy-adaptive"}}
+    """Seed 4 of the paper's adaptation swings for ever by itself: its pairs of force and position are not aligned."""
+    settings = {"run": {"duration_s": 40.0, "seed": 4}, "controller": {"name": "fuzzy-adaptive"}}
     free = bench(**settings, limits={"oscillation_guard": False})
     guarded = bench(**settings)
     assert swing(free) > 3.0
@@ -404,7 +405,7 @@ def test_a_force_that_swings_at_the_lowest_gain_ends_the_run(bench: RunBench) ->
         run={"duration_s": 60.0},
         cell={"surface": {"stiffness_n_m": 60_000.0, "damping_ns_m": 0.0}, "sensor": LARGE_SENSOR},
         controller={"name": "pi", "parameters": {"integral": 8.0}},
-        task={"force_n": 40.0, "approach_speed_mm_s": 0.55, "zero_lift_mm": 0.0},
+        task={"force_n": 40.0, "approach_speed_mm_s": 0.55, "zero_lift_mm": 0.0, "loss_limit": 100},
         limits={"force_limit_n": 600.0, "resultant_limit_n": 600.0},
         oscillation={"factor_min": 0.5},
     )

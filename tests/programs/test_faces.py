@@ -46,7 +46,7 @@ def test_a_flat_tool_aligns_within_three_seconds(flat: Played) -> None:
     began = skews[0][0]
     assert skews[0][2] == pytest.approx(5.0, abs=0.3)
     late = [skew for at, _, skew in skews if at > began + 3.0]
-    assert len(late) > 10
+    assert len(late) >= 10
     assert max(late) < 0.5
 
 

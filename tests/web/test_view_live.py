@@ -70,7 +70,7 @@ async def test_a_browser_walks_through_a_recording(
     assert outcome.startswith("Stopped")
     length_s = float(await page.value("document.getElementById('at').max"))
     await page.value(slide(length_s / 2))
-    await page.until(f"{text('phase')} === 'approach'")
+    await page.until(f"['approach', 'track'].includes({text('phase')})")
     assert await page.value("document.getElementById('cause').hidden")
     before = await page.value(text("elapsed"))
     await page.value("document.getElementById('play').click()")
