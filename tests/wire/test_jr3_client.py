@@ -10,7 +10,7 @@ from protocol.endpoint import LocalProtocolError
 from protocol.jr3 import Phase, encode_sample
 from protocol.jr3.counts import facts_of
 from protocol.jr3.firmware import HANGS, first_order_delay
-from protocol.wrench import SensorFailed, SensorNotice, SensorReady, WrenchFrame, Zeroed
+from protocol.wrench import SensorFailed, SensorNotice, SensorReady, WrenchFrame
 
 T0 = 1000.25
 NOTICE = SensorNotice("the gateway's filter is off (cut-off 0): every sample is as noisy as the sensor")
