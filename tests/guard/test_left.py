@@ -118,3 +118,21 @@ def test_a_tool_that_comes_to_rest_behind_the_last_order_is_told_there(guarded: 
     told = run.result.rest.depth
     true = run.cycles[0].start[2] - run.cell.true_state(run.truths[-1][0]).position[2]
     assert told == pytest.approx(true, abs=2e-4)
+
+
+@pytest.mark.parametrize("after_s", [0.02, 0.1, 0.2])
+def test_a_robot_that_tells_nothing_any_more_is_waited_for(guarded: Run, after_s: float) -> None:
+    """The connection is dropped in the retraction: the robot comes to rest unseen, and the sensor tells on."""
+    dropped = {"on": "connection", "fault": "dropped", "phase": "retract", "after_s": after_s}
+    values = {
+        "robot": {"emulated": "rtde"},
+        "sensor": {"emulated": "netft"},
+        "task": {"retract_mm": 3.0},
+        "run": {"period_ms": 20, "duration_s": 1.0},
+        "controller": {"sample_ms": 20},
+        "cell": {"start_position_mm": (900.0, -100.0, 592.0)},
+        "faults": [dropped],
+    }
+    run = guarded(read_config(values))
+    assert run.result.left.startswith("NOT retracted: ")
+    assert newtons(run.result.left) == pytest.approx(run.last, abs=0.3)
