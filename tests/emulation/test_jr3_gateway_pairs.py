@@ -135,7 +135,7 @@ def test_session_from_power_up_over_the_wrap_to_the_end(pair: Pair, profile: dic
     assert told[-1].sequence > 3 * 65536
     bench.client.zero()
     events = bench.run(T0 + 42)
-    assert Zeroed() in events
+    assert sum(isinstance(event, Zeroed) for event in events) == 1
     assert samples(events)[-1].values == (0,) * 6
     bench.client.stop()
     assert bench.run(T0 + 50) == [SensorStopped()]
