@@ -204,7 +204,7 @@ class Store:
         row = self._connection.execute("SELECT value FROM facts WHERE name = ?", (name,)).fetchone()
         return str(row[0]) if row else ""
 
-    def tell(self, name: str, value: str) -> None:
+    def keep(self, name: str, value: str) -> None:
         """Keep a fact; it replaces an earlier one of this name."""
         with self._connection:
             self._connection.execute("INSERT OR REPLACE INTO facts VALUES (?, ?)", (name, value))

@@ -194,8 +194,8 @@ def hunt(file: Path, minutes: float, out: Path | None, workers: int | None, void
             raise ConfigError("no run was done: give the hunt more --minutes")
         broken = sum(is_broken(done) for done in store.runs())
         click.echo(f"{len(store.keys())} runs, {broken} of them broke a promise; the worst:")
-        store.tell("worst", worst.key)
-        store.tell("smallest", small.key)
+        store.keep("worst", worst.key)
+        store.keep("smallest", small.key)
         for done, label in ((worst, "worst"), (small, "shrunk")):
             if label == "worst" or done.key != worst.key:
                 tell(f"  {line}" for line in describe_run(plan, done, label))

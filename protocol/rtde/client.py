@@ -361,7 +361,7 @@ class RtdeClient:
         else:
             pose = Pose((math.nan,) * 3, (1.0, 0.0, 0.0, 0.0))
         if wrong := pose_fault(pose):
-            fault = f"it reports {wrong}"
+            fault = f"{fault}; it reports {wrong}" if fault else f"it reports {wrong}"
         elif not (active or fault):
             fault = _misplaced(values)
         a, b, c = force = values[_FORCE]

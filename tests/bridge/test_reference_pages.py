@@ -9,6 +9,8 @@ from hil_bridge.settings.template import commented_defaults, setting_rows
 PACKAGE = Path(__file__).resolve().parents[2] / "hil_bridge"
 OTHERS = ("robots", "sensors", "analysis")
 """Rooms whose kinds of events are their own, or that record none."""
+TOLD_BY = ("notice", "_event", "_on_notice", "on_notice", "tell")
+"""Names of functions whose first argument is a kind."""
 
 
 def kinds_in(text: str) -> set[str]:
@@ -17,7 +19,7 @@ def kinds_in(text: str) -> set[str]:
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Call):
             name = node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
-            place = {"EventRecord": 1, "notice": 0, "_event": 0, "_on_notice": 0, "on_notice": 0}.get(name)
+            place = {"EventRecord": 1, **dict.fromkeys(TOLD_BY, 0)}.get(name)
             if place is not None and len(node.args) > place and isinstance(node.args[place], ast.Constant):
                 found.add(str(node.args[place].value))  # type: ignore[attr-defined]
     return found

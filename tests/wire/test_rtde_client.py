@@ -41,12 +41,18 @@ LINES = {
 NO_DASHBOARD = ClientProfile(dashboard_port=0)
 
 
-def data(stamp: float, state: int = 1, runtime: int = Runtime.PLAYING, **more: float) -> bytes:
+def data(
+    stamp: float,
+    state: int = 1,
+    runtime: int = Runtime.PLAYING,
+    pose: tuple[float, ...] = SIX,
+    **more: float,
+) -> bytes:
     """A data packet of a controller that is ready."""
     values = {"mode": 7, "safety": int(SafetyBits.NORMAL), "scaling": 1.0, "taken": FIRST, **more}
     return OUT.pack(
         stamp,
-        *SIX,
+        *pose,
         *(0.0,) * 12,
         *SIX,
         runtime,
@@ -289,6 +295,13 @@ def test_what_forbids_to_move_is_told_with_a_remedy(values: dict[str, float], wo
     talk.hear(data(100.004, **values))  # type: ignore[arg-type]
     assert words in talk.reports[-1]
     assert bool(words) == bool(talk.reports[-1])
+
+
+def test_a_pose_that_is_no_number_does_not_hide_an_emergency_stop() -> None:
+    talk = streaming()
+    talk.hear(data(100.004, safety=0x4C0, pose=(math.nan,) * 6))
+    assert "emergency stop" in talk.reports[-1]
+    assert "; it reports " in talk.reports[-1]
 
 
 def test_a_text_of_the_controller_is_handed_on() -> None:
