@@ -3,6 +3,7 @@
 import json
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from hil_bridge.recording.device_facts import devices_of
 from hil_bridge.runs.checks import problems
 from hil_bridge.runs.pace import control_loop, paced
 from hil_bridge.settings.configuration import Config, load_config, read_config
-from hil_bridge.settings.kinds import settings_of
+from hil_bridge.settings.kinds import facts_of, settings_of
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 TOYS = {"toy-robot": "toy_robot", "toy-sensor": "toy_sensor", "toy-surface": "toy_surface"}
@@ -183,6 +184,13 @@ def test_no_decision_is_taken_without_a_new_force(sensor: str, period_ms: float)
     config = paced(read_config({"robot": {"emulated": "egm"}, "sensor": {"emulated": sensor}}))
     assert config.run.period_ms == period_ms
     control_loop(config)
+
+
+def test_a_robot_that_tells_no_cycle_time_needs_a_period() -> None:
+    config = read_config({"robot": {"emulated": "egm"}})
+    robot = replace(facts_of(config), cycle_s=None, line_floor_s=None)
+    with pytest.raises(ConfigError, match=r"tells no cycle time of its own: set run\.period_ms"):
+        control_loop(config, robot)
 
 
 @pytest.mark.usefixtures("toys")
