@@ -78,7 +78,7 @@ def map_buffers() -> None:
     """Let the buffers of chunks go back to the system one by one, where the C library can be told to (glibc).
 
     By itself it raises the threshold to the largest one freed, after which chunks of changing sizes leave holes in the
-    heap between what stays. Reference: mallopt(3).
+    heap between what stays. Reference: mallopt(3). It holds for the whole process, so it is for a program of our own.
     """
     if (mallopt := getattr(ctypes.CDLL(None), "mallopt", None)) is not None:
         mallopt(_M_MMAP_THRESHOLD, MAPPED_FROM)
@@ -124,7 +124,6 @@ class Recorder:
         self._chunk_began: float | None = None
         self._newest = 0.0
         self._closed = False
-        map_buffers()
         self._file: BinaryIO = open_record(path, overwrite)
         self._writer = Writer(self._file, chunk_size=chunks.size, compression=CompressionType.ZSTD)
         self._flush: Callable[[], None] = self._writer.flush

@@ -38,6 +38,7 @@ from hil_bridge.recording import (
     StepRecord,
 )
 from hil_bridge.recording.ending import ASKED_BY_KEY, ASKED_BY_PAGE
+from hil_bridge.recording.recorder import map_buffers
 from hil_bridge.runs.checks import check
 from hil_bridge.runs.closing import ended_after, ended_before
 from hil_bridge.runs.cycle import Run, RunResult
@@ -269,6 +270,7 @@ class _Session:
         """Open everything, run, close everything; the record is whole whatever happened."""
         clock = self._clock = Clock.running()
         config = self._config
+        map_buffers()
         self._recorder = Recorder(
             self._record_path,
             clock.wall_ns,

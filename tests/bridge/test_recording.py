@@ -341,6 +341,8 @@ def test_the_c_library_is_asked_for_buffers_with_pages_of_their_own(
     library = SimpleNamespace(mallopt=lambda *wish: asked.append(wish))
     monkeypatch.setattr(recorder_module.ctypes, "CDLL", lambda name: library)
     write(tmp_path / "run.mcap", stream(1.0))
+    assert asked == [], "a recording in a user's program sets nothing for the process"
+    recorder_module.map_buffers()
     assert asked == [(-3, 131_072)]  # M_MMAP_THRESHOLD of glibc
 
 
@@ -348,6 +350,7 @@ def test_a_c_library_without_the_setting_records_all_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(recorder_module.ctypes, "CDLL", lambda name: object())
+    recorder_module.map_buffers()
     assert read(write(tmp_path / "run.mcap", stream(1.0))).cycles
 
 

@@ -21,6 +21,7 @@ import numpy as np
 
 from hil_bridge.clock import VIRTUAL_WALL_NS, Clock, run_virtual
 from hil_bridge.recording import VIRTUAL_CHUNKS, Recorder, SensorRecord
+from hil_bridge.recording.recorder import map_buffers
 from hil_bridge.settings.configuration import Config
 from tools.bench.cells import CellRun
 from tools.bench.figures import Figure, Report, Target
@@ -71,6 +72,7 @@ async def track(record: Path, minutes: int, look: Callable[[], object]) -> dict[
     duration_s = (minutes + 1) * MINUTE_S
     config = Config.model_validate({"run": {"duration_s": duration_s}, "task": {"speed_mm_s": SPEED_MM_S}})
     clock = Clock.running()
+    map_buffers()
     recorder = Recorder(record, clock.wall_ns, threaded=False, metadata={}, chunks=VIRTUAL_CHUNKS)
     run = CellRun(
         config,
