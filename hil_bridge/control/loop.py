@@ -11,12 +11,14 @@ from msgspec.structs import replace
 from hil_bridge.control.course.answers import calmed, held_back
 from hil_bridge.control.course.contour import Contour, ContourState, normal_force
 from hil_bridge.control.course.following import Following, Trail
+from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.oscillation import Advice, OscillationDetector, OscillationState
 from hil_bridge.control.course.supervisor import Supervisor
 from hil_bridge.control.course.task import Phase, Target, Task, TaskOutput, TaskState
 from hil_bridge.control.course.touch import Doubt
 from hil_bridge.control.course.verdict import (
     LEAVES,
+    Allow,
     Cause,
     Clamp,
     Observation,
@@ -103,6 +105,7 @@ class ControlLoop:
         x, y, z = x - a, y - b, z - c
         (a, b, c), (u, v, w) = self.approach, self.travel
         depth = x * a + y * b + z * c
+        program = self.task if isinstance(self.task, Program) else None
         measurement = Measurement(
             sample.sensor_at,
             sample.force,
@@ -113,15 +116,15 @@ class ControlLoop:
             x * u + y * v + z * w,
             saturated=sample.saturated,
             dt=self.since(state.seen_at, sample.now),
-            against=0.0 if isinstance(self.task, Program) else sample.force_travel,
+            against=0.0 if program else sample.force_travel,
         )
         contour, before, felt = _NO_CONTOUR, state.task, None
         before = before if sample.doubt == before.doubt else replace(before, doubt=Doubt(sample.doubt))
-        if isinstance(self.task, Program):
-            before, measurement, felt = self.task.sense(
+        if program:
+            before, measurement, felt = program.sense(
                 before, measurement, self._felt(state, sample, measurement)
             )
-        else:
+        elif self.contour is not None:
             contour, measurement = self._face(state, measurement, sample)
         if sample.held:
             measurement = replace(measurement, advance=0.0)
@@ -161,12 +164,12 @@ class ControlLoop:
             text = f"the force goes on swinging by ±{advice.amplitude:.1f} N at the lowest gain"
             supervisor, verdict = guard.stop(state.supervisor, Cause.OSCILLATION, text)
         else:
-            request = self._request(state, output, self._barrier(proposal))
+            request = self._request(state, output, self._barrier(proposal, guard.limits))
             supervisor, verdict = guard.step(state.supervisor, seen, request)
             strayed = "" if follows is None else follows.fault(state.trail, seen, guard.limits)
             if strayed and not isinstance(verdict, Stop):
                 supervisor, verdict = guard.stop(state.supervisor, Cause.POSE, strayed)
-        cause = _cause(state, output, verdict)
+        cause = "" if type(verdict) is Allow else _cause(state, output, verdict)
         way: Verdict = verdict
         if cause and output.phase is not _RETRACT:
             # From the state before this sample: the controller's answer to it no longer matters.
@@ -179,15 +182,15 @@ class ControlLoop:
             reasons = verdict.reasons if isinstance(verdict, Clamp) else ()
             way = verdict = Clamp(verdict.depth, verdict.position, (*reasons, lowered))
         before = state.supervisor
-        stands = isinstance(way, Stop)
+        stands, held = isinstance(way, Stop), False
         depth, position = (
             (before.depth, before.position) if isinstance(way, Stop) else (way.depth, way.position)
         )
-        # Held back at the border of the workspace, a retraction has come as far as it can.
-        waits = isinstance(way, Clamp) and way.goes_on
-        held = output.phase is _RETRACT and output.target.depth < before.depth <= depth and not waits
-        if held and not output.cause:  # of a program, which has more to do
-            output = replace(output, cause=held_back(verdict, seen), failed=True)
+        if output.phase is _RETRACT and output.target.depth < before.depth <= depth:
+            # Held back at the border of the workspace, a retraction has come as far as it can.
+            held = not (isinstance(way, Clamp) and way.goes_on)
+            if held and not output.cause:  # of a program, which has more to do
+                output = replace(output, cause=held_back(verdict, seen), failed=True)
         trail: Trail = ()
         if follows is not None:
             trail = follows.after(state.trail, (proposal.depth, depth), sample.now, sample.position_at)
@@ -214,12 +217,12 @@ class ControlLoop:
         guard = self.supervisor
         return Supervisor(self.task.row.legs[output.leg].limits, guard.speed, guard.witness)
 
-    def _barrier(self, proposal: Proposal) -> float:
+    def _barrier(self, proposal: Proposal, limits: Limits) -> float:
         """Depth, m, at which the force limit less its margin is predicted. The prediction takes the stiffness in hand,
         the reported position and the force that belongs to it. What the robot has yet to do of its orders lies before
         it.
         """
-        limits, measurement = self._guard(proposal.output).limits, proposal.measurement
+        measurement = proposal.measurement
         command = proposal.output.command
         stiffness = self.task.parameters.expected_stiffness_n_m
         if command is not None and command.stiffness is not None:
@@ -269,11 +272,12 @@ class ControlLoop:
         try:
             task, output = self._stepped(state, measurement, felt)
             command = output.command
-            if command is None or (
-                # false for what is no number; a sum with what is huge would lose where the tool is
-                abs(command.position - measurement.commanded) <= farthest_answer(self.supervisor.limits)
-                and math.isfinite(command.correction)
-            ):
+            if command is None:
+                return task, output, None
+            # neither holds for what is no number; a sum with what is huge would lose where the tool is
+            limits, way = self.supervisor.limits, abs(command.position - measurement.commanded)
+            meant = way <= limits.correction_total_mm * 1e-3 or way <= farthest_answer(limits)
+            if meant and math.isfinite(command.correction):
                 return task, output, None
             failed = failed_to_answer(self.task.controller, command)
         except RAISED as error:

@@ -96,27 +96,35 @@ class Gate:
         depth, limit = a * (x - u) + b * (y - v) + c * (z - w), min(bounds.deepest, deepest)
         if depth > limit + slack:
             return _beyond((depth - limit) * 1e3, "mm deeper than the deepest that may be ordered")
-        outside = max(lowest_x - x, x - highest_x, lowest_y - y, y - highest_y, lowest_z - z, z - highest_z)
-        if outside > slack:
-            return _beyond(outside * 1e3, "mm outside the workspace")
+        if not (lowest_x <= x <= highest_x and lowest_y <= y <= highest_y and lowest_z <= z <= highest_z):
+            outside = max(
+                lowest_x - x, x - highest_x, lowest_y - y, y - highest_y, lowest_z - z, z - highest_z
+            )
+            if outside > slack:
+                return _beyond(outside * 1e3, "mm outside the workspace")
         if turned and bounds.tilt < math.pi:
             over = _tilt(bounds.start.quaternion, pose.quaternion) - bounds.tilt
             if over > TURN_SLACK_RAD:
                 return _beyond(math.degrees(over), "° tilted more than may be ordered")
 
-        passed, along = max(now - self._at, 0.0), a * (x - i) + b * (y - j) + c * (z - k)
-        aside = (x - i) ** 2 + (y - j) ** 2 + (z - k) ** 2 - along * along
-        deeper = max(self._deeper - bounds.deeper * passed, 0.0) + max(along, 0.0)
-        if deeper > bounds.deeper * time + slack:
-            over = deeper - bounds.deeper * time - slack
+        x, y, z = x - i, y - j, z - k
+        passed, along = now - self._at, a * x + b * y + c * z
+        aside = x * x + y * y + z * z - along * along
+        deeper, across, away = self._deeper, self._across, self._away
+        if passed > 0.0:
+            deeper, across, away = (
+                deeper - bounds.deeper * passed,
+                across - bounds.across * passed,
+                away - bounds.away * passed,
+            )
+        deeper = (deeper if deeper > 0.0 else 0.0) + (along if along > 0.0 else 0.0)
+        if (over := deeper - bounds.deeper * time - slack) > 0.0:
             return _beyond(over * 1e3, "mm into the surface faster than may be ordered")
-        across = max(self._across - bounds.across * passed, 0.0) + math.sqrt(max(aside, 0.0))
-        if across > bounds.across * time + slack:
-            over = across - bounds.across * time - slack
+        across = (across if across > 0.0 else 0.0) + (math.sqrt(aside) if aside > 0.0 else 0.0)
+        if (over := across - bounds.across * time - slack) > 0.0:
             return _beyond(over * 1e3, "mm across the approach faster than may be ordered")
-        away = max(self._away - bounds.away * passed, 0.0) + max(-along, 0.0)
-        if away > bounds.away * time + slack:
-            over = away - bounds.away * time - slack
+        away = (away if away > 0.0 else 0.0) - (along if along < 0.0 else 0.0)
+        if (over := away - bounds.away * time - slack) > 0.0:
             return _beyond(over * 1e3, "mm off the surface faster than may be ordered")
         if turned:
             turn = turn_between(last.quaternion, pose.quaternion)

@@ -34,33 +34,37 @@ class Following:
         `depths` are the reported and the ordered one, m: a trail begins with the place that the robot comes from.
         """
         reported, depth = depths
-        trail = self._kept(trail or self._begun(now, reported), now if at is None else at)
+        trail = trail or self._begun(now, reported)
+        passed = (now if at is None else at) - self.within_s
+        if len(trail) > 1 and trail[1][0] <= passed:
+            trail = self._kept(trail, passed)
         began, low, high = trail[-1]
-        if now - began < self.within_s / PARTS:
-            return (
-                trail if low <= depth <= high else (*trail[:-1], (began, min(low, depth), max(high, depth)))
-            )
-        return (*trail, (now, depth, depth))
+        if now - began >= self.within_s / PARTS:
+            return (*trail, (now, depth, depth))
+        if low <= depth <= high:
+            return trail
+        return (*trail[:-1], (began, min(low, depth), max(high, depth)))
 
     def _begun(self, now: float, reported: float) -> Trail:
         return ((now, min(reported, 0.0), max(reported, 0.0)),)
 
-    def _kept(self, trail: Trail, at: float) -> Trail:
+    def _kept(self, trail: Trail, passed: float) -> Trail:
+        """The trail from the part on that this moment, s, lies in."""
         first = 0
-        while first + 1 < len(trail) and trail[first + 1][0] <= at - self.within_s:
+        while first + 1 < len(trail) and trail[first + 1][0] <= passed:
             first += 1
-        return trail[first:] if first else trail
+        return trail[first:]
 
     def fault(self, trail: Trail, seen: Observation, limits: Limits) -> str:
         """Why a robot at the reported depth does not follow, in words; empty while it may."""
         depth = seen.depth
         if not trail or seen.position is None:
             return ""
-        _, lowest, deepest = trail[0]
-        for _, low, high in trail:  # written out: this runs in every cycle
-            lowest = low if low < lowest else lowest
-            deepest = high if high > deepest else deepest
         allowed = limits.path_error_mm * 1e-3 + self.step_m
+        _, lowest, deepest = trail[-1]
+        if lowest - allowed <= depth <= deepest + allowed:  # in the newest part, as in nearly every cycle
+            return ""
+        lowest, deepest = min(part[1] for part in trail), max(part[2] for part in trail)
         if lowest - allowed <= depth <= deepest + allowed:
             return ""
         outside, side = max((lowest - depth, "behind"), (depth - deepest, "ahead of"))

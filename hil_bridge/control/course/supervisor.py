@@ -194,8 +194,11 @@ class Supervisor:
         if seen.peak_moment > limits.moment_limit_nm:
             text = f"moment {seen.peak_moment:.2f} N·m is beyond {limits.moment_limit_nm:g} N·m"
             return Stop(Cause.MOMENT, text)
-        wall = beyond_friction(seen.against, seen.force, limits.friction_share)
-        if wall > limits.against_travel_n:
+        most = limits.against_travel_n
+        if (
+            seen.against > most
+            and (wall := beyond_friction(seen.against, seen.force, limits.friction_share)) > most
+        ):
             text = (
                 f"a force of {seen.against:.1f} N against the travel is {wall:.1f} N more than friction, allowed are "
                 f"{limits.against_travel_n:g} N: something stands in the way"
