@@ -120,9 +120,12 @@ class _FollowedServo:
             part = mechanics.travel / distance
             x, y, z = (p + (q - p) * part for p, q in zip(self.at, goal.position, strict=True))
             self.at = x, y, z
-        angle = angle_between(self.turned, goal.quaternion)
-        near = angle <= mechanics.turn
-        self.turned = goal.quaternion if near else slerp(self.turned, goal.quaternion, mechanics.turn / angle)
+        if self.turned != goal.quaternion:
+            angle = angle_between(self.turned, goal.quaternion)
+            near = angle <= mechanics.turn
+            self.turned = (
+                goal.quaternion if near else slerp(self.turned, goal.quaternion, mechanics.turn / angle)
+            )
 
     def _carry(self) -> None:
         """The three axes over one tick to their new set points."""

@@ -167,9 +167,8 @@ class History(Generic[S]):
         """Where the tool is at `now`: as `trajectory` and `orientations` of this time alone."""
         tick, since = self._tick_at(now)
         row = tick % self._size
-        basis = np.ones((3, 1))
-        basis[1], basis[2] = self._loop.response(np.array([since]))
-        x, y, z, *_ = (self._factors[row] @ basis)[:, 0].tolist()
+        # numpy's exponential and product, as of arrays: those of `math` differ in the last digit
+        x, y, z = (self._factors[row, :3] @ np.array((1.0, *self._loop.response(since)))).tolist()
         return Pose((x, y, z), self._servos[row].turned)
 
     def trajectory(self, times: Floats) -> tuple[Floats, Floats]:

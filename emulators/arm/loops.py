@@ -13,7 +13,7 @@ band.
 
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar, TypeAlias
+from typing import Any, ClassVar, TypeAlias, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,8 +82,14 @@ class PositionLoop:
         self._frequency = natural_frequency
         self._damping_ratio = damping_ratio
 
-    def response(self, tau: Floats) -> tuple[Floats, Floats]:
-        """a and b of the class docstring at times `tau` (n,) in s."""
+    @overload
+    def response(self, tau: float) -> tuple[float, float]: ...
+
+    @overload
+    def response(self, tau: Floats) -> tuple[Floats, Floats]: ...
+
+    def response(self, tau: Floats | float) -> tuple[Floats | float, Floats | float]:
+        """a and b of the class docstring at times `tau` in s, (n,) or one."""
         decay_rate = self.drag / 2.0
         split = self._frequency * math.sqrt(abs(1.0 - self._damping_ratio**2))
         if split == 0.0:
@@ -102,7 +108,7 @@ class PositionLoop:
 
     def over(self, period: float) -> tuple[float, float, float, float]:
         """Factors of e0 and v0 in e, then in v, after `period`, s."""
-        a, b = (float(part[0]) for part in self.response(np.array([period])))
+        a, b = map(float, self.response(period))
         return a, b, -self.stiffness * b, a - self.drag * b
 
     def factors(

@@ -8,6 +8,7 @@ the stream stays. What is no request changes nothing, wherever it comes from.
 import math
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Self
 
 import numpy as np
@@ -37,6 +38,13 @@ from protocol.netft.records import (
 _COUNT_END = 2**31 - 1
 _MOST_AT_ONCE = 64
 """Chosen: records sent before others have their turn. After a pause of the computer they would overrun a reader."""
+
+
+@lru_cache(maxsize=64)
+def _powers(share: float, count: int) -> Floats:
+    """What is left in a filter of each of so many samples, oldest first; `share` is left from one to the next."""
+    powers: Floats = share ** np.arange(count - 1, -1, -1)
+    return powers
 
 
 @dataclass(slots=True)
@@ -219,7 +227,7 @@ class NetBox:
     def counts(self) -> tuple[int, ...]:
         """The counts that it told last, or would."""
         state = np.zeros(6) if self._state is None else self._state
-        return tuple(round(value) for value in (state - self.bias).tolist())
+        return tuple(self._told(state))
 
     def status(self, number: int, now: float) -> int:
         """The status word with the sample of this number."""
@@ -230,6 +238,8 @@ class NetBox:
             status |= SATURATED | SUMMARY
         if self._latched:
             status |= MONITOR | (SUMMARY if self.profile.family == "netbox" else 0)
+        if not self._faults.any:  # as in nearly every record
+            return status
         if (fault := self._faults.under_way("status", now)) is not None:
             status |= SUMMARY | 1 << int(fault.number("bit"))
         return status
@@ -247,8 +257,7 @@ class NetBox:
         else:
             ft = self._frozen_ft = ft if self._frozen_ft is None else self._frozen_ft
         stream.sent += 1
-        pairs = zip(state.tolist(), self.bias.tolist(), strict=True)
-        counts = [max(-_COUNT_END, min(_COUNT_END, round(count - zero))) for count, zero in pairs]
+        counts = self._told(state)
         stream.buffer.append(RECORD.pack(stream.sent % WRAP, ft, self.status(number, now), *counts))
         over = stream.remaining == stream.sent
         if over or len(stream.buffer) >= stream.at_once:
@@ -256,6 +265,13 @@ class NetBox:
             stream.buffer.clear()
         if over:
             self._stop(now)
+
+    def _told(self, state: Floats) -> list[int]:
+        """An output of the filter as the counts of a record: less the bias, within the ends of a word."""
+        counts = [round(count) for count in (state - self.bias).tolist()]
+        if max(counts) > _COUNT_END or min(counts) < -_COUNT_END:
+            counts = [max(-_COUNT_END, min(_COUNT_END, count)) for count in counts]
+        return counts
 
     def _filter(self, number: int) -> Floats:
         """Let the filter see every sample up to this number; its output."""
@@ -266,10 +282,13 @@ class NetBox:
         outputs = self._measured.outputs(first, number)
         if (at_end := self._measured.last_at_end(first, number)) is not None:
             self._saturated_until = at_end + self.profile.saturation_hold_samples
-        state: Floats = outputs[-1].copy()
+        state: Floats
         if weight != 1.0 and self._state is not None:
-            powers = (1.0 - weight) ** np.arange(len(outputs) - 1, -1, -1)
-            state = (1.0 - weight) ** len(outputs) * self._state + weight * (powers @ outputs)
+            state = (1.0 - weight) ** len(outputs) * self._state + weight * (
+                _powers(1.0 - weight, len(outputs)) @ outputs
+            )
+        else:
+            state = outputs[-1].copy()
         self._read, self._state = number, state
         return state
 
