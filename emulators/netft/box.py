@@ -43,8 +43,7 @@ _MOST_AT_ONCE = 64
 @lru_cache(maxsize=64)
 def _powers(share: float, count: int) -> Floats:
     """What is left in a filter of each of so many samples, oldest first; `share` is left from one to the next."""
-    powers: Floats = share ** np.arange(count - 1, -1, -1)
-    return powers
+    return np.asarray(share ** np.arange(count - 1, -1, -1), np.float64)
 
 
 @dataclass(slots=True)

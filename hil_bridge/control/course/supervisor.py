@@ -212,7 +212,7 @@ class Supervisor:
                 "a surface does not pull, so the sensor or its zero is wrong, or the tool hangs on to something"
             )
             return Stop(Cause.PULL, text)
-        if not self._fresh(seen):
+        if not 0.0 <= (seen.now - seen.sensor_at) * 1e3 <= limits.stale_after_ms:  # as `_fresh`
             age_ms = (seen.now - seen.sensor_at) * 1e3
             digits = 0 if age_ms - limits.stale_after_ms >= 1.0 else 2
             text = f"the newest force is {age_ms:.{digits}f} ms old, allowed are {limits.stale_after_ms:g} ms"
@@ -267,7 +267,7 @@ class Supervisor:
                 f"allowed are {limits.following_error_mm:g} mm"
             )
         tilt_deg = math.degrees(seen.tilt)
-        if tilt_deg > limits.tilt_deg + math.degrees(state.lag):
+        if tilt_deg > limits.tilt_deg and tilt_deg > limits.tilt_deg + math.degrees(state.lag):
             where = "start" if state.quaternion is None else "ordered orientation"
             return (
                 f"the robot reports a tool turned by {tilt_deg:.1f}° from the {where}, "
@@ -312,9 +312,11 @@ def _clamp(limits: Limits, state: SupervisorState, request: Request, dt: float) 
     (bx, by, bz), (nx, ny, nz) = state.position, request.direction
 
     deepest_now = state.depth + limits.correction_mm_s * 1e-3 * dt
-    deepest_total = max(limits.correction_total_mm * 1e-3, state.depth)
-    deepest = min(deepest_now, deepest_total, request.barrier)
-    if depth > deepest:
+    deepest_total = limits.correction_total_mm * 1e-3
+    if state.depth > deepest_total:
+        deepest_total = state.depth
+    if depth > deepest_now or depth > deepest_total or depth > request.barrier:
+        deepest = min(deepest_now, deepest_total, request.barrier)
         if deepest == request.barrier:
             reasons.append("deeper than where the force limit is predicted")
         elif deepest_now < deepest_total:

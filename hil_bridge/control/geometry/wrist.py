@@ -103,8 +103,11 @@ class WristAtOrientation:
         fx, fy, fz, mx, my, mz = measured
         _, _, _, (a, b, c, d, e, f), (g, h, i, j, k, m), (n, o, p, q, r, s) = self.matrix
         _, _, _, x, y, z = self.offset
+        u, v, w = self.contact_force(measured)
         return (
-            *self.contact_force(measured),
+            u,
+            v,
+            w,
             a * fx + b * fy + c * fz + d * mx + e * my + f * mz + x,
             g * fx + h * fy + i * fz + j * mx + k * my + m * mz + y,
             n * fx + o * fy + p * fz + q * mx + r * my + s * mz + z,
