@@ -1,7 +1,8 @@
 """Heights of a surface, read from a text file of a person."""
 
 import math
-from pathlib import Path
+import os
+import stat
 
 import numpy as np
 
@@ -45,7 +46,11 @@ def read_height_map(name: str) -> Floats:
 
 def _text(name: str) -> str:
     try:
-        with Path(name).open("rb") as file:
+        # a pipe without a writer must not keep us waiting
+        with os.fdopen(os.open(name, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
+            mode = os.fstat(file.fileno()).st_mode
+            if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):  # the system has its own words for a folder
+                raise ValueError("a pipe or a device; name an ordinary file")
             data = file.read(FILE_LIMIT_BYTES + 1)
         if len(data) > FILE_LIMIT_BYTES:
             raise ValueError(f"longer than {FILE_LIMIT_BYTES} bytes")
@@ -54,7 +59,7 @@ def _text(name: str) -> str:
         raise ValueError(f"height_map_file: cannot read {name}: {error.strerror or error}") from error
     except UnicodeDecodeError as error:
         raise ValueError(f"height_map_file {name} is no text in UTF-8") from error
-    except ValueError as error:  # too long, or a NUL in the name
+    except ValueError as error:  # too long, no ordinary file, or a NUL in the name
         raise ValueError(f"height_map_file: cannot read {name!r}: {error}") from error
 
 

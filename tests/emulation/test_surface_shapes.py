@@ -1,6 +1,7 @@
 """Surfaces curved in two directions, and heights from a file."""
 
 import math
+import os
 from pathlib import Path
 
 import numpy as np
@@ -81,7 +82,15 @@ def test_a_file_that_is_no_grid_is_refused_in_one_line(tmp_path: Path, text: str
 def test_a_file_that_cannot_be_read_is_refused_in_one_line(tmp_path: Path) -> None:
     binary = tmp_path / "binary"
     binary.write_bytes(b"\xff\xfe\x00")
-    for name, says in (("missing.txt", "No such file"), ("", "Is a directory"), ("binary", "no text")):
+    os.mkfifo(tmp_path / "pipe")
+    found = (
+        ("missing.txt", "No such file"),
+        ("", "Is a directory"),
+        ("binary", "no text"),
+        ("pipe", "a pipe or a device"),
+        ("/dev/zero", "a pipe or a device"),
+    )
+    for name, says in found:
         with pytest.raises(ValueError, match=says) as caught:
             read_height_map(str(tmp_path / name))
         assert "\n" not in str(caught.value)
