@@ -220,8 +220,8 @@ async def emulated_cell(
                 robot, await emulation.serve(robot_url, cell.robot, settings_of(config, robot), serving)
             )
             if ports.panel is not None and emulation.panel is not None:
-                kick = serving.pumps[0].kick
-                panel_at = await stack.enter_async_context(emulation.panel(cell, ports.panel, clock, kick))
+                panel = emulation.panel(cell, ports.panel, clock, serving.wake)
+                panel_at = await stack.enter_async_context(panel)
         if ports.sensor is not None:
             serve = _emulation(sensor).serve
             wire_at = await serve(sensor_url, cell.sensor, settings_of(config, sensor), serving)

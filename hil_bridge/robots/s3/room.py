@@ -96,7 +96,7 @@ def usual(settings: KindSettings, virtual: bool) -> str:
 
 @asynccontextmanager
 async def panel(cell: Any, url: str, clock: Clock, kick: Callable[[], None]) -> AsyncIterator[str]:
-    """The controller's panel on a listening URL; where it is asked. `kick` wakes the controller."""
+    """The controller's panel on a listening URL; where it is asked. `kick` wakes the cell's devices."""
     board = Panel(cell.robot, cell.ledger, cell.ledger.table)
 
     def perform(request: Mapping[str, Any]) -> Mapping[str, Any]:
