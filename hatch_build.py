@@ -1,4 +1,4 @@
-"""Build step: puts uPlot, which draws the charts of every page, beside `hil_bridge/pages`.
+"""Build step: puts uPlot, which draws the charts of every page, beside `hil_bridge/show/pages`.
 
 uPlot is not kept in this repository. The package uplot-python carries its released script and style sheet, so that pip
 alone can build this project. Nothing else of that package is taken: no module of it is imported or copied.
@@ -36,7 +36,7 @@ class UPlot(BuildHookInterface):  # type: ignore[type-arg]
                 self._copy(name)
 
     def _vendor(self) -> Path:
-        return Path(self.root) / "hil_bridge" / "pages" / "vendor"
+        return Path(self.root) / "hil_bridge" / "show" / "pages" / "vendor"
 
     def _there(self, name: str) -> bool:
         path = self._vendor() / name

@@ -3,10 +3,10 @@
 from collections.abc import Mapping
 
 from emulators.cell import OWN_FAULTS
+from emulators.devices.jr3.faults import FRAMES_FAULTS, JR3_FAULTS, PLUG_FAULTS, SECOND
+from emulators.devices.s3.faults import S3_FAULTS
 from emulators.faults import Fault
 from emulators.faults.bus import BUS_FAULTS
-from emulators.jr3.faults import FRAMES_FAULTS, JR3_FAULTS, PLUG_FAULTS, SECOND
-from emulators.s3.faults import S3_FAULTS
 
 CELL_FAULTS: Mapping[str, Mapping[str, Fault]] = {
     **S3_FAULTS,

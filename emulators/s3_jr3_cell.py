@@ -6,7 +6,7 @@ from typing import Literal, NamedTuple, TypeAlias
 
 from emulators.cell import Cell, CellProfile, Parts
 from emulators.cell_faults import CELL_FAULTS
-from emulators.jr3 import (
+from emulators.devices.jr3 import (
     Board,
     Gateway,
     Jr3Profiles,
@@ -15,7 +15,7 @@ from emulators.jr3 import (
     make_gateway,
     make_uart,
 )
-from emulators.s3 import EMPTY_SITE, S3Controller, S3Profiles, S3Site, make_robot
+from emulators.devices.s3 import EMPTY_SITE, S3Controller, S3Profiles, S3Site, make_robot
 from emulators.seams import WrenchSource
 
 Jr3Receiver: TypeAlias = Gateway | UartGateway | Board

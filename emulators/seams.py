@@ -144,7 +144,7 @@ class EmulatedSensor(Protocol):
     @property
     def endpoint(self) -> Any:
         """The end of its wire that its room serves: an `Endpoint` of bytes, datagrams or CAN frames that tells no
-        events. For a device of registers it is `protocol.jr3.board.Registers`.
+        events. For a device of registers it is `protocol.devices.jr3.board.Registers`.
         """
 
     @property

@@ -34,8 +34,8 @@ from hil_bridge.errors import (
     TransportError,
     TransportUnavailable,
 )
-from hil_bridge.recording import CycleRecord, Outcome, Recording
-from hil_bridge.recording import read as _read
+from hil_bridge.record import CycleRecord, Outcome, Recording
+from hil_bridge.record import read as _read
 from hil_bridge.runs.simulation import OpenDevices, Result, Simulation, opened_devices, opened_simulation
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.given import config_of

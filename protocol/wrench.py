@@ -1,7 +1,7 @@
 """A force/torque sensor as the bridge sees it: the seam that the client of every make keeps.
 
 A client is an `Endpoint`: it takes what came over the wire and gives what is to be sent, and is told the time. It opens
-no port, reads no clock and waits for nothing. `hil_bridge.sensors.stream.ForceSensor` drives it. What it tells:
+no port, reads no clock and waits for nothing. `hil_bridge.devices.sensors.stream.ForceSensor` drives it. What it tells:
 
 | event | when |
 | --- | --- |

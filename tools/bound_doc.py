@@ -17,8 +17,8 @@ from typing import Any
 
 import hil_bridge
 from hil_bridge.control.types import SAMPLE_MS, Command, Measurement
-from hil_bridge.guard.force_bound import force_bound_n
-from hil_bridge.recording.device_facts import devices_of
+from hil_bridge.record.device_facts import devices_of
+from hil_bridge.runs.force_bound import force_bound_n
 from hil_bridge.settings.configuration import read_config
 from tools.pages import parser, placed, table, write
 

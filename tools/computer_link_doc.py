@@ -8,10 +8,8 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from protocol.fields import Field, Layout
-from protocol.marks import settings
-from protocol.s3.adlp import HEADER_SIZE, Control, LinkProfile, check_character, encode_block
-from protocol.s3.arap import (
+from protocol.devices.s3.adlp import HEADER_SIZE, Control, LinkProfile, check_character, encode_block
+from protocol.devices.s3.arap import (
     CONTROL_TEXTS,
     HEADER,
     KNOWN_ORDERS,
@@ -33,6 +31,8 @@ from protocol.s3.arap import (
     suffix_text,
     write_mode,
 )
+from protocol.fields import Field, Layout
+from protocol.marks import settings
 from tools.pages import parser, placed, table, write
 
 DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "reference" / "computer-link.md"

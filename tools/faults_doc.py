@@ -17,9 +17,9 @@ from typing import Any, NamedTuple
 from emulators.cell import OWN_FAULTS
 from emulators.cell_faults import others_with
 from emulators.faults import FOREVER, Fault
+from hil_bridge.devices.kinds import ROBOTS, SENSORS
 from hil_bridge.errors import BridgeError
-from hil_bridge.experiments.emulated_run import run_emulated
-from hil_bridge.kinds import ROBOTS, SENSORS
+from hil_bridge.lab.experiments.emulated_run import run_emulated
 from hil_bridge.runs.session import EXIT_CODES
 from hil_bridge.settings.configuration import load_config
 from tools.pages import parser, placed, table, write

@@ -14,8 +14,8 @@ from typing import Final, Self
 
 import numpy as np
 
-from emulators.jr3 import Board
-from protocol.jr3.board import REGISTERS, SLOT_WORDS, SLOTS
+from emulators.devices.jr3 import Board
+from protocol.devices.jr3.board import REGISTERS, SLOT_WORDS, SLOTS
 
 WINDOW_BYTES: Final = 0x80000
 WORDS_AT: Final = 0x10000 // 4

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from itertools import permutations
 from pathlib import Path
 
-from protocol.s3.adlp import TRANSITIONS, Action, LinkProfile, Role, State, Stimulus
+from protocol.devices.s3.adlp import TRANSITIONS, Action, LinkProfile, Role, State, Stimulus
 from tools.pages import parser, placed, write
 from tools.state_picture import Bend, Layout, picture
 
@@ -67,9 +67,9 @@ RECEIVER = Layout(
 """Chosen: no arrow runs through a box, and no label stands on another."""
 
 INTRODUCTION = """\
-Drawn by `tools/link_diagrams.py` from the table in `protocol/s3/adlp/transitions.py`, by which both ends work. An arrow
-has what happens; what is done then, and what leaves a state as it is, is in the table below the diagrams. Both ends
-send and receive. They differ in two things: which side goes first when both bid at once, and which lengths they
+Drawn by `tools/link_diagrams.py` from the table in `protocol/devices/s3/adlp/transitions.py`, by which both ends work. An
+arrow has what happens; what is done then, and what leaves a state as it is, is in the table below the diagrams. Both
+ends send and receive. They differ in two things: which side goes first when both bid at once, and which lengths they
 understand."""
 RECEIVING = """\
 The PC understands a length that counts the whole telegram, the S3 also one of the data alone (`accepted_lengths`), so

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import hil_bridge
 from emulators.surface.profile import SurfaceProfile
-from hil_bridge.recording import PHASE_EVENT, STOP_EVENT, Recording
+from hil_bridge.record import PHASE_EVENT, STOP_EVENT, Recording
 from hil_bridge.settings.configuration import Config
 
 PLACE = Path(__file__).resolve().parent.parent / "docs" / "pictures" / "run.svg"

@@ -15,10 +15,10 @@ from hil_bridge import api
 from hil_bridge.cli import cli
 from hil_bridge.cli.plugins import controller_facts
 from hil_bridge.control.controllers import CONTROLLERS
-from hil_bridge.kinds import ROBOTS, SENSORS
-from hil_bridge.recording.ending import ALARMS, CAUTIONS, EVENT_KINDS
-from hil_bridge.recording.scenes import SCENE_TOPICS
-from hil_bridge.recording.topics import TOPICS
+from hil_bridge.devices.kinds import ROBOTS, SENSORS
+from hil_bridge.record.ending import ALARMS, CAUTIONS, EVENT_KINDS
+from hil_bridge.record.scenes import SCENE_TOPICS
+from hil_bridge.record.topics import TOPICS
 from hil_bridge.settings.template import setting_rows
 from hil_bridge.transports import urls
 from tools.pages import table

@@ -66,9 +66,9 @@ def built(release: Release) -> str:
         "emulators/py.typed",
         "protocol/py.typed",
         "licenses/LICENSE",
-        "pages/vendor/uPlot.iife.js",
-        "pages/vendor/uPlot.min.css",
-        "pages/uPlot-LICENSE.txt",
+        "show/pages/vendor/uPlot.iife.js",
+        "show/pages/vendor/uPlot.min.css",
+        "show/pages/uPlot-LICENSE.txt",
     ):
         if not any(name.endswith(wanted) for name in names):
             raise RuntimeError(f"the wheel has no {wanted}")

@@ -48,7 +48,7 @@ class Arrow(NamedTuple):
 SIZE = (960, 560)
 BANDS = {"hil_bridge": (10, 330), "emulators": (352, 98), "protocol": (462, 88)}
 """Top and height of each package."""
-HOUSE, DEVICES, WIRES = "hil_bridge.{}", "emulators.{}", "protocol.{}"
+HOUSE, EMULATORS, WIRES = "hil_bridge.{}", "emulators.{}", "protocol.{}"
 
 
 def _of(package: str, *names: str) -> list[str]:
@@ -60,38 +60,44 @@ ROOMS: Mapping[str, Box] = {
     "site": Box(
         (330, 24),
         (280, 40),
-        "site, tool, guard, experiments",
-        "doctor, probe, identify, explain",
-        _of(HOUSE, "site", "tool", "guard", "experiments"),
+        "site",
+        "doctor, probe, identify, free, explain",
+        _of(HOUSE, "site"),
     ),
     "api": Box(
         (640, 24),
         (290, 40),
-        "api, campaign, conform, tuning",
-        "runs for programs and studies",
-        _of(HOUSE, "api", "campaign", "conform", "tuning"),
+        "api, lab",
+        "programs; campaigns, tuning, conform",
+        _of(HOUSE, "api", "lab"),
     ),
     "runs": Box((330, 92), (280, 44), "runs", "cycle, session, compose, replay", _of(HOUSE, "runs")),
-    "view": Box(
+    "show": Box(
         (30, 164),
         (190, 44),
-        "view, web, report, pages",
-        "people look at these",
-        _of(HOUSE, "view", "web", "report", "pages"),
+        "show",
+        "reports, pages, terminal",
+        _of(HOUSE, "show"),
     ),
-    "recording": Box((240, 164), (150, 44), "recording", "MCAP", _of(HOUSE, "recording")),
+    "record": Box((240, 164), (150, 44), "record", "MCAP, analysis, export", _of(HOUSE, "record")),
     "control": Box((410, 164), (150, 44), "control", "course, laws, geometry", _of(HOUSE, "control")),
     "settings": Box((580, 164), (160, 44), "settings", "configuration", _of(HOUSE, "settings")),
-    "kinds": Box((760, 164), (170, 44), "kinds", "registry of rooms", _of(HOUSE, "kinds")),
-    "facts": Box((240, 236), (150, 40), "facts", "of devices", _of(HOUSE, "facts")),
+    "kinds": Box((760, 164), (170, 44), "devices.kinds", "registry of rooms", _of(HOUSE, "devices.kinds")),
+    "facts": Box((240, 236), (150, 40), "devices.facts", "as plain values", _of(HOUSE, "devices.facts")),
     "seams": Box(
         (410, 236),
         (180, 40),
         "seams",
         "asked, streamed, stream",
-        _of(HOUSE, "robots.seam", "robots.asked", "robots.streamed", "sensors.stream"),
+        _of(
+            HOUSE,
+            *(
+                f"devices.{name}"
+                for name in ("robots.seam", "robots.asked", "robots.streamed", "sensors.stream")
+            ),
+        ),
     ),
-    "wiring": Box((610, 236), (130, 40), "wiring", "wires for a room", _of(HOUSE, "wiring")),
+    "wiring": Box((610, 236), (130, 40), "devices.wiring", "wires for a room", _of(HOUSE, "devices.wiring")),
     "devices": Box(
         (760, 236),
         (170, 40),
@@ -99,8 +105,8 @@ ROOMS: Mapping[str, Box] = {
         "one room a device",
         _of(
             HOUSE,
-            *(f"robots.{name}" for name in ("s3", "egm", "rsi", "rtde")),
-            *(f"sensors.{name}" for name in ("jr3", "netft", "ati_can", "ft300")),
+            *(f"devices.robots.{name}" for name in ("s3", "egm", "rsi", "rtde")),
+            *(f"devices.sensors.{name}" for name in ("jr3", "netft", "ati_can", "ft300")),
         ),
     ),
     "transports": Box(
@@ -111,21 +117,21 @@ ROOMS: Mapping[str, Box] = {
         (190, 56),
         "cell",
         "joins robot, surface, sensor",
-        _of(DEVICES, "cell"),
+        _of(EMULATORS, "cell"),
     ),
     "arm": Box(
         (360, 378),
         (290, 56),
         "seams, arm, sensing, surface, faults",
         "the general half",
-        _of(DEVICES, "seams", "arm", "sensing", "surface", "faults"),
+        _of(EMULATORS, "seams", "arm", "sensing", "surface", "faults"),
     ),
     "emulated": Box(
         (670, 378),
         (260, 56),
-        "s3, egm, rtde, rsi",
+        "devices: s3, egm, rtde, rsi",
         "jr3, netft, ati_can, ft300",
-        _of(DEVICES, "s3", "egm", "rtde", "rsi", "jr3", "netft", "ati_can", "ft300"),
+        _of(EMULATORS, "devices"),
     ),
     "plain": Box(
         (150, 490),
@@ -137,26 +143,26 @@ ROOMS: Mapping[str, Box] = {
     "codecs": Box(
         (410, 490),
         (520, 46),
-        "one room a device",
+        "devices, one room each",
         "codecs and clients, without I/O",
-        _of(WIRES, "s3", "egm", "rtde", "rsi", "jr3", "netft", "ati_can", "ft300"),
+        _of(WIRES, "devices"),
     ),
 }
 ARROWS = (
     Arrow("cli", "runs", [(225, 64), (400, 92)]),
     Arrow("site", "runs", [(470, 64), (470, 92)]),
     Arrow("api", "runs", [(760, 64), (600, 92)]),
-    Arrow("runs", "view", [(330, 120), (222, 170)]),
-    Arrow("runs", "recording", [(380, 136), (330, 164)]),
+    Arrow("runs", "show", [(330, 120), (222, 170)]),
+    Arrow("runs", "record", [(380, 136), (330, 164)]),
     Arrow("runs", "control", [(480, 136), (484, 164)]),
     Arrow("runs", "settings", [(570, 136), (640, 164)]),
-    Arrow("view", "recording", [(220, 186), (240, 186)]),
+    Arrow("show", "record", [(220, 186), (240, 186)]),
     Arrow("settings", "kinds", [(740, 186), (760, 186)]),
     Arrow("kinds", "devices", [(845, 208), (845, 236)], dashed=True),
     Arrow("devices", "wiring", [(760, 256), (740, 256)]),
     Arrow("seams", "transports", [(500, 276), (500, 296)]),
     Arrow("wiring", "transports", [(650, 276), (650, 296)]),
-    Arrow("recording", "facts", [(315, 208), (315, 236)]),
+    Arrow("record", "facts", [(315, 208), (315, 236)]),
     Arrow("seams", "facts", [(410, 256), (390, 256)]),
     Arrow("devices", "seams", [(790, 276), (790, 286), (575, 286), (575, 277)]),
     Arrow("devices", "emulated", [(830, 276), (830, 378)]),
@@ -170,10 +176,10 @@ ARROWS = (
 WAY = (
     Box((12, 40), (118, 56), "sensor", "counts, frames"),
     Box((148, 40), (118, 56), "transports", "bytes, stamped", _of(HOUSE, "transports")),
-    Box((284, 40), (118, 56), "sensors.stream", "force, tool frame", _of(HOUSE, "sensors.stream")),
+    Box((284, 40), (118, 56), "sensors.stream", "force, tool frame", _of(HOUSE, "devices.sensors.stream")),
     Box((420, 40), (118, 56), "control", "what to command", _of(HOUSE, "control")),
     Box((556, 40), (118, 56), "supervisor", "allow, clamp, stop", _of(HOUSE, "control.course.supervisor")),
-    Box((692, 40), (118, 56), "robots", "pose as telegram", _of(HOUSE, "robots")),
+    Box((692, 40), (118, 56), "robots", "pose as telegram", _of(HOUSE, "devices.robots")),
     Box((828, 40), (118, 56), "robot", "moves, touches"),
 )
 """From the sensor to the robot. A box without modules is a thing outside."""

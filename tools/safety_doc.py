@@ -18,14 +18,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from hil_bridge.analysis.strokes import TRACK
-from hil_bridge.analysis.summary import RETRACT
 from hil_bridge.api import Config, Simulation, load, run_virtual, simulation
-from hil_bridge.campaign.watching import Watch
 from hil_bridge.control.course.conditions import When
-from hil_bridge.guard.conditions import CONDITIONS, HEAD, cells
-from hil_bridge.recording import PHASE_EVENT, STOP_EVENT
-from protocol.s3.arap import FunctionCode
+from hil_bridge.lab.campaign.watching import Watch
+from hil_bridge.record import PHASE_EVENT, STOP_EVENT
+from hil_bridge.record.analysis.strokes import TRACK
+from hil_bridge.record.analysis.summary import RETRACT
+from hil_bridge.site.guard.conditions import CONDITIONS, HEAD, cells
+from protocol.devices.s3.arap import FunctionCode
 from tools.pages import parser, placed, table, write
 
 DOCS = Path(__file__).resolve().parent.parent / "docs" / "explanation"

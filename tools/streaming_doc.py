@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from hil_bridge.control import CONTROLLERS
-from hil_bridge.experiments.emulated_run import run_emulated
+from hil_bridge.lab.experiments.emulated_run import run_emulated
 from hil_bridge.runs.pace import paced
 from hil_bridge.settings.configuration import read_config
 from tools.pages import parser, placed, table, write

@@ -15,12 +15,12 @@ from typing import Any, Literal, Union, get_args, get_origin
 from hil_bridge.control import Limits, TaskParameters
 from hil_bridge.control.program.facing import Facing
 from hil_bridge.control.words.steps import Criterion, StepLimits
-from hil_bridge.field_docstrings import field_docstrings
-from hil_bridge.report.task_plot import draw_task
-from hil_bridge.report.task_steps import shown, total_line
+from hil_bridge.record.field_docstrings import field_docstrings
 from hil_bridge.runs.pace import control_loop, paced
 from hil_bridge.settings.configuration import FrameConfig, load_config
 from hil_bridge.settings.program import PATHS, STEPS
+from hil_bridge.show.report.task_plot import draw_task
+from hil_bridge.show.report.task_steps import shown, total_line
 from tools.pages import parser, placed, table, write
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -14,13 +14,13 @@ from rich.console import Console
 from rich.terminal_theme import TerminalTheme
 
 import hil_bridge
-from hil_bridge.analysis.summary import TRACK
-from hil_bridge.recording import CHECK_EVENT, Recording
-from hil_bridge.recording.device_facts import devices_of
+from hil_bridge.record import CHECK_EVENT, Recording
+from hil_bridge.record.analysis.summary import TRACK
+from hil_bridge.record.device_facts import devices_of
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.kinds import cell_in_words
-from hil_bridge.view.model import Health, Scene, Snapshot, ViewModel
-from hil_bridge.view.panel import panel
+from hil_bridge.show.terminal.model import Health, Scene, Snapshot, ViewModel
+from hil_bridge.show.terminal.panel import panel
 from tools.pages import parser
 
 PICTURES = Path(__file__).resolve().parent.parent / "docs" / "pictures"

@@ -51,6 +51,6 @@ class WebRun(Serving):
         """Process that serves the page."""
         children = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()
         for child in map(int, children):
-            if b"hil_bridge.web" in Path(f"/proc/{child}/cmdline").read_bytes():
+            if b"hil_bridge.show.web" in Path(f"/proc/{child}/cmdline").read_bytes():
                 return child
         raise AssertionError("no process serves the page")

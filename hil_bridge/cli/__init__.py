@@ -37,7 +37,7 @@ from hil_bridge.cli.why import why
 from hil_bridge.console.debugging import debug_option, debug_wanted, told_bug
 from hil_bridge.console.screen import leave
 from hil_bridge.errors import BridgeError, ConfigError
-from hil_bridge.text_files import harmless
+from hil_bridge.errors.text_files import harmless
 
 EXIT_INTERRUPTED = 130
 """Exit code that a shell expects of a command that Ctrl-C ended."""
@@ -68,7 +68,7 @@ class _Commands(click.Group):
         try:
             return super().invoke(context)
         except BridgeError as error:
-            from hil_bridge.failures import of_others, traceback_of
+            from hil_bridge.errors.failures import of_others, traceback_of
 
             cause = error.__cause__
             if debug_wanted(context) and cause is not None and of_others(cause):
@@ -79,8 +79,8 @@ class _Commands(click.Group):
         except BrokenPipeError as error:
             raise ReaderLeft from error
         except BaseException as error:
-            from hil_bridge.cancelling import is_asked
-            from hil_bridge.failures import failure, of_others, traceback_of
+            from hil_bridge.errors.cancelling import is_asked
+            from hil_bridge.errors.failures import failure, of_others, traceback_of
 
             if is_asked(error):
                 raise

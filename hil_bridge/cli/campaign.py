@@ -10,8 +10,8 @@ from hil_bridge.cli.paths import FILE
 from hil_bridge.errors import ConfigError
 
 if TYPE_CHECKING:
-    from hil_bridge.campaign.plan import Plan
-    from hil_bridge.campaign.store import Done
+    from hil_bridge.lab.campaign.plan import Plan
+    from hil_bridge.lab.campaign.store import Done
 
 DIFFERS = 1
 """Exit code when runs or campaigns differ."""
@@ -34,7 +34,7 @@ class _Campaign(click.Group):
 
 
 def _seeds(text: str | None) -> tuple[int, ...]:
-    from hil_bridge.campaign.plan import seeds_of
+    from hil_bridge.lab.campaign.plan import seeds_of
 
     try:
         return seeds_of(text) if text else ()
@@ -44,7 +44,7 @@ def _seeds(text: str | None) -> tuple[int, ...]:
 
 def _plan_of(file: Path, seeds: tuple[int, ...]) -> "Plan":
     """The plan of a file. Tells every problem of it, the last one by a ConfigError."""
-    from hil_bridge.campaign.plan_file import PlanErrors, read_plan
+    from hil_bridge.lab.campaign.plan_file import PlanErrors, read_plan
 
     if file.suffix == ".sqlite":
         raise ConfigError(f"{file} holds results, no plan; `hil-bridge campaign report {file}` shows them")
@@ -102,10 +102,10 @@ def run(
     """Run what is missing of a campaign. Exit code 4 when a run does not meet a criterion."""
     import os
 
-    from hil_bridge.campaign.scheduler import dask_workers
-    from hil_bridge.campaign.store import Store
-    from hil_bridge.campaign.working import missing, work
     from hil_bridge.console.progress import run_progress
+    from hil_bridge.lab.campaign.scheduler import dask_workers
+    from hil_bridge.lab.campaign.store import Store
+    from hil_bridge.lab.campaign.working import missing, work
     from hil_bridge.runs.signals import as_ctrl_c
 
     plan = _plan_of(file, seeds)
@@ -168,12 +168,12 @@ def hunt(file: Path, minutes: float, out: Path | None, workers: int | None, void
     """
     import os
 
-    from hil_bridge.campaign.hunting import badness, badness_voided, hunted, is_broken, running
-    from hil_bridge.campaign.hunting import hunt as search
-    from hil_bridge.campaign.shrinking import shrunk
-    from hil_bridge.campaign.store import Store
-    from hil_bridge.campaign.telling import describe_run
     from hil_bridge.console.progress import run_progress
+    from hil_bridge.lab.campaign.hunting import badness, badness_voided, hunted, is_broken, running
+    from hil_bridge.lab.campaign.hunting import hunt as search
+    from hil_bridge.lab.campaign.shrinking import shrunk
+    from hil_bridge.lab.campaign.store import Store
+    from hil_bridge.lab.campaign.telling import describe_run
     from hil_bridge.runs.signals import as_ctrl_c
 
     plan = hunted(_plan_of(file, ()), voided)
@@ -210,9 +210,9 @@ def hunt(file: Path, minutes: float, out: Path | None, workers: int | None, void
 @overwrite_option
 def report(results: Path, out: Path | None, overwrite: bool) -> None:
     """Make one page of the results, which needs nothing beside itself."""
-    from hil_bridge.campaign.page import page
-    from hil_bridge.campaign.store import Store
-    from hil_bridge.recording.files import write_whole
+    from hil_bridge.lab.campaign.page import page
+    from hil_bridge.lab.campaign.store import Store
+    from hil_bridge.record.files import write_whole
 
     place = out or results.parent / f"{results.stem}.html"
     with Store.open(results) as store:
@@ -231,13 +231,13 @@ def rerun(results: Path, key: str | None, seed: int | None, out: Path | None, ov
 
     Exit code 1 when its figures are not those of the campaign.
     """
-    from hil_bridge.campaign.comparison import differences
-    from hil_bridge.campaign.judging import Job, configured
-    from hil_bridge.campaign.judging import run as run_one
-    from hil_bridge.campaign.plan import code_version
-    from hil_bridge.campaign.store import Store
-    from hil_bridge.recording.files import check_record_place
-    from hil_bridge.text_files import harmless
+    from hil_bridge.errors.text_files import harmless
+    from hil_bridge.lab.campaign.comparison import differences
+    from hil_bridge.lab.campaign.judging import Job, configured
+    from hil_bridge.lab.campaign.judging import run as run_one
+    from hil_bridge.lab.campaign.plan import code_version
+    from hil_bridge.lab.campaign.store import Store
+    from hil_bridge.record.files import check_record_place
 
     if (key is None) == (seed is None):
         raise ConfigError("name either the KEY of a run or --seed N")
@@ -283,8 +283,8 @@ def compare(before: Path, after: Path) -> None:
 
     Exit code 1 when anything differs.
     """
-    from hil_bridge.campaign.comparison import compared
-    from hil_bridge.campaign.store import Store
+    from hil_bridge.lab.campaign.comparison import compared
+    from hil_bridge.lab.campaign.store import Store
 
     with Store.open(before) as first, Store.open(after) as second:
         found = compared(first, second)
@@ -310,9 +310,9 @@ def export(results: Path, formats: tuple[str, ...], out: Path | None, overwrite:
 
     Parquet needs `pip install "hil-bridge[parquet]"`.
     """
-    from hil_bridge.campaign.store import Store
-    from hil_bridge.campaign.table import FORMATS, run_table
-    from hil_bridge.recording.files import check_place, write_whole
+    from hil_bridge.lab.campaign.store import Store
+    from hil_bridge.lab.campaign.table import FORMATS, run_table
+    from hil_bridge.record.files import check_place, write_whole
 
     folder = results.parent if out is None else out
     places = {folder / f"{results.stem}.{name}": FORMATS[name] for name in dict.fromkeys(formats)}

@@ -26,9 +26,9 @@ def compare(recordings: tuple[Path, ...], out: Path, align: str, overwrite: bool
 
     The page needs no network. Each run can be switched off and on.
     """
-    from hil_bridge.recording import read
-    from hil_bridge.recording.files import check_place, write_whole
-    from hil_bridge.report.compare import compare_page, names_of
+    from hil_bridge.record import read
+    from hil_bridge.record.files import check_place, write_whole
+    from hil_bridge.show.report.compare import compare_page, names_of
 
     check_place(out, overwrite)
     names = names_of(recordings)

@@ -59,12 +59,12 @@ def conform(
     """
     from functools import partial
 
-    from hil_bridge.conform.client import ProcessClient
-    from hil_bridge.conform.rules import read_rules, told_rules
-    from hil_bridge.conform.stage import Trial, chosen
-    from hil_bridge.conform.trying import play_all, usual_port
-    from hil_bridge.kinds import ROBOTS
-    from hil_bridge.recording.files import check_place, write_whole
+    from hil_bridge.devices.kinds import ROBOTS
+    from hil_bridge.lab.conform.client import ProcessClient
+    from hil_bridge.lab.conform.rules import read_rules, told_rules
+    from hil_bridge.lab.conform.stage import Trial, chosen
+    from hil_bridge.lab.conform.trying import play_all, usual_port
+    from hil_bridge.record.files import check_place, write_whole
     from hil_bridge.runs.signals import as_ctrl_c
     from hil_bridge.settings.configuration import load_config
 
@@ -82,8 +82,8 @@ def conform(
     port = usual_port(config, listen, command)
     trial = Trial(config, port, rules, partial(ProcessClient, command))
     names = chosen(trial, only)
-    from hil_bridge.conform.judging import Outcome
-    from hil_bridge.conform.reports import as_json, as_junit, table, totals
+    from hil_bridge.lab.conform.judging import Outcome
+    from hil_bridge.lab.conform.reports import as_json, as_junit, table, totals
 
     with as_ctrl_c():
         played = play_all(trial, names, lambda text: click.echo(text, err=True))

@@ -19,7 +19,7 @@ class _Kinds(click.Group):
 
     def format_help_text(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Name the kinds of device, too; none is imported."""
-        from hil_bridge.kinds import ROBOTS, SENSORS
+        from hil_bridge.devices.kinds import ROBOTS, SENSORS
 
         super().format_help_text(ctx, formatter)
         formatter.write_paragraph()
@@ -32,8 +32,8 @@ class _Kinds(click.Group):
 
 def _kind_command(name: str) -> click.Command | None:
     """The command of a kind of device; None where there is no such kind. Raises ConfigError."""
+    from hil_bridge.devices.kinds import ROBOTS, SENSORS, words_of
     from hil_bridge.errors import ConfigError
-    from hil_bridge.kinds import ROBOTS, SENSORS, words_of
 
     found = [registry.kind(name) for registry in (ROBOTS, SENSORS) if name in registry.names]
     if not found:
@@ -99,13 +99,13 @@ def computer_link(hex_bytes: tuple[str, ...], orders_file: Path | None) -> None:
     HEX may be spaced as you like: "10 02 00 08 01 00 13 01 00 00 10 03 18" or 100200…
     Ends with exit code 2 when anything in it is wrong.
     """
-    from protocol.s3.adlp import LinkProfile
-    from protocol.s3.arap import KNOWN, describe
+    from protocol.devices.s3.adlp import LinkProfile
+    from protocol.devices.s3.arap import KNOWN, describe
 
     raw = _bytes(hex_bytes)
     longest, orders = LinkProfile().max_telegram, KNOWN
     if orders_file is not None:
-        from hil_bridge.robots.s3.orders_file import read_orders
+        from hil_bridge.devices.robots.s3.orders_file import read_orders
 
         orders = read_orders(orders_file, longest)
     _print(describe(raw, max_telegram=longest, orders=orders))
@@ -119,7 +119,7 @@ def jr3_can(frames: tuple[str, ...]) -> None:
     Ends with exit code 2 when anything in it is wrong.
     """
     from hil_bridge.errors import ConfigError
-    from protocol.jr3 import describe, parse_frame
+    from protocol.devices.jr3 import describe, parse_frame
 
     items = []
     for text in frames:
@@ -137,6 +137,6 @@ def jr3_uart(hex_bytes: tuple[str, ...]) -> None:
 
     Ends with exit code 2 when anything in it is wrong.
     """
-    from protocol.jr3.uart_gateway import describe
+    from protocol.devices.jr3.uart_gateway import describe
 
     _print(describe(_bytes(hex_bytes)))

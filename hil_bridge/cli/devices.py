@@ -17,7 +17,7 @@ def known_profile(context: click.Context, parameter: click.Parameter, name: str 
     """Raises ConfigError for a profile that there is not, with the names that there are."""
     if name is not None:
         from hil_bridge.errors import ConfigError
-        from protocol.s3.adlp import settings_of_profile
+        from protocol.devices.s3.adlp import settings_of_profile
 
         try:
             settings_of_profile(name)

@@ -51,10 +51,10 @@ def emulate(
                            tcp-listen://127.0.0.1:0?gateway=jr3
         receiver board     jr3+tcp-listen://127.0.0.1:0
     """
-    from hil_bridge.faults.settings import refuse_faults
     from hil_bridge.runs.compose import Ports, cell_ports
     from hil_bridge.runs.serve import serve
     from hil_bridge.settings.configuration import load_config
+    from hil_bridge.settings.faults import refuse_faults
 
     config = load_config(
         config_file,

@@ -56,9 +56,9 @@ def experiment(
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-    from hil_bridge.experiments import EXPERIMENTS, html_page, run_jobs, write_findings, write_page
-    from hil_bridge.picture_files import drawing_library
-    from hil_bridge.recording.files import check_place, write_whole
+    from hil_bridge.lab.experiments import EXPERIMENTS, html_page, run_jobs, write_findings, write_page
+    from hil_bridge.record.files import check_place, write_whole
+    from hil_bridge.show.picture_files import drawing_library
 
     wanted = list(dict.fromkeys(EXPERIMENTS if ALL in names else names))
     if unknown := [name for name in wanted if name not in EXPERIMENTS]:

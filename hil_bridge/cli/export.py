@@ -55,7 +55,7 @@ def export(
     frames back. Files that are there already are kept, unless --overwrite is given.
     """
     from hil_bridge.errors import ConfigError
-    from hil_bridge.export import export as write
+    from hil_bridge.record.export import export as write
 
     if not channel.isascii() or not channel.isprintable() or not channel or " " in channel:
         raise ConfigError(f"--channel {channel!r} is no name of a CAN interface; write like can0")

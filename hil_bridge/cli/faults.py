@@ -27,9 +27,9 @@ def faults(robot: str, sensor: str | None, surface: str, as_json: bool) -> None:
     import json
 
     from emulators.cell_faults import others_with
-    from emulators.s3.panel import fault_table
-    from hil_bridge.kinds import faults_of
-    from hil_bridge.robots.s3.panel import faults_text
+    from emulators.devices.s3.panel import fault_table
+    from hil_bridge.devices.kinds import faults_of
+    from hil_bridge.devices.robots.s3.panel import faults_text
 
     found = faults_of(robot, sensor or "jr3", surface)
     if sensor is not None:

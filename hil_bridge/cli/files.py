@@ -20,9 +20,9 @@ def report(recording: Path, out: Path | None, png: bool, pdf: bool, overwrite: b
 
     The pictures need matplotlib, which `pip install 'hil-bridge[figures]'` brings.
     """
-    from hil_bridge.analysis.summary import summarise
-    from hil_bridge.recording import read
-    from hil_bridge.report import write_report
+    from hil_bridge.record import read
+    from hil_bridge.record.analysis.summary import summarise
+    from hil_bridge.show.report import write_report
 
     record = read(recording)
     pictures = [kind for kind, wanted in (("png", png), ("pdf", pdf)) if wanted]
@@ -40,7 +40,7 @@ def config() -> None:
 @overwrite_option
 def init(path: Path, overwrite: bool) -> None:
     """Write a commented file with every setting at its default.  [default: hil-bridge.toml]"""
-    from hil_bridge.recording.files import write_whole
+    from hil_bridge.record.files import write_whole
     from hil_bridge.settings.template import commented_defaults
 
     write_whole(path, commented_defaults().encode(), overwrite)
@@ -56,10 +56,10 @@ def upgrade(old: Path, new: Path, overwrite: bool) -> None:
 
     Values of version 0.1.0 that counted cycles become speeds and times for the S3's cycle of 180 ms.
     """
-    from hil_bridge.recording.files import write_whole
+    from hil_bridge.errors.text_files import read_text
+    from hil_bridge.record.files import write_whole
     from hil_bridge.settings.configuration import load_config
     from hil_bridge.settings.earlier import upgraded
-    from hil_bridge.text_files import read_text
 
     text, changes = upgraded(read_text(old))
     write_whole(new, text.encode(), overwrite)

@@ -36,9 +36,9 @@ def free(
     sequence that was left open is closed first. No zero is taken, and no program is run.
     """
     from hil_bridge.errors import ConfigError
-    from hil_bridge.runs.free import free as free_tool
     from hil_bridge.runs.signals import as_ctrl_c
     from hil_bridge.settings.configuration import load_config
+    from hil_bridge.site.free import free as free_tool
 
     config = load_config(
         config_file, {"robot.url": robot, "sensor.url": sensor, "tool.mass_kg": tool_mass_kg}

@@ -93,10 +93,10 @@ def identify_tool(
     """
     from hil_bridge.control import identify_tool as tool_estimate
     from hil_bridge.errors import ConfigError
-    from hil_bridge.recording.files import check_place, write_whole
+    from hil_bridge.record.files import check_place, write_whole
     from hil_bridge.runs.zeroing import wrist
     from hil_bridge.settings.configuration import load_config
-    from hil_bridge.tool.files import poses_as_csv, read_poses, tool_as_toml
+    from hil_bridge.site.tool.files import poses_as_csv, read_poses, tool_as_toml
 
     for option, file in (("-o", out), ("--save", save)):
         if file is None:
@@ -112,10 +112,10 @@ def identify_tool(
         poses = read_poses(table)
     else:
         from hil_bridge.console.screen import Screen
-        from hil_bridge.faults.settings import refuse_faults
         from hil_bridge.runs.checks import check_wires
         from hil_bridge.runs.signals import as_ctrl_c
-        from hil_bridge.tool.measuring import Sweep, measure
+        from hil_bridge.settings.faults import refuse_faults
+        from hil_bridge.site.tool.measuring import Sweep, measure
 
         refuse_faults(config.faults, "hil-bridge identify-tool")
         check_wires(config, virtual)

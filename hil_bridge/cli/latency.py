@@ -11,11 +11,11 @@ from hil_bridge.cli.paths import FILE
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from hil_bridge.analysis.answers import Answers
-    from hil_bridge.analysis.latency import Latency, Part
-    from hil_bridge.recording import Recording
+    from hil_bridge.record import Recording
+    from hil_bridge.record.analysis.answers import Answers
+    from hil_bridge.record.analysis.latency import Latency, Part
     from hil_bridge.settings.configuration import Config
-    from protocol.s3.adlp import LinkProfile
+    from protocol.devices.s3.adlp import LinkProfile
 
 
 @click.command(short_help="Tell where the time from force to motion goes.")
@@ -30,14 +30,14 @@ def latency(recording: Path, output: Path | None, overwrite: bool) -> None:
     With -o the site's turnaround and the jitter of its sensor become a configuration: `hil-bridge run SITE.toml`
     then draws them again, by the seed, in an emulated cell with the same gateway or board.
     """
-    from hil_bridge.analysis.answers import answers_of
-    from hil_bridge.analysis.latency import latency_of
-    from hil_bridge.analysis.summary import end_of
     from hil_bridge.errors import ConfigError
-    from hil_bridge.recording import read
-    from hil_bridge.recording.device_facts import devices_of
-    from hil_bridge.recording.files import write_whole
-    from hil_bridge.text_files import harmless
+    from hil_bridge.errors.text_files import harmless
+    from hil_bridge.record import read
+    from hil_bridge.record.analysis.answers import answers_of
+    from hil_bridge.record.analysis.latency import latency_of
+    from hil_bridge.record.analysis.summary import end_of
+    from hil_bridge.record.device_facts import devices_of
+    from hil_bridge.record.files import write_whole
 
     record = read(recording)
     found = latency_of(record)
@@ -63,9 +63,9 @@ def latency(recording: Path, output: Path | None, overwrite: bool) -> None:
 
 def _site(record: "Recording") -> tuple[str, str]:
     """A configuration file whose emulated cell is as late as the recorded one, and what it leaves out, if anything."""
+    from hil_bridge.devices.sensors.jr3.latency import NOT_EMULATED, is_emulated
     from hil_bridge.errors import ConfigError
     from hil_bridge.runs.replay import recorded_config
-    from hil_bridge.sensors.jr3.latency import NOT_EMULATED, is_emulated
     from hil_bridge.settings.kinds import robot_kind, sensor_kind
 
     config = recorded_config(record, {})
@@ -84,9 +84,13 @@ def site_settings(record: "Recording", line: "LinkProfile", sensor: str) -> str:
     `line` is the line as it was, `sensor` what stood before the sensor, as `sensor.emulated` names it. Raises
     ConfigError for a recording that is too short or was not stamped.
     """
-    from hil_bridge.analysis.site_latency import as_configuration, frame_quantiles_ms, robot_quantiles_ms
-    from hil_bridge.robots.s3 import latency as robot
-    from hil_bridge.sensors.jr3 import latency as jr3
+    from hil_bridge.devices.robots.s3 import latency as robot
+    from hil_bridge.devices.sensors.jr3 import latency as jr3
+    from hil_bridge.record.analysis.site_latency import (
+        as_configuration,
+        frame_quantiles_ms,
+        robot_quantiles_ms,
+    )
 
     sections = robot.late_settings(robot_quantiles_ms(record), line)
     note, more = jr3.late_settings(sensor, lambda: frame_quantiles_ms(record))
@@ -127,7 +131,7 @@ def _figures(*seconds: float) -> str:
 
 def _line(config: "Config") -> "LinkProfile":
     """The line as it was: a URL may have set it."""
-    from hil_bridge.robots.s3.room import robot_wire
+    from hil_bridge.devices.robots.s3.room import robot_wire
 
     url, link = config.robot.url, config.robot.link
     return robot_wire(url, link)[1] if url else link

@@ -24,7 +24,7 @@ def layouts(out: Path, overwrite: bool) -> None:
     Open a recording there, then import the layout. The programs show the wall clock: messages are placed by it.
     The times in them are seconds on the run's clock.
     """
-    from hil_bridge.export.layouts import write
+    from hil_bridge.record.export.layouts import write
 
     for place in write(out, overwrite):
         click.echo(f"layout: {place}")

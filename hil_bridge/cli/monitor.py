@@ -39,13 +39,13 @@ def monitor(
     Nothing is ever sent. Times are those at which the bytes were seen. In a recording, bytes from the PC are seen when
     they are handed to the port, before they are on the line.
     """
+    from hil_bridge.devices.robots.s3.orders_file import read_orders
+    from hil_bridge.devices.sensors.jr3.monitor import monitor_can
     from hil_bridge.errors import ConfigError
-    from hil_bridge.robots.s3.orders_file import read_orders
-    from hil_bridge.robots.s3.site.monitor import monitor_file, monitor_link
-    from hil_bridge.sensors.jr3.monitor import monitor_can
     from hil_bridge.settings.configuration import load_config
+    from hil_bridge.site.s3.monitor import monitor_file, monitor_link
     from hil_bridge.site.traffic import is_recording, monitor_traffic, recorded_robot
-    from protocol.s3.arap import KNOWN
+    from protocol.devices.s3.arap import KNOWN
 
     first = sources[0]
     if device and not (len(sources) == 1 and is_recording(Path(first))):

@@ -69,9 +69,9 @@ def controllers(name: str | None, as_json: bool) -> None:
 def _rows(with_own: bool) -> list[dict[str, str]]:
     """Everything that can be chosen, by thing and name."""
     from hil_bridge.control.controllers import CONTROLLERS, GROUP, controller_kind, trial
+    from hil_bridge.devices.kinds import ROBOTS, SENSORS, SURFACES
     from hil_bridge.errors import ConfigError
-    from hil_bridge.kinds import ROBOTS, SENSORS, SURFACES
-    from hil_bridge.plugins import offers
+    from hil_bridge.errors.plugins import offers
 
     found: list[tuple[str, Any, str, list[str]]] = [("controller", controller_kind, GROUP, list(CONTROLLERS))]
     found += [(one.thing, one.kind, one.group, list(one.built_in)) for one in (ROBOTS, SENSORS, SURFACES)]
@@ -114,8 +114,8 @@ def controller_facts(name: str) -> dict[str, Any]:
 
     from hil_bridge.control.controllers import CONTROLLERS, GROUP, controller_kind, sample_time
     from hil_bridge.control.types import Tuning
-    from hil_bridge.field_docstrings import field_docstrings
-    from hil_bridge.plugins import offers
+    from hil_bridge.errors.plugins import offers
+    from hil_bridge.record.field_docstrings import field_docstrings
 
     kind: Any = controller_kind(name)
     texts = field_docstrings(kind)
@@ -152,7 +152,7 @@ def _default(field: Any) -> str:
     """The default of a parameter as a file would hold it, or that there is none."""
     import dataclasses
 
-    from hil_bridge.text_files import format_value
+    from hil_bridge.errors.text_files import format_value
 
     if field.default is not dataclasses.MISSING:
         return format_value(getattr(field.default, "value", field.default))  # of an enumeration

@@ -38,7 +38,7 @@ def robot(url: str, out: Path | None, patience_s: float, overwrite: bool) -> Non
     Nothing but read status is sent, so that nothing moves or changes. What the URL says of the line is tried first.
     Exit code 3 when nothing works.
     """
-    from hil_bridge.robots.s3.site.probe import probe_robot
+    from hil_bridge.site.s3.probe import probe_robot
 
     probe_robot(url, out, patience_s, overwrite)
 

@@ -37,8 +37,8 @@ def replay(
     --controller or a file of changes it shows what would have been commanded in every situation of the run. The file
     has tables such as [limits] or [controller], laid over the recorded configuration.
     """
-    from hil_bridge.recording import read
-    from hil_bridge.recording.files import check_place
+    from hil_bridge.record import read
+    from hil_bridge.record.files import check_place
     from hil_bridge.runs.replay import changes_of, recorded_config
     from hil_bridge.runs.replay import replay as replayed
 
@@ -100,7 +100,7 @@ def _changes(cycles: "list[ReplayedCycle]", controller: str) -> "Iterator[str]":
 
 
 def _write_table(path: Path, cycles: "list[ReplayedCycle]", overwrite: bool) -> None:
-    from hil_bridge.recording.files import write_whole
+    from hil_bridge.record.files import write_whole
 
     lines = ["cycle,phase,force_n,depth_recorded_m,depth_replayed_m,verdict_recorded,verdict_replayed"]
     for cycle in cycles:

@@ -124,7 +124,7 @@ def run(
     A file that exists is overwritten only with --overwrite.
     """
     from hil_bridge.errors import ConfigError
-    from hil_bridge.recording import read
+    from hil_bridge.record import read
     from hil_bridge.runs.outputs import Outputs
     from hil_bridge.runs.resuming import resumed_config, told_resume
     from hil_bridge.runs.session import execute

@@ -20,7 +20,7 @@ def supervisor() -> None:
 @supervisor.command(short_help="List every condition and what it leads to.")
 def table() -> None:
     """List every condition that refuses, clamps or ends a run, and what it leads to."""
-    from hil_bridge.guard.conditions import as_text
+    from hil_bridge.site.guard.conditions import as_text
 
     tell(as_text())
 
@@ -102,9 +102,9 @@ def explain(config_file: Path | None, phase: str, **given: Any) -> None:
       hil-bridge supervisor explain --phase retract --force 30 --lowest 12 --retracting-ms 1500
     """
     from hil_bridge.control import Phase
-    from hil_bridge.guard.asking import Situation
-    from hil_bridge.guard.explaining import explain as explain_decision
     from hil_bridge.settings.configuration import load_config
+    from hil_bridge.site.guard.asking import Situation
+    from hil_bridge.site.guard.explaining import explain as explain_decision
 
     known = {name: value for name, value in given.items() if value is not None}
     tell(explain_decision(load_config(config_file, {}), Situation(Phase(phase), **known)).lines())

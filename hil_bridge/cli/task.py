@@ -31,8 +31,8 @@ def show(file: Path, out: Path | None, overwrite: bool) -> None:
     FILE is a configuration, or a file with the steps of a program alone. Times are about: corners are taken slower,
     and an approach ends where the surface is.
     """
-    from hil_bridge.recording.files import check_place, write_whole
-    from hil_bridge.report.task_steps import shown, table_lines, total_line
+    from hil_bridge.record.files import check_place, write_whole
+    from hil_bridge.show.report.task_steps import shown, table_lines, total_line
 
     if out is not None:
         check_place(out, overwrite)
@@ -42,7 +42,7 @@ def show(file: Path, out: Path | None, overwrite: bool) -> None:
     total = total_line(steps, row)
     lines = [*table_lines(steps), f"total: {total}"]
     if out is not None:
-        from hil_bridge.report.task_plot import draw_task
+        from hil_bridge.show.report.task_plot import draw_task
 
         write_whole(out, draw_task(steps, f"{file.stem}: {total}"), overwrite)
         lines.append(f"wrote {out}")
@@ -51,9 +51,9 @@ def show(file: Path, out: Path | None, overwrite: bool) -> None:
 
 def _config(file: Path) -> "Config":
     """The configuration of a file, which may hold the steps alone. Raises ConfigError."""
+    from hil_bridge.errors.text_files import read_toml
     from hil_bridge.settings.configuration import load_config
     from hil_bridge.settings.program import is_program
-    from hil_bridge.text_files import read_toml
 
     if is_program(read_toml(file)):
         return load_config(None, {"task.file": str(file)})
@@ -121,13 +121,13 @@ def teach_frame(
     tool stands, or from frame.origin_mm where that is set. The robot goes over at the height where it stands. A program
     of the configuration is not carried out.
     """
-    from hil_bridge.recording import read
-    from hil_bridge.recording.files import check_place, write_whole
+    from hil_bridge.errors.text_files import toml_pair
+    from hil_bridge.record import read
+    from hil_bridge.record.files import check_place, write_whole
     from hil_bridge.runs.outputs import Outputs, settled
     from hil_bridge.runs.session import execute
     from hil_bridge.settings.configuration import load_config
     from hil_bridge.site.teach import frame_of, touches
-    from hil_bridge.text_files import toml_pair
 
     if len(places) != 3:
         raise click.UsageError("give --place three times: origin, a place on the x axis, a third one")

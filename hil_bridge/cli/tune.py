@@ -11,10 +11,10 @@ from hil_bridge.cli.paths import FILE
 from hil_bridge.errors import ConfigError
 
 if TYPE_CHECKING:
+    from hil_bridge.lab.tuning.comparing import Comparison
+    from hil_bridge.lab.tuning.evaluating import Runs
+    from hil_bridge.lab.tuning.searching import Search, Wanted
     from hil_bridge.settings.configuration import Config
-    from hil_bridge.tuning.comparing import Comparison
-    from hil_bridge.tuning.evaluating import Runs
-    from hil_bridge.tuning.searching import Search, Wanted
 
 NOTHING_FOUND = 4
 """Exit code when no point met the constraints."""
@@ -105,15 +105,15 @@ def tune(
     import os
 
     from hil_bridge.console.progress import run_progress
-    from hil_bridge.recording.files import check_place, write_whole
+    from hil_bridge.lab.tuning.evaluating import running
+    from hil_bridge.lab.tuning.front import check_picture, front, picture
+    from hil_bridge.lab.tuning.front import told as told_front
+    from hil_bridge.lab.tuning.preparing import axes_of, limit_of, others, tuned_file, weights_of
+    from hil_bridge.lab.tuning.reporting import as_json, chosen, fresh_comparison
+    from hil_bridge.lab.tuning.searching import Wanted, begin, search
+    from hil_bridge.lab.tuning.space import space_of
+    from hil_bridge.record.files import check_place, write_whole
     from hil_bridge.runs.signals import as_ctrl_c
-    from hil_bridge.tuning.evaluating import running
-    from hil_bridge.tuning.front import check_picture, front, picture
-    from hil_bridge.tuning.front import told as told_front
-    from hil_bridge.tuning.preparing import axes_of, limit_of, others, tuned_file, weights_of
-    from hil_bridge.tuning.reporting import as_json, chosen, fresh_comparison
-    from hil_bridge.tuning.searching import Wanted, begin, search
-    from hil_bridge.tuning.space import space_of
 
     for place in (out, plot, json_file):
         if place is not None:
@@ -190,7 +190,7 @@ def _runs(wanted: "Wanted", cells: int) -> int:
 
 
 def _validated(state: "Search", cells: Sequence[tuple[str, "Config"]], runs: "Runs") -> "list[Comparison]":
-    from hil_bridge.tuning.preparing import compared
+    from hil_bridge.lab.tuning.preparing import compared
 
     if state.best is None:
         return []
@@ -198,9 +198,9 @@ def _validated(state: "Search", cells: Sequence[tuple[str, "Config"]], runs: "Ru
 
 
 def _tell_comparisons(comparisons: "Sequence[Comparison]", wanted: "Wanted", validated: bool) -> None:
-    from hil_bridge.tuning.comparing import sentence
-    from hil_bridge.tuning.comparing import told as told_comparison
-    from hil_bridge.tuning.evaluating import SCALES
+    from hil_bridge.lab.tuning.comparing import sentence
+    from hil_bridge.lab.tuning.comparing import told as told_comparison
+    from hil_bridge.lab.tuning.evaluating import SCALES
 
     shown = [
         *wanted.weights,

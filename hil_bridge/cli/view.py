@@ -21,19 +21,19 @@ def view(file: Path, port: int) -> None:
     A run that goes on is shown by `hil-bridge run --web`. Needs the extra web.
     """
     from hil_bridge.errors import ConfigError
-    from hil_bridge.web.feed import check_extra
+    from hil_bridge.show.web.feed import check_extra
 
     check_extra("hil-bridge view")
     if file.suffix == RECORDING:
-        from hil_bridge.recording import read
-        from hil_bridge.web.playback import Playback
-        from hil_bridge.web.serving import show
+        from hil_bridge.record import read
+        from hil_bridge.show.web.playback import Playback
+        from hil_bridge.show.web.serving import show
 
         show(Playback(read(file), str(file)), "page.html", port, click.echo)
     elif file.suffix == RESULTS:
-        from hil_bridge.campaign.live import Results
-        from hil_bridge.campaign.store import Store
-        from hil_bridge.web.serving import show
+        from hil_bridge.lab.campaign.live import Results
+        from hil_bridge.lab.campaign.store import Store
+        from hil_bridge.show.web.serving import show
 
         with Store.open(file) as store:
             show(Results(store), "table.html", port, click.echo)

@@ -6,12 +6,12 @@ from urllib.parse import urlsplit
 import click
 
 if TYPE_CHECKING:
-    from hil_bridge.web.feed import WebOptions
+    from hil_bridge.show.web.feed import WebOptions
 
 
 def web_options(wanted: bool, port: int | None, origins: tuple[str, ...]) -> "WebOptions | None":
     """The options of the page of a run; None where none is wanted. Raises click.UsageError."""
-    from hil_bridge.web.feed import WebOptions
+    from hil_bridge.show.web.feed import WebOptions
 
     if not wanted:
         if port is not None or origins:

@@ -15,10 +15,10 @@ def why(recording: Path) -> None:
     Everything comes from the recording, also the traceback of code that failed. A run that failed before its
     first control cycle has a cause, too. A promise of the guard that the run did not keep is told as well.
     """
-    from hil_bridge.analysis.why import tracebacks, why
-    from hil_bridge.invariants.recorded import promises_broken
-    from hil_bridge.recording import read_with_traffic
-    from hil_bridge.text_files import harmless
+    from hil_bridge.errors.text_files import harmless
+    from hil_bridge.lab.invariants.recorded import promises_broken
+    from hil_bridge.record import read_with_traffic
+    from hil_bridge.record.analysis.why import tracebacks, why
 
     record, _ = read_with_traffic(recording)
     click.echo(harmless(why(record).replace("monitor FILE`", f"monitor {recording}`")))

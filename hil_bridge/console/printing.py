@@ -11,7 +11,7 @@ import click
 
 from hil_bridge.clock import Clock
 from hil_bridge.errors import TransportError
-from hil_bridge.text_files import harmless
+from hil_bridge.errors.text_files import harmless
 
 
 class Row(NamedTuple):

@@ -14,7 +14,7 @@ from contextlib import suppress
 from types import TracebackType
 from typing import NoReturn, Self, TextIO
 
-from hil_bridge.text_files import harmless
+from hil_bridge.errors.text_files import harmless
 
 CLOSE_SECONDS = 2.0
 """Longest wait for a screen at a place where nothing else may wait. Chosen: a slow terminal takes far less."""

@@ -16,8 +16,8 @@ from hil_bridge.control.laws.linear import Admittance, Pi
 from hil_bridge.control.laws.predictive import Predictive
 from hil_bridge.control.types import SAMPLE_MS, Controller, Measurement, as_command
 from hil_bridge.errors import ConfigError
-from hil_bridge.failures import failure, place_of_method
-from hil_bridge.plugins import Found, find_plugin, plugin_names
+from hil_bridge.errors.failures import failure, place_of_method
+from hil_bridge.errors.plugins import Found, find_plugin, plugin_names
 
 GROUP = "hil_bridge.controllers"
 """Entry point group of other packages' controllers."""

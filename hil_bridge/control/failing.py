@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.types import Command, Controller
-from hil_bridge.failures import failure, place_of_method, traceback_of
+from hil_bridge.errors.failures import failure, place_of_method, traceback_of
 
 
 class Failed(NamedTuple):

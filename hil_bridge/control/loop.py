@@ -32,7 +32,7 @@ from hil_bridge.control.geometry.turning import rotated
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.state import Felt
 from hil_bridge.control.types import SAMPLE_MS, Measurement
-from hil_bridge.failures import RAISED, raise_if_asked
+from hil_bridge.errors.failures import RAISED, raise_if_asked
 from protocol.geometry import Vector
 
 # Asked for in every cycle, by names of this module: until Python 3.12 an enum's own name costs ten times that.

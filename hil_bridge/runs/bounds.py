@@ -3,9 +3,9 @@
 import math
 
 from hil_bridge.control.loop import LONGEST_SAMPLES
+from hil_bridge.devices.facts import RobotFacts
+from hil_bridge.devices.robots.gate import SLACK_M, Bounds, contradiction
 from hil_bridge.errors import GateStop
-from hil_bridge.facts import RobotFacts
-from hil_bridge.robots.gate import SLACK_M, Bounds, contradiction
 from hil_bridge.runs.small_steps import LIFT_SPEED_M_S
 from hil_bridge.settings.configuration import Config
 from protocol.geometry import Pose, Vector

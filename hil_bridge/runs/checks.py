@@ -9,8 +9,8 @@ from hil_bridge.clock import VIRTUAL_EPOCH
 from hil_bridge.clock.realtime import real_time_thread
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.reach import check_workspace, outermost
+from hil_bridge.devices.kinds import ROBOTS, emulated_sensor
 from hil_bridge.errors import ConfigError
-from hil_bridge.kinds import ROBOTS, emulated_sensor
 from hil_bridge.runs.compose import check_panel, holds, make_cell
 from hil_bridge.runs.pace import control_loop, metres, paced
 from hil_bridge.runs.zeroing import known_wrist

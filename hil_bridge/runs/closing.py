@@ -4,8 +4,8 @@ import asyncio
 from dataclasses import replace
 
 from hil_bridge.errors import BridgeError, DeviceError
-from hil_bridge.failures import unexpected
-from hil_bridge.recording import Outcome
+from hil_bridge.errors.failures import unexpected
+from hil_bridge.record import Outcome
 from hil_bridge.runs.cycle import RunResult
 
 

@@ -10,11 +10,8 @@ from typing import Any
 from emulators.cell import Cell, Parts
 from emulators.seams import StartPose
 from hil_bridge.clock import VIRTUAL_EPOCH, Clock, Timer, device_clock
-from hil_bridge.device_log import DeviceLog
-from hil_bridge.errors import BridgeError, ConfigError
-from hil_bridge.failures import tell_failure
-from hil_bridge.faults.bus import BusFaults
-from hil_bridge.kinds import (
+from hil_bridge.devices.device_log import DeviceLog
+from hil_bridge.devices.kinds import (
     ROBOTS,
     SENSORS,
     SURFACES,
@@ -26,13 +23,16 @@ from hil_bridge.kinds import (
     robot_of,
     sensor_of,
 )
-from hil_bridge.robots.of_others import LinkOfOthers
-from hil_bridge.robots.seam import RobotLink
-from hil_bridge.sensors.stream import ForceSensor
+from hil_bridge.devices.robots.of_others import LinkOfOthers
+from hil_bridge.devices.robots.seam import RobotLink
+from hil_bridge.devices.sensors.stream import ForceSensor
+from hil_bridge.devices.wiring import Serving, Wiring, Wrap, unwrapped
+from hil_bridge.errors import BridgeError, ConfigError
+from hil_bridge.errors.failures import tell_failure
+from hil_bridge.runs.faults.bus import BusFaults
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.kinds import field_name, sensor_kind, settings_of
 from hil_bridge.transports.can.memory import memory_can_bus
-from hil_bridge.wiring import Serving, Wiring, Wrap, unwrapped
 from protocol.geometry import Vector
 
 _MEMORY_CAN = "can+memory:"

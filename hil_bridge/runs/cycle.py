@@ -11,7 +11,6 @@ from typing import Protocol
 
 from msgspec.structs import replace
 
-from hil_bridge.cancelling import is_asked
 from hil_bridge.clock import Clock, Heartbeat
 from hil_bridge.control import (
     LoopState,
@@ -24,8 +23,17 @@ from hil_bridge.control import (
 from hil_bridge.control.course.zero import main_axes
 from hil_bridge.control.geometry.turning import apart, unit
 from hil_bridge.control.program.program import Program
+from hil_bridge.devices.robots.seam import (
+    Motion,
+    MotionLimits,
+    RobotLink,
+    RobotReport,
+    orientation_fault,
+)
+from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.errors import BridgeError, DeviceError
-from hil_bridge.failures import (
+from hil_bridge.errors.cancelling import is_asked
+from hil_bridge.errors.failures import (
     TRACEBACK_EVENT,
     CodeFailed,
     failure_event,
@@ -33,7 +41,7 @@ from hil_bridge.failures import (
     traceback_of,
     unexpected,
 )
-from hil_bridge.recording import (
+from hil_bridge.record import (
     CHECK_EVENT,
     PHASE_EVENT,
     STOP_EVENT,
@@ -41,13 +49,6 @@ from hil_bridge.recording import (
     EventRecord,
     Outcome,
     StepRecord,
-)
-from hil_bridge.robots.seam import (
-    Motion,
-    MotionLimits,
-    RobotLink,
-    RobotReport,
-    orientation_fault,
 )
 from hil_bridge.runs.bounds import check_depth, run_bounds
 from hil_bridge.runs.causes import kind_of
@@ -60,7 +61,6 @@ from hil_bridge.runs.small_steps import bring_up
 from hil_bridge.runs.starting import check_start
 from hil_bridge.runs.steps_told import StepTeller
 from hil_bridge.runs.zeroing import Zeroing, known_wrist, wrist
-from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config
 from protocol.geometry import Pose, Quaternion, Vector
 from protocol.wrench import AXES, WrenchFrame

@@ -4,8 +4,8 @@ import math
 from typing import Any
 
 from hil_bridge.control import Command, Decision, Sample, TaskParameters, numeric_explanation
-from hil_bridge.recording import CycleRecord
-from hil_bridge.robots.seam import ANSWER, PACKET, QUESTION_LEFT, RobotReport, Sent
+from hil_bridge.devices.robots.seam import ANSWER, PACKET, QUESTION_LEFT, RobotReport, Sent
+from hil_bridge.record import CycleRecord
 
 
 def cycle_record(

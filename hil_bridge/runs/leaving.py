@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 from hil_bridge.clock import Clock
 from hil_bridge.control import Clamp, ControlLoop, LoopState, Observation, Request, Stop, Supervisor
+from hil_bridge.devices.robots.seam import Motion, Pacing, RobotLink, Sent
+from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.errors import BridgeError, DeviceError, OrderRefused, TransportError
-from hil_bridge.robots.seam import Motion, Pacing, RobotLink, Sent
 from hil_bridge.runs.small_steps import FOLLOWS_M
-from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config
 from protocol.geometry import Pose, Quaternion, Vector
 

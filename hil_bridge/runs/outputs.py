@@ -10,15 +10,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hil_bridge.analysis.steps import step_lines
-from hil_bridge.analysis.summary import Summary, summarise, wanted_force
 from hil_bridge.clock import wall_time
 from hil_bridge.errors import BridgeError, ConfigError
-from hil_bridge.recording import read
-from hil_bridge.recording.files import check_place, check_record_place
+from hil_bridge.record import read
+from hil_bridge.record.analysis.steps import step_lines
+from hil_bridge.record.analysis.summary import Summary, summarise, wanted_force
+from hil_bridge.record.files import check_place, check_record_place
 
 if TYPE_CHECKING:
-    from hil_bridge.recording import RunEnd
+    from hil_bridge.record import RunEnd
 
 RUNS = Path("runs")
 """Folder in which every run has one of its own."""
@@ -113,7 +113,7 @@ def write_outputs(outputs: Outputs, path: Path, end: "RunEnd") -> tuple[list[str
         except BridgeError as error:
             troubles.append(error)
     if outputs.report is not None:
-        from hil_bridge.report import write_report
+        from hil_bridge.show.report import write_report
 
         try:
             page = write_report(recording, summary, outputs.report, outputs.overwrite)
@@ -165,7 +165,7 @@ def figures(summary: Summary) -> list[str]:
 def _report_files(outputs: Outputs) -> Sequence[Path]:
     if outputs.report is None:
         return ()
-    from hil_bridge.report.page import PAGE
+    from hil_bridge.show.report.page import PAGE
 
     return [outputs.report / PAGE]
 

@@ -19,8 +19,8 @@ from hil_bridge.control.program.legs import legs_of, seconds
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.resume import resumed
 from hil_bridge.control.types import Controller, Tuning
+from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.errors import ConfigError
-from hil_bridge.facts import RobotFacts
 from hil_bridge.runs.reaction_times import following
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.given import GivenController

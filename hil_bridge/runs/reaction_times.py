@@ -4,7 +4,7 @@ import math
 
 from hil_bridge.control.course.following import Following
 from hil_bridge.control.course.reaction import Reaction, servo_lag
-from hil_bridge.facts import Pacing, RobotFacts
+from hil_bridge.devices.facts import Pacing, RobotFacts
 from protocol.wrench import SensorFacts
 
 WIRE_S = 0.0105

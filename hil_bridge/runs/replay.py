@@ -13,15 +13,15 @@ from msgspec.structs import replace
 from pydantic import ValidationError
 
 from hil_bridge.control import Decision
+from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.errors import ConfigError
-from hil_bridge.facts import RobotFacts
-from hil_bridge.recording import CycleRecord, Recording
-from hil_bridge.recording.device_facts import json_or_none
+from hil_bridge.errors.text_files import parse_json
+from hil_bridge.record import CycleRecord, Recording
+from hil_bridge.record.device_facts import json_or_none
 from hil_bridge.runs.pace import control_loop, paced
 from hil_bridge.settings.configuration import Config, explain, read_config, read_values
 from hil_bridge.settings.earlier import FRAME_MS, RECORDED_CYCLE_S, is_counted, translated
 from hil_bridge.settings.program import with_program
-from hil_bridge.text_files import parse_json
 from protocol.geometry import Vector
 
 

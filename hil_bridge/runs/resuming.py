@@ -9,7 +9,7 @@ from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.resume import FIRST, OVERLAP_MM, good_until
 from hil_bridge.control.words.steps import ResumePoint
 from hil_bridge.errors import ConfigError
-from hil_bridge.recording import CycleRecord, Recording
+from hil_bridge.record import CycleRecord, Recording
 from hil_bridge.runs.pace import control_loop
 from hil_bridge.runs.replay import recorded_config
 from hil_bridge.settings.configuration import Config

@@ -9,10 +9,11 @@ from socket import gethostname
 from typing import Any, Protocol
 
 from hil_bridge.clock import Clock
-from hil_bridge.facts import Devices, Pacing, Sensor
-from hil_bridge.failures import FAILED_EVENT, RAISED, of_others, raise_if_asked, tell_failure
-from hil_bridge.faults.schedule import FaultSchedule
-from hil_bridge.recording import (
+from hil_bridge.devices.facts import Devices, Pacing, Sensor
+from hil_bridge.devices.robots.seam import RobotLink
+from hil_bridge.devices.sensors.stream import ForceSensor
+from hil_bridge.errors.failures import FAILED_EVENT, RAISED, of_others, raise_if_asked, tell_failure
+from hil_bridge.record import (
     PHASE_EVENT,
     CycleRecord,
     EventRecord,
@@ -23,13 +24,12 @@ from hil_bridge.recording import (
     StepRecord,
     WireRecord,
 )
-from hil_bridge.recording.removed_map import MEDIA_TYPE, REMOVED_NAME
-from hil_bridge.recording.topics import Record
-from hil_bridge.robots.seam import RobotLink
+from hil_bridge.record.removed_map import MEDIA_TYPE, REMOVED_NAME
+from hil_bridge.record.topics import Record
 from hil_bridge.runs import compose
 from hil_bridge.runs.cycle import Run, RunResult
+from hil_bridge.runs.faults.schedule import FaultSchedule
 from hil_bridge.runs.truth import GroundTruth
-from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config, dump
 from hil_bridge.settings.kinds import facts_of, recorded_facts, sensor_kind
 from hil_bridge.transports import Direction

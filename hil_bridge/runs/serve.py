@@ -11,8 +11,8 @@ import click
 
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.clock.realtime import real_time_thread
+from hil_bridge.devices.kinds import ROBOTS
 from hil_bridge.errors import BridgeError, DeviceError
-from hil_bridge.kinds import ROBOTS
 from hil_bridge.runs.compose import Ports, emulated_cell
 from hil_bridge.settings.configuration import Config
 

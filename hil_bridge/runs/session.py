@@ -10,23 +10,22 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hil_bridge.analysis.steps import failed_criteria, step_outcomes
-from hil_bridge.cancelling import is_asked
 from hil_bridge.clock import Clock, run_real_on, run_virtual_on
 from hil_bridge.clock.realtime import collect_generation_1, real_time_loop
 from hil_bridge.console import keys
 from hil_bridge.console.debugging import debug_wanted, told_bug
 from hil_bridge.console.screen import LEAVE_SECONDS, Terminal
 from hil_bridge.errors import BridgeError
-from hil_bridge.failures import (
+from hil_bridge.errors.cancelling import is_asked
+from hil_bridge.errors.failures import (
     BUG_EVENT,
     TRACEBACK_EVENT,
     failure_event,
     traceback_of,
     unexpected,
 )
-from hil_bridge.faults.schedule import FAULT_EVENT
-from hil_bridge.recording import (
+from hil_bridge.errors.text_files import format_path
+from hil_bridge.record import (
     CHECK_EVENT,
     CHUNKS,
     VIRTUAL_CHUNKS,
@@ -37,11 +36,13 @@ from hil_bridge.recording import (
     RunEnd,
     StepRecord,
 )
-from hil_bridge.recording.ending import ASKED_BY_KEY, ASKED_BY_PAGE
-from hil_bridge.recording.recorder import map_buffers
+from hil_bridge.record.analysis.steps import failed_criteria, step_outcomes
+from hil_bridge.record.ending import ASKED_BY_KEY, ASKED_BY_PAGE
+from hil_bridge.record.recorder import map_buffers
 from hil_bridge.runs.checks import check
 from hil_bridge.runs.closing import ended_after, ended_before
 from hil_bridge.runs.cycle import Run, RunResult
+from hil_bridge.runs.faults.schedule import FAULT_EVENT
 from hil_bridge.runs.outputs import Outputs, record_path, settled, write_outputs
 from hil_bridge.runs.pace import paced
 from hil_bridge.runs.run_log import RunLog, metadata_of
@@ -49,12 +50,11 @@ from hil_bridge.runs.shown import Relay, Views, fed
 from hil_bridge.runs.signals import Signals, signal_name, unless_hung_up
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.kinds import cell_in_words
-from hil_bridge.text_files import format_path
-from hil_bridge.view import REFRESH_SECONDS, Health, Scene
+from hil_bridge.show.terminal import REFRESH_SECONDS, Health, Scene
 
 if TYPE_CHECKING:
-    from hil_bridge.view.live import LiveView
-    from hil_bridge.web.feed import Feed
+    from hil_bridge.show.terminal.live import LiveView
+    from hil_bridge.show.web.feed import Feed
 
 EXIT_CODES = {Outcome.COMPLETED: 0, Outcome.STOPPED: 3, Outcome.INTERRUPTED: 130}
 """130 is what a shell expects of a command that Ctrl-C ended."""
@@ -433,7 +433,7 @@ class _Session:
         if not self._view_wanted or self._clock.is_virtual or screen.stream is None:
             yield
             return
-        from hil_bridge.view.live import LiveView
+        from hil_bridge.show.terminal.live import LiveView
 
         view = self._view = LiveView(self._scene(steps), screen.stream)
         task = asyncio.create_task(self._refresh(view), name="view")

@@ -5,9 +5,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.recording.topics import Record
+from hil_bridge.record.topics import Record
 from hil_bridge.runs.run_log import Keeper
-from hil_bridge.web.feed import Feed, WebOptions
+from hil_bridge.show.web.feed import Feed, WebOptions
 
 
 @dataclass(frozen=True, slots=True)

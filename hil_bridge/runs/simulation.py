@@ -8,14 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from emulators.cell import Cell, TrueState
-from hil_bridge.analysis.columns import Columns
-from hil_bridge.analysis.summary import Summary, summarise
 from hil_bridge.clock import Clock
-from hil_bridge.device_log import Silence
+from hil_bridge.devices.device_log import Silence
+from hil_bridge.devices.robots.seam import RobotLink
+from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.errors import ConfigError
-from hil_bridge.faults.panel import FaultPanel
-from hil_bridge.faults.settings import refuse_faults
-from hil_bridge.recording import (
+from hil_bridge.record import (
     PHASE_EVENT,
     CycleRecord,
     EventRecord,
@@ -26,15 +24,17 @@ from hil_bridge.recording import (
     StepRecord,
     TruthRecord,
 )
-from hil_bridge.recording.kept import KeptRecords
-from hil_bridge.robots.seam import RobotLink
+from hil_bridge.record.analysis.columns import Columns
+from hil_bridge.record.analysis.summary import Summary, summarise
+from hil_bridge.record.kept import KeptRecords
 from hil_bridge.runs import compose
 from hil_bridge.runs.checks import check, check_wires
 from hil_bridge.runs.cycle import Run, RunResult
+from hil_bridge.runs.faults.panel import FaultPanel
 from hil_bridge.runs.pace import paced
 from hil_bridge.runs.run_log import RunLog, metadata_of
-from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.faults import refuse_faults
 
 Observe = Callable[[CycleRecord], object]
 _NEVER_MOVED = RunResult(Outcome.INTERRUPTED, "before the movement began")

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 
 from hil_bridge.clock import Clock
 from hil_bridge.control import Reading, reading
+from hil_bridge.devices.robots.seam import Motion, RobotLink, RobotReport
+from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.errors import DeviceError, SafetyStop
-from hil_bridge.robots.seam import Motion, RobotLink, RobotReport
-from hil_bridge.sensors.stream import ForceSensor
 from protocol.geometry import Pose, Quaternion, Vector
 
 STREAM_PATIENCE_S = 5.0

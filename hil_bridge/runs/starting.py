@@ -6,8 +6,8 @@ from hil_bridge.control import ControlLoop
 from hil_bridge.control.geometry.turning import apart, unit
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.reach import check_workspace
+from hil_bridge.devices.robots.seam import RobotReport
 from hil_bridge.errors import ConfigError
-from hil_bridge.robots.seam import RobotReport
 from hil_bridge.settings.configuration import Config
 
 

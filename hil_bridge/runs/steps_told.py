@@ -9,7 +9,7 @@ from hil_bridge.control.program.legs import Leg
 from hil_bridge.control.program.outcome import cut
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.state import CourseState, Done
-from hil_bridge.recording.records import StepRecord
+from hil_bridge.record.records import StepRecord
 
 STEP_EVENT = "step"
 """Kind of the events that tell that a step has ended."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from emulators.cell import Cell, TrueState
-from hil_bridge.recording import CycleRecord, TruthRecord
-from hil_bridge.recording.removed_map import RemovedMap, packed
+from hil_bridge.record import CycleRecord, TruthRecord
+from hil_bridge.record.removed_map import RemovedMap, packed
 
 _AT_ONCE = 8
 """Cycles that are asked for together, unless the surface would have forgotten. Chosen: a third of the cost of one

@@ -3,8 +3,8 @@
 import math
 
 from hil_bridge.control.course.witness import Witness
+from hil_bridge.devices.robots.seam import RobotLink, RobotReport
 from hil_bridge.errors import BridgeError
-from hil_bridge.robots.seam import RobotLink, RobotReport
 from protocol.geometry import Vector
 
 _NOTHING: Vector = (0.0, 0.0, 0.0)

@@ -23,11 +23,11 @@ from hil_bridge.control import (
 from hil_bridge.control.course.touch import Doubt
 from hil_bridge.control.course.zero import AXES, lost_forces, main_axes, unverified_axes
 from hil_bridge.control.geometry.wrist import NO_WRENCH
+from hil_bridge.devices.robots.seam import Motion, RobotLink, RobotReport
+from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.errors import ConfigError, DeviceError, SafetyStop
-from hil_bridge.robots.seam import Motion, RobotLink, RobotReport
 from hil_bridge.runs.small_steps import LIFT_SPEED_M_S, SmallSteps, numbers, unit
 from hil_bridge.runs.witness import OwnForce
-from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config
 from protocol.geometry import Quaternion, Vector
 

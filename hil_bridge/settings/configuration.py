@@ -24,10 +24,11 @@ from hil_bridge.clock.realtime import RealTime
 from hil_bridge.control import Contour, Limits, OscillationDetector, TaskParameters
 from hil_bridge.control.controllers import controller_kind
 from hil_bridge.control.program.facing import Facing
+from hil_bridge.devices.kinds import ROBOTS, SENSORS, CellSection, emulated_sensor, faults_of
 from hil_bridge.errors import ConfigError
-from hil_bridge.faults.settings import FaultConfig
-from hil_bridge.kinds import ROBOTS, SENSORS, CellSection, emulated_sensor, faults_of
+from hil_bridge.errors.text_files import format_value, read_toml
 from hil_bridge.settings.earlier import told_of
+from hil_bridge.settings.faults import FaultConfig
 from hil_bridge.settings.kinds import Chosen, cell_section, chosen_in, merged_section
 from hil_bridge.settings.places import resolve_files
 from hil_bridge.settings.program import (
@@ -38,7 +39,6 @@ from hil_bridge.settings.program import (
     told_problem,
     with_program,
 )
-from hil_bridge.text_files import format_value, read_toml
 from protocol.geometry import Quaternion, Vector
 
 OPTIONS = {

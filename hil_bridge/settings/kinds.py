@@ -7,8 +7,8 @@ from typing import Any
 import msgspec
 from pydantic import BaseModel, create_model
 
-from hil_bridge.facts import RobotFacts
-from hil_bridge.kinds import (
+from hil_bridge.devices.facts import RobotFacts
+from hil_bridge.devices.kinds import (
     ROBOTS,
     SENSORS,
     SURFACES,

@@ -20,7 +20,7 @@ from hil_bridge.control.words.steps import (
     Zero,
 )
 from hil_bridge.errors import ConfigError
-from hil_bridge.text_files import format_path, format_value, read_toml
+from hil_bridge.errors.text_files import format_path, format_value, read_toml
 
 
 def _by_tag(key: str, *sections: Any) -> Mapping[str, type]:

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 
 from pydantic import BaseModel
 
-from hil_bridge.field_docstrings import field_docstrings
+from hil_bridge.errors.text_files import toml_pair
+from hil_bridge.record.field_docstrings import field_docstrings
 from hil_bridge.settings.configuration import Config, is_section, items_of, with_all_kinds
-from hil_bridge.text_files import toml_pair
 from protocol.marks import Setting, settings
 
 _TABLES = ("faults", "step")

@@ -16,8 +16,8 @@ import click
 
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.clock.realtime import RealTime, real_time_thread
+from hil_bridge.devices.kinds import CanBus, robot_of, sensor_of
 from hil_bridge.errors import ConfigError
-from hil_bridge.kinds import CanBus, robot_of, sensor_of
 from hil_bridge.runs.checks import problems
 from hil_bridge.settings.configuration import Config, load_config
 from hil_bridge.settings.kinds import settings_of

@@ -16,7 +16,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from hil_bridge.kinds import CanBus, usual_bus
+from hil_bridge.devices.kinds import CanBus, usual_bus
 
 _ARPHRD_CAN = 280
 """Type of a CAN interface. Source: Linux, if_arp.h."""

@@ -18,11 +18,12 @@ from typing import TypeVar
 import click
 
 from hil_bridge.clock import Clock, run_real
-from hil_bridge.device_log import LogTo
+from hil_bridge.devices.device_log import LogTo
+from hil_bridge.devices.sensors.stream import ForceSensor
+from hil_bridge.devices.wiring import Wiring
 from hil_bridge.errors import DeviceError
 from hil_bridge.runs.compose import connect_sensor
 from hil_bridge.runs.zeroing import wrist
-from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config
 from hil_bridge.site.push import (
     RIGHT_ANGLE_DEG,
@@ -33,7 +34,6 @@ from hil_bridge.site.push import (
     mounting_of,
     push_threshold,
 )
-from hil_bridge.wiring import Wiring
 from protocol.wrench import AXES, WrenchFrame
 
 NOISE_S = 1.0

@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple, TypeAlias
 
 from hil_bridge.console.printing import Printer, Row, field_text
-from hil_bridge.errors import ConfigError
-from hil_bridge.kinds import (
+from hil_bridge.devices.kinds import (
     ROBOTS,
     RobotKind,
     SensorKind,
@@ -17,9 +16,10 @@ from hil_bridge.kinds import (
     sensor_of,
     words_of,
 )
-from hil_bridge.recording import LINK_EVENT, LinkRecord, WireRecord, read_link, read_with_traffic
-from hil_bridge.recording.device_facts import json_or_none
-from hil_bridge.text_files import open_ordinary
+from hil_bridge.errors import ConfigError
+from hil_bridge.errors.text_files import open_ordinary
+from hil_bridge.record import LINK_EVENT, LinkRecord, WireRecord, read_link, read_with_traffic
+from hil_bridge.record.device_facts import json_or_none
 from protocol.can.error import decode_error
 from protocol.can.text import parse_frame
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from emulators.seams import StartPose
-from hil_bridge.kinds import KindSettings, RobotKind, SensorKind, SurfaceKind
+from hil_bridge.devices.kinds import KindSettings, RobotKind, SensorKind, SurfaceKind
 from protocol.geometry import Wrench
 
 __all__ = ["RobotCase", "SensorCase", "SurfaceCase"]

@@ -10,14 +10,14 @@ from typing import Any
 import pytest
 
 from hil_bridge.clock import Clock, run_real
-from hil_bridge.device_log import LogTo, Silence
+from hil_bridge.devices.device_log import LogTo, Silence
+from hil_bridge.devices.kinds import ROBOTS, SENSORS, Registry, RobotKind, SensorKind, robot_of, sensor_of
+from hil_bridge.devices.robots.seam import RobotLink
+from hil_bridge.devices.sensors.stream import ForceSensor
+from hil_bridge.devices.wiring import Wiring
 from hil_bridge.errors import BridgeError
-from hil_bridge.kinds import ROBOTS, SENSORS, Registry, RobotKind, SensorKind, robot_of, sensor_of
-from hil_bridge.robots.seam import RobotLink
-from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.testing.cases import RobotCase, SensorCase
 from hil_bridge.testing.naming import Finding, angle_between
-from hil_bridge.wiring import Wiring
 from protocol.wrench import AXES, WrenchFrame
 
 WATCHED_S = 2.0

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, precondition, rule, run_state_machine_as_test
 
 from hil_bridge.clock import Clock, VirtualLoop
+from hil_bridge.devices.robots.seam import Motion, RobotLink
 from hil_bridge.errors import BridgeError
-from hil_bridge.robots.seam import Motion, RobotLink
 from hil_bridge.testing.cases import RobotCase
 from hil_bridge.testing.naming import Finding
 from hil_bridge.testing.robot_rig import LIMITS, SPEED_M_S, RobotRig, robot_rig

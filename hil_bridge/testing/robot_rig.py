@@ -10,14 +10,14 @@ import numpy as np
 
 from emulators.faults import Ledger
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.device_log import Silence
+from hil_bridge.devices.device_log import Silence
+from hil_bridge.devices.robots.seam import MotionLimits, RobotLink
+from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.errors import BridgeError
-from hil_bridge.robots.seam import MotionLimits, RobotLink
 from hil_bridge.testing.cases import RobotCase
 from hil_bridge.testing.meddling import Meddled
 from hil_bridge.testing.naming import Finding, orientation_mistake, position_mistake
 from hil_bridge.transports import Transport
-from hil_bridge.wiring import Serving, Wiring
 from protocol.geometry import Pose, Quaternion
 from protocol.robot import RobotReport
 

@@ -22,8 +22,8 @@ from typing import Any
 
 import pytest
 
+from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.errors import BridgeError
-from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.testing.cancelling import MOST, cancelled_at
 from hil_bridge.testing.cases import SensorCase, declared
 from hil_bridge.testing.live import check_live_sensor

@@ -12,15 +12,15 @@ from emulators.faults import Ledger
 from emulators.seams import Floats
 from emulators.sensing import KnownWrench
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.device_log import LogTo
+from hil_bridge.devices.device_log import LogTo
+from hil_bridge.devices.kinds import SensorKind
+from hil_bridge.devices.sensors.stream import ForceSensor
+from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.errors import BridgeError
-from hil_bridge.kinds import SensorKind
-from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.testing.cases import SensorCase
 from hil_bridge.testing.meddling import Meddled
 from hil_bridge.testing.naming import Finding
 from hil_bridge.transports import Transport
-from hil_bridge.wiring import Serving, Wiring
 from protocol.geometry import Wrench
 from protocol.wrench import SensorFacts, WrenchFrame, wrench_of
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sized
 from typing import Generic, TypeVar
 
 from hil_bridge.clock import Clock, Timer
-from hil_bridge.failures import RAISED, raise_if_asked
+from hil_bridge.errors.failures import RAISED, raise_if_asked
 from hil_bridge.transports.base import Transport
 from protocol.endpoint import Endpoint
 

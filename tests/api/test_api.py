@@ -14,8 +14,8 @@ import pytest
 
 import hil_bridge
 from hil_bridge import api
-from hil_bridge.recording import read_with_traffic
-from hil_bridge.recording.topics import TOPICS, Record
+from hil_bridge.record import read_with_traffic
+from hil_bridge.record.topics import TOPICS, Record
 
 SHORT: dict[str, Any] = {"run": {"duration_s": 0.5}}
 STOP = {"on": "robot", "fault": "emergency-stop", "phase": "track"}

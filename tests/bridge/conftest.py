@@ -9,9 +9,9 @@ import pytest
 
 from emulators.s3_jr3_cell import PaperCell
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.device_log import LogTo
-from hil_bridge.recording import CycleRecord, EventRecord, StepRecord
-from hil_bridge.robots.seam import RobotLink
+from hil_bridge.devices.device_log import LogTo
+from hil_bridge.devices.robots.seam import RobotLink
+from hil_bridge.record import CycleRecord, EventRecord, StepRecord
 from hil_bridge.runs.compose import make_cell, open_devices
 from hil_bridge.runs.cycle import Run, RunResult
 from hil_bridge.settings.configuration import Config

@@ -17,7 +17,7 @@ from toy_surface.surface import SURFACE as SPRING
 from toy_surface.surface import Spring
 
 from hil_bridge import Command, Measurement
-from hil_bridge.robots.streamed import StreamedLink
+from hil_bridge.devices.robots.streamed import StreamedLink
 
 FAILS: dict[str, Any] = {"part": "", "how": "", "after": 0}
 

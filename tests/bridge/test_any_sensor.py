@@ -10,11 +10,11 @@ import pytest
 
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.control import Peaks
-from hil_bridge.device_log import Silence
+from hil_bridge.devices.device_log import Silence
+from hil_bridge.devices.sensors.axis_watch import DEAD_AFTER_S
+from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.errors import DeviceError
 from hil_bridge.runs.zeroing import wrist
-from hil_bridge.sensors.axis_watch import DEAD_AFTER_S
-from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config
 from hil_bridge.transports import connect_bytes, listen_bytes
 from protocol.wrench import (

@@ -4,8 +4,8 @@ from random import Random
 
 import pytest
 
-from hil_bridge.sensors.axis_watch import DEAD_AFTER_S, DEAD_WHILE_MOVED, AxisWatch
-from protocol.jr3 import facts_of
+from hil_bridge.devices.sensors.axis_watch import DEAD_AFTER_S, DEAD_WHILE_MOVED, AxisWatch
+from protocol.devices.jr3 import facts_of
 from protocol.wrench import SensorFacts
 
 PERIOD_S = 0.01

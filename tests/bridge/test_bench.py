@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from protocol.rtde import packets
+from protocol.devices.rtde import packets
 from tools.bench import exchanges
 from tools.bench.exchanges import ANSWER, PACKET, Exchange
 from tools.bench.figures import Figure, Report, Spread, Target

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from hil_bridge.recording import CycleRecord, Outcome
+from hil_bridge.record import CycleRecord, Outcome
 
 Bench = Any
 

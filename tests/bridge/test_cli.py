@@ -15,7 +15,7 @@ import pytest
 
 import hil_bridge.cli
 from hil_bridge.errors import DeviceError
-from hil_bridge.recording import CycleRecord, read
+from hil_bridge.record import CycleRecord, read
 from hil_bridge.runs import session
 from hil_bridge.runs.cycle import Run
 from hil_bridge.runs.outputs import Outputs
@@ -274,7 +274,7 @@ def test_an_interruption_before_the_movement_ends_at_once(
     def interrupted(*arguments: object, **options: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("hil_bridge.wiring.connect_bytes", interrupted)
+    monkeypatch.setattr("hil_bridge.devices.wiring.connect_bytes", interrupted)
     code, output, errors = hil(*VIRTUAL, "--report", "rep")
     assert (code, output, errors.strip()) == (130, "", "")
 

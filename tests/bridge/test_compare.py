@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.recording import CycleRecord, EventRecord, Recording
-from hil_bridge.report.compare import BEGIN, compare_page, names_of
+from hil_bridge.record import CycleRecord, EventRecord, Recording
+from hil_bridge.show.report.compare import BEGIN, compare_page, names_of
 
 EVIL = "</script><script>alert(1)</script>"
 

@@ -12,8 +12,8 @@ from pydantic import BaseModel
 from hil_bridge.errors import ConfigError
 from hil_bridge.settings.configuration import Config, dump, load_config, read_config, with_all_kinds
 from hil_bridge.settings.template import commented_defaults, profile_rows, schema
+from protocol.devices.s3.adlp import LinkProfile
 from protocol.marks import Mark
-from protocol.s3.adlp import LinkProfile
 
 
 def refusal(tmp_path: Path, text: str, **overrides: object) -> str:

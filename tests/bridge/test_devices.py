@@ -5,23 +5,23 @@ from collections.abc import Awaitable, Callable, Mapping
 
 import pytest
 
-from emulators.s3 import EMPTY_SITE, S3Controller, S3Profiles, S3Site
+from emulators.devices.s3 import EMPTY_SITE, S3Controller, S3Profiles, S3Site
 from emulators.seams import StartPose
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.device_log import Silence
+from hil_bridge.devices.device_log import Silence
+from hil_bridge.devices.robots.s3.link import S3Link
+from hil_bridge.devices.robots.s3.orders_file import parse_orders
+from hil_bridge.devices.robots.seam import MotionLimits
+from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.errors import DeviceError, OrderRefused, TransportClosed, TransportEnded
-from hil_bridge.robots.s3.link import S3Link
-from hil_bridge.robots.s3.orders_file import parse_orders
-from hil_bridge.robots.seam import MotionLimits
-from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.transports import Frames, connect_bytes, connect_can, listen_bytes, listen_can
 from hil_bridge.transports.pump import Pump
+from protocol.devices.jr3 import GatewayClient, GatewayClientProfile, parse_frame
+from protocol.devices.jr3.firmware import HANGS
+from protocol.devices.s3.adlp import Link, LinkProfile, MessageReceived, Role
+from protocol.devices.s3.arap import Mode, ProgramAnswer, Telegram, TelegramType, read_status, write_mode
 from protocol.endpoint import LocalProtocolError
 from protocol.geometry import Pose
-from protocol.jr3 import GatewayClient, GatewayClientProfile, parse_frame
-from protocol.jr3.firmware import HANGS
-from protocol.s3.adlp import Link, LinkProfile, MessageReceived, Role
-from protocol.s3.arap import Mode, ProgramAnswer, Telegram, TelegramType, read_status, write_mode
 
 SCALES = {"481#": "101#0073006F00B900", "501#": "101#00380034003D00"}
 """Answers to the questions for full scales: 115 111 185 N, 5.6 5.2 6.1 N·m."""

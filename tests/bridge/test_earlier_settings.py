@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.recording import read
+from hil_bridge.record import read
 from hil_bridge.runs.checks import check
 from hil_bridge.runs.pace import control_loop
 from hil_bridge.runs.replay import recorded_config, replay

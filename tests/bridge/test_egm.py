@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.recording import Recording, read
-from hil_bridge.recording.device_facts import devices_of
+from hil_bridge.record import Recording, read
+from hil_bridge.record.device_facts import devices_of
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.replay import recorded_config, replay
 from hil_bridge.runs.session import execute

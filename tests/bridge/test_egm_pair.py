@@ -8,19 +8,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from emulators.egm import EGM_FAULTS, EgmController, EgmProfile, State
+from emulators.devices.egm import EGM_FAULTS, EgmController, EgmProfile, State
 from emulators.faults import Ledger
 from emulators.seams import StartPose
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.device_log import Silence
-from hil_bridge.kinds import KindSettings
-from hil_bridge.robots.answering import Answering
-from hil_bridge.robots.egm.room import ROBOT
-from hil_bridge.robots.egm.settings import EgmSettings
-from hil_bridge.robots.seam import MotionLimits
+from hil_bridge.devices.device_log import Silence
+from hil_bridge.devices.kinds import KindSettings
+from hil_bridge.devices.robots.answering import Answering
+from hil_bridge.devices.robots.egm.room import ROBOT
+from hil_bridge.devices.robots.egm.settings import EgmSettings
+from hil_bridge.devices.robots.seam import MotionLimits
+from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.transports import connect_datagrams
-from hil_bridge.wiring import Serving, Wiring
-from protocol.egm import EgmClient, RobotMessage, RobotWare, encode_robot
+from protocol.devices.egm import EgmClient, RobotMessage, RobotWare, encode_robot
 from protocol.geometry import Pose
 from protocol.robot import StreamLost
 

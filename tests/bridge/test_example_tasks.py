@@ -8,7 +8,7 @@ from typing import TypeAlias
 import pytest
 
 import hil_bridge.cli
-from hil_bridge.recording import read
+from hil_bridge.record import read
 from hil_bridge.settings.configuration import load_config
 
 FOLDER = Path(__file__).resolve().parents[2] / "examples" / "tasks"

@@ -15,11 +15,7 @@ from click.testing import CliRunner
 from hil_bridge.cli import cli
 from hil_bridge.cli.export import FORMAT_NAMES
 from hil_bridge.errors import ConfigError
-from hil_bridge.export import FORMATS, export
-from hil_bridge.export.can_logs import asc, blf, candump
-from hil_bridge.export.tables import COLUMNS_MAX, as_csv, cycle_table, sensor_table
-from hil_bridge.export.traffic import WireFrame, can_frames, wire_text
-from hil_bridge.recording import (
+from hil_bridge.record import (
     CycleRecord,
     LinkRecord,
     SensorRecord,
@@ -28,11 +24,15 @@ from hil_bridge.recording import (
     read_link,
     read_with_traffic,
 )
-from hil_bridge.recording.device_facts import devices_of
-from hil_bridge.robots.s3.site.capture import parse_capture, recorded_pieces
+from hil_bridge.record.device_facts import devices_of
+from hil_bridge.record.export import FORMATS, export
+from hil_bridge.record.export.can_logs import asc, blf, candump
+from hil_bridge.record.export.tables import COLUMNS_MAX, as_csv, cycle_table, sensor_table
+from hil_bridge.record.export.traffic import WireFrame, can_frames, wire_text
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute
 from hil_bridge.settings.configuration import Config
+from hil_bridge.site.s3.capture import parse_capture, recorded_pieces
 from hil_bridge.transports.can.message import from_message
 from protocol.can.frame import CanFrame
 from protocol.wrench import AXES

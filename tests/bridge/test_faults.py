@@ -14,13 +14,13 @@ from emulators.s3_jr3_cell import PaperCellProfile, s3_jr3_cell
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.errors import ConfigError
-from hil_bridge.experiments import EmulatedRun, run_emulated
-from hil_bridge.faults.schedule import FAULT_EVENT, FaultSchedule
-from hil_bridge.faults.settings import FaultConfig
-from hil_bridge.recording import PHASE_EVENT, EventRecord, TruthRecord, read
-from hil_bridge.recording.topics import TRUTH
+from hil_bridge.lab.experiments import EmulatedRun, run_emulated
+from hil_bridge.record import PHASE_EVENT, EventRecord, TruthRecord, read
+from hil_bridge.record.topics import TRUTH
+from hil_bridge.runs.faults.schedule import FAULT_EVENT, FaultSchedule
 from hil_bridge.runs.session import Outputs, execute
 from hil_bridge.settings.configuration import Config, load_config
+from hil_bridge.settings.faults import FaultConfig
 
 NEEDED: dict[tuple[str, str], dict[str, Any]] = {
     ("pose", "encoder-offset"): {"with": {"z_mm": 1.0}},

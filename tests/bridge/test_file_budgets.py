@@ -14,16 +14,16 @@ import pytest
 import zstandard
 from click.testing import CliRunner
 
-from hil_bridge.campaign.store import FORMAT, Store
 from hil_bridge.cli.why import why
+from hil_bridge.devices.robots.s3.program_folder import read_programs
 from hil_bridge.errors import ConfigError
-from hil_bridge.recording import read, reader
-from hil_bridge.robots.s3.program_folder import read_programs
-from hil_bridge.robots.s3.site.monitor import monitor_file
+from hil_bridge.errors.text_files import TOML_LIMIT_BYTES, parse_toml, read_text
+from hil_bridge.lab.campaign.store import FORMAT, Store
+from hil_bridge.record import read, reader
 from hil_bridge.settings.configuration import load_config
+from hil_bridge.site.s3.monitor import monitor_file
 from hil_bridge.site.traffic import is_recording
-from hil_bridge.text_files import TOML_LIMIT_BYTES, parse_toml, read_text
-from protocol.s3.arap import KNOWN
+from protocol.devices.s3.arap import KNOWN
 
 SOON_S = 20.0
 """A hostile file is refused within this time, also on a busy machine."""
@@ -181,7 +181,7 @@ def test_a_giant_text_in_results_is_refused(tmp_path: Path) -> None:
 def test_results_that_another_program_holds_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("hil_bridge.campaign.store.READ_BUSY_S", 0.2)
+    monkeypatch.setattr("hil_bridge.lab.campaign.store.READ_BUSY_S", 0.2)
     path = results(tmp_path / "r.sqlite")
     holder = sqlite3.connect(path)
     holder.execute("BEGIN EXCLUSIVE")
@@ -190,10 +190,14 @@ def test_results_that_another_program_holds_are_refused(
 
 
 def test_why_tells_no_character_that_acts_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hil_bridge.recording.read_with_traffic", lambda path: (None, None))
-    monkeypatch.setattr("hil_bridge.analysis.why.why", lambda record: "cause: \x1b[2J\x07gone\nthen \u202e")
-    monkeypatch.setattr("hil_bridge.invariants.recorded.promises_broken", lambda record: ["\x1b[2J"])
-    monkeypatch.setattr("hil_bridge.analysis.why.tracebacks", lambda record: ["Traceback \x1b]0;x\x07\n"])
+    monkeypatch.setattr("hil_bridge.record.read_with_traffic", lambda path: (None, None))
+    monkeypatch.setattr(
+        "hil_bridge.record.analysis.why.why", lambda record: "cause: \x1b[2J\x07gone\nthen \u202e"
+    )
+    monkeypatch.setattr("hil_bridge.lab.invariants.recorded.promises_broken", lambda record: ["\x1b[2J"])
+    monkeypatch.setattr(
+        "hil_bridge.record.analysis.why.tracebacks", lambda record: ["Traceback \x1b]0;x\x07\n"]
+    )
     output = CliRunner().invoke(why, ["r.mcap"]).output
     broken = "A promise was broken. \\x1b[2J.\n"
     assert output == f"cause: \\x1b[2J\\x07gone\nthen \\u202e\n{broken}\nTraceback \\x1b]0;x\\x07\n"

@@ -11,10 +11,10 @@ import pytest
 
 import hil_bridge.cli
 from hil_bridge.control import rotation_matrix, turn_between
-from hil_bridge.recording import Outcome
-from hil_bridge.robots.s3.motion import S3Motion
-from hil_bridge.robots.seam import Sent
-from hil_bridge.sensors.stream import ForceSensor
+from hil_bridge.devices.robots.s3.motion import S3Motion
+from hil_bridge.devices.robots.seam import Sent
+from hil_bridge.devices.sensors.stream import ForceSensor
+from hil_bridge.record import Outcome
 from hil_bridge.settings.configuration import load_config
 from protocol.geometry import Pose
 

@@ -11,10 +11,10 @@ from click.testing import CliRunner
 from msgspec.structs import replace
 
 from hil_bridge.cli import cli
+from hil_bridge.devices.kinds import ROBOTS, SENSORS, emulated_sensor, robot_of, sensor_of
 from hil_bridge.errors import ConfigError
-from hil_bridge.kinds import ROBOTS, SENSORS, emulated_sensor, robot_of, sensor_of
-from hil_bridge.recording import read
-from hil_bridge.recording.device_facts import devices_of
+from hil_bridge.record import read
+from hil_bridge.record.device_facts import devices_of
 from hil_bridge.runs.checks import problems
 from hil_bridge.runs.pace import control_loop, paced
 from hil_bridge.settings.configuration import Config, load_config, read_config

@@ -19,35 +19,35 @@ from msgspec import structs
 
 from emulators.quantiles import draw
 from emulators.s3_jr3_cell import PaperCellProfile, s3_jr3_cell
-from hil_bridge.analysis.hops import JITTER, MIDDLE, SENSOR
-from hil_bridge.analysis.latency import (
+from hil_bridge.cli import cli
+from hil_bridge.cli.latency import site_settings
+from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.devices.device_log import Silence
+from hil_bridge.devices.facts import Hop, Owner, RobotHops
+from hil_bridge.devices.robots.s3.hops import robot_hops
+from hil_bridge.devices.robots.s3.link import S3Link
+from hil_bridge.errors import ConfigError
+from hil_bridge.record import CycleRecord, Recording, SensorRecord, TruthRecord, read
+from hil_bridge.record.analysis.hops import JITTER, MIDDLE, SENSOR
+from hil_bridge.record.analysis.latency import (
     earliest_arrivals,
     latency_budget,
     latency_of,
     timestamps,
 )
-from hil_bridge.analysis.site_latency import MOST_QUANTILES
-from hil_bridge.analysis.summary import summarise
-from hil_bridge.cli import cli
-from hil_bridge.cli.latency import site_settings
-from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.device_log import Silence
-from hil_bridge.errors import ConfigError
-from hil_bridge.facts import Hop, Owner, RobotHops
-from hil_bridge.recording import CycleRecord, Recording, SensorRecord, TruthRecord, read
-from hil_bridge.recording.device_facts import devices_of
-from hil_bridge.report import write_report
-from hil_bridge.report.latency_bar import by_owner, latency_bar
-from hil_bridge.report.page import page
-from hil_bridge.robots.s3.hops import robot_hops
-from hil_bridge.robots.s3.link import S3Link
+from hil_bridge.record.analysis.site_latency import MOST_QUANTILES
+from hil_bridge.record.analysis.summary import summarise
+from hil_bridge.record.device_facts import devices_of
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute
 from hil_bridge.runs.truth import GroundTruth
 from hil_bridge.settings.configuration import Config, dump
+from hil_bridge.show.report import write_report
+from hil_bridge.show.report.latency_bar import by_owner, latency_bar
+from hil_bridge.show.report.page import page
 from hil_bridge.transports import connect_bytes, listen_bytes
-from protocol.s3.adlp import LinkProfile
-from protocol.s3.timing import line_floor
+from protocol.devices.s3.adlp import LinkProfile
+from protocol.devices.s3.timing import line_floor
 
 CHARACTER = 11 / 9600
 MOVE_ANSWER = (8 + 5 + 4) * CHARACTER

@@ -2,7 +2,7 @@
 
 import pytest
 
-from hil_bridge.sensors.lateness_watch import LatenessWatch
+from hil_bridge.devices.sensors.lateness_watch import LatenessWatch
 
 PERIOD_S = 0.01
 

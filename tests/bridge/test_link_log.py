@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from hil_bridge.recording import LinkLog
+from hil_bridge.record import LinkLog
 from hil_bridge.transports import Direction
 from protocol.can.frame import CanFrame
 from protocol.datagram import Datagram

@@ -14,20 +14,20 @@ from hypothesis import strategies as st
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.console.printing import Printer
+from hil_bridge.devices.sensors.jr3.monitor import frame_text, listen_can
 from hil_bridge.errors import ConfigError, TransportEnded
-from hil_bridge.recording import LinkLog, LinkRecord, read, read_link
-from hil_bridge.robots.s3.site.capture import Piece, Sender, parse_capture, recorded_pieces
-from hil_bridge.robots.s3.site.link_monitor import Line, LinkMonitor
-from hil_bridge.robots.s3.site.monitor import listen
-from hil_bridge.robots.s3.site.wording import telegram_text
+from hil_bridge.record import LinkLog, LinkRecord, read, read_link
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute
-from hil_bridge.sensors.jr3.monitor import frame_text, listen_can
 from hil_bridge.settings.configuration import load_config
+from hil_bridge.site.s3.capture import Piece, Sender, parse_capture, recorded_pieces
+from hil_bridge.site.s3.link_monitor import Line, LinkMonitor
+from hil_bridge.site.s3.monitor import listen
+from hil_bridge.site.s3.wording import telegram_text
 from hil_bridge.transports import connect_can, listen_bytes
-from protocol.jr3 import parse_frame
-from protocol.s3.adlp import LinkProfile, NoticeKind, encode_block
-from protocol.s3.arap import KNOWN
+from protocol.devices.jr3 import parse_frame
+from protocol.devices.s3.adlp import LinkProfile, NoticeKind, encode_block
+from protocol.devices.s3.arap import KNOWN
 
 STATUS = "10 02 00 08 01 00 13 01 00 00 10 03 18"
 """Read status. Source: computer-link specification, section 4."""

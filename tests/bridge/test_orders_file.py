@@ -6,17 +6,17 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from emulators.s3 import S3Site
+from emulators.devices.s3 import S3Site
 from hil_bridge.cli import cli
+from hil_bridge.devices.kinds import KindSettings
+from hil_bridge.devices.robots.s3 import orders_file
+from hil_bridge.devices.robots.s3.orders_file import parse_orders, read_orders
+from hil_bridge.devices.robots.s3.program_folder import read_programs
+from hil_bridge.devices.robots.s3.room import robot_site
 from hil_bridge.errors import ConfigError
-from hil_bridge.kinds import KindSettings
-from hil_bridge.robots.s3 import orders_file
-from hil_bridge.robots.s3.orders_file import parse_orders, read_orders
-from hil_bridge.robots.s3.program_folder import read_programs
-from hil_bridge.robots.s3.room import robot_site
 from hil_bridge.settings.configuration import Config, load_config
+from protocol.devices.s3.arap import KNOWN
 from protocol.marks import Mark
-from protocol.s3.arap import KNOWN
 
 SITE = """\
 # what our controller knows beside the usual orders

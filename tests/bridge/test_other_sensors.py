@@ -10,8 +10,8 @@ from click.testing import CliRunner
 
 from hil_bridge.cli import cli
 from hil_bridge.errors import BridgeError, ConfigError
-from hil_bridge.recording import read
-from hil_bridge.recording.device_facts import devices_of
+from hil_bridge.record import read
+from hil_bridge.record.device_facts import devices_of
 
 KINDS = ("netft", "ft300", "ati-can")
 

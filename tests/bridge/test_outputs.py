@@ -17,10 +17,10 @@ import pytest
 
 import hil_bridge.cli
 from hil_bridge.errors import ConfigError
-from hil_bridge.recording import Outcome, read
-from hil_bridge.recording import files as files_module
-from hil_bridge.recording import recorder as recorder_module
-from hil_bridge.recording.files import open_record, write_whole
+from hil_bridge.record import Outcome, read
+from hil_bridge.record import files as files_module
+from hil_bridge.record import recorder as recorder_module
+from hil_bridge.record.files import open_record, write_whole
 from hil_bridge.runs import outputs
 
 Result = tuple[int, str, str]
@@ -125,7 +125,7 @@ def test_other_commands_keep_what_is_there_too(hil: Command, monkeypatch: pytest
     assert hil(*VIRTUAL, "--duration", "3", "--record", "r.mcap", "--report", ".")[0] == 0
     kept = Path("kept")
     kept.write_text("mine")
-    monkeypatch.setattr("hil_bridge.tool.measuring.measure", lambda *_: pytest.fail("it moved"))
+    monkeypatch.setattr("hil_bridge.site.tool.measuring.measure", lambda *_: pytest.fail("it moved"))
     for command in (
         ("report", "r.mcap"),
         ("replay", "r.mcap", "--csv", "kept"),

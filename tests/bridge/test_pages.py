@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.pages import Axis, Chart, Charts, Mark, Series, assets, document, room
+from hil_bridge.show.pages import Axis, Chart, Charts, Mark, Series, assets, document, room
 
 HOSTILE = "</script><script>alert(1)</script><!-- \u2028\u2029 & \" ' \\"
 

@@ -7,9 +7,9 @@ import pytest
 from click.testing import CliRunner
 
 from hil_bridge.cli import cli
-from hil_bridge.experiments.emulated_run import run_emulated
-from hil_bridge.kinds import ROBOTS, SENSORS
-from hil_bridge.recording import Outcome
+from hil_bridge.devices.kinds import ROBOTS, SENSORS
+from hil_bridge.lab.experiments.emulated_run import run_emulated
+from hil_bridge.record import Outcome
 from hil_bridge.settings.configuration import read_config
 
 CONTOUR = {

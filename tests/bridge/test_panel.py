@@ -12,15 +12,12 @@ import pytest
 from click.testing import CliRunner
 
 from emulators.cell_faults import CELL_FAULTS
-from emulators.s3 import Panel
+from emulators.devices.s3 import Panel
 from emulators.s3_jr3_cell import PaperCell, PaperCellProfile, s3_jr3_cell
-from hil_bridge.analysis.summary import summarise
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_real, run_virtual
-from hil_bridge.device_log import LogTo
-from hil_bridge.errors import ConfigError, DeviceError, TransportUnavailable
-from hil_bridge.recording import CycleRecord, Outcome, read
-from hil_bridge.robots.s3.panel import (
+from hil_bridge.devices.device_log import LogTo
+from hil_bridge.devices.robots.s3.panel import (
     CLIENT_LIMIT,
     REQUEST_LIMIT,
     PanelServer,
@@ -31,6 +28,9 @@ from hil_bridge.robots.s3.panel import (
     panel_address,
     state_text,
 )
+from hil_bridge.errors import ConfigError, DeviceError, TransportUnavailable
+from hil_bridge.record import CycleRecord, Outcome, read
+from hil_bridge.record.analysis.summary import summarise
 from hil_bridge.runs import session
 from hil_bridge.runs.compose import Ports, emulated_cell, make_cell, open_devices
 from hil_bridge.runs.outputs import Outputs

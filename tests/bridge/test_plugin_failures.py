@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 import hil_bridge
-from hil_bridge.analysis.why import tracebacks, why
 from hil_bridge.cli import main
+from hil_bridge.record.analysis.why import tracebacks, why
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 TOYS = ("toy-robot", "toy-sensor", "toy-surface")

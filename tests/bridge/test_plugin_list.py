@@ -22,7 +22,7 @@ class C:
 '''
 ARM = """
 import dataclasses
-from hil_bridge.robots.egm.room import ROBOT
+from hil_bridge.devices.robots.egm.room import ROBOT
 @dataclasses.dataclass(frozen=True)
 class S:
     x: float
@@ -30,7 +30,7 @@ R = dataclasses.replace(ROBOT, name="mine"{})
 """
 SURFACE = """
 from dataclasses import dataclass
-from hil_bridge.kinds import SurfaceKind
+from hil_bridge.devices.kinds import SurfaceKind
 @dataclass(frozen=True)
 class P:
     stiffness: float = {}

@@ -11,10 +11,14 @@ import pytest
 
 from emulators.s3_jr3_cell import PaperCell, PaperCellProfile, s3_jr3_cell
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.device_log import LogTo
+from hil_bridge.devices.device_log import LogTo
 from hil_bridge.errors import ConfigError, TransportUnavailable
-from hil_bridge.recording import Outcome as RunOutcome
-from hil_bridge.robots.s3.site.probe import (
+from hil_bridge.record import Outcome as RunOutcome
+from hil_bridge.runs.checks import problems
+from hil_bridge.runs.compose import Ports, emulated_cell, open_devices
+from hil_bridge.runs.cycle import Run, RunResult
+from hil_bridge.settings.configuration import Config, load_config
+from hil_bridge.site.s3.probe import (
     failure_text,
     finding_rows,
     probe,
@@ -23,15 +27,11 @@ from hil_bridge.robots.s3.site.probe import (
     try_text,
     url_with_line,
 )
-from hil_bridge.robots.s3.site.prober import Prober, Said, profile_of
-from hil_bridge.robots.s3.site.search import Finding, Outcome, Query, Reply, Search, Try, likely_lines
-from hil_bridge.runs.checks import problems
-from hil_bridge.runs.compose import Ports, emulated_cell, open_devices
-from hil_bridge.runs.cycle import Run, RunResult
-from hil_bridge.settings.configuration import Config, load_config
+from hil_bridge.site.s3.prober import Prober, Said, profile_of
+from hil_bridge.site.s3.search import Finding, Outcome, Query, Reply, Search, Try, likely_lines
 from hil_bridge.transports import LineSettings, Parity, Tap, listen_bytes
 from hil_bridge.transports.pump import Pump
-from protocol.s3.adlp import Control, DleStuffing, LengthStyle, LinkProfile, encode_block
+from protocol.devices.s3.adlp import Control, DleStuffing, LengthStyle, LinkProfile, encode_block
 
 EIGHT = [
     (parity, stuffing, style)

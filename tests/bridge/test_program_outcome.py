@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 import hil_bridge.cli
-from hil_bridge.analysis.steps import failed_criteria, step_lines, step_outcomes
-from hil_bridge.analysis.summary import summarise
-from hil_bridge.recording import StepRecord, read
+from hil_bridge.record import StepRecord, read
+from hil_bridge.record.analysis.steps import failed_criteria, step_lines, step_outcomes
+from hil_bridge.record.analysis.summary import summarise
 
 PROGRAM = """
 [cell]

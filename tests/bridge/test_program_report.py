@@ -8,18 +8,18 @@ import pytest
 from matplotlib.figure import Figure
 from msgspec import structs
 
-from hil_bridge.analysis.summary import summarise
-from hil_bridge.recording import Recording, StepRecord, read
-from hil_bridge.report import write_report
-from hil_bridge.report.path_map import path_map
-from hil_bridge.report.plots import draw
-from hil_bridge.report.program_charts import FEED, NORMALS, SIGMA
-from hil_bridge.report.run_charts import run_charts
-from hil_bridge.report.step_marks import mark_steps
-from hil_bridge.report.steps_section import steps_section
+from hil_bridge.record import Recording, StepRecord, read
+from hil_bridge.record.analysis.summary import summarise
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute
 from hil_bridge.settings.configuration import load_config
+from hil_bridge.show.report import write_report
+from hil_bridge.show.report.path_map import path_map
+from hil_bridge.show.report.plots import draw
+from hil_bridge.show.report.program_charts import FEED, NORMALS, SIGMA
+from hil_bridge.show.report.run_charts import run_charts
+from hil_bridge.show.report.step_marks import mark_steps
+from hil_bridge.show.report.steps_section import steps_section
 
 PROGRAM = """
 [cell]

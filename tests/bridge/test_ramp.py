@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil_bridge.robots.ramp import Pace, Ramp
+from hil_bridge.devices.robots.ramp import Pace, Ramp
 from protocol.geometry import Pose, Vector
 
 CYCLE = 0.004

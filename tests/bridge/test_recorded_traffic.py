@@ -10,15 +10,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hil_bridge.cli import cli
+from hil_bridge.devices.kinds import ROBOTS, SENSORS
 from hil_bridge.errors import BridgeError, ConfigError
-from hil_bridge.kinds import ROBOTS, SENSORS
-from hil_bridge.recording import LinkLog, LinkRecord
+from hil_bridge.record import LinkLog, LinkRecord
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute
 from hil_bridge.settings.configuration import load_config
 from hil_bridge.site.traffic import Piece, in_words, item_text, pieces
 from protocol.can.text import parse_frame
-from protocol.ft300.messages import HEADER, crc16
+from protocol.devices.ft300.messages import HEADER, crc16
 
 STEADY = {"run.period_ms": 20.0, "controller.sample_ms": 20.0}
 FAULTS = {"rtde": "emergency-stop", "egm": "motors-off"}

@@ -26,10 +26,10 @@ from msgspec import structs
 from hil_bridge.control import Predictive
 from hil_bridge.control.course.task import Phase
 from hil_bridge.control.decision import Sample
+from hil_bridge.devices.facts import ACCEPTED, Devices, RobotFacts, Sensor
 from hil_bridge.errors import BridgeError, ConfigError
-from hil_bridge.experiments import run_emulated
-from hil_bridge.facts import ACCEPTED, Devices, RobotFacts, Sensor
-from hil_bridge.recording import (
+from hil_bridge.lab.experiments import run_emulated
+from hil_bridge.record import (
     VIRTUAL_CHUNKS,
     CycleRecord,
     EventRecord,
@@ -38,13 +38,13 @@ from hil_bridge.recording import (
     SensorRecord,
     read,
 )
-from hil_bridge.recording import reader as reader_module
-from hil_bridge.recording import recorder as recorder_module
-from hil_bridge.recording.device_facts import devices_of
-from hil_bridge.recording.recorder import ORDER_WINDOW_S, Chunks
-from hil_bridge.recording.records import TruthRecord, WireRecord
-from hil_bridge.recording.scenes import SCENE_TOPICS
-from hil_bridge.recording.topics import CYCLE, SENSOR, TOPICS, TRUTH, WIRE, Record
+from hil_bridge.record import reader as reader_module
+from hil_bridge.record import recorder as recorder_module
+from hil_bridge.record.device_facts import devices_of
+from hil_bridge.record.recorder import ORDER_WINDOW_S, Chunks
+from hil_bridge.record.records import TruthRecord, WireRecord
+from hil_bridge.record.scenes import SCENE_TOPICS
+from hil_bridge.record.topics import CYCLE, SENSOR, TOPICS, TRUTH, WIRE, Record
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.replay import recorded_config, replay
 from hil_bridge.runs.session import execute

@@ -11,11 +11,9 @@ import numpy as np
 import pytest
 from msgspec import structs
 
-from hil_bridge.analysis.summary import end_of, phases, summarise
-from hil_bridge.analysis.times import times_of
+from hil_bridge.devices.facts import Devices, RobotFacts
 from hil_bridge.errors import ConfigError
-from hil_bridge.facts import Devices, RobotFacts
-from hil_bridge.recording import (
+from hil_bridge.record import (
     CycleRecord,
     EventRecord,
     Outcome,
@@ -25,7 +23,9 @@ from hil_bridge.recording import (
     SensorRecord,
     read,
 )
-from hil_bridge.recording.files import write_whole
+from hil_bridge.record.analysis.summary import end_of, phases, summarise
+from hil_bridge.record.analysis.times import times_of
+from hil_bridge.record.files import write_whole
 
 PERIOD, LSB = 0.25, 0.000125
 END = RunEnd(

@@ -10,17 +10,13 @@ import pytest
 from click.testing import CliRunner
 from numpy.typing import NDArray
 
-from emulators.jr3 import Jr3Sensor, SensorProfile
-from emulators.jr3.board import Board, BoardProfile, IsaPorts, IsaProfile
+from emulators.devices.jr3 import Jr3Sensor, SensorProfile
+from emulators.devices.jr3.board import Board, BoardProfile, IsaPorts, IsaProfile
 from emulators.sensing import KnownWrench
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.device_log import LogTo
-from hil_bridge.errors import BridgeError, ConfigError, DeviceError, TransportUnavailable
-from hil_bridge.recording import CycleRecord, EventRecord, Outcome, StepRecord
-from hil_bridge.runs.compose import Ports, emulated_cell, open_devices
-from hil_bridge.runs.cycle import Run
-from hil_bridge.sensors.jr3.registers import (
+from hil_bridge.devices.device_log import LogTo
+from hil_bridge.devices.sensors.jr3.registers import (
     ListenerProfile,
     board_wire,
     connect_board,
@@ -28,11 +24,14 @@ from hil_bridge.sensors.jr3.registers import (
     read_program,
     serve_board,
 )
-from hil_bridge.sensors.stream import ForceSensor
+from hil_bridge.devices.sensors.stream import ForceSensor
+from hil_bridge.errors import BridgeError, ConfigError, DeviceError, TransportUnavailable
+from hil_bridge.record import CycleRecord, EventRecord, Outcome, StepRecord
+from hil_bridge.runs.compose import Ports, emulated_cell, open_devices
+from hil_bridge.runs.cycle import Run
 from hil_bridge.settings.configuration import Config
-from protocol.endpoint import RemoteProtocolError
-from protocol.jr3.board import REGISTERS, Registers, check_range, pack_words, to_signed
-from protocol.jr3.registers import (
+from protocol.devices.jr3.board import REGISTERS, Registers, check_range, pack_words, to_signed
+from protocol.devices.jr3.registers import (
     BoardClient,
     BoardClientProfile,
     Op,
@@ -49,6 +48,7 @@ from protocol.jr3.registers import (
     response_reader,
     start_up,
 )
+from protocol.endpoint import RemoteProtocolError
 from protocol.wrench import WrenchFrame
 
 

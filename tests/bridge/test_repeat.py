@@ -4,7 +4,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from hil_bridge.recording import read
+from hil_bridge.record import read
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute
 from hil_bridge.settings.configuration import Config

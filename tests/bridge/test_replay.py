@@ -14,7 +14,7 @@ from msgspec import structs
 
 import hil_bridge.cli
 from hil_bridge.errors import ConfigError
-from hil_bridge.recording import CycleRecord, Outcome, Recorder, Recording, read
+from hil_bridge.record import CycleRecord, Outcome, Recorder, Recording, read
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.replay import changes_of, recorded_config, replay
 from hil_bridge.runs.session import execute

@@ -13,11 +13,9 @@ import numpy as np
 import pytest
 from msgspec import structs
 
-from hil_bridge.analysis.stream import stream_force
-from hil_bridge.analysis.summary import summarise
+from hil_bridge.devices.facts import Devices, Sensor
 from hil_bridge.errors import ConfigError
-from hil_bridge.facts import Devices, Sensor
-from hil_bridge.recording import (
+from hil_bridge.record import (
     CycleRecord,
     EventRecord,
     Outcome,
@@ -26,10 +24,12 @@ from hil_bridge.recording import (
     SensorRecord,
     TruthRecord,
 )
-from hil_bridge.report import write_report
-from hil_bridge.report.differences import from_defaults
-from hil_bridge.report.page import page
-from hil_bridge.report.plots import draw
+from hil_bridge.record.analysis.stream import stream_force
+from hil_bridge.record.analysis.summary import summarise
+from hil_bridge.show.report import write_report
+from hil_bridge.show.report.differences import from_defaults
+from hil_bridge.show.report.page import page
+from hil_bridge.show.report.plots import draw
 from protocol.wrench import SensorFacts
 
 EVIL = "<script>alert('1')</script> & $x^"

@@ -12,7 +12,6 @@ from typing import Any
 import pytest
 from msgspec import structs
 
-from hil_bridge.analysis.summary import summarise
 from hil_bridge.control.analysis.stability import (
     SampledPlant,
     admittance_response,
@@ -20,12 +19,13 @@ from hil_bridge.control.analysis.stability import (
     margins,
     pi_response,
 )
-from hil_bridge.recording import CycleRecord, Outcome, Recording, RunEnd
-from hil_bridge.report import write_report
-from hil_bridge.report.explanation import decisions, strongest_rules
-from hil_bridge.report.plots import draw
-from hil_bridge.report.sections import controller_section, cycle_sentence, stability_section
-from hil_bridge.report.stability import Analysis, LinearLoop, analyse, dominant_period
+from hil_bridge.record import CycleRecord, Outcome, Recording, RunEnd
+from hil_bridge.record.analysis.summary import summarise
+from hil_bridge.show.report import write_report
+from hil_bridge.show.report.explanation import decisions, strongest_rules
+from hil_bridge.show.report.plots import draw
+from hil_bridge.show.report.sections import controller_section, cycle_sentence, stability_section
+from hil_bridge.show.report.stability import Analysis, LinearLoop, analyse, dominant_period
 
 PERIOD, WAIT = 0.2, 0.1
 STEP = 0.125e-3

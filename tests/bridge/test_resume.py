@@ -11,10 +11,10 @@ from click.testing import CliRunner
 
 from hil_bridge.cli import cli
 from hil_bridge.errors import BridgeError
-from hil_bridge.faults.settings import FaultConfig
-from hil_bridge.recording import Recording, read
+from hil_bridge.record import Recording, read
 from hil_bridge.runs import resuming
 from hil_bridge.runs.replay import recorded_config, replay
+from hil_bridge.settings.faults import FaultConfig
 
 STROKES = 5
 LENGTH_MM, GAP_MM = 8.0, 4.0

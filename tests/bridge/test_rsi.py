@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from emulators.rsi import RSI_FAULTS
+from emulators.devices.rsi import RSI_FAULTS
 from hil_bridge.cli import cli
+from hil_bridge.devices.kinds import ROBOTS, robot_of
 from hil_bridge.errors import ConfigError
-from hil_bridge.experiments import EmulatedRun, run_emulated
-from hil_bridge.kinds import ROBOTS, robot_of
-from hil_bridge.recording import read
-from hil_bridge.recording.device_facts import devices_of
+from hil_bridge.lab.experiments import EmulatedRun, run_emulated
+from hil_bridge.record import read
+from hil_bridge.record.device_facts import devices_of
 from hil_bridge.runs.cycle import Outcome
 from hil_bridge.settings.configuration import load_config
 from hil_bridge.settings.kinds import settings_of

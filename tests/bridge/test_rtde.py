@@ -10,27 +10,27 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from emulators.rtde import RtdeProfile, RtdeRobot
+from emulators.devices.rtde import RtdeProfile, RtdeRobot
 from emulators.seams import StartPose
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.device_log import Silence
+from hil_bridge.devices.device_log import Silence
+from hil_bridge.devices.kinds import ROBOTS
+from hil_bridge.devices.robots.rtde import serving as ports
+from hil_bridge.devices.robots.rtde.addresses import parse_address
+from hil_bridge.devices.robots.seam import MotionLimits
+from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.errors import BridgeError, ConfigError, DeviceError
-from hil_bridge.kinds import ROBOTS
-from hil_bridge.recording import read
-from hil_bridge.robots.rtde import serving as ports
-from hil_bridge.robots.rtde.addresses import parse_address
-from hil_bridge.robots.rtde.force_source import ForceOptions, ForceSource, feed, make_surface
-from hil_bridge.robots.seam import MotionLimits
+from hil_bridge.record import read
 from hil_bridge.settings.configuration import Config, read_config
 from hil_bridge.settings.kinds import settings_of
-from hil_bridge.wiring import Serving, Wiring
+from hil_bridge.site.force_source import ForceOptions, ForceSource, feed, make_surface
+from protocol.devices.rtde import packets
+from protocol.devices.rtde.force import ForceClient, Lost, Seen
+from protocol.devices.rtde.packets import Kind
+from protocol.devices.rtde.states import Runtime
+from protocol.devices.rtde.wires import Piece, Port
 from protocol.geometry import Pose
-from protocol.rtde import packets
-from protocol.rtde.force import ForceClient, Lost, Seen
-from protocol.rtde.packets import Kind
-from protocol.rtde.states import Runtime
-from protocol.rtde.wires import Piece, Port
 
 RUN = """
 [robot]

@@ -6,16 +6,16 @@ from typing import Any
 
 import pytest
 
-from emulators.rtde import RtdeProfile, RtdeRobot
+from emulators.devices.rtde import RtdeProfile, RtdeRobot
 from emulators.seams import StartPose
 from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.devices.robots.rtde import serving as ports
+from hil_bridge.devices.wiring import Serving
 from hil_bridge.errors import TransportEnded, TransportError, TransportUnavailable
-from hil_bridge.robots.rtde import serving as ports
 from hil_bridge.transports import connect_bytes
 from hil_bridge.transports.memory import listen_memory_clients
-from hil_bridge.wiring import Serving
-from protocol.rtde import packets
-from protocol.rtde.packets import Kind
+from protocol.devices.rtde import packets
+from protocol.devices.rtde.packets import Kind
 
 START = StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2)
 ALL = ("timestamp", *(f"output_double_register_{number}" for number in range(48)))

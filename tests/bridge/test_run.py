@@ -10,13 +10,13 @@ import pytest
 
 from hil_bridge.control import CONTROLLERS, Command, ControlLoop, Measurement, turn_between
 from hil_bridge.errors import DeviceError
-from hil_bridge.recording import CycleRecord, Outcome
+from hil_bridge.record import CycleRecord, Outcome
 from hil_bridge.settings.configuration import Config
 from hil_bridge.testing.wires import Faults
 from protocol.can.frame import CanFrame
-from protocol.jr3 import GatewayClientProfile
-from protocol.s3.adlp import LinkProfile
-from protocol.s3.timing import answer_time, line_floor
+from protocol.devices.jr3 import GatewayClientProfile
+from protocol.devices.s3.adlp import LinkProfile
+from protocol.devices.s3.timing import answer_time, line_floor
 
 Bench = Any
 RunBench = Callable[..., Bench]

@@ -16,10 +16,10 @@ from scipy.spatial.transform import Rotation
 
 import hil_bridge
 from hil_bridge.cli import cli
-from hil_bridge.export.layouts import LAYOUTS, content
-from hil_bridge.recording import CycleRecord, TruthRecord
-from hil_bridge.recording.scenes import PERIOD_S, TRAIL_POINTS, Scenes, SceneUpdate
-from hil_bridge.recording.topics import TOPICS
+from hil_bridge.record import CycleRecord, TruthRecord
+from hil_bridge.record.export.layouts import LAYOUTS, content
+from hil_bridge.record.scenes import PERIOD_S, TRAIL_POINTS, Scenes, SceneUpdate
+from hil_bridge.record.topics import TOPICS
 
 
 @pytest.fixture(scope="module")

@@ -9,12 +9,12 @@ import pytest
 
 from emulators.s3_jr3_cell import PaperCell
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.device_log import LogTo
-from hil_bridge.recording import CycleRecord, EventRecord, Outcome, StepRecord
+from hil_bridge.devices.device_log import LogTo
+from hil_bridge.devices.wiring import Wiring
+from hil_bridge.record import CycleRecord, EventRecord, Outcome, StepRecord
 from hil_bridge.runs.compose import Ports, connect_robot, connect_sensor, emulated_cell, make_cell
 from hil_bridge.runs.cycle import Run, RunResult
 from hil_bridge.settings.configuration import Config
-from hil_bridge.wiring import Wiring
 
 URLS = {
     "CAN gateway": "can+memory:sensor",

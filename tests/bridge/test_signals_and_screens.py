@@ -14,7 +14,7 @@ import pytest
 import hil_bridge.cli
 from hil_bridge.console.screen import Screen, Terminal
 from hil_bridge.control import ControlLoop
-from hil_bridge.recording import CycleRecord, read
+from hil_bridge.record import CycleRecord, read
 from hil_bridge.runs import outputs, session
 from hil_bridge.runs.leaving import WayOut
 from hil_bridge.runs.signals import ENDING, Signals, as_ctrl_c
@@ -139,7 +139,7 @@ def test_ctrl_c_while_the_report_is_drawn_ends_at_once(hil: Command, monkeypatch
     def drawing(*_: object) -> None:
         signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr("hil_bridge.report.page.page", drawing)
+    monkeypatch.setattr("hil_bridge.show.report.page.page", drawing)
     code, output, errors = hil(*VIRTUAL, "--report", "rep")
     assert (code, errors) == (130, "")
     assert output.splitlines() == [
@@ -273,9 +273,9 @@ def test_a_reader_that_left_does_not_change_the_exit_code(hil: Command, tmp_path
 def test_a_replay_that_differs_says_so_to_a_reader_that_left(tmp_path: Path) -> None:
     """The code of a difference comes from the difference, whether its lines are read or not."""
     program = (
-        "import sys; from types import SimpleNamespace as made; import hil_bridge.recording, hil_bridge.runs.replay\n"
+        "import sys; from types import SimpleNamespace as made; import hil_bridge.record, hil_bridge.runs.replay\n"
         "cycle = made(record=made(cycle=3), differences={'depth': (1, 2)})\n"
-        "hil_bridge.recording.read = lambda path: made(truncated=False, metadata={})\n"
+        "hil_bridge.record.read = lambda path: made(truncated=False, metadata={})\n"
         "hil_bridge.runs.replay.recorded_config = lambda record, changes: None\n"
         "hil_bridge.runs.replay.replay = lambda record, config, forced: [cycle]\n"
         "sys.argv = ['hil-bridge', 'replay', 'r.mcap']\n"

@@ -16,11 +16,11 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from hil_bridge.clock import Clock, Timer, run_virtual
-from hil_bridge.device_log import Silence
+from hil_bridge.devices.device_log import Silence
+from hil_bridge.devices.robots.answering import Answering
+from hil_bridge.devices.robots.seam import Motion, MotionLimits, Pacing, RobotFacts, RobotLink, Sent
+from hil_bridge.devices.robots.streamed import SILENT_S, StreamedLink
 from hil_bridge.errors import DeviceError, OrderRefused, TransportClosed
-from hil_bridge.robots.answering import Answering
-from hil_bridge.robots.seam import Motion, MotionLimits, Pacing, RobotFacts, RobotLink, Sent
-from hil_bridge.robots.streamed import SILENT_S, StreamedLink
 from hil_bridge.runs.leaving import WayOut
 from hil_bridge.runs.pace import control_loop
 from hil_bridge.runs.small_steps import SmallSteps

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import pytest
 
-from hil_bridge.analysis.strokes import merit_of, strokes_of
-from hil_bridge.analysis.summary import summarise, wanted_force
-from hil_bridge.recording import CycleRecord, Outcome, Recording, RunEnd, StepRecord
+from hil_bridge.record import CycleRecord, Outcome, Recording, RunEnd, StepRecord
+from hil_bridge.record.analysis.strokes import merit_of, strokes_of
+from hil_bridge.record.analysis.summary import summarise, wanted_force
 from hil_bridge.runs.outputs import figures
 
 PERIOD = 0.1

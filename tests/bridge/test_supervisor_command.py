@@ -5,7 +5,7 @@ from pathlib import Path
 from click.testing import CliRunner
 
 from hil_bridge.cli.supervisor import supervisor
-from hil_bridge.guard.conditions import as_text
+from hil_bridge.site.guard.conditions import as_text
 
 
 def answer(*arguments: str) -> list[str]:

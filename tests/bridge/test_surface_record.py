@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.recording import EventRecord, Recorder, Recording, TruthRecord, read
-from hil_bridge.recording.removed_map import (
+from hil_bridge.record import EventRecord, Recorder, Recording, TruthRecord, read
+from hil_bridge.record.removed_map import (
     BYTES_LIMIT,
     CELLS_LIMIT,
     REMOVED_NAME,
@@ -23,12 +23,12 @@ from hil_bridge.recording.removed_map import (
     from_json,
     packed,
 )
-from hil_bridge.recording.topics import TRUTH
-from hil_bridge.report.surface_charts import orientation_of
-from hil_bridge.report.surface_section import surface_section
+from hil_bridge.record.topics import TRUTH
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute
 from hil_bridge.settings.configuration import load_config, read_config
+from hil_bridge.show.report.surface_charts import orientation_of
+from hil_bridge.show.report.surface_section import surface_section
 
 
 def recorded(folder: Path, **sections: Any) -> Recording:

@@ -11,11 +11,11 @@ import pytest
 
 import hil_bridge.cli
 from hil_bridge.errors import ConfigError
-from hil_bridge.recording import read
-from hil_bridge.report.task_steps import duration, shown, total_line
+from hil_bridge.record import read
 from hil_bridge.runs.pace import control_loop, paced
 from hil_bridge.runs.replay import changes_of, recorded_config
 from hil_bridge.settings.configuration import load_config
+from hil_bridge.show.report.task_steps import duration, shown, total_line
 
 Result: TypeAlias = tuple[int, str, str]
 Command: TypeAlias = Callable[..., Result]

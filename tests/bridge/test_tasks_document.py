@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from hil_bridge.control.words.steps import Hold
+from hil_bridge.errors.text_files import parse_toml
 from hil_bridge.settings.configuration import load_config
 from hil_bridge.settings.program import is_program
-from hil_bridge.text_files import parse_toml
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "reference" / "tasks.md").read_text(encoding="utf-8")

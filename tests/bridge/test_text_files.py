@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 
 import hil_bridge.cli
 from hil_bridge.control.laws.rules import parse_rules, read_rules
+from hil_bridge.devices.robots.s3.orders_file import parse_orders, read_orders
+from hil_bridge.devices.robots.s3.program_folder import read_programs
 from hil_bridge.errors import ConfigError
-from hil_bridge.recording import Recording
-from hil_bridge.robots.s3.orders_file import parse_orders, read_orders
-from hil_bridge.robots.s3.program_folder import read_programs
+from hil_bridge.errors.text_files import TOML_LIMIT_BYTES, parse_json, read_text
+from hil_bridge.record import Recording
 from hil_bridge.runs.replay import changes_of, recorded_config
 from hil_bridge.settings.configuration import Config, dump, load_config
-from hil_bridge.text_files import TOML_LIMIT_BYTES, parse_json, read_text
-from hil_bridge.tool.files import read_poses
+from hil_bridge.site.tool.files import read_poses
 from hil_bridge.transports.urls import CONNECT_BYTES, CONNECT_CAN, LISTEN_BYTES, parse_url
 
 DEEP = 10_000

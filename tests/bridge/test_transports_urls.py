@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.devices.sensors.jr3.room import slcan_address
 from hil_bridge.errors import ConfigError
 from hil_bridge.runs.compose import Ports, emulated_cell
-from hil_bridge.sensors.jr3.room import slcan_address
 from hil_bridge.settings.configuration import load_config
 from hil_bridge.transports import (
     LineSettings,

@@ -11,17 +11,17 @@ from click.testing import CliRunner
 
 from hil_bridge.cli.decode import decode
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.device_log import LogTo
+from hil_bridge.devices.device_log import LogTo
+from hil_bridge.devices.robots.seam import RobotLink
+from hil_bridge.devices.sensors.jr3.room import uart_form, uart_line
+from hil_bridge.devices.sensors.stream import ForceSensor
+from hil_bridge.devices.wiring import Wiring
 from hil_bridge.errors import ConfigError, DeviceError, TransportUnavailable
-from hil_bridge.recording import CycleRecord, EventRecord, Outcome, StepRecord
-from hil_bridge.robots.seam import RobotLink
+from hil_bridge.record import CycleRecord, EventRecord, Outcome, StepRecord
 from hil_bridge.runs.compose import Ports, connect_robot, connect_sensor, emulated_cell
 from hil_bridge.runs.cycle import Run
-from hil_bridge.sensors.jr3.room import uart_form, uart_line
-from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import Config, load_config
 from hil_bridge.transports.urls import CONNECT_BYTES, LISTEN_BYTES
-from hil_bridge.wiring import Wiring
 from protocol.wrench import WrenchFrame
 
 URL = "memory:sensor?gateway=jr3"

@@ -12,18 +12,18 @@ from rich.console import Console
 
 from hil_bridge.clock import Clock
 from hil_bridge.console import screen
-from hil_bridge.facts import RobotFacts
-from hil_bridge.recording import PHASE_EVENT, STOP_EVENT, CycleRecord, EventRecord
-from hil_bridge.robots.s3.facts import robot_facts
+from hil_bridge.devices.facts import RobotFacts
+from hil_bridge.devices.robots.s3.facts import robot_facts
+from hil_bridge.record import PHASE_EVENT, STOP_EVENT, CycleRecord, EventRecord
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import _Session
 from hil_bridge.runs.signals import Signals
 from hil_bridge.settings.configuration import Config
-from hil_bridge.view import Health, Scene, Snapshot, ViewModel
-from hil_bridge.view.chart import SCALE_WIDTH, chart
-from hil_bridge.view.live import LiveView, line
-from hil_bridge.view.panel import panel
-from protocol.s3.adlp import Count, LinkProfile, NoticeKind
+from hil_bridge.show.terminal import Health, Scene, Snapshot, ViewModel
+from hil_bridge.show.terminal.chart import SCALE_WIDTH, chart
+from hil_bridge.show.terminal.live import LiveView, line
+from hil_bridge.show.terminal.panel import panel
+from protocol.devices.s3.adlp import Count, LinkProfile, NoticeKind
 
 CYCLE = CycleRecord(
     cycle=42,

@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 import pytest
 
 from hil_bridge import api
-from hil_bridge.analysis.why import why
-from hil_bridge.recording import Recording
-from hil_bridge.recording.records import EventRecord
+from hil_bridge.record import Recording
+from hil_bridge.record.analysis.why import why
+from hil_bridge.record.records import EventRecord
 from tools.faults_doc import CELL, GIVEN, faults_of_device
 
 BLAMED = {

@@ -9,8 +9,8 @@ import pytest
 from click.testing import CliRunner, Result
 
 from hil_bridge.cli import cli
+from hil_bridge.devices.kinds import ROBOTS, SENSORS, words_of
 from hil_bridge.errors import ConfigError
-from hil_bridge.kinds import ROBOTS, SENSORS, words_of
 from hil_bridge.settings.configuration import load_config, read_config, with_all_kinds
 from hil_bridge.settings.template import commented_defaults, schema
 

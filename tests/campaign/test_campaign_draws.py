@@ -10,21 +10,21 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from hil_bridge.campaign.drawing import Between, Draw, Setting, fault_of_slot, numbers_of
-from hil_bridge.campaign.hunting import badness, hunt, hunted, is_broken, running
-from hil_bridge.campaign.judging import Job, configured, run
-from hil_bridge.campaign.page import page
-from hil_bridge.campaign.plan import Plan, faults_of_table
-from hil_bridge.campaign.plan_file import PlanErrors, read_plan
-from hil_bridge.campaign.shrinking import shrunk, smaller
-from hil_bridge.campaign.store import Store
-from hil_bridge.campaign.working import missing, work
 from hil_bridge.cli.campaign import campaign
 from hil_bridge.control.course import supervisor
 from hil_bridge.control.course.verdict import Allow, Request
 from hil_bridge.errors import ConfigError
-from hil_bridge.faults.lying import CONTROLLER_FAULTS
-from hil_bridge.invariants import Promise, void_reasons
+from hil_bridge.lab.campaign.drawing import Between, Draw, Setting, fault_of_slot, numbers_of
+from hil_bridge.lab.campaign.hunting import badness, hunt, hunted, is_broken, running
+from hil_bridge.lab.campaign.judging import Job, configured, run
+from hil_bridge.lab.campaign.page import page
+from hil_bridge.lab.campaign.plan import Plan, faults_of_table
+from hil_bridge.lab.campaign.plan_file import PlanErrors, read_plan
+from hil_bridge.lab.campaign.shrinking import shrunk, smaller
+from hil_bridge.lab.campaign.store import Store
+from hil_bridge.lab.campaign.working import missing, work
+from hil_bridge.lab.invariants import Promise, void_reasons
+from hil_bridge.runs.faults.lying import CONTROLLER_FAULTS
 from hil_bridge.runs.replay import replay
 
 STUDY = """
@@ -92,7 +92,7 @@ def test_draws_are_the_same_in_every_process(tmp_path: Path) -> None:
     plan = planned(tmp_path)
     (case,) = plan.cases
     code = (
-        "import sys; from pathlib import Path; from hil_bridge.campaign.plan_file import read_plan;"
+        "import sys; from pathlib import Path; from hil_bridge.lab.campaign.plan_file import read_plan;"
         "plan = read_plan(Path(sys.argv[1])); print(plan.table_of(plan.cases[0], 5))"
     )
     other = subprocess.run(

@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from hil_bridge.campaign.criteria import FIGURES, Criterion, failed
-from hil_bridge.campaign.plan import code_version, seeds_of
-from hil_bridge.campaign.plan_file import PlanErrors, read_plan
 from hil_bridge.errors import ConfigError
+from hil_bridge.lab.campaign.criteria import FIGURES, Criterion, failed
+from hil_bridge.lab.campaign.plan import code_version, seeds_of
+from hil_bridge.lab.campaign.plan_file import PlanErrors, read_plan
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "campaigns"
 HEAD = '[campaign]\nseeds = [1, 2]\n[campaign.criteria]\noutcome = "completed"\n'

@@ -9,9 +9,9 @@ import pytest
 
 from emulators.faults import Injection
 from hil_bridge.api import Config
-from hil_bridge.campaign.judging import run
-from hil_bridge.campaign.watching import Watch, recovery_s
-from hil_bridge.recording import Recording
+from hil_bridge.lab.campaign.judging import run
+from hil_bridge.lab.campaign.watching import Watch, recovery_s
+from hil_bridge.record import Recording
 from hil_bridge.settings.configuration import read_config
 
 

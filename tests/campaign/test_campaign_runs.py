@@ -17,16 +17,16 @@ import pytest
 from click.testing import CliRunner
 
 from hil_bridge.api import simulate
-from hil_bridge.campaign.judging import Job, configured, run
-from hil_bridge.campaign.live import Results
-from hil_bridge.campaign.page import page
-from hil_bridge.campaign.plan import Plan
-from hil_bridge.campaign.plan_file import read_plan
-from hil_bridge.campaign.store import Store
-from hil_bridge.campaign.working import missing, work
 from hil_bridge.cli.campaign import campaign
 from hil_bridge.errors import BridgeError, ConfigError
-from hil_bridge.recording import read
+from hil_bridge.lab.campaign.judging import Job, configured, run
+from hil_bridge.lab.campaign.live import Results
+from hil_bridge.lab.campaign.page import page
+from hil_bridge.lab.campaign.plan import Plan
+from hil_bridge.lab.campaign.plan_file import read_plan
+from hil_bridge.lab.campaign.store import Store
+from hil_bridge.lab.campaign.working import missing, work
+from hil_bridge.record import read
 
 STUDY = """
 [campaign]

@@ -11,10 +11,10 @@ import struct
 import sys
 import time
 
-from protocol.rtde.fields import Recipe
-from protocol.rtde.packets import Kind, Reader, inputs_request, outputs_request, version_request
-from protocol.rtde.packets import encode as packet
-from protocol.rtde.program import INPUT_NAMES, Command, program_text
+from protocol.devices.rtde.fields import Recipe
+from protocol.devices.rtde.packets import Kind, Reader, inputs_request, outputs_request, version_request
+from protocol.devices.rtde.packets import encode as packet
+from protocol.devices.rtde.program import INPUT_NAMES, Command, program_text
 
 HOST = os.environ["HIL_BRIDGE_HOST"]
 MISTAKE = sys.argv[1]

@@ -13,11 +13,11 @@ from xml.etree import ElementTree
 
 import pytest
 
-from hil_bridge.conform.client import ProcessClient
-from hil_bridge.conform.scenarios import Rules
-from hil_bridge.conform.stage import Played, Trial, chosen
-from hil_bridge.conform.trying import play_all, usual_port
 from hil_bridge.errors import ConfigError
+from hil_bridge.lab.conform.client import ProcessClient
+from hil_bridge.lab.conform.scenarios import Rules
+from hil_bridge.lab.conform.stage import Played, Trial, chosen
+from hil_bridge.lab.conform.trying import play_all, usual_port
 from hil_bridge.settings.configuration import load_config
 
 pytestmark = pytest.mark.live

@@ -16,10 +16,10 @@ from pathlib import Path
 
 import pytest
 
-from hil_bridge.campaign.plan_file import read_plan
-from hil_bridge.campaign.store import Store
-from hil_bridge.campaign.working import missing, work
 from hil_bridge.errors import BridgeError
+from hil_bridge.lab.campaign.plan_file import read_plan
+from hil_bridge.lab.campaign.store import Store
+from hil_bridge.lab.campaign.working import missing, work
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="SIGKILL")
 

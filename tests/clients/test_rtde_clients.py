@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from protocol.rtde import packets
+from protocol.devices.rtde import packets
 
 pytestmark = pytest.mark.live
 

@@ -7,14 +7,14 @@ from xml.etree import ElementTree
 import pytest
 
 from emulators.orders import Act, HeardOrder, Hindrance
-from hil_bridge.conform.client import Where
-from hil_bridge.conform.judging import Outcome, Verdict, judge
-from hil_bridge.conform.reports import as_json, as_junit, table, totals
-from hil_bridge.conform.rules import read_rules
-from hil_bridge.conform.scenarios import Rules
-from hil_bridge.conform.stage import Played
-from hil_bridge.conform.watching import Seen, Watch
 from hil_bridge.errors import ConfigError
+from hil_bridge.lab.conform.client import Where
+from hil_bridge.lab.conform.judging import Outcome, Verdict, judge
+from hil_bridge.lab.conform.reports import as_json, as_junit, table, totals
+from hil_bridge.lab.conform.rules import read_rules
+from hil_bridge.lab.conform.scenarios import Rules
+from hil_bridge.lab.conform.stage import Played
+from hil_bridge.lab.conform.watching import Seen, Watch
 
 RULES = Rules()
 WELL = Seen(

@@ -6,16 +6,16 @@ from dataclasses import dataclass, field
 import pytest
 
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.conform.client import Where
-from hil_bridge.conform.judging import Outcome
-from hil_bridge.conform.scenarios import SCENARIOS, Rules
-from hil_bridge.conform.stage import Played, Trial, chosen, play
-from hil_bridge.device_log import Silence
+from hil_bridge.devices.device_log import Silence
+from hil_bridge.devices.robots.seam import MotionLimits
+from hil_bridge.devices.wiring import Wiring
 from hil_bridge.errors import BridgeError, ConfigError
-from hil_bridge.robots.seam import MotionLimits
+from hil_bridge.lab.conform.client import Where
+from hil_bridge.lab.conform.judging import Outcome
+from hil_bridge.lab.conform.scenarios import SCENARIOS, Rules
+from hil_bridge.lab.conform.stage import Played, Trial, chosen, play
 from hil_bridge.runs.compose import cell_ports, connect_robot
 from hil_bridge.settings.configuration import Config, load_config
-from hil_bridge.wiring import Wiring
 from protocol.geometry import Pose
 
 KINDS = ("s3", "egm", "rtde", "rsi")

@@ -9,7 +9,7 @@ import pytest
 from hil_bridge.control import make_controller
 from hil_bridge.control.controllers import GROUP, controller_kind
 from hil_bridge.errors import ConfigError
-from hil_bridge.plugins import plugin_names
+from hil_bridge.errors.plugins import plugin_names
 from hil_bridge.settings.configuration import load_config
 
 GOOD = """

@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from emulators.ati_can import ATI_CAN_FAULTS, AtiCanBoard, AtiCanProfile
+from emulators.devices.ati_can import ATI_CAN_FAULTS, AtiCanBoard, AtiCanProfile
 from emulators.faults import Ledger
 from emulators.seams import Floats
 from emulators.sensing import KnownWrench
-from protocol.ati_can.messages import decode_sample, decode_sample_rest
 from protocol.can.frame import CanFrame
 from protocol.can.text import parse_frame
+from protocol.devices.ati_can.messages import decode_sample, decode_sample_rest
 
 T0 = 100.0
 LOAD = (1.0, -2.0, 10.0, 0.1, -0.2, 0.05)

@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emulators.egm import EGM_FAULTS, EgmArmProfile, EgmController, EgmProfile, State
-from emulators.egm.guided import ArmJoints
+from emulators.devices.egm import EGM_FAULTS, EgmArmProfile, EgmController, EgmProfile, State
+from emulators.devices.egm.guided import ArmJoints
 from emulators.faults import Injection, Ledger
 from emulators.seams import StartPose
-from protocol.egm import (
+from protocol.devices.egm import (
     Answer,
     Guidance,
     Motors,

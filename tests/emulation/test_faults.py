@@ -10,11 +10,11 @@ import pytest
 from numpy.typing import NDArray
 
 from emulators.arm.waypoints import Waypoint
+from emulators.devices.jr3 import BoardProfile, SensorProfile
+from emulators.devices.jr3.sensor import SENSOR_RATE_HZ
 from emulators.faults import Ledger
 from emulators.faults.ledger import INJECTION_LIMIT
 from emulators.faults.wire import BYTES, FRAMES, WIRE_FAULTS, FaultyWire
-from emulators.jr3 import BoardProfile, SensorProfile
-from emulators.jr3.sensor import SENSOR_RATE_HZ
 from emulators.s3_jr3_cell import BOARD, GATEWAY, UART, PaperCell, PaperCellProfile, Receiver, s3_jr3_cell
 from emulators.surface.contact import SurfaceProfile
 from emulators.surface.faults import ObstacleProfile

@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from emulators.devices.ft300 import FT300_FAULTS, Ft300, Ft300Profile
 from emulators.faults import Ledger
-from emulators.ft300 import FT300_FAULTS, Ft300, Ft300Profile
 from emulators.seams import Floats
 from emulators.sensing import KnownWrench
-from protocol.ft300 import STOP
-from protocol.ft300.messages import (
+from protocol.devices.ft300 import STOP
+from protocol.devices.ft300.messages import (
     READ,
     READ_INPUT,
     StreamReader,

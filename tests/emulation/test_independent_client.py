@@ -8,9 +8,9 @@ import struct
 
 import pytest
 
-from emulators.s3 import S3Controller, S3Profile, S3Profiles
+from emulators.devices.s3 import S3Controller, S3Profile, S3Profiles
 from emulators.seams import StartPose
-from protocol.s3.adlp import LinkProfile
+from protocol.devices.s3.adlp import LinkProfile
 
 ENQ, ACK, NAK, EOT = b"\x05", b"\x06", b"\x15", b"\x04"
 ORDER, RESPONSE, SPONTANEOUS, REFUSAL = 1, 2, 3, 6

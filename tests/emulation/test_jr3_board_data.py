@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from scipy.signal import ellip, freqz_sos, sosfilt
 from scipy.spatial.transform import Rotation
 
-from emulators.jr3.board import Board, BoardProfile
-from emulators.jr3.board.filters import ORDER, SECTION_COEFFICIENTS, run_stage
-from emulators.jr3.sensor import Jr3Sensor, SensorProfile
+from emulators.devices.jr3.board import Board, BoardProfile
+from emulators.devices.jr3.board.filters import ORDER, SECTION_COEFFICIENTS, run_stage
+from emulators.devices.jr3.sensor import Jr3Sensor, SensorProfile
 from emulators.sensing import KnownWrench
-from protocol.jr3.board import (
+from protocol.devices.jr3.board import (
     REGISTERS,
     Link,
     LinkType,

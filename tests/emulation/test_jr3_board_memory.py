@@ -9,11 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from emulators.jr3.board import Board, BoardProfile, IsaPorts, IsaProfile
-from emulators.jr3.sensor import Jr3Sensor, SensorProfile
+from emulators.devices.jr3.board import Board, BoardProfile, IsaPorts, IsaProfile
+from emulators.devices.jr3.sensor import Jr3Sensor, SensorProfile
 from emulators.sensing import KnownWrench
-from protocol.endpoint import RemoteProtocolError
-from protocol.jr3.board import (
+from protocol.devices.jr3.board import (
     COMMANDS,
     MEMORY_WORDS,
     REGISTERS,
@@ -26,6 +25,7 @@ from protocol.jr3.board import (
     from_signed,
     to_signed,
 )
+from protocol.endpoint import RemoteProtocolError
 
 Floats = NDArray[np.float64]
 POWERED = 1000.0003

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from emulators.jr3 import Jr3Sensor, SensorProfile
-from emulators.jr3.board import Board, BoardProfile
+from emulators.devices.jr3 import Jr3Sensor, SensorProfile
+from emulators.devices.jr3.board import Board, BoardProfile
 from emulators.sensing import KnownWrench
-from protocol.jr3.board import REGISTERS, pack_words
+from protocol.devices.jr3.board import REGISTERS, pack_words
 
 POWERED = 1000.0003
 """Not on the sensor's grid."""

@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from emulators.jr3 import Gateway, GatewayProfile, Jr3Sensor, SensorProfile
+from emulators.devices.jr3 import Gateway, GatewayProfile, Jr3Sensor, SensorProfile
 from emulators.sensing import KnownWrench
-from protocol.jr3 import GatewayClient, GatewayClientProfile, parse_frame
+from protocol.devices.jr3 import GatewayClient, GatewayClientProfile, parse_frame
 from protocol.wrench import SensorNotice, SensorReady, WrenchFrame, Zeroed
 
 T0 = 4321.0

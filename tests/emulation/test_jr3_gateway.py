@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from emulators.jr3 import Gateway, GatewayProfile, Jr3Sensor, SensorProfile
+from emulators.devices.jr3 import Gateway, GatewayProfile, Jr3Sensor, SensorProfile
 from emulators.sensing import KnownWrench
-from protocol.jr3 import (
+from protocol.devices.jr3 import (
     decode_triple,
     parse_frame,
 )
-from protocol.jr3.can_gateway.messages import FORCES, MOMENTS
+from protocol.devices.jr3.can_gateway.messages import FORCES, MOMENTS
 
 T0 = 1234.567
 AWAKE = T0 + 2.5

@@ -9,12 +9,24 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from emulators.jr3 import Gateway, GatewayProfile, Jr3Sensor, SensorProfile, UartGateway, UartGatewayProfile
+from emulators.devices.jr3 import (
+    Gateway,
+    GatewayProfile,
+    Jr3Sensor,
+    SensorProfile,
+    UartGateway,
+    UartGatewayProfile,
+)
 from emulators.sensing import KnownWrench
 from protocol.can.frame import CanFrame
-from protocol.jr3 import GatewayClient, GatewayClientProfile, UartGatewayClient, UartGatewayClientProfile
-from protocol.jr3.counts import facts_of
-from protocol.jr3.firmware import HANGS, first_order_delay
+from protocol.devices.jr3 import (
+    GatewayClient,
+    GatewayClientProfile,
+    UartGatewayClient,
+    UartGatewayClientProfile,
+)
+from protocol.devices.jr3.counts import facts_of
+from protocol.devices.jr3.firmware import HANGS, first_order_delay
 from protocol.wrench import (
     SensorEvent,
     SensorFailed,

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from emulators.jr3 import Jr3Sensor, SensorProfile
+from emulators.devices.jr3 import Jr3Sensor, SensorProfile
 from emulators.sensing import KnownWrench
 
 FIRST = 8_000 * 1000 + 17

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from emulators.jr3 import Jr3Sensor, SensorProfile, UartGateway, UartGatewayProfile
+from emulators.devices.jr3 import Jr3Sensor, SensorProfile, UartGateway, UartGatewayProfile
 from emulators.sensing import KnownWrench
 
 T0 = 4321.0

@@ -5,9 +5,9 @@ import mmap
 import numpy as np
 import pytest
 
-from emulators.jr3 import Board
+from emulators.devices.jr3 import Board
 from emulators.s3_jr3_cell import BOARD, PaperCellProfile, s3_jr3_cell
-from protocol.jr3.board import REGISTERS, Errors, to_signed
+from protocol.devices.jr3.board import REGISTERS, Errors, to_signed
 from tools.jr3_window import NOT_RESET, RESET_AT, WINDOW_BYTES, WORDS_AT, Window
 
 COMMAND, ERRORS, MODEL = (REGISTERS[name].address for name in ("command_word0", "errors", "model_no"))

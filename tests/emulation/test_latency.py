@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from emulators.arm.loops import ServoProfile
 from emulators.arm.waypoints import Waypoint, WaypointArm
-from emulators.jr3 import (
+from emulators.devices.jr3 import (
     Gateway,
     GatewayProfile,
     Jr3Sensor,
@@ -22,8 +22,8 @@ from emulators.jr3 import (
     UartGateway,
     UartGatewayProfile,
 )
+from emulators.devices.s3 import S3Controller, S3Profile, S3Profiles
 from emulators.quantiles import draw
-from emulators.s3 import S3Controller, S3Profile, S3Profiles
 from emulators.s3_jr3_cell import PaperCell, PaperCellProfile, s3_jr3_cell
 from emulators.seams import StartPose
 from emulators.sensing import KnownWrench

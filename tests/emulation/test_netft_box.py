@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from emulators.devices.netft import NETFT_FAULTS, NetBox, NetFtProfile, PageEndpoint, answer
 from emulators.faults import Ledger
-from emulators.netft import NETFT_FAULTS, NetBox, NetFtProfile, PageEndpoint, answer
 from emulators.seams import Floats
 from emulators.sensing import KnownWrench
 from protocol.datagram import Datagram, side_of
-from protocol.netft import Command, Record, decode_record, encode_request, parse_page
-from protocol.netft.http import encode_get, read_answer
-from protocol.netft.records import SATURATED
+from protocol.devices.netft import Command, Record, decode_record, encode_request, parse_page
+from protocol.devices.netft.http import encode_get, read_answer
+from protocol.devices.netft.records import SATURATED
 
 T0 = 100.0
 QUIET = {"noise_n": 0.0, "noise_nm": 0.0, "boot_s": 0.0}

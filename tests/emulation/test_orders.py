@@ -6,19 +6,19 @@ from typing import Literal
 
 import pytest
 
-from emulators.egm import EgmController, EgmProfile
+from emulators.devices.egm import EgmController, EgmProfile
+from emulators.devices.rsi import RSI_FAULTS, RsiController, RsiProfile
+from emulators.devices.rtde import RTDE_FAULTS, RtdeProfile, RtdeRobot, Server
 from emulators.faults import Ledger
 from emulators.orders import Act, HeardOrder, TellingRobot
-from emulators.rsi import RSI_FAULTS, RsiController, RsiProfile
-from emulators.rtde import RTDE_FAULTS, RtdeProfile, RtdeRobot, Server
 from emulators.seams import StartPose
-from protocol.egm import SensorMessage, encode_answer, to_wire
+from protocol.devices.egm import SensorMessage, encode_answer, to_wire
+from protocol.devices.rsi import SENSOR, Telegram, encode
+from protocol.devices.rtde.fields import Recipe
+from protocol.devices.rtde.packets import Kind, Types, inputs_request, types_answer
+from protocol.devices.rtde.program import INPUT_NAMES, Command, program_text
+from protocol.devices.rtde.wires import Port
 from protocol.geometry import Pose
-from protocol.rsi import SENSOR, Telegram, encode
-from protocol.rtde.fields import Recipe
-from protocol.rtde.packets import Kind, Types, inputs_request, types_answer
-from protocol.rtde.program import INPUT_NAMES, Command, program_text
-from protocol.rtde.wires import Port
 
 START = StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2)
 T0 = 100.0

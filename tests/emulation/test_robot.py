@@ -12,9 +12,9 @@ from operator import xor
 import pytest
 
 from emulators.arm.loops import ServoProfile
-from emulators.s3 import S3Controller, S3Profile, S3Profiles
+from emulators.devices.s3 import S3Controller, S3Profile, S3Profiles
 from emulators.seams import StartPose
-from protocol.s3.adlp import LinkProfile
+from protocol.devices.s3.adlp import LinkProfile
 
 T0 = 5000.25
 START = (0.9, -0.1, 0.6)

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emulators.s3 import (
+from emulators.devices.s3 import (
     CHANGES,
     S3_FAULTS,
     Activity,
@@ -31,8 +31,8 @@ from emulators.s3 import (
     refusal,
 )
 from emulators.seams import StartPose
-from protocol.s3.adlp import LinkProfile
-from protocol.s3.arap import (
+from protocol.devices.s3.adlp import LinkProfile
+from protocol.devices.s3.arap import (
     Answered,
     ArapEvent,
     ArapHost,

@@ -10,16 +10,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from emulators.devices.rsi import RSI_FAULTS, RsiController, RsiProfile
+from emulators.devices.rsi.controller import State
+from emulators.devices.rsi.correction import TOO_FAR, TOO_FAST, Correction
+from emulators.devices.rsi.ethernet import TIMED_OUT
 from emulators.faults import Ledger
-from emulators.rsi import RSI_FAULTS, RsiController, RsiProfile
-from emulators.rsi.controller import State
-from emulators.rsi.correction import TOO_FAR, TOO_FAST, Correction
-from emulators.rsi.ethernet import TIMED_OUT
 from emulators.seams import StartPose
+from protocol.devices.rsi import SENSOR, Telegram, decode, encode, fixed, numbers, pose_tags
+from protocol.devices.rsi.angles import quaternion_of
 from protocol.endpoint import RemoteProtocolError
 from protocol.geometry import Pose
-from protocol.rsi import SENSOR, Telegram, decode, encode, fixed, numbers, pose_tags
-from protocol.rsi.angles import quaternion_of
 
 T0 = 1000.0
 DOWN = (0.0, 1.0, 0.0, 0.0)

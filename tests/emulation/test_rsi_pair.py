@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from emulators.rsi import RsiController, RsiProfile
-from emulators.rsi.controller import State
+from emulators.devices.rsi import RsiController, RsiProfile
+from emulators.devices.rsi.controller import State
 from emulators.seams import StartPose
+from protocol.devices.rsi import RsiClient, RsiLink
 from protocol.geometry import Pose
 from protocol.robot import ReportReceived, StreamLost
-from protocol.rsi import RsiClient, RsiLink
 
 T0 = 1000.0
 START = Pose((0.6, 0.0, 0.5), (0.0, 1.0, 0.0, 0.0))

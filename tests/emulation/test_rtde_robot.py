@@ -11,23 +11,23 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
+from emulators.devices.rtde import RTDE_FAULTS, RtdeProfile, RtdeRobot
+from emulators.devices.rtde.arm import JointArm, Servo
+from emulators.devices.rtde.kinematics import ARMS, USUAL, flange, nearest, solutions
+from emulators.devices.rtde.robot import CLIENTS_MAX
 from emulators.faults import Ledger
-from emulators.rtde import RTDE_FAULTS, RtdeProfile, RtdeRobot
-from emulators.rtde.arm import JointArm, Servo
-from emulators.rtde.kinematics import ARMS, USUAL, flange, nearest, solutions
-from emulators.rtde.robot import CLIENTS_MAX
 from emulators.seams import StartPose
+from protocol.devices.rtde import packets
+from protocol.devices.rtde.client import EXPECTED, OUTPUT_NAMES, RtdeClient
+from protocol.devices.rtde.fields import Recipe, Value
+from protocol.devices.rtde.packets import Kind, Packet, Reader, Types
+from protocol.devices.rtde.profile import ClientProfile
+from protocol.devices.rtde.program import INPUT_NAMES, force_program_text, program_text
+from protocol.devices.rtde.rotation import six_of
+from protocol.devices.rtde.states import RobotMode, Runtime, SafetyMode
+from protocol.devices.rtde.wires import Piece, Port
 from protocol.geometry import Pose, towards
 from protocol.robot import ReportReceived, RobotReport, StreamLost
-from protocol.rtde import packets
-from protocol.rtde.client import EXPECTED, OUTPUT_NAMES, RtdeClient
-from protocol.rtde.fields import Recipe, Value
-from protocol.rtde.packets import Kind, Packet, Reader, Types
-from protocol.rtde.profile import ClientProfile
-from protocol.rtde.program import INPUT_NAMES, force_program_text, program_text
-from protocol.rtde.rotation import six_of
-from protocol.rtde.states import RobotMode, Runtime, SafetyMode
-from protocol.rtde.wires import Piece, Port
 
 T0 = 1000.25
 START = StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2)

@@ -7,12 +7,10 @@ from dataclasses import replace
 
 import pytest
 
-from emulators.s3 import S3Controller, S3Profiles, S3Site, SiteOrders
+from emulators.devices.s3 import S3Controller, S3Profiles, S3Site, SiteOrders
 from emulators.seams import StartPose
-from protocol.fields import Field, Layout
-from protocol.marks import Mark
-from protocol.s3.adlp import Link, LinkProfile, MessageReceived, Role
-from protocol.s3.arap import (
+from protocol.devices.s3.adlp import Link, LinkProfile, MessageReceived, Role
+from protocol.devices.s3.arap import (
     Emulation,
     Mode,
     OrderBook,
@@ -29,6 +27,8 @@ from protocol.s3.arap import (
     stop_program,
     write_mode,
 )
+from protocol.fields import Field, Layout
+from protocol.marks import Mark
 
 T0 = 700.125
 
@@ -142,7 +142,7 @@ def test_what_the_answer_cannot_hold_is_refused_with_31() -> None:
 
 
 def test_memories_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("emulators.s3.site.PLACE_LIMIT", 2)
+    monkeypatch.setattr("emulators.devices.s3.site.PLACE_LIMIT", 2)
     host = Host(READ, WRITE)
     host.call("write_register", number=1, value=1.0)
     host.call("write_register", number=2, value=1.0)

@@ -13,8 +13,8 @@ from click.testing import CliRunner
 
 from hil_bridge.cli.experiment import experiment
 from hil_bridge.errors import ConfigError
-from hil_bridge.experiments import EXPERIMENTS
-from hil_bridge.experiments.results import distinct, from_csv, rows_where
+from hil_bridge.lab.experiments import EXPERIMENTS
+from hil_bridge.lab.experiments.results import distinct, from_csv, rows_where
 
 
 def run(*arguments):

@@ -9,12 +9,19 @@ from dataclasses import replace
 import pytest
 
 from hil_bridge.control import CONTROLLERS, figures_of_merit
-from hil_bridge.experiments import EXPERIMENTS, resolution, run_emulated, run_jobs, write_findings, write_page
-from hil_bridge.experiments.cell import CellJob
-from hil_bridge.experiments.comparison import held, ranking, variants
-from hil_bridge.experiments.paper_simulation import RESOLUTION, PaperJob
-from hil_bridge.experiments.results import digits, from_csv, markdown, only_row, to_csv
-from hil_bridge.experiments.simulation import REFERENCE_N, STIFFNESSES
+from hil_bridge.lab.experiments import (
+    EXPERIMENTS,
+    resolution,
+    run_emulated,
+    run_jobs,
+    write_findings,
+    write_page,
+)
+from hil_bridge.lab.experiments.cell import CellJob
+from hil_bridge.lab.experiments.comparison import held, ranking, variants
+from hil_bridge.lab.experiments.paper_simulation import RESOLUTION, PaperJob
+from hil_bridge.lab.experiments.results import digits, from_csv, markdown, only_row, to_csv
+from hil_bridge.lab.experiments.simulation import REFERENCE_N, STIFFNESSES
 
 
 def evaluated(name, seeds, keep=lambda job: True):

@@ -10,13 +10,13 @@ import pytest
 
 from emulators.s3_jr3_cell import PaperCell
 from hil_bridge.clock import Clock, Timer, run_virtual
-from hil_bridge.device_log import LogTo
+from hil_bridge.devices.device_log import LogTo
+from hil_bridge.devices.robots.s3.link import S3Link
 from hil_bridge.errors import BridgeError, TransportClosed
-from hil_bridge.faults.schedule import FaultSchedule
-from hil_bridge.recording import CycleRecord, EventRecord, Outcome, StepRecord
-from hil_bridge.robots.s3.link import S3Link
+from hil_bridge.record import CycleRecord, EventRecord, Outcome, StepRecord
 from hil_bridge.runs.compose import make_cell, open_devices
 from hil_bridge.runs.cycle import Run, RunResult
+from hil_bridge.runs.faults.schedule import FaultSchedule
 from hil_bridge.settings.configuration import Config
 
 WATCH_S = 0.01

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 import hil_bridge
-from hil_bridge.recording import Outcome
+from hil_bridge.record import Outcome
 from hil_bridge.settings.configuration import Config, read_config
 
 Guarded = Any

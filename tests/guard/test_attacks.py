@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
-from hil_bridge.recording import Outcome
+from hil_bridge.record import Outcome
 from hil_bridge.runs.small_steps import SmallSteps
 from hil_bridge.settings.configuration import Config
-from protocol.s3.arap import Status
+from protocol.devices.s3.arap import Status
 
 Guarded = Any
 Run = Callable[..., Guarded]

@@ -13,9 +13,9 @@ import hil_bridge
 from emulators.arm.loops import PositionLoop
 from hil_bridge.control.course.reaction import bound_n, servo_lag
 from hil_bridge.control.types import Command, Measurement
-from hil_bridge.facts import Pacing, RobotFacts, ServoFacts
-from hil_bridge.guard.force_bound import force_bound_n
-from hil_bridge.recording.device_facts import devices_of
+from hil_bridge.devices.facts import Pacing, RobotFacts, ServoFacts
+from hil_bridge.record.device_facts import devices_of
+from hil_bridge.runs.force_bound import force_bound_n
 from hil_bridge.runs.reaction_times import force_age, reaction, robot_motion
 from hil_bridge.runs.slow_cycles import SlowCycles
 from hil_bridge.settings.configuration import read_config

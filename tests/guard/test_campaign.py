@@ -29,8 +29,8 @@ from emulators.s3_jr3_cell import PaperCell
 from hil_bridge.clock import Clock
 from hil_bridge.control import CONTROLLERS
 from hil_bridge.errors import BridgeError
-from hil_bridge.invariants import Evidence, Trace, broken_promises, violation_text
-from hil_bridge.recording import Recording, read
+from hil_bridge.lab.invariants import Evidence, Trace, broken_promises, violation_text
+from hil_bridge.record import Recording, read
 from hil_bridge.runs.compose import make_cell
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute

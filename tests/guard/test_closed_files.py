@@ -15,7 +15,7 @@ import pytest
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.clock.polling import CHECK_S, BusyPolling, WatchfulSelector
 from hil_bridge.errors import TransportError
-from hil_bridge.recording import read
+from hil_bridge.record import read
 from hil_bridge.transports.opening import connect_bytes, connect_datagrams, listen_bytes, listen_datagrams
 
 pytestmark = pytest.mark.live

@@ -10,10 +10,10 @@ from hil_bridge.control import Cause, Phase
 from hil_bridge.control.course.conditions import BARRIER, BY_CAUSE, CLAMPS, STOPS, Reaction, When
 from hil_bridge.control.course.verdict import WAITS
 from hil_bridge.errors import ConfigError
-from hil_bridge.guard.asking import Asked, Situation
-from hil_bridge.guard.conditions import BEFORE, CONDITIONS, SHELL, as_text
-from hil_bridge.guard.explaining import LOOSE, explain
 from hil_bridge.settings.configuration import Config, read_config
+from hil_bridge.site.guard.asking import Asked, Situation
+from hil_bridge.site.guard.conditions import BEFORE, CONDITIONS, SHELL, as_text
+from hil_bridge.site.guard.explaining import LOOSE, explain
 
 CONFIG = Config()
 RETRACT = Phase.RETRACT

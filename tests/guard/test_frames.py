@@ -6,13 +6,13 @@ from typing import Any
 
 import pytest
 
-from emulators.egm import controller
+from emulators.devices.egm import controller
 from hil_bridge.settings.configuration import Config, read_config
-from protocol.egm import PoseMm, to_wire
-from protocol.egm.frames import STOOD_S, Frames
+from protocol.devices.egm import PoseMm, to_wire
+from protocol.devices.egm.frames import STOOD_S, Frames
+from protocol.devices.rtde.rotation import pose_of, turn_between
 from protocol.geometry import Pose
 from protocol.robot import pose_fault
-from protocol.rtde.rotation import pose_of, turn_between
 
 Guarded = Any
 Run = Callable[..., Guarded]

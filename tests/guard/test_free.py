@@ -8,11 +8,11 @@ import pytest
 
 from emulators.s3_jr3_cell import PaperCell
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.device_log import LogTo
+from hil_bridge.devices.device_log import LogTo
 from hil_bridge.errors import DeviceError, SafetyStop
 from hil_bridge.runs.compose import open_devices
-from hil_bridge.runs.free import Freed, Freeing
 from hil_bridge.settings.configuration import Config
+from hil_bridge.site.free import Freed, Freeing
 
 Configured = Callable[..., Config]
 

@@ -11,16 +11,16 @@ from msgspec.structs import replace
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.control.course import supervisor
 from hil_bridge.control.types import Command, Measurement
-from hil_bridge.device_log import LogTo
+from hil_bridge.devices.device_log import LogTo
+from hil_bridge.devices.robots.gate import SLACK_M, Bounds, Gate, contradiction
 from hil_bridge.robots import ramp
-from hil_bridge.robots.gate import SLACK_M, Bounds, Gate, contradiction
 from hil_bridge.runs import pace
 from hil_bridge.runs.bounds import free_bounds, run_bounds
 from hil_bridge.runs.compose import open_devices
-from hil_bridge.runs.free import Freeing
 from hil_bridge.settings.configuration import Config, read_config
 from hil_bridge.settings.kinds import facts_of
-from hil_bridge.tool.measuring import Sweep, measure
+from hil_bridge.site.free import Freeing
+from hil_bridge.site.tool.measuring import Sweep, measure
 from protocol.geometry import Pose, Vector, towards
 
 Guarded = Any

@@ -10,8 +10,9 @@ import pytest
 from msgspec.structs import replace as changed
 
 import hil_bridge
-from hil_bridge.faults.settings import FaultConfig
-from hil_bridge.invariants import (
+from hil_bridge.devices.kinds import ROBOTS, SENSORS, faults_of
+from hil_bridge.devices.robots.gate import Bounds, Gate
+from hil_bridge.lab.invariants import (
     CHECKERS,
     VOIDS,
     Evidence,
@@ -21,10 +22,9 @@ from hil_bridge.invariants import (
     violation_text,
     void_reasons,
 )
-from hil_bridge.invariants.recorded import promises_broken
-from hil_bridge.kinds import ROBOTS, SENSORS, faults_of
-from hil_bridge.recording import EventRecord, Recording
-from hil_bridge.robots.gate import Bounds, Gate
+from hil_bridge.lab.invariants.recorded import promises_broken
+from hil_bridge.record import EventRecord, Recording
+from hil_bridge.settings.faults import FaultConfig
 from protocol.geometry import Pose
 
 Plant = Callable[[Evidence], Evidence]

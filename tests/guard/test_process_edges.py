@@ -12,7 +12,7 @@ import pytest
 import hil_bridge.cli
 from hil_bridge import api
 from hil_bridge.clock import run_real_on, run_virtual, run_virtual_on
-from hil_bridge.recording import CycleRecord, Outcome, read
+from hil_bridge.record import CycleRecord, Outcome, read
 from hil_bridge.runs import session
 from hil_bridge.runs.signals import ASKING, BACKGROUND, ENDING, OTHERS, Signals, as_ctrl_c, signal_name
 

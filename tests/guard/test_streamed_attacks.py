@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 import hil_bridge
-from hil_bridge.facts import Devices, Sensor
-from hil_bridge.guard.force_bound import force_bound_n
+from hil_bridge.devices.facts import Devices, Sensor
+from hil_bridge.runs.force_bound import force_bound_n
 from hil_bridge.settings.configuration import Config, read_config
 from hil_bridge.settings.kinds import facts_of
 from protocol.wrench import SensorFacts

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from hil_bridge.recording import Outcome
+from hil_bridge.record import Outcome
 from hil_bridge.settings.configuration import Config
 
 LIMIT_N = 50.0

@@ -7,7 +7,7 @@ import pytest
 
 from hil_bridge.control.course.zero import AXES, unverified_axes
 from hil_bridge.control.geometry.wrist import Wrist
-from hil_bridge.recording import Outcome
+from hil_bridge.record import Outcome
 from hil_bridge.settings.configuration import Config, read_config
 
 Guarded = Any

@@ -10,7 +10,7 @@ import hil_bridge
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.verdict import Observation
 from hil_bridge.control.course.witness import Witness, witness_of
-from hil_bridge.recording import Outcome
+from hil_bridge.record import Outcome
 from hil_bridge.runs.replay import recorded_config, replay
 from hil_bridge.settings.configuration import Config, read_config
 

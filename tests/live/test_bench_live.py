@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from protocol.egm.messages import (
+from protocol.devices.egm.messages import (
     Guidance,
     Motors,
     Rapid,
@@ -19,8 +19,8 @@ from protocol.egm.messages import (
     encode_answer,
     encode_robot,
 )
-from protocol.egm.schema import RobotWare
-from protocol.rtde import packets
+from protocol.devices.egm.schema import RobotWare
+from protocol.devices.rtde import packets
 from tools.bench import answers, asyncio_echo, exchanges, machine
 from tools.bench.exchanges import ANSWER, PACKET
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from emulators.jr3 import Board, BoardProfile, Jr3Sensor, SensorProfile
+from emulators.devices.jr3 import Board, BoardProfile, Jr3Sensor, SensorProfile
 from emulators.sensing import KnownWrench
 
 pytestmark = pytest.mark.live

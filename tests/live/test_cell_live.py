@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.recording import read
+from hil_bridge.record import read
 
 pytestmark = pytest.mark.live
 

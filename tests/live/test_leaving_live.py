@@ -21,7 +21,7 @@ from pathlib import Path
 import pytest
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.recording import Recording, read
+from hil_bridge.record import Recording, read
 
 pytestmark = pytest.mark.live
 

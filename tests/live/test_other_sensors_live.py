@@ -7,12 +7,12 @@ from typing import Any
 import pytest
 
 from hil_bridge.clock import Clock, run_real
-from hil_bridge.device_log import Silence
+from hil_bridge.devices.device_log import Silence
+from hil_bridge.devices.sensors.stream import ForceSensor
+from hil_bridge.devices.wiring import Wiring
 from hil_bridge.runs.compose import Ports, connect_sensor, emulated_cell
-from hil_bridge.sensors.stream import ForceSensor
 from hil_bridge.settings.configuration import read_config
-from hil_bridge.wiring import Wiring
-from protocol.netft import Command, encode_request
+from protocol.devices.netft import Command, encode_request
 
 pytestmark = pytest.mark.live
 

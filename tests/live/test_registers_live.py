@@ -13,11 +13,10 @@ from pathlib import Path
 import pytest
 
 from hil_bridge.clock import Clock, run_real
+from hil_bridge.devices.sensors.jr3.registers import ListenerProfile, serve_board
 from hil_bridge.errors import TransportUnavailable
-from hil_bridge.sensors.jr3.registers import ListenerProfile, serve_board
-from protocol.endpoint import RemoteProtocolError
-from protocol.jr3.board import check_range, pack_words
-from protocol.jr3.registers import (
+from protocol.devices.jr3.board import check_range, pack_words
+from protocol.devices.jr3.registers import (
     Garbage,
     Op,
     RegisterServerProfile,
@@ -27,6 +26,7 @@ from protocol.jr3.registers import (
     encode_request,
     response_reader,
 )
+from protocol.endpoint import RemoteProtocolError
 
 pytestmark = pytest.mark.live
 

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from protocol.rtde import packets
-from protocol.rtde.fields import Recipe
-from protocol.rtde.packets import Kind
-from protocol.rtde.states import Runtime
+from protocol.devices.rtde import packets
+from protocol.devices.rtde.fields import Recipe
+from protocol.devices.rtde.packets import Kind
+from protocol.devices.rtde.states import Runtime
 
 pytestmark = pytest.mark.live
 

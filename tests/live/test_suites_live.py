@@ -11,7 +11,7 @@ pytestmark = pytest.mark.live
 
 MODULE = """
 import pytest
-from hil_bridge.kinds import ROBOTS, SENSORS
+from hil_bridge.devices.kinds import ROBOTS, SENSORS
 from hil_bridge.testing import RobotCase, SensorCase
 from hil_bridge.testing.robot_clients import *
 from hil_bridge.testing.sensor_clients import *

@@ -6,10 +6,10 @@ import itertools
 import pytest
 
 from hil_bridge.clock import Clock, run_real
-from hil_bridge.device_log import LogTo
+from hil_bridge.devices.device_log import LogTo
+from hil_bridge.devices.wiring import Wiring
 from hil_bridge.runs.compose import Ports, connect_sensor, emulated_cell
 from hil_bridge.settings.configuration import Config
-from hil_bridge.wiring import Wiring
 from protocol.wrench import WrenchFrame
 
 pytestmark = pytest.mark.live

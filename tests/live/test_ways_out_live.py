@@ -19,9 +19,9 @@ from pathlib import Path
 
 import pytest
 
+from hil_bridge.devices.robots.s3.panel import ask
 from hil_bridge.errors import ConfigError
-from hil_bridge.recording import read
-from hil_bridge.robots.s3.panel import ask
+from hil_bridge.record import read
 
 pytestmark = pytest.mark.live
 

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from emulators.cell import Cell, TrueState
 from hil_bridge.clock import Clock, Timer, run_virtual
-from hil_bridge.device_log import LogTo
+from hil_bridge.devices.device_log import LogTo
 from hil_bridge.errors import BridgeError
-from hil_bridge.faults.schedule import FaultSchedule
-from hil_bridge.recording import CycleRecord, EventRecord, Outcome, Recording, StepRecord
+from hil_bridge.record import CycleRecord, EventRecord, Outcome, Recording, StepRecord
 from hil_bridge.runs.compose import open_devices
 from hil_bridge.runs.cycle import Run, RunResult
+from hil_bridge.runs.faults.schedule import FaultSchedule
 from hil_bridge.runs.pace import paced
 from hil_bridge.runs.replay import replay
 from hil_bridge.settings.configuration import Config, read_config

@@ -19,7 +19,7 @@ LONG = "not any_sequence and not every_fault and not cancelled and not damaged"
 ROOM = """
 from emulators.surface.contact import Contact, SurfaceProfile
 from emulators.surface.faults import SURFACE_FAULTS
-from hil_bridge.kinds import ROBOTS, SENSORS, SurfaceKind
+from hil_bridge.devices.kinds import ROBOTS, SENSORS, SurfaceKind
 
 ROBOT, SENSOR = ROBOTS.kind("s3"), SENSORS.kind("ft300")
 SURFACE = SurfaceKind("mine", "", SurfaceProfile, lambda s: lambda changed: Contact(s, changed), SURFACE_FAULTS)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from hil_bridge.kinds import ROBOTS
+from hil_bridge.devices.kinds import ROBOTS
 from hil_bridge.testing import RobotCase
 from hil_bridge.testing.robot_clients import *  # noqa: F403
 from hil_bridge.testing.robot_emulators import *  # noqa: F403

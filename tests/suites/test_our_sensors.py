@@ -2,7 +2,7 @@
 
 import pytest
 
-from hil_bridge.kinds import SENSORS
+from hil_bridge.devices.kinds import SENSORS
 from hil_bridge.testing import SensorCase
 from hil_bridge.testing.sensor_clients import *  # noqa: F403
 from hil_bridge.testing.sensor_emulators import *  # noqa: F403

@@ -6,7 +6,7 @@ from emulators.surface.contact import Contact, SurfaceProfile
 from emulators.surface.contact import SurfaceKind as Shape
 from emulators.surface.faults import SURFACE_FAULTS
 from emulators.surface.materials import MaterialKind, MaterialProfile
-from hil_bridge.kinds import SurfaceKind
+from hil_bridge.devices.kinds import SurfaceKind
 from hil_bridge.testing import SurfaceCase
 from hil_bridge.testing.surfaces import *  # noqa: F403
 

@@ -41,7 +41,7 @@ MINE = """
 import pytest
 from hil_bridge.testing import SurfaceCase
 from hil_bridge.testing.surfaces import *
-from hil_bridge.kinds import SurfaceKind
+from hil_bridge.devices.kinds import SurfaceKind
 from emulators.surface.contact import Contact, SurfaceProfile
 
 KIND = SurfaceKind("mine", "", SurfaceProfile, lambda s: lambda changed: Contact(s, changed))

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from emulators.surface.contact import Contact, SurfaceProfile
-from hil_bridge.kinds import ROBOTS, SENSORS, SurfaceKind
-from hil_bridge.robots.seam import MotionLimits
+from hil_bridge.devices.kinds import ROBOTS, SENSORS, SurfaceKind
+from hil_bridge.devices.robots.seam import MotionLimits
 from hil_bridge.testing import (
     RobotCase,
     SensorCase,

@@ -9,19 +9,19 @@ from typing import Any
 
 import pytest
 
-from hil_bridge.campaign.criteria import Figures
 from hil_bridge.control.controllers import CONTROLLERS
 from hil_bridge.control.types import Range
 from hil_bridge.errors import ConfigError
+from hil_bridge.lab.campaign.criteria import Figures
+from hil_bridge.lab.tuning.comparing import Comparison, Finding, sentence, told
+from hil_bridge.lab.tuning.evaluating import Goal, Job, Worth, scales_of, worth
+from hil_bridge.lab.tuning.front import front, picture
+from hil_bridge.lab.tuning.preparing import axes_of, limit_of, others, tuned_file, weights_of
+from hil_bridge.lab.tuning.reporting import as_json, chosen, fresh_comparison
+from hil_bridge.lab.tuning.searching import Search, Wanted, begin, search
+from hil_bridge.lab.tuning.space import space_of
+from hil_bridge.lab.tuning.writing import toml
 from hil_bridge.settings.configuration import Config, load_config
-from hil_bridge.tuning.comparing import Comparison, Finding, sentence, told
-from hil_bridge.tuning.evaluating import Goal, Job, Worth, scales_of, worth
-from hil_bridge.tuning.front import front, picture
-from hil_bridge.tuning.preparing import axes_of, limit_of, others, tuned_file, weights_of
-from hil_bridge.tuning.reporting import as_json, chosen, fresh_comparison
-from hil_bridge.tuning.searching import Search, Wanted, begin, search
-from hil_bridge.tuning.space import space_of
-from hil_bridge.tuning.writing import toml
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "tuning"
 

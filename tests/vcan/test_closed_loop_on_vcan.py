@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from hil_bridge.recording import read
+from hil_bridge.record import read
 
 pytestmark = pytest.mark.vcan
 

@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 
 from hil_bridge.clock import Clock, run_real
-from hil_bridge.export import export
-from hil_bridge.export.traffic import WireFrame, can_frames
-from hil_bridge.recording import read_with_traffic
+from hil_bridge.record import read_with_traffic
+from hil_bridge.record.export import export
+from hil_bridge.record.export.traffic import WireFrame, can_frames
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute
 from hil_bridge.settings.configuration import Config

@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from emulators.jr3 import Gateway, GatewayProfile, Jr3Sensor, SensorProfile
+from emulators.devices.jr3 import Gateway, GatewayProfile, Jr3Sensor, SensorProfile
 from emulators.sensing import KnownWrench
 from hil_bridge.clock import Clock, run_real
-from hil_bridge.device_log import Silence
-from hil_bridge.sensors.stream import ForceSensor
+from hil_bridge.devices.device_log import Silence
+from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.transports import connect_can
 from hil_bridge.transports.pump import Pump
 from protocol.can.frame import CanFilter
-from protocol.jr3 import GatewayClient, GatewayClientProfile
+from protocol.devices.jr3 import GatewayClient, GatewayClientProfile
 from protocol.wrench import WrenchFrame
 
 pytestmark = pytest.mark.vcan

@@ -2,7 +2,7 @@
 
 import pytest
 
-from hil_bridge.web.admission import CSP, Admission, Bucket
+from hil_bridge.show.web.admission import CSP, Admission, Bucket
 
 OTHER = "https://app.foxglove.dev"
 OURS = "127.0.0.1:8000"

@@ -10,9 +10,9 @@ from typing import Any
 import aiohttp
 import pytest
 
-from hil_bridge.web import server as serving
-from hil_bridge.web.admission import Admission
-from hil_bridge.web.server import CONNECTIONS, Server
+from hil_bridge.show.web import server as serving
+from hil_bridge.show.web.admission import Admission
+from hil_bridge.show.web.server import CONNECTIONS, Server
 
 pytestmark = pytest.mark.live
 IDLE = CONNECTIONS + 16

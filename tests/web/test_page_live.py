@@ -14,10 +14,10 @@ from typing import Any
 import aiohttp
 import pytest
 
-from hil_bridge.recording import read
-from hil_bridge.recording.scenes import SCENE_TOPICS
-from hil_bridge.recording.topics import TOPICS
-from hil_bridge.web.admission import TOKEN_HEADER
+from hil_bridge.record import read
+from hil_bridge.record.scenes import SCENE_TOPICS
+from hil_bridge.record.topics import TOPICS
+from hil_bridge.show.web.admission import TOKEN_HEADER
 from tools.chromium import Page
 from tools.web_run import WebRun
 

@@ -7,14 +7,14 @@ import msgspec
 import pytest
 
 from hil_bridge.api import load, simulate
-from hil_bridge.recording import CycleRecord, EventRecord, Recording, RunEnd
-from hil_bridge.recording.ending import Outcome
-from hil_bridge.recording.topics import TOPICS, Record
+from hil_bridge.record import CycleRecord, EventRecord, Recording, RunEnd
+from hil_bridge.record.ending import Outcome
+from hil_bridge.record.topics import TOPICS, Record
 from hil_bridge.settings.kinds import cell_in_words, facts_of
-from hil_bridge.view import Health, Scene
-from hil_bridge.web import wire
-from hil_bridge.web.columns import ROWS, Columns
-from hil_bridge.web.picture import EVENTS, Cursor, Picture
+from hil_bridge.show.terminal import Health, Scene
+from hil_bridge.show.web import wire
+from hil_bridge.show.web.columns import ROWS, Columns
+from hil_bridge.show.web.picture import EVENTS, Cursor, Picture
 
 FAULT = {"on": "robot", "fault": "emergency-stop", "phase": "track", "after_s": 1.0}
 

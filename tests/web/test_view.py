@@ -11,9 +11,9 @@ from click.testing import CliRunner
 from hil_bridge.api import load, simulate
 from hil_bridge.cli import cli
 from hil_bridge.errors import ConfigError
-from hil_bridge.recording import Recording, read
-from hil_bridge.web import feed
-from hil_bridge.web.playback import Place, Playback
+from hil_bridge.record import Recording, read
+from hil_bridge.show.web import feed
+from hil_bridge.show.web.playback import Place, Playback
 
 OLD = Path(__file__).parents[1] / "bridge" / "recordings" / "version_0_1_0.mcap"
 FAULT = {"on": "robot", "fault": "emergency-stop", "phase": "track", "after_s": 1.0}

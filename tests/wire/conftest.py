@@ -8,7 +8,7 @@ import pytest
 from hypothesis import strategies as st
 
 from protocol.can.frame import CanFrame
-from protocol.jr3 import (
+from protocol.devices.jr3 import (
     GatewayClient,
     GatewayClientProfile,
     UartGatewayClient,
@@ -16,9 +16,9 @@ from protocol.jr3 import (
     encode_sample,
     parse_frame,
 )
-from protocol.jr3.counts import facts_of
-from protocol.jr3.firmware import first_order_delay
-from protocol.jr3.uart_gateway import encode_data
+from protocol.devices.jr3.counts import facts_of
+from protocol.devices.jr3.firmware import first_order_delay
+from protocol.devices.jr3.uart_gateway import encode_data
 from protocol.wrench import SensorEvent, SensorReady, WrenchFrame
 
 T0 = 1000.25

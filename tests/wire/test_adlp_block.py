@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from protocol.s3.adlp import (
+from protocol.devices.s3.adlp import (
     BLOCK_OVERHEAD,
     Block,
     BlockFormat,

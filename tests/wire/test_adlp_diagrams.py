@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from protocol.s3.adlp import TRANSITIONS, Action, LinkProfile, Role, State
+from protocol.devices.s3.adlp import TRANSITIONS, Action, LinkProfile, Role, State
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCUMENT = (ROOT / "docs" / "reference" / "computer-link.md").read_text(encoding="utf-8")

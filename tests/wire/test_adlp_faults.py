@@ -30,7 +30,7 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition, rule
 
-from protocol.s3.adlp import (
+from protocol.devices.s3.adlp import (
     INCOMING_FAILURES,
     SINGLE_CONTROLS,
     Control,

@@ -9,7 +9,7 @@ import tracemalloc
 
 import pytest
 
-from protocol.s3.adlp import (
+from protocol.devices.s3.adlp import (
     BLOCK_OVERHEAD,
     EVENT_LIMIT,
     LENGTH_STYLES,

@@ -5,8 +5,7 @@ What it does on the line is in the transcripts beside this file, what it makes o
 
 import pytest
 
-from protocol.endpoint import LocalProtocolError
-from protocol.s3.adlp import (
+from protocol.devices.s3.adlp import (
     ROUTINE,
     Link,
     LinkFailed,
@@ -19,6 +18,7 @@ from protocol.s3.adlp import (
     Role,
     State,
 )
+from protocol.endpoint import LocalProtocolError
 
 HOST, ROBOT = Role.HOST, Role.ROBOT
 EPOCH = 1234.5

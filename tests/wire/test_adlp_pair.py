@@ -3,7 +3,7 @@
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from protocol.s3.adlp import (
+from protocol.devices.s3.adlp import (
     SINGLE_CONTROLS,
     Link,
     LinkFailed,

@@ -5,9 +5,9 @@ from dataclasses import replace
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
+from protocol.devices.s3.adlp import LinkProfile
 from protocol.marks import Mark
 from protocol.marks import settings as settings_of
-from protocol.s3.adlp import LinkProfile
 
 
 def test_profile_comes_from_plain_values_and_refuses_wrong_ones():

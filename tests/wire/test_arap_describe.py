@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from protocol.s3.adlp import encode_block
-from protocol.s3.arap import Refusal, Telegram, describe, read_status, start_program
+from protocol.devices.s3.adlp import encode_block
+from protocol.devices.s3.arap import Refusal, Telegram, describe, read_status, start_program
 
 ASK = bytes.fromhex("10 02 00 08 01 00 13 01 00 00 10 03 18")
 STATUS = encode_block(

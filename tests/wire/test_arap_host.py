@@ -2,8 +2,7 @@
 
 import pytest
 
-from protocol.endpoint import LocalProtocolError
-from protocol.s3.adlp import (
+from protocol.devices.s3.adlp import (
     EVENT_LIMIT,
     Link,
     LinkFailed,
@@ -14,7 +13,7 @@ from protocol.s3.adlp import (
     Role,
     encode_block,
 )
-from protocol.s3.arap import (
+from protocol.devices.s3.arap import (
     Answered,
     ArapHost,
     Move,
@@ -36,6 +35,7 @@ from protocol.s3.arap import (
     start_program,
     stop_program,
 )
+from protocol.endpoint import LocalProtocolError
 
 PROFILE = LinkProfile(baudrate=11000)
 STATUS = Status((4073, -6692, 5255), (2071, -11179, 2455, 11539), operation=True)
@@ -275,7 +275,7 @@ def test_unreadable_answer_fails_the_order():
 
 
 def test_too_many_blocks_fail_the_order(monkeypatch):
-    monkeypatch.setattr("protocol.s3.arap.host.MESSAGE_LIMIT", 2)
+    monkeypatch.setattr("protocol.devices.s3.arap.host.MESSAGE_LIMIT", 2)
     cell = Cell(answer=answers(blocks(b"a", b"b", b"c", b"d")))
     cell.host.order(receive_program(1))
     failed, late = cell.run()

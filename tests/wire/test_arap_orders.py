@@ -7,11 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from protocol.endpoint import LocalProtocolError, RemoteProtocolError
-from protocol.fields import Field, Layout
-from protocol.marks import Mark
-from protocol.s3.adlp import MESSAGE_LIMIT, LinkProfile, encode_block
-from protocol.s3.arap import (
+from protocol.devices.s3.adlp import MESSAGE_LIMIT, LinkProfile, encode_block
+from protocol.devices.s3.arap import (
     FIELD_TYPES,
     KNOWN,
     KNOWN_ORDERS,
@@ -31,7 +28,10 @@ from protocol.s3.arap import (
     refusal_remedy,
     split_telegram,
 )
-from protocol.s3.arap.payload import limits
+from protocol.devices.s3.arap.payload import limits
+from protocol.endpoint import LocalProtocolError, RemoteProtocolError
+from protocol.fields import Field, Layout
+from protocol.marks import Mark
 
 PROFILE = LinkProfile()
 

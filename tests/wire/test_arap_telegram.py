@@ -7,9 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from protocol.endpoint import LocalProtocolError, RemoteProtocolError
-from protocol.marks import Mark
-from protocol.s3.arap import (
+from protocol.devices.s3.arap import (
     KNOWN,
     POSITION_STEP,
     FunctionCode,
@@ -39,6 +37,8 @@ from protocol.s3.arap import (
     type_text,
     write_mode,
 )
+from protocol.endpoint import LocalProtocolError, RemoteProtocolError
+from protocol.marks import Mark
 
 # Specification section 4, telegrams inside the golden blocks.
 GOLDEN = [

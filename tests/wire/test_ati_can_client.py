@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocol.ati_can import AtiCanClient, AtiCanClientProfile
-from protocol.ati_can.messages import BASE, encode_row, encode_sample
 from protocol.can.error import CanErrorReport, ErrorClass, encode_error
 from protocol.can.frame import CanFrame
 from protocol.can.text import parse_frame
+from protocol.devices.ati_can import AtiCanClient, AtiCanClientProfile
+from protocol.devices.ati_can.messages import BASE, encode_row, encode_sample
 from protocol.endpoint import LocalProtocolError
 from protocol.wrench import (
     SensorFailed,

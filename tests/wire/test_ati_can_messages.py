@@ -6,8 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocol.ati_can import describe, heard
-from protocol.ati_can.messages import (
+from protocol.can.frame import CanFrame
+from protocol.devices.ati_can import describe, heard
+from protocol.devices.ati_can.messages import (
     BASE,
     CRITICAL,
     Op,
@@ -23,7 +24,6 @@ from protocol.ati_can.messages import (
     question,
     status_words,
 )
-from protocol.can.frame import CanFrame
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 
 GAGES = (1000, -2000, 3000, -4000, 5000, -6000)

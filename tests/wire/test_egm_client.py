@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from protocol.datagram import Datagram
-from protocol.egm import (
+from protocol.devices.egm import (
     EgmClient,
     Guidance,
     Motors,

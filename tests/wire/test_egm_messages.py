@@ -8,7 +8,7 @@ from google.protobuf import descriptor_pool
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocol.egm import (
+from protocol.devices.egm import (
     Answer,
     Guidance,
     Motors,
@@ -27,8 +27,8 @@ from protocol.egm import (
     rotation_vector,
     turned,
 )
-from protocol.egm.messages import LARGEST_BYTES, quaternion_of
-from protocol.egm.schema import message_class
+from protocol.devices.egm.messages import LARGEST_BYTES, quaternion_of
+from protocol.devices.egm.schema import message_class
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 
 # Golden datagrams: specification of EGM, section 10. They were made by hand, and both public clients read them.

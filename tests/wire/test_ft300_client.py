@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from protocol.devices.ft300 import STOP, Ft300Client, Ft300ClientProfile, encode_message
+from protocol.devices.ft300.messages import READ, encode_exception, encode_read, encode_words, encode_write
 from protocol.endpoint import LocalProtocolError
-from protocol.ft300 import STOP, Ft300Client, Ft300ClientProfile, encode_message
-from protocol.ft300.messages import READ, encode_exception, encode_read, encode_words, encode_write
 from protocol.wrench import SensorFailed, SensorReady, SensorStopped, WrenchFrame, Zeroed
 
 T0 = 1000.25

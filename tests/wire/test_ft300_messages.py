@@ -6,9 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocol.endpoint import LocalProtocolError, RemoteProtocolError
-from protocol.ft300 import decode_message, describe, encode_message
-from protocol.ft300.messages import (
+from protocol.devices.ft300 import decode_message, describe, encode_message
+from protocol.devices.ft300.messages import (
     READ,
     WRITE,
     StreamReader,
@@ -25,6 +24,7 @@ from protocol.ft300.messages import (
     with_crc,
     words_of,
 )
+from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 
 COUNTS = (1234, -250, -9810, 150, -25, 7)
 MESSAGE = bytes.fromhex("204ED20406FFAED99600E7FF070033B6")

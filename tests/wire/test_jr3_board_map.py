@@ -4,8 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from protocol.endpoint import LocalProtocolError, RemoteProtocolError
-from protocol.jr3.board import (
+from protocol.devices.jr3.board import (
     COMMANDS,
     REGISTERS,
     UNIT_SCALES,
@@ -27,6 +26,7 @@ from protocol.jr3.board import (
     register_at,
     to_signed,
 )
+from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 
 WORDS = st.integers(0, 0xFFFF)
 AMOUNTS = st.integers(-32768, 32767)

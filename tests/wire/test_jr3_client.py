@@ -6,10 +6,10 @@ import pytest
 
 from protocol.can.error import CanErrorReport, ErrorClass, encode_error
 from protocol.can.frame import CanFrame
+from protocol.devices.jr3 import Phase, encode_sample
+from protocol.devices.jr3.counts import facts_of
+from protocol.devices.jr3.firmware import HANGS, first_order_delay
 from protocol.endpoint import LocalProtocolError
-from protocol.jr3 import Phase, encode_sample
-from protocol.jr3.counts import facts_of
-from protocol.jr3.firmware import HANGS, first_order_delay
 from protocol.wrench import SensorFailed, SensorNotice, SensorReady, WrenchFrame
 
 T0 = 1000.25

@@ -12,10 +12,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from protocol.devices.jr3.counts import facts_of
+from protocol.devices.jr3.firmware import HANGS, first_order_delay
+from protocol.devices.jr3.gateway_session import Phase
 from protocol.endpoint import LocalProtocolError
-from protocol.jr3.counts import facts_of
-from protocol.jr3.firmware import HANGS, first_order_delay
-from protocol.jr3.gateway_session import Phase
 from protocol.wrench import SensorFailed, SensorNotice, SensorReady, SensorRestarted, SensorStopped, Zeroed
 
 T0 = 1000.25

@@ -7,8 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from protocol.can.frame import CanFilter, CanFrame
-from protocol.endpoint import LocalProtocolError, RemoteProtocolError
-from protocol.jr3 import (
+from protocol.devices.jr3 import (
     Acknowledge,
     Command,
     Op,
@@ -29,7 +28,8 @@ from protocol.jr3 import (
     parse_frame,
     split,
 )
-from protocol.jr3.can_gateway.messages import ACKNOWLEDGED, FORCES, MOMENTS
+from protocol.devices.jr3.can_gateway.messages import ACKNOWLEDGED, FORCES, MOMENTS
+from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.wrench import wrench_of
 
 GOLDEN_COMMANDS = {

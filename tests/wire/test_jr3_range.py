@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 import pytest
 
-from protocol.jr3.range import Range
+from protocol.devices.jr3.range import Range
 from protocol.wrench import AXES
 
 Counts = tuple[int, ...]

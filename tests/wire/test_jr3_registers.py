@@ -10,9 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from protocol.endpoint import LocalProtocolError, RemoteProtocolError
-from protocol.fields import Layout
-from protocol.jr3.board import (
+from protocol.devices.jr3.board import (
     REGISTERS,
     CommandCode,
     check_instructions,
@@ -20,7 +18,7 @@ from protocol.jr3.board import (
     from_signed,
     pack_words,
 )
-from protocol.jr3.registers import (
+from protocol.devices.jr3.registers import (
     BURST,
     FILTER_DELAYS,
     MAX_WORDS,
@@ -56,6 +54,8 @@ from protocol.jr3.registers import (
     response_reader,
     start_up,
 )
+from protocol.endpoint import LocalProtocolError, RemoteProtocolError
+from protocol.fields import Layout
 from protocol.wrench import (
     SensorEvent,
     SensorFailed,

@@ -4,10 +4,10 @@ from typing import Any
 
 import pytest
 
+from protocol.devices.jr3.counts import facts_of
+from protocol.devices.jr3.firmware import HANGS, first_order_delay
+from protocol.devices.jr3.uart_gateway import Phase, encode_data
 from protocol.endpoint import LocalProtocolError
-from protocol.jr3.counts import facts_of
-from protocol.jr3.firmware import HANGS, first_order_delay
-from protocol.jr3.uart_gateway import Phase, encode_data
 from protocol.wrench import SensorFailed, SensorNotice, SensorReady, SensorStopped, WrenchFrame, Zeroed
 
 T0 = 1000.25

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from protocol.endpoint import LocalProtocolError, RemoteProtocolError
-from protocol.jr3.uart_gateway import (
+from protocol.devices.jr3.uart_gateway import (
     COMMANDS,
     DATA_FRAME_S,
     FROM_GATEWAY,
@@ -26,7 +25,8 @@ from protocol.jr3.uart_gateway import (
     encode_command,
     encode_data,
 )
-from protocol.jr3.uart_gateway.messages import sendable_near
+from protocol.devices.jr3.uart_gateway.messages import sendable_near
+from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 
 # Worked out by hand from the firmware's table: `<`, two digits, payload, `>`.
 GOLDEN_COMMANDS = {

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from protocol.devices.netft import NetFtClient, NetFtClientProfile, Record, encode_record
+from protocol.devices.netft.http import Page
 from protocol.endpoint import LocalProtocolError
-from protocol.netft import NetFtClient, NetFtClientProfile, Record, encode_record
-from protocol.netft.http import Page
 from protocol.wrench import (
     SensorFailed,
     SensorNotice,

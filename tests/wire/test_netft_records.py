@@ -6,11 +6,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from protocol.devices.netft import (
+    Command,
+    Record,
+    decode_record,
+    describe,
+    encode_record,
+    encode_request,
+    parse_page,
+)
+from protocol.devices.netft.http import encode_answer, encode_get, read_answer, read_get
+from protocol.devices.netft.page import filter_delay
+from protocol.devices.netft.records import decode_request, is_warning, output_step, status_words
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
-from protocol.netft import Command, Record, decode_record, describe, encode_record, encode_request, parse_page
-from protocol.netft.http import encode_answer, encode_get, read_answer, read_get
-from protocol.netft.page import filter_delay
-from protocol.netft.records import decode_request, is_warning, output_step, status_words
 
 RECORD = bytes.fromhex(
     "00000001 000004cb 00000000 00bc614e ffd9da60 fa271ce0 0016e360 fffc2f70 00000007".replace(" ", "")

@@ -8,10 +8,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from protocol.devices.rsi import (
+    ROBOT,
+    RsiClient,
+    RsiLink,
+    Telegram,
+    decode,
+    encode,
+    fixed,
+    numbers,
+    pose_tags,
+)
+from protocol.devices.rsi.angles import quaternion_of, times, values_of
 from protocol.geometry import Pose
 from protocol.robot import ReportReceived, RobotReport, StreamLost, StreamNotice
-from protocol.rsi import ROBOT, RsiClient, RsiLink, Telegram, decode, encode, fixed, numbers, pose_tags
-from protocol.rsi.angles import quaternion_of, times, values_of
 
 CYCLE_MS = 4
 DOWN = (0.0, 1.0, 0.0, 0.0)

@@ -8,10 +8,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from protocol.endpoint import RemoteProtocolError
-from protocol.geometry import Pose
-from protocol.rsi import ROBOT, SENSOR, Telegram, decode, describe, encode, fixed, number, numbers, pose_tags
-from protocol.rsi.angles import (
+from protocol.devices.rsi import (
+    ROBOT,
+    SENSOR,
+    Telegram,
+    decode,
+    describe,
+    encode,
+    fixed,
+    number,
+    numbers,
+    pose_tags,
+)
+from protocol.devices.rsi.angles import (
     angles_of,
     inverse,
     nearest,
@@ -21,7 +30,9 @@ from protocol.rsi.angles import (
     turned,
     values_of,
 )
-from protocol.rsi.telegram import LARGEST_BYTES, _parsed
+from protocol.devices.rsi.telegram import LARGEST_BYTES, _parsed
+from protocol.endpoint import RemoteProtocolError
+from protocol.geometry import Pose
 
 # The telegrams K1 … K7 of the specification, with their lengths and check sums.
 GOLDEN = {

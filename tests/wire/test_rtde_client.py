@@ -9,17 +9,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from protocol.devices.rtde import packets
+from protocol.devices.rtde.client import ANSWER_S, EXPECTED, OUTPUT_NAMES, PLAY_S, TRIES, RtdeClient
+from protocol.devices.rtde.fields import Recipe
+from protocol.devices.rtde.force import INPUTS, NO_FORCE, OUTPUTS, ForceClient, Lost, Seen
+from protocol.devices.rtde.packets import HEADER, Kind, Text, Types
+from protocol.devices.rtde.profile import ClientProfile
+from protocol.devices.rtde.program import INPUT_NAMES
+from protocol.devices.rtde.states import Runtime, SafetyBits
+from protocol.devices.rtde.wires import Piece, Pieces, Port
 from protocol.geometry import Pose
 from protocol.robot import ReportReceived, StreamLost, StreamNotice
-from protocol.rtde import packets
-from protocol.rtde.client import ANSWER_S, EXPECTED, OUTPUT_NAMES, PLAY_S, TRIES, RtdeClient
-from protocol.rtde.fields import Recipe
-from protocol.rtde.force import INPUTS, NO_FORCE, OUTPUTS, ForceClient, Lost, Seen
-from protocol.rtde.packets import HEADER, Kind, Text, Types
-from protocol.rtde.profile import ClientProfile
-from protocol.rtde.program import INPUT_NAMES
-from protocol.rtde.states import Runtime, SafetyBits
-from protocol.rtde.wires import Piece, Pieces, Port
 
 T0 = 1000.25
 FIRST = 100_001

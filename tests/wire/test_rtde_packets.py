@@ -8,16 +8,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from protocol.devices.rtde import packets
+from protocol.devices.rtde.client import EXPECTED
+from protocol.devices.rtde.dashboard import LINE_MAX, Lines, refusal
+from protocol.devices.rtde.describe import describe
+from protocol.devices.rtde.fields import CODES, INPUTS, NOT_FOUND, OUTPUTS, Recipe, type_of
+from protocol.devices.rtde.packets import Kind, Level, Packet, Reader, Text, Types, Version
+from protocol.devices.rtde.program import INPUT_NAMES, force_program_text, program_text
+from protocol.devices.rtde.rotation import pose_of, quaternion_of, rotation_vector, six_of
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.geometry import Pose
-from protocol.rtde import packets
-from protocol.rtde.client import EXPECTED
-from protocol.rtde.dashboard import LINE_MAX, Lines, refusal
-from protocol.rtde.describe import describe
-from protocol.rtde.fields import CODES, INPUTS, NOT_FOUND, OUTPUTS, Recipe, type_of
-from protocol.rtde.packets import Kind, Level, Packet, Reader, Text, Types, Version
-from protocol.rtde.program import INPUT_NAMES, force_program_text, program_text
-from protocol.rtde.rotation import pose_of, quaternion_of, rotation_vector, six_of
 
 SIX = (0.4, -0.1, 0.3, 0.0, 3.0, 0.5)
 NAMES = ("timestamp", "actual_TCP_pose", "runtime_state", "safety_status_bits")

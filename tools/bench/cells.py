@@ -5,12 +5,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.device_log import LogTo
-from hil_bridge.recording import CycleRecord, EventRecord, Outcome
+from hil_bridge.devices.device_log import LogTo
+from hil_bridge.devices.wiring import Wiring
+from hil_bridge.record import CycleRecord, EventRecord, Outcome
 from hil_bridge.runs.compose import Ports, cell_ports, connect_robot, connect_sensor, emulated_cell
 from hil_bridge.runs.cycle import Run
 from hil_bridge.settings.configuration import Config
-from hil_bridge.wiring import Wiring
 from protocol.wrench import WrenchFrame
 
 CAN, BOARD = "can+memory:sensor", "jr3+memory:sensor"

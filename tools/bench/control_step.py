@@ -6,8 +6,8 @@ from collections.abc import Callable
 from typing import Any
 
 from hil_bridge.control.laws.fuzzy import infer
-from hil_bridge.experiments.emulated_run import run_emulated
-from hil_bridge.recording import CycleRecord
+from hil_bridge.lab.experiments.emulated_run import run_emulated
+from hil_bridge.record import CycleRecord
 from hil_bridge.runs.pace import control_loop
 from hil_bridge.runs.zeroing import wrist
 from hil_bridge.settings.configuration import Config

@@ -15,9 +15,9 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from protocol.can.frame import CanFrame
-from protocol.jr3 import can_gateway, uart_gateway
-from protocol.s3.adlp import Block, BlockFormat, Control, encode_block
-from protocol.s3.arap import FunctionCode, Move, MoveKind, Status, Telegram, position_words, response
+from protocol.devices.jr3 import can_gateway, uart_gateway
+from protocol.devices.s3.adlp import Block, BlockFormat, Control, encode_block
+from protocol.devices.s3.arap import FunctionCode, Move, MoveKind, Status, Telegram, position_words, response
 
 START = (0.9, 0.0, 0.6)
 """Where the tool is at first, base frame, m."""

@@ -9,8 +9,8 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
-from protocol.egm.messages import decode_answer, decode_robot
-from protocol.rtde.packets import Kind, Reader
+from protocol.devices.egm.messages import decode_answer, decode_robot
+from protocol.devices.rtde.packets import Kind, Reader
 
 RECORD = struct.Struct("=dII")
 """Time, way and size, as `struct record` of the relay."""

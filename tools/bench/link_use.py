@@ -15,12 +15,12 @@ from typing import Any
 
 from hil_bridge.clock.realtime import RealTime, real_time_thread
 from hil_bridge.errors import ConfigError
-from hil_bridge.experiments.emulated_run import run_emulated
-from hil_bridge.recording import CycleRecord, read
+from hil_bridge.errors.text_files import toml_pair
+from hil_bridge.lab.experiments.emulated_run import run_emulated
+from hil_bridge.record import CycleRecord, read
 from hil_bridge.settings.configuration import Config
-from hil_bridge.text_files import toml_pair
-from protocol.s3.adlp import LinkProfile
-from protocol.s3.timing import line_floor
+from protocol.devices.s3.adlp import LinkProfile
+from protocol.devices.s3.timing import line_floor
 from tools.bench.figures import Figure, Report, Target
 from tools.bench.machine import stolen_s
 

@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 
 from hil_bridge.clock import VIRTUAL_WALL_NS, Clock, run_virtual
-from hil_bridge.recording import VIRTUAL_CHUNKS, Recorder, SensorRecord
-from hil_bridge.recording.recorder import map_buffers
+from hil_bridge.record import VIRTUAL_CHUNKS, Recorder, SensorRecord
+from hil_bridge.record.recorder import map_buffers
 from hil_bridge.settings.configuration import Config
 from tools.bench.cells import CellRun
 from tools.bench.figures import Figure, Report, Target

@@ -19,8 +19,8 @@ from pathlib import Path
 
 from hil_bridge.clock.realtime import RealTime, real_time_thread
 from hil_bridge.errors import ConfigError
-from protocol.s3.adlp import BLOCK_OVERHEAD, HEADER_SIZE, encode_block
-from protocol.s3.arap import STATUS, Move, MoveKind, read_status
+from protocol.devices.s3.adlp import BLOCK_OVERHEAD, HEADER_SIZE, encode_block
+from protocol.devices.s3.arap import STATUS, Move, MoveKind, read_status
 from tools.bench import machine
 from tools.bench.devices import (
     PATIENCE_S,

@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from hil_bridge.recording import read
+from hil_bridge.record import read
 from hil_bridge.settings.configuration import Config
 from tools.bench.cells import BOARD, CAN, USUAL, CellRun, run_together
 from tools.bench.figures import Figure, Report, Target

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import aiohttp
 
 from hil_bridge.errors import BridgeError
-from hil_bridge.recording import CycleRecord, Recording, read
+from hil_bridge.record import CycleRecord, Recording, read
 from tools.bench.figures import Figure, Report, Spread, Target
 from tools.web_run import WebRun
 

@@ -11,7 +11,7 @@ from emulators.surface.profile import SurfaceKind as OwnShapes
 from emulators.surface.profile import SurfaceProfile
 from emulators.surface.shapes import HeightMap, Shape
 from height_map_surface.heights import from_image, from_stl
-from hil_bridge.kinds import SurfaceKind
+from hil_bridge.devices.kinds import SurfaceKind
 from protocol.marks import Mark, setting
 
 

@@ -5,11 +5,11 @@ from typing import Any
 
 from emulators.arm.followed import FollowedProfile
 from emulators.seams import RobotFactory
-from hil_bridge.kinds import KindSettings, RobotEmulation, RobotKind
-from hil_bridge.robots.seam import Pacing, RobotFacts
-from hil_bridge.robots.streamed import StreamedLink
+from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
+from hil_bridge.devices.robots.seam import Pacing, RobotFacts
+from hil_bridge.devices.robots.streamed import StreamedLink
+from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.transports import Datagrams
-from hil_bridge.wiring import Serving, Wiring
 from toy_robot.emulator import ARM_FAULTS, Arm
 from toy_robot.wire import CYCLE_S, ArmClient
 

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from emulators.seams import SensorFactory
-from hil_bridge.kinds import KindSettings, SensorEmulation, SensorKind
+from hil_bridge.devices.kinds import KindSettings, SensorEmulation, SensorKind
+from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.transports import Datagrams, Transport
-from hil_bridge.wiring import Serving, Wiring
 from toy_sensor.emulator import LoadCell, LoadProfile
 from toy_sensor.wire import LoadClient
 

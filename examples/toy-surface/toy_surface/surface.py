@@ -7,7 +7,7 @@ import numpy as np
 
 from emulators.faults import Handler
 from emulators.seams import Floats, Surface, SurfaceFactory
-from hil_bridge.kinds import SurfaceKind
+from hil_bridge.devices.kinds import SurfaceKind
 from protocol.marks import Mark, check_settings, setting
 
 

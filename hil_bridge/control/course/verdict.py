@@ -33,7 +33,7 @@ class Cause(StrEnum):
     OSCILLATION = "oscillation"
     RETRACTION = "retraction"
     GATE = "gate"
-    """The last gate stopped an order; see `hil_bridge.robots.gate`."""
+    """The last gate stopped an order; see `hil_bridge.devices.robots.gate`."""
 
 
 class Observation(Struct, frozen=True):

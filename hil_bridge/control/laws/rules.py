@@ -14,7 +14,14 @@ from typing import Any, NamedTuple
 
 from hil_bridge.control.laws import tables
 from hil_bridge.errors import ConfigError
-from hil_bridge.text_files import TOML_LIMIT_BYTES, format_value, parse_toml, read_text, toml_pair, toml_value
+from hil_bridge.errors.text_files import (
+    TOML_LIMIT_BYTES,
+    format_value,
+    parse_toml,
+    read_text,
+    toml_pair,
+    toml_value,
+)
 
 Table = tuple[tuple[float, ...], ...]
 

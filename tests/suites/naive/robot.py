@@ -7,11 +7,11 @@ from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from typing import Any
 
-from emulators.egm import EGM_FAULTS, EgmController, EgmProfile
+from emulators.devices.egm import EGM_FAULTS, EgmController, EgmProfile
 from hil_bridge import DeviceError, OrderRefused, TransportError
-from hil_bridge.kinds import KindSettings, RobotEmulation, RobotKind
-from hil_bridge.robots.seam import MotionLimits, Pacing, RobotFacts, RobotReport, Sent
-from protocol.egm.messages import (
+from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
+from hil_bridge.devices.robots.seam import MotionLimits, Pacing, RobotFacts, RobotReport, Sent
+from protocol.devices.egm.messages import (
     Guidance,
     Motors,
     PoseMm,

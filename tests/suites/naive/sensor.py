@@ -5,8 +5,8 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
-from emulators.ft300 import FT300_FAULTS, Ft300, Ft300Profile
-from hil_bridge.kinds import KindSettings, SensorEmulation, SensorKind
+from emulators.devices.ft300 import FT300_FAULTS, Ft300, Ft300Profile
+from hil_bridge.devices.kinds import KindSettings, SensorEmulation, SensorKind
 from protocol.wrench import (
     SensorEvent,
     SensorFacts,

@@ -22,9 +22,9 @@ from pathlib import Path
 
 import pytest
 
-from emulators.s3 import S3Controller, S3Profile, S3Profiles
+from emulators.devices.s3 import S3Controller, S3Profile, S3Profiles
 from emulators.seams import StartPose
-from protocol.s3.adlp import (
+from protocol.devices.s3.adlp import (
     TRANSITIONS,
     Action,
     Link,
@@ -36,7 +36,7 @@ from protocol.s3.adlp import (
     Role,
     Stimulus,
 )
-from protocol.s3.arap import Answered, ArapHost, RefusalCode, Refused, SpontaneousReceived, Telegram
+from protocol.devices.s3.arap import Answered, ArapHost, RefusalCode, Refused, SpontaneousReceived, Telegram
 
 EPOCH = 1234.5
 FOLDER = Path(__file__).parent

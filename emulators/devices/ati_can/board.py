@@ -1,0 +1,209 @@
+"""An emulated NETCANOEM board: it answers questions with gages, and with the matrix that makes a wrench of them."""
+
+from collections import deque
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Self
+
+import numpy as np
+
+from emulators.devices.ati_can.profile import AtiCanProfile
+from emulators.faults.ledger import Handler, Injection
+from emulators.faults.own import OwnFaults
+from emulators.faults.wire import FRAMES, FaultyWire
+from emulators.seams import WrenchSource
+from emulators.sensing import Converter, MeasuredWrench
+from protocol.can.frame import CanFrame
+from protocol.devices.ati_can.messages import (
+    ANY_ERROR,
+    GAGE_HIGH,
+    GAGE_LOW,
+    GAGES,
+    SLOTS,
+    WATCHDOG,
+    Op,
+    encode_counts,
+    encode_row,
+    encode_sample,
+    identifier,
+)
+from protocol.wrench import AXES
+
+RATE_HZ = 4000
+"""Samples a second of the emulated gages. Assumed: the board samples when it is asked."""
+_BAD_CALIBRATION = 1 << 6 | ANY_ERROR
+_UNITS_FROM = (3, 7)
+_DIAGNOSIS_FROM = (3, 8)
+_DIAGNOSES = 6
+_DIAGNOSIS = 2048
+"""Assumed: what a diagnosis tells, the middle of its converter."""
+_REMEMBERED = 4096
+"""Chosen: samples of which the time is known."""
+
+
+class AtiCanBoard:
+    """Endpoint of the board: takes and gives CAN frames, tells no events. An `EmulatedSensor`."""
+
+    def __init__(self, profile: AtiCanProfile, source: WrenchSource, powered_at: float, seed: int) -> None:
+        self.profile = profile
+        inverse = np.linalg.inv(profile.coefficients)
+        matrix = np.asarray(inverse * float(profile.counts_per_unit), np.float64)
+        ends = np.full(GAGES, float(GAGE_LOW)), np.full(GAGES, float(GAGE_HIGH))
+        noise = np.full(GAGES, profile.noise_gages)
+        converter = Converter(matrix, noise, *ends, offset=float(profile.offset_gages))
+        self._measured = MeasuredWrench(source, RATE_HZ, converter, seed, "cell.ati_can.noise_gages")
+        self._wire: FaultyWire[Sequence[CanFrame]] = FaultyWire(FRAMES, f"{seed} frames")
+        self._faults = OwnFaults()
+        self._read = self._measured.number_at(powered_at)
+        self._count = 0
+        self._told_at: deque[tuple[int, float]] = deque(maxlen=_REMEMBERED)
+        """Samples that were told, by their number since power-up, and when each was measured, s."""
+        self._stored_base = self._base = profile.base
+        self._boot(powered_at, watchdog=False)
+        held, striking = self._faults.held, self._faults.striking
+        self.handlers: Mapping[str, Mapping[str, Handler]] = {
+            "signal": self._measured.signal.handlers,
+            "scales": held(("wrong",)),
+            "frames": {**self._wire.handlers, **held(("unplugged", "slow"))},
+            "sensor": {
+                **held(("status",)),
+                **striking(
+                    {"power-cycle": self._power_cycle, "watchdog": partial(self._boot, watchdog=True)}
+                ),
+                "other-host": Handler(self._other_host),
+            },
+        }
+
+    @property
+    def endpoint(self) -> Self:
+        """The board itself is the end of its wire."""
+        return self
+
+    def sampled_at(self, counter: int) -> float | None:
+        """When it measured the sample that it told as the one of this number, s."""
+        return next((at for number, at in reversed(self._told_at) if number == counter), None)
+
+    # --- power
+
+    def _boot(self, now: float, watchdog: bool) -> None:
+        self._hears_from = now + self.profile.boot_s
+        self._slot = 0
+        self._watchdog = watchdog
+        self._answers: deque[tuple[float, Sequence[CanFrame]]] = deque()
+
+    def _power_cycle(self, now: float) -> None:
+        self._base = self._stored_base
+        self._boot(now, watchdog=False)
+
+    # --- endpoint
+
+    def receive(self, data: Sequence[CanFrame], now: float) -> None:
+        """Take questions; what is none gets no answer."""
+        if self._wire.bad:
+            data = self._wire.incoming(data, now)
+        self._take(data, now)
+
+    def next_event(self) -> None:
+        """A board tells nothing."""
+
+    def data_to_send(self, now: float) -> Sequence[CanFrame]:
+        """Answers whose time has come."""
+        out: list[CanFrame] = []
+        while self._answers and self._answers[0][0] <= now:
+            out += self._answers.popleft()[1]
+        return self._wire.outgoing(out, now) if self._wire.bad else out
+
+    def next_deadline(self) -> float | None:
+        """When the next answer goes out, s."""
+        due = self._answers[0][0] if self._answers else None
+        return self._wire.next_deadline(due) if self._wire.bad else due
+
+    def handle_deadline(self, now: float) -> None:
+        """Take the frames that were late on the wire and are due now."""
+        if self._wire.bad and (data := self._wire.arrived(now)):
+            self._take(data, now)
+
+    # --- questions
+
+    def _take(self, data: Sequence[CanFrame], now: float) -> None:
+        for frame in data:
+            if now < self._hears_from or frame.extended or frame.remote or frame.error:
+                continue
+            if frame.identifier >> 4 != self._base:
+                continue
+            if answer := self._answer(frame.identifier & 0xF, frame.data, now):
+                slow = self._faults.under_way("slow", now)
+                late = 0.0 if slow is None else slow.number("ms") * 1e-3
+                self._answers.append((now + self.profile.turnaround_s + late, answer))
+
+    def _answer(self, op: int, data: bytes, now: float) -> Sequence[CanFrame]:
+        """Frames of the answer; none for an operation that is not known, and for a byte that is missing or wrong."""
+        profile, base, first = self.profile, self._base, data[0] if data else None
+        if op == Op.SAMPLE:
+            return self._sample(now)
+        if op == Op.ROW and first is not None and first < len(AXES):
+            return encode_row(base, profile.coefficients[first].tolist())
+        if op == Op.SERIAL:
+            return self._plain(op, profile.serial.encode("ascii").ljust(8, b"\0"))
+        if op == Op.SLOT and first is not None and first < SLOTS:
+            self._slot = first
+            return self._plain(op, bytes((first,)))
+        if op == Op.COUNTS:
+            return (encode_counts(base, self._counts("forces", now), self._counts("moments", now)),)
+        if op == Op.UNITS and profile.firmware[:2] >= _UNITS_FROM:
+            return self._plain(op, b"\x02\x03")
+        if (
+            op == Op.DIAGNOSIS
+            and first is not None
+            and first < _DIAGNOSES
+            and profile.firmware[:2] >= _DIAGNOSIS_FROM
+        ):
+            return self._plain(op, _DIAGNOSIS.to_bytes(2, "big"))
+        if op == Op.FIRMWARE:
+            major, minor, build = profile.firmware
+            return self._plain(op, bytes((major, minor)) + build.to_bytes(2, "big"))
+        if op == Op.SET_BASE and first is not None and first <= 0x7F:
+            self._stored_base = first
+            return self._plain(op)
+        if op == Op.SET_RATE and first is not None:
+            return self._plain(op)  # the bus in memory keeps its rate
+        if op == Op.RESET:
+            if profile.reset_applies:
+                self._base = self._stored_base
+            self._boot(now, watchdog=False)
+        return ()
+
+    def _plain(self, op: int, data: bytes = b"") -> Sequence[CanFrame]:
+        return (CanFrame(identifier(self._base, op), data),)
+
+    def _counts(self, kind: str, now: float) -> int:
+        """Counts for a unit, as it tells them."""
+        counts, wrong = self.profile.counts_per_unit, self._faults.under_way("wrong", now)
+        if wrong is None or wrong.values["of"] not in ("all", kind):
+            return counts
+        return max(1, min(2**32 - 1, round(counts / (wrong.number("factor") or 1.0))))
+
+    def _sample(self, now: float) -> Sequence[CanFrame]:
+        self._read = max(self._read, self._measured.number_at(now))
+        gages = self._measured.outputs(self._read, self._read)[0].astype(np.int64).tolist()
+        if self._faults.under_way("unplugged", now) is not None:
+            gages = [self.profile.unplugged_gage] * GAGES
+        self._count += 1
+        self._told_at.append((self._count, self._read / RATE_HZ))
+        status = WATCHDOG | ANY_ERROR if self._watchdog else 0
+        if self._slot not in self.profile.slots:
+            status |= _BAD_CALIBRATION
+        if (fault := self._faults.under_way("status", now)) is not None:
+            status |= 1 << int(fault.number("bit")) | ANY_ERROR
+        return encode_sample(self._base, status, gages)
+
+    # --- faults
+
+    def _other_host(self, injection: Injection) -> None:
+        """The question of another host, and the board's answer to it: both are on the bus."""
+        slot, at = int(injection.number("slot")), injection.injected_at
+        self._slot = slot
+        asked = CanFrame(identifier(self._base, Op.SLOT), bytes((slot,)))
+        self._answers.append((at, (asked, asked)))
+        injection.struck += 1
+        injection.finish(at)

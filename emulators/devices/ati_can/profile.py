@@ -1,0 +1,122 @@
+"""Settings of an emulated NETCANOEM board."""
+
+import struct
+from dataclasses import dataclass
+
+import numpy as np
+
+from emulators.seams import Floats
+from protocol.devices.ati_can.messages import BASE, GAGES, SLOTS
+from protocol.marks import Mark, check_settings, setting
+
+_MINI40 = (
+    *(
+        -11.6928025731666,
+        -3.34657738404844,
+        32.7764709067651,
+        -926.64603423617,
+        38.5192497186425,
+        918.091940090325,
+    ),
+    *(
+        49.8475873968464,
+        1111.54828736883,
+        8.58054953347822,
+        -540.982510416618,
+        -7.04384116121561,
+        -523.956402989209,
+    ),
+    *(
+        -1580.00155551285,
+        -6.9911293161961,
+        -1574.63107730182,
+        14.3099554306112,
+        -1614.37889906611,
+        7.27537112828615,
+    ),
+    *(
+        0.37477300521384,
+        6.04214878084067,
+        -22.5165000555478,
+        -2.45353141451211,
+        22.5514352819426,
+        -3.19660800051747,
+    ),
+    *(
+        25.4817193105601,
+        -0.21309822296323,
+        -13.0953176706754,
+        5.46211714273733,
+        -13.2800024806153,
+        -4.8017154960817,
+    ),
+    *(
+        0.560558370801638,
+        13.4460552194242,
+        -0.356886435089904,
+        12.7776663278492,
+        0.341175056695845,
+        12.7373831753738,
+    ),
+)
+"""Calibration FT4472 of a Mini40, fx fy fz tx ty tz by gages 0 … 5. Source: sawATIForceSensor, FT4472Net.xml."""
+_SINGULAR = 1e9
+"""Chosen: condition number from which six gages do not tell six axes apart."""
+
+
+@dataclass(frozen=True, slots=True)
+class AtiCanProfile:
+    """Settings in `[cell.ati_can]`."""
+
+    base: int = setting(BASE, Mark.OBSERVED, "base identifier", minimum=0, maximum=0x7F)
+    matrix: tuple[float, ...] = setting(
+        _MINI40, Mark.OBSERVED, "calibration: counts of each axis, fx first, for one count of gages 0 … 5"
+    )
+    counts_per_unit: int = setting(
+        1_000_000, Mark.OBSERVED, "counts for 1 N and for 1 N·m", minimum=1, maximum=2**32 - 1
+    )
+    slots: tuple[int, ...] = setting(
+        (0,), Mark.CHOSEN, "slots that hold the calibration", minimum=0, maximum=SLOTS - 1
+    )
+    offset_gages: int = setting(
+        0,
+        Mark.CHOSEN,
+        "what a gage tells without a load; a run then needs the bias that identify-tool measures",
+        unit="counts",
+        minimum=-20000,
+        maximum=20000,
+    )
+    noise_gages: float = setting(
+        5.0, Mark.CHOSEN, "noise of each gage, rms; up to 80 is normal", unit="counts", minimum=0.0
+    )
+    turnaround_s: float = setting(
+        0.0002, Mark.ASSUMED, "from a question to its answer", unit="s", minimum=0.0, maximum=1.0
+    )
+    boot_s: float = setting(
+        0.5, Mark.ASSUMED, "deaf and silent after power-up and reset", unit="s", minimum=0.0, maximum=60.0
+    )
+    unplugged_gage: int = setting(
+        32767, Mark.ASSUMED, "what the gages tell without a transducer", minimum=-32768, maximum=32767
+    )
+    reset_applies: bool = setting(False, Mark.ASSUMED, "whether a new base holds after a reset, too")
+    serial: str = setting("FT4472", Mark.OBSERVED, "number of the transducer, up to 8 characters")
+    firmware: tuple[int, int, int] = setting(
+        (3, 8, 2), Mark.OBSERVED, "major, minor, build; units are told from 3.7 on", minimum=0, maximum=255
+    )
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+        if len(self.matrix) != GAGES * GAGES or not np.isfinite(self.matrix).all():
+            raise ValueError(f"matrix must be 36 numbers, got {len(self.matrix)}")
+        if not np.linalg.cond(self.coefficients) < _SINGULAR:
+            raise ValueError("matrix must be one that can be inverted")
+        if len(self.firmware) != 3:
+            raise ValueError(f"firmware must be three numbers, got {len(self.firmware)}")
+        if len(self.serial) > 8 or not self.serial.isascii():
+            raise ValueError(f"serial must be at most 8 ASCII characters, got {self.serial!r}")
+
+    @property
+    def coefficients(self) -> Floats:
+        """The matrix (6, 6) as the board sends it, in numbers of 32 bits."""
+        form = f">{GAGES * GAGES}f"
+        return np.reshape(struct.unpack(form, struct.pack(form, *self.matrix)), (GAGES, GAGES))

@@ -1,0 +1,7 @@
+"""An emulated ABB controller with Externally Guided Motion, and its arm."""
+
+from emulators.devices.egm.controller import EgmController, State
+from emulators.devices.egm.faults import EGM_FAULTS
+from emulators.devices.egm.profile import EgmArmProfile, EgmProfile
+
+__all__ = ["EGM_FAULTS", "EgmArmProfile", "EgmController", "EgmProfile", "State"]

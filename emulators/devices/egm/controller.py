@@ -1,0 +1,482 @@
+"""An emulated controller with Externally Guided Motion: its session, its cycle, and its datagrams.
+
+One cycle [M]: read the measured place, send a datagram, take the next message of the queue, move the set point. The
+controller speaks first and keeps its own time; no answer is waited for.
+
+The RAPID program that is played: EGMReset, EGMGetId, EGMSetupUC, EGMActPose, EGMRunPose. After a time-out its error
+handler begins another session, after `retry_s`. After another error it stands until it is started anew.
+"""
+
+import math
+from collections import Counter, deque
+from collections.abc import Sequence
+from enum import Enum
+
+from emulators.arm.followed import FollowedArm, FollowedProfile
+from emulators.arm.own_force import Errors, OwnForce
+from emulators.arm.quaternions import normalised
+from emulators.devices.egm.bad_link import BadLink
+from emulators.devices.egm.bad_pose import BadPose
+from emulators.devices.egm.guided import OUT_OF_BOUNDS, ArmJoints, GuidedMotion
+from emulators.devices.egm.profile import EgmProfile
+from emulators.faults.ledger import Handler, Injection
+from emulators.faults.own import OwnFaults
+from emulators.orders import Act, HeardOrder, Hindrance, Orders
+from emulators.seams import ArmPath, Handlers, Joints, StartPose
+from protocol.devices.egm import (
+    Answer,
+    Guidance,
+    Motors,
+    PathCorrection,
+    Place,
+    Rapid,
+    RobotMessage,
+    RobotWare,
+    SensorMessage,
+    decode_answer,
+    encode_robot,
+    from_wire,
+    to_wire,
+)
+from protocol.devices.egm.units import rotated
+from protocol.endpoint import RemoteProtocolError
+from protocol.geometry import Pose
+
+_QUICK = 1e9
+"""Speed of the arm's own interpolation, mm/s and degrees/s: it takes each set point as it is."""
+_EPOCH_S = 1_700_000_000
+"""Chosen: the controller's calendar at power-up, s since 1970, so that a run of one seed repeats itself."""
+_BEGINS = 256
+"""Chosen: begins of motion that are kept."""
+_MOTORS_OFF = "motors-off"
+_CANNOT_SEND = "event 41830: the message cannot be sent"
+_NO_FORCE = (0.0,) * 6
+_COUNTS = (0, 6)
+"""Numbers of joints that a message may hold."""
+
+
+class State(Enum):
+    """State of the controller, as its datagrams tell it: motors, guidance, RAPID [A but for GUIDING]."""
+
+    SET_UP = (Motors.ON, Guidance.STOPPED, Rapid.RUNNING)
+    """The session is there, the guidance has not begun."""
+    GUIDING = (Motors.ON, Guidance.RUNNING, Rapid.RUNNING)
+    """As abb_libegm waits for it [O:lib]."""
+    ENDED = (Motors.ON, Guidance.STOPPED, Rapid.RUNNING, "ended")
+    """EGMRun has ended: by convergence, by a digital input, or by EGMStop."""
+    RAPID_STOPPED = (Motors.ON, Guidance.STOPPED, Rapid.STOPPED)
+    MOTORS_OFF = (Motors.OFF, Guidance.STOPPED, Rapid.STOPPED)
+    TIMED_OUT = (Motors.ON, Guidance.ERROR, Rapid.RUNNING)
+    """ERR_UDPUC_COMM; the error handler of the program runs."""
+    FAILED = (Motors.ON, Guidance.ERROR, Rapid.STOPPED)
+
+
+_STOPPED = (State.RAPID_STOPPED, State.MOTORS_OFF)
+_OVER = (State.ENDED, State.TIMED_OUT, State.FAILED)
+
+
+class EgmController:
+    """The controller and its arm: an `EmulatedRobot` whose endpoint is itself, over datagrams."""
+
+    def __init__(self, profile: EgmProfile, start: StartPose, now: float, seed: int) -> None:
+        """Powered up at `now`, with its program running. Raises ValueError for a start that the arm cannot hold."""
+        pose = Pose(start.position, normalised(start.quaternion))
+        self._profile, self._powered_at = profile, now
+        self._period = profile.cycle_ms * 1e-3
+        self._every = round(profile.sample_ms / profile.cycle_ms)
+        self._kinematics = ArmJoints(profile, start.tool_length)
+        self.motion = GuidedMotion(profile, pose, self._kinematics)
+        """Set point and law."""
+        self._arm = FollowedArm(_mechanics(profile), pose, now)
+        self._measured: tuple[Pose, Joints] = pose, self.motion.joints
+        """The pose that was measured last, and the joints that hold it."""
+        self.path: ArmPath = self._arm.path
+        self.endpoint = self
+        self.orders = Orders()
+        self.state = State.SET_UP
+        self.error = ""
+        """Words of the last error, with the number of its event where that is known."""
+        self.counters: Counter[str] = Counter()
+        """Datagrams sent and taken, and those that were not used, by name."""
+        self.unusable = ""
+        """Why the newest message that could not be used could not."""
+        self._link = BadLink(seed)
+        self._bad_pose = BadPose()
+        errors = Errors(profile.force_offset_n, profile.force_lag_ms * 1e-3, profile.force_noise_n)
+        self._own_force = OwnForce(errors, seed)
+        self.feel = self._own_force.feel
+        """Source of what it feels, see `emulators.seams.FeelingRobot`."""
+        self._cycle = 0
+        """Number of the next cycle."""
+        self._out: list[bytes] = []
+        self._begins: deque[float] = deque(maxlen=_BEGINS)
+        self._taken = self._begun = 0
+        self._newest: int | None = None
+        """Number of the newest message; None before the first of a session."""
+        self._queue: deque[Answer] = deque()
+        self._delayed: deque[Answer | None] = deque()
+        """Message that each of the last cycles took from the queue, None for none."""
+        self._heard_at = self._held_since = self._since = now
+        """When a message came, when the window of convergence was entered, when the state was."""
+        self._seqno = 0
+        self._converged = self._told_over = False
+        self._origin: Pose | None = None
+        """Where a way back began; None where there is none."""
+        self._stops: list[str] = []
+        """Faults by which people stop the robot now."""
+        self._begin_session(now)
+        self.handlers: Handlers = {
+            "robot": {
+                _MOTORS_OFF: Handler(self._stop, self._start),
+                "rapid-stop": Handler(self._stop, self._start),
+                **OwnFaults().striking(
+                    {
+                        "egm-stop": self._end_run,
+                        "out-of-limits": lambda at: self._fail(OUT_OF_BOUNDS, at),
+                        "cannot-send": lambda at: self._fail(_CANNOT_SEND, at),
+                        "restart": self._begin_session,
+                    }
+                ),
+            },
+            "pose": self._bad_pose.handlers,
+            "link": self._link.handlers,
+            "witness": self._own_force.handlers,
+        }
+
+    # --- as an emulated robot
+
+    @property
+    def accepted(self) -> int:
+        return self._taken
+
+    def begun_at(self, target: int) -> float | None:
+        if target > self._begun:
+            return None
+        kept = self._begun - len(self._begins)
+        return self._begins[target - kept - 1] if target > kept else math.nan
+
+    def joints_holding(self, pose: Pose, at: float) -> Joints | None:
+        return self._kinematics.holding(pose, self.motion.joints)
+
+    def hindrance(self, now: float) -> Hindrance | None:
+        if self.state in (State.SET_UP, State.GUIDING):
+            return None
+        words = self.state.name.lower().replace("_", " ")
+        return Hindrance(f"{words}: {self.error}" if self.error else words, self.error == OUT_OF_BOUNDS)
+
+    # --- as an endpoint
+
+    def receive(self, data: Sequence[bytes], now: float) -> None:
+        for datagram in self._link.incoming(data, now):
+            self._receive(datagram, now)
+
+    def next_event(self) -> None:
+        return None
+
+    def data_to_send(self, now: float) -> Sequence[bytes]:
+        out, self._out = self._out, []
+        return self._link.outgoing(out, now)
+
+    def next_deadline(self) -> float | None:
+        return self._link.next_deadline(self._cycle_at(self._cycle))
+
+    def handle_deadline(self, now: float) -> None:
+        for datagram in self._link.incoming((), now):
+            self._receive(datagram, now)
+        while (at := self._cycle_at(self._cycle)) <= now:
+            late = self._cycle_at(self._cycle + self._every) <= now
+            self._run_cycle(at, silent=late)  # a cycle that this computer has missed is not told any more
+            self._cycle += 1
+
+    def _cycle_at(self, number: int) -> float:
+        return self._powered_at + number * self._period
+
+    # --- messages from the PC
+
+    def _receive(self, datagram: bytes, now: float) -> None:
+        if self.orders.listener is not None:
+            self.orders.tell(self._heard(datagram, now))
+        if self.state in _OVER:
+            self.counters["not expected"] += 1
+            return
+        try:
+            message = decode_answer(datagram)
+            self._check(message)
+        except RemoteProtocolError as error:
+            self.counters["unusable"] += 1
+            self.unusable = str(error)
+            if self._profile.bad_refreshes_timeout:
+                self._heard_at = now
+            return
+        if self._profile.seqno_check == "drop_old" and self._is_old(message.seqno):
+            self.counters["old number"] += 1
+            return
+        self._newest, self._heard_at = message.seqno, now
+        self.counters["messages"] += 1
+        if isinstance(message, SensorMessage) and not _says_something(message):
+            return
+        if self._profile.rx_queue == "latest":
+            self._drop(len(self._queue))
+            self._queue.clear()
+        elif len(self._queue) >= self._profile.rx_queue_len:
+            self.counters["queue full"] += 1
+            return
+        self._queue.append(message)
+        self._taken += 1
+
+    def _heard(self, datagram: bytes, now: float) -> HeardOrder:
+        """A message as an order, whatever the state makes of it."""
+        try:
+            message = decode_answer(datagram)
+            self._check(message)
+        except RemoteProtocolError as error:
+            return HeardOrder(now, Act.UNREADABLE, str(error), False)
+        taken = self.state in (State.SET_UP, State.GUIDING)
+        if isinstance(message, PathCorrection):
+            return HeardOrder(now, Act.MOTION, "path correction", taken, moves=any(message.offset_mm))
+        speed = any(message.speed) or any(message.joint_speed_deg_s)
+        if message.pose is not None and not speed:
+            return HeardOrder(now, Act.MOTION, "pose", taken, from_wire(message.pose).position)
+        if message.joints_deg and not speed:
+            a, b, c, d, e, f = map(math.radians, message.joints_deg)
+            place = self._kinematics.pose((a, b, c, d, e, f)).position
+            return HeardOrder(now, Act.MOTION, "joints", taken, place)
+        return HeardOrder(now, Act.MOTION, "speed", taken, moves=speed)
+
+    def _check(self, message: Answer) -> None:
+        """Raise RemoteProtocolError for a message that this mode has no use for."""
+        if isinstance(message, PathCorrection) != (self._profile.mode == "path"):
+            raise RemoteProtocolError(f"a {type(message).__name__} in mode {self._profile.mode}")
+        if isinstance(message, PathCorrection):
+            return
+        if len(message.joints_deg) not in _COUNTS or len(message.joint_speed_deg_s) not in _COUNTS:
+            raise RemoteProtocolError("another number of joints than six")
+        if len(message.speed) not in (0, 3, 6):
+            raise RemoteProtocolError("another number of speeds than six")
+        pose = message.pose
+        if pose is not None and abs(math.hypot(*pose.quaternion) - 1.0) > self._profile.quat_tol:
+            raise RemoteProtocolError("a quaternion without unit length")
+
+    def _is_old(self, seqno: int) -> bool:
+        """Whether a message came before the newest one; number 0 begins anew [A]."""
+        return bool(seqno) and self._newest is not None and (self._newest - seqno) % 2**32 < 2**31
+
+    def _drop(self, count: int) -> None:
+        """So many messages are given up before they act."""
+        for _ in range(count):
+            self._begun += 1
+            self._begins.append(math.nan)
+
+    # --- one cycle
+
+    def _run_cycle(self, at: float, silent: bool) -> None:
+        measured = self._arm.pose(at)
+        if self._cycle % self._every == 0 and self._sends():
+            if silent:
+                self.counters["cycles missed"] += 1
+            else:
+                self._send(measured, at)
+                self._told_over = self.state in _OVER
+        taken = self._queue.popleft() if self._queue else None
+        if taken is None and self.state is State.GUIDING and self._cycle % self._every == 0:
+            self.counters["cycles without a message"] += 1
+        self._delayed.append(taken)
+        acting = self._delayed.popleft() if len(self._delayed) > self._profile.ref_delay_cycles else None
+        if acting is not None:
+            self._act(acting, at)
+        self._move(at)
+
+    def _act(self, message: Answer, at: float) -> None:
+        """A message has come through to the motion."""
+        self.motion.take(message)
+        self._begun += 1
+        moves = self.state is State.GUIDING
+        self._begins.append(at + self._profile.arm.servo_delay_cycles * self._period if moves else math.nan)
+        profile = self._profile
+        if (
+            isinstance(message, SensorMessage)
+            and message.digital
+            and profile.rw == "7"
+            and profile.di_ends_run
+        ):
+            self._end_run(at)
+
+    def _move(self, at: float) -> None:
+        """Let time pass for the state: one cycle of motion, and the ends that come by themselves."""
+        motion, profile = self.motion, self._profile
+        before = motion.pose
+        if self.state is State.SET_UP:
+            self.state = State.GUIDING
+            motion.begin(at)
+        elif self.state is State.GUIDING:
+            if profile.silence == "error" and at - self._heard_at > profile.comm_timeout_s:
+                self._time_out(at)
+            elif error := motion.guide(at):
+                self._fail(error, at)
+            else:
+                self._watch_convergence(at)
+        elif self.state is State.RAPID_STOPPED and motion.moves:
+            ramp = profile.stop_ramp_s
+            if motion.brake(1.0 - (at - self._since) / ramp if ramp else 0.0):
+                motion.stand()
+        elif self.state is State.ENDED and self._origin is not None:
+            share = (at - self._since) / profile.ramp_out_s if profile.ramp_out_s else 1.0
+            motion.go_back(self._origin, share)
+            if share >= 1.0:
+                self._origin = None
+        elif self.state is State.TIMED_OUT and profile.retry_s and at - self._since >= profile.retry_s:
+            self._begin_session(at)
+        if motion.pose != before:
+            self._arm.follow(motion.pose, at)
+
+    def _watch_convergence(self, at: float) -> None:
+        self._converged = self.motion.converged()
+        if not self._converged:
+            self._held_since = at
+        elif at - self._held_since >= self._profile.cond_time_s:
+            self._end_run(at)
+
+    # --- the session
+
+    def _begin_session(self, at: float) -> None:
+        """EGMReset, EGMSetupUC and what follows: the tool stands where it is."""
+        self.motion.stand()
+        self.motion.begin(at)
+        self.state, self.error = State.SET_UP, ""
+        self._seqno, self._newest = 0, None
+        self._queue.clear()
+        self._delayed.clear()
+        self._drop(self._taken - self._begun)
+        self._heard_at = self._held_since = self._since = at
+        self._converged = self._told_over = False
+        self._origin = None
+        self.counters["sessions"] += 1
+        if self._stops:
+            self._leave(self._stopped_state(), at)
+
+    def _end_run(self, at: float) -> None:
+        """EGMRun ends without an error: the tool is held, or goes back to where the guidance began."""
+        if self.state is State.GUIDING:
+            self.motion.stand()
+            self._leave(State.ENDED, at)
+            self._origin = self.motion.pose if self._profile.stop_mode == "ramp_down" else None
+
+    def _time_out(self, at: float) -> None:
+        self.error = "event 41822: ERR_UDPUC_COMM, no message from the PC"
+        self.motion.stand()
+        self._leave(State.TIMED_OUT, at)
+
+    def _fail(self, error: str, at: float) -> None:
+        """EGM ends with an error, and RAPID with it."""
+        self.error = error
+        self.motion.stand()
+        self._leave(State.FAILED, at)
+
+    def _leave(self, state: State, at: float) -> None:
+        self.state, self._since, self._told_over = state, at, False
+        self.counters[f"ended: {state.name}"] += 1
+
+    def _sends(self) -> bool:
+        profile = self._profile
+        if self.state in _STOPPED:
+            return profile.sends_stopped
+        if self.state in _OVER:
+            return profile.send_when == "setup" or (profile.last_datagram and not self._told_over)
+        return True
+
+    # --- datagrams
+
+    def _send(self, measured: Pose, at: float) -> None:
+        motion, profile = self.motion, self._profile
+        if measured != self._measured[0]:
+            joints = self._kinematics.holding(measured, motion.joints)
+            self._measured = measured, joints or motion.joints
+        motors, guidance, rapid = self.state.value[:3]
+        microseconds = round((at - self._powered_at) * 1e6)
+        time_us = _EPOCH_S * 1_000_000 + microseconds
+        feedback = Place(_degrees(self._measured[1]), to_wire(measured), (), time_us)
+        newer = profile.rw == "7"
+        message = RobotMessage(
+            self._seqno,
+            profile.tm_start + microseconds // 1000,
+            self._bad_pose.told(feedback, at),
+            Place(_degrees(motion.joints), to_wire(motion.pose), (), time_us),
+            motors,
+            guidance,
+            rapid,
+            self._converged,
+            self._force(measured, at) if profile.measured_force else _NO_FORCE,
+            False if newer else None,
+            motion.utilization_percent,
+            0 if newer else None,
+            False if newer else None,
+            False if newer else None,
+        )
+        self._seqno += 1
+        self.counters["datagrams"] += 1
+        sent = self._link.altered(message, at)
+        if sent is not None:
+            self._out.append(self._link.cut(encode_robot(sent, RobotWare(profile.rw)), at))
+
+    def _force(self, measured: Pose, at: float) -> tuple[float, ...]:
+        """The measured force along the tool's axes, N; it tells no moments."""
+        w, x, y, z = measured.quaternion
+        return *rotated((w, -x, -y, -z), self._own_force.at(at)), 0.0, 0.0, 0.0
+
+    # --- faults
+
+    def _stop(self, injection: Injection) -> None:
+        """People stop the robot."""
+        injection.struck += 1
+        self._stops.append(injection.fault)
+        if injection.fault == _MOTORS_OFF:
+            self.motion.stand()
+        if self.state not in _OVER:
+            self._leave(self._stopped_state(), injection.injected_at)
+
+    def _start(self, injection: Injection, now: float) -> None:
+        """They let it go on, as far as nothing else stops it."""
+        self._stops.remove(injection.fault)
+        if self.state not in _STOPPED:
+            return
+        stays = injection.fault == _MOTORS_OFF and not self._profile.restart_after_motors_off
+        if self._stops or stays:
+            self._leave(self._stopped_state(), now)
+        else:
+            self._go_on(now)
+
+    def _stopped_state(self) -> State:
+        return State.MOTORS_OFF if _MOTORS_OFF in self._stops else State.RAPID_STOPPED
+
+    def _go_on(self, now: float) -> None:
+        """The guidance goes on where the tool stands. Messages that came meanwhile have gone on being taken [A]."""
+        self.state = State.GUIDING
+        self._heard_at = self._held_since = now
+        self.motion.resume(now)
+
+
+def _mechanics(profile: EgmProfile) -> FollowedProfile:
+    """The arm behind the set point; the set point itself is one cycle on its way."""
+    arm = profile.arm
+    return FollowedProfile(
+        cycle_ms=profile.cycle_ms,
+        transport_delay_ms=(arm.servo_delay_cycles - 1) * profile.cycle_ms,
+        natural_frequency_rad_s=arm.natural_frequency_rad_s,
+        damping_ratio=arm.damping_ratio,
+        speed_mm_s=_QUICK,
+        reorientation_deg_s=_QUICK,
+    )
+
+
+def _says_something(message: SensorMessage) -> bool:
+    return bool(
+        message.pose
+        or message.joints_deg
+        or message.speed
+        or message.joint_speed_deg_s
+        or message.digital is not None
+    )
+
+
+def _degrees(joints: Joints) -> tuple[float, ...]:
+    return tuple(map(math.degrees, joints))

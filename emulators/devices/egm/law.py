@@ -1,0 +1,66 @@
+"""The law by which a controller moves its set point after a reference.
+
+    speed = k * (reference - set point) + speed reference                                   [M]
+    filtered speed: first-order low-pass of the speed                                       [M, its order A]
+    what is moved: filtered speed * ramp, reduced to the largest speed in all axes alike     [A]
+
+The set point is the controller's own and not the measured place. k is PosCorrGain times the position gain. Source:
+specification of EGM, section 4, with its marks.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import TypeAlias
+
+from emulators.devices.egm.profile import EgmProfile
+
+Axes: TypeAlias = tuple[float, ...]
+"""Six numbers: x y z in m and a rotation vector in rad, or six joints in rad; the same per s for speeds."""
+STILL: Axes = (0.0,) * 6
+
+
+def pose_load(profile: EgmProfile) -> Callable[[Axes], float]:
+    """Share of the largest speed that a speed of the tool needs; stands in for MaxSpeedDeviation [A]."""
+    along, about = profile.max_tcp_mm_s * 1e-3, math.radians(profile.max_tcp_deg_s)
+    return lambda speed: max(math.hypot(*speed[:3]) / along, math.hypot(*speed[3:]) / about)
+
+
+def joint_load(profile: EgmProfile) -> Callable[[Axes], float]:
+    """Share of MaxSpeedDeviation that a speed of the joints needs."""
+    most = math.radians(profile.max_speed_dev_deg)
+    return lambda speed: max(map(abs, speed)) / most
+
+
+class MotionLaw:
+    """The law with its filter and its ramp."""
+
+    def __init__(self, profile: EgmProfile, load: Callable[[Axes], float]) -> None:
+        self._gain = profile.k * profile.pos_corr_gain
+        self._period = profile.cycle_ms * 1e-3
+        self._share = 1.0
+        if profile.lp_hz:
+            self._share = -math.expm1(-2.0 * math.pi * profile.lp_hz * self._period)
+        self._ramp = profile.ramp_in_s
+        self._load = load
+        self._filtered = STILL
+        self.utilization_percent = 0.0
+        """Speed that was asked for, in percent of the largest."""
+
+    def rest(self) -> None:
+        """Begin again from standstill."""
+        self._filtered, self.utilization_percent = STILL, 0.0
+
+    def speed(self, error: Sequence[float], ahead: Sequence[float], since: float) -> Axes:
+        """Speed for one cycle from the distance to the reference, the speed reference, and the time since the guidance
+        began, s.
+        """
+        share, gain = self._share, self._gain
+        self._filtered = tuple(
+            before + share * (gain * distance + speed - before)
+            for before, distance, speed in zip(self._filtered, error, ahead, strict=True)
+        )
+        ramp = min(1.0, since / self._ramp) if self._ramp else 1.0
+        asked = tuple(ramp * part for part in self._filtered)
+        load = self._load(asked)
+        self.utilization_percent = 100.0 * load
+        return asked if load <= 1.0 else tuple(part / load for part in asked)

@@ -1,0 +1,172 @@
+"""Facts and assumptions about an emulated receiver board."""
+
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar, Literal
+
+from emulators.devices.jr3.sensor import SensorProfile
+from protocol.devices.jr3.board import REGISTERS
+from protocol.marks import Mark, check_settings, setting
+
+_WORD, _POSITIVE = 65535, 32767
+
+
+@dataclass(frozen=True)
+class SecondSensorProfile:
+    """Another sensor that can be plugged into the board: what differs from the first."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    serial_no: int = setting(1002, Mark.CHOSEN, "serial number of the sensor", minimum=1, maximum=_WORD)
+    model_no: int = setting(
+        1, Mark.ASSUMED, "the sensor's model by JR3's own count", minimum=1, maximum=_WORD
+    )
+    cal_day: int = setting(1, Mark.CHOSEN, "day of the year of the calibration", minimum=1, maximum=366)
+    cal_year: int = setting(2021, Mark.CHOSEN, "year of the calibration", minimum=0, maximum=_POSITIVE)
+    full_scales_n: tuple[float, float, float] = setting(
+        (317.0, 314.0, 845.0),
+        Mark.OBSERVED,
+        "fx fy fz, whole N (an ankle sensor on PCI)",
+        unit="N",
+        minimum=1.0,
+        maximum=65535.0,
+    )
+    full_scales_nm: tuple[float, float, float] = setting(
+        (22.1, 21.9, 30.7),
+        Mark.OBSERVED,
+        "mx my mz, whole 0.1 N·m (an ankle sensor on PCI)",
+        unit="N·m",
+        minimum=0.1,
+        maximum=6553.5,
+    )
+    coupling: tuple[float, ...] = setting(
+        (),
+        Mark.ASSUMED,
+        "what each axis shows on the raw channels, as `coupling` of the first sensor; empty = every axis on its own",
+    )
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+        self.of(SensorProfile())
+
+    def of(self, first: SensorProfile) -> SensorProfile:
+        """The whole sensor, where the first is this. Raises ValueError for one that cannot be."""
+        return replace(
+            first,
+            full_scales_n=self.full_scales_n,
+            full_scales_nm=self.full_scales_nm,
+            coupling=self.coupling,
+        )
+
+
+@dataclass(frozen=True)
+class BoardProfile:
+    """A board with its sensor's identification."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    boot_s: float = setting(
+        0.02, Mark.ASSUMED, "from reset to the first sample; a driver waits 25 ms", unit="s", minimum=0.0
+    )
+    calibration_s: float = setting(
+        0.033, Mark.DERIVED, "reading the calibration: 256 bytes, one per sample", unit="s", minimum=0.0
+    )
+    offsets_zeroed_s: float = setting(
+        2.0,
+        Mark.ASSUMED,
+        "from the calibration read to the offsets zeroed by the board itself; observed: less than 10 s",
+        unit="s",
+        minimum=0.0,
+        maximum=10.0,
+    )
+    command_times: Literal["typical", "maximum"] = setting(
+        "typical", Mark.CHOSEN, "which of the manual's two times a command takes"
+    )
+    adoption_samples: int = setting(
+        16,
+        Mark.OBSERVED,
+        "the board looks at words that the host wrote every so many samples",
+        unit="samples",
+        minimum=1,
+    )
+    watch_dog_s: float = setting(
+        0.01, Mark.ASSUMED, "from the last sample to the watch dog's error bit", unit="s", minimum=0.0
+    )
+    unplugged_errors: int = setting(
+        0x8000, Mark.ASSUMED, "error bits while no sensor is connected", minimum=0, maximum=_WORD
+    )
+    unplugged_data: Literal["frozen", "zero"] = setting(
+        "frozen", Mark.ASSUMED, "what the data show while no sensor is connected"
+    )
+    turn: Literal["load", "frame"] = setting(
+        "load",
+        Mark.OBSERVED,
+        "what a positive rotation of a transform turns right-handedly: load, as in the manual's example where "
+        "90° about z make fy of fx; frame, as textbooks do, the other way round",
+    )
+    units: Literal[0, 1, 2, 3] = setting(
+        1,
+        Mark.CHOSEN,
+        "unit of full scales and lengths: 0 lb in·lb mil, 1 N N·m×10 mm×10, 2 kgf×10 kgf·cm mm×10, "
+        "3 klb kin·lb mil",
+    )
+    serial_no: int = setting(1001, Mark.CHOSEN, "serial number of the sensor", minimum=1, maximum=_WORD)
+    model_no: int = setting(
+        1, Mark.ASSUMED, "the sensor's model by JR3's own count", minimum=1, maximum=_WORD
+    )
+    eeprom_ver: int = setting(1, Mark.ASSUMED, "version of the sensor's memory", minimum=0, maximum=255)
+    cal_day: int = setting(1, Mark.CHOSEN, "day of the year of the calibration", minimum=1, maximum=366)
+    cal_year: int = setting(2020, Mark.CHOSEN, "year of the calibration", minimum=0, maximum=_POSITIVE)
+    second: SecondSensorProfile = field(default_factory=SecondSensorProfile)
+    thickness_mm: float = setting(
+        31.8, Mark.ASSUMED, "of the sensor, flange to flange", unit="mm", minimum=0.0, maximum=800.0
+    )
+    channels: int = setting(
+        0x00FF, Mark.ASSUMED, "raw channels that the sensor sends, a bit each", minimum=0, maximum=_WORD
+    )
+    software_ver: int = setting(
+        302, Mark.OBSERVED, "version of the board's program × 100", minimum=0, maximum=_POSITIVE
+    )
+    software_day: int = setting(1, Mark.ASSUMED, "day of the year of that program", minimum=1, maximum=366)
+    software_year: int = setting(1994, Mark.ASSUMED, "its year", minimum=0, maximum=_POSITIVE)
+    copyright: str = setting("Emulated JR3 receiver", Mark.CHOSEN, "what the copyright words say")
+    vect_axes: int = setting(
+        0x3F, Mark.ASSUMED, "vectors at power-up: V1 of all forces, V2 of all moments", minimum=0, maximum=255
+    )
+    peak_address: int = setting(
+        0x90, Mark.ASSUMED, "peaks at power-up: those of filter0", minimum=0, maximum=_WORD
+    )
+    rate_address: int = setting(
+        0xA0, Mark.ASSUMED, "rate at power-up: that of filter2", minimum=0, maximum=_WORD
+    )
+    rate_divisor: int = setting(
+        8, Mark.ASSUMED, "samples from rate to rate at power-up", minimum=0, maximum=_WORD
+    )
+    near_sat_value: int = setting(
+        26214, Mark.OBSERVED, "raw magnitude that warns", minimum=0, maximum=_POSITIVE
+    )
+    full_scale_span: float = setting(
+        1.0,
+        Mark.ASSUMED,
+        "largest recommended full scale by the smallest, at most: 1 keeps a driver's start-up at the sensor's rating; "
+        "from 2^(16 − ADC bits) on, the step of the converter is the only limit",
+        minimum=1.0,
+        maximum=16.0,
+    )
+    idle_hz: float = setting(
+        50_000.0, Mark.ASSUMED, "rounds in which the processor has nothing to do", unit="Hz", minimum=0.0
+    )
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+        for name, allowed in (
+            ("command_times", ("typical", "maximum")),
+            ("unplugged_data", ("frozen", "zero")),
+            ("turn", ("load", "frame")),
+            ("units", (0, 1, 2, 3)),
+        ):
+            if getattr(self, name) not in allowed:
+                said = " or ".join(map(str, allowed))
+                raise ValueError(f"{name} must be {said}, got {getattr(self, name)}")
+        longest = REGISTERS["copyright"].count
+        if len(self.copyright) > longest or not self.copyright.isascii():
+            raise ValueError(f"copyright must be at most {longest} ASCII characters, got {self.copyright!r}")

@@ -1,0 +1,394 @@
+"""The program of both gateways of a JR3 sensor: it reads and filters the sensor, zeroes, counts and streams.
+
+Behaves as the firmware roboticslab-uc3m/jr3-mbed-firmware does, which was read for facts only. A gateway around
+it adds its wire, and when it listens.
+
+Some commands take time: they wait for the firmware's threads to end, or for the sensor's calibration. A gateway that
+carries out such a command listens to nothing meanwhile: it calls `begin` with the steps, then `finish`.
+"""
+
+import math
+import random
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from enum import Enum, auto
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emulators.devices.jr3.faults import SECOND
+from emulators.devices.jr3.firmware_profile import FirmwareProfile
+from emulators.devices.jr3.late import LateSamples, Sample
+from emulators.devices.jr3.scales import WrongScales
+from emulators.devices.jr3.sensor import SENSOR_RATE_HZ, Jr3Sensor
+from emulators.faults.ledger import Handler, Injection
+from protocol.devices.jr3 import COUNTER_MODULUS, GatewayState
+
+_BLOCK = 4096
+"""Most samples computed at once."""
+_IDLE_S = 0.1
+"""Chosen: samples are computed at least this often, so that no call has to catch up on a long time."""
+
+
+class Step(Enum):
+    """Events that a command may have to wait for, in this order."""
+
+    JOIN_STREAM = auto()
+    """The task that sends ends after the rest of its period."""
+    JOIN_SAMPLING = auto()
+    """The task that reads the sensor ends after a sample, so not without a sensor."""
+    READ_CALIBRATION = auto()
+    """The calibration comes with the samples."""
+
+
+STOP = (Step.JOIN_STREAM, Step.JOIN_SAMPLING)
+RESET = (*STOP, Step.READ_CALIBRATION)
+START = (Step.JOIN_STREAM,)
+"""Steps of the commands by which nothing is streamed any more."""
+
+
+@dataclass(slots=True)
+class _Sampling:
+    """The task that reads and filters the sensor; it lives from start to stop."""
+
+    started_at: float
+    taken: int = 0
+    """Samples so far: the frame counter before it wraps."""
+    read: int = 0
+    """Samples that were read of the sensor so far, some of them ahead of their time and perhaps never used."""
+    ahead: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 6)))
+    """Counts of the samples that were read last: those not yet taken are at its end."""
+
+
+@dataclass(slots=True)
+class _Stream:
+    """The task that sends by the gateway's own clock: frame k is due at `anchor` + k · `period`.
+
+    `anchor` moves on by what each period was longer.
+    """
+
+    anchor: float
+    period: float
+    sent: int = 0
+    due: float = field(init=False)
+    """When the next one is, s."""
+    ends: bool = False
+    """It was asked to end: it sends no more, but its period goes on."""
+
+    def __post_init__(self) -> None:
+        self.due = self.anchor
+
+    def step(self, longer: float) -> None:
+        """One more was sent; its period lasts so much longer, s."""
+        self.sent += 1
+        self.anchor += longer
+        self.due = self.anchor + self.sent * self.period
+
+
+class Firmware:
+    """Commands take effect only once `initialised`; the gateway sees to that. Times are in s and do not fall."""
+
+    def __init__(self, sensor: Jr3Sensor, profile: FirmwareProfile, seed: int = 0) -> None:
+        self._profile = profile
+        self._late = LateSamples(profile.delay_ms, seed) if profile.delay_ms else None
+        self._random = random.Random(f"{seed} period")
+        self.plugged = sensor.profile.connected
+        """Whether the sensor's plug is in."""
+        self._steps: deque[Step] = deque()
+        self._step_from = 0.0
+        self.initialised = False
+        """Whether the sensor's calibration has been read."""
+        self._sensor = sensor
+        sensor.on_invalidate.append(self._invalidate)
+        self._scales = WrongScales()
+        self._frozen_counters: list[Injection] = []
+        self._slow: list[Injection] = []
+        self._frozen_at: dict[Injection, int] = {}
+        self._sample_period = profile.sample_period_us * 1e-6
+        self._smoothing = 1.0
+        self._zero_requested = False
+        self._streamed = False
+        self._period_us = 0.0
+        self._stream: _Stream | None = None
+        self._sampling: _Sampling | None = None
+        self._filtered: NDArray[np.float64] = np.zeros(6)
+        self._offset: NDArray[np.float64] = np.zeros(6)
+
+    @property
+    def state(self) -> GatewayState:
+        """The state that acknowledges tell."""
+        return GatewayState.READY if self.initialised else GatewayState.NOT_INITIALISED
+
+    @property
+    def full_scales(self) -> tuple[int, ...]:
+        """The six words. Without a calibration the firmware sends whatever lies in its memory. Assumed: zeros."""
+        if not self.initialised:
+            return (0,) * 6
+        words = self._sensor.profile.full_scale_words
+        return self._scales.told(words) if self._scales.faulty else words
+
+    @property
+    def handlers(self) -> Mapping[str, Mapping[str, Handler]]:
+        """Faults of the firmware, by target, for a ledger."""
+        return {
+            "scales": self._scales.handlers,
+            "frames": {
+                "frozen-counter": Handler(self._frozen_counters.append),
+                "slow": Handler(self._slow.append),
+                "unplugged": Handler(self._pulled, self._put_back),
+            },
+        }
+
+    # --- the sensor's plug
+
+    def unplug(self, now: float) -> None:
+        """Pull the sensor's plug: its last sample stays, with its counter. Harmless when it is out."""
+        if self.plugged:
+            self._take_samples(now)
+            self.plugged = False
+
+    def plug_in(self, now: float) -> None:
+        """Put the plug of the same sensor in; harmless when it is in.
+
+        A command that waits for the sensor goes on. Assumed: a calibration that was being read is read from its
+        beginning.
+        """
+        if self.plugged:
+            return
+        self.plugged = True
+        self._step_from = max(self._step_from, now)
+        if (sampling := self._sampling) is not None:
+            sampling.started_at = now - sampling.taken * self._sample_period
+            sampling.read, sampling.ahead = sampling.taken, sampling.ahead[:0]
+
+    def _pulled(self, injection: Injection) -> None:
+        if injection.values["sensor"] == SECOND:
+            raise ValueError("frames: unplugged: a gateway has no second sensor; leave `sensor` out")
+        injection.struck += self.plugged
+        self.unplug(injection.injected_at)
+
+    def _put_back(self, injection: Injection, now: float) -> None:
+        self.plug_in(now)
+
+    # --- what takes time
+
+    @property
+    def before_stream(self) -> tuple[Step, ...]:
+        """Steps before a stream starts: the first start of one since power-up ends the sampling that runs."""
+        return () if self._streamed else STOP
+
+    def begin(self, steps: Iterable[Step], now: float) -> None:
+        """Begin to wait; a stream that is to end sends no more."""
+        self._steps = deque(steps)
+        self._step_from = now
+        if Step.JOIN_STREAM in self._steps and self._stream is not None:
+            self._stream.ends = True
+
+    @property
+    def busy_until(self) -> float:
+        """When the step under way ends, s; infinity where only a sensor that is plugged in ends it."""
+        blocked = self._profile.blocks and not self.plugged
+        match self._steps[0]:
+            case Step.JOIN_STREAM if self._stream is not None and self._profile.joins:
+                return max(self._stream.due, self._step_from)
+            case Step.JOIN_SAMPLING if self._sampling is not None and blocked:
+                return math.inf
+            case Step.READ_CALIBRATION:
+                return math.inf if blocked else self._step_from + self._profile.calibration_s
+            case _:
+                return self._step_from
+
+    def finish(self, now: float) -> float | None:
+        """Do the steps whose time has come; when the last ended, s, None while one is under way."""
+        while self._steps:
+            if (end := self.busy_until) > now:
+                return None
+            match self._steps.popleft():
+                case Step.JOIN_STREAM:
+                    self._stream = None
+                case Step.JOIN_SAMPLING:
+                    self.stop()
+                    self.initialised = self.initialised and not self._steps
+                case _:
+                    self.initialised = True
+            self._step_from = end
+        return self._step_from
+
+    # --- commands
+
+    def start(self, cutoff_centihertz: int, now: float) -> None:
+        """Sample, and send when asked: ends the stream; a sampling that runs goes on counting."""
+        self.set_filter(cutoff_centihertz, now)
+        self._stream = None
+        self._begin_sampling(now)
+
+    def start_stream(self, cutoff_centihertz: int, period_us: int, now: float) -> None:
+        """Sample, and send by the own clock from now on; a running stream takes the new period after the frame that
+        it waits for.
+        """
+        if not self._streamed:
+            # The firmware's first start of a stream since power-up first stops the sampling that runs.
+            self.stop()
+            self._streamed = True
+        self.set_filter(cutoff_centihertz, now)
+        self._begin_sampling(now)
+        self._period_us = period_us
+        period = max(period_us, self._profile.shortest_period_us) * 1e-6
+        self._stream = _Stream(now if self._stream is None else self._stream.due, period)
+
+    def stop(self) -> None:
+        """Forget stream, counter, filter state and offset; a zero that waits for its sample stays."""
+        self._stream = self._sampling = None
+        self._filtered, self._offset = np.zeros(6), np.zeros(6)
+
+    def zero(self, now: float) -> None:
+        """The next sample becomes the origin, also when it is taken only after a start."""
+        self._take_samples(now)
+        self._zero_requested = True
+
+    def set_filter(self, cutoff_centihertz: int, now: float) -> None:
+        """First-order low pass; 0 is unfiltered."""
+        self._take_samples(now)
+        period = self._sample_period
+        cutoff_hz = cutoff_centihertz / 100
+        self._smoothing = period / (period + 1 / (2 * math.pi * cutoff_hz)) if cutoff_hz else 1.0
+
+    # --- samples
+
+    def sample(self, at: float) -> Sample | None:
+        """The newest sample, or None while stopped."""
+        return None if self._sampling is None else self._newest(self._sampling, at)
+
+    def due_samples(self, now: float) -> Iterator[Sample]:
+        """Samples of the stream to be sent now: their time has come, and their delay has passed."""
+        samples = self._stream_samples(now)
+        return samples if self._late is None else self._late.arrived(samples, now)
+
+    def _stream_samples(self, now: float) -> Iterator[Sample]:
+        """Samples of the stream whose time has come, each as it was at its time."""
+        stream, sampling = self._stream, self._sampling
+        while stream is not None and sampling is not None and not stream.ends and stream.due <= now:
+            yield self._newest(sampling, stream.due)
+            for injection in self._slow:
+                if injection.holds(stream.due):
+                    stream.anchor += (injection.number("factor") - 1.0) * stream.period
+                    injection.struck += 1
+            stream.step(self._longer())
+
+    def _longer(self) -> float:
+        """How much longer a period of the stream lasts, s: sending and waking up take time."""
+        least, largest = self._profile.period_overhead_us
+        if not largest:
+            return 0.0
+        asked, shortest = self._period_us, self._profile.shortest_period_us
+        overhead = self._random.uniform(least, largest)
+        return (max(asked + overhead, shortest) - max(asked, shortest)) * 1e-6
+
+    def sampled_at(self, counter: int) -> float | None:
+        """The truth: when the sensor measured the newest sample with this frame counter, s; None where there is no
+        such sample since the start.
+        """
+        sampling = self._sampling
+        if sampling is None:
+            return None
+        number = sampling.taken - (sampling.taken - counter) % COUNTER_MODULUS
+        if number <= 0:
+            return None
+        return (
+            math.floor((sampling.started_at + number * self._sample_period) * SENSOR_RATE_HZ) / SENSOR_RATE_HZ
+        )
+
+    def next_deadline(self) -> float | None:
+        """The next frame of the stream, a late one included, or the next block of samples."""
+        due = self._own_deadline()
+        return due if self._late is None else self._late.next_deadline(due)
+
+    def _own_deadline(self) -> float | None:
+        sampling, stream = self._sampling, self._stream
+        if sampling is None:
+            return None
+        due = stream.due if stream is not None and not stream.ends else math.inf
+        if self.plugged:
+            due = min(due, sampling.started_at + sampling.taken * self._sample_period + _IDLE_S)
+        return due if due < math.inf else None
+
+    def catch_up(self, now: float) -> None:
+        """Take the block of samples that is due."""
+        deadline = self._own_deadline()
+        if deadline is not None and deadline <= now:
+            self._take_samples(now)
+
+    def _newest(self, sampling: _Sampling, at: float) -> Sample:
+        self._take_samples(at)
+        # Floor and wrap: the firmware shifts a fixed-point number right and sends its low 16 bits.
+        zeroed = (self._filtered - self._offset).tolist()
+        counts = [(math.floor(value) + 0x8000 & 0xFFFF) - 0x8000 for value in zeroed]
+        counter = sampling.taken % COUNTER_MODULUS
+        for injection in self._frozen_counters:
+            if injection.holds(at):
+                told = self._frozen_at.setdefault(injection, counter)
+                injection.struck += told != counter
+                counter = told
+        return Sample(counts, counter)
+
+    def _begin_sampling(self, now: float) -> None:
+        if self._sampling is None:
+            self._sampling = _Sampling(now)
+
+    def _take_samples(self, until: float) -> None:
+        """Read and filter the sensor's samples up to a time."""
+        sampling = self._sampling
+        if sampling is None or not self.plugged:
+            return
+        total = math.floor((until - sampling.started_at) / self._sample_period)
+        while sampling.taken < total:
+            last = min(total, sampling.taken + _BLOCK)
+            if last > sampling.read:
+                self._read(sampling, last)
+            begin = len(sampling.ahead) - (sampling.read - sampling.taken)
+            self._filter(sampling.ahead[begin : begin + last - sampling.taken])
+            sampling.taken = last
+
+    def _read(self, sampling: _Sampling, last: int) -> None:
+        """Have the samples up to number `last` at hand, and those behind it that the sensor tells already."""
+        rest = sampling.ahead[len(sampling.ahead) - (sampling.read - sampling.taken) :]
+        period, began = self._sample_period, sampling.started_at
+        first = math.floor(((sampling.read + 1) * period + began) * SENSOR_RATE_HZ)
+        counts = self._sensor.counts_from(first, math.floor((last * period + began) * SENSOR_RATE_HZ))
+        newest = (first + len(counts) - 1) / SENSOR_RATE_HZ
+        before, sampling.read = sampling.read, max(last, math.floor((newest - began) / period))
+        times = np.arange(before + 1, sampling.read + 1) * period + began
+        numbers = np.floor(times * SENSOR_RATE_HZ).astype(np.int64)
+        sampling.ahead = np.concatenate((rest, counts.take(numbers - first, axis=0)))
+
+    def _invalidate(self, first: int) -> None:
+        """The sensor's samples from this number on will be others."""
+        sampling = self._sampling
+        if sampling is None:
+            return
+        period, began = self._sample_period, sampling.started_at
+        read = math.floor((first / SENSOR_RATE_HZ - began) / period) + 1
+        while read > sampling.taken and math.floor((read * period + began) * SENSOR_RATE_HZ) >= first:
+            read -= 1
+        if read < sampling.read:
+            sampling.ahead = sampling.ahead[: len(sampling.ahead) - (sampling.read - read)]
+            sampling.read = read
+
+    def _filter(self, counts: NDArray[np.float64]) -> None:
+        """First-order low pass, y += α (x − y); α may differ from the block before."""
+        away = counts - self._filtered
+        if self._zero_requested:
+            self._zero_requested = False
+            self._offset = self._filtered + self._smoothing * away[0]
+        # Of a block only the last output is ever sent, so the recursion is one weighted sum. It is taken from the
+        # filter's present output, so that a constant input leaves it exactly there.
+        weights = _impulse_response(self._smoothing, len(counts))
+        self._filtered = self._filtered + weights.dot(away)  # which `@` does as well, but begins more slowly
+
+
+@lru_cache(maxsize=64)
+def _impulse_response(smoothing: float, count: int) -> NDArray[np.float64]:
+    """Weight of each of `count` samples, oldest first, in a first-order low pass y += smoothing (x − y)."""
+    return smoothing * (1.0 - smoothing) ** np.arange(count - 1, -1, -1.0)

@@ -1,0 +1,41 @@
+"""The JR3 sensor with each of its receivers as a part of a cell."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+from emulators.devices.jr3.board import Board, BoardProfile
+from emulators.devices.jr3.can_gateway import Gateway, GatewayProfile
+from emulators.devices.jr3.sensor import Jr3Sensor, SensorProfile
+from emulators.devices.jr3.uart_gateway import UartGateway, UartGatewayProfile
+from emulators.seams import WrenchSource
+
+
+@dataclass(frozen=True)  # without slots, so that a cell's profile may inherit it beside others
+class Jr3Profiles:
+    """Everything that may differ between one JR3 sensor and the next. Its fields stand in `[cell]`."""
+
+    sensor: SensorProfile = field(default_factory=SensorProfile)
+    gateway: GatewayProfile = field(default_factory=GatewayProfile)
+    uart_gateway: UartGatewayProfile = field(default_factory=UartGatewayProfile)
+    board: BoardProfile = field(default_factory=BoardProfile)
+
+
+GatewayFactory: TypeAlias = Callable[[WrenchSource, float, int], Gateway]
+UartFactory: TypeAlias = Callable[[WrenchSource, float, int], UartGateway]
+BoardFactory: TypeAlias = Callable[[WrenchSource, float, int], Board]
+
+
+def make_gateway(sensor: SensorProfile, gateway: GatewayProfile) -> GatewayFactory:
+    """A factory of sensors behind a CAN gateway: `emulators.seams.SensorFactory`."""
+    return lambda source, now, seed: Gateway(gateway, Jr3Sensor(sensor, source, seed), now, seed)
+
+
+def make_uart(sensor: SensorProfile, gateway: UartGatewayProfile) -> UartFactory:
+    """The same behind a UART gateway."""
+    return lambda source, now, seed: UartGateway(gateway, Jr3Sensor(sensor, source, seed), now, seed)
+
+
+def make_board(sensor: SensorProfile, board: BoardProfile, filter_number: int = 0) -> BoardFactory:
+    """The same behind a receiver board, of which a client reads the filter of this number, 0 … 6."""
+    return lambda source, now, seed: Board(board, Jr3Sensor(sensor, source, seed), now, filter_number)

@@ -1,0 +1,267 @@
+"""A microcontroller between a JR3 sensor's serial link and a serial line.
+
+Behaves as the firmware roboticslab-uc3m/jr3-mbed-firmware-usb does, which was read for facts only. It misreads its
+input in its own ways, and a client has to live with that. It reads all bytes in one go, lays them over those of the
+read before, takes the first frame in it and sleeps for a second, whatever that frame was.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any, ClassVar, Self
+
+from emulators.devices.jr3.firmware import RESET, STOP, Firmware, Step
+from emulators.devices.jr3.firmware_profile import FirmwareProfile
+from emulators.devices.jr3.sensor import Jr3Sensor
+from emulators.faults.ledger import Handler
+from emulators.faults.wire import BYTES, FaultyWire
+from protocol.devices.jr3.uart_gateway import (
+    DATA_FRAME_S,
+    Acknowledge,
+    Command,
+    Frame,
+    Op,
+    decode_command,
+    encode_acknowledge,
+    encode_data,
+)
+from protocol.endpoint import RemoteProtocolError
+from protocol.marks import Mark, setting
+
+_READ_SIZE = 32
+"""Bytes that one read takes at most. Source: firmware."""
+_PAYLOAD_SIZE = 14
+"""Bytes of a command that the firmware has room for; it overruns its memory by more. Assumed: they are lost."""
+
+
+@dataclass(frozen=True)
+class UartGatewayProfile(FirmwareProfile):
+    """How a gateway behaves in time."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    boot_s: float = setting(5.0, Mark.OBSERVED, "deaf and silent after power-up", unit="s", minimum=0.0)
+    deaf_s: float = setting(1.0, Mark.OBSERVED, "deaf after every read", unit="s", minimum=0.0)
+    kept_bytes: int = setting(
+        0,
+        Mark.ASSUMED,
+        "bytes that wait while it is deaf, to be read after it; 0 loses them all, 256 is its driver's default",
+        minimum=0,
+        maximum=65536,
+    )
+    shortest_period_us: float = setting(
+        DATA_FRAME_S * 1e6,
+        Mark.DERIVED,
+        "shortest period of the stream, that is a frame of 18 bytes at 115200 baud",
+        unit="µs",
+        above=0.0,
+    )
+
+
+class _State(Enum):
+    BOOTING = "deaf, what arrives is lost"
+    BUSY = "carrying out a command that takes time"
+    LISTENING = "waiting for bytes"
+    DEAF = "asleep after a read"
+
+
+class UartGateway:
+    """Endpoint of the gateway: takes and gives bytes, tells no events."""
+
+    def __init__(
+        self, profile: UartGatewayProfile, sensor: Jr3Sensor, powered_at: float, seed: int = 0
+    ) -> None:
+        self.jr3 = sensor
+        """The sensor behind it."""
+        self._profile = profile
+        self._firmware = Firmware(sensor, profile, seed)
+        self._wire: FaultyWire[bytes] = FaultyWire(BYTES, f"{seed} frames")
+        self._out = bytearray()
+        self._kept = bytearray()
+        self._read_over = bytearray(_READ_SIZE)
+        self._op = 0
+        self._state = _State.BOOTING
+        self._until = powered_at + profile.boot_s
+        self._under_way: Command | None = None
+        """The command that takes time; None of it for the calibration read at power-up."""
+
+    @property
+    def handlers(self) -> Mapping[str, Mapping[str, Handler]]:
+        """Faults of the receiver and the sensor, by target, for a ledger."""
+        own = self._firmware.handlers
+        return {
+            **own,
+            "frames": {**self._wire.handlers, **own["frames"]},
+            "signal": self.jr3.signal.handlers,
+        }
+
+    @property
+    def endpoint(self) -> Self:
+        """The gateway itself is the end of its wire."""
+        return self
+
+    def unplug(self, now: float) -> None:
+        """Pull the sensor's plug; harmless when it is out."""
+        self._firmware.unplug(now)
+
+    def plug_in(self, now: float) -> None:
+        """Put the sensor's plug in; harmless when it is in."""
+        self._firmware.plug_in(now)
+
+    # --- endpoint
+
+    def receive(self, data: bytes, now: float) -> None:
+        """Take bytes; what arrives while it is deaf is lost, or waits as far as there is room."""
+        if self._wire.bad:
+            data = self._wire.incoming(data, now)
+        self.handle_deadline(now)
+        self._take(data, now)
+
+    def _take(self, data: bytes, now: float) -> None:
+        """Take bytes that have come through the wire."""
+        if not data:
+            return
+        if self._state is _State.LISTENING:
+            self._read(data[:_READ_SIZE], now)
+            data = data[_READ_SIZE:]
+        if self._state is not _State.BOOTING:
+            self._kept += data[: self._profile.kept_bytes - len(self._kept)]
+
+    def next_event(self) -> None:
+        """A gateway tells nothing."""
+
+    def data_to_send(self, now: float) -> bytes:
+        """Frames whose time has come."""
+        data, self._out = bytes(self._out), bytearray()
+        return self._wire.outgoing(data, now) if self._wire.bad else data
+
+    def next_deadline(self) -> float | None:
+        """The end of what it does now, the next frame of the stream, or the next block of samples."""
+        due = self._firmware.next_deadline()
+        if self._wire.bad:
+            due = self._wire.next_deadline(due)
+        until = self._ends_at()
+        return until if due is None else due if until is None else min(until, due)
+
+    def handle_deadline(self, now: float) -> None:
+        """Emit every frame that is due up to and including now."""
+        if self._wire.bad and (data := self._wire.arrived(now)):
+            self._take(data, now)
+        while (at := self._ends_at()) is not None and at <= now:
+            self._send_due(at)
+            self._go_on(at)
+        self._send_due(now)
+        self._firmware.catch_up(now)
+
+    def sampled_at(self, counter: int) -> float | None:
+        """The truth: when the sensor measured the newest sample sent with this counter, s; None if there is none."""
+        return self._firmware.sampled_at(counter)
+
+    # --- its states one after another
+
+    def _ends_at(self) -> float | None:
+        """When it goes on with the next state, s; None while it waits for bytes, or for a sensor."""
+        match self._state:
+            case _State.LISTENING:
+                return None
+            case _State.BUSY:
+                until = self._firmware.busy_until
+                return until if until < math.inf else None
+            case _:
+                return self._until
+
+    def _enter(self, state: _State, until: float) -> None:
+        self._state, self._until = state, until
+
+    def _go_on(self, at: float) -> None:
+        """Begin the next state."""
+        match self._state:
+            case _State.BOOTING if self._firmware.plugged:
+                self._begin(None, (Step.READ_CALIBRATION,), at)
+                return
+            case _State.BUSY:
+                self._finish(at)
+                return
+            case _:  # awake, or never to have a sensor
+                self._listen(at)
+
+    def _listen(self, at: float) -> None:
+        self._state = _State.LISTENING
+        if self._kept:
+            data = bytes(self._kept[:_READ_SIZE])
+            del self._kept[:_READ_SIZE]
+            self._read(data, at)
+
+    def _read(self, data: bytes, at: float) -> None:
+        """One read: the bytes lie over those of earlier reads, and all up to the first `>` is taken for a command."""
+        self._enter(_State.DEAF, at + self._profile.deaf_s)
+        self._read_over[: len(data)] = data
+        text, closing, _ = self._read_over.partition(b">")
+        if not closing:
+            return  # it reads on through its memory. Assumed: nothing comes of that
+        text = text.replace(b"<", b"")
+        # Any character counts as a digit, and digits that are not there are those of the command before.
+        zero = ord("0")
+        if text:
+            self._op = (text[0] - zero) * 10
+        if len(text) > 1:
+            self._op += text[1] - zero
+        try:
+            command = decode_command(self._op, bytes(text[2 : 2 + _PAYLOAD_SIZE]))
+        except RemoteProtocolError:
+            return
+        self._on_command(command, at)
+
+    def _on_command(self, command: Command, now: float) -> None:
+        blocked = self._profile.blocks and command.op is Op.RESET
+        if not (self._firmware.initialised or blocked):
+            self._acknowledge(command.op)
+            return
+        match command.op:
+            case Op.START:
+                steps = self._firmware.before_stream
+            case Op.STOP:
+                steps = STOP
+            case Op.RESET:
+                steps = RESET
+            case _:
+                steps = ()
+        self._begin(command, steps, now)
+
+    def _begin(self, command: Command | None, steps: tuple[Step, ...], now: float) -> None:
+        self._under_way = command
+        self._firmware.begin(steps, now)
+        self._enter(_State.BUSY, now)
+        self._finish(now)
+
+    def _finish(self, now: float) -> None:
+        """Carry out what is under way, if it has waited long enough; the deaf second begins behind it."""
+        at = self._firmware.finish(now)
+        if at is None:
+            return
+        command = self._under_way
+        if command is None:
+            self._out += bytes(Frame(Op.BOOT_UP))
+            self._listen(at)
+            return
+        match command.op:
+            case Op.START:
+                self._firmware.start_stream(command.cutoff_centihertz, command.period_us, at)
+                self._send_due(at)
+            case Op.ZERO:
+                self._firmware.zero(at)
+            case Op.SET_FILTER:
+                self._firmware.set_filter(command.cutoff_centihertz, at)
+            case _:  # the steps have done it all, or the queries only want the acknowledge
+                pass
+        self._acknowledge(command.op)
+        self._enter(_State.DEAF, at + self._profile.deaf_s)
+
+    def _acknowledge(self, op: Op) -> None:
+        scales = self._firmware.full_scales if op is Op.GET_FULL_SCALES else None
+        self._out += encode_acknowledge(Acknowledge(self._firmware.state, scales))
+
+    def _send_due(self, now: float) -> None:
+        for sample in self._firmware.due_samples(now):
+            self._out += encode_data(sample.counts, sample.counter)

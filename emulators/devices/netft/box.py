@@ -1,0 +1,299 @@
+"""An emulated Net F/T: samples at 7 kHz, a filter, records over UDP, and a page that tells its configuration.
+
+It serves one client at a time: a start from another address takes the stream there, and the first client is told
+nothing. A stop from another address ends the stream, unless a setting says otherwise. A bias from there is taken, and
+the stream stays. What is no request changes nothing, wherever it comes from.
+"""
+
+import math
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Self
+
+import numpy as np
+
+from emulators.devices.netft.profile import NetFtProfile
+from emulators.faults.ledger import Handler
+from emulators.faults.own import OwnFaults
+from emulators.faults.wire import DATAGRAMS, FaultyWire
+from emulators.seams import Floats, WrenchSource
+from emulators.sensing import Converter, MeasuredWrench
+from protocol.datagram import Datagram, side_of
+from protocol.devices.netft.page import FILTERS_HZ, filter_weight
+from protocol.devices.netft.records import (
+    INTERNAL_RATE_HZ,
+    MONITOR,
+    RECORD,
+    SATURATED,
+    SUMMARY,
+    UNPLUGGED,
+    WRAP,
+    Command,
+    decode_request,
+    output_step,
+)
+from protocol.endpoint import RemoteProtocolError
+
+_COUNT_END = 2**31 - 1
+_MOST_AT_ONCE = 64
+"""Chosen: records sent before others have their turn. After a pause of the computer they would overrun a reader."""
+
+
+@lru_cache(maxsize=64)
+def _powers(share: float, count: int) -> Floats:
+    """What is left in a filter of each of so many samples, oldest first; `share` is left from one to the next."""
+    return np.asarray(share ** np.arange(count - 1, -1, -1), np.float64)
+
+
+@dataclass(slots=True)
+class _Stream:
+    """A request for records that is being answered."""
+
+    next: int
+    """Number of the sample that is told next."""
+    remaining: int | None
+    """Records that are still to be sent; None: until a stop."""
+    at_once: int
+    """Records in a datagram."""
+    side: Hashable
+    """Side that has asked."""
+    sent: int = 0
+    buffer: list[bytes] = field(default_factory=list)
+
+
+class NetBox:
+    """Endpoint of the box: takes and gives datagrams, tells no events. An `EmulatedSensor`."""
+
+    def __init__(self, profile: NetFtProfile, source: WrenchSource, powered_at: float, seed: int) -> None:
+        self.profile = profile
+        ends = np.minimum(
+            np.array((*profile.ratings_n, *profile.ratings_nm))
+            * (profile.saturation_share * profile.counts_per_unit),
+            _COUNT_END,
+        )
+        noise = np.array((*(profile.noise_n,) * 3, *(profile.noise_nm,) * 3)) * profile.counts_per_unit
+        converter = Converter(np.eye(6) * float(profile.counts_per_unit), noise, -ends, ends)
+        self._measured = MeasuredWrench(source, INTERNAL_RATE_HZ, converter, seed, "cell.netft.noise_n")
+        self._wire: FaultyWire[Sequence[bytes]] = FaultyWire(DATAGRAMS, f"{seed} frames")
+        self._out: list[bytes] = []
+        self.bias: Floats = np.zeros(6)
+        """Counts that are taken off."""
+        self.streams = profile.rdt_enabled
+        self.filter_number = profile.filter
+        self.rate_hz: float = profile.rate_hz
+        self.buffered_records = profile.buffered_records
+        self._latched = False
+        self._stream: _Stream | None = None
+        self._power_up(powered_at)
+        self._faults = OwnFaults()
+        held, striking = self._faults.held, self._faults.striking
+        self.handlers: Mapping[str, Mapping[str, Handler]] = {
+            "signal": self._measured.signal.handlers,
+            "scales": held(("wrong",)),
+            "frames": {**self._wire.handlers, **held(("unplugged", "slow", "frozen-counter"))},
+            "sensor": {
+                **held(("status", "saturated")),
+                **striking(
+                    {
+                        "power-cycle": self._power_down,
+                        "threshold": self._latch,
+                        "biased": self._take_bias,
+                        "taken": self._stop,
+                    }
+                ),
+            },
+        }
+
+    @property
+    def endpoint(self) -> Self:
+        """The box itself is the end of its wire."""
+        return self
+
+    # --- power
+
+    def _power_up(self, now: float) -> None:
+        self.ready_at = now + self.profile.boot_s
+        """From when on it hears and answers, s."""
+        self._first = self._measured.first_after(now)
+        """Number of the sample that has the ft_sequence 0."""
+        self._read = self._first - 1
+        """Number of the newest sample that the filter has seen. Sample 0 is the one behind the power-up."""
+        self._state: Floats | None = None
+        """Output of the filter, counts without the bias."""
+        self._saturated_until = -1
+        self._frozen_ft: int | None = None
+        self._stop(now)
+
+    def _power_down(self, now: float) -> None:
+        if not self.profile.bias_persistent:
+            self.bias = np.zeros(6)
+        self._latched = False
+        self._out.clear()
+        self._power_up(now)
+
+    def sampled_at(self, counter: int) -> float | None:
+        """When it measured the sample of this ft_sequence, s."""
+        number = self._first + counter
+        return number / INTERNAL_RATE_HZ if number <= self._read else None
+
+    # --- endpoint
+
+    def receive(self, data: Sequence[bytes], now: float) -> None:
+        """Take requests; what is none gets no answer."""
+        if self._wire.bad:
+            data = self._wire.incoming(data, now)
+        self._take(data, now)
+
+    def next_event(self) -> None:
+        """A box tells nothing."""
+
+    def data_to_send(self, now: float) -> Sequence[bytes]:
+        """Records whose time has come."""
+        out, self._out = self._out, []
+        return self._wire.outgoing(out, now) if self._wire.bad else out
+
+    def next_deadline(self) -> float | None:
+        """When the next record goes out, s."""
+        stream = self._stream
+        due = None if stream is None else stream.next / INTERNAL_RATE_HZ + self.profile.latency_s
+        return self._wire.next_deadline(due) if self._wire.bad else due
+
+    def handle_deadline(self, now: float) -> None:
+        """Send every record that is due."""
+        if self._wire.bad and (data := self._wire.arrived(now)):
+            self._take(data, now)
+        self._send_due(now, _MOST_AT_ONCE)
+
+    # --- requests
+
+    def _take(self, data: Sequence[bytes], now: float) -> None:
+        self._send_due(now)
+        if now < self.ready_at or not self.streams:
+            return
+        for datagram in data:
+            try:
+                request = decode_request(datagram)
+            except RemoteProtocolError:
+                continue  # assumed: dropped without an answer
+            if request.extended:
+                continue  # records go to the asking address alone
+            own = self._stream is None or side_of(datagram) == self._stream.side
+            if request.command == Command.STOP:
+                if own or self.profile.stranger_may_stop:
+                    self._stop(now)
+            elif request.command in (Command.START, Command.START_BUFFERED):
+                self._start(Command(request.command), request.records, now, side_of(datagram))
+            elif request.command == Command.RESET_LATCH:
+                self._latched = False
+            elif request.command == Command.BIAS:
+                self._take_bias(now)
+                if self.profile.bias_stops_stream:
+                    self._stop(now)
+
+    def _start(self, command: Command, records: int, now: float, side: Hashable) -> None:
+        newest, step = self._measured.number_at(now), self.step
+        at_once = self.buffered_records if command is Command.START_BUFFERED else 1
+        self._stream = _Stream(newest + step - (newest - self._first) % step, records or None, at_once, side)
+
+    def _stop(self, now: float) -> None:
+        self._stream = None
+
+    def _take_bias(self, now: float) -> None:
+        newest = self._measured.number_at(now - self.profile.latency_s)
+        if newest > self._read:
+            self._filter(newest)
+        if self._state is not None:
+            self.bias = self._state.copy()
+
+    def _latch(self, now: float) -> None:
+        self._latched = True
+
+    # --- samples
+
+    def _send_due(self, now: float, most: int = INTERNAL_RATE_HZ) -> None:
+        newest = self._measured.number_at(now - self.profile.latency_s)
+        while (stream := self._stream) is not None and stream.next <= newest and most:
+            self._sample(stream, now)
+            most -= 1
+
+    @property
+    def step(self) -> int:
+        """Internal samples from one record to the next."""
+        return output_step(self.rate_hz)
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """The counts that it told last, or would."""
+        state = np.zeros(6) if self._state is None else self._state
+        return tuple(self._told(state))
+
+    def status(self, number: int, now: float) -> int:
+        """The status word with the sample of this number."""
+        if self._faults.under_way("unplugged", now):
+            return UNPLUGGED
+        status = 0
+        if number <= self._saturated_until or self._faults.under_way("saturated", now):
+            status |= SATURATED | SUMMARY
+        if self._latched:
+            status |= MONITOR | (SUMMARY if self.profile.family == "netbox" else 0)
+        if not self._faults.any:  # as in nearly every record
+            return status
+        if (fault := self._faults.under_way("status", now)) is not None:
+            status |= SUMMARY | 1 << int(fault.number("bit"))
+        return status
+
+    def _sample(self, stream: _Stream, now: float) -> None:
+        """Take the next sample that is told, and tell it."""
+        number, state = stream.next, self._state
+        if state is None or self._faults.under_way("unplugged", now) is None:
+            state = self._filter(number)
+        slow = self._faults.under_way("slow", now)
+        stream.next += self.step if slow is None else max(1, round(self.step * slow.number("factor")))
+        ft = (number - self._first) % WRAP
+        if self._faults.under_way("frozen-counter", now) is None:
+            self._frozen_ft = None
+        else:
+            ft = self._frozen_ft = ft if self._frozen_ft is None else self._frozen_ft
+        stream.sent += 1
+        counts = self._told(state)
+        stream.buffer.append(RECORD.pack(stream.sent % WRAP, ft, self.status(number, now), *counts))
+        over = stream.remaining == stream.sent
+        if over or len(stream.buffer) >= stream.at_once:
+            self._out.append(Datagram(b"".join(stream.buffer), side=stream.side))
+            stream.buffer.clear()
+        if over:
+            self._stop(now)
+
+    def _told(self, state: Floats) -> list[int]:
+        """An output of the filter as the counts of a record: less the bias, within the ends of a word."""
+        counts = [round(count) for count in (state - self.bias).tolist()]
+        if max(counts) > _COUNT_END or min(counts) < -_COUNT_END:
+            counts = [max(-_COUNT_END, min(_COUNT_END, count)) for count in counts]
+        return counts
+
+    def _filter(self, number: int) -> Floats:
+        """Let the filter see every sample up to this number; its output."""
+        weight = filter_weight(FILTERS_HZ[self.filter_number])
+        # After a pause the filter has long forgotten: it begins where it would have come to.
+        most = self.step if weight == 1.0 else math.ceil(20.0 / weight)
+        first = max(self._read + 1, number - most + 1)
+        outputs = self._measured.outputs(first, number)
+        if (at_end := self._measured.last_at_end(first, number)) is not None:
+            self._saturated_until = at_end + self.profile.saturation_hold_samples
+        state: Floats
+        if weight != 1.0 and self._state is not None:
+            state = (1.0 - weight) ** len(outputs) * self._state + weight * (
+                _powers(1.0 - weight, len(outputs)) @ outputs
+            )
+        else:
+            state = outputs[-1].copy()
+        self._read, self._state = number, state
+        return state
+
+    # --- faults
+
+    def told_scale(self, kind: str, now: float) -> float:
+        """Factor by which its page tells the counts for a unit of the forces or the moments wrongly."""
+        wrong = self._faults.under_way("wrong", now)
+        return 1.0 if wrong is None or wrong.values["of"] not in ("all", kind) else wrong.number("factor")

@@ -1,0 +1,158 @@
+"""The pages of an emulated Net F/T: its configuration as XML, and the forms that change it."""
+
+import math
+from urllib.parse import parse_qsl, urlsplit
+
+import numpy as np
+
+from emulators.devices.netft.box import NetBox
+from protocol.devices.netft.http import encode_answer, read_get
+from protocol.devices.netft.page import FILTERS_HZ, PAGE
+from protocol.devices.netft.records import BUFFER_LIMIT, INTERNAL_RATE_HZ
+from protocol.endpoint import RemoteProtocolError
+
+CALIBRATION_PAGE = "/netftcalapi.xml"
+"""Source: manual."""
+_FORMS = ("/setting.cgi", "/comm.cgi", "/config.cgi", "/moncon.cgi")
+_GAGE_END = 2.0**31 - 1.0
+
+
+def answer(request: bytes, box: NetBox, now: float) -> bytes | None:
+    """Answer to what a browser has sent so far; None while it has not sent all, and from a box that boots."""
+    try:
+        target = read_get(request)
+    except RemoteProtocolError:
+        return encode_answer(b"", "400 Bad Request", "text/plain")
+    if target is None or now < box.ready_at:
+        return None
+    try:
+        parts = urlsplit(target)
+    except ValueError:
+        return encode_answer(b"", "400 Bad Request", "text/plain")
+    if parts.path == PAGE:
+        return encode_answer(_document("netft", _configuration(box, now)))
+    if parts.path == CALIBRATION_PAGE:
+        return encode_answer(_document("netftCalibration", _calibration(box)))
+    if parts.path in _FORMS:
+        for name, value in parse_qsl(parts.query):
+            _set(box, parts.path, name, value)
+        return encode_answer(b"<html><body>done</body></html>", kind="text/html")
+    return encode_answer(b"", "404 Not Found", "text/plain")
+
+
+def _document(root: str, values: dict[str, str]) -> bytes:
+    tags = "".join(f"<{name}>{value}</{name}>" for name, value in values.items())
+    return f'<?xml version="1.0"?>\n<{root}>{tags}</{root}>\n'.encode("ascii")
+
+
+def _configuration(box: NetBox, now: float) -> dict[str, str]:
+    profile = box.profile
+    per_force, per_torque = (
+        max(1, round(profile.counts_per_unit / (box.told_scale(kind, now) or 1.0)))
+        for kind in ("forces", "moments")
+    )
+    newest = round(now * INTERNAL_RATE_HZ)
+    return {
+        "prodname": "Net F/T emulator",
+        "runstat": f"0x{box.status(newest, now):08x}",
+        "runft": _row(box.counts),
+        "runrate": f"{INTERNAL_RATE_HZ}",
+        "setcfgsel": "0",
+        "setuserfilter": f"{box.filter_number}",
+        "setbias": _row(round(value) for value in box.bias.tolist()),
+        "cfgnam": "default",
+        "cfgcalsel": "0",
+        "cfgfu": "2",
+        "scfgfu": "N",
+        "cfgtu": "3",
+        "scfgtu": "Nm",
+        "cfgcpf": f"{per_force}",
+        "cfgcpt": f"{per_torque}",
+        "cfgmr": _row(f"{value:g}" for value in (*profile.ratings_n, *profile.ratings_nm)),
+        "comrdte": "Enabled" if box.streams else "Disabled",
+        "comrdtrate": f"{INTERNAL_RATE_HZ // box.step}",
+        "comrdtbsiz": f"{box.buffered_records}",
+        "netip": "127.0.0.1",
+    }
+
+
+def _calibration(box: NetBox) -> dict[str, str]:
+    profile = box.profile
+    return {
+        "calsn": "EMULATED",
+        "calcpf": f"{profile.counts_per_unit}",
+        "calcpt": f"{profile.counts_per_unit}",
+        "scalfu": "N",
+        "scaltu": "Nm",
+        "calmr": _row(f"{value:g}" for value in (*profile.ratings_n, *profile.ratings_nm)),
+    }
+
+
+def _row(values: object) -> str:
+    return ";".join(str(value) for value in values)  # type: ignore[attr-defined]
+
+
+def _set(box: NetBox, form: str, name: str, text: str) -> None:
+    """Change a variable; one of another form, an unknown one, and a value that cannot be are ignored. Mark: assumed."""
+    value = _number(text)
+    if value is None:
+        return
+    if form == "/setting.cgi":
+        if name == "setuserfilter" and 0 <= value < len(FILTERS_HZ):
+            box.filter_number = int(value)
+        elif name.startswith("setbias") and name[7:] in tuple("012345") and abs(value) <= _GAGE_END:
+            bias = np.array(box.bias)
+            bias[int(name[7:])] = value
+            box.bias = bias
+    elif form == "/comm.cgi":
+        if name == "comrdte" and value in (0, 1):
+            box.streams = bool(value)
+        elif name == "comrdtrate" and 1 <= value <= INTERNAL_RATE_HZ:
+            box.rate_hz = float(int(value))
+        elif name == "comrdtbsiz" and 1 <= value <= BUFFER_LIMIT:
+            box.buffered_records = int(value)
+
+
+def _number(text: str) -> float | None:
+    if len(text) > 20:
+        return None
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
+
+
+class PageEndpoint:
+    """The pages on a byte wire in memory: an `Endpoint` that answers one GET after the other."""
+
+    def __init__(self, box: NetBox) -> None:
+        self._box = box
+        self._received = b""
+        self._out = b""
+
+    def receive(self, data: bytes, now: float) -> None:
+        """Take bytes of a request."""
+        self._received += data
+        self._answer(now)
+
+    def next_event(self) -> None:
+        """It tells nothing."""
+
+    def data_to_send(self, now: float) -> bytes:
+        """The answer, once."""
+        out, self._out = self._out, b""
+        return out
+
+    def next_deadline(self) -> float | None:
+        """It waits for nothing."""
+        return None
+
+    def handle_deadline(self, now: float) -> None:
+        """Nothing is due."""
+
+    def _answer(self, now: float) -> None:
+        if (found := answer(self._received, self._box, now)) is not None:
+            self._out, self._received = found, b""
+        elif now < self._box.ready_at:
+            self._received = b""  # a box that boots hears nothing

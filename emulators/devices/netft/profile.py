@@ -1,0 +1,83 @@
+"""Settings of an emulated Net F/T."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from protocol.devices.netft.page import FILTERS_HZ
+from protocol.devices.netft.records import BUFFER_LIMIT, INTERNAL_RATE_HZ
+from protocol.geometry import Vector
+from protocol.marks import Mark, check_settings, setting
+
+
+@dataclass(frozen=True, slots=True)
+class NetFtProfile:
+    """Settings in `[cell.netft]`."""
+
+    ratings_n: Vector = setting(
+        (130.0, 130.0, 400.0),
+        Mark.CHOSEN,
+        "calibrated range of fx fy fz: a middle-sized one",
+        unit="N",
+        above=0.0,
+    )
+    ratings_nm: Vector = setting(
+        (10.0, 10.0, 10.0), Mark.CHOSEN, "calibrated range of mx my mz", unit="N·m", above=0.0
+    )
+    counts_per_unit: int = setting(
+        1_000_000,
+        Mark.OBSERVED,
+        "counts for 1 N and for 1 N·m, as in all calibrations seen",
+        minimum=1,
+        maximum=1_000_000,
+    )
+    noise_n: float = setting(0.02, Mark.CHOSEN, "noise of the forces, rms", unit="N", minimum=0.0)
+    noise_nm: float = setting(0.001, Mark.CHOSEN, "noise of the moments, rms", unit="N·m", minimum=0.0)
+    rate_hz: int = setting(
+        1000, Mark.ASSUMED, "records a second", unit="Hz", minimum=1, maximum=INTERNAL_RATE_HZ
+    )
+    buffered_records: int = setting(
+        BUFFER_LIMIT, Mark.ASSUMED, "records in a buffered datagram", minimum=1, maximum=BUFFER_LIMIT
+    )
+    filter: int = setting(
+        0, Mark.OBSERVED, "number of its filter, 0 = none", minimum=0, maximum=len(FILTERS_HZ) - 1
+    )
+    saturation_share: float = setting(
+        2.6,
+        Mark.DERIVED,
+        "of the range, from where on gages are at their end: from the calibration FT4472 in z",
+        minimum=1.0,
+        maximum=5.0,
+    )
+    saturation_hold_samples: int = setting(
+        32, Mark.ASSUMED, "for so long saturation is told after it", minimum=0, maximum=INTERNAL_RATE_HZ
+    )
+    boot_s: float = setting(
+        5.0, Mark.ASSUMED, "deaf and silent after power-up", unit="s", minimum=0.0, maximum=60.0
+    )
+    latency_s: float = setting(
+        0.0003, Mark.ASSUMED, "from a sample to its record", unit="s", minimum=0.0, maximum=0.1
+    )
+    bias_persistent: bool = setting(True, Mark.ASSUMED, "whether a bias outlives a power-down")
+    bias_stops_stream: bool = setting(False, Mark.ASSUMED, "whether a bias ends the stream under way")
+    stranger_may_stop: bool = setting(
+        True, Mark.ASSUMED, "whether a stop from another address ends the stream"
+    )
+    family: Literal["netbox", "axia"] = setting(
+        "netbox", Mark.OBSERVED, "whose status word it sends: an Axia warns without the summary bit"
+    )
+    rdt_enabled: bool = setting(True, Mark.CHOSEN, "whether raw data transfer is switched on")
+    http_port: int = setting(
+        0,
+        Mark.CHOSEN,
+        "port of its page where its URL does not name it; 0: a free one, a real one has 80",
+        minimum=0,
+        maximum=65535,
+    )
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+        for name in ("ratings_n", "ratings_nm"):
+            if len(getattr(self, name)) != 3:
+                raise ValueError(f"{name} must be three values, got {len(getattr(self, name))}")
+        if self.family not in ("netbox", "axia"):
+            raise ValueError(f"family must be netbox or axia, got {self.family}")

@@ -1,0 +1,7 @@
+"""An emulated KUKA controller with the Robot Sensor Interface."""
+
+from emulators.devices.rsi.controller import RsiController
+from emulators.devices.rsi.faults import RSI_FAULTS
+from emulators.devices.rsi.profile import RsiProfile
+
+__all__ = ["RSI_FAULTS", "RsiController", "RsiProfile"]

@@ -1,0 +1,364 @@
+"""A KUKA controller whose program corrects its path by a sensor: RSI_CREATE, RSI_ON, RSI_MOVECORR.
+
+It sends a telegram each cycle by its own clock and takes the answers. RSI_MOVECORR keeps a standing motion active, so
+that the programmed pose stays where the program was begun. Without an answer the cycle counts as late; at the time-out
+the robot stops and RSI ends. Then a person resets the program and starts it, see `RsiProfile.restart_s`.
+
+Source: project specification of RSI, sections 4 to 6.
+"""
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum, auto
+
+from emulators.arm.followed import FollowedArm
+from emulators.devices.rsi.bad_pose import BadPose
+from emulators.devices.rsi.correction import NOTHING, TOO_FAR, TOO_FAST, Correction
+from emulators.devices.rsi.ethernet import Ethernet
+from emulators.devices.rsi.faults import RSI_FAULTS
+from emulators.devices.rsi.profile import RsiProfile
+from emulators.devices.rsi.spoiling import Injected, Line
+from emulators.faults import Handler, Injection
+from emulators.orders import Act, HeardOrder, Hindrance, Orders
+from emulators.seams import ArmPath, Handlers, Joints, StartPose
+from protocol.devices.rsi import ROBOT, Telegram, decode, encode, fixed, number, pose_tags
+from protocol.devices.rsi.angles import values_of
+from protocol.devices.rsi.telegram import LARGEST_IPOC
+from protocol.endpoint import RemoteProtocolError
+from protocol.geometry import Pose
+
+MAKER = "KUKA"
+RUNS, STOPPED = "3", "4"
+"""Observed (FZI's configuration): states of the program."""
+_AXES = range(1, 7)
+_ACTUAL, _LATE, _STATUS = pose_tags("RIst"), "Delay.D", "ProgStatus.R"
+_ANSWERS_A_CYCLE = 64
+"""Chosen: answers of a cycle that are looked at. A peer that floods the port is not served."""
+
+_ROUNDING_S = 1e-9
+
+
+class State(Enum):
+    """States of the program, as far as its telegrams show them."""
+
+    CREATED = auto()
+    """RSI is off: nothing is sent."""
+    ON = auto()
+    """Telegrams go out and answers are counted; nothing moves."""
+    MOVECORR = auto()
+    """Corrections are applied."""
+    ERROR = auto()
+    """An error has ended RSI; the robot stands where it stopped."""
+
+
+@dataclass(slots=True)
+class _Session:
+    """RSI from one RSI_ON to its end."""
+
+    begun_at: float
+    ethernet: Ethernet
+    correction: Correction
+    values: dict[str, str]
+    """Values of its telegrams, those that change included."""
+    sent: int = 0
+    """Telegrams that were sent."""
+    left: bool = False
+    """RSI_MOVECORR has ended."""
+    stop_before: bool = False
+    """Stop channel of the cycle before."""
+    standing: bool = False
+    """The motion is stopped while telegrams go on."""
+
+
+class RsiController:
+    """Endpoint of the controller, and the robot: an `EmulatedRobot`."""
+
+    def __init__(self, profile: RsiProfile, start: StartPose, now: float) -> None:
+        """Powered up, with the program begun. Raises ValueError for a start whose quaternion is zero."""
+        self.profile = profile
+        self._arm = FollowedArm(profile.arm, Pose(start.position, start.quaternion), now)
+        self._powered_at, self._beats = now, 0
+        self._ipoc = profile.ipoc_start - profile.cycle_ms
+        self._injected = Injected()
+        self._bad_pose = BadPose(RSI_FAULTS["pose"])
+        self._line = Line(self._injected, RSI_FAULTS["packets"])
+        self._restart_at = math.inf
+        self._stopped_by_fault = False
+        self.error = ""
+        """The error that has ended RSI; empty without."""
+        self.discarded: Counter[str] = Counter()
+        """Answers that were not taken, by reason."""
+        self._taken = 0
+        """Answers that were looked at in this cycle."""
+        self.endpoint = self
+        self.orders = Orders()
+        self._ordered = NOTHING
+        """Sum of the relative corrections that were ordered, taken or not."""
+        self.path: ArmPath = self._arm.path
+        self.handlers: Handlers = self._handlers()
+        self.state = State.ON
+        self._session = self._begun(now)
+
+    @property
+    def accepted(self) -> int:
+        return self._arm.path.accepted
+
+    def begun_at(self, target: int) -> float | None:
+        return self._arm.path.begun_at(target)
+
+    def joints_holding(self, pose: Pose, at: float) -> Joints | None:
+        return None
+
+    def hindrance(self, now: float) -> Hindrance | None:
+        if self.error:
+            return Hindrance(self.error, self.error in (TOO_FAR, TOO_FAST) and not self._stopped_by_fault)
+        if not self._sending:
+            return Hindrance("RSI is off", False)
+        if self._session.standing or self._injected.holds("robot", "emergency-stop", now):
+            return Hindrance("the motion is stopped, telegrams go on", False)
+        return None
+
+    @property
+    def correction(self) -> tuple[float, ...]:
+        """The total correction, mm and degrees."""
+        return self._session.correction.total
+
+    @property
+    def late(self) -> int:
+        """Late cycles since RSI_ON."""
+        return self._session.ethernet.late
+
+    # --- as an endpoint
+
+    def receive(self, data: Sequence[bytes], now: float) -> None:
+        if self.orders.listener is not None:
+            for datagram in data:
+                self.orders.tell(self._heard(datagram, now))
+        if not self._sending:
+            return
+        for datagram in data:
+            self._taken += 1
+            if self._taken > _ANSWERS_A_CYCLE:
+                return
+            if self._strikes("answers", "lost", now):
+                continue
+            refused = self._strikes("answers", "refused", now)
+            why = "a fault" if refused else self._session.ethernet.take(datagram, self._ipoc)
+            if why:
+                self.discarded[why if len(self.discarded) < _ANSWERS_A_CYCLE else "others"] += 1
+
+    def _heard(self, raw: bytes, now: float) -> HeardOrder:
+        """An answer as an order, whatever the state makes of it."""
+        try:
+            telegram = decode(raw)
+            found = [number(telegram.values.get(tag, "0")) for tag in pose_tags(self.profile.correction_tag)]
+        except RemoteProtocolError as error:
+            return HeardOrder(now, Act.UNREADABLE, str(error), False)
+        if self.profile.mode == "relative":
+            found = [before + more for before, more in zip(self._ordered, found, strict=True)]
+            self._ordered = tuple(found)
+        taken = self.state is State.MOVECORR and self.hindrance(now) is None
+        x, y, z = (
+            start + by * 1e-3
+            for start, by in zip(self._session.correction.programmed.position, found[:3], strict=True)
+        )
+        words, reach_m = f"{self.profile.mode} correction", self._session.correction.step_mm * 1e-3
+        return HeardOrder(now, Act.MOTION, words, taken, (x, y, z), reach_m=reach_m)
+
+    def next_event(self) -> None:
+        return None
+
+    def data_to_send(self, now: float) -> Sequence[bytes]:
+        return self._line.take(now)
+
+    def next_deadline(self) -> float | None:
+        waiting = self._line.next_at()
+        return self._next_beat() if waiting is None else min(waiting, self._next_beat())
+
+    def handle_deadline(self, now: float) -> None:
+        """Cycles that a stalled process has missed are skipped: a real controller would not have missed them."""
+        due = self._next_beat()
+        if now < due:
+            return
+        missed = math.floor((now - due) / self.profile.period + _ROUNDING_S)
+        self._beats += missed + 1
+        self._advance_clock(missed)
+        self._cycle(now)
+
+    # --- cycles
+
+    @property
+    def _sending(self) -> bool:
+        return self.state in (State.ON, State.MOVECORR)
+
+    def _next_beat(self) -> float:
+        return self._powered_at + self._beats * self.profile.period
+
+    def _advance_clock(self, cycles: int) -> None:
+        self._ipoc = (self._ipoc + cycles * self.profile.cycle_ms) & LARGEST_IPOC
+
+    def _cycle(self, now: float) -> None:
+        """The end of a cycle, and the begin of the next."""
+        if self.state is State.ERROR and now >= self._restart_at:
+            self._begin(now)
+        if self._sending and self._session.sent:
+            self._end_cycle(now)
+        self._advance_clock(1)
+        if self._sending:
+            self._send(now)
+
+    def _end_cycle(self, now: float) -> None:
+        self._taken = 0
+        inputs = self._session.ethernet.close()
+        if inputs.error:
+            self._fail(inputs.error, now)
+            return
+        session = self._session
+        edge, session.stop_before = inputs.stop and not session.stop_before, inputs.stop
+        if not session.left and now - session.begun_at >= self.profile.move_after_ms / 1e3 - _ROUNDING_S:
+            self.state = State.MOVECORR
+        if self.state is State.ON:
+            return
+        if edge:
+            self.state, session.left = State.ON, True
+            self._arm.hold(now)
+        elif not self._stopped(now):
+            self._correct(inputs.correction, now)
+
+    def _correct(self, value: tuple[float, ...], now: float) -> None:
+        """Move by the values of a cycle, unless they are refused."""
+        session = self._session
+        limit = self._strikes("robot", "limit", now)
+        session.correction.narrow(None if limit is None else limit.number("mm"))
+        error = session.correction.take(value)
+        if error:
+            self._fail(error, now)
+        else:
+            session.standing = False
+            self._arm.follow(session.correction.pose, now)
+
+    def _stopped(self, now: float) -> bool:
+        """Whether the motion is stopped while telegrams go on."""
+        if self._strikes("robot", "emergency-stop", now) or self._strikes("robot", "stand", now):
+            if not self._session.standing:
+                self._arm.hold(now)
+            self._session.standing = True
+            return True
+        return False
+
+    def _begin(self, now: float) -> None:
+        """The program is reset and begun anew, up to RSI_ON."""
+        self.state, self.error = State.ON, ""
+        self._stopped_by_fault = False
+        self._restart_at = math.inf
+        self._session = self._begun(now)
+        if self.profile.ipoc_restart == "anew":
+            self._ipoc = self.profile.ipoc_start - self.profile.cycle_ms
+
+    def _begun(self, now: float) -> _Session:
+        """A session that corrects from where the robot stands."""
+        programmed = self._arm.set_point(now)
+        return _Session(
+            now, Ethernet(self.profile), Correction(self.profile, programmed), self._lasting(programmed)
+        )
+
+    def _fail(self, error: str, now: float) -> None:
+        """An error ends RSI: the robot stops on its path."""
+        self.state, self.error = State.ERROR, error
+        self._arm.hold(now)
+        self._restart_at = now + self.profile.restart_s if self.profile.restart_s else math.inf
+
+    # --- telegrams
+
+    def _send(self, now: float) -> None:
+        empty = self.profile.empty_first and not self._session.sent
+        self._session.sent += 1
+        values = {} if empty else self._values(now)
+        telegram = encode(Telegram(ROBOT, MAKER, values, self._ipoc), self.profile.rob_type_attr)
+        self._line.put(telegram, now)
+
+    def _values(self, now: float) -> dict[str, str]:
+        """The values of the tags that the configuration sends."""
+        values, session = dict(self._session.values), self._session
+        if _ACTUAL[0] in values:
+            values.update(
+                zip(
+                    _ACTUAL,
+                    self._texts(values_of(self._bad_pose.told(self._arm.pose(now), now))),
+                    strict=True,
+                )
+            )
+        if _LATE in values:
+            values[_LATE] = str(session.ethernet.late)
+        if _STATUS in values:
+            values[_STATUS] = STOPPED if self._injected.holds("robot", "emergency-stop", now) else RUNS
+        return values
+
+    def _lasting(self, programmed: Pose) -> dict[str, str]:
+        """The same as far as they stay the same in a session, in their order."""
+        values: dict[str, str] = {}
+        for tag in self.profile.send:
+            name = tag.removeprefix("DEF_")
+            match name:
+                case "RIst" | "RSol":
+                    group = dict(zip(pose_tags(name), self._texts(values_of(programmed)), strict=True))
+                case "AIPos" | "ASPos":
+                    joints = self._texts(self.profile.fixed_joints_deg)
+                    group = dict(zip((f"{name}.A{axis}" for axis in _AXES), joints, strict=True))
+                case "EIPos" | "ESPos":
+                    group = dict.fromkeys((f"{name}.E{axis}" for axis in _AXES), self._texts((0.0,))[0])
+                case "Delay":
+                    group = {_LATE: "0"}
+                case _:
+                    group = {name: "0"}
+            values |= group
+        return values
+
+    def _texts(self, values: Sequence[float]) -> list[str]:
+        return [fixed(value, self.profile.precision) for value in values]
+
+    # --- faults
+
+    def _handlers(self) -> Handlers:
+        acts = {
+            "program-end": self._end_program,
+            "program-reset": self._reset_program,
+            "drives-stop": lambda injection: self._stop_by(injection, TOO_FAST),
+            "monitor": lambda injection: self._stop_by(injection, TOO_FAR),
+        }
+        robot = {
+            name: self._injected.handler("robot", name) for name in RSI_FAULTS["robot"] if name not in acts
+        }
+        robot |= {name: Handler(act) for name, act in acts.items()}
+        answers = {name: self._injected.handler("answers", name) for name in RSI_FAULTS["answers"]}
+        packets = {**self._line.handlers, "clock-jump": Handler(self._jump)}
+        return {"robot": robot, "pose": self._bad_pose.handlers, "packets": packets, "answers": answers}
+
+    def _strikes(self, target: str, fault: str, now: float) -> Injection | None:
+        return self._injected.strikes(target, fault, now)
+
+    def _end_program(self, injection: Injection) -> None:
+        self.state = State.CREATED
+        self._arm.hold(injection.injected_at)
+        _over(injection)
+
+    def _reset_program(self, injection: Injection) -> None:
+        self._arm.hold(injection.injected_at)
+        self._begin(injection.injected_at)
+        _over(injection)
+
+    def _stop_by(self, injection: Injection, error: str) -> None:
+        self._fail(error, injection.injected_at)
+        self._stopped_by_fault = True
+        _over(injection)
+
+    def _jump(self, injection: Injection) -> None:
+        self._ipoc = max(0, self._ipoc + int(injection.number("ms")))
+        _over(injection)
+
+
+def _over(injection: Injection) -> None:
+    injection.struck += 1
+    injection.finish(injection.injected_at)

@@ -1,0 +1,102 @@
+"""POSCORR and POSCORRMON: the total correction of the programmed path, its limits, and the drives' refusal of jumps.
+
+Source: project specification of RSI, section 5.
+"""
+
+import math
+
+from emulators.devices.rsi.profile import RsiProfile
+from protocol.devices.rsi.angles import angles_of, quaternion_of, times, turned
+from protocol.geometry import Pose
+
+TOO_FAR = "KSS29000: POSCORR: permissible overall correction exceeded: RSI is stopped"
+TOO_FAST = "Stop by $CORRECTION function"
+_REFERENCE_MS = 4.0
+"""The cycle for which the largest step is told."""
+_ROUNDING = 1e-9
+
+Total = tuple[float, ...]
+"""X Y Z in mm, A B C in degrees."""
+NOTHING: Total = (0.0,) * 6
+
+
+class Correction:
+    """The correction of one session."""
+
+    def __init__(self, profile: RsiProfile, programmed: Pose) -> None:
+        """`programmed` is the pose without any correction; its quaternion has unit length."""
+        self._profile = profile
+        self.programmed = programmed
+        self.total = NOTHING
+        self.limited = False
+        """The last value was cut at POSCORR's limit."""
+        self._margin_mm, self._margin_at = math.inf, NOTHING
+        steps = profile.cycle_ms / _REFERENCE_MS
+        self.step_mm, self._step_deg = profile.max_step_mm * steps, profile.max_step_deg * steps
+        """Largest change of the correction in a cycle, mm; the same of its turn, degrees."""
+
+    def take(self, value: tuple[float, ...]) -> str:
+        """Take the value of a cycle; the error that it makes, empty without. With one, the total stays as it was."""
+        before = self.total
+        after = self._clamped(self._summed(value) if self._profile.mode == "relative" else value)
+        error = self._monitored(after)
+        way = [there - here for there, here in zip(after, before, strict=True)]
+        if not error and (
+            math.hypot(*way[:3]) > self.step_mm + _ROUNDING or _angle(way[3:]) > self._step_deg + _ROUNDING
+        ):
+            error = TOO_FAST
+        if not error:
+            self.total = after
+        return error
+
+    def narrow(self, margin_mm: float | None) -> None:
+        """A fault: the correction may grow no farther than this beyond where it was first; None without it."""
+        if margin_mm is None:
+            self._margin_mm = math.inf
+        elif self._margin_mm == math.inf:
+            self._margin_mm, self._margin_at = margin_mm, self.total
+
+    @property
+    def pose(self) -> Pose:
+        """The corrected pose."""
+        (x, y, z), start = self.programmed
+        dx, dy, dz, *angles = self.total
+        a, b, c = angles
+        turn = quaternion_of((a, b, c))
+        way = dx / 1e3, dy / 1e3, dz / 1e3
+        if self._profile.ref == "base":
+            return Pose((x + way[0], y + way[1], z + way[2]), times(turn, start))
+        now = times(start, turn)
+        wx, wy, wz = turned(start if self._profile.tool_frame == "start" else now, way)
+        return Pose((x + wx, y + wy, z + wz), now)
+
+    def _summed(self, value: tuple[float, ...]) -> Total:
+        total = [here + more for here, more in zip(self.total, value, strict=True)]
+        if self._profile.rel_rot == "compose":
+            (a, b, c), (da, db, dc) = self.total[3:], value[3:]
+            total[3:] = angles_of(times(quaternion_of((da, db, dc)), quaternion_of((a, b, c))))
+        return tuple(total)
+
+    def _clamped(self, wanted: Total) -> Total:
+        most = self._profile.lim_mm
+        kept = []
+        for value, at in zip(wanted[:3], self._margin_at[:3], strict=True):
+            low, high = max(-most, at - self._margin_mm), min(most, at + self._margin_mm)
+            kept.append(max(low, min(high, value)))
+        angle = _angle(wanted[3:])
+        share = min(1.0, self._profile.lim_deg / angle) if angle else 1.0
+        total = (*kept, *(share * part for part in wanted[3:]))
+        self.limited = math.dist(total, wanted) > _ROUNDING
+        return total
+
+    def _monitored(self, total: Total) -> str:
+        way = total[:3]
+        far = math.hypot(*way) if self._profile.mon_norm == "euclid" else max(map(abs, way))
+        return TOO_FAR if far > self._profile.mon_mm or _angle(total[3:]) > self._profile.mon_deg else ""
+
+
+def _angle(angles: tuple[float, ...] | list[float]) -> float:
+    """Angle of the turn by A, B, C, degrees."""
+    a, b, c = angles
+    w, *axis = quaternion_of((a, b, c))
+    return math.degrees(2.0 * math.atan2(math.hypot(*axis), abs(w)))

@@ -1,0 +1,7 @@
+"""A controller of Universal Robots, emulated: RTDE, dashboard and script port, with the arm behind them."""
+
+from emulators.devices.rtde.faults import RTDE_FAULTS
+from emulators.devices.rtde.profile import RtdeProfile
+from emulators.devices.rtde.robot import RtdeRobot, Server, make_robot
+
+__all__ = ["RTDE_FAULTS", "RtdeProfile", "RtdeRobot", "Server", "make_robot"]

@@ -1,0 +1,200 @@
+"""One connection to the RTDE port of the emulated controller: an endpoint of bytes."""
+
+import math
+from collections.abc import Callable
+
+from emulators.devices.rtde.controller import Controller
+from emulators.devices.rtde.disturbance import Disturbance
+from emulators.devices.rtde.state import Snapshot, getter
+from emulators.orders import Act
+from protocol.devices.rtde import packets
+from protocol.devices.rtde.fields import IN_USE, INPUTS, NOT_FOUND, OUTPUTS, Recipe, type_of
+from protocol.devices.rtde.packets import Kind, Level, Packet, Reader, Text, Types
+from protocol.endpoint import LocalProtocolError, RemoteProtocolError
+
+_RECIPES_MAX = 255
+_SOURCE = "RTDE"
+
+
+class Connection:
+    """A client's connection. `closing` tells that it is to be closed."""
+
+    def __init__(self, controller: Controller, disturbance: Disturbance, now: float) -> None:
+        self._controller, self._disturbance = controller, disturbance
+        self._reader = Reader()
+        self._out: list[bytes] = []
+        self._outputs: Recipe | None = None
+        self._getters: list[Callable[[Snapshot], tuple[float, ...]]] = []
+        self._every = 1
+        """Data is sent in each so-manieth cycle."""
+        self._started = False
+        self._due = 0
+        """Number of the cycle in which data is sent next."""
+        self._late: list[tuple[float, bytes]] = []
+        """Packets that a fault keeps back, with their times."""
+        self._inputs: dict[int, Recipe] = {}
+        self._claimed: set[str] = set()
+        self.closing = False
+        disturbance.connections.append(self)
+
+    # --- as an endpoint
+
+    def receive(self, data: bytes, now: float) -> None:
+        self._controller.advance(now)
+        self._reader.feed(data)
+        while not self.closing:
+            try:
+                packet = self._reader.next_packet()
+                if packet is None:
+                    return
+                self._take(packet)
+            except RemoteProtocolError as error:
+                self._complain(str(error), Level.ERROR)
+                self.closing = True
+
+    def next_event(self) -> None:
+        return None
+
+    def data_to_send(self, now: float) -> bytes:
+        out, self._out = self._out, []
+        return b"".join(out)
+
+    def next_deadline(self) -> float | None:
+        times = [self._controller.path.cycle_at(self._due)] if self._sends else []
+        times += [at for at, _ in self._late[:1]]
+        return min(times, default=None)
+
+    def handle_deadline(self, now: float) -> None:
+        self._controller.advance(now)
+        cycle = self._controller.path.cycle
+        if self._sends and self._due <= cycle:
+            packet = self._data()
+            self._due = self._next(cycle)
+            self._out += self._disturbance.outgoing(packet, self._late, now)
+        while self._late and self._late[0][0] <= now + 1e-9:
+            self._out.append(self._late.pop(0)[1])
+
+    def close(self, now: float) -> None:
+        """The connection has ended: its inputs are free, at once or after a while."""
+        self._started = False
+        self._disturbance.connections.remove(self)
+        controller, names = self._controller, self._claimed
+        self._claimed = set()
+
+        def free() -> None:
+            for name in names:
+                if controller.claims.get(name) is self:
+                    del controller.claims[name]
+
+        delay = controller.profile.release_delay_s
+        if delay:
+            controller.later(delay, free)
+        else:
+            free()
+
+    # --- data
+
+    @property
+    def _sends(self) -> bool:
+        return self._started and not self.closing
+
+    def _next(self, cycle: int) -> int:
+        """The next cycle in which data is sent."""
+        return cycle - cycle % self._every + self._every
+
+    def _data(self) -> bytes:
+        assert self._outputs is not None, "it has started"
+        snapshot = self._disturbance.shown(self._controller.snapshots[0])
+        values = [number for read in self._getters for number in read(snapshot)]
+        return self._outputs.pack(*values)
+
+    # --- packets
+
+    def _take(self, packet: Packet) -> None:
+        match packet.kind:
+            case Kind.DATA:
+                self._take_data(packet.payload)
+            case Kind.VERSION:
+                version = packets.read_version_request(packet.payload)
+                self._out.append(packets.accepted(Kind.VERSION, version == packets.PROTOCOL_VERSION))
+            case Kind.CONTROLLER_VERSION:
+                self._out.append(packets.controller_version(self._controller.version))
+            case Kind.OUTPUTS:
+                self._take_outputs(packet.payload)
+            case Kind.INPUTS:
+                self._take_inputs(packet.payload)
+            case Kind.START:
+                self._start()
+            case Kind.PAUSE:
+                self._started = False
+                self._out.append(packets.accepted(Kind.PAUSE, True))
+            case Kind.TEXT:
+                self._controller.counts["texts"] += 1
+            case _:
+                self._complain(f"unknown type of packet {packet.kind}", Level.ERROR)
+
+    def _complain(self, words: str, level: Level) -> None:
+        """Say it to a client that takes data. One that waits for an answer would take this for it."""
+        self._controller.counts["bad packets"] += 1
+        self._controller.told(Act.UNREADABLE, words, False)
+        if self._started:
+            self._out.append(packets.text(Text(words, _SOURCE, level)))
+
+    def _start(self) -> None:
+        if self._outputs is not None and not self._started:
+            self._started = True
+            self._due = self._next(self._controller.path.cycle)
+        self._out.append(packets.accepted(Kind.START, self._outputs is not None))
+
+    def _take_outputs(self, payload: bytes) -> None:
+        frequency, names = packets.read_outputs_request(payload)
+        controller = self._controller
+        types = tuple(type_of(OUTPUTS, name, controller.version) for name in names)
+        if not names or len(payload) - 8 > packets.NAMES_MAX:
+            types = (NOT_FOUND,)
+        found = NOT_FOUND not in types
+        if found:
+            recipe = Recipe(1, names, types)
+            if recipe.size + packets.HEADER.size > 0xFFFF:
+                found, types = False, (NOT_FOUND,)
+            else:
+                self._outputs, self._getters = recipe, [getter(name) for name in names]
+                rate = 1.0 / controller.period
+                wanted = frequency if math.isfinite(frequency) else rate
+                self._every = max(1, math.floor(rate / min(max(wanted, 1.0), rate) + 1e-6))
+        self._out.append(packets.types_answer(Kind.OUTPUTS, Types(int(found), types)))
+
+    def _take_inputs(self, payload: bytes) -> None:
+        names, controller = packets.split_names(payload), self._controller
+        types = tuple(self._input_type(name) for name in names)
+        if not names or len(payload) > packets.NAMES_MAX:
+            types = (NOT_FOUND,)
+        number = 0
+        if not {NOT_FOUND, IN_USE} & set(types) and len(self._inputs) < _RECIPES_MAX:
+            number = len(self._inputs) + 1
+            self._inputs[number] = Recipe(number, names, types)
+            self._claimed.update(names)
+            controller.claims.update(dict.fromkeys(names, self))
+        self._out.append(packets.types_answer(Kind.INPUTS, Types(number, types)))
+
+    def _input_type(self, name: str) -> str:
+        found = type_of(INPUTS, name, self._controller.version)
+        holder = self._controller.claims.get(name, self)
+        if found == NOT_FOUND:
+            return found
+        return found if holder is self and not self._disturbance.in_use(name) else IN_USE
+
+    def _take_data(self, payload: bytes) -> None:
+        recipe = self._inputs.get(payload[0]) if payload else None
+        if recipe is None or len(payload) != recipe.size:
+            self._controller.counts["bad inputs"] += 1
+            self._controller.told(Act.UNREADABLE, "an input package that fits no recipe", False)
+            self.closing = self._controller.profile.bad_input == "close"
+            return
+        try:
+            values = recipe.values(recipe.unpack(payload))
+        except (RemoteProtocolError, LocalProtocolError):
+            self._controller.counts["bad inputs"] += 1
+            return
+        if not self._disturbance.deaf:
+            self._controller.write_inputs(recipe.names, values)

@@ -1,0 +1,492 @@
+"""The emulated controller: modes, safety, programs and the arm, cycle by cycle. An `EmulatedRobot`.
+
+Its three servers, RTDE, dashboard and script port, each look at it and act on it; see `connection`, `dashboard` and
+`script`. Marks of what is assumed stand in `profile`.
+"""
+
+import math
+import random
+from collections import Counter, deque
+from collections.abc import Callable, Mapping
+from typing import Protocol
+
+from emulators.arm.cycled import CycledPath
+from emulators.arm.own_force import Errors, OwnForce
+from emulators.arm.quaternions import angle_between, normalised, product
+from emulators.devices.rtde.arm import ZERO, Brake, Hold, JointArm, Order, Place, Servo
+from emulators.devices.rtde.kinematics import (
+    ARMS,
+    RANGE,
+    USUAL,
+    Joints,
+    compose,
+    flange,
+    inverse,
+    nearest,
+    rotated,
+)
+from emulators.devices.rtde.profile import RtdeProfile
+from emulators.devices.rtde.state import Registers, Snapshot
+from emulators.orders import Act, HeardOrder, Hindrance, Orders
+from emulators.seams import StartPose
+from protocol.devices.rtde.fields import Value
+from protocol.devices.rtde.packets import Version
+from protocol.devices.rtde.states import RobotMode, Runtime, SafetyMode
+from protocol.geometry import Pose, Wrench
+
+_LEVEL: Pose = Pose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+_NO_FORCE: Wrench = (0.0,) * 6
+BY_FAULT = "as a fault"
+"""Reason of a protective stop that no client has caused."""
+_STOPPED = (
+    SafetyMode.PROTECTIVE_STOP,
+    SafetyMode.SAFEGUARD_STOP,
+    SafetyMode.SYSTEM_EMERGENCY_STOP,
+    SafetyMode.ROBOT_EMERGENCY_STOP,
+    SafetyMode.VIOLATION,
+    SafetyMode.FAULT,
+)
+
+
+class Program(Protocol):
+    """A program that plays."""
+
+    name: str
+
+    def cycle(self) -> bool:
+        """Act for one cycle; False once it has ended."""
+
+
+class Watchdog:
+    """A program's demand that an input comes often enough."""
+
+    def __init__(self, name: str, period: float, action: str, now: float) -> None:
+        """`period` is the longest time between two packages with the input, s; `action` is pause or stop."""
+        self.name, self.period, self.action = name, period, action
+        self.last = now
+
+
+class Controller:
+    """A controller with its arm, powered up and ready."""
+
+    def __init__(self, profile: RtdeProfile, start: StartPose, now: float, seed: int) -> None:
+        """Raises ValueError for a start that its arm cannot hold."""
+        self.profile = profile
+        self.period = profile.cycle_ms / 1000.0
+        a, b, c, d = map(int, profile.version.split("."))
+        self.version = Version(a, b, c, d)
+        self.lengths = ARMS[profile.model]
+        self.tool = Pose((0.0, 0.0, start.tool_length), _LEVEL.quaternion)
+        """The tool as it is, in the flange."""
+        self.tcp = self.tool
+        """The tool as the controller takes it to be."""
+        self.payload: tuple[float, ...] = (0.0,) * 4
+        pose = Pose(start.position, normalised(start.quaternion))
+        joints = nearest(self.lengths, compose(pose, inverse(self.tool)), USUAL)
+        if joints is None:
+            raise ValueError(
+                f"a {profile.model} cannot hold its tool at the start; choose another start_position_mm or model"
+            )
+        self.arm = JointArm(joints, self.period, profile.servo_gain_scale, profile.stop_deceleration_rad_s2)
+        self._flange = self._old_flange = self._next_flange = flange(self.lengths, joints)
+        self._random = random.Random(seed)
+        self.path = CycledPath(compose(self._flange, self.tool), now, self.period, self._cycle)
+        self._powered_at = now
+        self.mode = RobotMode.RUNNING
+        self.safety = SafetyMode.NORMAL
+        self.runtime = Runtime.STOPPED
+        self.remote = profile.remote_control
+        self.slider = 1.0
+        self.stopped_at = -math.inf
+        """When the last protective stop came, s."""
+        self.inputs: Registers = {}
+        self.outputs: Registers = {}
+        self.claims: dict[str, object] = {}
+        """Inputs that a connection holds, by name."""
+        self.external_force = False
+        """Whether `external_force_torque` is its force sensor."""
+        self._force_at = now
+        """When the last external force came, s."""
+        self.force_zero: Wrench = _NO_FORCE
+        self.own_force = OwnForce(Errors(profile.force_offset_n, profile.force_lag_ms * 1e-3), seed)
+        """The force that the arm feels by itself."""
+        self.measured: Wrench = _NO_FORCE
+        """actual_TCP_force without noise and zero, N and N·m, base axes."""
+        self.program: Program | None = None
+        self.watchdogs: list[Watchdog] = []
+        self._starting: tuple[float, Callable[[], Program]] | None = None
+        self._pending: list[tuple[float, Callable[[], None]]] = []
+        """Changes that come at a time."""
+        self._powered = 0
+        """How often the power has gone."""
+        self._wanted = joints
+        self.orders = Orders()
+        """Orders of its clients, for a judge of them."""
+        self.intent: Callable[[tuple[str, ...]], HeardOrder | None] = lambda names: None
+        """The order of a package of these inputs, by the program that came last; None for nothing that moves."""
+        self.stop_reason = ""
+        """Words of the last protective stop."""
+        self.counts: Counter[str] = Counter()
+        """Refusals and stops, by name, for tests and people."""
+        self.now = now
+        first = self._snapshot(now)
+        self.snapshots: deque[Snapshot] = deque([first], profile.output_delay_cycles + 1)
+        """The oldest is what the outputs tell."""
+
+    # --- as an emulated robot
+
+    @property
+    def accepted(self) -> int:
+        return self.path.accepted
+
+    def begun_at(self, target: int) -> float | None:
+        return self.path.begun_at(target)
+
+    def joints_holding(self, pose: Pose, at: float) -> Joints | None:
+        return nearest(self.lengths, compose(pose, inverse(self.tool)), self.arm.joints)
+
+    # --- time
+
+    def advance(self, now: float) -> None:
+        """Let all cycles up to `now` happen."""
+        self.path.advance(now)
+
+    def _cycle(self, now: float) -> Pose:
+        self.now = now
+        self._old_flange = self._flange
+        self._flange = self._next_flange
+        while self._pending and self._pending[0][0] <= now:
+            self._pending.pop(0)[1]()
+        if self._starting is not None and self._starting[0] <= now:
+            _, make = self._starting
+            self._starting = None
+            self.program, self.runtime = make(), Runtime.PLAYING
+        self._watch(now)
+        if self.runtime == Runtime.PLAYING and self.program is not None and not self.program.cycle():
+            self.stop_program()
+        self._guard()
+        self.arm.step(self.slider if self.profile.slider_slows_servo else 1.0)
+        self.snapshots.append(self._snapshot(now))
+        self._next_flange = flange(self.lengths, self.arm.joints)
+        return compose(self._next_flange, self.tool)
+
+    def later(self, seconds: float, change: Callable[[], None]) -> None:
+        """Do this after a time."""
+        self._pending.append((self.now + seconds, change))
+        self._pending.sort(key=lambda item: item[0])
+
+    def _snapshot(self, now: float) -> Snapshot:
+        profile, gauss = self.profile, self._random.gauss
+        pose = exact = compose(self._flange, self.tcp)
+        self.measured = self._force(exact)
+        a, b, c, d, e, f = (got - zero for got, zero in zip(self.measured, self.force_zero, strict=True))
+        if not self.external_force and profile.force_noise_n:
+            a, b, c = (part + gauss(0.0, profile.force_noise_n) for part in (a, b, c))
+        if profile.noise_um or profile.noise_urad:
+            x, y, z = (place + gauss(0.0, profile.noise_um * 1e-6) for place in pose.position)
+            i, j, k = (gauss(0.0, profile.noise_urad * 0.5e-6) for _ in range(3))
+            pose = Pose((x, y, z), normalised(product(pose.quaternion, (1.0, i, j, k))))
+        arm = self.arm
+        wanted = exact if arm.target == arm.joints else compose(flange(self.lengths, arm.target), self.tcp)
+        raw = self.inputs.get("external_force_torque", _NO_FORCE) if self.external_force else _NO_FORCE
+        assert isinstance(raw, tuple), "a vector"
+        r, s, t, u, v, w = raw
+        return Snapshot(
+            profile.uptime_s + now - self._powered_at,
+            self.period,
+            arm.joints,
+            arm.speeds,
+            arm.target,
+            pose,
+            compose(self._old_flange, self.tcp),
+            exact,
+            wanted,
+            self.tcp,
+            (a, b, c, d, e, f),
+            (r, s, t, u, v, w),
+            self.mode,
+            self.safety,
+            self.runtime,
+            self.slider,
+            self.payload,
+            self.inputs,
+            self.outputs,
+        )
+
+    def _force(self, pose: Pose) -> Wrench:
+        """External forces along the base axes; without them those that the arm feels, of which it tells no moments."""
+        given = self.inputs.get("external_force_torque") if self.external_force else None
+        if not isinstance(given, tuple):
+            return _NO_FORCE if self.external_force else (*self.own_force.at(self.now), 0.0, 0.0, 0.0)
+        force = rotated(self._flange.quaternion, given[:3])
+        u, v, w = rotated(self._flange.quaternion, given[3:])
+        if self.profile.force_point == "tcp":
+            (a, b, c), (x, y, z) = force, rotated(self._flange.quaternion, self.tcp.position)
+            u, v, w = u - (y * c - z * b), v - (z * a - x * c), w - (x * b - y * a)
+        return (*force, u, v, w)
+
+    # --- inputs
+
+    def write_inputs(self, names: tuple[str, ...], values: Mapping[str, Value]) -> None:
+        """A package of inputs came; they hold for ever, and reset the watchdogs of their names."""
+        force = values.get("external_force_torque", _NO_FORCE)
+        if isinstance(force, tuple) and not all(map(math.isfinite, force)):
+            self.protective_stop("an external force that is no number")
+            return
+        self.inputs = {**self.inputs, **values}
+        if self.orders.listener is not None and (order := self.intent(names)) is not None:
+            self.orders.tell(order)
+        for watchdog in self.watchdogs:
+            if watchdog.name in names:
+                watchdog.last = self.now
+        if "external_force_torque" in names:
+            self._force_at = self.now
+        if self.inputs.get("speed_slider_mask") and "speed_slider_fraction" in values:
+            fraction = values["speed_slider_fraction"]
+            if isinstance(fraction, float) and math.isfinite(fraction):
+                self.slider = min(max(fraction, 0.0), 1.0)
+
+    def number(self, name: str) -> float:
+        """An input that is a number, 0 where nothing was written."""
+        value = self.inputs.get(name, 0.0)
+        assert not isinstance(value, tuple), "a number"
+        return value
+
+    def write_output(self, name: str, value: float) -> None:
+        """A program writes a register."""
+        if self.outputs.get(name, 0) != value:
+            self.outputs = {**self.outputs, name: value}
+
+    # --- for a judge of a client
+
+    def hindrance(self, now: float) -> Hindrance | None:
+        """Why the arm may not move."""
+        if self.safety in _STOPPED:
+            protective = self.safety == SafetyMode.PROTECTIVE_STOP
+            name = self.safety.name.lower().replace("_", " ")
+            words = f"{name}: {self.stop_reason}" if protective else name
+            return Hindrance(words, protective and self.stop_reason != BY_FAULT)
+        if self.mode != RobotMode.RUNNING:
+            return Hindrance(f"robot mode {self.mode.name}", False)
+        return None
+
+    @property
+    def plays(self) -> bool:
+        """Whether a program plays on an arm that may move."""
+        return self.runtime == Runtime.PLAYING and self.hindrance(self.now) is None
+
+    def told(self, act: Act, words: str, taken: bool, moves: bool = True) -> None:
+        """An order that tells no place came."""
+        self.orders.tell(HeardOrder(self.now, act, words, taken, moves=moves))
+
+    # --- programs
+
+    @property
+    def takes_programs(self) -> bool:
+        """Whether text on the script port is taken."""
+        return self.remote and self.mode == RobotMode.RUNNING and self.safety not in _STOPPED
+
+    def start_program(self, make: Callable[[], Program]) -> None:
+        """A whole program came; a running one is stopped first. Nothing happens where none is taken."""
+        if not self.takes_programs:
+            self.counts["programs refused"] += 1
+            return
+        self.stop_program()
+        self._starting = self.now + self.profile.start_delay_ms / 1000.0, make
+
+    def stop_program(self) -> None:
+        """Stop what plays, or is paused; the arm brakes."""
+        self.program = self._starting = None
+        self.watchdogs = []
+        self.runtime = Runtime.STOPPED
+
+    def pause(self) -> bool:
+        """Pause what plays; the arm brakes. False where nothing plays."""
+        if self.runtime != Runtime.PLAYING:
+            return False
+        self.runtime = Runtime.PAUSED
+        return True
+
+    def play(self) -> bool:
+        """Go on with what is paused. False where nothing is, or the robot may not move."""
+        if self.runtime != Runtime.PAUSED or self.safety in _STOPPED or self.mode != RobotMode.RUNNING:
+            return False
+        self.runtime = Runtime.PLAYING
+        for watchdog in self.watchdogs:
+            watchdog.last = self.now
+        return True
+
+    def watch_input(self, name: str, frequency_hz: float, action: str) -> None:
+        """A program asks for a watchdog. Counting begins now."""
+        if frequency_hz > 0.0:
+            self.watchdogs.append(Watchdog(name, 1.0 / frequency_hz, action, self.now))
+
+    def enable_external_force(self, enable: bool) -> None:
+        """Take `external_force_torque` for the force sensor, or the arm's own."""
+        self.external_force, self._force_at = enable, self.now
+
+    def _watch(self, now: float) -> None:
+        if self.runtime != Runtime.PLAYING:
+            return
+        rate = self.profile.force_watchdog_hz
+        if self.external_force and rate and now - self._force_at > 1.0 / rate + 1e-9:
+            self.counts["external force missing"] += 1
+            self.pause()
+            return
+        for watchdog in self.watchdogs:
+            if now - watchdog.last > watchdog.period + 1e-9:
+                self.counts[f"watchdog {watchdog.action}"] += 1
+                if watchdog.action == "stop":
+                    self.stop_program()
+                else:
+                    self.pause()
+                return
+
+    # --- orders to the arm
+
+    def order(self, order: Order) -> None:
+        """A program orders the arm for this cycle."""
+        if isinstance(order, Servo) and order.target != self._wanted:
+            if not self._sound(order.target):
+                return
+            self._wanted = order.target
+        if isinstance(order, Place) and not max(map(abs, order.target)) <= RANGE:
+            self.protective_stop("a move beyond the end of a joint's range")
+            return
+        self.arm.take(order)
+
+    def target_taken(self) -> None:
+        """A program goes to another target from this cycle on."""
+        self.path.taken()
+        self.path.begins(self.now)
+
+    def solve(self, pose: Pose, near: Joints | None = None) -> Joints | None:
+        """Joints that hold the controller's tool in a pose; None where there are none."""
+        return nearest(self.lengths, compose(pose, inverse(self.tcp)), near or self.arm.target)
+
+    def forward(self, joints: Joints, tcp: Pose | None = None) -> Pose:
+        """Pose of the controller's tool at these joints."""
+        return compose(flange(self.lengths, joints), tcp or self.tcp)
+
+    def _sound(self, joints: Joints) -> bool:
+        """Whether the next servo target is near enough to the last one."""
+        if not all(map(math.isfinite, joints)):
+            self.protective_stop("a target that is no number")
+            return False
+        if max(map(abs, joints)) > RANGE:
+            self.protective_stop("a target beyond the end of a joint's range")
+            return False
+        old = self._wanted if isinstance(self.arm.order, Servo) else self.arm.joints
+        before, after = flange(self.lengths, old), flange(self.lengths, joints)
+        leap = max(abs(b - a) for a, b in zip(old, joints, strict=True))
+        step = math.dist(before.position, after.position)
+        turn = angle_between(before.quaternion, after.quaternion)
+        profile = self.profile
+        if step * 1e3 > profile.max_target_step_mm or max(turn, leap) > profile.max_target_turn_rad:
+            self.protective_stop("a sudden change of the target")
+            return False
+        return True
+
+    # --- safety
+
+    def _guard(self) -> None:
+        """Stop for what no arm may do, and hold it where it may not move."""
+        profile, arm = self.profile, self.arm
+        if self.safety not in _STOPPED and self.mode == RobotMode.RUNNING:
+            moved = math.dist(self._flange.position, self._old_flange.position)
+            if max(map(abs, arm.speeds)) > profile.max_joint_speed_rad_s:
+                self.protective_stop("a joint is too fast")
+            elif moved > profile.max_tcp_speed_mm_s * 1e-3 * self.period:
+                self.protective_stop("the tool is too fast")
+            elif self.external_force and math.hypot(*self.measured[:3]) > profile.max_force_n:
+                self.protective_stop("the force is too large")
+            elif max(map(abs, arm.joints)) > RANGE:
+                self.protective_stop("a joint is at the end of its range")
+        if self.safety in _STOPPED or self.mode != RobotMode.RUNNING:
+            arm.take(Hold())
+        elif self.runtime != Runtime.PLAYING:
+            arm.take(Brake(profile.stop_deceleration_rad_s2))
+
+    def protective_stop(self, why: str) -> None:
+        """The arm stands at once, and what plays is paused or stopped. Nothing in a graver stop."""
+        if self.safety in _STOPPED:
+            return
+        self.counts[f"protective stop: {why}"] += 1
+        self.stop_reason = why
+        self.safety, self.stopped_at = SafetyMode.PROTECTIVE_STOP, self.now
+        if self.profile.on_protective_stop == "stopped" or not self.pause():
+            self.stop_program()
+        self.arm.take(Hold())
+
+    def unlock_protective_stop(self) -> bool:
+        """False where it is too early, or there is none."""
+        early = self.now - self.stopped_at < self.profile.unlock_s - 1e-9
+        if self.safety != SafetyMode.PROTECTIVE_STOP or early:
+            return False
+        self.safety = SafetyMode.NORMAL
+        return True
+
+    def emergency_stop(self, mode: SafetyMode = SafetyMode.ROBOT_EMERGENCY_STOP) -> None:
+        """The power goes, and the program."""
+        self.counts["emergency stop"] += 1
+        self.safety = mode
+        self.power_off()
+
+    def release_emergency_stop(self) -> None:
+        """The button is pulled; power and brakes stay as they are."""
+        if self.safety in (SafetyMode.ROBOT_EMERGENCY_STOP, SafetyMode.SYSTEM_EMERGENCY_STOP):
+            self.safety = SafetyMode.NORMAL
+
+    def safeguard(self, is_open: bool) -> None:
+        """A safeguard opens or closes."""
+        if is_open and self.safety not in _STOPPED:
+            self.safety = SafetyMode.SAFEGUARD_STOP
+            self.pause()
+        elif not is_open and self.safety == SafetyMode.SAFEGUARD_STOP:
+            self.safety = SafetyMode.NORMAL
+
+    def power_off(self) -> None:
+        """Power goes at once; brakes hold the arm."""
+        self._powered += 1
+        self.stop_program()
+        self.mode = RobotMode.POWER_OFF
+        self.arm.take(Hold())
+
+    def power_on(self) -> bool:
+        """It takes a while until it is idle. False where it is on, or stopped."""
+        if self.mode != RobotMode.POWER_OFF or self.safety in _STOPPED:
+            return False
+        self._become_later(RobotMode.IDLE)
+        return True
+
+    def release_brakes(self) -> bool:
+        """It takes a while until it runs. False where it is not idle."""
+        if self.mode != RobotMode.IDLE:
+            return False
+        self._become_later(RobotMode.RUNNING)
+        return True
+
+    def _become_later(self, mode: RobotMode) -> None:
+        """Come to a mode after a while, unless the power goes before."""
+        powered = self._powered
+
+        def become() -> None:
+            if self._powered == powered:
+                self.mode = mode
+
+        self.later(self.profile.power_s, become)
+
+    # --- of programs
+
+    def set_tcp(self, tcp: Pose) -> None:
+        """The tool as it is to be taken from now on."""
+        self.tcp = tcp
+
+    def flange_pose(self) -> Pose:
+        """Pose of the flange now."""
+        return self._flange
+
+    @property
+    def still(self) -> bool:
+        """Whether the arm stands."""
+        return self.arm.still or self.arm.speeds == ZERO

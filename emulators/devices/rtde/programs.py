@@ -1,0 +1,208 @@
+"""Programs that the emulated controller knows by their names, as generators: one turn a cycle.
+
+URScript is not interpreted. Our own program is followed statement by statement; see `protocol.devices.rtde.program`.
+"""
+
+import math
+import re
+from collections.abc import Callable, Generator, Iterator
+from typing import TypeAlias
+
+from emulators.devices.rtde.arm import Brake, Servo
+from emulators.devices.rtde.controller import Controller
+from emulators.devices.rtde.ur_rtde import UrRtde, register_offset
+from emulators.orders import Act, HeardOrder
+from protocol.devices.rtde.program import (
+    AGE,
+    COMMAND,
+    FORCE_NAME,
+    GAIN,
+    LOOKAHEAD,
+    NAME,
+    POSE,
+    SEQUENCE,
+    STATE,
+    TAKEN,
+    TIME,
+    Command,
+    State,
+)
+from protocol.devices.rtde.rotation import pose_of
+
+Turns: TypeAlias = Iterator[None]
+
+_WATCHDOG = re.compile(rb'rtde_set_watchdog\("(\w{1,64})", ([0-9.]{1,12}), "(\w{1,8})"\)')
+_HOLD = re.compile(rb"age > (\d{1,9})")
+_BRAKE = re.compile(rb"stopl\(([0-9.]{1,12})\)")
+_NEAR = re.compile(rb"norm\(n\[j\] - q\[j\]\) > ([0-9.]{1,12})")
+_ENABLES = re.compile(rb"ft_rtde_input_enable\(\s*(True|False)")
+_WRITES = re.compile(rb"write_output_integer_register\(\s*(?:0\s*\+\s*)?(0|24)\s*,\s*2\s*\)")
+_JOINT_PER_METRE = 2.0
+"""Assumed: joint deceleration of stopl, rad/s² for each m/s²; that of an arm of half a metre."""
+
+
+_END = object()
+
+
+class Turning:
+    """A program that is a generator."""
+
+    def __init__(self, name: str, turns: Turns) -> None:
+        self.name = name
+        self._turns = turns
+
+    def cycle(self) -> bool:
+        """One turn; False at its end, and where it fails: a value that no arithmetic takes ends a program."""
+        try:
+            return next(self._turns, _END) is not _END
+        except (ArithmeticError, ValueError):
+            return False
+
+
+def is_known(name: str) -> bool:
+    """Whether a program of this name is followed, and not only played without effect."""
+    return name in (NAME, "rtde_control", FORCE_NAME)
+
+
+def intent(controller: Controller, name: str, text: bytes) -> Callable[[tuple[str, ...]], HeardOrder | None]:
+    """The order of inputs to a program of this text, whether it plays or not; None for nothing that moves."""
+    if name == "rtde_control":
+        return UrRtde(controller, register_offset(text)).intent
+    if name == NAME:
+        return lambda names: _our_intent(controller, names)
+    return lambda names: None
+
+
+def _our_intent(controller: Controller, names: tuple[str, ...]) -> HeardOrder | None:
+    read = controller.number
+    if f"input_int_register_{COMMAND}" not in names or read(f"input_int_register_{COMMAND}") != Command.SERVO:
+        return None
+    x, y, z = (read(f"input_double_register_{number}") for number in range(POSE, POSE + 3))
+    words, reach_m = "servo to a pose", controller.profile.max_target_step_mm * 1e-3
+    return HeardOrder(controller.now, Act.MOTION, words, controller.plays, (x, y, z), reach_m=reach_m)
+
+
+def program(controller: Controller, name: str, text: bytes) -> Callable[[], Turning]:
+    """Makes the program of a text when its time comes. An unknown one plays for a while, without effect."""
+    known: dict[str, Callable[[Controller, bytes], Turns]] = {
+        NAME: _ours,
+        "rtde_control": _ur_rtde,
+        FORCE_NAME: _force,
+    }
+    return lambda: Turning(name, known.get(name, _unknown)(controller, text))
+
+
+def _ur_rtde(controller: Controller, text: bytes) -> Turns:
+    return UrRtde(controller, register_offset(text)).turns()
+
+
+def _force(controller: Controller, text: bytes) -> Turns:
+    """Takes `external_force_torque` for its sensor. It stays so when the program ends (assumed)."""
+    found = _ENABLES.search(text)
+    enable = found is not None and found[1] == b"True"
+    controller.enable_external_force(enable)
+    yield
+    while b"while True" in text:
+        yield
+
+
+def _unknown(controller: Controller, text: bytes) -> Turns:
+    """Counts; ur_rtde's custom scripts tell their begin and end in a register."""
+    controller.counts["unknown programs"] += 1
+    found = _WRITES.search(text)
+    register = None if found is None else f"output_int_register_{int(found[1])}"
+    if register is not None:
+        controller.write_output(register, 1)
+    for _ in range(math.ceil(controller.profile.unknown_program_ms / controller.profile.cycle_ms)):
+        yield
+    if register is not None:
+        controller.write_output(register, 2)
+
+
+def braking(controller: Controller, deceleration: float) -> Generator[None, None, None]:
+    """Brake, rad/s², until the arm stands."""
+    while not controller.still:
+        controller.order(Brake(deceleration))
+        yield
+
+
+def _ours(controller: Controller, text: bytes) -> Turns:
+    """Our own program, statement by statement."""
+    read, write = controller.number, controller.write_output
+    if watch := _WATCHDOG.search(text):
+        controller.watch_input(watch[1].decode(), float(watch[2]), watch[3].decode())
+    hold = int(held[1]) if (held := _HOLD.search(text)) else 50
+    brake = _JOINT_PER_METRE * (float(braked[1]) if (braked := _BRAKE.search(text)) else 2.0)
+    near = float(nearest[1]) if (nearest := _NEAR.search(text)) else math.inf
+
+    def say(register: int, value: float) -> None:
+        write(f"output_int_register_{register}", value)
+
+    last = read(f"input_int_register_{SEQUENCE}")
+    joints = controller.arm.target
+    on, age = False, 0
+    say(TAKEN, last)
+    say(STATE, State.READY)
+    while (command := read(f"input_int_register_{COMMAND}")) != Command.END:
+        sequence = read(f"input_int_register_{SEQUENCE}")
+        age += 1
+        if command == Command.SERVO and sequence != last:
+            last, age = sequence, 0
+            say(TAKEN, sequence)
+            six = [read(f"input_double_register_{number}") for number in range(POSE, POSE + 6)]
+            if not all(map(math.isfinite, six)):
+                controller.protective_stop("a target that is no number")
+                yield
+                continue
+            solved = controller.solve(pose_of(six), joints)
+            if solved is not None and _farthest(solved, joints) <= near:
+                joints, on = solved, True
+                controller.target_taken()
+                say(STATE, State.SERVOING)
+            else:
+                say(STATE, State.REFUSED)
+                if on:
+                    yield from braking(controller, brake)
+                on = False
+        say(AGE, age)
+        if on and (command != Command.SERVO or age > hold):
+            yield from braking(controller, brake)
+            on = False
+            say(STATE, State.STARVED)
+        if command != Command.SERVO:
+            say(STATE, State.READY)
+        if not on:
+            yield
+            continue
+        servo = servo_order(
+            controller,
+            joints,
+            *(read(f"input_double_register_{number}") for number in (TIME, LOOKAHEAD, GAIN)),
+        )
+        if servo is None:
+            return
+        controller.order(servo)
+        for _ in range(servo.cycles):
+            yield
+    if on:
+        yield from braking(controller, brake)
+    say(STATE, State.ENDED)
+
+
+def _farthest(one: tuple[float, ...], other: tuple[float, ...]) -> float:
+    """The largest difference of a joint, rad."""
+    return max(abs(a - b) for a, b in zip(one, other, strict=True))
+
+
+def servo_order(controller: Controller, joints: tuple[float, ...], *tuning: float) -> Servo | None:
+    """servoj with t, lookahead and gain; None where the controller takes none of it, which ends a program.
+
+    Source of the ranges: the script manual. Values outside are taken as the nearest end (assumed).
+    """
+    time, lookahead, gain = tuning
+    if not all(map(math.isfinite, (*joints, *tuning))):
+        controller.protective_stop("a servo's setting that is no number")
+        return None
+    a, b, c, d, e, f = joints
+    cycles = max(1, round(min(max(time, 0.0), 1.0) / controller.period))
+    return Servo((a, b, c, d, e, f), min(max(lookahead, 0.03), 0.2), min(max(gain, 100.0), 2000.0), cycles)

@@ -1,0 +1,74 @@
+"""The emulated robot as a cell and a room know it: the controller with its faults, and its three servers."""
+
+from typing import TypeAlias
+
+from emulators.devices.rtde.connection import Connection
+from emulators.devices.rtde.controller import Controller
+from emulators.devices.rtde.dashboard import Dashboard
+from emulators.devices.rtde.disturbance import Disturbance
+from emulators.devices.rtde.kinematics import Joints
+from emulators.devices.rtde.profile import RtdeProfile
+from emulators.devices.rtde.script import ScriptPort
+from emulators.orders import Act, HeardOrder
+from emulators.seams import ArmPath, Handlers, RobotFactory, StartPose
+from protocol.devices.rtde.wires import Port
+from protocol.geometry import Pose
+
+CLIENTS_MAX = 16
+"""Chosen: connections to one port at a time; the real limit is not published."""
+
+Server: TypeAlias = Connection | Dashboard | ScriptPort
+"""The controller's end of one connection: an endpoint of bytes that tells no events."""
+
+
+class RtdeRobot:
+    """An `EmulatedRobot` whose wires are connections, as many as clients come."""
+
+    def __init__(self, profile: RtdeProfile, start: StartPose, now: float, seed: int) -> None:
+        """Raises ValueError for a start that its arm cannot hold."""
+        self.controller = controller = Controller(profile, start, now, seed)
+        self._disturbance = Disturbance(controller)
+        self.path: ArmPath = controller.path
+        self.handlers: Handlers = self._disturbance.handlers
+        self.begun_at = controller.begun_at
+        self.orders, self.hindrance = controller.orders, controller.hindrance
+        self.feel = controller.own_force.feel
+        self._open = dict.fromkeys(Port, 0)
+
+    @property
+    def endpoint(self) -> Connection:
+        """Another connection to the RTDE port."""
+        return Connection(self.controller, self._disturbance, self.controller.now)
+
+    @property
+    def accepted(self) -> int:
+        return self.controller.accepted
+
+    def joints_holding(self, pose: Pose, at: float) -> Joints | None:
+        return self.controller.joints_holding(pose, at)
+
+    def connect(self, port: Port, now: float) -> Server | None:
+        """A client comes to a port; None where it has too many."""
+        limit = self.controller.profile.max_clients if port is Port.RTDE else 0
+        if self._open[port] >= (limit or CLIENTS_MAX):
+            self.controller.counts["clients refused"] += 1
+            return None
+        self._open[port] += 1
+        self.orders.tell(HeardOrder(now, Act.CONTACT, f"connection to {port}", True))
+        match port:
+            case Port.RTDE:
+                return Connection(self.controller, self._disturbance, now)
+            case Port.DASHBOARD:
+                return Dashboard(self.controller)
+            case Port.SCRIPT:
+                return ScriptPort(self.controller)
+
+    def leave(self, port: Port, server: Server, now: float) -> None:
+        """The connection has ended."""
+        self._open[port] -= 1
+        server.close(now)
+
+
+def make_robot(profile: RtdeProfile) -> RobotFactory:
+    """A factory of robots with these settings."""
+    return lambda start, now, seed: RtdeRobot(profile, start, now, seed)

@@ -1,0 +1,133 @@
+"""The state of an emulated controller as its outputs tell it, cycle by cycle."""
+
+import math
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+from emulators.arm.quaternions import product
+from emulators.devices.rtde.kinematics import Joints, conjugate
+from protocol.devices.rtde.fields import INPUTS, OUTPUTS, Value
+from protocol.devices.rtde.rotation import rotation_vector, six_of
+from protocol.devices.rtde.states import BITS, RobotMode, Runtime, SafetyMode, StatusBits
+from protocol.geometry import Pose, Wrench
+
+Registers = Mapping[str, Value]
+"""Values by name; one that is missing is 0. Never changed, but replaced."""
+
+
+class Snapshot(NamedTuple):
+    """State at the end of one cycle."""
+
+    time: float
+    """By the controller's clock, s."""
+    period: float
+    joints: Joints
+    speeds: Joints
+    target: Joints
+    pose: Pose
+    """Of the tool at the begin of the cycle, as measured."""
+    before: Pose
+    """One cycle earlier, without noise."""
+    now: Pose
+    """The pose without noise."""
+    wanted: Pose
+    """Pose that the program wants."""
+    tcp: Pose
+    """Tool in the flange."""
+    force: Wrench
+    """actual_TCP_force: along the base axes, N and N·m."""
+    raw_force: Wrench
+    """Along the flange's axes."""
+    mode: RobotMode
+    safety: SafetyMode
+    runtime: Runtime
+    scaling: float
+    payload: tuple[float, ...]
+    """Mass, kg, and its centre, m."""
+    inputs: Registers
+    outputs: Registers
+
+
+_NONE = (0.0,) * 6
+_POWERED, _PLAYING = int(StatusBits.POWER_ON), int(StatusBits.PROGRAM_RUNNING)
+
+
+def _speed(state: Snapshot) -> Value:
+    """Velocity of the tool from its last two poses."""
+    turned = product(state.now.quaternion, conjugate(state.before.quaternion))
+    moved = (b - a for a, b in zip(state.before.position, state.now.position, strict=True))
+    return tuple(part / state.period for part in (*moved, *rotation_vector(turned)))
+
+
+def _status(state: Snapshot) -> float:
+    powered = _POWERED if state.mode >= RobotMode.POWER_ON else 0
+    return powered | _PLAYING if state.runtime == Runtime.PLAYING else powered
+
+
+def _safety(state: Snapshot) -> float:
+    return int(state.safety)
+
+
+FIELDS: Mapping[str, Callable[[Snapshot], Value]] = {
+    "timestamp": lambda state: state.time,
+    "target_q": lambda state: state.target,
+    "target_qd": lambda state: state.speeds,
+    "actual_q": lambda state: state.joints,
+    "actual_qd": lambda state: state.speeds,
+    "actual_TCP_pose": lambda state: six_of(state.pose),
+    "actual_TCP_speed": _speed,
+    "actual_TCP_force": lambda state: state.force,
+    "target_TCP_pose": lambda state: six_of(state.wanted),
+    "target_TCP_speed": _speed,
+    "ft_raw_wrench": lambda state: state.raw_force,
+    "tcp_force_scalar": lambda state: math.hypot(*state.force[:3]),
+    "tcp_offset": lambda state: six_of(state.tcp),
+    "robot_mode": lambda state: int(state.mode),
+    "joint_mode": lambda state: (253 if state.mode == RobotMode.RUNNING else 255,) * 6,
+    "safety_mode": _safety,
+    "safety_status": _safety,
+    "safety_status_bits": lambda state: int(BITS[state.safety]),
+    "robot_status_bits": _status,
+    "runtime_state": lambda state: int(state.runtime),
+    "speed_scaling": lambda state: state.scaling,
+    "target_speed_fraction": lambda state: state.scaling,
+    "payload": lambda state: state.payload[0],
+    "payload_cog": lambda state: state.payload[1:],
+    "joint_temperatures": lambda state: (28.0,) * 6,
+    "actual_joint_voltage": lambda state: (48.0,) * 6,
+    "actual_main_voltage": lambda state: 48.0,
+    "actual_robot_voltage": lambda state: 48.0,
+    "actual_robot_current": lambda state: 0.6,
+    "actual_execution_time": lambda state: 0.5,
+    "actual_tool_accelerometer": lambda state: (0.0, 0.0, -9.82),
+}
+"""Outputs that are more than 0; temperatures, voltages and the like are plausible constants."""
+
+
+def getter(name: str) -> Callable[[Snapshot], tuple[float, ...]]:
+    """A function for the laid-out numbers of an output."""
+    kind = OUTPUTS[name].type
+    nothing: Value = _NONE if kind.startswith("VECTOR6") else (0.0,) * 3 if kind == "VECTOR3D" else 0
+    if name in FIELDS:
+        read = FIELDS[name]
+    elif name in INPUTS:
+        read = lambda state: state.inputs.get(name, nothing)  # noqa: E731
+    else:
+        read = lambda state: state.outputs.get(name, nothing)  # noqa: E731
+    if kind.startswith("VECTOR"):
+        whole = "INT" in kind
+
+        def vector(state: Snapshot) -> tuple[float, ...]:
+            found = read(state)
+            assert isinstance(found, tuple), "a vector"
+            return tuple(map(int, found)) if whole else found
+
+        return vector
+    convert = float if kind == "DOUBLE" else bool if kind == "BOOL" else int
+
+    def scalar(state: Snapshot) -> tuple[float, ...]:
+        found = read(state)
+        assert not isinstance(found, tuple), "a scalar"
+        return (convert(found),)
+
+    return scalar

@@ -1,0 +1,462 @@
+"""The S3 controller as its surroundings know it: a computer link, a panel, and the faults of both.
+
+Source: project specification of the computer link, sections 3 and 5.
+"""
+
+import contextlib
+import random
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Self
+
+from emulators.arm.kinematics import Joints
+from emulators.devices.s3.executive import Executive, Order
+from emulators.devices.s3.faults import S3_FAULTS, target_of
+from emulators.devices.s3.line import FaultyLine, Strike
+from emulators.devices.s3.profile import S3Profiles
+from emulators.devices.s3.programs import ProgramRun
+from emulators.devices.s3.site import EMPTY_SITE, S3Site
+from emulators.devices.s3.state import State, Stimulus
+from emulators.faults.ledger import Handler, Injection, Ledger
+from emulators.faults.wire import BYTES, FaultyWire
+from emulators.orders import Act, HeardOrder, Hindrance, Orders
+from emulators.quantiles import draw
+from emulators.seams import ArmPath, StartPose
+from protocol.devices.s3.adlp import MessageReceived
+from protocol.devices.s3.arap import (
+    FunctionCode,
+    MoveKind,
+    Refusal,
+    Spontaneous,
+    SpontaneousKind,
+    Telegram,
+    TelegramType,
+    function_text,
+    join_blocks,
+    split_telegram,
+)
+from protocol.endpoint import LocalProtocolError, RemoteProtocolError
+from protocol.geometry import Pose
+
+_OFFSET_LIMIT = 0.1
+"""Chosen: encoders are off by this at most, m, so that a measured position always fits the status."""
+
+
+@dataclass(slots=True)
+class Tally:
+    """Counts of the orders so far."""
+
+    answered: int = 0
+    refused: int = 0
+    lost: int = 0
+    """Came while too many were waiting."""
+    last_refusal: str = ""
+    """Order, code and reason of the newest refusal."""
+
+
+class S3Controller:
+    """Endpoint of the robot's end of the computer link; takes and gives bytes, tells no events.
+
+    Raises ValueError for a start outside the work area, or for a program that has a wrong line.
+    """
+
+    def __init__(
+        self,
+        profiles: S3Profiles,
+        start: StartPose,
+        powered_at: float,
+        seed: int,
+        site: S3Site = EMPTY_SITE,
+    ) -> None:
+        self.profile = profile = profiles.robot
+        self._executive = Executive(profiles, start, powered_at, site)
+        self.motion = self._executive.motion
+        """True and reported place of the tool centre point."""
+        self.orders = Orders()
+        """Orders of motion as they are answered, for a judge of the client."""
+        self.tally = Tally()
+        """Counts of the orders so far."""
+        self._max_telegram = profiles.link.max_telegram
+        self._line = FaultyLine(profiles.link, profile.spontaneous_eot, seed, self._restart)
+        self._random = random.Random(seed)
+        self._orders: deque[Order] = deque()
+        self._ready_at: float | None = None
+        """When a controller that is starting will be ready, s."""
+        self._wire = FaultyWire(BYTES, f"{seed} link")
+        self._late: Injection | None = None
+        """The next order is answered late."""
+        self._refuse: Injection | None = None
+        """The next orders are refused."""
+        self._frozen: list[Injection] = []
+        self._restarts: Injection | None = None
+        """The power is to fail in mid-message."""
+        self.handlers: Mapping[str, Mapping[str, Handler]] = {
+            "robot": self._robot_handlers(),
+            "pose": {
+                "encoder-offset": Handler(self._offset_encoders, self._mend_encoders),
+                **self._executive.reporting.handlers,
+            },
+            "link": {**self._wire.handlers, **self._link_handlers()},
+        }
+        """Faults of the controller, by target, for a ledger."""
+        self.faults = Ledger(S3_FAULTS)
+        """Faults of a controller without a cell."""
+        for target, handlers in self.handlers.items():
+            self.faults.attach(target, handlers)
+
+    @property
+    def state(self) -> State:
+        """Everything that decides which orders are taken."""
+        return self._executive.state
+
+    @property
+    def program(self) -> ProgramRun | None:
+        """The program that was started last."""
+        return self._executive.run
+
+    @property
+    def armed(self) -> Mapping[str, int]:
+        """Faults that wait for their moment, by name, and how often they will strike."""
+        waiting = {**self._line.armed}
+        if self._late is not None:
+            waiting["late-answer"] = 1
+        if self._refuse is not None:
+            waiting["refuse"] = int(self._refuse.number("count")) - self._refuse.struck
+        return waiting
+
+    def joints(self, now: float) -> Joints:
+        """Axes 1 to 6 of the true tool pose at `now`, rad. Where the servo swings beyond the end of a range, they are
+        those of the set point.
+        """
+        return self._executive.joints(now)
+
+    # --- as a cell knows it, see `emulators.seams.EmulatedRobot`
+
+    @property
+    def endpoint(self) -> Self:
+        """The controller itself is the end of the computer link."""
+        return self
+
+    @property
+    def path(self) -> ArmPath:
+        """The path of the arm."""
+        return self.motion.path
+
+    @property
+    def accepted(self) -> int:
+        """Points taken so far."""
+        return self.motion.path.accepted
+
+    def begun_at(self, target: int) -> float | None:
+        """When the motion to the point of this number began, s; None before that is known, NaN if it was given up."""
+        return self.motion.path.begun_at(target)
+
+    def joints_holding(self, pose: Pose, at: float) -> Joints:
+        """Axes 1 to 6 for a true tool pose of the time `at`, s, that is known already, rad."""
+        return self._executive.joints_holding(pose, at)
+
+    def hindrance(self, now: float) -> Hindrance | None:
+        """Why it takes no points now."""
+        state = self.state
+        held = {
+            "the emergency stop is pressed": state.emergency_stop,
+            "the work stop is on": state.work_stop,
+            "the key is at MANUAL": not state.key_auto,
+            "the link has no control": not state.link_control,
+            "it is in standby": not state.operation,
+        }
+        words = next((text for text, holds in held.items() if holds), "")
+        return Hindrance(words, False) if words else None
+
+    # --- endpoint
+
+    def receive(self, data: bytes, now: float) -> None:
+        """Take bytes off the line."""
+        if self._wire.bad:
+            data = self._wire.incoming(data, now)
+        self._line.receive(data, now)
+        self._take_messages(now)
+
+    def next_event(self) -> None:
+        """A controller tells no events."""
+
+    def data_to_send(self, now: float) -> bytes:
+        """Bytes for the line."""
+        data = self._line.data_to_send(now)
+        return self._wire.outgoing(data, now) if self._wire.bad else data
+
+    def next_deadline(self) -> float | None:
+        """The link's next time-out, when the oldest order or the program is next looked at, or the start-up ends."""
+        due = self._line.next_deadline()
+        order = self._orders[0].due if self._orders else None
+        for at in (order, self._executive.next_deadline(), self._ready_at):
+            if at is not None and (due is None or at < due):
+                due = at
+        return self._wire.next_deadline(due) if self._wire.bad else due
+
+    def handle_deadline(self, now: float) -> None:
+        """Act on the link's time-outs, carry the program on and answer the orders that are due."""
+        if self._ready_at is not None and self._ready_at <= now:
+            self._ready_at = None
+            self._executive.happen(Stimulus.READY, now)
+        if self._wire.bad and (data := self._wire.arrived(now)):
+            self._line.receive(data, now)
+        self._line.handle_deadline(now)
+        self._take_messages(now)
+        if (error := self._executive.handle_deadline(now)) is not None:
+            self._say(error.to_telegram())
+        while self._orders and self._orders[0].due <= now:
+            order = self._orders[0]
+            answer = self._answer(order, now)
+            if answer is None:
+                order.due = self.motion.next_tick()
+                return
+            self._orders.popleft()
+            self._say(answer)
+
+    # --- acts of people at the robot
+
+    def press_emergency_stop(self, now: float) -> None:
+        """Stop moving and running, fall into standby, tell the PC."""
+        if self.state.emergency_stop:
+            return
+        self._executive.happen(Stimulus.EMERGENCY_STOP, now)
+        error = Spontaneous(SpontaneousKind.OPERATIONAL_ERROR, *self.profile.emergency_stop_error)
+        self._say(error.to_telegram())
+
+    def release_emergency_stop(self, now: float) -> None:
+        """Allow operation again; it has to be ordered again."""
+        self._executive.happen(Stimulus.EMERGENCY_RELEASE, now)
+
+    def set_work_stop(self, active: bool, now: float) -> None:
+        """Stop moving and running while `active`; the mode stays."""
+        self._executive.happen(Stimulus.WORK_STOP if active else Stimulus.WORK_RELEASE, now)
+
+    def set_key(self, auto: bool, now: float) -> None:
+        """Turn the key to AUTO, or to MANUAL, in which nothing moves or runs by order."""
+        self._executive.happen(Stimulus.KEY_AUTO if auto else Stimulus.KEY_MANUAL, now)
+
+    def set_link_control(self, given: bool, now: float) -> None:
+        """Give the link control at the pendant, or take it back; a motion goes on."""
+        self._executive.happen(Stimulus.CONTROL_GIVEN if given else Stimulus.CONTROL_TAKEN, now)
+
+    def set_programming_unit(self, connected: bool, now: float) -> None:
+        """Connect or remove the programming unit; only the status tells."""
+        self._executive.happen(Stimulus.UNIT_CONNECTED if connected else Stimulus.UNIT_REMOVED, now)
+
+    def set_interrupt(self, permitted: bool, now: float) -> None:
+        """Permit or forbid interrupts; only the status tells."""
+        self._executive.happen(
+            Stimulus.INTERRUPT_PERMITTED if permitted else Stimulus.INTERRUPT_FORBIDDEN, now
+        )
+
+    def inject(self, fault: str, now: float, **parameters: object) -> Injection:
+        """Let one fault of `S3_FAULTS` happen now, or at its next opportunity. Raises ValueError for a wrong one."""
+        return self.faults.inject(target_of(fault), fault, now, parameters)
+
+    def disarm(self) -> None:
+        """Let none of the faults happen that wait for their moment; those under way go on."""
+        self._line.disarm()
+        self._late = self._refuse = self._restarts = None
+
+    # --- faults
+
+    def _robot_handlers(self) -> dict[str, Handler]:
+        return {
+            "emergency-stop": self._lever(
+                S3Controller.press_emergency_stop, S3Controller.release_emergency_stop
+            ),
+            "work-stop": self._lever(
+                lambda robot, now: robot.set_work_stop(True, now),
+                lambda robot, now: robot.set_work_stop(False, now),
+            ),
+            "key-manual": self._lever(
+                lambda robot, now: robot.set_key(False, now), lambda robot, now: robot.set_key(True, now)
+            ),
+            "link-control-taken": self._lever(
+                lambda robot, now: robot.set_link_control(False, now),
+                lambda robot, now: robot.set_link_control(True, now),
+            ),
+            "standby": self._lever(lambda robot, now: robot._executive.happen(Stimulus.STANDBY, now)),
+            "silence": Handler(self._line.switch_off, self._line.switch_on),
+            "late-answer": Handler(self._answer_late),
+            "refuse": Handler(self._refuse_next),
+            "spontaneous": Handler(self._tell_unasked),
+            "power-cycle": Handler(self._power_cycle),
+            "freeze": Handler(self._freeze, lambda injection, now: self.motion.freeze(now, now)),
+        }
+
+    def _link_handlers(self) -> dict[str, Handler]:
+        line = self._line
+        return {
+            "drop-ack": Handler(self._drop_ack),
+            "nak-block": Handler(lambda injection: line.arm(Strike.DAMAGE_BLOCK, injection)),
+            "corrupt-block": Handler(lambda injection: line.arm(Strike.CORRUPT_BLOCK, injection)),
+            "lose-eot": Handler(lambda injection: line.arm(Strike.LOSE_EOT, injection)),
+            "babble": Handler(self._babble),
+            "line-break": Handler(line.hold_in_break, line.switch_on),
+        }
+
+    def _lever(
+        self,
+        press: Callable[["S3Controller", float], object],
+        release: Callable[["S3Controller", float], object] | None = None,
+    ) -> Handler:
+        """An act of a person at the panel; it has an effect where it changes the state."""
+
+        def begin(injection: Injection) -> None:
+            before, now = self.state, injection.injected_at
+            press(self, now)
+            injection.struck += self.state != before
+            if release is None:
+                injection.finish(now)
+
+        return Handler(begin, None if release is None else lambda injection, now: release(self, now))
+
+    def _drop_ack(self, injection: Injection) -> None:
+        block = injection.values["of"] == "block"
+        self._line.arm(Strike.DROP_BLOCK_ACK if block else Strike.DROP_BID_ACK, injection)
+
+    def _babble(self, injection: Injection) -> None:
+        injection.struck = int(injection.number("count"))
+        self._line.babble(injection.struck)
+        injection.finish(injection.injected_at)
+
+    def _answer_late(self, injection: Injection) -> None:
+        self._late = injection
+
+    def _refuse_next(self, injection: Injection) -> None:
+        self._refuse = injection
+
+    def _tell_unasked(self, injection: Injection) -> None:
+        kind, x, y = (int(injection.number(key)) for key in ("kind", "x", "y"))
+        injection.struck += not self.state.starting
+        self._say(Spontaneous(kind, x, y).to_telegram())
+        injection.finish(injection.injected_at)
+
+    def _freeze(self, injection: Injection) -> None:
+        assert injection.ends_at is not None
+        now = injection.injected_at
+        injection.struck += self.motion.waiting(now) > 0
+        self._frozen.append(injection)
+        self.motion.freeze(now, injection.ends_at)
+
+    def _power_cycle(self, injection: Injection) -> None:
+        self._restarts = injection
+        if after_bytes := int(injection.number("after_bytes")):
+            self._line.reset_after(after_bytes)
+        else:
+            self._restart(injection.injected_at)
+
+    def _restart(self, now: float) -> None:
+        """Begin again, silent at first; disc and arm of the controller stay as they are."""
+        self._executive.happen(Stimulus.POWER_UP, now)
+        self._orders.clear()
+        self._ready_at = now + self.profile.start_up_s
+        self._line.restart(self._ready_at)
+        if (injection := self._restarts) is not None:
+            self._restarts = None
+            injection.struck += 1
+            injection.finish(now)
+
+    def _offset_encoders(self, injection: Injection) -> None:
+        x, y, z = (injection.number(f"{axis}_mm") / 1000.0 for axis in "xyz")
+        total = [before + by for before, by in zip(self.motion.encoder_offset, (x, y, z), strict=True)]
+        if max(map(abs, total)) > _OFFSET_LIMIT:
+            raise ValueError(
+                f"encoder-offset: all offsets together must stay within ±{_OFFSET_LIMIT * 1e3:g} mm"
+            )
+        injection.struck += 1
+        self.motion.offset_encoders((x, y, z), injection.injected_at)
+
+    def _mend_encoders(self, injection: Injection, now: float) -> None:
+        x, y, z = (-injection.number(f"{axis}_mm") / 1000.0 for axis in "xyz")
+        self.motion.offset_encoders((x, y, z), now)
+
+    # --- orders and answers
+
+    def _take_messages(self, now: float) -> None:
+        while (event := self._line.next_event()) is not None:
+            if isinstance(event, MessageReceived):
+                self._take_message(event.telegrams, now)
+
+    def _take_message(self, telegrams: tuple[bytes, ...], now: float) -> None:
+        """Note an order, of one block or several."""
+        if len(self._orders) >= self.profile.order_backlog:
+            self.tally.lost += 1
+            return
+        try:
+            telegram = join_blocks([Telegram.decode(raw, from_robot=False) for raw in telegrams])
+            function = telegram.function
+        except RemoteProtocolError:
+            raw = telegrams[0]
+            telegram, function = None, raw[4] if len(raw) > 4 else 0
+        due = now + self._turnaround_ms(function) / 1000.0
+        if (late := self._late) is not None:
+            self._late = None
+            due += late.number("seconds")
+            late.struck += 1
+            late.finish(now)
+        self._orders.append(Order(telegram, function, due, len(telegrams), came_at=now))
+
+    def _turnaround_ms(self, function: int) -> float:
+        """Time from this order to its answer, ms; one number is drawn for each."""
+        profile = self.profile
+        measured: tuple[float, ...] = ()
+        match function:
+            case FunctionCode.READ_STATUS:
+                measured = profile.status_turnaround_ms
+            case FunctionCode.MOVE:
+                measured = profile.move_turnaround_ms
+        if measured:
+            return draw(measured, self._random)
+        spread = profile.turnaround_spread_ms
+        return profile.turnaround_ms + self._random.uniform(-spread, spread)
+
+    def _answer(self, order: Order, now: float) -> Telegram | None:
+        """The answer to an order, or None while its time has not come."""
+        answer: Telegram | int | None
+        refuse = self._refuse
+        if refuse is not None and refuse.number("function") in (0, order.function):
+            answer = int(refuse.number("code"))
+            refuse.struck += 1
+            if refuse.struck >= refuse.number("count"):
+                self._refuse = None
+                refuse.finish(now)
+        else:
+            answer = self._executive.judge(order, now)
+        if answer is None:
+            return None
+        for frozen in self._frozen:
+            frozen.struck += frozen.holds(now) and order.function == FunctionCode.MOVE
+        self.tally.answered += 1
+        if self.orders.listener is not None:
+            self._heard(order, answer)
+        if isinstance(answer, Telegram):
+            return answer
+        refusal = Refusal(answer)
+        self.tally.refused += 1
+        self.tally.last_refusal = f"{function_text(order.function)}: {answer:d} {refusal.text}"
+        return refusal.to_telegram(order.telegram or Telegram(order.function, TelegramType.ORDER))
+
+    def _heard(self, order: Order, answer: Telegram | int) -> None:
+        """Tell an order of motion to a judge, with its answer, as of the time at which it came."""
+        now = order.came_at
+        taken = isinstance(answer, Telegram)
+        if order.telegram is None:
+            self.orders.tell(HeardOrder(now, Act.UNREADABLE, function_text(order.function), taken))
+        elif order.function == FunctionCode.START_PROGRAM:
+            self.orders.tell(HeardOrder(now, Act.PROGRAM, "start program", taken))
+        elif order.function == FunctionCode.MOVE and order.telegram.suffix != MoveKind.START:
+            place = self._executive.place_of(order.telegram)
+            self.orders.tell(HeardOrder(now, Act.MOTION, "move", taken, place, place is not None))
+        else:
+            self.orders.tell(HeardOrder(now, Act.CONTACT, function_text(order.function), taken))
+
+    def _say(self, telegram: Telegram) -> None:
+        if self.state.starting:
+            return
+        # A full queue means that the host has not listened for many time-outs: one telegram more is useless.
+        with contextlib.suppress(LocalProtocolError):
+            self._line.send([block.encode() for block in split_telegram(telegram, self._max_telegram)])

@@ -1,0 +1,304 @@
+"""Orders of the S3 controller: its state, its arm, its programs; without a link and without delay.
+
+The orders that a state refuses, and the events that change it, are the tables of `emulators.devices.s3.state`.
+Source: project specification of the computer link, section 3.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from emulators.arm.kinematics import Joints
+from emulators.arm.quaternions import normalised
+from emulators.arm.waypoints import Waypoint, WaypointArm
+from emulators.arm.work_area import OutsideWorkArea, WorkArea
+from emulators.devices.s3.profile import S3Profile, S3Profiles
+from emulators.devices.s3.programs import MoveStep, ProgramRun, Step, WaitStep, read_steps
+from emulators.devices.s3.reporting import Reporting
+from emulators.devices.s3.site import S3Site, SiteOrders
+from emulators.devices.s3.state import (
+    CHANGES,
+    MODE_ORDERS,
+    Stimulus,
+    after,
+    initial,
+    refusal,
+    status_flags,
+)
+from emulators.seams import StartPose
+from protocol.devices.s3.arap import (
+    MOVE_LENGTHS,
+    FunctionCode,
+    Mode,
+    Move,
+    MoveKind,
+    ProgramAnswer,
+    RefusalCode,
+    Spontaneous,
+    SpontaneousKind,
+    Status,
+    Telegram,
+    TelegramType,
+    position_words,
+    quaternion_words,
+    response,
+)
+from protocol.endpoint import RemoteProtocolError
+from protocol.geometry import Pose, Quaternion, Vector
+
+_UNIT_TOLERANCE = 0.01
+"""Assumed: how far a quaternion's norm may be from 1; words of 1/16384 alone make up 0.0001."""
+
+_LOOK_AHEAD_S = 0.14
+"""Chosen: from one move order to the next on a link of 9600 baud. The transport delay is taken off, since that part of
+the path is committed anyway. Ticks computed beyond an order are wasted.
+"""
+
+Answer: TypeAlias = Telegram | int | None
+"""A response, a refusal code, or None: not yet."""
+
+
+@dataclass(slots=True)
+class Order:
+    """An order between its arrival and its answer."""
+
+    telegram: Telegram | None
+    """None for one that could not be read."""
+    function: int
+    due: float
+    """When it is next looked at, s."""
+    blocks: int = 1
+    """Number of blocks that it came in."""
+    waypoint: Waypoint | None = None
+    """Where a move leads to, once the whole line is known to be in the work area."""
+    accepted: bool = False
+    """A move that is queued and waits to be reached."""
+    came_at: float = math.nan
+    """When it had come, s."""
+
+
+class Executive:
+    """Judges one order after the other, and runs programs. Raises ValueError for a start outside the work area,
+    or for a program that has a wrong line.
+    """
+
+    def __init__(
+        self,
+        profiles: S3Profiles,
+        start: StartPose,
+        powered_at: float,
+        site: S3Site,
+    ) -> None:
+        self._profile = profile = profiles.robot
+        self._site = site
+        self._site_orders = SiteOrders(site.orders)
+        self._programs = _read_programs(profile, site)
+        self._move_lengths = frozenset((*MOVE_LENGTHS, profiles.link.move_length))
+        self._work_area = WorkArea(profile, start.tool_length)
+        try:
+            joints = self._work_area.joints(start.position, normalised(start.quaternion))
+        except OutsideWorkArea as error:
+            raise ValueError(
+                f"the start position {start.position} m with the quaternion {start.quaternion} is outside the "
+                f"robot's work area: {error}"
+            ) from None
+        self.motion = WaypointArm(
+            profiles.servo, Pose(start.position, start.quaternion), powered_at, joints, _LOOK_AHEAD_S
+        )
+        """True and reported place of the tool centre point."""
+        self.reporting = Reporting(self.motion)
+        """Faults of the reported place."""
+        self.state = initial(profile)
+        """Everything that decides which orders are taken."""
+        self.run: ProgramRun | None = None
+        """The program that was started last."""
+        self._handlers: dict[int, Callable[[Order, Telegram, float], Answer]] = {
+            FunctionCode.START_PROGRAM: self._start_program,
+            FunctionCode.STOP_PROGRAM: self._stop_program,
+            FunctionCode.READ_STATUS: self._read_status,
+            FunctionCode.WRITE_MODE: self._write_mode,
+            FunctionCode.MOVE: self._move,
+            FunctionCode.RECEIVE_PROGRAM: self._receive_program,
+        }
+
+    def joints(self, now: float) -> Joints:
+        """Axes 1 to 6 of the true tool pose at `now`, rad. Where the servo swings beyond the end of a range, they are
+        those of the set point.
+        """
+        x, y, z = self.motion.path.trajectory(np.array([now]))[0][0].tolist()
+        return self.joints_holding(Pose((x, y, z), self.motion.path.orientation(now)), now)
+
+    def joints_holding(self, pose: Pose, at: float) -> Joints:
+        """The same for a true tool pose of the time `at`, s, that is known already; a unit quaternion."""
+        set_point = self.motion.joints(at)
+        try:
+            return self._work_area.joints(pose.position, pose.quaternion, set_point)
+        except OutsideWorkArea:
+            return set_point
+
+    def happen(self, stimulus: Stimulus, now: float) -> None:
+        """Change the state; halt the arm and the program where the table says so."""
+        self.state = after(self.state, stimulus, self._profile)
+        if CHANGES[stimulus].halts:
+            self.motion.halt(now)
+            if self.run is not None:
+                self.run.stop()
+        if stimulus is Stimulus.POWER_UP:
+            self.run = None
+
+    def status(self, now: float) -> Status:
+        """The answer to read status."""
+        run = self.run
+        status = Status(
+            position_words(self.motion.reported(now)),
+            quaternion_words(self.motion.path.orientation(now)),
+            program=run.number if run is not None else 0,
+            instruction=run.instruction if run is not None else 0,
+            **status_flags(self.state, self.motion.waiting(now) > 0, self._profile),
+        )
+        return self.reporting.falsified(status, now) if self.reporting.wrong else status
+
+    # --- programs
+
+    def next_deadline(self) -> float | None:
+        """When the running program is next looked at, s."""
+        return self.run.due if self.run is not None else None
+
+    def handle_deadline(self, now: float) -> Spontaneous | None:
+        """Carry the running program on; the error that has ended it, or None."""
+        run = self.run
+        if run is None or run.due is None:
+            return None
+        try:
+            run.advance(now, self.motion, self._program_moves)
+        except OutsideWorkArea:
+            self.happen(Stimulus.STOP, now)
+            return Spontaneous(SpontaneousKind.OPERATIONAL_ERROR, *self._profile.program_error)
+        if run.ended:
+            self.happen(Stimulus.PROGRAM_END, now)
+        return None
+
+    def _program_moves(self, step: MoveStep, now: float) -> None:
+        _, quaternion, _ = self.motion.goal(now)
+        self.motion.enqueue(self._waypoint(step.position, quaternion, step.speed, now), now)
+
+    # --- orders
+
+    def judge(self, order: Order, now: float) -> Answer:
+        """Apply the rules of every order; its handler applies those of one."""
+        telegram = order.telegram
+        if telegram is None:
+            return RefusalCode.TELEGRAM_INCOMPLETE
+        definition = self._site.orders.of_function(telegram.function)
+        if definition is None or telegram.type != TelegramType.ORDER:
+            return RefusalCode.WRONG_FUNCTION_CODE
+        if telegram.suffix not in definition.suffixes:
+            return RefusalCode.WRONG_SUFFIX
+        if order.blocks > 1 and definition.blocks == "one":
+            return RefusalCode.WRONG_BLOCK_NUMBER
+        if len(telegram.data) < definition.order.layout.size:
+            return RefusalCode.TELEGRAM_INCOMPLETE
+        refused = refusal(self.state, telegram.function, telegram.suffix, self._profile, order.accepted)
+        if refused is not None:
+            return refused
+        handler = self._handlers.get(telegram.function)
+        if handler is None:
+            return self._site_orders.answer(definition, telegram)
+        answer = handler(order, telegram, now)
+        return self._site_orders.extend(telegram, answer) if isinstance(answer, Telegram) else answer
+
+    def _read_status(self, order: Order, telegram: Telegram, now: float) -> Answer:
+        return self.status(now).to_telegram()
+
+    def _write_mode(self, order: Order, telegram: Telegram, now: float) -> Answer:
+        self.happen(MODE_ORDERS[Mode(telegram.suffix)], now)
+        return response(telegram)
+
+    def _start_program(self, order: Order, telegram: Telegram, now: float) -> Answer:
+        """Assumed: only the program that was started last goes on, and not once it has ended."""
+        number = int.from_bytes(telegram.data[:2], "big")
+        steps = self._programs.get(number)
+        if steps is None:
+            return RefusalCode.WRONG_PROGRAM_NUMBER
+        if telegram.suffix == 0:
+            self.run = ProgramRun(number, steps)
+        elif self.run is None or self.run.number != number:
+            return RefusalCode.WRONG_PROGRAM_NUMBER
+        elif self.run.ended:
+            return RefusalCode.NOT_POSSIBLE
+        self.run.start(now)
+        self.happen(Stimulus.PROGRAM_START, now)
+        return response(telegram)
+
+    def _stop_program(self, order: Order, telegram: Telegram, now: float) -> Answer:
+        self.happen(Stimulus.STOP, now)
+        return response(telegram)
+
+    def _receive_program(self, order: Order, telegram: Telegram, now: float) -> Answer:
+        """A program of which only the number is given has no contents to send."""
+        number = int.from_bytes(telegram.data[:2], "big")
+        if number not in self._site.programs:
+            return RefusalCode.NO_SUCH_PROGRAM
+        return ProgramAnswer(number, self._site.programs[number]).to_telegram()
+
+    def place_of(self, telegram: Telegram) -> Vector | None:
+        """Where a move leads the tool, base frame, m; None for one that cannot be read."""
+        try:
+            return Move.from_telegram(telegram, self._move_lengths).position
+        except RemoteProtocolError:
+            return None
+
+    def _move(self, order: Order, telegram: Telegram, now: float) -> Answer:
+        if not order.accepted:
+            try:
+                move = Move.from_telegram(telegram, self._move_lengths)
+            except RemoteProtocolError:
+                return RefusalCode.TELEGRAM_INCOMPLETE
+            if move.kind is MoveKind.START:
+                self.happen(Stimulus.SEQUENCE_START, now)
+                return response(telegram)
+            if not _usable(move):
+                return self._profile.unusable_move_refusal
+            if order.waypoint is None:
+                # Whatever changes the goal while the order waits for a place also ends the sequence.
+                try:
+                    order.waypoint = self._waypoint(
+                        move.position, move.quaternion, move.velocity * move.run_speed, now
+                    )
+                except OutsideWorkArea:
+                    return RefusalCode.OUTSIDE_WORK_AREA
+            if self.motion.waiting(now) >= self._profile.queue_depth:
+                return None
+            self.motion.enqueue(order.waypoint, now)
+            if move.kind is MoveKind.END:
+                self.happen(Stimulus.SEQUENCE_END, now)
+            order.accepted = True
+        if self._profile.move_reply == "reached" and not self.motion.settled(now):
+            return None
+        return response(telegram)
+
+    def _waypoint(self, position: Vector, quaternion: Quaternion, speed: float, now: float) -> Waypoint:
+        """A point with the line to it from the last point accepted. Raises OutsideWorkArea."""
+        route = self._work_area.route(*self.motion.goal(now), position, normalised(quaternion))
+        return Waypoint(position, quaternion, speed, route)
+
+
+def _usable(move: Move) -> bool:
+    """Whether a point says how fast, in rectangular coordinates, and with a unit quaternion."""
+    unit = abs(math.hypot(*move.quaternion) - 1.0) <= _UNIT_TOLERANCE
+    return unit and not move.robot_coordinates and move.velocity * move.run_speed > 0.0
+
+
+def _read_programs(profile: S3Profile, site: S3Site) -> dict[int, tuple[Step, ...]]:
+    """Steps by program number. Raises ValueError that names the program and the line."""
+    programs: dict[int, tuple[Step, ...]] = {}
+    for number in (*profile.programs, *site.programs):
+        try:
+            steps = read_steps(site.programs.get(number, b""))
+        except ValueError as error:
+            raise ValueError(f"program {number}: {error}") from None
+        programs[number] = steps or (WaitStep(profile.program_s),)
+    return programs

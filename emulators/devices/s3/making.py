@@ -1,0 +1,15 @@
+"""The S3 as a part of a cell."""
+
+from collections.abc import Callable
+
+from emulators.devices.s3.controller import S3Controller
+from emulators.devices.s3.profile import S3Profiles
+from emulators.devices.s3.site import EMPTY_SITE, S3Site
+from emulators.seams import StartPose
+
+
+def make_robot(
+    profiles: S3Profiles, site: S3Site = EMPTY_SITE
+) -> Callable[[StartPose, float, int], S3Controller]:
+    """A factory of S3 controllers with their arms: `emulators.seams.RobotFactory`."""
+    return lambda start, now, seed: S3Controller(profiles, start, now, seed, site)

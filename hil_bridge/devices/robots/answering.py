@@ -1,0 +1,257 @@
+"""The answers to a robot that drives the cycle: the next set point for each packet, bounded, with a dead-man's switch.
+
+No I/O and no clock: it is told the time, as every endpoint. It stands around the robot's `StreamClient` and answers
+each packet inside the call that brought it, so that no task lies between packet and answer.
+
+An answer moves the set point towards the newest target by at most speed x cycle. It never moves it by more than speed x
+the time since the step before. So packets that were held up and come together do not add up to a jump. It gains speed,
+and comes to rest at a target, no faster than the acceleration allows; see `robots.ramp`. Every stop is at once. The set
+point does not move
+
+- without a new target for `hold_after`, though it goes on once there is one;
+- from a packet on that reports a fault, or whose pose is none, until the robot reports to be ready and to stand where
+  the set point is, and there is a new target: what it did meanwhile is not known;
+- for a packet that comes again, or behind a later one;
+- where the last gate stops it, which is the fault of this side, until there is a new target.
+
+Without a new target for `give_up_after` the movement is ended, whether the robot still sends or not.
+"""
+
+import math
+from collections import Counter, deque
+from dataclasses import replace
+from typing import Generic
+
+from hil_bridge.devices.facts import ANSWERS, LATE, PACKETS
+from hil_bridge.devices.robots.gate import Bounds, Gate, depth_of
+from hil_bridge.devices.robots.ramp import Pace, Ramp
+from hil_bridge.devices.robots.seam import ANSWER, PACKET, MotionLimits
+from hil_bridge.devices.robots.standing import Faults
+from hil_bridge.transports.pump import Data
+from protocol.geometry import Pose
+from protocol.robot import (
+    ReportReceived,
+    RobotReport,
+    StreamClient,
+    StreamEvent,
+    StreamLost,
+    StreamNotice,
+    pose_fault,
+)
+
+EVENTS_MAX = 1024
+"""Events that are kept until they are taken. Chosen: four times the datagrams that a wire hands over at once."""
+GIVEN_TIMES = 3
+"""Answers that carry a target until it counts as given, for one may be lost. Chosen: of 5 % loss, 1 in 8000 is left."""
+
+
+class Answering(Generic[Data]):
+    """An endpoint that gives a client's packets their answers."""
+
+    def __init__(self, client: StreamClient[Data], cycle: float) -> None:
+        """`cycle` is the time between two packets of the robot, s."""
+        self._client = client
+        self._cycle = cycle
+        self._events: deque[StreamEvent] = deque(maxlen=EVENTS_MAX)
+        self.counters: Counter[str] = Counter()
+        """Packets, answers, and what went wrong with them, by name."""
+        self._arrived: list[float] = []
+        """Arrivals of the packets whose answers have not been handed over yet, s."""
+        self._answered: tuple[tuple[str, float], ...] = ()
+        """Stamps of the answer that was handed over last."""
+        self.newest: RobotReport | None = None
+        """The report with the highest number."""
+        self.speed = 0.0
+        """Speed of the set point, m/s; may be set at any time."""
+        self.faults = Faults()
+        """Those of the robot in this movement, and of this side."""
+        self.lost = ""
+        """Reason for which the other side, or a lack of targets, ended the movement."""
+        self._limits = MotionLimits(0.0)
+        self._ramp = Ramp(cycle)
+        self._setpoint: Pose | None = None
+        """Answer to the newest packet; None outside of a movement."""
+        self._goal: Pose | None = None
+        self._aimed_at = self._stepped_at = -math.inf
+        self._gate = Gate(Bounds(), 0.0)
+        self._gate_speed = self._deepest = math.nan
+        """Speed that the gate goes by, m/s, and depth of the deeper end of the way to the target, m."""
+        self._held = False
+        self._given = 0
+        """Answers that have carried the target."""
+
+    @property
+    def moving(self) -> bool:
+        """Whether a movement is under way."""
+        return self._setpoint is not None
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the robot has been given the whole way to the target, or there is no movement."""
+        return self._setpoint is None or self._given >= GIVEN_TIMES
+
+    def begin(self, pose: Pose, limits: MotionLimits, now: float) -> None:
+        """Begin a movement at this pose, where the robot is."""
+        self._setpoint = self._goal = pose
+        self._limits, self.speed = limits, limits.speed
+        self._aimed_at = self._stepped_at = now
+        self._held, self._given, self.lost, self.faults = False, 0, "", Faults()
+        self._ramp.rest()
+        self._open_gate(pose, now)
+        self._client.begin(pose)
+
+    def aim(self, target: Pose, now: float) -> None:
+        """Go there from the next packet on; nothing outside of a movement."""
+        if self._setpoint is not None:
+            self._goal, self._given = target, 0
+            bounds = self._gate.bounds
+            self._deepest = max(depth_of(self._setpoint.position, bounds), depth_of(target.position, bounds))
+            self.renew(now)
+
+    def renew(self, now: float) -> None:
+        """The target is still wanted."""
+        self._aimed_at, self._held = now, False
+
+    def stay(self) -> None:
+        """Give up what is left of the way."""
+        self._goal, self._given = self._setpoint, 0
+        self._ramp.rest()
+
+    def end(self) -> None:
+        """End the movement at the set point; harmless when there is none."""
+        if self.moving:
+            self._setpoint = self._goal = None
+            self._client.end()
+
+    # --- as an endpoint
+
+    def receive(self, data: Data, now: float) -> None:
+        self._client.receive(data, now)
+        self._take(now)
+
+    def next_event(self) -> StreamEvent | None:
+        return self._events.popleft() if self._events else None
+
+    def data_to_send(self, now: float) -> Data:
+        data = self._client.data_to_send(now)
+        if self._arrived:
+            if late := sum(now - arrived > self._cycle for arrived in self._arrived):
+                self.counters[LATE] += late
+            if len(data):
+                self._answered = (PACKET, self._arrived[-1]), (ANSWER, now)
+            self._arrived.clear()
+        return data
+
+    def next_deadline(self) -> float | None:
+        own, client = self._aimed_at + self._limits.give_up_after, self._client.next_deadline()
+        if not self.moving:
+            return client
+        return own if client is None else min(own, client)
+
+    def handle_deadline(self, now: float) -> None:
+        self._client.handle_deadline(now)
+        self._take(now)
+        self._watch(now)
+
+    # --- packets
+
+    def _take(self, now: float) -> None:
+        while (event := self._client.next_event()) is not None:
+            if isinstance(event, ReportReceived):
+                self._watch(now)
+                fresh = self._note(event.report, now)
+                self._answer(event.report, fresh, now)
+                continue
+            self._events.append(event)
+            if isinstance(event, StreamLost):
+                self.lost = self.lost or event.text
+                self.end()
+
+    def _note(self, report: RobotReport, now: float) -> bool:
+        """Keep a report and hand it on; False for one that is not newer than the newest."""
+        self.counters[PACKETS] += 1
+        if self.newest is not None:
+            missing = report.sequence - self.newest.sequence - 1
+            if missing < 0:
+                self.counters["stale packets"] += 1
+                return False
+            if missing:
+                self.counters["packets missing"] += missing
+        if wrong := pose_fault(report.pose):
+            report = report._replace(fault=report.fault or f"reports {wrong}")
+        if self._setpoint is not None:
+            report = self._compare(report, self._setpoint, now)
+        self.newest = report = report._replace(stamps=(*report.stamps, *self._answered))
+        self._events.append(ReportReceived(report))
+        return True
+
+    def _compare(self, report: RobotReport, setpoint: Pose, now: float) -> RobotReport:
+        """A report of this movement, with the fault that has yet to be told. A fault gives up the way to the target."""
+        faults = self.faults
+        if report.fault:
+            faults.note(report.fault, apart=True)
+            self.stay()
+        elif faults.apart and faults.is_back(report.pose, setpoint):
+            self._setpoint = self._goal = report.pose  # a stop by people is left standing where it is
+            self._open_gate(report.pose, now)
+            self._client.begin(report.pose)
+        return report if report.fault or not faults.text else report._replace(fault=faults.text)
+
+    def _answer(self, report: RobotReport, fresh: bool, now: float) -> None:
+        self.counters[ANSWERS] += 1
+        self._arrived.append(report.received_at)
+        if self._setpoint is None:
+            self._client.hold(now)
+            return
+        if fresh:
+            self._step(self._setpoint, now)
+        self._given += self._setpoint == self._goal
+        self._client.target(self._setpoint, now)
+
+    def _step(self, setpoint: Pose, now: float) -> None:
+        """Move the set point on its way."""
+        passed, self._stepped_at = now - self._stepped_at, now
+        if self._goal is None or self.faults.apart or setpoint == self._goal:
+            self._ramp.rest()
+            return
+        limits = self._limits
+        if now - self._aimed_at > limits.hold_after:
+            self._ramp.rest()
+            if not self._held:
+                self._held = True
+                self.counters["holds"] += 1
+                self._tell(f"no new target for {limits.hold_after:g} s: the robot is held on its way")
+            return
+        if self.speed != self._gate_speed:
+            self._open_gate(setpoint, now - passed)
+        pace = Pace(self.speed, limits.turn_speed, limits.acceleration, limits.turn_acceleration)
+        after = self._ramp.step(setpoint, self._goal, pace, passed)
+        if stopped := self._gate.judge(after, now, self._deepest):
+            self.faults.note(stopped, apart=False)
+            self.stay()
+            self._tell(stopped)
+            return
+        self._setpoint = after
+
+    def _open_gate(self, pose: Pose, now: float) -> None:
+        """Begin to judge set points anew from this pose: none moves farther than the speed lets it in a cycle."""
+        speed, limits = self.speed, self._limits
+        bounds = replace(
+            limits.bounds or Bounds(),
+            deeper=speed,
+            across=speed,
+            away=speed,
+            turn=limits.turn_speed,
+            time=self._cycle,
+        )
+        self._gate, self._gate_speed = Gate(bounds, now, pose), speed
+
+    def _watch(self, now: float) -> None:
+        """End a movement for which no target comes any more."""
+        if self.moving and now - self._aimed_at >= self._limits.give_up_after:
+            self.lost = f"no new target for {self._limits.give_up_after:g} s: the movement was ended"
+            self.end()
+            self._events.append(StreamLost(self.lost))
+
+    def _tell(self, text: str) -> None:
+        self._events.append(StreamNotice("motion", text))

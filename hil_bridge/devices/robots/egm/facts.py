@@ -1,0 +1,56 @@
+"""Facts of a robot behind Externally Guided Motion, for recording, report and view."""
+
+from emulators.devices.egm import EgmProfile
+from hil_bridge.devices.facts import Pacing, RobotFacts, ServoFacts, WitnessFacts
+from hil_bridge.devices.robots.egm.settings import EgmSettings
+from protocol.marks import Mark, settings
+
+ORDINARY_N = 12.0
+"""Assumed: as of a robot with a sensor of its own at the wrist; nothing is published of ABB's."""
+WITNESS_DELAY_S = 0.01
+"""Assumed: the time constant of that sensor's filter."""
+
+
+def robot_facts(client: EgmSettings, assumed: EgmProfile) -> RobotFacts:
+    """From the client's settings; the robot's servo is taken to be like the emulated one's."""
+    return RobotFacts(
+        model="ABB, Externally Guided Motion",
+        pacing=Pacing.STREAMED,
+        cycle_s=client.sample_ms * 1e-3,
+        servo=_servo_facts(assumed, 0.0 if client.feed_forward else _trail_s(assumed)),
+        late="the controller goes on with the last pose and speed, takes a late message a cycle later, and stops after "
+        "CommTimeout without one",
+        witness=None
+        if client.force_axes == "none"
+        else WitnessFacts(
+            ORDINARY_N, WITNESS_DELAY_S, dict.fromkeys(("ordinary_n", "delay_s"), str(Mark.ASSUMED))
+        ),
+    )
+
+
+def _trail_s(profile: EgmProfile) -> float:
+    """Time constant of a set point that no speed leads, s: one by the gain. Without a gain it never comes."""
+    gain = profile.k * profile.pos_corr_gain
+    return 1.0 / gain if gain else 0.0
+
+
+def _servo_facts(profile: EgmProfile, trail_s: float) -> ServoFacts:
+    arm = profile.arm
+    marks = {
+        one.name: str(one.info.mark) if one.value == one.default else str(Mark.CHOSEN)
+        for one in (*settings(profile), *settings(arm))
+    }
+    cycles = profile.ref_delay_cycles + arm.servo_delay_cycles
+    return ServoFacts(
+        interpolation_s=profile.cycle_ms * 1e-3,
+        transport_delay_s=cycles * profile.cycle_ms * 1e-3,
+        natural_frequency_rad_s=arm.natural_frequency_rad_s,
+        damping_ratio=arm.damping_ratio,
+        trail_s=trail_s,
+        marks={
+            "interpolation_ms": marks["cycle_ms"],
+            "transport_delay_ms": marks["ref_delay_cycles"],
+            "natural_frequency_rad_s": marks["natural_frequency_rad_s"],
+            "damping_ratio": marks["damping_ratio"],
+        },
+    )

@@ -1,0 +1,77 @@
+"""The room of Externally Guided Motion, as the house sees it: its kind of robot, its client and its emulator."""
+
+from typing import Any
+
+from emulators.devices.egm import EGM_FAULTS, EgmController, EgmProfile
+from emulators.seams import RobotFactory
+from hil_bridge.devices.facts import RobotFacts
+from hil_bridge.devices.kinds import KindSettings, Mishap, RobotEmulation, RobotKind
+from hil_bridge.devices.robots.egm.facts import robot_facts
+from hil_bridge.devices.robots.egm.settings import EgmSettings
+from hil_bridge.devices.robots.streamed import StreamedLink
+from hil_bridge.devices.wiring import Serving, Wiring
+from hil_bridge.errors import ConfigError
+from hil_bridge.transports import Datagrams
+from hil_bridge.transports.urls import LISTEN_DATAGRAMS, parse_url
+from protocol.devices.egm import EgmClient, describe
+
+USUAL = "udp://127.0.0.1:6510"
+"""Where the emulated robot sends in real time: the port of ABB's example and of other clients [M, O:flo]."""
+
+
+async def connect(url: str, settings: KindSettings, wiring: Wiring) -> StreamedLink[Datagrams]:
+    """The robot that sends to this address, not started yet. Errors as of `RobotKind.connect`."""
+    if "strangers" not in parse_url(url, LISTEN_DATAGRAMS).options:
+        url += f"{'&' if '?' in url else '?'}strangers=refuse"  # nothing else may take the robot's place
+    wire = await wiring.datagrams(url, speak_first=False)
+    own: EgmSettings = settings.client
+    client = EgmClient(own.sample_ms * 1e-3, own.feed_forward, own.force_axes)
+    return StreamedLink(wire, client, facts(url, settings), wiring.clock, wiring.log)
+
+
+def facts(url: str, settings: KindSettings) -> RobotFacts:
+    """Facts of the robot behind a wire."""
+    return robot_facts(settings.client, settings.emulated)
+
+
+def make(settings: KindSettings) -> RobotFactory:
+    """The controller that a cell's section describes."""
+    return lambda start, now, seed: EgmController(settings.emulated, start, now, seed)
+
+
+def check(settings: KindSettings) -> None:
+    """Raise ConfigError for an emulated robot that no run can guide."""
+    mode = settings.emulated.mode
+    if mode != "pose":
+        raise ConfigError(f'cell.egm.mode = "{mode}": a run guides by poses; set mode = "pose"')
+
+
+async def serve(url: str, robot: Any, settings: KindSettings, serving: Serving) -> str:
+    """Let the emulated controller send to this address; the URL at which its client listens."""
+    return await serving.serve_datagrams(url, robot.endpoint, speak_first=True)
+
+
+def usual(settings: KindSettings, virtual: bool) -> str:
+    """The address that it sends to where none is named."""
+    return "udp+memory:egm" if virtual else USUAL
+
+
+MISHAPS = {
+    "late": [Mishap("link", "delay", {"ms": 20.0, "way": "from"})],
+    "refused": [Mishap("robot", "motors-off")],
+    "stopped": [Mishap("robot", "rapid-stop")],
+    "emergency": [Mishap("robot", "motors-off")],
+    "cut": [Mishap("link", "off")],
+}
+
+ROBOT = RobotKind(
+    "egm",
+    "ABB robot by Externally Guided Motion",
+    EgmSettings,
+    connect,
+    facts,
+    RobotEmulation(EgmProfile, make, serve, usual, EGM_FAULTS, mishaps=MISHAPS),
+    check=check,
+    parse=lambda url, settings: parse_url(url, LISTEN_DATAGRAMS),
+    describe=describe,
+)

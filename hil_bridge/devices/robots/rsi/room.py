@@ -1,0 +1,93 @@
+"""The room of KUKA's Robot Sensor Interface, as the house sees it."""
+
+from typing import Any
+
+from emulators.devices.rsi import RSI_FAULTS, RsiController, RsiProfile
+from emulators.seams import RobotFactory
+from hil_bridge.devices.facts import Pacing, RobotFacts, ServoFacts
+from hil_bridge.devices.kinds import KindSettings, Mishap, RobotEmulation, RobotKind
+from hil_bridge.devices.robots.streamed import StreamedLink
+from hil_bridge.devices.wiring import Serving, Wiring
+from hil_bridge.transports import Datagrams
+from hil_bridge.transports.urls import LISTEN_DATAGRAMS, parse_url
+from protocol.devices.rsi import RsiClient, RsiLink, describe
+from protocol.marks import Mark
+from protocol.marks import settings as marked
+
+PORT = 49152
+"""Observed: the port of the ROS driver's and FZI's configurations. The protocol has none of its own."""
+
+
+def robot_facts(settings: KindSettings) -> RobotFacts:
+    """Facts of a controller; its servo is assumed to be like the emulated one's."""
+    link: RsiLink = settings.client
+    servo: RsiProfile = settings.emulated
+    marks = {
+        item.name: str(item.info.mark if item.value == item.default else Mark.CHOSEN)
+        for item in marked(servo)
+    }
+    return RobotFacts(
+        f"KUKA controller with RSI, {link.mode} corrections",
+        Pacing.STREAMED,
+        cycle_s=link.cycle_ms / 1e3,
+        late="the controller counts each, stands on the last correction, and stops at the limit of its signal flow",
+        servo=ServoFacts(
+            link.cycle_ms / 1e3,
+            servo.transport_delay_ms / 1e3,
+            servo.natural_frequency_rad_s,
+            servo.damping_ratio,
+            marks={
+                "interpolation_ms": marks["cycle_ms"],
+                "transport_delay_ms": marks["transport_delay_ms"],
+                "natural_frequency_rad_s": marks["natural_frequency_rad_s"],
+                "damping_ratio": marks["damping_ratio"],
+            },
+        ),
+    )
+
+
+def facts(url: str, settings: KindSettings) -> RobotFacts:
+    """Facts of the controller, whatever its wire."""
+    return robot_facts(settings)
+
+
+async def connect(url: str, settings: KindSettings, wiring: Wiring) -> StreamedLink[Datagrams]:
+    """The controller that opens the conversation on this wire, not started yet. Errors as of `RobotKind.connect`."""
+    if "strangers" not in parse_url(url, LISTEN_DATAGRAMS).options:
+        url += f"{'&' if '?' in url else '?'}strangers=refuse"  # nothing else may take the robot's place
+    wire = await wiring.datagrams(url, speak_first=False)
+    return StreamedLink(wire, RsiClient(settings.client), robot_facts(settings), wiring.clock, wiring.log)
+
+
+def make(settings: KindSettings) -> RobotFactory:
+    """The controller that a cell's section describes."""
+    return lambda start, now, seed: RsiController(settings.emulated, start, now)
+
+
+async def serve(url: str, robot: Any, settings: KindSettings, serving: Serving) -> str:
+    """Let the emulated controller send to a URL."""
+    return await serving.serve_datagrams(url, robot.endpoint, speak_first=True)
+
+
+def usual(settings: KindSettings, virtual: bool) -> str:
+    """The URL that the emulated controller sends to: the port is fixed, for it speaks first."""
+    return "udp+memory:rsi" if virtual else f"udp://127.0.0.1:{PORT}"
+
+
+MISHAPS = {
+    "late": [Mishap("packets", "late", {"ms": 6.0})],
+    "refused": [Mishap("robot", "emergency-stop")],
+    "stopped": [Mishap("robot", "emergency-stop")],
+    "cut": [Mishap("packets", "mute"), Mishap("answers", "refused")],
+}
+
+ROBOT = RobotKind(
+    "rsi",
+    "KUKA controller by the Robot Sensor Interface (RSI)",
+    RsiLink,
+    connect,
+    facts,
+    RobotEmulation(RsiProfile, make, serve, usual, RSI_FAULTS, mishaps=MISHAPS),
+    parse=lambda url, settings: parse_url(url, LISTEN_DATAGRAMS),
+    describe=describe,
+)

@@ -1,0 +1,84 @@
+"""Addresses of a controller's ports: one URL names them all.
+
+| URL | ports |
+|---|---|
+| `tcp://10.0.0.5` | 30004, and the dashboard's and the script's by the settings |
+| `tcp://127.0.0.1:41000?dashboard=41001&script=41002` | these |
+| `tcp-listen://127.0.0.2` | the real controller's, also 30001 and 30003 for programs |
+| `tcp-listen://127.0.0.1:0` | free ones |
+| `memory:NAME` | in memory |
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from urllib.parse import parse_qsl, urlsplit
+
+from hil_bridge.errors import ConfigError
+from hil_bridge.transports.urls import WireUrl
+from protocol.devices.rtde.wires import Port
+
+RTDE_PORT = 30004
+PORTS: Mapping[Port, tuple[int, ...]] = {
+    Port.RTDE: (RTDE_PORT,),
+    Port.DASHBOARD: (29999,),
+    Port.SCRIPT: (30002, 30001, 30003),
+}
+"""TCP ports of a real controller; our client uploads to the first of the script's."""
+_EXAMPLE = "tcp://10.0.0.5, or tcp://127.0.0.1:41000?dashboard=41001&script=41002"
+_OPTIONS = {"dashboard": Port.DASHBOARD, "script": Port.SCRIPT}
+
+
+@dataclass(frozen=True, slots=True)
+class Address:
+    """A controller's ports on a host, or in memory."""
+
+    text: str
+    host: str
+    """Empty for ports in memory."""
+    ports: Mapping[Port, int]
+    """Ports that the URL names; 0 for a free one. Without the others."""
+    name: str = ""
+    """Of the ports in memory."""
+    options: str = ""
+    """Further options of the wire in memory, as `?latency_ms=1`."""
+
+    def memory_url(self, port: Port) -> str:
+        """The URL of a port in memory."""
+        suffix = "" if port is Port.RTDE else f"-{port}"
+        return f"memory:{self.name}{suffix}{self.options}"
+
+    @property
+    def wire(self) -> WireUrl:
+        """The RTDE port's wire, for those that look at the wire alone."""
+        if self.name:
+            return WireUrl(self.text, "memory", self.name, {})
+        return WireUrl(self.text, "tcp", f"{self.authority}:{self.ports.get(Port.RTDE, RTDE_PORT)}", {})
+
+    @property
+    def authority(self) -> str:
+        """The host as a URL has it."""
+        return f"[{self.host}]" if ":" in self.host else self.host
+
+
+def parse_address(url: str, scheme: str = "tcp") -> Address:
+    """An address of this scheme, or one in memory. Raises ConfigError."""
+    if url.startswith("memory:"):
+        name, mark, options = url.removeprefix("memory:").partition("?")
+        if not name:
+            raise ConfigError(f"{url!r}: name the ports in memory, as in memory:ur")
+        return Address(url, "", {}, name, mark + options)
+    try:
+        parts = urlsplit(url)
+        port = parts.port
+    except ValueError as error:
+        raise ConfigError(f"{url!r}: {error}; write {_EXAMPLE}") from error
+    if parts.scheme != scheme or not parts.hostname or parts.path not in ("", "/") or parts.fragment:
+        raise ConfigError(f"{url!r}: a robot over RTDE needs {_EXAMPLE.replace('tcp', scheme, 1)}")
+    ports = {} if port is None else {Port.RTDE: port}
+    for key, text in parse_qsl(parts.query, keep_blank_values=True):
+        if key not in _OPTIONS:
+            raise ConfigError(f"{url!r}: unknown option {key!r}; allowed: {', '.join(_OPTIONS)}")
+        if not (text.isascii() and text.isdigit() and int(text[:9]) <= 65535):
+            raise ConfigError(f"{url!r}: {key} must be a TCP port, got {text!r}")
+        ports[_OPTIONS[key]] = int(text)
+    return Address(url, parts.hostname, ports)

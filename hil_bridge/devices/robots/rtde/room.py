@@ -1,0 +1,111 @@
+"""The room of Universal Robots' controllers: kind `rtde`, its client and its emulator behind their wires."""
+
+from typing import Any
+
+from emulators.devices.rtde import RTDE_FAULTS, RtdeProfile, RtdeRobot, make_robot
+from emulators.seams import RobotFactory
+from hil_bridge.devices.facts import RobotFacts
+from hil_bridge.devices.kinds import KindSettings, Mishap, RobotEmulation, RobotKind
+from hil_bridge.devices.robots.rtde import serving as ports
+from hil_bridge.devices.robots.rtde.addresses import RTDE_PORT, parse_address
+from hil_bridge.devices.robots.rtde.bundle import Bundle
+from hil_bridge.devices.robots.rtde.facts import robot_facts
+from hil_bridge.devices.robots.streamed import StreamedLink
+from hil_bridge.devices.wiring import Serving, Wiring
+from hil_bridge.errors import ConfigError
+from hil_bridge.transports import Transport
+from hil_bridge.transports.urls import WireUrl
+from protocol.devices.rtde.client import RtdeClient
+from protocol.devices.rtde.describe import describe
+from protocol.devices.rtde.profile import ClientProfile
+from protocol.devices.rtde.wires import Pieces, Port
+
+
+async def connect(url: str, settings: KindSettings, wiring: Wiring) -> StreamedLink[Pieces]:
+    """The controller behind its ports, not started yet. Raises ConfigError, TransportUnavailable."""
+    profile: ClientProfile = settings.client
+    wires = await open_wires(url, profile, wiring)
+    client = RtdeClient(profile, wiring.clock.now())
+    facts = robot_facts(profile, settings.emulated)
+    return StreamedLink(Bundle(url, wires, client.farewell), client, facts, wiring.clock, wiring.log)
+
+
+async def open_wires(
+    url: str, profile: ClientProfile, wiring: Wiring, dashboard: bool = True
+) -> dict[Port, Transport[bytes]]:
+    """The wires to a controller's ports; without the dashboard where that is not wanted, or its port is 0."""
+    address = parse_address(url)
+    numbers = {
+        Port.RTDE: RTDE_PORT,
+        Port.DASHBOARD: profile.dashboard_port,
+        Port.SCRIPT: profile.script_port,
+        **address.ports,
+    }
+    wires: dict[Port, Transport[bytes]] = {}
+    try:
+        for port, number in numbers.items():
+            if port is Port.DASHBOARD and not (dashboard and profile.dashboard_port):
+                continue
+            wire_url = address.memory_url(port) if address.name else f"tcp://{address.authority}:{number}"
+            wires[port] = await wiring.bytes(wire_url)
+    except BaseException:
+        for wire in wires.values():
+            await wire.aclose()
+        raise
+    return wires
+
+
+def facts(url: str, settings: KindSettings) -> RobotFacts:
+    """Facts of a controller, before a wire is opened."""
+    return robot_facts(settings.client, settings.emulated)
+
+
+def make(settings: KindSettings) -> RobotFactory:
+    """The controller that a cell's section describes."""
+    return make_robot(settings.emulated)
+
+
+async def serve(url: str, robot: RtdeRobot, settings: KindSettings, serving: Serving) -> str:
+    """Let the emulated controller listen on its ports."""
+    return await ports.serve(url, robot, serving)
+
+
+def usual(settings: KindSettings, virtual: bool) -> str:
+    """The URL on which it listens where none is named."""
+    return "memory:rtde" if virtual else "tcp-listen://127.0.0.1:0"
+
+
+def check(settings: KindSettings) -> None:
+    """Raise ConfigError for a client that would be answered at another rate than it expects."""
+    client, emulated = settings.client.cycle_ms, settings.emulated
+    if emulated is not None and not (client / emulated.cycle_ms).is_integer():
+        raise ConfigError(
+            f"robot.rtde.cycle_ms of {client:g} is no multiple of cell.rtde.cycle_ms, {emulated.cycle_ms:g}; "
+            "set both to 2 for an e-Series, to 8 for a CB3"
+        )
+
+
+MISHAPS = {
+    "late": [Mishap("connection", "late", {"ms": 20.0})],
+    "refused": [Mishap("robot", "power-off")],
+    "stopped": [Mishap("robot", "protective-stop")],
+    "emergency": [Mishap("robot", "emergency-stop")],
+    "cut": [Mishap("connection", "mute"), Mishap("connection", "deaf")],
+}
+
+
+def _parse(url: str, settings: Any) -> WireUrl:
+    return parse_address(url).wire
+
+
+ROBOT = RobotKind(
+    "rtde",
+    "Universal Robots' controller over RTDE",
+    ClientProfile,
+    connect,
+    facts,
+    RobotEmulation(RtdeProfile, make, serve, usual, RTDE_FAULTS, mishaps=MISHAPS),
+    check=check,
+    parse=_parse,
+    describe=describe,
+)

@@ -1,0 +1,120 @@
+"""The emulated controller's ports, each with as many clients as come."""
+
+import asyncio
+from collections.abc import Callable
+from typing import Any
+
+from emulators.devices.rtde import RtdeRobot, Server
+from hil_bridge.devices.robots.rtde.addresses import PORTS, Address, parse_address
+from hil_bridge.devices.wiring import Serving
+from hil_bridge.errors import TransportError
+from hil_bridge.transports import Transport
+from hil_bridge.transports.memory import listen_memory_clients
+from hil_bridge.transports.pump import Pump
+from hil_bridge.transports.tcp import listen_tcp_clients
+from protocol.devices.rtde.wires import Port
+
+
+class _Hangup:
+    """The device closes the connection."""
+
+
+class _Served:
+    """A server's endpoint that tells when the device closes the connection."""
+
+    def __init__(self, server: Server) -> None:
+        self._server = server
+        self._told = False
+        self.receive, self.data_to_send = server.receive, server.data_to_send
+        self.next_deadline, self.handle_deadline = server.next_deadline, server.handle_deadline
+
+    def next_event(self) -> _Hangup | None:
+        if self._server.closing and not self._told:
+            self._told = True
+            return _Hangup()
+        return None
+
+
+class Ports:
+    """All that listens for one controller."""
+
+    def __init__(self, robot: RtdeRobot, serving: Serving) -> None:
+        self._robot, self._serving = robot, serving
+        self._wires: set[Transport[bytes]] = set()
+        self._closing: set[asyncio.Task[None]] = set()
+        self._stops: list[Callable[[], None]] = []
+        serving.stack.push_async_callback(self._close)
+
+    async def listen(self, address: Address) -> str:
+        """Listen on an address; the URL for a client. Raises TransportUnavailable."""
+        if address.name:
+            for port in PORTS:
+                name = address.memory_url(port).removeprefix("memory:").partition("?")[0]
+                self._stops.append(listen_memory_clients(name, self._serving.clock, self._door(port)))
+            return f"memory:{address.name}"
+        found: dict[Port, int] = {}
+        free = address.ports.get(Port.RTDE) == 0
+        for port, usual in PORTS.items():
+            asked = (address.ports[port],) if port in address.ports else (0,) if free else usual
+            for number in asked:
+                stop, _, real = await listen_tcp_clients(
+                    address.host, number, self._serving.clock, address.text, self._door(port)
+                )
+                self._stops.append(stop)
+                found.setdefault(port, real)
+        if found == {port: numbers[0] for port, numbers in PORTS.items()}:
+            return f"tcp://{address.authority}"
+        rtde, dashboard, script = (found[port] for port in (Port.RTDE, Port.DASHBOARD, Port.SCRIPT))
+        return f"tcp://{address.authority}:{rtde}?dashboard={dashboard}&script={script}"
+
+    def _door(self, port: Port) -> Callable[[Transport[bytes]], None]:
+        return lambda wire: self._welcome(port, wire)
+
+    def _welcome(self, port: Port, wire: Transport[bytes]) -> None:
+        clock = self._serving.clock
+        server = self._robot.connect(port, clock.now())
+        self._wires.add(wire)
+        if server is None:
+            wire.start(_ignore, _ignore)
+            self._hang_up(wire)
+            return
+
+        def ended(cause: BaseException) -> None:
+            self._robot.leave(port, server, clock.now())
+            self._serving.pumps.remove(pump)
+            self._hang_up(wire)
+            if not isinstance(cause, TransportError):
+                self._serving.on_failure(cause)
+
+        def told(event: Any) -> None:
+            rest = server.data_to_send(clock.now())
+            if rest:
+                wire.send(rest)
+            self._hang_up(wire)
+
+        pump: Pump[bytes, _Hangup] = Pump(_Served(server), wire, clock, told, ended)
+        self._serving.pumps.append(pump)
+        pump.start()
+
+    def _hang_up(self, wire: Transport[bytes]) -> None:
+        """Close a wire without waiting."""
+        self._wires.discard(wire)
+        task = self._serving.clock.loop.create_task(wire.aclose())
+        self._closing.add(task)
+        task.add_done_callback(self._closing.discard)
+
+    async def _close(self) -> None:
+        for stop in self._stops:
+            stop()
+        for wire in list(self._wires):
+            await wire.aclose()
+        await asyncio.gather(*self._closing)
+
+
+def _ignore(event: object) -> None:
+    """Nothing is heard on a connection that is closed at once."""
+
+
+async def serve(url: str, robot: RtdeRobot, serving: Serving) -> str:
+    """Let a controller listen; the URL for its client. Raises ConfigError, TransportUnavailable."""
+    return await Ports(robot, serving).listen(parse_address(url, "tcp-listen"))

@@ -1,0 +1,421 @@
+"""The S3 controller as a run sees it: orders over the computer link, a movement as a context."""
+
+import asyncio
+import math
+from collections import Counter, deque
+from collections.abc import AsyncIterator, Callable, Mapping
+from contextlib import asynccontextmanager, suppress
+from typing import TypeVar, overload
+
+from hil_bridge.clock import Clock
+from hil_bridge.devices.device_log import DeviceLog
+from hil_bridge.devices.robots.asked import Asking
+from hil_bridge.devices.robots.gate import Bounds, Gate
+from hil_bridge.devices.robots.s3.facts import robot_facts
+from hil_bridge.devices.robots.s3.motion import S3Motion
+from hil_bridge.devices.robots.s3.standing import hindrance, stop
+from hil_bridge.devices.robots.seam import (
+    QUESTION_LEFT,
+    MotionLimits,
+    RobotReport,
+    Sent,
+    orientation_fault,
+)
+from hil_bridge.devices.robots.standing import moved_since
+from hil_bridge.errors import BridgeError, DeviceError, OrderRefused
+from hil_bridge.transports import Direction, Tap, Transport
+from protocol.devices.s3.adlp import (
+    ROUTINE,
+    TRAILER,
+    Control,
+    Count,
+    LinkFailed,
+    LinkFailure,
+    LinkNotice,
+    LinkProfile,
+    NoticeKind,
+)
+from protocol.devices.s3.arap import (
+    KNOWN,
+    Answered,
+    ArapEvent,
+    ArapHost,
+    FunctionCode,
+    Mode,
+    Move,
+    MoveKind,
+    OrderBook,
+    OrderFailed,
+    OrderFailure,
+    ProgramAnswer,
+    Refusal,
+    RefusalCode,
+    Refused,
+    SpontaneousReceived,
+    Status,
+    Telegram,
+    UnexpectedReceived,
+    Value,
+    read_status,
+    receive_program,
+    refusal_remedy,
+    write_mode,
+)
+from protocol.devices.s3.timing import answer_time
+from protocol.endpoint import RemoteProtocolError
+from protocol.geometry import Pose
+
+_Raw = TypeVar("_Raw")
+_Meaning = TypeVar("_Meaning")
+
+_SENT = Direction.SENT
+_ENQ, _EOT = int(Control.ENQ), int(Control.EOT)
+_NO_START_POINT = RefusalCode.OUTSIDE_WORK_AREA
+"""Refusals of a move without a sequence, or without a start point. Source: project specification, section 3."""
+_SLOWEST_M_S = 1e-3
+"""Chosen: velocity of an order that is not to move anything, m/s."""
+_READ_STATUS = FunctionCode.READ_STATUS
+STATUS_S = 1.0
+"""For how long a status is waited for that may tell why an order failed. Chosen: a robot that answers does so in a
+tenth of it.
+"""
+SAID_S = 15.0
+"""How long ago the robot may have said something that is told with a failure. Chosen: the longest wait for an answer,
+and its start-up.
+"""
+TRAILER_TOLD_S = 60.0
+"""How often at most it is told that an order holds 10 03, which is counted each time. Chosen."""
+_QUANTITIES = (Count.BLOCKS_SENT, Count.BLOCKS_RECEIVED, Count.MESSAGES_SENT, Count.MESSAGES_RECEIVED)
+
+
+class S3Link:
+    """Client of the S3 controller's computer link, as `hil_bridge.devices.robots.seam.RobotLink` says.
+
+    One order at a time, each with exactly one answer, as the link demands. The log is told what is worth a line in
+    the record: repeats, time-outs, noise, spontaneous messages.
+    """
+
+    def __init__(
+        self,
+        transport: Transport[bytes],
+        profile: LinkProfile,
+        clock: Clock,
+        log: DeviceLog,
+        orders: OrderBook = KNOWN,
+        *,
+        verbose: bool = False,
+    ) -> None:
+        """With `verbose` the log is told of each bid and ACK too, which costs time in every cycle."""
+        self.name = transport.name
+        self.profile = profile
+        self.facts = robot_facts(profile)
+        self._transport = Tap(transport, self._passed)
+        self._clock = clock
+        self._log = log
+        self._orders = orders
+        self._host = ArapHost(profile)
+        self._host.link.verbose = verbose
+        self._asking: Asking[bytes, ArapEvent, Telegram] = Asking(
+            self._host, self._transport, clock, self._take, lambda failure: log.notice("link", str(failure))
+        )
+        self.begun_at = math.nan
+        """Time at which the first byte of the newest order's bid was handed to the port, s on the run's clock. If the
+        bid had gone out ahead of the order, the time at which the order was handed to the link; NaN where neither
+        happened.
+        """
+        self.transmitted_at = math.nan
+        """Time at which its last character, which ends the message, has left the line. Ports do not tell it, so it is
+        calculated from the hand-over to the port, at the line's rate.
+        """
+        self._answered_at = math.nan
+        self._answer_time = answer_time(profile)
+        """Time of a status answer on the line, s: its pose is as old when the answer is complete."""
+        self._reports = 0
+        self._soon = False
+        """The order under way is followed by another at once."""
+        self._status: Status | None = None
+        """The newest."""
+        self._fit: Status | None = None
+        """Status of the robot when the movement began."""
+        self._said: deque[tuple[float, str]] = deque(maxlen=3)
+        """Unasked messages of the robot with their times, s on the run's clock."""
+        self._troubles: Counter[str] = Counter()
+        """Trouble on the link since the newest order began."""
+        self._trailer_told_at = -math.inf
+        """When it was last told that an order holds 10 03, s on the run's clock."""
+        self._explaining = False
+        """The order under way is to tell why another one failed."""
+
+    @property
+    def counters(self) -> Mapping[str, int]:
+        """Link-level counts since opening: bids, repeats, time-outs, noise bytes and so on, by name."""
+        return self._host.link.counters
+
+    def start(self) -> None:
+        """Begin to listen."""
+        self._asking.start()
+
+    async def aclose(self) -> None:
+        """Hand over what is queued and close the port."""
+        await self._transport.aclose()
+
+    @property
+    def sent(self) -> Sent:
+        """When the newest order went out, and when its answer was complete."""
+        return Sent(self.begun_at, self.transmitted_at, self._answered_at)
+
+    async def ready(self) -> RobotReport:
+        """Bring the controller into operation, in which it moves."""
+        status = await self.read_status()
+        if not status.operation and not status.emergency_stop:
+            await self.exchange(write_mode(Mode.OPERATION))
+            status = await self.read_status()
+        report = self._reported(status)
+        if report.fault:
+            raise DeviceError(report.fault)
+        return report
+
+    async def report(self, *, soon: bool = False) -> RobotReport:
+        return self._reported(await self.read_status(soon=soon))
+
+    def _reported(self, status: Status) -> RobotReport:
+        self._reports += 1
+        now = self._answered_at
+        return RobotReport(
+            self._reports,
+            Pose(status.position, status.quaternion),
+            now - self._answer_time,
+            now,
+            self.fault(status),
+            ((QUESTION_LEFT, self.transmitted_at),),
+        )
+
+    @overload
+    async def order(self, order: Telegram, /) -> Telegram: ...
+
+    @overload
+    async def order(
+        self, order: str, /, *, suffix: int | None = None, **values: Value
+    ) -> Mapping[str, Value]: ...
+
+    async def order(
+        self, order: Telegram | str, /, *, suffix: int | None = None, **values: Value
+    ) -> Telegram | Mapping[str, Value]:
+        """Send one order and wait for its answer: a telegram for a telegram, or by name and values in their units.
+
+        The names are those of the known orders and of the site's orders file; what is not given is 0. `suffix`
+        chooses another function suffix than the usual one.
+
+        Raises LocalProtocolError for a name, a value or a length that cannot be, before anything is sent;
+        OrderRefused when the controller refuses, DeviceError when the link fails or the answer is too short,
+        TransportError when the wire does.
+        """
+        if isinstance(order, Telegram):
+            return await self.exchange(order)
+        definition = self._orders.named(order)
+        answer = await self.exchange(*definition.telegrams(values, suffix, self.profile))
+        return self._understood(definition.answer.decode, answer.data)
+
+    async def read_status(self, *, soon: bool = False) -> Status:
+        """Mode, flags, reported position and orientation, from the controller; `soon` as in `exchange`."""
+        answer = await self.exchange(read_status(), soon=soon)
+        self._status = self._understood(Status.from_telegram, answer)
+        return self._status
+
+    async def receive_program(self, number: int) -> bytes:
+        """The contents of a program, from the controller; errors as `order`, DeviceError also for one that it has
+        not sent.
+        """
+        answer = self._understood(ProgramAnswer.from_telegram, await self.exchange(receive_program(number)))
+        if answer.error:
+            raise DeviceError(f"robot on {self.name} did not send program {number}: error {answer.error}")
+        if answer.program != number:
+            raise DeviceError(f"robot on {self.name} sent program {answer.program}, not {number}")
+        return answer.content
+
+    async def exchange(self, *telegrams: Telegram, soon: bool = False) -> Telegram:
+        """Send one order, of one block or several, and wait for its answer; errors as `order`.
+
+        With `soon` the bid for the next order goes out with the end of the answer. The controller then acknowledges it
+        while the caller still decides, unless the profile's `bid_ahead` is off. The caller must give an order then, and
+        soon.
+
+        The error of an order that was refused, or not answered, also tells other messages of the robot shortly before.
+        It tells the robot's status, if the robot still answers.
+        """
+
+        def order() -> None:
+            self._host.order(*telegrams)
+            if self._troubles:
+                self._troubles.clear()
+            self._soon = soon and self.profile.bid_ahead
+            self.begun_at = self._clock.now() if self._host.link.ahead else math.nan
+            self.transmitted_at = self._answered_at = math.nan
+
+        try:
+            answer = await self._asking.exchange(order)
+        except DeviceError as error:
+            if not self._explaining:
+                await self._tell_more(error, telegrams[0])
+            raise
+        return answer
+
+    async def _tell_more(self, error: DeviceError, order: Telegram) -> None:
+        """Add to an error what else is known of its cause."""
+        failed_at, refused, facts = self._clock.now(), isinstance(error, OrderRefused), []
+        if self._status is not None and not (refused and order.function == _READ_STATUS):
+            self._explaining = True
+            try:
+                async with asyncio.timeout(STATUS_S):
+                    shows = hindrance(await self.read_status(), self._fit)
+                if shows:
+                    facts.append(f"its status now shows: {shows}")
+                elif not refused:
+                    facts.append("now it answers again, and its status shows no stop")
+            except (BridgeError, TimeoutError):
+                pass  # the link does not answer any more
+            finally:
+                self._explaining = False
+        facts += self._said_before(failed_at)
+        error.args = ("; ".join((str(error), *facts)),)
+
+    def _understood(self, read: Callable[[_Raw], _Meaning], raw: _Raw) -> _Meaning:
+        """Message in an answer. Raises DeviceError when it cannot be read."""
+        try:
+            return read(raw)
+        except RemoteProtocolError as error:
+            raise DeviceError(f"robot on {self.name} gave an answer that cannot be read: {error}") from error
+
+    def fault(self, status: Status) -> str:
+        """Reasons in a status that forbid to move, in words with their known cause; empty while there are none."""
+        if shown := stop(status, self.profile.check_flags):
+            facts = (*shown, *self._said_before(self._clock.now()))
+            return f"robot on {self.name} cannot move; its status now shows: {'; '.join(facts)}"
+        fault = orientation_fault(status.quaternion)
+        return fault and f"robot on {self.name} reports {fault}"
+
+    def _said_before(self, now: float) -> list[str]:
+        """Unasked messages of the robot shortly before, in words."""
+        return [
+            f"it had said {now - at:.1f} s before: {text}"
+            for at, text in self._said
+            if 0.0 <= now - at <= SAID_S
+        ]
+
+    async def release(self, report: RobotReport) -> None:
+        """End a movement sequence that an earlier run left open; a controller that has none open refuses, which is
+        well.
+        """
+        end = S3Motion(self, _SLOWEST_M_S).telegram(MoveKind.END, *report.pose)
+        with suppress(OrderRefused):
+            await self.exchange(end)
+            self._log.notice("motion", "a movement sequence that was left open has been closed")
+
+    @asynccontextmanager
+    async def motion(self, limits: MotionLimits) -> AsyncIterator[S3Motion]:
+        """A movement sequence, at the speed and in the bounds of the limits; the others are for streams."""
+        self._fit = status = self._status
+        stands = None if status is None else Pose(status.position, status.quaternion)
+        bounds = limits.bounds or Bounds()
+        if limits.bounds and stands and (moved := moved_since(limits.bounds.start, stands)):
+            raise OrderRefused(f"robot on {self.name} {moved}")
+        gate = Gate(bounds, self._clock.now(), stands)
+        motion = S3Motion(
+            self, limits.speed, stands, lambda pose: gate.judge(pose, self._clock.now()), gate.take_back
+        )
+        try:
+            await self.exchange(motion.telegram(MoveKind.START))
+        except OrderRefused as refused:
+            if refused.code != _NO_START_POINT:
+                raise
+            # Assumed: a controller whose sequence is still open refuses to begin another.
+            await self.release(await self.report())
+            await self.exchange(motion.telegram(MoveKind.START))
+        try:
+            yield motion
+        except BaseException:
+            try:
+                await asyncio.shield(motion.end())
+            except BridgeError as error:
+                self._log.notice("motion", f"the movement could not be ended: {error}")
+            raise
+        else:
+            await motion.end()
+
+    def encoded(self, move: Move) -> Telegram:
+        """A move as it travels on this link: of the profile's length, and by a neighbouring step where its place or
+        orientation would hold 10 03, which a controller may take for the block's end.
+
+        No coordinate is then further than one step of 0.125 mm from the one ordered, into the surface as little as out
+        of it. It is counted.
+        """
+        length = self.profile.move_length
+        telegram = move.to_telegram(length)
+        if TRAILER not in telegram.data or not self.profile.avoids_trailer:
+            return telegram
+        avoiding = move.to_telegram(length, avoid_trailer=True)
+        if avoiding != telegram:
+            self._host.link.note(NoticeKind.TRAILER_AVOIDED, "a move gave way by one step")
+        return avoiding
+
+    def _passed(self, direction: Direction, data: bytes) -> None:
+        """Stamp an order's way out: the first bid, and what ended it last."""
+        if direction is not _SENT or not self._asking.under_way:
+            return
+        if data[-1] == _ENQ and math.isnan(self.begun_at):
+            self.begun_at = self._clock.now()
+        elif data[-1] == _EOT:
+            self.transmitted_at = self._clock.now() + len(data) * self.profile.character_time
+
+    def _take(self, event: ArapEvent) -> None:
+        match event:
+            case Answered(answer=answer):
+                soon = self._soon and self._asking.awaited
+                self._answered_at = self._clock.now()
+                self._asking.resolve(answer)
+                if soon:
+                    self._host.announce()
+            case Refused(order=order, refusal=refusal):
+                self._asking.resolve(self._refused(order, refusal))
+            case OrderFailed(reason=reason, text=text):
+                self._asking.resolve(DeviceError(self._explain(reason, text)))
+            case SpontaneousReceived(spontaneous=spontaneous):
+                self._said.append((self._clock.now(), spontaneous.text))
+                self._log.notice("robot", spontaneous.text)
+            case LinkNotice(kind=kind, text=text):
+                if kind not in ROUTINE:
+                    self._troubles[kind] += 1
+                if kind is NoticeKind.TRAILER_SENT:
+                    if self._clock.now() < self._trailer_told_at + TRAILER_TOLD_S:
+                        return
+                    self._trailer_told_at = self._clock.now()
+                self._tell_link_event(kind + ": " + text, routine=kind in ROUTINE)
+            case LinkFailed(reason=reason, text=text):
+                self._tell_link_event(f"{reason}: {text}")
+            case UnexpectedReceived():
+                self._tell_link_event(event.text)
+
+    def _tell_link_event(self, text: str, *, routine: bool = False) -> None:
+        self._log.link_event("robot", text)
+        if not routine:
+            self._log.notice("link", text)
+
+    def _refused(self, order: Telegram, refusal: Refusal) -> OrderRefused:
+        text = f"robot on {self.name} refused order {order.function}: {refusal.code} {refusal.text}"
+        remedy = refusal_remedy(refusal.code)
+        return OrderRefused(f"{text}; {remedy}" if remedy else text, refusal.code)
+
+    def _explain(self, reason: LinkFailure | OrderFailure, text: str) -> str:
+        line = f"{self.profile.baudrate} 8{self.profile.parity}{self.profile.stop_bits}"
+        match reason:
+            case LinkFailure.NO_ANSWER | LinkFailure.ONLY_NOISE if self._status is not None:
+                text = text.partition(":")[0]
+                advice = "it has answered before, so the line is set right: is it off, or a cable out?"
+            case LinkFailure.NO_ANSWER | LinkFailure.ONLY_NOISE:
+                advice = f"this end is set to {line}"
+            case _ if self._troubles:
+                counts = ", ".join(f"{kind} {count}" for kind, count in self._troubles.items())
+                advice = f"on the link meanwhile: {counts}"
+            case _:
+                advice = "see the record for what went over the link"
+        return f"robot on {self.name}: {text}; {advice}"

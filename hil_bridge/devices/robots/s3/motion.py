@@ -1,0 +1,114 @@
+"""A movement sequence of the S3: a start, any number of points, an end at the last point."""
+
+from collections.abc import Callable
+from typing import Protocol
+
+from hil_bridge.devices.robots.seam import Sent
+from hil_bridge.errors import BridgeError, GateStop, OrderRefused
+from protocol.devices.s3.adlp import HEADER_SIZE
+from protocol.devices.s3.arap import Move, MoveKind, Telegram, stop_program
+from protocol.geometry import Pose, Quaternion, Vector
+from protocol.robot import pose_fault
+
+_POINT = MoveKind.POINT
+_ZEROS: Vector = (0.0, 0.0, 0.0)
+"""Coordinates that a start carries."""
+
+
+class Orders(Protocol):
+    """The part of the link that a sequence needs."""
+
+    def encoded(self, move: Move) -> Telegram:
+        """A move as it travels on this link."""
+
+    async def exchange(self, *telegrams: Telegram, soon: bool = False) -> Telegram:
+        """Give an order and wait for its answer."""
+
+    @property
+    def sent(self) -> Sent:
+        """When the newest order went out."""
+
+
+class S3Motion:
+    """A movement sequence under way, as `hil_bridge.devices.robots.seam.Motion` says.
+
+    The controller has the whole way with each point, so `settled` returns at once and `hold` has nothing to take back.
+    """
+
+    def __init__(
+        self,
+        link: Orders,
+        speed: float,
+        stands: Pose | None = None,
+        judge: Callable[[Pose], str] = lambda pose: "",
+        take_back: Callable[[], None] = lambda: None,
+    ) -> None:
+        """`stands` is where the robot was reported last: an end without any point before it is ordered there.
+
+        `judge` is the last gate's word on a pose, empty where it may be ordered; `take_back` tells the gate that the
+        robot has not taken that pose.
+        """
+        self._link, self._judge, self._take_back = link, judge, take_back
+        self._stands = stands
+        self.speed = speed
+        """Along the path for the orders to come, m/s."""
+        self._last: Pose | None = None
+        self.halted = False
+        self.abandoned = False
+
+    @property
+    def ordered(self) -> bool:
+        return self._last is not None
+
+    @property
+    def commanded(self) -> Vector | None:
+        return None if self._last is None else self._last.position
+
+    def telegram(
+        self, kind: MoveKind, position: Vector = _ZEROS, quaternion: Quaternion = (*_ZEROS, 0.0)
+    ) -> Telegram:
+        """The order for one step of the sequence; position in m, quaternion w x y z, tool in base."""
+        return self._link.encoded(Move(kind, position, quaternion, self.speed))
+
+    async def to(self, target: Pose, *, soon: bool = False) -> Sent:
+        if self.halted or self.abandoned:
+            raise OrderRefused("the robot was halted: nothing more is ordered in this movement")
+        if wrong := pose_fault(target):
+            raise OrderRefused(f"the robot is not sent to {wrong}")
+        order = self.telegram(_POINT, *target)
+        if stopped := self._judge(ordered_pose(order)):
+            raise GateStop(stopped)
+        before, self._last = self._last, target
+        try:
+            await self._link.exchange(order, soon=soon)
+        except BridgeError as error:
+            self._take_back()
+            if isinstance(error, OrderRefused):
+                self._last = before
+            raise
+        return self._link.sent
+
+    async def settled(self) -> None:
+        """The controller has the whole way."""
+
+    def hold(self) -> None:
+        """The controller stays at the end of the way that it has."""
+
+    async def halt(self) -> Sent:
+        self.halted = True
+        await self._link.exchange(stop_program())
+        return self._link.sent
+
+    def abandon(self) -> None:
+        self.abandoned = True
+
+    async def end(self) -> None:
+        """End the sequence at the last point ordered, unless it was halted or abandoned."""
+        if not (self.halted or self.abandoned):
+            await self._link.exchange(self.telegram(MoveKind.END, *(self._last or self._stands or ())))
+
+
+def ordered_pose(order: Telegram) -> Pose:
+    """The pose that an order's words mean."""
+    move = Move.from_telegram(order, (len(order.data) + HEADER_SIZE,))
+    return Pose(move.position, move.quaternion)

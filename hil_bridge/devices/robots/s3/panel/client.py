@@ -1,0 +1,49 @@
+"""The panel's client: one request on a connection of its own."""
+
+import socket
+from collections.abc import Mapping
+from typing import Any
+
+from hil_bridge.devices.robots.s3.panel.messages import ANSWER_LIMIT, decode, encode
+from hil_bridge.errors import ConfigError, DeviceError, TransportUnavailable
+from hil_bridge.transports.urls import CONNECT_BYTES, parse_url
+
+TIMEOUT_S = 5.0
+"""Chosen: the panel answers at once, also while its computer is busy."""
+
+_SCHEMES = {"tcp": CONNECT_BYTES["tcp"]}
+
+
+def ask(url: str, request: Mapping[str, Any]) -> dict[str, Any]:
+    """Answer of the panel.
+
+    Raises ConfigError for the URL and for an invalid request, TransportUnavailable where no panel listens,
+    DeviceError for an invalid answer.
+    """
+    address = parse_url(url, _SCHEMES).host_port
+    try:
+        with socket.create_connection(address, TIMEOUT_S) as connection:
+            connection.sendall(encode(request))
+            line = _line(connection)
+    except OSError as error:
+        raise TransportUnavailable(
+            f"{url}: no panel answers ({error.strerror or error}); start one with `hil-bridge emulate cell "
+            "--panel tcp-listen://127.0.0.1:0` and use the URL that it prints"
+        ) from error
+    try:
+        answer = decode(line)
+    except ValueError as error:
+        raise DeviceError(f"{url} answers like no panel: {error}; check the URL") from error
+    if "error" in answer:
+        raise ConfigError(f"{url}: {answer['error']}")
+    return answer
+
+
+def _line(connection: socket.socket) -> bytes:
+    """Up to the end of a line, of the connection, or of what is read at most."""
+    data = b""
+    while b"\n" not in data and len(data) < ANSWER_LIMIT:
+        if not (more := connection.recv(4096)):
+            break
+        data += more
+    return data.partition(b"\n")[0]

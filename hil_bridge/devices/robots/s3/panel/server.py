@@ -1,0 +1,127 @@
+"""The panel's server on loopback: several clients, one request of one client a turn of the event loop.
+
+There is no password, so it listens on this computer alone: from elsewhere one needs a tunnel. A client that says
+something that is no request is sent away, a browser that was lured here among them. No client holds a place for ever:
+where all places are taken, a new client gets that of the one that has been silent longest.
+"""
+
+import asyncio
+import ipaddress
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from hil_bridge.clock import Clock
+from hil_bridge.devices.robots.s3.panel.messages import REQUEST_LIMIT, decode, encode
+from hil_bridge.errors import ConfigError
+from hil_bridge.transports import reasons
+from hil_bridge.transports.urls import LISTEN_BYTES, parse_url
+
+CLIENT_LIMIT = 8
+"""Clients at a time. Mark: chosen."""
+_HIGH_BYTES = 65536
+"""Chosen: with so much unread by a client, nothing more is answered to it."""
+
+_SCHEMES = {"tcp-listen": LISTEN_BYTES["tcp-listen"]}
+
+
+def panel_address(url: str) -> tuple[str, int]:
+    """Host and port of a panel's URL. Raises ConfigError for all but tcp-listen on loopback."""
+    wire = parse_url(url, _SCHEMES)
+    host, port = wire.host_port
+    if wire.options:
+        raise ConfigError(f"{url!r}: a panel's URL takes no options")
+    if not _is_loopback(host):
+        raise ConfigError(
+            f"{url!r}: the panel has no password and listens on this computer alone; use 127.0.0.1"
+        )
+    return host, port
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+class PanelServer:
+    """Gives requests to `perform` and what it returns back; a ValueError of it is told to the client that asked."""
+
+    def __init__(self, perform: Callable[[Mapping[str, Any]], Mapping[str, Any]], clock: Clock) -> None:
+        self._perform = perform
+        self._clock = clock
+        self._server: asyncio.Server | None = None
+        self._closed = False
+        self._clients: dict[asyncio.StreamWriter, asyncio.Task[None]] = {}
+        """Present clients, the one that has been silent longest first."""
+
+    async def listen(self, url: str) -> str:
+        """Begin; the URL that a client asks. Raises ConfigError for the URL, TransportUnavailable for the port."""
+        host, port = panel_address(url)
+        try:
+            self._server = await asyncio.start_server(self._serve, host, port, limit=REQUEST_LIMIT)
+        except OSError as error:
+            raise reasons.unavailable("tcp-listen", url, f"{host}:{port}", error) from error
+        at, number = self._server.sockets[0].getsockname()[:2]
+        return f"tcp://[{at}]:{number}" if ":" in at else f"tcp://{at}:{number}"
+
+    async def aclose(self) -> None:
+        """Stop listening and close all connections. Harmless when called again."""
+        self._closed = True
+        if self._server is not None:
+            self._server.close()
+        clients = dict(self._clients)
+        for writer in clients:
+            writer.transport.abort()
+        await asyncio.gather(*clients.values(), return_exceptions=True)
+
+    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """One connection, from its beginning to its end."""
+        task = asyncio.current_task()
+        assert task is not None
+        if self._closed:  # it came in the same turn
+            writer.transport.abort()
+            return
+        writer.transport.set_write_buffer_limits(high=_HIGH_BYTES)
+        if len(self._clients) >= CLIENT_LIMIT:
+            silent = next(iter(self._clients))
+            del self._clients[silent]
+            _dismiss(silent, f"another client took the place; this one was silent longest of {CLIENT_LIMIT}")
+        self._clients[writer] = task
+        try:
+            understood = True
+            while understood:
+                line = await reader.readuntil(b"\n")
+                if writer in self._clients:  # heard just now: behind all others
+                    self._clients[writer] = self._clients.pop(writer)
+                answer, understood = self._answer(line)
+                writer.write(answer)
+                await writer.drain()
+                await asyncio.sleep(0)  # lets the other clients and the cell run before its next request
+        except asyncio.LimitOverrunError:
+            _dismiss(writer, f"a request has at most {REQUEST_LIMIT} bytes")
+        except (asyncio.IncompleteReadError, ConnectionError):
+            pass  # it has left
+        finally:
+            self._clients.pop(writer, None)
+            _dismiss(writer)
+
+    def _answer(self, line: bytes) -> tuple[bytes, bool]:
+        """The answer to a line, and whether it was a request at all."""
+        try:
+            request = decode(line)
+        except ValueError as error:
+            return encode({"error": str(error)}), False
+        try:
+            return encode(self._perform(request)), True
+        except ValueError as error:
+            return encode({"error": str(error)}), True
+
+
+def _dismiss(writer: asyncio.StreamWriter, why: str = "") -> None:
+    """Close a connection and say why; at once where the client has not read what it was told before."""
+    if why and not writer.is_closing():
+        writer.write(encode({"error": why}))
+    writer.close()
+    if writer.transport.get_write_buffer_size():
+        writer.transport.abort()

@@ -1,0 +1,42 @@
+"""Programs that the emulated controller holds, one file each, named by the program's number: `7`, `7.prg`."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from hil_bridge.errors import ConfigError
+from hil_bridge.errors.text_files import format_path, open_ordinary, read_up_to
+from protocol.devices.s3.adlp import HEADER_SIZE, MESSAGE_LIMIT
+
+NUMBER_LIMIT = 0xFFFF
+"""Greatest program number that fits its word."""
+
+
+def read_programs(folder: Path, max_telegram: int) -> Mapping[int, bytes]:
+    """Contents by program number; hidden files are passed over. Raises ConfigError that names the file."""
+    room = MESSAGE_LIMIT * (max_telegram - HEADER_SIZE) - 4
+    found: dict[int, bytes] = {}
+    try:
+        for path in sorted(folder.iterdir()):
+            if path.name.startswith("."):
+                continue
+            number = _number(path)
+            if number in found:
+                raise ConfigError(f"{path}: program {number} is there twice; remove one of the files")
+            with open_ordinary(path) as file:
+                found[number] = read_up_to(file, room + 1)
+            if len(found[number]) > room:
+                raise ConfigError(f"{format_path(path)}: too long to be received, at most {room} bytes")
+    except OSError as error:
+        raise ConfigError(f"cannot read {error.filename or folder}: {error.strerror}") from error
+    except ValueError as error:  # a NUL in the path
+        raise ConfigError(f"cannot read {format_path(folder)}: {error}") from error
+    return found
+
+
+def _number(path: Path) -> int:
+    stem = path.name.partition(".")[0]
+    if not (stem.isascii() and stem.isdecimal() and int(stem) <= NUMBER_LIMIT):
+        raise ConfigError(
+            f"{format_path(path)}: name it by its program number, 0 to {NUMBER_LIMIT}, as in 7.prg"
+        )
+    return int(stem)

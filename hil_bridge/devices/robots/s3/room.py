@@ -1,0 +1,135 @@
+"""The S3's room, as the house sees it: its kind of robot, its client and its emulator behind their wires."""
+
+from collections.abc import AsyncIterator, Callable, Mapping
+from contextlib import asynccontextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from emulators.devices.s3 import S3_FAULTS, Panel, S3Profiles, S3Site, make_robot
+from emulators.seams import RobotFactory
+from hil_bridge.clock import Clock
+from hil_bridge.devices.facts import RobotFacts
+from hil_bridge.devices.kinds import KindSettings, Mishap, RobotEmulation, RobotKind
+from hil_bridge.devices.robots.s3.facts import robot_facts
+from hil_bridge.devices.robots.s3.link import S3Link
+from hil_bridge.devices.robots.s3.orders_file import read_orders
+from hil_bridge.devices.robots.s3.panel import PanelServer, panel_address
+from hil_bridge.devices.robots.s3.program_folder import read_programs
+from hil_bridge.devices.robots.s3.settings import S3Settings
+from hil_bridge.devices.wiring import Serving, Wiring
+from hil_bridge.errors import ConfigError
+from hil_bridge.transports import LineSettings, Parity
+from hil_bridge.transports.urls import CONNECT_BYTES, SERIAL_PORTS, parse_url, with_line
+from protocol.devices.s3.adlp import LinkProfile
+from protocol.devices.s3.arap import KNOWN, describe
+
+
+def robot_wire(url: str, link: LinkProfile) -> tuple[str, LinkProfile]:
+    """A robot URL whose missing line settings come from the profile, and the profile with the line settings of the URL.
+    Raises ConfigError.
+    """
+    parsed = parse_url(url, CONNECT_BYTES)
+    options = parsed.options
+    try:
+        link = replace(
+            link,
+            baudrate=options.get("baudrate", link.baudrate),
+            parity=Parity(options.get("parity", link.parity)).value,
+            stop_bits=options.get("stopbits", link.stop_bits),
+        )
+    except ValueError as error:
+        raise ConfigError(f"{url!r}: {error}") from error
+    return (with_line(url, _line(link)) if parsed.scheme in SERIAL_PORTS else url), link
+
+
+def _line(link: LinkProfile) -> LineSettings:
+    return LineSettings(link.baudrate, Parity(link.parity), link.stop_bits)
+
+
+def robot_site(settings: KindSettings) -> S3Site:
+    """Orders and programs of the controller from the files of a configuration. Raises ConfigError."""
+    orders, programs = settings.client.orders_file, settings.emulated.robot.program_folder
+    return S3Site(
+        read_orders(Path(orders), settings.client.link.max_telegram) if orders else KNOWN,
+        read_programs(Path(programs), settings.emulated.link.max_telegram) if programs else {},
+    )
+
+
+async def connect(url: str, settings: KindSettings, wiring: Wiring) -> S3Link:
+    """The controller behind a byte wire, not started yet.
+
+    Raises ConfigError for the URL and the orders file, TransportUnavailable for the wire.
+    """
+    orders_file, link = settings.client.orders_file, settings.client.link
+    orders = read_orders(Path(orders_file), link.max_telegram) if orders_file else KNOWN
+    url, link = robot_wire(url, link)
+    wire = await wiring.bytes(url)
+    robot = S3Link(wire, link, wiring.clock, wiring.log, orders, verbose=wiring.log.verbose)
+    robot.facts = robot_facts(link, settings.emulated.servo)
+    return robot
+
+
+def facts(url: str, settings: KindSettings) -> RobotFacts:
+    """Facts of a controller behind this wire; its servo is assumed to be like the emulated one's."""
+    link = robot_wire(url, settings.client.link)[1] if url else settings.client.link
+    return robot_facts(link, settings.emulated.servo)
+
+
+def make(settings: KindSettings) -> RobotFactory:
+    """The controller that a cell's section describes, with the orders and programs of its site."""
+    return make_robot(settings.emulated, robot_site(settings))
+
+
+async def serve(url: str, robot: Any, settings: KindSettings, serving: Serving) -> str:
+    """Let the emulated controller listen; a port in memory that names no line has the controller's."""
+    line = _line(settings.emulated.link)
+    unnamed = url.startswith("memory:") and "?" not in url  # its address does not tell the line
+    address = await serving.serve_bytes(with_line(url, line) if unnamed else url, robot.endpoint)
+    return with_line(address, line) if unnamed else address
+
+
+def usual(settings: KindSettings, virtual: bool) -> str:
+    """URL at which the robot listens: in real time a line like the real controller's."""
+    return "memory:robot" if virtual else with_line("pty:", _line(settings.emulated.link))
+
+
+@asynccontextmanager
+async def panel(cell: Any, url: str, clock: Clock, kick: Callable[[], None]) -> AsyncIterator[str]:
+    """The controller's panel on a listening URL; where it is asked. `kick` wakes the cell's devices."""
+    board = Panel(cell.robot, cell.ledger, cell.ledger.table)
+
+    def perform(request: Mapping[str, Any]) -> Mapping[str, Any]:
+        try:
+            return board.perform(request, clock.now())
+        finally:
+            kick()
+
+    server = PanelServer(perform, clock)
+    address = await server.listen(url)
+    try:
+        yield address
+    finally:
+        await server.aclose()
+
+
+MISHAPS = {
+    "late": [Mishap("link", "delay", {"ms": 200.0, "way": "from"})],
+    "refused": [Mishap("robot", "key-manual")],
+    "stopped": [Mishap("robot", "work-stop")],
+    "emergency": [Mishap("robot", "emergency-stop")],
+    "cut": [Mishap("link", "off")],
+}
+
+ROBOT = RobotKind(
+    "s3",
+    "ABB S3 controller by its computer link",
+    S3Settings,
+    connect,
+    facts,
+    RobotEmulation(S3Profiles, make, serve, usual, S3_FAULTS, panel, panel_address, MISHAPS),
+    directly=True,
+    check=robot_site,
+    parse=lambda url, settings: parse_url(url, CONNECT_BYTES),
+    describe=describe,
+)

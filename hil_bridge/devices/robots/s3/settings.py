@@ -1,0 +1,14 @@
+"""Settings of an S3 controller and its computer link, as the bridge sees them."""
+
+from pydantic import BaseModel
+
+from protocol.devices.s3.adlp import LinkProfile
+
+
+class S3Settings(BaseModel):
+    """Settings in `[robot]` for an S3."""
+
+    orders_file: str = ""
+    """TOML file of orders that this controller knows beside the usual ones; empty: none."""
+    link: LinkProfile = LinkProfile()
+    """Known and assumed facts about the computer link."""

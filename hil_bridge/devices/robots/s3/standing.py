@@ -1,0 +1,49 @@
+"""Reasons in a status that keep an S3 robot from moving, in words."""
+
+from collections.abc import Sequence
+
+from protocol.devices.s3.arap import Status
+
+_STATES = (
+    ("emergency_stop", True, "emergency stop", "release it at the controller's panel"),
+    ("key_auto", False, "key not in AUTO", "turn it (or see robot.link.check_flags)"),
+    (
+        "local",
+        True,
+        "link control taken back",
+        "give it at the teach pendant (or see robot.link.check_flags)",
+    ),
+    ("operation", False, "in standby", "start again"),
+)
+"""Flags of a status that keep the robot from moving: flag, value, words, remedy."""
+_SURE = ("emergency_stop", "operation")
+"""Flags of it that were observed; where the others are is assumed."""
+
+
+def stop(status: Status, check_flags: bool) -> tuple[str, str] | None:
+    """Reasons that keep the robot from moving and the first remedy; None where there are none.
+
+    `check_flags`: flags whose place is assumed count too.
+    """
+    shown = [
+        (words, remedy)
+        for name, value, words, remedy in _STATES
+        if getattr(status, name) is value and (check_flags or name in _SURE)
+    ]
+    return (_together([words for words, _ in shown]), shown[0][1]) if shown else None
+
+
+def hindrance(status: Status, fit: Status | None) -> str:
+    """Reasons that keep the robot from moving, except those that held already when it was `fit` to move; or empty."""
+    new = [
+        words
+        for name, value, words, _ in _STATES
+        if getattr(status, name) is value and (fit is None or getattr(fit, name) is not value)
+    ]
+    return _together(new)
+
+
+def _together(states: Sequence[str]) -> str:
+    return (
+        "in standby, as after a restart or by hand" if list(states) == ["in standby"] else ", ".join(states)
+    )

@@ -1,0 +1,209 @@
+"""The shell of a robot that drives the cycle: a link over any `StreamClient` and wire."""
+
+import asyncio
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager
+from typing import Generic
+
+import msgspec
+
+from hil_bridge.clock import Clock
+from hil_bridge.devices.device_log import DeviceLog
+from hil_bridge.devices.facts import ANSWERS, LATE, PACKETS, Hop, Owner, RobotHops, Traffic
+from hil_bridge.devices.robots.answering import Answering
+from hil_bridge.devices.robots.gate import Bounds, Gate
+from hil_bridge.devices.robots.seam import MotionLimits, RobotFacts, RobotReport
+from hil_bridge.devices.robots.standing import moved_since
+from hil_bridge.devices.robots.streamed_motion import StreamedMotion
+from hil_bridge.errors import BridgeError, DeviceError, OrderRefused, TransportClosed
+from hil_bridge.errors.failures import code_failed
+from hil_bridge.transports import Transport
+from hil_bridge.transports.pump import Data, Pump
+from protocol.robot import ReportReceived, StreamClient, StreamEvent, StreamLost, StreamNotice
+
+READY_S = 10.0
+"""Chosen: how long a robot may take to send its first packet."""
+SILENT_S = 0.5
+"""Chosen: without a packet for so long, a robot that streamed is taken for silent. Many cycles of the slowest."""
+FRESH_CYCLES = 2.0
+"""Chosen: a report as many cycles of the robot old is still handed out; one may be missing on the network."""
+_START = "start its program, have it send to this computer's address and port, and look at the firewall"
+_WENT_ON = "see whether its program still runs and its cable is in, then begin again"
+
+
+HOPS = RobotHops(
+    to_answer=(Hop("hand-over", "sent_at", "answered_at", Owner.SOFTWARE, "hand-over of the target"),),
+    to_motion=(
+        (
+            Hop(
+                "robot",
+                "sent_at",
+                "motion_at",
+                Owner.ROBOT,
+                "robot's packet, interpolator and way to the loops",
+            ),
+        ),
+    ),
+)
+"""Hops into which the stamps of a stream divide a cycle: the robot fetches the newest target with its next packet."""
+
+
+ROUTINE = PACKETS, ANSWERS
+"""Counters of a stream that go up while all is well."""
+TROUBLES = LATE, "packets missing", "stale packets"
+"""Counters that tell of trouble."""
+TRAFFIC = (Traffic("packets", ANSWERS, PACKETS),)
+
+
+class StreamedLink(Generic[Data]):
+    """A robot that streams, as `hil_bridge.devices.robots.seam.RobotLink` says."""
+
+    def __init__(
+        self,
+        wire: Transport[Data],
+        client: StreamClient[Data],
+        facts: RobotFacts,
+        clock: Clock,
+        log: DeviceLog,
+    ) -> None:
+        """`facts` name the robot's cycle. Raises ValueError where they do not."""
+        if not facts.cycle_s:
+            raise ValueError(f"{facts.model}: a robot that streams has a cycle")
+        self.name = wire.name
+        self.facts = msgspec.structs.replace(
+            facts, hops=facts.hops or HOPS, routine=ROUTINE, errors=TROUBLES, traffic=TRAFFIC
+        )
+        self._fresh = FRESH_CYCLES * facts.cycle_s
+        self._wire, self._clock, self._log = wire, clock, log
+        self._answering = Answering(client, facts.cycle_s)
+        self._pump: Pump[Data, StreamEvent] = Pump(self._answering, wire, clock, self._take, self._ended)
+        self._newest: RobotReport | None = None
+        self._handed_out = False
+        """The newest report has been handed out."""
+        self._waiting: set[asyncio.Future[RobotReport]] = set()
+        self._failure: BridgeError | None = None
+
+    @property
+    def counters(self) -> Mapping[str, int]:
+        return self._answering.counters
+
+    def start(self) -> None:
+        self._pump.start()
+
+    async def aclose(self) -> None:
+        """End a movement, hand over what is queued, and close the wire."""
+        self._end()
+        await self._wire.aclose()
+
+    async def ready(self) -> RobotReport:
+        report = await self._next(READY_S, _START)
+        if report.fault:
+            raise DeviceError(report.fault)
+        return report
+
+    async def report(self, *, soon: bool = False) -> RobotReport:
+        newest = self._newest
+        if newest is None or self._handed_out or self._clock.now() - newest.received_at > self._fresh:
+            newest = await self._next_packet()
+        self._handed_out = True
+        if newest.fault:
+            self._answering.faults.tell()
+        return newest
+
+    async def release(self, report: RobotReport) -> None:
+        """Each movement begins and ends by itself and ends with the stream: nothing is left open."""
+
+    @asynccontextmanager
+    async def motion(self, limits: MotionLimits) -> AsyncIterator[StreamedMotion[Data]]:
+        if self._answering.moving:
+            raise OrderRefused(f"robot on {self.name}: a movement is under way; end it before the next one")
+        report = await self._next_packet()
+        if report.fault:
+            raise OrderRefused(report.fault)
+        bounds = limits.bounds or Bounds(report.pose)
+        if moved := moved_since(bounds.start, report.pose):
+            raise OrderRefused(f"robot on {self.name} {moved}")
+        now = self._clock.now()
+        self._answering.begin(report.pose, limits, now)
+        self._pump.kick()
+        gate = Gate(bounds, now, report.pose)
+        motion = StreamedMotion(self.name, self._answering, self._clock, self._check, self._next_packet, gate)
+        try:
+            yield motion
+            if motion.ordered and not (motion.halted or motion.abandoned):
+                await motion.settled()
+        finally:
+            self._end()
+
+    def _end(self) -> None:
+        self._answering.end()
+        self._pump.kick()
+
+    def _check(self) -> None:
+        """Raise OrderRefused for a fault that stands or has yet to be told, another BridgeError where nothing can be
+        ordered.
+        """
+        if self._failure is not None:
+            raise self._failure
+        answering = self._answering
+        if fault := answering.faults.tell():
+            raise OrderRefused(self._faulty(fault))
+        if not answering.moving:
+            why = answering.lost or "the movement has ended"
+            raise DeviceError(f"robot on {self.name}: {why}; begin another movement")
+        assert self._newest is not None, "a movement begins with a report"
+        if self._clock.now() - self._newest.received_at > SILENT_S:
+            raise self._silent(SILENT_S, _WENT_ON)
+
+    async def _next_packet(self) -> RobotReport:
+        return await self._next(SILENT_S, _WENT_ON)
+
+    async def _next(self, patience: float, remedy: str) -> RobotReport:
+        if self._failure is not None:
+            raise self._failure
+        waiting: asyncio.Future[RobotReport] = self._clock.loop.create_future()
+        self._waiting.add(waiting)
+        try:
+            async with asyncio.timeout(patience):
+                return await waiting
+        except TimeoutError:
+            raise self._silent(patience, remedy) from None
+        finally:
+            self._waiting.discard(waiting)
+
+    def _take(self, event: StreamEvent) -> None:
+        match event:
+            case ReportReceived(report=report):
+                if report.fault:
+                    report = report._replace(fault=self._faulty(report.fault))
+                self._newest, self._handed_out = report, bool(self._waiting)
+                for waiting in self._waiting:
+                    if not waiting.done():
+                        waiting.set_result(report)
+            case StreamLost(text=text):
+                lost = DeviceError(f"robot on {self.name}: {text}")
+                self._log.notice("link", str(lost))
+                self._fail(lost)
+            case StreamNotice(kind=kind, text=text):
+                self._log.notice(kind, text)
+
+    def _silent(self, seconds: float, remedy: str) -> DeviceError:
+        newest = self._newest
+        before = f"; before that, {newest.fault}" if newest is not None and newest.fault else ""
+        return DeviceError(f"robot on {self.name} sent nothing for {seconds:g} s; {remedy}{before}")
+
+    def _faulty(self, words: str) -> str:
+        return f"robot on {self.name} cannot move: {words}"
+
+    def _ended(self, cause: BaseException) -> None:
+        self._failure = code_failed(f"robot link {self.name}", cause)
+        if not isinstance(cause, TransportClosed):
+            self._log.notice("link", str(self._failure))
+        self._fail(self._failure)
+
+    def _fail(self, error: BridgeError) -> None:
+        """Let all that wait for a report wait no more."""
+        for waiting in self._waiting:
+            if not waiting.done():
+                waiting.set_exception(error)
+                waiting.exception()  # seen, also when its caller is cancelled before it looks

@@ -1,0 +1,87 @@
+"""A movement of a robot that drives the cycle."""
+
+from collections.abc import Awaitable, Callable
+from typing import Generic
+
+from hil_bridge.clock import Clock
+from hil_bridge.devices.robots.answering import Answering
+from hil_bridge.devices.robots.gate import Gate
+from hil_bridge.devices.robots.seam import Sent
+from hil_bridge.errors import GateStop, OrderRefused
+from hil_bridge.transports.pump import Data
+from protocol.geometry import Pose, Vector
+from protocol.robot import pose_fault
+
+
+class StreamedMotion(Generic[Data]):
+    """A movement under way, as `hil_bridge.devices.robots.seam.Motion` says."""
+
+    def __init__(
+        self,
+        name: str,
+        answering: Answering[Data],
+        clock: Clock,
+        check: Callable[[], None],
+        next_packet: Callable[[], Awaitable[object]],
+        gate: Gate,
+    ) -> None:
+        """`check` raises where nothing can be ordered; `next_packet` waits for one, and raises where none comes. `gate`
+        judges the targets.
+        """
+        self._name, self._answering, self._clock = name, answering, clock
+        self._check_link, self._next_packet, self._gate = check, next_packet, gate
+        self._last: Pose | None = None
+        self.halted = False
+        self.abandoned = False
+
+    @property
+    def speed(self) -> float:
+        """Speed of the way to the targets, m/s."""
+        return self._answering.speed
+
+    @speed.setter
+    def speed(self, speed: float) -> None:
+        self._answering.speed = speed
+
+    @property
+    def ordered(self) -> bool:
+        return self._last is not None
+
+    @property
+    def commanded(self) -> Vector | None:
+        return None if self._last is None else self._last.position
+
+    async def to(self, target: Pose, *, soon: bool = False) -> Sent:
+        self._check()
+        if wrong := pose_fault(target):
+            raise OrderRefused(f"robot on {self._name} is not sent to {wrong}")
+        now = self._clock.now()
+        if stopped := self._gate.judge(target, now):
+            raise GateStop(stopped)
+        self._answering.aim(target, now)
+        self._last = target
+        return Sent(now)
+
+    async def settled(self) -> None:
+        while not self._answering.arrived:
+            self._check()
+            self._answering.renew(self._clock.now())
+            await self._next_packet()
+        self._check()
+
+    def hold(self) -> None:
+        self._answering.stay()
+
+    async def halt(self) -> Sent:
+        self.halted = True
+        self._answering.stay()
+        return Sent(self._clock.now())
+
+    def abandon(self) -> None:
+        self.abandoned = True
+        self._answering.stay()
+
+    def _check(self) -> None:
+        if self.halted or self.abandoned:
+            raise OrderRefused(f"robot on {self._name} was halted: nothing more is ordered in this movement")
+        self._check_link()

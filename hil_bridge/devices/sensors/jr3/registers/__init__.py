@@ -1,0 +1,34 @@
+"""A receiver board's registers over a network, and those of a real board on the PCI bus."""
+
+from hil_bridge.devices.sensors.jr3.registers.pci import (
+    DEFAULT_OFFSET,
+    SYSFS,
+    PciRegisters,
+    open_pci,
+    read_program,
+)
+from hil_bridge.devices.sensors.jr3.registers.server import ListenerProfile, RegisterListener
+from hil_bridge.devices.sensors.jr3.registers.wires import (
+    BOARD,
+    DEFAULT_PORT,
+    ServedBoard,
+    board_wire,
+    connect_board,
+    serve_board,
+)
+
+__all__ = [
+    "BOARD",
+    "DEFAULT_OFFSET",
+    "DEFAULT_PORT",
+    "SYSFS",
+    "ListenerProfile",
+    "PciRegisters",
+    "RegisterListener",
+    "ServedBoard",
+    "board_wire",
+    "connect_board",
+    "open_pci",
+    "read_program",
+    "serve_board",
+]

@@ -1,0 +1,207 @@
+"""A real JR3 PCI board's words, through the resource file that Linux shows of the board's memory.
+
+Where things lie is known from Linux's jr3_pci driver: BAR 0, a block of 0x80000 bytes for each channel, and one word in
+the low half of every four bytes. The reset lies at byte 0x60000 of the block, and the program's two halves below and
+above.
+"""
+
+import errno
+import mmap
+import os
+import re
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Final
+
+from hil_bridge.errors import ConfigError, DeviceError, TransportUnavailable
+from hil_bridge.errors.text_files import read_text
+from protocol.devices.jr3.board import (
+    INSTRUCTIONS,
+    MEMORY_WORDS,
+    REGISTERS,
+    check_instructions,
+    check_range,
+    pack_words,
+)
+from protocol.devices.jr3.registers import ProgramWord, ResetRefused
+from protocol.endpoint import RemoteProtocolError
+
+SYSFS: Final = Path("/sys/bus/pci/devices")
+DEFAULT_OFFSET: Final = 0x18000
+"""Byte at which a channel's words begin. Observed: the manual says this, the kernel's driver says 0x10000."""
+
+_VENDOR = 0x1762
+_CHANNELS = {0x1111: 1, 0x3111: 1, 0x3112: 2, 0x3113: 3, 0x3114: 4}
+"""Channels by PCI device number."""
+_BLOCK_BYTES = 0x80000
+_PROGRAM_LOW, _PROGRAM_HIGH, _RESET = 0x00000 // 4, 0x40000 // 4, 0x60000 // 4
+_WORDS_END = 0x40000
+"""Byte at which the program's upper half begins: the words end before it."""
+_ADDRESS = re.compile(r"(?:([0-9a-fA-F]{4}):)?([0-9a-fA-F]{2}:[0-9a-fA-F]{2}\.[0-7])")
+_LIST = "`lspci -d 1762:` lists the boards"
+
+
+class PciRegisters:
+    """The words of one channel. Nothing on the bus keeps a burst together: its words are read one by one."""
+
+    def __init__(self, memory: mmap.mmap, name: str, offset: int, program: tuple[ProgramWord, ...]) -> None:
+        self.name = name
+        self._mapping = memory
+        # Whole 32-bit accesses, of which the bus carries the low 16; the board is little-endian as its hosts are.
+        self._memory = memoryview(memory).cast("I")
+        self._first = offset // 4
+        self._size = min(MEMORY_WORDS, (_WORDS_END - offset) // 4)
+        self._program = program
+
+    @property
+    def text(self) -> str:
+        """The board's copyright text: nothing of the kind says that offset or program are wrong."""
+        register = REGISTERS["copyright"]
+        words = self.read(register.address, register.count)
+        text = "".join(chr(word >> 8) for word in words if 0x20 <= word >> 8 < 0x7F)
+        return " ".join(text.split())
+
+    def read(self, address: int, count: int, now: float = 0.0) -> tuple[int, ...]:
+        """Words in order of address. Raises RemoteProtocolError outside the memory."""
+        begin = self._begin(address, count)
+        return tuple([word & 0xFFFF for word in self._memory[begin : begin + count]])
+
+    def burst(self, address: int, count: int, now: float = 0.0) -> bytes:
+        """The same as a wire carries them. Raises RemoteProtocolError outside the memory."""
+        return pack_words(self.read(address, count))
+
+    def write(self, address: int, words: Sequence[int], now: float = 0.0) -> None:
+        """Write words in order of address. Raises RemoteProtocolError outside the memory."""
+        begin = self._begin(address, len(words))
+        for place, word in enumerate(words, begin):
+            self._memory[place] = word
+
+    def reset(self, now: float = 0.0) -> None:
+        """Reset the processor and load its program, as the driver does.
+
+        Raises ResetRefused without a program: a processor that was reset waits for one.
+        """
+        if not self._program:
+            raise ResetRefused(
+                f"{self.name}: no program file was given; a board that is reset needs its program"
+            )
+        self.load(0, ())
+        for word in self._program:
+            self.load(word.address, (word.low, word.high))
+
+    def load(self, address: int, words: Sequence[int], now: float = 0.0) -> None:
+        """Write instructions, or reset the processor for them. Raises RemoteProtocolError outside its memory."""
+        check_instructions(address, words)
+        if not words:
+            self._memory[_RESET] = 0
+        for place, (low, high) in enumerate(zip(words[::2], words[1::2], strict=True), address):
+            self._memory[_PROGRAM_LOW + place] = low
+            self._memory[_PROGRAM_HIGH + place] = high
+
+    def close(self) -> None:
+        """Give the memory back. Harmless when called again."""
+        self._memory.release()
+        self._mapping.close()
+
+    def _begin(self, address: int, count: int) -> int:
+        check_range(address, count)
+        if address + count > self._size:
+            raise RemoteProtocolError(f"{count} words from {address:#06x} are not within the channel's block")
+        return self._first + address
+
+
+def open_pci(
+    address: str,
+    channel: int = 0,
+    offset: int = DEFAULT_OFFSET,
+    program: tuple[ProgramWord, ...] = (),
+    sysfs: Path = SYSFS,
+) -> PciRegisters:
+    """Reach a board's channel.
+
+    Raises ConfigError for an impossible address, channel or offset, TransportUnavailable when the board cannot be
+    opened, DeviceError when it is none.
+    """
+    found = _ADDRESS.fullmatch(address)
+    if found is None:
+        raise ConfigError(f"--pci: an address is like 0000:03:00.0, got {address!r}; {_LIST}")
+    if offset % 4 or not 0 <= offset < _WORDS_END:
+        raise ConfigError(f"--offset: a multiple of 4 below {_WORDS_END:#x}, got {offset:#x}")
+    place = f"{found[1] or '0000'}:{found[2]}".lower()
+    name, folder = f"PCI device {place}", sysfs / place
+    if not folder.is_dir():
+        raise TransportUnavailable(f"{name}: there is none; {_LIST}")
+    vendor, device = _number(folder / "vendor", name), _number(folder / "device", name)
+    if vendor != _VENDOR or device not in _CHANNELS:
+        raise DeviceError(f"{name} is {vendor:04x}:{device:04x}, not a JR3 board; {_LIST}")
+    if not 0 <= channel < _CHANNELS[device]:
+        channels = ", ".join(map(str, range(_CHANNELS[device])))
+        raise ConfigError(f"--channel: this board (1762:{device:04x}) has {channels}, got {channel}")
+    with suppress(OSError):  # not shown for a simulated board
+        if (folder / "enable").read_text().strip() == "0":
+            raise DeviceError(
+                f"{name} is switched off; `echo 1 | sudo tee {folder}/enable`, or load its driver"
+            )
+    return PciRegisters(_mapped(folder / "resource0", name, channel), name, offset, program)
+
+
+def read_program(path: Path) -> tuple[ProgramWord, ...]:
+    """The board's program from JR3's file (jr3pci.idm): hexadecimal count, address and words, until ffff.
+
+    Raises ConfigError.
+    """
+    text = read_text(path, encoding="ascii")
+    numbers = iter([int(word, 16) for word in re.findall(r"[0-9a-fA-F]+", text)])
+    program: list[ProgramWord] = []
+    try:
+        while (count := next(numbers)) != 0xFFFF:
+            address = next(numbers)
+            words = [next(numbers) for _ in range(count)]
+            if address & 0x4000:
+                continue  # data: the driver does not load them either
+            if count % 2 or address + count // 2 > INSTRUCTIONS or max(words, default=0) > 0xFFFF:
+                raise ConfigError(f"{path} is no board program: {count} words for {address:#06x}")
+            pairs = zip(words[::2], words[1::2], strict=True)
+            program += [ProgramWord(address + i, low, high) for i, (low, high) in enumerate(pairs)]
+    except StopIteration:
+        raise ConfigError(f"{path} is no board program: it has no end mark ffff") from None
+    if not program:
+        raise ConfigError(f"{path} is no board program: it is empty")
+    return tuple(program)
+
+
+def _number(path: Path, name: str) -> int:
+    try:
+        return int(path.read_text(), 16)
+    except (OSError, ValueError) as error:
+        raise TransportUnavailable(f"{name}: cannot tell what it is from {path}") from error
+
+
+def _mapped(path: Path, name: str, channel: int) -> mmap.mmap:
+    try:
+        descriptor = os.open(path, os.O_RDWR | os.O_SYNC)
+    except OSError as error:
+        raise _unavailable(error, path, name) from error
+    try:
+        size, needed = os.fstat(descriptor).st_size, (channel + 1) * _BLOCK_BYTES
+        if size < needed:
+            raise DeviceError(
+                f"{name}: {path} has {size} bytes, channel {channel} needs {needed}: not a JR3 board's memory"
+            )
+        return mmap.mmap(descriptor, _BLOCK_BYTES, offset=channel * _BLOCK_BYTES)
+    except OSError as error:
+        raise _unavailable(error, path, name) from error
+    finally:
+        os.close(descriptor)
+
+
+def _unavailable(error: OSError, path: Path, name: str) -> TransportUnavailable:
+    advice = {
+        errno.EACCES: f"no permission; run as root, or `sudo chown $USER {path}`",
+        errno.EPERM: "the kernel forbids it; its driver may hold the board: `sudo modprobe -r jr3_pci`",
+        errno.EINVAL: "the kernel forbids it; its driver may hold the board: `sudo modprobe -r jr3_pci`",
+        errno.ENOENT: "it has no memory to map; is it a JR3 board that the kernel has set up?",
+    }
+    reason = advice.get(error.errno or 0) or error.strerror
+    return TransportUnavailable(f"{name}: {path} cannot be opened: {reason}")

@@ -1,0 +1,255 @@
+"""The register server on TCP: several clients at one board, none of which can hurt the others or the board.
+
+No client holds a place for ever. One whose computer or cable is gone is found by TCP's own questions. Where all places
+are taken, a client that has not sent a single byte makes room for the next. A client that has asked something, and
+neither asks nor streams any more, is dropped after `idle_timeout_s`. One that does not read is cut off.
+"""
+
+import asyncio
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any, ClassVar
+
+from hil_bridge.clock import Clock
+from hil_bridge.errors import TransportBroken, TransportClosed, TransportEnded, TransportError
+from hil_bridge.transports import reasons
+from hil_bridge.transports.pump import Pump
+from hil_bridge.transports.tcp import keep_alive
+from protocol.devices.jr3.board import Registers
+from protocol.devices.jr3.registers import (
+    ConnectionOver,
+    RegisterServer,
+    RegisterServerProfile,
+    Status,
+    farewell,
+)
+from protocol.marks import Mark, check_settings, setting
+
+_READ_BYTES = 4096
+"""Chosen: a turn of the event loop answers at most 292 requests of a flood, then it is another client's turn."""
+_HIGH_BYTES = 65536
+"""Chosen: with so much unread by a client, nothing more is read from it."""
+_BACKLOG_BYTES = 262144
+"""Chosen: with so much unread a client is cut off; the answers to one read of ours and to spare."""
+_FLUSH_S = 1.0
+"""Chosen: for so long a closing connection hands over what is queued."""
+
+
+@dataclass(frozen=True)
+class ListenerProfile:
+    """Number of clients that a register server takes, and its settings for each."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    clients: int = setting(8, Mark.CHOSEN, "clients at a time; the next is told so", minimum=1, maximum=256)
+    connection: RegisterServerProfile = field(default_factory=RegisterServerProfile)
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+
+
+class SharedRegisters:
+    """A board that several connections use: keeps their common time from running backwards."""
+
+    def __init__(self, registers: Registers) -> None:
+        self._registers = registers
+        self._latest = float("-inf")
+
+    def read(self, address: int, count: int, now: float) -> tuple[int, ...]:
+        """Words of one moment. Raises RemoteProtocolError outside the memory."""
+        return self._registers.read(address, count, self._time(now))
+
+    def burst(self, address: int, count: int, now: float) -> bytes:
+        """The same as a wire carries them. Raises RemoteProtocolError outside the memory."""
+        return self._registers.burst(address, count, self._time(now))
+
+    def write(self, address: int, words: Sequence[int], now: float) -> None:
+        """Write words in order of address. Raises RemoteProtocolError outside the memory."""
+        self._registers.write(address, words, self._time(now))
+
+    def reset(self, now: float) -> None:
+        """Restart the board. Raises ResetRefused where this must not be."""
+        self._registers.reset(self._time(now))
+
+    def load(self, address: int, words: Sequence[int], now: float) -> None:
+        """Write instructions, or reset the board for them. Raises RemoteProtocolError for what cannot be loaded."""
+        self._registers.load(address, words, self._time(now))
+
+    def _time(self, now: float) -> float:
+        # a deadline is handled at its own time, which may be a rounding step ahead of the clock
+        self._latest = max(self._latest, now)
+        return self._latest
+
+
+class RegisterListener:
+    """A listening register server. `on_log` is given a line for every connection that ends badly."""
+
+    def __init__(
+        self, registers: Registers, profile: ListenerProfile, clock: Clock, on_log: Callable[[str], None]
+    ) -> None:
+        self._registers = SharedRegisters(registers)
+        self._profile = profile
+        self._clock = clock
+        self._on_log = on_log
+        self._server: asyncio.Server | None = None
+        self._wires: dict[_ClientWire, None] = {}
+        """Clients in the order in which they came."""
+        self._full_told = False
+        """A client was sent away since the last one was let in: one line says it for all of them."""
+
+    @property
+    def clients(self) -> int:
+        """Clients that are there."""
+        return len(self._wires)
+
+    async def listen(self, host: str, port: int, name: str) -> tuple[str, int]:
+        """Begin; the address and port that it really has. Raises TransportUnavailable naming `name`."""
+        try:
+            self._server = await self._clock.loop.create_server(
+                lambda: _ClientWire(self._arrived, self._gone), host, port
+            )
+        except OSError as error:
+            raise reasons.unavailable("tcp-listen", name, f"{host}:{port}", error) from error
+        address = self._server.sockets[0].getsockname()
+        return address[0], address[1]
+
+    async def aclose(self) -> None:
+        """Stop listening and close every connection. Harmless when called again."""
+        if self._server is not None:
+            self._server.close()
+        await asyncio.gather(*(wire.aclose() for wire in self._wires))
+
+    def _gone(self, wire: "_ClientWire") -> None:
+        self._wires.pop(wire, None)
+
+    def _make_room(self) -> None:
+        """Send the first client away that has not said anything, if there is one."""
+        silent = next((wire for wire in self._wires if not wire.heard), None)
+        if silent is not None:
+            self._on_log(f"{silent.name}: sent away for another client: it had not said anything")
+            self._gone(silent)
+            silent.send(farewell(Status.TOO_MANY_CLIENTS))
+            silent.close()
+
+    def _arrived(self, wire: "_ClientWire") -> None:
+        if len(self._wires) >= self._profile.clients:
+            self._make_room()
+        if len(self._wires) >= self._profile.clients:
+            if not self._full_told:
+                self._full_told = True
+                self._on_log(f"{wire.name}: sent away, {self._profile.clients} clients are here already")
+            wire.start(lambda data: None, lambda error: None)
+            wire.send(farewell(Status.TOO_MANY_CLIENTS))
+            wire.close()
+            return
+        self._wires[wire] = None
+        self._full_told = False
+        now = self._clock.now()
+        pump: Pump[bytes, ConnectionOver] = Pump(
+            RegisterServer(self._registers, self._profile.connection, now),
+            wire,
+            self._clock,
+            partial(self._over, wire),
+            partial(self._ended, wire),
+        )
+        pump.start()
+
+    def _over(self, wire: "_ClientWire", event: ConnectionOver) -> None:
+        self._on_log(f"{wire.name}: connection closed: {event.text}")
+        # its answer is sent first, at the end of this turn
+        self._clock.loop.call_soon(wire.close)
+
+    def _ended(self, wire: "_ClientWire", cause: Exception) -> None:
+        match cause:
+            case TransportEnded() | TransportClosed():
+                return
+            case TransportError():
+                self._on_log(str(cause))
+            case _:
+                self._on_log(f"{wire.name}: connection closed: {cause!r}")
+        wire.abort()
+
+
+class _ClientWire(asyncio.BufferedProtocol):
+    """One client's connection, as a transport for a pump."""
+
+    def __init__(
+        self, on_arrival: Callable[["_ClientWire"], None], on_gone: Callable[["_ClientWire"], None]
+    ) -> None:
+        self.name = ""
+        self.heard = False
+        """Anything at all has come from it."""
+        self._buffer = bytearray(_READ_BYTES)
+        self._on_arrival = on_arrival
+        self._on_gone = on_gone
+        self._on_data: Callable[[bytes], None] = lambda data: None
+        self._on_end: Callable[[TransportError], None] = lambda error: None
+        self._gone = asyncio.Event()
+        self._closing = False
+        self._deadline: asyncio.TimerHandle | None = None
+
+    # --- called by asyncio
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+        transport.set_write_buffer_limits(high=_HIGH_BYTES)
+        keep_alive(transport.get_extra_info("socket"))
+        host, port = (transport.get_extra_info("peername") or ("client", 0))[:2]
+        self.name = f"{host}:{port}"
+        self._on_arrival(self)
+
+    def get_buffer(self, sizehint: int) -> bytearray:
+        return self._buffer
+
+    def buffer_updated(self, nbytes: int) -> None:
+        self.heard = True
+        self._on_data(bytes(self._buffer[:nbytes]))
+
+    def pause_writing(self) -> None:
+        self._transport.pause_reading()
+
+    def resume_writing(self) -> None:
+        self._transport.resume_reading()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._gone.set()
+        if self._deadline is not None:
+            self._deadline.cancel()
+        self._on_gone(self)
+        if self._closing:
+            self._on_end(TransportClosed(f"{self.name}: closed"))
+        elif exc is None:
+            self._on_end(TransportEnded(f"{self.name}: the client left"))
+        else:
+            self._on_end(TransportBroken(f"{self.name}: broke: {exc}"))
+
+    # --- called by the pump
+
+    def start(self, on_data: Callable[[bytes], None], on_end: Callable[[TransportError], None]) -> None:
+        self._on_data = on_data
+        self._on_end = on_end
+
+    def send(self, data: bytes) -> None:
+        if self._closing or self._transport.is_closing():
+            raise TransportClosed(f"{self.name}: closed")
+        if self._transport.get_write_buffer_size() + len(data) > _BACKLOG_BYTES:
+            raise TransportError(f"{self.name}: cut off: it does not read what it asked for")
+        self._transport.write(data)
+
+    async def aclose(self) -> None:
+        self.close()
+        await self._gone.wait()
+
+    def close(self) -> None:
+        """Close as soon as what is queued was handed over, or after a second."""
+        if not self._closing:
+            self._closing = True
+            self._transport.close()
+            self._deadline = asyncio.get_running_loop().call_later(_FLUSH_S, self._transport.abort)
+
+    def abort(self) -> None:
+        """Close without handing anything over."""
+        self._closing = True
+        self._transport.abort()

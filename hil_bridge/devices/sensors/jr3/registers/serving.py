@@ -1,0 +1,48 @@
+"""A real board served until a person stops it."""
+
+import asyncio
+import signal
+from contextlib import suppress
+
+import click
+
+from hil_bridge.clock import Clock, run_real
+from hil_bridge.devices.sensors.jr3.registers.pci import PciRegisters
+from hil_bridge.devices.sensors.jr3.registers.server import ListenerProfile
+from hil_bridge.devices.sensors.jr3.registers.wires import BOARD, serve_board
+
+
+def serve_pci(board: PciRegisters, listen: str, offset: int) -> None:
+    """Serve a board's channel on HOST:PORT and print where, until SIGINT or SIGTERM; then close it.
+
+    `offset` is where the channel's words begin, bytes. Raises BridgeError.
+    """
+    try:
+        run_real(lambda: _serve(board, f"{BOARD}tcp-listen://{listen}", offset))
+    finally:
+        board.close()
+
+
+async def _serve(board: PciRegisters, url: str, offset: int) -> None:
+    loop, clock = asyncio.get_running_loop(), Clock.running()
+    stopped = asyncio.Event()
+    with suppress(NotImplementedError):  # no signal handlers in loops of other platforms
+        for number in (signal.SIGINT, signal.SIGTERM):
+            loop.add_signal_handler(number, stopped.set)
+    try:
+        served = await serve_board(url, board, ListenerProfile(), clock, _log, lambda cause: None)
+        try:
+            if text := board.text:
+                click.echo(f"board: {text}")
+            else:
+                _log(f"{board.name}: no text at byte {offset:#x}: does its program run? is --offset right?")
+            click.echo(f"sensor: {served.address}\nStop with Ctrl-C.")
+            await stopped.wait()
+        finally:
+            await served.aclose()
+    finally:
+        clock.close()
+
+
+def _log(text: str) -> None:
+    click.echo(text, err=True)

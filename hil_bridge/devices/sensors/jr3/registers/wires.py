@@ -1,0 +1,128 @@
+"""Board URLs: `jr3+` before a byte wire that carries the register protocol.
+
+| connect | listen |
+|---|---|
+| `jr3+tcp://127.0.0.1:1762?filter=2` | `jr3+tcp-listen://127.0.0.1:1762` |
+| `jr3+memory:NAME?filter=2` | `jr3+memory:NAME` |
+"""
+
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Final
+from urllib.parse import parse_qsl, urlencode, urlsplit
+
+from hil_bridge.clock import Clock
+from hil_bridge.devices.sensors.jr3.registers.server import ListenerProfile, RegisterListener
+from hil_bridge.errors import ConfigError, TransportClosed
+from hil_bridge.transports import Transport, connect_bytes, listen_bytes
+from hil_bridge.transports.pump import Pump
+from hil_bridge.transports.urls import CONNECT_BYTES, LISTEN_BYTES, WireUrl, parse_url
+from protocol.devices.jr3.board import Registers
+from protocol.devices.jr3.registers import (
+    BoardClientProfile,
+    ConnectionOver,
+    RegisterServer,
+    RegisterServerProfile,
+)
+
+BOARD: Final = "jr3+"
+"""Before a byte URL: the register protocol of a receiver board on that wire."""
+DEFAULT_PORT: Final = 1762
+"""Chosen: JR3's PCI vendor number, read as a decimal."""
+
+_CONNECT = {scheme: CONNECT_BYTES[scheme] for scheme in ("tcp", "memory")}
+_RECONNECT = "reconnect_s"
+"""An option of a byte wire that a board's has not."""
+_LISTEN = {scheme: LISTEN_BYTES[scheme] for scheme in ("tcp-listen", "memory")}
+
+
+@dataclass(frozen=True, slots=True)
+class ServedBoard:
+    """A board that can be reached."""
+
+    address: str
+    """The URL that a client connects to."""
+    aclose: Callable[[], Awaitable[None]]
+
+
+def board_wire(url: str, profile: BoardClientProfile) -> tuple[str, BoardClientProfile]:
+    """The byte wire of a board URL, and the profile with what the URL says of it. Raises ConfigError."""
+    try:
+        parts = urlsplit(url.removeprefix(BOARD))
+    except ValueError as error:
+        raise ConfigError(f"{url!r}: {error}") from error
+    options = parse_qsl(parts.query, keep_blank_values=True)
+    filters = [text for key, text in options if key == "filter"]
+    if len(filters) > 1:
+        raise ConfigError(f"{url!r}: option 'filter' is given twice")
+    for text in filters:
+        if not (text.isascii() and text.isdigit()):
+            raise ConfigError(f"{url!r}: filter must be a whole number, got {text!r}")
+        try:
+            profile = replace(profile, filter=int(text))
+        except ValueError as error:
+            raise ConfigError(f"{url!r}: {error}") from error
+    if any(key == _RECONNECT for key, _ in options):
+        raise ConfigError(
+            f"{url!r}: {_RECONNECT} means nothing here: a stream ends with its connection; leave it out"
+        )
+    query = urlencode([(key, text) for key, text in options if key != "filter"])
+    head = url.removeprefix(BOARD).partition("?")[0]
+    wire = f"{head}?{query}" if query else head
+    _parsed(wire, url, _CONNECT)
+    return wire, profile
+
+
+def _parsed(wire: str, url: str, schemes: Mapping[str, Any]) -> WireUrl:
+    """Check a board URL's wire, and name the whole URL where it is wrong. Raises ConfigError."""
+    try:
+        return parse_url(wire, schemes)
+    except ConfigError as error:
+        raise ConfigError(f"{url!r}: behind {BOARD}, {str(error).removeprefix(f'{wire!r}: ')}") from error
+
+
+async def connect_board(
+    url: str, profile: BoardClientProfile, clock: Clock
+) -> tuple[Transport[bytes], BoardClientProfile]:
+    """The wire to a board, and how it is to be treated.
+
+    Raises ConfigError for the URL, TransportUnavailable for the wire.
+    """
+    wire, profile = board_wire(url, profile)
+    return await connect_bytes(wire, clock), profile
+
+
+async def serve_board(
+    url: str,
+    registers: Registers,
+    profile: ListenerProfile,
+    clock: Clock,
+    on_log: Callable[[str], None],
+    on_failure: Callable[[BaseException], None],
+) -> ServedBoard:
+    """Serve a board's registers on a listening URL.
+
+    `on_log` is given a line for every connection that ends badly, `on_failure` why the board can no longer be
+    served. Raises ConfigError for the URL, TransportUnavailable for the wire.
+    """
+    wire = _parsed(url.removeprefix(BOARD), url, _LISTEN)
+    if wire.line is not None:
+        raise ConfigError(f"{url!r}: a board's wire has no baud rate")
+    if wire.scheme == "tcp-listen":
+        listener = RegisterListener(registers, profile, clock, on_log)
+        host, port = await listener.listen(*wire.host_port, url)
+        address = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
+        return ServedBoard(f"{BOARD}tcp://{address}", listener.aclose)
+
+    def ended(cause: BaseException) -> None:
+        if not isinstance(cause, TransportClosed):
+            on_failure(cause)
+
+    here = await listen_bytes(wire.text, clock)
+    # One wire for all clients to come: there is nothing to close when one is lost or silent.
+    endpoint = RegisterServer(registers, RegisterServerProfile(idle_timeout_s=0.0), clock.now())
+    pump: Pump[bytes, ConnectionOver] = Pump(
+        endpoint, here.transport, clock, lambda event: on_log(f"{url}: {event.text}"), ended
+    )
+    pump.start()
+    return ServedBoard(BOARD + here.address, here.transport.aclose)

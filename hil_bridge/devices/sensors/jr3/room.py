@@ -1,0 +1,219 @@
+"""The JR3's room, as the house sees it: a sensor behind a CAN gateway, a UART gateway or a receiver board."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from emulators.devices.jr3 import Jr3Profiles, make_board, make_gateway, make_uart
+from emulators.devices.jr3.faults import JR3_FAULTS
+from emulators.seams import SensorFactory
+from emulators.wires.slcan_adapter import SlcanAdapter, SlcanProfile
+from hil_bridge.devices.kinds import CanBus, KindSettings, SensorEmulation, SensorKind
+from hil_bridge.devices.sensors.jr3.registers import (
+    BOARD,
+    ListenerProfile,
+    board_wire,
+    connect_board,
+    read_program,
+    serve_board,
+)
+from hil_bridge.devices.sensors.jr3.settings import Jr3Settings
+from hil_bridge.devices.wiring import Serving, Wiring
+from hil_bridge.errors import ConfigError
+from hil_bridge.transports import Transport
+from hil_bridge.transports.can.slcan_device import SlcanDevice
+from hil_bridge.transports.urls import CONNECT_BYTES, CONNECT_CAN, LISTEN_BYTES, parse_url
+from protocol.devices.jr3 import (
+    GATEWAY_BITRATE,
+    UART_BAUDRATE,
+    GatewayClient,
+    UartGatewayClient,
+    describe,
+    heard_by_client,
+    heard_by_gateway,
+    parse_frame,
+    uart_gateway,
+)
+from protocol.devices.jr3.registers import BoardClient
+
+SLCAN = "can+slcan+"
+"""Before a listening byte URL: an emulated slcan adapter on that wire."""
+_UART_GATEWAY = "gateway=jr3"
+"""Option of a URL without a kind that is a byte wire: a JR3 UART gateway is at its other end."""
+_BOARD_WIRES = ("tcp", "tcp-listen", "memory")
+
+
+# --- CAN gateway
+
+
+def _can_form(url: str) -> str | None:
+    return url if url.startswith("can+") else None
+
+
+async def _connect_can(url: str, settings: KindSettings, wiring: Wiring) -> tuple[Transport[Any], Any]:
+    profile = settings.client.gateway
+    wire = await wiring.can(url, heard_by_client(profile.node))
+    return wire, GatewayClient(profile, wiring.clock.now())
+
+
+async def _serve_can(url: str, gateway: Any, settings: KindSettings, serving: Serving) -> str:
+    if not url.startswith(SLCAN):
+        return await serving.serve_can(
+            url, gateway.endpoint, heard_by_gateway(settings.emulated.gateway.node)
+        )
+    if not url.startswith(f"{SLCAN}pty:"):
+        raise ConfigError(f"{url!r}: an slcan adapter is a serial port; for example {SLCAN}pty:")
+    listening = await serving.listen_bytes(url.removeprefix(SLCAN))
+    adapter = SlcanAdapter(SlcanProfile())
+    serving.attach(gateway.endpoint, SlcanDevice(listening.transport, adapter, serving.clock))
+    return slcan_address(listening.address)
+
+
+def slcan_address(port: str) -> str:
+    """The CAN URL of an emulated adapter on a pseudo-terminal, with the rate of its line if it has one."""
+    found = parse_url(port, CONNECT_BYTES)
+    rate = found.options.get("baudrate")
+    return f"can+slcan://{found.target}?bitrate={GATEWAY_BITRATE}{f'&tty_baudrate={rate}' if rate else ''}"
+
+
+def _make_gateway(settings: KindSettings) -> SensorFactory:
+    return make_gateway(settings.emulated.sensor, settings.emulated.gateway)
+
+
+# --- UART gateway
+
+
+def uart_form(url: str) -> str | None:
+    """The byte wire of a URL that names a UART gateway, `?gateway=jr3`; None for every other URL.
+
+    Raises ConfigError for another gateway.
+    """
+    head, _, query = url.partition("?")
+    options = [option for option in query.split("&") if option]
+    named = [option for option in options if option.partition("=")[0] == "gateway"]
+    if not named or "+" in head.partition(":")[0]:
+        return None
+    if named != [_UART_GATEWAY]:
+        raise ConfigError(f"{url!r}: gateway must be jr3, and once, got {'&'.join(named)!r}")
+    options.remove(_UART_GATEWAY)
+    return f"{head}?{'&'.join(options)}" if options else head
+
+
+def uart_line(url: str, schemes: Mapping[str, Any]) -> str:
+    """A wire that can be paced or set gets the gateway's line, 115200 baud 8N1, where the URL says nothing else."""
+    head, _, query = url.partition("?")
+    known = schemes.get(head.partition(":")[0])
+    if known is None or "baudrate" not in known.options or "baudrate=" in query:
+        return url
+    return f"{head}?baudrate={UART_BAUDRATE}{f'&{query}' if query else ''}"
+
+
+async def _connect_uart(url: str, settings: KindSettings, wiring: Wiring) -> tuple[Transport[Any], Any]:
+    wire = await wiring.bytes(uart_line(url, CONNECT_BYTES))
+    return wire, UartGatewayClient(settings.client.uart, wiring.clock.now())
+
+
+async def _serve_uart(url: str, gateway: Any, settings: KindSettings, serving: Serving) -> str:
+    address = await serving.serve_bytes(uart_line(url, LISTEN_BYTES), gateway.endpoint)
+    return f"{address}{'&' if '?' in address else '?'}{_UART_GATEWAY}"
+
+
+def _make_uart(settings: KindSettings) -> SensorFactory:
+    return make_uart(settings.emulated.sensor, settings.emulated.uart_gateway)
+
+
+# --- receiver board
+
+
+def _board_form(url: str) -> str | None:
+    wire = url.removeprefix(BOARD)
+    return wire if url.startswith(BOARD) and wire.partition(":")[0] in _BOARD_WIRES else None
+
+
+async def _connect_board(url: str, settings: KindSettings, wiring: Wiring) -> tuple[Transport[Any], Any]:
+    path = settings.client.board.program
+    program = read_program(Path(path)) if path else ()
+    wire, profile = await connect_board(url, settings.client.board, wiring.clock)
+    return wiring.tap(wire), BoardClient(profile, wiring.clock.now(), program)
+
+
+async def _serve_board(url: str, board: Any, settings: KindSettings, serving: Serving) -> str:
+    served = await serve_board(
+        url, board.endpoint, ListenerProfile(), serving.clock, serving.say, serving.ended
+    )
+    serving.stack.push_async_callback(served.aclose)
+    return served.address
+
+
+def _make_board(settings: KindSettings) -> SensorFactory:
+    """A client's URL may name another filter than its settings; the ground truth then is that of the settings."""
+    return make_board(settings.emulated.sensor, settings.emulated.board, settings.client.board.filter)
+
+
+# --- kinds
+
+
+def _describe_frame(raw: bytes) -> list[dict[str, object]]:
+    try:
+        return [describe(parse_frame(raw.decode("ascii", errors="replace")))]
+    except ValueError as error:
+        return [{"kind": "noise", "fields": [], "problems": [str(error)]}]
+
+
+def _usual(real: str, virtual: str) -> Callable[[KindSettings, bool], str]:
+    return lambda settings, in_virtual_time: virtual if in_virtual_time else real
+
+
+CAN_GATEWAY = SensorKind(
+    "jr3",
+    "JR3 sensor behind a CAN gateway",
+    Jr3Settings,
+    _connect_can,
+    SensorEmulation(
+        Jr3Profiles, _make_gateway, _serve_can, _usual(f"{SLCAN}pty:", "can+memory:sensor"), JR3_FAULTS
+    ),
+    directly=True,
+    older_form=_can_form,
+    parse=lambda url, settings: parse_url(url, CONNECT_CAN),
+    describe=_describe_frame,
+    bus=CanBus("a JR3 gateway", GATEWAY_BITRATE),
+    period=lambda settings: settings.client.gateway.period_ms * 1e-3,
+    also="gateway",
+)
+UART_GATEWAY = SensorKind(
+    "jr3-uart",
+    "JR3 sensor behind a UART gateway",
+    Jr3Settings,
+    _connect_uart,
+    SensorEmulation(
+        Jr3Profiles,
+        _make_uart,
+        _serve_uart,
+        _usual(f"pty:?{_UART_GATEWAY}", f"memory:sensor?{_UART_GATEWAY}"),
+        JR3_FAULTS,
+    ),
+    directly=True,
+    older_form=uart_form,
+    parse=lambda url, settings: parse_url(uart_line(url, CONNECT_BYTES), CONNECT_BYTES),
+    describe=uart_gateway.describe,
+    period=lambda settings: settings.client.uart.period_ms * 1e-3,
+    also="uart",
+)
+RECEIVER_BOARD = SensorKind(
+    "jr3-board",
+    "JR3 sensor at a DSP receiver board, by its register protocol",
+    Jr3Settings,
+    _connect_board,
+    SensorEmulation(
+        Jr3Profiles,
+        _make_board,
+        _serve_board,
+        _usual(f"{BOARD}tcp-listen://127.0.0.1:0", f"{BOARD}memory:sensor"),
+        JR3_FAULTS,
+    ),
+    directly=True,
+    older_form=_board_form,
+    parse=lambda url, settings: parse_url(board_wire(url, settings.client.board)[0], CONNECT_BYTES),
+    period=lambda settings: settings.client.board.period,
+    also="board",
+)

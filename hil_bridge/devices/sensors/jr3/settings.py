@@ -1,0 +1,17 @@
+"""Settings of what stands before a JR3 sensor, as the bridge sees it."""
+
+from pydantic import BaseModel
+
+from protocol.devices.jr3 import GatewayClientProfile, UartGatewayClientProfile
+from protocol.devices.jr3.registers import BoardClientProfile
+
+
+class Jr3Settings(BaseModel):
+    """Settings in `[sensor]` for a JR3."""
+
+    gateway: GatewayClientProfile = GatewayClientProfile()
+    """Requests of the client to a CAN gateway."""
+    board: BoardClientProfile = BoardClientProfile()
+    """Requests of the client to a receiver board."""
+    uart: UartGatewayClientProfile = UartGatewayClientProfile()
+    """Requests of the client to a UART gateway."""

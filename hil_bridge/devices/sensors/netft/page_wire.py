@@ -1,0 +1,88 @@
+"""A Net F/T's datagrams, with its page among them: fetched over HTTP beside them, handed to the client as a `Page`."""
+
+import asyncio
+from collections.abc import Callable
+from contextlib import suppress
+
+from hil_bridge.clock import Clock
+from hil_bridge.errors import BridgeError, TransportError
+from hil_bridge.transports import Datagrams, Transport, connect_bytes
+from protocol.devices.netft.http import Page, encode_get, read_answer
+from protocol.endpoint import RemoteProtocolError
+
+RETRY_S = 0.25
+"""Between two tries to get the page. Chosen: as netft-cpp does at first."""
+
+
+class WithPage:
+    """A transport of datagrams that fetches the page when it is started, until it has it."""
+
+    def __init__(self, wire: Transport[Datagrams], page_url: str, timeout_s: float, clock: Clock) -> None:
+        """`page_url` is the byte wire of the page's server; one answer may take `timeout_s`."""
+        self.name = wire.name
+        self.send = wire.send
+        self._wire = wire
+        self._url = page_url
+        self._timeout = timeout_s
+        self._clock = clock
+        self._task: asyncio.Task[None] | None = None
+
+    def start(self, on_data: Callable[[Datagrams], None], on_end: Callable[[TransportError], None]) -> None:
+        """Begin with both."""
+        self._wire.start(on_data, on_end)
+        self._task = self._clock.loop.create_task(self._fetch(on_data))
+
+    async def aclose(self) -> None:
+        """Close both."""
+        if self._task is not None:
+            self._task.cancel()
+            with suppress(asyncio.CancelledError):
+                await self._task
+        await self._wire.aclose()
+
+    async def _fetch(self, on_data: Callable[[Datagrams], None]) -> None:
+        while True:
+            page = await self._page()
+            on_data([page])
+            if not page.failure:
+                return
+            await self._clock.sleep_until(self._clock.now() + RETRY_S)
+
+    async def _page(self) -> Page:
+        """The page, or the reason why it did not come this time."""
+        try:
+            wire = await connect_bytes(self._url, self._clock, lambda kind, text: None)
+        except BridgeError as error:
+            return Page(failure=str(error))
+        try:
+            async with asyncio.timeout(self._timeout):
+                return Page(await self._exchange(wire))
+        except TimeoutError:
+            return Page(failure=f"{self._url} does not answer within {self._timeout:g} s")
+        except (BridgeError, RemoteProtocolError) as error:
+            return Page(failure=f"{self._url}: {error}")
+        finally:
+            await wire.aclose()
+
+    async def _exchange(self, wire: Transport[bytes]) -> bytes:
+        body: asyncio.Future[bytes] = self._clock.loop.create_future()
+        received = bytearray()
+
+        def look(ended: bool) -> None:
+            if body.done():
+                return
+            try:
+                found = read_answer(bytes(received), ended)
+            except RemoteProtocolError as error:
+                body.set_exception(error)
+            else:
+                if found is not None:
+                    body.set_result(found)
+
+        def take(data: bytes) -> None:
+            received.extend(data)
+            look(ended=False)
+
+        wire.start(take, lambda error: look(ended=True))
+        wire.send(encode_get(self._url.rpartition("//")[2].partition("?")[0]))
+        return await body

@@ -1,0 +1,304 @@
+"""The force/torque sensor as the cycle sees it: newest frame for control, every frame for the recorder."""
+
+import asyncio
+import math
+from collections import deque
+from contextlib import suppress
+from itertools import takewhile
+from typing import Any
+
+from hil_bridge.clock import Clock
+from hil_bridge.control.course.peaks import Peaks
+from hil_bridge.devices.device_log import DeviceLog
+from hil_bridge.devices.sensors.axis_watch import AxisWatch
+from hil_bridge.devices.sensors.lateness_watch import LatenessWatch
+from hil_bridge.errors import BridgeError, DeviceError, TransportClosed
+from hil_bridge.errors.failures import code_failed
+from hil_bridge.transports import Transport
+from hil_bridge.transports.pump import Pump
+from protocol.geometry import Wrench
+from protocol.wrench import (
+    AXES,
+    SensorClient,
+    SensorEvent,
+    SensorFacts,
+    SensorFailed,
+    SensorNotice,
+    SensorReady,
+    SensorRestarted,
+    SensorStopped,
+    WrenchFrame,
+    Zeroed,
+    wrench_of,
+)
+
+_HISTORY = 256
+"""Least frames kept for looking back. Chosen: 2.6 s of the default stream, many answers of the robot's link."""
+_HISTORY_S = 2.56
+"""Time for which they are kept of a quicker stream. Chosen: as much as of the default stream."""
+_HISTORY_LIMIT = 20_000
+"""Most frames kept. Chosen: those of a stream of 7 kHz."""
+
+
+READY_S = 60.0
+"""Chosen: for how long a sensor may come up, however patient its client is; a UART gateway takes some ten."""
+
+
+class ForceSensor:
+    """A sensor of any make: `client` speaks its language over `transport`. `log` is told every frame and notice."""
+
+    def __init__(
+        self, transport: Transport[Any], client: SensorClient[Any], clock: Clock, log: DeviceLog
+    ) -> None:
+        self.name = transport.name
+        self.newest: WrenchFrame | None = None
+        """The frame that arrived last, or None before the first and before the first since a zero."""
+        self.decoded_at = math.nan
+        """When it had been decoded, s on the run's clock; `at` of the frame is when it arrived."""
+        self.received = 0
+        """Complete frames so far."""
+        self.repeated = 0
+        """Number of newest frames in a row with identical values on all axes."""
+        self.unchanged_since = math.nan
+        """When the first of these frames arrived, s on the run's clock."""
+        self.saturated_axes = 0
+        """Bit k: axis k was at the end of its range in the frame that arrived last."""
+        self.peaks: Peaks | None = None
+        """Shown every frame; None while nothing judges them."""
+        self._history: deque[WrenchFrame] = deque(maxlen=_HISTORY)
+        self._transport = transport
+        self._clock = clock
+        self._log = log
+        self._client = client
+        self._pump: Pump[Any, SensorEvent] = Pump(client, transport, clock, self._take, self._ended)
+        self.zeroed_from: WrenchFrame | None = None
+        """The newest frame when the device said that it had taken its zero; None before."""
+        self._facts: SensorFacts | None = None
+        self._watch: AxisWatch
+        """Watch over the device since it was ready."""
+        self._lateness = LatenessWatch(None)
+        self._converted: WrenchFrame | None = None
+        """The frame whose wrench was asked for last."""
+        self._wrench: Wrench = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        """That wrench."""
+        self._failure: BridgeError | None = None
+        self._waiters: list[tuple[type, asyncio.Future[None]]] = []
+
+    @property
+    def lost(self) -> int:
+        """Frames that the counter says were sent and that never came."""
+        return self._client.statistics.lost
+
+    @property
+    def stands(self) -> str:
+        """Words on a device whose frames go on while their counter stands still; empty while it counts."""
+        if not self._client.statistics.stands:
+            return ""
+        return "frames go on, but their counter stands still, as after the sensor is unplugged"
+
+    @property
+    def is_ready(self) -> bool:
+        """The device has streamed, so that its facts are known."""
+        return self._facts is not None
+
+    @property
+    def facts(self) -> SensorFacts:
+        """Facts that the device tells of itself; known once it is ready."""
+        assert self._facts is not None, "the device is ready first"
+        return self._facts
+
+    @property
+    def delay(self) -> float:
+        """How much later than the force itself the device's filter tells of it, s; known once it is ready."""
+        return self.facts.delay
+
+    @property
+    def late(self) -> float:
+        """How much later than the device's quickest frames the newest came, s; 0 where that is jitter."""
+        return self._lateness.late
+
+    @property
+    def saturated(self) -> tuple[str, ...]:
+        """Axes that were at the end of their range in the newest frame."""
+        bits = self.saturated_axes
+        return tuple([axis for k, axis in enumerate(AXES) if bits >> k & 1]) if bits else ()
+
+    @property
+    def dead(self) -> tuple[int, ...]:
+        """Numbers of the axes that have not changed once since the zero, for long, though another moved far."""
+        return self._watch.dead
+
+    def start(self) -> None:
+        """Begin to listen and to bring the device up."""
+        self._pump.start()
+
+    async def ready(self) -> SensorFacts:
+        """Wait until the device streams; what it tells of itself.
+
+        Raises DeviceError with the reason when it stays silent, has no sensor, or names an impossible full
+        scale.
+        """
+        if self._facts is None:
+            try:
+                async with asyncio.timeout(READY_S):
+                    await self._until(SensorReady)
+            except TimeoutError:
+                raise DeviceError(
+                    f"force sensor on {self.name} has not begun to stream within {READY_S:g} s; look at its "
+                    "supply, its cable and its address"
+                ) from None
+        return self.facts
+
+    async def tare(self) -> None:
+        """Let the device take its present filtered output as zero. Frames from before are forgotten.
+
+        The output before the zero is looked at first: a zero moves the values, but not the end of the range.
+        """
+        await self.frame()
+        self._client.zero()
+        self._pump.kick()
+        await self._until(Zeroed)
+
+    async def frame(self) -> WrenchFrame:
+        """The newest frame; where there is none yet, or none since the zero, the next."""
+        if self.newest is None:
+            await self._until(WrenchFrame)
+        assert self.newest is not None
+        return self.newest
+
+    def window(self, since: float) -> list[tuple[float, ...]]:
+        """Wrenches as `wrench` gives them of the frames kept that arrived after this time, s, oldest first."""
+        newer = takewhile(lambda frame: frame.at > since, reversed(self._history))
+        return [self.wrench(frame) for frame in reversed(list(newer))]
+
+    def check(self) -> None:
+        """Raise what ended the sensor, if anything did: for the cycle, before it trusts the newest frame."""
+        if self._failure is not None:
+            raise self._failure
+
+    def wrench(self, frame: WrenchFrame) -> Wrench:
+        """Wrench of a frame in the sensor frame: fx fy fz mx my mz, N and N·m."""
+        if frame is not self._converted:
+            assert self._facts is not None, "no frame comes before the facts"
+            self._wrench = wrench_of(frame.values, self._facts.scales)
+            self._converted = frame
+        return self._wrench
+
+    def wrench_at(self, at: float) -> tuple[float, ...] | None:
+        """Wrench as `wrench` gives it that arrived at a moment of the past, a line between the frames around
+        it.
+
+        The newest one for a moment after it; None before the oldest frame kept since the last tare.
+        """
+        later: WrenchFrame | None = None
+        for frame in reversed(self._history):
+            if frame.at <= at:
+                if later is None:
+                    return self.wrench(frame)
+                share = (at - frame.at) / (later.at - frame.at)
+                after = self.wrench(later)  # first, for the newest has been asked for just now
+                before = self.wrench(frame)
+                return tuple([a + share * (b - a) for a, b in zip(before, after, strict=True)])
+            later = frame
+        return None
+
+    async def aclose(self) -> None:
+        """Stop the stream, wait for the device to say that it knows, and close the wire.
+
+        A device that does not hear the first stop gets the time for its repetition.
+        """
+        try:
+            if self._failure is None:
+                self._client.stop()
+                self._pump.kick()
+                with suppress(BridgeError, TimeoutError):
+                    async with asyncio.timeout(self._client.stop_patience):
+                        await self._until(SensorStopped)
+        finally:  # also when the wait is cancelled
+            await self._transport.aclose()
+
+    async def _until(self, event: type) -> None:
+        self.check()
+        waiter: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+        self._waiters.append((event, waiter))
+        await waiter
+
+    def _take(self, event: SensorEvent) -> None:
+        match event:
+            case WrenchFrame():
+                if not math.isfinite(sum(event.values, event.at)):  # no limit could be met by such a value
+                    self._fail(
+                        DeviceError(f"force sensor on {self.name} told a value that is no number: {event}")
+                    )
+                    return
+                previous = self.newest
+                same = previous is not None and previous.values == event.values
+                self.repeated = self.repeated + 1 if same else 0
+                if not same:
+                    self.unchanged_since = event.at
+                self.newest = event
+                self.decoded_at = self._clock.now()
+                self._history.append(event)
+                self._watch.frame(event.values, event.at)
+                self.saturated_axes = event.saturated
+                if (peaks := self.peaks) is not None:
+                    peaks.frame(event.values)
+                    if event.saturated:
+                        peaks.saturated = True
+                self.received += 1
+                statistics = self._client.statistics
+                self._lateness.frame(event.at, self.received + statistics.lost + statistics.malformed)
+                self._log.frame(event)
+            case SensorReady(facts=facts):
+                self._facts, self._converted = facts, None
+                if facts.period is not None:
+                    frames = min(max(_HISTORY, math.ceil(_HISTORY_S / facts.period)), _HISTORY_LIMIT)
+                    self._history = deque(self._history, maxlen=frames)
+                self._watch = AxisWatch(facts)
+                self._lateness = LatenessWatch(facts.period)
+            case Zeroed(crossing=crossing):
+                if crossing is not None:
+                    self.received += 1
+                    self._log.frame(crossing)
+                self._watch.zeroed()
+                self._lateness.begin()
+                self.zeroed_from = self.newest
+                self.newest = None
+                self._history.clear()
+            case SensorNotice(text=text):
+                self._log.notice("sensor", text)
+            case SensorFailed(text=text):
+                self._fail(DeviceError(f"force sensor on {self.name}: {text}"))
+            case SensorRestarted():
+                if self._facts is None:
+                    self._log.notice("sensor", "the device booted")
+                else:
+                    self._fail(
+                        DeviceError(
+                            f"force sensor on {self.name} restarted in mid-run, its zero is lost; "
+                            "check its supply, then start again"
+                        )
+                    )
+        if self._waiters:
+            self._wake(type(event))
+
+    def _wake(self, event: type) -> None:
+        done = [waiter for kind, waiter in self._waiters if kind is event]
+        self._waiters = [pair for pair in self._waiters if pair[0] is not event]
+        for waiter in done:
+            if not waiter.done():
+                waiter.set_result(None)
+
+    def _ended(self, cause: BaseException) -> None:
+        self._fail(code_failed(f"force sensor {self.name}", cause), quiet=isinstance(cause, TransportClosed))
+
+    def _fail(self, failure: BridgeError, quiet: bool = False) -> None:
+        if self._failure is not None:
+            return
+        self._failure = failure
+        if not quiet:
+            self._log.notice("sensor", str(failure))
+        waiters, self._waiters = self._waiters, []
+        for _, waiter in waiters:
+            if not waiter.done():
+                waiter.set_exception(failure)

@@ -1,0 +1,25 @@
+"""Cancellations by a person or the event loop, told apart from exceptions of other packages."""
+
+import asyncio
+
+from hil_bridge.errors.failures import is_keyboard
+
+
+def raise_if_asked(error: BaseException) -> None:
+    """Raise an exception again by which a person or the event loop ends this code."""
+    if is_asked(error):
+        raise error
+
+
+def is_asked(error: BaseException) -> bool:
+    """Whether an exception goes on its way: a person's KeyboardInterrupt, or the cancellation of the present task.
+
+    A CancelledError that code of others raises although the task goes on is its failure.
+    """
+    if isinstance(error, asyncio.CancelledError):
+        try:
+            task = asyncio.current_task()
+        except RuntimeError:  # no loop runs
+            return False
+        return task is not None and task.cancelling() > 0
+    return is_keyboard(error)

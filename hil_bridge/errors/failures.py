@@ -1,0 +1,164 @@
+"""Failures of code from other packages: in one line with package and place, and as a traceback.
+
+A controller, a robot, a sensor or a surface may come from anywhere, and raise anything. A person then wants to know
+which package it was and in which line; its author wants the traceback, which goes into the record.
+"""
+
+import sys
+import sysconfig
+import traceback
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import CodeType
+from typing import Any
+
+from hil_bridge.errors import BridgeError, DeviceError
+from hil_bridge.errors.offers import packages_of_modules
+
+TRACEBACK_EVENT = "traceback"
+"""Kind of the event whose text is the traceback of such a failure."""
+BUG_EVENT = "bug"
+"""Kind of the event whose text is the traceback of a bug."""
+RAISED = BaseException
+"""Whatever other packages' code may raise where it should return; see `raise_if_asked`."""
+FAILED_EVENT = "failed"
+"""Kind of the event that tells that an emulated device has failed, in one line."""
+OWN = frozenset(("hil_bridge", "emulators", "protocol"))
+_PYTHON = tuple({sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib")})
+
+
+class CodeFailed(DeviceError):
+    """The code that speaks for a device has failed; `__cause__` is what it raised."""
+
+
+def one_line(text: str) -> str:
+    """The first line of a text from another package; half characters are written out."""
+    return (text.splitlines() or [""])[0].encode(errors="backslashreplace").decode()
+
+
+def told(error: BaseException) -> str:
+    """The first line of what an exception says, whatever it is."""
+    try:
+        return one_line(str(error))
+    except Exception as second:
+        return f"<{type(second).__name__}>"
+
+
+def traceback_of(error: BaseException) -> str:
+    """The traceback of an exception, whatever it is."""
+    try:
+        return "".join(traceback.format_exception(error))
+    except Exception as second:  # an exception that cannot be shown
+        return f"{type(error).__name__}, which cannot be shown: {type(second).__name__}"
+
+
+def failure(error: BaseException, otherwise: str = "") -> str:
+    """The text of an exception in one line, and the package and the place that it comes from where that is not ours.
+
+    `otherwise` is the place where no code of others had a part in it. An exception about an answer of such code names
+    the object and its method in an attribute `blamed`.
+    """
+    if blamed := getattr(error, "blamed", None):
+        otherwise = place_of_method(*blamed)
+    place = otherwise if blamed else plugin_place(error) or _foreign_place(error) or otherwise
+    said = ": ".join(filter(None, (type(error).__name__, told(error))))
+    return f"{said}{place and f' ({place})'}"
+
+
+def tell_failure(what: str, cause: BaseException, notice: Callable[[str, str], object]) -> None:
+    """Tell a failure beside the bridge's own devices: its traceback, then that the thing has failed."""
+    notice(TRACEBACK_EVENT, traceback_of(cause))
+    notice(FAILED_EVENT, f"{what} failed: {failure(cause)}")
+
+
+def raise_if_asked(error: BaseException) -> None:
+    """Raise a KeyboardInterrupt again, unless a plug-in itself has raised it: a person's goes on its way.
+
+    The event loop takes a person's Ctrl-C by a handler of its own, so that none is raised in the midst of other code.
+    For code that awaits, see `hil_bridge.errors.cancelling`.
+    """
+    if is_keyboard(error):
+        raise error
+
+
+def is_keyboard(error: BaseException) -> bool:
+    """Whether it is a KeyboardInterrupt that no plug-in has raised."""
+    if not isinstance(error, KeyboardInterrupt):
+        return False
+    frames = list(_frames(error))
+    return not frames or frames[-1][0].partition(".")[0] not in packages_of_modules()
+
+
+def of_others(error: BaseException) -> bool:
+    """Whether code of another package had a part in an exception."""
+    return bool(getattr(error, "blamed", None) or plugin_place(error))
+
+
+def failure_event(error: BaseException) -> tuple[str, str]:
+    """Kind and text of the event that tells the traceback of an exception that nothing expected."""
+    return TRACEBACK_EVENT if of_others(error) else BUG_EVENT, traceback_of(error)
+
+
+def unexpected(error: BaseException) -> str:
+    """Why a run ends with an exception that nothing expected, in one line."""
+    if of_others(error):
+        return f"code of another package ended the run: {failure(error)}"
+    return f"a bug ended the run: {type(error).__name__}: {told(error)}"
+
+
+def code_failed(what: str, cause: BaseException) -> BridgeError:
+    """The error that ends a device whose code has raised this; one that a person is meant to read stays as it is."""
+    if isinstance(cause, BridgeError):
+        return cause
+    failed = CodeFailed(f"{what} stopped: {failure(cause)}")
+    failed.__cause__ = cause
+    return failed
+
+
+def plugin_place(error: BaseException) -> str:
+    """Package, file and line of the innermost code of a plug-in in an exception; empty where none had a part in it."""
+    packages = packages_of_modules()
+    for module, file, line in reversed(list(_frames(error))):
+        if (package := packages.get(module.partition(".")[0])) is not None:
+            return f"{package}, {_short(module, file)}:{line}"
+    return ""
+
+
+def place_of_method(thing: Any, name: str) -> str:
+    """Package, file and line where another package defines a method of an object; empty where it is ours or unknown."""
+    kind = type(thing)
+    code = getattr(getattr(kind, name, None), "__code__", None)
+    module = str(getattr(kind, "__module__", ""))
+    if not isinstance(code, CodeType) or module.partition(".")[0] in OWN:
+        return ""
+    package = packages_of_modules().get(module.partition(".")[0])
+    place = f"{_short(module, code.co_filename)}:{code.co_firstlineno}"
+    return f"{package}, {place}" if package else place
+
+
+def _foreign_place(error: BaseException) -> str:
+    """File and line of the innermost code of a script that is neither ours nor an installed library's."""
+    for module, file, line in reversed(list(_frames(error))):
+        if module.partition(".")[0] not in OWN and Path(file).is_file() and not file.startswith(_PYTHON):
+            return f"{_short(module, file)}:{line}"
+    return ""
+
+
+def _frames(error: BaseException) -> Iterator[tuple[str, str, int]]:
+    """Module, file and line of each frame of an exception, outermost first; a SyntaxError's own file is innermost."""
+    for frame, line in traceback.walk_tb(error.__traceback__):
+        yield str(frame.f_globals.get("__name__", "")), frame.f_code.co_filename, line
+    if isinstance(error, SyntaxError) and error.filename:
+        for path in map(Path, sys.path):
+            if path.is_dir() and path in Path(error.filename).parents:
+                module = ".".join(Path(error.filename).relative_to(path).with_suffix("").parts)
+                yield module, error.filename, error.lineno or 0
+                return
+
+
+def _short(module: str, file: str) -> str:
+    """The file from the folder of its package on."""
+    parts = Path(file).parts
+    depth = len(module.split(".")) if module not in ("", "__main__") else 1
+    depth += parts[-1:] == ("__init__.py",)
+    return "/".join(parts[-depth:])

@@ -1,0 +1,67 @@
+"""Extensions from other packages, found through entry points: controllers, robots, sensors, surfaces.
+
+A package offers one in its pyproject.toml, for example:
+
+    [project.entry-points."hil_bridge.controllers"]
+    my-controller = "my_package.control:MyController"
+
+Nothing of a package is imported before that which it offers is chosen.
+"""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint
+from typing import Any
+
+from hil_bridge.errors import ConfigError
+from hil_bridge.errors.failures import failure
+from hil_bridge.errors.offers import offered, package_of
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """An extension that a package offers under a name."""
+
+    value: Any
+    where: str
+    """The thing, its name and its package, in words for an error."""
+    source: str
+    """Module and attribute, as the package names them."""
+
+
+def plugin_names(group: str) -> list[str]:
+    """Names that other packages offer in an entry point group, each once, sorted."""
+    return sorted({point.name for point in offered().select(group=group)})
+
+
+def offers(group: str) -> list[tuple[str, str, str]]:
+    """Offers of other packages in an entry point group: name, package with version, and place in it, sorted."""
+    points = offered().select(group=group)
+    return sorted({(point.name, package_of(point), point.value) for point in points})
+
+
+def find_plugin(group: str, thing: str, name: str, built_in: Collection[str] = ()) -> Found | None:
+    """Extension that another package offers under a name, or None. `thing` is the word for it in an error.
+
+    Raises ConfigError that names the distribution when it cannot be loaded, and when two offer the same name or one
+    takes a name from `built_in`.
+    """
+    points = list(offered().select(group=group, name=name))
+    if not points:
+        return None
+    owners = sorted(package_of(point) for point in points)
+    if name in built_in:
+        raise ConfigError(f"{thing} {name!r} is built in, but {owners[0]} offers one of that name, too")
+    if len(points) > 1:
+        raise ConfigError(f"{thing} {name!r} is offered by {' and by '.join(owners)}; uninstall one")
+    (point,) = points
+    where = f"{thing} {point.name!r} of {package_of(point)}"
+    if EntryPoint.pattern.match(point.value) is None:
+        raise ConfigError(
+            f"{where} cannot be loaded: {point.value!r} names no object; give it as module:object"
+        )
+    try:
+        return Found(point.load(), where, point.value)
+    # Foreign code may raise anything while it is imported.
+    except (Exception, SystemExit) as error:
+        raise ConfigError(f"{where} cannot be loaded: {failure(error)}") from error

@@ -1,0 +1,1 @@
+"""Many runs: campaigns, tuning, the paper's experiments, clients judged, and the processes that work them off."""

@@ -1,0 +1,149 @@
+"""Draws in a campaign's file: `[campaign.draw]`, `faults_per_run`, and faults with ranges in them."""
+
+import json
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+from hil_bridge.errors import BridgeError
+from hil_bridge.errors.text_files import format_value
+from hil_bridge.lab.campaign.drawing import EVERY, Draw, Setting, between_of, possible_faults
+from hil_bridge.lab.campaign.overlay import config_with
+from hil_bridge.runs.checks import check
+from hil_bridge.runs.compose import holds
+from hil_bridge.runs.pace import paced
+
+MOST_FAULTS = 9
+"""Most faults of a run. Chosen: a person can still tell which of them did it."""
+_FAULT_KEYS = ("on", "fault", "phase", "after_s", "for_s", "when", "with")
+Problem = tuple[str, str]
+"""Key, and what is wrong with it."""
+
+
+def draw_of(campaign: Mapping[str, Any]) -> tuple[Draw | None, list[Problem]]:
+    """The draws of each run, None where there are none, and everything that is wrong with them."""
+    given, count = campaign.get("draw", {}), campaign.get("faults_per_run", 0)
+    if not given and not count:
+        return None, []
+    problems: list[Problem] = []
+    fewest, most = _counts(count, problems)
+    if not isinstance(given, dict):
+        return None, [("campaign.draw", "must be a table of ranges and lists")]
+    settings = tuple(_settings(given, problems))
+    faults = campaign.get("fault", []) if most else []
+    if most and not (isinstance(faults, list) and faults and all(isinstance(one, dict) for one in faults)):
+        problems.append(("campaign.fault", "must be tables [[campaign.fault]], from which faults are drawn"))
+        faults = []
+    for number, table in enumerate(faults):
+        problems += [(f"campaign.fault.{number}", text) for text in _problems_of_fault(table)]
+    return Draw(settings, tuple(faults), fewest, most), problems
+
+
+class Tried(NamedTuple):
+    """A draw, tried in one cell."""
+
+    impossible: tuple[tuple[str, int], ...]
+    """Options that the cell cannot have."""
+    problems: tuple[str, ...]
+    """Settings of which it can have none or not all of a range, and a plan without a fault for it, in words."""
+
+
+def tried(draw: Draw, config: str) -> Tried:
+    """Every option of each setting, and the ends of each range, in a cell."""
+    impossible: list[tuple[str, int]] = []
+    problems: list[str] = []
+    for setting in draw.settings:
+        if setting.between is not None:
+            ends = [_refusal(config, setting.values(number)) for number in (0.0, 1.0)]
+            problems += [text for text in ends if text][:1]
+            continue
+        texts = [_refusal(config, one) for one in setting.options]
+        if all(texts):
+            problems.append(texts[0])
+        impossible += [(setting.key, place) for place, text in enumerate(texts) if text]
+    if draw.most:
+        devices = json.loads(config)
+        kinds = devices["robot"]["emulated"], devices["sensor"]["emulated"], devices["cell"]["surface_kind"]
+        if not possible_faults(draw.text, *kinds):
+            problems.append("no fault of the plan is one that this cell can have")
+    return Tried(tuple(impossible), tuple(problems))
+
+
+def _refusal(config: str, values: Mapping[str, Any]) -> str:
+    """Why a cell cannot have these values, by dotted key; empty where it can."""
+    try:
+        one = paced(config_with(config, json.dumps({"config": dict(values), "faults": []}), 0))
+        check(one, True)
+        x, y, z = one.cell.start_position_mm
+        if not holds(one, (x * 1e-3, y * 1e-3, z * 1e-3)):
+            return "cell.start_quaternion: the robot cannot hold its tool so at the start"
+    except BridgeError as error:
+        return str(error).removeprefix("configuration: ")
+    return ""
+
+
+def _counts(given: object, problems: list[Problem]) -> tuple[int, int]:
+    match given:
+        case int(count) if type(count) is int and 0 <= count <= MOST_FAULTS:
+            return count, count
+        case {"from": int(low), "to": int(high), **rest} if not rest and 0 <= low <= high <= MOST_FAULTS:
+            return low, high
+    text = f"must be a number from 0 to {MOST_FAULTS}, or {{ from = 1, to = 3 }}, got {format_value(given)}"
+    problems.append(("campaign.faults_per_run", text))
+    return 0, 0
+
+
+def _settings(given: Mapping[str, Any], problems: list[Problem], before: str = "") -> Iterator[Setting]:
+    for name, value in given.items():
+        key = f"{before}{name}"
+        if isinstance(value, dict) and "from" not in value:
+            yield from _settings(value, problems, f"{key}.")
+            continue
+        try:
+            yield _setting(key, value)
+        except ValueError as error:
+            problems.append((f"campaign.draw.{key}", str(error)))
+
+
+def _setting(key: str, value: object) -> Setting:
+    if (between := between_of(value)) is not None:
+        return Setting(key, between)
+    if not isinstance(value, list) or not value:
+        raise ValueError(f"must be a range or a list, got {format_value(value)}")
+    options = [dict(_flat(one)) if isinstance(one, dict) else {key: one} for one in value]
+    for one in options:
+        one.pop("label", None)
+        if any(name == "run.seed" or name.startswith("faults") for name in one):
+            raise ValueError("cannot be drawn here: faults and seeds have their own settings")
+    return Setting(key, None, tuple(options))
+
+
+def _flat(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in table.items():
+        if isinstance(value, dict) and value:
+            yield from _flat(value, f"{before}{key}.")
+        else:
+            yield before + key, value
+
+
+def _problems_of_fault(table: Mapping[str, Any]) -> Iterator[str]:
+    if unknown := [key for key in table if key not in _FAULT_KEYS]:
+        yield f"has no {unknown[0]!r}, only {', '.join(_FAULT_KEYS)}"
+    if not all(isinstance(table.get(key), str) and table[key] for key in ("on", "fault")):
+        yield f"needs `on` and `fault`, each a name or {EVERY!r} for all"
+    phases = table.get("phase", "")
+    if not isinstance(phases, str) and not (
+        isinstance(phases, list) and phases and all(isinstance(phase, str) for phase in phases)
+    ):
+        yield "phase must be a name or a list of names"
+    given = table.get("with", {})
+    if not isinstance(given, dict):
+        yield "with must be a table"
+        return
+    for key, value in {
+        **given,
+        **{name: table[name] for name in ("after_s", "for_s") if name in table},
+    }.items():
+        try:
+            between_of(value)
+        except ValueError as error:
+            yield f"{key} {error}"

@@ -1,0 +1,301 @@
+"""Runs that are drawn: settings from ranges and several faults at once, each a pure function of numbers from 0 to 1.
+
+A campaign takes these numbers from a seed, a hunt from its optimiser. So both go through the same space.
+"""
+
+import json
+import math
+import random
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
+from typing import Any, TypeAlias
+
+import msgspec
+
+from hil_bridge.devices.kinds import faults_of
+from hil_bridge.lab.invariants import Promise, void_reasons
+from hil_bridge.runs.faults.lying import CONTROLLER, CONTROLLER_FAULTS
+from hil_bridge.settings.faults import FaultConfig
+
+EVERY = "*"
+"""Stands for all targets, or all faults of a target, that no other table of the plan names."""
+PARAMETERS = 3
+"""Chosen: parameters of a fault that are drawn; the others keep their defaults. Three are the axes of an offset."""
+SLOT = 4 + PARAMETERS
+"""Numbers for one fault: which one, phase, delay, duration, parameters."""
+FACTOR = 10.0
+"""Chosen: a parameter without a range is drawn within this factor of its default, either way."""
+SPREAD: Mapping[str, float] = {"mm": 50.0, "mm/s": 50.0}
+"""Chosen: a parameter whose default is 0 and that the fault needs is drawn up to this, either way, by its unit."""
+SHORTEST_S, LONGEST_S = 0.05, 3.0
+"""Chosen: durations of half of those faults that have one and no range of their own; the others keep the default."""
+DELAY_S = 1.5
+"""Chosen: a fault without a delay of its own comes up to so much after its phase begins."""
+DRAWN = "drawn"
+"""Label of the fault of a case whose faults are drawn."""
+
+Numbers: TypeAlias = Sequence[float]
+
+
+class Between(msgspec.Struct, frozen=True):
+    """A range of a number, both ends included."""
+
+    low: float
+    high: float
+    log: bool = False
+    """A factor is a step: both ends are above 0."""
+    whole: bool = False
+
+    def value(self, number: float) -> float | int:
+        """The value for a number from 0 to 1."""
+        span = self.high - self.low
+        drawn = (
+            self.low * math.exp(math.log(self.high / self.low) * number)
+            if self.log
+            else self.low + span * number
+        )
+        if self.whole:
+            return round(drawn)
+        return min(max(float(f"{drawn:.6g}"), self.low), self.high)
+
+
+class Setting(msgspec.Struct, frozen=True):
+    """A setting that is drawn: from a range, or one of some sets of values."""
+
+    key: str
+    """Dotted key, or a name for sets of values."""
+    between: Between | None = None
+    options: tuple[dict[str, Any], ...] = ()
+    """Values by dotted key."""
+
+    def values(self, number: float) -> Mapping[str, Any]:
+        """Values by dotted key for a number from 0 to 1."""
+        if self.between is not None:
+            return {self.key: self.between.value(number)}
+        chosen: Mapping[str, Any] = _pick(self.options, number)
+        return chosen
+
+
+class Draw(msgspec.Struct, frozen=True):
+    """Everything that is drawn for a run."""
+
+    settings: tuple[Setting, ...] = ()
+    faults: tuple[dict[str, Any], ...] = ()
+    """Tables as [[campaign.fault]]: with lists of phases, ranges in place of numbers, and `EVERY` for names."""
+    fewest: int = 1
+    most: int = 1
+    """Faults of a run."""
+    without: dict[str, tuple[tuple[str, int], ...]] = {}
+    """Options that a cell cannot have, by its label: key of the setting, and place in its options."""
+    honest: bool = False
+    """Faults that void the bound of the force come in no other form than one that the check before the run finds."""
+
+    def settings_in(self, cell: str) -> Iterator[Setting]:
+        """The settings with those options that a cell can have."""
+        left_out = self.without.get(cell, ())
+        for setting in self.settings:
+            places = {place for key, place in left_out if key == setting.key}
+            options = tuple(one for place, one in enumerate(setting.options) if place not in places)
+            yield Setting(setting.key, setting.between, options) if places else setting
+
+    @property
+    def dimensions(self) -> int:
+        """Numbers from 0 to 1 that a run is a function of, in a given cell."""
+        return len(self.settings) + 1 + self.most * SLOT
+
+    @property
+    def text(self) -> str:
+        """As JSON, for the results file."""
+        return msgspec.json.encode(self, order="sorted").decode()
+
+    @classmethod
+    def read(cls, text: str) -> "Draw":
+        """From that JSON. Raises msgspec.MsgspecError."""
+        return msgspec.json.decode(text, type=cls)
+
+
+def numbers_of(seed: str, count: int) -> list[float]:
+    """So many numbers from 0 to 1, the same for a seed on every machine."""
+    draw = random.Random(seed)
+    return [draw.random() for _ in range(count)]
+
+
+def drawn(
+    draw: Draw, cell: str, config: str, numbers: Numbers, given: Sequence[Mapping[str, Any]] = ()
+) -> str:
+    """The values laid over a cell's configuration (JSON) for these numbers: settings and faults, as JSON. The faults
+    `given` come first.
+    """
+    settings: dict[str, Any] = {}
+    for setting, number in zip(draw.settings_in(cell), numbers, strict=False):
+        settings.update(setting.values(number))
+    rest = numbers[len(draw.settings) :]
+    count = draw.fewest + min(int(rest[0] * (draw.most - draw.fewest + 1)), draw.most - draw.fewest)
+    slots = [rest[1 + place * SLOT : 1 + (place + 1) * SLOT] for place in range(count)]
+    faults = [*given, *faults_for(draw, config, slots)]
+    return json.dumps({"config": settings, "faults": faults}, sort_keys=True)
+
+
+def faults_for(draw: Draw, config: str, slots: Sequence[Numbers]) -> list[dict[str, Any]]:
+    """A fault for each slot of numbers, those left out that are there already or that the cell cannot have."""
+    templates, chosen = faults_of_cell(draw, config), list[dict[str, Any]]()
+    if not templates:
+        return chosen
+    for slot in slots:
+        table = fault_of_slot(_pick(templates, slot[0]), slot, *_devices(config))
+        if draw.honest:
+            table = _honest(table)
+        same = any((one["on"], one["fault"]) == (table["on"], table["fault"]) for one in chosen)
+        if not same and fits(table, *_devices(config)):
+            chosen.append(table)
+    return chosen
+
+
+def faults_of_cell(draw: Draw, config: str) -> tuple[Mapping[str, Any], ...]:
+    """The tables of faults that a cell (JSON) can have, one for each name."""
+    return possible_faults(draw.text, *_devices(config))
+
+
+def fault_of_slot(
+    template: Mapping[str, Any], numbers: Numbers, robot: str, sensor: str, surface: str
+) -> dict[str, Any]:
+    """The table of one fault, as in [[faults]]."""
+    _, of_phase, of_delay, of_time, *of_values = numbers
+    phases = template.get("phase", "")
+    phase = _pick(phases, of_phase) if isinstance(phases, list) else phases
+    table: dict[str, Any] = {"on": template["on"], "fault": template["fault"], "phase": phase}
+    if "when" in template:
+        table["when"] = template["when"]
+    delay = _number(template.get("after_s", {"from": 0.0, "to": DELAY_S}), of_delay)
+    if delay:
+        table["after_s"] = delay
+    words = _words(robot, sensor, surface)[template["on"]][template["fault"]]
+    if "for_s" in template:
+        table["for_s"] = _number(template["for_s"], of_time)
+    elif words.lasts_s is not None and of_time < 0.5:
+        table["for_s"] = Between(SHORTEST_S, LONGEST_S, log=True).value(2.0 * of_time)
+    given = template.get("with", {})
+    values: dict[str, Any] = {}
+    for (name, parameter), number in zip(words.parameters.items(), of_values, strict=False):
+        if name in given:
+            continue
+        value = _around(parameter, name in words.amounts, number)
+        if value != parameter.default:
+            values[name] = value
+    for (name, value), number in zip(given.items(), reversed(of_values), strict=False):
+        values[name] = _pick(value, number) if isinstance(value, list) else _number(value, number)
+    if values:
+        table["with"] = values
+    return table
+
+
+@cache
+def possible_faults(text: str, robot: str, sensor: str, surface: str) -> tuple[Mapping[str, Any], ...]:
+    """The tables of a plan's faults that a cell with these devices can have, one for each name."""
+    words = _words(robot, sensor, surface)
+    draw = Draw.read(text)
+    tables, honest = draw.faults, draw.honest
+    named = {(table["on"], table["fault"]) for table in tables}
+    chosen = []
+    for table in tables:
+        for on, fault in _names(table, words):
+            by_star = EVERY in (table["on"], table["fault"])
+            if by_star and ((on, fault) in named or (table["on"] == EVERY and (on, EVERY) in named)):
+                continue
+            one = {**table, "on": on, "fault": fault}
+            middle = fault_of_slot(one, [0.9] * SLOT, robot, sensor, surface)
+            if not fits(middle, robot, sensor, surface):
+                continue
+            if not (honest and _voids(_honest(middle))):
+                chosen.append(one)
+    return tuple(chosen)
+
+
+def _honest(table: dict[str, Any]) -> dict[str, Any]:
+    """The fault as it is, or from before anything moves on where it would void the bound of the force."""
+    if not _voids(table):
+        return table
+    return {"on": table["on"], "fault": table["fault"], "phase": "connect", "with": table.get("with", {})}
+
+
+def _voids(table: Mapping[str, Any]) -> bool:
+    return bool(void_reasons(Promise.BOUND, [FaultConfig.model_validate(table)]))
+
+
+def fits(table: Mapping[str, Any], robot: str, sensor: str, surface: str) -> bool:
+    """Whether a cell with these devices can have this fault."""
+    try:
+        FaultConfig.model_validate(table).check_cell("", "", sensor, _words(robot, sensor, surface))
+    except ValueError:
+        return False
+    return True
+
+
+def _names(table: Mapping[str, Any], words: Mapping[str, Mapping[str, Any]]) -> Iterator[tuple[str, str]]:
+    for on in words if table["on"] == EVERY else [table["on"]]:
+        for fault in words.get(on, {}):
+            if table["fault"] in (EVERY, fault):
+                yield on, fault
+
+
+@cache
+def _words(robot: str, sensor: str, surface: str) -> Mapping[str, Mapping[str, Any]]:
+    """All faults that a run with these devices can have, by target and name."""
+    return {**faults_of(robot, sensor, surface), CONTROLLER: CONTROLLER_FAULTS}
+
+
+@cache
+def _devices(config: str) -> tuple[str, str, str]:
+    values = json.loads(config)
+    return (
+        values["robot"]["emulated"],
+        values["sensor"]["emulated"],
+        values["cell"].get("surface_kind", ""),
+    )
+
+
+def between_of(value: object) -> Between | None:
+    """A range from a table `{ from = 0.0, to = 3.0 }`, with `log = true` where factors count; None for all else.
+
+    Raises ValueError for one that is no range.
+    """
+    if not isinstance(value, dict):
+        return None
+    extra = set(value) - {"from", "to", "log"}
+    low, high, log = value.get("from"), value.get("to"), value.get("log", False)
+    if (
+        extra
+        or type(log) is not bool
+        or not (isinstance(low, (int, float)) and isinstance(high, (int, float)))
+        or not (math.isfinite(low) and math.isfinite(high) and low < high)
+        or (log and low <= 0)
+    ):
+        raise ValueError("must be a range { from = LOW, to = HIGH }, with log = true where factors count")
+    whole = type(low) is int and type(high) is int
+    return Between(float(low), float(high), log, whole)
+
+
+def _number(value: Any, number: float) -> Any:
+    between = between_of(value)
+    return value if between is None else between.value(number)
+
+
+def _around(parameter: Any, needed: bool, number: float) -> Any:
+    """A value of a fault's parameter that has no range of its own."""
+    default = parameter.default
+    if parameter.choices:
+        return _pick(parameter.choices, number)
+    if default == 0:
+        reach = SPREAD.get(parameter.unit, 0.0) if needed else 0.0
+        value: float = Between(-reach, reach).value(number) if reach else default
+    else:
+        two_sided = parameter.minimum < 0
+        share = abs(2.0 * number - 1.0) if two_sided else number
+        value = Between(abs(default) / FACTOR, abs(default) * FACTOR, log=True).value(share)
+        value = -value if (two_sided and number < 0.5) != (default < 0) else value
+    value = min(max(value, parameter.minimum), parameter.maximum)
+    return round(value) if isinstance(default, int) else value
+
+
+def _pick(options: Sequence[Any], number: float) -> Any:
+    return options[min(int(number * len(options)), len(options) - 1)]

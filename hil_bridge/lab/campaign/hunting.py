@@ -1,0 +1,181 @@
+"""The hunt: an optimiser looks for the run whose true force goes farthest beyond its bound, or breaks another promise.
+
+SciPy's differential evolution goes through the space of a campaign's draws: cell, settings, faults, moments and
+parameters. Every run is kept in a results file like that of a campaign, so that a hunt goes on where it was ended.
+"""
+
+import math
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
+
+import msgspec
+
+from hil_bridge.errors import ConfigError
+from hil_bridge.lab.campaign.drawing import DRAWN
+from hil_bridge.lab.campaign.judging import Job, carry_out
+from hil_bridge.lab.campaign.plan import Case, Plan, code_version
+from hil_bridge.lab.campaign.store import Done, Store, now
+from hil_bridge.lab.optimiser import optimiser
+from hil_bridge.lab.processes import as_completed, in_chunks, own_processes
+
+SEED = 1
+"""Seed of every run of a hunt: the optimiser varies all else."""
+POPULATION = 2
+"""Chosen: points of a generation for each dimension. Many short searches find more than a long one."""
+GENERATIONS = 12
+"""Chosen: after so many a search begins anew elsewhere."""
+PROMISE_N = 100.0
+"""Chosen: a broken promise counts as much as so many newtons beyond the bound."""
+BUG_N = 1000.0
+"""Chosen: the same for a run that ended in an exception."""
+END_N = 3.0
+"""Chosen: a tool that is told to be free may truly press with so much: noise, drift, the weight's error."""
+NOTHING_N = -1000.0
+"""Worth of a run that tells nothing of the bound."""
+
+Advance = Callable[[int, int], object]
+"""Told how many runs have ended since, and how many of them broke a promise."""
+
+
+def hunted(plan: Plan, voided: bool = False) -> Plan:
+    """The plan of a hunt over the draws of a campaign. `voided` hunts also where faults void the bound.
+
+    Raises ConfigError for a plan without draws.
+    """
+    if plan.draw is None or not plan.draw.most:
+        raise ConfigError("the plan draws no faults: a hunt needs campaign.faults_per_run")
+    draw = msgspec.structs.replace(plan.draw, honest=not voided)
+    cases = tuple(replace(case, fault=DRAWN) for case in plan.possible)
+    return replace(plan, name=f"hunt of {plan.name}", seeds=(SEED,), cases=cases, draw=draw, cases_per_seed=0)
+
+
+def badness(done: Done) -> float:
+    """How bad a run was, N: true force beyond the bound, or at an end that is told to be free; and broken promises."""
+    figures = done.figures
+    if done.outcome == "error":
+        return BUG_N
+    beyond = _number(figures.get("force_beyond_n"), NOTHING_N)
+    end = _number(figures.get("force_true_end_n"), 0.0) - END_N
+    if "force_beyond_n" in figures and figures.get("retracted") and end > 0.0:
+        beyond = max(beyond, end)
+    broken = _number(figures.get("promises_broken"), 0.0)
+    return max(beyond, 0.0) + PROMISE_N * broken if broken else beyond
+
+
+def badness_voided(done: Done) -> float:
+    """The same, whatever the faults void."""
+    force = _number(done.figures.get("force_true_max_n"), 0.0)
+    bound = _number(done.figures.get("force_bound_n"), math.nan)
+    return badness(done) if math.isnan(bound) else max(force - bound, badness(done))
+
+
+def is_broken(done: Done) -> bool:
+    """Whether a run broke a promise, or ended in an exception."""
+    return done.outcome == "error" or bool(done.figures.get("promises_broken"))
+
+
+class Spent(Exception):
+    """The time is over."""
+
+
+@dataclass
+class Runner:
+    """Does runs for a hunt, each once, and keeps them."""
+
+    plan: Plan
+    store: Store
+    until: float
+    """When the time is over, s on the monotonic clock."""
+    advance: Advance
+    chunks: Callable[[list[Job]], Iterator[list[Done]]]
+    """Does jobs, some at a time."""
+    known: dict[str, Done] = field(default_factory=dict)
+    """All runs that are kept, by key."""
+
+    def job(self, case: Case, table: str) -> Job:
+        """A run of this case with this laid over it."""
+        number = self.plan.cases.index(case)
+        return Job(case.key(code_version(), SEED, table), number, case.config, table, SEED)
+
+    def done(self, jobs: Sequence[Job]) -> list[Done]:
+        """The runs of these jobs, in their order. Raises Spent when the time is over before all are done."""
+        fresh = {job.key: job for job in jobs if job.key not in self.known}
+        if fresh:
+            for some in self.chunks(list(fresh.values())):
+                self.store.put(some, self.plan.cases)
+                self.known.update((one.key, one) for one in some)
+                self.advance(len(some), sum(map(is_broken, some)))
+                if time.monotonic() > self.until:
+                    raise Spent
+        return [self.known[job.key] for job in jobs]
+
+
+@contextmanager
+def running(
+    plan: Plan, store: Store, workers: int, minutes: float, advance: Advance = lambda *told: None
+) -> Iterator[Runner]:
+    """Does runs for a hunt in so many processes. Inside, Ctrl-C ends them at once; the runs that are kept stay."""
+    began, clock = now(), time.monotonic()
+    todo = partial(_carry_out, criteria=plan.criteria, folder=store.folder)
+    known = {done.key: done for done in store.runs()}
+    before = len(known)
+    runner = Runner(
+        plan, store, clock + minutes * 60.0, advance, lambda jobs: map(todo, in_chunks(jobs)), known
+    )
+    try:
+        if workers == 1:
+            yield runner
+        else:
+            with own_processes(workers) as pool:
+                runner.chunks = lambda jobs: (some for _, some in as_completed(pool, todo, in_chunks(jobs)))
+                yield runner
+    finally:
+        if len(known) > before:
+            store.sat(began, time.monotonic() - clock, len(known) - before, workers)
+
+
+def _carry_out(jobs: list[Job], criteria: Any, folder: Any) -> list[Done]:
+    return [carry_out(job, criteria, folder) for job in jobs]
+
+
+def hunt(runner: Runner, worth: Callable[[Done], float] = badness) -> Done | None:
+    """Search until the time is over; the worst run, None where none was done."""
+    minimise, plan = optimiser(), runner.plan
+    assert plan.draw is not None
+    dimensions = 1 + plan.draw.dimensions
+
+    def evaluated(function: Callable[[Any], float], generation: Iterable[Any]) -> list[float]:
+        points = [[float(number) for number in point] for point in generation]
+        return [-worth(done) for done in runner.done([job_of(runner, point) for point in points])]
+
+    with suppress(Spent):
+        for number in range(1_000_000):
+            minimise(
+                lambda point: math.nan,
+                [(0.0, 1.0)] * dimensions,
+                workers=evaluated,
+                updating="deferred",
+                popsize=POPULATION,
+                maxiter=GENERATIONS,
+                polish=False,
+                init="latinhypercube",
+                seed=number,
+            )
+            if time.monotonic() > runner.until:
+                break
+    return max(runner.known.values(), key=worth, default=None)
+
+
+def job_of(runner: Runner, point: Sequence[float]) -> Job:
+    """The run for a point of the optimiser: numbers from 0 to 1, of which the first one chooses the cell."""
+    cases = runner.plan.possible
+    case = cases[min(int(point[0] * len(cases)), len(cases) - 1)]
+    return runner.job(case, runner.plan.table_for(case, point[1:]))
+
+
+def _number(value: object, instead: float) -> float:
+    return float(value) if isinstance(value, (int, float)) else instead

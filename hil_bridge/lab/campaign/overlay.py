@@ -1,0 +1,48 @@
+"""Values laid over the configuration of a case: one fault, or settings and faults that were drawn."""
+
+import json
+import math
+from functools import lru_cache
+from typing import Any
+
+from hil_bridge.control import make_controller
+from hil_bridge.runs.faults.lying import CONTROLLER, CONTROLLER_FAULTS, LyingController
+from hil_bridge.runs.pace import paced
+from hil_bridge.settings.configuration import Config, lay_over, read_config
+from hil_bridge.settings.given import config_of
+
+
+def config_with(config: str, table: str, seed: int) -> Config:
+    """The configuration of a run: that of its case as JSON, what is laid over it as JSON, and its seed.
+
+    Raises ConfigError.
+    """
+    over: dict[str, Any] = json.loads(table)
+    if "config" not in over:
+        return config_of(_config(config), [over] if over else [], seed=seed)
+    values = json.loads(config)
+    lay_over(values, over["config"])
+    lies = [fault for fault in over["faults"] if fault["on"] == CONTROLLER]
+    told = [fault for fault in over["faults"] if fault["on"] != CONTROLLER]
+    whole = config_of(values, told, seed=seed)
+    return with_lie(whole, lies[0]) if lies else whole
+
+
+def with_lie(config: Config, fault: dict[str, Any]) -> Config:
+    """The same with a controller that lies. Raises ConfigError, and ValueError for a lie that is none."""
+    config = paced(config)
+    chosen = config.controller
+    honest: Any = make_controller(chosen.name, **chosen.parameters)
+    name = f"{CONTROLLER}: {fault['fault']}"
+    given = dict(fault.get("with", {}))
+    values, _ = CONTROLLER_FAULTS[fault["fault"]].values(name, given)
+    numbers = {key: float(value) for key, value in values.items()}
+    sample_ms = chosen.sample_ms if chosen.sample_ms is not None else honest.sample_ms
+    lasts = fault.get("for_s", math.inf)
+    lying = LyingController(honest, fault["fault"], numbers, fault.get("after_s", 0.0), lasts, sample_ms)
+    return config_of(config, controller=lying)
+
+
+@lru_cache(maxsize=256)
+def _config(text: str) -> Config:
+    return read_config(json.loads(text))

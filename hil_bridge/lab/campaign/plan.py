@@ -1,0 +1,155 @@
+"""The plan of a campaign: its cases, its seeds, and every run that they make."""
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
+from importlib.metadata import version
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from hil_bridge.lab.campaign.criteria import Criterion
+from hil_bridge.lab.campaign.drawing import Draw, Numbers, drawn, numbers_of
+
+RUNS_LIMIT = 10_000_000
+"""Most runs of a campaign. Chosen: months of a machine."""
+SEED_LIMIT = 2**63 - 1
+"""Largest seed: the largest whole number that the results can hold."""
+NO_FAULT = "none"
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """A cell of the matrix with one fault, or none: all that a run is a function of, beside its seed."""
+
+    cell: str
+    """Values of the axes, in words; the same for all faults."""
+    fault: str
+    """The fault in words; `none` for the case without."""
+    phase: str
+    """Phase in which it comes; empty for the first, or any."""
+    config: str
+    """The configuration without faults as JSON, its seed 0."""
+    table: str
+    """The fault as JSON as in [[faults]], {} for none."""
+    impossible: str = ""
+    """Why this cell cannot have the fault; empty where it can."""
+
+    @property
+    def config_hash(self) -> str:
+        """Short hash of the configuration."""
+        return _short(self.config)
+
+    def key(self, code: str, seed: int, table: str = "") -> str:
+        """Name of the run with a seed: the same for the same run of the same code. `table` is what was drawn for it,
+        as JSON.
+        """
+        return _short(json.dumps([self.config, code, table or self.table, self.phase, seed]))
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A campaign that has been checked."""
+
+    name: str
+    seeds: tuple[int, ...]
+    cases: tuple[Case, ...]
+    criteria: tuple[Criterion, ...]
+    cases_per_seed: int = 0
+    """Cases that each seed takes, in turn; 0 for all."""
+    draw: Draw | None = None
+    """Settings and faults that are drawn for each run; None where all is given."""
+
+    @cached_property
+    def possible(self) -> tuple[Case, ...]:
+        """Cases that can be run."""
+        return tuple(case for case in self.cases if not case.impossible)
+
+    @property
+    def count(self) -> int:
+        """Number of runs."""
+        return (self.cases_per_seed or len(self.possible)) * len(self.seeds)
+
+    @property
+    def identity(self) -> str:
+        """Hash of all but the seeds: a results file belongs to one of these."""
+        rows = [[case.config, case.table, case.phase] for case in self.cases]
+        all_but_seeds: list[object] = [rows, [[item.figure, item.wanted] for item in self.criteria]]
+        if self.cases_per_seed:
+            all_but_seeds.append(self.cases_per_seed)
+        if self.draw is not None:
+            all_but_seeds.append(self.draw.text)
+        return _short(json.dumps(all_but_seeds))
+
+    def cases_of(self, seed: int) -> Sequence[Case]:
+        """Cases that a seed takes: the seeds go round the possible ones, so that each has its turn equally often."""
+        cases, share = self.possible, self.cases_per_seed
+        if not share:
+            return cases
+        return [cases[(seed * share + place) % len(cases)] for place in range(share)]
+
+    def table_of(self, case: Case, seed: int) -> str:
+        """The values laid over the configuration of a case for a seed, as JSON: its fault, or all that is drawn."""
+        if self.draw is None:
+            return case.table
+        return self.table_for(case, numbers_of(f"{seed} {case.cell}", self.draw.dimensions))
+
+    def table_for(self, case: Case, numbers: Numbers) -> str:
+        """The same for numbers from 0 to 1, as many as the draw has dimensions."""
+        assert self.draw is not None
+        given = [json.loads(case.table)] if case.table != "{}" else []
+        return drawn(self.draw, case.cell, case.config, numbers, given)
+
+    def runs(self) -> Iterator[tuple[Case, int]]:
+        """Every run, seed by seed, so that the first ones go over the whole matrix."""
+        return ((case, seed) for seed in self.seeds for case in self.cases_of(seed))
+
+
+def _short(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+@cache
+def code_version() -> str:
+    """Version of the package, and a hash of the source of the bridge, the emulators and the protocols."""
+    digest = hashlib.sha256()
+    for package in ("hil_bridge", "emulators", "protocol"):
+        spec = find_spec(package)
+        for place in (spec.submodule_search_locations or ()) if spec else ():
+            for path in sorted(Path(place).rglob("*.py")):
+                digest.update(str(path.relative_to(place)).encode() + b"\0" + path.read_bytes())
+    return f"{version('hil-bridge')}+{digest.hexdigest()[:12]}"
+
+
+def seeds_of(text: str) -> tuple[int, ...]:
+    """Seeds from text: FROM:TO with both ends included, or a single one. Raises ValueError."""
+    first, _, last = text.partition(":")
+    begin, end = int(first), int(last or first)
+    if not 0 <= begin <= end <= SEED_LIMIT or end - begin >= RUNS_LIMIT:
+        raise ValueError(f"no seeds from {text!r}")
+    return tuple(range(begin, end + 1))
+
+
+def fault_label(table: Mapping[str, Any]) -> str:
+    """A fault in words, without its phase."""
+    if not table:
+        return NO_FAULT
+    more = [f"{key} {value}" for key, value in table.get("with", {}).items()] if _is_table(table) else []
+    more += [f"{key} {table[key]}" for key in ("when", "after_s", "for_s") if key in table]
+    name = f"{table.get('on', '')}: {table.get('fault', '')}"
+    return f"{name} ({', '.join(more)})" if more else name
+
+
+def faults_of_table(table: str) -> list[dict[str, Any]]:
+    """Tables of the faults in what is laid over a configuration, as JSON."""
+    values: dict[str, Any] = json.loads(table)
+    if "config" in values:
+        faults: list[dict[str, Any]] = values["faults"]
+        return faults
+    return [values] if values else []
+
+
+def _is_table(table: Mapping[str, Any]) -> bool:
+    return isinstance(table.get("with", {}), dict)

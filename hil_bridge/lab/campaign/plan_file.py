@@ -1,0 +1,324 @@
+"""The file of a campaign: TOML, checked as a whole before the first run."""
+
+import itertools
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from copy import deepcopy
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import msgspec
+
+from hil_bridge.errors import BridgeError, ConfigError
+from hil_bridge.errors.text_files import format_path, format_value, read_toml
+from hil_bridge.lab.campaign.criteria import Criterion, problem_of
+from hil_bridge.lab.campaign.draw_file import draw_of, tried
+from hil_bridge.lab.campaign.drawing import DRAWN, Draw
+from hil_bridge.lab.campaign.plan import RUNS_LIMIT, Case, Plan, fault_label
+from hil_bridge.runs.checks import check
+from hil_bridge.runs.pace import paced
+from hil_bridge.settings.configuration import Config, dump, read_values
+from hil_bridge.settings.given import config_of
+
+CASES_LIMIT = 100_000
+"""Most cells of the matrix times faults. Chosen: all are checked first, a few milliseconds each."""
+_SECTIONS = ("campaign", "config")
+_KEYS = (
+    "name",
+    "seeds",
+    "cases_per_seed",
+    "faults_per_run",
+    "config",
+    "without_fault",
+    "matrix",
+    "draw",
+    "fault",
+    "criteria",
+)
+
+
+class PlanErrors(ConfigError):
+    """Everything that is wrong with a plan, a line each."""
+
+    def __init__(self, problems: Sequence[str]) -> None:
+        super().__init__(problems[0] + (f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""))
+        self.problems = tuple(problems)
+
+
+class _Cell(NamedTuple):
+    """A cell of the matrix, or one value of an axis."""
+
+    label: str
+    values: Mapping[str, Any]
+    """By dotted key."""
+
+
+def read_plan(path: Path, seeds: tuple[int, ...] = ()) -> Plan:
+    """The campaign of a file, with these seeds in place of its own where there are any.
+
+    Raises PlanErrors with everything that is wrong, ConfigError for what is no TOML.
+    """
+    return _Reading(path, read_toml(path), seeds).plan()
+
+
+class _Reading:
+    """A file on its way to a plan."""
+
+    def __init__(self, path: Path, values: dict[str, Any], instead: tuple[int, ...]) -> None:
+        self._path = path
+        self._instead = instead
+        self._source = format_path(path)
+        self._values = values
+        self._problems: list[str] = []
+
+    def plan(self) -> Plan:
+        campaign = self._values.get("campaign")
+        if not isinstance(campaign, dict):
+            raise PlanErrors([f"{self._source}: there must be a table [campaign]"])
+        for key in self._values:
+            if key not in _SECTIONS:
+                self._wrong(key, f"is no table of a campaign, only {', '.join(_SECTIONS)}")
+        for key in campaign:
+            if key not in _KEYS:
+                self._wrong(f"campaign.{key}", f"is no setting; choose from {', '.join(_KEYS)}")
+        name = campaign.get("name", self._path.stem)
+        if not isinstance(name, str) or not name.strip() or not name.isprintable():
+            self._wrong("campaign.name", f"must be a text, got {format_value(name)}")
+        seeds = self._instead or self._seeds(campaign.get("seeds"))
+        share = campaign.get("cases_per_seed", 0)
+        if type(share) is not int or share < 0:
+            self._wrong("campaign.cases_per_seed", f"must be a whole number, got {format_value(share)}")
+        criteria = self._criteria(campaign.get("criteria", {}))
+        base = self._base(campaign.get("config"))
+        cells = self._cells(campaign.get("matrix", {}))
+        draw = self._draw(campaign)
+        faults = [{}] if draw is not None and draw.most else self._faults(campaign)
+        if not self._problems and len(cells) * len(faults) > CASES_LIMIT:
+            self._wrong("campaign.matrix", f"makes more than {CASES_LIMIT} cells with the faults")
+        cases = [] if self._problems else self._cases(base, cells, faults)
+        if draw is not None and not self._problems:
+            draw = self._tried(draw, cases)
+            if draw.most:
+                cases = [replace(case, fault=DRAWN) for case in cases]
+        if self._problems:
+            raise PlanErrors(self._problems)
+        plan = Plan(name, seeds, tuple(cases), criteria, share, draw)
+        if share > len(plan.possible):
+            self._wrong("campaign.cases_per_seed", f"is more than the {len(plan.possible)} cases there are")
+        if plan.count > RUNS_LIMIT:
+            self._wrong("campaign", f"makes more than {RUNS_LIMIT} runs")
+        if self._problems:
+            raise PlanErrors(self._problems)
+        return plan
+
+    def _wrong(self, key: str, text: str) -> None:
+        self._problems.append(f"{self._source}: {key} {text}")
+
+    def _seeds(self, given: object) -> tuple[int, ...]:
+        """A list of numbers, or `{ from = 1, to = 50 }`, both ends included."""
+        match given:
+            case {"from": int(first), "to": int(last), **rest} if not rest and 0 <= first <= last:
+                if last - first >= RUNS_LIMIT:
+                    self._wrong("campaign.seeds", f"are more than {RUNS_LIMIT}")
+                    return ()
+                return tuple(range(first, last + 1))
+            case list() if given and all(type(seed) is int and seed >= 0 for seed in given):
+                if len(set(given)) < len(given):
+                    self._wrong("campaign.seeds", "holds a seed twice")
+                return tuple(given)
+        wanted = "must be a list of whole numbers from 0, or { from = 1, to = 50 }"
+        self._wrong("campaign.seeds", wanted if given is None else f"{wanted}, got {format_value(given)}")
+        return ()
+
+    def _criteria(self, given: object) -> tuple[Criterion, ...]:
+        if not isinstance(given, dict) or not given:
+            self._wrong("campaign.criteria", "must be a table with one figure at least")
+            return ()
+        for figure, wanted in given.items():
+            if (problem := problem_of(figure, wanted)) is not None:
+                self._wrong(f"campaign.criteria.{figure}", problem)
+        return tuple(Criterion(figure, wanted) for figure, wanted in given.items())
+
+    def _draw(self, campaign: Mapping[str, Any]) -> Draw | None:
+        """The draws of each run; None where there are none."""
+        draw, problems = draw_of(campaign)
+        for key, text in problems:
+            self._wrong(key, text)
+        return draw
+
+    def _tried(self, draw: Draw, cases: Sequence[Case]) -> Draw:
+        """The draw, without the options that a cell cannot have."""
+        told: dict[str, list[str]] = {}
+        without: dict[str, tuple[tuple[str, int], ...]] = {}
+        for cell, config in dict.fromkeys((case.cell, case.config) for case in cases):
+            impossible, problems = tried(draw, config)
+            if impossible:
+                without[cell] = impossible
+            for problem in problems:
+                told.setdefault(problem, []).append(cell)
+        for problem, labels in told.items():
+            more = f" and {len(labels) - 1} more" if len(labels) > 1 else ""
+            self._problems.append(f"{self._source}: campaign.draw: {problem} (with {labels[0]}{more})")
+        return msgspec.structs.replace(draw, without=without)
+
+    def _base(self, path: object) -> dict[str, Any]:
+        """The values that all cells share: of the file that is named, and over them those of [config]."""
+        values: dict[str, Any] = {}
+        if isinstance(path, str) and path:
+            try:
+                values = read_values(self._path.parent / path)
+            except ConfigError as error:
+                self._wrong("campaign.config:", str(error))
+        elif path is not None:
+            self._wrong("campaign.config", f"must be the path of a configuration, got {format_value(path)}")
+        own = self._values.get("config", {})
+        if not isinstance(own, dict):
+            self._wrong("config", "must be a table of settings")
+            return values
+        for place, tables in (("config", own), ("campaign.config", values)):
+            if "faults" in tables:
+                self._wrong(f"{place}.faults", "belongs into tables [[campaign.fault]]")
+        for key, value in _leaves(own):
+            _put(values, key, value)
+        return values
+
+    def _cells(self, given: object) -> list[_Cell]:
+        """Every combination of the axes, in the order of the file."""
+        if not isinstance(given, dict):
+            self._wrong("campaign.matrix", "must be a table of lists")
+            return []
+        axes: list[list[_Cell]] = []
+        for key, values in _leaves(given):
+            where = f"campaign.matrix.{key}"
+            if not isinstance(values, list) or not values:
+                self._wrong(where, f"must be a list of values, got {format_value(values)}")
+                continue
+            tables = [isinstance(value, dict) for value in values]
+            if any(tables) and not all(tables):
+                self._wrong(where, "holds tables and plain values; use either")
+                continue
+            axis = [_value(key, value) for value in values]
+            if len({json.dumps(one.values, sort_keys=True, default=str) for one in axis}) < len(axis):
+                self._wrong(where, "holds a value twice")
+            if len({one.label for one in axis}) < len(axis):
+                self._wrong(where, "holds a label twice")
+            if any(name == "run.seed" or name.startswith("faults") for one in axis for name in one.values):
+                self._wrong(where, "cannot be an axis: faults and seeds have their own settings")
+            axes.append(axis)
+        if math.prod(map(len, axes)) > CASES_LIMIT:  # before any is made: they would fill the memory
+            self._wrong("campaign.matrix", f"makes more than {CASES_LIMIT} cells")
+            return []
+        return [_joined(parts) for parts in itertools.product(*axes)]
+
+    def _faults(self, campaign: Mapping[str, Any]) -> list[dict[str, Any]]:
+        """Tables as in [[faults]], one for each phase; the empty one is the case without a fault."""
+        without, given = campaign.get("without_fault", True), campaign.get("fault", [])
+        if not isinstance(without, bool):
+            self._wrong("campaign.without_fault", f"must be true or false, got {format_value(without)}")
+        if not isinstance(given, list) or not all(isinstance(table, dict) for table in given):
+            self._wrong("campaign.fault", "must be tables [[campaign.fault]]")
+            return []
+        found: list[dict[str, Any]] = [{}] if without else []
+        for number, table in enumerate(given):
+            phases = table.get("phase", "")
+            if isinstance(phases, list) and not phases:
+                self._wrong(f"campaign.fault.{number}.phase", "is an empty list")
+            for phase in phases if isinstance(phases, list) else [phases]:
+                one = {**table, "phase": phase}
+                if one in found:
+                    self._wrong(f"campaign.fault.{number}", "is there already")
+                found.append(one)
+        if not found:
+            self._wrong("campaign.fault", "is missing, and without_fault is false: there is nothing to run")
+        return found
+
+    def _cases(self, base: dict[str, Any], cells: list[_Cell], faults: list[dict[str, Any]]) -> list[Case]:
+        cases: list[Case] = []
+        refusals: dict[int, list[str]] = {number: [] for number, table in enumerate(faults) if table}
+        told: dict[str, list[str]] = {}
+        for label, given in cells:
+            values = deepcopy(base)
+            for key, value in given.items():
+                _put(values, key, value)
+            try:
+                config = config_of(values, seed=0)
+                _check_emulated(config)
+                check(paced(config), True)
+            except BridgeError as error:
+                told.setdefault(_plain(error), []).append(label)
+                continue
+            text = dump(config)
+            for number, table in enumerate(faults):
+                refusal = _refusal(config, table)
+                if table and refusal:
+                    refusals[number].append(refusal)
+                row = json.dumps(table, sort_keys=True, default=str)
+                cases.append(Case(label, fault_label(table), table.get("phase", ""), text, row, refusal))
+        for problem, labels in told.items():
+            more = f" and {len(labels) - 1} more" if len(labels) > 1 else ""
+            self._problems.append(f"{self._source}: {problem} (with {labels[0]}{more})")
+        for number, texts in refusals.items():  # a fault that no cell can have is a mistake
+            if texts and len(texts) == len(cells) - sum(map(len, told.values())):
+                self._problems.append(f"{self._source}: campaign.fault.{number}: {texts[0]}")
+        return cases
+
+
+def _value(key: str, value: object) -> _Cell:
+    """One value of an axis; a table may tell its own label."""
+    if not isinstance(value, dict):
+        return _Cell(f"{key} {value}", {key: value})
+    values = dict(_leaves(value))
+    label = values.pop("label", None) or ", ".join(f"{name} {one}" for name, one in values.items())
+    return _Cell(f"{key} {label}", values)
+
+
+def _joined(parts: Sequence[_Cell]) -> _Cell:
+    label = ", ".join(part.label for part in parts) or "the configuration"
+    return _Cell(label, {key: value for part in parts for key, value in part.values.items()})
+
+
+def _refusal(config: Config, table: Mapping[str, Any]) -> str:
+    """Why a cell cannot have a fault; empty where it can."""
+    if not table:
+        return ""
+    robot, sensor = config.robot.emulated, config.sensor.emulated
+    alike = {"robot": {"emulated": robot}, "sensor": {"emulated": sensor}}
+    if surface := getattr(config.cell, "surface_kind", ""):
+        alike["cell"] = {"surface_kind": surface}
+    try:  # with the same devices and no more: a thousand whole configurations take seconds
+        config_of(alike, [table])
+    except ConfigError as error:
+        return _plain(error).removeprefix("faults.0").removeprefix(": ").removeprefix(".")
+    return ""
+
+
+def _check_emulated(config: Config) -> None:
+    for key, url in (("robot.url", config.robot.url), ("sensor.url", config.sensor.url)):
+        if url:
+            raise ConfigError(f"{key}: a campaign runs against the emulated cell alone; leave the URL empty")
+
+
+def _plain(error: BridgeError) -> str:
+    return str(error).removeprefix("configuration: ")
+
+
+def _leaves(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+    """Values by dotted key."""
+    for key, value in table.items():
+        if isinstance(value, dict) and value:
+            yield from _leaves(value, f"{before}{key}.")
+        else:
+            yield before + key, value
+
+
+def _put(values: dict[str, Any], key: str, value: object) -> None:
+    *sections, name = key.split(".")
+    table: Any = values
+    for section in sections:
+        found = table.setdefault(section, {})
+        if not isinstance(found, dict):
+            found = table[section] = {}
+        table = found
+    table[name] = deepcopy(value)

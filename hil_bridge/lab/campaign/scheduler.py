@@ -1,0 +1,60 @@
+"""Workers on other machines, by a scheduler of Dask."""
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from hil_bridge.errors import BridgeError, ConfigError
+from hil_bridge.lab.processes import Workers
+
+CONNECT_S = 10.0
+"""Chosen: how long is waited for the scheduler to answer."""
+WORKERS_S = 60.0
+"""Chosen: how long is waited for its first worker."""
+
+
+@contextmanager
+def dask_workers(url: str) -> Iterator[Workers]:
+    """The workers of a scheduler, tcp://host:8786. They may come and go: what a lost one had begun is done elsewhere.
+
+    Raises ConfigError without the package or the scheduler, BridgeError for what a worker cannot do.
+    """
+    try:
+        import distributed
+    except ImportError as error:
+        raise ConfigError(
+            '--scheduler needs the package distributed; `pip install "hil-bridge[dask]"` here and where the workers are'
+        ) from error
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # errors are told below, in one line
+    try:
+        client: Any = distributed.Client(url, timeout=CONNECT_S, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        raise ConfigError(
+            f"--scheduler {url}: no scheduler answers there; `dask scheduler` starts one"
+        ) from error
+    with client:
+        try:
+            client.wait_for_workers(1, timeout=WORKERS_S)
+        except TimeoutError as error:
+            raise ConfigError(
+                f"--scheduler {url}: it has no worker; `dask worker {url} --nthreads 1` starts one"
+            ) from error
+        # Several attempts, since each worker that is lost costs one; a run that kills workers is not tried for ever.
+        with client.get_executor(pure=False) as executor:
+            try:
+                yield Workers(executor, lambda: sum(client.nthreads().values()))
+            except Exception as error:
+                executor.shutdown(wait=False)
+                if isinstance(error, BridgeError):
+                    raise
+                raise BridgeError(
+                    f"--scheduler {url}: {type(error).__name__}: {_first_line(error)}"
+                ) from error
+            except BaseException:  # Ctrl-C: what has been handed over is given back
+                executor.shutdown(wait=False)
+                raise
+
+
+def _first_line(error: BaseException) -> str:
+    return (str(error).splitlines() or ["no reason given"])[0]

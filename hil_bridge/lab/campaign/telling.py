@@ -1,0 +1,42 @@
+"""A run of a campaign in words: its case, what was drawn for it, and how it ended."""
+
+import json
+from collections.abc import Iterator
+
+from hil_bridge.lab.campaign.plan import Case, Plan, fault_label, faults_of_table
+from hil_bridge.lab.campaign.store import Done
+
+
+def fault_of(case: Case) -> str:
+    """A fault with its phase, in words."""
+    return f"{case.fault} {case.phase}".rstrip()
+
+
+def faults_of_run(case: Case, done: Done) -> str:
+    """The faults of a run in words: that of its case, or those that were drawn."""
+    if "config" not in json.loads(done.table):
+        return fault_of(case)
+    faults = [
+        f"{fault_label(fault)} {fault.get('phase', '')}".rstrip() for fault in faults_of_table(done.table)
+    ]
+    return "; ".join(faults) or "none"
+
+
+def settings_of_run(done: Done) -> str:
+    """The settings that were drawn, in words; empty where none were."""
+    settings = json.loads(done.table).get("config", {})
+    return ", ".join(f"{key} {json.dumps(value)}" for key, value in settings.items())
+
+
+def describe_run(plan: Plan, done: Done, label: str) -> Iterator[str]:
+    """A run, line by line."""
+    case, figures = plan.cases[done.number], done.figures
+    forces = ""
+    if (bound := figures.get("force_bound_n")) is not None and figures.get("force_true_max_n") is not None:
+        forces = f": true force {figures['force_true_max_n']:.1f} N, bound {bound:.1f} N"
+    yield f"{label}{forces}; {done.outcome}{done.cause and f', {done.cause}'}"
+    if promises := figures.get("promises"):
+        yield f"  broken: {promises}"
+    yield f"  {case.cell}; faults: {faults_of_run(case, done)}"
+    if settings := settings_of_run(done):
+        yield f"  {settings}"

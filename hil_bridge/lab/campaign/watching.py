@@ -1,0 +1,99 @@
+"""The true force of a run, looked at while it goes, and how soon it came back after a fault."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from hil_bridge.api import Simulation
+from hil_bridge.record import Recording
+from hil_bridge.record.analysis.strokes import TRACK
+from hil_bridge.record.analysis.summary import phases
+
+WATCH_S = 0.01
+"""Chosen: the true force is looked at so often."""
+WATCH_AT_ONCE = 20
+"""Chosen: moments looked at together; many at once cost little more than one."""
+RECOVERED_SHARE = 0.2
+"""Chosen: a true force is back where it is within this part of the wanted force. A rise overshoots by less."""
+
+_Floats = npt.NDArray[np.float64]
+
+
+class Watch:
+    """Looks at the true force of the emulated cell."""
+
+    def __init__(self, running: Simulation, every_s: float = WATCH_S) -> None:
+        """`every_s` is the time between two looks, s."""
+        assert running.cell is not None  # the plan has neither a real robot nor a real sensor
+        self._cell = running.cell
+        self._clock = running.clock
+        self._every_s = every_s
+        self._until = self._clock.now()
+        self._times: list[_Floats] = []
+        self._forces: list[_Floats] = []
+        self._positions: list[_Floats] = []
+
+    async def watch(self) -> None:
+        """Look until cancelled."""
+        wait_s = self._every_s * (1 if self._cell.has_memory else WATCH_AT_ONCE)
+        while True:
+            await self._clock.sleep_until(self._clock.now() + wait_s)
+            self.look()
+
+    def look(self) -> None:
+        """Look at the moments since the last look, WATCH_AT_ONCE of them at most, and at now."""
+        end = self._clock.now()
+        if self._cell.has_memory:  # it knows nothing of the past
+            times = np.array([self._cell.truth_available_from(end)])
+        else:
+            moments = min(max(round((end - self._until) / self._every_s), 1), WATCH_AT_ONCE)
+            times = end - self._every_s * np.arange(moments - 1, -1, -1)
+        self._until = end
+        self._times.append(times)
+        self._forces.append(np.linalg.norm(self._cell.contact_forces(times), axis=1))
+        self._positions.append(self._cell.robot.path.trajectory(times)[0])
+
+    def truth(self) -> tuple[_Floats, _Floats]:
+        """Moments, s, and lengths of the true contact force, N, both (n,)."""
+        return np.concatenate(self._times), np.concatenate(self._forces)
+
+    def positions(self) -> _Floats:
+        """True positions (n, 3) of the tool centre point at the same moments, base frame, m."""
+        return np.concatenate(self._positions)
+
+    def fault_ends(self) -> list[float]:
+        """When each fault was over, s; infinity for one that lasted to the end of the run."""
+        ends: list[float] = []
+        for fault in self._cell.faults:
+            if fault.target == "computer":  # its end is told as it begins, for the process then stands still
+                ends.append(fault.injected_at + fault.number("seconds"))
+            else:
+                end = fault.ends_at if fault.ended_at is None else fault.ended_at
+                ends.append(math.inf if end is None else end)
+        return ends
+
+
+def recovery_s(recording: Recording, ends: Sequence[float], times: _Floats, forces: _Floats) -> float | None:
+    """Time from the last end of a fault until the true force is within RECOVERED_SHARE of the wanted force, and
+    stays there until the tracking ends, s. Infinity where it does not; None where no fault ended while tracking.
+    """
+    end = max(ends, default=math.inf)
+    last = next(
+        (span.end for span in phases(recording) if span.name == TRACK and span.begin <= end < span.end), None
+    )
+    cycles = [cycle for cycle in recording.cycles if cycle.phase == TRACK]
+    if last is None or not cycles:
+        return None
+    chosen = (times > end) & (times <= last)
+    if not chosen.any():
+        return None
+    moments = times[chosen]
+    newest = np.searchsorted([cycle.started_at for cycle in cycles], moments, side="right") - 1
+    wanted = np.array([cycle.force_reference for cycle in cycles])[np.maximum(newest, 0)]
+    (outside,) = np.nonzero(np.abs(forces[chosen] - wanted) > RECOVERED_SHARE * np.abs(wanted))
+    if len(outside) == 0:
+        return 0.0
+    after = int(outside[-1]) + 1
+    return float(moments[after]) - end if after < len(moments) else math.inf

@@ -1,0 +1,91 @@
+"""Runs what a campaign still lacks, on all cores or on other machines, and keeps each chunk as soon as it is done."""
+
+import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+from hil_bridge.errors import BridgeError
+from hil_bridge.lab.campaign.criteria import Criterion
+from hil_bridge.lab.campaign.judging import Job, carry_out
+from hil_bridge.lab.campaign.plan import Plan, code_version
+from hil_bridge.lab.campaign.store import Done, Store, now
+from hil_bridge.lab.processes import CHUNK, Workers, as_completed, in_chunks, own_processes
+
+Advance = Callable[[int, int], object]
+"""Told how many runs have ended since, and how many of them failed."""
+
+
+def missing(plan: Plan, store: Store) -> list[Job]:
+    """Runs of the plan that are not kept yet."""
+    code, there = code_version(), store.keys()
+    numbers = {case: number for number, case in enumerate(plan.cases)}
+    jobs = (
+        Job(case.key(code, seed, table), numbers[case], case.config, table, seed)
+        for case, seed in plan.runs()
+        for table in (plan.table_of(case, seed),)
+    )
+    return [job for job in jobs if job.key not in there]
+
+
+def work(
+    plan: Plan,
+    store: Store,
+    jobs: list[Job],
+    workers: int | AbstractContextManager[Workers],
+    advance: Advance = lambda *told: None,
+) -> None:
+    """Do these runs in so many processes of this machine, or by workers elsewhere. Ctrl-C and SIGTERM end it at once;
+    the runs that are kept stay.
+
+    Workers elsewhere leave no recordings: a run that fails there is done once more here. Raises BridgeError when a
+    process was ended from outside, and for a worker with another version of the code.
+    """
+    began, clock, count, most = now(), time.monotonic(), 0, 1
+    chunks, here = in_chunks(jobs), isinstance(workers, int)
+    where: AbstractContextManager[Workers | None]
+    if isinstance(workers, int):
+        workers = max(1, min(workers, -(-len(jobs) // CHUNK)))
+        where = own_processes(workers) if workers > 1 else nullcontext()
+    else:
+        where = workers
+    todo = partial(
+        _carry_out, criteria=plan.criteria, folder=store.folder if here else None, code=code_version()
+    )
+    try:
+        with where as found:
+            done_chunks = (
+                ((chunk, todo(chunk)) for chunk in chunks)
+                if found is None
+                else as_completed(found, todo, chunks)
+            )
+            for chunk, done in done_chunks:
+                most = max(most, 1 if found is None else found.count())
+                if not here:
+                    done = [
+                        _with_recording(job, one, plan.criteria, store.folder)
+                        for job, one in zip(chunk, done, strict=True)
+                    ]
+                store.put(done, plan.cases)
+                count += len(done)
+                advance(len(done), sum(not run.passed for run in done))
+    finally:
+        if count:
+            store.sat(began, time.monotonic() - clock, count, most)
+
+
+def _carry_out(
+    jobs: list[Job], criteria: tuple[Criterion, ...], folder: Path | None, code: str
+) -> list[Done]:
+    if code_version() != code:
+        raise BridgeError(
+            f"a worker has version {code_version()} of hil-bridge, this computer {code}; install the same one there"
+        )
+    return [carry_out(job, criteria, folder) for job in jobs]
+
+
+def _with_recording(job: Job, done: Done, criteria: tuple[Criterion, ...], folder: Path) -> Done:
+    """A run that failed elsewhere, with the recording that it leaves here."""
+    return done if done.passed else replace(done, recording=carry_out(job, criteria, folder).recording)

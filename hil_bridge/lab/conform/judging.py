@@ -1,0 +1,192 @@
+"""Verdicts on a client, by the evidence alone: pure functions."""
+
+import signal
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from itertools import islice
+
+from hil_bridge.lab.conform.scenarios import (
+    CUT,
+    EMERGENCY,
+    LATE,
+    MOVED_M,
+    NOMINAL,
+    REFUSED,
+    STOPPED,
+    Rules,
+)
+from hil_bridge.lab.conform.watching import Seen
+
+
+class Outcome(StrEnum):
+    """Outcomes of a scenario."""
+
+    PASSED = "passed"
+    FAILED = "failed"
+    SKIPPED = "skipped"
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """A scenario's outcome, and one line of reason."""
+
+    outcome: Outcome
+    reason: str
+
+
+def judge(scenario: str, seen: Seen, rules: Rules) -> Verdict:
+    """The verdict on this evidence."""
+    skipped = _skipped(scenario, seen)
+    if skipped:
+        return Verdict(Outcome.SKIPPED, skipped)
+    wrong = list(islice(_found(scenario, seen, rules), 3))
+    if wrong:
+        return Verdict(Outcome.FAILED, "; ".join(wrong))
+    return Verdict(Outcome.PASSED, _WELL[scenario](seen))
+
+
+def _skipped(scenario: str, seen: Seen) -> str:
+    """Why the scenario could not be played to its fault; empty where it was."""
+    if scenario in (NOMINAL, REFUSED) or seen.fault_at is not None:
+        return ""
+    if seen.moved_at is None:
+        return f"the tool did not move, so that nothing could happen in the middle; {_end(seen)}"
+    return (
+        f"the client had ended after {seen.ended_at or 0.0:.1f} s, before the fault came; let it move longer"
+    )
+
+
+def _found(scenario: str, seen: Seen, rules: Rules) -> Iterator[str]:
+    """All that is wrong, the gravest first."""
+    yield from _OWN[scenario](seen, rules)
+    if seen.own_stop and scenario not in (NOMINAL, LATE):
+        yield f"its orders stopped the robot: {seen.own_stop}"
+    if seen.leaps:
+        yield f"{seen.leaps} of its orders leap, by up to {seen.largest_step_m * 1e3:.1f} mm"
+    if scenario != NOMINAL and not seen.told_to_end and seen.exit_code is not None and seen.exit_code < 0:
+        yield f"crashed: {_end(seen)}"
+    if seen.left_m_s > 0.0:
+        yield f"left the tool moving at {seen.left_m_s * 1e3:.1f} mm/s"
+    if seen.killed:
+        yield f"did not end within {rules.end_s:g} s of being told to, and was killed"
+    if rules.max_speed_mm_s and seen.fastest_m_s * 1e3 > rules.max_speed_mm_s:
+        yield f"the tool went at {seen.fastest_m_s * 1e3:.1f} mm/s, allowed are {rules.max_speed_mm_s:g}"
+    if rules.max_step_mm and seen.largest_step_m * 1e3 > rules.max_step_mm:
+        yield f"a step of {seen.largest_step_m * 1e3:.2f} mm between two orders, allowed are {rules.max_step_mm:g}"
+
+
+def _of_nominal(seen: Seen, rules: Rules) -> Iterator[str]:
+    if seen.contact_at is None:
+        crashed = not seen.told_to_end and seen.exit_code is not None
+        yield f"never came to the robot: {_end(seen) if crashed else f'nothing in {rules.start_s:g} s'}"
+        return
+    if not seen.told_to_end and seen.exit_code not in (0, None):
+        yield f"failed by itself: {_end(seen)}"
+    if seen.unreadable:
+        yield f"sent {_times(seen.unreadable)} what the robot cannot read; first {seen.first_unreadable}"
+    if seen.moved_at is None:
+        what = f"none of its {seen.orders} orders moved the tool" if seen.orders else "it ordered no motion"
+        yield what
+    if seen.hindrance:
+        yield f"the robot stopped: {seen.hindrance}"
+    if rules.ends and seen.told_to_end:
+        yield f"did not end by itself within {rules.run_s:g} s, as it declares"
+
+
+def _of_late(seen: Seen, rules: Rules) -> Iterator[str]:
+    if seen.own_stop:
+        yield f"its orders stopped the robot: {seen.own_stop}"
+
+
+def _of_refused(seen: Seen, rules: Rules) -> Iterator[str]:
+    yield from _sent_on(seen, rules, "to a robot that could not move")
+    if seen.moved_m >= MOVED_M and not seen.releases:
+        yield f"the tool moved by {seen.moved_m * 1e3:.1f} mm"
+
+
+def _of_stop(seen: Seen, rules: Rules) -> Iterator[str]:
+    yield from _sent_on(seen, rules, "after the stop")
+    if seen.releases:
+        yield f"released it without a person: {', '.join(dict.fromkeys(seen.releases))}"
+    if seen.moved_after_m >= MOVED_M:
+        yield f"the tool moved by {seen.moved_after_m * 1e3:.1f} mm after the stop"
+
+
+def _of_cut(seen: Seen, rules: Rules) -> Iterator[str]:
+    if rules.comes_back and seen.back_at is None:
+        yield f"did not come back within {rules.back_s:g} s, as it declares: {_end(seen)}"
+
+
+def _sent_on(seen: Seen, rules: Rules, where: str) -> Iterator[str]:
+    if seen.after_stop:
+        yield (
+            f"sent {seen.after_stop} orders of motion {where} and the {rules.react_s * 1e3:g} ms to see it: "
+            f"the last {seen.last_motion_s or 0.0:.2f} s behind, steps of up to {seen.after_stop_step_m * 1e3:.2f} mm"
+        )
+
+
+_OWN: Mapping[str, Callable[[Seen, Rules], Iterator[str]]] = {
+    NOMINAL: _of_nominal,
+    LATE: _of_late,
+    REFUSED: _of_refused,
+    STOPPED: _of_stop,
+    EMERGENCY: _of_stop,
+    CUT: _of_cut,
+}
+"""Judges of what is a scenario's own."""
+
+
+def _moved(seen: Seen) -> str:
+    return (
+        f"moved {seen.moved_m * 1e3:.1f} mm by {seen.orders} orders, at most {seen.fastest_m_s * 1e3:.1f} mm/s; "
+        f"longest pause {seen.longest_pause_s * 1e3:.0f} ms; {_end(seen)}"
+    )
+
+
+def _held_back(seen: Seen) -> str:
+    if seen.orders == 0:
+        return f"ordered no motion; {_end(seen)}"
+    last = (
+        ""
+        if seen.last_motion_s is None
+        else f", the last that would move {seen.last_motion_s * 1e3:.0f} ms behind"
+    )
+    return f"{seen.orders} orders{last}; {_end(seen)}"
+
+
+def _came_back(seen: Seen) -> str:
+    if seen.back_at is None or seen.returned_at is None:
+        return f"did not come back, and left the tool standing; {_end(seen)}"
+    return f"came back {seen.back_at - seen.returned_at:.2f} s behind the cut; {_end(seen)}"
+
+
+_WELL: Mapping[str, Callable[[Seen], str]] = {
+    NOMINAL: _moved,
+    LATE: _moved,
+    REFUSED: _held_back,
+    STOPPED: _held_back,
+    EMERGENCY: _held_back,
+    CUT: _came_back,
+}
+"""Reasons of those that passed."""
+
+
+def _times(count: int) -> str:
+    return "once" if count == 1 else f"{count} times"
+
+
+def _end(seen: Seen) -> str:
+    """How the client ended, in words."""
+    if seen.killed:
+        return "the client was killed"
+    code = seen.exit_code
+    if code is None:
+        return "the client goes on"
+    told = "ended when told to" if seen.told_to_end else f"ended by itself after {seen.ended_at or 0.0:.1f} s"
+    if code < 0:
+        try:
+            return f"{told}, by {signal.Signals(-code).name}"
+        except ValueError:
+            return f"{told}, by signal {-code}"
+    return f"{told}, exit code {code}"

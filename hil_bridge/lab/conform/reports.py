@@ -1,0 +1,125 @@
+"""Reports of the scenarios: a table for people, JSON, and JUnit for build servers."""
+
+import json
+import math
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+from xml.etree import ElementTree
+
+from hil_bridge.lab.conform.judging import Outcome
+from hil_bridge.lab.conform.scenarios import SCENARIOS, SUITE_VERSION, Rules
+from hil_bridge.lab.conform.stage import Played
+
+_NOT_XML = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+_OUTPUT_LINES = 20
+"""Chosen: lines of a client's output that the table shows behind a scenario that failed."""
+
+
+def _released() -> str:
+    try:
+        return version("hil-bridge")
+    except PackageNotFoundError:
+        return "unknown"
+
+
+def table(played: Sequence[Played]) -> Iterator[str]:
+    """Lines for people: one a scenario, and the output of those that failed."""
+    width = max(len(one.name) for one in played)
+    for one in played:
+        yield f"{one.name:{width}}  {one.verdict.outcome:7}  {one.verdict.reason}"
+    for one in played:
+        if one.verdict.outcome is Outcome.FAILED and one.output.strip():
+            yield ""
+            yield f"output of the client in {one.name}, its end:"
+            for line in one.output.rstrip().splitlines()[-_OUTPUT_LINES:]:
+                yield f"  {_plain(line)}"
+
+
+def totals(played: Sequence[Played]) -> str:
+    """One line: how many passed, failed and were skipped."""
+    counts = {outcome: sum(one.verdict.outcome is outcome for one in played) for outcome in Outcome}
+    return ", ".join(f"{count} {outcome}" for outcome, count in counts.items())
+
+
+def evidence(one: Played) -> dict[str, Any]:
+    """The evidence by name; unknown values are left out."""
+    found = {key: value for key, value in asdict(one.seen).items() if value not in (None, "", [])}
+    return {key: round(value, 6) if isinstance(value, float) else value for key, value in found.items()}
+
+
+def as_json(kind: str, command: Sequence[str], rules: Rules, played: Sequence[Played]) -> str:
+    """All of it as JSON."""
+    found = {
+        "robot": kind,
+        "command": list(command),
+        "hil_bridge": _released(),
+        "suite": SUITE_VERSION,
+        "rules": asdict(rules),
+        "scenarios": [
+            {
+                "name": one.name,
+                "meaning": SCENARIOS[one.name],
+                "outcome": one.verdict.outcome.value,
+                "reason": one.verdict.reason,
+                "seconds": round(one.seconds, 3),
+                "evidence": evidence(one),
+                "output": one.output,
+            }
+            for one in played
+        ],
+    }
+    return json.dumps(_finite(found), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def as_junit(kind: str, played: Sequence[Played]) -> bytes:
+    """All of it as JUnit XML: one test case a scenario, its evidence as properties."""
+    failed = [one for one in played if one.verdict.outcome is Outcome.FAILED]
+    skipped = [one for one in played if one.verdict.outcome is Outcome.SKIPPED]
+    counts = {
+        "tests": str(len(played)),
+        "failures": str(len(failed)),
+        "errors": "0",
+        "skipped": str(len(skipped)),
+        "time": f"{sum(one.seconds for one in played):.3f}",
+    }
+    suites = ElementTree.Element("testsuites", counts)
+    suite = ElementTree.SubElement(suites, "testsuite", {"name": f"hil-bridge conform {kind}", **counts})
+    for one in played:
+        attributes = {"classname": f"conform.{kind}", "name": one.name, "time": f"{one.seconds:.3f}"}
+        case = ElementTree.SubElement(suite, "testcase", attributes)
+        properties = ElementTree.SubElement(case, "properties")
+        for key, value in evidence(one).items():
+            text = _xml(json.dumps(value) if isinstance(value, list | tuple) else str(value))
+            ElementTree.SubElement(properties, "property", {"name": key, "value": text})
+        reason = _xml(one.verdict.reason)
+        if one.verdict.outcome is Outcome.FAILED:
+            ElementTree.SubElement(case, "failure", {"message": reason}).text = reason
+        elif one.verdict.outcome is Outcome.SKIPPED:
+            ElementTree.SubElement(case, "skipped", {"message": reason})
+        if one.output:
+            ElementTree.SubElement(case, "system-out").text = _xml(one.output)
+    ElementTree.indent(suites)
+    written: str = ElementTree.tostring(suites, encoding="unicode")
+    return f'<?xml version="1.0" encoding="utf-8"?>\n{written}\n'.encode()
+
+
+def _xml(text: str) -> str:
+    """Text without characters that XML does not have."""
+    return _NOT_XML.sub("\ufffd", text)
+
+
+def _plain(text: str) -> str:
+    """A line of a stranger's output that does nothing to the terminal."""
+    return "".join(sign if sign.isprintable() else "\ufffd" for sign in text)
+
+
+def _finite(value: Any) -> Any:
+    """The same, with None for numbers that JSON does not have."""
+    if isinstance(value, dict):
+        return {key: _finite(part) for key, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(part) for part in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,51 @@
+"""A whole trial in real time, and the port of its robot."""
+
+import socket
+from collections.abc import Callable, Sequence
+
+from hil_bridge.clock import run_real
+from hil_bridge.lab.conform.judging import Outcome
+from hil_bridge.lab.conform.scenarios import NOMINAL
+from hil_bridge.lab.conform.stage import Played, Trial, play, unplayed
+from hil_bridge.runs.compose import cell_ports
+from hil_bridge.settings.configuration import Config
+
+_BOUND_BY_CLIENT = "udp://"
+"""The robot speaks first, to a port on which its client listens."""
+
+
+def usual_port(config: Config, listen: str | None, command: Sequence[str]) -> str:
+    """URL on which the robot listens, where none is named: free ports where the client is told them.
+
+    A client of a robot that speaks first listens itself. It is given a free port where its command has {port} or {url},
+    and the robot's usual one elsewhere.
+    """
+    if listen is not None:
+        return listen
+    usual = cell_ports(config, virtual=False).robot or ""
+    kind, plus, wire = usual.partition("+")
+    told = any("{port}" in word or "{url}" in word for word in command)
+    if plus and wire.startswith(_BOUND_BY_CLIENT) and told:
+        host, _, _ = wire.removeprefix(_BOUND_BY_CLIENT).rpartition(":")
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            probe.bind((host, 0))
+            return f"{kind}+{_BOUND_BY_CLIENT}{host}:{probe.getsockname()[1]}"
+    return usual
+
+
+def play_all(trial: Trial, names: Sequence[str], say: Callable[[str], None]) -> list[Played]:
+    """Play these scenarios one after the other, in real time. Raises BridgeError, KeyboardInterrupt."""
+    played: list[Played] = []
+    for name in names:
+        nominal = next((one for one in played if one.name == NOMINAL), None)
+        stuck = (
+            nominal is not None
+            and nominal.verdict.outcome is Outcome.FAILED
+            and nominal.seen.moved_at is None
+        )
+        if stuck:
+            played.append(unplayed(name))
+            continue
+        say(f"{name} …")
+        played.append(run_real(lambda name=name: play(name, trial)))  # type: ignore[misc]
+    return played

@@ -1,0 +1,29 @@
+"""The paper's figures and tables, repeated by simulation and on the emulated cell, and what goes beyond."""
+
+from hil_bridge.lab.experiments.comparison import COMPARISON
+from hil_bridge.lab.experiments.emulated_run import EmulatedRun, run_emulated
+from hil_bridge.lab.experiments.files import write_findings, write_page
+from hil_bridge.lab.experiments.page import html_page
+from hil_bridge.lab.experiments.pool import run_jobs
+from hil_bridge.lab.experiments.resolution import RESOLUTION
+from hil_bridge.lab.experiments.results import Experiment, Findings
+from hil_bridge.lab.experiments.rules import RULES
+from hil_bridge.lab.experiments.simulation import FIG3, FIG5
+from hil_bridge.lab.experiments.tracking import TRACKING
+
+EXPERIMENTS = {
+    experiment.name: experiment for experiment in (RULES, FIG3, FIG5, *TRACKING, RESOLUTION, COMPARISON)
+}
+"""Every experiment by its name, in the order of the paper."""
+
+__all__ = [
+    "EXPERIMENTS",
+    "EmulatedRun",
+    "Experiment",
+    "Findings",
+    "html_page",
+    "run_emulated",
+    "run_jobs",
+    "write_findings",
+    "write_page",
+]

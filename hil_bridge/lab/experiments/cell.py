@@ -1,0 +1,175 @@
+"""One run of the whole chain as a job, and what the experiments keep of it."""
+
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_bridge.control import FiguresOfMerit, figures_of_merit
+from hil_bridge.control.analysis.merit import STEADY_SAMPLES
+from hil_bridge.lab.experiments.emulated_run import run_emulated
+from hil_bridge.lab.experiments.paper_simulation import Parameters
+from hil_bridge.record import Outcome
+from hil_bridge.settings.configuration import Config
+
+Floats = NDArray[np.float64]
+
+CYCLE_S = {9600: 0.18, 19200: 0.102}
+"""Time of a cycle by the rate of the link, s. It turns a way in a sample into a speed. Source: measured in
+virtual time; the spread of 4 % either way does not change how many position steps a sample asks for.
+"""
+CORRECTION_MM = 2.1
+"""Chosen: what the supervisor lets the command go deeper in a sample, just above what most controllers allow
+themselves.
+"""
+LIMIT_N = 1000.0
+"""The supervisor's force limits in experiments: what a controller does is to be seen, not stopped."""
+
+
+class CellTrace(NamedTuple):
+    """The TRACK phase of a run, one value a cycle, and how the run ended."""
+
+    time: Floats
+    """Since TRACK began, s."""
+    force: Floats
+    """N"""
+    depth: Floats
+    """Reported, from the start point, m."""
+    commanded: Floats
+    """Commanded depth, m."""
+    travel: Floats
+    """Commanded along the surface, m."""
+    stiffness: Floats
+    """Estimate, N/m; NaN where the controller has none."""
+    merit: FiguresOfMerit | None
+    """None when there never was contact."""
+    period: float
+    """Mean time between cycles, s."""
+    completed: bool
+    cause: str
+    """Why the run was stopped; empty when it was not."""
+
+
+@dataclass(frozen=True, slots=True)
+class CellJob:
+    """A run against the emulated cell, described by what the experiments vary."""
+
+    controller: str
+    parameters: Parameters
+    seed: int
+    stiffness: float = 5000.0
+    """N/m"""
+    reference: float = 10.0
+    """N"""
+    duration: float = 16.0
+    """Duration of TRACK, s."""
+    step_mm: float = 1.0
+    """Travel along the surface in a sample."""
+    contour: bool = False
+    """Sinusoidal surface, 10 mm amplitude and 200 mm period, instead of the flat one."""
+    approach_step_mm: float = 0.125
+    """Depth added in a sample while approaching: small, so that a hard surface is not hit."""
+    follow_normal: bool = False
+    """Force along the estimated normal of the surface instead of the fixed direction of the paper."""
+    baudrate: int = 9600
+    noise_counts: float = 1.0
+    """Noise of every axis before the sensor's filters, rms."""
+    resolution_mm: float = 0.125
+    steady_samples: int = STEADY_SAMPLES
+    """Samples at the end of the run that count as its steady state."""
+
+    def config(self) -> Config:
+        """The configuration of the run; what is not named here stands at its default."""
+        # The approach is short, so that time goes into tracking.
+        link, cycle = {"baudrate": self.baudrate}, CYCLE_S[self.baudrate]
+        surface: dict[str, Any] = {"stiffness_n_m": self.stiffness}
+        if self.contour:
+            surface |= {"kind": "sinusoidal", "amplitude_mm": 10.0, "period_mm": 200.0, "origin_y_mm": -100.0}
+        return Config.model_validate(
+            {
+                "run": {"duration_s": self.duration, "seed": self.seed},
+                "robot": {"link": link},
+                "controller": {
+                    "name": self.controller,
+                    "parameters": dict(self.parameters),
+                    "sample_ms": cycle * 1e3,
+                },
+                # a zero is whole counts, and where a reference lies between two words one count decides
+                "sensor": {"tare": False},
+                "tool": {"mass_kg": 0.5, "centre_of_gravity_mm": (0.0, 0.0, 80.0)},
+                "frame": {"follow_normal": self.follow_normal},
+                "task": {
+                    "force_n": self.reference,
+                    "speed_mm_s": self.step_mm / cycle,
+                    "approach_speed_mm_s": self.approach_step_mm / cycle,
+                    "loss_ms": 4.5 * cycle * 1e3,
+                    "retract_mm": 5.0,  # off the contour, however it rises
+                    "zero_lift_mm": 0.0,  # the start is free, and the approach as long as it says
+                    "loss_limit": 1000,
+                    "travel_limit_mm": 1000.0,
+                },
+                "limits": {
+                    "force_limit_n": LIMIT_N,
+                    "resultant_limit_n": LIMIT_N,
+                    "correction_mm_s": CORRECTION_MM / cycle,
+                    "oscillation_guard": False,  # what a controller does by itself is the question
+                },
+                "cell": {
+                    "link": link,
+                    "surface": surface,
+                    "sensor": {"noise_counts": self.noise_counts},
+                    "servo": {"resolution_mm": self.resolution_mm},
+                    "start_position_mm": (900.0, -100.0, 590.5),
+                },
+            }
+        )
+
+    def __call__(self) -> CellTrace:
+        """Run it."""
+        run = run_emulated(self.config())
+        cycles = [cycle for cycle in run.cycles if cycle.phase == "track"]
+
+        def column(name: str) -> Floats:
+            return np.array([getattr(cycle, name) for cycle in cycles], dtype=np.float64)
+
+        time = column("status_at")
+        time -= time[0] if len(time) else 0.0
+        merit = None
+        if cycles:
+            merit = figures_of_merit(
+                time,
+                column("force"),
+                self.reference,
+                column("depth_commanded"),
+                [cycle.in_contact for cycle in cycles],
+                self.resolution_mm,
+            )
+            merit = self._of_the_end(merit, time, column("force"), column("depth_commanded"))
+        return CellTrace(
+            time,
+            column("force"),
+            column("depth"),
+            column("depth_commanded"),
+            column("travel_commanded"),
+            column("stiffness"),
+            merit,
+            float(np.mean(np.diff(time))) if len(time) > 1 else float("nan"),
+            run.result.outcome is Outcome.COMPLETED,
+            run.result.cause,
+        )
+
+    def _of_the_end(
+        self, merit: FiguresOfMerit, time: Floats, force: Floats, depth: Floats
+    ) -> FiguresOfMerit:
+        """The figures with those of the steady state over this job's number of samples."""
+        count = self.steady_samples
+        if len(time) < count:
+            return replace(merit, steady_mean_error=None, steady_peak_to_peak=None, steps_per_second=None)
+        words = np.rint(depth[-count:] / (self.resolution_mm * 1e-3))
+        return replace(
+            merit,
+            steady_mean_error=float(np.mean(force[-count:] - self.reference)),
+            steady_peak_to_peak=float(np.ptp(force[-count:])),
+            steps_per_second=float(np.sum(np.abs(np.diff(words))) / (time[-1] - time[-count])),
+        )

@@ -1,0 +1,24 @@
+"""The promises of the guard as checkers over what a run left, each of its own. Pure: no clock, no file.
+
+`broken_promises` gives the promises that a run did not keep, as values. Tests, campaigns, the hunt and `hil-bridge why`
+use the same ones.
+"""
+
+from hil_bridge.lab.invariants.checking import CHECKERS, broken_promises
+from hil_bridge.lab.invariants.evidence import Evidence, Promise, Trace, Violation, violation_text
+from hil_bridge.lab.invariants.force import stated_bound_n
+from hil_bridge.lab.invariants.voids import VOIDS, Void, void_reasons
+
+__all__ = [
+    "CHECKERS",
+    "VOIDS",
+    "Evidence",
+    "Promise",
+    "Trace",
+    "Violation",
+    "Void",
+    "broken_promises",
+    "stated_bound_n",
+    "violation_text",
+    "void_reasons",
+]

@@ -1,0 +1,69 @@
+"""The end of a run: the tool is off the surface or told to press, and the last line is true."""
+
+import json
+import math
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from hil_bridge.lab.invariants.evidence import Evidence, Promise, Trace, Violation
+from hil_bridge.record import Outcome
+
+FORCE_OFF_N = 2.0
+"""Chosen: a told force may be off by so much: noise, drift and the weight's error of a common tool."""
+FORCE_OFF_SHARE = 0.1
+"""Chosen: the same as a share of the true force."""
+DEPTH_OFF_M = 1e-3
+"""Chosen: a told depth may be off by so much, m: resolution, and the way that a servo still goes."""
+
+
+def untold_ends(evidence: Evidence) -> Iterator[Violation]:
+    """An end that is told to be off the surface although the tool presses."""
+    trace = evidence.trace
+    if trace is None:
+        return
+    rest, end = _rest(evidence), evidence.recording.end
+    at, true_n = float(trace.times[-1]), float(trace.forces[-1])
+    free = bool(rest.get("retracted")) or not rest or end.get("outcome") == Outcome.COMPLETED
+    allowed_n = evidence.config.limits.weight_tolerance_n + FORCE_OFF_N
+    if not rest:  # it never moved: it may have stood in the surface from the start
+        allowed_n = max(allowed_n, float(trace.forces[0]) + FORCE_OFF_N)
+    if free and true_n > allowed_n:
+        yield Violation(Promise.END, at, {"true_n": true_n})
+
+
+def untrue_lines(evidence: Evidence) -> Iterator[Violation]:
+    """A force or a depth of the last line that is not the true one. What is told as unknown is no lie."""
+    trace, rest = evidence.trace, _rest(evidence)
+    if trace is None or not rest:
+        return
+    at, true_n = float(trace.times[-1]), float(trace.forces[-1])
+    told_n = _number(rest.get("force_n"))
+    at_least = bool(rest.get("at_least"))
+    if math.isfinite(told_n):
+        off = told_n - true_n if at_least else abs(told_n - true_n)
+        if off > max(FORCE_OFF_N, FORCE_OFF_SHARE * true_n):
+            yield Violation(Promise.LAST_LINE, at, {"told": told_n, "true": true_n}, "N")
+    told_m, true_m = _number(rest.get("depth_m")), _depth(evidence, trace)
+    if math.isfinite(told_m) and abs(told_m - true_m) > DEPTH_OFF_M:
+        yield Violation(Promise.LAST_LINE, at, {"told": told_m * 1e3, "true": true_m * 1e3}, "mm")
+
+
+def _rest(evidence: Evidence) -> Mapping[str, object]:
+    """Where the tool was left, as values; empty where it never moved."""
+    text = evidence.recording.end.get("rest", "")
+    rest = json.loads(text) if text else None
+    return rest if isinstance(rest, dict) else {}
+
+
+def _depth(evidence: Evidence, trace: Trace) -> float:
+    """True depth of the tool at the end along the approach from the start point, m; NaN where it is not known."""
+    cycles = evidence.recording.cycles
+    if trace.positions is None or not cycles:
+        return math.nan
+    way = trace.positions[-1] - np.array(cycles[0].start)
+    return float(way @ np.array(evidence.config.frame.approach))
+
+
+def _number(value: object) -> float:
+    return float(value) if isinstance(value, (int, float)) else math.nan

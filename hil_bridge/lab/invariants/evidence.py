@@ -1,0 +1,99 @@
+"""The traces of a run, and a promise that it did not keep. Plain values; text is made from them at the edge."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from hil_bridge.record import Recording
+from hil_bridge.settings.configuration import Config
+
+Floats = npt.NDArray[np.float64]
+
+
+class Promise(StrEnum):
+    """A promise of the guard."""
+
+    ORDERS = "no-order-deeper"
+    END = "end-told"
+    LAST_LINE = "last-line-true"
+    BOUND = "bound-kept"
+    SPEED = "speed-kept"
+    GATE = "gate-silent"
+    REPLAY = "replay-equal"
+    WHOLE = "ended-and-whole"
+    EXIT = "exit-code-fits"
+    BUG = "no-bug"
+
+
+_TEXTS: Mapping[Promise, str] = {
+    Promise.ORDERS: "an order went {deeper_mm:.2f} mm deeper {after_s:.2f} s after the stop",
+    Promise.END: "the tool is told to be off the surface, and presses with {true_n:.1f} N",
+    Promise.LAST_LINE: "the last line tells {told:.1f} {unit}, and true are {true:.1f} {unit}",
+    Promise.BOUND: "the true force reached {true_n:.1f} N, and the bound is {bound_n:.1f} N",
+    Promise.SPEED: "the tool moved at {true_mm_s:.0f} mm/s, and {allowed_mm_s:.0f} mm/s are allowed",
+    Promise.GATE: "the last gate had to stop an order, which is a bug of what decides",
+    Promise.REPLAY: "the replay decides otherwise in {cycles:.0f} cycles",
+    Promise.WHOLE: "the recording is not whole, or the run lasted {lasted_s:.0f} s",
+    Promise.EXIT: "the exit code {code:.0f} does not fit the outcome",
+    Promise.BUG: "a bug ended the run",
+}
+"""Words for each promise that was broken, with places for its figures."""
+
+
+class Violation(NamedTuple):
+    """A promise that a run did not keep."""
+
+    promise: Promise
+    at: float
+    """When, s on the run's clock; NaN where no moment can be named."""
+    figures: Mapping[str, float]
+    """Figures that show it, by names with units."""
+    unit: str = ""
+    """Unit of the figures, where a promise is about several quantities."""
+
+
+def violation_text(violation: Violation) -> str:
+    """A violation in words, one line."""
+    said = _TEXTS[violation.promise].format(**violation.figures, unit=violation.unit)
+    when = f" at {violation.at:.2f} s of the run's clock" if math.isfinite(violation.at) else ""
+    return f"{violation.promise}: {said}{when}"
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Trace:
+    """The truth of an emulated cell over a whole run, looked at from beside."""
+
+    times: Floats
+    """Ascending moments (n,), s on the run's clock; the last one after the end of the run."""
+    forces: Floats
+    """Lengths (n,) of the true contact force, N."""
+    positions: Floats | None = None
+    """True positions (n, 3) of the tool centre point, base frame, m."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Evidence:
+    """Everything from which the promises are judged."""
+
+    recording: Recording
+    config: Config
+    """The configuration as it was run."""
+    trace: Trace | None = None
+    """None for a recording alone: then its records of the truth serve, and the end is not judged."""
+    exit_code: int | None = None
+    """None where there was no process."""
+
+    @property
+    def truth(self) -> Trace | None:
+        """The trace, or the records of the truth; None with real devices."""
+        truths = self.recording.truths
+        if self.trace is not None or not truths:
+            return self.trace
+        times = np.array([truth.at for truth in truths])
+        forces = np.array([math.hypot(*truth.force) for truth in truths])
+        return Trace(times, forces, np.array([truth.position for truth in truths]))

@@ -1,0 +1,52 @@
+"""The tuned configuration as a TOML file that `run` takes as it is."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from copy import deepcopy
+from pathlib import Path
+from typing import Any
+
+from hil_bridge.errors.text_files import toml_pair
+from hil_bridge.settings.configuration import Config, lay_over
+from hil_bridge.settings.places import FILE_KEYS
+
+
+def tuned_values(
+    values: Mapping[str, Any], config: Config, parameters: Mapping[str, float | int]
+) -> dict[str, Any]:
+    """The values of the file that was tuned, with the parameters, and what they hold for, in `[controller]`."""
+    found = deepcopy(dict(values))
+    whole = config.controller.parameters | dict(parameters)
+    lay_over(found, {"controller.name": config.controller.name, "controller.parameters": whole})
+    lay_over(found, {"controller.sample_ms": config.controller.sample_ms})
+    if config.run.period_ms:
+        lay_over(found, {"run.period_ms": config.run.period_ms})
+    return found
+
+
+def toml(values: Mapping[str, Any], comment: Sequence[str]) -> str:
+    """Nested tables as TOML, behind lines of comment."""
+    lines = [*(f"# {line}" for line in comment), "", *_table(values, ())]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _table(values: Mapping[str, Any], where: tuple[str, ...]) -> Iterator[str]:
+    plain = {key: value for key, value in values.items() if not isinstance(value, dict)}
+    tables = {key: value for key, value in values.items() if isinstance(value, dict)}
+    if where and (plain or not tables):
+        yield f"[{'.'.join(where)}]"
+    yield from (toml_pair(key, value) for key, value in plain.items() if value is not None)
+    if plain:
+        yield ""
+    for key, value in tables.items():
+        yield from _table(value, (*where, key))
+
+
+def absolute_files(values: dict[str, Any]) -> None:
+    """Name files by whole paths: the new file may lie elsewhere."""
+    for key in FILE_KEYS:
+        *sections, name = key.split(".")
+        table: Any = values
+        for section in sections:
+            table = table.get(section) if isinstance(table, dict) else None
+        if isinstance(table, dict) and isinstance(table.get(name), str) and table[name]:
+            table[name] = str(Path(table[name]).resolve())

@@ -1,0 +1,41 @@
+"""Records of a run, and the file that they are written to."""
+
+from hil_bridge.record.ending import CHECK_EVENT, PHASE_EVENT, STOP_EVENT, Outcome, RunEnd
+from hil_bridge.record.link_log import LINK_EVENT, LinkLog
+from hil_bridge.record.reader import RawTraffic, Recording, read, read_link, read_with_traffic
+from hil_bridge.record.recorder import CHUNKS, VIRTUAL_CHUNKS, Chunks, Recorder
+from hil_bridge.record.records import (
+    CycleRecord,
+    EventRecord,
+    LinkRecord,
+    SensorRecord,
+    StepRecord,
+    TruthRecord,
+    WireRecord,
+)
+
+__all__ = [
+    "CHECK_EVENT",
+    "CHUNKS",
+    "LINK_EVENT",
+    "PHASE_EVENT",
+    "STOP_EVENT",
+    "VIRTUAL_CHUNKS",
+    "Chunks",
+    "CycleRecord",
+    "EventRecord",
+    "LinkLog",
+    "LinkRecord",
+    "Outcome",
+    "RawTraffic",
+    "Recorder",
+    "Recording",
+    "RunEnd",
+    "SensorRecord",
+    "StepRecord",
+    "TruthRecord",
+    "WireRecord",
+    "read",
+    "read_link",
+    "read_with_traffic",
+]

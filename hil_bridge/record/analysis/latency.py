@@ -1,0 +1,230 @@
+"""The hops of the time between a force and the motion that answers it, from a record alone."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+from msgspec import inspect
+from numpy.typing import NDArray
+
+from hil_bridge.devices.facts import Devices, Hop, RobotHops
+from hil_bridge.record.analysis.hops import JITTER, MIDDLE, SENSOR
+from hil_bridge.record.analysis.times import Times, in_ms, times_of
+from hil_bridge.record.device_facts import devices_of
+from hil_bridge.record.reader import Recording
+from hil_bridge.record.records import CycleRecord, SensorRecord, TruthRecord
+
+Floats: TypeAlias = NDArray[np.float64]
+
+_WAIT_TICKS = 0.5
+"""Ticks of the interpolator that a point waits on the mean for its first set point."""
+_STAMPS = frozenset(
+    field.name
+    for field in inspect.type_info(CycleRecord).fields  # type: ignore[attr-defined]
+    if isinstance(field.type, inspect.FloatType) and field.name.endswith("_at")
+)
+"""Moments of a cycle: names that a recording's facts may use."""
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A hop and its duration."""
+
+    hop: Hop
+    times: Times
+
+
+@dataclass(frozen=True, slots=True)
+class Constant:
+    """A delay without a stamp in the record."""
+
+    words: str
+    seconds: float
+    """s"""
+    source: str
+    """Origin of the number, in words."""
+
+
+@dataclass(frozen=True, slots=True)
+class Latency:
+    """A run's time from the force's sample to the motion that answers it."""
+
+    chain: tuple[Part, ...]
+    """The hops in their order; the next begins where one ends."""
+    beside: tuple[Part, ...]
+    """Hops of the cycle that the sample does not wait for."""
+    name: str
+    """Begin and end of the chain, in words."""
+    total: Times
+    """Time from the begin of the chain to its end, s."""
+    constants: tuple[Constant, ...] = ()
+
+    @property
+    def largest(self) -> Part:
+        """The hop with the largest median."""
+        return max(self.chain, key=lambda part: part.times.p50_s)
+
+    @property
+    def largest_words(self) -> str:
+        """The largest hop with its share of the whole, by the medians."""
+        part = self.largest
+        whole = self.total.p50_s
+        share = f", {100.0 * part.times.p50_s / whole:.0f} %" if whole > 0.0 else ""
+        return f"{part.hop.words} ({in_ms(part.times.p50_s)} ms{share})"
+
+    @property
+    def sentence(self) -> str:
+        """The whole in one line."""
+        total = self.total
+        p50, p99 = in_ms(total.p50_s), in_ms(total.p99_s)
+        return f"{self.name} {p50} ms p50, {p99} ms p99; largest: {self.largest_words}"
+
+    def as_ms(self) -> dict[str, Mapping[str, float]]:
+        """Every distribution by the name of its hop, and `total`; for a summary."""
+        parts = {part.hop.name: part.times.as_ms() for part in (*self.chain, *self.beside)}
+        return {**parts, "total": self.total.as_ms()}
+
+
+def latency_of(recording: Recording) -> Latency | None:
+    """The latency of a recorded run; None where its cycles were not stamped or its robot's hops are not known."""
+    devices = devices_of(recording)
+    if devices.robot.hops is None:
+        return None
+    known = any(math.isfinite(truth.sampled_at) for truth in recording.truths)
+    earliest = {} if known else earliest_arrivals(recording.sensors)
+    found = latency_budget(recording.cycles, devices.robot.hops, recording.truths, earliest)
+    return None if found is None else replace(found, constants=_constants(devices, found))
+
+
+def latency_budget(
+    cycles: Sequence[CycleRecord],
+    robot: RobotHops,
+    truths: Sequence[TruthRecord] = (),
+    earliest: Mapping[int, float] | None = None,
+) -> Latency | None:
+    """The latency of these cycles, without its constants; None where they were not stamped.
+
+    `robot` are the hops behind the hand-over, `earliest` the earliest arrivals by the frame's sequence.
+    """
+    moment = timestamps(cycles, robot, truths, earliest)
+
+    def took(hop: Hop) -> Times | None:
+        return times_of((moment(hop.end) - moment(hop.begin)).tolist())
+
+    def known(name: str) -> bool:
+        return bool(np.isfinite(moment(name)).any())
+
+    first, begin = next(
+        (
+            (hop, words)
+            for hop, words in ((SENSOR, "sample"), (JITTER, "sample's earliest arrival"))
+            if known(hop.begin)
+        ),
+        (None, "sample's arrival"),
+    )
+    last = robot.to_answer
+    if moving := bool(robot.to_motion) and known("motion_at"):
+        last = next((way for way in robot.to_motion if not _ends_early(way, moment)), robot.to_motion[-1])
+    hops = (*((first,) if first else ()), *MIDDLE, *last)
+    chain = tuple(Part(hop, times) for hop in hops if (times := took(hop)) is not None)
+    total = times_of((moment(hops[-1].end) - moment(hops[0].begin)).tolist())
+    if len(chain) < len(hops) or total is None:
+        return None
+    beside = tuple(
+        Part(hop, times)
+        for hop in (*robot.beside, *robot.to_answer)
+        if hop not in hops and (times := took(hop)) is not None
+    )
+    return Latency(chain, beside, f"{begin} to {'motion' if moving else 'answer'}", total)
+
+
+def _ends_early(way: Sequence[Hop], moment: Callable[[str], Floats]) -> bool:
+    """Whether its last hop ends before it begins in any cycle."""
+    if not way:
+        return True
+    took = moment(way[-1].end) - moment(way[-1].begin)
+    return bool((took < 0.0).any())
+
+
+def earliest_arrivals(frames: Sequence[SensorRecord]) -> dict[int, float]:
+    """Arrival times with the smallest delay, s, by the frame's sequence; empty for too few frames.
+
+    The result comes from the straight line that lies nowhere above the arrivals and nearest to them on the mean. It
+    carries an edge of their lower convex hull, so drift between the two clocks does not count as delay. The lateness of
+    an arrival is jitter alone: the smallest delay itself is known only from the cell's truth.
+    """
+    points = sorted((frame.sequence, frame.at) for frame in frames if math.isfinite(frame.at))
+    if len(points) < 2 or points[0][0] == points[-1][0]:
+        return {}
+    hull: list[tuple[int, float]] = []
+    for x, y in points:
+        if hull and hull[-1][0] == x:
+            continue
+        while len(hull) > 1 and _falls_below(hull[-2], hull[-1], (x, y)):
+            hull.pop()
+        hull.append((x, y))
+    middle = sum(x for x, _ in points) / len(points)
+    k = next(k for k in range(1, len(hull)) if hull[k][0] >= middle)
+    (x0, y0), (x1, y1) = hull[k - 1], hull[k]
+    step = (y1 - y0) / (x1 - x0)
+    return {x: y0 + (x - x0) * step for x, _ in points}
+
+
+def _falls_below(a: tuple[int, float], b: tuple[int, float], c: tuple[int, float]) -> bool:
+    """Whether b lies on or above the line from a to c."""
+    return (b[1] - a[1]) * (c[0] - a[0]) >= (c[1] - a[1]) * (b[0] - a[0])
+
+
+def timestamps(
+    cycles: Sequence[CycleRecord],
+    robot: RobotHops,
+    truths: Sequence[TruthRecord] = (),
+    earliest: Mapping[int, float] | None = None,
+) -> Callable[[str], Floats]:
+    """Looks a moment (see `hil_bridge.devices.facts`) of every cycle up by its name, s; NaN where it is not known.
+
+    `earliest` are the earliest arrivals by the frame's sequence.
+    """
+    arrivals = earliest or {}
+    of_cycle = {truth.cycle: truth for truth in truths}
+    derived = {moment.name: moment for moment in robot.moments}
+    made: dict[str, Floats] = {}
+
+    def stamp(name: str) -> Floats:
+        match name:
+            case "sampled_at" | "motion_at":
+                values = [getattr(of_cycle.get(cycle.cycle), name, math.nan) for cycle in cycles]
+            case "earliest_at":
+                values = [arrivals.get(cycle.sensor_sequence, math.nan) for cycle in cycles]
+            case _ if name in _STAMPS:
+                values = [getattr(cycle, name) for cycle in cycles]
+            case _:
+                values = [math.nan] * len(cycles)
+        return np.array(values, dtype=np.float64)
+
+    def moment(name: str) -> Floats:
+        if name not in made:
+            known = derived.get(name)
+            made[name] = stamp(name) if known is None else stamp(known.stamp) - known.earlier_s
+        return made[name]
+
+    return moment
+
+
+def _constants(devices: Devices, found: Latency) -> tuple[Constant, ...]:
+    """The constant delays before the sample and behind the motion."""
+    constants = []
+    if delay := devices.sensor.delay_s:
+        constants.append(Constant("the sensor's filter", delay, "from its cut-off frequency"))
+    if (servo := devices.robot.servo) is None:
+        return tuple(constants)
+    source = "as configured for the emulated robot" if devices.robot.emulated else "assumed"
+    wait, transport = _WAIT_TICKS * servo.interpolation_s, servo.transport_delay_s
+    response = 2.0 * servo.damping_ratio / servo.natural_frequency_rad_s
+    if not found.name.endswith("motion"):
+        constants.append(Constant("the wait for the robot's interpolator", wait, f"half a tick, {source}"))
+        constants.append(Constant("the servo's transport delay", transport, source))
+    constants.append(Constant("the servo's response", response, f"2ζ/ω, {source}"))
+    return tuple(constants)

@@ -1,0 +1,67 @@
+"""The strokes of a run: the stretches in which its force was controlled, and the figures of merit over all of them."""
+
+import math
+from collections.abc import Sequence
+
+from hil_bridge.control.analysis.merit import FiguresOfMerit, figures_of_merit
+from hil_bridge.record.reader import Recording
+from hil_bridge.record.records import CycleRecord
+
+TRACK = "track"
+"""The phase in which the force is controlled."""
+_SEEKS = "(seek"
+"""In the label of a step that looks for the edge of a surface: there the force is meant to be lost."""
+
+
+def strokes_of(recording: Recording) -> list[list[CycleRecord]]:
+    """Cycles of each stroke, from a touch until the tool is taken away. A run without a program has one at most."""
+    seeks = {step.step for step in recording.steps if _SEEKS in step.label}
+    strokes: list[list[CycleRecord]] = []
+    going = False
+    for cycle in recording.cycles:
+        if cycle.phase != TRACK or (cycle.step and cycle.step in seeks):
+            # a tool that lost the surface and looks for it is in the same stroke
+            going = going and cycle.step == strokes[-1][-1].step
+        elif math.isfinite(cycle.force):
+            if not going:
+                strokes.append([])
+            going = True
+            strokes[-1].append(cycle)
+    return strokes
+
+
+def merit_of(strokes: Sequence[Sequence[CycleRecord]], step_m: float | None) -> FiguresOfMerit:
+    """Figures over all strokes: the slowest rise, and the steady state of the last one. `step_m` is the resolution of
+    the position, m. Raises ValueError where there is no stroke.
+    """
+    each = [_merit(stroke, step_m) for stroke in strokes]
+    if len(each) == 1:
+        return each[0]
+    if not each:
+        raise ValueError("figures of merit need a stroke")
+    slowest = max(each, key=lambda one: math.inf if one.rise_seconds is None else one.rise_seconds)
+    counts = [len(stroke) for stroke in strokes]
+    squares = sum(count * one.rms_error**2 for count, one in zip(counts, each, strict=True))
+    last = each[-1]
+    return FiguresOfMerit(
+        rise_samples=slowest.rise_samples,
+        rise_seconds=slowest.rise_seconds,
+        overshoot_percent=max(one.overshoot_percent for one in each),
+        steady_mean_error=last.steady_mean_error,
+        steady_peak_to_peak=last.steady_peak_to_peak,
+        rms_error=math.sqrt(squares / sum(counts)),
+        contact_losses=sum(one.contact_losses for one in each),
+        steps_per_second=last.steps_per_second,
+        largest_force=max(one.largest_force for one in each),
+    )
+
+
+def _merit(cycles: Sequence[CycleRecord], step_m: float | None) -> FiguresOfMerit:
+    return figures_of_merit(
+        time=[cycle.controlled_at for cycle in cycles],
+        force=[cycle.force for cycle in cycles],
+        reference=[cycle.force_reference for cycle in cycles],
+        commanded=[cycle.depth_commanded for cycle in cycles],
+        in_contact=[cycle.in_contact for cycle in cycles],
+        resolution_mm=step_m * 1e3 if step_m else math.inf,
+    )

@@ -1,0 +1,48 @@
+"""The facts of a recording's devices: those that it tells, or what an older one lets conclude."""
+
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+import msgspec
+from msgspec import Struct
+
+from hil_bridge.devices.facts import Devices, RobotFacts, Sensor
+from hil_bridge.errors.text_files import parse_json
+from hil_bridge.record.ending import CHECK_EVENT
+from hil_bridge.record.older_facts import from_configuration, with_present_names
+from hil_bridge.record.reader import Recording
+
+_Facts = TypeVar("_Facts", bound=Struct)
+
+
+def devices_of(recording: Recording) -> Devices:
+    """Facts of the devices in a recording. In a recording made before recordings held them they come from its
+    configuration and its end.
+    """
+    if not recording.devices:
+        checks = [event.text for event in recording.events if event.kind == CHECK_EVENT]
+        return from_configuration(recorded_configuration(recording), recording.end, checks)
+    told = {name: json_or_none(text) for name, text in recording.devices.items()}
+    told = with_present_names(told)
+    return Devices(_told(told.get("robot"), RobotFacts), _told(told.get("sensor"), Sensor))
+
+
+def recorded_configuration(recording: Recording) -> Mapping[str, Any]:
+    """The configuration that the run has recorded; empty when there is none that can be read."""
+    found = json_or_none(recording.metadata.get("config"))
+    return found if isinstance(found, dict) else {}
+
+
+def json_or_none(text: str | None) -> object:
+    """Value of a JSON text in a recording; None where the text is empty or no JSON."""
+    try:
+        return parse_json(text) if text else None
+    except ValueError:
+        return None
+
+
+def _told(told: object, kind: type[_Facts]) -> _Facts:
+    try:
+        return msgspec.convert(told, kind)
+    except ValueError:
+        return kind()

@@ -1,0 +1,168 @@
+"""Files of an export, and the part of a recording that each of them holds."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+from hil_bridge.errors import ConfigError
+from hil_bridge.record import RawTraffic, Recording, read_with_traffic
+from hil_bridge.record.device_facts import devices_of
+from hil_bridge.record.export.can_logs import asc, blf, candump
+from hil_bridge.record.export.tables import Table, as_csv, as_parquet, cycle_table, sensor_table
+from hil_bridge.record.export.traffic import WireFrame, can_frames, is_can, wire_text
+from hil_bridge.record.files import check_place, write_whole
+
+CHANNEL = "can0"
+"""Chosen: what a single interface is called nearly everywhere."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """A recording and what is drawn from it."""
+
+    name: str
+    recording: Recording
+    traffic: RawTraffic
+    channel: str = CHANNEL
+
+    @cached_property
+    def has_can(self) -> bool:
+        """The sensor's wire carried CAN frames."""
+        return is_can(self.traffic)
+
+    @cached_property
+    def frames(self) -> Sequence[WireFrame]:
+        """CAN frames of the sensor. Raises ConfigError that says why there are none."""
+        if self.has_can:
+            return can_frames(self.traffic.sensor)
+        kind = devices_of(self.recording).sensor.kind
+        sensor = f"its sensor ({kind})" if kind else "its sensor"
+        if self.traffic.sensor:
+            raise ConfigError(f"it holds no CAN frames, for {sensor} is not on CAN; give --to bytes or csv")
+        raise ConfigError(f"it holds nothing of the wire of {sensor}; record the run again, or give --to csv")
+
+    @cached_property
+    def tables(self) -> Mapping[str, Table]:
+        """Tables by name. Raises ConfigError where there is nothing to show."""
+        facts = devices_of(self.recording).sensor.facts
+        found = {
+            "cycle": cycle_table(self.recording.cycles),
+            "sensor": sensor_table(self.recording.sensors, None if facts is None else facts.scales),
+        }
+        if not any(table.rows for table in found.values()):
+            raise ConfigError("it holds neither control cycles nor frames of the sensor; give --to bytes")
+        return {name: table for name, table in found.items() if table.rows}
+
+
+@dataclass(frozen=True, slots=True)
+class Export:
+    """A file to be."""
+
+    suffix: str
+    """End of its name."""
+    data: bytes
+    what: str
+    """Its content and its clock, for people."""
+
+
+@dataclass(frozen=True, slots=True)
+class Format:
+    """A format that a recording can be exported to."""
+
+    summary: str
+    """For a list."""
+    make: Callable[[Source], Sequence[Export]]
+    """Raises ConfigError for a recording that has nothing for it."""
+    fits: Callable[[Source], bool] = field(default=lambda source: True)
+    """Whether it is made of a recording when a person has named no format."""
+
+
+def _candump(source: Source) -> Sequence[Export]:
+    data = candump(source.frames, source.recording.unix_zero_ns, source.channel)
+    return [Export(".log", data, f"{len(source.frames)} CAN frames, UNIX time")]
+
+
+def _blf(source: Source) -> Sequence[Export]:
+    data = blf(source.frames, source.recording.unix_zero_ns)
+    return [Export(".blf", data, f"{len(source.frames)} CAN frames, UNIX time")]
+
+
+def _asc(source: Source) -> Sequence[Export]:
+    data = asc(source.frames, source.recording.unix_zero_ns)
+    return [Export(".asc", data, f"{len(source.frames)} CAN frames, seconds since the first")]
+
+
+def _bytes(source: Source) -> Sequence[Export]:
+    traffic, found = source.traffic, []
+    texts = {"robot": wire_text(traffic.robot, f"the robot's wire in {source.name}")}
+    if not source.has_can:
+        texts["sensor"] = wire_text(traffic.sensor, f"the sensor's wire in {source.name}")
+    for device, told in texts.items():
+        if told.pieces:
+            what = f"{told.pieces} pieces of the {device}'s wire, the run's clock"
+            found.append(Export(f".{device}.txt", told.text.encode(errors="backslashreplace"), what))
+    if not found:
+        raise ConfigError("it holds no bytes of a wire; record the run again, or give --to csv")
+    return found
+
+
+def _tables(source: Source, suffix: str, encode: Callable[[Table], bytes]) -> Sequence[Export]:
+    words = {"cycle": "control cycles", "sensor": "frames of the sensor"}
+    return [
+        Export(
+            f".{name}.{suffix}",
+            encode(table),
+            f"{len(table.rows)} {words[name]}, the run's clock{_raw(table)}",
+        )
+        for name, table in source.tables.items()
+    ]
+
+
+def _raw(table: Table) -> str:
+    scaled = {"fx_raw", "fx_n"} & {*table.columns}
+    return "; as the device counts, for its scales are not known" if scaled == {"fx_raw"} else ""
+
+
+FORMATS: Mapping[str, Format] = {
+    "candump": Format("CAN frames as candump writes them", _candump, lambda source: source.has_can),
+    "blf": Format("CAN frames for Vector's tools", _blf, lambda source: source.has_can),
+    "asc": Format("CAN frames for Vector's tools, as text", _asc, lambda source: source.has_can),
+    "bytes": Format("bytes of the other wires, as text", _bytes, lambda source: bool(source.traffic.robot)),
+    "csv": Format("cycles and sensor as tables", lambda source: _tables(source, "csv", as_csv)),
+    "parquet": Format(
+        "the same for pandas and the like; needs pyarrow",
+        lambda source: _tables(source, "parquet", as_parquet),
+        lambda source: False,
+    ),
+}
+
+
+def export(
+    path: Path, formats: Sequence[str], folder: Path, overwrite: bool = False, channel: str = CHANNEL
+) -> list[str]:
+    """Write a recording in these formats, or in all that it has something for, into a folder: a line for each file.
+
+    All is made, and every place is looked at, before the first file is written. Raises ConfigError for a recording
+    that cannot be read or has nothing for a format, and for a place that cannot be written.
+    """
+    recording, traffic = read_with_traffic(path)
+    source = Source(path.name, recording, traffic, channel)
+    chosen = formats or [name for name, one in FORMATS.items() if one.fits(source)]
+    try:
+        made = [one for name in dict.fromkeys(chosen) for one in FORMATS[name].make(source)]
+    except ConfigError as error:
+        raise ConfigError(f"cannot export {path}: {error}") from error
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"cannot make the folder {folder}: {error.strerror}; name another place") from error
+    places = [folder / f"{path.stem}{one.suffix}" for one in made]
+    for place in places:
+        check_place(place, overwrite)
+    for place, one in zip(places, made, strict=True):
+        write_whole(place, one.data, overwrite)
+    lines = [f"{place}: {one.what}" for place, one in zip(places, made, strict=True)]
+    if recording.truncated:
+        lines.append(f"{path} ends early or is damaged: what came before is exported")
+    return [*lines, f"the run's clock was 0 at UNIX time {recording.unix_zero_ns / 1e9:.6f}"]

@@ -1,0 +1,137 @@
+"""The record of a run in memory: taken as a `Recorder` takes it, and written to a file only when that is wanted."""
+
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple, TypeAlias
+
+from hil_bridge.record.reader import RawTraffic, Recording
+from hil_bridge.record.recorder import DROPPED_PREFIX, VIRTUAL_CHUNKS, Recorder
+from hil_bridge.record.records import (
+    CycleRecord,
+    EventRecord,
+    LinkRecord,
+    SensorRecord,
+    StepRecord,
+    TruthRecord,
+    WireRecord,
+)
+from hil_bridge.record.removed_map import REMOVED_NAME, from_json
+from hil_bridge.record.topics import TOPICS, Record
+
+_TIMES: Mapping[type, Callable[[Any], float]] = {topic.record: topic.time_of for topic in TOPICS}
+_READ = (CycleRecord, SensorRecord, TruthRecord, EventRecord, StepRecord)
+"""Records that `read` reads; the first of them dates the recording."""
+
+
+class _Attachment(NamedTuple):
+    name: str
+    media_type: str
+    data: bytes
+
+
+_Step: TypeAlias = Record | _Attachment | Mapping[str, str]
+"""Everything that a recorder was given; a mapping is the facts of the devices."""
+
+
+class KeptRecords:
+    """Takes what a `Recorder` takes, and keeps it. Nothing is encoded before `save`."""
+
+    def __init__(self, wall_ns: Callable[[float], int], metadata: Mapping[str, str]) -> None:
+        """As of a `Recorder`: `wall_ns` turns a time of the run's clock into ns since the Unix epoch."""
+        self._wall_ns = wall_ns
+        self._metadata = dict(sorted(metadata.items()))
+        self._steps: list[_Step] = []
+        self._end: Mapping[str, str] | None = None
+
+    def put(self, record: Record) -> None:
+        """Take a record; what comes after the end belongs to no recording."""
+        if self._end is None:
+            self._steps.append(record)
+
+    def devices(self, facts: Mapping[str, str]) -> None:
+        """Take the facts of the devices, JSON by name."""
+        self._steps.append(dict(facts))
+
+    def attach(self, name: str, media_type: str, data: bytes) -> None:
+        """Take an attachment; a later one of the same name replaces it."""
+        self._steps.append(_Attachment(name, media_type, data))
+
+    def pause(self, seconds: float) -> None:
+        """There is no thread that could use the time."""
+
+    def close(self, end: Mapping[str, str]) -> None:
+        """Take the end. Harmless when called again."""
+        if self._end is None:
+            self._end = dict(end)
+            self._steps = _timed(self._steps)
+
+    @property
+    def traffic(self) -> RawTraffic:
+        """Data that went over the wires."""
+        return RawTraffic(
+            tuple(step for step in self._steps if type(step) is LinkRecord),
+            tuple(step for step in self._steps if type(step) is WireRecord),
+        )
+
+    def recording(self) -> Recording:
+        """The same as `read` tells of the file that `save` writes."""
+        assert self._end is not None, "the run has not ended"
+        steps = self._steps
+        devices: Mapping[str, str] = {}
+        removed = None
+        for step in steps:
+            if isinstance(step, dict):
+                devices = dict(sorted(step.items()))
+            elif type(step) is _Attachment and step.name == REMOVED_NAME:
+                removed = from_json(step.data)
+        drops = {f"{DROPPED_PREFIX}{topic.name}": "0" for topic in TOPICS}
+        return Recording(
+            tuple(step for step in steps if type(step) is CycleRecord),
+            tuple(step for step in steps if type(step) is SensorRecord),
+            tuple(step for step in steps if type(step) is EventRecord),
+            self._metadata,
+            dict(sorted({**self._end, **drops}.items())),
+            truths=tuple(step for step in steps if type(step) is TruthRecord),
+            devices=devices,
+            unix_zero_ns=self._unix_zero_ns(),
+            steps=tuple(step for step in steps if type(step) is StepRecord),
+            removed=removed,
+        )
+
+    def _unix_zero_ns(self) -> int:
+        """UNIX time at which the run's clock was 0, ns."""
+        first = next((step for step in self._steps if isinstance(step, _READ)), None)
+        if first is None:
+            return 0
+        at = _TIMES[type(first)](first)
+        return self._wall_ns(at) - round(at * 1e9)
+
+    def save(self, path: Path, overwrite: bool = False) -> None:
+        """Write the file that a run would have written. Raises ConfigError for the place, BridgeError for the disk."""
+        recorder = Recorder(
+            path, self._wall_ns, False, self._metadata, chunks=VIRTUAL_CHUNKS, overwrite=overwrite
+        )
+        for step in self._steps:
+            if isinstance(step, dict):
+                recorder.devices(step)
+            elif type(step) is _Attachment:
+                recorder.attach(*step)
+            else:
+                recorder.put(step)  # type: ignore[arg-type]
+        recorder.close(self._end)
+
+
+def _timed(steps: list[_Step]) -> list[_Step]:
+    """The same, with the time of the record before it for a record without one, as the file has it."""
+    newest, timed = 0.0, list(steps)
+    for place, step in enumerate(steps):
+        if (time_of := _TIMES.get(type(step))) is None:
+            continue
+        at = time_of(step)
+        if math.isfinite(at):
+            newest = max(newest, at)
+        else:
+            topic = next(topic for topic in TOPICS if topic.record is type(step))
+            timed[place] = topic.timed(step, newest)  # type: ignore[arg-type]
+    return timed

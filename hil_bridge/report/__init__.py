@@ -1,5 +1,0 @@
-"""The report of a run as a page, and on request as a picture."""
-
-from hil_bridge.report.page import write_report
-
-__all__ = ["write_report"]

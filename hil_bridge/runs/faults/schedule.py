@@ -1,0 +1,115 @@
+"""The schedule of a run's faults: told of phases and cycles, it injects into the emulated cell at the exact times."""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+from emulators.cell import Cell
+from emulators.faults import Handler, Injection
+from hil_bridge.clock import Clock, Timer
+from hil_bridge.errors import ConfigError
+from hil_bridge.record import PHASE_EVENT, CycleRecord, EventRecord
+from hil_bridge.settings.faults import Condition, FaultConfig
+
+_FIRST_PHASE = "connect"
+FAULT_EVENT = "fault"
+"""Kind of the events that tell of injected faults."""
+
+
+class FaultSchedule:
+    """Arms the faults of a configuration; what cannot be injected in this cell is refused at once.
+
+    `tell` is given the kind and the text of events. `on_pause` lets the bridge's process stand still for so many
+    seconds; without it, a fault of the computer is refused. Raises ConfigError.
+    """
+
+    def __init__(
+        self,
+        faults: Sequence[FaultConfig],
+        cell: Cell[Any, Any],
+        clock: Clock,
+        tell: Callable[[str, str], object],
+        on_pause: Callable[[float], object] | None = None,
+    ) -> None:
+        self._cell = cell
+        self._clock = clock
+        self._tell = tell
+        self._waiting = list(faults)
+        self._timers: list[Timer] = []
+        self._phase = ""
+        self._told = 0
+        """Injections of which the end has been told."""
+        cell.ledger.on_fault = partial(tell, FAULT_EVENT)
+        if on_pause is not None:
+            cell.ledger.attach("computer", {"pause": Handler(partial(_pause, on_pause))})
+        for number, fault in enumerate(faults):
+            if fault.on == "computer" and on_pause is None:
+                raise ConfigError(f"faults.{number}: this run cannot pause its own computer")
+            if fault.on == "bus" and not clock.is_virtual:
+                raise ConfigError(
+                    f"faults.{number}: in real time the emulated gateway has no CAN bus; use --virtual"
+                )
+
+    def event(self, record: EventRecord) -> None:
+        """Something happened in the run: a phase begins, perhaps."""
+        if record.kind != PHASE_EVENT:
+            return
+        self._phase = record.text
+        self._arm(
+            [
+                fault
+                for fault in self._waiting
+                if not fault.when and (fault.phase or _FIRST_PHASE) == record.text
+            ]
+        )
+
+    def cycle(self, record: CycleRecord) -> None:
+        """A cycle has ended."""
+        if not self._waiting:
+            return
+        self._arm(
+            [
+                fault
+                for fault in self._waiting
+                if fault.when
+                and fault.phase in ("", record.phase)
+                and Condition.read(fault.when).holds(record)
+            ]
+        )
+
+    def close(self) -> None:
+        """The run is over: nothing is injected any more. Harmless when called again.
+
+        Tells how often each fault had an effect, and which never came.
+        """
+        for timer in self._timers:
+            timer.cancel()
+        for fault in self._waiting:
+            self._tell(FAULT_EVENT, f"{fault.on}: {fault.fault} never came: its phase or condition did not")
+        self._waiting.clear()
+        faults, self._told = self._cell.faults[self._told :], len(self._cell.faults)
+        for injection in faults:
+            lasting = "" if injection.ended_at is not None else " and lasts to the end of the run"
+            times = f"{injection.struck} time{'s' * (injection.struck != 1)}"
+            self._tell(FAULT_EVENT, f"{injection.name} struck {times}{lasting}")
+
+    def _arm(self, faults: Sequence[FaultConfig]) -> None:
+        for fault in faults:
+            self._waiting.remove(fault)
+            if fault.after_s:
+                at = self._clock.now() + fault.after_s
+                self._timers.append(self._clock.call_at(at, partial(self._inject, fault)))
+            else:
+                self._inject(fault)
+
+    def _inject(self, fault: FaultConfig) -> None:
+        try:
+            self._cell.inject(fault.on, fault.fault, self._clock.now(), **fault.given)
+        except ValueError as error:  # it was possible when the run began
+            self._tell(FAULT_EVENT, f"not injected: {error}")
+
+
+def _pause(on_pause: Callable[[float], object], injection: Injection) -> None:
+    on_pause(injection.number("seconds"))
+    injection.struck += 1
+    injection.finish(injection.injected_at)

@@ -1,0 +1,107 @@
+"""A fault in a configuration: target, name, time of its begin, duration, parameters."""
+
+import operator
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, Self, TypeAlias
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from emulators.cell_faults import FELT_BY_SENSOR, RECEIVERS_WITH, as_in_tables, others_with
+from emulators.faults import Fault, find
+from hil_bridge.errors import ConfigError
+
+if TYPE_CHECKING:
+    from hil_bridge.record import CycleRecord
+
+Faults: TypeAlias = Mapping[str, Mapping[str, Fault]]
+"""All faults, by target and name."""
+_QUANTITIES: Mapping[str, Callable[["CycleRecord"], float]] = {
+    "force": lambda record: record.force,
+    "depth_mm": lambda record: record.depth * 1e3,
+    "travel_mm": lambda record: record.travel_commanded * 1e3,
+    "cycle": lambda record: float(record.cycle),
+}
+"""Quantities of a cycle for a condition: N, mm below the start point, mm along the surface, number."""
+_COMPARISONS: Mapping[str, Callable[[float, float], bool]] = {"<": operator.lt, ">": operator.gt}
+_CONDITION = re.compile(r"\s*([a-z_]{1,20})\s*([<>])\s*([-+]?[0-9]{1,12}(?:\.[0-9]{1,12})?)\s*")
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """A quantity of a cycle below or above a number."""
+
+    quantity: str
+    comparison: str
+    number: float
+
+    @classmethod
+    def read(cls, text: str) -> Self:
+        """A condition from text such as `force > 8`. Raises ValueError."""
+        found = _CONDITION.fullmatch(text)
+        if found is None or found[1] not in _QUANTITIES:
+            raise ValueError(
+                f"when must be one of {', '.join(_QUANTITIES)}, then < or >, then a number, got {text[:60]!r}"
+            )
+        return cls(found[1], found[2], float(found[3]))
+
+    def holds(self, record: "CycleRecord") -> bool:
+        """Whether it is so in this cycle."""
+        return _COMPARISONS[self.comparison](_QUANTITIES[self.quantity](record), self.number)
+
+
+class FaultConfig(BaseModel):
+    """One fault that is injected into the emulated cell."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, populate_by_name=True)
+
+    on: str = ""
+    """Target: `hil-bridge faults` lists them."""
+    fault: str = ""
+    """Name of the fault at that target."""
+    phase: Literal["", "connect", "tare", "approach", "track", "retract", "move", "seek", "zero"] = ""
+    """Phase of the run at whose begin it comes, or in which `when` is looked at; empty: the first, or any."""
+    after_s: float = Field(default=0.0, ge=0)
+    """Delay after that."""
+    when: str = ""
+    """Condition at the end of a cycle at which it comes, such as "force > 8": force, depth_mm, travel_mm or cycle."""
+    for_s: float | None = None
+    """Duration; by default that of `hil-bridge faults`."""
+    parameters: dict[str, Any] = Field(default={}, alias="with")
+    """Parameters of the fault that differ from their defaults."""
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """Parameters and duration."""
+        return self.parameters if self.for_s is None else {**self.parameters, "for_s": self.for_s}
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if self.when:
+            Condition.read(self.when)
+        return self
+
+    def check_cell(self, robot_url: str, sensor_url: str, receiver: str, faults: Faults) -> None:
+        """Raise ValueError where it concerns a real device, or is none of the `faults` that the cell can have."""
+        name = f"{self.on}: {self.fault}"
+        values, _ = find(faults, self.on, self.fault).values(name, self.given)
+        if robot_url:
+            raise ValueError(f"{name} needs the emulated cell, but robot.url names a real robot")
+        if sensor_url and self.on in FELT_BY_SENSOR:
+            raise ValueError(f"{name} needs the emulated sensor, but sensor.url names a real one")
+        if able := others_with(self.on, self.fault, receiver):
+            raise ValueError(f"{name} needs sensor.emulated = {' or '.join(able)}, not {receiver}")
+        key, value, able_with = RECEIVERS_WITH.get((self.on, self.fault), ("", "", ()))
+        if key and values.get(key) == value and as_in_tables(receiver) not in able_with:
+            wanted = " or ".join(able_with)
+            raise ValueError(f"{name} with {key} = {value} needs sensor.emulated = {wanted}, not {receiver}")
+
+
+def refuse_faults(faults: Sequence[FaultConfig], command: str) -> None:
+    """Raise ConfigError where faults are planned and nothing would inject them."""
+    if faults:
+        raise ConfigError(
+            f"faults.0: {command} knows no phases of a run, so it would ignore it; delete [[faults]], "
+            "or inject with `hil-bridge panel`"
+        )

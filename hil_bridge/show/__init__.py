@@ -1,0 +1,1 @@
+"""Runs shown to a person: reports, pages in a browser, the live view in a terminal."""

@@ -1,0 +1,35 @@
+"""What pages in a browser share: charts by uPlot, the look, and a document that needs nothing beside itself."""
+
+from hil_bridge.show.pages.assets import asset, chart_script, style
+from hil_bridge.show.pages.description import (
+    Axis,
+    Band,
+    Chart,
+    Charts,
+    Layer,
+    Limit,
+    Mark,
+    Series,
+    Source,
+    Span,
+)
+from hil_bridge.show.pages.document import document, in_script, room
+
+__all__ = [
+    "Axis",
+    "Band",
+    "Chart",
+    "Charts",
+    "Layer",
+    "Limit",
+    "Mark",
+    "Series",
+    "Source",
+    "Span",
+    "asset",
+    "chart_script",
+    "document",
+    "in_script",
+    "room",
+    "style",
+]

@@ -1,0 +1,5 @@
+"""The report of a run as a page, and on request as a picture."""
+
+from hil_bridge.show.report.page import write_report
+
+__all__ = ["write_report"]

@@ -1,0 +1,130 @@
+"""The controller's decisions, cycle by cycle: levels, fired rules, estimate, gain and verdict as tables."""
+
+import math
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeGuard
+
+from hil_bridge.record.analysis.strokes import TRACK
+from hil_bridge.record.reader import Recording
+from hil_bridge.record.records import CycleRecord
+from hil_bridge.show.report.figures import quantity
+
+ROWS_SHOWN = 200
+RULES_SHOWN = 3
+LEVELS = {"level_error": "error", "level_change": "change", "level_output": "output"}
+"""Names of the levels by their keys in a cycle's explanation."""
+_RULE_SIGN = "→"
+"""Sign in the name of every rule, and in no other key of an explanation."""
+_UNITS = {"_m": (1e3, ".3f", "mm"), "_n": (1.0, ".2f", "N")}
+"""Scale, format and unit by the ending of a key."""
+
+
+@dataclass(frozen=True, slots=True)
+class Decisions:
+    """The table of cycles; only columns in which anything stands."""
+
+    titles: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    cycles: int
+    """Tracked cycles, of which the rows are an even choice."""
+
+
+def tracked(recording: Recording) -> list[CycleRecord]:
+    """Cycles in which the force was controlled."""
+    return [cycle for cycle in recording.cycles if cycle.phase == TRACK]
+
+
+def decisions(recording: Recording, zero: float) -> Decisions | None:
+    """The table of at most `ROWS_SHOWN` tracked cycles; times from `zero`. None when nothing was tracked."""
+    cycles = tracked(recording)
+    if not cycles:
+        return None
+    chosen = decimate(cycles, ROWS_SHOWN)
+    columns = [(title, [text(cycle) for cycle in chosen]) for title, text in _columns(zero)]
+    columns = [(title, texts) for title, texts in columns if any(texts)]
+    rows = tuple(zip(*(texts for _, texts in columns), strict=True))
+    return Decisions(tuple(title for title, _ in columns), rows, len(cycles))
+
+
+def strongest_rules(recording: Recording) -> list[tuple[str, int, float]]:
+    """Rules that had the largest weight of their cycle, alone or with others: name, in how many tracked
+    cycles, and the mean of that weight. The most frequent one first.
+    """
+    counts: Counter[str] = Counter()
+    weights: dict[str, float] = {}
+    for cycle in tracked(recording):
+        fired = rules(cycle.explanation)
+        for name, weight in fired:
+            if weight == fired[0][1]:
+                counts[name] += 1
+                weights[name] = weights.get(name, 0.0) + weight
+    names = sorted(counts, key=lambda name: (-counts[name], name))
+    return [(name, counts[name], weights[name] / counts[name]) for name in names]
+
+
+def rules(explanation: Mapping[str, float]) -> list[tuple[str, float]]:
+    """Rules that fired with their weights, the strongest first, equal ones by name."""
+    fired = [
+        (name, weight)
+        for name, weight in explanation.items()
+        if _RULE_SIGN in name and _known(weight) and weight > 0.0
+    ]
+    return sorted(fired, key=lambda rule: (-rule[1], rule[0]))
+
+
+def decimate(cycles: Sequence[CycleRecord], most: int) -> list[CycleRecord]:
+    """At most so many of these cycles, the first and the last among them."""
+    if len(cycles) <= most:
+        return list(cycles)
+    return [cycles[round(k * (len(cycles) - 1) / (most - 1))] for k in range(most)]
+
+
+def _columns(zero: float) -> list[tuple[str, Callable[[CycleRecord], str]]]:
+    return [
+        ("time, s", lambda cycle: _plain(cycle.controlled_at - zero, ".2f")),
+        ("force, N", lambda cycle: _plain(cycle.force, ".2f")),
+        ("error, N", lambda cycle: _plain(cycle.force - cycle.force_reference, "+.2f")),
+        *(
+            (f"level of {name}", lambda cycle, key=key: _plain(cycle.explanation.get(key), ".3g"))
+            for key, name in LEVELS.items()
+        ),
+        ("strongest rules, weight", _rules_text),
+        ("estimate, N/m", lambda cycle: _plain(cycle.stiffness, ".0f")),
+        ("gain", lambda cycle: _plain(cycle.gain, ".3g")),
+        ("correction, mm", lambda cycle: _plain(cycle.correction, "+.3f", 1e3)),
+        ("besides", _other_text),
+        ("verdict", _verdict_text),
+    ]
+
+
+def _plain(value: float | None, form: str, scale: float = 1.0) -> str:
+    """A number without its unit; empty when it is not known."""
+    return quantity(value, scale, form, "") if _known(value) else ""
+
+
+def _known(value: float | None) -> TypeGuard[float]:
+    return value is not None and math.isfinite(value)
+
+
+def _rules_text(cycle: CycleRecord) -> str:
+    fired = rules(cycle.explanation)[:RULES_SHOWN]
+    return ", ".join(f"{name} {weight:.2f}" for name, weight in fired)
+
+
+def _other_text(cycle: CycleRecord) -> str:
+    """Other values of the controller, with the units that their names end in."""
+    told = []
+    for key, value in cycle.explanation.items():
+        if key in LEVELS or _RULE_SIGN in key or not _known(value):
+            continue
+        ending = next((ending for ending in _UNITS if key.endswith(ending)), "")
+        scale, form, unit = _UNITS.get(ending, (1.0, ".3g", ""))
+        told.append(f"{key.removesuffix(ending).replace('_', ' ')} {quantity(value, scale, form, unit)}")
+    return ", ".join(sorted(told))
+
+
+def _verdict_text(cycle: CycleRecord) -> str:
+    verdict = ": ".join((cycle.verdict, ", ".join(cycle.reasons))) if cycle.reasons else cycle.verdict
+    return f"{verdict}, held" if cycle.held else verdict

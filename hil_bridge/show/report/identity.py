@@ -1,0 +1,79 @@
+"""What a run was: when, where, with which devices and versions."""
+
+from datetime import UTC, datetime
+from typing import Any
+
+from hil_bridge.record.analysis.summary import Summary
+from hil_bridge.record.device_facts import devices_of, recorded_configuration
+from hil_bridge.record.reader import Recording
+from hil_bridge.show.report.sources import start_time
+
+EMULATED, REAL, MIXED = "EMULATED", "REAL", "PARTLY REAL"
+_UNKNOWN = "not told by the recording"
+_YEAR_3000_S = 32503680000.0
+
+
+def reality(recording: Recording) -> str:
+    """Whether robot and sensor were emulated: `EMULATED`, `REAL` or `PARTLY REAL`; empty where it is not told."""
+    urls = _urls(recording)
+    if urls is None:
+        return ""
+    return {0: EMULATED, 1: MIXED, 2: REAL}[sum(bool(url) for url in urls)]
+
+
+def identity_rows(recording: Recording, summary: Summary) -> list[tuple[str, str]]:
+    """Names and values for the top of a page."""
+    devices, metadata = devices_of(recording), recording.metadata
+    urls = _urls(recording) or ("", "")
+    robot = devices.robot.model or devices.robot.kind
+    facts = devices.sensor.facts
+    sensor = " ".join(filter(None, (devices.sensor.kind, facts.model if facts else "")))
+    named = {
+        "date": _date(recording),
+        "host": metadata.get("host", ""),
+        "version": _versions(recording),
+        "robot": _device(robot, urls[0], _urls(recording) is not None),
+        "sensor": _device(sensor, urls[1], _urls(recording) is not None),
+        "surface": _surface(recording),
+        "controller": summary.controller,
+        "seed": summary.seed if reality(recording) != REAL else "",
+    }
+    return [(name, value) for name, value in named.items() if value]
+
+
+def _urls(recording: Recording) -> tuple[str, str] | None:
+    """URLs of robot and sensor, empty for an emulated one."""
+    told: Any = recorded_configuration(recording)
+    robot, sensor = told.get("robot"), told.get("sensor")
+    if not isinstance(robot, dict) or not isinstance(sensor, dict) or "url" not in robot:
+        return None
+    return str(robot.get("url") or ""), str(sensor.get("url") or "")
+
+
+def _device(name: str, url: str, known: bool) -> str:
+    where = f"at {url}" if url else "emulated" if known else ""
+    return ", ".join(filter(None, (name, where)))
+
+
+def _surface(recording: Recording) -> str:
+    cell: Any = recorded_configuration(recording).get("cell")
+    if not isinstance(cell, dict) or reality(recording) not in (EMULATED, MIXED):
+        return ""
+    surface = cell.get("surface")
+    kind = cell.get("surface_kind") or (surface.get("kind") if isinstance(surface, dict) else "")
+    return f"{kind}, emulated" if isinstance(kind, str) and kind else ""
+
+
+def _date(recording: Recording) -> str:
+    if recording.metadata.get("time") == "virtual":
+        return "none: the run was in virtual time"
+    at = recording.unix_zero_ns * 1e-9 + start_time(recording)
+    if not recording.unix_zero_ns or not 0.0 < at < _YEAR_3000_S:
+        return _UNKNOWN
+    return datetime.fromtimestamp(at, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+
+
+def _versions(recording: Recording) -> str:
+    own = recording.metadata.get("version", "")
+    platform = recording.metadata.get("platform", "")
+    return ", ".join(filter(None, (f"hil-bridge {own}" if own else "", platform)))

@@ -1,0 +1,63 @@
+"""Gain and phase of a linear force loop over frequency, with its margins."""
+
+import math
+
+import numpy as np
+
+from hil_bridge.control.analysis.stability import loop_phase_deg, loop_response
+from hil_bridge.show.pages import Axis, Chart, Charts, Limit, Mark, Series
+from hil_bridge.show.report.sources import rounded
+from hil_bridge.show.report.stability import Analysis, LinearLoop
+
+_POINTS = 300
+_BELOW = 30.0
+"""Factor below the lower crossover at which the charts begin."""
+_LOWEST_PHASE_DEG = -450.0
+_AXIS = "frequency"
+
+
+def loop_charts(analysis: Analysis, loop: LinearLoop) -> Charts:
+    """The two charts on an axis of their own."""
+    plant, found = analysis.plant, loop.margins
+    top = math.pi / plant.period
+    crossings = [w for w in (found.gain_crossover_rad_s, found.phase_crossover_rad_s) if math.isfinite(w)]
+    omega = np.geomspace(min([*crossings, top]) / _BELOW, top, _POINTS)
+    gain = np.abs(loop_response(analysis.stiffness, loop.response, plant, omega * plant.period))
+    phase = loop_phase_deg(analysis.stiffness, loop.response, plant, omega)
+    phase = np.where(phase < _LOWEST_PHASE_DEG, np.nan, phase)
+    return Charts(
+        axes={_AXIS: Axis("frequency", "rad/s", log=True)},
+        charts=[
+            Chart(
+                "gain",
+                "Loop gain",
+                "",
+                [Series("loop", "gain", "gain")],
+                limits=[Limit(1.0, "gain", "target")],
+                axis=_AXIS,
+                log=True,
+            ),
+            Chart(
+                "phase",
+                "Loop phase",
+                "°",
+                [Series("loop", "phase", "phase", "6")],
+                limits=[Limit(-180.0, "turned over", "target", shown=True)],
+                axis=_AXIS,
+            ),
+        ],
+        sources={"loop": {"x": rounded(omega), "gain": rounded(gain), "phase": rounded(phase)}},
+        marks=list(_marks(loop)),
+    )
+
+
+def _marks(loop: LinearLoop) -> list[Mark]:
+    """The crossovers, with the margins that are read there."""
+    found, marks = loop.margins, []
+    if math.isfinite(at := found.phase_crossover_rad_s) and math.isfinite(found.gain_margin):
+        marks.append(Mark(at, f"gain margin {found.gain_margin:.2f}", "note", _AXIS))
+    turned = found.phase_margin_deg > 0.0 and not found.stable  # more than a turn: no margin to be shown
+    if math.isfinite(at := found.gain_crossover_rad_s) and not turned:
+        told = f"{found.phase_margin_deg:.0f}°".replace("-", "−")
+        marks.append(Mark(at, f"phase margin {told}", "note", _AXIS))
+    return marks

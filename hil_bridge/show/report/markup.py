@@ -1,0 +1,43 @@
+"""Tables as HTML."""
+
+from collections.abc import Iterable, Sequence
+from html import escape
+
+from hil_bridge.show.report.figures import Row
+
+
+def rows(figures: Iterable[Row]) -> str:
+    """Figures with their explanations."""
+    return table(
+        (
+            f'<td>{escape(row.label)}</td><td class="value">{escape(row.value)}</td>'
+            f'<td class="note">{escape(row.explanation)}</td>'
+            for row in figures
+        ),
+        "stack",
+    )
+
+
+def pairs(named: Iterable[tuple[str, str]], style: str = "narrow") -> str:
+    """Names and values."""
+    return table(
+        (f'<td>{escape(name)}</td><td class="value">{escape(value)}</td>' for name, value in named), style
+    )
+
+
+def cells(titles: Sequence[str], lines: Iterable[Sequence[str]], style: str) -> str:
+    """Plain texts below titles."""
+    head = "<thead><tr>" + "".join(f"<th>{escape(title)}</th>" for title in titles) + "</tr></thead>\n"
+    body = ("".join(f"<td>{escape(text)}</td>" for text in line) for line in lines)
+    return across(table(body, style, head))
+
+
+def across(marked: str) -> str:
+    """What is wider than a phone, so that it can be moved sideways by itself."""
+    return f'<div class="across">{marked}</div>'
+
+
+def table(marked: Iterable[str], style: str = "wide", head: str = "") -> str:
+    """Rows of `td` elements, already escaped."""
+    body = "".join(f"<tr>{row}</tr>\n" for row in marked)
+    return f'<table class="{style}">{head}<tbody>{body}</tbody></table>' if body else "<p>none</p>"

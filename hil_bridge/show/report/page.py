@@ -1,0 +1,129 @@
+"""The report of a run: one page that needs nothing beside itself, and on request its picture as PNG and PDF."""
+
+from collections.abc import Iterator, Sequence
+from html import escape
+from pathlib import Path
+
+from hil_bridge.errors import ConfigError
+from hil_bridge.record.analysis.summary import Summary
+from hil_bridge.record.analysis.why import why
+from hil_bridge.record.files import check_place, write_whole
+from hil_bridge.record.reader import Recording
+from hil_bridge.show.pages import document, room
+from hil_bridge.show.report.differences import from_defaults
+from hil_bridge.show.report.figures import NAMED, merit_rows, quantity, run_rows
+from hil_bridge.show.report.identity import REAL, identity_rows, reality
+from hil_bridge.show.report.latency_section import latency_section
+from hil_bridge.show.report.markup import cells, pairs, rows, table
+from hil_bridge.show.report.run_charts import run_charts
+from hil_bridge.show.report.sections import controller_section, stability_section
+from hil_bridge.show.report.sources import start_time
+from hil_bridge.show.report.steps_section import criteria_paragraph, steps_section
+from hil_bridge.show.report.surface_section import surface_section
+
+PAGE = "report.html"
+PICTURES = {"png": "report.png", "pdf": "report.pdf"}
+"""Files of the picture by its kind."""
+EVENTS_SHOWN = 500
+_LOOKS = {"completed": "good", "stopped": "bad", "interrupted": "warn"}
+
+
+def write_report(
+    recording: Recording,
+    summary: Summary,
+    directory: Path,
+    overwrite: bool = False,
+    pictures: Sequence[str] = (),
+) -> Path:
+    """Write the page into a directory, which is made if need be, and the picture in the kinds wanted, `png` and `pdf`;
+    the answer is the page.
+
+    Raises ConfigError when the directory cannot be written, or without `overwrite` holds such files already, and for
+    a picture where matplotlib is not installed.
+    """
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"cannot make the directory {directory}: {error.strerror or error}") from error
+    for name in (PAGE, *(PICTURES[kind] for kind in pictures)):
+        check_place(directory / name, overwrite)
+    for kind in pictures:
+        from hil_bridge.show.report.plots import draw
+
+        write_whole(directory / PICTURES[kind], draw(recording, summary, kind), overwrite)
+    write_whole(directory / PAGE, page(recording, summary).encode(), overwrite)
+    return directory / PAGE
+
+
+def page(recording: Recording, summary: Summary) -> str:
+    """The page as HTML."""
+    charts, left_out = run_charts(recording, summary)
+    thinned = f'<p class="quiet">{escape(left_out)}</p>' if left_out else ""
+    checks = "".join(f"<li>{escape(text)}</li>" for text in summary.checks)
+    before = f"<h2>Before the touch</h2><ul>{checks}</ul>" if checks else ""
+    phases = pairs((name, quantity(value, 1, ".2f", "s")) for name, value in summary.phases_s.items())
+    body = f"""{_head(recording, summary)}
+<h2>Course</h2>
+{room("run", charts)}{thinned}
+{steps_section(recording, summary)}
+<div class="columns"><section><h2>Figures of merit</h2>{rows(merit_rows(summary))}
+<h3>Phases</h3>{phases}{before}</section><section><h2>Run</h2>{rows(run_rows(summary)[len(NAMED) :])}</section></div>
+{surface_section(recording)}{latency_section(recording)}
+{stability_section(recording, summary)}{controller_section(recording)}
+<h2>Events</h2>{_events(recording)}
+<h2>Settings that are not the defaults</h2>{_settings(recording)}
+{_counters(summary)}"""
+    return document(f"{summary.controller or 'run'}: {summary.outcome}", body)
+
+
+def _head(recording: Recording, summary: Summary) -> str:
+    """What the run was, and how it ended."""
+    which = reality(recording)
+    parts = [
+        f"<h1>Force control run: {escape(summary.controller or 'no controller named')}</h1>",
+        f'<p><span class="badge {_LOOKS.get(summary.outcome, "")}">{escape(summary.outcome)}</span>',
+        f' <span class="badge {"bad" if which == REAL else "plain"}">{escape(which)}</span>' if which else "",
+        "</p>",
+        f"<p>{escape(why(recording))}</p>" if recording.cycles else "",
+        *(f"<p>then: {escape(text)}</p>" for text in summary.followed),
+        f"<p>left: <strong>{escape(summary.left)}</strong></p>" if summary.left else "",
+        criteria_paragraph(summary),
+        "<p>The recording ends early; everything here covers what is there.</p>" if summary.truncated else "",
+        pairs(identity_rows(recording, summary), "facts"),
+    ]
+    return "\n".join(filter(None, parts))
+
+
+def _events(recording: Recording) -> str:
+    zero = start_time(recording)
+    shown = table(
+        (
+            f'<td class="value">{event.at - zero:.3f} s</td><td>{escape(event.kind)}</td>'
+            f"<td>{escape(event.text)}</td>"
+            for event in recording.events[:EVENTS_SHOWN]
+        ),
+        "narrow",
+    )
+    more = len(recording.events) - EVENTS_SHOWN
+    return f'<div class="scroll">{shown}</div>' + (
+        f"<p>and {more} more in the recording</p>" if more > 0 else ""
+    )
+
+
+def _settings(recording: Recording) -> str:
+    return cells(("setting", "value", "default"), from_defaults(recording), "narrow settings")
+
+
+def _counters(summary: Summary) -> str:
+    """Counters of the links: those that counted something; the others by name."""
+    moved = [(name, f"{value:g}") for name, value in summary.link.items() if value]
+    still = [name for name, value in summary.link.items() if not value]
+    if not summary.link:
+        return ""
+    return "".join(_counted(moved, still))
+
+
+def _counted(moved: Sequence[tuple[str, str]], still: Sequence[str]) -> Iterator[str]:
+    yield f"<h2>Link counters</h2>{pairs(moved)}"
+    if still:
+        yield f'<p class="quiet">0: {escape(", ".join(still))}</p>'

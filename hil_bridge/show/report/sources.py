@@ -1,0 +1,95 @@
+"""Columns of records as a page holds them: rounded, in order of time, and no longer than a picture can show."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_bridge.record.reader import Recording
+
+Array: TypeAlias = NDArray[np.float64]
+
+ROWS_MOST = 4000
+"""Rows of a source. Chosen: four to a pixel of a wide picture; a page stays below some megabytes, whatever the run."""
+_DIGITS = 6
+"""Of a value. Chosen: more than a sensor or a robot resolves."""
+_TIME_DIGITS = 5
+"""Behind the point of a time in s."""
+
+
+class Sources:
+    """The sources of a page, by name."""
+
+    def __init__(self) -> None:
+        self.found: dict[str, dict[str, list[float | None]]] = {}
+        self.rows: dict[str, tuple[int, int]] = {}
+        """Of each name that was thinned: rows that there were, and that are kept in one chart."""
+
+    def add(self, name: str, chart: str, x: Array, columns: Mapping[str, Array]) -> str:
+        """Columns over x of one chart; the name of the source that holds them. Rows without x are left out.
+
+        A short source is shared by all charts that name it, so their x must be the same. Of a long one each chart gets
+        its own, with the least and the greatest of each stretch in every column.
+        """
+        known = np.flatnonzero(np.isfinite(x))
+        order = known[np.argsort(x[known], kind="stable")]
+        if len(order) <= ROWS_MOST:
+            source = self.found.setdefault(name, {"x": rounded_times(x[order])})
+        else:
+            order = order[kept_rows([column[order] for column in columns.values()], len(order))]
+            self.rows[name] = (len(known), max(len(order), self.rows.get(name, (0, 0))[1]))
+            name = f"{name}/{chart}"
+            source = self.found.setdefault(name, {"x": rounded_times(x[order])})
+        for column, values in columns.items():
+            source[column] = rounded(values[order])
+        return name
+
+    def sentence(self) -> str:
+        """What was left out, in words; empty where nothing was."""
+        told = [f"{kept} of {rows} rows of {name}" for name, (rows, kept) in self.rows.items()]
+        if not told:
+            return ""
+        return (
+            f"The charts hold at most {', '.join(told)}: of each stretch its least and its greatest value, so no peak"
+            " is lost. The recording holds every row."
+        )
+
+
+def kept_rows(columns: Sequence[Array], rows: int) -> NDArray[np.intp]:
+    """Rows to keep of columns that are too long: first, last, and the extremes of each column in equal stretches."""
+    stretches = max(ROWS_MOST // (2 * max(len(columns), 1)) - 1, 1)
+    edges = np.linspace(0, rows, stretches + 1).astype(np.intp)
+    kept = {0, rows - 1}
+    for column in columns:
+        low, high = np.where(np.isnan(column), np.inf, column), np.where(np.isnan(column), -np.inf, column)
+        for begin, end in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+            kept.add(begin + int(low[begin:end].argmin()))
+            kept.add(begin + int(high[begin:end].argmax()))
+    return np.array(sorted(kept), dtype=np.intp)
+
+
+def rounded(values: Array) -> list[float | None]:
+    """Numbers for a page; what is no number becomes None."""
+    return [float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None for value in values.tolist()]
+
+
+def rounded_times(values: Array) -> list[float | None]:
+    """Times for a page, s."""
+    return [round(value, _TIME_DIGITS) for value in values.tolist()]
+
+
+def column(records: Sequence[Any], name: str) -> Array:
+    """One column of records; None becomes NaN."""
+    return np.array([getattr(record, name) for record in records], dtype=np.float64)
+
+
+def parts(records: Sequence[Any], name: str, width: int) -> Array:
+    """A column of vectors, (n, width)."""
+    return np.array([getattr(record, name) for record in records], dtype=np.float64).reshape(-1, width)
+
+
+def start_time(recording: Recording) -> float:
+    """Start of the page's times, s on the run's clock."""
+    return min([recording.cycles[0].started_at, *(event.at for event in recording.events)])

@@ -1,0 +1,56 @@
+"""The section of the page that tells of a program: its steps, and where they led."""
+
+from html import escape
+
+from hil_bridge.record.analysis.steps import StepOutcome, verdict_of
+from hil_bridge.record.analysis.summary import Summary
+from hil_bridge.record.reader import Recording
+from hil_bridge.show.report.figures import quantity
+from hil_bridge.show.report.markup import across, cells
+from hil_bridge.show.report.path_map import path_map
+from hil_bridge.show.report.program_charts import has_program
+
+_TITLES = "step", "time", "way", "mean force", "within", "wanted", "outcome", "found"
+_OPEN = 40
+"""Chosen: a longer table scrolls."""
+
+
+def steps_section(recording: Recording, summary: Summary) -> str:
+    """Empty for a run without a program."""
+    if not has_program(recording.cycles):
+        return ""
+    steps = cells(_TITLES, (_line(step) for step in summary.steps), "wide")
+    if len(summary.steps) > _OPEN:
+        steps = f'<div class="scroll">{steps}</div>'
+    return f"<h2>Steps</h2>\n{steps}\n{across(path_map(recording))}\n"
+
+
+def criteria_paragraph(summary: Summary) -> str:
+    """Which steps met their criterion and which did not; empty where none has one."""
+    judged = [step for step in summary.steps if step.wanted is not None or step.criterion_failed]
+    failed = [step for step in judged if step.criterion_failed]
+    if not judged:
+        return ""
+    if not failed:
+        return f"<p>criteria: all {len(judged)} passed</p>"
+    named = ", ".join(step.label for step in failed)
+    passed = f"; {len(judged) - len(failed)} of {len(judged)} passed"
+    return f"<p>criterion failed in step <strong>{escape(named)}</strong>{passed}</p>"
+
+
+def _line(step: StepOutcome) -> tuple[str, ...]:
+    found = ""
+    if step.found_mm is not None:
+        found = f"{step.name}: " + " ".join(quantity(part, 1, ".2f", "") for part in step.found_mm) + " mm"
+    verdict = verdict_of(step)
+    text = step.text if verdict and step.text else step.text or "done"
+    return (
+        step.label,
+        quantity(step.seconds, 1, ".1f", "s"),
+        quantity(step.way_mm, 1, ".1f", "mm") if step.way_mm else "",
+        "" if step.force_mean_n is None else quantity(step.force_mean_n, 1, ".2f", "N"),
+        "" if step.within is None else quantity(step.within, 100, ".1f", "%"),
+        "" if step.wanted is None else quantity(step.wanted, 100, "g", "%"),
+        f"{verdict}: {text}" if verdict else text,
+        found,
+    )

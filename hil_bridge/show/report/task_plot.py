@@ -1,0 +1,295 @@
+"""The picture of a program: its paths on the work frame from above, and below it the wanted force over time."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+from hil_bridge.control.words.paths import Place
+from hil_bridge.show.picture_files import drawing_library, saved
+from hil_bridge.show.report.plots import STYLE
+from hil_bridge.show.report.task_steps import Shown
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+WIDTH_PX = 1000
+_DPI = 100
+_PLAN_PX = (240, 620)
+"""Height of the paths: so much as they need, within these bounds."""
+_FORCE_PX, _BESIDE_PX = 230, 220
+"""Height of the force, and of titles and axes."""
+_ROOM = 0.08
+"""Room around the paths, as a share of the larger side."""
+_LEAST_ROOM_MM = 4.0
+_LONG_PIECE, _ARROWS = 0.6, 24
+"""Pieces of a path with a larger share of the longest have an arrow; of more pieces the last one alone."""
+_LETTER = 0.0095
+"""Width of a letter above the force, as a share of the axis."""
+
+_FREE, _PATH, _SEEK, _PRESS = "#808080", "#0072B2", "#D55E00", "#009E73"
+_COLOURS = {
+    "approach": "#fff3d6",
+    "track": "#e3f3ec",
+    "hold": "#d3e9c9",
+    "seek": "#fbe3d9",
+    "retract": "#e2f0fa",
+    "move": "#f0f0f0",
+    "zero": "#e4e4ee",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class _Line:
+    """A step on the plan."""
+
+    step: Shown
+    places: tuple[Place, ...]
+    """From its begin to its end, mm."""
+    known: bool
+    """Where it lies is known before the run."""
+
+
+def draw_task(steps: Sequence[Shown], title: str) -> bytes:
+    """The picture as PNG. The same program gives the same bytes with the same version of matplotlib.
+
+    Raises ConfigError where matplotlib is not installed.
+    """
+    matplotlib = drawing_library()
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    lines = _lines(steps)
+    box = _box(lines)
+    (left, right), (low, high) = box
+    plan_px = min(max(_PLAN_PX[0], WIDTH_PX * 0.9 * (high - low) / (right - left)), _PLAN_PX[1])
+    height = plan_px + _FORCE_PX + _BESIDE_PX
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(figsize=(WIDTH_PX / _DPI, height / _DPI), dpi=_DPI)
+        figure.set_layout_engine("constrained", h_pad=0.08, w_pad=0.08)
+        FigureCanvasAgg(figure)
+        figure.suptitle(title, fontsize=13, fontweight="bold", parse_math=False)
+        plan, force = figure.subplots(2, 1, height_ratios=(plan_px, _FORCE_PX))
+        _draw_plan(plan, lines, box)
+        _draw_force(force, steps)
+        return saved(figure, "png")
+
+
+def _lines(steps: Sequence[Shown]) -> list[_Line]:
+    """Every step on the plan. Where a place is known in the run alone, the farthest that it can be is taken."""
+    found: list[_Line] = []
+    guess: Place | None = None
+    for step in steps:
+        known = step.begin is not None
+        begin = step.begin or guess
+        places: tuple[Place, ...] = () if begin is None else (begin,)
+        if step.word == "move":
+            places = (*places, step.leg.step.to_mm)
+        elif step.leg.way is not None:
+            x, y = begin or (0.0, 0.0)
+            places = tuple((x + u * 1e3, y + v * 1e3) for u, v in step.leg.way.points)
+        found.append(_Line(step, places, known))
+        guess = places[-1] if places else None
+    return found
+
+
+def _box(lines: Sequence[_Line]) -> tuple[Place, Place]:
+    """Least and largest x and y of the plan, with room around, mm."""
+    everywhere = [place for line in lines for place in line.places] or [(0.0, 0.0)]
+    sides = [(min(values), max(values)) for values in zip(*everywhere, strict=True)]
+    room = max(_ROOM * max(high - low for low, high in sides), _LEAST_ROOM_MM)
+    (left, right), (low, high) = sides
+    return (left - room, right + room), (low - room, high + room)
+
+
+def _draw_plan(ax: "Axes", lines: Sequence[_Line], box: tuple[Place, Place]) -> None:
+    for line in lines:
+        _draw_line(ax, line)
+    _number(ax, lines)
+    _name(ax, lines)
+    ax.plot(*box, ls="none")
+    ax.margins(0.0)
+    ax.set_aspect("equal", adjustable="datalim")
+    ax.set_xlabel("x, mm (the travel direction)")
+    ax.set_ylabel("y, mm")
+    ax.set_title("paths from above, in the work frame", loc="left", fontsize=10.5)
+    handles, labels = ax.get_legend_handles_labels()
+    by_label = dict(zip(labels, handles, strict=True))
+    ax.legend(
+        by_label.values(),
+        by_label.keys(),
+        loc="lower right",
+        bbox_to_anchor=(1.0, 1.0),
+        borderaxespad=0.2,
+        ncols=4,
+        frameon=False,
+    )
+
+
+def _draw_line(ax: "Axes", line: _Line) -> None:
+    """One step on the plan."""
+    if not line.places:
+        return
+    word, (xs, ys) = line.step.word, zip(*line.places, strict=True)
+    if word == "move":
+        for begin in {line.places[0], line.step.again or line.places[0]} - {line.places[-1]}:
+            way = (begin, line.places[-1])
+            ax.plot(
+                *zip(*way, strict=True),
+                color=_FREE,
+                lw=1.2,
+                ls=(0, (4, 3)),
+                label="move, in free space",
+                zorder=2,
+            )
+            _arrow(ax, way, _FREE)
+    elif word == "seek":
+        ax.plot(xs, ys, color=_SEEK, lw=1.6, ls=":", label="seek, at most", zorder=3)
+        _arrow(ax, line.places, _SEEK)
+    elif word == "track":
+        style, label = ("-", "track") if line.known else ((0, (6, 1.5)), "track, placed by the run")
+        ax.plot(xs, ys, color=_PATH, lw=1.8, ls=style, label=label, zorder=3)
+        _arrow(ax, line.places, _PATH)
+    elif word == "hold":
+        ax.plot(xs[:1], ys[:1], ls="none", marker="s", ms=9, mfc=_PRESS, mec="white", label="hold", zorder=4)
+
+
+def _arrow(ax: "Axes", places: Sequence[Place], colour: str) -> None:
+    """Heads that tell the direction: in the middle of each long piece of the way, of the longest one where there are
+    many.
+    """
+    pieces = [(math.dist(*pair), pair) for pair in pairwise(places)]
+    longest = max((length for length, _ in pieces), default=0.0)
+    if longest < 1e-6:
+        return
+    long = [pair for length, pair in pieces if length > _LONG_PIECE * longest]
+    if len(long) > _ARROWS:
+        long = [next(pair for length, pair in reversed(pieces) if length > 0.99 * longest)]
+    for (x, y), (u, v) in long:
+        length = math.dist((x, y), (u, v))
+        reach = min(0.02, 0.1 / length)
+        ax.annotate(
+            "",
+            ((x + u) / 2 + reach * (u - x), (y + v) / 2 + reach * (v - y)),
+            xytext=((x + u) / 2 - reach * (u - x), (y + v) / 2 - reach * (v - y)),
+            arrowprops={
+                "arrowstyle": "-|>",
+                "color": colour,
+                "mutation_scale": 14,
+                "shrinkA": 0,
+                "shrinkB": 0,
+            },
+            zorder=4,
+        )
+
+
+def _number(ax: "Axes", lines: Sequence[_Line]) -> None:
+    """The numbers of the steps, once for each place where steps begin."""
+    here: dict[Place, list[str]] = {}
+    for line in lines:
+        if line.places:
+            x, y = line.places[0]
+            here.setdefault((round(x, 1) + 0.0, round(y, 1) + 0.0), []).append(line.step.number)
+    order = [line.step.number for line in lines]
+    ax.plot(*zip(*here, strict=True), ls="none", marker="o", ms=5, color="black", zorder=5)
+    for place, numbers in here.items():
+        ax.annotate(
+            _together(numbers, order),
+            place,
+            xytext=(6, 6),
+            textcoords="offset points",
+            fontsize=9.5,
+            fontweight="bold",
+            zorder=6,
+            bbox={"boxstyle": "round,pad=0.2", "facecolor": "white", "edgecolor": "#b0b0b0", "alpha": 0.9},
+        )
+
+
+def _together(numbers: Sequence[str], order: Sequence[str]) -> str:
+    """Numbers of steps in words, those that follow each other joined: "1–3, 7"."""
+    runs: list[list[str]] = []
+    for number in numbers:
+        if runs and order.index(number) == order.index(runs[-1][-1]) + 1:
+            runs[-1].append(number)
+        else:
+            runs.append([number])
+    joined = (f"{run[0]}–{run[-1]}" if len(run) > 2 else ", ".join(run) for run in runs)
+    return ", ".join(joined)
+
+
+def _name(ax: "Axes", lines: Sequence[_Line]) -> None:
+    """The names of what is told, where it is found."""
+    here: dict[Place, list[str]] = {}
+    for line in lines:
+        if (name := getattr(line.step.leg.step, "name", "")) and line.places:
+            here.setdefault(line.places[-1], []).append(name)
+    for place, names in here.items():
+        ax.annotate(
+            "\n".join(names),
+            place,
+            xytext=(7, -5),
+            textcoords="offset points",
+            va="top",
+            fontsize=9,
+            fontstyle="italic",
+            color="#404040",
+            parse_math=False,
+            zorder=6,
+        )
+
+
+def _draw_force(ax: "Axes", steps: Sequence[Shown]) -> None:
+    """The wanted force over time; a band for each step."""
+    from matplotlib.patches import Patch
+
+    whole = sum(step.seconds for step in steps) or 1.0
+    highest = max((newton for step in steps if step.presses for _, newton in step.leg.profile), default=1.0)
+    at, raised = 0.0, False
+    for step in steps:
+        end = at + step.seconds
+        ax.axvspan(at, end, color=_COLOURS[step.word], lw=0, zorder=0)
+        ax.axvline(end, color="#b8b8b8", lw=0.7, zorder=1)
+        room = step.seconds / whole
+        times = f" × {step.passes}" if step.passes > 1 else ""
+        texts = (f"{step.number} {step.word}{times}", f"{step.number} {step.word}", step.number)
+        text = next((text for text in texts if len(text) * _LETTER < room), step.number)
+        raised = len(text) * _LETTER >= room and not raised
+        ax.annotate(
+            text,
+            ((at + end) / 2, 1.0),
+            xycoords=ax.get_xaxis_transform(),
+            xytext=(0, 15 if raised else 3),
+            textcoords="offset points",
+            ha="center",
+            va="bottom",
+            fontsize=9,
+        )
+        if step.presses:
+            xs, ys = _wanted(step, at)
+            ax.plot(xs, ys, color=_PRESS, lw=2.0, zorder=3, solid_capstyle="butt")
+            ax.fill_between(xs, ys, color=_PRESS, alpha=0.15, lw=0, zorder=2)
+        at = end
+    words = dict.fromkeys(step.word for step in steps)
+    patches = [Patch(facecolor=_COLOURS[word], edgecolor="#b8b8b8", lw=0.7, label=word) for word in words]
+    ax.legend(
+        handles=patches, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=len(words), frameon=False
+    )
+    ax.set_xlim(0.0, max(at, 1e-3))
+    ax.set_ylim(0.0, 1.12 * highest)
+    ax.locator_params(axis="y", steps=[1, 2, 5, 10], nbins=6)
+    ax.set_xlabel("time, s, about; the passes of a repeat are drawn once")
+    ax.set_ylabel("wanted force, N")
+
+
+def _wanted(step: Shown, begin: float) -> tuple[list[float], list[float]]:
+    """Times and wanted forces of a step."""
+    end = begin + step.seconds
+    way, profile = step.leg.way, step.leg.profile
+    if way is None or len(profile) == 1:
+        return [begin, end], [profile[0][1]] * 2
+    speed = step.leg.stroke.parameters.speed_mm_s * 1e-3
+    longest = step.seconds * speed
+    inside = [(place, newton) for place, newton in profile if place < longest]
+    places = [*inside, (longest, step.leg.reference(longest))]
+    return [begin + place / speed for place, _ in places], [newton for _, newton in places]

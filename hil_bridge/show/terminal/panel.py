@@ -1,0 +1,153 @@
+"""A snapshot as a panel that fills a terminal, from 60 × 20 up: one column of rows, or two on a wide one."""
+
+import itertools
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+from rich import box
+from rich.console import Group, RenderableType
+from rich.panel import Panel
+from rich.text import Text
+
+from hil_bridge.show.terminal import rows
+from hil_bridge.show.terminal.chart import chart
+from hil_bridge.show.terminal.model import Snapshot
+
+WIDE = 120
+"""Columns from which there are two columns of rows."""
+_GAP = 3
+_CHART_SHARE = 4
+"""The chart has this part of the rows at least. Chosen."""
+_EVENTS_MAX = 8
+"""Most rows of events where the chart could use the room. Chosen."""
+_PHASE_STYLES = {"approach": "yellow", "track": "green", "retract": "cyan"}
+
+
+class _Block(NamedTuple):
+    """Rows that are shown together; those of the largest rank go first when there is no room."""
+
+    lines: Sequence[Text]
+    rank: int
+
+
+def panel(snapshot: Snapshot, width: int, height: int) -> RenderableType:
+    """The whole view, as wide and high as that."""
+    inner, room = width - 4, height - 2
+    wide = width >= WIDE
+    body = _two_columns(snapshot, inner, room) if wide else _one_column(snapshot, inner, room)
+    style = "red" if snapshot.cause else _PHASE_STYLES.get(snapshot.phase, "blue")
+    return Panel(
+        Group(*_fitted(body, inner, room)),
+        title=_title(snapshot, style),
+        title_align="left",
+        border_style=style,
+        box=box.ROUNDED,
+        width=width,
+        height=height,
+    )
+
+
+def _title(snapshot: Snapshot, style: str) -> Text:
+    """First whether a real robot may move, then what the run does."""
+    scene = snapshot.scene
+    cell = (f" {scene.cell} ", "bold white on red" if scene.real else "bold black on green")
+    return Text.assemble(
+        "hil-bridge ",
+        *(cell,) * bool(scene.cell),
+        " ",
+        (snapshot.phase.upper(), f"bold {style}"),
+        f"  step {snapshot.step_label}" if snapshot.step else "",
+        *(("  HELD", "bold yellow"),) * snapshot.held,
+        *(("  STOPPED", "bold red"),) * bool(snapshot.cause),
+        overflow="ellipsis",
+    )
+
+
+def _one_column(snapshot: Snapshot, width: int, room: int) -> list[Text]:
+    limit, resultant, moment, lateral = rows.margins(snapshot, width)
+    latency, hops = rows.latency(snapshot)
+    troubles, counts = rows.link(snapshot)
+    record, *keys = rows.foot(snapshot)
+    above = _Block([rows.force(snapshot)], 0)
+    below = [
+        _Block([limit], 0),
+        _Block([resultant, moment], 4),
+        _Block([lateral], 1),
+        _Block(rows.values(snapshot, width), 0),
+        _Block([rows.verdict(snapshot)], 1),
+        _Block([latency], 3),
+        _Block([hops], 6),
+        _Block([troubles], 2),
+        _Block([counts], 5),
+        _Block(rows.told(snapshot, width), 0),
+    ]
+    feet = [_Block([rows.progress(snapshot, width)], 0), _Block([record], 2), _Block(keys, 0)]
+    events = rows.events(snapshot, 1)
+    least = room // _CHART_SHARE
+    kept = _kept([above, *below, *feet], room - least - len(events))
+    free = room - sum(len(block.lines) for block in kept)
+    events = rows.events(snapshot, min(_EVENTS_MAX, max(len(events), (free - least) // 3)))
+    drawn = chart(snapshot, width, max(1, free - len(events)))
+    return [
+        *above.lines,
+        *drawn,
+        *_lines(block for block in kept if block in below),
+        *events,
+        *_lines(block for block in kept if block in feet),
+    ]
+
+
+def _two_columns(snapshot: Snapshot, width: int, room: int) -> list[Text]:
+    right = min(90, (width - _GAP) // 2)
+    left = width - _GAP - right
+    foot = [rows.progress(snapshot, width), *rows.foot(snapshot)]
+    high = room - len(foot)
+    limits = rows.margins(snapshot, left)
+    pressing = [
+        rows.force(snapshot),
+        *chart(snapshot, left, max(1, high - 1 - len(limits))),
+        *limits,
+    ]
+    facts = [
+        *rows.told(snapshot, right),
+        *rows.values(snapshot, right),
+        rows.verdict(snapshot),
+        *rows.latency(snapshot),
+        *rows.link(snapshot),
+        Text(),
+    ]
+    facts += rows.events(snapshot, high - len(facts))
+    return [*_beside(pressing, facts, left, right)[:high], *foot]
+
+
+def _beside(left: Sequence[Text], right: Sequence[Text], width: int, other: int) -> list[Text]:
+    lines = []
+    for one, two in itertools.zip_longest(left, right, fillvalue=Text()):
+        line = one.copy()
+        line.truncate(width, overflow="ellipsis", pad=True)
+        second = two.copy()
+        second.truncate(other, overflow="ellipsis")
+        lines.append(line.append(" │ ", "dim").append_text(second))
+    return lines
+
+
+def _kept(blocks: Sequence[_Block], room: int) -> list[_Block]:
+    """The blocks that fit, in their order: those of the largest rank go first."""
+    kept = list(blocks)
+    while sum(len(block.lines) for block in kept) > room:
+        last = max(kept, key=lambda block: block.rank)
+        if not last.rank:
+            break
+        kept.remove(last)
+    return kept
+
+
+def _lines(blocks: Iterable[_Block]) -> list[Text]:
+    return [line for block in blocks for line in block.lines]
+
+
+def _fitted(lines: Sequence[Text], width: int, room: int) -> list[Text]:
+    """Exactly so many lines, none wider."""
+    for line in lines:
+        line.truncate(width, overflow="ellipsis")
+    return [*lines[:room], *(Text() for _ in range(room - len(lines)))]

@@ -1,0 +1,244 @@
+"""Rows of the panel: each is one line of text, or a few, from a snapshot."""
+
+import math
+import textwrap
+from collections.abc import Sequence
+
+from rich.text import Text
+
+from hil_bridge.devices.facts import LATE, Pacing
+from hil_bridge.errors.text_files import harmless
+from hil_bridge.record.analysis.times import in_ms
+from hil_bridge.show.terminal.chart import error_style
+from hil_bridge.show.terminal.model import Snapshot, Told
+
+_LABEL = 11
+"""Columns of a label at the left."""
+_BAR, _SHORT_BAR = 20, 10
+_NARROW = 66
+"""Columns below which a bar is short."""
+_NEAR, _CLOSE = 0.5, 0.8
+"""Shares of a limit from which a bar is yellow and red. Chosen."""
+_ALARM_ROWS = 4
+_HOPS_SHOWN = 4
+"""Hops with the largest medians, that fit a line."""
+_STALE_SENSOR_S = 0.1
+"""Older than this is shown as a warning; the supervisor has its own, stricter limit. Chosen."""
+_VERDICT_STYLES = {"allow": "green", "clamp": "yellow", "stop": "bold red"}
+
+
+def _row(label: str, *parts: str | tuple[str, str] | Text) -> Text:
+    shown = [
+        part
+        if isinstance(part, Text)
+        else (harmless(part), "")
+        if isinstance(part, str)
+        else (harmless(part[0]), part[1])
+        for part in parts
+    ]
+    return Text.assemble((f"{label:<{_LABEL}} ", "dim"), *shown, no_wrap=True, overflow="ellipsis")
+
+
+def force(snapshot: Snapshot) -> Text:
+    """Force, target and what is missing."""
+    reference, newest = snapshot.reference_n, snapshot.newest
+    if newest is None or not math.isfinite(newest.force):
+        return _row("force", (f"{'–':>8}     target {reference:6.2f} N", "dim"))
+    told = (f"{newest.force:z8.2f} N", "bold")
+    if not snapshot.wants_force:
+        return _row("force", told, "   in free space")
+    line = _row("force", told, f"  target {reference:6.2f} N")
+    if newest.in_contact:
+        line.append(f"  off by {newest.force - reference:+.2f} N", error_style(newest.force, reference))
+    else:
+        line.append("   no contact", "yellow")
+    return line
+
+
+def margins(snapshot: Snapshot, width: int) -> list[Text]:
+    """Where forces and moment stand between 0 and the limits that stop the run."""
+    limits, newest, bar = snapshot.scene.limits, snapshot.newest, _BAR if width >= _NARROW else _SHORT_BAR
+    force = math.nan if newest is None else newest.force
+    pulls = force < 0 and -force / limits.pull_limit_n > -force / limits.force_limit_n
+    lateral = "–" if snapshot.lateral_n is None else f"{snapshot.lateral_n:.2f} N"
+    travel = _mm(None if newest is None else newest.travel_commanded)
+    return [
+        _margin("pull", -force, limits.pull_limit_n, "N", bar)
+        if pulls
+        else _margin("limit", abs(force), limits.force_limit_n, "N", bar),
+        _margin("resultant", snapshot.resultant_n, limits.resultant_limit_n, "N", bar),
+        _margin("moment", snapshot.moment_nm, limits.moment_limit_nm, "N·m", bar),
+        _row("lateral", f"{lateral}   travel {travel}   frames ", _count("lost ", snapshot.frames_lost)),
+    ]
+
+
+def _margin(label: str, value: float, limit: float, unit: str, bar: int) -> Text:
+    if not math.isfinite(value):
+        return _row(label, ("─" * bar, "dim"), f"  – of {limit:g} {unit}")
+    share = value / limit if limit else math.inf
+    filled = min(bar, round(share * bar))
+    style = "bold red" if share >= _CLOSE else "yellow" if share >= _NEAR else "green"
+    room = f"{limit - value:.1f} {unit} left" if value < limit else "BEYOND"
+    return _row(
+        label,
+        ("━" * filled, style),
+        ("─" * (bar - filled), "dim"),
+        f"  {value:.1f} of {limit:g} {unit}, {room}",
+    )
+
+
+def values(snapshot: Snapshot, width: int) -> list[Text]:
+    """Motion beside the health of the wires: side by side where the width allows it, the pairs are rows then."""
+    left = max(20, min(26, (width - 2 * _LABEL - 4) // 2))
+    rows = []
+    for (name, one), (other, two) in zip(_motion(snapshot), _health(snapshot, width >= _NARROW), strict=True):
+        pair = _row(name, one)
+        pair.truncate(_LABEL + 1 + left, pad=True)
+        pair.append(f" {other:<{_LABEL}} ", "dim")
+        pair.append_text(two)
+        rows.append(pair)
+    return rows
+
+
+def _mm(metres: float | None) -> str:
+    return "–" if metres is None else f"{metres * 1e3:.3f} mm"
+
+
+def _motion(snapshot: Snapshot) -> Sequence[tuple[str, Text]]:
+    newest = snapshot.newest
+    if newest is None:
+        return [(name, Text("–")) for name in ("depth", "commanded", "correction", "stiffness")]
+    stiffness = "–" if newest.stiffness is None else f"{newest.stiffness:9.0f} N/m"
+    correction = f"{newest.correction * 1e3:+9.3f} mm" + (" held" if newest.held else f" ×{newest.gain:g}")
+    return [
+        ("depth", Text(f"{newest.depth * 1e3:9.3f} mm")),
+        ("commanded", Text(f"{newest.depth_commanded * 1e3:9.3f} mm")),
+        ("correction", Text(correction)),
+        ("stiffness", Text(stiffness)),
+    ]
+
+
+def _health(snapshot: Snapshot, wide: bool) -> Sequence[tuple[str, Text]]:
+    robot, cycle_s, age_s = snapshot.scene.robot, snapshot.cycle_time_s, snapshot.sensor_age_s
+    floor_s = robot.line_floor_s
+    cycle = "–" if cycle_s is None else f"{cycle_s * 1e3:6.1f} ms"
+    if cycle_s is not None and cycle_s > 0 and wide:
+        cycle += f"  {1 / cycle_s:5.1f} Hz"
+    age = "–" if age_s is None else f"{age_s * 1e3:6.1f} ms"
+    stale = age_s is not None and age_s > _STALE_SENSOR_S
+    return [
+        ("cycle time", Text(cycle)),
+        _answer(snapshot)
+        if robot.pacing is Pacing.STREAMED
+        else ("line floor", Text("–" if floor_s is None else f"{floor_s * 1e3:6.1f} ms")),
+        ("sensor age", Text(age, "red" if stale else "")),
+        ("link errors", _count("", snapshot.link_errors, 6)),
+    ]
+
+
+def _answer(snapshot: Snapshot) -> tuple[str, Text]:
+    """Time of the newest answer to a robot that drives the cycle, and how many were late."""
+    seconds = math.nan if snapshot.newest is None else snapshot.newest.answer_s
+    told = f"{seconds * 1e3:6.2f} ms" if math.isfinite(seconds) else "–"
+    return "answer", Text.assemble(told, _count("  late ", snapshot.link.get(LATE, 0)))
+
+
+def _count(label: str, number: int, width: int = 0) -> Text:
+    return Text.assemble(label, (f"{number:{width}d}", "yellow" if number else "green"))
+
+
+def verdict(snapshot: Snapshot) -> Text:
+    """Verdict of the supervisor on the newest command."""
+    newest = snapshot.newest
+    if newest is None:
+        return _row("supervisor", "–")
+    text = f"{newest.verdict}: {', '.join(newest.reasons)}" if newest.reasons else newest.verdict
+    return _row("supervisor", (text, _VERDICT_STYLES.get(newest.verdict, "red")))
+
+
+def latency(snapshot: Snapshot) -> list[Text]:
+    """The whole of the last cycles, and its larger hops."""
+    found = snapshot.latency
+    if found is None:
+        return [_row("latency", "–"), Text()]
+    p50, p99, largest = map(in_ms, (found.total.p50_s, found.total.p99_s, found.total.max_s))
+    shown = sorted(found.chain, key=lambda part: -part.times.p50_s)[:_HOPS_SHOWN]
+    hops = [f"{part.hop.name} {in_ms(part.times.p50_s)}" for part in found.chain if part in shown]
+    return [
+        _row("latency", f"{p50} ms p50, {p99} p99, {largest} max  ", (found.name, "dim")),
+        _row("", (f"{' + '.join(hops)} ms", "dim")),
+    ]
+
+
+def link(snapshot: Snapshot) -> list[Text]:
+    """Traffic on the robot's link, and the counters of all troubles there."""
+    counts = "; ".join(
+        f"{snapshot.link.get(one.sent, 0)} {one.what} sent, {snapshot.link.get(one.received, 0)} received"
+        for one in snapshot.scene.robot.traffic
+    )
+    if not snapshot.link:
+        return [_row("link", "–"), Text()]
+    troubles = ", ".join(f"{name} {count}" for name, count in snapshot.link_troubles.items())
+    return [
+        _row("link", (troubles, "yellow") if troubles else ("undisturbed", "green")),
+        _row("", (counts, "dim")),
+    ]
+
+
+def told(snapshot: Snapshot, width: int) -> list[Text]:
+    """Texts that a person should read at once: why the run stops, a warning, the check of the sensor."""
+    rows = _wrapped("STOPPED", snapshot.cause, width) if snapshot.cause else []
+    if snapshot.warning:
+        rows.append(_row("warning", (snapshot.warning, "bold red")))
+    if snapshot.check and not snapshot.cause:
+        rows.append(_row("sensor", snapshot.check))
+    return rows
+
+
+def _wrapped(label: str, text: str, width: int) -> list[Text]:
+    """An alarm in as many rows as it needs, up to `_ALARM_ROWS`."""
+    parts = textwrap.wrap(text, max(20, width - _LABEL - 1), max_lines=_ALARM_ROWS, placeholder=" …")
+    rows = [_row(label if k == 0 else "", (part, "bold red")) for k, part in enumerate(parts)]
+    rows[0].stylize("bold red not dim", 0, _LABEL)
+    return rows
+
+
+def events(snapshot: Snapshot, count: int) -> list[Text]:
+    """The newest events, oldest first, in so many rows."""
+    others = [one for one in snapshot.events if one.text != snapshot.check]  # that one has its own row
+    return [_event(one) for one in others[-count:]] if count > 0 else []
+
+
+def _event(one: Told) -> Text:
+    style = "red" if one.alarm else "yellow" if one.caution else ""
+    last = one.text.strip().rpartition("\n")[2]  # of a traceback
+    return _row(f"{one.elapsed_s:8.1f} s", (f"{one.kind}: {last}", style))
+
+
+def progress(snapshot: Snapshot, width: int) -> Text:
+    """Cycle, time, and a bar of what is done."""
+    cycle = "" if snapshot.newest is None else f"cycle {snapshot.newest.cycle}  "
+    elapsed = f"{cycle}{snapshot.elapsed_s:.1f} s"
+    total_s, remaining_s, count = snapshot.scene.total_s, snapshot.remaining_s, len(snapshot.scene.steps)
+    if count:
+        share, left = max(snapshot.step - 1, 0) / count, f"step {snapshot.step} of {count}"
+    elif total_s is not None and remaining_s is not None:
+        share, left = snapshot.tracked_s / max(total_s, 1e-9), f"{remaining_s:.1f} s to track"
+    else:
+        return Text(f"{elapsed} elapsed", style="dim", no_wrap=True)
+    room = max(0, width - len(elapsed) - len(left) - 2)
+    filled = round(min(1.0, share) * room)
+    return Text.assemble(
+        elapsed, " ", ("━" * filled, "cyan"), ("─" * (room - filled), "dim"), " ", left, no_wrap=True
+    )
+
+
+def foot(snapshot: Snapshot) -> list[Text]:
+    """Where the run is recorded, and the keys."""
+    scene = snapshot.scene
+    record = [_row("recording", scene.record or ("none", "yellow"))]
+    if not scene.keys:
+        return record
+    keys = _row("keys", ("r", "bold"), " or ", ("q", "bold"), " retract and end   ")
+    keys.append("p", "bold").append(" hold   ").append("m", "bold").append(" mark")
+    return [*record, keys]

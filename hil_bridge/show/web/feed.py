@@ -1,0 +1,216 @@
+"""The run's side of its page: starts the process that serves it, and hands it the records without ever waiting."""
+
+import asyncio
+import importlib.util
+import os
+import secrets
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import IO
+
+from hil_bridge.errors import ConfigError
+from hil_bridge.record import CycleRecord, RunEnd
+from hil_bridge.record.topics import Record
+from hil_bridge.show.terminal import Health, Scene
+from hil_bridge.show.web import wire
+
+LOOPBACK = "127.0.0.1"
+BATCH_S = 0.03
+"""Time of the run that one message gathers. Chosen: a page is drawn less often."""
+BATCH_RECORDS = 48
+"""Records of one message at most. Chosen: they stay far below `wire.MOST_BYTES`."""
+WAITING_RECORDS = 1024
+"""Records that wait here for the end of a batch at most."""
+BUFFER_BYTES = 1 << 20
+"""Bytes that the socket is asked to hold; Linux may give less."""
+CLOSE_SECONDS = 3.0
+"""Longest wait for the serving process to tell its clients the end. Chosen."""
+NEEDED = ("aiohttp", "foxglove")
+
+
+@dataclass(frozen=True, slots=True)
+class WebOptions:
+    """A person's wishes of the page."""
+
+    port: int = 0
+    """Port on loopback; 0: one that is free."""
+    origins: tuple[str, ...] = ()
+    """Origins of other pages that may read, such as https://app.foxglove.dev."""
+
+
+def check_extra(what: str) -> None:
+    """Raise ConfigError where the extra `web` is not installed."""
+    if any(importlib.util.find_spec(name) is None for name in NEEDED):
+        raise ConfigError(f"{what} needs the extra web: pip install 'hil-bridge[web]'")
+
+
+def listening(port: int) -> socket.socket:
+    """A socket that listens on loopback. Raises ConfigError."""
+    sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    try:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        sock.bind((LOOPBACK, port))
+        sock.listen(32)
+    except OSError as error:
+        sock.close()
+        raise ConfigError(
+            f"the page cannot listen on {LOOPBACK}:{port}: {error.strerror}; name another port with --web-port"
+        ) from error
+    sock.setblocking(False)
+    return sock
+
+
+class Feed:
+    """Gives the records of a run to the process that serves its page.
+
+    All methods belong to the thread of the run's loop. `put`, `cycle`, `event` and `pulse` never wait: what the socket
+    does not take is dropped and counted. A serving process that ends is told once to `gone`; the run goes on.
+    """
+
+    def __init__(self, options: WebOptions) -> None:
+        """Start the process. Raises ConfigError where the extra is missing, or the port is taken."""
+        check_extra("--web")
+        self._retract: Callable[[], object] | None = None
+        self._gone: Callable[[str], object] | None = None
+        self._waiting: list[Record] = []
+        self._sent_at = 0.0
+        self._alive = True
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self.dropped = 0
+        """Records that the page was not given."""
+        token = secrets.token_urlsafe(24)
+        listener = listening(options.port)
+        port: int = listener.getsockname()[1]
+        self.url = f"http://{LOOPBACK}:{port}/#token={token}"
+        """Address of the page, with the token of this run, which a browser does not send to any server."""
+        self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER_BYTES)
+        self._socket.setblocking(False)
+        self._told: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115
+        with listener, theirs:
+            self._process = _started((theirs.fileno(), listener.fileno()), token, options.origins, self._told)
+
+    def listen(self, retract: Callable[[], object], gone: Callable[[str], object]) -> None:
+        """Hear the page in the running loop from now on. `retract` is called when the page asks for the end, `gone`
+        with a text when the serving process has ended.
+        """
+        self._retract, self._gone = retract, gone
+        self._loop = asyncio.get_running_loop()
+        self._loop.add_reader(self._socket, self._heard)
+
+    def _heard(self) -> None:
+        try:
+            word = self._socket.recv(64)
+        except BlockingIOError:
+            return
+        except OSError:
+            word = b""
+        if word == wire.RETRACT and self._retract is not None:
+            self._retract()
+        elif not word:
+            self._lose()
+
+    def _lose(self) -> None:
+        if not self._alive:
+            return
+        self._alive = False
+        self._deafen()
+        last = ""
+        with suppress(OSError):  # other code has closed it
+            self._told.seek(0)
+            last = self._told.read(65536).decode(errors="replace").strip().rpartition("\n")[2]
+        if self._gone is not None:
+            self._gone(f"the page's server has ended{last and f': {last[:300]}'}")
+
+    def _deafen(self) -> None:
+        if self._loop is not None:
+            self._loop.remove_reader(self._socket)
+            self._loop = None
+
+    def begin(self, scene: Scene, unix_zero_ns: int) -> None:
+        """Tell the facts of the run, and again when more is known."""
+        self._send(wire.encoded(wire.Begin(scene, unix_zero_ns)), 0)
+
+    def put(self, record: Record) -> None:
+        """Take a record."""
+        if not self._alive:
+            return
+        if len(self._waiting) >= WAITING_RECORDS:
+            self.dropped += 1
+            return
+        self._waiting.append(record)
+
+    def cycle(self, record: CycleRecord) -> None:
+        """A cycle has ended, and the loop has time."""
+        if len(self._waiting) >= BATCH_RECORDS or not 0 <= record.answered_at - self._sent_at < BATCH_S:
+            self._sent_at = record.answered_at
+            self.flush()
+
+    def flush(self) -> None:
+        """Send all that waits."""
+        while self._waiting:
+            batch, self._waiting = self._waiting[:BATCH_RECORDS], self._waiting[BATCH_RECORDS:]
+            self._send(wire.encoded_records(batch), len(batch))
+
+    def pulse(self, now: float, health: Health, check: str = "", warning: str = "") -> None:
+        """Tell the time and the health of the wires, after what waits."""
+        self.flush()
+        self._send(wire.encoded(wire.Pulse(now, health, self.dropped, check, warning)), 0)
+
+    def _send(self, data: bytes, records: int) -> None:
+        if not self._alive:
+            return
+        try:
+            if len(data) > wire.MOST_BYTES:
+                raise BlockingIOError
+            self._socket.send(data, socket.MSG_NOSIGNAL)
+        except BlockingIOError:
+            self.dropped += records
+        except OSError:
+            self._lose()
+
+    def end(self, end: RunEnd) -> None:
+        """Tell how the run ended, after all records."""
+        self.flush()
+        self._send(wire.encoded(wire.End(end.as_metadata())), 0)
+
+    def close(self) -> None:
+        """End the serving process, which first tells its clients. Waits for CLOSE_SECONDS at most. Harmless when called
+        again.
+        """
+        if self._told.closed:
+            return
+        self._alive = False
+        self._deafen()
+        self._socket.close()
+        try:
+            self._process.wait(CLOSE_SECONDS)
+        except subprocess.TimeoutExpired:
+            self._process.send_signal(signal.SIGKILL)
+            self._process.wait()
+        self._told.close()
+
+
+def _started(
+    sockets: Sequence[int], token: str, origins: Sequence[str], told: IO[bytes]
+) -> "subprocess.Popen[bytes]":
+    """The serving process. It has a session of its own, so that Ctrl-C reaches the run alone.
+
+    The token goes through the environment, which other users cannot read, unlike the arguments.
+    """
+    arguments = [sys.executable, "-P", "-m", "hil_bridge.show.web", *map(str, sockets), *origins]
+    return subprocess.Popen(
+        arguments,
+        pass_fds=sockets,
+        start_new_session=True,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=told,
+        env={**os.environ, "HIL_BRIDGE_WEB_TOKEN": token},
+    )

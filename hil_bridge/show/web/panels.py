@@ -1,0 +1,105 @@
+"""The run in Foxglove's own protocol, by its SDK, which serves an inner address. Clients reach it through our server.
+
+Topics and schemas are those of a recording. All that a client could write, parameters and services are off.
+"""
+
+import logging
+import math
+import secrets
+from collections.abc import Mapping
+
+import foxglove
+from foxglove import Channel, Context, Schema
+from foxglove.websocket import WebSocketServer
+from msgspec import Struct
+
+from hil_bridge.record.recorder import ORDER_WINDOW_S
+from hil_bridge.record.scenes import (
+    SCENE_TOPICS,
+    SURFACE,
+    TOOL,
+    TRAIL,
+    Scenes,
+    SceneTopic,
+    SceneUpdate,
+    encode,
+)
+from hil_bridge.record.topics import TOPICS, Record, Topic
+
+PROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
+"""Names of the protocol in a WebSocket's handshake, newest first."""
+BACKLOG = 2048
+"""Messages that wait for one client at most; the oldest are dropped. Chosen: 2 s of a fast run."""
+AGAIN_S = 2.0
+"""Time between two messages of a thing that does not move, for a client that came later. Chosen."""
+_STILL = (TOOL, SURFACE, TRAIL)
+
+
+class Panels:
+    """Gives records to Foxglove's clients."""
+
+    def __init__(self, unix_zero_ns: int) -> None:
+        """Start the inner server. Its address is one of the 16 million of loopback, drawn at random, so that a page of
+        another origin cannot find it behind our back.
+        """
+        foxglove.set_log_level(logging.ERROR)
+        self._zero_ns = unix_zero_ns
+        self._context = Context()
+        self._channels = {topic.name: self._channel(topic) for topic in (*TOPICS, *SCENE_TOPICS)}
+        self._topics: Mapping[type, Topic] = {topic.record: topic for topic in TOPICS}
+        self._scenes = Scenes(self._wall_ns)
+        self._kept: dict[str, tuple[str, bytes]] = {}
+        self._again_at = 0.0
+        self._newest = 0.0
+        host = f"127.{secrets.randbelow(254) + 1}.{secrets.randbelow(255)}.{secrets.randbelow(254) + 1}"
+        self._server: WebSocketServer = foxglove.start_server(
+            name="hil-bridge",
+            host=host,
+            port=0,
+            capabilities=[],
+            context=self._context,
+            message_backlog_size=BACKLOG,
+        )
+        self.url = f"ws://{host}:{self._server.port}/"
+        """The inner address."""
+
+    def _channel(self, topic: Topic | SceneTopic) -> Channel:
+        schema = Schema(name=topic.schema_name, encoding="jsonschema", data=encode(topic.schema))
+        return Channel(topic.name, schema=schema, message_encoding="json", context=self._context)
+
+    def _wall_ns(self, at: float) -> int:
+        return self._zero_ns + round(at * 1e9)
+
+    def take(self, record: Record) -> None:
+        """Give a record to those that want it."""
+        topic = self._topics[type(record)]
+        at = topic.time_of(record)
+        if not math.isfinite(at):  # of no device that tells the truth
+            at = self._newest
+            record = topic.timed(record, at)
+        self._newest = max(self._newest, at)
+        placed = self._wall_ns(max(at, self._newest - ORDER_WINDOW_S))
+        channel = self._channels[topic.name]
+        if channel.has_sinks():
+            channel.log(topic.encode(record), log_time=placed)
+        for scene, message in self._scenes.of(record):
+            self._show(scene, message, placed)
+        if self._newest >= self._again_at:
+            self._again_at = self._newest + AGAIN_S
+            for name, data in self._kept.values():
+                self._channels[name].log(data, log_time=placed)
+
+    def _show(self, scene: SceneTopic, message: Struct, placed: int) -> None:
+        keeps = scene in _STILL
+        if not (keeps or self._channels[scene.name].has_sinks()):
+            return
+        data = encode(message)
+        if keeps:
+            assert isinstance(message, SceneUpdate)
+            entity = message.entities[0].id
+            self._kept[f"{scene.name}/{entity}"] = (scene.name, data)
+        self._channels[scene.name].log(data, log_time=placed)
+
+    def close(self) -> None:
+        """Stop the inner server."""
+        self._server.stop()

@@ -1,0 +1,341 @@
+"""The HTTP server of a page: static files, live data, and what it refuses. Bounded for every client and in all."""
+
+import asyncio
+import json
+import time
+from collections.abc import Awaitable, Callable, Mapping
+from contextlib import suppress
+from importlib.resources import files
+from typing import Any, Protocol
+
+import msgspec
+from aiohttp import WSCloseCode, WSMsgType, web
+
+from hil_bridge.errors import ConfigError
+from hil_bridge.show.pages import chart_script, style
+from hil_bridge.show.web.admission import HEADERS, TOKEN_HEADER, Admission, Bucket
+
+CLIENTS = 12
+"""WebSockets at one time at most, of pages and Foxglove together."""
+CONNECTIONS = 64
+"""Connections at one time at most. One more takes the place of the one that has been idle for longest."""
+MESSAGE_BYTES = 1 << 14
+"""Message of a client at most; a page sends far less."""
+MESSAGES_PER_S, MESSAGES_BURST = 40.0, 80.0
+REQUESTS_PER_S, REQUESTS_BURST = 100.0, 200.0
+TRIES_PER_S, TRIES_BURST = 1.0, 5.0
+"""Requests to end the run with a wrong token. The right one is always heard, whatever others do."""
+SLOW_S = 5.0
+"""A client that takes nothing for so long is dropped. Chosen."""
+IDLE_S = 20.0
+"""A connection without a complete request for so long is closed. Chosen."""
+FIRST_S = 3.0
+"""A connection is closed that has sent no complete request by then. Chosen: a browser sends one at once, or, where it
+opens a connection beforehand, opens another."""
+PICTURE_S = 0.05
+"""Time between two messages to a page. Chosen: a person sees it as motion."""
+BODY_BYTES = 1024
+END = "/end"
+
+_TYPES = {"js": "text/javascript", "css": "text/css", "html": "text/html", "svg": "image/svg+xml"}
+_SHARED: Mapping[str, Callable[[], str]] = {"charts.js": chart_script, "charts.css": style}
+"""Scripts and style of `hil_bridge.show.pages`, each in one."""
+_OWN = ("page.js", "page.css", "sketch.js", "table.js", "table.css", "icon.svg")
+
+Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+
+class Teller(Protocol):
+    """Gives a page its news, and hears what it asks."""
+
+    def first(self) -> object:
+        """State of a new page, for `news`."""
+
+    def news(self, state: Any) -> Mapping[str, Any] | None:
+        """News since the last call for this state; None for none."""
+
+    def asked(self, state: Any, message: Mapping[str, Any]) -> None:
+        """A page has asked for something. Raises ValueError for what it cannot ask."""
+
+    @property
+    def over(self) -> bool:
+        """Nothing more will come, and the server may end once all pages have been told."""
+
+
+class Server:
+    """Serves one page to browsers."""
+
+    def __init__(self, teller: Teller, admission: Admission, page: str = "page.html") -> None:
+        self._teller = teller
+        self._admission = admission
+        self._page = page
+        self._requests = Bucket(REQUESTS_PER_S, REQUESTS_BURST, time.monotonic)
+        self._tries = Bucket(TRIES_PER_S, TRIES_BURST, time.monotonic)
+        self._sockets: dict[web.WebSocketResponse, web.Request] = {}
+        self._tasks: set[asyncio.Task[Any]] = set()
+        self._seen: dict[asyncio.BaseTransport, float] = {}
+        """When each connection was seen first."""
+        self._asked: dict[asyncio.BaseTransport, float] = {}
+        """When each connection sent its newest request."""
+        self._busy: set[asyncio.BaseTransport] = set()
+        """Connections whose request is being answered."""
+        self.retract: Callable[[], object] | None = None
+        """Ends the run as its key `r` does; None where there is no run."""
+        self.splice: Handler | None = None
+        """Serves a client that speaks Foxglove's protocol."""
+        self.dropped: list[str] = []
+        """Why clients were dropped, the last few."""
+
+    # --- requests
+
+    @web.middleware
+    async def _guarded(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+        """Check every request before anything else looks at it."""
+        transport = request.transport
+        if transport is None:
+            return _refused(400, "the connection has gone")
+        self._asked[transport] = time.monotonic()
+        self._busy.add(transport)
+        try:
+            return await self._checked(request, handler)
+        finally:
+            self._busy.discard(transport)
+
+    async def _checked(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+        try:
+            origin = request.headers.getall("Origin", [])
+            hosts = request.headers.getall("Host", [])
+            if len(hosts) != 1 or len(origin) > 1:
+                return _refused(400, "one Host and at most one Origin are needed")
+            opened = request.headers.get("Sec-Fetch-Mode") == "navigate"  # a link was followed to the page
+            site = "" if opened else request.headers.get("Sec-Fetch-Site", "")
+            if refusal := self._admission.refusal(hosts[0], origin[0] if origin else None, site):
+                return _refused(403, refusal)
+            if request.path != END and not self._requests.take():
+                return _refused(429, "too many requests")
+            response = await handler(request)
+        except web.HTTPException as error:
+            return _refused(error.status, error.reason)
+        if not response.prepared:
+            response.headers.update(HEADERS)
+        return response
+
+    async def _root(self, request: web.Request) -> web.StreamResponse:
+        if request.headers.get("Upgrade", "").lower() == "websocket":
+            if self.splice is None:
+                return _refused(404, "no run goes on here; open the recording in Foxglove instead")
+            return await self.splice(request)
+        return _file(self._page)
+
+    async def _static(self, request: web.Request) -> web.StreamResponse:
+        name = request.match_info["name"]
+        if name not in (*_SHARED, *_OWN):
+            return _refused(404, "there is no such file")
+        return _file(name)
+
+    async def _end(self, request: web.Request) -> web.StreamResponse:
+        """Retract and end: needs the token, in a header, and JSON, which no form of another page can send."""
+        if self.retract is None:
+            return _refused(404, "no run goes on here")
+        if not self._admission.may_end(request.headers.get(TOKEN_HEADER, "")):
+            if not self._tries.take():
+                return _refused(429, "too many tries; wait some seconds")
+            return _refused(403, "this needs the token of the run's address")
+        if request.content_type != "application/json" or (request.content_length or 0) > BODY_BYTES:
+            return _refused(415, "send JSON")
+        try:
+            wanted = await request.json()
+        except ValueError:
+            return _refused(400, "send JSON")
+        if wanted != {"do": "retract and end"}:
+            return _refused(400, 'send {"do": "retract and end"}')
+        self.retract()
+        return web.json_response({"done": "asked the run to retract and end"})
+
+    # --- clients that stay
+
+    def admit(self) -> bool:
+        """Whether one more WebSocket may come."""
+        return len(self._sockets) < CLIENTS
+
+    def hold(self, socket: web.WebSocketResponse, request: web.Request) -> None:
+        """Count a WebSocket, which the present task serves."""
+        self._sockets[socket] = request
+        task = asyncio.current_task()
+        assert task is not None
+        self._tasks.add(task)
+
+    def release(self, socket: web.WebSocketResponse) -> None:
+        """Count it no more."""
+        self._sockets.pop(socket, None)
+        task = asyncio.current_task()
+        assert task is not None
+        self._tasks.discard(task)
+
+    def told_drop(self, why: str) -> None:
+        """Keep why a client was dropped."""
+        self.dropped = [*self.dropped[-20:], why]
+
+    async def _live(self, request: web.Request) -> web.StreamResponse:
+        if not self.admit():
+            return _refused(503, f"{CLIENTS} clients are connected, which is the most")
+        socket = web.WebSocketResponse(
+            max_msg_size=MESSAGE_BYTES, compress=False, heartbeat=20.0, timeout=2.0
+        )
+        self.hold(socket, request)
+        try:
+            await socket.prepare(request)
+            state = self._teller.first()
+            hearing = asyncio.create_task(self._hear(socket, state))
+            try:
+                await self._tell(request, socket, state, hearing)
+            finally:
+                hearing.cancel()
+                with suppress(asyncio.CancelledError, ConnectionError):
+                    await hearing
+        finally:
+            self.release(socket)
+        return socket
+
+    async def _tell(
+        self,
+        request: web.Request,
+        socket: web.WebSocketResponse,
+        state: object,
+        hearing: "asyncio.Task[None]",
+    ) -> None:
+        """Send news until the page goes. One message at a time, so that a slow page is told less."""
+        while not (socket.closed or hearing.done()):
+            over = self._teller.over
+            news = self._teller.news(state)
+            if news is not None:
+                try:
+                    async with asyncio.timeout(SLOW_S):
+                        await socket.send_str(msgspec.json.encode(news).decode())
+                except TimeoutError:
+                    self.told_drop("a page took nothing for too long")
+                    abort(request)
+                    return
+                except (ConnectionError, RuntimeError):
+                    return
+            if over:
+                with suppress(TimeoutError, ConnectionError):
+                    async with asyncio.timeout(1.0):
+                        await socket.close(code=WSCloseCode.GOING_AWAY, message=b"the run has ended")
+                return
+            await asyncio.wait({hearing}, timeout=PICTURE_S)
+
+    async def _hear(self, socket: web.WebSocketResponse, state: object) -> None:
+        allowed = Bucket(MESSAGES_PER_S, MESSAGES_BURST, time.monotonic)
+        async for message in socket:
+            if not allowed.take():
+                self.told_drop("a page sent too much")
+                await socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b"too many messages")
+                return
+            try:
+                if message.type is not WSMsgType.TEXT:
+                    raise ValueError("no text")
+                asked = json.loads(message.data)
+                if not isinstance(asked, dict):
+                    raise ValueError("no object")
+                self._teller.asked(state, asked)
+            except (ValueError, RecursionError):
+                self.told_drop("a page sent something else than the page does")
+                await socket.close(code=WSCloseCode.UNSUPPORTED_DATA, message=b"not understood")
+                return
+
+    # --- the server
+
+    async def serve(self, listener: Any) -> None:
+        """Serve on this listening socket until nothing more will come, or for ever."""
+        app = web.Application(middlewares=[self._guarded], client_max_size=BODY_BYTES)
+        app.router.add_get("/", self._root)
+        app.router.add_get("/static/{name}", self._static)
+        app.router.add_get("/live", self._live)
+        app.router.add_post(END, self._end)
+        runner = web.AppRunner(app, access_log=None, keepalive_timeout=IDLE_S, handle_signals=False)
+        await runner.setup()
+        inner = runner.server
+        assert inner is not None
+        made = inner
+
+        def protocol() -> asyncio.BaseProtocol:
+            return made() if self._has_room(made) else _Refusing()
+
+        server = await asyncio.get_running_loop().create_server(protocol, sock=listener)
+        try:
+            while not self._teller.over:
+                await asyncio.sleep(0.1)
+                self._close_idle(made)
+            server.close()
+            if self._tasks:
+                await asyncio.wait(self._tasks, timeout=2.0)
+        finally:
+            server.close()
+            with suppress(TimeoutError):
+                async with asyncio.timeout(1.0):
+                    await runner.cleanup()
+
+    def _has_room(self, server: web.Server) -> bool:
+        """Whether one more connection may come. Where all places are taken, the one that is idle for longest leaves."""
+        present = _transports(server)
+        if len(present) < CONNECTIONS:
+            return True
+        idle = [one for one in present if one not in self._busy]
+        if not idle:
+            return False
+        _abort(min(idle, key=lambda one: self._asked.get(one, 0.0)))  # of those that never asked, the oldest
+        return True
+
+    def _close_idle(self, server: web.Server) -> None:
+        """Close connections that have been there for IDLE_S without being a WebSocket, slow requests among them. One
+        that has asked for nothing is closed after FIRST_S.
+        """
+        now = time.monotonic()
+        live = {request.transport for request in self._sockets.values()}
+        present = _transports(server)
+        self._seen = {one: self._seen.get(one, now) for one in present}
+        self._asked = {one: at for one, at in self._asked.items() if one in self._seen}
+        for one, since in self._seen.items():
+            if one not in live and now - since > (IDLE_S if one in self._asked else FIRST_S):
+                _abort(one)
+
+
+def _transports(server: web.Server) -> list[asyncio.BaseTransport]:
+    """The connections of a server that are open, oldest first."""
+    transports = (connection.transport for connection in server.connections)
+    return [one for one in transports if one is not None and not one.is_closing()]
+
+
+class _Refusing(asyncio.Protocol):
+    """Closes a connection at once."""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        transport.abort()
+
+
+def abort(request: web.Request) -> None:
+    """End a connection without waiting for its client."""
+    _abort(request.transport)
+
+
+def _abort(transport: asyncio.BaseTransport | None) -> None:
+    if isinstance(transport, asyncio.Transport):
+        transport.abort()
+
+
+def _file(name: str) -> web.Response:
+    kind = _TYPES[name.rpartition(".")[2]]
+    try:
+        if name in _SHARED:
+            text = _SHARED[name]()
+        else:
+            text = files("hil_bridge.show.web").joinpath("static", name).read_text(encoding="utf-8")
+    except (ConfigError, OSError) as error:
+        return _refused(500, str(error))
+    return web.Response(text=text, content_type=kind, charset="utf-8")
+
+
+def _refused(status: int, why: str) -> web.Response:
+    return web.Response(text=f"{why}\n", status=status, headers=HEADERS)

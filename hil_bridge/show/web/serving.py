@@ -1,0 +1,163 @@
+"""The process that serves the page of a run. It ends with the run, also with one that is killed."""
+
+import asyncio
+import ctypes
+import os
+import resource
+import signal
+import socket
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from typing import Any
+
+import msgspec
+from aiohttp import ClientSession
+
+from hil_bridge.show.web import wire
+from hil_bridge.show.web.admission import Admission
+from hil_bridge.show.web.feed import LOOPBACK, listening
+from hil_bridge.show.web.panels import Panels
+from hil_bridge.show.web.picture import Cursor, Picture
+from hil_bridge.show.web.server import Server, Teller
+from hil_bridge.show.web.splicing import Splicing
+
+NICE = 10
+"""Lower priority than that of a run. Chosen."""
+LOG_BYTES = 1 << 20
+"""What the process may write to its log at most; it writes no other file."""
+LAST_SECONDS = 5
+"""Time to tell the pages that the run has gone, s. Chosen."""
+_PR_SET_PDEATHSIG = 1
+"""Source: Linux, prctl(2)."""
+
+
+class Live:
+    """Hears the run, and tells its pages."""
+
+    def __init__(self, run: socket.socket) -> None:
+        self._run = run
+        self.picture: Picture | None = None
+        self.panels: Panels | None = None
+        self.begun = asyncio.Event()
+        self.over = False
+        """The run has gone."""
+
+    def first(self) -> Cursor:
+        """A page that knows nothing."""
+        return Cursor()
+
+    def news(self, state: Any) -> Mapping[str, Any] | None:
+        """News of the run."""
+        return None if self.picture is None else self.picture.told(state, time.monotonic())
+
+    def asked(self, state: Any, message: Mapping[str, Any]) -> None:
+        """A page of a run asks for nothing."""
+        raise ValueError("a page of a run asks for nothing")
+
+    def retract(self) -> None:
+        """Ask the run to retract and end."""
+        with suppress(OSError):
+            self._run.send(wire.RETRACT)
+
+    def heard(self) -> None:
+        """Take what the run has sent, some messages at a time, so that clients have their turn."""
+        for _ in range(32):
+            try:
+                data = self._run.recv(wire.MOST_BYTES)
+            except BlockingIOError:
+                return
+            except OSError:
+                data = b""
+            if not data:
+                if self.picture is not None:
+                    self.picture.lost()
+                asyncio.get_running_loop().remove_reader(self._run)
+                self.over = True
+                return
+            self._take(wire.decoded(data))
+
+    def _take(self, message: wire.Message) -> None:
+        present = time.monotonic()
+        if isinstance(message, wire.Begin):
+            if self.picture is None:
+                self.picture = Picture(message, present)
+                self.panels = Panels(message.unix_zero_ns)
+                self.begun.set()
+            else:
+                self.picture.begin(message)
+            return
+        if self.picture is None or self.panels is None:
+            return
+        if isinstance(message, wire.Records):
+            for record in wire.records_of(message):
+                self.picture.take(record)
+                self.panels.take(record)
+        elif isinstance(message, wire.Pulse):
+            self.picture.pulse(message, present)
+        else:
+            self.picture.end(message)
+
+
+async def serve(run: socket.socket, listener: socket.socket, admission: Admission) -> None:
+    """Serve until the run has gone and the pages have been told."""
+    run.setblocking(False)
+    listener.setblocking(False)
+    live = Live(run)
+    asyncio.get_running_loop().add_reader(run, live.heard)
+    server = Server(live, admission)
+    server.retract = live.retract
+    async with ClientSession() as session:
+        opening = asyncio.create_task(_open(live, server, session))
+        try:
+            await server.serve(listener)
+        finally:
+            opening.cancel()
+            if live.panels is not None:
+                live.panels.close()
+
+
+async def _open(live: Live, server: Server, session: ClientSession) -> None:
+    """Serve Foxglove's protocol once the run has begun."""
+    await live.begun.wait()
+    assert live.panels is not None
+    server.splice = Splicing(server, session, live.panels.url)
+
+
+def show(teller: Teller, page: str, port: int, say: Callable[[str], object]) -> None:
+    """Serve a page that is not of a run, from this process, until Ctrl-C. `say` tells its address.
+
+    Raises ConfigError.
+    """
+    with listening(port) as listener:
+        say(f"page: http://{LOOPBACK}:{listener.getsockname()[1]}/   Ctrl-C ends it")
+        with suppress(KeyboardInterrupt):
+            asyncio.run(Server(teller, Admission(""), page).serve(listener))
+
+
+def settle(parent: int) -> None:
+    """Make this process a modest one: it ends with the run's, yields to it, and writes little.
+
+    The end of the run's socket ends it, after its pages have been told. A signal from the system does so for certain.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, lambda *_: signal.alarm(LAST_SECONDS))  # SIGALRM ends the process
+    ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    if os.getppid() != parent:
+        raise SystemExit("the run has gone")
+    with suppress(OSError):
+        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))  # takes no processor from one that works
+    os.nice(NICE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (LOG_BYTES, LOG_BYTES))
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Serve on inherited sockets: that of the run and the listening one, then origins. The token is in the
+    environment.
+    """
+    run, listener, *origins = arguments
+    token = os.environ.pop("HIL_BRIDGE_WEB_TOKEN")
+    with socket.socket(fileno=int(run)) as ours, socket.socket(fileno=int(listener)) as web:
+        settle(os.getppid())
+        with suppress(msgspec.DecodeError):
+            asyncio.run(serve(ours, web, Admission(token, tuple(origins))))

@@ -1,0 +1,92 @@
+"""Joins a client of Foxglove's protocol to the inner server, once our server has admitted it."""
+
+import asyncio
+import time
+from contextlib import suppress
+
+from aiohttp import ClientError, ClientSession, ClientWebSocketResponse, WSCloseCode, WSMsgType, web
+
+from hil_bridge.show.web.admission import Bucket
+from hil_bridge.show.web.panels import PROTOCOLS
+from hil_bridge.show.web.server import SLOW_S, Server, abort
+
+CLIENT_BYTES = 1 << 16
+"""Message of a client at most: it names the channels that it wants."""
+PER_S, BURST = 100.0, 300.0
+"""Messages of a client a second, and at once."""
+
+
+class Splicing:
+    """Carries messages both ways. What a slow client does not take waits in the inner server, which is bounded."""
+
+    def __init__(self, server: Server, session: ClientSession, url: str) -> None:
+        self._server, self._session, self._url = server, session, url
+
+    async def __call__(self, request: web.Request) -> web.StreamResponse:
+        """Serve one client until it goes, or is dropped."""
+        wanted = [each.strip() for each in request.headers.get("Sec-WebSocket-Protocol", "").split(",")]
+        chosen = next((one for one in PROTOCOLS if one in wanted), None)
+        if chosen is None:
+            return web.Response(status=400, text=f"this WebSocket speaks {' and '.join(PROTOCOLS)}\n")
+        if not self._server.admit():
+            return web.Response(status=503, text="too many clients\n")
+        outer = web.WebSocketResponse(
+            protocols=(chosen,), max_msg_size=CLIENT_BYTES, compress=False, heartbeat=20.0, timeout=2.0
+        )
+        self._server.hold(outer, request)
+        try:
+            async with self._session.ws_connect(
+                self._url, protocols=(chosen,), max_msg_size=0, compress=0
+            ) as inner:
+                await outer.prepare(request)
+                await self._carry(request, outer, inner)
+        except (ClientError, ConnectionError, TimeoutError):
+            if not outer.prepared:
+                return web.Response(status=502, text="Foxglove's server does not answer\n")
+        finally:
+            self._server.release(outer)
+        return outer
+
+    async def _carry(
+        self, request: web.Request, outer: web.WebSocketResponse, inner: ClientWebSocketResponse
+    ) -> None:
+        ways = [
+            asyncio.create_task(self._inwards(outer, inner)),
+            asyncio.create_task(self._outwards(request, outer, inner)),
+        ]
+        try:
+            await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for way in ways:
+                way.cancel()
+            await asyncio.gather(*ways, return_exceptions=True)
+            with suppress(TimeoutError, ConnectionError):
+                async with asyncio.timeout(1.0):
+                    await outer.close(code=WSCloseCode.GOING_AWAY, message=b"closed")
+
+    async def _inwards(self, outer: web.WebSocketResponse, inner: ClientWebSocketResponse) -> None:
+        allowed = Bucket(PER_S, BURST, time.monotonic)
+        async for message in outer:
+            if not allowed.take():
+                self._server.told_drop("a client of Foxglove's protocol sent too much")
+                await outer.close(code=WSCloseCode.POLICY_VIOLATION, message=b"too many messages")
+                return
+            if message.type is WSMsgType.TEXT:
+                await inner.send_str(message.data)
+            elif message.type is WSMsgType.BINARY:
+                await inner.send_bytes(message.data)
+
+    async def _outwards(
+        self, request: web.Request, outer: web.WebSocketResponse, inner: ClientWebSocketResponse
+    ) -> None:
+        async for message in inner:
+            try:
+                async with asyncio.timeout(SLOW_S):
+                    if message.type is WSMsgType.TEXT:
+                        await outer.send_str(message.data)
+                    elif message.type is WSMsgType.BINARY:
+                        await outer.send_bytes(message.data)
+            except TimeoutError:
+                self._server.told_drop("a client of Foxglove's protocol took nothing for too long")
+                abort(request)
+                return

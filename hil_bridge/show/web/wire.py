@@ -1,0 +1,82 @@
+"""Messages from a run to the process that serves its page: MessagePack over a pair of local sockets.
+
+The socket keeps the bounds of messages and its buffer is all that can wait. The other way goes one word alone.
+"""
+
+from collections.abc import Mapping
+from typing import Any, TypeAlias
+
+import msgspec
+from msgspec import Raw, Struct
+
+from hil_bridge.record.topics import TOPICS, Record
+from hil_bridge.show.terminal import Health, Scene
+
+RETRACT = b"retract"
+"""The only word that the serving process says."""
+MOST_BYTES = 1 << 17
+"""Size of a message at most: records that do not fit are dropped."""
+
+
+class Begin(Struct, tag="begin", frozen=True):
+    """Facts of the run; a later one takes the place of an earlier one."""
+
+    scene: Scene
+    unix_zero_ns: int
+    """Time at 0 of the run's clock, ns since 1970."""
+
+
+class Records(Struct, tag="records", frozen=True):
+    """Records of the run in order, each with the number of its topic."""
+
+    items: list[tuple[int, Raw]]
+
+
+class Pulse(Struct, tag="pulse", frozen=True):
+    """The run's clock and the health of its wires, now and then."""
+
+    now: float
+    """s on the run's clock."""
+    health: Health
+    dropped: int = 0
+    """Records that the page was not given, since it did not keep up."""
+    check: str = ""
+    """Newest finding about the sensor."""
+    warning: str = ""
+    """Newest warning."""
+
+
+class End(Struct, tag="end", frozen=True):
+    """The run has ended by itself, and how: `RunEnd.as_metadata`."""
+
+    facts: Mapping[str, str]
+
+
+Message: TypeAlias = Begin | Records | Pulse | End
+
+_NUMBERS = {topic.record: number for number, topic in enumerate(TOPICS)}
+_encoder = msgspec.msgpack.Encoder(enc_hook=lambda value: value.tolist())
+_decoder = msgspec.msgpack.Decoder(Message)
+_records = tuple(msgspec.msgpack.Decoder(topic.record) for topic in TOPICS)
+
+
+def encoded(message: Message) -> bytes:
+    """A message as bytes."""
+    return _encoder.encode(message)
+
+
+def encoded_records(records: list[Record]) -> bytes:
+    """Records as one message `Records`."""
+    items: Any = [(_NUMBERS[type(record)], record) for record in records]
+    return _encoder.encode(Records(items))
+
+
+def decoded(data: bytes) -> Message:
+    """A message. Raises msgspec.DecodeError."""
+    message: Message = _decoder.decode(data)
+    return message
+
+
+def records_of(message: Records) -> list[Record]:
+    """The records of a message. Raises msgspec.DecodeError."""
+    return [_records[number].decode(raw) for number, raw in message.items]

@@ -1,0 +1,152 @@
+"""The contact model as the force sensor of a controller of Universal Robots: real, simulated by its maker, or ours.
+
+It reads the pose of the tool in each cycle, computes the force of the surface, and writes `external_force_torque`. So
+a force that programs of the controller see belongs to a pose that is some cycles old. A stiff surface in a force loop
+of the controller may swing for that reason.
+"""
+
+import asyncio
+import math
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+
+from emulators.seams import Surface
+from emulators.surface.contact import Contact
+from hil_bridge.clock import Clock
+from hil_bridge.devices.kinds import SURFACES, robot_of
+from hil_bridge.devices.robots.rtde.bundle import Bundle
+from hil_bridge.devices.robots.rtde.room import open_wires
+from hil_bridge.devices.wiring import Wiring
+from hil_bridge.errors import BridgeError, ConfigError, DeviceError
+from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.kinds import field_name, settings_of
+from hil_bridge.transports.pump import Pump
+from protocol.devices.rtde.force import Event, ForceClient, Lost, Seen
+from protocol.devices.rtde.wires import Pieces
+from protocol.geometry import Quaternion, Vector, Wrench
+
+_RATE_HZ = 8000
+"""A surface with memory is shown at least so many samples a second."""
+_GAP_S = 0.1
+"""Chosen: after a longer gap between two packets, the way between them is not known."""
+
+
+@dataclass(frozen=True, slots=True)
+class ForceOptions:
+    """How the force is given."""
+
+    limit_n: float = 200.0
+    """A larger force ends the source: the tool is deep in the surface."""
+    enable: bool = True
+    """Upload the program that lets the controller take the force."""
+
+
+def make_surface(config: Config) -> Surface:
+    """The surface of a configuration. Raises ConfigError for a kind that is not known, and for one that cannot be."""
+    name = config.cell.surface_kind
+    if name:
+        return SURFACES.kind(name).make(getattr(config.cell, field_name(name)))(lambda time: None)
+    try:
+        return Contact(config.cell.surface)
+    except ValueError as error:
+        raise ConfigError(f"cell: {error}") from error
+
+
+class ForceSource:
+    """Feeds one controller until it is closed, or fails."""
+
+    def __init__(self, surface: Surface, limit_n: float) -> None:
+        self._surface, self._limit = surface, limit_n
+        self._last: Seen | None = None
+        self.counts: Counter[str] = Counter()
+        self.newest_n = 0.0
+        """Length of the force that was given last, N."""
+        self.largest_n = 0.0
+
+    def wrench(self, seen: Seen) -> Wrench:
+        """The wrench about the flange, along its axes, N and N·m, for the tool as it was seen.
+
+        Raises DeviceError for a force that is too large, and for a clock that goes back.
+        """
+        last = self._last
+        if last is not None and seen.stamp <= last.stamp:
+            raise DeviceError("the controller's clock went back: it was started anew; begin again")
+        if last is None or seen.stamp - last.stamp > _GAP_S:
+            last = seen
+            self.counts["gaps"] += 1
+        count = max(1, math.ceil((seen.stamp - last.stamp) * _RATE_HZ))
+        shares = np.arange(1, count + 1)[:, None] / count
+        here, there = np.array(last.pose.position), np.array(seen.pose.position)
+        times = last.stamp + shares[:, 0] * (seen.stamp - last.stamp)
+        speeds = np.repeat(np.array([seen.velocity]), count, axis=0)
+        x, y, z = self._surface.force(here + shares * (there - here), speeds, times)[-1].tolist()
+        self._last = seen
+        self.counts["packets"] += 1
+        self.newest_n = math.hypot(x, y, z)
+        self.largest_n = max(self.largest_n, self.newest_n)
+        if not self.newest_n <= self._limit:
+            raise DeviceError(
+                f"the surface pushes with {self.newest_n:.0f} N, allowed are {self._limit:g} N: "
+                "lift the tool, or give --limit-n"
+            )
+        force = _turned_back(seen.pose.quaternion, (x, y, z))
+        force = _turned(seen.tip.quaternion, force)
+        a, b, c = seen.tip.position
+        u, v, w = force
+        return u, v, w, b * w - c * v, c * u - a * w, a * v - b * u
+
+
+async def feed(
+    url: str, config: Config, options: ForceOptions, wiring: Wiring, stopped: asyncio.Event
+) -> ForceSource:
+    """Feed the controller behind a URL until `stopped` is set; the force is taken away at the end.
+
+    Raises ConfigError for the URL, DeviceError for what the controller refuses or a force that is too large, and
+    TransportError for its wires.
+    """
+    kind, wire_url = robot_of(url)
+    profile = settings_of(config, kind).client
+    source = ForceSource(make_surface(config), options.limit_n)
+    clock: Clock = wiring.clock
+    client = ForceClient(1.0 / profile.cycle_s, options.enable, clock.now())
+    bundle = Bundle(url, await open_wires(wire_url, profile, wiring, dashboard=False), client.farewell)
+    failures: list[BaseException] = []
+
+    def fail(cause: BaseException) -> None:
+        failures.append(cause)
+        stopped.set()
+
+    def take(event: Event) -> None:
+        match event:
+            case Lost(text=text):
+                fail(DeviceError(f"robot on {url}: {text}"))
+            case Seen() if not failures:
+                try:
+                    client.give(source.wrench(event))
+                except BridgeError as error:
+                    fail(error)
+
+    pump: Pump[Pieces, Event] = Pump(client, bundle, clock, take, fail)
+    pump.start()
+    try:
+        await stopped.wait()
+    finally:
+        ended = failures[:1]  # our own closing is no failure
+        await bundle.aclose()
+    if ended:
+        raise ended[0]
+    return source
+
+
+def _turned(quaternion: Quaternion, vector: Vector) -> Vector:
+    w, x, y, z = quaternion
+    a, b, c = vector
+    p, q, r = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
+    return a + w * p + y * r - z * q, b + w * q + z * p - x * r, c + w * r + x * q - y * p
+
+
+def _turned_back(quaternion: Quaternion, vector: Vector) -> Vector:
+    w, x, y, z = quaternion
+    return _turned((w, -x, -y, -z), vector)

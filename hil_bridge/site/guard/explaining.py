@@ -1,0 +1,211 @@
+"""The supervisor's decision for an observation, asked of the control loop that a run has.
+
+Nothing is decided here. Which setting ruled is found by asking again with each setting loosened, and how far a limit
+is by asking with larger and larger values.
+"""
+
+import dataclasses
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import BaseModel
+
+from hil_bridge.control import Cause, Clamp, Decision, Phase, Stop
+from hil_bridge.control.course.conditions import BY_CAUSE, CLAMPS, ENDS, ConditionRow, When
+from hil_bridge.settings.configuration import Config
+from hil_bridge.site.guard.asking import Asked, Situation, middle
+from hil_bridge.site.guard.margins import Margin, margins, number
+
+
+@dataclass(frozen=True, slots=True)
+class Explanation:
+    """The loop's answer and what led to it."""
+
+    verdict: str
+    """allow, clamp or stop."""
+    cause: Cause | None
+    reasons: tuple[str, ...]
+    """Why less is ordered, why it stops, or why the task ends."""
+    settings: tuple[str, ...]
+    """The settings that ruled, as `section.name = value`."""
+    rows: tuple[ConditionRow, ...]
+    """Rows of the table of conditions."""
+    then: str
+    """Reaction of the tool."""
+    deepest_mm: float | None
+    """Deepest order that would be sent in this cycle; None where none of the kind is."""
+    deepest_because: str
+    """Why no deeper one."""
+    margins: tuple[Margin, ...]
+    """Nearest first."""
+
+    def lines(self) -> Iterator[str]:
+        """Lines for a terminal."""
+        yield _line("verdict", self.verdict if self.cause is None else f"{self.verdict}: {self.cause}")
+        for reason in self.reasons:
+            yield _line("because", reason)
+        for setting in self.settings:
+            yield _line("ruled by", setting)
+        if self.verdict == "stop" and not self.settings:
+            yield _line("ruled by", "no setting")
+        yield _line("then", self.then)
+        for leads in dict.fromkeys(_leads_to(row) for row in self.rows):
+            yield _line("leads to", leads)
+        if self.deepest_mm is not None:
+            yield _line("deepest order", f"{number(self.deepest_mm)} mm: {self.deepest_because}")
+        for margin in self.margins:
+            yield _line(margin.name, margin.text)
+
+
+def _line(name: str, text: str) -> str:
+    return f"{name:<15}{text}"
+
+
+def _leads_to(row: ConditionRow) -> str:
+    return row.reaction.value if row.exit_code is None else f"{row.reaction}, exit code {row.exit_code}"
+
+
+def explain(config: Config, situation: Situation) -> Explanation:
+    """Decision of a run with this configuration. Raises ConfigError for a situation that no run can be in."""
+    ask = Asked(config)
+    # values that follow from the configuration must stay when a setting is loosened
+    situation = dataclasses.replace(
+        situation,
+        start_m=situation.start_m or middle(config),
+        commanded_mm=ask.commanded_mm(situation),
+        force_n=ask.force(situation),
+    )
+    decision = ask(situation)
+    cause = decision.verdict.cause if isinstance(decision.verdict, Stop) else None
+    ruled = tuple(key for key in LOOSE if _told(Asked(_loosened(config, key))(situation)) != _told(decision))
+    rows = tuple(_rows(cause, ruled, decision, situation))
+    keys = ruled or tuple(key for row in rows for key in row.settings)
+    reasons = decision.reasons
+    if not reasons and decision.output.cause and situation.phase is not Phase.RETRACT:
+        reasons = (decision.output.cause,)
+    deepest, because = _deepest(ask, situation, decision)
+    return Explanation(
+        decision.verdict.kind,
+        cause,
+        reasons,
+        tuple(f"{key} = {_value(config, key)}" for key in keys),
+        rows,
+        _then(decision, situation, ask.commanded_mm(situation)),
+        deepest,
+        because,
+        tuple(sorted(margins(ask, situation), key=lambda margin: -margin.share)),
+    )
+
+
+_FAR = 1e9
+LOOSE: Mapping[str, Any] = {
+    **dict.fromkeys(
+        (
+            "limits.force_limit_n",
+            "limits.pull_limit_n",
+            "limits.resultant_limit_n",
+            "limits.moment_limit_nm",
+            "limits.against_travel_n",
+            "limits.stale_after_ms",
+            "limits.unanswered_mm",
+            "limits.unchanged_mm",
+            "limits.weight_tolerance_n",
+            "limits.witness_n",
+            "limits.witness_ms",
+            "limits.following_error_mm",
+            "limits.path_error_mm",
+            "limits.tilt_deg",
+            "limits.cycle_deadline_ms",
+            "limits.correction_mm_s",
+            "limits.correction_total_mm",
+            "limits.travel_mm_s",
+            "limits.retract_rise_n",
+            "limits.retract_grace_ms",
+            "limits.frozen_after_ms",
+            "limits.still_after_ms",
+            "robot.velocity_mm_s",
+        ),
+        _FAR,
+    ),
+    "limits.workspace_min_m": (-_FAR,) * 3,
+    "limits.workspace_max_m": (_FAR,) * 3,
+    "limits.force_margin_share": 0.0,
+    "task.expected_stiffness_n_m": 1e-3,
+}
+"""Settings with values with which they forbid nothing."""
+
+
+def _loosened(config: Config, key: str) -> Config:
+    """The configuration with one setting that forbids nothing any more; it is not checked as a file would be."""
+    section, name = key.split(".")
+    before: Any = getattr(config, section)
+    change = {name: LOOSE[key]}
+    of_pydantic = isinstance(before, BaseModel)
+    after = before.model_copy(update=change) if of_pydantic else dataclasses.replace(before, **change)
+    return config.model_copy(update={section: after})
+
+
+def _value(config: Config, key: str) -> str:
+    value: Any = config
+    for name in key.split("."):
+        value = getattr(value, name)
+    if value is None:
+        return "that of the robot's facts"
+    if isinstance(value, tuple):
+        return str(list(value))
+    return str(value).lower() if isinstance(value, bool) else f"{value:g}"
+
+
+def _told(decision: Decision) -> tuple[object, ...]:
+    """Parts of a decision that a setting may change, without the numbers in its words."""
+    verdict = decision.verdict
+    cause = verdict.cause if isinstance(verdict, Stop) else None
+    words = ("".join(c for c in reason if not (c.isdigit() or c in "-.e+")) for reason in decision.reasons)
+    return verdict.kind, cause, tuple(words)
+
+
+def _rows(
+    cause: Cause | None, ruled: Iterable[str], decision: Decision, situation: Situation
+) -> Iterator[ConditionRow]:
+    """The rows of the table that speak of this decision."""
+    if cause is not None:
+        rows = BY_CAUSE[cause]
+        named = [row for row in rows if set(row.settings) & set(ruled)]
+        yield from named or [row for row in rows if not set(row.settings) & set(LOOSE)]
+    elif isinstance(decision.verdict, Clamp):
+        rows = tuple(row for row in CLAMPS if set(row.settings) & set(ruled))
+        of_retraction = [row for row in rows if row.when is When.RETRACTION]
+        others = [row for row in rows if row.when is not When.RETRACTION]
+        yield from (of_retraction or others) if situation.phase is Phase.RETRACT else others
+        if decision.output.failed and situation.phase is Phase.APPROACH:
+            yield ENDS[0]
+
+
+def _then(decision: Decision, situation: Situation, commanded_mm: float) -> str:
+    """Next reaction of the tool, in words."""
+    way = round(decision.target.depth * 1e3 - commanded_mm, 6)
+    depth = f"{number(decision.target.depth * 1e3)} mm"
+    if decision.ended and situation.phase is not Phase.RETRACT:
+        return f"the tool stands still at {depth}; the run ends"
+    if decision.ended:
+        still = "stands still" if isinstance(decision.verdict, Stop) else "has come as far back as it can"
+        return f"the tool {still} at {depth}; the run ends"
+    if decision.output.phase is Phase.RETRACT:
+        goes = f"to {depth}" if way else f"from {depth}"
+        return f"the tool retracts, now {goes}; the run ends when it is back"
+    if way > 0:
+        return f"the tool goes deeper, to {depth}"
+    return f"the tool goes back, to {depth}" if way < 0 else f"the tool stays at {depth}"
+
+
+def _deepest(ask: Asked, situation: Situation, decision: Decision) -> tuple[float | None, str]:
+    """The deepest order that would be sent, and why none deeper."""
+    if isinstance(decision.verdict, Stop) or situation.phase is Phase.RETRACT:
+        return None, ""
+    answer = ask(
+        dataclasses.replace(situation, wanted_mm=ask.commanded_mm(situation) + 1e6, across_mm=0.0)
+    ).verdict
+    if not isinstance(answer, Clamp):
+        return None, ""
+    return answer.depth * 1e3, ", ".join(answer.reasons)

@@ -1,0 +1,161 @@
+"""How far each quantity of an observation is from where it alone would stop a run, found by asking."""
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any, NamedTuple
+
+from hil_bridge.control import Cause, Phase, Stop
+from hil_bridge.site.guard.asking import Asked, Situation
+
+
+class Margin(NamedTuple):
+    """How far a quantity is from where it alone would stop the run."""
+
+    name: str
+    unit: str
+    value: float
+    limit: float
+    """The largest value that does not stop."""
+
+    @property
+    def share(self) -> float:
+        """Value over limit."""
+        return self.value / self.limit
+
+    @property
+    def text(self) -> str:
+        """The margin in words."""
+        left, unit = self.limit - self.value, f" {self.unit}" if self.unit else ""
+        room = f"{number(left)} left" if left >= 0 else f"{number(-left)} too much"
+        return f"{number(self.value)}{unit}, stops beyond {number(self.limit)}{unit}: {room}"
+
+
+def number(value: float) -> str:
+    """Rounded to what a person reads."""
+    return f"{round(value, 6):.6g}"
+
+
+class _Quantity(NamedTuple):
+    """Something that stops a run when it is large enough."""
+
+    name: str
+    unit: str
+    causes: tuple[Cause, ...]
+    value: Callable[[Asked, Situation], float]
+    largest: float
+    """End of the search."""
+    make: Callable[[Situation, float], Situation]
+    """A calm situation with this value."""
+
+
+def _field(name: str) -> Callable[[Asked, Situation], float]:
+    return lambda ask, seen: getattr(seen, name)
+
+
+def _put(name: str, calm: Situation, value: Any) -> Situation:
+    change: dict[str, Any] = {name: value}
+    return dataclasses.replace(calm, **change)
+
+
+def _lagging(calm: Situation, value: float) -> Situation:
+    assert calm.commanded_mm is not None
+    return dataclasses.replace(calm, depth_mm=calm.commanded_mm - value)
+
+
+def _largest_force(ask: Asked, seen: Situation) -> float:
+    force = ask.force(seen)
+    return max(abs(force), abs(force if seen.peak_n is None else seen.peak_n))
+
+
+def _pull(ask: Asked, seen: Situation) -> float:
+    return max(0.0, -ask.force(seen))
+
+
+def _resultant(ask: Asked, seen: Situation) -> float:
+    return _largest_force(ask, seen) if seen.resultant_n is None else seen.resultant_n
+
+
+def _apart(ask: Asked, seen: Situation) -> float:
+    return 0.0 if seen.witness_n is None else abs(seen.witness_n - ask.force(seen))
+
+
+def _disagreeing(calm: Situation, value: float) -> Situation:
+    """The sensor feels nothing, the robot this."""
+    return dataclasses.replace(calm, force_n=0.0, witness_n=value)
+
+
+def _lag(ask: Asked, seen: Situation) -> float:
+    return 0.0 if seen.depth_mm is None else abs(ask.commanded_mm(seen) - seen.depth_mm)
+
+
+def _simple(name: str, unit: str, cause: Cause, key: str, largest: float) -> _Quantity:
+    return _Quantity(name, unit, (cause,), _field(key), largest, partial(_put, key))
+
+
+_QUANTITIES = (
+    _Quantity("force", "N", (Cause.FORCE,), _largest_force, 1e6, partial(_put, "peak_n")),
+    _Quantity("pull", "N", (Cause.PULL,), _pull, 1e6, lambda calm, value: _put("force_n", calm, -value)),
+    _Quantity("resultant", "N", (Cause.RESULTANT_FORCE,), _resultant, 1e6, partial(_put, "resultant_n")),
+    _Quantity("witness", "N", (Cause.WITNESS,), _apart, 1e6, _disagreeing),
+    _simple("moment", "N·m", Cause.MOMENT, "moment_nm", 1e6),
+    _simple("age", "ms", Cause.STALE, "age_ms", 1e6),
+    _simple("unchanged", "ms", Cause.FROZEN, "unchanged_ms", 1e6),
+    _simple("still", "ms", Cause.FROZEN, "still_ms", 1e6),
+    _simple("unanswered", "mm", Cause.FROZEN, "unanswered_mm", 1e6),
+    _Quantity("following", "mm", (Cause.POSE,), _lag, 1e6, _lagging),
+    _simple("jump", "mm", Cause.POSE, "moved_mm", 1e6),
+    _simple("tilt", "°", Cause.POSE, "tilt_deg", 180.0),
+    _simple("gap", "ms", Cause.DEADLINE, "gap_ms", 1e6),
+)
+"""Quantities of a run that goes on."""
+_RISE = _Quantity(
+    "force",
+    "N",
+    (Cause.RETRACTION,),
+    _resultant,
+    1e6,
+    lambda calm, value: dataclasses.replace(calm, resultant_n=value),
+)
+"""Quantities of a retraction."""
+
+
+def margins(ask: Asked, situation: Situation) -> Iterator[Margin]:
+    """How far each quantity is from where it would stop the run by itself, all others calm."""
+    if situation.phase is Phase.RETRACT:
+        lowest = _resultant(ask, situation) if situation.lowest_n is None else situation.lowest_n
+        calm = dataclasses.replace(situation, peak_n=0.0, force_n=0.0, lowest_n=lowest)
+        quantities: tuple[_Quantity, ...] = (_RISE,)
+    else:
+        calm = Situation(
+            situation.phase,
+            commanded_mm=ask.commanded_mm(situation),
+            cycle_ms=situation.cycle_ms,
+            start_m=situation.start_m,
+        )
+        quantities = _QUANTITIES
+    for quantity in quantities:
+        value = quantity.value(ask, situation)
+        limit = _limit(ask, calm, quantity)
+        if limit is not None and math.isfinite(value):
+            yield Margin(quantity.name, quantity.unit, value, limit)
+
+
+def _limit(ask: Asked, calm: Situation, quantity: _Quantity) -> float | None:
+    """Value at which the loop begins to stop for this quantity, by halving; None where it never does, or always."""
+
+    def stops(value: float) -> bool:
+        verdict = ask(quantity.make(calm, value)).verdict
+        return isinstance(verdict, Stop) and verdict.cause in quantity.causes
+
+    low, high = 0.0, quantity.largest
+    if stops(low) or not stops(high):
+        return None
+    while high - low > 1e-9 * high:
+        middle = (low + high) / 2
+        if stops(middle):
+            high = middle
+        else:
+            low = middle
+    return high

@@ -1,0 +1,95 @@
+"""Captures of a computer link as text, one piece a line, for people, scripts and the monitor.
+
+    # seconds  who sent it  bytes
+    0.000000 PC 05
+    0.013402 S3 06
+    0.013410 PC 10 02 00 08 01 00 13 01 00 00 10 03 18
+
+The sender is `PC` or `S3`; `tx` and `rx` mean the same, seen from the PC; `?` is not known. Empty lines, and text
+after a #, mean nothing.
+"""
+
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from enum import StrEnum
+
+from hil_bridge.errors import ConfigError
+from hil_bridge.record import LINK_EVENT, LinkRecord
+
+
+class Sender(StrEnum):
+    """Which end of the link sent something."""
+
+    PC = "PC"
+    ROBOT = "S3"
+    UNKNOWN = "?"
+    """Both directions on one wire."""
+
+
+_SENDERS = {
+    "pc": Sender.PC,
+    "tx": Sender.PC,
+    "s3": Sender.ROBOT,
+    "rx": Sender.ROBOT,
+    "?": Sender.UNKNOWN,
+}
+_LINE = re.compile(
+    r"(?P<at>\d+(?:\.\d*)?)\s+(?P<sender>\S+)\s+(?P<data>[0-9A-Fa-f]{2}(?:\s*[0-9A-Fa-f]{2})*)"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Piece:
+    """Bytes of one direction that were seen together."""
+
+    at: float
+    """s, since whatever the capture counts from."""
+    sender: Sender
+    data: bytes
+
+    def __str__(self) -> str:
+        return f"{self.at:.6f} {self.sender} {self.data.hex(' ').upper()}"
+
+
+def parse_capture(text: str, name: str) -> Iterator[Piece]:
+    """The pieces of a text capture in order. Raises ConfigError with `name` and the line that is wrong."""
+    newest = 0.0
+    for number, line in enumerate(text.splitlines(), 1):
+        content = line.partition("#")[0].strip()
+        if not content:
+            continue
+        piece = _piece(content)
+        if piece is None:
+            raise ConfigError(
+                f"{name}: line {number}: {content[:40]!r} is no piece; write like 0.013402 S3 06, "
+                f"who sent it being one of {', '.join(_SENDERS)}"
+            )
+        if piece.at < newest:
+            raise ConfigError(
+                f"{name}: line {number}: {piece.at:g} s is before {newest:g} s; sort the capture"
+            )
+        newest = piece.at
+        yield piece
+
+
+def recorded_pieces(records: Iterable[LinkRecord], name: str) -> Iterator[Piece]:
+    """The pieces of a recording's raw traffic in order. Raises ConfigError when they are not what they should be."""
+    for record in records:
+        for text in record.pieces:
+            if text.partition(" ")[2].startswith(LINK_EVENT):
+                continue
+            piece = _piece(text)
+            if piece is None:
+                raise ConfigError(
+                    f"{name}: {text[:40]!r} is no piece of a link's traffic; record the run again"
+                )
+            yield Piece(record.at + piece.at, piece.sender, piece.data)
+
+
+def _piece(text: str) -> Piece | None:
+    match = _LINE.fullmatch(text)
+    sender = _SENDERS.get(match["sender"].lower()) if match else None
+    if match is None or sender is None:
+        return None
+    return Piece(float(match["at"]), sender, bytes.fromhex(match["data"]))

@@ -1,0 +1,363 @@
+"""A computer link heard from outside: pieces of both directions in, one line for each block and for each trouble out.
+
+Pure; told the time. ENQ, ACK and EOT in their usual order have no line of their own. A block's line tells how long its
+bid and its acknowledge took. A block's line comes when the answer to it is known.
+
+Source: computer-link specification, section 2.
+"""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from hil_bridge.site.s3.capture import Piece, Sender
+from hil_bridge.site.s3.wording import telegram_text
+from protocol.devices.s3.adlp import (
+    BLOCK_OVERHEAD,
+    CHUNK,
+    LENGTH_STYLES,
+    Block,
+    BlockFormat,
+    BlockScanner,
+    Control,
+    Flaw,
+    LinkProfile,
+    Token,
+)
+from protocol.devices.s3.arap import KNOWN, OrderBook
+
+GARBAGE_SIZE = 5
+"""After so many meaningless bytes in a row a control byte is taken for one more of them. Chosen, as in the link."""
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One line of the monitor."""
+
+    at: float
+    """s, when its last byte was seen."""
+    sender: Sender
+    text: str
+    line_time: float | None = None
+    """Time of a block's characters on the line, s."""
+    data: bytes = b""
+    """The bytes behind it; a block's telegram without its frame."""
+    trouble: bool = False
+    """Something did not go as it should."""
+
+
+@dataclass(slots=True)
+class Counts:
+    """Totals of a monitored link."""
+
+    blocks: int = 0
+    repeats: int = 0
+    refusals: int = 0
+    """NAK."""
+    unanswered: int = 0
+    """Blocks and bids to which nothing was said."""
+    collisions: int = 0
+    garbage: int = 0
+    """Bytes without meaning."""
+    busy: float = 0.0
+    """Time of all characters on the line, s."""
+
+
+@dataclass(slots=True)
+class _Bid:
+    sender: Sender
+    at: float
+    answered: float | None = None
+
+
+@dataclass(slots=True)
+class _Pending:
+    """A block that has no answer yet."""
+
+    sender: Sender
+    at: float
+    block: Block
+    marks: list[str]
+
+
+@dataclass(slots=True)
+class _Direction:
+    """State of one direction."""
+
+    scanner: BlockScanner
+    newest: float = 0.0
+    garbage: bytearray = field(default_factory=bytearray)
+    garbage_text: str = ""
+    recent: bytes = b""
+    """Newest bytes, as many as a block may have."""
+    last: bytes = b""
+    """The newest telegram."""
+    acknowledged: bool = True
+    """The block was acknowledged."""
+    repeats: int = 0
+    open: bool = False
+    """A message has begun and its EOT has not come."""
+    further: int | None = None
+    """Function of a telegram of which another block follows."""
+
+
+class LinkMonitor:
+    """Takes pieces in the order of time; `next_line` gives what became of them."""
+
+    def __init__(self, profile: LinkProfile, orders: OrderBook = KNOWN) -> None:
+        self._profile = profile
+        self._orders = orders
+        self._gap = profile.gap_time + CHUNK * profile.character_time
+        self._directions: dict[Sender, _Direction] = {}
+        for sender in Sender:
+            styles = LENGTH_STYLES[:1] if sender is Sender.ROBOT else LENGTH_STYLES
+            scanner = BlockScanner(BlockFormat(profile.dle_stuffing, styles, profile.max_telegram))
+            self._directions[sender] = _Direction(scanner)
+        self._bid: _Bid | None = None
+        self._pending: _Pending | None = None
+        self._lines: deque[Line] = deque()
+        self.counts = Counts()
+        self._controls: dict[Control, Callable[[Sender, float], None]] = {
+            Control.ENQ: self._enq,
+            Control.ACK: self._ack,
+            Control.NAK: self._nak,
+            Control.WACK: self._wack,
+            Control.RVI: self._rvi,
+            Control.EOT: self._eot,
+        }
+
+    def next_line(self) -> Line | None:
+        """The oldest line not yet taken, or None."""
+        return self._lines.popleft() if self._lines else None
+
+    def take(self, piece: Piece) -> None:
+        """Hear a piece."""
+        self.idle(piece.at)
+        for sender in Sender:
+            if sender is not piece.sender:
+                self._end_garbage(sender)
+        direction = self._directions[piece.sender]
+        direction.newest = piece.at
+        self.counts.busy += len(piece.data) * self._profile.character_time
+        direction.recent = (direction.recent + piece.data)[-2 * self._profile.max_telegram - BLOCK_OVERHEAD :]
+        for token in direction.scanner.feed(piece.data):
+            self._token(piece.sender, token, piece.at)
+
+    def idle(self, now: float) -> None:
+        """Nothing more came until now: end what has waited too long."""
+        for sender, direction in self._directions.items():
+            if now - direction.newest > self._gap:
+                self._break_off(sender)
+                self._end_garbage(sender)
+        limit = self._profile.answer_timeout_s
+        if self._pending is not None and now - self._pending.at > limit:
+            self._close("no answer", trouble=True)
+        bid = self._bid
+        if bid is not None and bid.answered is None and now - bid.at > limit:
+            self._unanswered_bid(bid)
+
+    def finish(self) -> None:
+        """The capture has ended: tell what is still open."""
+        for sender in Sender:
+            self._break_off(sender)
+            self._end_garbage(sender)
+        if self._pending is not None:
+            self._close("the capture ends here")
+
+    # --- tokens
+
+    def _token(self, sender: Sender, token: Token, at: float) -> None:
+        direction = self._directions[sender]
+        match token:
+            case Block():
+                self._end_garbage(sender)
+                self._block(sender, token, at)
+            case Flaw(whole=True):
+                self._end_garbage(sender)
+                self._trouble(at, sender, f"damaged block of {token.size} bytes: {token.text}")
+                self._damaged(direction)
+            case Flaw():
+                if token.at > 1 and not direction.garbage:
+                    direction.garbage_text = f"damaged block: {token.text}"
+                    self._damaged(direction)
+                direction.garbage += bytes((Control.DLE,))
+            case Control() if direction.garbage_text or len(direction.garbage) >= GARBAGE_SIZE:
+                direction.garbage.append(token)
+            case Control():
+                self._end_garbage(sender)
+                self._controls[token](sender, at)
+            case noise:
+                direction.garbage += noise.data
+
+    def _break_off(self, sender: Sender) -> None:
+        """Take the block as ended. It may be whole but for its check character: as long as the longer reading of
+        its length is possible, the scanner waits for more.
+        """
+        direction = self._directions[sender]
+        if not (dropped := direction.scanner.drop()):
+            return
+        raw = direction.recent[-dropped:]
+        text = f"a block broke off after {dropped} bytes"
+        for style in LENGTH_STYLES:
+            found = BlockFormat(self._profile.dle_stuffing, (style,), self._profile.max_telegram).decode(raw)
+            if isinstance(found, Flaw) and found.whole:
+                text = f"damaged block of {found.size} bytes: {found.text}"
+        self.counts.garbage += dropped
+        self._trouble(direction.newest, sender, text, raw)
+        self._damaged(direction)
+
+    def _damaged(self, direction: _Direction) -> None:
+        direction.open, direction.acknowledged = True, False
+
+    def _end_garbage(self, sender: Sender) -> None:
+        direction = self._directions[sender]
+        if not direction.garbage:
+            return
+        size = len(direction.garbage)
+        self.counts.garbage += size
+        text = direction.garbage_text or "no meaning"
+        unit = "byte" if size == 1 else "bytes"
+        self._trouble(direction.newest, sender, f"{size} {unit}: {text}", bytes(direction.garbage))
+        direction.garbage.clear()
+        direction.garbage_text = ""
+
+    def _block(self, sender: Sender, block: Block, at: float) -> None:
+        self._close_unanswered()
+        direction = self._directions[sender]
+        marks: list[str] = []
+        if direction.open and block.telegram == direction.last:
+            direction.repeats += 1
+            self.counts.repeats += 1
+            why = ", though acknowledged" if direction.acknowledged else ""
+            marks.append(f"repeat {direction.repeats}{why}")
+        else:
+            direction.repeats = 0
+        bid, self._bid = self._bid, None
+        if bid is not None and bid.answered is not None:
+            marks.append(f"bid {_ms(bid.answered - bid.at)}")
+        elif sender is not Sender.UNKNOWN and (bid is not None or not direction.open):
+            marks.append("without an acknowledged bid")
+        direction.open, direction.last, direction.acknowledged = True, block.telegram, False
+        self.counts.blocks += 1
+        self._pending = _Pending(sender, at, block, marks)
+
+    def _close(self, how: str, trouble: bool = False, acknowledged: bool = False) -> None:
+        """The line of the pending block, whose answer is known."""
+        pending, self._pending = self._pending, None
+        assert pending is not None
+        direction = self._directions[pending.sender]
+        direction.acknowledged = acknowledged
+        self.counts.unanswered += how == "no answer"
+        telegram = pending.block.telegram
+        sender = pending.sender
+        if sender is Sender.UNKNOWN:
+            sender = Sender.PC if telegram[2] == 1 else Sender.ROBOT
+        meaning, further = telegram_text(telegram, sender is Sender.ROBOT, direction.further, self._orders)
+        if acknowledged:
+            direction.further = further
+        text = f"{meaning} [{', '.join((*pending.marks, how))}]"
+        line_time = pending.block.size * self._profile.character_time
+        trouble = trouble or any(mark.startswith(("repeat", "WACK", "without")) for mark in pending.marks)
+        self._lines.append(Line(pending.at, sender, text, line_time, telegram, trouble))
+
+    def _close_unanswered(self) -> None:
+        """Close the pending block without an answer, since the new bytes are none. On a wire of unknown directions
+        the monitor may not hear the answer.
+        """
+        if self._pending is not None:
+            self._close("no answer", trouble=self._pending.sender is not Sender.UNKNOWN)
+
+    def _stray(self, at: float, sender: Sender, text: str) -> None:
+        """A control byte out of place. Where directions are unknown, the monitor cannot tell."""
+        if sender is not Sender.UNKNOWN:
+            self._trouble(at, sender, text)
+
+    def _trouble(self, at: float, sender: Sender, text: str, data: bytes = b"") -> None:
+        self._lines.append(Line(at, sender, text, None, data, True))
+
+    # --- control bytes
+
+    def _answers(self, sender: Sender) -> _Pending | None:
+        """The block that a control byte of this sender may answer."""
+        pending = self._pending
+        return pending if pending is not None and _faces(sender, pending.sender) else None
+
+    def _enq(self, sender: Sender, at: float) -> None:
+        if sender is not Sender.UNKNOWN and self._answers(sender) is not None:
+            self._close("answered by a bid", trouble=True)
+        self._close_unanswered()
+        for other, direction in self._directions.items():
+            if direction.open and direction.acknowledged:
+                self._trouble(at, other, "EOT: missing before the next bid")
+            direction.open = False
+        bid = self._bid
+        if bid is not None and bid.answered is None:
+            if bid.sender is sender:
+                self._unanswered_bid(bid)
+            else:
+                self.counts.collisions += 1
+                self._trouble(at, sender, "both bid at once")
+        self._bid = _Bid(sender, at)
+
+    def _unanswered_bid(self, bid: _Bid) -> None:
+        self.counts.unanswered += 1
+        self._trouble(bid.at, bid.sender, "ENQ: no answer")
+        self._bid = None
+
+    def _ack(self, sender: Sender, at: float) -> None:
+        if (pending := self._answers(sender)) is not None:
+            self._close(f"ACK {_ms(at - pending.at)}", acknowledged=True)
+        elif self._bid is not None and self._bid.answered is None and _faces(sender, self._bid.sender):
+            self._bid.answered = at
+        else:
+            self._stray(at, sender, "ACK: there is nothing to acknowledge")
+
+    def _nak(self, sender: Sender, at: float) -> None:
+        self.counts.refusals += 1
+        for other in Sender:
+            if sender is not other:
+                self._break_off(other)
+        if (pending := self._answers(sender)) is not None:
+            self._close(f"NAK {_ms(at - pending.at)}", trouble=True)
+        elif self._bid is not None and self._bid.answered is None:
+            self._trouble(at, sender, "NAK: the bid is refused")
+        else:
+            self._trouble(at, sender, "NAK")
+
+    def _wack(self, sender: Sender, at: float) -> None:
+        if (pending := self._answers(sender)) is not None:
+            pending.marks.append(f"WACK {_ms(at - pending.at)}")
+            pending.at = at
+        else:
+            self._trouble(at, sender, "WACK: wait")
+
+    def _rvi(self, sender: Sender, at: float) -> None:
+        if (pending := self._answers(sender)) is not None:
+            self._close(f"RVI {_ms(at - pending.at)}: acknowledged, and asks for the line", True, True)
+        else:
+            self._trouble(at, sender, "RVI: asks for the line")
+
+    def _eot(self, sender: Sender, at: float) -> None:
+        if sender is not Sender.UNKNOWN and self._answers(sender) is not None:
+            self._close("aborted by EOT", trouble=True)
+            return
+        self._close_unanswered()
+        direction = self._directions[sender]
+        if direction.open:
+            if not direction.acknowledged:
+                self._stray(at, sender, "EOT: the message is given up")
+            direction.open = False
+        elif self._bid is not None and self._bid.sender is sender:
+            self._bid = None
+            self._stray(at, sender, "EOT: the bid is given up")
+        else:
+            self._stray(at, sender, "EOT: nothing had begun")
+
+
+def _faces(sender: Sender, other: Sender) -> bool:
+    """Whether one can answer the other."""
+    return sender is not other or sender is Sender.UNKNOWN
+
+
+def _ms(seconds: float) -> str:
+    return f"{seconds * 1e3:.1f} ms"

@@ -1,0 +1,143 @@
+"""`hil-bridge monitor`: a link put into words, from a file or while it runs. It only listens."""
+
+import asyncio
+from collections.abc import Callable, Sequence
+from contextlib import AsyncExitStack, ExitStack
+from functools import partial
+from pathlib import Path
+
+import click
+from pydantic import TypeAdapter
+
+from hil_bridge.clock import Clock, run_real
+from hil_bridge.console.printing import Printer, end, stop_on_signals
+from hil_bridge.devices.robots.s3.room import robot_wire
+from hil_bridge.errors import ConfigError
+from hil_bridge.errors.text_files import open_ordinary, parse_json, read_text
+from hil_bridge.record import read_link
+from hil_bridge.site.s3.capture import Piece, Sender, parse_capture, recorded_pieces
+from hil_bridge.site.s3.link_monitor import Counts, LinkMonitor
+from hil_bridge.site.s3.printing import counts_text, print_lines
+from hil_bridge.transports import connect_bytes
+from protocol.devices.s3.adlp import LinkProfile
+from protocol.devices.s3.arap import OrderBook
+
+MCAP_MAGIC = b"\x89MCAP0\r\n"
+_TICK_S = 0.25
+"""How often a live link is asked what has waited too long. Chosen."""
+
+
+def monitor_file(path: Path, link: LinkProfile | None, orders: OrderBook, raw: bool) -> None:
+    """Print what a recording or a text capture tells of the link, then what it adds up to.
+
+    `link` holds the settings of the line; None takes those of the recorded run. Raises ConfigError for the file.
+    """
+    pieces, recorded = _pieces(path)
+    if not pieces:
+        raise ConfigError(f"{path} holds no traffic of a computer link")
+    monitor = LinkMonitor(link or recorded, orders)
+    show = Printer(raw, pieces[0].at)
+    for piece in pieces:
+        monitor.take(piece)
+        print_lines(show, monitor)
+    monitor.finish()
+    print_lines(show, monitor)
+    click.echo(counts_text(monitor.counts, pieces[-1].at - pieces[0].at))
+
+
+def monitor_link(
+    urls: Sequence[str], link: LinkProfile, orders: OrderBook, raw: bool, save: Path | None
+) -> None:
+    """Listen until Ctrl-C: to one wire with both directions on it, or to what the PC and what the robot sends.
+
+    `save` is a new file for a text capture. Raises ConfigError for a URL or the file, TransportError when a wire
+    cannot be opened or ends.
+    """
+    with ExitStack() as stack:
+        keep: Callable[[Piece], object] = _drop
+        if save is not None:
+            try:
+                file = stack.enter_context(save.open("x", encoding="utf-8", buffering=1))
+            except FileExistsError as error:
+                raise ConfigError(f"{save} is there already; name another file or remove it") from error
+            except OSError as error:
+                raise ConfigError(f"cannot write {save}: {error.strerror}") from error
+            print("# seconds, who sent it, bytes", file=file)
+            keep = partial(print, file=file)
+        monitor = run_real(lambda: listen(urls, link, orders, Printer(raw), keep))
+    click.echo(counts_text(*monitor))
+
+
+def _drop(piece: Piece) -> None:
+    """Do nothing: no file was asked for."""
+
+
+async def listen(
+    urls: Sequence[str],
+    link: LinkProfile,
+    orders: OrderBook,
+    show: Printer,
+    keep: Callable[[Piece], object],
+) -> tuple[Counts, float]:
+    """Hear the wires until a signal or the end of one: the totals, and for how long there was traffic, s.
+
+    `keep` is given every piece. Raises as `monitor_link`.
+    """
+    clock = Clock.running()
+    senders = (Sender.UNKNOWN,) if len(urls) == 1 else (Sender.PC, Sender.ROBOT)
+    begun = newest = 0.0
+    monitor: LinkMonitor | None = None
+
+    def arrived(sender: Sender, data: bytes) -> None:
+        nonlocal begun, newest
+        assert monitor is not None
+        begun, newest = begun or clock.now(), clock.now()
+        piece = Piece(newest - begun, sender, data)
+        keep(piece)
+        monitor.take(piece)
+        print_lines(show, monitor)
+
+    try:
+        async with AsyncExitStack() as stack:
+            ended: asyncio.Future[None] = clock.loop.create_future()
+            wires = []
+            for url, sender in zip(urls, senders, strict=True):
+                wire_url, link = robot_wire(url, link)
+                wire = await connect_bytes(wire_url, clock)
+                stack.push_async_callback(wire.aclose)
+                wires.append((wire, sender))
+            monitor = LinkMonitor(link, orders)
+            for wire, sender in wires:
+                wire.start(partial(arrived, sender), partial(end, ended))
+            stop_on_signals(clock, ended)
+            while not ended.done():
+                await asyncio.wait([ended], timeout=_TICK_S)
+                if begun:
+                    monitor.idle(clock.now() - begun)
+                    print_lines(show, monitor)
+            monitor.finish()
+            print_lines(show, monitor)
+            ended.result()
+            return monitor.counts, newest - begun
+    finally:
+        clock.close()
+
+
+def _pieces(path: Path) -> tuple[list[Piece], LinkProfile]:
+    """The pieces in a file and the link's settings that it tells."""
+    with open_ordinary(path) as file:
+        head = file.read(len(MCAP_MAGIC))
+    if head == MCAP_MAGIC:
+        records, metadata = read_link(path)
+        return list(recorded_pieces(records, str(path))), _recorded_link(metadata.get("config", ""))
+    return list(parse_capture(read_text(path), str(path))), LinkProfile()
+
+
+def _recorded_link(config: str) -> LinkProfile:
+    """The settings of the robot's link in a recorded configuration; the usual ones where it tells none."""
+    try:
+        robot = parse_json(config)["robot"]
+        link = TypeAdapter(LinkProfile).validate_python(robot["link"])
+        return robot_wire(robot["url"], link)[1] if robot["url"] else link
+    except (ValueError, TypeError, KeyError, ConfigError):
+        return LinkProfile()

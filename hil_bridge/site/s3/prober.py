@@ -1,0 +1,137 @@
+"""The PC's end of a link whose settings are not known yet: one query after the other, each with its own settings."""
+
+from collections import deque
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from hil_bridge.site.s3.search import Outcome, Query, Reply, Try
+from hil_bridge.transports import LineSettings, Parity
+from protocol.devices.s3.adlp import Control, LinkFailure, LinkProfile
+from protocol.devices.s3.arap import (
+    Answered,
+    ArapHost,
+    OrderFailed,
+    OrderFailure,
+    Refused,
+    SpontaneousReceived,
+    Status,
+    Telegram,
+)
+from protocol.endpoint import RemoteProtocolError
+
+_REPLIES: dict[LinkFailure | OrderFailure, Reply] = {
+    LinkFailure.NO_ANSWER: Reply.SILENCE,
+    LinkFailure.ONLY_NOISE: Reply.NOISE,
+    LinkFailure.BID_REFUSED: Reply.BID_REFUSED,
+    LinkFailure.REPEATS_EXHAUSTED: Reply.BLOCK_REFUSED,
+    LinkFailure.WACK_LIMIT: Reply.BLOCK_REFUSED,
+    LinkFailure.ABORTED: Reply.BLOCK_REFUSED,
+    OrderFailure.TIME_OUT: Reply.UNREADABLE,
+    OrderFailure.UNFIT_ANSWER: Reply.UNREADABLE,
+}
+
+
+_PLAIN = (Reply.SILENCE, Reply.NOISE)
+"""Say all by themselves."""
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """The controller said something unasked; it was acknowledged."""
+
+    text: str
+
+
+ProbeEvent: TypeAlias = Outcome | Said
+
+
+class Prober:
+    """An endpoint for bytes: `ask` begins a query, an `Outcome` among its events ends it.
+
+    Messages that the controller sends unasked are received and acknowledged under the settings of the newest query.
+    """
+
+    def __init__(self) -> None:
+        self._host = ArapHost(LinkProfile())
+        self._events: deque[ProbeEvent] = deque()
+
+    def ask(self, query: Query, profile: LinkProfile) -> None:
+        """Ask under these settings; an earlier query is forgotten."""
+        self._host = ArapHost(profile)
+        self._host.order(query.value)
+
+    def receive(self, data: bytes, now: float) -> None:
+        """Take bytes off the line."""
+        self._host.receive(data, now)
+        self._take()
+
+    def next_event(self) -> ProbeEvent | None:
+        """The oldest event not yet taken, or None."""
+        return self._events.popleft() if self._events else None
+
+    def data_to_send(self, now: float) -> bytes:
+        """Bytes for the line."""
+        return self._host.data_to_send(now)
+
+    def next_deadline(self) -> float | None:
+        """The link's next time-out."""
+        return self._host.next_deadline()
+
+    def handle_deadline(self, now: float) -> None:
+        """Act on the time-outs up to now."""
+        self._host.handle_deadline(now)
+        self._take()
+
+    def _take(self) -> None:
+        while (event := self._host.next_event()) is not None:
+            match event:
+                case Answered(answer=answer, blocks=blocks):
+                    holds_dle = any(Control.DLE in block.encode() for block in blocks)
+                    self._events.append(Outcome(Reply.ANSWERED, _status_text(answer), holds_dle))
+                case Refused(refusal=refusal):
+                    self._events.append(Outcome(Reply.REFUSED, f"{refusal.code} {refusal.text}"))
+                case OrderFailed(reason=reason, text=text):
+                    # an interrupted order is still waited for, so that this is never its reason
+                    reply = _REPLIES[reason]
+                    self._events.append(Outcome(reply, "" if reply in _PLAIN else text))
+                case SpontaneousReceived(spontaneous=spontaneous):
+                    self._events.append(Said(spontaneous.text))
+
+
+def _status_text(answer: Telegram) -> str:
+    try:
+        status = Status.from_telegram(answer)
+    except RemoteProtocolError as error:
+        return f"{answer}: {error}"
+    x, y, z = (round(value * 1e3, 3) for value in status.position)
+    return f"at {x:g}, {y:g}, {z:g} mm, {_state(status)}"
+
+
+def _state(status: Status) -> str:
+    states = {
+        "emergency stop": status.emergency_stop,
+        "operation": status.operation,
+        "standby": status.standby,
+        "executing": status.execution,
+        "local": status.local,
+    }
+    return ", ".join(name for name, holds in states.items() if holds) or "no flag set"
+
+
+def profile_of(attempt: Try, patience: float, answer_patience: float) -> LinkProfile:
+    """The link's settings for a try. One repeat, so that what does not fit fails fast.
+
+    `patience` is the longest wait for an ACK, `answer_patience` that for the answer telegram; both s.
+    """
+    line = attempt.line or LineSettings(parity=Parity.EVEN)
+    return LinkProfile(
+        baudrate=line.baudrate,
+        parity=line.parity.value,
+        stop_bits=1 if line.stopbits == 1 else 2,
+        dle_stuffing=attempt.dle_stuffing,
+        length_style=attempt.length_style,
+        answer_timeout_s=patience,
+        order_timeout_s=answer_patience,
+        bid_limit=attempt.bids,
+        repeat_limit=1,
+    )

@@ -1,0 +1,86 @@
+"""Files around the identification of a tool: a table of poses as CSV, and the result as TOML for a configuration."""
+
+import csv
+import io
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+from hil_bridge.control import ToolEstimate, ToolPose
+from hil_bridge.errors import ConfigError
+from hil_bridge.errors.text_files import read_text, toml_value
+
+_AXES = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
+ORIENTATION_COLUMNS = ("qw", "qx", "qy", "qz")
+"""Tool in base; need not have unit length."""
+WRENCH_COLUMNS = _AXES
+"""Mean reading in the sensor frame."""
+SCATTER_COLUMNS = tuple(f"sd_{axis}" for axis in _AXES)
+"""Standard deviation of the readings; may be left out."""
+
+
+def read_poses(path: Path) -> list[ToolPose]:
+    """The poses of a CSV file with a line of column names; other columns are passed over.
+
+    Raises ConfigError with file, line and column.
+    """
+    text = read_text(path, encoding="utf-8-sig")
+    lines = csv.DictReader(io.StringIO(text), skipinitialspace=True)
+    names = lines.fieldnames or ()
+    if missing := [name for name in (*ORIENTATION_COLUMNS, *WRENCH_COLUMNS) if name not in names]:
+        raise ConfigError(f"{path}: there is no column {missing[0]}; the first line names the columns")
+    scattered = set(SCATTER_COLUMNS) <= set(names)
+
+    def numbers(row: dict[str, str | None], columns: Sequence[str]) -> tuple[float, ...]:
+        values = []
+        for column in columns:
+            try:
+                values.append(float(row[column] or ""))
+            except ValueError as error:
+                raise ConfigError(
+                    f"{path}, line {lines.line_num}: {column} must be a number, got {row[column]!r}"
+                ) from error
+            if not math.isfinite(values[-1]):
+                raise ConfigError(
+                    f"{path}, line {lines.line_num}: {column} must be finite, got {row[column]}"
+                )
+        return tuple(values)
+
+    poses = []
+    for row in lines:
+        quaternion = numbers(row, ORIENTATION_COLUMNS)
+        if math.hypot(*quaternion) < 1e-6:
+            raise ConfigError(
+                f"{path}, line {lines.line_num}: {', '.join(ORIENTATION_COLUMNS)} are no rotation"
+            )
+        scatter = numbers(row, SCATTER_COLUMNS) if scattered else (0.0,) * len(_AXES)
+        poses.append(ToolPose(quaternion, numbers(row, WRENCH_COLUMNS), scatter))
+    return poses
+
+
+def poses_as_csv(poses: Sequence[ToolPose]) -> str:
+    """The table that `read_poses` reads back, bit for bit."""
+    lines = [",".join((*ORIENTATION_COLUMNS, *WRENCH_COLUMNS, *SCATTER_COLUMNS))]
+    lines += [",".join(map(repr, (*pose.quaternion, *pose.wrench, *pose.scatter))) for pose in poses]
+    return "\n".join(lines) + "\n"
+
+
+def tool_as_toml(estimate: ToolEstimate) -> str:
+    """Tables that a configuration takes as they are, uncertainties as comments."""
+
+    def vector(values: Sequence[float], digits: int) -> str:
+        # Adding zero turns −0.0 into 0.0.
+        return toml_value([round(value, digits) + 0.0 for value in values])
+
+    centre_mm = [value * 1e3 for value in estimate.centre_of_gravity]
+    centre_uncertainty_mm = [value * 1e3 for value in estimate.centre_of_gravity_uncertainty]
+    return f"""\
+# Identified from {len(estimate.residuals)} poses; ± are standard uncertainties.
+[tool]
+mass_kg = {round(estimate.mass, 5)!r}  # ± {estimate.mass_uncertainty:.5f}
+centre_of_gravity_mm = {vector(centre_mm, 3)}  # ± {vector(centre_uncertainty_mm, 3)}
+
+[sensor]
+bias_n = {vector(estimate.bias[:3], 5)}  # ± {vector(estimate.bias_uncertainty[:3], 5)}
+bias_nm = {vector(estimate.bias[3:], 6)}  # ± {vector(estimate.bias_uncertainty[3:], 6)}
+"""

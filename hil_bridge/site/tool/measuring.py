@@ -1,0 +1,259 @@
+"""Measuring what hangs below the sensor: hold the tool in several ways, free in space, and average the readings.
+
+The shell around the pure `identify_tool`. No zero is taken: it would hide the weight and the sensor's bias.
+"""
+
+import math
+import statistics
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import ClassVar
+
+from hil_bridge.clock import Clock, run_real, run_virtual
+from hil_bridge.control import (
+    Observation,
+    Request,
+    Stop,
+    Supervisor,
+    SupervisorState,
+    ToolPose,
+    force_along,
+    quaternion_about,
+    quaternion_product,
+    turn_between,
+)
+from hil_bridge.devices.device_log import LogTo
+from hil_bridge.devices.robots.seam import GIVE_UP_AFTER_S, Motion, MotionLimits, RobotReport
+from hil_bridge.errors import ConfigError, DeviceError, SafetyStop
+from hil_bridge.runs.bounds import turning_bounds
+from hil_bridge.runs.compose import Devices, open_devices
+from hil_bridge.runs.small_steps import bring_up
+from hil_bridge.runs.zeroing import wrist
+from hil_bridge.settings.configuration import Config
+from protocol.geometry import Pose, Quaternion, Vector
+from protocol.wrench import WrenchFrame
+
+Tell = Callable[[str], None]
+
+POSITION_TOLERANCE_M = 0.5e-3
+"""Reported position this near to the ordered one counts as there. Chosen: four steps of a coarse robot."""
+ANGLE_TOLERANCE = math.radians(0.1)
+"""The same for the orientation, rad. Chosen: coarser than a robot rounds what it reports."""
+ARRIVAL_S = 10.0
+"""Chosen: how long after the last order the robot may take to report to be there."""
+FRAMES_MIN = 10
+"""Fewest frames to average. Chosen."""
+TIME_CONSTANTS = 7.0
+"""Time constants of the sensor's filter, beside the settling. Derived: after as many less than 0.1 % is left."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sweep:
+    """How the tool is turned. All of it is chosen."""
+
+    angle_deg: float = 30.0
+    """Turn about each level axis of the base, to either side of the start orientation."""
+    lift_mm: float = 50.0
+    """Way back from the surface, against the approach direction, before the first turn."""
+    settle_s: float = 1.0
+    """Wait at each pose before averaging, beside the filter's own time."""
+    average_s: float = 1.0
+    """Time over which readings are averaged."""
+    lift_step_mm: ClassVar[float] = 1.0
+    """Farthest move between two looks at the sensor."""
+    turn_step_deg: ClassVar[float] = 2.0
+    """Largest turn between two: about 10° a second over a slow link."""
+
+    def orientations(self, start: Quaternion) -> tuple[Quaternion, ...]:
+        """The start orientation, to either side about two level axes, and the start again, which shows drift."""
+        tilts = [
+            quaternion_product(quaternion_about(axis, math.radians(angle)), start)
+            for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+            for angle in (self.angle_deg, -self.angle_deg)
+        ]
+        return (start, *tilts, start)
+
+
+def measure(config: Config, virtual: bool, sweep: Sweep, tell: Tell) -> list[ToolPose]:
+    """Move through the sweep's poses, on the configuration's ports or on the emulated cell, and back to the start.
+
+    `tell` is given a line of progress now and then. Raises SafetyStop when a limit was met, and BridgeError as a
+    run does.
+    """
+    frames: list[WrenchFrame] = []
+
+    async def main() -> list[ToolPose]:
+        clock = Clock.running()
+        try:
+            log = LogTo(frames.append, lambda kind, text: tell(f"{kind}: {text}"))
+            async with open_devices(config, clock, log) as devices:
+                return await _Measuring(config, clock, devices, frames, sweep, tell)()
+        finally:
+            clock.close()
+
+    return (run_virtual if virtual else run_real)(main)
+
+
+class _Measuring:
+    """One sweep over a robot link and a force sensor that have been started; call it once."""
+
+    def __init__(
+        self,
+        config: Config,
+        clock: Clock,
+        devices: Devices,
+        frames: list[WrenchFrame],
+        sweep: Sweep,
+        tell: Tell,
+    ) -> None:
+        self._config, self._clock = config, clock
+        self._robot, self._sensor = devices.robot, devices.sensor
+        self._frames = frames
+        self._sweep = sweep
+        self._tell = tell
+        self._supervisor = Supervisor(config.limits)
+        self._wrist = wrist(config)
+        self._state: SupervisorState
+        self._start: RobotReport
+        self._at_start: tuple[float, ...]
+
+    async def __call__(self) -> list[ToolPose]:
+        await bring_up(self._robot, self._sensor)
+        self._start = start = await self._robot.report()
+        upright = _unit(start.pose.quaternion)
+        self._state = self._supervisor.initial(start.pose.position)
+        lifted = self._lifted()
+        self._at_start, _ = await self._average()
+        poses = []
+        still = self._sweep.settle_s + self._sweep.average_s + TIME_CONSTANTS * self._sensor.delay
+        speed = self._config.robot.velocity_mm_s * 1e-3
+        bounds = turning_bounds(
+            self._config, self._robot.facts, math.radians(self._sweep.angle_deg), start.pose
+        )
+        limits = MotionLimits(speed, give_up_after=GIVE_UP_AFTER_S + still, bounds=bounds)
+        async with self._robot.motion(limits) as motion:
+            await self._go(motion, lifted, upright)
+            orientations = self._sweep.orientations(upright)
+            for number, orientation in enumerate(orientations, 1):
+                report = await self._go(motion, lifted, orientation)
+                poses.append(ToolPose(report.pose.quaternion, *await self._average()))
+                self._tell(f"pose {number} of {len(orientations)} measured")
+            await self._go(motion, start.pose.position, upright)
+        return poses
+
+    def _lifted(self) -> Vector:
+        """Where the tool is turned. Raises ConfigError when that is outside the workspace."""
+        away = self._sweep.lift_mm * 1e-3
+        x, y, z = (
+            p - away * n for p, n in zip(self._start.pose.position, self._config.frame.approach, strict=True)
+        )
+        try:
+            self._supervisor.initial((x, y, z))
+        except ConfigError as error:
+            raise ConfigError(
+                f"the tool cannot be lifted by {self._sweep.lift_mm:g} mm (--lift-mm): {error}"
+            ) from error
+        return x, y, z
+
+    async def _go(self, motion: Motion, position: Vector, orientation: Quaternion) -> RobotReport:
+        """Move and turn in small steps, each supervised, until the robot reports to be there.
+
+        Raises SafetyStop for a limit, DeviceError when the robot does not come.
+        """
+        report = await self._robot.report()
+        turned, began = _unit(report.pose.quaternion), self._clock.now()
+        patience = began + ARRIVAL_S
+        while not _is_there(report.pose, position, orientation):
+            before = self._state.position, turned
+            # A tool that only moves keeps its weight on the same axes, so its counts may well repeat.
+            judged_from = max(self._sensor.unchanged_since, began) if turned != orientation else math.inf
+            at = self._supervised(report, _moved(self._state.position, position), judged_from)
+            turned = _turned(turned, orientation)
+            if (at, turned) != before:
+                await motion.to(Pose(at, turned))
+                await motion.settled()
+                patience = self._clock.now() + ARRIVAL_S
+            elif self._clock.now() > patience:
+                raise DeviceError(
+                    f"robot on {self._robot.name} does not reach the ordered pose, it stands at "
+                    f"{report.pose.position} m; look at its controller, or turn the tool less (--angle-deg)"
+                )
+            report = await self._robot.report()
+        return report
+
+    def _supervised(self, report: RobotReport, target: Vector, judged_from: float) -> Vector:
+        """The target after the supervisor's clamps, m. Raises SafetyStop for its stop.
+
+        Counts that repeat are judged from that moment on, s. Forces are those that came since the start; what the
+        weight adds by turning is not known yet and part of them.
+        """
+        frame, approach = self._sensor.newest, self._config.frame.approach
+        quaternion = report.pose.quaternion
+        assert frame is not None, "bringing up waits for the stream"
+        self._sensor.check()
+        change = [a - b for a, b in zip(self._sensor.wrench(frame), self._at_start, strict=True)]
+        wrench = self._wrist.contact_wrench(change, quaternion, self._start.pose.quaternion)
+        depth = sum((t - s) * n for t, s, n in zip(target, self._start.pose.position, approach, strict=True))
+        observation = Observation(
+            now=self._clock.now(),
+            force=force_along(approach, quaternion, wrench),
+            resultant=math.hypot(*wrench[:3]),
+            sensor_at=frame.at,
+            sensor_sequence=frame.sequence,
+            unchanged=max(frame.at - judged_from, 0.0),
+            saturated=bool(self._sensor.saturated),
+            fault=report.fault,
+        )
+        self._state, verdict = self._supervisor.step(
+            self._state, observation, Request(depth, target, approach)
+        )
+        if isinstance(verdict, Stop):
+            raise SafetyStop(
+                f"stopped: {verdict.text}; free the tool, or raise the limit if its weight alone does this"
+            )
+        return verdict.position
+
+    async def _average(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Mean reading and standard deviation of its frames, sensor frame, N and N·m, once all has come to rest."""
+        settled = self._clock.now() + self._sweep.settle_s + TIME_CONSTANTS * self._sensor.delay
+        await self._clock.sleep_until(settled)
+        self._frames.clear()
+        await self._clock.sleep_until(settled + self._sweep.average_s)
+        self._sensor.check()
+        if len(self._frames) < FRAMES_MIN:
+            raise DeviceError(
+                f"force sensor on {self._sensor.name} sent {len(self._frames)} frames in {self._sweep.average_s:g} s, "
+                f"{FRAMES_MIN} are the least to average; average for longer (--average-s)"
+            )
+        axes = list(zip(*map(self._sensor.wrench, self._frames), strict=True))
+        return tuple(map(statistics.fmean, axes)), tuple(map(statistics.pstdev, axes))
+
+
+def _unit(quaternion: Quaternion) -> Quaternion:
+    """Device words are rounded; turns are calculated with unit length."""
+    length = math.hypot(*quaternion)
+    if length < 0.5:
+        raise DeviceError(f"the robot reports the orientation {quaternion}, which is none")
+    w, x, y, z = (part / length for part in quaternion)
+    return w, x, y, z
+
+
+def _is_there(pose: Pose, position: Vector, orientation: Quaternion) -> bool:
+    _, angle = turn_between(_unit(pose.quaternion), orientation)
+    return angle <= ANGLE_TOLERANCE and math.dist(pose.position, position) <= POSITION_TOLERANCE_M
+
+
+def _moved(at: Vector, position: Vector) -> Vector:
+    """The next point on the straight way to `position`, m."""
+    distance, step = math.dist(at, position), Sweep.lift_step_mm * 1e-3
+    if distance <= step:
+        return position
+    x, y, z = (a + (p - a) * step / distance for a, p in zip(at, position, strict=True))
+    return x, y, z
+
+
+def _turned(at: Quaternion, orientation: Quaternion) -> Quaternion:
+    """The next orientation on the shortest way to `orientation`."""
+    axis, angle = turn_between(at, orientation)
+    step = math.radians(Sweep.turn_step_deg)
+    return orientation if angle <= step else _unit(quaternion_product(quaternion_about(axis, step), at))

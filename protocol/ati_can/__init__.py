@@ -1,8 +1,0 @@
-"""ATI NETCANOEM: strain gages over CAN."""
-
-from protocol.ati_can.client import AtiCanClient
-from protocol.ati_can.describe import describe
-from protocol.ati_can.messages import BASE, BITRATE, heard
-from protocol.ati_can.profile import AtiCanClientProfile
-
-__all__ = ["BASE", "BITRATE", "AtiCanClient", "AtiCanClientProfile", "describe", "heard"]

@@ -1,0 +1,8 @@
+"""ATI NETCANOEM: strain gages over CAN."""
+
+from protocol.devices.ati_can.client import AtiCanClient
+from protocol.devices.ati_can.describe import describe
+from protocol.devices.ati_can.messages import BASE, BITRATE, heard
+from protocol.devices.ati_can.profile import AtiCanClientProfile
+
+__all__ = ["BASE", "BITRATE", "AtiCanClient", "AtiCanClientProfile", "describe", "heard"]

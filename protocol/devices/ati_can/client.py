@@ -1,0 +1,282 @@
+"""Client of a NETCANOEM board: reads the matrix of a calibration, asks for gages, computes the wrench.
+
+One question is under way at a time. The zero is the host's. A slot that another host changes would make the matrix
+wrong without a sign, so that it ends the session.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+
+from protocol.can.error import decode_error
+from protocol.can.frame import CanFrame
+from protocol.devices.ati_can.messages import (
+    CRITICAL,
+    FORCE_UNITS,
+    GAGE_HIGH,
+    GAGE_LOW,
+    TORQUE_UNITS,
+    WATCHDOG,
+    Op,
+    SampleStart,
+    decode_counts,
+    decode_firmware,
+    decode_pair,
+    decode_sample,
+    decode_sample_rest,
+    decode_units,
+    question,
+    status_words,
+)
+from protocol.devices.ati_can.profile import AtiCanClientProfile
+from protocol.endpoint import LocalProtocolError, RemoteProtocolError
+from protocol.wrench import (
+    AXES,
+    HostTare,
+    SensorEvent,
+    SensorFacts,
+    SensorFailed,
+    SensorNotice,
+    SensorReady,
+    SensorRestarted,
+    SensorStatistics,
+    SensorStopped,
+    WrenchFrame,
+    Zeroed,
+)
+
+_UNITS_FROM = (3, 7)
+"""Firmware from which on the board tells its units. Source: manual."""
+_OLDER_UNITS = (FORCE_UNITS[2], TORQUE_UNITS[3])
+"""Assumed of an older one: N and N·m."""
+_ROW_OPS = (Op.ROW, Op.ROW_MIDDLE, Op.ROW_END)
+_TOLD_LIMIT = 16
+"""Chosen: most statuses that are told, so that a status which changes with every sample fills no recording."""
+_ALL_AXES = 0b111111
+
+
+class AtiCanClient:
+    """Endpoint of CAN frames: a `SensorClient`."""
+
+    stop_patience = 0.0
+
+    def __init__(self, profile: AtiCanClientProfile, now: float) -> None:
+        self.statistics = SensorStatistics()
+        self._profile = profile
+        self._events: deque[SensorEvent] = deque()
+        self._out: list[CanFrame] = []
+        self._tare = HostTare(max(1, round(profile.zero_s / (profile.period_ms * 1e-3))))
+        self._given_up_at = now + profile.ready_timeout_s
+        self._ended = self._ready = self._others = False
+        self._op, self._axis = Op.FIRMWARE, 0
+        """The question under way, or the next one."""
+        self._tries = 0
+        self._under_way = False
+        self._due: float | None = now
+        """When the question is to be asked, or its answer is overdue, s."""
+        self._asked_at = now
+        self._model = ""
+        self._firmware = (0, 0)
+        self._units, self._per_unit = _OLDER_UNITS, (1, 1)
+        self._row: list[float] = []
+        self._matrix: list[list[float]] = []
+        self._start: SampleStart | None = None
+        self._status = 0
+        self._told: set[int] = set()
+        """Statuses that were told, each once."""
+        self._count = 0
+        self._bus = ""
+        """The newest report of the interface about the bus."""
+
+    # --- endpoint
+
+    def receive(self, data: Sequence[CanFrame], now: float) -> None:
+        """Take frames; those of other boards and of interfaces are passed over."""
+        for frame in data:
+            if self._ended:
+                return
+            op = frame.identifier & 0xF
+            try:
+                if frame.error:
+                    self._tell_bus(f"CAN bus: {decode_error(frame)}")
+                    continue
+                if frame.extended or frame.remote or frame.identifier >> 4 != self._profile.base:
+                    continue
+                self._take(op, frame, now)
+            except RemoteProtocolError as error:
+                self.statistics.malformed += 1
+                if not (self._ready or frame.error) and op != Op.SAMPLE:
+                    self._fail(f"{error}; look at its calibration")
+
+    def next_event(self) -> SensorEvent | None:
+        """The oldest event."""
+        return self._events.popleft() if self._events else None
+
+    def data_to_send(self, now: float) -> Sequence[CanFrame]:
+        """The question that is due."""
+        out, self._out = self._out, []
+        return out
+
+    def next_deadline(self) -> float | None:
+        """When the next question is due, or an answer is overdue, s."""
+        return self._due
+
+    def handle_deadline(self, now: float) -> None:
+        """Ask, ask again, or give up."""
+        if self._due is None or now < self._due:
+            return
+        if (
+            not self._under_way
+            or self._tries < self._profile.tries
+            or (not self._model and now < self._given_up_at)
+        ):
+            self._ask(now)
+        else:
+            self._fail(
+                f"it does not answer; asked {self._tries} times for {self._op.name.lower()}. Look at its supply, "
+                f"the bus, its rate, and base {self._profile.base:02X}"
+            )
+
+    def zero(self) -> None:
+        """Take the mean of the next samples as zero. Raises LocalProtocolError after the end."""
+        if self._ended:
+            raise LocalProtocolError("the session with the sensor is over")
+        self._tare.zero()
+
+    def stop(self) -> None:
+        """Ask for nothing more: the board says nothing by itself."""
+        if not self._ended:
+            self._ended, self._due = True, None
+            self._events.append(SensorStopped())
+
+    # --- questions
+
+    def _ask(self, now: float) -> None:
+        profile = self._profile
+        if self._op is Op.SLOT:
+            self._out.append(question(profile.base, self._op, profile.slot))
+        elif self._op is Op.ROW:
+            self._out.append(question(profile.base, self._op, self._axis))
+        else:
+            self._out.append(question(profile.base, self._op))
+        self._row, self._start = [], None
+        self._tries += 1
+        self._under_way, self._asked_at = True, now
+        self._due = now + profile.answer_timeout_s
+
+    def _then(self, op: Op, now: float) -> None:
+        """The answer is there; this question is the next one, at once."""
+        self._op, self._tries = op, 0
+        self._ask(now)
+
+    def _take(self, op: int, frame: CanFrame, now: float) -> None:
+        data = frame.data
+        if op in (Op.SAMPLE, Op.SAMPLE_REST):
+            self._take_sample(op, frame, now)
+        elif op == Op.RESET or (op == Op.SLOT and self._op is not Op.SLOT):
+            self._fail("another host resets the board or chooses a calibration; let one host alone use it")
+        elif not self._under_way or (op != self._op and not (self._op is Op.ROW and op in _ROW_OPS)):
+            self._tell_others()
+        elif op == Op.FIRMWARE and data:
+            major, minor, build = decode_firmware(data)
+            self._firmware = (major, minor)
+            self._model = f"ATI NETCANOEM, firmware {major}.{minor} build {build}"
+            self._then(Op.SERIAL, now)
+        elif op == Op.SERIAL and data:
+            serial = data.decode("ascii", "replace").strip("\0 ")
+            self._model += f", {serial}" if serial.isprintable() else ""
+            self._then(Op.SLOT, now)
+        elif op == Op.SLOT:
+            if data != bytes((self._profile.slot,)):
+                raise RemoteProtocolError(f"the board has not chosen slot {self._profile.slot}")
+            self._matrix, self._axis = [], 0
+            self._then(Op.ROW, now)
+        elif self._op is Op.ROW and op in _ROW_OPS:
+            self._take_row(op, data, now)
+        elif op == Op.COUNTS and data:
+            self._per_unit = decode_counts(data)
+            self._then(Op.UNITS if self._firmware >= _UNITS_FROM else Op.SAMPLE, now)
+        elif op == Op.UNITS and data:
+            self._units = decode_units(data)
+            self._then(Op.SAMPLE, now)
+
+    def _take_row(self, op: int, data: bytes, now: float) -> None:
+        if len(data) < 2 or op != _ROW_OPS[len(self._row) // 2]:
+            return  # the question of another host, or an answer without those before it
+        self._row += decode_pair(data)
+        if len(self._row) < 6:
+            return
+        if not any(self._row):
+            raise RemoteProtocolError(f"row {AXES[self._axis]} of the matrix is 0")
+        self._matrix.append(self._row)
+        self._axis += 1
+        self._then(Op.ROW if self._axis < len(AXES) else Op.COUNTS, now)
+
+    # --- samples
+
+    def _take_sample(self, op: int, frame: CanFrame, now: float) -> None:
+        if op == Op.SAMPLE:
+            if not frame.data or self._op is not Op.SAMPLE or not self._under_way:
+                self._tell_others()
+                return
+            self.statistics.unpaired += self._start is not None
+            self._start = decode_sample(frame.data)
+            return
+        if (start := self._start) is None:
+            self.statistics.unpaired += 1
+            return
+        self._start = None
+        one, three, five = decode_sample_rest(frame.data)
+        zero, two, four = start.gages
+        at = now if frame.received_at is None else frame.received_at
+        self._tell(start.status, (zero, one, two, three, four, five), at)
+        self._under_way, self._tries = False, 0
+        if not self._ended:
+            self._due = max(now, self._asked_at + self._profile.period_ms * 1e-3)
+
+    def _tell(self, status: int, gages: tuple[int, ...], at: float) -> None:
+        if status != self._status:
+            if status and status not in self._told and len(self._told) < _TOLD_LIMIT:
+                self._told.add(status)
+                self._events.append(SensorNotice(f"status {status:04X}: {status_words(status)}"))
+            if self._ready and status & WATCHDOG and not self._status & WATCHDOG:
+                self._events.append(SensorRestarted())  # its slot is 0 again
+                self._op = Op.SLOT
+            self._status = status
+        if not self._ready:
+            if status & CRITICAL:
+                self._fail(
+                    f"it reports status {status:04X}: {status_words(status)}; look at its supply and cable"
+                )
+                return
+            self._ready = True
+            self._events.append(SensorReady(self._facts()))
+        self._count += 1
+        # A gage at its end changes every axis.
+        lost = status & CRITICAL or max(gages) >= GAGE_HIGH or min(gages) <= GAGE_LOW
+        a, b, c, d, e, f = (sum(k * gage for k, gage in zip(row, gages, strict=True)) for row in self._matrix)
+        values = self._tare.values((a, b, c, d, e, f))
+        self._events.append(WrenchFrame(values, self._count, self._count, at, _ALL_AXES if lost else 0))
+        if self._tare.took:
+            self._events.append(Zeroed())
+
+    def _facts(self) -> SensorFacts:
+        force, torque = (unit / counts for unit, counts in zip(self._units, self._per_unit, strict=True))
+        scales = (force, force, force, torque, torque, torque)
+        return SensorFacts(self._model, scales, None, None, None, 0.0, "host")
+
+    # --- end
+
+    def _tell_others(self) -> None:
+        if not self._others:
+            self._others = True
+            self._events.append(SensorNotice("another host asks on this bus, or an answer came late"))
+
+    def _tell_bus(self, text: str) -> None:
+        if text != self._bus:
+            self._bus = text
+            self._events.append(SensorNotice(text))
+
+    def _fail(self, text: str) -> None:
+        if not self._ended:
+            self._ended, self._due = True, None
+            self._events.append(SensorFailed(text))

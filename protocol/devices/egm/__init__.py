@@ -1,0 +1,47 @@
+"""Externally Guided Motion of an ABB robot: its datagrams, and the client that guides it."""
+
+from protocol.devices.egm.client import EgmClient, fault_of
+from protocol.devices.egm.describe import describe
+from protocol.devices.egm.messages import (
+    Answer,
+    Guidance,
+    MessageType,
+    Motors,
+    PathCorrection,
+    Place,
+    PoseMm,
+    Rapid,
+    RobotMessage,
+    SensorMessage,
+    decode_answer,
+    decode_robot,
+    encode_answer,
+    encode_robot,
+)
+from protocol.devices.egm.schema import RobotWare
+from protocol.devices.egm.units import from_wire, rotation_vector, to_wire, turned
+
+__all__ = [
+    "Answer",
+    "EgmClient",
+    "Guidance",
+    "MessageType",
+    "Motors",
+    "PathCorrection",
+    "Place",
+    "PoseMm",
+    "Rapid",
+    "RobotMessage",
+    "RobotWare",
+    "SensorMessage",
+    "decode_answer",
+    "decode_robot",
+    "describe",
+    "encode_answer",
+    "encode_robot",
+    "fault_of",
+    "from_wire",
+    "rotation_vector",
+    "to_wire",
+    "turned",
+]

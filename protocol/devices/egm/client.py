@@ -1,0 +1,312 @@
+"""The client of a robot that is guided by poses: each datagram of the robot is answered once, with an absolute pose.
+
+The controller moves its set point with `speed = k * (reference - set point) + speed reference` [M], and k is 5 1/s by
+default: alone, a reference that goes 20 mm/s is followed 4 mm behind. So the answer carries the reference's own speed
+too, from one answer to the next. What is left is the delay of the controller, some 20 ms. When this side falls silent
+on its way, the robot goes on with the last speed until the controller's time-out, but never farther than speed / k
+beyond the last reference, for the position term holds it there: 4 mm at 20 mm/s.
+
+The robot takes one message a cycle, in the order in which they came, right behind the datagram that it sends [M]. An
+answer too many would stay in its queue for good, and delay all later ones. So of datagrams that came together only the
+newest is answered, and one that comes again is not. An answer that left when the next datagram was on its way has come
+too late to be taken with it, and waits for the one behind: then the next answer is left out. A movement that ends on
+its way has its speed taken back at once, by an answer ahead of the next datagram.
+
+The robot is not guided while its motors are off, its program stands or its guidance has not begun. Then each datagram
+is answered with the set point that it tells, without speed: it stands still, also when the guidance begins or goes on.
+"""
+
+import math
+from collections import deque
+from collections.abc import Sequence
+
+from protocol.datagram import arrived_at
+from protocol.devices.egm.frames import Frames
+from protocol.devices.egm.messages import (
+    Guidance,
+    Motors,
+    PoseMm,
+    Rapid,
+    RobotMessage,
+    SensorMessage,
+    decode_robot,
+    encode_answer,
+)
+from protocol.devices.egm.units import from_wire, rotated, rotation_vector, to_wire
+from protocol.endpoint import RemoteProtocolError
+from protocol.geometry import Pose, Vector
+from protocol.robot import ReportReceived, RobotReport, StreamEvent, StreamLost, StreamNotice
+
+_NUMBERS = 2**32
+_LATE_MAX = 64
+"""A number that is smaller by more belongs to a new session. Chosen: a quarter of a second at 4 ms."""
+_SILENCE_S = 1.0
+"""Chosen: after so long without a datagram a number that is not larger belongs to a new session. Source: specification
+of EGM, section 8, rule 7."""
+_ON_THE_WAY = 0.1
+"""Chosen: part of a cycle that datagram and answer need to reach the other side, together, and to be looked at."""
+_BEGIN_S = 5.0
+"""Chosen: how long a session may go on before its guidance begins until that is told as a fault. Such datagrams are
+answered, but not reported."""
+_CYCLES_TIMED = 25
+"""Chosen: datagrams over which the robot's cycle is measured by its own clock, before anything moves."""
+_CYCLE_TOLERANCE = 0.2
+"""Chosen: part by which that may differ; a cycle of 4.032 ms counts as 4 ms."""
+_EVENTS_MAX = 1024
+"""Chosen: events that are kept until they are taken."""
+_NOWHERE = Pose((math.nan, math.nan, math.nan), (1.0, 0.0, 0.0, 0.0))
+_STILL = (0.0,) * 6
+
+_FAULTS: tuple[tuple[str, frozenset[int], str], ...] = (
+    ("motors", frozenset({Motors.ON}), "the motors are off; switch them on and start the RAPID program"),
+    (
+        "rapid",
+        frozenset({Rapid.RUNNING, Rapid.UNDEFINED}),  # it may stay undefined after a restart [O:lib]
+        "the RAPID program is stopped; start it",
+    ),
+    (
+        "guidance",
+        frozenset({Guidance.RUNNING}),
+        "it is not guided (mciState STOPPED): EGMRunPose has not begun or has ended; start the RAPID program, and give "
+        "EGMRunPose a CondTime that does not end it",
+    ),
+)
+"""Field of a robot's message, values with which it moves, and what to do about any other one [O:lib]."""
+_ERROR = "EGM has ended with an error (mciState ERROR); read the controller's event log, then start the RAPID program"
+_NO_POSE = "it tells no pose; guide it by EGMActPose"
+
+
+def fault_of(message: RobotMessage) -> str:
+    """Reason for which a robot that tells this cannot move, in words; empty without any."""
+    if message.guidance == Guidance.ERROR:
+        return _ERROR
+    return next((words for field, good, words in _FAULTS if getattr(message, field) not in good), "")
+
+
+class EgmClient:
+    """A `protocol.robot.StreamClient` over datagrams; the robot speaks first."""
+
+    def __init__(self, cycle: float, feed_forward: bool = True, force_axes: str = "tool") -> None:
+        """`cycle` is the time between two datagrams of the robot, s. With `feed_forward` answers carry a speed. The
+        measured force lies along the axes of the tool or of the base, or is not to be heeded (none).
+        """
+        self._cycle, self._feed_forward, self._force_axes = cycle, feed_forward, force_axes
+        self._events: deque[StreamEvent] = deque(maxlen=_EVENTS_MAX)
+        self._due = False
+        """A datagram waits for its answer."""
+        self._number = 0
+        """Number of the newest report."""
+        self._seqno: int | None = None
+        """Number of the newest datagram as sent; None before the first."""
+        self._tm = 0
+        self._arrived_at = -math.inf
+        self._again: deque[bool] = deque(maxlen=_EVENTS_MAX)
+        """For each report that waits for its answer: whether it is one of a datagram that came again."""
+        self._own_seqno = 0
+        self._waiting_since: float | None = None
+        """When the answer left that may still be in the robot's queue, s; None where there is none."""
+        self._reference: PoseMm | None = None
+        """Pose for the next answer; None before there is one."""
+        self._sent: PoseMm | None = None
+        """Reference of the newest answer, and the number of the report that it answered."""
+        self._sent_number = 0
+        self._sent_speed = False
+        """That answer carried a speed."""
+        self._ends = False
+        """A movement has ended on its way: its speed is taken back at once, for no other datagram may be answered."""
+        self._left_out = False
+        """The next datagram has had its answer so."""
+        self._session_at: float | None = None
+        """When a session came whose guidance has not begun, s; None once it has."""
+        self._first: tuple[int, int] | None = None
+        """Number and tm of a session's first datagram until its cycle has been measured."""
+        self._wrong_cycle = ""
+        """Words for a cycle that is not as expected."""
+        self._guided = False
+        """The newest datagram told no fault."""
+        self._moving = False
+        self._stopped = False
+        """The robot could not move in this movement; it stays where it is until the next one."""
+        self._frames = Frames()
+        self._told_at: dict[str, float] = {}
+
+    # --- as an endpoint
+
+    def receive(self, data: Sequence[bytes], now: float) -> None:
+        for datagram in data:
+            at = arrived_at(datagram, now)
+            try:
+                message = decode_robot(datagram)
+            except RemoteProtocolError as error:
+                self._notice("datagram", f"a datagram is not heeded: {error}", now)
+                continue
+            self._take(message, at)
+
+    def next_event(self) -> StreamEvent | None:
+        return self._events.popleft() if self._events else None
+
+    def data_to_send(self, now: float) -> Sequence[bytes]:
+        if self._reference is None or not (self._due or self._ends):
+            return []
+        if self._ends:
+            self._left_out = not self._due
+        elif self._left_out or self._waiting_since is not None:
+            self._due = self._left_out = False
+            return []
+        self._due = self._ends = False
+        self._waiting_since = now
+        speed = self._speed(self._reference) if self._feed_forward else ()
+        self._sent, self._sent_number, self._sent_speed = self._reference, self._number, any(speed)
+        message = SensorMessage(self._own_seqno, self._tm, self._reference, speed=speed)
+        self._own_seqno += 1
+        return [encode_answer(message)]
+
+    def next_deadline(self) -> float | None:
+        return None
+
+    def handle_deadline(self, now: float) -> None:
+        """It has none."""
+
+    # --- as a stream's client
+
+    def begin(self, pose: Pose) -> None:
+        self._moving, self._stopped = True, not self._guided
+        if self._guided:
+            self._reference = self._sent = to_wire(pose)
+
+    def target(self, pose: Pose, now: float) -> None:
+        if not self._stopped:
+            self._reference = to_wire(pose)
+        self.hold(now)
+
+    def hold(self, now: float) -> None:
+        again = self._again.popleft() if self._again else False
+        self._due |= not again and not self._frames.refused
+
+    def end(self) -> None:
+        self._ends = self._moving and self._sent_speed
+        self._moving = False
+
+    # --- datagrams of the robot
+
+    def _take(self, message: RobotMessage, at: float) -> None:
+        distance = self._distance(message, at)
+        if distance is None:
+            if self._seqno is not None:
+                self._lost("the controller began another EGM session; the tool stands where it was stopped")
+            distance = 1
+            self._session_at = at
+            self._first, self._wrong_cycle, self._frames = (message.seqno, message.tm_ms), "", Frames()
+        number = self._number + distance
+        measured = message.feedback.pose if message.feedback is not None else None
+        self._time_cycle(message)
+        planned = message.planned.pose if message.planned is not None else None
+        fault = fault_of(message) or ("" if measured is not None else _NO_POSE) or self._wrong_cycle
+        if distance > 0:
+            misplaced = self._misplaced(measured, planned, at)
+            fault = self._frames.refused or fault or misplaced
+        if self._waiting_since is not None and at - self._waiting_since >= _ON_THE_WAY * self._cycle:
+            self._waiting_since = None  # the robot has looked for it by now
+        begins = self._begins(message, at)
+        if distance > 0:
+            self._number, self._seqno, self._tm, self._arrived_at = number, message.seqno, message.tm_ms, at
+            self._guided = not fault
+            self._stopped |= self._moving and bool(fault)
+            if fault or self._reference is None:
+                self._stay_at(planned or measured)
+        if begins and not self._frames.refused:
+            self._due |= distance != 0
+            return
+        self._again.append(distance == 0)
+        pose = _NOWHERE if measured is None else from_wire(measured)
+        force = self._measured_force(message.force, pose) if message.force else None
+        self._events.append(ReportReceived(RobotReport(number, pose, at, at, fault, (), force)))
+
+    def _measured_force(self, told: tuple[float, ...], pose: Pose) -> Vector | None:
+        """The robot's own force in the base frame, N; None where it tells none. Six zeros are none: no sensor is so
+        quiet.
+        """
+        if self._force_axes == "none" or len(told) < 3 or not any(told):
+            return None
+        a, b, c = told[:3]
+        force = (a, b, c) if self._force_axes == "base" else rotated(pose.quaternion, (a, b, c))
+        return force if all(map(math.isfinite, force)) else None
+
+    def _misplaced(self, measured: PoseMm | None, planned: PoseMm | None, at: float) -> str:
+        """Why the pose that is told outside of a movement is none to begin one at; empty where it is."""
+        if self._moving:
+            return ""
+        frames = self._frames
+        return frames.fault(measured, planned, at) or frames.leaves(self._reference, planned, at)
+
+    def _begins(self, message: RobotMessage, at: float) -> bool:
+        """Whether the guidance of a new session is still to begin, and may take so long. A session that has just ended
+        with a time-out is followed by another one while the program runs.
+        """
+        if self._session_at is not None and (
+            message.guidance == Guidance.RUNNING or at - self._session_at > _BEGIN_S
+        ):
+            self._session_at = None
+        ready = message.motors == Motors.ON and message.rapid in (Rapid.RUNNING, Rapid.UNDEFINED)
+        return self._session_at is not None and ready
+
+    def _distance(self, message: RobotMessage, at: float) -> int | None:
+        """By how much the number of a datagram is larger than the newest one; None in another session."""
+        if self._seqno is None:
+            return None
+        ahead = _signed(message.seqno - self._seqno)
+        if ahead > 0:
+            return ahead
+        later = _signed(message.tm_ms - self._tm) > 0  # the controller's clock goes on with a new session
+        silent = at - self._arrived_at > _SILENCE_S
+        return None if later or silent or ahead < -_LATE_MAX else ahead
+
+    def _time_cycle(self, message: RobotMessage) -> None:
+        """Measure the robot's cycle once in a session: all speeds are distances of a cycle."""
+        if self._first is None:
+            return
+        seqno, tm = self._first
+        count = _signed(message.seqno - seqno)
+        if count < _CYCLES_TIMED:
+            return
+        if count > 2 * _CYCLES_TIMED:  # numbers jumped
+            self._first = message.seqno, message.tm_ms
+            return
+        self._first = None
+        cycle = _signed(message.tm_ms - tm) * 1e-3 / count
+        if abs(cycle - self._cycle) > _CYCLE_TOLERANCE * self._cycle:
+            self._wrong_cycle = (
+                f"it sends every {cycle * 1e3:.1f} ms and not every {self._cycle * 1e3:g} ms; set "
+                "robot.egm.sample_ms to the SampleRate of its program"
+            )
+
+    def _stay_at(self, pose: PoseMm | None) -> None:
+        """Let the robot stand at its own set point. One that is none must not be sent back."""
+        if pose is not None and all(map(math.isfinite, (*pose.position_mm, *pose.quaternion))):
+            self._reference = pose
+
+    def _lost(self, text: str) -> None:
+        self._reference = self._sent = None
+        self._stopped = self._moving
+        self._events.append(StreamLost(text) if self._moving else StreamNotice("link", text))
+
+    def _notice(self, kind: str, text: str, now: float) -> None:
+        """Tell it, once a second of a kind at most."""
+        if now - self._told_at.get(kind, -math.inf) >= 1.0:
+            self._told_at[kind] = now
+            self._events.append(StreamNotice(kind, text))
+
+    def _speed(self, reference: PoseMm) -> tuple[float, ...]:
+        """Speed from the reference that was sent last to this one: mm/s, then degrees/s."""
+        before = self._sent
+        if before is None or not self._moving or self._stopped:
+            return _STILL
+        time = max(self._number - self._sent_number, 1) * self._cycle
+        way = (q - p for p, q in zip(before.position_mm, reference.position_mm, strict=True))
+        turn = map(math.degrees, rotation_vector(before.quaternion, reference.quaternion))
+        return tuple(part / time for part in (*way, *turn))
+
+
+def _signed(difference: int) -> int:
+    """The difference of two counters of 32 bits that wrap around."""
+    return (difference + _NUMBERS // 2) % _NUMBERS - _NUMBERS // 2

@@ -1,0 +1,258 @@
+"""Client of an FT 300: stops a stream that may run, asks which sensor it is, then streams or asks on and on.
+
+The sensor numbers nothing and has no zero: the client counts the messages, and the zero is the host's.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+
+from protocol.devices.ft300.messages import (
+    COUNT_END,
+    EXCEPTIONS,
+    MODE_REGISTER,
+    PERIOD_S,
+    READ,
+    SCALES,
+    SERIAL_REGISTER,
+    STOP,
+    STREAM_MODE,
+    VERSION_REGISTER,
+    WRENCH_REGISTER,
+    WRITE,
+    StreamReader,
+    encode_read,
+    encode_write,
+    find_answer,
+    signed,
+    words_of,
+)
+from protocol.devices.ft300.profile import Ft300ClientProfile
+from protocol.endpoint import LocalProtocolError, RemoteProtocolError
+from protocol.geometry import Wrench
+from protocol.wrench import (
+    HostTare,
+    SensorEvent,
+    SensorFacts,
+    SensorFailed,
+    SensorReady,
+    SensorStatistics,
+    SensorStopped,
+    WrenchFrame,
+    Zeroed,
+)
+
+_ASKED_PERIOD_S = 0.017
+"""Derived: a question and its answer on the line, and the turnaround, for the length of a zero."""
+_BUFFER_LIMIT = 512
+"""Chosen: most bytes kept while an answer is awaited; a stream that does not stop fills it."""
+_STOPS = 3
+"""Chosen: stops that are sent at the end while messages still come."""
+_READS = ((VERSION_REGISTER, 3), (SERIAL_REGISTER, 4))
+_VERSION, _SERIAL, _START, _WRENCH = range(4)
+
+
+class Ft300Client:
+    """Endpoint of bytes: a `SensorClient`."""
+
+    def __init__(self, profile: Ft300ClientProfile, now: float) -> None:
+        self.statistics = SensorStatistics()
+        self.stop_patience = _STOPS * profile.rest_s + 0.2
+        self._profile = profile
+        self._rated = (*(profile.rated_n,) * 3, *(profile.rated_nm,) * 3)
+        self._ends = [min(rated / scale, COUNT_END) for rated, scale in zip(self._rated, SCALES, strict=True)]
+        streams = profile.mode == "stream"
+        self._period = PERIOD_S if streams else None
+        self._tare = HostTare(max(1, round(profile.zero_s / (PERIOD_S if streams else _ASKED_PERIOD_S))))
+        self._events: deque[SensorEvent] = deque()
+        self._out = bytearray(STOP)
+        self._due: float | None = now + profile.rest_s
+        self._step: int | None = None
+        """The question under way, or None before the first question and in the stream."""
+        self._next = _VERSION
+        self._tries = 0
+        self._answer = b""
+        self._reader = StreamReader()
+        self._streaming = self._ready = self._ended = False
+        self._model = ""
+        self._count = self._stops = 0
+        self._heard = False
+
+    # --- endpoint
+
+    def receive(self, data: bytes, now: float) -> None:
+        """Take bytes."""
+        if self._ended:
+            return
+        if self._stops:
+            self._heard = True
+        elif self._streaming:
+            self._take_stream(data, now)
+        elif self._step is not None:
+            self._answer = (self._answer + data)[-_BUFFER_LIMIT:]
+            self._take_answer(now)
+            if self._step == _START and (messages := StreamReader().feed(self._answer)):
+                self._begin_stream(now)  # its answer was lost, the stream runs
+                self._tell_all(messages, now)
+
+    def next_event(self) -> SensorEvent | None:
+        """The oldest event."""
+        return self._events.popleft() if self._events else None
+
+    def data_to_send(self, now: float) -> bytes:
+        """Bytes that are due."""
+        out = bytes(self._out)
+        self._out.clear()
+        return out
+
+    def next_deadline(self) -> float | None:
+        """When the patience ends with that which is waited for, s."""
+        return self._due
+
+    def handle_deadline(self, now: float) -> None:
+        """Ask, ask again, or give up."""
+        if self._due is None or now < self._due:
+            return
+        profile = self._profile
+        if self._stops:
+            self._stop_again(now)
+        elif self._streaming:
+            self._fail(f"no message came for {profile.silence_s:g} s; look at its supply and its cable")
+        elif self._step is None:
+            self._ask(self._next, now)
+        elif self._tries >= profile.tries:
+            self._fail(
+                f"it does not answer; asked {self._tries} times. Look at its supply, its cable and the line: "
+                "19200 baud, 8 data bits, no parity"
+            )
+        else:
+            if self._step != _WRENCH:
+                self._out += STOP  # it may stream
+                self._step, self._due = None, now + profile.rest_s
+            else:
+                self._ask(_WRENCH, now)
+
+    def zero(self) -> None:
+        """Take the mean of the next samples as zero. Raises LocalProtocolError after the end."""
+        if self._ended:
+            raise LocalProtocolError("the session with the sensor is over")
+        self._tare.zero()
+
+    def stop(self) -> None:
+        """End the stream; repeated while messages still come."""
+        if self._ended or self._stops:
+            return
+        if not self._streaming:
+            self._finish()
+            return
+        self._stops, self._heard, self._due = 1, False, 0.0
+        self._out += STOP
+
+    # --- questions
+
+    def _ask(self, step: int, now: float) -> None:
+        self._tries = self._tries + 1 if step == self._next else 1
+        self._step = self._next = step
+        self._answer = b""
+        self._due = now + self._profile.answer_timeout_s
+        if step == _START:
+            self._out += encode_write(MODE_REGISTER, STREAM_MODE)
+        elif step == _WRENCH:
+            self._out += encode_read(WRENCH_REGISTER, 6)
+        else:
+            self._out += encode_read(*_READS[step])
+
+    def _take_answer(self, now: float) -> None:
+        step = self._step
+        assert step is not None
+        words = 6 if step == _WRENCH else 0 if step == _START else _READS[step][1]
+        found = find_answer(
+            self._answer, WRITE if step == _START else READ, 8 if step == _START else 5 + 2 * words
+        )
+        if found is None:
+            return
+        payload, end = found
+        rest, self._answer = self._answer[end:], b""
+        if isinstance(payload, int):
+            self._fail(f"it refuses a question: {EXCEPTIONS.get(payload, 'exception')} ({payload})")
+        elif step == _START:
+            self._begin_stream(now)
+            self._take_stream(rest, now)
+        else:
+            try:
+                self._take_words(step, words_of(payload), now)
+            except RemoteProtocolError:
+                self.statistics.malformed += 1
+
+    def _take_words(self, step: int, words: Sequence[int], now: float) -> None:
+        self._tries = 0
+        if step == _WRENCH:
+            self._tell([signed(word) for word in words], now)
+            self._ask(_WRENCH, now)
+            return
+        raw = b"".join(word.to_bytes(2, "big") for word in words)
+        if step == _VERSION:
+            if not raw.startswith(b"F"):
+                self._fail("what answers is no FT 300: its version does not begin with F")
+                return
+            letters, numbers = raw[:3].decode("ascii", "replace"), raw[3:6]
+            self._model = f"FT 300, firmware {letters}-{'.'.join(map(str, numbers))}"
+            self._ask(_SERIAL, now)
+            return
+        number = words[3] << 16 | words[2]
+        self._model += f", number {raw[:3].decode('ascii', 'replace')}-{number}"
+        self._ask(_START if self._profile.mode == "stream" else _WRENCH, now)
+
+    # --- samples
+
+    def _begin_stream(self, now: float) -> None:
+        self._streaming, self._step = True, None
+        self._due = now + self._profile.silence_s
+
+    def _take_stream(self, data: bytes, now: float) -> None:
+        before = self._reader.noises
+        messages = self._reader.feed(data)
+        self.statistics.malformed += self._reader.noises - before
+        self._tell_all(messages, now)
+
+    def _tell_all(self, messages: Sequence[Sequence[int]], now: float) -> None:
+        for counts in messages:
+            self._due = now + self._profile.silence_s
+            self._tell(counts, now)
+
+    def _tell(self, counts: Sequence[int], now: float) -> None:
+        if not self._ready:
+            self._ready = True
+            self._events.append(SensorReady(self._facts()))
+        self._count += 1
+        saturated = 0
+        for axis, (count, end) in enumerate(zip(counts, self._ends, strict=True)):
+            if not -end < count < end:
+                saturated |= 1 << axis
+        values = self._tare.values(counts)
+        self._events.append(WrenchFrame(values, self._count, self._count, now, saturated))
+        if self._tare.took:
+            self._events.append(Zeroed())
+
+    def _facts(self) -> SensorFacts:
+        a, b, c, d, e, f = self._rated
+        ends: Wrench = (*(COUNT_END * SCALES[0],) * 3, *(COUNT_END * SCALES[3],) * 3)
+        return SensorFacts(self._model, SCALES, (a, b, c, d, e, f), ends, self._period, 0.0, "host")
+
+    # --- end
+
+    def _stop_again(self, now: float) -> None:
+        if (self._stops > 1 and not self._heard) or self._stops > _STOPS:
+            self._finish()
+            return
+        if self._heard:
+            self._out += STOP
+        self._stops, self._heard = self._stops + 1, False
+        self._due = now + self._profile.rest_s
+
+    def _finish(self) -> None:
+        self._ended, self._due = True, None
+        self._events.append(SensorStopped())
+
+    def _fail(self, text: str) -> None:
+        self._ended, self._due = True, None
+        self._events.append(SensorFailed(text))

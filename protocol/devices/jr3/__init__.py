@@ -1,0 +1,61 @@
+"""The JR3 force/torque sensor on a wire: the devices that stand between, and the clients of them."""
+
+from protocol.devices.jr3.can_gateway import (
+    GATEWAY_BITRATE,
+    Acknowledge,
+    Command,
+    GatewayClient,
+    GatewayClientProfile,
+    Op,
+    Phase,
+    Triple,
+    decode_acknowledge,
+    decode_command,
+    decode_triple,
+    describe,
+    encode_acknowledge,
+    encode_command,
+    encode_sample,
+    heard_by_client,
+    heard_by_gateway,
+    identifier,
+    parse_frame,
+    split,
+)
+from protocol.devices.jr3.counts import FULL_SCALE_COUNTS, counts_from_wrench, facts_of, full_scales_si
+from protocol.devices.jr3.firmware import COUNTER_MODULUS, GatewayState
+from protocol.devices.jr3.uart_gateway import UART_BAUDRATE, UartGatewayClient, UartGatewayClientProfile
+from protocol.wrench import AXES
+
+__all__ = [
+    "AXES",
+    "COUNTER_MODULUS",
+    "FULL_SCALE_COUNTS",
+    "GATEWAY_BITRATE",
+    "UART_BAUDRATE",
+    "Acknowledge",
+    "Command",
+    "GatewayClient",
+    "GatewayClientProfile",
+    "GatewayState",
+    "Op",
+    "Phase",
+    "Triple",
+    "UartGatewayClient",
+    "UartGatewayClientProfile",
+    "counts_from_wrench",
+    "decode_acknowledge",
+    "decode_command",
+    "decode_triple",
+    "describe",
+    "encode_acknowledge",
+    "encode_command",
+    "encode_sample",
+    "facts_of",
+    "full_scales_si",
+    "heard_by_client",
+    "heard_by_gateway",
+    "identifier",
+    "parse_frame",
+    "split",
+]

@@ -1,0 +1,46 @@
+"""The CAN gateway of a JR3 sensor: its frames and the client's session."""
+
+from protocol.devices.jr3.can_gateway.client import GatewayClient
+from protocol.devices.jr3.can_gateway.describe import describe, parse_frame
+from protocol.devices.jr3.can_gateway.messages import (
+    GATEWAY_BITRATE,
+    Acknowledge,
+    Command,
+    Op,
+    Triple,
+    decode_acknowledge,
+    decode_command,
+    decode_triple,
+    encode_acknowledge,
+    encode_command,
+    encode_sample,
+    heard_by_client,
+    heard_by_gateway,
+    identifier,
+    split,
+)
+from protocol.devices.jr3.can_gateway.profile import GatewayClientProfile
+from protocol.devices.jr3.gateway_session import Phase
+
+__all__ = [
+    "GATEWAY_BITRATE",
+    "Acknowledge",
+    "Command",
+    "GatewayClient",
+    "GatewayClientProfile",
+    "Op",
+    "Phase",
+    "Triple",
+    "decode_acknowledge",
+    "decode_command",
+    "decode_triple",
+    "describe",
+    "encode_acknowledge",
+    "encode_command",
+    "encode_sample",
+    "heard_by_client",
+    "heard_by_gateway",
+    "identifier",
+    "parse_frame",
+    "split",
+]

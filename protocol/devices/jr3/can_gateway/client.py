@@ -1,0 +1,189 @@
+"""The client of a JR3 CAN gateway: a GatewaySession over CAN frames.
+
+The session has the order of the gateway's YARP client: state, start, full scales, a pause, and on request zero; stop at
+the end. The gateway always listens.
+"""
+
+import itertools
+from collections.abc import Sequence
+
+from protocol.can.error import decode_error
+from protocol.can.frame import CanFrame
+from protocol.devices.jr3.can_gateway.messages import (
+    FORCES,
+    MOMENTS,
+    Command,
+    Op,
+    decode_acknowledge,
+    encode_command,
+    identifier,
+)
+from protocol.devices.jr3.can_gateway.profile import GatewayClientProfile
+from protocol.devices.jr3.firmware import HANGS, TESTED_PERIOD_MS, check_cutoff
+from protocol.devices.jr3.gateway_session import Dialect, GatewaySession, Phase
+from protocol.endpoint import LocalProtocolError, RemoteProtocolError
+from protocol.wrench import SensorNotice
+
+STRAGGLER_S = 0.5
+"""Chosen: a counter that steps back by less than this is an old frame; by more, it is a far step forward."""
+
+_READY = Phase.READY
+_SYNC = CanFrame(Op.SYNC)
+
+
+class GatewayClient:
+    """Endpoint of the client: takes and gives sequences of CAN frames, tells SensorEvents."""
+
+    def __init__(self, profile: GatewayClientProfile, now: float) -> None:
+        self._profile = profile
+        self._force_id = identifier(Op.FORCES, profile.node)
+        self._moment_id = identifier(Op.MOMENTS, profile.node)
+        self._acknowledge_id = identifier(Op.ACKNOWLEDGE, profile.node)
+        self._boot_up_id = identifier(Op.BOOT_UP, profile.node)
+        self._syncs = 0
+        self._others_heard = False
+        self._forces: bytes | None = None
+        self._session = session = GatewaySession(self._dialect(), profile, now)
+        self.statistics = session.statistics
+        if profile.mode == "async" and profile.period_ms < TESTED_PERIOD_MS:
+            session.tell(
+                SensorNotice(
+                    f"period_ms is {profile.period_ms:g}, but the gateway's firmware was tested from "
+                    f"{TESTED_PERIOD_MS:g} on: below it may leave itself no time for anything else"
+                )
+            )
+        # Requests of the owner, and the clock, concern the session alone.
+        self.zero, self.set_filter, self.stop = session.zero, session.set_filter, session.stop
+        self.next_event = session.next_event
+        self.next_deadline, self.handle_deadline = session.next_deadline, session.handle_deadline
+
+    def _dialect(self) -> Dialect[Op]:
+        streamed = self._profile.mode == "async"
+        samples_per_second = 1e6 / self._profile.sample_period_us
+        return Dialect(
+            name=f"gateway node {self._profile.node}",
+            steps=(
+                (Phase.ASKING, Op.GET_STATE),
+                (Phase.STARTING, Op.START_ASYNC if streamed else Op.START_SYNC),
+                (Phase.FORCE_SCALES, Op.GET_FORCE_FULL_SCALES),
+                (Phase.MOMENT_SCALES, Op.GET_MOMENT_FULL_SCALES),
+            ),
+            zero=Op.ZERO,
+            set_filter=Op.SET_FILTER,
+            stop=Op.STOP,
+            joins=frozenset({Op.STOP, Op.START_SYNC}),
+            joined_s=self._profile.period_ms * 1e-3,
+            pause_s=None,
+            period=self._profile.period_ms * 1e-3 if streamed else None,
+            counter_step=self._profile.period_ms * 1e-3 * samples_per_second if streamed else 0.0,
+            # Answers to SYNC come in order and after any time: there only the same counter is an old sample.
+            counter_behind=int(STRAGGLER_S * samples_per_second) if streamed else 0,
+            check_cutoff=check_cutoff,
+            why_silent=self._why_silent,
+        )
+
+    def _why_silent(self, waited: str) -> str:
+        if self._others_heard:
+            return f"silent for {waited} while others are on the bus: wrong node number?"
+        return f"silent: nothing of a gateway on the bus in {waited}: power, bit rate, wiring? {HANGS}"
+
+    @property
+    def phase(self) -> Phase:
+        """Where the session is."""
+        return self._session.phase
+
+    @property
+    def stop_patience(self) -> float:
+        """How long SensorStopped may take when the first stop was lost, s: a stop and its repetition."""
+        return self._session.stop_patience
+
+    def sync(self) -> None:
+        """Ask for one sample. Raises LocalProtocolError unless the session is ready."""
+        if self.phase is not _READY:
+            raise LocalProtocolError(f"cannot ask for a sample while {self.phase.value}")
+        self._syncs += 1
+
+    # --- the wire
+
+    def receive(self, data: Sequence[CanFrame], now: float) -> None:
+        """Take a batch of frames; those of other nodes and ops are ignored, error reports are told."""
+        for frame in data:
+            if frame.error:
+                self._on_error_report(frame)
+                continue
+            if frame.extended or frame.remote:
+                continue
+            number = frame.identifier
+            if number == self._force_id:
+                self._on_forces(frame)
+            elif number == self._moment_id:
+                self._on_moments(frame, now)
+            elif number == self._acknowledge_id:
+                self._on_acknowledge(frame, now)
+            elif number == self._boot_up_id:
+                self._forces = None
+                self._session.boot_up(now)
+            else:
+                self._others_heard = True
+
+    def data_to_send(self, now: float) -> Sequence[CanFrame]:
+        """The command whose turn it is, and a SYNC for every sample asked for."""
+        op = self._session.order_to_send(now)
+        if op is None and not self._syncs:
+            return ()
+        frames = [] if op is None else [self._frame(op)]
+        if self._session.phase is _READY:  # what was asked for before a stop or a restart is not
+            frames.extend(itertools.repeat(_SYNC, self._syncs))
+        self._syncs = 0
+        return frames
+
+    def _frame(self, op: Op) -> CanFrame:
+        node, cutoff = self._profile.node, round(self._session.cutoff_hz * 100)
+        match op:
+            case Op.START_ASYNC:
+                return encode_command(Command(op, node, cutoff, round(self._profile.period_ms * 1000)))
+            case Op.START_SYNC | Op.SET_FILTER:
+                return encode_command(Command(op, node, cutoff))
+            case _:
+                return encode_command(Command(op, node))
+
+    def _on_error_report(self, frame: CanFrame) -> None:
+        try:
+            self._session.tell(SensorNotice(f"CAN bus: {decode_error(frame)}"))
+        except RemoteProtocolError:
+            self.statistics.malformed += 1
+
+    def _on_acknowledge(self, frame: CanFrame, now: float) -> None:
+        try:
+            acknowledge = decode_acknowledge(frame.data)
+        except RemoteProtocolError:
+            self.statistics.malformed += 1
+            return
+        self._session.acknowledge(acknowledge.state, acknowledge.full_scales, now)
+
+    # --- samples: two frames each, up to 1 kHz, so nothing is decoded that is not used
+
+    def _on_forces(self, frame: CanFrame) -> None:
+        if self._session.phase is not _READY:
+            return
+        if len(frame.data) < FORCES.size:
+            self.statistics.malformed += 1
+            return
+        if self._forces is not None:
+            self.statistics.unpaired += 1
+        self._forces = frame.data
+
+    def _on_moments(self, frame: CanFrame, now: float) -> None:
+        if self._session.phase is not _READY:
+            return
+        if len(frame.data) < MOMENTS.size:
+            self.statistics.malformed += 1
+            return
+        if self._forces is None or self._forces[6:] != frame.data[6:]:
+            self.statistics.unpaired += 1
+            return
+        fx, fy, fz, counter = FORCES.unpack_row(self._forces)
+        mx, my, mz, _ = MOMENTS.unpack_row(frame.data)
+        self._forces = None
+        at = now if frame.received_at is None else frame.received_at
+        self._session.sample((fx, fy, fz, mx, my, mz), counter, at)

@@ -1,0 +1,222 @@
+"""Frames between a JR3 sensor's CAN gateway and its client: identifiers, payload tables, encoders, decoders.
+
+Source: firmware roboticslab-uc3m/jr3-mbed-firmware-can, read for facts. 1 Mbit/s, 11-bit identifiers made of
+an op and a node, little-endian payloads.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import cache
+
+from protocol.can.frame import CanFilter, CanFrame
+from protocol.devices.jr3.counts import FULL_SCALE_COUNTS
+from protocol.devices.jr3.firmware import (
+    ACKNOWLEDGE,
+    CUTOFF,
+    EMPTY,
+    START,
+    STATE,
+    axis_fields,
+    counter_field,
+    payload_layout,
+    read_start,
+)
+from protocol.endpoint import LocalProtocolError, RemoteProtocolError
+from protocol.fields import Field, Layout
+from protocol.marks import Mark
+from protocol.wrench import AXES
+
+GATEWAY_BITRATE = 1_000_000
+"""bit/s. Source: the firmware."""
+NODES = range(1, 128)
+
+_OP_MASK = 0x780
+_NODE_MASK = 0x07F
+
+
+class Op(IntEnum):
+    """Upper four bits of an identifier."""
+
+    SYNC = 0x080
+    """Asks for one sample; sent as the bare identifier, without a node."""
+    ACKNOWLEDGE = 0x100
+    START_SYNC = 0x180
+    START_ASYNC = 0x200
+    STOP = 0x280
+    ZERO = 0x300
+    SET_FILTER = 0x380
+    GET_STATE = 0x400
+    GET_FORCE_FULL_SCALES = 0x480
+    GET_MOMENT_FULL_SCALES = 0x500
+    RESET = 0x580
+    FORCES = 0x600
+    MOMENTS = 0x680
+    BOOT_UP = 0x700
+    GRIPPER = 0x780
+    """Pulse width of a gripper motor; the gateway knows it only where it was built with it."""
+
+
+FROM_GATEWAY = frozenset({Op.ACKNOWLEDGE, Op.FORCES, Op.MOMENTS, Op.BOOT_UP})
+ACKNOWLEDGED = frozenset(Op) - FROM_GATEWAY - {Op.SYNC, Op.GRIPPER}
+"""Commands that the gateway answers with an acknowledge."""
+
+
+FULL_SCALES = payload_layout(
+    "full scales",
+    7,
+    STATE,
+    *axis_fields("xyz", 1, "H", "forces in N, moments in N·m×10, as was asked", 1.0, ""),
+)
+FORCES = payload_layout(
+    "forces",
+    8,
+    *axis_fields(AXES[:3], 0, "h", "force", 1 / FULL_SCALE_COUNTS, "of full scale"),
+    counter_field(6),
+)
+MOMENTS = payload_layout(
+    "moments",
+    8,
+    *axis_fields(AXES[3:], 0, "h", "moment", 1 / FULL_SCALE_COUNTS, "of full scale"),
+    counter_field(6),
+)
+GRIPPER = payload_layout(
+    "gripper", 4, Field("pwm", 0, "f", Mark.OBSERVED, "pulse width, −100 … 100", 1.0, "%")
+)
+
+LAYOUTS: Mapping[Op, Layout] = dict.fromkeys(Op, EMPTY) | {
+    Op.ACKNOWLEDGE: ACKNOWLEDGE,
+    Op.START_SYNC: CUTOFF,
+    Op.START_ASYNC: START,
+    Op.SET_FILTER: CUTOFF,
+    Op.FORCES: FORCES,
+    Op.MOMENTS: MOMENTS,
+    Op.GRIPPER: GRIPPER,
+}
+"""Payload of every op; an acknowledge of seven bytes or more is read by FULL_SCALES instead."""
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """Message of a client to a gateway. Fields that the op does not carry are 0."""
+
+    op: Op
+    node: int = 0
+    """1 … 127; 0 for SYNC only."""
+    cutoff_centihertz: int = 0
+    """0 = unfiltered."""
+    period_us: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Acknowledge:
+    """A gateway's answer. Which command it answers is known only by order."""
+
+    state: int
+    """A GatewayState, or whatever else the gateway said."""
+    full_scales: tuple[int, int, int] | None = None
+    """x y z as they lie on the wire: N for forces, N·m×10 for moments."""
+
+
+@dataclass(frozen=True, slots=True)
+class Triple:
+    """Half a sample: three forces or three moments."""
+
+    counts: tuple[int, int, int]
+    counter: int
+    """Sensor samples since the start, modulo 65536. The other half of the sample has the same."""
+
+
+def split(identifier: int) -> tuple[int, int]:
+    """Op and node of an 11-bit identifier. The op may be one that `Op` does not have (000)."""
+    return identifier & _OP_MASK, identifier & _NODE_MASK
+
+
+def identifier(op: Op, node: int) -> int:
+    """The identifier of an op for a node; SYNC has none and ignores it.
+
+    Raises LocalProtocolError for a node outside 1 … 127.
+    """
+    if op is Op.SYNC:
+        return int(op)
+    if node not in NODES:
+        raise LocalProtocolError(f"a gateway's node is 1 … 127, got {node}")
+    return op + node
+
+
+def heard_by_client(node: int) -> tuple[CanFilter, ...]:
+    """Filters for a client of this node: the node's samples, and acknowledges and boot-ups of every gateway. The latter
+    tell a wrong node number from a dead bus.
+    """
+    return (
+        *(CanFilter(identifier(op, node)) for op in (Op.FORCES, Op.MOMENTS)),
+        *(CanFilter(int(op), _OP_MASK) for op in (Op.ACKNOWLEDGE, Op.BOOT_UP)),
+    )
+
+
+def heard_by_gateway(node: int) -> tuple[CanFilter, ...]:
+    """Filters for a gateway: SYNC, and all frames that are addressed to its node."""
+    return CanFilter(int(Op.SYNC)), CanFilter(node, _NODE_MASK)
+
+
+def encode_command(command: Command) -> CanFrame:
+    """Raises LocalProtocolError for an op that only gateways send, and for values that do not fit."""
+    if command.op in FROM_GATEWAY or command.op is Op.GRIPPER:
+        raise LocalProtocolError(f"{command.op.name} is no command to the sensor")
+    layout = LAYOUTS[command.op]
+    raw = {"cutoff": command.cutoff_centihertz, "period": command.period_us}
+    data = layout.pack({field.name: raw[field.name] for field in layout.fields})
+    return CanFrame(identifier(command.op, command.node), data)
+
+
+def decode_command(frame: CanFrame) -> Command:
+    """A command as the gateway reads it: a value that is not there as a whole counts as 0.
+
+    Raises RemoteProtocolError for an identifier that is no command.
+    """
+    op, node = split(frame.identifier)
+    if op not in ACKNOWLEDGED and frame.identifier != Op.SYNC:
+        raise RemoteProtocolError(f"identifier {frame.identifier:03X} is no command to a gateway")
+    cutoff, period = read_start(frame.data)
+    size = LAYOUTS[Op(op)].size
+    return Command(Op(op), node, cutoff if size >= CUTOFF.size else 0, period if size >= START.size else 0)
+
+
+def encode_acknowledge(node: int, acknowledge: Acknowledge) -> CanFrame:
+    """Raises LocalProtocolError for values that do not fit."""
+    target = identifier(Op.ACKNOWLEDGE, node)
+    if acknowledge.full_scales is None:
+        return CanFrame(target, ACKNOWLEDGE.pack({"state": acknowledge.state}))
+    x, y, z = acknowledge.full_scales
+    return CanFrame(target, FULL_SCALES.pack({"state": acknowledge.state, "x": x, "y": y, "z": z}))
+
+
+def decode_acknowledge(data: bytes) -> Acknowledge:
+    """Raises RemoteProtocolError when not even the state is there."""
+    if len(data) < FULL_SCALES.size:
+        return Acknowledge(int(ACKNOWLEDGE.unpack(data)["state"]))
+    raw = FULL_SCALES.unpack(data)
+    return Acknowledge(int(raw["state"]), (int(raw["x"]), int(raw["y"]), int(raw["z"])))
+
+
+def encode_sample(node: int, counts: Sequence[int], counter: int) -> tuple[CanFrame, CanFrame]:
+    """Force frame and moment frame of one sample of six counts, in the order of the wire.
+
+    Raises LocalProtocolError for values that do not fit.
+    """
+    fx, fy, fz, mx, my, mz = counts
+    forces = FORCES.pack_row(fx, fy, fz, counter)
+    moments = MOMENTS.pack_row(mx, my, mz, counter)
+    force_id, moment_id = _sample_identifiers(node)
+    return CanFrame(force_id, forces), CanFrame(moment_id, moments)
+
+
+@cache
+def _sample_identifiers(node: int) -> tuple[int, int]:
+    return identifier(Op.FORCES, node), identifier(Op.MOMENTS, node)
+
+
+def decode_triple(data: bytes, layout: Layout) -> Triple:
+    """Half a sample by its layout, FORCES or MOMENTS. Raises RemoteProtocolError when it is too short."""
+    x, y, z, counter = layout.unpack_row(data)
+    return Triple((x, y, z), counter)

@@ -1,0 +1,132 @@
+"""Settings and assumptions of a client of a board and of a server of its registers."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, Final, Literal
+
+from protocol.devices.jr3.board import FILTERS
+from protocol.marks import Mark, check_settings, setting
+
+SAMPLE_RATE_HZ = 8000.0
+"""Source: JR3 manual 5907E."""
+
+FILTER_DELAYS: Final = (0.0, 1.320e-3, 6.598e-3, 27.71e-3, 112.2e-3, 450e-3, 1801e-3)
+"""Phase delay at low frequencies of filter0 … filter6, s. Derived from the manual's plots."""
+
+
+def filter_tick(number: int) -> float:
+    """Time from one output of a filter to the next, s: each runs at a quarter of the rate of the one before."""
+    return 4.0 ** max(number - 1, 0) / SAMPLE_RATE_HZ
+
+
+@dataclass(frozen=True)
+class BoardClientProfile:
+    """Settings of a client about a receiver board that it reaches through its registers."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    filter: int = setting(
+        2, Mark.CHOSEN, "the board's filter to read, 0 = unfiltered", minimum=0, maximum=FILTERS - 1
+    )
+    period_ms: float = setting(
+        10.0,
+        Mark.CHOSEN,
+        "between samples; never shorter than the filter's own",
+        unit="ms",
+        minimum=0.25,
+        maximum=4000.0,
+    )
+    mode: Literal["stream", "poll"] = setting(
+        "stream", Mark.CHOSEN, "stream: the server sends by its own clock; poll: it is asked for each sample"
+    )
+    bursts: int = setting(1, Mark.CHOSEN, "samples that a stream delivers at once", minimum=1, maximum=64)
+    start_up: Literal["driver", "none"] = setting(
+        "driver",
+        Mark.CHOSEN,
+        "driver: reset the board and do what the kernel's driver does; none: take it as it is, "
+        "for a second client",
+    )
+    program: str = setting(
+        "",
+        Mark.CHOSEN,
+        "path of the program that the board's processor is loaded with after its reset, JR3's jr3pci.idm; "
+        "empty: the board or its server has it",
+    )
+    reset_ms: float = setting(25.0, Mark.OBSERVED, "pause after a reset", unit="ms", minimum=0.0)
+    poll_s: float = setting(
+        1.0, Mark.OBSERVED, "between looks whether the sensor is there", unit="s", above=0.0
+    )
+    offset_polls: int = setting(
+        10,
+        Mark.OBSERVED,
+        "further looks, because the board zeroes its offsets by itself within 10 s",
+        minimum=0,
+    )
+    command_ms: float = setting(
+        20.0, Mark.OBSERVED, "given to a command before its end is looked for", unit="ms", above=0.0
+    )
+    use_offset_ms: float = setting(
+        40.0, Mark.OBSERVED, "the same for the first use of an offset", unit="ms", above=0.0
+    )
+    command_timeout_s: float = setting(
+        1.0, Mark.CHOSEN, "patience with a command; the slowest needs 16 ms", unit="s", above=0.0
+    )
+    ready_timeout_s: float = setting(
+        10.0, Mark.CHOSEN, "patience with a board without a sensor", unit="s", above=0.0
+    )
+    answer_timeout_s: float = setting(
+        1.0, Mark.CHOSEN, "patience with a server that does not answer", unit="s", above=0.0
+    )
+    data_timeout_s: float = setting(
+        1.0, Mark.CHOSEN, "patience without a new sample, beside five periods", unit="s", above=0.0
+    )
+    settle_delays: float = setting(
+        15.0,
+        Mark.DERIVED,
+        "delays of its filter until a step has settled to a count",
+        minimum=0.0,
+    )
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+        if self.mode not in ("stream", "poll"):
+            raise ValueError(f"mode must be stream or poll, got {self.mode}")
+        if self.start_up not in ("driver", "none"):
+            raise ValueError(f"start_up must be driver or none, got {self.start_up}")
+        if self.program and self.start_up == "none":
+            raise ValueError("program is loaded by start_up = driver alone; leave one of the two out")
+
+    @property
+    def period(self) -> float:
+        """Between samples, s: whole microseconds, and not shorter than the filter's own."""
+        return round(max(self.period_ms * 1e-3, filter_tick(self.filter)) * 1e6) * 1e-6
+
+    @property
+    def delay(self) -> float:
+        """Delay of the filter behind the force itself, s, at low frequencies."""
+        return FILTER_DELAYS[self.filter]
+
+    @property
+    def settling(self) -> float:
+        """Time for which the filter still tells of the force before a step, s."""
+        return self.settle_delays * self.delay
+
+
+@dataclass(frozen=True)
+class RegisterServerProfile:
+    """Settings of a register server for one connection."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    idle_timeout_s: float = setting(
+        60.0,
+        Mark.CHOSEN,
+        "a silent client without a stream is dropped after it, 0 = never",
+        unit="s",
+        minimum=0.0,
+    )
+    shortest_period_us: int = setting(
+        250, Mark.CHOSEN, "shortest period of a stream, two samples of the sensor", unit="µs", minimum=1
+    )
+
+    def __post_init__(self) -> None:
+        check_settings(self)

@@ -1,0 +1,349 @@
+"""The register protocol: requests and responses by which a board's words travel over a byte stream.
+
+A header of fixed size says how much follows. All numbers are big-endian, words are raw 16 bits.
+`docs/reference/jr3-registers.md` shows the same tables to people. The protocol is this project's own, so its facts are
+chosen.
+"""
+
+import struct
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Final, Generic, TypeAlias, TypeVar
+
+from protocol.devices.jr3.board import pack_words
+from protocol.endpoint import LocalProtocolError, RemoteProtocolError
+from protocol.fields import Field, Layout
+from protocol.marks import Mark
+
+MAX_WORDS = 256
+"""Words in one burst."""
+MAX_PAYLOAD = 16384
+"""Bytes behind one response header: what a client has to be ready to hold."""
+MAX_BURSTS = 255
+"""Bursts in one response, as far as `MAX_PAYLOAD` allows."""
+
+_REQUEST_MAGIC = b"JR"
+_RESPONSE_MAGIC = b"jr"
+
+
+class Op(IntEnum):
+    """Kind of a request; a response repeats it."""
+
+    CONNECTION = 0
+    """Only in responses: said of the connection, not of a request; the server closes it afterwards."""
+    READ = 1
+    """`count` words from `address`, of one moment."""
+    WRITE = 2
+    """The words behind the header, the first to `address`, in ascending order."""
+    RESET = 3
+    """Reset the board, as its driver does."""
+    STREAM = 4
+    """`count` words from `address` every `period_us`, by the server's clock; period 0 ends it."""
+    PROGRAM = 5
+    """The words behind the header are instructions of the board's processor, from number `address` on: low and high
+    half of each in turn. Without words the processor is reset, and its program follows.
+    """
+
+
+class Status(IntEnum):
+    """Result of a request."""
+
+    OK = 0
+    UNKNOWN_OP = 1
+    OUTSIDE_MAP = 2
+    BAD_COUNT = 3
+    BAD_PERIOD = 4
+    BAD_FRAME = 5
+    TOO_MANY_CLIENTS = 6
+    IDLE = 7
+    REFUSED = 8
+
+    @property
+    def meaning(self) -> str:
+        """The status in words."""
+        return _MEANINGS[self]
+
+
+_MEANINGS = {
+    Status.OK: "done",
+    Status.UNKNOWN_OP: "the server does not know this op",
+    Status.OUTSIDE_MAP: "words outside the board's memory map",
+    Status.BAD_COUNT: f"a burst has 1 … {MAX_WORDS} words, a response at most {MAX_PAYLOAD} bytes of them",
+    Status.BAD_PERIOD: "the server does not stream as fast as that",
+    Status.BAD_FRAME: "what came is no request; the connection is closed",
+    Status.TOO_MANY_CLIENTS: "the server has all the clients it takes; the connection is closed",
+    Status.IDLE: "nothing was asked for too long; the connection is closed",
+    Status.REFUSED: "the server must not do this with its board",
+}
+
+
+def _field(name: str, offset: int, code: str, meaning: str, unit: str = "") -> Field:
+    return Field(name, offset, code, Mark.CHOSEN, meaning, unit=unit)
+
+
+REQUEST: Final = Layout(
+    "request",
+    14,
+    ">",
+    (
+        _field("magic", 0, "H", "4A52, the letters JR"),
+        _field("op", 2, "B", "1 read, 2 write, 3 reset, 4 stream, 5 program"),
+        _field("bursts", 3, "B", "stream: bursts in one response, 0 = 1; else ignored"),
+        _field("tag", 4, "H", "any number; the response repeats it"),
+        _field("address", 6, "H", "first word"),
+        _field("count", 8, "H", "words, 1 … 256; a write or a program carries them behind the header"),
+        _field("period_us", 10, "I", "stream: from burst to burst, 0 ends the stream; else ignored", "µs"),
+    ),
+)
+RESPONSE: Final = Layout(
+    "response",
+    12,
+    ">",
+    (
+        _field("magic", 0, "H", "6A72, the letters jr"),
+        _field("op", 2, "B", "of the request; 0: said of the connection"),
+        _field("status", 3, "B", "0 done, else why not"),
+        _field("tag", 4, "H", "of the request; a stream's bursts carry that of the request that began it"),
+        _field("address", 6, "H", "of the request"),
+        _field("count", 8, "H", "words in each burst"),
+        _field("bursts", 10, "B", "bursts behind the header; 0 where nothing was read"),
+        _field("reserved", 11, "B", "0"),
+    ),
+)
+BURST: Final = Layout(
+    "burst",
+    8,
+    ">",
+    (_field("time_ns", 0, "Q", "when its words were read, server's clock; they follow", "ns"),),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """Request of a client."""
+
+    op: int
+    """An `Op`, or a number that the server will not know."""
+    tag: int
+    address: int = 0
+    count: int = 0
+    """Words to read; of a write or a program, the number of `words`."""
+    words: tuple[int, ...] = ()
+    period_us: int = 0
+    bursts: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Burst:
+    """Consecutive words of one moment."""
+
+    time_ns: int
+    """On the server's clock, whose zero means nothing."""
+    words: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Response:
+    """Answer of the server, or one delivery of a stream."""
+
+    op: int
+    status: Status
+    tag: int
+    address: int = 0
+    count: int = 0
+    bursts: tuple[Burst, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Garbage:
+    """Bytes that are no telegram: the two sides have lost each other. Told once, until a telegram is found."""
+
+    text: str
+
+
+def encode_request(request: Request) -> bytes:
+    """Bytes of a request. Raises LocalProtocolError for what no field can hold or no burst may have."""
+    fewest = _FEWEST.get(request.op)
+    if fewest is not None and not (
+        request.count == len(request.words) and fewest <= request.count <= MAX_WORDS
+    ):
+        raise LocalProtocolError(
+            f"a {Op(request.op).name.lower()} has {fewest} … {MAX_WORDS} words, got {len(request.words)}"
+        )
+    header = REQUEST.pack(
+        {
+            "magic": int.from_bytes(_REQUEST_MAGIC),
+            "op": request.op,
+            "bursts": request.bursts,
+            "tag": request.tag,
+            "address": request.address,
+            "count": request.count,
+            "period_us": request.period_us,
+        }
+    )
+    return header + (b"" if fewest is None else pack_words(request.words))
+
+
+def encode_response(response: Response) -> bytes:
+    """Bytes of a response. Raises LocalProtocolError for what no field or no response can hold."""
+    if any(len(burst.words) != response.count for burst in response.bursts):
+        raise LocalProtocolError(f"every burst of this response must have {response.count} words")
+    if not fits(response.count, len(response.bursts)):
+        raise LocalProtocolError(f"a response carries at most {MAX_PAYLOAD} bytes of bursts")
+    header = encode_head(
+        response.op, response.status, response.tag, response.address, response.count, len(response.bursts)
+    )
+    return header + b"".join(
+        [BURST.pack_row(burst.time_ns) + pack_words(burst.words) for burst in response.bursts]
+    )
+
+
+def encode_head(op: int, status: Status, tag: int, address: int, count: int, bursts: int) -> bytes:
+    """The bytes of a response before its bursts: in a stream those of every delivery.
+
+    Raises LocalProtocolError for what no field can hold.
+    """
+    return RESPONSE.pack_row(int.from_bytes(_RESPONSE_MAGIC), op, status, tag, address, count, bursts, 0)
+
+
+def fits(count: int, bursts: int) -> bool:
+    """Whether so many bursts of so many words fit into one response."""
+    return bursts <= MAX_BURSTS and bursts * (BURST.size + 2 * count) <= MAX_PAYLOAD
+
+
+def _unpack_words(data: bytes, at: int, count: int) -> tuple[int, ...]:
+    return struct.unpack_from(f">{count}H", data, at)
+
+
+_FEWEST: Final[Mapping[int, int]] = {Op.WRITE: 1, Op.PROGRAM: 0}
+"""Ops whose requests carry words behind the header, and how many at least."""
+
+
+def _request_size(header: bytes) -> int:
+    """Length of the telegram that begins so. Raises RemoteProtocolError when none does."""
+    values = REQUEST.unpack(header)
+    op, count = int(values["op"]), int(values["count"])
+    if (fewest := _FEWEST.get(op)) is None:
+        return REQUEST.size
+    if not fewest <= count <= MAX_WORDS:
+        raise RemoteProtocolError(f"a {Op(op).name.lower()} of {count} words")
+    return REQUEST.size + 2 * count
+
+
+def _decode_request(data: bytes) -> Request:
+    values = REQUEST.unpack(data)
+    op, count = int(values["op"]), int(values["count"])
+    return Request(
+        op,
+        int(values["tag"]),
+        int(values["address"]),
+        count,
+        _unpack_words(data, REQUEST.size, count) if op in _FEWEST else (),
+        int(values["period_us"]),
+        int(values["bursts"]),
+    )
+
+
+_STATUSES = frozenset(Status)
+
+
+def _response_size(header: bytes) -> int:
+    _, _, status, _, _, count, bursts, _ = RESPONSE.unpack_row(header)
+    if status not in _STATUSES:
+        raise RemoteProtocolError(f"a status of {status}")
+    if not fits(count, bursts):
+        raise RemoteProtocolError(f"{bursts} bursts of {count} words in one response")
+    return RESPONSE.size + int(bursts) * (BURST.size + 2 * int(count))
+
+
+def _decode_response(data: bytes) -> Response:
+    _, op, status, tag, address, count, bursts, _ = RESPONSE.unpack_row(data)
+    step = BURST.size + 2 * count
+    starts = range(RESPONSE.size, RESPONSE.size + bursts * step, step)
+    return Response(
+        op,
+        Status(status),
+        tag,
+        address,
+        count,
+        tuple(
+            [
+                Burst(int.from_bytes(data[at : at + BURST.size]), _unpack_words(data, at + BURST.size, count))
+                for at in starts
+            ]
+        ),
+    )
+
+
+Telegram = TypeVar("Telegram")
+
+
+class _Reader(Generic[Telegram]):
+    """Cuts a byte stream into telegrams; holds at most one telegram that is not whole yet."""
+
+    def __init__(
+        self,
+        magic: bytes,
+        header: Layout,
+        size: Callable[[bytes], int],
+        decode: Callable[[bytes], Telegram],
+    ) -> None:
+        self._magic = magic
+        self._header = header
+        self._size = size
+        self._decode = decode
+        self._data = b""
+        self._lost = False
+
+    def feed(self, data: bytes) -> list[Telegram | Garbage]:
+        """Telegrams that are complete with these bytes, in order."""
+        data = self._data + data
+        at, found = 0, list[Telegram | Garbage]()
+        while at < len(data):
+            if not data.startswith(self._magic[: len(data) - at], at):
+                at = self._skip(
+                    data, at, f"no {self._header.name} begins with {data[at : at + 1].hex()}", found
+                )
+                continue
+            if len(data) - at < self._header.size:
+                break
+            try:
+                size = self._size(data[at : at + self._header.size])
+            except RemoteProtocolError as error:
+                at = self._skip(data, at, f"no {self._header.name}: {error}", found)
+                continue
+            if len(data) - at < size:
+                break
+            found.append(self._decode(data[at : at + size]))
+            self._lost = False
+            at += size
+        self._data = data[at:]
+        return found
+
+    @property
+    def between(self) -> bool:
+        """Whether the next byte begins a telegram: nothing is held, and nothing was lost."""
+        return not self._data and not self._lost
+
+    def _skip(self, data: bytes, at: int, why: str, found: list[Telegram | Garbage]) -> int:
+        """Go to where a telegram may begin next, behind `at`."""
+        if not self._lost:
+            self._lost = True
+            found.append(Garbage(why))
+        following = data.find(self._magic[:1], at + 1)
+        return len(data) if following < 0 else following
+
+
+RequestReader: TypeAlias = _Reader[Request]
+ResponseReader: TypeAlias = _Reader[Response]
+
+
+def request_reader() -> RequestReader:
+    """A reader of what clients send: `feed(data)` gives a list of Request and Garbage."""
+    return _Reader(_REQUEST_MAGIC, REQUEST, _request_size, _decode_request)
+
+
+def response_reader() -> ResponseReader:
+    """A reader of what a server sends: `feed(data)` gives a list of Response and Garbage."""
+    return _Reader(_RESPONSE_MAGIC, RESPONSE, _response_size, _decode_response)

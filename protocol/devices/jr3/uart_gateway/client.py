@@ -1,0 +1,117 @@
+"""The client of a JR3 UART gateway: a GatewaySession over bytes.
+
+Order of the session: state, full scales, start, a pause, and on request zero; stop at the end. The gateway acknowledges
+a command and then sleeps for a second. Bytes sent to it in that time are lost, or wait in its driver and hide those
+that come after. So every acknowledge, expected or not, is followed by a pause, and a command without acknowledge is
+repeated only after more than that second.
+"""
+
+from protocol.devices.jr3.firmware import HANGS
+from protocol.devices.jr3.gateway_session import Dialect, GatewaySession, Phase
+from protocol.devices.jr3.uart_gateway.messages import (
+    FROM_GATEWAY,
+    UART_BAUDRATE,
+    Command,
+    Op,
+    decode_acknowledge,
+    decode_data,
+    encode_command,
+)
+from protocol.devices.jr3.uart_gateway.profile import UartGatewayClientProfile, check_uart_cutoff
+from protocol.devices.jr3.uart_gateway.reader import Reader
+
+# Asked for with every sample, by names of this module: until Python 3.12 an enum's own name costs five times that.
+_READY, _DATA, _ACKNOWLEDGE = Phase.READY, Op.DATA, Op.ACKNOWLEDGE
+
+_STEPS = (
+    (Phase.ASKING, Op.GET_STATE),
+    (Phase.SCALES, Op.GET_FULL_SCALES),
+    (Phase.STARTING, Op.START),
+)
+
+
+class UartGatewayClient:
+    """Endpoint of the client: takes and gives bytes, tells SensorEvents."""
+
+    def __init__(self, profile: UartGatewayClientProfile, now: float) -> None:
+        self._profile = profile
+        self._reader = Reader(FROM_GATEWAY)
+        self._frame_heard = False
+        self._session = session = GatewaySession(self._dialect(), profile, now)
+        self.statistics = session.statistics
+        # The owner's requests, and the clock, concern the session alone.
+        self.zero, self.set_filter, self.stop = session.zero, session.set_filter, session.stop
+        self.next_event = session.next_event
+        self.next_deadline, self.handle_deadline = session.next_deadline, session.handle_deadline
+
+    def _dialect(self) -> Dialect[Op]:
+        return Dialect(
+            name="UART gateway",
+            steps=_STEPS,
+            zero=Op.ZERO,
+            set_filter=Op.SET_FILTER,
+            stop=Op.STOP,
+            joins=frozenset({Op.STOP}),
+            joined_s=self._profile.period_ms * 1e-3,
+            pause_s=self._profile.pause_s,
+            period=self._profile.period_ms * 1e-3,
+            counter_step=self._profile.period_ms * 1e3 / self._profile.sample_period_us,
+            counter_behind=0,  # bytes do not overtake each other: only the same counter is an old sample
+            check_cutoff=check_uart_cutoff,
+            why_silent=self._why_silent,
+        )
+
+    def _why_silent(self, waited: str) -> str:
+        if self._frame_heard:
+            return f"sends but acknowledges nothing in {waited}: is the line to it open?"
+        if self._reader.skipped:
+            return (
+                f"bytes but no frame of a gateway in {waited}: not {UART_BAUDRATE} baud, or another device?"
+            )
+        return f"silent for {waited}: power, cable, port? {HANGS}"
+
+    @property
+    def phase(self) -> Phase:
+        """Where the session is."""
+        return self._session.phase
+
+    @property
+    def stop_patience(self) -> float:
+        """Longest time that SensorStopped may take when the first stop was lost, s: a stop and its repetition."""
+        return self._session.stop_patience
+
+    # --- the wire
+
+    def receive(self, data: bytes, now: float) -> None:
+        """Take bytes; what is no frame of a gateway is skipped and counted."""
+        reader, session = self._reader, self._session
+        noises = reader.noises
+        reader.feed(data)
+        while (frame := reader.next_frame(scales_expected=session.scales_expected)) is not None:
+            self._frame_heard = True
+            if frame.op is _DATA:
+                if session.phase is _READY:
+                    sample = decode_data(frame.payload)
+                    session.sample(sample.counts, sample.counter, now)
+            elif frame.op is _ACKNOWLEDGE:
+                acknowledge = decode_acknowledge(frame.payload)
+                session.acknowledge(acknowledge.state, acknowledge.full_scales, now)
+            else:
+                session.boot_up(now)
+                self._frame_heard = False
+        self.statistics.malformed += reader.noises - noises
+
+    def data_to_send(self, now: float) -> bytes:
+        """The command whose turn it is, whole."""
+        op = self._session.order_to_send(now)
+        return b"" if op is None else self._bytes(op)
+
+    def _bytes(self, op: Op) -> bytes:
+        cutoff = round(self._session.cutoff_hz * 100)
+        match op:
+            case Op.START:
+                return encode_command(Command(op, cutoff, round(self._profile.period_ms * 1000)))
+            case Op.SET_FILTER:
+                return encode_command(Command(op, cutoff))
+            case _:
+                return encode_command(Command(op))

@@ -1,0 +1,106 @@
+"""Settings and assumptions of a client about its UART gateway."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from protocol.devices.jr3.firmware import MAX_CUTOFF_HZ, check_cutoff, first_order_delay
+from protocol.devices.jr3.uart_gateway.messages import DATA_FRAME_S, UART_BAUDRATE, sendable_near
+from protocol.marks import Mark, check_settings, setting
+from protocol.wrench import AXES
+
+
+@dataclass(frozen=True)
+class UartGatewayClientProfile:
+    """Settings of a client about its gateway."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
+
+    cutoff_hz: float = setting(
+        10.0,
+        Mark.CHOSEN,
+        "cut-off of the gateway's first-order filter, 0 = unfiltered",
+        unit="Hz",
+        minimum=0.0,
+        maximum=MAX_CUTOFF_HZ,
+    )
+    period_ms: float = setting(
+        10.0,
+        Mark.CHOSEN,
+        "between frames, at least the 1.5625 that one takes on the line; the counter wraps every 8.4 s",
+        unit="ms",
+        above=0.0,
+        maximum=4000.0,
+    )
+    pause_s: float = setting(
+        1.1,
+        Mark.DERIVED,
+        "between an acknowledge and the next command: the gateway is deaf for 1 s, and clocks differ",
+        unit="s",
+        minimum=0.0,
+    )
+    ack_timeout_s: float = setting(
+        1.25,
+        Mark.DERIVED,
+        "wait for an acknowledge before asking again: more than the deaf second, or the repeat is lost too; for a "
+        "stop, a period of the stream more",
+        unit="s",
+        above=0.0,
+    )
+    retries: int = setting(3, Mark.CHOSEN, "repetitions of a command without acknowledge", minimum=0)
+    ready_timeout_s: float = setting(
+        12.0,
+        Mark.CHOSEN,
+        "patience with a gateway that is silent or not ready: twice its boot of 5 s and more",
+        unit="s",
+        above=0.0,
+    )
+    still_timeout_s: float = setting(
+        1.0,
+        Mark.CHOSEN,
+        "patience with samples whose counter stands still, beside five periods: a gateway without its sensor",
+        unit="s",
+        above=0.0,
+    )
+    settle_s: float = setting(
+        0.1, Mark.OBSERVED, "between start and first use, for the filter", unit="s", minimum=0.0
+    )
+    sample_period_us: float = setting(
+        128.5, Mark.OBSERVED, "the gateway's sampling, one step of its frame counter", unit="µs", above=0.0
+    )
+    full_scales: tuple[float, ...] = setting(
+        (), Mark.CHOSEN, "fx fy fz mx my mz, empty = ask the gateway", unit="N, N·m", above=0.0
+    )
+
+    def __post_init__(self) -> None:
+        check_settings(self)
+        check_uart_cutoff(self.cutoff_hz)
+        if self.period_ms < DATA_FRAME_S * 1e3:
+            raise ValueError(
+                f"period_ms must be at least {DATA_FRAME_S * 1e3:g}, what a frame takes at {UART_BAUDRATE} baud, "
+                f"got {self.period_ms:g}"
+            )
+        _check_sendable("period_ms", self.period_ms, 1000, 4)
+        if len(self.full_scales) not in (0, len(AXES)):
+            raise ValueError(f"full_scales must be six values or none, got {len(self.full_scales)}")
+
+    @property
+    def delay(self) -> float:
+        """Delay of a sample with this cut-off behind the force itself, s."""
+        return first_order_delay(self.cutoff_hz)
+
+
+def check_uart_cutoff(cutoff_hz: float) -> None:
+    """Raise ValueError for a cut-off that the gateway cannot be told over this line."""
+    check_cutoff(cutoff_hz)
+    _check_sendable("cutoff_hz", cutoff_hz, 100, 2)
+
+
+def _check_sendable(name: str, value: float, steps: int, size: int) -> None:
+    """A gateway ends its reading of a command at any byte 3E and overlooks any 3C: such values cannot be sent."""
+    nearest = sendable_near(round(value * steps), size)
+    if len(nearest) > 1:
+        below, above = (f"{number / steps:g}" for number in nearest)
+        raise ValueError(
+            f"{name} must not be {value:g}: on the line a byte of it looks like < or > to the gateway; "
+            f"take {below} or {above}"
+        )

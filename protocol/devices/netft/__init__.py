@@ -1,0 +1,33 @@
+"""ATI Net F/T: records over UDP (RDT) and a configuration page over HTTP.
+
+Values come from the specification's sources, with their marks beside them. 16-bit values over TCP are not spoken.
+"""
+
+from protocol.devices.netft.client import NetFtClient
+from protocol.devices.netft.describe import describe
+from protocol.devices.netft.page import HTTP_PORT, PAGE, Configuration, parse_page
+from protocol.devices.netft.profile import NetFtClientProfile
+from protocol.devices.netft.records import (
+    RDT_PORT,
+    Command,
+    Record,
+    decode_record,
+    encode_record,
+    encode_request,
+)
+
+__all__ = [
+    "HTTP_PORT",
+    "PAGE",
+    "RDT_PORT",
+    "Command",
+    "Configuration",
+    "NetFtClient",
+    "NetFtClientProfile",
+    "Record",
+    "decode_record",
+    "describe",
+    "encode_record",
+    "encode_request",
+    "parse_page",
+]

@@ -1,0 +1,31 @@
+"""KUKA's Robot Sensor Interface: telegrams, angles, the client's end. Source: project specification of RSI."""
+
+from protocol.devices.rsi.client import RsiClient
+from protocol.devices.rsi.describe import describe
+from protocol.devices.rsi.profile import RsiLink
+from protocol.devices.rsi.telegram import (
+    ROBOT,
+    SENSOR,
+    Telegram,
+    decode,
+    encode,
+    fixed,
+    number,
+    numbers,
+    pose_tags,
+)
+
+__all__ = [
+    "ROBOT",
+    "SENSOR",
+    "RsiClient",
+    "RsiLink",
+    "Telegram",
+    "decode",
+    "describe",
+    "encode",
+    "fixed",
+    "number",
+    "numbers",
+    "pose_tags",
+]

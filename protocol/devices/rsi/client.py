@@ -1,0 +1,389 @@
+"""The client's end: each telegram of the robot is answered once, with the correction that the newest set point needs.
+
+A correction is the way from where the robot would be without it, in the base frame: X Y Z in mm, and angles A B C in
+degrees whose turn comes after the robot's own, R = R(A B C)·R₀. In absolute mode an answer carries the whole
+correction, in relative mode its change since the answer that the robot has taken last.
+
+Its count of late answers tells which ones it has taken. So those after a lost answer make good for it, little by
+little, and the set point and the robot stay together. A telegram that comes again, or behind a later one, gets no
+answer: its cycle is over, and an increment must not count twice.
+
+Source: project specification of RSI, sections 3, 5 and 9.
+"""
+
+import math
+from collections import deque
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from protocol.datagram import arrived_at
+from protocol.devices.rsi.angles import angles_of, inverse, nearest, pose_of, quaternion_of, times
+from protocol.devices.rsi.profile import RsiLink
+from protocol.devices.rsi.telegram import (
+    ROBOT,
+    SENSOR,
+    Telegram,
+    decode,
+    encode,
+    fixed,
+    number,
+    numbers,
+    pose_tags,
+)
+from protocol.endpoint import RemoteProtocolError
+from protocol.geometry import Pose
+from protocol.robot import ReportReceived, RobotReport, StreamEvent, StreamLost, StreamNotice
+
+DECIMALS = 6
+"""Observed: decimals of every number that public clients send."""
+SESSION_MS = 1000
+"""Chosen: a clock that jumps by more, either way, is that of a program that was begun anew."""
+PLANNED_MM = 0.1
+"""Chosen: a set position that moves by more is that of a program that was begun anew, or that moves by itself."""
+STANDING_MM = 0.05
+"""Chosen: a difference between actual and set position below it is none when a session begins."""
+FOLLOWS_WITHIN_S = 0.25
+"""Chosen: a robot is where its correction was within so long; more than any lag of its servo."""
+RUNS_AWAY_CYCLES = 25
+"""Chosen: cycles in a row in which a robot leaves a correction that stands; more than any lag of its servo."""
+RUNS_AWAY_MM = 0.01
+"""Chosen: way of such a cycle; the last digits of a position that stands change by less."""
+RUNNING = 3.0
+"""Observed (FZI's configuration): status of a program that runs, where it is sent."""
+_STATUS = "ProgStatus.R"
+_ACTUAL, _SET, _LATE = pose_tags("RIst"), pose_tags("RSol"), "Delay.D"
+_NOTHING = (0.0,) * 6
+_NO_POSE = Pose((math.nan,) * 3, (1.0, 0.0, 0.0, 0.0))
+"""Stands for a position that is told as something else than numbers: nothing moves with it."""
+
+Correction = tuple[float, ...]
+"""X Y Z in mm, A B C in degrees."""
+
+
+class _Told(NamedTuple):
+    """Contents of a telegram of the robot."""
+
+    ipoc: int
+    pose: Pose
+    planned: Pose | None
+    """Set position, without any correction; None where the robot does not tell it."""
+    late: int | None
+    """Answers that came late or not at all, since the program began; None where it is not told."""
+    status: float | None
+
+    @property
+    def offset(self) -> Correction | None:
+        """Actual less set position; None where one of them is not known."""
+        return None if self.planned is None or self.pose is _NO_POSE else _offset(self.pose, self.planned)
+
+
+class _Answered(NamedTuple):
+    """The answer that was given last."""
+
+    ipoc: int
+    late: int | None
+    before: Correction
+    """Correction of the robot if it has not taken this answer."""
+
+
+class RsiClient:
+    """A `StreamClient` for a controller that opens the conversation."""
+
+    def __init__(self, link: RsiLink) -> None:
+        self._link = link
+        self._events: deque[StreamEvent] = deque()
+        self._out: list[bytes] = []
+        self._asked: deque[int] = deque()
+        """Clocks of the telegrams that were told and not answered yet."""
+        self._newest: int | None = None
+        """Clock of the newest telegram."""
+        self._sequence = 0
+        self._heard_at = -math.inf
+        self._late: int | None = None
+        self._planned: Pose | None = None
+        """Set position of the newest telegram that told one."""
+        self._offset: Correction | None = None
+        """Correction that the newest telegram shows; None where it shows none."""
+        self._answered: _Answered | None = None
+        self._missed = 0
+        """Answers in a row that the robot has not taken."""
+        self._total: Correction = _NOTHING
+        """Correction that the robot has, as far as is known."""
+        self._aim: Correction = _NOTHING
+        """Correction that the newest set point asked for."""
+        self._began: tuple[Pose, Correction] | None = None
+        """Pose and correction at which the movement began; None outside of one."""
+        self._trail: deque[Correction] = deque(
+            [_NOTHING], maxlen=math.ceil(FOLLOWS_WITHIN_S * 1e3 / link.cycle_ms)
+        )
+        """The newest corrections, cycle by cycle."""
+        self._strayed = False
+        """The robot has not come along with its correction in this movement."""
+        self._halted = False
+        """It has reported a fault in this movement: what it lacks of its way is given up."""
+        self._leaving, self._apart_mm = 0, 0.0
+        """Cycles in a row in which the robot left its correction, which stood; distance from it."""
+        self._ran_away = False
+        """It goes on and on, as each whole correction is added to the one before: it gets no more answers."""
+        self._garbled = self._limited = False
+        self._tags = pose_tags(link.correction_tag)
+
+    # --- as an endpoint
+
+    def receive(self, data: Sequence[bytes], now: float) -> None:
+        for datagram in data:
+            try:
+                told = _read(datagram)
+            except RemoteProtocolError as error:
+                if not self._garbled:
+                    self._tell("garbled", f"a telegram is not understood: {error}")
+                self._garbled = True
+                continue
+            self._garbled = False
+            self._note(told, arrived_at(datagram, now))
+
+    def next_event(self) -> StreamEvent | None:
+        return self._events.popleft() if self._events else None
+
+    def data_to_send(self, now: float) -> Sequence[bytes]:
+        out, self._out = self._out, []
+        return out
+
+    def next_deadline(self) -> float | None:
+        return None
+
+    def handle_deadline(self, now: float) -> None:
+        """There is none: the robot drives the cycle."""
+
+    # --- movements
+
+    def begin(self, pose: Pose) -> None:
+        if self._strayed and self._offset is not None:
+            self._set(self._offset)  # as it did not come along, go on from where it is
+        self._began, self._aim = (pose, self._total), self._total
+        self._limited = self._strayed = self._halted = False
+
+    def end(self) -> None:
+        self._began = None
+
+    def target(self, pose: Pose, now: float) -> None:
+        if not self._in_time():
+            return
+        wanted = self._total if self._began is None or self._halted else self._wanted(pose)
+        before, self._aim = self._aim, wanted
+        self._answer(self._within_reach(wanted, before))
+
+    def hold(self, now: float) -> None:
+        if self._in_time():
+            self._answer(self._total)
+
+    def _in_time(self) -> bool:
+        """Whether the telegram that was told first of those without an answer is one of the present cycle."""
+        ipoc = self._asked.popleft()
+        return (
+            not self._ran_away
+            and ipoc == self._newest
+            and (self._answered is None or self._answered.ipoc != ipoc)
+        )
+
+    # --- telegrams
+
+    def _note(self, told: _Told, at: float) -> None:
+        """Number a telegram, tell it, and see whether the robot has taken the answer before."""
+        cycles, anew = 1, False
+        if self._newest is not None:
+            passed = told.ipoc - self._newest
+            anew = abs(passed) > SESSION_MS or (passed > 0 and self._is_other_program(told))
+            cycles = round(passed / self._link.cycle_ms) or (1 if passed > 0 else 0)
+            if passed <= 0 and not anew:
+                self._report(told, at, self._sequence + cycles)
+                return
+        if anew or at - self._heard_at > SESSION_MS / 1e3:
+            self._begin_session(told, anew)
+        else:
+            self._settle(told, cycles)
+        self._sequence += 1 if anew else cycles
+        self._newest, self._heard_at, self._late = told.ipoc, at, told.late
+        self._planned = told.planned or self._planned
+        self._watch(told)
+        self._report(told, at, self._sequence)
+
+    def _report(self, told: _Told, at: float, sequence: int) -> None:
+        fault = self._fault(told)
+        self._halted = self._halted or bool(fault)
+        self._asked.append(told.ipoc)
+        self._events.append(ReportReceived(RobotReport(sequence, told.pose, at, at, fault)))
+
+    def _is_other_program(self, told: _Told) -> bool:
+        """Whether the count of late answers begins anew, or the set position is another."""
+        if told.late is not None and self._late is not None and told.late < self._late:
+            return True
+        if told.planned is None or self._planned is None:
+            return False
+        return math.dist(told.planned.position, self._planned.position) * 1e3 > PLANNED_MM
+
+    def _begin_session(self, told: _Told, anew: bool) -> None:
+        """The robot's program has begun anew, or was silent: its correction is what it tells."""
+        self._answered, self._missed = None, 0
+        self._leaving, self._ran_away = 0, self._ran_away and not anew
+        offset = told.offset or _NOTHING
+        self._set(offset if math.hypot(*offset[:3]) > STANDING_MM else _NOTHING)
+        if self._began is not None:
+            self._began = None
+            why = (
+                "its program has begun anew, or moves by itself"
+                if anew
+                else f"it sent nothing for {SESSION_MS / 1e3:g} s"
+            )
+            self._events.append(StreamLost(f"{why}: the correction of before no longer holds"))
+
+    def _settle(self, told: _Told, cycles: int) -> None:
+        """See from the count of late answers whether the last one was taken: all cycles between were late then."""
+        answered, self._answered = self._answered, None
+        if answered is None or answered.late is None or told.late is None:
+            return
+        if told.late - answered.late < cycles:
+            self._missed = 0
+            return
+        self._missed += 1
+        self._total = answered.before
+
+    def _watch(self, told: _Told) -> None:
+        """See whether the robot has come along with its correction."""
+        stands = self._trail[-1] == self._total
+        self._trail.append(self._total)
+        self._offset = told.offset
+        if self._link.mode == "absolute" and self._offset is not None:
+            self._watch_flight(self._offset, stands)
+        if self._offset is None or self._began is None or self._missed or self._strayed:
+            return
+        place = self._offset[:3]
+        stray = min(math.dist(place, total[:3]) for total in self._trail)
+        if stray > self._link.stray_mm:
+            self._strayed = True
+            self._tell(
+                "correction",
+                f"the robot is {stray:.1f} mm beside its correction: it stands, or POSCORR limits it, or HOLDON or the "
+                "mode of RSI_ON are not as set",
+            )
+
+    def _watch_flight(self, offset: Correction, stands: bool) -> None:
+        """See whether the robot leaves a correction that stands: a controller in relative mode adds up whole ones."""
+        before, self._apart_mm = self._apart_mm, math.dist(offset[:3], self._total[:3])
+        leaves = stands and self._apart_mm > before + RUNS_AWAY_MM
+        self._leaving = self._leaving + 1 if leaves else 0
+        if self._leaving >= RUNS_AWAY_CYCLES and self._apart_mm > self._link.stray_mm:
+            self._ran_away = True
+
+    def _set(self, correction: Correction) -> None:
+        """This is the robot's correction now."""
+        self._total = correction
+        self._trail.clear()
+        self._trail.append(correction)
+
+    def _fault(self, told: _Told) -> str:
+        if told.status is not None and told.status != RUNNING:
+            return (
+                f"its program does not run (ProgStatus {told.status:g}); release its stops and start it again"
+            )
+        if self._ran_away:
+            return (
+                "it runs away from a correction that stands, and gets no more answers; give robot.rsi.mode what its "
+                "program gives to RSI_ON, then start it again"
+            )
+        if self._missed >= self._link.late_max:
+            return (
+                f"it has not taken {self._missed} answers in a row (late so far: {told.late}); look at the network, at "
+                "this computer's load, and at SENTYPE"
+            )
+        return ""
+
+    # --- corrections
+
+    def _wanted(self, pose: Pose) -> Correction:
+        """The correction that brings the robot to this pose."""
+        assert self._began is not None
+        (position, quaternion), total = self._began
+        x, y, z = (
+            was + (there - here) * 1e3
+            for was, there, here in zip(total[:3], pose.position, position, strict=True)
+        )
+        a0, b0, c0 = total[3:]
+        turn = times(times(pose.quaternion, inverse(quaternion)), quaternion_of((a0, b0, c0)))
+        a, b, c = (nearest(angle, was) for angle, was in zip(angles_of(turn), self._total[3:], strict=True))
+        return x, y, z, a, b, c
+
+    def _within_reach(self, wanted: Correction, before: Correction) -> Correction:
+        """As much of the way there as limits and one cycle allow: what the set point has moved since it asked for
+        `before`, and a little of what the robot is behind.
+        """
+        link = self._link
+        bounds = (link.limit_mm,) * 3 + (link.limit_deg,) * 3
+        bounded = [max(-most, min(most, value)) for value, most in zip(wanted, bounds, strict=True)]
+        if not self._limited and math.dist(bounded, wanted) > 1e-9:
+            self._limited = True
+            self._tell(
+                "correction",
+                f"the correction stays within {link.limit_mm:g} mm and {link.limit_deg:g}° of the robot's program; "
+                "begin nearer, or raise limit_mm, limit_deg and POSCORR's limits",
+            )
+        way = [there - here for there, here in zip(bounded, self._total, strict=True)]
+        moved = [there - here for there, here in zip(wanted, before, strict=True)]
+        cycle = link.cycle_ms / 1e3
+        most_mm = min(link.fastest_mm_s * cycle, math.hypot(*moved[:3]) + link.catch_up_mm_s * cycle)
+        most_deg = min(link.fastest_deg_s * cycle, math.hypot(*moved[3:]) + link.catch_up_deg_s * cycle)
+        share = min(
+            1.0, most_mm / max(math.hypot(*way[:3]), 1e-12), most_deg / max(math.hypot(*way[3:]), 1e-12)
+        )
+        return tuple(here + share * part for here, part in zip(self._total, way, strict=True))
+
+    def _answer(self, correction: Correction) -> None:
+        """Answer the newest telegram."""
+        assert self._newest is not None
+        ipoc, before = self._newest, self._total
+        relative = self._link.mode == "relative"
+        values = [to - (was if relative else 0.0) for to, was in zip(correction, before, strict=True)]
+        texts = [fixed(value, DECIMALS) for value in values]
+        sent = [float(text) for text in texts]
+        self._total = (
+            tuple(was + value for was, value in zip(before, sent, strict=True)) if relative else tuple(sent)
+        )
+        self._answered = _Answered(ipoc, self._late, before)
+        telegram = Telegram(SENSOR, self._link.sentype, dict(zip(self._tags, texts, strict=True)), ipoc)
+        self._out.append(encode(telegram))
+
+    def _tell(self, kind: str, text: str) -> None:
+        self._events.append(StreamNotice(kind, text))
+
+
+def _read(raw: bytes) -> _Told:
+    """The contents of a telegram of the robot; a position that is no number is told as one that is none.
+
+    Raises RemoteProtocolError for one without a position or a clock.
+    """
+    telegram = decode(raw)
+    values = telegram.values
+    if telegram.root != ROBOT:
+        raise RemoteProtocolError(f"it is a {telegram.root} telegram, not one of a robot")
+    if any(tag not in values for tag in _ACTUAL):
+        raise RemoteProtocolError(
+            "it has no RIst; enter DEF_RIst into the controller's Ethernet configuration"
+        )
+    pose, planned = _pose(values, _ACTUAL), _pose(values, _SET)
+    late, status = (number(values[tag]) if tag in values else None for tag in (_LATE, _STATUS))
+    return _Told(telegram.ipoc, pose or _NO_POSE, planned, None if late is None else int(late), status)
+
+
+def _pose(values: Mapping[str, str], tags: tuple[str, ...]) -> Pose | None:
+    """The pose in these values; None where one is missing or no number."""
+    try:
+        found = numbers(values, tags)
+    except RemoteProtocolError:
+        return None
+    return None if found is None else pose_of(found)
+
+
+def _offset(actual: Pose, planned: Pose) -> Correction:
+    """The correction between two poses."""
+    x, y, z = ((there - here) * 1e3 for there, here in zip(actual.position, planned.position, strict=True))
+    return (x, y, z, *angles_of(times(actual.quaternion, inverse(planned.quaternion))))

@@ -1,0 +1,112 @@
+"""Captured telegrams of either direction put into words, for people to read."""
+
+import re
+
+from protocol.devices.rsi.telegram import CLOCK, POSE_AXES, ROBOT, SENSOR, Telegram, decode, number
+from protocol.endpoint import RemoteProtocolError
+
+_END = re.compile(rb"</(?:Rob|Sen)\s*>")
+_BLANK = b" \t\r\n"
+_MEANINGS = {
+    "RIst": "actual pose of the tool",
+    "RSol": "set pose, without correction",
+    "RKorr": "Cartesian correction: added, or the whole of it, by the mode of RSI_ON",
+    "AIPos": "actual axes",
+    "ASPos": "set axes",
+    "EIPos": "actual external axes",
+    "ESPos": "set external axes",
+    "AK": "correction of the axes",
+    "AKorr": "correction of the axes",
+    "EK": "correction of external axes",
+    "EKorr": "correction of external axes",
+    "MACur": "motor current",
+    "MECur": "motor current of an external axis",
+    "Delay": "late cycles since RSI_ON",
+    "EStr": "message for the controller's panel",
+    "ProgStatus": "state of the program: 3 runs, 4 stopped",
+}
+"""Meanings by element; the names of corrections and of further channels are those of a usual configuration."""
+_ANGLES = {"AIPos", "ASPos", "AK", "AKorr"}
+_CARTESIAN = {"RIst", "RSol", "RKorr"}
+_TEXTS = {"EStr"}
+
+
+def describe(raw: bytes) -> list[dict[str, object]]:
+    """Telegrams, and everything else, in a capture of either direction or of both, in order, as plain values.
+
+    Every item has `offset`, `size` and `kind` ("telegram" or "noise"). A telegram adds `root`, `direction`, `type`,
+    `ipoc`, `fields` with units and `problems`. Never raises for what the bytes are.
+    """
+    items: list[dict[str, object]] = []
+    at = 0
+    for end in _END.finditer(raw):
+        at += len(raw[at : end.end()]) - len(raw[at : end.end()].lstrip(_BLANK))
+        items.append(_item(raw[at : end.end()], at))
+        at = end.end()
+    if rest := raw[at:].strip(_BLANK):
+        items.append(_noise(rest, at, "it ends before </Rob> or </Sen>"))
+    return items
+
+
+def _item(raw: bytes, at: int) -> dict[str, object]:
+    try:
+        telegram = decode(raw)
+    except RemoteProtocolError as error:
+        return _noise(raw, at, str(error))
+    fields = [_field(tag, text) for tag, text in telegram.values.items()]
+    return {
+        "offset": at,
+        "size": len(raw),
+        "kind": "telegram",
+        "root": telegram.root,
+        "direction": "from robot" if telegram.root == ROBOT else "to robot",
+        "type": telegram.type,
+        "ipoc": telegram.ipoc,
+        "fields": fields,
+        "problems": _problems(telegram)
+        + [f"{field['name']} is no number" for field in fields if field["value"] is None],
+    }
+
+
+def _field(tag: str, text: str) -> dict[str, object]:
+    element, _, attribute = tag.partition(".")
+    value: float | str | None = text
+    if element not in _TEXTS:
+        try:
+            value = number(text)
+        except RemoteProtocolError:
+            value = None
+    return {
+        "name": tag,
+        "raw": text,
+        "value": value,
+        "unit": _unit(element, attribute),
+        "meaning": _MEANINGS.get(element, "channel of the configuration"),
+    }
+
+
+def _unit(element: str, attribute: str) -> str:
+    if element in _CARTESIAN and attribute in POSE_AXES:
+        return "mm" if attribute in POSE_AXES[:3] else "°"
+    return "°" if element in _ANGLES else ""
+
+
+def _problems(telegram: Telegram) -> list[str]:
+    problems = [] if telegram.type else ["the root has no Type"]
+    if telegram.root == ROBOT and "RIst.X" not in telegram.values:
+        problems.append("it tells no RIst: enter DEF_RIst into the controller's configuration")
+    if telegram.root == SENSOR and not telegram.values:
+        problems.append(
+            f"it carries nothing but {CLOCK}: every channel keeps its value or falls to 0, by HOLDON"
+        )
+    return problems
+
+
+def _noise(raw: bytes, at: int, meaning: str) -> dict[str, object]:
+    return {
+        "offset": at,
+        "size": len(raw),
+        "kind": "noise",
+        "meaning": meaning,
+        "bytes": repr(raw[:200])[2:-1],
+    }

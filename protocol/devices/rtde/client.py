@@ -1,0 +1,462 @@
+"""The bridge's client of a controller: a `StreamClient` over its three wires.
+
+It asks the dashboard whether the robot is ready, agrees on recipes, uploads our program and waits until that plays.
+From then on each data packet becomes a report, and is answered at once with one input package.
+"""
+
+import math
+from collections import deque
+from enum import Enum, auto
+
+from protocol.devices.rtde import packets
+from protocol.devices.rtde.dashboard import GREETING, QUESTIONS, Lines, refusal
+from protocol.devices.rtde.fields import IN_USE, NOT_FOUND, Recipe
+from protocol.devices.rtde.packets import Kind, Packet, Reader
+from protocol.devices.rtde.profile import ClientProfile
+from protocol.devices.rtde.program import INPUT_NAMES, Command, State, program_text
+from protocol.devices.rtde.rotation import pose_of, quaternion_of, six_of, turn_between
+from protocol.devices.rtde.states import RobotMode, Runtime, SafetyBits, name_of
+from protocol.devices.rtde.wires import Piece, Pieces, Port
+from protocol.endpoint import RemoteProtocolError
+from protocol.geometry import Pose
+from protocol.robot import ReportReceived, RobotReport, StreamEvent, StreamLost, StreamNotice, pose_fault
+
+OUTPUT_NAMES = (
+    "timestamp",
+    "actual_TCP_pose",
+    "actual_TCP_speed",
+    "actual_TCP_force",
+    "target_TCP_pose",
+    "runtime_state",
+    "robot_mode",
+    "safety_status_bits",
+    "robot_status_bits",
+    "output_int_register_24",
+    "output_int_register_25",
+    "output_int_register_26",
+    "speed_scaling",
+)
+"""Output recipe of the client."""
+_SPEED, _TARGET, _STATES = 7, 19, 25
+"""Places of `actual_TCP_speed`, `target_TCP_pose` and `runtime_state` among the values; the pose stands from 1 on."""
+APART_M, APART_RAD = 1e-3, math.radians(1.0)
+"""Chosen: an arm that stands farther from its own target tells another pose than it is ordered to; some times what its
+joints give way by when the tool presses.
+"""
+STANDS_M_S = 1e-3
+"""Chosen: an arm whose tool is slower stands."""
+_FORCE = slice(13, 16)
+"""Place of the force of `actual_TCP_force`."""
+ANSWER_S = 1.0
+"""How long the controller may take for an answer. Source: the time-out of UR's own Python client."""
+PLAY_S = 5.0
+"""How long the program may take to play. Source: ur_rtde's time-out."""
+TRIES = 5
+"""Chosen: how often registers that are in use are asked for; a controller may keep those of a lost client a while."""
+AGAIN_S = 0.2
+"""Chosen: time between two of these tries."""
+SETTLE_LOOKAHEADS = 5.0
+"""Chosen: for so many lookahead times behind a movement the arm is let come to its set point; 1 % of a lag is left."""
+FULL_SPEED = 0.995
+"""Chosen: below, the speed slider is down."""
+_SEQUENCE_MAX = 2**31 - 1
+_FIRST_MAX = 2**30
+"""The first sequence number is at most this, so that it stands far from the end of its register."""
+
+
+class _Stage(Enum):
+    DASHBOARD = auto()
+    VERSION = auto()
+    OUTPUTS = auto()
+    INPUTS = auto()
+    WAITING = auto()
+    """The registers are in use; they are asked for again."""
+    START = auto()
+    FIRST = auto()
+    """No data packet has come yet."""
+    UPLOADED = auto()
+    """The program does not play yet."""
+    STREAMING = auto()
+    LOST = auto()
+
+
+_LATE = {
+    _Stage.DASHBOARD: "its dashboard does not answer; look at the port, or set dashboard_port to 0",
+    _Stage.VERSION: "it does not answer over RTDE; look at the address and the port",
+    _Stage.OUTPUTS: "it does not answer over RTDE; look at the address and the port",
+    _Stage.INPUTS: "it does not answer over RTDE; look at the address and the port",
+    _Stage.START: "it does not start to send; look at its log",
+    _Stage.FIRST: "it sends no data; look at its log",
+    _Stage.UPLOADED: "the program does not play; look at its log, and whether it is in remote control",
+}
+"""Words for a stage that takes too long."""
+
+
+class RtdeClient:
+    """A controller's client; see `protocol.robot.StreamClient`."""
+
+    def __init__(self, profile: ClientProfile, now: float) -> None:
+        self._profile = profile
+        self._reader, self._lines = Reader(), Lines()
+        self._events: deque[StreamEvent] = deque()
+        self._out: list[Piece] = []
+        self._now = now
+        self._deadline: float | None = now + ANSWER_S
+        self._play_by = now
+        self._lost = ""
+        self._tries = TRIES
+        self._questions = deque(QUESTIONS if profile.dashboard_port else ())
+        self._greeted = False
+        self._outputs: Recipe | None = None
+        self._inputs: Recipe | None = None
+        self._pose = (0.0,) * 6
+        """In the last input package."""
+        self._sequence = 0
+        self._number = 0
+        self._stamp: float | None = None
+        """Time of the newest data packet, by the controller's clock, s."""
+        self._moving = False
+        self._latched = False
+        """A fault of this movement: nothing is ordered in it any more."""
+        self._gone = False
+        """Our program was stopped; it is uploaded once."""
+        self._given = False
+        """A target was ordered in this movement."""
+        self._settling = 0
+        """Packages behind a movement in which the arm is let come to its last set point."""
+        self._stage = _Stage.DASHBOARD
+        if not self._questions:
+            self._negotiate(now)
+
+    # --- as an endpoint
+
+    def receive(self, data: Pieces, now: float) -> None:
+        self._now = now
+        for piece in data:
+            if self._stage is _Stage.LOST:
+                return
+            if piece.port is Port.DASHBOARD:
+                for line in self._lines.feed(piece.data):
+                    self._take_line(line, now)
+            elif piece.port is Port.RTDE:
+                self._reader.feed(piece.data)
+                self._take_packets(now)
+
+    def next_event(self) -> StreamEvent | None:
+        return self._events.popleft() if self._events else None
+
+    def data_to_send(self, now: float) -> Pieces:
+        out, self._out = self._out, []
+        return out
+
+    def next_deadline(self) -> float | None:
+        return self._deadline
+
+    def handle_deadline(self, now: float) -> None:
+        if self._deadline is None or now < self._deadline:
+            return
+        self._now = now
+        if self._stage is _Stage.LOST:
+            self._lose(self._lost)
+        elif self._stage is _Stage.WAITING:
+            self._ask_inputs(now)
+        elif self._stage is _Stage.STREAMING:
+            self._deadline = None
+            if self._moving:
+                self._latched = True
+                silent = (
+                    f"nothing came for {self._profile.silent_ms:g} ms; look at its cable, then begin again"
+                )
+                self._events.append(StreamLost(silent))
+        elif self._stage in _LATE:
+            self._lose(_LATE[self._stage])
+
+    # --- as a stream's client
+
+    def begin(self, pose: Pose) -> None:
+        self._moving, self._settling = True, 0
+        self._latched = self._given = False
+
+    def target(self, pose: Pose, now: float) -> None:
+        if self._latched:
+            self._send(Command.IDLE)
+            return
+        self._pose, self._given = six_of(pose), True
+        self._servo()
+
+    def hold(self, now: float) -> None:
+        if self._settling:
+            self._settling -= 1
+            self._servo()
+        else:
+            self._send(Command.IDLE)
+
+    def end(self) -> None:
+        """The arm lags behind its set point. Without a fault it is let come there; else it brakes at once."""
+        self._moving = False
+        if self._given and not self._latched:
+            self._settling = round(SETTLE_LOOKAHEADS * self._profile.lookahead_s / self._profile.cycle_s)
+        else:
+            self._send(Command.STOP)
+
+    def _servo(self) -> None:
+        self._sequence = self._sequence % _SEQUENCE_MAX + 1
+        self._send(Command.SERVO)
+
+    def farewell(self) -> Pieces:
+        """Pieces that end the program, to be sent before the wires are closed."""
+        if self._inputs is None or self._stage is _Stage.LOST:
+            return ()
+        self._out = []
+        self._send(Command.END)
+        self._out.append(Piece(Port.RTDE, packets.encode(Kind.PAUSE)))
+        return self.data_to_send(0.0)
+
+    # --- the way to the stream
+
+    def _take_line(self, line: str, now: float) -> None:
+        if self._stage is not _Stage.DASHBOARD:
+            return
+        if not self._greeted:
+            self._greeted = True
+            if not line.startswith(GREETING.partition(":")[0]):
+                self._lose("no dashboard answers on its port; look at the port, or set dashboard_port to 0")
+                return
+        else:
+            if words := refusal(self._questions.popleft(), line):
+                self._lose(words)
+                return
+            if not self._questions:
+                self._negotiate(now)
+                return
+        self._out.append(Piece(Port.DASHBOARD, f"{self._questions[0]}\n".encode()))
+        self._deadline = now + ANSWER_S
+
+    def _negotiate(self, now: float) -> None:
+        self._ask(_Stage.VERSION, packets.version_request(), now)
+
+    def _ask(self, stage: _Stage, packet: bytes, now: float, patience: float = ANSWER_S) -> None:
+        self._stage, self._deadline = stage, now + patience
+        self._out.append(Piece(Port.RTDE, packet))
+
+    def _ask_inputs(self, now: float) -> None:
+        self._ask(_Stage.INPUTS, packets.inputs_request(INPUT_NAMES), now)
+
+    def _take_packets(self, now: float) -> None:
+        while self._stage is not _Stage.LOST:
+            try:
+                packet = self._reader.next_packet()
+                if packet is None:
+                    return
+                self._take_packet(packet, now)
+            except RemoteProtocolError as error:
+                self._lose(f"it speaks no RTDE: {error}")
+
+    def _take_packet(self, packet: Packet, now: float) -> None:
+        stage, kind, payload = self._stage, packet.kind, packet.payload
+        if kind == Kind.TEXT:
+            words = packets.read_text(payload)
+            self._events.append(StreamNotice("controller", f"{words.source}: {words.message}"))
+        elif kind == Kind.DATA:
+            if stage in (_Stage.FIRST, _Stage.UPLOADED, _Stage.STREAMING):
+                self._take_data(payload, now)
+        elif kind == Kind.VERSION and stage is _Stage.VERSION:
+            if not packets.read_accepted(payload):
+                self._lose("it does not speak version 2 of RTDE; update its software")
+                return
+            rate = 1.0 / self._profile.cycle_s
+            self._ask(_Stage.OUTPUTS, packets.outputs_request(OUTPUT_NAMES, rate), now)
+        elif kind == Kind.OUTPUTS and stage is _Stage.OUTPUTS:
+            self._outputs = self._recipe(OUTPUT_NAMES, packets.read_types(payload))
+            if self._outputs is not None:
+                self._ask_inputs(now)
+        elif kind == Kind.INPUTS and stage is _Stage.INPUTS:
+            self._take_inputs(packets.read_types(payload), now)
+        elif kind == Kind.START and stage is _Stage.START:
+            if not packets.read_accepted(payload):
+                self._lose("it refuses to start its data; look at its log")
+                return
+            self._stage, self._deadline = _Stage.FIRST, now + ANSWER_S
+
+    def _take_inputs(self, answer: packets.Types, now: float) -> None:
+        if IN_USE in answer.types:
+            self._tries -= 1
+            if not self._tries:
+                self._lose("another client holds its input registers from 24 on; close that one")
+                return
+            self._stage, self._deadline = _Stage.WAITING, now + AGAIN_S
+            return
+        self._inputs = self._recipe(INPUT_NAMES, answer)
+        if self._inputs is not None:
+            self._ask(_Stage.START, packets.encode(Kind.START), now)
+
+    def _recipe(self, names: tuple[str, ...], answer: packets.Types) -> Recipe | None:
+        """The recipe that the controller has agreed to; None where it has not, which ends the connection."""
+        missing = [name for name, kind in zip(names, answer.types, strict=False) if kind == NOT_FOUND]
+        if missing:
+            self._lose(f"its software has no {missing[0]}; update it")
+            return None
+        expected = EXPECTED[names]
+        if not answer.recipe or answer.types != expected:
+            self._lose("it answers a list of variables with other types than its maker's guide; update it")
+            return None
+        return Recipe(answer.recipe, names, answer.types)
+
+    # --- data packets
+
+    def _take_data(self, payload: bytes, now: float) -> None:
+        assert self._outputs is not None, "there is no data without a recipe"
+        values = self._outputs.unpack(payload)
+        stage, self._deadline = self._stage, now + self._profile.silent_ms / 1000.0
+        self._count(values[0])
+        if stage is _Stage.STREAMING:
+            report = self._report(values, now)
+            if report.fault:
+                self._latched, self._settling = True, 0
+            self._events.append(ReportReceived(report))
+            return
+        if stage is _Stage.FIRST:
+            # Our program tells this number when it starts. An older program's state may still stand in the registers.
+            self._sequence = int(min(abs(self._stamp or 0.0), _FIRST_MAX) * 1e3) % _FIRST_MAX + 1
+        self._send(Command.IDLE)
+        if stage is _Stage.FIRST:
+            profile = self._profile
+            text = program_text(
+                profile.hold_cycles, profile.watchdog_hz, profile.brake_m_s2, profile.joint_step_rad
+            )
+            self._out.append(Piece(Port.SCRIPT, text.encode()))
+            self._stage, self._play_by = _Stage.UPLOADED, now + PLAY_S
+        elif values[_STATES : _STATES + 6 : 5] == (Runtime.PLAYING, self._sequence) and (
+            values[_STATES + 4] == State.READY
+        ):
+            self._stage = _Stage.STREAMING
+            return
+        elif now >= self._play_by:
+            self._lose(_faults(values, False) or _LATE[_Stage.UPLOADED])
+            return
+        self._deadline = min(self._play_by, now + ANSWER_S)
+
+    def _count(self, stamp: float) -> None:
+        """Number the packet, by the controller's clock where that goes on."""
+        steps = 1
+        if self._stamp is not None and math.isfinite(stamp) and stamp > self._stamp:
+            steps = max(1, round(min((stamp - self._stamp) / self._profile.cycle_s, 1e6)))
+        self._stamp = stamp if math.isfinite(stamp) else self._stamp
+        self._number += steps
+
+    def _report(self, values: tuple[float, ...], now: float) -> RobotReport:
+        active = self._moving or self._settling > 0
+        fault = _faults(values, active)
+        self._gone = self._gone or values[_STATES] == Runtime.STOPPED
+        if self._gone and not fault:
+            fault = "our program was stopped, and another may play; begin again"
+        waiting = (self._sequence - int(values[_STATES + 5])) % _SEQUENCE_MAX
+        if active and not fault and waiting > self._profile.hold_cycles:
+            fault = (
+                "our program takes no targets; see whether another client's program plays, and begin again"
+            )
+        at = now - self._profile.report_age_cycles * self._profile.cycle_s
+        if all(map(math.isfinite, values[1:7])):
+            pose = pose_of(values[1:7])
+        else:
+            pose = Pose((math.nan,) * 3, (1.0, 0.0, 0.0, 0.0))
+        if wrong := pose_fault(pose):
+            fault = f"{fault}; it reports {wrong}" if fault else f"it reports {wrong}"
+        elif not (active or fault):
+            fault = _misplaced(values)
+        a, b, c = force = values[_FORCE]
+        # an arm that has no idea tells zeros
+        known = math.isfinite(a + b + c) and any(force)
+        return RobotReport(self._number, pose, at, now, fault, (), (a, b, c) if known else None)
+
+    def _send(self, command: Command) -> None:
+        if self._inputs is None or self._stage is _Stage.LOST:
+            return
+        profile = self._profile
+        package = self._inputs.pack(
+            *self._pose, profile.cycle_s, profile.lookahead_s, profile.gain, command, self._sequence
+        )
+        self._out.append(Piece(Port.RTDE, package))
+
+    def _lose(self, words: str) -> None:
+        """End; the words are told again and again, for those that begin to wait later."""
+        self._stage, self._deadline, self._lost = _Stage.LOST, self._now + ANSWER_S / 2.0, words
+        self._events.append(StreamLost(words))
+
+
+EXPECTED = {
+    OUTPUT_NAMES: (
+        "DOUBLE",
+        *("VECTOR6D",) * 4,
+        "UINT32",
+        "INT32",
+        *("UINT32",) * 2,
+        *("INT32",) * 3,
+        "DOUBLE",
+    ),
+    INPUT_NAMES: (*("DOUBLE",) * 9, "INT32", "INT32"),
+}
+"""Types of the client's variables, by its lists of names."""
+
+
+def _faults(values: tuple[float, ...], moving: bool) -> str:
+    """Reasons why nothing can be ordered, in words with a remedy; empty without any."""
+    runtime, mode, safety, _, state, _, _, scaling = values[_STATES:]
+    bits = int(safety)
+    for bit, words in _STOPS:
+        if bits & bit:
+            return words
+    if mode != RobotMode.RUNNING:
+        return f"it is in the mode {name_of(RobotMode, mode)!r}; power it on and release its brakes"
+    if not bits & _RUNS:
+        return "it is stopped for safety; see the pendant, and begin again"
+    if runtime != Runtime.PLAYING:
+        return f"our program is {name_of(Runtime, runtime)}; begin again"
+    if state == State.REFUSED:
+        return "no joints near the present ones hold the pose that was ordered; choose another place or orientation"
+    if moving and state == State.STARVED:
+        return (
+            "our program had no new target for too long and has braked; look at the network, and begin again"
+        )
+    if state == State.ENDED:
+        return "our program has ended; begin again"
+    if not scaling >= FULL_SPEED:
+        return f"its speed slider stands at {100.0 * scaling:.0f} %; put it to 100 %"
+    return ""
+
+
+def _misplaced(values: tuple[float, ...]) -> str:
+    """Why a pose that is told while the arm stands is none to begin a movement at; empty where it is."""
+    actual, target = values[1:7], values[_TARGET : _TARGET + 6]
+    if not math.hypot(*values[_SPEED : _SPEED + 3]) <= STANDS_M_S:
+        return ""
+    off = math.dist(actual[:3], target[:3])
+    turned = turn_between(quaternion_of(actual[3:]), quaternion_of(target[3:]))
+    if off <= APART_M and turned <= APART_RAD:
+        return ""
+    return (
+        f"it tells to stand {off * 1e3:.1f} mm and {math.degrees(turned):.1f}° from its own target; look at its tool "
+        "centre point and payload, and begin again"
+    )
+
+
+_RUNS = int(SafetyBits.NORMAL | SafetyBits.REDUCED)
+_STOPS = tuple(
+    (int(bits), words)
+    for bits, words in (
+        (
+            SafetyBits.ROBOT_EMERGENCY_STOPPED
+            | SafetyBits.SYSTEM_EMERGENCY_STOPPED
+            | SafetyBits.EMERGENCY_STOPPED,
+            "emergency stop; release it, power the robot on, and begin again",
+        ),
+        (SafetyBits.VIOLATION | SafetyBits.FAULT, "safety violation or fault; restart its safety system"),
+        (
+            SafetyBits.PROTECTIVE_STOPPED,
+            "protective stop; see its cause, unlock it after 5 s at the pendant, and begin again",
+        ),
+        (SafetyBits.SAFEGUARD_STOPPED, "safeguard stop; close the safeguard, and begin again"),
+        (SafetyBits.RECOVERY, "recovery mode; move it back inside its safety limits by hand"),
+    )
+)
+"""Bits of stops, the gravest first, in words. Plain numbers, for flags are slow to join."""

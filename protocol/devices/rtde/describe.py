@@ -1,0 +1,212 @@
+"""Captured bytes of a controller's wires put into words, for people to read."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from protocol.devices.rtde import packets
+from protocol.devices.rtde.fields import IN_USE, INPUTS, NOT_FOUND, OUTPUTS, Recipe, Value, Variable
+from protocol.devices.rtde.packets import HEADER, Kind, Level, Types
+from protocol.devices.rtde.states import RobotMode, Runtime, SafetyBits, SafetyMode, StatusBits, name_of
+from protocol.endpoint import RemoteProtocolError
+
+_WORDS: Mapping[Kind, str] = {
+    Kind.VERSION: "protocol version",
+    Kind.CONTROLLER_VERSION: "controller version",
+    Kind.TEXT: "text",
+    Kind.DATA: "data",
+    Kind.OUTPUTS: "output recipe",
+    Kind.INPUTS: "input recipe",
+    Kind.START: "start",
+    Kind.PAUSE: "pause",
+}
+_TEXT = frozenset(range(0x20, 0x7F)) | {0x09, 0x0A, 0x0D}
+
+
+def describe(raw: bytes) -> list[dict[str, Any]]:
+    """Packets, lines of dashboard or script, and everything else, in order, as plain values.
+
+    Bytes may be of either direction or of both. Data packets can be read only behind the agreement on their recipe.
+    Every item has `offset`, `size` and `kind` ("packet", "text" or "noise"). A packet adds `op`, `fields` with units
+    and `problems`. Never raises for what the bytes are.
+    """
+    reader = _Reading()
+    items: list[dict[str, Any]] = []
+    at = 0
+    while at < len(raw):
+        if _begins_packet(raw, at):
+            size, kind = HEADER.unpack_from(raw, at)
+            items.append(reader.packet(at, Kind(kind), raw[at + HEADER.size : at + size]))
+            at += size
+            continue
+        end = at + 1
+        while end < len(raw) and not _begins_packet(raw, end):
+            end += 1
+        items.append(_other(at, raw[at:end]))
+        at = end
+    return items
+
+
+def _begins_packet(raw: bytes, at: int) -> bool:
+    """Whether a whole packet stands here. Text cannot: a packet's first byte is seldom a character."""
+    if at + HEADER.size > len(raw):
+        return False
+    size, kind = HEADER.unpack_from(raw, at)
+    return HEADER.size <= size <= len(raw) - at and kind in _KINDS and size < 0x2020
+
+
+_KINDS = frozenset(Kind)
+
+
+def _other(at: int, raw: bytes) -> dict[str, Any]:
+    item: dict[str, Any] = {"offset": at, "size": len(raw)}
+    if set(raw) <= _TEXT:
+        return {**item, "kind": "text", "meaning": "dashboard or script", "text": raw.decode("ascii")}
+    cut = "no packet, or one that is damaged or cut off"
+    return {**item, "kind": "noise", "meaning": cut, "bytes": raw.hex(" ").upper()}
+
+
+class _Reading:
+    """Reads packets one by one, and remembers which variables were agreed on."""
+
+    def __init__(self) -> None:
+        self._asked: dict[Kind, tuple[str, ...]] = {}
+        """Names of the last list of either kind."""
+        self._recipes: dict[int, list[Recipe]] = {}
+        """Recipes by their numbers, of both directions; the newest last."""
+
+    def packet(self, at: int, kind: Kind, payload: bytes) -> dict[str, Any]:
+        """A packet in words."""
+        problems: list[str] = []
+        fields: list[dict[str, Any]] = []
+        try:
+            _READERS[kind](self, payload, fields, problems)
+        except RemoteProtocolError as error:
+            problems.append(str(error))
+        return {
+            "offset": at,
+            "size": len(payload) + HEADER.size,
+            "kind": "packet",
+            "op": _WORDS[kind],
+            "fields": fields,
+            "problems": problems,
+        }
+
+    def version(self, payload: bytes, fields: list[dict[str, Any]], problems: list[str]) -> None:
+        if len(payload) == 1:
+            self.answer(payload, fields, problems)
+            return
+        version = packets.read_version_request(payload)
+        fields.append(_field("version", version, version))
+        if version != packets.PROTOCOL_VERSION:
+            problems.append("only version 2 is known here")
+
+    def controller_version(self, payload: bytes, fields: list[dict[str, Any]], problems: list[str]) -> None:
+        if payload:
+            words = ".".join(map(str, packets.read_controller_version(payload)))
+            fields.append(_field("version", words, words))
+
+    def answer(self, payload: bytes, fields: list[dict[str, Any]], problems: list[str]) -> None:
+        if not payload:
+            return
+        accepted = packets.read_accepted(payload)
+        fields.append(_field("accepted", payload[0], accepted))
+        if not accepted:
+            problems.append("the controller refuses")
+
+    def text(self, payload: bytes, fields: list[dict[str, Any]], problems: list[str]) -> None:
+        words = packets.read_text(payload)
+        fields.append(_field("message", words.message, words.message))
+        fields.append(_field("source", words.source, words.source))
+        fields.append(_field("level", words.level, name_of(Level, words.level)))
+
+    def outputs(self, payload: bytes, fields: list[dict[str, Any]], problems: list[str]) -> None:
+        if self._is_answer(payload):
+            self._take_types(Kind.OUTPUTS, payload, fields, problems)
+            return
+        frequency, names = packets.read_outputs_request(payload)
+        fields.append(_field("frequency", frequency, frequency, "Hz"))
+        self._take_names(Kind.OUTPUTS, names, fields, problems)
+
+    def inputs(self, payload: bytes, fields: list[dict[str, Any]], problems: list[str]) -> None:
+        if self._is_answer(payload):
+            self._take_types(Kind.INPUTS, payload, fields, problems)
+        else:
+            self._take_names(Kind.INPUTS, packets.split_names(payload), fields, problems)
+
+    def data(self, payload: bytes, fields: list[dict[str, Any]], problems: list[str]) -> None:
+        if not payload:
+            problems.append("a data packet without the number of its recipe")
+            return
+        for recipe in reversed(self._recipes.get(payload[0], [])):
+            if recipe.size == len(payload):
+                for name, value in recipe.values(recipe.unpack(payload)).items():
+                    fields.append(_variable(name, value))
+                return
+        fields.append(_field("recipe", payload[0], payload[0]))
+        problems.append("the agreement on its recipe is not in the capture, or has another length")
+
+    @staticmethod
+    def _is_answer(payload: bytes) -> bool:
+        """An answer's list holds types alone; names are in small letters."""
+        rest = payload[1:]
+        return bool(rest) and rest.upper() == rest
+
+    def _take_names(
+        self, kind: Kind, names: tuple[str, ...], fields: list[dict[str, Any]], problems: list[str]
+    ) -> None:
+        self._asked[kind] = names
+        table = OUTPUTS if kind is Kind.OUTPUTS else INPUTS
+        fields.extend(_field("name", name, name) for name in names)
+        problems.extend(f"no variable is called {name!r}" for name in names if name not in table)
+
+    def _take_types(
+        self, kind: Kind, payload: bytes, fields: list[dict[str, Any]], problems: list[str]
+    ) -> None:
+        answer: Types = packets.read_types(payload)
+        fields.append(_field("recipe", answer.recipe, answer.recipe))
+        names = self._asked.get(kind, ())
+        for number, found in enumerate(answer.types):
+            name = names[number] if number < len(names) else f"variable {number + 1}"
+            fields.append(_field(name, found, found))
+            if found in (NOT_FOUND, IN_USE):
+                problems.append(f"{name}: {'not found' if found == NOT_FOUND else 'in use'}")
+        if answer.recipe and len(names) == len(answer.types):
+            try:
+                recipe = Recipe(answer.recipe, names, answer.types)
+                recipe.size  # noqa: B018 - a type that nobody knows shows here
+            except KeyError as error:
+                problems.append(f"unknown type {error.args[0]}")
+                return
+            self._recipes.setdefault(answer.recipe, []).append(recipe)
+
+
+_READERS: Mapping[Kind, Callable[[_Reading, bytes, list[dict[str, Any]], list[str]], None]] = {
+    Kind.VERSION: _Reading.version,
+    Kind.CONTROLLER_VERSION: _Reading.controller_version,
+    Kind.TEXT: _Reading.text,
+    Kind.DATA: _Reading.data,
+    Kind.OUTPUTS: _Reading.outputs,
+    Kind.INPUTS: _Reading.inputs,
+    Kind.START: _Reading.answer,
+    Kind.PAUSE: _Reading.answer,
+}
+
+
+def _field(name: str, raw: Any, value: Any, unit: str = "", meaning: str = "") -> dict[str, Any]:
+    return {"name": name, "raw": raw, "value": value, "unit": unit, "mark": "observed", "meaning": meaning}
+
+
+_NAMED = {"robot_mode": RobotMode, "safety_mode": SafetyMode, "runtime_state": Runtime}
+_BITS = {"safety_status_bits": SafetyBits, "robot_status_bits": StatusBits}
+
+
+def _variable(name: str, value: Value) -> dict[str, Any]:
+    variable = OUTPUTS.get(name) or INPUTS.get(name) or Variable("")
+    shown: Any = value
+    if not isinstance(value, tuple):
+        if name in _NAMED:
+            shown = name_of(_NAMED[name], value)
+        elif name in _BITS:
+            bits = [bit.name or "" for bit in _BITS[name] if int(value) & bit]
+            shown = ", ".join(bits).lower().replace("_", " ")
+    return _field(name, value, shown, variable.unit, variable.meaning)

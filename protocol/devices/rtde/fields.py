@@ -1,0 +1,198 @@
+"""Variables of RTDE with their types and units, and recipes: the variables of a data packet in order.
+
+Source: Universal Robots' RTDE guide; tool outputs as inputs: its C++ client library and ur_rtde. SI units throughout.
+A pose is x y z and a rotation vector, of the tool centre point in the base frame.
+"""
+
+import struct
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple, TypeAlias
+
+from protocol.devices.rtde.packets import Kind, encode
+from protocol.endpoint import LocalProtocolError, RemoteProtocolError
+from protocol.marks import Mark
+
+Value: TypeAlias = float | tuple[float, ...]
+"""Of a scalar type a number, of a vector its numbers."""
+
+NOT_FOUND, IN_USE = "NOT_FOUND", "IN_USE"
+"""In the place of a type: no such variable; held by another connection."""
+
+CODES: Mapping[str, tuple[int, str]] = {
+    "BOOL": (1, "?"),
+    "UINT8": (1, "B"),
+    "UINT32": (1, "I"),
+    "UINT64": (1, "Q"),
+    "INT32": (1, "i"),
+    "DOUBLE": (1, "d"),
+    "VECTOR3D": (3, "d"),
+    "VECTOR6D": (6, "d"),
+    "VECTOR6INT32": (6, "i"),
+    "VECTOR6UINT32": (6, "I"),
+}
+"""Number of values and `struct` character, by type."""
+
+
+class Variable(NamedTuple):
+    """One output or input."""
+
+    type: str
+    unit: str = ""
+    meaning: str = ""
+    since: tuple[int, int, int] = (0, 0, 0)
+    """First version of a controller that has it."""
+    mark: Mark = Mark.OBSERVED
+
+
+def _numbered(first: int, end: int, name: str, kind: str) -> Iterator[tuple[str, Variable]]:
+    for number in range(first, end):
+        yield f"{name}_{number}", Variable(kind)
+
+
+def _joint(unit: str, meaning: str) -> Variable:
+    return Variable("VECTOR6D", unit, f"{meaning}, base to wrist 3")
+
+
+def _double(unit: str, meaning: str) -> Variable:
+    return Variable("DOUBLE", unit, meaning)
+
+
+def _registers(direction: str) -> dict[str, Variable]:
+    return {
+        f"{direction}_bit_registers0_to_31": Variable("UINT32"),
+        f"{direction}_bit_registers32_to_63": Variable("UINT32"),
+        **dict(_numbered(64, 128, f"{direction}_bit_register", "BOOL")),
+        **dict(_numbered(0, 48, f"{direction}_int_register", "INT32")),
+        **dict(_numbered(0, 48, f"{direction}_double_register", "DOUBLE")),
+    }
+
+
+INPUTS: Mapping[str, Variable] = {
+    **_registers("input"),
+    "speed_slider_mask": Variable("UINT32", "", "1: the fraction is obeyed"),
+    "speed_slider_fraction": Variable("DOUBLE", "", "0 … 1"),
+    "external_force_torque": Variable("VECTOR6D", "N, N·m", "wrench along the tool's axes", (3, 3, 0)),
+    "standard_digital_output_mask": Variable("UINT8"),
+    "standard_digital_output": Variable("UINT8"),
+    "configurable_digital_output_mask": Variable("UINT8"),
+    "configurable_digital_output": Variable("UINT8"),
+    "tool_digital_output_mask": Variable("UINT8"),
+    "tool_digital_output": Variable("UINT8"),
+    "standard_analog_output_mask": Variable("UINT8"),
+    "standard_analog_output_type": Variable("UINT8"),
+    "standard_analog_output_0": Variable("DOUBLE"),
+    "standard_analog_output_1": Variable("DOUBLE"),
+}
+"""Inputs by name."""
+
+_POSE, _SPEED = ("m, rad", "pose of the tool"), ("m/s, rad/s", "velocity of the tool, base axes")
+
+OUTPUTS: Mapping[str, Variable] = {
+    "timestamp": _double("s", "since the controller started"),
+    "target_q": _joint("rad", "joints that are wanted"),
+    "target_qd": _joint("rad/s", "velocities that are wanted"),
+    "target_qdd": _joint("rad/s²", "accelerations that are wanted"),
+    "target_current": _joint("A", "currents that are wanted"),
+    "target_moment": _joint("N·m", "moments that are wanted"),
+    "actual_q": _joint("rad", "joints"),
+    "actual_qd": _joint("rad/s", "velocities"),
+    "actual_current": _joint("A", "currents"),
+    "joint_control_output": _joint("A", "control currents"),
+    "actual_TCP_pose": Variable("VECTOR6D", *_POSE),
+    "actual_TCP_speed": Variable("VECTOR6D", *_SPEED),
+    "actual_TCP_force": Variable("VECTOR6D", "N, N·m", "wrench, base axes"),
+    "target_TCP_pose": Variable("VECTOR6D", *_POSE),
+    "target_TCP_speed": Variable("VECTOR6D", *_SPEED),
+    "ft_raw_wrench": Variable("VECTOR6D", "N, N·m", "wrench of the sensor", (5, 9, 0)),
+    "tcp_offset": Variable("VECTOR6D", "m, rad", "tool in the flange", (5, 5, 1)),
+    "actual_digital_input_bits": Variable("UINT64"),
+    "actual_digital_output_bits": Variable("UINT64"),
+    "joint_temperatures": _joint("°C", "temperatures"),
+    "actual_execution_time": _double("ms", "of the controller's cycle"),
+    "robot_mode": Variable("INT32", "", "7: running"),
+    "joint_mode": Variable("VECTOR6INT32", "", "253: running"),
+    "safety_mode": Variable("INT32", "", "1: normal"),
+    "safety_status": Variable("INT32", "", "as safety_mode", (5, 4, 0)),
+    "safety_status_bits": Variable("UINT32", "", "bit 0: normal"),
+    "robot_status_bits": Variable("UINT32", "", "bit 0: power, bit 1: a program plays"),
+    "runtime_state": Variable("UINT32", "", "2: playing"),
+    "actual_tool_accelerometer": Variable("VECTOR3D", "m/s²"),
+    "speed_scaling": _double("", "0 … 1"),
+    "target_speed_fraction": _double("", "0 … 1"),
+    "actual_momentum": _double("kg·m/s", "of the arm"),
+    "actual_main_voltage": _double("V", "of the control box"),
+    "actual_robot_voltage": _double("V", "of the arm"),
+    "actual_robot_current": _double("A", "of the arm"),
+    "actual_joint_voltage": _joint("V", "voltages"),
+    "actual_current_as_torque": Variable("VECTOR6D", "N·m", "", (5, 23, 0)),
+    "standard_analog_input0": _double("A or V", ""),
+    "standard_analog_input1": _double("A or V", ""),
+    "standard_analog_output0": _double("A or V", ""),
+    "standard_analog_output1": _double("A or V", ""),
+    "tcp_force_scalar": _double("N", "length of the force"),
+    "payload": Variable("DOUBLE", "kg", "", (5, 5, 1)),
+    "payload_cog": Variable("VECTOR3D", "m", "centre of gravity", (5, 5, 1)),
+    "payload_inertia": Variable("VECTOR6D", "kg·m²", "", (5, 11, 0)),
+    **_registers("output"),
+    **{name: variable for name, variable in INPUTS.items() if "_register" in name},
+}
+"""Outputs by name; inputs that are registers can be read back."""
+
+
+def type_of(table: Mapping[str, Variable], name: str, version: Sequence[int]) -> str:
+    """The type of a variable of a controller of this version, or `NOT_FOUND`."""
+    found = table.get(name)
+    return found.type if found is not None and tuple(version[:3]) >= found.since else NOT_FOUND
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """Variables of a data packet, in order."""
+
+    number: int
+    """1 … 255; a data packet begins with it."""
+    names: tuple[str, ...]
+    types: tuple[str, ...]
+    """One of `CODES` for each name."""
+
+    @cached_property
+    def _layout(self) -> tuple[struct.Struct, tuple[int, ...]]:
+        codes = [CODES[kind] for kind in self.types]
+        return struct.Struct(">B" + "".join(code * count for count, code in codes)), tuple(
+            count for count, _ in codes
+        )
+
+    @property
+    def size(self) -> int:
+        """Bytes of a data packet's payload."""
+        return self._layout[0].size
+
+    def pack(self, *numbers: float) -> bytes:
+        """A data packet from all its numbers, vectors laid out. Raises LocalProtocolError for one that does not fit."""
+        try:
+            return encode(Kind.DATA, self._layout[0].pack(self.number, *numbers))
+        except struct.error as error:
+            raise LocalProtocolError(f"recipe {self.number}: {error}") from error
+
+    def unpack(self, payload: bytes) -> tuple[float, ...]:
+        """All numbers of a data packet, vectors laid out.
+
+        Raises RemoteProtocolError for a packet of another recipe or length.
+        """
+        layout = self._layout[0]
+        if len(payload) != layout.size or payload[0] != self.number:
+            raise RemoteProtocolError(
+                f"a data packet of {len(payload)} bytes is none of recipe {self.number}, {layout.size} bytes"
+            )
+        return layout.unpack(payload)[1:]
+
+    def values(self, numbers: Sequence[float]) -> dict[str, Value]:
+        """Laid-out numbers as values by name."""
+        found: dict[str, Value] = {}
+        at = 0
+        for name, count in zip(self.names, self._layout[1], strict=True):
+            found[name] = numbers[at] if count == 1 else tuple(numbers[at : at + count])
+            at += count
+        return found

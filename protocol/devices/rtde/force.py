@@ -1,0 +1,158 @@
+"""The client that gives a controller its external force: it reads the pose, and writes `external_force_torque`.
+
+Source: Universal Robots' guides and its C++ client library, which has an example for exactly this.
+"""
+
+import math
+from collections import deque
+from typing import NamedTuple, TypeAlias
+
+from protocol.devices.rtde import packets
+from protocol.devices.rtde.fields import IN_USE, NOT_FOUND, Recipe
+from protocol.devices.rtde.packets import Kind, Packet, Reader
+from protocol.devices.rtde.program import force_program_text
+from protocol.devices.rtde.rotation import pose_of
+from protocol.devices.rtde.wires import Piece, Pieces, Port
+from protocol.endpoint import RemoteProtocolError
+from protocol.geometry import Pose, Vector, Wrench
+
+OUTPUTS = ("timestamp", "actual_TCP_pose", "actual_TCP_speed", "tcp_offset")
+INPUTS = ("external_force_torque",)
+_TYPES = {OUTPUTS: ("DOUBLE", *("VECTOR6D",) * 3), INPUTS: ("VECTOR6D",)}
+PATIENCE_S = 1.0
+"""How long the controller may be silent. Source: the time-out of UR's own Python client."""
+NO_FORCE: Wrench = (0.0,) * 6
+
+
+class Seen(NamedTuple):
+    """The tool as the controller reports it."""
+
+    stamp: float
+    """By the controller's clock, s."""
+    pose: Pose
+    """In the base frame, m."""
+    velocity: Vector
+    """Along the base axes, m/s."""
+    tip: Pose
+    """The tool in the flange."""
+
+
+class Lost(NamedTuple):
+    """The connection is of no use any more; the words say why, and what to do."""
+
+    text: str
+
+
+Event: TypeAlias = Seen | Lost
+
+
+class ForceClient:
+    """An endpoint of pieces. Each `Seen` is answered with `give`."""
+
+    def __init__(self, frequency_hz: float, enable: bool, now: float) -> None:
+        """`enable` uploads the program that lets the controller take the force; it ends a program that plays."""
+        self._frequency, self._enable = frequency_hz, enable
+        self._reader = Reader()
+        self._events: deque[Event] = deque()
+        self._out: list[Piece] = []
+        self._recipes: dict[tuple[str, ...], Recipe] = {}
+        self._expected: Kind | None = Kind.VERSION
+        self._deadline: float | None = now + PATIENCE_S
+        self._lost = False
+        self._put(packets.version_request())
+
+    def receive(self, data: Pieces, now: float) -> None:
+        for piece in data:
+            if piece.port is not Port.RTDE or self._lost:
+                continue
+            self._reader.feed(piece.data)
+            try:
+                while (packet := self._reader.next_packet()) is not None:
+                    self._take(packet, now)
+            except RemoteProtocolError as error:
+                self._lose(f"it speaks no RTDE: {error}")
+
+    def next_event(self) -> Event | None:
+        return self._events.popleft() if self._events else None
+
+    def data_to_send(self, now: float) -> Pieces:
+        out, self._out = self._out, []
+        return out
+
+    def next_deadline(self) -> float | None:
+        return self._deadline
+
+    def handle_deadline(self, now: float) -> None:
+        if self._deadline is not None and now >= self._deadline:
+            self._lose(f"nothing came for {PATIENCE_S:g} s; look at its cable, and whether it is powered")
+
+    def give(self, wrench: Wrench) -> None:
+        """Tell the controller this wrench along the tool's axes, N and N·m; nothing before it streams."""
+        if (recipe := self._recipes.get(INPUTS)) is not None:
+            self._put(recipe.pack(*wrench))
+
+    def farewell(self) -> Pieces:
+        """Pieces that take the force away, to be sent before the wires are closed."""
+        self._out = []
+        self.give(NO_FORCE)
+        return self.data_to_send(0.0)
+
+    # --- packets
+
+    def _put(self, packet: bytes) -> None:
+        self._out.append(Piece(Port.RTDE, packet))
+
+    def _take(self, packet: Packet, now: float) -> None:
+        if self._lost:
+            return
+        if packet.kind == Kind.DATA and self._expected is None:
+            self._deadline = now + PATIENCE_S
+            self._see(packet.payload)
+        elif packet.kind == self._expected:
+            self._deadline = now + PATIENCE_S
+            self._go_on(packet)
+
+    def _go_on(self, packet: Packet) -> None:
+        if packet.kind == Kind.OUTPUTS:
+            if self._agree(OUTPUTS, packet.payload):
+                self._ask(Kind.INPUTS, packets.inputs_request(INPUTS))
+        elif packet.kind == Kind.INPUTS:
+            if self._agree(INPUTS, packet.payload):
+                self._ask(Kind.START, packets.encode(Kind.START))
+        elif not packets.read_accepted(packet.payload):
+            self._lose("it refuses to speak version 2 of RTDE, or to start; update its software")
+        elif packet.kind == Kind.VERSION:
+            self._ask(Kind.OUTPUTS, packets.outputs_request(OUTPUTS, self._frequency))
+        else:
+            self._expected = None
+            if self._enable:
+                self._out.append(Piece(Port.SCRIPT, force_program_text(hold=False).encode()))
+
+    def _ask(self, kind: Kind, packet: bytes) -> None:
+        self._expected = kind
+        self._put(packet)
+
+    def _agree(self, names: tuple[str, ...], payload: bytes) -> bool:
+        answer = packets.read_types(payload)
+        if IN_USE in answer.types:
+            self._lose(
+                "another client holds external_force_torque; close it (ur_rtde: make it with FLAG_NO_EXT_FT)"
+            )
+        elif NOT_FOUND in answer.types or not answer.recipe or answer.types != _TYPES[names]:
+            self._lose(f"its software has not all of {', '.join(names)}; update it")
+        else:
+            self._recipes[names] = Recipe(answer.recipe, names, answer.types)
+            return True
+        return False
+
+    def _see(self, payload: bytes) -> None:
+        values = self._recipes[OUTPUTS].unpack(payload)
+        if not all(map(math.isfinite, values)):
+            self._lose("it reports values that are no numbers; see its log")
+            return
+        x, y, z = values[7:10]
+        self._events.append(Seen(values[0], pose_of(values[1:7]), (x, y, z), pose_of(values[13:19])))
+
+    def _lose(self, words: str) -> None:
+        self._lost, self._deadline = True, None
+        self._events.append(Lost(words))

@@ -1,0 +1,320 @@
+"""Known payloads as typed values in SI units. Source: computer-link specification, section 3."""
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Self, TypeAlias
+
+from protocol.devices.s3.adlp import HEADER_SIZE, TRAILER
+from protocol.devices.s3.arap import layouts
+from protocol.devices.s3.arap.codes import (
+    FunctionCode,
+    Mode,
+    MoveKind,
+    TelegramType,
+    refusal_text,
+    suffix_text,
+)
+from protocol.devices.s3.arap.telegram import Telegram
+from protocol.endpoint import LocalProtocolError, RemoteProtocolError
+from protocol.geometry import Quaternion, Vector
+
+Words3: TypeAlias = tuple[int, int, int]
+Words4: TypeAlias = tuple[int, int, int, int]
+
+# Asked for in every cycle, by names of this module: until Python 3.12 an enum's own name costs five times that.
+_READ_STATUS, _MOVE, _POINT = FunctionCode.READ_STATUS, FunctionCode.MOVE, MoveKind.POINT
+_RESPONSE, _ORDER = TelegramType.RESPONSE, TelegramType.ORDER
+
+MOVE_LENGTHS = (52, 60)
+"""Lengths of a move telegram that an emulated controller takes. Mark: derived (52), observed (60)."""
+
+
+def _to_word(value: float, per_unit: float, low: int, high: int, what: str) -> int:
+    if math.isfinite(value) and low <= (word := round(value * per_unit)) <= high:
+        return word
+    raise LocalProtocolError(f"{what} {value:g} is outside {low / per_unit:g} … {high / per_unit:g}")
+
+
+def position_words(position: Sequence[float]) -> Words3:
+    """Position in m as device words of 0.125 mm, rounded to the nearest.
+
+    Raises LocalProtocolError outside ±4.095875 m.
+    """
+    x, y, z = position
+    steps, limit = layouts.STEPS_PER_METRE, layouts.POSITION_WORD_LIMIT
+    return (
+        _to_word(x, steps, -limit, limit, "position x in m"),
+        _to_word(y, steps, -limit, limit, "position y in m"),
+        _to_word(z, steps, -limit, limit, "position z in m"),
+    )
+
+
+def position_from_words(words: Sequence[int]) -> Vector:
+    """Position in m that device words of 0.125 mm mean."""
+    (x, y, z), steps = words, layouts.STEPS_PER_METRE
+    return x / steps, y / steps, z / steps
+
+
+def round_position(position: Sequence[float]) -> Vector:
+    """Position that the controller understands when it is sent this one, m; errors as `position_words`."""
+    return position_from_words(position_words(position))
+
+
+def quaternion_words(quaternion: Sequence[float]) -> Words4:
+    """Quaternion w x y z as device words of 1/16384. Raises LocalProtocolError for a component beyond ±1."""
+    w, x, y, z = quaternion
+    one = layouts.QUATERNION_ONE
+    return (
+        _to_word(w, one, -one, one, "quaternion w"),
+        _to_word(x, one, -one, one, "quaternion x"),
+        _to_word(y, one, -one, one, "quaternion y"),
+        _to_word(z, one, -one, one, "quaternion z"),
+    )
+
+
+def quaternion_from_words(words: Sequence[int]) -> Quaternion:
+    """Quaternion w x y z that device words of 1/16384 mean, not normalised."""
+    (w, x, y, z), one = words, layouts.QUATERNION_ONE
+    return w / one, x / one, y / one, z / one
+
+
+def _without_trailer(words: Sequence[int], exact: Sequence[float]) -> list[int]:
+    """Words whose bytes hold no DLE ETX: one that does, or begins one, gives way by a step.
+
+    It goes to that neighbour which is nearer to the exact value, up where both are equally near. So each is less than
+    one step from it, or exactly one where the exact value is the word itself.
+    """
+    whole, (first, second) = int.from_bytes(TRAILER, "big"), TRAILER
+    high_bytes = [word >> 8 & 0xFF for word in words[1:]]
+    return [
+        word + (1 if value >= word else -1)
+        if word & 0xFFFF == whole or (word & 0xFF, high) == (first, second)
+        else word
+        for word, value, high in zip(words, exact, [*high_bytes, 0], strict=True)
+    ]
+
+
+def _expect(telegram: Telegram, function: int, *types: int) -> None:
+    if telegram.function != function or telegram.type not in types:
+        raise RemoteProtocolError(f"expected function {function}, got {telegram}")
+
+
+def _flags(names: Mapping[str, int]) -> tuple[tuple[bool, ...], ...]:
+    """Meaning of every value of a byte, in the order of the names of its bits."""
+    return tuple(tuple(bool(byte >> bit & 1) for bit in names.values()) for byte in range(256))
+
+
+_FLAGS_16, _FLAGS_17 = _flags(layouts.FLAG_BITS_16), _flags(layouts.FLAG_BITS_17)
+
+
+class Status(NamedTuple):
+    """Answer to read status: state and pose of the tool in the base frame, as device words."""
+
+    position_words: Words3
+    """X Y Z, 0.125 mm."""
+    quaternion_words: Words4
+    """Q1 … Q4, 1/16384."""
+    program: int = 0
+    """Number of the program."""
+    instruction: int = 0
+    """Number of the instruction."""
+    tcp: int = 0
+    """Number of the active TCP."""
+    frame: int = 0
+    """Number of the active frame."""
+    local: bool = False
+    interrupt_permitted: bool = False
+    programming_unit: bool = False
+    """The programming unit is connected."""
+    key_auto: bool = False
+    """The key stands in AUTO."""
+    standby: bool = False
+    operation: bool = False
+    execution: bool = False
+    emergency_stop: bool = False
+
+    @property
+    def position(self) -> Vector:
+        """Tool position in the base frame, m."""
+        return position_from_words(self.position_words)
+
+    @property
+    def quaternion(self) -> Quaternion:
+        """Tool orientation in the base frame, w x y z, as reported (norm 1 within rounding)."""
+        return quaternion_from_words(self.quaternion_words)
+
+    @classmethod
+    def from_telegram(cls, telegram: Telegram) -> Self:
+        """Raises RemoteProtocolError when the telegram is no complete status answer."""
+        _expect(telegram, _READ_STATUS, _RESPONSE)
+        row = layouts.STATUS.unpack_row(telegram.data)
+        program, instruction, tcp, frame, flags_16, flags_17, x, y, z, q1, q2, q3, q4 = row
+        flags = _FLAGS_16[flags_16] + _FLAGS_17[flags_17]
+        return cls((x, y, z), (q1, q2, q3, q4), program, instruction, tcp, frame, *flags)
+
+    def to_telegram(self) -> Telegram:
+        """The controller's answer. Raises LocalProtocolError for a number that its field cannot hold."""
+        flags_16, flags_17 = (
+            sum(getattr(self, name) << bit for name, bit in bits.items())
+            for bits in (layouts.FLAG_BITS_16, layouts.FLAG_BITS_17)
+        )
+        numbers = self.program, self.instruction, self.tcp, self.frame
+        data = layouts.STATUS.pack_row(
+            *numbers, flags_16, flags_17, *self.position_words, *self.quaternion_words
+        )
+        return Telegram(FunctionCode.READ_STATUS, TelegramType.RESPONSE, 0, data, from_robot=True)
+
+
+class Move(NamedTuple):
+    """One telegram of a movement sequence: a start, any number of points, an end at the last point."""
+
+    kind: MoveKind
+    position: Vector = (0.0, 0.0, 0.0)
+    """Absolute target of the tool in the base frame, m; zeros in a start."""
+    quaternion: Quaternion = (0.0, 0.0, 0.0, 0.0)
+    """Target orientation w x y z; zeros in a start."""
+    velocity: float = 0.0
+    """m/s"""
+    run_speed: float = 1.0
+    """Share of the velocity, 0 … 7.9998."""
+    robot_coordinates: bool = False
+    """Robot coordinates instead of rectangular ones."""
+
+    def to_telegram(self, move_length: int = 52, *, avoid_trailer: bool = False) -> Telegram:
+        """The order, `move_length` bytes in all, values rounded to device words.
+
+        With `avoid_trailer` each word of position and orientation that would hold DLE ETX, or begin one, gives way to a
+        neighbour: a coordinate is then up to one step of 0.125 mm from what was ordered, where rounding alone makes
+        half a step. Raises LocalProtocolError for a value out of range.
+        """
+        pose: Sequence[int] = (*position_words(self.position), *quaternion_words(self.quaternion))
+        if avoid_trailer:
+            position = (value * layouts.STEPS_PER_METRE for value in self.position)
+            orientation = (value * layouts.QUATERNION_ONE for value in self.quaternion)
+            pose = _without_trailer(pose, (*position, *orientation))
+        ends = layouts.MOVE_FLAG_ENDS if self.kind is not _POINT else 0
+        data = layouts.MOVE.pack_row(
+            0,
+            ends | (layouts.MOVE_FLAG_ROBOT_COORDINATES if self.robot_coordinates else 0),
+            _to_word(self.velocity, layouts.STEPS_PER_METRE, 0, 0xFFFF, "velocity in m/s"),
+            _to_word(self.run_speed, layouts.RUN_SPEED_ONE, 0, 0xFFFF, "run speed"),
+            *pose,
+        ).ljust(move_length - HEADER_SIZE, b"\0")
+        return Telegram(_MOVE, _ORDER, self.kind, data)
+
+    @classmethod
+    def from_telegram(cls, telegram: Telegram, lengths: Collection[int] = MOVE_LENGTHS) -> Self:
+        """Raises RemoteProtocolError for no move, a length that is not accepted or an unknown suffix."""
+        _expect(telegram, FunctionCode.MOVE, TelegramType.ORDER)
+        length = len(telegram.data) + HEADER_SIZE
+        if length not in lengths:
+            raise RemoteProtocolError(f"a move of {length} bytes, expected {' or '.join(map(str, lengths))}")
+        try:
+            kind = MoveKind(telegram.suffix)
+        except ValueError as error:
+            raise RemoteProtocolError(f"bytes 6–7: move has no suffix {telegram.suffix}") from error
+        _, flags, velocity, run_speed, *pose = layouts.MOVE.unpack_row(telegram.data)
+        return cls(
+            kind,
+            position_from_words(pose[:3]),
+            quaternion_from_words(pose[3:]),
+            velocity / layouts.STEPS_PER_METRE,
+            run_speed / layouts.RUN_SPEED_ONE,
+            bool(flags & layouts.MOVE_FLAG_ROBOT_COORDINATES),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class ProgramAnswer:
+    """Answer to receive program, all blocks in one."""
+
+    program: int
+    """Number of the program."""
+    content: bytes
+    """Bytes of the program as the controller keeps them."""
+    error: int = 0
+    """0 for none; other values are not known."""
+
+    @classmethod
+    def from_telegram(cls, telegram: Telegram) -> Self:
+        """Raises RemoteProtocolError when the telegram is no such answer."""
+        _expect(telegram, FunctionCode.RECEIVE_PROGRAM, TelegramType.RESPONSE)
+        raw = layouts.PROGRAM_ANSWER.unpack(telegram.data)
+        return cls(int(raw["program"]), telegram.data[layouts.PROGRAM_ANSWER.size :], int(raw["error"]))
+
+    def to_telegram(self) -> Telegram:
+        """The controller's answer, to be split into blocks. Raises LocalProtocolError past 65535."""
+        head = layouts.PROGRAM_ANSWER.pack({"error": self.error, "program": self.program})
+        function, type_ = FunctionCode.RECEIVE_PROGRAM, TelegramType.RESPONSE
+        return Telegram(function, type_, 0, head + self.content, from_robot=True)
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """The controller's refusal of an order."""
+
+    code: int
+
+    @property
+    def text(self) -> str:
+        """The reason, for people to read."""
+        return refusal_text(self.code)
+
+    @classmethod
+    def from_telegram(cls, telegram: Telegram) -> Self:
+        """Raises RemoteProtocolError when the telegram is no complete refusal."""
+        _expect(telegram, telegram.function, TelegramType.REFUSAL)
+        return cls(int(layouts.REFUSAL.unpack(telegram.data)["code"]))
+
+    def to_telegram(self, order: Telegram) -> Telegram:
+        """The controller's refusal of this order. Assumed: its suffix is 0."""
+        data = layouts.REFUSAL.pack({"code": self.code})
+        return Telegram(order.function, TelegramType.REFUSAL, 0, data, from_robot=True)
+
+
+@dataclass(frozen=True, slots=True)
+class Spontaneous:
+    """A status or error that the controller tells unasked."""
+
+    suffix: int
+    """`SpontaneousKind` where known."""
+    x: int
+    y: int
+
+    @property
+    def text(self) -> str:
+        """Kind and number as the controller's manuals write it, "x.y"."""
+        kind = suffix_text(FunctionCode.SPONTANEOUS, self.suffix) or f"unknown kind {self.suffix}"
+        return f"{kind} {self.x}.{self.y}"
+
+    @classmethod
+    def from_telegram(cls, telegram: Telegram) -> Self:
+        """Raises RemoteProtocolError when the telegram is no complete spontaneous one."""
+        _expect(telegram, FunctionCode.SPONTANEOUS, TelegramType.SPONTANEOUS)
+        raw = layouts.SPONTANEOUS.unpack(telegram.data)
+        return cls(telegram.suffix, int(raw["x"]), int(raw["y"]))
+
+    def to_telegram(self) -> Telegram:
+        """Text of the controller's message."""
+        data = layouts.SPONTANEOUS.pack({"x": self.x, "y": self.y})
+        return Telegram(
+            FunctionCode.SPONTANEOUS, TelegramType.SPONTANEOUS, self.suffix, data, from_robot=True
+        )
+
+
+def write_mode(mode: Mode) -> Telegram:
+    """Order to change the operation mode."""
+    return Telegram(FunctionCode.WRITE_MODE, TelegramType.ORDER, mode)
+
+
+def start_program(program: int, from_start: bool = True) -> Telegram:
+    """Order to run a program, from its start or where it stopped. Raises LocalProtocolError past 65535."""
+    data = layouts.START_PROGRAM.pack({"program": program})
+    return Telegram(FunctionCode.START_PROGRAM, TelegramType.ORDER, 0 if from_start else 1, data)
+
+
+def receive_program(program: int) -> Telegram:
+    """Query of a program's bytes. Raises LocalProtocolError past 65535."""
+    data = layouts.RECEIVE_PROGRAM.pack({"program": program})
+    return Telegram(FunctionCode.RECEIVE_PROGRAM, TelegramType.ORDER, 1, data)
