@@ -67,10 +67,10 @@ RECEIVER = Layout(
 """Chosen: no arrow runs through a box, and no label stands on another."""
 
 INTRODUCTION = """\
-Drawn by `tools/link_diagrams.py` from the table in `protocol/devices/s3/adlp/transitions.py`, by which both ends work. An
-arrow has what happens; what is done then, and what leaves a state as it is, is in the table below the diagrams. Both
-ends send and receive. They differ in two things: which side goes first when both bid at once, and which lengths they
-understand."""
+Drawn by `tools/link_diagrams.py` from the table in `protocol/devices/s3/adlp/transitions.py`, by which both ends work.
+An arrow has what happens; what is done then, and what leaves a state as it is, is in the table below the diagrams.
+Both ends send and receive. They differ in two things: which side goes first when both bid at once, and which lengths
+they understand."""
 RECEIVING = """\
 The PC understands a length that counts the whole telegram, the S3 also one of the data alone (`accepted_lengths`), so
 that it waits for the end by the other length, or for the gap time-out, before it refuses a block. "Listening" is as

@@ -132,6 +132,7 @@ class Run:
         """Orientation that was ordered last; that of the start where no program turns the tool."""
         self._quaternion_tare: Quaternion | None = None
         self._state: LoopState | None = None
+        self._peaks: Peaks | None = None
         """After the last order that the robot took; None before the first cycle."""
         self._turned_wrist: tuple[Quaternion, WristAtOrientation] | None = None
         self._interrupted = self._held = False
@@ -244,7 +245,7 @@ class Run:
             self._start = zero.start
             self._quaternion_tare = self._orientation if self._config.sensor.tare else None
             wrist = self._wrist_at(zero.start.pose.quaternion)
-            self._sensor.peaks = Peaks(wrist, self._sensor.facts.scales, zero.contact)
+            self._sensor.peaks = self._peaks = Peaks(wrist, self._sensor.facts.scales, zero.contact)
             self._state = self._loop.initial(zero.start.pose.position)
             await self._cycles(motion)
         except BridgeError as error:
@@ -451,8 +452,8 @@ class Run:
                 quaternion, self._quaternion_tare, frame.approach, frame.travel
             )
             self._turned_wrist = quaternion, wrist
-            if self._turns and self._sensor.peaks is not None:
-                self._sensor.peaks.turn(wrist, self._sensor.facts.scales)
+            if self._turns and self._peaks is not None:
+                self._peaks.turn(wrist, self._sensor.facts.scales)
         return self._turned_wrist[1]
 
     def _is_another(self, known: Quaternion, quaternion: Quaternion) -> bool:

@@ -3,12 +3,12 @@
 import asyncio
 import math
 from collections import deque
+from collections.abc import Sequence
 from contextlib import suppress
 from itertools import takewhile
-from typing import Any
+from typing import Any, Protocol
 
 from hil_bridge.clock import Clock
-from hil_bridge.control.course.peaks import Peaks
 from hil_bridge.devices.device_log import DeviceLog
 from hil_bridge.devices.sensors.axis_watch import AxisWatch
 from hil_bridge.devices.sensors.lateness_watch import LatenessWatch
@@ -44,6 +44,31 @@ READY_S = 60.0
 """Chosen: for how long a sensor may come up, however patient its client is; a UART gateway takes some ten."""
 
 
+class FrameJudge(Protocol):
+    """Keeps the extremes of all frames until it is asked for them. `values` are six counts in the order of `AXES`.
+
+    Forces count from the newest zero, in newtons; a press is positive along the approach.
+    """
+
+    saturated: bool
+    """Whether any frame was at the end of the sensor's range."""
+
+    def frame(self, values: Sequence[float]) -> None:
+        """Take a frame as it arrives."""
+
+    def rezero(self, wrench: Sequence[float]) -> None:
+        """Take this contact wrench for the zero, N and N·m in the tool frame."""
+
+    def along(self, values: Sequence[float]) -> float:
+        """Contact force of a frame along the approach, N."""
+
+    def resultant(self, values: Sequence[float]) -> float:
+        """Length of the contact force of a frame, N."""
+
+    def take(self) -> tuple[float, float, float, bool]:
+        """The extremes since the last call: force along the approach and resultant in N, moment in N·m, saturation."""
+
+
 class ForceSensor:
     """A sensor of any make: `client` speaks its language over `transport`. `log` is told every frame and notice."""
 
@@ -63,7 +88,7 @@ class ForceSensor:
         """When the first of these frames arrived, s on the run's clock."""
         self.saturated_axes = 0
         """Bit k: axis k was at the end of its range in the frame that arrived last."""
-        self.peaks: Peaks | None = None
+        self.peaks: FrameJudge | None = None
         """Shown every frame; None while nothing judges them."""
         self._history: deque[WrenchFrame] = deque(maxlen=_HISTORY)
         self._transport = transport
