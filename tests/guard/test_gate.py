@@ -12,8 +12,8 @@ from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.control.course import supervisor
 from hil_bridge.control.types import Command, Measurement
 from hil_bridge.devices.device_log import LogTo
+from hil_bridge.devices.robots import ramp
 from hil_bridge.devices.robots.gate import SLACK_M, Bounds, Gate, contradiction
-from hil_bridge.robots import ramp
 from hil_bridge.runs import pace
 from hil_bridge.runs.bounds import free_bounds, run_bounds
 from hil_bridge.runs.compose import open_devices
