@@ -16,7 +16,7 @@ def device_of(module: str, folders: list[str]) -> str | None:
     return None
 
 
-class DeviceRooms(Contract):  # type: ignore[misc]
+class DeviceRooms(Contract):
     """`folders` hold a room for each device; `allowed_importers`, with all below them, may import any room."""
 
     folders = fields.ListField(subfield=fields.StringField())
@@ -24,8 +24,8 @@ class DeviceRooms(Contract):  # type: ignore[misc]
 
     def check(self, graph: ImportGraph, verbose: bool) -> ContractCheck:
         """Every import that the rule forbids."""
-        folders = list(self.folders)  # type: ignore[call-overload]
-        allowed = tuple(self.allowed_importers or ())  # type: ignore[arg-type]
+        folders = list(self.folders)
+        allowed = tuple(self.allowed_importers or ())
         rooms = {
             module: name
             for module in graph.modules

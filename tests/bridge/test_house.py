@@ -4,8 +4,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import grimp
 import pytest
 
+from tools.device_rooms import DeviceRooms
 from tools.same_run import Run, compared, read
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -110,3 +112,27 @@ def test_a_field_or_a_key_that_one_recording_lacks_is_named(recordings):
     without = [{name: value for name, value in each.items() if name != "force"} for each in one.cycles]
     assert not compared(one, Run(without, one.metadata))[1]
     assert not compared(Run([], {}), Run([], {}))[1]
+
+
+def rooms_contract(*imports):
+    """Whether the contract of the devices' rooms keeps these imports, and those that break it."""
+    graph = grimp.ImportGraph()
+    for folder in ("wire.devices", "house.robots"):
+        for room in ("red", "blue"):
+            graph.add_module(f"{folder}.{room}")
+            graph.add_module(f"{folder}.{room}.part")
+    for importer, imported in imports:
+        graph.add_import(importer=importer, imported=imported)
+    options = {"folders": ["wire.devices", "house.robots"], "allowed_importers": ["house.shop"]}
+    checked = DeviceRooms("rooms", {}, options).check(graph, verbose=False)
+    return checked.kept, checked.metadata["broken"]
+
+
+def test_a_device_knows_its_own_rooms_and_no_other():
+    own = ("house.robots.red.part", "wire.devices.red.part")
+    shell = ("house.robots.red.part", "house.robots.shell")
+    shop = ("house.shop.red", "house.robots.red")
+    assert rooms_contract(own, shell, shop) == (True, [])
+    other = ("house.robots.red.part", "wire.devices.blue.part")
+    general = ("house.run", "wire.devices.red")
+    assert rooms_contract(own, other, general) == (False, [other, general])
