@@ -156,7 +156,7 @@ class FaultyWire(Generic[Data]):
         self._out: _Way[Data] = _Way(pieces, random.Random(f"{seed} from the device"))
         self.bad = False
         """Whether a fault is, or was, on it: then something may still be under way."""
-        self.handlers: Mapping[str, Handler] = {name: Handler(self._begin) for name in WIRE_FAULTS}
+        self.handlers: Mapping[str, Handler] = {name: Handler(self.begin) for name in WIRE_FAULTS}
         """Handlers for a ledger."""
 
     def incoming(self, data: Data, now: float) -> Data:
@@ -181,7 +181,8 @@ class FaultyWire(Generic[Data]):
                 other = way.under_way[0][0]
         return other
 
-    def _begin(self, injection: Injection) -> None:
+    def begin(self, injection: Injection) -> None:
+        """Let a fault strike what travels from now on."""
         self.bad = True
         for way in self._ways(str(injection.values.get("way", _FROM))):
             way.faults.append(injection)

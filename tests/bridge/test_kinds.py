@@ -10,15 +10,18 @@ import pytest
 from click.testing import CliRunner
 from msgspec.structs import replace
 
+from emulators.faults.wire import WIRE_FAULTS
 from hil_bridge.cli import cli
 from hil_bridge.devices.kinds import ROBOTS, SENSORS, emulated_sensor, robot_of, sensor_of
 from hil_bridge.errors import ConfigError
+from hil_bridge.lab.conform.scenarios import NOMINAL, SCENARIOS
 from hil_bridge.record import read
 from hil_bridge.record.device_facts import devices_of
 from hil_bridge.runs.checks import problems
 from hil_bridge.runs.pace import control_loop, paced
 from hil_bridge.settings.configuration import Config, load_config, read_config
 from hil_bridge.settings.kinds import facts_of, settings_of
+from tools.faults_doc import ROBOT_NAMES, SENSOR_NAMES, faults_of_device
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 TOYS = {"toy-robot": "toy_robot", "toy-sensor": "toy_sensor", "toy-surface": "toy_surface"}
@@ -305,3 +308,17 @@ def test_controllers_tell_their_parameters() -> None:
     assert {one["name"] for one in everything} >= {"fuzzy", "pi", "admittance"}
     assert all(parameter["meaning"] for one in everything for parameter in one["parameters"])
     assert "there is no controller 'nothing'" in refusal("controllers", "nothing")
+
+
+@pytest.mark.parametrize("name", [name for name in (*ROBOT_NAMES, *SENSOR_NAMES) if name != "jr3-board"])
+def test_every_device_of_ours_has_every_fault_of_a_wire(name: str) -> None:
+    """But for the receiver board: its registers are read, and no frames come."""
+    faults = faults_of_device(name)["link" if name in ROBOT_NAMES else "frames"]
+    assert {fault: faults.get(fault) for fault in WIRE_FAULTS} == WIRE_FAULTS
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_every_robot_of_ours_can_try_a_client_in_every_scenario(name: str) -> None:
+    emulation = ROBOTS.kind(name).emulation
+    assert emulation is not None
+    assert {*emulation.mishaps} == {*SCENARIOS} - {NOMINAL}

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from emulators.faults.wire import WIRE_FAULTS
 from hil_bridge import api
 from hil_bridge.record import Recording
 from hil_bridge.record.analysis.why import why
@@ -52,8 +53,10 @@ SAMPLES = [
     Job("egm", "link", "off"),
     Job("rtde", "robot", "slider"),
     Job("rtde", "connection", "dropped"),
+    *(Job("rtde", "link", fault) for fault in WIRE_FAULTS),
     Job("rtde", "pose", "nan"),
     Job("rsi", "packets", "late"),
+    *(Job("rsi", "link", fault) for fault in ("off", "corruption", "garbage", "delay")),
     Job("netft", "sensor", "saturated"),
     Job("netft", "scales", "wrong"),
     Job("ati-can", "sensor", "other-host"),

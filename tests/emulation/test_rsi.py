@@ -582,3 +582,31 @@ def test_a_frozen_pose_stays_while_the_arm_moves() -> None:
     one = run_fault("pose", "frozen")
     assert len({tuple(actual(telegram)) for telegram in one.sent[50:]}) == 1
     assert one.z() == pytest.approx(-4.0, abs=0.1)
+
+
+# --- the wire
+
+
+def test_a_cut_wire_carries_no_telegram_while_the_controller_counts() -> None:
+    one = rig()
+    one.run(2)
+    before = one.sent[-1].ipoc
+    one.ledger.inject("link", "lose-next", one.now, {"count": 3})
+    assert [one.next() for _ in range(3)] == [[], [], []]
+    assert decode(one.next()[0]).ipoc == before + 4 * one.profile.cycle_ms
+
+
+def test_a_slow_wire_carries_telegrams_and_answers_late() -> None:
+    one = rig()
+    one.run(2)
+    assert one.robot.late == 0
+    one.ledger.inject("link", "delay", one.now, {"ms": 2.0, "way": "to"})
+    (raw,) = one.next()
+    one.robot.receive([answer(decode(raw).ipoc)], one.now)
+    assert one.robot.next_deadline() == pytest.approx(one.now + 0.002)
+    assert one.next() == []  # the answer comes, in time
+    one.ledger.inject("link", "delay", one.now, {"ms": 1000.0, "way": "from"})
+    assert one.next() == []
+    assert one.robot.late == 0
+    one.next()
+    assert one.robot.late == 1

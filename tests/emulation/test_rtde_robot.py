@@ -1079,3 +1079,26 @@ def test_the_client_asks_for_nothing_that_the_controller_has_not() -> None:
     plug = desk.plug()
     assert outputs_of(plug, *OUTPUT_NAMES).types == EXPECTED[OUTPUT_NAMES]
     assert inputs_of(plug, *INPUT_NAMES).types == EXPECTED[INPUT_NAMES]
+
+
+def test_a_cut_cable_carries_nothing_to_any_port_nor_to_a_connection_that_comes() -> None:
+    desk = Desk()
+    board = desk.plug(Port.DASHBOARD)
+    cut = desk.inject("link", "off", for_s=1.0)
+    assert board.line("robotmode") == ""
+    assert desk.plug(Port.DASHBOARD).got == b""
+    assert cut.struck > 0
+    desk.run(1.01)
+    assert board.line("robotmode") == "Robotmode: RUNNING"
+
+
+def test_a_slow_cable_carries_everything_both_ways_late() -> None:
+    desk = Desk()
+    board = desk.plug(Port.DASHBOARD)
+    desk.inject("link", "delay", ms=100.0)
+    assert board.line("robotmode") == ""
+    before = len(board.got)
+    desk.run(0.196)
+    assert len(board.got) == before
+    desk.run(0.012)
+    assert board.got[before:] == b"Robotmode: RUNNING\n"

@@ -21,6 +21,7 @@ from emulators.devices.rsi.faults import RSI_FAULTS
 from emulators.devices.rsi.profile import RsiProfile
 from emulators.devices.rsi.spoiling import Injected, Line
 from emulators.faults import Handler, Injection
+from emulators.faults.wire import DATAGRAMS, FaultyWire
 from emulators.orders import Act, HeardOrder, Hindrance, Orders
 from emulators.seams import ArmPath, Handlers, Joints, StartPose
 from protocol.devices.rsi import ROBOT, Telegram, decode, encode, fixed, number, pose_tags
@@ -75,7 +76,7 @@ class _Session:
 class RsiController:
     """Endpoint of the controller, and the robot: an `EmulatedRobot`."""
 
-    def __init__(self, profile: RsiProfile, start: StartPose, now: float) -> None:
+    def __init__(self, profile: RsiProfile, start: StartPose, now: float, seed: int = 0) -> None:
         """Powered up, with the program begun. Raises ValueError for a start whose quaternion is zero."""
         self.profile = profile
         self._arm = FollowedArm(profile.arm, Pose(start.position, start.quaternion), now)
@@ -84,6 +85,7 @@ class RsiController:
         self._injected = Injected()
         self._bad_pose = BadPose(RSI_FAULTS["pose"])
         self._line = Line(self._injected, RSI_FAULTS["packets"])
+        self._wire: FaultyWire[Sequence[bytes]] = FaultyWire(DATAGRAMS, f"{seed} rsi")
         self._restart_at = math.inf
         self._stopped_by_fault = False
         self.error = ""
@@ -133,6 +135,10 @@ class RsiController:
     # --- as an endpoint
 
     def receive(self, data: Sequence[bytes], now: float) -> None:
+        self._receive(self._wire.incoming(data, now) if self._wire.bad else data, now)
+
+    def _receive(self, data: Sequence[bytes], now: float) -> None:
+        """Answers that have come through the wire."""
         if self.orders.listener is not None:
             for datagram in data:
                 self.orders.tell(self._heard(datagram, now))
@@ -171,14 +177,18 @@ class RsiController:
         return None
 
     def data_to_send(self, now: float) -> Sequence[bytes]:
-        return self._line.take(now)
+        out = self._line.take(now)
+        return self._wire.outgoing(out, now) if self._wire.bad else out
 
     def next_deadline(self) -> float | None:
         waiting = self._line.next_at()
-        return self._next_beat() if waiting is None else min(waiting, self._next_beat())
+        due = self._next_beat() if waiting is None else min(waiting, self._next_beat())
+        return self._wire.next_deadline(due) if self._wire.bad else due
 
     def handle_deadline(self, now: float) -> None:
         """Cycles that a stalled process has missed are skipped: a real controller would not have missed them."""
+        if self._wire.bad and (data := self._wire.arrived(now)):
+            self._receive(data, now)
         due = self._next_beat()
         if now < due:
             return
@@ -334,7 +344,13 @@ class RsiController:
         robot |= {name: Handler(act) for name, act in acts.items()}
         answers = {name: self._injected.handler("answers", name) for name in RSI_FAULTS["answers"]}
         packets = {**self._line.handlers, "clock-jump": Handler(self._jump)}
-        return {"robot": robot, "pose": self._bad_pose.handlers, "packets": packets, "answers": answers}
+        return {
+            "robot": robot,
+            "pose": self._bad_pose.handlers,
+            "link": self._wire.handlers,
+            "packets": packets,
+            "answers": answers,
+        }
 
     def _strikes(self, target: str, fault: str, now: float) -> Injection | None:
         return self._injected.strikes(target, fault, now)

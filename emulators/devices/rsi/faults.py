@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 from emulators.faults.kinds import FOREVER, Fault, Parameter
+from emulators.faults.wire import WIRE_FAULTS
 
 _AXES = ("x", "y", "z")
 
@@ -54,6 +55,7 @@ RSI_FAULTS: Mapping[str, Mapping[str, Fault]] = {
         ),
         "frozen": Fault("the actual pose is told as it was", {}, FOREVER),
     },
+    "link": WIRE_FAULTS,
     "packets": {
         "mute": Fault("no telegram leaves the controller, and it goes on counting", {}, FOREVER),
         "lost": Fault("the next telegrams are lost", {"count": _count(3)}),
@@ -75,4 +77,4 @@ RSI_FAULTS: Mapping[str, Mapping[str, Fault]] = {
         "refused": Fault("answers are discarded, and count as late", {}, FOREVER),
     },
 }
-"""Faults by target: the robot and its program, the pose that it tells, its telegrams, and the answers to them."""
+"""Faults by target: the robot and its program, the pose that it tells, its wire, its telegrams, the answers to them."""

@@ -1,7 +1,8 @@
 """A controller of Universal Robots, emulated: RTDE, dashboard and script port, with the arm behind them."""
 
+from emulators.devices.rtde.bad_wires import Server
 from emulators.devices.rtde.faults import RTDE_FAULTS
 from emulators.devices.rtde.profile import RtdeProfile
-from emulators.devices.rtde.robot import RtdeRobot, Server, make_robot
+from emulators.devices.rtde.robot import RtdeRobot, make_robot
 
 __all__ = ["RTDE_FAULTS", "RtdeProfile", "RtdeRobot", "Server", "make_robot"]

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 from emulators.arm.own_force import WITNESS_FAULTS
 from emulators.faults.kinds import FOREVER, Fault, Parameter
+from emulators.faults.wire import WIRE_FAULTS
 
 ROBOT_FAULTS: Mapping[str, Fault] = {
     "protective-stop": Fault("a protective stop; it is not unlocked by itself"),
@@ -45,6 +46,7 @@ POSE_FAULTS: Mapping[str, Fault] = {
 
 RTDE_FAULTS: Mapping[str, Mapping[str, Fault]] = {
     "robot": ROBOT_FAULTS,
+    "link": WIRE_FAULTS,
     "connection": CONNECTION_FAULTS,
     "pose": POSE_FAULTS,
     "witness": WITNESS_FAULTS,

@@ -1,7 +1,6 @@
 """The emulated robot as a cell and a room know it: the controller with its faults, and its three servers."""
 
-from typing import TypeAlias
-
+from emulators.devices.rtde.bad_wires import BadWires, Server
 from emulators.devices.rtde.connection import Connection
 from emulators.devices.rtde.controller import Controller
 from emulators.devices.rtde.dashboard import Dashboard
@@ -17,9 +16,6 @@ from protocol.geometry import Pose
 CLIENTS_MAX = 16
 """Chosen: connections to one port at a time; the real limit is not published."""
 
-Server: TypeAlias = Connection | Dashboard | ScriptPort
-"""The controller's end of one connection: an endpoint of bytes that tells no events."""
-
 
 class RtdeRobot:
     """An `EmulatedRobot` whose wires are connections, as many as clients come."""
@@ -29,16 +25,17 @@ class RtdeRobot:
         self.controller = controller = Controller(profile, start, now, seed)
         self._disturbance = Disturbance(controller)
         self.path: ArmPath = controller.path
-        self.handlers: Handlers = self._disturbance.handlers
+        self._wires = BadWires(seed)
+        self.handlers: Handlers = {**self._disturbance.handlers, "link": self._wires.handlers}
         self.begun_at = controller.begun_at
         self.orders, self.hindrance = controller.orders, controller.hindrance
         self.feel = controller.own_force.feel
         self._open = dict.fromkeys(Port, 0)
 
     @property
-    def endpoint(self) -> Connection:
+    def endpoint(self) -> Server:
         """Another connection to the RTDE port."""
-        return Connection(self.controller, self._disturbance, self.controller.now)
+        return self._served(Port.RTDE, self.controller.now)
 
     @property
     def accepted(self) -> int:
@@ -55,18 +52,23 @@ class RtdeRobot:
             return None
         self._open[port] += 1
         self.orders.tell(HeardOrder(now, Act.CONTACT, f"connection to {port}", True))
-        match port:
-            case Port.RTDE:
-                return Connection(self.controller, self._disturbance, now)
-            case Port.DASHBOARD:
-                return Dashboard(self.controller)
-            case Port.SCRIPT:
-                return ScriptPort(self.controller)
+        return self._served(port, now)
 
     def leave(self, port: Port, server: Server, now: float) -> None:
         """The connection has ended."""
         self._open[port] -= 1
         server.close(now)
+
+    def _served(self, port: Port, now: float) -> Server:
+        inner: Connection | Dashboard | ScriptPort
+        match port:
+            case Port.RTDE:
+                inner = Connection(self.controller, self._disturbance, now)
+            case Port.DASHBOARD:
+                inner = Dashboard(self.controller)
+            case Port.SCRIPT:
+                inner = ScriptPort(self.controller)
+        return Server(inner, self._wires.open(now), self._wires)
 
 
 def make_robot(profile: RtdeProfile) -> RobotFactory:

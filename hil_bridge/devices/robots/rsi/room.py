@@ -61,7 +61,7 @@ async def connect(url: str, settings: KindSettings, wiring: Wiring) -> StreamedL
 
 def make(settings: KindSettings) -> RobotFactory:
     """The controller that a cell's section describes."""
-    return lambda start, now, seed: RsiController(settings.emulated, start, now)
+    return lambda start, now, seed: RsiController(settings.emulated, start, now, seed)
 
 
 async def serve(url: str, robot: Any, settings: KindSettings, serving: Serving) -> str:
@@ -74,10 +74,13 @@ def usual(settings: KindSettings, virtual: bool) -> str:
     return "udp+memory:rsi" if virtual else f"udp://127.0.0.1:{PORT}"
 
 
+_STOP = Mishap("robot", "emergency-stop")
+"""The one stop that its telegrams tell."""
 MISHAPS = {
     "late": [Mishap("packets", "late", {"ms": 6.0})],
-    "refused": [Mishap("robot", "emergency-stop")],
-    "stopped": [Mishap("robot", "emergency-stop")],
+    "refused": [_STOP],
+    "stopped": [_STOP],
+    "emergency": [_STOP],
     "cut": [Mishap("packets", "mute"), Mishap("answers", "refused")],
 }
 
