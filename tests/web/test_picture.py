@@ -1,5 +1,6 @@
 """What a page is told of a run: the values of its recording, and no more than a bounded part of them."""
 
+import dataclasses
 import json
 from typing import Any
 
@@ -8,9 +9,13 @@ import pytest
 
 from hil_bridge.api import load, simulate
 from hil_bridge.record import CycleRecord, EventRecord, Recording, RunEnd
+from hil_bridge.record.analysis.summary import summarise
 from hil_bridge.record.ending import Outcome
+from hil_bridge.record.records import StepRecord
 from hil_bridge.record.topics import TOPICS, Record
 from hil_bridge.settings.kinds import cell_in_words, facts_of
+from hil_bridge.show.report.run_charts import run_charts
+from hil_bridge.show.run_marks import MARKS_MOST
 from hil_bridge.show.terminal import Health, Scene
 from hil_bridge.show.web import wire
 from hil_bridge.show.web.columns import ROWS, Columns
@@ -99,6 +104,41 @@ def test_a_page_that_comes_later_is_told_everything_at_once(stopped: tuple[Scene
     assert len(again["rows"]["cycle"]["x"]) == len(recording.cycles)
 
 
+SCALE = ("zero", "least_span", "log")
+
+
+def test_a_live_page_and_the_report_of_a_run_have_the_same_marks_limits_and_scales(
+    stopped: tuple[Scene, Recording],
+) -> None:
+    scene, recording = stopped
+    first, last = recording.cycles[0].started_at, recording.cycles[len(recording.cycles) // 2].controlled_at
+    step = StepRecord(last, 1, "1 (track)", first, text="done")
+    recording = dataclasses.replace(recording, steps=(step,))
+    picture = Picture(wire.Begin(scene, 0), 0.0)
+    for record in in_order(recording):
+        picture.take(record)
+    picture.take(step)
+    charts, _ = run_charts(recording, summarise(recording))
+    report, live = msgspec.to_builtins(charts), picture.told(Cursor(), 0.0)
+    assert {mark["text"].partition(":")[0] for mark in live["marks"]} >= {"stop", "fault", "1 (track)"}
+    marks = sorted(live["marks"], key=lambda mark: mark["x"])
+    assert [{**mark, "x": round(mark["x"], 6)} for mark in marks] == [
+        {**mark, "x": round(mark["x"], 6)} for mark in report["marks"]
+    ]
+    assert [(span["text"], span["kind"]) for span in live["spans"]] == [
+        (span["text"], span["kind"]) for span in report["spans"]
+    ]
+    assert "fault" in {span["kind"] for span in live["spans"]}
+    ours, theirs = ({chart["id"]: chart for chart in page["charts"]} for page in (live["charts"], report))
+    common = ours.keys() & theirs.keys()
+    assert common >= {"force", "moments", "depth", "stiffness", "times"}
+    for name in common:
+        assert [ours[name].get(key) for key in SCALE] == [theirs[name].get(key) for key in SCALE], name
+        assert [(limit["value"], limit["label"]) for limit in ours[name].get("limits", ())] == [
+            (limit["value"], limit["label"]) for limit in theirs[name].get("limits", ())
+        ], name
+
+
 def test_silence_is_told_and_an_end_without_a_word(stopped: tuple[Scene, Recording]) -> None:
     picture = Picture(wire.Begin(stopped[0], 0), 100.0)
     picture.pulse(wire.Pulse(5.0, Health()), 100.0)
@@ -123,7 +163,7 @@ def test_a_fast_and_long_run_stays_within_its_bounds(stopped: tuple[Scene, Recor
     assert max(one for one in found["high"] if one is not None) == 50.0  # a peak between two rows is not lost
     assert columns.counts["cycle"] == pytest.approx(2 * ROWS, rel=0.01)
     told = picture.told(Cursor(), 0.0)
-    assert len(told["events"]) == len(told["marks"]) == EVENTS
+    assert (len(told["events"]), len(told["marks"])) == (EVENTS, MARKS_MOST)
     assert len(msgspec.json.encode(told)) < 200_000
 
 

@@ -6,27 +6,32 @@ from typing import Any
 
 import numpy as np
 
-from hil_bridge.record import PHASE_EVENT, STOP_EVENT
 from hil_bridge.record.analysis.stream import stream_force
 from hil_bridge.record.analysis.strokes import TRACK
 from hil_bridge.record.analysis.summary import Summary, cycle_times, phases
 from hil_bridge.record.device_facts import devices_of, recorded_configuration
 from hil_bridge.record.reader import Recording
 from hil_bridge.record.records import CycleRecord
-from hil_bridge.show.pages import Axis, Band, Chart, Charts, Layer, Limit, Mark, Series, Span
+from hil_bridge.show.pages import Axis, Band, Chart, Charts, Layer, Limit, Series, Span
 from hil_bridge.show.report.explanation import LEVELS
 from hil_bridge.show.report.program_charts import has_program, program_charts
 from hil_bridge.show.report.sources import Array, Sources, column, parts, start_time
 from hil_bridge.show.report.surface_charts import orientation_chart
+from hil_bridge.show.run_marks import (
+    DEPTH,
+    FORCE,
+    LATERAL,
+    MOMENTS,
+    STIFFNESS,
+    TIMES,
+    fault_spans,
+    limits_of,
+    marks,
+    stretches,
+)
 
 TRUTH, STREAM = "truth", "stream"
 """Layers."""
-MARKS_MOST = 400
-"""Marks of a page: stops and faults first. Chosen: more would cover the lines."""
-SPANS_MOST = 200
-"""Steps that are shaded. Chosen as the marks."""
-_FAULT_EVENT, _STEP_EVENT = "fault", "step"
-_BEGINS, _ENDS, _HAPPENS = " begins", " ends", " happens"
 _AXES = ("x", "y", "z")
 
 
@@ -56,7 +61,7 @@ class RunCharts:
             charts=made,
             sources=self.sources.found,
             marks=marks(found, self.zero),
-            spans=[*spans(found, self.zero), *fault_spans(found, self.zero)],
+            spans=_spans(found, self.zero),
             layers=layers,
         )
 
@@ -99,7 +104,7 @@ class RunCharts:
             series.append(
                 Series(source, "clamped", f"clamped by the supervisor ({count})", "limit", "points")
             )
-        limits = self._limit("force_limit_n", "force limit") + self._limit("pull_limit_n", "pull limit", -1.0)
+        limits = limits_of("force", self.limits)
         return Chart(
             "force",
             "Force along the approach, positive while pressing",
@@ -108,6 +113,7 @@ class RunCharts:
             bands,
             limits,
             height_px=250,
+            **FORCE._asdict(),
         )
 
     def _truth(self) -> str | None:
@@ -134,7 +140,8 @@ class RunCharts:
             "Lateral force at the tool, tool frame",
             "N",
             series,
-            limits=self._limit("resultant_limit_n", "limit of the magnitude"),
+            limits=limits_of("lateral", self.limits),
+            **LATERAL._asdict(),
         )
 
     def _moments(self) -> Chart | None:
@@ -143,8 +150,9 @@ class RunCharts:
             return None
         source = self._cycle("moments", **{f"m{axis}": moments[:, k] for k, axis in enumerate(_AXES)})
         series = [Series(source, f"m{axis}", f"m{axis}", f"{k + 1}") for k, axis in enumerate(_AXES)]
-        limits = self._limit("moment_limit_nm", "limit of the magnitude")
-        return Chart("moments", "Moments about the tool frame's origin", "N·m", series, limits=limits)
+        limits = limits_of("moments", self.limits)
+        title = "Moments about the tool frame's origin"
+        return Chart("moments", title, "N·m", series, limits=limits, **MOMENTS._asdict())
 
     def _depth(self) -> Chart:
         cycles = self.recording.cycles
@@ -159,9 +167,9 @@ class RunCharts:
         ]
         if (truth := self._truth()) is not None:
             series.append(Series(truth, "depth", "true", "truth", layer=TRUTH))
-        limits = self._limit("correction_total_mm", "deepest command")
+        limits = limits_of("depth", self.limits)
         title = "Depth along the approach from the start point"
-        return Chart("depth", title, "mm", series, limits=limits, least_span=0.5, height_px=220)
+        return Chart("depth", title, "mm", series, limits=limits, height_px=220, **DEPTH._asdict())
 
     def _way(self) -> Chart | None:
         cycles = self.recording.cycles
@@ -204,9 +212,8 @@ class RunCharts:
             return None
         source = self._cycle("stiffness", stiffness=stiffness)
         series = [Series(source, "stiffness", "estimate", "3")]
-        return Chart(
-            "stiffness", "Estimated stiffness of the contact", "N/m", series, log=True, height_px=150
-        )
+        title = "Estimated stiffness of the contact"
+        return Chart("stiffness", title, "N/m", series, height_px=150, **STIFFNESS._asdict())
 
     def _gain(self) -> Chart | None:
         gain = column(self.recording.cycles, "gain")
@@ -227,9 +234,8 @@ class RunCharts:
             Series(source, "cycle_ms", "cycle"),
             Series(source, "age_ms", "age of the force at the decision", "2"),
         ]
-        floor = self.summary.line_floor_s
-        limits = [] if floor is None else [Limit(1e3 * floor, "line floor", "target", shown=True)]
-        return Chart("times", "Times of the cycle", "ms", series, limits=limits, zero=True)
+        limits = limits_of("times", self.limits, self.summary.line_floor_s)
+        return Chart("times", "Times of the cycle", "ms", series, limits=limits, **TIMES._asdict())
 
     def _answers(self) -> Chart | None:
         answer = 1e3 * column(self.recording.cycles, "answer_s")
@@ -240,10 +246,6 @@ class RunCharts:
         limits = [] if cycle_s is None else [Limit(1e3 * cycle_s, "the robot's cycle")]
         series = [Series(source, "answer_ms", "answer", "4")]
         return Chart("answers", "Answers to the robot's packets", "ms", series, limits=limits, zero=True)
-
-    def _limit(self, key: str, label: str, sign: float = 1.0) -> list[Limit]:
-        value = self.limits.get(key)
-        return [] if value is None else [Limit(sign * value, label)]
 
 
 def run_charts(recording: Recording, summary: Summary) -> tuple[Charts, str]:
@@ -257,61 +259,14 @@ def explained(cycles: Sequence[CycleRecord], name: str) -> Array:
     return np.array([cycle.explanation.get(name, math.nan) for cycle in cycles], dtype=np.float64)
 
 
-def marks(recording: Recording, zero: float) -> list[Mark]:
-    """Events that are no phase and no step; if there are too many, stops and faults before others."""
-    found = []
-    for event in recording.events:
-        if event.kind in (PHASE_EVENT, _STEP_EVENT) or not math.isfinite(event.at):
-            continue
-        if event.kind == STOP_EVENT:
-            found.append(Mark(event.at - zero, f"stop: {event.text}", "stop"))
-        elif event.kind == _FAULT_EVENT and (_BEGINS in event.text or _HAPPENS in event.text):
-            found.append(Mark(event.at - zero, f"fault: {event.text}", "fault"))
-        else:
-            found.append(Mark(event.at - zero, f"{event.kind}: {event.text}"))
-    if not any(mark.kind == "stop" for mark in found):
-        stops = [cycle for cycle in recording.cycles if cycle.verdict == "stop"][:1]
-        found += [
-            Mark(cycle.controlled_at - zero, f"stop: {', '.join(cycle.reasons)}", "stop") for cycle in stops
-        ]
-    found.sort(key=lambda mark: mark.kind == "event")
-    return sorted(found[:MARKS_MOST], key=lambda mark: mark.x)
-
-
-def spans(recording: Recording, zero: float) -> list[Span]:
-    """The steps of a program, else the phases."""
-    if recording.steps:
-        return [
-            Span(step.began_at - zero, step.at - zero, step.label, _word(step.label))
-            for step in recording.steps[:SPANS_MOST]
-        ]
-    return [Span(span.begin - zero, span.end - zero, span.name, span.name) for span in phases(recording)]
-
-
-def fault_spans(recording: Recording, zero: float) -> list[Span]:
-    """From the begin to the end of each injected fault."""
+def _spans(recording: Recording, zero: float) -> list[Span]:
+    """Steps, phases and faults."""
     last = max([cycle.controlled_at for cycle in recording.cycles] + [event.at for event in recording.events])
-    begun: dict[str, float] = {}
-    found = []
-    for event in recording.events:
-        if event.kind != _FAULT_EVENT:
-            continue
-        if _BEGINS in event.text:
-            begun[_fault(event.text, _BEGINS)] = event.at
-        elif event.text.endswith(_ENDS) and (name := _fault(event.text, _ENDS)) in begun:
-            found.append(Span(begun.pop(name) - zero, event.at - zero, name, "fault"))
-    found += [Span(at - zero, max(last, at) - zero, name, "fault") for name, at in begun.items()]
-    return found[:SPANS_MOST]
-
-
-def _fault(text: str, word: str) -> str:
-    """Target and name of a fault without its parameters."""
-    return text.split(word)[0].split(" (")[0]
-
-
-def _word(label: str) -> str:
-    """Word of a step: `1.4 (track, pass 2)` is a `track`."""
-    return label.partition("(")[2].rstrip(")").split(",")[0]
+    courses = [Span(span.begin - zero, span.end - zero, span.name, span.name) for span in phases(recording)]
+    return [
+        *stretches(courses, recording.steps, zero),
+        *fault_spans(recording.events, zero, last - zero),
+    ]
 
 
 def _limits(recording: Recording) -> Mapping[str, float]:

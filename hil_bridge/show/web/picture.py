@@ -10,14 +10,22 @@ import msgspec
 from hil_bridge.record.ending import PHASE_EVENT
 from hil_bridge.record.records import CycleRecord, EventRecord, StepRecord, TruthRecord
 from hil_bridge.record.topics import Record
+from hil_bridge.show.pages.description import Span
+from hil_bridge.show.run_marks import (
+    FAULT_EVENT,
+    MARKS_MOST,
+    SPANS_MOST,
+    event_mark,
+    fault_spans,
+    step_mark,
+    stretches,
+)
 from hil_bridge.show.terminal import Health, ViewModel
 from hil_bridge.show.web.columns import Columns, tidy
 from hil_bridge.show.web.telling import (
     charts_of,
     is_zero,
-    mark_of,
     spans_of,
-    step_mark,
     told_event,
     told_now,
     told_scene,
@@ -53,9 +61,11 @@ class Picture:
         self._columns: Columns | None = None
         self._events: deque[dict[str, Any]] = deque(maxlen=EVENTS)
         self._event_count = 0
-        self._marks: deque[Any] = deque(maxlen=EVENTS)
+        self._marks: deque[Any] = deque(maxlen=MARKS_MOST)
         self._mark_count = 0
         self._phases: deque[tuple[float, str]] = deque(maxlen=EVENTS)
+        self._steps: deque[StepRecord] = deque(maxlen=SPANS_MOST)
+        self._faults: deque[EventRecord] = deque(maxlen=EVENTS)
         self._pulse = Pulse(0.0, Health())
         self._heard_at = heard_at
         self._zero = ""
@@ -83,6 +93,7 @@ class Picture:
                 self._event(record)
             case StepRecord():
                 self._since(record.at)
+                self._steps.append(record)
                 self._mark(step_mark(record, self._began or 0.0))
             case _:
                 pass
@@ -100,11 +111,13 @@ class Picture:
         self._model.event(event)
         if event.kind == PHASE_EVENT:
             self._phases.append((event.at - began, event.text))
+        if event.kind == FAULT_EVENT:
+            self._faults.append(event)
         if is_zero(event):
             self._zero = event.text
         self._events.append(told_event(event, began))
         self._event_count += 1
-        if (mark := mark_of(event, began)) is not None:
+        if (mark := event_mark(event, began)) is not None:
             self._mark(mark)
 
     def _mark(self, mark: Any) -> None:
@@ -166,12 +179,17 @@ class Picture:
         told["marks"] = _newest(self._marks, self._mark_count - cursor.marks)
         cursor.events, cursor.marks = self._event_count, self._mark_count
         if len(self._phases):
-            told["spans"] = msgspec.to_builtins(spans_of(list(self._phases), now - (self._began or 0.0)))
+            told["spans"] = msgspec.to_builtins(self._spans(now))
         if self._truth is not None:
             told["truth"] = _truth(self._truth)
         if self._end is not None:
             told["end"] = self._end
         return told
+
+    def _spans(self, now: float) -> list[Span]:
+        began = self._began or 0.0
+        phases = spans_of(list(self._phases), now - began)
+        return [*stretches(phases, list(self._steps), began), *fault_spans(self._faults, began, now - began)]
 
     def _whole(self, cursor: Cursor, told: dict[str, Any]) -> None:
         """Begin a page from nothing."""

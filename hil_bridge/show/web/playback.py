@@ -17,16 +17,15 @@ from hil_bridge.record.device_facts import devices_of, json_or_none, recorded_co
 from hil_bridge.settings.configuration import read_config
 from hil_bridge.settings.earlier import translated
 from hil_bridge.settings.kinds import cell_in_words
+from hil_bridge.show.run_marks import fault_spans, marks, stretches
 from hil_bridge.show.terminal import Health, Scene, ViewModel
 from hil_bridge.show.terminal.model import HISTORY_CYCLES
 from hil_bridge.show.web.columns import ROW_S, Columns, tidy
 from hil_bridge.show.web.telling import (
     charts_of,
     is_zero,
-    mark_of,
     phases_in,
     spans_of,
-    step_mark,
     told_event,
     told_now,
     told_scene,
@@ -101,16 +100,17 @@ class Playback:
     def _whole(self) -> dict[str, Any]:
         recording, began = self._recording, self._began
         start = recording.unix_zero_ns * 1e-9 + began if recording.unix_zero_ns else None
-        marks = [mark for event in recording.events if (mark := mark_of(event, began)) is not None]
-        marks += [step_mark(step, began) for step in recording.steps]
+        spans = stretches(
+            spans_of(phases_in(recording.events, began), self.length_s), recording.steps, began
+        ) + fault_spans(recording.events, began, self.length_s)
         end = recording.end
         return {
             "scene": told_scene(self._scene),
             "charts": msgspec.to_builtins(charts_of(self._scene, start)),
             "playback": {"begin": 0.0, "end": self.length_s},
             "rows": self._columns.since({}),
-            "marks": msgspec.to_builtins(marks),
-            "spans": msgspec.to_builtins(spans_of(phases_in(recording.events, began), self.length_s)),
+            "marks": msgspec.to_builtins(marks(recording, began)),
+            "spans": msgspec.to_builtins(spans),
             "end": {
                 "outcome": "gone" if recording.truncated else end.get("outcome", ""),
                 "cause": "the recording was cut" if recording.truncated else end.get("cause", ""),

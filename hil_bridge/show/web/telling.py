@@ -1,13 +1,26 @@
 """A snapshot of a run as plain values for its page, and the description of its charts."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
+
+from msgspec.structs import replace
 
 from hil_bridge.devices.facts import LATE, Pacing
 from hil_bridge.errors.text_files import harmless
-from hil_bridge.record.ending import ALARMS, CAUTIONS, CHECK_EVENT, PHASE_EVENT, STOP_EVENT
-from hil_bridge.record.records import EventRecord, StepRecord
-from hil_bridge.show.pages.description import Axis, Band, Chart, Charts, Layer, Limit, Mark, Series, Span
+from hil_bridge.record.ending import ALARMS, CAUTIONS, CHECK_EVENT, PHASE_EVENT
+from hil_bridge.record.records import EventRecord
+from hil_bridge.show.pages.description import Axis, Band, Chart, Charts, Layer, Series, Span
+from hil_bridge.show.run_marks import (
+    DEPTH,
+    FORCE,
+    LATERAL,
+    MOMENTS,
+    STIFFNESS,
+    TIMES,
+    limits_of,
+    line_of,
+)
 from hil_bridge.show.terminal import Scene, Snapshot
 from hil_bridge.show.web.columns import MILLI, tidy
 
@@ -100,12 +113,10 @@ def told_now(snapshot: Snapshot) -> dict[str, Any]:
 def told_event(event: EventRecord, began: float) -> dict[str, Any]:
     """An event as a row of the page."""
     weight = "alarm" if event.kind in ALARMS else "caution" if event.kind in CAUTIONS else ""
-    text = event.text.strip()
-    line = text.rpartition("\n")[2] if event.kind in ("traceback", "bug") else text.partition("\n")[0]
     return {
         "at": tidy(event.at - began),
         "kind": event.kind,
-        "text": harmless(line)[:TEXT_LENGTH],
+        "text": line_of(event)[:TEXT_LENGTH],
         "weight": weight,
     }
 
@@ -113,25 +124,6 @@ def told_event(event: EventRecord, began: float) -> dict[str, Any]:
 def is_zero(event: EventRecord) -> bool:
     """Whether it tells the zero that was taken."""
     return event.kind == CHECK_EVENT and "zero taken" in event.text
-
-
-def mark_of(event: EventRecord, began: float) -> Mark | None:
-    """The mark of an event in the charts; None where it has none."""
-    kind = (
-        "stop"
-        if event.kind == STOP_EVENT
-        else "fault"
-        if event.kind == "fault"
-        else "event"
-        if event.kind in (*CAUTIONS, *ALARMS, "mark")
-        else ""
-    )
-    return Mark(event.at - began, harmless(event.text.partition("\n")[0])[:120], kind) if kind else None
-
-
-def step_mark(step: StepRecord, began: float) -> Mark:
-    """The mark at the end of a program's step."""
-    return Mark(step.at - began, harmless(f"{step.label}: {step.text}")[:120], "step")
 
 
 def spans_of(phases: Sequence[tuple[float, str]], until: float) -> list[Span]:
@@ -146,8 +138,11 @@ def phases_in(events: Iterable[EventRecord], began: float) -> list[tuple[float, 
 
 
 def charts_of(scene: Scene, wall_start_s: float | None) -> Charts:
-    """What `charts.js` draws of a run."""
-    limits, truth = scene.limits, "truth" if scene.robot.emulated else ""
+    """What `charts.js` draws of a run.
+
+    It makes room for the force limit, which a report does not: a person sees how near the force is.
+    """
+    limits, truth = asdict(scene.limits), "truth" if scene.robot.emulated else ""
 
     def true(column: str) -> tuple[Series, ...]:
         return (Series("truth", column, "true", "truth", layer="truth"),) if truth else ()
@@ -168,13 +163,9 @@ def charts_of(scene: Scene, wall_start_s: float | None) -> Charts:
             *true("force"),
         ),
         (Band("cycle", "low", "high", "least and greatest", layer="range"),),
-        (
-            Limit(limits.force_limit_n, "stops at", shown=True),
-            Limit(-limits.pull_limit_n, "pull stops at"),
-        ),
+        [replace(limit, shown=limit.value > 0.0) for limit in limits_of("force", limits)],
         height_px=250,
-        zero=True,
-        least_span=2.0,
+        **FORCE._asdict(),
     )
     charts = (
         force,
@@ -183,10 +174,9 @@ def charts_of(scene: Scene, wall_start_s: float | None) -> Charts:
             "Lateral force",
             "N",
             (Series("cycle", "lateral", "across the approach", "2"),),
-            limits=(Limit(limits.resultant_limit_n, "resultant stops at"),),
+            limits=limits_of("lateral", limits),
             height_px=110,
-            zero=True,
-            least_span=1.0,
+            **LATERAL._asdict(),
         ),
         Chart(
             "moments",
@@ -196,10 +186,9 @@ def charts_of(scene: Scene, wall_start_s: float | None) -> Charts:
                 Series("cycle", name, name, colour)
                 for name, colour in (("mx", "1"), ("my", "2"), ("mz", "3"))
             ),
-            limits=(Limit(limits.moment_limit_nm, "magnitude stops at"),),
+            limits=limits_of("moments", limits),
             height_px=110,
-            zero=True,
-            least_span=0.1,
+            **MOMENTS._asdict(),
         ),
         Chart(
             "depth",
@@ -210,8 +199,9 @@ def charts_of(scene: Scene, wall_start_s: float | None) -> Charts:
                 Series("cycle", "commanded", "commanded", "2", "step"),
                 *true("depth"),
             ),
+            limits=limits_of("depth", limits),
             height_px=150,
-            least_span=0.5,
+            **DEPTH._asdict(),
         ),
         Chart(
             "stiffness",
@@ -219,16 +209,16 @@ def charts_of(scene: Scene, wall_start_s: float | None) -> Charts:
             "N/m",
             (Series("cycle", "stiffness", "stiffness", "6"),),
             height_px=100,
-            zero=True,
+            **STIFFNESS._asdict(),
         ),
         Chart(
             "times",
             "Times",
             "ms",
             tuple(times),
-            limits=(Limit(limits.stale_after_ms, "sensor too old at"),),
+            limits=limits_of("times", limits, scene.robot.line_floor_s),
             height_px=120,
-            zero=True,
+            **TIMES._asdict(),
         ),
     )
     layers = (Layer("range", "least and greatest"), *((Layer("truth", "truth"),) if truth else ()))
