@@ -11,6 +11,7 @@ from typing import Annotated, TypeAlias
 import msgspec
 from msgspec import Meta, Struct
 
+from protocol.marks import Mark
 from protocol.wrench import SensorFacts
 
 _Positive: TypeAlias = Annotated[float, Meta(gt=0.0)]
@@ -95,9 +96,18 @@ class ServoFacts(Struct, frozen=True):
     dead_band_steps: _NotNegative = 0.0
     """Largest error of the position without correction, either way, in steps of the position."""
     marks: dict[str, str] = {}
-    """How well each of them is known, see `protocol.marks`, by the name of its setting."""
+    """How well each number is known, see `protocol.marks`, by the name of its field; none for one that is 0."""
     trail_s: _NotNegative = 0.0
     """Time constant by which the robot's own set point nears what is ordered; 0 for one that takes it at once."""
+
+    @property
+    def wait_s(self) -> float:
+        """Mean time for which an order waits for the interpolator, s: half of the time between two set points.
+
+        Derived of the emulated robots: an order comes at any moment between two set points, and the next one is as far
+        on the way as a tick goes. A correction of the force is done with it.
+        """
+        return self.interpolation_s / 2.0
 
 
 class WitnessFacts(Struct, frozen=True):
@@ -107,8 +117,6 @@ class WitnessFacts(Struct, frozen=True):
     """Difference from the force sensor that is still ordinary, N, counted from a zero that both took at once."""
     delay_s: _NotNegative = 0.0
     """Time constant of its filter."""
-    marks: dict[str, str] = {}
-    """How well each of them is known, see `protocol.marks`, and from where."""
 
 
 class Pacing(StrEnum):
@@ -151,6 +159,14 @@ class RobotFacts(Struct, frozen=True):
     """Reaction of a robot that streams to answers that come late, in words."""
     witness: WitnessFacts | None = None
     """None where the robot tells no force of its own."""
+
+    def servo_source(self, *fields: str) -> str:
+        """Where these numbers of its servo come from, in words."""
+        if self.emulated:
+            return "as configured for the emulated robot"
+        marks = {} if self.servo is None else self.servo.marks
+        known = dict.fromkeys(marks.get(field, str(Mark.ASSUMED)) for field in fields)
+        return f"{' and '.join(known)}, from the profile"
 
 
 class Sensor(Struct, frozen=True, omit_defaults=True):

@@ -8,10 +8,11 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner
-from msgspec.structs import replace
+from msgspec.structs import asdict, replace
 
 from emulators.faults.wire import WIRE_FAULTS
 from hil_bridge.cli import cli
+from hil_bridge.devices.facts import RobotFacts, ServoFacts
 from hil_bridge.devices.kinds import ROBOTS, SENSORS, emulated_sensor, robot_of, sensor_of
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.conform.scenarios import NOMINAL, SCENARIOS
@@ -21,6 +22,7 @@ from hil_bridge.runs.checks import problems
 from hil_bridge.runs.pace import control_loop, paced
 from hil_bridge.settings.configuration import Config, load_config, read_config
 from hil_bridge.settings.kinds import facts_of, settings_of
+from protocol.marks import Mark
 from tools.faults_doc import ROBOT_NAMES, SENSOR_NAMES, faults_of_device
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -322,3 +324,23 @@ def test_every_robot_of_ours_can_try_a_client_in_every_scenario(name: str) -> No
     emulation = ROBOTS.kind(name).emulation
     assert emulation is not None
     assert {*emulation.mishaps} == {*SCENARIOS} - {NOMINAL}
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_the_marks_of_a_servo_have_the_names_of_its_numbers(name: str) -> None:
+    servo = facts_of(load_config(None, {"robot.emulated": name})).servo
+    assert servo is not None
+    assert {*servo.marks} == {key for key, value in asdict(servo).items() if key != "marks" and value}
+    assert {*servo.marks.values()} <= {*map(str, Mark)}
+
+
+def test_a_real_robot_names_the_mark_of_each_number_of_its_servo() -> None:
+    servo = ServoFacts(
+        0.02, 0.02, 40.0, 1.0, marks={"transport_delay_s": "derived", "damping_ratio": "observed"}
+    )
+    robot = RobotFacts(servo=servo)
+    assert robot.servo_source("transport_delay_s") == "derived, from the profile"
+    both = "assumed and observed, from the profile"
+    assert robot.servo_source("natural_frequency_rad_s", "damping_ratio") == both
+    emulated = replace(robot, emulated=True)
+    assert emulated.servo_source("transport_delay_s") == "as configured for the emulated robot"

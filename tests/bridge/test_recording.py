@@ -778,8 +778,8 @@ def test_a_run_records_what_its_devices_are(tmp_path: Path, emulated: str, kind:
     robot, sensor = told.robot, told.sensor
     assert (robot.kind, robot.emulated, robot.position_step_m) == ("s3", True, 0.25e-3)
     assert robot.servo is not None
-    assert robot.servo.marks["interpolation_ms"] == "assumed"
-    assert robot.servo.marks["resolution_mm"] == "chosen"
+    assert robot.servo.marks["interpolation_s"] == "assumed"
+    assert robot.servo.marks["dead_band_steps"] == "observed"
     assert robot.line_floor_s == json.loads(recording.end["line_floor_s"])
     assert sensor.kind == kind
     assert sensor.facts is not None

@@ -4,6 +4,7 @@ import dataclasses
 import json
 import math
 import re
+import statistics
 import struct
 from itertools import pairwise
 from pathlib import Path
@@ -12,6 +13,8 @@ from typing import Any
 import pytest
 from msgspec import structs
 
+from emulators.arm.loops import ServoProfile
+from emulators.arm.waypoints import Waypoint, WaypointArm
 from hil_bridge.control.analysis.stability import (
     SampledPlant,
     admittance_response,
@@ -19,6 +22,7 @@ from hil_bridge.control.analysis.stability import (
     margins,
     pi_response,
 )
+from hil_bridge.devices.facts import ServoFacts
 from hil_bridge.record import CycleRecord, Outcome, Recording, RunEnd
 from hil_bridge.record.analysis.summary import summarise
 from hil_bridge.show.report import write_report
@@ -26,6 +30,7 @@ from hil_bridge.show.report.explanation import decisions, strongest_rules
 from hil_bridge.show.report.plots import draw
 from hil_bridge.show.report.sections import controller_section, cycle_sentence, stability_section
 from hil_bridge.show.report.stability import Analysis, LinearLoop, analyse, dominant_period
+from protocol.geometry import Pose
 
 PERIOD, WAIT = 0.2, 0.1
 STEP = 0.125e-3
@@ -109,8 +114,8 @@ def square(k: int) -> CycleRecord:
 def test_sample_time_and_delay_are_those_of_the_record() -> None:
     found = analysis(record([cycle(k) for k in range(60)]))
     assert found.plant.period == pytest.approx(PERIOD)
-    assert found.plant.delay == pytest.approx(WAIT + 1.5 * 0.02 + 0.02)
-    assert [part.seconds for part in found.delay] == pytest.approx([WAIT, 0.03, 0.02])
+    assert found.plant.delay == pytest.approx(WAIT + 0.5 * 0.02 + 0.02)
+    assert [part.seconds for part in found.delay] == pytest.approx([WAIT, 0.01, 0.02])
     assert (found.stiffness, found.step_force) == pytest.approx((5000.0, 0.625))
     filtered = config()
     filtered["sensor"]["gateway"]["cutoff_hz"] = 10.0
@@ -250,6 +255,24 @@ def test_noise_has_no_period() -> None:
         1.3, rel=0.03
     )
     assert dominant_period(time[:20], [math.sin(t) for t in time[:20]]) is None
+
+
+def test_an_order_waits_half_a_tick_for_the_interpolator_as_the_emulator_has_it() -> None:
+    """And its set point is then the whole correction, which is nearer than a tick goes."""
+    profile, now = ServoProfile(), 50.0
+    tick, transport = profile.interpolation_ms * 1e-3, profile.transport_delay_ms * 1e-3
+    servo = ServoFacts(tick, transport, profile.natural_frequency_rad_s, profile.damping_ratio)
+    waits = []
+    for phase in range(50):
+        arm = WaypointArm(profile, Pose((0.9, 0.0, 0.6), (0.0, 1.0, 0.0, 0.0)), 0.0)
+        ordered = now + (phase + 0.5) / 50 * tick
+        arm.enqueue(Waypoint((0.9, 0.0, 0.6 - 2 * STEP), (0.0, 1.0, 0.0, 0.0), 0.05), ordered)
+        arm.path.advance(ordered + 1.0)
+        taken = arm.path.begun_at(1)
+        assert taken is not None
+        assert arm.path.at(taken + 1e-6)[0].loops.set_point[2] == round(0.6 / STEP) - 2
+        waits.append(taken - ordered - transport)
+    assert statistics.fmean(waits) == pytest.approx(servo.wait_s)
 
 
 def test_what_stiffness_and_servo_rest_on_is_named() -> None:

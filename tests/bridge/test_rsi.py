@@ -104,7 +104,7 @@ def test_runs_of_one_seed_are_the_same_to_the_byte_and_replay_is_identical(tmp_p
     assert (devices.robot.kind, devices.robot.cycle_s) == ("rsi", 0.004)
     assert devices.robot.model == "KUKA controller with RSI, relative corrections"
     assert devices.robot.servo is not None
-    assert devices.robot.servo.marks["interpolation_ms"] == "observed"
+    assert devices.robot.servo.marks["interpolation_s"] == "observed"
 
 
 def test_urls_name_the_kind_and_settings_stand_in_its_sections(tmp_path: Path) -> None:
@@ -134,6 +134,9 @@ def test_urls_name_the_kind_and_settings_stand_in_its_sections(tmp_path: Path) -
         ("robot", "program-reset", "its program has begun anew, or moves by itself"),
         ("robot", "drives-stop", "sent nothing for 0.5 s"),
         ("robot", "monitor", "sent nothing for 0.5 s"),
+        ("link", "off", "sent nothing for 0.5 s"),
+        ("link", "garbage", "sent nothing for 0.5 s"),
+        ("link", "delay", "answers in a row"),
         ("packets", "mute", "sent nothing for 0.5 s"),
         ("packets", "late", "answers in a row"),
         ("packets", "malformed", "sent nothing for 0.5 s"),
@@ -154,6 +157,10 @@ def test_each_refusal_ends_a_run_in_one_plain_line(on: str, fault: str, words: s
 @pytest.mark.parametrize(
     ("on", "fault", "more"),
     [
+        ("link", "loss", ABSOLUTE),
+        ("link", "corruption", ABSOLUTE),
+        ("link", "duplication", ""),
+        ("link", "lose-next", ABSOLUTE),
         ("packets", "lost", ""),
         ("packets", "duplicated", ""),
         ("packets", "reordered", ABSOLUTE),
@@ -198,6 +205,7 @@ def test_every_fault_is_in_one_of_the_tables_above() -> None:
         "emergency-stop", "stand", "limit", "program-end", "program-reset", "drives-stop", "monitor", "mute", "late",
         "offset", "drift", "turned", "frozen", "malformed", "not-a-number",
         "clock-jump", "refused", "lost", "duplicated", "reordered",
+        "off", "loss", "corruption", "garbage", "duplication", "delay", "lose-next",
     }  # fmt: skip
 
 

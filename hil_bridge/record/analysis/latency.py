@@ -18,8 +18,6 @@ from hil_bridge.record.records import CycleRecord, SensorRecord, TruthRecord
 
 Floats: TypeAlias = NDArray[np.float64]
 
-_WAIT_TICKS = 0.5
-"""Ticks of the interpolator that a point waits on the mean for its first set point."""
 _STAMPS = frozenset(
     field.name
     for field in inspect.type_info(CycleRecord).fields  # type: ignore[attr-defined]
@@ -220,11 +218,13 @@ def _constants(devices: Devices, found: Latency) -> tuple[Constant, ...]:
         constants.append(Constant("the sensor's filter", delay, "from its cut-off frequency"))
     if (servo := devices.robot.servo) is None:
         return tuple(constants)
-    source = "as configured for the emulated robot" if devices.robot.emulated else "assumed"
-    wait, transport = _WAIT_TICKS * servo.interpolation_s, servo.transport_delay_s
+    source = devices.robot.servo_source
     response = 2.0 * servo.damping_ratio / servo.natural_frequency_rad_s
     if not found.name.endswith("motion"):
-        constants.append(Constant("the wait for the robot's interpolator", wait, f"half a tick, {source}"))
-        constants.append(Constant("the servo's transport delay", transport, source))
-    constants.append(Constant("the servo's response", response, f"2ζ/ω, {source}"))
+        words = f"half a tick, {source('interpolation_s')}"
+        constants.append(Constant("the wait for the robot's interpolator", servo.wait_s, words))
+        words = source("transport_delay_s")
+        constants.append(Constant("the servo's transport delay", servo.transport_delay_s, words))
+    words = f"2ζ/ω, {source('natural_frequency_rad_s', 'damping_ratio')}"
+    constants.append(Constant("the servo's response", response, words))
     return tuple(constants)

@@ -138,7 +138,7 @@ def _loop_rows(analysis: Analysis) -> list[Row]:
         Row(
             "delay",
             quantity(plant.delay, 1e3, ".1f", "ms"),
-            "from the force to the whole set point at the servo, a tick after the motion begins",
+            "from the force to the set point at the servo",
         ),
         *(Row(f"– {p.label}", quantity(p.seconds, 1e3, ".1f", "ms"), p.source) for p in analysis.delay),
         Row(

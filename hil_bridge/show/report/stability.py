@@ -39,10 +39,6 @@ STAND_IN_GAIN = 0.2
 """Share of the error made up for in a sample by the integrator that stands for a controller that is not
 linear. Chosen: the one of the resolution experiment, low enough that two positions alone take part.
 """
-_INTERPOLATION_TICKS = 1.5
-"""Ticks of the interpolator that a command waits: half of one until the next begins, and one to be passed on.
-Derived from how interpolator and position loops take turns.
-"""
 _PERIODIC_SHARE = 0.4
 """Share of the variance of the error that one frequency must hold to be called its period. Chosen: white
 noise gets there once in hundreds of runs.
@@ -131,7 +127,7 @@ def analyse(recording: Recording, summary: Summary) -> Analysis | None:
     return Analysis(
         plant=plant,
         delay=parts,
-        servo_source=_source(robot.emulated),
+        servo_source=robot.servo_source("natural_frequency_rad_s", "damping_ratio"),
         stiffness=k,
         stiffness_source=stiffness_source,
         resolution=step,
@@ -190,7 +186,7 @@ def _plant(track: Sequence[CycleRecord], devices: Devices) -> tuple[SampledPlant
     servo = devices.robot.servo
     if not (periods and waits) or servo is None:
         return None
-    source = _source(devices.robot.emulated)
+    source = devices.robot.servo_source
     taken = statistics.median(waits)
     hops = devices.robot.hops
     if (answer := None if hops is None else hops.earlier_s(ACCEPTED)) is None:
@@ -207,12 +203,8 @@ def _plant(track: Sequence[CycleRecord], devices: Devices) -> tuple[SampledPlant
         )
     parts = [
         taking,
-        Part(
-            "interpolation",
-            _INTERPOLATION_TICKS * servo.interpolation_s,
-            f"half a tick until one begins, one to be passed on, {source}",
-        ),
-        Part("servo's transport delay", servo.transport_delay_s, source),
+        Part("wait for the interpolator", servo.wait_s, f"half a tick, {source('interpolation_s')}"),
+        Part("servo's transport delay", servo.transport_delay_s, source("transport_delay_s")),
     ]
     if lag := devices.sensor.delay_s:
         parts.insert(
@@ -294,10 +286,6 @@ def _comfortable_to(
         else:
             high = middle
     return low
-
-
-def _source(emulated: bool) -> str:
-    return "as configured for the emulated robot" if emulated else "assumed, from the profile"
 
 
 def _at(config: Mapping[str, Any], key: str) -> Any:

@@ -20,11 +20,7 @@ def robot_facts(client: EgmSettings, assumed: EgmProfile) -> RobotFacts:
         servo=_servo_facts(assumed, 0.0 if client.feed_forward else _trail_s(assumed)),
         late="the controller goes on with the last pose and speed, takes a late message a cycle later, and stops after "
         "CommTimeout without one",
-        witness=None
-        if client.force_axes == "none"
-        else WitnessFacts(
-            ORDINARY_N, WITNESS_DELAY_S, dict.fromkeys(("ordinary_n", "delay_s"), str(Mark.ASSUMED))
-        ),
+        witness=None if client.force_axes == "none" else WitnessFacts(ORDINARY_N, WITNESS_DELAY_S),
     )
 
 
@@ -48,9 +44,10 @@ def _servo_facts(profile: EgmProfile, trail_s: float) -> ServoFacts:
         damping_ratio=arm.damping_ratio,
         trail_s=trail_s,
         marks={
-            "interpolation_ms": marks["cycle_ms"],
-            "transport_delay_ms": marks["ref_delay_cycles"],
+            "interpolation_s": marks["cycle_ms"],
+            "transport_delay_s": marks["ref_delay_cycles"],
             "natural_frequency_rad_s": marks["natural_frequency_rad_s"],
             "damping_ratio": marks["damping_ratio"],
+            **({"trail_s": marks["k"]} if trail_s else {}),
         },
     )

@@ -37,8 +37,8 @@ def robot_facts(settings: KindSettings) -> RobotFacts:
             servo.natural_frequency_rad_s,
             servo.damping_ratio,
             marks={
-                "interpolation_ms": marks["cycle_ms"],
-                "transport_delay_ms": marks["transport_delay_ms"],
+                "interpolation_s": marks["cycle_ms"],
+                "transport_delay_s": marks["transport_delay_ms"],
                 "natural_frequency_rad_s": marks["natural_frequency_rad_s"],
                 "damping_ratio": marks["damping_ratio"],
             },

@@ -41,11 +41,7 @@ def robot_facts(client: ClientProfile, emulated: RtdeProfile) -> RobotFacts:
         marks={name: mark.value for name, mark in marks.items()},
     )
     old = client.cycle_s >= _CB3_CYCLE_S
-    witness = WitnessFacts(
-        _ORDINARY_CB3_N if old else _ORDINARY_N,
-        _WITNESS_DELAY_S,
-        {"ordinary_n": Mark.DERIVED.value, "delay_s": Mark.ASSUMED.value},
-    )
+    witness = WitnessFacts(_ORDINARY_CB3_N if old else _ORDINARY_N, _WITNESS_DELAY_S)
     return RobotFacts(
         "Universal Robots, RTDE",
         Pacing.STREAMED,

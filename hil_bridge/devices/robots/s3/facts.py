@@ -56,5 +56,11 @@ def _servo_facts(servo: ServoProfile) -> ServoFacts:
         servo.natural_frequency_rad_s,
         servo.damping_ratio,
         servo.dead_band_steps,
-        marks,
+        {
+            "interpolation_s": marks["interpolation_ms"],
+            "transport_delay_s": marks["transport_delay_ms"],
+            "natural_frequency_rad_s": marks["natural_frequency_rad_s"],
+            "damping_ratio": marks["damping_ratio"],
+            "dead_band_steps": marks["dead_band_steps"],
+        },
     )
