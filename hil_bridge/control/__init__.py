@@ -2,7 +2,7 @@
 pure.
 """
 
-from hil_bridge.control.analysis.merit import FiguresOfMerit, figures_of_merit
+from hil_bridge.control.analysis.merit import FiguresOfMerit, ForceTrace, figures_of_merit
 from hil_bridge.control.analysis.tool_identification import ToolEstimate, ToolPose, identify_tool
 from hil_bridge.control.controllers import CONTROLLERS, controller_kind, controller_names, make_controller
 from hil_bridge.control.course.contour import Contour, ContourState, normal_force
@@ -77,6 +77,7 @@ __all__ = [
     "Controller",
     "Decision",
     "FiguresOfMerit",
+    "ForceTrace",
     "FuzzyAdaptive",
     "FuzzyPi",
     "FuzzyState",

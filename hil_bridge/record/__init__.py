@@ -3,7 +3,7 @@
 from hil_bridge.record.ending import CHECK_EVENT, PHASE_EVENT, STOP_EVENT, Outcome, RunEnd
 from hil_bridge.record.link_log import LINK_EVENT, LinkLog
 from hil_bridge.record.reader import RawTraffic, Recording, read, read_link, read_with_traffic
-from hil_bridge.record.recorder import CHUNKS, VIRTUAL_CHUNKS, Chunks, Recorder
+from hil_bridge.record.recorder import REAL_TIME, VIRTUAL, VIRTUAL_CHUNKS, Chunks, Recorder, Writing
 from hil_bridge.record.records import (
     CycleRecord,
     EventRecord,
@@ -16,10 +16,11 @@ from hil_bridge.record.records import (
 
 __all__ = [
     "CHECK_EVENT",
-    "CHUNKS",
     "LINK_EVENT",
     "PHASE_EVENT",
+    "REAL_TIME",
     "STOP_EVENT",
+    "VIRTUAL",
     "VIRTUAL_CHUNKS",
     "Chunks",
     "CycleRecord",
@@ -35,6 +36,7 @@ __all__ = [
     "StepRecord",
     "TruthRecord",
     "WireRecord",
+    "Writing",
     "read",
     "read_link",
     "read_with_traffic",

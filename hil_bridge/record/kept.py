@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
 from hil_bridge.record.reader import RawTraffic, Recording
-from hil_bridge.record.recorder import DROPPED_PREFIX, VIRTUAL_CHUNKS, Recorder
+from hil_bridge.record.recorder import DROPPED_PREFIX, VIRTUAL, Recorder
 from hil_bridge.record.records import (
     CycleRecord,
     EventRecord,
@@ -109,9 +109,7 @@ class KeptRecords:
 
     def save(self, path: Path, overwrite: bool = False) -> None:
         """Write the file that a run would have written. Raises ConfigError for the place, BridgeError for the disk."""
-        recorder = Recorder(
-            path, self._wall_ns, False, self._metadata, chunks=VIRTUAL_CHUNKS, overwrite=overwrite
-        )
+        recorder = Recorder(path, self._wall_ns, self._metadata, VIRTUAL, overwrite)
         for step in self._steps:
             if isinstance(step, dict):
                 recorder.devices(step)

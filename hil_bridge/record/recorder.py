@@ -17,7 +17,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 from mcap.writer import CompressionType, Writer
 
@@ -74,6 +74,22 @@ that it takes.
 """
 
 
+class Writing(NamedTuple):
+    """The way from a record to the file."""
+
+    threaded: bool
+    """In a thread of its own. Without it the caller's `put` writes a batch now and then, and the file depends on the
+    records alone.
+    """
+    chunks: Chunks = CHUNKS
+    queue_records: int = QUEUE_RECORDS
+    """Records that wait at most."""
+
+
+REAL_TIME = Writing(threaded=True)
+VIRTUAL = Writing(threaded=False, chunks=VIRTUAL_CHUNKS)
+
+
 def map_buffers() -> None:
     """Let the buffers of chunks go back to the system one by one, where the C library can be told to (glibc).
 
@@ -95,21 +111,18 @@ class Recorder:
         self,
         path: Path,
         wall_ns: Callable[[float], int],
-        threaded: bool,
         metadata: Mapping[str, str],
-        queue_records: int = QUEUE_RECORDS,
-        chunks: Chunks = CHUNKS,
+        writing: Writing,
         overwrite: bool = False,
     ) -> None:
         """Open the file and write what is known before the run.
 
-        `wall_ns` turns a time of the run's clock into ns since the Unix epoch. `threaded` writes in a thread of its
-        own. Without it the caller's `put` writes a batch now and then, and the file depends on the records alone. A
-        file that is there already is emptied only with `overwrite`. Raises ConfigError when the file cannot be opened.
+        `wall_ns` turns a time of the run's clock into ns since the Unix epoch. A file that is there already is emptied
+        only with `overwrite`. Raises ConfigError when the file cannot be opened.
         """
         self._path = path
         self._wall_ns = wall_ns
-        self._capacity = queue_records
+        self._capacity = writing.queue_records
         self._queue: deque[Record] = deque()
         self._devices: Mapping[str, str] = {}
         """Facts that wait to be written."""
@@ -120,12 +133,12 @@ class Recorder:
         self._error: BridgeError | None = None
         self.trouble = ""
         """Why the file will not hold everything, in words, from the moment on at which that is known."""
-        self._chunk_seconds = chunks.seconds
+        self._chunk_seconds = writing.chunks.seconds
         self._chunk_began: float | None = None
         self._newest = 0.0
         self._closed = False
         self._file: BinaryIO = open_record(path, overwrite)
-        self._writer = Writer(self._file, chunk_size=chunks.size, compression=CompressionType.ZSTD)
+        self._writer = Writer(self._file, chunk_size=writing.chunks.size, compression=CompressionType.ZSTD)
         self._flush: Callable[[], None] = self._writer.flush
         self._channels: dict[type, int] = {}
         self._scenes = Scenes(wall_ns)
@@ -138,7 +151,7 @@ class Recorder:
         """Held while the writer has no reason to wake; only the loop's thread releases it."""
         self._wake.acquire()
         self._thread: threading.Thread | None = None
-        if threaded:
+        if writing.threaded:
             self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
             self._thread.start()
 

@@ -52,7 +52,7 @@ from hil_bridge.record import (
 )
 from hil_bridge.runs.bounds import check_depth, run_bounds
 from hil_bridge.runs.causes import kind_of
-from hil_bridge.runs.cycle_record import cycle_record
+from hil_bridge.runs.cycle_record import Course, cycle_record
 from hil_bridge.runs.leaving import ARRIVED_M, Left, WayOut, in_words, not_away, stand_still
 from hil_bridge.runs.pace import control_loop, cycle_starts
 from hil_bridge.runs.reaction_times import usual_gap
@@ -363,18 +363,21 @@ class Run:
                     report,
                     sample,
                     decision,
-                    sent,
+                    Course(
+                        cycle=cycle,
+                        started_at=started_at,
+                        decoded_at=decoded_at,
+                        proposed_at=proposed_at,
+                        controlled_at=controlled_at,
+                        answered_at=self._clock.now(),
+                        sensor_counter=frame.counter,
+                        start=self._start.pose.position,
+                        asked=asked,
+                        correction=decision.target.depth - commanded_before,
+                        sent_at=sent.begun_at,
+                        transmitted_at=sent.left_at,
+                    ),
                     self._config.task,
-                    answered_at=self._clock.now(),
-                    cycle=cycle,
-                    started_at=started_at,
-                    decoded_at=decoded_at,
-                    proposed_at=proposed_at,
-                    controlled_at=controlled_at,
-                    sensor_counter=frame.counter,
-                    start=self._start.pose.position,
-                    asked=asked,
-                    correction=decision.target.depth - commanded_before,
                 )
             )
             self._steps.ended(state.task.course)

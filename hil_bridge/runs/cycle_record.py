@@ -1,22 +1,40 @@
 """The record of a cycle, from all that its course has made."""
 
 import math
-from typing import Any
+from typing import NamedTuple
 
 from hil_bridge.control import Command, Decision, Sample, TaskParameters, numeric_explanation
-from hil_bridge.devices.robots.seam import ANSWER, PACKET, QUESTION_LEFT, RobotReport, Sent
+from hil_bridge.devices.robots.seam import ANSWER, PACKET, QUESTION_LEFT, RobotReport
 from hil_bridge.record import CycleRecord
+from protocol.geometry import Vector
+
+
+class Course(NamedTuple):
+    """The values that only the course of a cycle knows, by the names of the record."""
+
+    cycle: int
+    started_at: float
+    decoded_at: float
+    proposed_at: float
+    controlled_at: float
+    answered_at: float
+    sensor_counter: int
+    start: Vector
+    asked: str
+    correction: float
+    sent_at: float
+    transmitted_at: float
 
 
 def cycle_record(
-    report: RobotReport, sample: Sample, decision: Decision, sent: Sent, task: TaskParameters, **known: Any
+    report: RobotReport, sample: Sample, decision: Decision, course: Course, task: TaskParameters
 ) -> CycleRecord:
-    """Record of a cycle; `known` are the values that only its course knows, by the record's names."""
+    """Record of a cycle."""
     output = decision.output
     command = output.command or Command(decision.target.depth, 0.0)
     stamps = dict(report.stamps)
     return CycleRecord(
-        **known,
+        **course._asdict(),
         phase=output.phase,
         status_at=sample.now,
         sensor_at=sample.sensor_at,
@@ -28,8 +46,6 @@ def cycle_record(
         quaternion=report.pose.quaternion,
         status_transmitted_at=stamps.get(QUESTION_LEFT, math.nan),
         answer_s=stamps[ANSWER] - stamps[PACKET] if ANSWER in stamps else math.nan,
-        sent_at=sent.begun_at,
-        transmitted_at=sent.left_at,
         depth=decision.depth,
         depth_commanded=decision.target.depth,
         travel_commanded=decision.target.travel,

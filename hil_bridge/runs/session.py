@@ -27,8 +27,8 @@ from hil_bridge.errors.failures import (
 from hil_bridge.errors.text_files import format_path
 from hil_bridge.record import (
     CHECK_EVENT,
-    CHUNKS,
-    VIRTUAL_CHUNKS,
+    REAL_TIME,
+    VIRTUAL,
     CycleRecord,
     EventRecord,
     Outcome,
@@ -274,10 +274,9 @@ class _Session:
         self._recorder = Recorder(
             self._record_path,
             clock.wall_ns,
-            threaded=not clock.is_virtual,
-            chunks=VIRTUAL_CHUNKS if clock.is_virtual else CHUNKS,
-            overwrite=self._overwrite,
-            metadata=metadata_of(config, clock.is_virtual),
+            metadata_of(config, clock.is_virtual),
+            VIRTUAL if clock.is_virtual else REAL_TIME,
+            self._overwrite,
         )
         keeper = self._recorder if self.feed is None else Relay(self._recorder, self.feed)
         self._log = RunLog(config, clock, keeper, self)

@@ -13,7 +13,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import click
 
@@ -66,6 +66,16 @@ class Screen:
     """Shown a line that the next one may replace."""
 
 
+class Session(NamedTuple):
+    """The person's side of a probe."""
+
+    screen: Screen
+    entered: asyncio.Event | None
+    """Set by a person to go on without the push that is asked for; None: no pushes are asked for."""
+    duration_s: float | None
+    """For how long the wrench is shown, s; None: until Ctrl-C."""
+
+
 @dataclass(frozen=True, slots=True)
 class Stream:
     """Frames over a stretch of time."""
@@ -94,9 +104,8 @@ def probe_sensor(url: str, config: Config, push: bool, duration_s: float | None)
         clock, entered = Clock.running(), asyncio.Event()
         try:
             with _answers(entered) if by_hand else nullcontext():
-                probing = asyncio.create_task(
-                    probe(url, config, clock, screen, entered if by_hand else None, duration_s)
-                )
+                session = Session(screen, entered if by_hand else None, duration_s)
+                probing = asyncio.create_task(probe(url, config, clock, session))
                 for number in (signal.SIGINT, signal.SIGTERM):
                     with suppress(NotImplementedError):  # no signal handlers in loops of other platforms
                         clock.loop.add_signal_handler(number, probing.cancel)
@@ -127,18 +136,9 @@ def _answers(entered: asyncio.Event) -> Iterator[None]:
         loop.remove_reader(terminal)
 
 
-async def probe(
-    url: str,
-    config: Config,
-    clock: Clock,
-    screen: Screen,
-    entered: asyncio.Event | None,
-    duration_s: float | None,
-) -> None:
-    """Open a sensor, tell of it, ask for pushes unless `entered` is None, then show the wrench; errors as above.
-
-    A person sets `entered` to go on without the push that is asked for.
-    """
+async def probe(url: str, config: Config, clock: Clock, session: Session) -> None:
+    """Open a sensor, tell of it, ask for pushes where a person answers, then show the wrench; errors as above."""
+    screen, entered, duration_s = session
     frames: deque[WrenchFrame] = deque()
 
     def take(frame: WrenchFrame) -> None:

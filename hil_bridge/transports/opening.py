@@ -195,8 +195,7 @@ async def _open_can(parsed: WireUrl, clock: Clock, accept: Sequence[CanFilter]) 
         return SlcanWire(await _adapter_line(parsed, clock), parsed.options.get("bitrate"), clock, accept)
     from hil_bridge.transports.can.python_can import open_python_can
 
-    interface = parsed.scheme.removeprefix("can+")
-    return await open_python_can(interface, parsed.target, clock, parsed.text, accept, **parsed.options)
+    return await open_python_can(parsed, clock, accept)
 
 
 async def _adapter_line(parsed: WireUrl, clock: Clock) -> Transport[bytes]:

@@ -200,6 +200,8 @@ def test_what_happens_on_the_link_is_told_by_name() -> None:
     notices, events = [], []
 
     class Told(Silence):
+        verbose = True
+
         def notice(self, kind: str, text: str) -> None:
             notices.append((kind, text))
 
@@ -216,7 +218,6 @@ def test_what_happens_on_the_link_is_told_by_name() -> None:
             LinkProfile(order_timeout_s=0.5),
             clock,
             Told(),
-            verbose=True,
         )
         robot.start()
         try:

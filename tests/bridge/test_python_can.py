@@ -20,7 +20,7 @@ from hil_bridge.errors import TransportBroken, TransportClosed, TransportError
 from hil_bridge.transports import CanStatistics, connect_can
 from hil_bridge.transports.can.message import from_message, to_message
 from hil_bridge.transports.can.socketcan import interface_up
-from hil_bridge.transports.can.wire import LINK_PATIENCE_S, MOST_PER_WAKE_UP, PROBE_S, RETRY_S, CanWire
+from hil_bridge.transports.can.wire import LINK_PATIENCE_S, MOST_PER_WAKE_UP, PROBE_S, RETRY_S, CanWire, Place
 from protocol.can.error import CanErrorReport, Controller, ErrorClass, decode_error, encode_error
 from protocol.can.frame import CanFilter, CanFrame
 
@@ -166,7 +166,7 @@ def played(check: Callable[[Clock, Kernel, CanWire, Ear], Awaitable[None]]) -> N
     async def main() -> None:
         clock = Clock.running()
         kernel = Kernel(clock)
-        wire = CanWire(kernel, "socketcan", "can0", clock, "can+socketcan://can0", kernel)
+        wire = CanWire(kernel, Place("socketcan", "can0", "can+socketcan://can0"), clock, kernel)
         ear = Ear(wire, clock)
         await check(clock, kernel, wire, ear)
         await wire.aclose()

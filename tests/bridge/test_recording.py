@@ -30,12 +30,14 @@ from hil_bridge.devices.facts import ACCEPTED, Devices, RobotFacts, Sensor
 from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.lab.experiments import run_emulated
 from hil_bridge.record import (
+    VIRTUAL,
     VIRTUAL_CHUNKS,
     CycleRecord,
     EventRecord,
     Recorder,
     Recording,
     SensorRecord,
+    Writing,
     read,
 )
 from hil_bridge.record import reader as reader_module
@@ -101,7 +103,7 @@ def stream(seconds: float = 3.0) -> list[Record]:
 
 
 def write(path: Path, records: list[Record], end: dict[str, str] | None = None) -> Path:
-    recorder = Recorder(path, wall_ns, threaded=False, metadata=METADATA)
+    recorder = Recorder(path, wall_ns, METADATA, Writing(threaded=False))
     for record in records:
         recorder.put(record)
     recorder.close(end)
@@ -128,7 +130,7 @@ def test_two_runs_of_one_input_give_the_same_bytes(tmp_path: Path) -> None:
 
 def test_a_thread_writes_the_same_records(tmp_path: Path) -> None:
     records = stream()
-    recorder = Recorder(tmp_path / "run.mcap", wall_ns, threaded=True, metadata=METADATA)
+    recorder = Recorder(tmp_path / "run.mcap", wall_ns, METADATA, Writing(threaded=True))
     for record in records:
         recorder.put(record)
     recorder.close()
@@ -144,7 +146,7 @@ def test_from_pause_to_pause_the_writer_lets_the_loop_be(
     monkeypatch.setattr(recorder_module, "PATIENCE_SECONDS", 60.0)
     path, frames = tmp_path / "run.mcap", stream(0.1)[1:]
     # every record at once to the disk, where it is seen
-    recorder = Recorder(path, wall_ns, threaded=True, metadata={}, chunks=Chunks(seconds=0.0, size=1))
+    recorder = Recorder(path, wall_ns, {}, Writing(threaded=True, chunks=Chunks(seconds=0.0, size=1)))
 
     def grown(before: int, within_s: float) -> bool:
         """Whether the file is larger than it was before, or grows so within this time."""
@@ -183,7 +185,7 @@ def test_what_pauses_do_not_suffice_for_is_written_without_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(recorder_module, "PATIENCE_SECONDS", 0.1)
-    recorder = Recorder(tmp_path / "run.mcap", wall_ns, threaded=True, metadata={}, queue_records=100)
+    recorder = Recorder(tmp_path / "run.mcap", wall_ns, {}, Writing(threaded=True, queue_records=100))
     recorder.put(cycle(0, 100.0))
     for k in range(300):  # three times the queue
         recorder.put(SensorRecord(101.0 + k, k, (0,) * 6))
@@ -259,7 +261,7 @@ def test_a_record_without_a_time_gets_that_of_the_newest(tmp_path: Path) -> None
 
 def test_a_full_queue_drops_the_newest_and_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(recorder_module, "WAKE_SECONDS", 60.0)  # the writer sleeps: nothing is drained
-    recorder = Recorder(tmp_path / "run.mcap", wall_ns, threaded=True, metadata={}, queue_records=10)
+    recorder = Recorder(tmp_path / "run.mcap", wall_ns, {}, Writing(threaded=True, queue_records=10))
     recorder.put(cycle(0, 100.0))
     for k in range(15):
         recorder.put(SensorRecord(100.0 + k, k, (0,) * 6))
@@ -286,7 +288,7 @@ def test_a_full_queue_drops_the_newest_and_counts(tmp_path: Path, monkeypatch: p
 @pytest.mark.parametrize("threaded", [False, True])
 def test_a_full_disk_is_told_at_the_end_and_stops_nothing(tmp_path: Path, threaded: bool) -> None:
     path = tmp_path / "run.mcap"
-    recorder = Recorder(path, wall_ns, threaded=threaded, metadata={})
+    recorder = Recorder(path, wall_ns, {}, Writing(threaded=threaded))
     full = OSError(errno.ENOSPC, "No space left on device")
     recorder._flush = lambda: (_ for _ in ()).throw(full)
     for record in stream():
@@ -300,12 +302,12 @@ def test_a_full_disk_is_told_at_the_end_and_stops_nothing(tmp_path: Path, thread
 
 def test_a_place_that_cannot_be_written_is_told_before_the_run(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"cannot write .*: there is no such folder"):
-        Recorder(tmp_path / "nowhere" / "run.mcap", wall_ns, threaded=False, metadata={})
+        Recorder(tmp_path / "nowhere" / "run.mcap", wall_ns, {}, Writing(threaded=False))
 
 
 def test_a_cut_file_gives_what_came_before(tmp_path: Path) -> None:
     """As a killed process leaves it: finished chunks are readable, the run counts as cut off."""
-    recorder = Recorder(tmp_path / "run.mcap", wall_ns, threaded=False, metadata=METADATA)
+    recorder = Recorder(tmp_path / "run.mcap", wall_ns, METADATA, Writing(threaded=False))
     for record in stream(10.0):
         recorder.put(record)
     data = (tmp_path / "run.mcap").read_bytes()
@@ -319,9 +321,7 @@ def test_a_cut_file_gives_what_came_before(tmp_path: Path) -> None:
 
 
 def test_chunks_of_a_virtual_run_have_one_size(tmp_path: Path) -> None:
-    recorder = Recorder(
-        tmp_path / "virtual.mcap", wall_ns, threaded=False, metadata={}, chunks=VIRTUAL_CHUNKS
-    )
+    recorder = Recorder(tmp_path / "virtual.mcap", wall_ns, {}, VIRTUAL)
     for k in range(10_000):
         recorder.put(SensorRecord(100.0 + 3.0 * k, k, (k, 0, -870, 0, 0, 0)))
     recorder.close()
@@ -823,7 +823,7 @@ def test_an_older_recording_has_the_full_scales_that_its_sensor_told() -> None:
 
 
 def test_facts_are_written_before_the_run_ends(tmp_path: Path) -> None:
-    recorder = Recorder(tmp_path / "run.mcap", wall_ns, threaded=False, metadata=METADATA)
+    recorder = Recorder(tmp_path / "run.mcap", wall_ns, METADATA, Writing(threaded=False))
     recorder.put(cycle(0, 100.0))
     recorder.devices({"robot": '{"position_step_m":0.00025}', "sensor": "{"})
     for record in stream(10.0):

@@ -21,6 +21,7 @@ from hil_bridge.record import (
     Recording,
     RunEnd,
     SensorRecord,
+    Writing,
     read,
 )
 from hil_bridge.record.analysis.summary import end_of, phases, summarise
@@ -182,7 +183,7 @@ def test_phases_come_from_events_or_else_from_cycles() -> None:
 def test_the_end_travels_with_the_record(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
     metadata = {"controller": "fuzzy-pi", "seed": "7"}
-    recorder = Recorder(path, lambda at: round(at * 1e9), threaded=False, metadata=metadata)
+    recorder = Recorder(path, lambda at: round(at * 1e9), metadata, Writing(threaded=False))
     for cycle in cycles(STEP):
         recorder.put(cycle)
     recorder.close(END.as_metadata())

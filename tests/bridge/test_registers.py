@@ -18,6 +18,7 @@ from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.devices.device_log import LogTo
 from hil_bridge.devices.sensors.jr3.registers import (
     ListenerProfile,
+    Watcher,
     board_wire,
     connect_board,
     open_pci,
@@ -135,7 +136,7 @@ def test_wrong_board_urls(url: str, text: str) -> None:
 )
 def test_wrong_listening_urls(url: str, text: str) -> None:
     async def main() -> None:
-        await serve_board(url, Memory(), ListenerProfile(), Clock.running(), print, print)
+        await serve_board(url, Memory(), ListenerProfile(), Clock.running(), Watcher(print, print))
 
     with pytest.raises(ConfigError, match=text):
         run_virtual(main)
@@ -155,8 +156,7 @@ def test_a_sensor_behind_registers_in_virtual_time() -> None:
             Memory(),
             ListenerProfile(),
             clock,
-            logged.append,
-            logged.append,  # type: ignore[arg-type]
+            Watcher(logged.append, logged.append),  # type: ignore[arg-type]
         )
         assert served.address == "jr3+memory:b"
         wire, profile = await connect_board("jr3+memory:b?filter=2", BoardClientProfile(), clock)
@@ -188,8 +188,7 @@ def test_a_memory_wire_survives_a_lost_client() -> None:
             Memory(),
             ListenerProfile(),
             clock,
-            logged.append,
-            logged.append,  # type: ignore[arg-type]
+            Watcher(logged.append, logged.append),  # type: ignore[arg-type]
         )
         wire, _ = await connect_board("jr3+memory:b", BoardClientProfile(), clock)
         wire.start(heard.append, lambda error: None)

@@ -14,7 +14,7 @@ from msgspec import structs
 
 import hil_bridge.cli
 from hil_bridge.errors import ConfigError
-from hil_bridge.record import CycleRecord, Outcome, Recorder, Recording, read
+from hil_bridge.record import CycleRecord, Outcome, Recorder, Recording, Writing, read
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.replay import changes_of, recorded_config, replay
 from hil_bridge.runs.session import execute
@@ -145,7 +145,7 @@ def changed_file(recording: Path, folder: Path) -> Path:
     record, path = read(recording), folder / "broken.mcap"
     sample = record.cycles[30].sample
     assert sample is not None
-    recorder = Recorder(path, lambda at: round(at * 1e9), threaded=False, metadata=record.metadata)
+    recorder = Recorder(path, lambda at: round(at * 1e9), record.metadata, Writing(threaded=False))
     for cycle in changed(record, 30, force=sample.force + 2.0).cycles:
         recorder.put(cycle)
     recorder.close()

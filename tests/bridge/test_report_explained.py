@@ -16,6 +16,7 @@ from msgspec import structs
 from emulators.arm.loops import ServoProfile
 from emulators.arm.waypoints import Waypoint, WaypointArm
 from hil_bridge.control.analysis.stability import (
+    Quantiser,
     SampledPlant,
     admittance_response,
     limit_cycle,
@@ -235,7 +236,7 @@ def test_a_run_that_rests_is_told_apart_from_one_that_swings() -> None:
 def test_the_predicted_limit_cycle_counts_the_dead_band_of_the_servo() -> None:
     found = analysis(recording := record([square(k) for k in range(60)]))
     assert found.loop is not None
-    wanted = limit_cycle(5000.0, found.loop.response, found.plant, STEP, 0.5)
+    wanted = limit_cycle(5000.0, found.loop.response, found.plant, Quantiser(STEP, 0.5))
     assert found.predicted == wanted
     assert f"<td>period</td><td>{wanted.period:.2f} s</td><td>{found.dominant_period:.2f} s</td>" in section(
         recording

@@ -15,7 +15,7 @@ from hil_bridge.errors import DeviceError
 from hil_bridge.runs.compose import Ports, emulated_cell, make_cell
 from hil_bridge.runs.cycle import wrist
 from hil_bridge.settings.configuration import Config
-from hil_bridge.site.sensor_probe import Screen, probe
+from hil_bridge.site.sensor_probe import Screen, Session, probe
 
 Force = Callable[[float], Sequence[float]]
 """Force of a hand on the tool at a time since the beginning, s; tool frame, N."""
@@ -68,7 +68,8 @@ def probed(
             for at in enter_at:
                 clock.call_at(VIRTUAL_EPOCH + at, entered.set)
             screen = Screen(said.append, lambda text: said.append(f"~{text}"))
-            await probe(URLS[before], config, clock, screen, None if hand is None else entered, duration_s)
+            session = Session(screen, None if hand is None else entered, duration_s)
+            await probe(URLS[before], config, clock, session)
 
     run_virtual(main)
     return said

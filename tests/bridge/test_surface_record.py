@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.record import EventRecord, Recorder, Recording, TruthRecord, read
+from hil_bridge.record import EventRecord, Recorder, Recording, TruthRecord, Writing, read
 from hil_bridge.record.removed_map import (
     BYTES_LIMIT,
     CELLS_LIMIT,
@@ -185,7 +185,7 @@ def test_whatever_an_attachment_holds_is_a_map_or_refused(data: bytes) -> None:
 
 def test_a_record_with_a_garbled_map_is_refused_in_one_line(tmp_path: Path) -> None:
     path = tmp_path / "run.mcap"
-    recorder = Recorder(path, lambda at: round(at * 1e9), threaded=False, metadata={})
+    recorder = Recorder(path, lambda at: round(at * 1e9), {}, Writing(threaded=False))
     recorder.put(EventRecord(1.0, "phase", "tare"))
     recorder.attach(REMOVED_NAME, "application/json", b"{}")
     recorder.close()

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from hil_bridge.control import FiguresOfMerit, Measurement, figures_of_merit
+from hil_bridge.control import FiguresOfMerit, ForceTrace, Measurement, figures_of_merit
 
 STEP = 0.125e-3
 PERIOD = 0.18
@@ -37,7 +37,7 @@ def press_on_wall(
         estimates.append(command.stiffness)
         commanded = command.position
     times = [k * PERIOD for k in range(samples)]
-    merit = figures_of_merit(times, forces, reference, words, [True] * samples)
+    merit = figures_of_merit(ForceTrace(times, forces, reference, words, [True] * samples))
     return WallRun(forces, words, estimates, merit)
 
 

@@ -3,18 +3,19 @@
 import numpy as np
 import pytest
 
-from hil_bridge.control import figures_of_merit
+from hil_bridge.control import ForceTrace, figures_of_merit
 
 
 def figures(force, commanded=None, contact=None, period=0.5, reference=10.0):
     n = len(force)
-    return figures_of_merit(
+    trace = ForceTrace(
         np.arange(n) * period + 77.0,
         force,
         reference,
         np.zeros(n) if commanded is None else commanded,
         np.ones(n, bool) if contact is None else contact,
     )
+    return figures_of_merit(trace)
 
 
 def test_step_response_by_hand():

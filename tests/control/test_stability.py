@@ -7,6 +7,8 @@ import pytest
 
 from hil_bridge.control import Admittance, Measurement, Pi
 from hil_bridge.control.analysis.stability import (
+    HoldingServo,
+    Quantiser,
     SampledPlant,
     admittance_response,
     holding_limit_cycle,
@@ -117,7 +119,7 @@ def test_fast_and_slow_servos_settle_at_one():
 def test_limit_cycle_is_predicted(stiffness, delay, period, loop_gain):
     plant = SampledPlant(period, delay)
     integral = loop_gain / stiffness
-    predicted = limit_cycle(stiffness, pi_response(0.0, integral), plant, STEP)
+    predicted = limit_cycle(stiffness, pi_response(0.0, integral), plant, Quantiser(STEP))
     forces = simulate(stiffness, integral, plant)[-400:]
     assert np.ptp(forces) == pytest.approx(predicted.peak_to_peak, rel=0.25)
     assert mean_period(forces, stiffness * STEP * 40.5, period) == pytest.approx(predicted.period, rel=0.25)
@@ -128,7 +130,7 @@ def test_limit_cycle_is_predicted(stiffness, delay, period, loop_gain):
 @pytest.mark.parametrize(("delay", "period"), [(0.05, 0.1), (0.13, 0.18)])
 def test_with_short_delays_the_prediction_bounds_the_swing(delay, period, loop_gain):
     plant = SampledPlant(period, delay)
-    predicted = limit_cycle(2e4, pi_response(0.0, loop_gain / 2e4), plant, STEP)
+    predicted = limit_cycle(2e4, pi_response(0.0, loop_gain / 2e4), plant, Quantiser(STEP))
     assert predicted.period == pytest.approx(4 * period)
     for kick in (0.0, 0.2 * STEP, 0.7 * STEP):
         swing = np.ptp(simulate(2e4, loop_gain / 2e4, plant, kick=kick)[-400:])
@@ -138,7 +140,7 @@ def test_with_short_delays_the_prediction_bounds_the_swing(delay, period, loop_g
 @pytest.mark.parametrize("offset", [0.2, 0.35, 0.7])
 def test_off_the_middle_the_cycle_is_slower(offset):
     plant = SampledPlant(0.1, 0.35)
-    predicted = limit_cycle(2e4, pi_response(0.0, 0.05 / 2e4), plant, STEP, offset=offset)
+    predicted = limit_cycle(2e4, pi_response(0.0, 0.05 / 2e4), plant, Quantiser(STEP, offset=offset))
     forces = simulate(2e4, 0.05 / 2e4, plant, offset, samples=4000)[-1000:]
     measured = mean_period(forces, 2e4 * STEP * (40 + offset), 0.1)
     assert measured == pytest.approx(predicted.period, rel=0.25)
@@ -147,7 +149,7 @@ def test_off_the_middle_the_cycle_is_slower(offset):
 def test_dead_band_makes_it_slower():
     plant = SampledPlant(0.1, 0.15)
     plain, banded = (
-        limit_cycle(2e4, pi_response(0.0, 0.1 / 2e4), plant, STEP, dead_band=b) for b in (0.0, 0.5)
+        limit_cycle(2e4, pi_response(0.0, 0.1 / 2e4), plant, Quantiser(STEP, dead_band=b)) for b in (0.0, 0.5)
     )
     assert banded.period > 1.5 * plain.period
     assert banded.peak_to_peak == pytest.approx(2e4 * STEP, rel=0.05)
@@ -164,31 +166,31 @@ def test_a_servo_that_holds_is_held_just_beyond_the_border(frequency, damping):
         if before * (0.5 + beyond) < beyond:
             fixed.append(2e4 * STEP * 2.0 * beyond)
         before = f
-    found = holding_limit_cycle(2e4, 0.05 / 2e4, plant, STEP, tick)
+    found = holding_limit_cycle(2e4, 0.05 / 2e4, plant, HoldingServo(STEP, tick))
     assert any(found.peak_to_peak == pytest.approx(swing, rel=0.01) for swing in fixed)
     assert len(fixed) <= 3
     assert found.period == pytest.approx(2.0, rel=0.01)
 
 
 def test_a_servo_that_holds_swings_farther_while_it_coasts():
-    rested = holding_limit_cycle(2e4, 0.2 / 2e4, SampledPlant(1.0, 0.1), STEP, 0.02)
-    coasting = holding_limit_cycle(2e4, 0.2 / 2e4, SampledPlant(0.18, 0.115), STEP, 0.02)
-    filtered = holding_limit_cycle(2e4, 0.2 / 2e4, SampledPlant(0.18, 0.115), STEP, 0.02, 0.016)
+    rested = holding_limit_cycle(2e4, 0.2 / 2e4, SampledPlant(1.0, 0.1), HoldingServo(STEP, 0.02))
+    coasting = holding_limit_cycle(2e4, 0.2 / 2e4, SampledPlant(0.18, 0.115), HoldingServo(STEP, 0.02))
+    filtered = holding_limit_cycle(2e4, 0.2 / 2e4, SampledPlant(0.18, 0.115), HoldingServo(STEP, 0.02), 0.016)
     assert coasting.peak_to_peak > 1.8 * rested.peak_to_peak
     assert rested.peak_to_peak < filtered.peak_to_peak < coasting.peak_to_peak
 
 
 def test_a_holding_servo_in_an_unstable_loop_is_refused():
     with pytest.raises(ValueError, match="unstable"):
-        holding_limit_cycle(2e4, 30.0 / 2e4, SampledPlant(0.18, 0.1), STEP, 0.02)
+        holding_limit_cycle(2e4, 30.0 / 2e4, SampledPlant(0.18, 0.1), HoldingServo(STEP, 0.02))
 
 
 def test_loops_without_a_limit_cycle_are_refused():
     plant = SampledPlant(0.1, 0.05)
     with pytest.raises(ValueError, match="unstable"):
-        limit_cycle(2e4, pi_response(0.0, 30.0 / 2e4), plant, STEP)
+        limit_cycle(2e4, pi_response(0.0, 30.0 / 2e4), plant, Quantiser(STEP))
     with pytest.raises(ValueError, match="offset"):
-        limit_cycle(2e4, pi_response(0.0, 0.1 / 2e4), plant, STEP, offset=1.0)
+        limit_cycle(2e4, pi_response(0.0, 0.1 / 2e4), plant, Quantiser(STEP, offset=1.0))
     with pytest.raises(ValueError, match="period"):
         SampledPlant(0.0, 0.1)
 

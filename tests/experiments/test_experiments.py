@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from hil_bridge.control import CONTROLLERS, figures_of_merit
+from hil_bridge.control import CONTROLLERS, ForceTrace, figures_of_merit
 from hil_bridge.lab.experiments import (
     EXPERIMENTS,
     resolution,
@@ -160,7 +160,7 @@ def test_the_steady_state_is_that_of_the_last_samples_asked_for():
     assert short.merit.steady_mean_error == pytest.approx(short.force[-10:].mean() - 10.0)
     assert long.merit.steady_mean_error == pytest.approx(long.force[-40:].mean() - 10.0)
     assert long.merit == figures_of_merit(
-        long.time, long.force, 10.0, long.commanded, [True] * len(long.time)
+        ForceTrace(long.time, long.force, 10.0, long.commanded, [True] * len(long.time))
     )
     assert CellJob("fuzzy", (), 1, duration=2.0)().merit.steady_peak_to_peak is None
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from hil_bridge.clock import Clock, run_real
-from hil_bridge.devices.sensors.jr3.registers import ListenerProfile, serve_board
+from hil_bridge.devices.sensors.jr3.registers import ListenerProfile, Watcher, serve_board
 from hil_bridge.errors import TransportUnavailable
 from protocol.devices.jr3.board import check_range, pack_words
 from protocol.devices.jr3.registers import (
@@ -102,8 +102,7 @@ def on_tcp(
             Memory(),
             profile or ListenerProfile(),
             clock,
-            logged.append,
-            lambda cause: None,
+            Watcher(logged.append, lambda cause: None),
         )
         port = int(served.address.rpartition(":")[2])
 
@@ -260,7 +259,7 @@ def test_a_taken_port_is_one_clear_line() -> None:
         with socket.create_server(("127.0.0.1", 0)) as taken:
             url = f"jr3+tcp-listen://127.0.0.1:{taken.getsockname()[1]}"
             try:
-                await serve_board(url, Memory(), ListenerProfile(), clock, print, print)
+                await serve_board(url, Memory(), ListenerProfile(), clock, Watcher(print, print))
             finally:
                 clock.close()
 

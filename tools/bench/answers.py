@@ -164,10 +164,20 @@ def cell(way: Way, config: Path, relay: Path | None, file: Path) -> Iterator[dic
         yield options
 
 
-def tracked(
-    relay: Path | None, way: Way, place: Path, seconds: float, *, record: bool = True, awake: bool = False
-) -> Tracked:
+class How(NamedTuple):
+    """The circumstances of a run."""
+
+    record: bool = True
+    awake: bool = False
+    """The processors are kept from sleeping."""
+
+
+AS_USUAL = How()
+
+
+def tracked(relay: Path | None, way: Way, place: Path, seconds: float, how: How = AS_USUAL) -> Tracked:
     """A run of the bridge. Raises RunFailed."""
+    record, awake = how
     file, config, recording, told = (
         place / name for name in ("seen", "run.toml", "run.mcap", "summary.json")
     )
@@ -254,7 +264,7 @@ def measured(way: Way, place: Path, seconds: float, say: Callable[[str], None]) 
     if relay is not None:
         echoes()
         say(f"{way.title}: bridge without a recorder")
-        without = tracked(relay, way, place, seconds, record=False)
+        without = tracked(relay, way, place, seconds, How(record=False))
         echoes()
         yield from beside(way, run, turns, "")
         recorded, bare = (spread(each.times).at(0.999) for each in (run, without))
@@ -269,7 +279,7 @@ def kept_awake(way: Way, place: Path, seconds: float, say: Callable[[str], None]
         say(f"{way.title}{AWAKE}")
         if relay is not None:
             echo_turn(relay, way, turns, file, seconds / 2.0)
-        run = tracked(relay, way, place, seconds, awake=True)
+        run = tracked(relay, way, place, seconds, How(awake=True))
         if relay is not None:
             echo_turn(relay, way, turns, file, seconds / 2.0)
             yield from beside(way, run, turns, AWAKE)

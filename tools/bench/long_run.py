@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from hil_bridge.clock import VIRTUAL_WALL_NS, Clock, run_virtual
-from hil_bridge.record import VIRTUAL_CHUNKS, Recorder, SensorRecord
+from hil_bridge.record import VIRTUAL, Recorder, SensorRecord, Writing
 from hil_bridge.record.recorder import map_buffers
 from hil_bridge.settings.configuration import Config
 from tools.bench.cells import CellRun
@@ -73,7 +73,7 @@ async def track(record: Path, minutes: int, look: Callable[[], object]) -> dict[
     config = Config.model_validate({"run": {"duration_s": duration_s}, "task": {"speed_mm_s": SPEED_MM_S}})
     clock = Clock.running()
     map_buffers()
-    recorder = Recorder(record, clock.wall_ns, threaded=False, metadata={}, chunks=VIRTUAL_CHUNKS)
+    recorder = Recorder(record, clock.wall_ns, {}, VIRTUAL)
     run = CellRun(
         config,
         on_cycle=recorder.put,
@@ -143,7 +143,9 @@ def recorder_speed(place: Path) -> tuple[float, float, float]:
     """
     records = [SensorRecord(k * 1e-3, k, (k % 99, -3, -870 - k % 7, 12, 5, -1)) for k in range(RECORDS)]
     began = time.process_time()
-    recorder = Recorder(place / "speed.mcap", lambda at: VIRTUAL_WALL_NS + round(at * 1e9), False, {})
+    recorder = Recorder(
+        place / "speed.mcap", lambda at: VIRTUAL_WALL_NS + round(at * 1e9), {}, Writing(False)
+    )
     for record in records:
         recorder.put(record)
     recorder.close()

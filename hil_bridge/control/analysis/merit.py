@@ -1,6 +1,7 @@
 """Figures of merit of a tracked force, from the arrays of a run's TRACK phase."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,7 +22,7 @@ class FiguresOfMerit:
     """Figures of a tracked force; None where the run was too short or never reached the force."""
 
     rise_samples: int | None
-    """Samples from the first one to 90 % of the desired force."""
+    """ForceTrace from the first one to 90 % of the desired force."""
     rise_seconds: float | None
     """The same in s."""
     overshoot_percent: float
@@ -42,23 +43,30 @@ class FiguresOfMerit:
     """N"""
 
 
-def figures_of_merit(
-    time: ArrayLike,
-    force: ArrayLike,
-    reference: ArrayLike,
-    commanded: ArrayLike,
-    in_contact: ArrayLike,
-    resolution_mm: float = POSITION_STEP_MM,
-) -> FiguresOfMerit:
-    """Figures of a run: s, N, N (one value or one a sample), m and booleans, one a sample, in order of time.
+class ForceTrace(NamedTuple):
+    """A run under control, one value a sample, in order of time."""
 
-    Raises ValueError when there is no sample, or when the arrays differ in length.
-    """
-    at, pressed, depth = (np.asarray(values, dtype=float) for values in (time, force, commanded))
-    touching = np.asarray(in_contact, dtype=bool)
+    time: ArrayLike
+    """s"""
+    force: ArrayLike
+    """N"""
+    reference: ArrayLike
+    """Desired force, N: one value, or one a sample."""
+    commanded: ArrayLike
+    """Depth, m."""
+    in_contact: ArrayLike
+    """Booleans."""
+
+
+def figures_of_merit(trace: ForceTrace, resolution_mm: float = POSITION_STEP_MM) -> FiguresOfMerit:
+    """Figures of a run. Raises ValueError when there is no sample, or when the arrays differ in length."""
+    at, pressed, depth = (
+        np.asarray(values, dtype=float) for values in (trace.time, trace.force, trace.commanded)
+    )
+    touching = np.asarray(trace.in_contact, dtype=bool)
     if not pressed.size or not pressed.shape == at.shape == depth.shape == touching.shape:
         raise ValueError("a run needs a time, force, command and contact flag a sample, at least one sample")
-    desired = np.broadcast_to(np.asarray(reference, dtype=float), pressed.shape)
+    desired = np.broadcast_to(np.asarray(trace.reference, dtype=float), pressed.shape)
     error = pressed - desired
     risen = np.flatnonzero(pressed >= RISE_FRACTION * desired)
     rise = int(risen[0]) if risen.size else None
@@ -79,7 +87,7 @@ def figures_of_merit(
 
 
 def _falling(pressed: Array, desired: Array) -> NDArray[np.bool_]:
-    """Samples in which the force still comes down to a desired one that has dropped."""
+    """ForceTrace in which the force still comes down to a desired one that has dropped."""
     falling = np.zeros(pressed.shape, dtype=bool)
     drops = np.flatnonzero(desired[1:] < RISE_FRACTION * desired[:-1]) + 1
     for begin in drops:

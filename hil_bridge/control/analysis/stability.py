@@ -172,17 +172,24 @@ class LimitCycle:
     """Resolution steps between the lowest and the highest position taken."""
 
 
-def limit_cycle(
-    stiffness: float,
-    controller: Response,
-    plant: SampledPlant,
-    resolution: float,
-    dead_band: float = 0.0,
-    offset: float = 0.5,
-) -> LimitCycle:
-    """Limit cycle of the loop whose position moves in whole steps of `resolution` (m): describing function.
+@dataclass(frozen=True, slots=True)
+class Quantiser:
+    """Positions in whole steps, and where the desired force lies between two of them."""
 
-    The desired force lies between two reachable ones, at `offset` (0 … 1) of their distance k_e·Δx_res. So the
+    resolution: float
+    """Δx_res, m"""
+    dead_band: float = 0.0
+    """b: largest error without correction, either way, in steps."""
+    offset: float = 0.5
+    """p: place of the desired force between two that can be reached, 0 … 1 of their distance."""
+
+
+def limit_cycle(
+    stiffness: float, controller: Response, plant: SampledPlant, quantiser: Quantiser
+) -> LimitCycle:
+    """Limit cycle of the loop whose position moves in whole steps: describing function.
+
+    The desired force lies between two reachable ones, at the offset of their distance k_e·Δx_res. So the
     integrator swings the command over the border between two positions, for ever. Around that border the quantiser is a
     relay of height q, with i further steps from the amplitude i·q on:
 
@@ -199,6 +206,7 @@ def limit_cycle(
 
     Raises ValueError for an offset outside (0, 1), or when the loop has no such oscillation.
     """
+    resolution, dead_band, offset = quantiser.resolution, quantiser.dead_band, quantiser.offset
     if not 0.0 < offset < 1.0:
         raise ValueError(f"the offset must be between 0 and 1, got {offset}")
     theta, loop = _sweep(stiffness, controller, plant)
@@ -216,13 +224,18 @@ def limit_cycle(
     return LimitCycle(stiffness * resolution * swing, period, steps)
 
 
+@dataclass(frozen=True, slots=True)
+class HoldingServo:
+    """A servo that holds where it is once the rounded position equals its set point."""
+
+    resolution: float
+    """Δx_res, m"""
+    tick: float
+    """Time after which it takes the newest set point and looks at its position, s."""
+
+
 def holding_limit_cycle(
-    stiffness: float,
-    integral: float,
-    plant: SampledPlant,
-    resolution: float,
-    tick: float,
-    smoothing: float = 0.0,
+    stiffness: float, integral: float, plant: SampledPlant, servo: HoldingServo, smoothing: float = 0.0
 ) -> LimitCycle:
     """Limit cycle with a servo that holds where it is once the rounded position equals its set point.
 
@@ -248,6 +261,7 @@ def holding_limit_cycle(
     """
     if not margins(stiffness, pi_response(0.0, integral), plant).stable:
         raise ValueError("this loop is unstable, quantised or not")
+    resolution, tick = servo.resolution, servo.tick
     loop = _HoldingLoop(stiffness * integral, plant, tick, smoothing)
     runs = [loop.run(plant.period * 10.0 + phase * tick / _PHASES) for phase in range(_PHASES)]
     passages = [np.flatnonzero((run[:-1] < 0.0) & (run[1:] >= 0.0)) for run in runs]

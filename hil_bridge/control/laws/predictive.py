@@ -189,7 +189,7 @@ class Predictive:
             "band_n": band,
         }
         correction = 0.0 if resting else line.value - measurement.commanded
-        command = self._answer(measurement, estimate, correction, relative_error, explanation, resting)
+        command = self._answer(measurement, estimate, correction, explanation, resting)
         slope = line.slope if moving else 0.0
         return PredictiveState(estimate, pairs, slope, side, robustness), command
 
@@ -251,7 +251,6 @@ class Predictive:
         measurement: Measurement,
         estimate: Stiffness,
         correction: float,
-        relative_error: float | None = None,
         explanation: dict[str, float] | None = None,
         resting: bool = False,
     ) -> Command:
@@ -259,7 +258,5 @@ class Predictive:
         limit = self.step_limit_mm * 1e-3
         correction = min(max(correction, -limit), limit)
         position = measurement.commanded + correction
-        if relative_error is None:
-            relative_error = estimate.relative_error(self.pairing)
-        confidence = 1.0 / (1.0 + relative_error)
+        confidence = 1.0 / (1.0 + estimate.relative_error(self.pairing))
         return Command(position, correction, estimate.value, confidence, resting, explanation or {})

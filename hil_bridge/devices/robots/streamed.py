@@ -14,7 +14,7 @@ from hil_bridge.devices.robots.answering import Answering
 from hil_bridge.devices.robots.gate import Bounds, Gate
 from hil_bridge.devices.robots.seam import MotionLimits, RobotFacts, RobotReport
 from hil_bridge.devices.robots.standing import moved_since
-from hil_bridge.devices.robots.streamed_motion import StreamedMotion
+from hil_bridge.devices.robots.streamed_motion import Stream, StreamedMotion
 from hil_bridge.errors import BridgeError, DeviceError, OrderRefused, TransportClosed
 from hil_bridge.errors.failures import code_failed
 from hil_bridge.transports import Transport
@@ -127,7 +127,8 @@ class StreamedLink(Generic[Data]):
         self._answering.begin(report.pose, limits, now)
         self._pump.kick()
         gate = Gate(bounds, now, report.pose)
-        motion = StreamedMotion(self.name, self._answering, self._clock, self._check, self._next_packet, gate)
+        stream = Stream(self.name, self._check, self._next_packet)
+        motion = StreamedMotion(stream, self._answering, self._clock, gate)
         try:
             yield motion
             if motion.ordered and not (motion.halted or motion.abandoned):

@@ -1,7 +1,7 @@
 """A movement of a robot that drives the cycle."""
 
 from collections.abc import Awaitable, Callable
-from typing import Generic
+from typing import Generic, NamedTuple
 
 from hil_bridge.clock import Clock
 from hil_bridge.devices.robots.answering import Answering
@@ -13,23 +13,24 @@ from protocol.geometry import Pose, Vector
 from protocol.robot import pose_fault
 
 
+class Stream(NamedTuple):
+    """The robot's packets, as a movement needs them."""
+
+    name: str
+    """The robot's wire."""
+    check: Callable[[], None]
+    """Raises where nothing can be ordered."""
+    next_packet: Callable[[], Awaitable[object]]
+    """Waits for a packet, and raises where none comes."""
+
+
 class StreamedMotion(Generic[Data]):
     """A movement under way, as `hil_bridge.devices.robots.seam.Motion` says."""
 
-    def __init__(
-        self,
-        name: str,
-        answering: Answering[Data],
-        clock: Clock,
-        check: Callable[[], None],
-        next_packet: Callable[[], Awaitable[object]],
-        gate: Gate,
-    ) -> None:
-        """`check` raises where nothing can be ordered; `next_packet` waits for one, and raises where none comes. `gate`
-        judges the targets.
-        """
-        self._name, self._answering, self._clock = name, answering, clock
-        self._check_link, self._next_packet, self._gate = check, next_packet, gate
+    def __init__(self, stream: Stream, answering: Answering[Data], clock: Clock, gate: Gate) -> None:
+        """`gate` judges the targets."""
+        self._name, self._check_link, self._next_packet = stream
+        self._answering, self._clock, self._gate = answering, clock, gate
         self._last: Pose | None = None
         self.halted = False
         self.abandoned = False

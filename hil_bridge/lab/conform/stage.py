@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 from urllib.parse import parse_qsl, urlsplit
 
 from emulators.cell import Cell
@@ -88,7 +88,7 @@ async def play(name: str, trial: Trial) -> Played:
     try:
         ports = Ports(trial.port, None)
         async with emulated_cell(trial.config, clock, ports, failures.append) as served:
-            scene = _Scene(name, trial, served.cell, client, clock, failures)
+            scene = _Scene(name, trial, _ServedCell(served.cell, clock, failures), client)
             await scene.play(where_of(trial.config, served.robot or ""))
             seen = scene.watch.seen
     finally:
@@ -108,18 +108,20 @@ class _Ended(Exception):
     """The client has ended."""
 
 
+class _ServedCell(NamedTuple):
+    """The emulated cell of a scenario."""
+
+    cell: Cell[Any, Any]
+    clock: Clock
+    failures: list[BaseException]
+    """Reasons for which it can no longer be served."""
+
+
 class _Scene:
     """A scenario under way."""
 
-    def __init__(
-        self,
-        name: str,
-        trial: Trial,
-        cell: Cell[Any, Any],
-        client: Client,
-        clock: Clock,
-        failures: list[BaseException],
-    ) -> None:
+    def __init__(self, name: str, trial: Trial, served: _ServedCell, client: Client) -> None:
+        cell, clock, failures = served
         robot = cell.robot
         if not isinstance(robot, TellingRobot):
             raise ConfigError(

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hil_bridge.control import FiguresOfMerit, figures_of_merit
+from hil_bridge.control import FiguresOfMerit, ForceTrace, figures_of_merit
 from hil_bridge.control.analysis.merit import STEADY_SAMPLES
 from hil_bridge.lab.experiments.emulated_run import run_emulated
 from hil_bridge.lab.experiments.paper_simulation import Parameters
@@ -77,7 +77,7 @@ class CellJob:
     """Noise of every axis before the sensor's filters, rms."""
     resolution_mm: float = 0.125
     steady_samples: int = STEADY_SAMPLES
-    """Samples at the end of the run that count as its steady state."""
+    """ForceTrace at the end of the run that count as its steady state."""
 
     def config(self) -> Config:
         """The configuration of the run; what is not named here stands at its default."""
@@ -137,14 +137,9 @@ class CellJob:
         time -= time[0] if len(time) else 0.0
         merit = None
         if cycles:
-            merit = figures_of_merit(
-                time,
-                column("force"),
-                self.reference,
-                column("depth_commanded"),
-                [cycle.in_contact for cycle in cycles],
-                self.resolution_mm,
-            )
+            touching = [cycle.in_contact for cycle in cycles]
+            trace = ForceTrace(time, column("force"), self.reference, column("depth_commanded"), touching)
+            merit = figures_of_merit(trace, self.resolution_mm)
             merit = self._of_the_end(merit, time, column("force"), column("depth_commanded"))
         return CellTrace(
             time,

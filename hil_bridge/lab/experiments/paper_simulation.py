@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from random import Random
 from typing import NamedTuple
 
-from hil_bridge.control import FiguresOfMerit, Measurement, figures_of_merit, make_controller
+from hil_bridge.control import FiguresOfMerit, ForceTrace, Measurement, figures_of_merit, make_controller
 
 RESOLUTION = 0.125e-3
 """m. Source: the paper."""
@@ -60,12 +60,7 @@ class PaperJob:
             forces.append(force)
             positions.append(position)
             commanded = command.position
-        merit = figures_of_merit(
-            [k * PERIOD for k in range(self.samples)],
-            forces,
-            self.reference,
-            positions,
-            [True] * self.samples,
-            self.resolution * 1e3,
-        )
+        times, touching = [k * PERIOD for k in range(self.samples)], [True] * self.samples
+        trace = ForceTrace(times, forces, self.reference, positions, touching)
+        merit = figures_of_merit(trace, self.resolution * 1e3)
         return PaperRun(tuple(forces), tuple(positions), merit)

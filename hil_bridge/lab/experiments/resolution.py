@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 
 from hil_bridge.control.analysis.stability import (
+    HoldingServo,
     LimitCycle,
+    Quantiser,
     SampledPlant,
     holding_limit_cycle,
     limit_cycle,
@@ -118,7 +120,7 @@ def plant(job: CellJob, period: float) -> SampledPlant:
 def _predicted_rounding(stiffness: float, resolution: float) -> LimitCycle | None:
     """With rounding alone; None where there is no limit cycle."""
     try:
-        return limit_cycle(stiffness, pi_response(0.0, LOOP_GAIN / stiffness), ROUNDED, resolution)
+        return limit_cycle(stiffness, pi_response(0.0, LOOP_GAIN / stiffness), ROUNDED, Quantiser(resolution))
     except ValueError:
         return None
 
@@ -131,8 +133,7 @@ def _predicted_chain(job: CellJob, period: float) -> LimitCycle | None:
             job.stiffness,
             LOOP_GAIN / job.stiffness,
             plant(job, period),
-            job.resolution_mm * 1e-3,
-            config.cell.servo.interpolation_ms * 1e-3,
+            HoldingServo(job.resolution_mm * 1e-3, config.cell.servo.interpolation_ms * 1e-3),
             config.sensor.gateway.delay,
         )
     except ValueError:

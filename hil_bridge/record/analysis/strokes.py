@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from hil_bridge.control.analysis.merit import FiguresOfMerit, figures_of_merit
+from hil_bridge.control.analysis.merit import FiguresOfMerit, ForceTrace, figures_of_merit
 from hil_bridge.record.reader import Recording
 from hil_bridge.record.records import CycleRecord
 
@@ -57,11 +57,11 @@ def merit_of(strokes: Sequence[Sequence[CycleRecord]], step_m: float | None) -> 
 
 
 def _merit(cycles: Sequence[CycleRecord], step_m: float | None) -> FiguresOfMerit:
-    return figures_of_merit(
+    trace = ForceTrace(
         time=[cycle.controlled_at for cycle in cycles],
         force=[cycle.force for cycle in cycles],
         reference=[cycle.force_reference for cycle in cycles],
         commanded=[cycle.depth_commanded for cycle in cycles],
         in_contact=[cycle.in_contact for cycle in cycles],
-        resolution_mm=step_m * 1e3 if step_m else math.inf,
     )
+    return figures_of_merit(trace, step_m * 1e3 if step_m else math.inf)

@@ -15,6 +15,7 @@ from hil_bridge.control.analysis.merit import STEADY_SAMPLES
 from hil_bridge.control.analysis.stability import (
     LimitCycle,
     Margins,
+    Quantiser,
     Response,
     SampledPlant,
     admittance_response,
@@ -259,7 +260,7 @@ def _predicted(
         return None
     response = pi_response(0.0, STAND_IN_GAIN / stiffness) if loop is None else loop.response
     try:
-        return limit_cycle(stiffness, response, plant, resolution, dead_band)
+        return limit_cycle(stiffness, response, plant, Quantiser(resolution, dead_band))
     except ValueError:
         return None
 

@@ -7,7 +7,7 @@ import math
 import statistics
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 from hil_bridge.clock import Clock, run_real, run_virtual
 from hil_bridge.control import (
@@ -87,28 +87,28 @@ def measure(config: Config, virtual: bool, sweep: Sweep, tell: Tell) -> list[Too
         try:
             log = LogTo(frames.append, lambda kind, text: tell(f"{kind}: {text}"))
             async with open_devices(config, clock, log) as devices:
-                return await _Measuring(config, clock, devices, frames, sweep, tell)()
+                return await _Measuring(config, clock, _Cell(devices, frames), sweep, tell)()
         finally:
             clock.close()
 
     return (run_virtual if virtual else run_real)(main)
 
 
+class _Cell(NamedTuple):
+    """Devices that have been started."""
+
+    devices: Devices
+    frames: list[WrenchFrame]
+    """Frames of the sensor so far; the sweep empties it."""
+
+
 class _Measuring:
     """One sweep over a robot link and a force sensor that have been started; call it once."""
 
-    def __init__(
-        self,
-        config: Config,
-        clock: Clock,
-        devices: Devices,
-        frames: list[WrenchFrame],
-        sweep: Sweep,
-        tell: Tell,
-    ) -> None:
+    def __init__(self, config: Config, clock: Clock, cell: _Cell, sweep: Sweep, tell: Tell) -> None:
         self._config, self._clock = config, clock
-        self._robot, self._sensor = devices.robot, devices.sensor
-        self._frames = frames
+        self._robot, self._sensor = cell.devices.robot, cell.devices.sensor
+        self._frames = cell.frames
         self._sweep = sweep
         self._tell = tell
         self._supervisor = Supervisor(config.limits)

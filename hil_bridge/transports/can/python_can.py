@@ -13,21 +13,17 @@ from hil_bridge.clock import Clock
 from hil_bridge.transports import reasons
 from hil_bridge.transports.base import Frames, Transport
 from hil_bridge.transports.can.socketcan import SocketCanLink, interface_up
-from hil_bridge.transports.can.wire import CanWire
+from hil_bridge.transports.can.wire import CanWire, Place
 from hil_bridge.transports.delivery import QUEUE_FRAMES
+from hil_bridge.transports.urls import WireUrl
 from protocol.can.frame import CanFilter
 
 
-async def open_python_can(
-    interface: str,
-    channel: str,
-    clock: Clock,
-    name: str,
-    accept: Sequence[CanFilter] = (),
-    **options: Any,
-) -> Transport[Frames]:
-    """Open an interface: `socketcan` or `virtual`. Raises TransportUnavailable."""
-    open_bus = partial(_open, interface, channel, accept, options)
+async def open_python_can(url: WireUrl, clock: Clock, accept: Sequence[CanFilter] = ()) -> Transport[Frames]:
+    """Open an interface: `can+socketcan` or `can+virtual`. Raises TransportUnavailable."""
+    place = Place(url.scheme.removeprefix("can+"), url.target, url.text)
+    interface, channel, name = place
+    open_bus = partial(_open, interface, channel, accept, dict(url.options))
     opening = asyncio.ensure_future(asyncio.to_thread(open_bus))
     try:
         bus = await asyncio.shield(opening)
@@ -38,7 +34,7 @@ async def open_python_can(
     except (can.CanError, OSError, ValueError) as error:
         raise reasons.unavailable(f"can+{interface}", name, channel, error) from error
     link = SocketCanLink(channel, open_bus) if interface == "socketcan" else None
-    return CanWire(bus, interface, channel, clock, name, link)
+    return CanWire(bus, place, clock, link)
 
 
 def _open(interface: str, channel: str, accept: Sequence[CanFilter], options: dict[str, Any]) -> can.BusABC:

@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import can
 
@@ -49,6 +50,17 @@ class _Outage:
     """Whether the interface is down; else its controller is bus-off."""
 
 
+class Place(NamedTuple):
+    """A bus of this computer."""
+
+    interface: str
+    """`socketcan` or `virtual`, as python-can calls them."""
+    channel: str
+    """Its name there: `can0`."""
+    name: str
+    """The wire as a person has named it."""
+
+
 class CanWire:
     """Transport over an open python-can bus.
 
@@ -63,16 +75,13 @@ class CanWire:
     def __init__(
         self,
         bus: can.BusABC,
-        interface: str,
-        channel: str,
+        place: Place,
         clock: Clock,
-        name: str,
         link: Link | None = None,
         send_deadline_s: float = SEND_DEADLINE_S,
     ) -> None:
         self._bus = bus
-        self._interface = interface
-        self._channel = channel
+        self._interface, self._channel, name = place
         self._clock = clock
         self._link = link
         self._delivery: Delivery[Frames] = Delivery(name, QUEUE_FRAMES)
@@ -81,7 +90,7 @@ class CanWire:
         self._started = False
         self._outage: _Outage | None = None
         self._timer: Timer | None = None
-        self._kernel_stamps = interface in _STAMPED_BY_KERNEL
+        self._kernel_stamps = place.interface in _STAMPED_BY_KERNEL
         self._received = self._reports = self._bus_off = 0
         self.malformed = 0
         """Arrivals that were no classical CAN frame."""

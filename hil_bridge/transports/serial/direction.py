@@ -1,6 +1,7 @@
 """One direction of a serial line: bytes sent take their time, and the receiver reads them at its own settings."""
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 from hil_bridge.clock import Clock, Timer
 from hil_bridge.transports.delivery import QUEUE_BYTES
@@ -14,6 +15,17 @@ from hil_bridge.transports.serial.uart import (
     Receiver,
     taken,
 )
+
+
+class ReceivingEnd(NamedTuple):
+    """The end that bytes come to."""
+
+    settings: Callable[[], LineSettings]
+    """Its settings as they are now."""
+    damaged: Damaged
+    sink: Callable[[bytes], None]
+    """Given the bytes; without any when time has passed on the line and its owner gets none."""
+    on_flaw: Callable[[Flaw], None]
 
 
 class SerialDirection:
@@ -50,22 +62,14 @@ class SerialDirection:
         clock: Clock,
         fifo: int,
         sender_settings: Callable[[], LineSettings],
-        receiver_settings: Callable[[], LineSettings],
-        damaged: Damaged,
-        sink: Callable[[bytes], None],
-        on_flaw: Callable[[Flaw], None],
+        receiver: ReceivingEnd,
     ) -> None:
-        """`sender_settings` and `receiver_settings` give the settings of both ends as they are now.
-
-        `sink` is also called without bytes when time has passed on the line and the receiver's owner gets none.
-        """
+        """`sender_settings` gives the settings of the other end as they are now."""
         self._clock = clock
         self._fifo = fifo
-        self._sender_settings, self._receiver_settings = sender_settings, receiver_settings
-        self._damaged = damaged
-        self._sink = sink
-        self._on_flaw = on_flaw
-        self._receiver = Receiver(receiver_settings())
+        self._sender_settings = sender_settings
+        self._receiver_settings, self._damaged, self._sink, self._on_flaw = receiver
+        self._receiver = Receiver(receiver.settings())
         self._take_settings(sender_settings())
         self._connected = True
         self.errors = LineErrors()

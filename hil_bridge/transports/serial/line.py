@@ -7,7 +7,7 @@ from hil_bridge.clock import Clock
 from hil_bridge.errors import TransportBroken, TransportClosed, TransportError
 from hil_bridge.transports.base import Transport
 from hil_bridge.transports.delivery import QUEUE_BYTES, Delivery, flush
-from hil_bridge.transports.serial.direction import SerialDirection
+from hil_bridge.transports.serial.direction import ReceivingEnd, SerialDirection
 from hil_bridge.transports.serial.uart import COUNTED_AS, Damaged, Flaw, LineErrors, LineSettings
 from hil_bridge.transports.wrappers import Direction
 
@@ -91,12 +91,10 @@ class PacedLine:
         self._inner = transport
         self._clock = clock
         self._delivery: Delivery[bytes] = Delivery(transport.name, QUEUE_BYTES)
-        self._in = SerialDirection(
-            clock, fifo, far.settings, near.settings, near.damaged, self._pass_in, near.on_flaw
-        )
-        self._out = SerialDirection(
-            clock, fifo, near.settings, far.settings, far.damaged, self._pass_out, far.on_flaw
-        )
+        here = ReceivingEnd(near.settings, near.damaged, self._pass_in, near.on_flaw)
+        there = ReceivingEnd(far.settings, far.damaged, self._pass_out, far.on_flaw)
+        self._in = SerialDirection(clock, fifo, far.settings, here)
+        self._out = SerialDirection(clock, fifo, near.settings, there)
         self._end_cause: TransportError | None = None
         self.overruns = 0
         """Received bytes that were lost because more came than the line could carry."""

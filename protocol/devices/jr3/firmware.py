@@ -5,6 +5,7 @@ Source: firmware roboticslab-uc3m/jr3-mbed-firmware, read for facts. Payloads ar
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from enum import IntEnum
 
 from protocol.fields import Field, Layout
@@ -40,14 +41,9 @@ def payload_layout(name: str, size: int, *fields: Field) -> Layout:
     return Layout(name, size, "<", fields)
 
 
-def axis_fields(
-    axes: Sequence[str], offset: int, code: str, meaning: str, scale: float, unit: str
-) -> list[Field]:
-    """One field of two bytes for each axis, in a row."""
-    return [
-        Field(axis, offset + 2 * place, code, Mark.OBSERVED, meaning, scale, unit)
-        for place, axis in enumerate(axes)
-    ]
+def axis_fields(axes: Sequence[str], like: Field) -> list[Field]:
+    """One field of two bytes for each axis, in a row from this one on, which is like them but for the name."""
+    return [replace(like, name=axis, offset=like.offset + 2 * place) for place, axis in enumerate(axes)]
 
 
 STATE = Field("state", 0, "B", Mark.OBSERVED, "0 ready, 1 not initialised")

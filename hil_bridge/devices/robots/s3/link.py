@@ -102,10 +102,8 @@ class S3Link:
         clock: Clock,
         log: DeviceLog,
         orders: OrderBook = KNOWN,
-        *,
-        verbose: bool = False,
     ) -> None:
-        """With `verbose` the log is told of each bid and ACK too, which costs time in every cycle."""
+        """A log that is `verbose` is told of each bid and ACK too, which costs time in every cycle."""
         self.name = transport.name
         self.profile = profile
         self.facts = robot_facts(profile)
@@ -114,7 +112,7 @@ class S3Link:
         self._log = log
         self._orders = orders
         self._host = ArapHost(profile)
-        self._host.link.verbose = verbose
+        self._host.link.verbose = log.verbose
         self._asking: Asking[bytes, ArapEvent, Telegram] = Asking(
             self._host, self._transport, clock, self._take, lambda failure: log.notice("link", str(failure))
         )

@@ -65,7 +65,7 @@ async def connect(url: str, settings: KindSettings, wiring: Wiring) -> S3Link:
     orders = read_orders(Path(orders_file), link.max_telegram) if orders_file else KNOWN
     url, link = robot_wire(url, link)
     wire = await wiring.bytes(url)
-    robot = S3Link(wire, link, wiring.clock, wiring.log, orders, verbose=wiring.log.verbose)
+    robot = S3Link(wire, link, wiring.clock, wiring.log, orders)
     robot.facts = robot_facts(link, settings.emulated.servo)
     return robot
 

@@ -12,6 +12,7 @@ from hil_bridge.devices.kinds import CanBus, KindSettings, SensorEmulation, Sens
 from hil_bridge.devices.sensors.jr3.registers import (
     BOARD,
     ListenerProfile,
+    Watcher,
     board_wire,
     connect_board,
     read_program,
@@ -138,9 +139,8 @@ async def _connect_board(url: str, settings: KindSettings, wiring: Wiring) -> tu
 
 
 async def _serve_board(url: str, board: Any, settings: KindSettings, serving: Serving) -> str:
-    served = await serve_board(
-        url, board.endpoint, ListenerProfile(), serving.clock, serving.say, serving.ended
-    )
+    watcher = Watcher(serving.say, serving.ended)
+    served = await serve_board(url, board.endpoint, ListenerProfile(), serving.clock, watcher)
     serving.stack.push_async_callback(served.aclose)
     return served.address
 

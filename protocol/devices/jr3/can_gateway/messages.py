@@ -66,18 +66,22 @@ FULL_SCALES = payload_layout(
     "full scales",
     7,
     STATE,
-    *axis_fields("xyz", 1, "H", "forces in N, moments in N·m×10, as was asked", 1.0, ""),
+    *axis_fields(
+        "xyz", Field("", 1, "H", Mark.OBSERVED, "forces in N, moments in N·m×10, as was asked", 1.0, "")
+    ),
 )
 FORCES = payload_layout(
     "forces",
     8,
-    *axis_fields(AXES[:3], 0, "h", "force", 1 / FULL_SCALE_COUNTS, "of full scale"),
+    *axis_fields(AXES[:3], Field("", 0, "h", Mark.OBSERVED, "force", 1 / FULL_SCALE_COUNTS, "of full scale")),
     counter_field(6),
 )
 MOMENTS = payload_layout(
     "moments",
     8,
-    *axis_fields(AXES[3:], 0, "h", "moment", 1 / FULL_SCALE_COUNTS, "of full scale"),
+    *axis_fields(
+        AXES[3:], Field("", 0, "h", Mark.OBSERVED, "moment", 1 / FULL_SCALE_COUNTS, "of full scale")
+    ),
     counter_field(6),
 )
 GRIPPER = payload_layout(

@@ -353,7 +353,7 @@ class BoardClient:
         """Ask for samples, so many at once."""
         tag = self._request(op, self._first, self._words, period_us=period_us)
         self._data_tag = tag
-        self._delivery_head = encode_head(op, Status.OK, tag, self._first, self._words, bursts)
+        self._delivery_head = encode_head(Response(op, Status.OK, tag, self._first, self._words), bursts)
 
     def _fail(self, text: str) -> None:
         self._phase = BoardPhase.FAILED

@@ -165,7 +165,8 @@ class RegisterServer:
             return Status.BAD_PERIOD
         self._burst(request.address, request.count, now)
         self._send(request, Status.OK)
-        head = encode_head(Op.STREAM, Status.OK, request.tag, request.address, request.count, at_once)
+        answer = Response(Op.STREAM, Status.OK, request.tag, request.address, request.count)
+        head = encode_head(answer, at_once)
         period = request.period_us * 1e-6
         self._stream = _Stream(head, request.address, request.count, now, period, at_once)
         return Status.OK
@@ -177,7 +178,8 @@ class RegisterServer:
         return round(now * 1e9).to_bytes(BURST.size) + self._registers.burst(address, count, now)
 
     def _send(self, request: Request, status: Status, burst: bytes = b"") -> None:
-        head = encode_head(request.op, status, request.tag, request.address, request.count, 1 if burst else 0)
+        answer = Response(request.op, status, request.tag, request.address, request.count)
+        head = encode_head(answer, 1 if burst else 0)
         self._out += head + burst
 
     def _end(self, status: Status, text: str, now: float) -> None:

@@ -191,20 +191,18 @@ def encode_response(response: Response) -> bytes:
         raise LocalProtocolError(f"every burst of this response must have {response.count} words")
     if not fits(response.count, len(response.bursts)):
         raise LocalProtocolError(f"a response carries at most {MAX_PAYLOAD} bytes of bursts")
-    header = encode_head(
-        response.op, response.status, response.tag, response.address, response.count, len(response.bursts)
-    )
-    return header + b"".join(
+    return encode_head(response, len(response.bursts)) + b"".join(
         [BURST.pack_row(burst.time_ns) + pack_words(burst.words) for burst in response.bursts]
     )
 
 
-def encode_head(op: int, status: Status, tag: int, address: int, count: int, bursts: int) -> bytes:
-    """The bytes of a response before its bursts: in a stream those of every delivery.
+def encode_head(response: Response, bursts: int) -> bytes:
+    """The bytes of a response before its bursts, which are so many: in a stream those of every delivery.
 
     Raises LocalProtocolError for what no field can hold.
     """
-    return RESPONSE.pack_row(int.from_bytes(_RESPONSE_MAGIC), op, status, tag, address, count, bursts, 0)
+    head = response.op, response.status, response.tag, response.address, response.count
+    return RESPONSE.pack_row(int.from_bytes(_RESPONSE_MAGIC), *head, bursts, 0)
 
 
 def fits(count: int, bursts: int) -> bool:

@@ -23,7 +23,8 @@ from protocol.devices.jr3.firmware import (
     read_start,
 )
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
-from protocol.fields import Layout
+from protocol.fields import Field, Layout
+from protocol.marks import Mark
 from protocol.wrench import AXES
 
 UART_BAUDRATE = 115_200
@@ -58,14 +59,16 @@ FULL_SCALES = payload_layout(
     "full scales",
     13,
     STATE,
-    *axis_fields(AXES[:3], 1, "H", "full scale of the force", 1.0, "N"),
-    *axis_fields(AXES[3:], 7, "H", "full scale of the moment", 0.1, "N·m"),
+    *axis_fields(AXES[:3], Field("", 1, "H", Mark.OBSERVED, "full scale of the force", 1.0, "N")),
+    *axis_fields(AXES[3:], Field("", 7, "H", Mark.OBSERVED, "full scale of the moment", 0.1, "N·m")),
 )
 DATA = payload_layout(
     "data",
     14,
-    *axis_fields(AXES[:3], 0, "h", "force", 1 / FULL_SCALE_COUNTS, "of full scale"),
-    *axis_fields(AXES[3:], 6, "h", "moment", 1 / FULL_SCALE_COUNTS, "of full scale"),
+    *axis_fields(AXES[:3], Field("", 0, "h", Mark.OBSERVED, "force", 1 / FULL_SCALE_COUNTS, "of full scale")),
+    *axis_fields(
+        AXES[3:], Field("", 6, "h", Mark.OBSERVED, "moment", 1 / FULL_SCALE_COUNTS, "of full scale")
+    ),
     counter_field(12),
 )
 

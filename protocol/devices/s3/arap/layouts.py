@@ -3,6 +3,8 @@
 Offsets are written as byte numbers of the telegram, as in the specification, less the 8 bytes of its header.
 """
 
+from dataclasses import replace
+
 from protocol.devices.s3.adlp import HEADER_SIZE
 from protocol.fields import Field, Layout
 from protocol.marks import Mark
@@ -29,8 +31,8 @@ MOVE_FLAG_ROBOT_COORDINATES = 4
 """Robot coordinates; clear means rectangular. Mark: observed."""
 
 
-def _word(byte: int, name: str, mark: Mark, meaning: str, scale: float = 1.0, unit: str = "") -> Field:
-    return Field(name, byte - HEADER_SIZE, "H", mark, meaning, scale, unit)
+def _word(byte: int, name: str, mark: Mark, meaning: str) -> Field:
+    return Field(name, byte - HEADER_SIZE, "H", mark, meaning)
 
 
 def _bits(bits: dict[str, int]) -> str:
@@ -83,8 +85,11 @@ MOVE = Layout(
     (
         Field("hand", 12 - HEADER_SIZE, "B", Mark.OBSERVED, "hand position, 0"),
         Field("flags", 13 - HEADER_SIZE, "B", Mark.OBSERVED, "2 first or last telegram, 4 robot coordinates"),
-        _word(14, "velocity", Mark.OBSERVED, "velocity", VELOCITY_STEP, "m/s"),
-        _word(16, "run_speed", Mark.OBSERVED, "run speed, share of the velocity", 1.0 / RUN_SPEED_ONE),
+        replace(_word(14, "velocity", Mark.OBSERVED, "velocity"), scale=VELOCITY_STEP, unit="m/s"),
+        replace(
+            _word(16, "run_speed", Mark.OBSERVED, "run speed, share of the velocity"),
+            scale=1.0 / RUN_SPEED_ONE,
+        ),
         *_POSE,
     ),
 )

@@ -9,7 +9,7 @@ import click
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.devices.sensors.jr3.registers.pci import PciRegisters
 from hil_bridge.devices.sensors.jr3.registers.server import ListenerProfile
-from hil_bridge.devices.sensors.jr3.registers.wires import BOARD, serve_board
+from hil_bridge.devices.sensors.jr3.registers.wires import BOARD, Watcher, serve_board
 
 
 def serve_pci(board: PciRegisters, listen: str, offset: int) -> None:
@@ -30,7 +30,8 @@ async def _serve(board: PciRegisters, url: str, offset: int) -> None:
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, stopped.set)
     try:
-        served = await serve_board(url, board, ListenerProfile(), clock, _log, lambda cause: None)
+        watcher = Watcher(_log, lambda cause: None)
+        served = await serve_board(url, board, ListenerProfile(), clock, watcher)
         try:
             if text := board.text:
                 click.echo(f"board: {text}")

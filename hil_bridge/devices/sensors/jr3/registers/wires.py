@@ -8,7 +8,7 @@
 
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 from urllib.parse import parse_qsl, urlencode, urlsplit
 
 from hil_bridge.clock import Clock
@@ -43,6 +43,15 @@ class ServedBoard:
     address: str
     """The URL that a client connects to."""
     aclose: Callable[[], Awaitable[None]]
+
+
+class Watcher(NamedTuple):
+    """The side that hears how the serving of a board goes."""
+
+    say: Callable[[str], None]
+    """Given a line for every connection that ends badly."""
+    fail: Callable[[BaseException], None]
+    """Given the reason for which the board can no longer be served."""
 
 
 def board_wire(url: str, profile: BoardClientProfile) -> tuple[str, BoardClientProfile]:
@@ -93,36 +102,30 @@ async def connect_board(
 
 
 async def serve_board(
-    url: str,
-    registers: Registers,
-    profile: ListenerProfile,
-    clock: Clock,
-    on_log: Callable[[str], None],
-    on_failure: Callable[[BaseException], None],
+    url: str, registers: Registers, profile: ListenerProfile, clock: Clock, watcher: Watcher
 ) -> ServedBoard:
     """Serve a board's registers on a listening URL.
 
-    `on_log` is given a line for every connection that ends badly, `on_failure` why the board can no longer be
-    served. Raises ConfigError for the URL, TransportUnavailable for the wire.
+    Raises ConfigError for the URL, TransportUnavailable for the wire.
     """
     wire = _parsed(url.removeprefix(BOARD), url, _LISTEN)
     if wire.line is not None:
         raise ConfigError(f"{url!r}: a board's wire has no baud rate")
     if wire.scheme == "tcp-listen":
-        listener = RegisterListener(registers, profile, clock, on_log)
+        listener = RegisterListener(registers, profile, clock, watcher.say)
         host, port = await listener.listen(*wire.host_port, url)
         address = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
         return ServedBoard(f"{BOARD}tcp://{address}", listener.aclose)
 
     def ended(cause: BaseException) -> None:
         if not isinstance(cause, TransportClosed):
-            on_failure(cause)
+            watcher.fail(cause)
 
     here = await listen_bytes(wire.text, clock)
     # One wire for all clients to come: there is nothing to close when one is lost or silent.
     endpoint = RegisterServer(registers, RegisterServerProfile(idle_timeout_s=0.0), clock.now())
     pump: Pump[bytes, ConnectionOver] = Pump(
-        endpoint, here.transport, clock, lambda event: on_log(f"{url}: {event.text}"), ended
+        endpoint, here.transport, clock, lambda event: watcher.say(f"{url}: {event.text}"), ended
     )
     pump.start()
     return ServedBoard(BOARD + here.address, here.transport.aclose)
