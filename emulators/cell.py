@@ -32,7 +32,7 @@ from emulators.surface.face import ONE_POINT_REMEMBERED, Face, Pushed, joined, t
 from emulators.surface.faults import OBSTACLE_FAULTS, SURFACE_FAULTS, ObstacleProfile, Obstacles
 from emulators.surface.removal import Removed
 from protocol.geometry import Pose, Quaternion, Vector
-from protocol.marks import Mark, check_settings, setting
+from protocol.marks import Mark, between, check_settings, setting
 
 _GRAVITY = np.array([0.0, 0.0, -9.80665])
 """Standard gravity in the base frame, m/s²."""
@@ -84,11 +84,9 @@ class ToolProfile:
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
     length_mm: float = setting(
-        200.0, Mark.CHOSEN, "sensor to tip, along tool z", unit="mm", minimum=0.0, maximum=1000.0
+        200.0, Mark.CHOSEN, "sensor to tip, along tool z", between(0.0, 1000.0), unit="mm"
     )
-    mass_kg: float = setting(
-        0.5, Mark.CHOSEN, "what the sensor carries", unit="kg", minimum=0.0, maximum=10.0
-    )
+    mass_kg: float = setting(0.5, Mark.CHOSEN, "what the sensor carries", between(0.0, 10.0), unit="kg")
     centre_of_gravity_mm: Vector = setting(
         (0.0, 0.0, 80.0), Mark.CHOSEN, "centre of that mass in the sensor frame", unit="mm"
     )
@@ -96,16 +94,14 @@ class ToolProfile:
         0.0,
         Mark.CHOSEN,
         "radius of its face, a flat disc perpendicular to tool z about the tip; 0 for a point",
+        between(0.0, 500.0),
         unit="mm",
-        minimum=0.0,
-        maximum=500.0,
     )
     face_rings: int = setting(
         3,
         Mark.CHOSEN,
         "rings of contact points of that face about the one in its middle: 7 points with 1, 19 with 2, 37 with 3",
-        minimum=1,
-        maximum=8,
+        between(1, 8),
     )
 
     def __post_init__(self) -> None:
@@ -125,9 +121,8 @@ class CellProfile:
         (900.0, -100.0, 600.0),
         Mark.CHOSEN,
         "tool centre point at power-up, base frame",
+        between(-4095.0, 4095.0),
         unit="mm",
-        minimum=-4095.0,
-        maximum=4095.0,
     )
     start_quaternion: Quaternion = setting(
         (0.0, 1.0, 0.0, 0.0), Mark.CHOSEN, "tool frame at power-up in the base frame, w x y z"

@@ -25,15 +25,43 @@ class Mark(StrEnum):
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
+class Bounds:
+    """The numbers that a setting may have; None for no bound."""
+
+    minimum: float | None = None
+    """Inclusive, as `maximum`."""
+    maximum: float | None = None
+    above: float | None = None
+    """Exclusive."""
+
+
+ANY = Bounds()
+"""Every number, and what is none."""
+
+
+def at_least(minimum: float) -> Bounds:
+    """This number or more."""
+    return Bounds(minimum)
+
+
+def between(minimum: float, maximum: float) -> Bounds:
+    """From one number to the other, both included."""
+    return Bounds(minimum, maximum)
+
+
+def above(limit: float, maximum: float | None = None) -> Bounds:
+    """More than this number, and no more than the other."""
+    return Bounds(maximum=maximum, above=limit)
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
 class SettingInfo:
     """Notes about a setting beside its default."""
 
     mark: Mark
     meaning: str
     unit: str = ""
-    minimum: float | None = None
-    maximum: float | None = None
-    above: float | None = None
+    within: Bounds = ANY
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -46,36 +74,27 @@ class Setting:
     info: SettingInfo
 
 
-def setting(
-    default: Any,
-    mark: Mark,
-    meaning: str,
-    *,
-    unit: str = "",
-    minimum: float | None = None,
-    maximum: float | None = None,
-    above: float | None = None,
-) -> Any:
-    """A dataclass field with its mark. `above` is an exclusive lower bound, the others are inclusive."""
-    info = SettingInfo(mark, meaning, unit, minimum, maximum, above)
+def setting(default: Any, mark: Mark, meaning: str, within: Bounds = ANY, unit: str = "") -> Any:
+    """A dataclass field with its mark."""
+    info = SettingInfo(mark, meaning, unit, within)
     return dataclasses.field(default=default, metadata={"setting": info})
 
 
 def check_settings(profile: Any) -> None:
     """Raise ValueError naming the first setting that is out of its bounds; for `__post_init__`."""
     for item in settings(profile):
-        value, info = item.value, item.info
+        value, bounds = item.value, item.info.within
         for number in value if isinstance(value, tuple) else (value,):
             if isinstance(number, bool) or not isinstance(number, (int, float)):
                 continue
             if number != number:
                 raise ValueError(f"{item.name} must be a number, got {number}")
-            if info.above is not None and not number > info.above:
-                raise ValueError(f"{item.name} must be more than {info.above:g}, got {number:g}")
-            if info.minimum is not None and number < info.minimum:
-                raise ValueError(f"{item.name} must be at least {info.minimum:g}, got {number:g}")
-            if info.maximum is not None and number > info.maximum:
-                raise ValueError(f"{item.name} must be at most {info.maximum:g}, got {number:g}")
+            if bounds.above is not None and not number > bounds.above:
+                raise ValueError(f"{item.name} must be more than {bounds.above:g}, got {number:g}")
+            if bounds.minimum is not None and number < bounds.minimum:
+                raise ValueError(f"{item.name} must be at least {bounds.minimum:g}, got {number:g}")
+            if bounds.maximum is not None and number > bounds.maximum:
+                raise ValueError(f"{item.name} must be at most {bounds.maximum:g}, got {number:g}")
 
 
 def settings(profile: Any) -> tuple[Setting, ...]:

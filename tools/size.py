@@ -1,7 +1,8 @@
 """Count the house's lines by room, and name its longest functions and widest parameter lists: `python -m tools.size`.
 
 Lines are those of Python and C files, blank ones and comments included. Functions and parameters are those of the
-product and the tools; `self` and `cls` do not count. `--tree PATH` counts another checkout.
+product and the tools; `self` and `cls` do not count. The exit code is 1 when a function has too many parameters, those
+of commands left out. `--tree PATH` counts another checkout.
 """
 
 import argparse
@@ -23,6 +24,10 @@ MODULE_LIMIT = 500
 """Lines of a module; a longer one is named. Chosen: the style's own."""
 MOST = 10
 """Functions that are named. Chosen."""
+PARAMETERS_MOST = 5
+"""Of a function. Chosen: the style's own."""
+COMMANDS = Path("hil_bridge", "cli")
+"""Folder of the commands: their options are parameters."""
 
 
 class Function(NamedTuple):
@@ -62,6 +67,24 @@ def functions(tree: Path, path: Path) -> Iterator[Function]:
             yield Function(place, length, len(names) + more - own)
 
 
+def too_wide(tree: Path) -> list[Function]:
+    """Functions with more parameters than the style allows, those of commands left out."""
+    folders = (*KINDS["product"], *KINDS["tools"])
+    return [
+        each
+        for path in (path for folder in folders for path in files(tree, folder))
+        if path.suffix == ".py" and not path.is_relative_to(tree / COMMANDS)
+        for each in functions(tree, path)
+        if each.parameters > PARAMETERS_MOST
+    ]
+
+
+def long_modules(tree: Path) -> list[Path]:
+    """Modules of product and tools that are longer than the style allows."""
+    folders = (*KINDS["product"], *KINDS["tools"])
+    return [path for folder in folders for path in files(tree, folder) if line_count(path) > MODULE_LIMIT]
+
+
 def lines(tree: Path) -> Iterable[str]:
     """The counts, as text."""
     counts = {
@@ -90,11 +113,12 @@ def lines(tree: Path) -> Iterable[str]:
 
 
 def main() -> int:
-    """Print the counts."""
+    """Print the counts; the exit code is 1 when a function has too many parameters."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--tree", type=Path, default=ROOT, help="the checkout to count")
-    print("\n".join(lines(parser.parse_args().tree.resolve())))
-    return 0
+    tree = parser.parse_args().tree.resolve()
+    print("\n".join(lines(tree)))
+    return int(bool(too_wide(tree)))
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ from emulators.arm.history import History
 from emulators.arm.loops import REST_M, PositionLoop, Ticks
 from emulators.arm.quaternions import angle_between, normalised, slerp
 from protocol.geometry import Pose
-from protocol.marks import Mark, check_settings, setting
+from protocol.marks import Mark, above, at_least, between, check_settings, setting
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,19 +23,19 @@ class FollowedProfile:
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
-    cycle_ms: float = setting(4.0, Mark.CHOSEN, "time between two set points", unit="ms", minimum=0.1)
+    cycle_ms: float = setting(4.0, Mark.CHOSEN, "time between two set points", at_least(0.1), unit="ms")
     transport_delay_ms: float = setting(
-        8.0, Mark.ASSUMED, "from set point to position loop", unit="ms", minimum=0.0, maximum=1000.0
+        8.0, Mark.ASSUMED, "from set point to position loop", between(0.0, 1000.0), unit="ms"
     )
     natural_frequency_rad_s: float = setting(
-        60.0, Mark.ASSUMED, "natural frequency of the closed position loop", unit="rad/s", above=0.0
+        60.0, Mark.ASSUMED, "natural frequency of the closed position loop", above(0.0), unit="rad/s"
     )
-    damping_ratio: float = setting(1.0, Mark.ASSUMED, "damping of the closed position loop", above=0.0)
+    damping_ratio: float = setting(1.0, Mark.ASSUMED, "damping of the closed position loop", above(0.0))
     speed_mm_s: float = setting(
-        250.0, Mark.CHOSEN, "fastest that the set point moves towards a target", unit="mm/s", above=0.0
+        250.0, Mark.CHOSEN, "fastest that the set point moves towards a target", above(0.0), unit="mm/s"
     )
     reorientation_deg_s: float = setting(
-        90.0, Mark.ASSUMED, "fastest that the set point turns towards a target", unit="°/s", above=0.0
+        90.0, Mark.ASSUMED, "fastest that the set point turns towards a target", above(0.0), unit="°/s"
     )
 
     def __post_init__(self) -> None:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from protocol.geometry import Vector
-from protocol.marks import Mark, check_settings, setting
+from protocol.marks import Mark, above, at_least, between, check_settings, setting
 
 Floats: TypeAlias = NDArray[np.float64]
 
@@ -36,32 +36,31 @@ class ServoProfile:
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
     interpolation_ms: float = setting(
-        20.0, Mark.ASSUMED, "time between two set points of the interpolator", unit="ms", minimum=1.0
+        20.0, Mark.ASSUMED, "time between two set points of the interpolator", at_least(1.0), unit="ms"
     )
     transport_delay_ms: float = setting(
         20.0,
         Mark.ASSUMED,
         "from interpolator to position loop",
+        between(0.0, 1000.0),
         unit="ms",
-        minimum=0.0,
-        maximum=1000.0,
     )
     natural_frequency_rad_s: float = setting(
-        40.0, Mark.ASSUMED, "natural frequency of the closed position loop", unit="rad/s", above=0.0
+        40.0, Mark.ASSUMED, "natural frequency of the closed position loop", above(0.0), unit="rad/s"
     )
-    damping_ratio: float = setting(1.0, Mark.ASSUMED, "damping of the closed position loop", above=0.0)
+    damping_ratio: float = setting(1.0, Mark.ASSUMED, "damping of the closed position loop", above(0.0))
     resolution_mm: float = setting(
-        0.125, Mark.OBSERVED, "position resolution of the controller", unit="mm", above=0.0
+        0.125, Mark.OBSERVED, "position resolution of the controller", above(0.0), unit="mm"
     )
     dead_band_steps: float = setting(
         0.5,
         Mark.OBSERVED,
         "how far the true position may leave the reported one without being noticed",
+        at_least(0.5),
         unit="resolution steps",
-        minimum=0.5,
     )
     reorientation_deg_s: float = setting(
-        90.0, Mark.ASSUMED, "fastest change of orientation along a move", unit="°/s", above=0.0
+        90.0, Mark.ASSUMED, "fastest change of orientation along a move", above(0.0), unit="°/s"
     )
 
     def __post_init__(self) -> None:

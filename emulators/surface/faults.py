@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from emulators.faults.kinds import FOREVER, Fault, Parameter
 from emulators.faults.ledger import Handler, Injection
-from protocol.marks import Mark, check_settings, setting
+from protocol.marks import Mark, at_least, check_settings, setting
 
 Floats = NDArray[np.float64]
 
@@ -70,9 +70,9 @@ class ObstacleProfile:
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
     height_mm: float | None = setting(
-        None, Mark.CHOSEN, "how far above the start point; none by default", unit="mm", minimum=0.0
+        None, Mark.CHOSEN, "how far above the start point; none by default", at_least(0.0), unit="mm"
     )
-    stiffness_n_m: float = setting(50000.0, Mark.CHOSEN, "its stiffness", unit="N/m", minimum=0.0)
+    stiffness_n_m: float = setting(50000.0, Mark.CHOSEN, "its stiffness", at_least(0.0), unit="N/m")
 
     def __post_init__(self) -> None:
         check_settings(self)

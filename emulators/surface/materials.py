@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from protocol.marks import Mark, check_settings, setting
+from protocol.marks import Mark, above, at_least, between, check_settings, setting
 
 Floats = NDArray[np.float64]
 
@@ -40,36 +40,33 @@ class MaterialProfile:
     kind: MaterialKind = setting(
         MaterialKind.LINEAR, Mark.CHOSEN, "its law: linear, hunt_crossley or standard_linear_solid"
     )
-    exponent: float = setting(
-        1.5, Mark.ASSUMED, "power of the depth (hunt_crossley)", minimum=1.0, maximum=10.0
-    )
+    exponent: float = setting(1.5, Mark.ASSUMED, "power of the depth (hunt_crossley)", between(1.0, 10.0))
     reference_depth_mm: float = setting(
         2.0,
         Mark.CHOSEN,
         "depth at which the force is that of a linear spring of the same stiffness (hunt_crossley)",
+        above(0.0),
         unit="mm",
-        above=0.0,
     )
     dissipation_s_m: float = setting(
         2.0,
         Mark.ASSUMED,
         "share of the spring's force that each m/s of approach adds (hunt_crossley)",
+        at_least(0.0),
         unit="s/m",
-        minimum=0.0,
     )
     maxwell_share: float = setting(
         0.5,
         Mark.ASSUMED,
         "stiffness of the Maxwell element's spring over that of the other one (standard_linear_solid)",
-        minimum=0.0,
-        maximum=1000.0,
+        between(0.0, 1000.0),
     )
     relaxation_time_ms: float = setting(
         500.0,
         Mark.ASSUMED,
         "time constant of the Maxwell element at a constant depth (standard_linear_solid)",
+        above(0.0),
         unit="ms",
-        above=0.0,
     )
 
     def __post_init__(self) -> None:

@@ -21,7 +21,7 @@ from emulators.surface.shapes import (
     SinusoidalBoth,
     Sphere,
 )
-from protocol.marks import Mark, check_settings, setting
+from protocol.marks import Mark, above, at_least, between, check_settings, setting
 
 
 class SurfaceKind(StrEnum):
@@ -50,39 +50,39 @@ class SurfaceProfile:
     )
     height_mm: float = setting(590.0, Mark.CHOSEN, "base z of the surface at path coordinate 0", unit="mm")
     slope_deg: float = setting(
-        5.0, Mark.CHOSEN, "rise along the path (sloped)", unit="°", minimum=-80.0, maximum=80.0
+        5.0, Mark.CHOSEN, "rise along the path (sloped)", between(-80.0, 80.0), unit="°"
     )
     amplitude_mm: float = setting(
-        5.0, Mark.CHOSEN, "amplitude of the waves (sinusoidal, sinusoidal_both)", unit="mm", minimum=0.0
+        5.0, Mark.CHOSEN, "amplitude of the waves (sinusoidal, sinusoidal_both)", at_least(0.0), unit="mm"
     )
     period_mm: float = setting(
         100.0,
         Mark.CHOSEN,
         "period of the waves along the path (sinusoidal, sinusoidal_both)",
+        above(0.0),
         unit="mm",
-        above=0.0,
     )
     period_across_mm: float = setting(
-        100.0, Mark.CHOSEN, "period of the waves across the path (sinusoidal_both)", unit="mm", above=0.0
+        100.0, Mark.CHOSEN, "period of the waves across the path (sinusoidal_both)", above(0.0), unit="mm"
     )
-    radius_mm: float = setting(300.0, Mark.CHOSEN, "radius (circular_arc, sphere)", unit="mm", above=0.0)
+    radius_mm: float = setting(300.0, Mark.CHOSEN, "radius (circular_arc, sphere)", above(0.0), unit="mm")
     height_map_file: str = setting(
         "",
         Mark.CHOSEN,
         "text file of heights above height_mm, mm, a row of the grid a line, rows along the path (height_map)",
     )
     height_map_spacing_mm: float = setting(
-        5.0, Mark.CHOSEN, "from one height of that grid to the next (height_map)", unit="mm", above=0.0
+        5.0, Mark.CHOSEN, "from one height of that grid to the next (height_map)", above(0.0), unit="mm"
     )
     stiffness_n_m: float = setting(
-        5000.0, Mark.OBSERVED, "stiffness along the normal; the paper's sponge", unit="N/m", minimum=0.0
+        5000.0, Mark.OBSERVED, "stiffness along the normal; the paper's sponge", at_least(0.0), unit="N/m"
     )
     damping_ns_m: float = setting(
         10.0,
         Mark.ASSUMED,
         "damping along the normal while in contact (material linear)",
+        at_least(0.0),
         unit="N·s/m",
-        minimum=0.0,
     )
     material: MaterialProfile = field(default_factory=MaterialProfile)
     stiffness_profile: tuple[tuple[float, float], ...] = setting(
@@ -107,19 +107,21 @@ class SurfaceProfile:
         1000.0,
         Mark.CHOSEN,
         "how much higher: some mm for a step, more than the tool can climb for a wall",
+        above(0.0),
         unit="mm",
-        above=0.0,
     )
     wall_stiffness_n_m: float = setting(
-        50000.0, Mark.CHOSEN, "stiffness of the upright face", unit="N/m", minimum=0.0
+        50000.0, Mark.CHOSEN, "stiffness of the upright face", at_least(0.0), unit="N/m"
     )
-    friction: float = setting(0.2, Mark.ASSUMED, "Coulomb coefficient against tangential motion", minimum=0.0)
+    friction: float = setting(
+        0.2, Mark.ASSUMED, "Coulomb coefficient against tangential motion", at_least(0.0)
+    )
     friction_smoothing_mm_s: float = setting(
         1.0,
         Mark.CHOSEN,
         "tangential speed at which friction has 71 % of its full value",
+        above(0.0),
         unit="mm/s",
-        above=0.0,
     )
 
     removal: RemovalProfile = field(default_factory=RemovalProfile)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emulators.surface.shapes import Floats
-from protocol.marks import Mark, check_settings, setting
+from protocol.marks import Mark, above, between, check_settings, setting
 
 CELLS_LIMIT = 1 << 20
 """Most cells of a map. Chosen: 8 MiB."""
@@ -43,22 +43,21 @@ class RemovalProfile:
         0.0,
         Mark.ASSUMED,
         "depth removed by a pressure of 1 N/cm² over 1 m of way, µm; 0 for a surface that does not wear",
-        minimum=0.0,
-        maximum=1e6,
+        between(0.0, 1e6),
     )
-    cell_mm: float = setting(1.0, Mark.CHOSEN, "spacing of the map of what is removed", unit="mm", above=0.0)
+    cell_mm: float = setting(1.0, Mark.CHOSEN, "spacing of the map of what is removed", above(0.0), unit="mm")
     length_mm: float = setting(
-        400.0, Mark.CHOSEN, "length of that map, its middle at path coordinate 0", unit="mm", above=0.0
+        400.0, Mark.CHOSEN, "length of that map, its middle at path coordinate 0", above(0.0), unit="mm"
     )
     width_mm: float = setting(
-        200.0, Mark.CHOSEN, "width of that map across the path, about the middle", unit="mm", above=0.0
+        200.0, Mark.CHOSEN, "width of that map across the path, about the middle", above(0.0), unit="mm"
     )
     point_radius_mm: float = setting(
         5.0,
         Mark.CHOSEN,
         "radius of the disc on which a tool without a face works",
+        above(0.0),
         unit="mm",
-        above=0.0,
     )
 
     def __post_init__(self) -> None:

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 from protocol.can import slcan
 from protocol.can.frame import CanFrame
 from protocol.endpoint import RemoteProtocolError
-from protocol.marks import Mark, check_settings, setting
+from protocol.marks import Mark, at_least, check_settings, setting
 
 BIT_RATES = {
     b"0": 10_000,
@@ -52,11 +52,11 @@ class SlcanProfile:
         1_000_000,
         Mark.OBSERVED,
         "bit rate of the bus; opened at another, no frame passes",
+        at_least(1),
         unit="bit/s",
-        minimum=1,
     )
-    frames_limit: int = setting(1024, Mark.CHOSEN, "frames kept on their way to the bus", minimum=1)
-    text_limit: int = setting(32768, Mark.CHOSEN, "bytes kept on their way to the host", minimum=64)
+    frames_limit: int = setting(1024, Mark.CHOSEN, "frames kept on their way to the bus", at_least(1))
+    text_limit: int = setting(32768, Mark.CHOSEN, "bytes kept on their way to the host", at_least(64))
     version: str = setting("1013", Mark.STANDARD, "hardware and software version, two digits each")
     serial_number: str = setting("A123", Mark.STANDARD, "serial number")
 

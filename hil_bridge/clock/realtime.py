@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from hil_bridge.errors import ConfigError
-from protocol.marks import Mark, check_settings, setting
+from protocol.marks import Mark, at_least, between, check_settings, setting
 
 GIVE_WAY_S = 1e-4
 """Longest time for which a computing thread keeps the interpreter from one that was woken. Chosen: by itself
@@ -41,11 +41,11 @@ class RealTime:
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
     fifo_priority: int = setting(
-        0, Mark.CHOSEN, "SCHED_FIFO priority of the loop's thread, 0 = ordinary", minimum=0, maximum=99
+        0, Mark.CHOSEN, "SCHED_FIFO priority of the loop's thread, 0 = ordinary", between(0, 99)
     )
     lock_memory: bool = setting(False, Mark.CHOSEN, "keep the whole process in memory (mlockall)")
     cpus: tuple[int, ...] = setting(
-        (), Mark.CHOSEN, "processors that the loop's thread may run on, empty = all", minimum=0
+        (), Mark.CHOSEN, "processors that the loop's thread may run on, empty = all", at_least(0)
     )
     keep_awake: bool = setting(
         False, Mark.CHOSEN, "let no processor of this machine sleep while idle: woken sooner, and more power"
@@ -54,8 +54,7 @@ class RealTime:
         0.0,
         Mark.CHOSEN,
         "how long the loop looks for something to do before it lets its processor sleep, ms; takes all of one",
-        minimum=0.0,
-        maximum=1000.0,
+        between(0.0, 1000.0),
     )
 
     def __post_init__(self) -> None:

@@ -9,6 +9,7 @@ import pytest
 
 from tools.device_rooms import DeviceRooms
 from tools.same_run import Run, compared, read
+from tools.size import Function, too_wide
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -74,6 +75,18 @@ def test_lines_are_counted_by_room_and_wide_functions_named(tmp_path):
         "       4 hil_bridge/room/wide.py:2 take",
         "       0 tools/long.py:1 act",
     ]
+
+
+def test_a_function_with_too_many_parameters_is_found_but_not_a_command(tmp_path):
+    six = "def take(a, b, /, c, *d, e=1, **f):\n    return a\n"
+    five = "class Five:\n    async def take(self, a, b, c, d, e):\n        return a\n"
+    tree = written(tmp_path, hil_bridge__cli__run=six, protocol__room__five=five, tools__six=six)
+    assert run("size", tree)[1] == 1
+    assert too_wide(tree) == [Function("tools/six.py:1 take", 2, 6)]
+
+
+def test_no_function_of_ours_has_too_many_parameters():
+    assert [each.place for each in too_wide(ROOT)] == []
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from protocol.can.frame import CanFrame
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.fields import Field, Layout
-from protocol.marks import Mark, check_settings, setting, settings
+from protocol.marks import Mark, above, at_least, check_settings, setting, settings
 
 LAYOUT = Layout(
     "sample",
@@ -80,8 +80,8 @@ def test_a_table_that_contradicts_itself_is_refused(fields: tuple[Field, ...], m
 
 @dataclass(frozen=True)
 class Profile:
-    delay_ms: float = setting(2.0, Mark.ASSUMED, "how late", unit="ms", above=0.0, maximum=10.0)
-    scales: tuple[float, ...] = setting((1.0, 2.0), Mark.OBSERVED, "full scales", minimum=1.0)
+    delay_ms: float = setting(2.0, Mark.ASSUMED, "how late", above(0.0, 10.0), unit="ms")
+    scales: tuple[float, ...] = setting((1.0, 2.0), Mark.OBSERVED, "full scales", at_least(1.0))
     name: str = setting("x", Mark.CHOSEN, "a word")
     plain: int = 3
 

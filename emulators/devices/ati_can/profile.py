@@ -7,7 +7,7 @@ import numpy as np
 
 from emulators.seams import Floats
 from protocol.devices.ati_can.messages import BASE, GAGES, SLOTS
-from protocol.marks import Mark, check_settings, setting
+from protocol.marks import Mark, at_least, between, check_settings, setting
 
 _MINI40 = (
     *(
@@ -68,40 +68,39 @@ _SINGULAR = 1e9
 class AtiCanProfile:
     """Settings in `[cell.ati_can]`."""
 
-    base: int = setting(BASE, Mark.OBSERVED, "base identifier", minimum=0, maximum=0x7F)
+    base: int = setting(BASE, Mark.OBSERVED, "base identifier", between(0, 0x7F))
     matrix: tuple[float, ...] = setting(
         _MINI40, Mark.OBSERVED, "calibration: counts of each axis, fx first, for one count of gages 0 … 5"
     )
     counts_per_unit: int = setting(
-        1_000_000, Mark.OBSERVED, "counts for 1 N and for 1 N·m", minimum=1, maximum=2**32 - 1
+        1_000_000, Mark.OBSERVED, "counts for 1 N and for 1 N·m", between(1, 2**32 - 1)
     )
     slots: tuple[int, ...] = setting(
-        (0,), Mark.CHOSEN, "slots that hold the calibration", minimum=0, maximum=SLOTS - 1
+        (0,), Mark.CHOSEN, "slots that hold the calibration", between(0, SLOTS - 1)
     )
     offset_gages: int = setting(
         0,
         Mark.CHOSEN,
         "what a gage tells without a load; a run then needs the bias that identify-tool measures",
+        between(-20000, 20000),
         unit="counts",
-        minimum=-20000,
-        maximum=20000,
     )
     noise_gages: float = setting(
-        5.0, Mark.CHOSEN, "noise of each gage, rms; up to 80 is normal", unit="counts", minimum=0.0
+        5.0, Mark.CHOSEN, "noise of each gage, rms; up to 80 is normal", at_least(0.0), unit="counts"
     )
     turnaround_s: float = setting(
-        0.0002, Mark.ASSUMED, "from a question to its answer", unit="s", minimum=0.0, maximum=1.0
+        0.0002, Mark.ASSUMED, "from a question to its answer", between(0.0, 1.0), unit="s"
     )
     boot_s: float = setting(
-        0.5, Mark.ASSUMED, "deaf and silent after power-up and reset", unit="s", minimum=0.0, maximum=60.0
+        0.5, Mark.ASSUMED, "deaf and silent after power-up and reset", between(0.0, 60.0), unit="s"
     )
     unplugged_gage: int = setting(
-        32767, Mark.ASSUMED, "what the gages tell without a transducer", minimum=-32768, maximum=32767
+        32767, Mark.ASSUMED, "what the gages tell without a transducer", between(-32768, 32767)
     )
     reset_applies: bool = setting(False, Mark.ASSUMED, "whether a new base holds after a reset, too")
     serial: str = setting("FT4472", Mark.OBSERVED, "number of the transducer, up to 8 characters")
     firmware: tuple[int, int, int] = setting(
-        (3, 8, 2), Mark.OBSERVED, "major, minor, build; units are told from 3.7 on", minimum=0, maximum=255
+        (3, 8, 2), Mark.OBSERVED, "major, minor, build; units are told from 3.7 on", between(0, 255)
     )
 
     def __post_init__(self) -> None:

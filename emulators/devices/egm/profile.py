@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
 
 from protocol.geometry import Vector
-from protocol.marks import Mark, check_settings, setting
+from protocol.marks import Mark, above, at_least, between, check_settings, setting
 
 _PerAxis = tuple[float, float, float, float, float, float]
 
@@ -23,26 +23,26 @@ class EgmArmProfile:
         100.0,
         Mark.ASSUMED,
         "natural frequency of the closed position loop; its lag is then 20 ms, of 10 to 20 ms that ABB names",
+        above(0.0),
         unit="rad/s",
-        above=0.0,
     )
-    damping_ratio: float = setting(1.0, Mark.ASSUMED, "damping of the closed position loop", above=0.0)
+    damping_ratio: float = setting(1.0, Mark.ASSUMED, "damping of the closed position loop", above(0.0))
     servo_delay_cycles: int = setting(
-        1, Mark.ASSUMED, "from set point to position loop", unit="cycles", minimum=1, maximum=100
+        1, Mark.ASSUMED, "from set point to position loop", between(1, 100), unit="cycles"
     )
-    axis_2_height_mm: float = setting(445.0, Mark.CHOSEN, "base to axis 2", unit="mm", above=0.0)
-    upper_arm_mm: float = setting(700.0, Mark.CHOSEN, "axis 2 to axis 3", unit="mm", above=0.0)
+    axis_2_height_mm: float = setting(445.0, Mark.CHOSEN, "base to axis 2", above(0.0), unit="mm")
+    upper_arm_mm: float = setting(700.0, Mark.CHOSEN, "axis 2 to axis 3", above(0.0), unit="mm")
     elbow_offset_mm: float = setting(
-        115.0, Mark.CHOSEN, "axis 3 to the forearm's axis", unit="mm", minimum=0.0
+        115.0, Mark.CHOSEN, "axis 3 to the forearm's axis", at_least(0.0), unit="mm"
     )
-    forearm_mm: float = setting(795.0, Mark.CHOSEN, "elbow to wrist", unit="mm", above=0.0)
-    wrist_to_flange_mm: float = setting(85.0, Mark.CHOSEN, "wrist to flange", unit="mm", minimum=0.0)
+    forearm_mm: float = setting(795.0, Mark.CHOSEN, "elbow to wrist", above(0.0), unit="mm")
+    wrist_to_flange_mm: float = setting(85.0, Mark.CHOSEN, "wrist to flange", at_least(0.0), unit="mm")
     axis_ranges_deg: _PerAxis = setting(
         (180.0, 125.0, 127.5, 400.0, 120.0, 400.0),
         Mark.CHOSEN,
         "how far each axis turns to either side of the middle of its range",
+        above(0.0),
         unit="°",
-        above=0.0,
     )
     axis_middles_deg: _PerAxis = setting(
         (0.0, 30.0, -52.5, 0.0, 0.0, 0.0), Mark.CHOSEN, "middle of each range", unit="°"
@@ -54,8 +54,8 @@ class EgmArmProfile:
         (175.0, 175.0, 175.0, 360.0, 360.0, 500.0),
         Mark.CHOSEN,
         "the fastest that each axis turns",
+        above(0.0),
         unit="°/s",
-        above=0.0,
     )
 
     def __post_init__(self) -> None:
@@ -73,16 +73,15 @@ class EgmProfile:
         4.0,
         Mark.OBSERVED,
         "the controller's cycle, 4.032 ms of a real one",
+        between(1.0, 100.0),
         unit="ms",
-        minimum=1.0,
-        maximum=100.0,
     )
     sample_ms: float = setting(
         4.0,
         Mark.CHOSEN,
         "SampleRate of the RAPID program: time between two datagrams",
+        at_least(1.0),
         unit="ms",
-        minimum=1.0,
     )
     rw: Literal["6.06", "6.10", "7"] = setting("7", Mark.CHOSEN, "RobotWare: which fields there are")
     mode: Literal["pose", "joint", "path"] = setting(
@@ -103,24 +102,23 @@ class EgmProfile:
         False, Mark.CHOSEN, "the robot has Force Control: its datagrams tell the force of its own sensor"
     )
     force_noise_n: float = setting(
-        0.2, Mark.ASSUMED, "noise of that force, root mean square", unit="N", minimum=0.0
+        0.2, Mark.ASSUMED, "noise of that force, root mean square", at_least(0.0), unit="N"
     )
     force_offset_n: float = setting(
         4.5,
         Mark.ASSUMED,
         "largest offset of each of its axes, drawn by the seed",
+        between(0.0, 100.0),
         unit="N",
-        minimum=0.0,
-        maximum=100.0,
     )
     force_lag_ms: float = setting(
-        10.0, Mark.ASSUMED, "time constant of its filter", unit="ms", minimum=0.0, maximum=1000.0
+        10.0, Mark.ASSUMED, "time constant of its filter", between(0.0, 1000.0), unit="ms"
     )
     rx_queue: Literal["fifo", "latest"] = setting(
         "fifo", Mark.OBSERVED, "a cycle takes the next message that came, or the newest"
     )
     rx_queue_len: int = setting(
-        64, Mark.ASSUMED, "messages that wait at most; newer ones are lost", minimum=1
+        64, Mark.ASSUMED, "messages that wait at most; newer ones are lost", at_least(1)
     )
     seqno_check: Literal["ignore", "drop_old"] = setting(
         "ignore", Mark.ASSUMED, "whether a message whose number is not larger is dropped"
@@ -129,12 +127,12 @@ class EgmProfile:
         False, Mark.ASSUMED, "whether a message that cannot be used puts the time-out off"
     )
     quat_tol: float = setting(
-        0.01, Mark.ASSUMED, "how far the norm of a quaternion may be from 1", minimum=0.0, maximum=1.0
+        0.01, Mark.ASSUMED, "how far the norm of a quaternion may be from 1", between(0.0, 1.0)
     )
-    tm_start: int = setting(1000, Mark.ASSUMED, "the controller's clock at power-up", unit="ms", minimum=1)
+    tm_start: int = setting(1000, Mark.ASSUMED, "the controller's clock at power-up", at_least(1), unit="ms")
     # --- the RAPID program and its errors
     comm_timeout_s: float = setting(
-        1.0, Mark.ASSUMED, "CommTimeout: silence of the PC until an error", unit="s", above=0.0
+        1.0, Mark.ASSUMED, "CommTimeout: silence of the PC until an error", above(0.0), unit="s"
     )
     silence: Literal["error", "never"] = setting(
         "error", Mark.ASSUMED, "whether silence is an error at all; of a GoFa with 7.21 it was none"
@@ -143,20 +141,20 @@ class EgmProfile:
         2.0,
         Mark.CHOSEN,
         "the program's error handler begins another session so long after a time-out; 0: never",
+        at_least(0.0),
         unit="s",
-        minimum=0.0,
     )
     cond_time_s: float = setting(
         1e9,
         Mark.CHOSEN,
         "CondTime: EGMRun ends when the window was held for so long; without the argument it is 1 s",
+        at_least(0.0),
         unit="s",
-        minimum=0.0,
     )
     conv_mm: float = setting(
-        1.0, Mark.OBSERVED, "window of convergence to either side", unit="mm", minimum=0.0
+        1.0, Mark.OBSERVED, "window of convergence to either side", at_least(0.0), unit="mm"
     )
-    conv_deg: float = setting(0.5, Mark.OBSERVED, "the same of angles", unit="°", minimum=0.0)
+    conv_deg: float = setting(0.5, Mark.OBSERVED, "the same of angles", at_least(0.0), unit="°")
     minmax_clamps: bool = setting(
         False, Mark.ASSUMED, "whether the window limits the motion from the start as well"
     )
@@ -170,55 +168,57 @@ class EgmProfile:
         True, Mark.OBSERVED, "the guidance goes on when the motors are on again"
     )
     # --- the motion
-    k: float = setting(
-        5.0, Mark.OBSERVED, "proportional position gain", unit="1/s", minimum=0.0, maximum=20.0
-    )
+    k: float = setting(5.0, Mark.OBSERVED, "proportional position gain", between(0.0, 20.0), unit="1/s")
     pos_corr_gain: float = setting(
-        1.0, Mark.OBSERVED, "PosCorrGain: factor of k; 0 is control of the speed alone", minimum=0.0
+        1.0, Mark.OBSERVED, "PosCorrGain: factor of k; 0 is control of the speed alone", at_least(0.0)
     )
     lp_hz: float = setting(
-        20.0, Mark.OBSERVED, "bandwidth of the low-pass; 0: none", unit="Hz", minimum=0.0, maximum=100.0
+        20.0, Mark.OBSERVED, "bandwidth of the low-pass; 0: none", between(0.0, 100.0), unit="Hz"
     )
     ramp_in_s: float = setting(
-        0.5, Mark.ASSUMED, "RampInTime: until a reference acts in full", unit="s", minimum=0.0
+        0.5, Mark.ASSUMED, "RampInTime: until a reference acts in full", at_least(0.0), unit="s"
     )
     ramp_out_s: float = setting(
-        0.5, Mark.ASSUMED, "RampOutTime: way back of a RAMP_DOWN", unit="s", minimum=0.0
+        0.5, Mark.ASSUMED, "RampOutTime: way back of a RAMP_DOWN", at_least(0.0), unit="s"
     )
     stop_ramp_s: float = setting(
-        0.5, Mark.OBSERVED, "default ramp time: until it stands when RAPID is stopped", unit="s", minimum=0.0
+        0.5,
+        Mark.OBSERVED,
+        "default ramp time: until it stands when RAPID is stopped",
+        at_least(0.0),
+        unit="s",
     )
     ref_delay_cycles: int = setting(
-        4, Mark.ASSUMED, "from the queue to the motion", unit="cycles", minimum=0, maximum=100
+        4, Mark.ASSUMED, "from the queue to the motion", between(0, 100), unit="cycles"
     )
     speed_ref_sticky: bool = setting(
         False, Mark.ASSUMED, "whether a message without a speed leaves the one before in force"
     )
     max_tcp_mm_s: float = setting(
-        250.0, Mark.ASSUMED, "speed to which a pose's reference is reduced", unit="mm/s", above=0.0
+        250.0, Mark.ASSUMED, "speed to which a pose's reference is reduced", above(0.0), unit="mm/s"
     )
-    max_tcp_deg_s: float = setting(60.0, Mark.ASSUMED, "the same of the turn", unit="°/s", above=0.0)
+    max_tcp_deg_s: float = setting(60.0, Mark.ASSUMED, "the same of the turn", above(0.0), unit="°/s")
     max_speed_dev_deg: float = setting(
         60.0,
         Mark.CHOSEN,
         "MaxSpeedDeviation: speed of an axis in joint mode; without the argument it is 1 °/s",
+        above(0.0),
         unit="°/s",
-        above=0.0,
     )
     max_pos_dev_deg: float = setting(
-        1000.0, Mark.OBSERVED, "MaxPosDeviation of an axis from the start of EGMRun", unit="°", above=0.0
+        1000.0, Mark.OBSERVED, "MaxPosDeviation of an axis from the start of EGMRun", above(0.0), unit="°"
     )
     workspace_min_mm: Vector = setting(
         (-1e5, -1e5, -1e5), Mark.CHOSEN, "least corner of a box that the set point must not leave", unit="mm"
     )
     workspace_max_mm: Vector = setting((1e5, 1e5, 1e5), Mark.CHOSEN, "its largest corner", unit="mm")
     path_corr_mm_s: float = setting(
-        20.0, Mark.ASSUMED, "speed at which a correction of the path acts", unit="mm/s", above=0.0
+        20.0, Mark.ASSUMED, "speed at which a correction of the path acts", above(0.0), unit="mm/s"
     )
     path_mm: Vector = setting(
         (200.0, 0.0, 0.0), Mark.CHOSEN, "the programmed path of mode path, from the start", unit="mm"
     )
-    path_speed_mm_s: float = setting(20.0, Mark.CHOSEN, "its speed", unit="mm/s", above=0.0)
+    path_speed_mm_s: float = setting(20.0, Mark.CHOSEN, "its speed", above(0.0), unit="mm/s")
     arm: EgmArmProfile = field(default_factory=EgmArmProfile)
 
     def __post_init__(self) -> None:

@@ -27,7 +27,7 @@ from protocol.devices.jr3 import (
     identifier,
 )
 from protocol.endpoint import RemoteProtocolError
-from protocol.marks import Mark, setting
+from protocol.marks import Mark, above, at_least, between, setting
 
 _ROUNDING = 1e-6
 """Of the time between two looks: by so much a time may be off through rounding."""
@@ -39,20 +39,17 @@ class GatewayProfile(FirmwareProfile):
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
-    node: int = setting(1, Mark.OBSERVED, "node number", minimum=1, maximum=127)
-    boot_s: float = setting(2.0, Mark.OBSERVED, "deaf and silent after power-up", unit="s", minimum=0.0)
+    node: int = setting(1, Mark.OBSERVED, "node number", between(1, 127))
+    boot_s: float = setting(2.0, Mark.OBSERVED, "deaf and silent after power-up", at_least(0.0), unit="s")
     loop_ms: float = setting(
         1.0,
         Mark.OBSERVED,
         "its main program looks for commands and for a SYNC so often, and answers all SYNCs since its last look once; "
         "0: everything at once",
+        between(0.0, 1000.0),
         unit="ms",
-        minimum=0.0,
-        maximum=1000.0,
     )
-    buffer_commands: int = setting(
-        32, Mark.OBSERVED, "commands that wait for it at most", minimum=1, maximum=65536
-    )
+    buffer_commands: int = setting(32, Mark.OBSERVED, "commands that wait for it at most", between(1, 65536))
     buffer_loses: Literal["oldest", "newest"] = setting(
         "oldest", Mark.OBSERVED, "which command is lost when one more comes than can wait"
     )
@@ -60,8 +57,8 @@ class GatewayProfile(FirmwareProfile):
         260.0,
         Mark.DERIVED,
         "shortest period of the stream, that is two frames of 8 bytes at 1 Mbit/s",
+        above(0.0),
         unit="µs",
-        above=0.0,
     )
 
     def __post_init__(self) -> None:

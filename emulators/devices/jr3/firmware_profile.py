@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from emulators.quantiles import check_quantiles
-from protocol.marks import Mark, check_settings, setting
+from protocol.marks import Mark, above, at_least, between, check_settings, setting
 
 
 @dataclass(frozen=True)
@@ -14,21 +14,20 @@ class FirmwareProfile:
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
     calibration_s: float = setting(
-        0.033, Mark.DERIVED, "reading the calibration: 256 bytes, one per sample", unit="s", minimum=0.0
+        0.033, Mark.DERIVED, "reading the calibration: 256 bytes, one per sample", at_least(0.0), unit="s"
     )
     sample_period_us: float = setting(
-        128.5, Mark.OBSERVED, "between samples taken from the sensor", unit="µs", above=0.0
+        128.5, Mark.OBSERVED, "between samples taken from the sensor", above(0.0), unit="µs"
     )
     shortest_period_us: float = setting(
-        0.0, Mark.DERIVED, "shortest period of the stream that the wire allows", unit="µs", minimum=0.0
+        0.0, Mark.DERIVED, "shortest period of the stream that the wire allows", at_least(0.0), unit="µs"
     )
     period_overhead_us: tuple[float, float] = setting(
         (30.0, 60.0),
         Mark.OBSERVED,
         "by so much each period of the stream is longer than asked for, least and largest: sending and waking up",
+        between(0.0, 1000.0),
         unit="µs",
-        minimum=0.0,
-        maximum=1000.0,
     )
     joins: bool = setting(
         True, Mark.OBSERVED, "stop, synchronous start and reset wait for the rest of the stream's period"
@@ -43,8 +42,8 @@ class FirmwareProfile:
         Mark.CHOSEN,
         "measured delay of the stream's frames above the least, as evenly spaced quantiles, least first and largest "
         "last; empty: none",
+        at_least(0.0),
         unit="ms",
-        minimum=0.0,
     )
 
     def __post_init__(self) -> None:

@@ -14,7 +14,7 @@ from emulators.seams import WrenchSource
 from emulators.sensing import NumberedNoise, Samples
 from emulators.sensing.signal import Signal
 from protocol.devices.jr3 import FULL_SCALE_COUNTS
-from protocol.marks import Mark, check_settings, setting
+from protocol.marks import Mark, at_least, between, check_settings, setting
 
 SENSOR_RATE_HZ = 8000
 """Source: JR3 manual 5907E."""
@@ -33,23 +33,21 @@ class SensorProfile:
         (115.0, 111.0, 185.0),
         Mark.OBSERVED,
         "fx fy fz, whole N (a wrist sensor on CAN)",
+        between(1.0, 65535.0),
         unit="N",
-        minimum=1.0,
-        maximum=65535.0,
     )
     full_scales_nm: tuple[float, float, float] = setting(
         (5.6, 5.2, 6.1),
         Mark.OBSERVED,
         "mx my mz, whole 0.1 N·m (a wrist sensor on CAN)",
+        between(0.1, 6553.5),
         unit="N·m",
-        minimum=0.1,
-        maximum=6553.5,
     )
     noise_counts: float = setting(
-        1.0, Mark.DERIVED, "noise of every axis, rms; recordings show 0.5 … 2.8", unit="counts", minimum=0.0
+        1.0, Mark.DERIVED, "noise of every axis, rms; recordings show 0.5 … 2.8", at_least(0.0), unit="counts"
     )
     adc_bits: int = setting(
-        14, Mark.ASSUMED, "resolution of the converter: sets where counts saturate", minimum=12, maximum=16
+        14, Mark.ASSUMED, "resolution of the converter: sets where counts saturate", between(12, 16)
     )
     connected: bool = setting(True, Mark.CHOSEN, "whether the sensor is plugged in")
     coupling: tuple[float, ...] = setting(

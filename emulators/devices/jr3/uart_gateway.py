@@ -27,7 +27,7 @@ from protocol.devices.jr3.uart_gateway import (
     encode_data,
 )
 from protocol.endpoint import RemoteProtocolError
-from protocol.marks import Mark, setting
+from protocol.marks import Mark, above, at_least, between, setting
 
 _READ_SIZE = 32
 """Bytes that one read takes at most. Source: firmware."""
@@ -41,21 +41,20 @@ class UartGatewayProfile(FirmwareProfile):
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
-    boot_s: float = setting(5.0, Mark.OBSERVED, "deaf and silent after power-up", unit="s", minimum=0.0)
-    deaf_s: float = setting(1.0, Mark.OBSERVED, "deaf after every read", unit="s", minimum=0.0)
+    boot_s: float = setting(5.0, Mark.OBSERVED, "deaf and silent after power-up", at_least(0.0), unit="s")
+    deaf_s: float = setting(1.0, Mark.OBSERVED, "deaf after every read", at_least(0.0), unit="s")
     kept_bytes: int = setting(
         0,
         Mark.ASSUMED,
         "bytes that wait while it is deaf, to be read after it; 0 loses them all, 256 is its driver's default",
-        minimum=0,
-        maximum=65536,
+        between(0, 65536),
     )
     shortest_period_us: float = setting(
         DATA_FRAME_S * 1e6,
         Mark.DERIVED,
         "shortest period of the stream, that is a frame of 18 bytes at 115200 baud",
+        above(0.0),
         unit="µs",
-        above=0.0,
     )
 
 

@@ -6,7 +6,7 @@ from typing import Literal
 from protocol.devices.netft.page import FILTERS_HZ
 from protocol.devices.netft.records import BUFFER_LIMIT, INTERNAL_RATE_HZ
 from protocol.geometry import Vector
-from protocol.marks import Mark, check_settings, setting
+from protocol.marks import Mark, above, at_least, between, check_settings, setting
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,45 +17,37 @@ class NetFtProfile:
         (130.0, 130.0, 400.0),
         Mark.CHOSEN,
         "calibrated range of fx fy fz: a middle-sized one",
+        above(0.0),
         unit="N",
-        above=0.0,
     )
     ratings_nm: Vector = setting(
-        (10.0, 10.0, 10.0), Mark.CHOSEN, "calibrated range of mx my mz", unit="N·m", above=0.0
+        (10.0, 10.0, 10.0), Mark.CHOSEN, "calibrated range of mx my mz", above(0.0), unit="N·m"
     )
     counts_per_unit: int = setting(
         1_000_000,
         Mark.OBSERVED,
         "counts for 1 N and for 1 N·m, as in all calibrations seen",
-        minimum=1,
-        maximum=1_000_000,
+        between(1, 1_000_000),
     )
-    noise_n: float = setting(0.02, Mark.CHOSEN, "noise of the forces, rms", unit="N", minimum=0.0)
-    noise_nm: float = setting(0.001, Mark.CHOSEN, "noise of the moments, rms", unit="N·m", minimum=0.0)
-    rate_hz: int = setting(
-        1000, Mark.ASSUMED, "records a second", unit="Hz", minimum=1, maximum=INTERNAL_RATE_HZ
-    )
+    noise_n: float = setting(0.02, Mark.CHOSEN, "noise of the forces, rms", at_least(0.0), unit="N")
+    noise_nm: float = setting(0.001, Mark.CHOSEN, "noise of the moments, rms", at_least(0.0), unit="N·m")
+    rate_hz: int = setting(1000, Mark.ASSUMED, "records a second", between(1, INTERNAL_RATE_HZ), unit="Hz")
     buffered_records: int = setting(
-        BUFFER_LIMIT, Mark.ASSUMED, "records in a buffered datagram", minimum=1, maximum=BUFFER_LIMIT
+        BUFFER_LIMIT, Mark.ASSUMED, "records in a buffered datagram", between(1, BUFFER_LIMIT)
     )
-    filter: int = setting(
-        0, Mark.OBSERVED, "number of its filter, 0 = none", minimum=0, maximum=len(FILTERS_HZ) - 1
-    )
+    filter: int = setting(0, Mark.OBSERVED, "number of its filter, 0 = none", between(0, len(FILTERS_HZ) - 1))
     saturation_share: float = setting(
         2.6,
         Mark.DERIVED,
         "of the range, from where on gages are at their end: from the calibration FT4472 in z",
-        minimum=1.0,
-        maximum=5.0,
+        between(1.0, 5.0),
     )
     saturation_hold_samples: int = setting(
-        32, Mark.ASSUMED, "for so long saturation is told after it", minimum=0, maximum=INTERNAL_RATE_HZ
+        32, Mark.ASSUMED, "for so long saturation is told after it", between(0, INTERNAL_RATE_HZ)
     )
-    boot_s: float = setting(
-        5.0, Mark.ASSUMED, "deaf and silent after power-up", unit="s", minimum=0.0, maximum=60.0
-    )
+    boot_s: float = setting(5.0, Mark.ASSUMED, "deaf and silent after power-up", between(0.0, 60.0), unit="s")
     latency_s: float = setting(
-        0.0003, Mark.ASSUMED, "from a sample to its record", unit="s", minimum=0.0, maximum=0.1
+        0.0003, Mark.ASSUMED, "from a sample to its record", between(0.0, 0.1), unit="s"
     )
     bias_persistent: bool = setting(True, Mark.ASSUMED, "whether a bias outlives a power-down")
     bias_stops_stream: bool = setting(False, Mark.ASSUMED, "whether a bias ends the stream under way")
@@ -70,8 +62,7 @@ class NetFtProfile:
         0,
         Mark.CHOSEN,
         "port of its page where its URL does not name it; 0: a free one, a real one has 80",
-        minimum=0,
-        maximum=65535,
+        between(0, 65535),
     )
 
     def __post_init__(self) -> None:

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Literal
 
 from emulators.arm.followed import FollowedProfile
 from emulators.arm.profile import PerAxis
-from protocol.marks import Mark, check_settings, setting
+from protocol.marks import Mark, above, at_least, between, check_settings, setting
 
 _FASTER_THAN_ANY = 1e6
 """An arm that is not the one to bound the speed: the controller stops it before, by `max_step_mm`."""
@@ -32,15 +32,15 @@ class RsiProfile:
         40.0,
         Mark.ASSUMED,
         "from RSI_ON to RSI_MOVECORR; corrections before are dropped",
+        at_least(0.0),
         unit="ms",
-        minimum=0.0,
     )
     restart_s: float = setting(
         3.0,
         Mark.CHOSEN,
         "after which a person resets and starts a program that an error has ended; 0: never",
+        at_least(0.0),
         unit="s",
-        minimum=0.0,
     )
     # --- Ethernet object and its configuration
     sentype: str = setting("ImFree", Mark.OBSERVED, "name that answers must carry")
@@ -54,10 +54,10 @@ class RsiProfile:
         "tags of its telegrams, in order, as its configuration names them",
     )
     rob_type_attr: Literal["Type", "TYPE"] = setting("Type", Mark.ASSUMED, "spelling in its root")
-    precision: int = setting(4, Mark.OBSERVED, "decimals of its numbers", minimum=1, maximum=32)
+    precision: int = setting(4, Mark.OBSERVED, "decimals of its numbers", between(1, 32))
     onlysend: bool = setting(False, Mark.OBSERVED, "it expects no answers, and takes none")
     timeout: int = setting(
-        100, Mark.OBSERVED, "late cycles that it tolerates; the object's own default is 10", minimum=1
+        100, Mark.OBSERVED, "late cycles that it tolerates; the object's own default is 10", at_least(1)
     )
     late_count: Literal["consecutive", "total"] = setting(
         "consecutive", Mark.ASSUMED, "whether a good answer begins the count of the time-out anew"
@@ -69,9 +69,7 @@ class RsiProfile:
         "first", Mark.ASSUMED, "which of two answers in a cycle holds"
     )
     empty_first: bool = setting(False, Mark.OBSERVED, "the first telegram is empty, as of RSI 2.3 and older")
-    ipoc_start: int = setting(
-        123456, Mark.CHOSEN, "its clock at power-up", unit="ms", minimum=0, maximum=2**62
-    )
+    ipoc_start: int = setting(123456, Mark.CHOSEN, "its clock at power-up", between(0, 2**62), unit="ms")
     ipoc_restart: Literal["continue", "anew"] = setting(
         "continue", Mark.ASSUMED, "whether the clock goes on when the program is begun anew"
     )
@@ -85,35 +83,35 @@ class RsiProfile:
         300.0,
         Mark.CHOSEN,
         "POSCORR: total correction of an axis is clamped there; its own default is 5",
+        above(0.0),
         unit="mm",
-        above=0.0,
     )
     lim_deg: float = setting(
-        30.0, Mark.CHOSEN, "POSCORR: the same for the turn; its own default is 5", unit="°", above=0.0
+        30.0, Mark.CHOSEN, "POSCORR: the same for the turn; its own default is 5", above(0.0), unit="°"
     )
     mon_mm: float = setting(
         600.0,
         Mark.CHOSEN,
         "POSCORRMON: a larger correction ends RSI; its own default is 6",
+        above(0.0),
         unit="mm",
-        above=0.0,
     )
     mon_deg: float = setting(
-        60.0, Mark.CHOSEN, "POSCORRMON: the same for the turn; its own default is 6", unit="°", above=0.0
+        60.0, Mark.CHOSEN, "POSCORRMON: the same for the turn; its own default is 6", above(0.0), unit="°"
     )
     mon_norm: Literal["euclid", "component"] = setting("euclid", Mark.ASSUMED, "what POSCORRMON measures")
     max_step_mm: float = setting(
-        1.0, Mark.ASSUMED, "a correction that changes by more in 4 ms stops the robot", unit="mm", above=0.0
+        1.0, Mark.ASSUMED, "a correction that changes by more in 4 ms stops the robot", above(0.0), unit="mm"
     )
-    max_step_deg: float = setting(0.4, Mark.ASSUMED, "the same for its turn", unit="°", above=0.0)
+    max_step_deg: float = setting(0.4, Mark.ASSUMED, "the same for its turn", above(0.0), unit="°")
     # --- arm
     transport_delay_ms: float = setting(
-        8.0, Mark.ASSUMED, "from a correction to the position loops", unit="ms", minimum=0.0, maximum=1000.0
+        8.0, Mark.ASSUMED, "from a correction to the position loops", between(0.0, 1000.0), unit="ms"
     )
     natural_frequency_rad_s: float = setting(
-        60.0, Mark.ASSUMED, "natural frequency of the closed position loop", unit="rad/s", above=0.0
+        60.0, Mark.ASSUMED, "natural frequency of the closed position loop", above(0.0), unit="rad/s"
     )
-    damping_ratio: float = setting(1.0, Mark.ASSUMED, "damping of the closed position loop", above=0.0)
+    damping_ratio: float = setting(1.0, Mark.ASSUMED, "damping of the closed position loop", above(0.0))
     fixed_joints_deg: PerAxis = setting(
         (0.0, -90.0, 90.0, 0.0, 90.0, 0.0),
         Mark.CHOSEN,

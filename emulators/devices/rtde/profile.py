@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
-from protocol.marks import Mark, check_settings, setting
+from protocol.marks import Mark, above, at_least, between, check_settings, setting
 
 _A, _O, _C = Mark.ASSUMED, Mark.OBSERVED, Mark.CHOSEN
 
@@ -21,91 +21,89 @@ class RtdeProfile:
         2.0,
         _O,
         "cycle of the controller: 2 of an e-Series, 8 of a CB3",
+        between(1.0, 100.0),
         unit="ms",
-        minimum=1.0,
-        maximum=100.0,
     )
     version: str = setting("5.12.0.0", _A, "version of its software: major.minor.bugfix.build")
     serial_number: str = setting("20235500001", _C, "digits that the dashboard tells")
     remote_control: bool = setting(True, _C, "whether it stands in Remote Control at power-up")
     uptime_s: float = setting(
-        100.0, _A, "its clock when the cell is made; a client may wait for 40 s", unit="s", minimum=0.0
+        100.0, _A, "its clock when the cell is made; a client may wait for 40 s", at_least(0.0), unit="s"
     )
     start_delay_ms: float = setting(
-        50.0, _A, "from a program's last line until it plays", unit="ms", minimum=0.0, maximum=5000.0
+        50.0, _A, "from a program's last line until it plays", between(0.0, 5000.0), unit="ms"
     )
     unknown_program_ms: float = setting(
-        200.0, _A, "how long a program plays that the emulator does not know", unit="ms", minimum=0.0
+        200.0, _A, "how long a program plays that the emulator does not know", at_least(0.0), unit="ms"
     )
-    power_s: float = setting(2.0, _A, "from power on to idle, and for the brakes", unit="s", minimum=0.0)
+    power_s: float = setting(2.0, _A, "from power on to idle, and for the brakes", at_least(0.0), unit="s")
     unlock_s: float = setting(
-        5.0, _O, "a protective stop is not unlocked earlier", unit="s", minimum=0.0, maximum=60.0
+        5.0, _O, "a protective stop is not unlocked earlier", between(0.0, 60.0), unit="s"
     )
     release_delay_s: float = setting(
-        0.0, _A, "how long the inputs of a lost client stay in use", unit="s", minimum=0.0, maximum=60.0
+        0.0, _A, "how long the inputs of a lost client stay in use", between(0.0, 60.0), unit="s"
     )
     bad_input: Literal["ignore", "close"] = setting(
         "ignore", _A, "what it does with a data packet of a wrong recipe or length"
     )
     max_clients: int = setting(
-        0, _A, "clients of RTDE at a time; a further one is closed; 0: no limit but 16", minimum=0, maximum=16
+        0, _A, "clients of RTDE at a time; a further one is closed; 0: no limit but 16", between(0, 16)
     )
-    output_delay_cycles: int = setting(
-        1, _A, "age of the state in a data packet, in cycles", minimum=0, maximum=10
-    )
+    output_delay_cycles: int = setting(1, _A, "age of the state in a data packet, in cycles", between(0, 10))
     on_protective_stop: Literal["paused", "stopped"] = setting(
         "paused", _A, "what becomes of the program in a protective stop"
     )
     servo_gain_scale: float = setting(
-        1.0, _A, "servoj's gain, times this, is the stiffness of its loop", unit="1/s", above=0.0
+        1.0, _A, "servoj's gain, times this, is the stiffness of its loop", above(0.0), unit="1/s"
     )
     slider_slows_servo: bool = setting(True, _A, "whether the speed slider slows servoj down")
     stop_deceleration_rad_s2: float = setting(
-        4.0, _A, "of a joint when a program stops or pauses", unit="rad/s²", above=0.0
+        4.0, _A, "of a joint when a program stops or pauses", above(0.0), unit="rad/s²"
     )
     max_joint_speed_rad_s: float = setting(
-        3.14, _A, "above, it makes a protective stop", unit="rad/s", above=0.0
+        3.14, _A, "above, it makes a protective stop", above(0.0), unit="rad/s"
     )
     max_tcp_speed_mm_s: float = setting(
-        1500.0, _A, "above, it makes a protective stop", unit="mm/s", above=0.0
+        1500.0, _A, "above, it makes a protective stop", above(0.0), unit="mm/s"
     )
     max_target_step_mm: float = setting(
-        50.0, _A, "larger between two servo targets, it makes a protective stop", unit="mm", above=0.0
+        50.0, _A, "larger between two servo targets, it makes a protective stop", above(0.0), unit="mm"
     )
     max_target_turn_rad: float = setting(
-        0.3, _A, "the same of their turn, and of each joint", unit="rad", above=0.0
+        0.3, _A, "the same of their turn, and of each joint", above(0.0), unit="rad"
     )
     max_force_n: float = setting(
         250.0,
         _A,
         "of a force that a client gives; above, it makes a protective stop. A contact makes none, so that no run "
         "leans on it",
+        above(0.0),
         unit="N",
-        above=0.0,
     )
     noise_um: float = setting(
-        5.0, _A, "noise of the reported place, root mean square", unit="µm", minimum=0.0
+        5.0, _A, "noise of the reported place, root mean square", at_least(0.0), unit="µm"
     )
-    noise_urad: float = setting(5.0, _A, "the same of the orientation", unit="µrad", minimum=0.0)
+    noise_urad: float = setting(5.0, _A, "the same of the orientation", at_least(0.0), unit="µrad")
     force_point: Literal["flange", "tcp"] = setting(
         "flange", _A, "point about which actual_TCP_force tells its moments; tcp on a CB3"
     )
     force_noise_n: float = setting(
-        0.2, _A, "noise of the arm's own force sensor, root mean square", unit="N", minimum=0.0
+        0.2, _A, "noise of the arm's own force sensor, root mean square", at_least(0.0), unit="N"
     )
     force_offset_n: float = setting(
         4.5,
         _O,
         "largest offset of each axis of actual_TCP_force, drawn by the seed; 28 of a CB3",
+        between(0.0, 100.0),
         unit="N",
-        minimum=0.0,
-        maximum=100.0,
     )
-    force_lag_ms: float = setting(
-        10.0, _A, "time constant of its filter", unit="ms", minimum=0.0, maximum=1000.0
-    )
+    force_lag_ms: float = setting(10.0, _A, "time constant of its filter", between(0.0, 1000.0), unit="ms")
     force_watchdog_hz: float = setting(
-        10.0, _A, "the program pauses when external forces come more rarely; 0: never", unit="Hz", minimum=0.0
+        10.0,
+        _A,
+        "the program pauses when external forces come more rarely; 0: never",
+        at_least(0.0),
+        unit="Hz",
     )
 
     def __post_init__(self) -> None:

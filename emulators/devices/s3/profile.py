@@ -7,7 +7,7 @@ from emulators.arm.loops import ServoProfile
 from emulators.quantiles import check_quantiles
 from protocol.devices.s3.adlp import LinkProfile
 from protocol.devices.s3.arap import Mode, RefusalCode
-from protocol.marks import Mark, check_settings, setting
+from protocol.marks import Mark, above, at_least, between, check_settings, setting
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,60 +18,57 @@ class S3Profile:
 
     # --- time and queue
     turnaround_ms: float = setting(
-        12.0, Mark.ASSUMED, "from an order's end to the bid for its answer, mean", unit="ms", minimum=0.0
+        12.0, Mark.ASSUMED, "from an order's end to the bid for its answer, mean", at_least(0.0), unit="ms"
     )
     turnaround_spread_ms: float = setting(
-        4.0, Mark.ASSUMED, "uniform spread of the turnaround to either side", unit="ms", minimum=0.0
+        4.0, Mark.ASSUMED, "uniform spread of the turnaround to either side", at_least(0.0), unit="ms"
     )
     status_turnaround_ms: tuple[float, ...] = setting(
         (),
         Mark.CHOSEN,
         "measured turnaround of status orders as evenly spaced quantiles, least first and largest last; empty: as "
         "assumed for all orders",
+        at_least(0.0),
         unit="ms",
-        minimum=0.0,
     )
     move_turnaround_ms: tuple[float, ...] = setting(
         (),
         Mark.CHOSEN,
         "measured turnaround of moves, in the same way; empty: as assumed for all orders",
+        at_least(0.0),
         unit="ms",
-        minimum=0.0,
     )
     queue_depth: int = setting(
-        4, Mark.ASSUMED, "points accepted and not yet reached, the one moved to included", minimum=1
+        4, Mark.ASSUMED, "points accepted and not yet reached, the one moved to included", at_least(1)
     )
     move_reply: Literal["queued", "reached"] = setting(
         "queued", Mark.ASSUMED, "when a move is answered: queued, reached"
     )
     order_backlog: int = setting(
-        4, Mark.ASSUMED, "orders kept, the one being answered included; more are lost", minimum=1
+        4, Mark.ASSUMED, "orders kept, the one being answered included; more are lost", at_least(1)
     )
     # --- state
     power_up_mode: int = setting(
         int(Mode.STANDBY),
         Mark.ASSUMED,
         "mode after power-up: 0 standby, 1 operation, 2 synchronise, 3 both",
-        minimum=0,
-        maximum=3,
+        between(0, 3),
     )
     link_control: bool = setting(True, Mark.CHOSEN, "the pendant has given the link control at power-up")
     no_control_refusal: int = setting(
         int(RefusalCode.WRONG_KEY_MODE),
         Mark.ASSUMED,
         "code that refuses orders while the link has no control; read status is answered",
-        minimum=0,
-        maximum=255,
+        between(0, 255),
     )
     unusable_move_refusal: int = setting(
         int(RefusalCode.NOT_POSSIBLE),
         Mark.ASSUMED,
         "code that refuses a move without speed, without a unit quaternion, or in robot coordinates",
-        minimum=0,
-        maximum=255,
+        between(0, 255),
     )
     programs: tuple[int, ...] = setting(
-        (1,), Mark.CHOSEN, "numbers of the programs in memory", minimum=0, maximum=65535
+        (1,), Mark.CHOSEN, "numbers of the programs in memory", between(0, 65535)
     )
     program_folder: str = setting(
         "",
@@ -82,15 +79,14 @@ class S3Profile:
         10.0,
         Mark.ASSUMED,
         "how long a program runs whose contents are not steps for the emulator",
+        at_least(0.0),
         unit="s",
-        minimum=0.0,
     )
     emergency_stop_error: tuple[int, int] = setting(
         (13, 0),
         Mark.ASSUMED,
         "x and y of the operational error told at an emergency stop",
-        minimum=0,
-        maximum=65535,
+        between(0, 65535),
     )
     emergency_stop_keeps_standby: bool = setting(
         False,
@@ -102,8 +98,7 @@ class S3Profile:
         (15, 0),
         Mark.ASSUMED,
         "x and y of the operational error told when a program ends at a point outside the work area",
-        minimum=0,
-        maximum=65535,
+        between(0, 65535),
     )
     spontaneous_eot: Literal["always", "sometimes", "never"] = setting(
         "always",
@@ -114,34 +109,31 @@ class S3Profile:
         5.0,
         Mark.ASSUMED,
         "silence after a power-up at run time; a cell is found with its controller ready",
+        between(0.0, 3600.0),
         unit="s",
-        minimum=0.0,
-        maximum=3600.0,
     )
     # --- size of the arm
-    axis_2_height_mm: float = setting(780.0, Mark.OBSERVED, "base to axis 2", unit="mm", above=0.0)
-    upper_arm_mm: float = setting(710.0, Mark.OBSERVED, "axis 2 to axis 3", unit="mm", above=0.0)
+    axis_2_height_mm: float = setting(780.0, Mark.OBSERVED, "base to axis 2", above(0.0), unit="mm")
+    upper_arm_mm: float = setting(710.0, Mark.OBSERVED, "axis 2 to axis 3", above(0.0), unit="mm")
     elbow_offset_mm: float = setting(
-        125.0, Mark.OBSERVED, "axis 3 to the forearm's axis", unit="mm", minimum=0.0
+        125.0, Mark.OBSERVED, "axis 3 to the forearm's axis", at_least(0.0), unit="mm"
     )
-    forearm_mm: float = setting(850.0, Mark.OBSERVED, "elbow to wrist", unit="mm", above=0.0)
-    wrist_to_flange_mm: float = setting(150.0, Mark.OBSERVED, "wrist to flange", unit="mm", minimum=0.0)
+    forearm_mm: float = setting(850.0, Mark.OBSERVED, "elbow to wrist", above(0.0), unit="mm")
+    wrist_to_flange_mm: float = setting(150.0, Mark.OBSERVED, "wrist to flange", at_least(0.0), unit="mm")
     # --- joints of the arm, axes 1 to 6
     axis_ranges_deg: tuple[float, float, float, float, float, float] = setting(
         (180.0, 100.0, 60.0, 200.0, 120.0, 200.0),
         Mark.OBSERVED,
         "how far each axis turns to either side of the middle of its range",
+        above(0.0, 360.0),
         unit="°",
-        above=0.0,
-        maximum=360.0,
     )
     axis_middles_deg: tuple[float, float, float, float, float, float] = setting(
         (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
         Mark.ASSUMED,
         "middle of each range; zero is arm forward, upper arm upright, forearm level, wrist straight, tool x up",
+        between(-180.0, 180.0),
         unit="°",
-        minimum=-180.0,
-        maximum=180.0,
     )
     axis_3_against: Literal["horizon", "upper_arm"] = setting(
         "horizon",
@@ -153,8 +145,8 @@ class S3Profile:
         (115.0, 115.0, 115.0, 280.0, 300.0, 300.0),
         Mark.OBSERVED,
         "about the fastest that each axis turns",
+        above(0.0),
         unit="°/s",
-        above=0.0,
     )
 
     def __post_init__(self) -> None:

@@ -12,7 +12,7 @@ from emulators.surface.profile import SurfaceProfile
 from emulators.surface.shapes import HeightMap, Shape
 from height_map_surface.heights import from_image, from_stl
 from hil_bridge.devices.kinds import SurfaceKind
-from protocol.marks import Mark, setting
+from protocol.marks import Mark, above, setting
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,13 +20,13 @@ class HeightMapProfile(SurfaceProfile):
     """All settings of hil-bridge's own surface, with another shape: those of its own shapes do nothing."""
 
     image_file: str = setting("", Mark.CHOSEN, "grey PNG: its right is along the path, its top to the left")
-    white_mm: float = setting(10.0, Mark.CHOSEN, "height of white above black", unit="mm", above=0.0)
+    white_mm: float = setting(10.0, Mark.CHOSEN, "height of white above black", above(0.0), unit="mm")
     stl_file: str = setting("", Mark.CHOSEN, "part in mm, seen from above: its x is along the path")
     section_mm: tuple[float, ...] = setting(
         (), Mark.CHOSEN, "section x0 y0 x1 y1 of the part; empty for all of it", unit="mm"
     )
     spacing_mm: float = setting(
-        1.0, Mark.CHOSEN, "from one pixel to the next, or of the grid on the part", unit="mm", above=0.0
+        1.0, Mark.CHOSEN, "from one pixel to the next, or of the grid on the part", above(0.0), unit="mm"
     )
 
     def __post_init__(self) -> None:

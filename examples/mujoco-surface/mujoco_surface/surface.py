@@ -26,7 +26,7 @@ import numpy as np
 from emulators.faults import Handler
 from emulators.seams import Floats, Surface, SurfaceFactory
 from hil_bridge.devices.kinds import SurfaceKind
-from protocol.marks import Mark, check_settings, setting
+from protocol.marks import Mark, above, at_least, check_settings, setting
 
 TIP = "hil_bridge_tip"
 """Name of the tip in the scene."""
@@ -53,19 +53,19 @@ class MujocoProfile:
     origin_x_mm: float = setting(900.0, Mark.CHOSEN, "base x of the sphere's crest", unit="mm")
     origin_y_mm: float = setting(0.0, Mark.CHOSEN, "base y of the sphere's crest", unit="mm")
     height_mm: float = setting(590.0, Mark.CHOSEN, "base z of the plane or the crest", unit="mm")
-    radius_mm: float = setting(300.0, Mark.CHOSEN, "radius of the sphere", unit="mm", above=0.0)
+    radius_mm: float = setting(300.0, Mark.CHOSEN, "radius of the sphere", above(0.0), unit="mm")
     tip_radius_mm: float = setting(
         0.05,
         Mark.CHOSEN,
         "radius of the tip, whose lowest point is the tool centre point",
+        above(0.0),
         unit="mm",
-        above=0.0,
     )
-    stiffness_n_m: float = setting(5000.0, Mark.ASSUMED, "stiffness along the normal", unit="N/m", above=0.0)
-    damping_ns_m: float = setting(10.0, Mark.ASSUMED, "damping along the normal", unit="N·s/m", minimum=0.0)
-    friction: float = setting(0.2, Mark.ASSUMED, "Coulomb coefficient against sliding", minimum=0.0)
+    stiffness_n_m: float = setting(5000.0, Mark.ASSUMED, "stiffness along the normal", above(0.0), unit="N/m")
+    damping_ns_m: float = setting(10.0, Mark.ASSUMED, "damping along the normal", at_least(0.0), unit="N·s/m")
+    friction: float = setting(0.2, Mark.ASSUMED, "Coulomb coefficient against sliding", at_least(0.0))
     friction_slope_ns_m: float = setting(
-        2000.0, Mark.CHOSEN, "friction for a speed until Coulomb's is reached", unit="N·s/m", above=0.0
+        2000.0, Mark.CHOSEN, "friction for a speed until Coulomb's is reached", above(0.0), unit="N·s/m"
     )
 
     def __post_init__(self) -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from emulators.seams import Handlers, WrenchSource
 from emulators.sensing import NoisyWrench
 from protocol.geometry import Wrench
-from protocol.marks import Mark, check_settings, setting
+from protocol.marks import Mark, at_least, check_settings, setting
 from toy_sensor.wire import BYE, HELLO, PERIOD_S, RANGE_COUNTS, SAMPLE, SCALES
 
 
@@ -15,7 +15,7 @@ class LoadProfile:
     """Differences between one load cell and the next."""
 
     noise_n: float = setting(
-        0.02, Mark.CHOSEN, "noise of the forces, root mean square", unit="N", minimum=0.0
+        0.02, Mark.CHOSEN, "noise of the forces, root mean square", at_least(0.0), unit="N"
     )
 
     def __post_init__(self) -> None:

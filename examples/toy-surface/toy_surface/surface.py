@@ -8,7 +8,7 @@ import numpy as np
 from emulators.faults import Handler
 from emulators.seams import Floats, Surface, SurfaceFactory
 from hil_bridge.devices.kinds import SurfaceKind
-from protocol.marks import Mark, check_settings, setting
+from protocol.marks import Mark, above, check_settings, setting
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,7 +16,7 @@ class SpringProfile:
     """A level plate on springs."""
 
     height_mm: float = setting(590.0, Mark.CHOSEN, "height of the plate", unit="mm")
-    stiffness_n_mm: float = setting(5.0, Mark.CHOSEN, "its stiffness", unit="N/mm", above=0.0)
+    stiffness_n_mm: float = setting(5.0, Mark.CHOSEN, "its stiffness", above(0.0), unit="N/mm")
 
     def __post_init__(self) -> None:
         check_settings(self)

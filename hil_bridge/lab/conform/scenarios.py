@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from protocol.marks import Mark, check_settings, setting
+from protocol.marks import Mark, above, at_least, between, check_settings, setting
 
 SUITE_VERSION = 1
 """Grows when a client that passed may fail: to be compared by those who pin it."""
@@ -46,46 +46,42 @@ class Rules:
         10.0,
         Mark.CHOSEN,
         "until the tool of a new client must have moved",
+        above(0.0, 600.0),
         unit="s",
-        above=0.0,
-        maximum=600.0,
     )
-    after_s: float = setting(0.5, Mark.CHOSEN, "from then to the fault", unit="s", minimum=0.0, maximum=600.0)
+    after_s: float = setting(0.5, Mark.CHOSEN, "from then to the fault", between(0.0, 600.0), unit="s")
     watch_s: float = setting(
         2.0,
         Mark.CHOSEN,
         "for how long a client is watched behind a fault",
+        above(0.0, 600.0),
         unit="s",
-        above=0.0,
-        maximum=600.0,
     )
     run_s: float = setting(
-        10.0, Mark.CHOSEN, "how long it may move in `nominal`, then it is told to end", unit="s", above=0.0
+        10.0, Mark.CHOSEN, "how long it may move in `nominal`, then it is told to end", above(0.0), unit="s"
     )
     react_s: float = setting(
-        0.5, Mark.CHOSEN, "in which it must have seen a stop", unit="s", minimum=0.0, maximum=60.0
+        0.5, Mark.CHOSEN, "in which it must have seen a stop", between(0.0, 60.0), unit="s"
     )
-    cut_s: float = setting(
-        1.0, Mark.CHOSEN, "for how long the wire is cut", unit="s", above=0.0, maximum=60.0
-    )
+    cut_s: float = setting(1.0, Mark.CHOSEN, "for how long the wire is cut", above(0.0, 60.0), unit="s")
     back_s: float = setting(
-        5.0, Mark.CHOSEN, "in which it must come back behind a cut", unit="s", above=0.0, maximum=600.0
+        5.0, Mark.CHOSEN, "in which it must come back behind a cut", above(0.0, 600.0), unit="s"
     )
     end_s: float = setting(
-        3.0, Mark.CHOSEN, "in which it must end when it is told to", unit="s", above=0.0, maximum=600.0
+        3.0, Mark.CHOSEN, "in which it must end when it is told to", above(0.0, 600.0), unit="s"
     )
     stand_s: float = setting(
-        2.0, Mark.CHOSEN, "in which the tool must stand when it has ended", unit="s", above=0.0, maximum=60.0
+        2.0, Mark.CHOSEN, "in which the tool must stand when it has ended", above(0.0, 60.0), unit="s"
     )
     max_speed_mm_s: float = setting(
         0.0,
         Mark.CHOSEN,
         "fastest that the tool may go; 0 for the robot's own limits",
+        at_least(0.0),
         unit="mm/s",
-        minimum=0.0,
     )
     max_step_mm: float = setting(
-        0.0, Mark.CHOSEN, "farthest from one order to the next; 0 for any", unit="mm", minimum=0.0
+        0.0, Mark.CHOSEN, "farthest from one order to the next; 0 for any", at_least(0.0), unit="mm"
     )
     comes_back: bool = setting(False, Mark.CHOSEN, "the client declares that it comes back behind a cut")
     ends: bool = setting(False, Mark.CHOSEN, "the client declares that it ends by itself")

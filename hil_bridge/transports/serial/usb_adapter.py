@@ -13,7 +13,7 @@ from hil_bridge.errors import TransportClosed, TransportError
 from hil_bridge.transports.base import Transport
 from hil_bridge.transports.delivery import QUEUE_BYTES, Delivery, TimedQueue, flush
 from hil_bridge.transports.wrappers import Direction
-from protocol.marks import Mark, check_settings, setting
+from protocol.marks import Mark, above, at_least, between, check_settings, setting
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,23 +24,22 @@ class UsbAdapterProfile:
         0.016,
         Mark.STANDARD,
         "time since its last packet after which the adapter sends what it has, be it nothing (AN232B-04)",
+        between(0.001, 0.255),
         unit="s",
-        minimum=0.001,
-        maximum=0.255,
     )
     packet_bytes: int = setting(
         62,
         Mark.STANDARD,
         "bytes of a full packet, which is sent at once (AN232B-04)",
+        at_least(1),
         unit="bytes",
-        minimum=1,
     )
     frame_s: float = setting(
         0.001,
         Mark.ASSUMED,
         "time between two USB frames of a full-speed device; a packet passes with the next one, either way",
+        above(0.0),
         unit="s",
-        above=0.0,
     )
 
     def __post_init__(self) -> None:

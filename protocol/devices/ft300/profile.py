@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from protocol.marks import Mark, check_settings, setting
+from protocol.marks import Mark, above, at_least, between, check_settings, setting
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,24 +17,24 @@ class Ft300ClientProfile:
         300.0,
         Mark.OBSERVED,
         "rated force of each axis; from there on a value is not trusted",
+        above(0.0),
         unit="N",
-        above=0.0,
     )
-    rated_nm: float = setting(30.0, Mark.OBSERVED, "rated moment of each axis", unit="N·m", above=0.0)
-    answer_timeout_s: float = setting(0.4, Mark.OBSERVED, "wait for an answer", unit="s", above=0.0)
-    tries: int = setting(5, Mark.CHOSEN, "times that a question is asked", minimum=1)
+    rated_nm: float = setting(30.0, Mark.OBSERVED, "rated moment of each axis", above(0.0), unit="N·m")
+    answer_timeout_s: float = setting(0.4, Mark.OBSERVED, "wait for an answer", above(0.0), unit="s")
+    tries: int = setting(5, Mark.CHOSEN, "times that a question is asked", at_least(1))
     rest_s: float = setting(
         0.1,
         Mark.OBSERVED,
         "pause between the end of the stream and the first question",
+        at_least(0.0),
         unit="s",
-        minimum=0.0,
     )
     silence_s: float = setting(
-        1.0, Mark.CHOSEN, "silence of the stream after which the session is over", unit="s", above=0.0
+        1.0, Mark.CHOSEN, "silence of the stream after which the session is over", above(0.0), unit="s"
     )
     zero_s: float = setting(
-        0.1, Mark.CHOSEN, "time of which the mean makes a zero", unit="s", minimum=0.0, maximum=10.0
+        0.1, Mark.CHOSEN, "time of which the mean makes a zero", between(0.0, 10.0), unit="s"
     )
 
     def __post_init__(self) -> None:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
-from protocol.marks import Mark, check_settings, setting
+from protocol.marks import Mark, above, at_least, check_settings, setting
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,32 +26,32 @@ class RsiLink:
         200.0,
         Mark.CHOSEN,
         "largest total correction of an axis; keep it below POSCORR's",
+        above(0.0),
         unit="mm",
-        above=0.0,
     )
     limit_deg: float = setting(
-        20.0, Mark.CHOSEN, "largest total of each angle; keep it below POSCORR's", unit="°", above=0.0
+        20.0, Mark.CHOSEN, "largest total of each angle; keep it below POSCORR's", above(0.0), unit="°"
     )
     fastest_mm_s: float = setting(
-        200.0, Mark.CHOSEN, "fastest correction, whatever the set point does", unit="mm/s", above=0.0
+        200.0, Mark.CHOSEN, "fastest correction, whatever the set point does", above(0.0), unit="mm/s"
     )
-    fastest_deg_s: float = setting(80.0, Mark.CHOSEN, "the same for each angle", unit="°/s", above=0.0)
+    fastest_deg_s: float = setting(80.0, Mark.CHOSEN, "the same for each angle", above(0.0), unit="°/s")
     catch_up_mm_s: float = setting(
         10.0,
         Mark.CHOSEN,
         "by how much faster than its set point a robot moves to make up for answers that were lost",
+        above(0.0),
         unit="mm/s",
-        above=0.0,
     )
-    catch_up_deg_s: float = setting(5.0, Mark.CHOSEN, "the same for each angle", unit="°/s", above=0.0)
+    catch_up_deg_s: float = setting(5.0, Mark.CHOSEN, "the same for each angle", above(0.0), unit="°/s")
     stray_mm: float = setting(
-        1.0, Mark.CHOSEN, "distance of a robot from its correction that is told", unit="mm", above=0.0
+        1.0, Mark.CHOSEN, "distance of a robot from its correction that is told", above(0.0), unit="mm"
     )
     late_max: int = setting(
         25,
         Mark.CHOSEN,
         "answers in a row that the robot may not take before it is taken for faulty; it stands still meanwhile",
-        minimum=1,
+        at_least(1),
     )
 
     def __post_init__(self) -> None:

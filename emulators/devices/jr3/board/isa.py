@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 
 from protocol.devices.jr3.board import MEMORY_WORDS, WORD_MODULUS, Registers
 from protocol.endpoint import RemoteProtocolError
-from protocol.marks import Mark, check_settings, setting
+from protocol.marks import Mark, between, check_settings, setting
 
 _PAGE = 0x100
 """Words over which the address counts on; it wraps within them, for only its low 8 bits count."""
@@ -21,8 +21,7 @@ class IsaProfile:
         0x314,
         Mark.OBSERVED,
         "port of the address register; the data register is 2 above",
-        minimum=0,
-        maximum=0xFFFC,
+        between(0, 0xFFFC),
     )
 
     def __post_init__(self) -> None:

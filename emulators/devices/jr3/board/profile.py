@@ -5,7 +5,7 @@ from typing import Any, ClassVar, Literal
 
 from emulators.devices.jr3.sensor import SensorProfile
 from protocol.devices.jr3.board import REGISTERS
-from protocol.marks import Mark, check_settings, setting
+from protocol.marks import Mark, at_least, between, check_settings, setting
 
 _WORD, _POSITIVE = 65535, 32767
 
@@ -16,27 +16,23 @@ class SecondSensorProfile:
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
-    serial_no: int = setting(1002, Mark.CHOSEN, "serial number of the sensor", minimum=1, maximum=_WORD)
-    model_no: int = setting(
-        1, Mark.ASSUMED, "the sensor's model by JR3's own count", minimum=1, maximum=_WORD
-    )
-    cal_day: int = setting(1, Mark.CHOSEN, "day of the year of the calibration", minimum=1, maximum=366)
-    cal_year: int = setting(2021, Mark.CHOSEN, "year of the calibration", minimum=0, maximum=_POSITIVE)
+    serial_no: int = setting(1002, Mark.CHOSEN, "serial number of the sensor", between(1, _WORD))
+    model_no: int = setting(1, Mark.ASSUMED, "the sensor's model by JR3's own count", between(1, _WORD))
+    cal_day: int = setting(1, Mark.CHOSEN, "day of the year of the calibration", between(1, 366))
+    cal_year: int = setting(2021, Mark.CHOSEN, "year of the calibration", between(0, _POSITIVE))
     full_scales_n: tuple[float, float, float] = setting(
         (317.0, 314.0, 845.0),
         Mark.OBSERVED,
         "fx fy fz, whole N (an ankle sensor on PCI)",
+        between(1.0, 65535.0),
         unit="N",
-        minimum=1.0,
-        maximum=65535.0,
     )
     full_scales_nm: tuple[float, float, float] = setting(
         (22.1, 21.9, 30.7),
         Mark.OBSERVED,
         "mx my mz, whole 0.1 N·m (an ankle sensor on PCI)",
+        between(0.1, 6553.5),
         unit="N·m",
-        minimum=0.1,
-        maximum=6553.5,
     )
     coupling: tuple[float, ...] = setting(
         (),
@@ -65,18 +61,17 @@ class BoardProfile:
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
     boot_s: float = setting(
-        0.02, Mark.ASSUMED, "from reset to the first sample; a driver waits 25 ms", unit="s", minimum=0.0
+        0.02, Mark.ASSUMED, "from reset to the first sample; a driver waits 25 ms", at_least(0.0), unit="s"
     )
     calibration_s: float = setting(
-        0.033, Mark.DERIVED, "reading the calibration: 256 bytes, one per sample", unit="s", minimum=0.0
+        0.033, Mark.DERIVED, "reading the calibration: 256 bytes, one per sample", at_least(0.0), unit="s"
     )
     offsets_zeroed_s: float = setting(
         2.0,
         Mark.ASSUMED,
         "from the calibration read to the offsets zeroed by the board itself; observed: less than 10 s",
+        between(0.0, 10.0),
         unit="s",
-        minimum=0.0,
-        maximum=10.0,
     )
     command_times: Literal["typical", "maximum"] = setting(
         "typical", Mark.CHOSEN, "which of the manual's two times a command takes"
@@ -85,14 +80,14 @@ class BoardProfile:
         16,
         Mark.OBSERVED,
         "the board looks at words that the host wrote every so many samples",
+        at_least(1),
         unit="samples",
-        minimum=1,
     )
     watch_dog_s: float = setting(
-        0.01, Mark.ASSUMED, "from the last sample to the watch dog's error bit", unit="s", minimum=0.0
+        0.01, Mark.ASSUMED, "from the last sample to the watch dog's error bit", at_least(0.0), unit="s"
     )
     unplugged_errors: int = setting(
-        0x8000, Mark.ASSUMED, "error bits while no sensor is connected", minimum=0, maximum=_WORD
+        0x8000, Mark.ASSUMED, "error bits while no sensor is connected", between(0, _WORD)
     )
     unplugged_data: Literal["frozen", "zero"] = setting(
         "frozen", Mark.ASSUMED, "what the data show while no sensor is connected"
@@ -109,51 +104,40 @@ class BoardProfile:
         "unit of full scales and lengths: 0 lb in·lb mil, 1 N N·m×10 mm×10, 2 kgf×10 kgf·cm mm×10, "
         "3 klb kin·lb mil",
     )
-    serial_no: int = setting(1001, Mark.CHOSEN, "serial number of the sensor", minimum=1, maximum=_WORD)
-    model_no: int = setting(
-        1, Mark.ASSUMED, "the sensor's model by JR3's own count", minimum=1, maximum=_WORD
-    )
-    eeprom_ver: int = setting(1, Mark.ASSUMED, "version of the sensor's memory", minimum=0, maximum=255)
-    cal_day: int = setting(1, Mark.CHOSEN, "day of the year of the calibration", minimum=1, maximum=366)
-    cal_year: int = setting(2020, Mark.CHOSEN, "year of the calibration", minimum=0, maximum=_POSITIVE)
+    serial_no: int = setting(1001, Mark.CHOSEN, "serial number of the sensor", between(1, _WORD))
+    model_no: int = setting(1, Mark.ASSUMED, "the sensor's model by JR3's own count", between(1, _WORD))
+    eeprom_ver: int = setting(1, Mark.ASSUMED, "version of the sensor's memory", between(0, 255))
+    cal_day: int = setting(1, Mark.CHOSEN, "day of the year of the calibration", between(1, 366))
+    cal_year: int = setting(2020, Mark.CHOSEN, "year of the calibration", between(0, _POSITIVE))
     second: SecondSensorProfile = field(default_factory=SecondSensorProfile)
     thickness_mm: float = setting(
-        31.8, Mark.ASSUMED, "of the sensor, flange to flange", unit="mm", minimum=0.0, maximum=800.0
+        31.8, Mark.ASSUMED, "of the sensor, flange to flange", between(0.0, 800.0), unit="mm"
     )
     channels: int = setting(
-        0x00FF, Mark.ASSUMED, "raw channels that the sensor sends, a bit each", minimum=0, maximum=_WORD
+        0x00FF, Mark.ASSUMED, "raw channels that the sensor sends, a bit each", between(0, _WORD)
     )
     software_ver: int = setting(
-        302, Mark.OBSERVED, "version of the board's program × 100", minimum=0, maximum=_POSITIVE
+        302, Mark.OBSERVED, "version of the board's program × 100", between(0, _POSITIVE)
     )
-    software_day: int = setting(1, Mark.ASSUMED, "day of the year of that program", minimum=1, maximum=366)
-    software_year: int = setting(1994, Mark.ASSUMED, "its year", minimum=0, maximum=_POSITIVE)
+    software_day: int = setting(1, Mark.ASSUMED, "day of the year of that program", between(1, 366))
+    software_year: int = setting(1994, Mark.ASSUMED, "its year", between(0, _POSITIVE))
     copyright: str = setting("Emulated JR3 receiver", Mark.CHOSEN, "what the copyright words say")
     vect_axes: int = setting(
-        0x3F, Mark.ASSUMED, "vectors at power-up: V1 of all forces, V2 of all moments", minimum=0, maximum=255
+        0x3F, Mark.ASSUMED, "vectors at power-up: V1 of all forces, V2 of all moments", between(0, 255)
     )
-    peak_address: int = setting(
-        0x90, Mark.ASSUMED, "peaks at power-up: those of filter0", minimum=0, maximum=_WORD
-    )
-    rate_address: int = setting(
-        0xA0, Mark.ASSUMED, "rate at power-up: that of filter2", minimum=0, maximum=_WORD
-    )
-    rate_divisor: int = setting(
-        8, Mark.ASSUMED, "samples from rate to rate at power-up", minimum=0, maximum=_WORD
-    )
-    near_sat_value: int = setting(
-        26214, Mark.OBSERVED, "raw magnitude that warns", minimum=0, maximum=_POSITIVE
-    )
+    peak_address: int = setting(0x90, Mark.ASSUMED, "peaks at power-up: those of filter0", between(0, _WORD))
+    rate_address: int = setting(0xA0, Mark.ASSUMED, "rate at power-up: that of filter2", between(0, _WORD))
+    rate_divisor: int = setting(8, Mark.ASSUMED, "samples from rate to rate at power-up", between(0, _WORD))
+    near_sat_value: int = setting(26214, Mark.OBSERVED, "raw magnitude that warns", between(0, _POSITIVE))
     full_scale_span: float = setting(
         1.0,
         Mark.ASSUMED,
         "largest recommended full scale by the smallest, at most: 1 keeps a driver's start-up at the sensor's rating; "
         "from 2^(16 − ADC bits) on, the step of the converter is the only limit",
-        minimum=1.0,
-        maximum=16.0,
+        between(1.0, 16.0),
     )
     idle_hz: float = setting(
-        50_000.0, Mark.ASSUMED, "rounds in which the processor has nothing to do", unit="Hz", minimum=0.0
+        50_000.0, Mark.ASSUMED, "rounds in which the processor has nothing to do", at_least(0.0), unit="Hz"
     )
 
     def __post_init__(self) -> None:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
-from protocol.marks import Mark, check_settings, setting
+from protocol.marks import Mark, between, check_settings, setting
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,9 +16,8 @@ class EgmSettings:
         4.0,
         Mark.CHOSEN,
         "SampleRate in the RAPID program: time between two datagrams of the robot",
+        between(1.0, 1000.0),
         unit="ms",
-        minimum=1.0,
-        maximum=1000.0,
     )
     feed_forward: bool = setting(
         True,

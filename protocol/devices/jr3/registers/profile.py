@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Final, Literal
 
 from protocol.devices.jr3.board import FILTERS
-from protocol.marks import Mark, check_settings, setting
+from protocol.marks import Mark, above, at_least, between, check_settings, setting
 
 SAMPLE_RATE_HZ = 8000.0
 """Source: JR3 manual 5907E."""
@@ -25,20 +25,19 @@ class BoardClientProfile:
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
     filter: int = setting(
-        2, Mark.CHOSEN, "the board's filter to read, 0 = unfiltered", minimum=0, maximum=FILTERS - 1
+        2, Mark.CHOSEN, "the board's filter to read, 0 = unfiltered", between(0, FILTERS - 1)
     )
     period_ms: float = setting(
         10.0,
         Mark.CHOSEN,
         "between samples; never shorter than the filter's own",
+        between(0.25, 4000.0),
         unit="ms",
-        minimum=0.25,
-        maximum=4000.0,
     )
     mode: Literal["stream", "poll"] = setting(
         "stream", Mark.CHOSEN, "stream: the server sends by its own clock; poll: it is asked for each sample"
     )
-    bursts: int = setting(1, Mark.CHOSEN, "samples that a stream delivers at once", minimum=1, maximum=64)
+    bursts: int = setting(1, Mark.CHOSEN, "samples that a stream delivers at once", between(1, 64))
     start_up: Literal["driver", "none"] = setting(
         "driver",
         Mark.CHOSEN,
@@ -51,39 +50,39 @@ class BoardClientProfile:
         "path of the program that the board's processor is loaded with after its reset, JR3's jr3pci.idm; "
         "empty: the board or its server has it",
     )
-    reset_ms: float = setting(25.0, Mark.OBSERVED, "pause after a reset", unit="ms", minimum=0.0)
+    reset_ms: float = setting(25.0, Mark.OBSERVED, "pause after a reset", at_least(0.0), unit="ms")
     poll_s: float = setting(
-        1.0, Mark.OBSERVED, "between looks whether the sensor is there", unit="s", above=0.0
+        1.0, Mark.OBSERVED, "between looks whether the sensor is there", above(0.0), unit="s"
     )
     offset_polls: int = setting(
         10,
         Mark.OBSERVED,
         "further looks, because the board zeroes its offsets by itself within 10 s",
-        minimum=0,
+        at_least(0),
     )
     command_ms: float = setting(
-        20.0, Mark.OBSERVED, "given to a command before its end is looked for", unit="ms", above=0.0
+        20.0, Mark.OBSERVED, "given to a command before its end is looked for", above(0.0), unit="ms"
     )
     use_offset_ms: float = setting(
-        40.0, Mark.OBSERVED, "the same for the first use of an offset", unit="ms", above=0.0
+        40.0, Mark.OBSERVED, "the same for the first use of an offset", above(0.0), unit="ms"
     )
     command_timeout_s: float = setting(
-        1.0, Mark.CHOSEN, "patience with a command; the slowest needs 16 ms", unit="s", above=0.0
+        1.0, Mark.CHOSEN, "patience with a command; the slowest needs 16 ms", above(0.0), unit="s"
     )
     ready_timeout_s: float = setting(
-        10.0, Mark.CHOSEN, "patience with a board without a sensor", unit="s", above=0.0
+        10.0, Mark.CHOSEN, "patience with a board without a sensor", above(0.0), unit="s"
     )
     answer_timeout_s: float = setting(
-        1.0, Mark.CHOSEN, "patience with a server that does not answer", unit="s", above=0.0
+        1.0, Mark.CHOSEN, "patience with a server that does not answer", above(0.0), unit="s"
     )
     data_timeout_s: float = setting(
-        1.0, Mark.CHOSEN, "patience without a new sample, beside five periods", unit="s", above=0.0
+        1.0, Mark.CHOSEN, "patience without a new sample, beside five periods", above(0.0), unit="s"
     )
     settle_delays: float = setting(
         15.0,
         Mark.DERIVED,
         "delays of its filter until a step has settled to a count",
-        minimum=0.0,
+        at_least(0.0),
     )
 
     def __post_init__(self) -> None:
@@ -121,11 +120,11 @@ class RegisterServerProfile:
         60.0,
         Mark.CHOSEN,
         "a silent client without a stream is dropped after it, 0 = never",
+        at_least(0.0),
         unit="s",
-        minimum=0.0,
     )
     shortest_period_us: int = setting(
-        250, Mark.CHOSEN, "shortest period of a stream, two samples of the sensor", unit="µs", minimum=1
+        250, Mark.CHOSEN, "shortest period of a stream, two samples of the sensor", at_least(1), unit="µs"
     )
 
     def __post_init__(self) -> None:

@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 
 from protocol.devices.jr3.firmware import MAX_CUTOFF_HZ, check_cutoff, first_order_delay
 from protocol.devices.jr3.uart_gateway.messages import DATA_FRAME_S, UART_BAUDRATE, sendable_near
-from protocol.marks import Mark, check_settings, setting
+from protocol.marks import Mark, above, at_least, between, check_settings, setting
 from protocol.wrench import AXES
 
 
@@ -19,56 +19,54 @@ class UartGatewayClientProfile:
         10.0,
         Mark.CHOSEN,
         "cut-off of the gateway's first-order filter, 0 = unfiltered",
+        between(0.0, MAX_CUTOFF_HZ),
         unit="Hz",
-        minimum=0.0,
-        maximum=MAX_CUTOFF_HZ,
     )
     period_ms: float = setting(
         10.0,
         Mark.CHOSEN,
         "between frames, at least the 1.5625 that one takes on the line; the counter wraps every 8.4 s",
+        above(0.0, 4000.0),
         unit="ms",
-        above=0.0,
-        maximum=4000.0,
     )
     pause_s: float = setting(
         1.1,
         Mark.DERIVED,
         "between an acknowledge and the next command: the gateway is deaf for 1 s, and clocks differ",
+        at_least(0.0),
         unit="s",
-        minimum=0.0,
     )
     ack_timeout_s: float = setting(
         1.25,
         Mark.DERIVED,
         "wait for an acknowledge before asking again: more than the deaf second, or the repeat is lost too; for a "
         "stop, a period of the stream more",
+        above(0.0),
         unit="s",
-        above=0.0,
     )
-    retries: int = setting(3, Mark.CHOSEN, "repetitions of a command without acknowledge", minimum=0)
+    retries: int = setting(3, Mark.CHOSEN, "repetitions of a command without acknowledge", at_least(0))
     ready_timeout_s: float = setting(
         12.0,
         Mark.CHOSEN,
         "patience with a gateway that is silent or not ready: twice its boot of 5 s and more",
+        above(0.0),
         unit="s",
-        above=0.0,
     )
     still_timeout_s: float = setting(
         1.0,
         Mark.CHOSEN,
         "patience with samples whose counter stands still, beside five periods: a gateway without its sensor",
+        above(0.0),
         unit="s",
-        above=0.0,
     )
     settle_s: float = setting(
-        0.1, Mark.OBSERVED, "between start and first use, for the filter", unit="s", minimum=0.0
+        0.1, Mark.OBSERVED, "between start and first use, for the filter", at_least(0.0), unit="s"
     )
     sample_period_us: float = setting(
-        128.5, Mark.OBSERVED, "the gateway's sampling, one step of its frame counter", unit="µs", above=0.0
+        128.5, Mark.OBSERVED, "the gateway's sampling, one step of its frame counter", above(0.0), unit="µs"
     )
     full_scales: tuple[float, ...] = setting(
-        (), Mark.CHOSEN, "fx fy fz mx my mz, empty = ask the gateway", unit="N, N·m", above=0.0
+        (), Mark.CHOSEN, "fx fy fz mx my mz, empty = ask the gateway", above(0.0), unit="N, N·m"
     )
 
     def __post_init__(self) -> None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, ClassVar, Literal, Self, TypeAlias
 
-from protocol.marks import Mark, check_settings, setting
+from protocol.marks import Mark, above, at_least, between, check_settings, setting
 
 DleStuffing: TypeAlias = Literal["off", "double"]
 LengthStyle: TypeAlias = Literal["whole", "data"]
@@ -47,7 +47,7 @@ class LinkProfile:
         f"named set of settings, which holds as a whole: {', '.join(PROFILES)}",
     )
     # --- line
-    baudrate: int = setting(9600, Mark.OBSERVED, "line rate", unit="Bd", minimum=300)
+    baudrate: int = setting(9600, Mark.OBSERVED, "line rate", at_least(300), unit="Bd")
     parity: Literal["N", "E", "O"] = setting("E", Mark.OBSERVED, "parity: N none, E even, O odd")
     stop_bits: Literal[1, 2] = setting(1, Mark.OBSERVED, "stop bits a character")
     # --- data link
@@ -73,31 +73,31 @@ class LinkProfile:
         "DLE travels twice; for the PC",
     )
     answer_timeout_s: float = setting(
-        2.0, Mark.ASSUMED, "wait for the ACK after the end of an ENQ or of a block", unit="s", above=0.0
+        2.0, Mark.ASSUMED, "wait for the ACK after the end of an ENQ or of a block", above(0.0), unit="s"
     )
     gap_timeout_s: float = setting(
         0.22,
         Mark.STANDARD,
         f"longest silence inside a block, and before an EOT; on a slow line the time of {CHUNK} characters, if longer",
+        above(0.0),
         unit="s",
-        above=0.0,
     )
-    bid_limit: int = setting(3, Mark.ASSUMED, "ENQ sent for one message before it is given up", minimum=1)
+    bid_limit: int = setting(3, Mark.ASSUMED, "ENQ sent for one message before it is given up", at_least(1))
     bid_ahead: bool = setting(
         True,
         Mark.ASSUMED,
         "bid for the next order while it is decided: that the controller takes a bid at once behind its EOT was "
         "observed, that it then waits for the block was not; for the PC",
     )
-    repeat_limit: int = setting(3, Mark.ASSUMED, "repeats of one block before it is given up", minimum=0)
+    repeat_limit: int = setting(3, Mark.ASSUMED, "repeats of one block before it is given up", at_least(0))
     wack_limit: int = setting(
-        10, Mark.STANDARD, "WACK taken for one message before it is given up", minimum=0
+        10, Mark.STANDARD, "WACK taken for one message before it is given up", at_least(0)
     )
     collision_winner: Literal["robot", "host"] = setting(
         "robot", Mark.ASSUMED, "side that goes first when both bid at once: robot, host"
     )
     max_telegram: int = setting(
-        128, Mark.ASSUMED, "largest telegram of one block", unit="byte", minimum=60, maximum=65535
+        128, Mark.ASSUMED, "largest telegram of one block", between(60, 65535), unit="byte"
     )
     # --- telegrams
     length_style: Literal["whole", "data"] = setting(
@@ -109,7 +109,7 @@ class LinkProfile:
         "which of these a controller understands: both, whole, data; for the emulated one",
     )
     move_length: int = setting(
-        52, Mark.DERIVED, "length of a move telegram, header included", unit="byte", minimum=32
+        52, Mark.DERIVED, "length of a move telegram, header included", at_least(32), unit="byte"
     )
     check_flags: bool = setting(
         True,
@@ -120,8 +120,8 @@ class LinkProfile:
         10.0,
         Mark.ASSUMED,
         "wait for the answer telegram after an order was acknowledged",
+        above(0.0),
         unit="s",
-        above=0.0,
     )
 
     def __post_init__(self) -> None:

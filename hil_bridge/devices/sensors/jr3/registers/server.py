@@ -24,7 +24,7 @@ from protocol.devices.jr3.registers import (
     Status,
     farewell,
 )
-from protocol.marks import Mark, check_settings, setting
+from protocol.marks import Mark, between, check_settings, setting
 
 _READ_BYTES = 4096
 """Chosen: a turn of the event loop answers at most 292 requests of a flood, then it is another client's turn."""
@@ -42,7 +42,7 @@ class ListenerProfile:
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
-    clients: int = setting(8, Mark.CHOSEN, "clients at a time; the next is told so", minimum=1, maximum=256)
+    clients: int = setting(8, Mark.CHOSEN, "clients at a time; the next is told so", between(1, 256))
     connection: RegisterServerProfile = field(default_factory=RegisterServerProfile)
 
     def __post_init__(self) -> None:
