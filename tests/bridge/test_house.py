@@ -7,6 +7,7 @@ from pathlib import Path
 import grimp
 import pytest
 
+from tools import house_doc
 from tools.device_rooms import DeviceRooms
 from tools.same_run import Run, compared, read
 from tools.size import Function, too_wide
@@ -87,6 +88,21 @@ def test_a_function_with_too_many_parameters_is_found_but_not_a_command(tmp_path
 
 def test_no_function_of_ours_has_too_many_parameters():
     assert [each.place for each in too_wide(ROOT)] == []
+
+
+def test_the_figures_of_the_architecture_are_those_of_the_house():
+    page = house_doc.DOCUMENT.read_text(encoding="utf-8")
+    assert house_doc.renewed(page) == page, "run python -m tools.house_doc"
+
+
+def test_lines_may_be_off_a_little_and_other_figures_not(monkeypatch):
+    page = house_doc.DOCUMENT.read_text(encoding="utf-8")
+    told = house_doc.lines_told(page)
+    counted = int(house_doc.lines_told("").replace(" ", ""))
+    assert house_doc.lines_told(page.replace(told, str(counted + 1000))) == str(counted + 1000)
+    assert house_doc.lines_told(page.replace(told, str(counted + 3000))) == house_doc.lines_told("")
+    monkeypatch.setattr(house_doc, "contracts", lambda: 99)
+    assert "| import contracts | 6 | 8 | 99 |" in house_doc.renewed(page)
 
 
 @pytest.fixture(scope="module")
