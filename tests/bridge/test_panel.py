@@ -36,6 +36,7 @@ from hil_bridge.runs.compose import Ports, emulated_cell, make_cell, open_device
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute
 from hil_bridge.settings.configuration import Config
+from hil_bridge.transports.pump import Pump
 
 LOOPBACK = "tcp-listen://127.0.0.1:0"
 
@@ -261,6 +262,29 @@ def test_lines_are_read_strictly() -> None:
     for line in (b"", b"{", b"1", b"null"):
         with pytest.raises(ValueError, match="no"):
             decode(line)
+
+
+def test_each_act_at_the_panel_wakes_robot_and_sensor(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A device that sleeps until a deadline of its own would tell only then what has happened."""
+    woken: list[Pump[Any, Any]] = []
+    monkeypatch.setattr(Pump, "kick", lambda pump: woken.append(pump))
+
+    async def main() -> None:
+        clock = Clock.running()
+        ports = Ports("memory:robot", "can+memory:sensor", LOOPBACK)
+        try:
+            async with emulated_cell(
+                Config(), clock, ports, lambda cause: pytest.fail(repr(cause))
+            ) as served:
+                assert served.panel is not None
+                for request in (b'{"do": "key", "to": "manual"}\n', b'{"do": "key", "to": "auto"}\n'):
+                    woken.clear()
+                    await said_to(served.panel, request)
+                    assert len({*map(id, woken)}) == 2
+        finally:
+            clock.close()
+
+    run_real(main)
 
 
 def on_a_cell(use: Callable[[str, PaperCell], Awaitable[None]], **sections: Any) -> None:

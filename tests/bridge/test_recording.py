@@ -23,6 +23,7 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from msgspec import structs
 
+from hil_bridge import api
 from hil_bridge.control import Predictive
 from hil_bridge.control.course.task import Phase
 from hil_bridge.control.decision import Sample
@@ -344,6 +345,19 @@ def test_the_c_library_is_asked_for_buffers_with_pages_of_their_own(
     assert asked == [], "a recording in a user's program sets nothing for the process"
     recorder_module.map_buffers()
     assert asked == [(-3, 131_072)]  # M_MMAP_THRESHOLD of glibc
+
+
+def test_our_own_program_asks_it_and_a_program_of_a_user_does_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[tuple[int, int]] = []
+    library = SimpleNamespace(mallopt=lambda *wish: asked.append(wish))
+    monkeypatch.setattr(recorder_module, "ctypes", SimpleNamespace(CDLL=lambda name: library))
+    config = Config.model_validate({"run": {"duration_s": 0.1}})
+    api.simulate(config).save(tmp_path / "user.mcap")
+    assert asked == []
+    assert execute(config, True, Outputs(record=tmp_path / "ours.mcap"), view=False) == 0
+    assert asked == [(-3, 131_072)]
 
 
 def test_a_c_library_without_the_setting_records_all_the_same(
