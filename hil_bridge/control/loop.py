@@ -116,11 +116,11 @@ class ControlLoop:
             x * u + y * v + z * w,
             saturated=sample.saturated,
             dt=self.since(state.seen_at, sample.now),
-            against=0.0 if program else sample.force_travel,
+            against=0.0 if program is not None else sample.force_travel,
         )
         contour, before, felt = _NO_CONTOUR, state.task, None
         before = before if sample.doubt == before.doubt else replace(before, doubt=Doubt(sample.doubt))
-        if program:
+        if program is not None:
             before, measurement, felt = program.sense(
                 before, measurement, self._felt(state, sample, measurement)
             )
