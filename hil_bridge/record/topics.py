@@ -16,7 +16,7 @@ import operator
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import msgspec
 from msgspec import inspect, structs
@@ -31,10 +31,21 @@ from hil_bridge.record.records import (
     TruthRecord,
     WireRecord,
 )
+from hil_bridge.record.stored_cycle import STORED, pack, unpack
 
 Record: TypeAlias = (
     CycleRecord | SensorRecord | LinkRecord | WireRecord | TruthRecord | EventRecord | StepRecord
 )
+
+
+class Form(NamedTuple):
+    """A record as it stands in the file."""
+
+    type: type[msgspec.Struct]
+    pack: Callable[[Any], Any]
+    """A record to what is written."""
+    unpack: Callable[[Any], Any]
+    """What was read to a record, which may be of this type."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +56,8 @@ class Topic:
     record: type[Record]
     time: str = "at"
     """The field that places a message on the time axis."""
+    form: Form | None = None
+    """Its form in the file, where that is another one."""
 
     @property
     def schema_name(self) -> str:
@@ -53,7 +66,7 @@ class Topic:
     @property
     def schema(self) -> Mapping[str, object]:
         """JSON schema of a message; its time is always there."""
-        schema = _schema(inspect.type_info(self.record))
+        schema = _schema(self._type)
         required: Any = schema["required"]
         return {
             "$schema": _DIALECT,
@@ -64,7 +77,11 @@ class Topic:
 
     @cached_property
     def _type(self) -> inspect.Type:
-        return inspect.type_info(self.record)
+        return inspect.type_info(self._stored)
+
+    @property
+    def _stored(self) -> Any:
+        return self.record if self.form is None else self.form.type
 
     @cached_property
     def time_of(self) -> Callable[[Any], float]:
@@ -72,8 +89,8 @@ class Topic:
         return operator.attrgetter(self.time)
 
     @cached_property
-    def _decoder(self) -> msgspec.json.Decoder[Record]:
-        return msgspec.json.Decoder(self.record)
+    def _decoder(self) -> msgspec.json.Decoder[Any]:
+        return msgspec.json.Decoder(self._stored)
 
     def timed(self, record: Record, at: float) -> Record:
         """The same record with this for its time, s on the run's clock."""
@@ -81,10 +98,11 @@ class Topic:
 
     def encode(self, record: Record) -> bytes:
         """A record as compact strict JSON. Its time must be finite, or its message is not valid by the schema."""
+        told = record if self.form is None else self.form.pack(record)
         try:
-            data = _to_json(record)
+            data = _to_json(told)
         except UnicodeEncodeError:
-            data = _to_json(_whole(msgspec.to_builtins(record, enc_hook=_plain)))
+            data = _to_json(_whole(msgspec.to_builtins(told, enc_hook=_plain)))
         if _NULL not in data:  # as of nearly all messages
             return data
         message = _known(msgspec.json.decode(data), self._type)
@@ -96,15 +114,20 @@ class Topic:
 
         Raises ValueError naming the field that is missing or wrong.
         """
+        stored = self._decoded(data)
+        record: Record = stored if self.form is None else self.form.unpack(stored)
+        return record
+
+    def _decoded(self, data: bytes) -> Any:
         try:
             if _NAMED not in data:
                 return self._decoder.decode(data)
-            return msgspec.convert(_with_nan(msgspec.json.decode(data), self._type), self.record)
+            return msgspec.convert(_with_nan(msgspec.json.decode(data), self._type), self._stored)
         except msgspec.ValidationError:  # or a number is missing, or null, that stands for NaN
             found = msgspec.json.decode(data)
             if isinstance(found, dict) and self.time not in found:
                 raise
-            return msgspec.convert(_with_nan(found, self._type), self.record)
+            return msgspec.convert(_with_nan(found, self._type), self._stored)
 
 
 def schema_of(message: type[msgspec.Struct]) -> dict[str, object]:
@@ -124,12 +147,19 @@ def _schema(kind: inspect.Type) -> dict[str, object]:
         case inspect.StructType(cls=cls, fields=fields):
             texts = field_docstrings(cls)
             described = {
-                field.name: {**_schema(field.type), "description": texts.get(field.name, "")}
+                field.name: {
+                    **_schema(field.type),
+                    "description": texts.get(field.name, "") + _LEFT_OUT * _may_be_missing(field),
+                }
                 for field in fields
             }
             if any(map(_has_finite_default, fields)):
                 described[NOT_FINITE] = _NAMES
-            required = [field.name for field in fields if not _may_be_unknown(field.type)]
+            required = [
+                field.name
+                for field in fields
+                if not _may_be_unknown(field.type) and not _may_be_missing(field)
+            ]
             return {"type": "object", "properties": described, "required": required}
         case inspect.DictType(value_type=item):
             return {"type": "object", "properties": {}, "additionalProperties": _item(item)}
@@ -159,7 +189,13 @@ def _item(kind: inspect.Type) -> dict[str, object]:
 
 def _has_finite_default(field: inspect.Field) -> bool:
     """Whether it is a number that an older message may lack, and that then has a value all the same."""
-    return isinstance(field.type, inspect.FloatType) and not field.required and math.isfinite(field.default)
+    optional = not field.required and not _may_be_missing(field)
+    return isinstance(field.type, inspect.FloatType) and optional and math.isfinite(field.default)
+
+
+def _may_be_missing(field: inspect.Field) -> bool:
+    """Whether messages leave it out where another field tells the same."""
+    return not field.required and field.default is field.default_factory is msgspec.NODEFAULT
 
 
 def _may_be_unknown(kind: inspect.Type) -> bool:
@@ -251,6 +287,7 @@ def _whole(value: Any) -> object:
             return value
 
 
+_LEFT_OUT = " Left out where the message tells it beside."
 NOT_FINITE = "not_finite"
 _NAMED = f'"{NOT_FINITE}"'.encode()
 _NAMES: dict[str, object] = {
@@ -262,7 +299,7 @@ _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 _NULL = b"null"
 _to_json = msgspec.json.Encoder(enc_hook=_plain).encode
 
-CYCLE = Topic("/cycle", CycleRecord, "controlled_at")
+CYCLE = Topic("/cycle", CycleRecord, "controlled_at", Form(STORED, pack, unpack))
 SENSOR = Topic("/sensor", SensorRecord)
 LINK = Topic("/link", LinkRecord)
 WIRE = Topic("/wire", WireRecord)

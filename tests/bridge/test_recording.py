@@ -47,6 +47,7 @@ from hil_bridge.record.device_facts import devices_of
 from hil_bridge.record.recorder import ORDER_WINDOW_S, Chunks
 from hil_bridge.record.records import TruthRecord, WireRecord
 from hil_bridge.record.scenes import SCENE_TOPICS
+from hil_bridge.record.stored_cycle import SHARED
 from hil_bridge.record.topics import CYCLE, SENSOR, TOPICS, TRUTH, WIRE, Record
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.replay import recorded_config, replay
@@ -571,6 +572,31 @@ def test_what_a_controller_explains_is_recorded_as_numbers(monkeypatch: pytest.M
     told = [cycle.explanation for cycle in cycles if cycle.phase == "track"]
     assert told
     assert all(math.isnan(one["why"]) and one["found"] == 1.0 for one in told)
+
+
+def test_a_cycle_says_each_fact_once_in_the_file(recorded: Path) -> None:
+    cycles = read(recorded).cycles
+    for record in cycles:
+        message = json.loads(CYCLE.encode(record))
+        assert not SHARED.keys() & message["sample"].keys()
+        assert message.keys() >= {*SHARED.values()}
+        assert repr(CYCLE.decode(CYCLE.encode(record))) == repr(record)
+        assert record.sample is not None
+        assert (record.sample.now, record.sample.wrench) == (record.status_at, record.wrench)
+
+
+def test_a_fact_of_the_sample_that_differs_stays_and_an_older_file_tells_all_of_them_twice(
+    recorded: Path,
+) -> None:
+    record = read(recorded).cycles[-1]
+    assert record.sample is not None
+    start = msgspec.structs.replace(record.sample, quaternion=(1.0, 0.0, 0.0, 0.0))
+    other = msgspec.structs.replace(record, quaternion=(math.nan,) * 4, sample=start)
+    assert json.loads(CYCLE.encode(other))["sample"]["quaternion"] == [1.0, 0.0, 0.0, 0.0]
+    assert repr(CYCLE.decode(CYCLE.encode(other))) == repr(other)
+    assert repr(CYCLE.decode(msgspec.json.encode(record))) == repr(record)
+    alone = msgspec.structs.replace(record, sample=None)
+    assert repr(CYCLE.decode(CYCLE.encode(alone))) == repr(alone)
 
 
 def test_the_schema_says_what_the_fields_say_of_themselves() -> None:
