@@ -42,7 +42,7 @@ _MOST_AT_ONCE = 64
 
 @lru_cache(maxsize=64)
 def _powers(share: float, count: int) -> Floats:
-    """What is left in a filter of each of so many samples, oldest first; `share` is left from one to the next."""
+    """Weight of each of so many samples in a filter's output, oldest first; `share` is left from one to the next."""
     return np.asarray(share ** np.arange(count - 1, -1, -1), np.float64)
 
 
@@ -226,7 +226,7 @@ class NetBox:
     def counts(self) -> tuple[int, ...]:
         """The counts that it told last, or would."""
         state = np.zeros(6) if self._state is None else self._state
-        return tuple(self._told(state))
+        return tuple(self._counts_of(state))
 
     def status(self, number: int, now: float) -> int:
         """The status word with the sample of this number."""
@@ -256,7 +256,7 @@ class NetBox:
         else:
             ft = self._frozen_ft = ft if self._frozen_ft is None else self._frozen_ft
         stream.sent += 1
-        counts = self._told(state)
+        counts = self._counts_of(state)
         stream.buffer.append(RECORD.pack(stream.sent % WRAP, ft, self.status(number, now), *counts))
         over = stream.remaining == stream.sent
         if over or len(stream.buffer) >= stream.at_once:
@@ -265,7 +265,7 @@ class NetBox:
         if over:
             self._stop(now)
 
-    def _told(self, state: Floats) -> list[int]:
+    def _counts_of(self, state: Floats) -> list[int]:
         """An output of the filter as the counts of a record: less the bias, within the ends of a word."""
         counts = [round(count) for count in (state - self.bias).tolist()]
         if max(counts) > _COUNT_END or min(counts) < -_COUNT_END:
