@@ -1,26 +1,20 @@
-"""The cell of the paper: an S3 robot and a JR3 sensor. A configuration's section [cell] is its profile."""
+"""The cell of the paper, an S3 and a JR3, made from their kinds: for tests that need a cell and no run."""
 
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 from emulators.cell import Cell, CellProfile, Parts
-from emulators.cell_faults import CELL_FAULTS
-from emulators.devices.jr3 import (
-    Board,
-    Gateway,
-    Jr3Profiles,
-    UartGateway,
-    make_board,
-    make_gateway,
-    make_uart,
-)
+from emulators.devices.jr3 import Board, Gateway, Jr3Profiles, UartGateway
 from emulators.devices.s3 import EMPTY_SITE, S3Controller, S3Profiles, S3Site, make_robot
-from emulators.seams import WrenchSource
+from hil_bridge.devices.kinds import SENSORS, EmulatedKinds, KindSettings
+from hil_bridge.devices.sensors.jr3.settings import Jr3Settings
+from protocol.devices.jr3.registers import BoardClientProfile
 
 Jr3Receiver: TypeAlias = Gateway | UartGateway | Board
 """A JR3 sensor with the device that reads it out."""
 PaperCell: TypeAlias = Cell[S3Controller, Jr3Receiver]
+CELL_FAULTS = EmulatedKinds.named("s3", "jr3").faults
+"""Faults of a cell of S3 and JR3 behind its CAN gateway, by target."""
 
 
 @dataclass(frozen=True)
@@ -31,20 +25,12 @@ class PaperCellProfile(CellProfile, S3Profiles, Jr3Profiles):
 class Receiver(NamedTuple):
     """Which device reads the sensor out."""
 
-    kind: Literal["gateway", "uart", "board"] = "gateway"
+    kind: str = "jr3"
     filter_number: int = 0
     """Filter of a receiver board, 0 … 6, that the client reads."""
 
 
-GATEWAY, UART, BOARD = Receiver("gateway"), Receiver("uart"), Receiver("board")
-
-_SENSORS: Mapping[
-    str, Callable[[PaperCellProfile, Receiver], Callable[[WrenchSource, float, int], Jr3Receiver]]
-] = {
-    "gateway": lambda profile, receiver: make_gateway(profile.sensor, profile.gateway),
-    "uart": lambda profile, receiver: make_uart(profile.sensor, profile.uart_gateway),
-    "board": lambda profile, receiver: make_board(profile.sensor, profile.board, receiver.filter_number),
-}
+GATEWAY, UART, BOARD = Receiver("jr3"), Receiver("jr3-uart"), Receiver("jr3-board")
 
 
 def s3_jr3_cell(
@@ -58,6 +44,9 @@ def s3_jr3_cell(
 
     Raises ValueError for a start outside the robot's work area, and for a program that has a wrong line.
     """
-    robot = make_robot(profile, site)
-    sensor = _SENSORS[receiver.kind](profile, receiver)
-    return Cell(profile, now, seed, Parts(robot, sensor, faults=CELL_FAULTS))
+    emulation = SENSORS.kind(receiver.kind).emulation
+    assert emulation is not None
+    client = Jr3Settings(board=BoardClientProfile(filter=receiver.filter_number))
+    sensor = emulation.make(KindSettings(client, profile))
+    faults = EmulatedKinds.named("s3", receiver.kind).faults
+    return Cell(profile, now, seed, Parts(make_robot(profile, site), sensor, faults=faults))  # type: ignore[arg-type]

@@ -97,7 +97,9 @@ class FaultConfig(BaseModel):
             find(cell.faults, self.on, self.fault).values(name, self.given)
         except ValueError as error:
             if other := cell.others_with(self.on, self.fault, self.given):
-                raise ValueError(f"{name} needs {other}") from error
+                known = self.fault in cell.faults.get(self.on, {})
+                given = ", ".join(f"{key} = {value}" for key, value in self.given.items()) if known else ""
+                raise ValueError(f"{name}{given and f' with {given}'} needs {other}") from error
             raise
         if robot_url:
             raise ValueError(f"{name} needs the emulated cell, but robot.url names a real robot")

@@ -15,11 +15,11 @@ from emulators.devices.jr3.sensor import SENSOR_RATE_HZ
 from emulators.faults import Ledger
 from emulators.faults.ledger import INJECTION_LIMIT
 from emulators.faults.wire import BYTES, FRAMES, WIRE_FAULTS, FaultyWire
-from emulators.s3_jr3_cell import BOARD, GATEWAY, UART, PaperCell, PaperCellProfile, Receiver, s3_jr3_cell
 from emulators.surface.contact import SurfaceProfile
 from emulators.surface.faults import ObstacleProfile
 from emulators.surface.materials import MaterialKind, MaterialProfile
 from protocol.can.frame import CanFrame
+from tests.paper_cell import BOARD, GATEWAY, UART, PaperCell, PaperCellProfile, Receiver, s3_jr3_cell
 
 T0 = 4000.375
 RATE = SENSOR_RATE_HZ

@@ -130,8 +130,8 @@ def test_a_run_speaks_as_the_observed_client_over_a_pseudo_terminal(short: str) 
 def test_a_run_emulates_the_sensor_that_it_is_told_to(tmp_path: Path) -> None:
     config, record = tmp_path / "c.toml", tmp_path / "run.mcap"
     config.write_text(
-        '[task]\nretract_mm = 3.0\n[sensor]\nemulated = "uart"\n'
-        "[sensor.uart]\npause_s = 0.3\nack_timeout_s = 0.5\n[cell.uart_gateway]\nboot_s = 0.2\ndeaf_s = 0.2\n"
+        '[task]\nretract_mm = 3.0\n[sensor]\nemulated = "jr3-uart"\n'
+        "[sensor.jr3.uart]\npause_s = 0.3\nack_timeout_s = 0.5\n[cell.jr3.uart]\nboot_s = 0.2\ndeaf_s = 0.2\n"
     )
     code, lines, errors = finish(
         start("run", str(config), "--duration", "4", "--no-view", "--record", str(record))

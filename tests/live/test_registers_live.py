@@ -330,8 +330,8 @@ def test_a_pci_board_is_served_to_another_process(tmp_path: Path) -> None:
 def test_a_run_reads_the_emulated_board_over_tcp(tmp_path: Path) -> None:
     path = tmp_path / "c.toml"
     path.write_text(
-        "[task]\nretract_mm = 3.0\n[sensor.board]\noffset_polls = 1\npoll_s = 0.2\n"
-        "[cell.board]\noffsets_zeroed_s = 0.05\n"
+        "[task]\nretract_mm = 3.0\n[sensor.jr3.board]\noffset_polls = 1\npoll_s = 0.2\n"
+        "[cell.jr3.board]\noffsets_zeroed_s = 0.05\n"
     )
     emulator = start("emulate", "cell", str(path), "--sensor-port", "jr3+tcp-listen://127.0.0.1:0", "--json")
     try:

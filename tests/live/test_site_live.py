@@ -105,7 +105,7 @@ def test_a_sensor_is_probed_on_a_terminal_and_left_with_ctrl_c() -> None:
 def test_a_controller_behind_a_device_server_is_probed(tmp_path: Path) -> None:
     """The server knows what the client sets, so that parity can be wrong; the configuration found runs as it is."""
     cell = tmp_path / "cell.toml"
-    cell.write_text('[cell.link]\nparity = "N"\ndle_stuffing = "double"\naccepted_lengths = "data"\n')
+    cell.write_text('[cell.s3.link]\nparity = "N"\ndle_stuffing = "double"\naccepted_lengths = "data"\n')
     emulator = start(
         "emulate",
         "robot",

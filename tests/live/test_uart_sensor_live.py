@@ -9,7 +9,8 @@ from hil_bridge.clock import Clock, run_real
 from hil_bridge.devices.device_log import LogTo
 from hil_bridge.devices.wiring import Wiring
 from hil_bridge.runs.compose import Ports, connect_sensor, emulated_cell
-from hil_bridge.settings.configuration import Config
+from hil_bridge.runs.setup import Setup
+from hil_bridge.settings.configuration import read_config
 from protocol.wrench import WrenchFrame
 
 pytestmark = pytest.mark.live
@@ -22,7 +23,7 @@ QUICK = {
 
 
 def test_a_sensor_on_a_pseudo_terminal() -> None:
-    config = Config.model_validate(QUICK)
+    config = read_config(QUICK)
     frames: list[WrenchFrame] = []
 
     def failed(cause: BaseException) -> None:
@@ -31,7 +32,7 @@ def test_a_sensor_on_a_pseudo_terminal() -> None:
     async def main() -> None:
         clock = Clock.running()
         try:
-            async with emulated_cell(config, clock, Ports(None, "pty:?gateway=jr3"), failed) as ports:
+            async with emulated_cell(Setup(config), clock, Ports(None, "pty:?gateway=jr3"), failed) as ports:
                 url = ports.sensor or ""
                 assert url.startswith("serial:///dev/pts/")
                 assert url.endswith("?baudrate=115200&parity=N&stopbits=1&gateway=jr3")

@@ -16,7 +16,7 @@ from hil_bridge.record.export import export
 from hil_bridge.record.export.traffic import WireFrame, can_frames
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute
-from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.configuration import read_config
 from hil_bridge.transports import connect_can
 from protocol.can.frame import CanFrame
 
@@ -39,7 +39,7 @@ def test_a_played_log_comes_into_the_bridge_frame_by_frame(
     record = tmp_path / "run.mcap"
     near = {"gateway": {"boot_s": 0.5}, "start_position_mm": (900.0, -100.0, 592.0)}
     short = {"run": {"duration_s": 0.5}, "task": {"retract_mm": 1.0}}
-    config = Config.model_validate({**short, "cell": near})
+    config = read_config({**short, "cell": near})
     assert execute(config, True, Outputs(record=record), view=False) == 0
     export(record, ("candump",), tmp_path)
     lines = (tmp_path / "run.log").read_text().splitlines(keepends=True)

@@ -27,7 +27,7 @@ ANSWER_PATIENCE_S = 3.0
 TO_FILL_IN = """
 [sensor]
 # where the force sensor is: jr3+can+slcan:///dev/ttyACM0?bitrate=1000000, jr3-uart+serial:///dev/ttyACM0, jr3-board+tcp://host:1762?filter=2
-#= url = "can+socketcan://can0"
+#= url = "jr3+can+socketcan://can0"
 # how it sits in the tool frame; `hil-bridge probe sensor URL` names its axes from a push by hand
 #= mounting_deg = 0.0
 #= flip_fx_mx = false
