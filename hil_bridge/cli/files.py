@@ -56,7 +56,7 @@ def upgrade(old: Path, new: Path, overwrite: bool) -> None:
 
     Settings of the S3 and the JR3 move into the sections of their kinds, and URLs name their kinds.
     """
-    from hil_bridge.errors.text_files import read_text
+    from hil_bridge.errors.text_files import read_text, read_toml
     from hil_bridge.record.files import write_whole
     from hil_bridge.settings.configuration import load_config
     from hil_bridge.settings.upgrade import upgraded
@@ -65,7 +65,8 @@ def upgrade(old: Path, new: Path, overwrite: bool) -> None:
     write_whole(new, text.encode(), overwrite)
     for change in changes or ["nothing has another name"]:
         click.echo(change)
-    load_config(new, {})
+    if "campaign" not in read_toml(new):  # a plan's cases are checked by `campaign`
+        load_config(new, {})
     click.echo(f"wrote {new}")
 
 

@@ -106,10 +106,10 @@ class _Line:
         table = self._tables[-1]
         old = _joined(table, key)
         new = _present(old)
-        if new == old:
-            return key
-        self._changes.append(f"{old} is now {new}")
-        return new.removeprefix(f"{_present(table)}.") if table else new
+        present_key = new.removeprefix(f"{_present(table)}.") if table else new
+        if present_key != key:
+            self._changes.append(f"{old} is now {new}")
+        return present_key
 
     def _value(self, key: str, quoted: str) -> str:
         """A text as it is written now."""

@@ -11,6 +11,7 @@ from click.testing import CliRunner
 
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.control.course.task import CONNECT, TARE, Phase
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.experiments import EmulatedRun, run_emulated
 from hil_bridge.record import PHASE_EVENT, EventRecord, TruthRecord, read
@@ -18,7 +19,8 @@ from hil_bridge.record.topics import TRUTH
 from hil_bridge.runs.faults.schedule import FAULT_EVENT, FaultSchedule
 from hil_bridge.runs.session import Outputs, execute
 from hil_bridge.settings.configuration import Config, load_config, read_config
-from hil_bridge.settings.faults import FaultConfig
+from hil_bridge.settings.faults import PHASES, FaultConfig
+from hil_bridge.settings.template import schema
 from tests.paper_cell import CELL_FAULTS, PaperCellProfile, s3_jr3_cell
 
 NEEDED: dict[tuple[str, str], dict[str, Any]] = {
@@ -274,6 +276,14 @@ def test_what_cannot_be_is_refused_as_the_configuration_is_read(tmp_path: Path, 
     with pytest.raises(ConfigError, match=r"^[^\n]+$") as refused:
         _read(tmp_path, {"faults": [row]})
     assert text in str(refused.value)
+
+
+def test_a_fault_can_come_in_every_phase_of_a_run_but_its_end() -> None:
+    assert set(PHASES) == {"", CONNECT, TARE, *map(str, Phase)} - {str(Phase.END)}
+    for phase in PHASES:
+        FaultConfig.model_validate({"on": "signal", "fault": "dead", "phase": phase})
+    row = schema()["$defs"]["FaultConfig"]["properties"]["phase"]
+    assert row["enum"] == [*PHASES]
 
 
 def test_the_index_of_a_wrong_fault_is_told(tmp_path: Path) -> None:

@@ -13,7 +13,15 @@ from msgspec.structs import asdict, replace
 from emulators.faults.wire import WIRE_FAULTS
 from hil_bridge.cli import cli
 from hil_bridge.devices.facts import RobotFacts, ServoFacts
-from hil_bridge.devices.kinds import ROBOTS, SENSORS, SURFACES, default_settings, robot_of, sensor_of
+from hil_bridge.devices.kinds import (
+    ROBOTS,
+    SENSORS,
+    SURFACES,
+    EmulatedKinds,
+    default_settings,
+    robot_of,
+    sensor_of,
+)
 from hil_bridge.devices.sensors.jr3.room import CAN_GATEWAY, UART_GATEWAY
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.conform.scenarios import NOMINAL, SCENARIOS
@@ -296,6 +304,39 @@ def test_a_broken_package_is_blamed_by_name_when_its_kind_is_chosen(
     told = refusal("run", "--virtual", "--robot", "toyarm")
     assert "robot 'toyarm' of toys 1.0" in told
     assert words in told
+
+
+CAN_ROOM = """
+from dataclasses import replace
+from hil_bridge.devices.sensors.ati_can.room import SENSOR
+SENSOR = replace(SENSOR, name="theircan")
+WITHOUT_BUS = replace(SENSOR, name="theirserial", bus=None)
+"""
+
+
+def test_a_can_sensor_of_others_has_the_faults_of_its_bus(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    points = "[hil_bridge.sensors]\ntheircan = their_room:SENSOR\ntheirserial = their_room:WITHOUT_BUS\n"
+    (tmp_path / "their_room.py").write_text(CAN_ROOM)
+    installed(tmp_path, points, monkeypatch)
+    cut = {"on": "bus", "fault": "off", "phase": "track"}
+    read_config({"sensor": {"emulated": "theircan"}, "faults": [cut]})
+    for kind in ("theirserial", "jr3-uart", "netft"):
+        with pytest.raises(ValueError, match=f"bus: off needs sensor.emulated = jr3 or ati-can, not {kind}"):
+            read_config({"sensor": {"emulated": kind}, "faults": [cut]})
+
+
+def test_a_receiver_of_a_jr3_has_the_faults_that_its_room_tells() -> None:
+    faults = {
+        name: set(EmulatedKinds.named("s3", name).faults["frames"])
+        for name in ("jr3", "jr3-uart", "jr3-board")
+    }
+    assert faults["jr3"] == faults["jr3-uart"] > faults["jr3-board"] == {"unplugged"}
+    second = {"on": "frames", "fault": "unplugged", "with": {"sensor": "second"}}
+    read_config({"sensor": {"emulated": "jr3-board"}, "faults": [second]})
+    with pytest.raises(ValueError, match="unplugged with sensor = second needs sensor"):
+        read_config({"sensor": {"emulated": "jr3-uart"}, "faults": [second]})
 
 
 @pytest.mark.usefixtures("toys")

@@ -35,7 +35,7 @@ def test_two_tapped_lines_are_put_into_words_and_kept(tmp_path: Path) -> None:
     (pc, _), (robot, _) = ports
     capture = tmp_path / "capture.txt"
     process = start(
-        "monitor", *(f"serial://{os.ttyname(slave)}" for _, slave in ports), "--save", str(capture)
+        "monitor", *(f"s3+serial://{os.ttyname(slave)}" for _, slave in ports), "--save", str(capture)
     )
     try:
         ends = time.monotonic() + PATIENCE

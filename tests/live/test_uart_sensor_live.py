@@ -16,8 +16,8 @@ from protocol.wrench import WrenchFrame
 pytestmark = pytest.mark.live
 
 QUICK = {
-    "cell": {"uart_gateway": {"boot_s": 0.2, "deaf_s": 0.2}},
-    "sensor": {"uart": {"pause_s": 0.3, "ack_timeout_s": 0.5, "period_ms": 4.0}},
+    "cell": {"jr3": {"uart": {"boot_s": 0.2, "deaf_s": 0.2}}},
+    "sensor": {"jr3": {"uart": {"pause_s": 0.3, "ack_timeout_s": 0.5, "period_ms": 4.0}}},
 }
 """The same session in less time."""
 
@@ -32,10 +32,10 @@ def test_a_sensor_on_a_pseudo_terminal() -> None:
     async def main() -> None:
         clock = Clock.running()
         try:
-            async with emulated_cell(Setup(config), clock, Ports(None, "pty:?gateway=jr3"), failed) as ports:
+            async with emulated_cell(Setup(config), clock, Ports(None, "jr3-uart+pty:"), failed) as ports:
                 url = ports.sensor or ""
                 assert url.startswith("serial:///dev/pts/")
-                assert url.endswith("?baudrate=115200&parity=N&stopbits=1&gateway=jr3")
+                assert url.endswith("?baudrate=115200&parity=N&stopbits=1")
                 sensor = await connect_sensor(config, url, Wiring("sensor", clock, LogTo(frames.append)))
                 sensor.start()
                 async with asyncio.timeout(30.0):

@@ -37,7 +37,7 @@ def test_a_played_log_comes_into_the_bridge_frame_by_frame(
     vcan: Any, command: Callable[[str], str], tmp_path: Path
 ) -> None:
     record = tmp_path / "run.mcap"
-    near = {"gateway": {"boot_s": 0.5}, "start_position_mm": (900.0, -100.0, 592.0)}
+    near = {"jr3": {"gateway": {"boot_s": 0.5}}, "start_position_mm": (900.0, -100.0, 592.0)}
     short = {"run": {"duration_s": 0.5}, "task": {"retract_mm": 1.0}}
     config = read_config({**short, "cell": near})
     assert execute(config, True, Outputs(record=record), view=False) == 0
@@ -70,7 +70,7 @@ async def played(vcan: Any, canplayer: str, folder: Path) -> tuple[list[tuple[fl
         stack.push_async_callback(wire.aclose)
         wire.start(lambda frames: heard.extend((one.received_at or 0.0, one) for one in frames), print)
         output = stack.enter_context((folder / "monitor.txt").open("wb"))
-        monitor = await asyncio.create_subprocess_exec(*MONITOR, vcan.url, stdout=output)
+        monitor = await asyncio.create_subprocess_exec(*MONITOR, f"jr3+{vcan.url}", stdout=output)
         stack.push_async_callback(monitor.wait)
 
         def end_monitor() -> None:

@@ -14,7 +14,7 @@ from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config
 from protocol.wrench import WrenchFrame
 
-CAN, BOARD = "can+memory:sensor", "jr3+memory:sensor"
+CAN, BOARD = "jr3+can+memory:sensor", "jr3-board+memory:sensor"
 """URLs at which a cell's sensor listens: behind its CAN gateway, or on a receiver board behind its registers."""
 USUAL = ""
 """Robot and sensor listen at the usual URLs of their kinds: for one cell in a loop."""
@@ -60,7 +60,7 @@ class CellRun:
         if self.sensor == USUAL:
             ports = cell_ports(self.config, virtual=True)
         else:
-            ports = Ports(f"memory:robot{self.number}", f"{self.sensor}{self.number}")
+            ports = Ports(f"s3+memory:robot{self.number}", f"{self.sensor}{self.number}")
 
         def notice(kind: str, text: str) -> None:
             self.event(EventRecord(clock.now(), kind, text))

@@ -49,10 +49,10 @@ def settings(baudrate: int, realtime: Mapping[str, object] = AS_IT_IS) -> dict[s
     robot = {"turnaround_ms": 0.0, "turnaround_spread_ms": 0.0}
     return {
         "run": {"duration_s": TRACK_S},
-        "robot": {"link": link},
+        "robot": {"s3": {"link": link}},
         "task": {"retract_mm": 1.0},
         "realtime": dict(realtime),
-        "cell": {"link": link, "robot": robot, "start_position_mm": (900.0, -100.0, 591.0)},
+        "cell": {"s3": {"link": link, "robot": robot}, "start_position_mm": (900.0, -100.0, 591.0)},
     }
 
 

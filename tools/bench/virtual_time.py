@@ -123,7 +123,7 @@ def measure(say: Callable[[str], None]) -> Report:
     default = speed(default_config, CAN)
     say("1 kHz sensor on the receiver board")
     board_config = read_config(
-        {"run": {"duration_s": BOARD_TRACK_S, "seed": 7}, "sensor": {"board": {"period_ms": 1.0}}}
+        {"run": {"duration_s": BOARD_TRACK_S, "seed": 7}, "sensor": {"jr3": {"board": {"period_ms": 1.0}}}}
     )
     board = speed(board_config, BOARD)
     say("robots that stream")
