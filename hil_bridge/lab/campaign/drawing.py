@@ -224,8 +224,12 @@ def _voids(table: Mapping[str, Any]) -> bool:
 
 def fits(table: Mapping[str, Any], robot: str, sensor: str, surface: str) -> bool:
     """Whether a cell with these devices can have this fault."""
+    fault = FaultConfig.model_validate(table)
+    words = _words(robot, sensor, surface).get(fault.on, {}).get(fault.fault)
+    if words is None:
+        return False
     try:
-        FaultConfig.model_validate(table).check_cell("", "", EmulatedKinds.named(robot, sensor, surface))
+        words.values(fault.fault, fault.given)
     except ValueError:
         return False
     return True
