@@ -403,7 +403,7 @@ def test_every_robot_of_ours_can_try_a_client_in_every_scenario(name: str) -> No
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_the_marks_of_a_servo_have_the_names_of_its_numbers(name: str) -> None:
-    servo = facts_of(load_config(None, {"robot.emulated": name})).servo
+    servo = Setup(load_config(None, {"robot.emulated": name})).facts.servo
     assert servo is not None
     assert {*servo.marks} == {key for key, value in asdict(servo).items() if key != "marks" and value}
     assert {*servo.marks.values()} <= {*map(str, Mark)}

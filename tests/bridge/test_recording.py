@@ -353,7 +353,7 @@ def test_our_own_program_asks_it_and_a_program_of_a_user_does_not(
     asked: list[tuple[int, int]] = []
     library = SimpleNamespace(mallopt=lambda *wish: asked.append(wish))
     monkeypatch.setattr(recorder_module, "ctypes", SimpleNamespace(CDLL=lambda name: library))
-    config = Config.model_validate({"run": {"duration_s": 0.1}})
+    config = read_config({"run": {"duration_s": 0.1}})
     api.simulate(config).save(tmp_path / "user.mcap")
     assert asked == []
     assert execute(config, True, Outputs(record=tmp_path / "ours.mcap"), view=False) == 0
