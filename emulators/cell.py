@@ -207,7 +207,7 @@ class Cell(Generic[Robot, Sensor]):
         robot: object = self.robot
         if isinstance(robot, FeelingRobot):
             robot.feel(self._contact_at)
-        self.ledger = Ledger({**parts.faults, **OWN_FAULTS})
+        self.ledger = Ledger({**parts.faults, **OWN_FAULTS, **parts.faults})
         """The faults of the cell."""
         for device in (self.robot, self.sensor):
             for target, handlers in device.handlers.items():

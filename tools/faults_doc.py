@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from emulators.cell import OWN_FAULTS
-from emulators.cell_faults import others_with
 from emulators.faults import FOREVER, Fault
 from hil_bridge.devices.kinds import ROBOTS, SENSORS
 from hil_bridge.errors import BridgeError
@@ -67,11 +66,7 @@ def faults_of_device(name: str) -> Mapping[str, Mapping[str, Fault]]:
         return OWN_FAULTS
     kind = ROBOTS.kind(name) if name in ROBOT_NAMES else SENSORS.kind(name)
     assert kind.emulation is not None
-    able = {
-        on: {fault: words for fault, words in faults.items() if not others_with(on, fault, name)}
-        for on, faults in kind.emulation.faults.items()
-    }
-    return {on: faults for on, faults in able.items() if faults}
+    return kind.emulation.faults
 
 
 def jobs() -> Iterator[Job]:

@@ -13,7 +13,7 @@ from pathlib import Path
 import hil_bridge
 from emulators.surface.profile import SurfaceProfile
 from hil_bridge.record import PHASE_EVENT, STOP_EVENT, Recording
-from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.configuration import read_config
 
 PLACE = Path(__file__).resolve().parent.parent / "docs" / "pictures" / "run.svg"
 RISE_MM, RISE_S = 12.0, 4.0
@@ -190,7 +190,7 @@ def _picture(recording: Recording, surface: SurfaceProfile) -> str:
 def main() -> int:
     """Make the run and draw it."""
     result = hil_bridge.simulate(SETTINGS, faults=[FAULT])
-    surface = Config.model_validate(SETTINGS).cell.surface
+    surface = read_config(SETTINGS).cell.surface
     PLACE.write_text(_picture(result.recording, surface), encoding="utf-8")
     return 0
 

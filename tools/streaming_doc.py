@@ -16,7 +16,7 @@ from typing import Any
 
 from hil_bridge.control import CONTROLLERS
 from hil_bridge.lab.experiments.emulated_run import run_emulated
-from hil_bridge.runs.pace import paced
+from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import read_config
 from tools.pages import parser, placed, table, write
 
@@ -40,7 +40,7 @@ def figures_of(case: tuple[str, str, str]) -> Mapping[str, Any]:
     """One run: robot, controller, surface."""
     robot, controller, name = case
     surface = SURFACES[name]
-    config = paced(
+    config = Setup(
         read_config(
             {
                 "run": {"duration_s": TRACK_S, "seed": 1},
@@ -52,7 +52,7 @@ def figures_of(case: tuple[str, str, str]) -> Mapping[str, Any]:
                 "cell": {"start_position_mm": (900.0, -100.0, 600.0), "surface": surface},
             }
         )
-    )
+    ).config
     run = run_emulated(config)
     track = [cycle for cycle in run.cycles if cycle.phase == "track"]
     settled = [cycle.force for cycle in track if cycle.sensor_at >= track[0].sensor_at + SETTLED_S]

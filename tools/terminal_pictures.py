@@ -17,8 +17,8 @@ import hil_bridge
 from hil_bridge.record import CHECK_EVENT, Recording
 from hil_bridge.record.analysis.summary import TRACK
 from hil_bridge.record.device_facts import devices_of
-from hil_bridge.settings.configuration import Config
-from hil_bridge.settings.kinds import cell_in_words
+from hil_bridge.runs.setup import Setup
+from hil_bridge.settings.configuration import read_config
 from hil_bridge.show.terminal.model import Health, Scene, Snapshot, ViewModel
 from hil_bridge.show.terminal.panel import panel
 from tools.pages import parser
@@ -73,7 +73,7 @@ def seen(picture: Picture) -> Snapshot:
     """The view's state at the wanted moment of a run."""
     result = hil_bridge.simulate(picture.settings, faults=picture.faults)
     record: Recording = result.recording
-    config = Config.model_validate(picture.settings)
+    config = read_config(picture.settings)
     begin = next(cycle.started_at for cycle in record.cycles if cycle.phase == TRACK)
     until = begin + picture.after_s
     facts = devices_of(record).robot
@@ -81,7 +81,7 @@ def seen(picture: Picture) -> Snapshot:
         reference_n=config.task.force_n,
         robot=facts,
         total_s=config.run.duration_s,
-        cell=cell_in_words(config)[1],
+        cell=Setup(config).in_words[1],
         limits=config.limits,
         record="runs/2026-11-23T10-12-31/run.mcap",
         keys=True,

@@ -47,16 +47,15 @@ def device_options(command: Callable[..., Any]) -> Callable[..., Any]:
             "--sensor",
             metavar="URL",
             callback=not_empty,
-            help="Sensor's CAN gateway: can+socketcan://can0, can+slcan:///dev/ttyACM0?bitrate=1000000; its UART "
-            "gateway: serial:///dev/ttyACM0?gateway=jr3; its receiver board: jr3+tcp://host:1762?filter=2; another "
-            "kind: KIND+WIRE. A kind alone is emulated.",
+            help="Force sensor, KIND+WIRE: jr3+can+socketcan://can0, jr3-uart+serial:///dev/ttyACM0, "
+            "netft+udp://192.168.1.1:49152. A kind alone is emulated; hil-bridge plugins lists the kinds.",
         ),
         click.option(
             "--robot",
             metavar="URL",
             callback=not_empty,
-            help="Robot's computer link: serial:///dev/ttyUSB0?baudrate=9600&parity=E, tcp://host:port; another "
-            "kind: KIND+WIRE. A kind alone is emulated.",
+            help="Robot, KIND+WIRE: s3+serial:///dev/ttyUSB0?baudrate=9600&parity=E, egm+udp-bind://0.0.0.0:6510, "
+            "rtde+tcp://192.168.1.2. A kind alone is emulated; hil-bridge plugins lists the kinds.",
         ),
     ):
         command = option(command)

@@ -12,15 +12,13 @@ from hil_bridge.cli.paths import FILE
 @click.argument("what", type=click.Choice(["cell", "robot", "sensor"]))
 @click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=FILE)
 @click.option("--robot", metavar="KIND", help="Kind of the robot.  [default: robot.emulated, s3]")
-@click.option("--sensor", metavar="KIND", help="Kind of the sensor.  [default: sensor.emulated, gateway]")
+@click.option("--sensor", metavar="KIND", help="Kind of the sensor.  [default: sensor.emulated, jr3]")
 @click.option("--surface", metavar="KIND", help="Kind of the surface, from a plug-in.")
-@click.option(
-    "--robot-port", metavar="URL", help="Where the robot listens.  [default: a paced pseudo-terminal]"
-)
+@click.option("--robot-port", metavar="URL", help="Where the robot listens.  [default: by its kind]")
 @click.option(
     "--sensor-port",
     metavar="URL",
-    help="Where the sensor's gateway or board is.  [default: by sensor.emulated, a CAN gateway behind slcan]",
+    help="Where the sensor listens.  [default: by its kind]",
 )
 @link_profile_option
 @click.option("--panel", metavar="URL", help="Where `hil-bridge panel` reaches it: tcp-listen://127.0.0.1:0.")
@@ -42,14 +40,14 @@ def emulate(
     """Serve the emulated cell, or its robot or sensor alone, until stopped with Ctrl-C.
 
     \b
-    Ports to listen on:
-      robot                pty:?baudrate=9600&parity=E
-                           tcp-listen://127.0.0.1:0?baudrate=9600&parity=E
-      sensor, CAN gateway  can+slcan+pty:
-                           can+socketcan://vcan0
-        UART gateway       pty:?gateway=jr3
-                           tcp-listen://127.0.0.1:0?gateway=jr3
-        receiver board     jr3+tcp-listen://127.0.0.1:0
+    Ports to listen on, KIND+WIRE:
+      robot   s3+pty:?baudrate=9600&parity=E
+              s3+tcp-listen://127.0.0.1:0?baudrate=9600&parity=E
+              egm+udp://127.0.0.1:6510
+      sensor  jr3+can+slcan+pty:
+              jr3+can+socketcan://vcan0
+              jr3-uart+tcp-listen://127.0.0.1:0
+              jr3-board+tcp-listen://127.0.0.1:0
     """
     from hil_bridge.runs.compose import Ports, cell_ports
     from hil_bridge.runs.serve import serve
@@ -62,7 +60,7 @@ def emulate(
             "run.seed": seed,
             "run.panel_url": panel,
             "robot.emulated": robot,
-            "cell.link.profile": link_profile,
+            "cell.s3.link.profile": link_profile,
             "sensor.emulated": sensor,
             "cell.surface_kind": surface,
         },

@@ -6,11 +6,11 @@ import click
 @click.command(short_help="List what can be made to go wrong in the emulated cell.")
 @click.option("--robot", metavar="KIND", default="s3", show_default=True, help="Kind of the emulated robot.")
 @click.option(
-    "--sensor", metavar="KIND", help="Kind of the emulated sensor.  [default: any device that reads a JR3]"
+    "--sensor", metavar="KIND", default="jr3", show_default=True, help="Kind of the emulated sensor."
 )
 @click.option("--surface", metavar="KIND", default="", help="Kind of the emulated surface, from a plug-in.")
 @click.option("--json", "as_json", is_flag=True, help="Print the list as JSON.")
-def faults(robot: str, sensor: str | None, surface: str, as_json: bool) -> None:
+def faults(robot: str, sensor: str, surface: str, as_json: bool) -> None:
     """List every fault of the emulated cell by target, with its parameters, defaults and ranges.
 
     A configuration injects one with a table [[faults]], a person with `hil-bridge panel URL inject`:
@@ -26,17 +26,9 @@ def faults(robot: str, sensor: str | None, surface: str, as_json: bool) -> None:
     """
     import json
 
-    from emulators.cell_faults import others_with
     from emulators.devices.s3.panel import fault_table
-    from hil_bridge.devices.kinds import faults_of
+    from hil_bridge.devices.kinds import EmulatedKinds
     from hil_bridge.devices.robots.s3.panel import faults_text
 
-    found = faults_of(robot, sensor or "jr3", surface)
-    if sensor is not None:
-        possible = {
-            on: {name: fault for name, fault in faults.items() if not others_with(on, name, sensor)}
-            for on, faults in found.items()
-        }
-        found = {on: faults for on, faults in possible.items() if faults}
-    table = fault_table(found)
+    table = fault_table(EmulatedKinds.named(robot, sensor, surface).faults)
     click.echo(json.dumps(table, ensure_ascii=False, indent=2) if as_json else faults_text(table))

@@ -52,20 +52,21 @@ def init(path: Path, overwrite: bool) -> None:
 @click.argument("new", type=FILE)
 @overwrite_option
 def upgrade(old: Path, new: Path, overwrite: bool) -> None:
-    """Write a file of an earlier version with the settings of now, comments kept, and check it.
+    """Write a file of version 0.5 with the settings of now, comments kept, and check it.
 
-    Values of version 0.1.0 that counted cycles become speeds and times for the S3's cycle of 180 ms.
+    Settings of the S3 and the JR3 move into the sections of their kinds, and URLs name their kinds.
     """
-    from hil_bridge.errors.text_files import read_text
+    from hil_bridge.errors.text_files import read_text, read_toml
     from hil_bridge.record.files import write_whole
     from hil_bridge.settings.configuration import load_config
-    from hil_bridge.settings.earlier import upgraded
+    from hil_bridge.settings.upgrade import upgraded
 
     text, changes = upgraded(read_text(old))
     write_whole(new, text.encode(), overwrite)
-    for change in changes or ["no setting has another name"]:
+    for change in changes or ["nothing has another name"]:
         click.echo(change)
-    load_config(new, {})
+    if "campaign" not in read_toml(new):  # a plan's cases are checked by `campaign`
+        load_config(new, {})
     click.echo(f"wrote {new}")
 
 

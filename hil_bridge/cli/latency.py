@@ -64,18 +64,18 @@ def latency(recording: Path, output: Path | None, overwrite: bool) -> None:
 def _site(record: "Recording") -> tuple[str, str]:
     """A configuration file whose emulated cell is as late as the recorded one, and what it leaves out, if anything."""
     from hil_bridge.devices.sensors.jr3.latency import NOT_EMULATED, is_emulated
+    from hil_bridge.devices.sensors.jr3.settings import Jr3Settings
     from hil_bridge.errors import ConfigError
     from hil_bridge.runs.replay import recorded_config
-    from hil_bridge.settings.kinds import robot_kind, sensor_kind
+    from hil_bridge.settings.devices import robot_in, sensor_in
 
     config = recorded_config(record, {})
-    if robot_kind(config).name != "s3" or not sensor_kind(config).also:
+    robot, sensor = robot_in(config).kind.name, sensor_in(config).kind
+    if robot != "s3" or sensor.settings is not Jr3Settings:
         raise ConfigError(
-            f"-o writes settings of an emulated s3 and a JR3; this was a {robot_kind(config).name} with a "
-            f"{sensor_kind(config).name}: leave -o out"
+            f"-o writes settings of an emulated s3 and a JR3; this was a {robot} with a {sensor.name}: leave -o out"
         )
-    kind = sensor_kind(config).also
-    return site_settings(record, _line(config), kind), "" if is_emulated(kind) else NOT_EMULATED
+    return site_settings(record, _line(config), sensor.name), "" if is_emulated(sensor.name) else NOT_EMULATED
 
 
 def site_settings(record: "Recording", line: "LinkProfile", sensor: str) -> str:
@@ -132,6 +132,8 @@ def _figures(*seconds: float) -> str:
 def _line(config: "Config") -> "LinkProfile":
     """The line as it was: a URL may have set it."""
     from hil_bridge.devices.robots.s3.room import robot_wire
+    from hil_bridge.settings.devices import robot_in
 
-    url, link = config.robot.url, config.robot.link
-    return robot_wire(url, link)[1] if url else link
+    robot = robot_in(config)
+    link: LinkProfile = robot.settings.client.link
+    return robot_wire(robot.url, link)[1] if robot.url else link

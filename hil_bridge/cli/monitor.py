@@ -18,7 +18,7 @@ from hil_bridge.cli.paths import FILE
 )
 @click.option("--save", type=FILE, metavar="FILE", help="Keep what is heard as a text capture.")
 @click.option(
-    "--config", "config_file", type=FILE, metavar="FILE", help="Configuration whose [robot.link] holds."
+    "--config", "config_file", type=FILE, metavar="FILE", help="Configuration whose [robot.s3.link] holds."
 )
 @click.option(
     "--orders", "orders_file", type=FILE, metavar="FILE", help="TOML file of orders that the site knows."
@@ -35,14 +35,18 @@ def monitor(
 
     FILE is a recording of a run with any devices, or a text capture of an S3 with lines like `0.013402 S3 06`. Bytes
     of a device without words are shown hexadecimal. Two URLs are two ports: the first hears the PC, the second the
-    robot. One URL is a port that hears both. A CAN URL shows the frames of a JR3 gateway.
+    robot. One URL is a port that hears both. Each is named as the S3's, `s3+serial:///dev/ttyUSB0`. A URL
+    `jr3+can+socketcan://can0` shows the frames of a JR3 gateway.
     Nothing is ever sent. Times are those at which the bytes were seen. In a recording, bytes from the PC are seen when
     they are handed to the port, before they are on the line.
     """
+    from hil_bridge.devices.kinds import SENSORS, robot_of
     from hil_bridge.devices.robots.s3.orders_file import read_orders
+    from hil_bridge.devices.robots.s3.room import ROBOT as S3
     from hil_bridge.devices.sensors.jr3.monitor import monitor_can
     from hil_bridge.errors import ConfigError
     from hil_bridge.settings.configuration import load_config
+    from hil_bridge.settings.kinds import settings_of
     from hil_bridge.site.s3.monitor import monitor_file, monitor_link
     from hil_bridge.site.traffic import is_recording, monitor_traffic, recorded_robot
     from protocol.devices.s3.arap import KNOWN
@@ -58,16 +62,23 @@ def monitor(
         monitor_traffic(Path(first), device or "both", raw)
         return
     config = load_config(config_file, {})
-    link = config.robot.link
-    named = orders_file or (Path(config.robot.orders_file) if config.robot.orders_file else None)
+    settings = settings_of(config, S3).client
+    link, file = settings.link, settings.orders_file
+    named = orders_file or (Path(file) if file else None)
     orders = read_orders(named, link.max_telegram) if named else KNOWN
-    if first.startswith("can+"):
+    if len(sources) == 1 and Path(first).exists():
+        monitor_file(Path(first), link if config_file else None, orders, raw)
+        return
+    if SENSORS.split(first)[0] == "jr3":
         if len(sources) > 1:
             raise ConfigError("one CAN bus at a time: give one URL")
-        monitor_can(first, raw)
-    elif len(sources) == 1 and Path(first).exists():
-        monitor_file(Path(first), link if config_file else None, orders, raw)
-    elif len(sources) > 2:
+        monitor_can(SENSORS.split(first)[1], raw)
+        return
+    if len(sources) > 2:
         raise ConfigError("two URLs at most: what the PC sends and what the robot sends")
-    else:
-        monitor_link(sources, link, orders, raw, save)
+    wires = [robot_of(source) for source in sources]
+    if other := next((kind for kind, _ in wires if kind is not S3), None):
+        raise ConfigError(
+            f"a link is heard of an s3, not of a {other.name}; record a run, and name the recording"
+        )
+    monitor_link(tuple(wire for _, wire in wires), link, orders, raw, save)

@@ -68,9 +68,8 @@ panel.add_command(
 @click.pass_context
 def inject(context: click.Context, words: tuple[str, ...]) -> None:
     """Let one fault happen; `faults` lists them. A fault of the controller needs no target."""
-    from emulators.cell_faults import CELL_FAULTS
-
-    target, rest = ({"target": words[0]}, words[1:]) if words[0] in CELL_FAULTS else ({}, words)
+    targets = _ask(context, {"do": "faults"}).get("faults", {})
+    target, rest = ({"target": words[0]}, words[1:]) if words[0] in targets else ({}, words)
     if not rest:
         raise click.BadParameter(f"{words[0]} is a target; name one of its faults too")
     given: dict[str, str] = {}

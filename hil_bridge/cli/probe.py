@@ -38,9 +38,14 @@ def robot(url: str, out: Path | None, patience_s: float, overwrite: bool) -> Non
     Nothing but read status is sent, so that nothing moves or changes. What the URL says of the line is tried first.
     Exit code 3 when nothing works.
     """
+    from hil_bridge.devices.kinds import robot_of
+    from hil_bridge.errors import ConfigError
     from hil_bridge.site.s3.probe import probe_robot
 
-    probe_robot(url, out, patience_s, overwrite)
+    kind, wire = robot_of(url)
+    if kind.name != "s3":
+        raise ConfigError(f"{url!r}: the settings of a link are found for an s3, not for a {kind.name}")
+    probe_robot(wire, out, patience_s, overwrite)
 
 
 @probe.command(short_help="Show a force sensor, and name its axes by pushes.")

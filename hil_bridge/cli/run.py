@@ -136,8 +136,8 @@ def run(
         raise click.UsageError("--record and --no-record exclude each other", click.get_current_context())
     overrides: dict[str, object] = {
         **device_settings(robot, sensor, surface),
-        "robot.link.profile": link_profile,
-        "cell.link.profile": link_profile,
+        "robot.s3.link.profile": link_profile,
+        "cell.s3.link.profile": link_profile,
         "sensor.unchecked": unchecked or None,
         "sensor.unverified": unverified or None,
         "tool.mass_kg": tool_mass_kg,

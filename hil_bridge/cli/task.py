@@ -67,15 +67,16 @@ def _row(config: "Config", file: Path) -> "Row":
     from hil_bridge.control.program.program import Program
     from hil_bridge.errors import ConfigError
     from hil_bridge.runs.checks import check_program
-    from hil_bridge.runs.pace import control_loop, paced
+    from hil_bridge.runs.setup import Setup
     from hil_bridge.settings.program import in_file
 
     if not config.task.step:
         raise ConfigError(f"{file} holds no program: give its steps as tables [[task.step]]")
     config = config.model_copy(update={"task": replace(config.task, resume=None)})
     try:
-        program = control_loop(paced(config)).task
-        check_program(config)
+        setup = Setup(config)
+        program = setup.loop.task
+        check_program(setup)
     except ConfigError as error:
         raise in_file(error, str(file), config.task.file) from error
     assert isinstance(program, Program)

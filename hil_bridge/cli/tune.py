@@ -171,12 +171,12 @@ def _seen(state: "Search") -> Any:
 
 def _read(place: Path | None, overrides: dict[str, object]) -> tuple[dict[str, Any], "Config"]:
     """The values of the file, with what was given beside it, and the configuration that they make with its pace."""
-    from hil_bridge.runs.pace import paced
+    from hil_bridge.runs.setup import Setup
     from hil_bridge.settings.configuration import lay_over, load_config, read_values
 
     values = read_values(place) if place is not None else {}
     lay_over(values, overrides)
-    config = paced(load_config(place, overrides))
+    config = Setup(load_config(place, overrides)).config
     if config.robot.url or config.sensor.url:
         raise ConfigError(
             "robot.url and sensor.url: a search runs against the emulated cell alone; leave them empty"

@@ -63,8 +63,6 @@ class ControlLoop:
     """Watches whether the robot goes where it is ordered to; None for a robot whose servo is not known."""
     sample_time: float = SAMPLE_MS * 1e-3
     """Sample time that the controller is tuned for, s; the first sample counts as that long."""
-    fixed_dt: float | None = None
-    """Time that every sample counts as, s, instead of the measured one; None for the measured one."""
 
     @property
     def across(self) -> Vector:
@@ -90,8 +88,6 @@ class ControlLoop:
         A sample that comes late counts for no more than `LONGEST_SAMPLES`: a computer that stood still must not make
         the tool leap. Where the time is not known the sample time stands for it.
         """
-        if self.fixed_dt is not None:
-            return self.fixed_dt
         passed = math.nan if before is None else now - before
         if 0.0 <= passed < LONGEST_SAMPLES * self.sample_time:
             return passed

@@ -173,16 +173,14 @@ class Sensor(Struct, frozen=True, omit_defaults=True):
     """Facts about the sensor and its electronics."""
 
     kind: str = ""
-    """gateway, uart or board, or what its room is called; empty where it is not known."""
+    """Name of its kind, by which its room is found; empty where it is not known."""
     facts: SensorFacts | None = None
     """As its client tells them; None where they are not known."""
-    older_delay_s: _NotNegative | None = None
-    """`delay_s` where it is known and the facts are not, as in an old recording."""
 
     @property
     def delay_s(self) -> float | None:
         """Delay of its filter at low frequencies; None if not known."""
-        return self.older_delay_s if self.facts is None else self.facts.delay
+        return None if self.facts is None else self.facts.delay
 
 
 class Devices(Struct, frozen=True):

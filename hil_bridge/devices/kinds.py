@@ -1,7 +1,6 @@
 """The kinds of robot, sensor and surface: the face that a device's room shows, and how a room is found by its name.
 
-A URL names its kind before the wire, `KIND+WIRE`: `s3+serial:///dev/ttyUSB0`, `jr3+can+socketcan://can0`. A URL
-without a kind is one of the S3 or of a JR3, which were here first.
+A URL names its kind before the wire, `KIND+WIRE`: `s3+serial:///dev/ttyUSB0`, `jr3+can+socketcan://can0`.
 
 Another package offers a kind through an entry point, by the name of the kind:
 
@@ -11,16 +10,17 @@ Another package offers a kind through an entry point, by the name of the kind:
 Groups are `hil_bridge.robots`, `hil_bridge.sensors` and `hil_bridge.surfaces`; the objects are a `RobotKind`, a
 `SensorKind` and a `SurfaceKind`. Settings of a kind are a frozen dataclass of `protocol.marks.setting` fields. They
 stand in the configuration's sections `[robot.NAME]` or `[sensor.NAME]`, and `[cell.NAME]` for the emulated device.
+Kinds of one device behind several receivers may share their sections.
 """
 
-from collections.abc import Awaitable, Callable, Mapping, Sequence
-from contextlib import AbstractAsyncContextManager
+from collections.abc import Awaitable, Callable, Collection, Mapping, Sequence
+from contextlib import AbstractAsyncContextManager, suppress
 from dataclasses import dataclass, field, fields
 from importlib import import_module
-from typing import Any, Generic, NamedTuple, TypeAlias, TypeVar
+from typing import Any, Generic, NamedTuple, Self, TypeAlias, TypeVar
 
 from emulators.cell import OWN_FAULTS, CellProfile
-from emulators.faults import Fault
+from emulators.faults import Fault, find
 from emulators.seams import RobotFactory, SensorFactory, SurfaceFactory
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.kind_checks import fault_of
@@ -55,25 +55,25 @@ _SENSORS = {
 }
 
 
+_Client = TypeVar("_Client")
+_Emulated = TypeVar("_Emulated")
+
+
 @dataclass(frozen=True, slots=True)
-class KindSettings:
+class KindSettings(Generic[_Client, _Emulated]):
     """Settings of one device, from a configuration."""
 
-    client: Any
+    client: _Client
     """How the bridge talks to it: `[robot.NAME]` or `[sensor.NAME]`."""
-    emulated: Any
+    emulated: _Emulated
     """How its emulator behaves: `[cell.NAME]`."""
 
 
-def _any_wire(url: str, settings: KindSettings) -> WireUrl:
+def _any_wire(url: str, settings: KindSettings[Any, Any]) -> WireUrl:
     return parse_url(url, {**CONNECT_BYTES, **CONNECT_CAN, **LISTEN_DATAGRAMS, **CONNECT_DATAGRAMS})
 
 
-def _not_mine(url: str) -> str | None:
-    return None
-
-
-def _not_known(settings: KindSettings) -> float | None:
+def _not_known(settings: KindSettings[Any, Any]) -> float | None:
     return None
 
 
@@ -86,18 +86,18 @@ class Mishap(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class RobotEmulation:
+class RobotEmulation(Generic[_Client, _Emulated]):
     """The emulated robot of a kind."""
 
-    settings: type[Any]
+    settings: type[_Emulated]
     """Dataclass of its section `[cell.NAME]`."""
-    make: Callable[[KindSettings], RobotFactory]
+    make: Callable[[KindSettings[_Client, _Emulated]], RobotFactory]
     """A factory of robots with these settings. Raises ConfigError for a file that they name."""
-    serve: Callable[[str, Any, KindSettings, Serving], Awaitable[str]]
+    serve: Callable[[str, Any, KindSettings[_Client, _Emulated], Serving], Awaitable[str]]
     """Let the robot listen on a URL: from the URL, the robot, the settings and the wires. Gives the URL for
     its client, without the kind.
     """
-    usual: Callable[[KindSettings, bool], str]
+    usual: Callable[[KindSettings[_Client, _Emulated], bool], str]
     """The URL to listen on where a configuration names none; the second argument says whether in virtual time."""
     faults: Mapping[str, Mapping[str, Fault]] = field(default_factory=dict)
     """Its faults, in words, by target and name; its handlers carry them out."""
@@ -112,27 +112,25 @@ class RobotEmulation:
 
 
 @dataclass(frozen=True, slots=True)
-class RobotKind:
+class RobotKind(Generic[_Client, _Emulated]):
     """A kind of robot controller."""
 
     name: str
     """Prefix of its URLs, and name of its sections."""
     summary: str
     """One line for people."""
-    settings: type[Any]
+    settings: type[_Client]
     """Dataclass of its section `[robot.NAME]`."""
-    connect: Callable[[str, KindSettings, Wiring], Awaitable[Any]]
+    connect: Callable[[str, KindSettings[_Client, _Emulated], Wiring], Awaitable[Any]]
     """The robot behind a wire's URL: from the URL, the settings and its wires. Gives a
     `robots.seam.RobotLink`, not started. Raises ConfigError for the URL, TransportUnavailable for the wire.
     """
-    facts: Callable[[str, KindSettings], RobotFacts]
+    facts: Callable[[str, KindSettings[_Client, _Emulated]], RobotFacts]
     """Facts of the robot behind a wire's URL, "" for the emulated one, before a wire is opened."""
-    emulation: RobotEmulation | None = None
-    directly: bool = False
-    """Its settings stand in `[robot]` and `[cell]` themselves, as they did when there was no other robot."""
-    check: Callable[[KindSettings], object] | None = None
+    emulation: RobotEmulation[_Client, _Emulated] | None = None
+    check: Callable[[KindSettings[_Client, _Emulated]], object] | None = None
     """Raises ConfigError for settings that no run can have, before anything is opened."""
-    parse: Callable[[str, KindSettings], WireUrl] = _any_wire
+    parse: Callable[[str, KindSettings[_Client, _Emulated]], WireUrl] = _any_wire
     """A wire's URL in its parts, for those that look at the wire alone. Raises ConfigError for one that cannot be of
     this kind.
     """
@@ -143,16 +141,16 @@ class RobotKind:
 
 
 @dataclass(frozen=True, slots=True)
-class SensorEmulation:
+class SensorEmulation(Generic[_Client, _Emulated]):
     """The emulated sensor of a kind."""
 
-    settings: type[Any]
+    settings: type[_Emulated]
     """Dataclass of its section `[cell.NAME]`."""
-    make: Callable[[KindSettings], SensorFactory]
+    make: Callable[[KindSettings[_Client, _Emulated]], SensorFactory]
     """A factory of sensors with these settings."""
-    serve: Callable[[str, Any, KindSettings, Serving], Awaitable[str]]
+    serve: Callable[[str, Any, KindSettings[_Client, _Emulated], Serving], Awaitable[str]]
     """As of a `RobotEmulation`."""
-    usual: Callable[[KindSettings, bool], str]
+    usual: Callable[[KindSettings[_Client, _Emulated], bool], str]
     """As of a `RobotEmulation`."""
     faults: Mapping[str, Mapping[str, Fault]] = field(default_factory=dict)
     """As of a `RobotEmulation`."""
@@ -168,27 +166,25 @@ class CanBus(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class SensorKind:
+class SensorKind(Generic[_Client, _Emulated]):
     """A kind of force/torque sensor, with the device that stands before it."""
 
     name: str
-    """Prefix of its URLs, and name of its sections."""
+    """Prefix of its URLs, and name of its sections unless `section` names them."""
     summary: str
     """One line for people."""
-    settings: type[Any]
+    settings: type[_Client]
     """Dataclass of its section `[sensor.NAME]`."""
-    connect: Callable[[str, KindSettings, Wiring], Awaitable[tuple[Transport[Any], SensorClient[Any]]]]
+    connect: Callable[
+        [str, KindSettings[_Client, _Emulated], Wiring], Awaitable[tuple[Transport[Any], SensorClient[Any]]]
+    ]
     """The sensor behind a wire's URL: from the URL, the settings and its wires. Gives the wire and the
     client that speaks over it. Errors as of `RobotKind.connect`.
     """
-    emulation: SensorEmulation | None = None
-    directly: bool = False
-    """Its settings stand in `[sensor]` and `[cell]` themselves, as they did when there was no other sensor."""
-    older_form: Callable[[str], str | None] = _not_mine
-    """The wire's URL of a URL without a kind that means this kind of sensor; None for every other URL."""
-    check: Callable[[KindSettings], object] | None = None
+    emulation: SensorEmulation[_Client, _Emulated] | None = None
+    check: Callable[[KindSettings[_Client, _Emulated]], object] | None = None
     """Raises ConfigError for settings that no run can have, before anything is opened."""
-    parse: Callable[[str, KindSettings], WireUrl] = _any_wire
+    parse: Callable[[str, KindSettings[_Client, _Emulated]], WireUrl] = _any_wire
     """A wire's URL in its parts, for those that look at the wire alone. Raises ConfigError for one that cannot be of
     this kind.
     """
@@ -196,14 +192,14 @@ class SensorKind:
     """Bytes of its wire of either direction, item by item with fields and problems, for people; None without words. It
     is given one datagram, a piece of a line, or a CAN frame as candump writes it, in ASCII: `201#C800`.
     """
-    period: Callable[[KindSettings], float | None] = _not_known
+    period: Callable[[KindSettings[_Client, _Emulated]], float | None] = _not_known
     """Time between two frames with these settings, s; None where it is shorter than a cycle of any robot, or not known
     before the sensor streams.
     """
     bus: CanBus | None = None
-    """Bus of a device on CAN: an interface with another rate cannot reach it."""
-    also: str = ""
-    """An older name under which `sensor.emulated` chooses it."""
+    """Bus of a device on CAN, which alone can have faults of a bus; an interface with another rate cannot reach it."""
+    section: str = ""
+    """Name of its sections, where kinds with the same settings share them; empty: its own name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,7 +218,8 @@ class SurfaceKind:
     """Faults of the surface, in words, by name; its handlers carry them out."""
 
 
-_Kind = TypeVar("_Kind", RobotKind, SensorKind, SurfaceKind)
+DeviceKind: TypeAlias = RobotKind[Any, Any] | SensorKind[Any, Any]
+_Kind = TypeVar("_Kind", RobotKind[Any, Any], SensorKind[Any, Any], SurfaceKind)
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,10 +229,8 @@ class Registry(Generic[_Kind]):
     thing: str
     group: str
     built_in: Mapping[str, str]
-    """Module and attribute of our own, by name; the first is that of URLs without a kind."""
+    """Module and attribute of our own, by name."""
     type: type[_Kind]
-    direct: tuple[str, ...] = ()
-    """Names of those kinds whose `directly` is set: known without importing a room."""
 
     @property
     def names(self) -> Sequence[str]:
@@ -279,53 +274,74 @@ class CellSection(CellProfile):
 
 _SECTIONS = frozenset(field.name for field in fields(CellSection))
 """Names in the section of the cell that no kind may have."""
-ROBOTS = Registry("robot", "hil_bridge.robots", _ROBOTS, RobotKind, ("s3",))
-SENSORS = Registry("sensor", "hil_bridge.sensors", _SENSORS, SensorKind, ("jr3", "jr3-uart", "jr3-board"))
+ROBOTS: Registry[RobotKind[Any, Any]] = Registry("robot", "hil_bridge.robots", _ROBOTS, RobotKind)
+SENSORS: Registry[SensorKind[Any, Any]] = Registry("sensor", "hil_bridge.sensors", _SENSORS, SensorKind)
 SURFACES: Registry[SurfaceKind] = Registry("surface", "hil_bridge.surfaces", {}, SurfaceKind)
+
+
+def section_of(kind: DeviceKind | SurfaceKind) -> str:
+    """Name of a kind's sections in a configuration."""
+    name = kind.section if isinstance(kind, SensorKind) and kind.section else kind.name
+    return field_name(name)
+
+
+def field_name(kind: str) -> str:
+    """A kind's name as that of a field."""
+    return kind.replace("-", "_")
+
+
+def default_settings(
+    kind: RobotKind[_Client, _Emulated] | SensorKind[_Client, _Emulated],
+) -> KindSettings[Any, Any]:
+    """The settings of a device of which a configuration says nothing."""
+    return KindSettings(kind.settings(), None if kind.emulation is None else kind.emulation.settings())
 
 
 def usual_bus() -> CanBus:
     """The CAN bus of the first of our kinds that has one: what an interface is for that no sensor's URL names."""
-    return next(kind.bus for kind in map(SENSORS.kind, SENSORS.direct) if kind.bus is not None)
+    return next(kind.bus for kind in map(SENSORS.kind, SENSORS.built_in) if kind.bus is not None)
 
 
-def robot_of(url: str) -> tuple[RobotKind, str]:
+def robot_of(url: str) -> tuple[RobotKind[Any, Any], str]:
     """The kind of robot that a URL names, and the wire's URL. Raises ConfigError."""
-    name, wire = ROBOTS.split(url)
-    if not name and "+" in url.partition(":")[0]:
-        raise ConfigError(
-            f"{url!r}: there is no robot {url.partition('+')[0]!r}; choose one of {', '.join(ROBOTS.names)}, as in "
-            "KIND+WIRE"
-        )
-    return ROBOTS.kind(name or next(iter(_ROBOTS))), wire
+    return _kind_of(url, ROBOTS)
 
 
-def sensor_of(url: str) -> tuple[SensorKind, str]:
+def sensor_of(url: str) -> tuple[SensorKind[Any, Any], str]:
     """The kind of sensor that a URL names, and the wire's URL. Raises ConfigError."""
-    for kind in map(SENSORS.kind, SENSORS.direct):
-        if (wire := kind.older_form(url)) is not None:
-            return kind, wire
-    name, wire = SENSORS.split(url)
+    return _kind_of(url, SENSORS)
+
+
+def _kind_of(url: str, registry: Registry[Any]) -> tuple[Any, str]:
+    name, wire = registry.split(url)
     if name:
-        return SENSORS.kind(name), wire
-    raise ConfigError(
-        f"{url!r}: unknown scheme {url.partition(':')[0]!r}; allowed: can+… for a CAN gateway, a serial port with "
-        f"?gateway=jr3 for a UART gateway, KIND+WIRE with one of the kinds {', '.join(SENSORS.names)}"
-    )
+        return registry.kind(name), wire
+    if meant := _meant(url, registry):
+        raise ConfigError(f"{url!r} names no kind of {registry.thing}; did you mean {meant}?")
+    head = url.partition(":")[0]
+    which = f"there is no {registry.thing} {head.partition('+')[0]!r}" if "+" in head else "it names no kind"
+    raise ConfigError(f"{url!r}: {which}; choose one of {', '.join(registry.names)}, as in KIND+WIRE")
 
 
-def emulated_sensor(name: str) -> SensorKind:
-    """The kind of sensor that a configuration emulates under this name, also an older one. Raises ConfigError."""
-    for kind in map(SENSORS.kind, SENSORS.direct):
-        if name == kind.also:
-            return kind
-    return SENSORS.kind(name)
+def _meant(url: str, registry: Registry[Any]) -> str:
+    """The URL of the first of our kinds that takes this wire, perhaps without one of its options; empty for none."""
+    head, _, query = url.partition("?")
+    options = [option for option in query.split("&") if option]
+    for left in (options, *(options[:k] + options[k + 1 :] for k in range(len(options)))):
+        wire = f"{head}?{'&'.join(left)}" if left else head
+        for kind in map(registry.kind, registry.built_in):
+            with suppress(ConfigError):
+                kind.parse(wire, default_settings(kind))
+                return f"{kind.name}+{wire}"
+    return ""
 
 
+Faults: TypeAlias = Mapping[str, Mapping[str, Fault]]
+"""Faults by target and name."""
 Words: TypeAlias = Callable[[bytes], list[dict[str, object]]]
 
 
-def words_of(kind: RobotKind | SensorKind) -> Words | None:
+def words_of(kind: DeviceKind) -> Words | None:
     """The words for a kind's bytes. Another package's may raise anything: that is a problem of the bytes, in words."""
     describe = kind.describe
     if describe is None:
@@ -342,10 +358,53 @@ def words_of(kind: RobotKind | SensorKind) -> Words | None:
     return words
 
 
-def faults_of(robot: str, sensor: str, surface: str = "") -> Mapping[str, Mapping[str, Fault]]:
-    """All faults of a cell with these emulated devices, by target and name. Raises ConfigError."""
-    devices = ROBOTS.kind(robot).emulation, emulated_sensor(sensor).emulation
-    own = dict(OWN_FAULTS)
-    if surface:
-        own["surface"] = SURFACES.kind(surface).faults
-    return {**{on: faults for one in devices if one for on, faults in one.faults.items()}, **own}
+class EmulatedKinds(NamedTuple):
+    """The kinds of a cell's emulated devices, and of its surface where that is another package's."""
+
+    robot: RobotKind[Any, Any]
+    sensor: SensorKind[Any, Any]
+    surface: SurfaceKind | None = None
+
+    @classmethod
+    def named(cls, robot: str, sensor: str, surface: str = "") -> Self:
+        """The kinds with these names. Raises ConfigError."""
+        return cls(ROBOTS.kind(robot), SENSORS.kind(sensor), SURFACES.kind(surface) if surface else None)
+
+    @property
+    def faults(self) -> Faults:
+        """All faults that this cell can have, by target and name."""
+        own = dict(OWN_FAULTS)
+        if self.surface is not None:
+            own["surface"] = self.surface.faults
+        if self.sensor.bus is None:
+            del own["bus"]
+        return {**_own_faults(self.robot), **_own_faults(self.sensor), **own}
+
+    @property
+    def felt_by_sensor(self) -> Collection[str]:
+        """Targets whose faults have no effect but through the emulated sensor."""
+        return {"bus", "surface", "obstacle", *_own_faults(self.sensor)}
+
+    def others_with(self, on: str, fault: str, given: Mapping[str, object]) -> str:
+        """The kinds of our own to choose instead, for a fault that this cell cannot have; empty for none."""
+        robots = [(kind.name, self._replace(robot=kind)) for kind in map(ROBOTS.kind, ROBOTS.built_in)]
+        sensors = [(kind.name, self._replace(sensor=kind)) for kind in map(SENSORS.kind, SENSORS.built_in)]
+        for key, now, cells in (
+            ("robot.emulated", self.robot, robots),
+            ("sensor.emulated", self.sensor, sensors),
+        ):
+            if able := [name for name, cell in cells if cell.can_have(on, fault, given)]:
+                return f"{key} = {' or '.join(able)}, not {now.name}"
+        return ""
+
+    def can_have(self, on: str, fault: str, given: Mapping[str, object]) -> bool:
+        """Whether this cell can have a fault with these parameters."""
+        try:
+            find(self.faults, on, fault).values(fault, given)
+        except ValueError:
+            return False
+        return True
+
+
+def _own_faults(kind: DeviceKind) -> Faults:
+    return {} if kind.emulation is None else kind.emulation.faults

@@ -1,4 +1,4 @@
-"""The facts of a recording's devices: those that it tells, or what an older one lets conclude."""
+"""The facts of a recording's devices, as it tells them."""
 
 from collections.abc import Mapping
 from typing import Any, TypeVar
@@ -8,22 +8,14 @@ from msgspec import Struct
 
 from hil_bridge.devices.facts import Devices, RobotFacts, Sensor
 from hil_bridge.errors.text_files import parse_json
-from hil_bridge.record.ending import CHECK_EVENT
-from hil_bridge.record.older_facts import from_configuration, with_present_names
 from hil_bridge.record.reader import Recording
 
 _Facts = TypeVar("_Facts", bound=Struct)
 
 
 def devices_of(recording: Recording) -> Devices:
-    """Facts of the devices in a recording. In a recording made before recordings held them they come from its
-    configuration and its end.
-    """
-    if not recording.devices:
-        checks = [event.text for event in recording.events if event.kind == CHECK_EVENT]
-        return from_configuration(recorded_configuration(recording), recording.end, checks)
+    """Facts of the devices in a recording; without any where the run ended before they were ready."""
     told = {name: json_or_none(text) for name, text in recording.devices.items()}
-    told = with_present_names(told)
     return Devices(_told(told.get("robot"), RobotFacts), _told(told.get("sensor"), Sensor))
 
 

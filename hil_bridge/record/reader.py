@@ -1,6 +1,7 @@
 """Reading a record back. Nothing in a file is trusted: it may be cut off, garbled, a bomb or something else."""
 
 import io
+import re
 import struct
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -40,9 +41,14 @@ MESSAGE_BYTES = 31
 """A message is never shorter. Source: MCAP specification, version 0: opcode, length and head of a message."""
 CHUNK_EXCESS_BYTES = 4096
 """Chosen: records of other kinds in a chunk may be so much shorter in all."""
+FIRST_OF_FORM = (0, 6)
+"""The version since which recordings have this form."""
+LAST_READER = "0.5"
+"""The last version that reads recordings of the form before this one."""
 CLOCK_LIMIT_S = 1e10
 """A time of a run's clock lies below this. Chosen: three centuries."""
 
+_VERSION = re.compile(r"(\d{1,4})\.(\d{1,4})(?:\.|$)")
 _MAGIC = b"\x89MCAP0\r\n"
 _TOO_MANY = f"more than {RECORD_LIMIT} records"
 _RECORD = struct.Struct("<BQ")
@@ -180,7 +186,17 @@ def _contents(path: Path, topics: Sequence[Topic]) -> _Contents:
         raise _too_long(path, str(error)) from error
     except _Damage:
         pass  # what came before is there
+    if _is_older(recorder := found.metadata[METADATA_NAME].get("version", "")):
+        raise ConfigError(
+            f"{path} was recorded by version {recorder}; {LAST_READER} is the last version that reads it"
+        )
     return found
+
+
+def _is_older(version: str) -> bool:
+    """Whether a version of this program made recordings of the form before this one."""
+    number = _VERSION.match(version)
+    return number is not None and (int(number[1]), int(number[2])) < FIRST_OF_FORM
 
 
 def _removed(item: Attachment) -> RemovedMap:

@@ -4,47 +4,55 @@
 """
 
 from collections.abc import Callable, Iterator, Mapping
+from typing import Any
 
+from emulators.cell import Cell
 from hil_bridge.clock import VIRTUAL_EPOCH
 from hil_bridge.clock.realtime import real_time_thread
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.reach import check_workspace, outermost
-from hil_bridge.devices.kinds import ROBOTS, emulated_sensor
 from hil_bridge.errors import ConfigError
-from hil_bridge.runs.compose import check_panel, holds, make_cell
-from hil_bridge.runs.pace import control_loop, metres, paced
+from hil_bridge.runs import compose
+from hil_bridge.runs.pace import metres
+from hil_bridge.runs.setup import Setup
 from hil_bridge.runs.zeroing import known_wrist
-from hil_bridge.settings.configuration import Config
-from hil_bridge.settings.kinds import robot_kind, settings_of
 
 
-def check(config: Config, virtual: bool) -> None:
-    """Raise the first of the problems as ConfigError."""
-    for _, error in problems(config, virtual):
-        raise error
+def check(setup: Setup, virtual: bool, now: float) -> Cell[Any, Any] | None:
+    """Raise the first of the problems as ConfigError. Gives the emulated cell, powered up `now`, s, for the run to use;
+    None where both devices are real.
+    """
+    cell = None
+    for check_one in CHECKS.values():
+        if check_one is _cell:
+            cell = powered_cell(setup, now)
+        else:
+            check_one(setup, virtual)
+    return cell
 
 
-def problems(config: Config, virtual: bool) -> Iterator[tuple[str, ConfigError]]:
+def problems(setup: Setup, virtual: bool) -> Iterator[tuple[str, ConfigError]]:
     """Everything that keeps a run with this configuration from beginning, by the name of its check."""
     for name, check_one in CHECKS.items():
         try:
-            check_one(config, virtual)
+            check_one(setup, virtual)
         except ConfigError as error:
             yield name, error
 
 
-def check_wires(config: Config, virtual: bool) -> None:
+def check_wires(setup: Setup, virtual: bool) -> None:
     """Raise ConfigError for URLs that make no cell together, or that virtual time cannot wait for."""
-    if virtual and (config.robot.url or config.sensor.url):
+    if virtual and not (setup.robot.is_emulated and setup.sensor.is_emulated):
         raise ConfigError("--virtual runs against the emulated cell alone; leave it out to use real ports")
-    if config.robot.url and not config.sensor.url:
+    if setup.sensor.is_emulated and not setup.robot.is_emulated:
         raise ConfigError(
             "a robot without a sensor: the emulated sensor cannot feel what that robot touches; "
             "give --sensor (sensor.url) too"
         )
 
 
-def _force(config: Config, virtual: bool) -> None:
+def _force(setup: Setup, virtual: bool) -> None:
+    config = setup.config
     if config.task.force_n >= config.limits.force_limit_n:
         raise ConfigError(
             f"task.force_n (--force-n) of {config.task.force_n:g} N must be below limits.force_limit_n of "
@@ -52,38 +60,44 @@ def _force(config: Config, virtual: bool) -> None:
         )
 
 
-def _tool(config: Config, virtual: bool) -> None:
-    known_wrist(config)
+def _tool(setup: Setup, virtual: bool) -> None:
+    known_wrist(setup.config)
 
 
-def _controller(config: Config, virtual: bool) -> None:
+def _controller(setup: Setup, virtual: bool) -> None:
     """The controller's parameters, and that it is tuned for the control period."""
-    control_loop(paced(config))
+    _ = setup.loop
 
 
-def _cell(config: Config, virtual: bool) -> None:
-    """The files of the robot's kind, and of an emulated cell what it holds and whether it can be at all."""
-    robot = robot_kind(config)
-    if robot.check is not None:
-        robot.check(settings_of(config, robot))
-    if not (config.robot.url and config.sensor.url):
-        make_cell(
-            config, ROBOTS.kind(config.robot.emulated), emulated_sensor(config.sensor.emulated), VIRTUAL_EPOCH
-        )
+def _cell(setup: Setup, virtual: bool) -> None:
+    powered_cell(setup, VIRTUAL_EPOCH)
 
 
-def check_program(config: Config, virtual: bool = False) -> None:
+def powered_cell(setup: Setup, now: float) -> Cell[Any, Any] | None:
+    """The emulated cell, powered up `now`, s; None where both devices are real.
+
+    Raises ConfigError for the files of the robot's kind, for what the cell holds, and for one that cannot be.
+    """
+    robot = setup.robot
+    if robot.kind.check is not None:
+        robot.kind.check(robot.settings)
+    if robot.is_emulated or setup.sensor.is_emulated:
+        return compose.make_cell(setup, setup.emulated, now)
+    return None
+
+
+def check_program(setup: Setup, virtual: bool = False) -> None:
     """Raise ConfigError with the step's number for a program that cannot be carried out.
 
     Where the robot is emulated, its start is known, and so whether it reaches the corners of each path.
     """
-    program = control_loop(paced(config)).task
-    if not isinstance(program, Program) or config.robot.url:
+    program = setup.loop.task
+    if not isinstance(program, Program) or not setup.robot.is_emulated:
         return
-    cell = config.cell
+    config, cell = setup.config, setup.config.cell
     check_workspace(program.row, program.frame, metres(cell.start_position_mm), config.limits)
     for label, place in outermost(program.row, program.frame, metres(cell.start_position_mm)):
-        if not holds(config, place):
+        if not compose.holds(setup, place):
             x, y, z = (part * 1e3 for part in place)
             raise ConfigError(
                 f"task.step {label}: the robot does not reach {x:.0f} {y:.0f} {z:.0f} mm in its base frame, "
@@ -91,16 +105,16 @@ def check_program(config: Config, virtual: bool = False) -> None:
             )
 
 
-def _thread(config: Config, virtual: bool) -> None:
+def _thread(setup: Setup, virtual: bool) -> None:
     if not virtual:
-        with real_time_thread(config.realtime):
+        with real_time_thread(setup.config.realtime):
             pass
 
 
-CHECKS: Mapping[str, Callable[[Config, bool], None]] = {
+CHECKS: Mapping[str, Callable[[Setup, bool], None]] = {
     "wires": check_wires,
     "force": _force,
-    "panel": check_panel,
+    "panel": compose.check_panel,
     "controller": _controller,
     "cell": _cell,
     "program": check_program,

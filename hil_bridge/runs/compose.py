@@ -13,13 +13,10 @@ from hil_bridge.clock import VIRTUAL_EPOCH, Clock, Timer, device_clock
 from hil_bridge.devices.device_log import DeviceLog
 from hil_bridge.devices.kinds import (
     ROBOTS,
-    SENSORS,
-    SURFACES,
+    DeviceKind,
+    EmulatedKinds,
     RobotEmulation,
-    RobotKind,
     SensorEmulation,
-    SensorKind,
-    emulated_sensor,
     robot_of,
     sensor_of,
 )
@@ -30,8 +27,10 @@ from hil_bridge.devices.wiring import Serving, Wiring, Wrap, unwrapped
 from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.errors.failures import tell_failure
 from hil_bridge.runs.faults.bus import BusFaults
+from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config
-from hil_bridge.settings.kinds import field_name, sensor_kind, settings_of
+from hil_bridge.settings.devices import emulated_in, robot_in, sensor_in
+from hil_bridge.settings.kinds import settings_of, surface_settings
 from hil_bridge.transports.can.memory import memory_can_bus
 from protocol.geometry import Vector
 
@@ -40,12 +39,14 @@ _MEMORY_CAN = "can+memory:"
 
 @dataclass(frozen=True, slots=True)
 class Ports:
-    """One URL each for robot, sensor and panel to listen on; None for what is not served."""
+    """One URL each for robot, sensor and panel of a cell to listen on; None for what is not served."""
 
     robot: str | None
     sensor: str | None
     panel: str | None = None
     """URL of the emulated controller's panel, for people."""
+    cell: Cell[Any, Any] | None = None
+    """The cell where it has been made already, of the kinds that the configuration names."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +66,6 @@ class Devices:
     robot: RobotLink
     sensor: ForceSensor
     served: ServedCell | None
-    sensor_kind: SensorKind
 
     @property
     def cell(self) -> Cell[Any, Any] | None:
@@ -75,38 +75,40 @@ class Devices:
 
 def cell_ports(config: Config, virtual: bool) -> Ports:
     """URLs at which the cell of a configuration listens, without a panel."""
-    robot, sensor = ROBOTS.kind(config.robot.emulated), emulated_sensor(config.sensor.emulated)
-    return Ports(
-        _with_kind(robot, _emulation(robot).usual(settings_of(config, robot), virtual)),
-        _with_kind(sensor, _emulation(sensor).usual(settings_of(config, sensor), virtual)),
-    )
+    kinds = emulated_in(config)
+    return Ports(_usual(config, kinds.robot, virtual), _usual(config, kinds.sensor, virtual))
 
 
-def check_panel(config: Config, virtual: bool) -> None:
+def _usual(config: Config, kind: DeviceKind, virtual: bool) -> str:
+    return f"{kind.name}+{_emulation(kind).usual(settings_of(config, kind), virtual)}"
+
+
+def check_panel(setup: Setup, virtual: bool) -> None:
     """Raise ConfigError for a panel where there is none, and for a URL that can be none."""
-    if not config.run.panel_url:
+    url, real = setup.config.run.panel_url, not setup.robot.is_emulated
+    if not url:
         return
-    if config.robot.url or virtual:
+    if real or virtual:
         raise ConfigError(
             "run.panel_url (--panel) is the emulated controller's panel; leave it out "
-            f"{'with a real robot' if config.robot.url else 'in virtual time, where a person could not press in time'}"
+            f"{'with a real robot' if real else 'in virtual time, where a person could not press in time'}"
         )
-    check = _emulation(ROBOTS.kind(config.robot.emulated)).check_panel
+    check = _emulation(setup.robot.kind).check_panel
     if check is None:
         raise ConfigError(
-            f"an emulated {config.robot.emulated} has no panel; leave run.panel_url (--panel) out"
+            f"an emulated {setup.robot.kind.name} has no panel; leave run.panel_url (--panel) out"
         )
-    check(config.run.panel_url)
+    check(url)
 
 
-def make_cell(config: Config, robot: RobotKind, sensor: SensorKind, now: float) -> Cell[Any, Any]:
-    """The emulated cell of a configuration with these devices. Raises ConfigError for one that cannot be."""
-    name, of_robot, of_sensor = config.cell.surface_kind, _emulation(robot), _emulation(sensor)
+def make_cell(setup: Setup, kinds: EmulatedKinds, now: float) -> Cell[Any, Any]:
+    """The emulated cell of a configuration with devices of these kinds. Raises ConfigError for one that cannot be."""
+    config, surface = setup.config, kinds.surface
     parts = Parts(
-        of_robot.make(settings_of(config, robot)),
-        of_sensor.make(settings_of(config, sensor)),
-        SURFACES.kind(name).make(getattr(config.cell, field_name(name))) if name else None,
-        {**of_robot.faults, **of_sensor.faults},
+        _emulation(kinds.robot).make(settings_of(config, kinds.robot)),
+        _emulation(kinds.sensor).make(settings_of(config, kinds.sensor)),
+        None if surface is None else surface.make(surface_settings(config, surface)),
+        kinds.faults,
     )
     try:
         return Cell(config.cell, now, config.run.seed, parts)
@@ -114,9 +116,9 @@ def make_cell(config: Config, robot: RobotKind, sensor: SensorKind, now: float) 
         raise ConfigError(f"cell: {error}") from error
 
 
-def holds(config: Config, place: Vector) -> bool:
+def holds(setup: Setup, place: Vector) -> bool:
     """Whether the emulated robot can hold its tool there in the orientation of the start; base frame, m."""
-    kind = ROBOTS.kind(config.robot.emulated)
+    config, kind = setup.config, setup.emulated.robot
     make = _emulation(kind).make(settings_of(config, kind))
     start = StartPose(place, config.cell.start_quaternion, config.cell.tool.length_mm * 1e-3)
     try:
@@ -128,14 +130,16 @@ def holds(config: Config, place: Vector) -> bool:
 
 @asynccontextmanager
 async def open_devices(
-    config: Config, clock: Clock, log: DeviceLog, wrap: Wrap = unwrapped
+    setup: Setup, clock: Clock, log: DeviceLog, wrap: Wrap = unwrapped, cell: Cell[Any, Any] | None = None
 ) -> AsyncIterator[Devices]:
     """Robot and sensor of a configuration, started; what has no URL is emulated. Closed when the context is left.
 
-    `wrap` may put something between each wire and its client. Raises ConfigError for a URL, TransportUnavailable for
+    `wrap` may put something between each wire and its client; `cell` is the emulated cell where a check has made it
+    already. Raises ConfigError for a URL, TransportUnavailable for
     a wire.
     """
-    check_panel(config, clock.is_virtual)
+    config = setup.config
+    check_panel(setup, clock.is_virtual)
     robot_url, sensor_url = config.robot.url, config.sensor.url
     async with AsyncExitStack() as stack:
         served = None
@@ -145,9 +149,10 @@ async def open_devices(
                 None if robot_url else usual.robot,
                 None if sensor_url else usual.sensor,
                 config.run.panel_url or None,
+                cell,
             )
             served = await stack.enter_async_context(
-                emulated_cell(config, clock, ports, lambda cause: _tell_failed(cause, log))
+                emulated_cell(setup, clock, ports, lambda cause: _tell_failed(cause, log))
             )
             robot_url, sensor_url = robot_url or served.robot or "", sensor_url or served.sensor or ""
         robot = await connect_robot(config, robot_url, Wiring("robot", clock, log, wrap))
@@ -156,7 +161,7 @@ async def open_devices(
         stack.push_async_callback(sensor.aclose)
         robot.start()
         sensor.start()
-        yield Devices(robot, sensor, served, sensor_kind(config))
+        yield Devices(robot, sensor, served)
 
 
 def _tell_failed(cause: BaseException, log: DeviceLog) -> None:
@@ -172,9 +177,9 @@ async def connect_robot(config: Config, url: str, wiring: Wiring) -> RobotLink:
 
     Raises ConfigError for the URL, TransportUnavailable for the wire.
     """
-    kind, wire = robot_of(url)
-    robot: RobotLink = await kind.connect(wire, settings_of(config, kind), wiring)
-    if kind.name in ROBOTS.built_in:
+    device = robot_in(config, url)
+    robot: RobotLink = await device.kind.connect(device.url, device.settings, wiring)
+    if device.kind.name in ROBOTS.built_in:
         return robot
     guarded: Any = LinkOfOthers(robot, wiring.clock)
     return guarded  # type: ignore[no-any-return]
@@ -185,14 +190,14 @@ async def connect_sensor(config: Config, url: str, wiring: Wiring) -> ForceSenso
 
     Raises ConfigError for the URL, TransportUnavailable for the wire.
     """
-    kind, wire_url = sensor_of(url)
-    wire, client = await kind.connect(wire_url, settings_of(config, kind), wiring)
+    device = sensor_in(config, url)
+    wire, client = await device.kind.connect(device.url, device.settings, wiring)
     return ForceSensor(wire, client, wiring.clock, wiring.log)
 
 
 @asynccontextmanager
 async def emulated_cell(
-    config: Config,
+    setup: Setup,
     clock: Clock,
     ports: Ports,
     on_failure: Callable[[BaseException], object],
@@ -204,28 +209,30 @@ async def emulated_cell(
     Raises ConfigError for a URL and for a cell that cannot be, TransportUnavailable for a wire.
     """
     clock = device_clock(clock)
-    name, robot_url = ROBOTS.split(ports.robot or "")
-    robot = ROBOTS.kind(name or config.robot.emulated)
-    sensor, sensor_url = emulated_sensor(config.sensor.emulated), ports.sensor or ""
-    if sensor_url and (sensor.directly or SENSORS.split(sensor_url)[0]):
-        sensor, sensor_url = sensor_of(sensor_url)
-    cell = make_cell(config, robot, sensor, clock.now())
+    kinds, config = setup.emulated, setup.config
+    robot_url = sensor_url = ""
+    if ports.robot is not None:
+        robot, robot_url = robot_of(ports.robot)
+        kinds = kinds._replace(robot=robot)
+    if ports.sensor is not None:
+        sensor, sensor_url = sensor_of(ports.sensor)
+        kinds = kinds._replace(sensor=sensor)
+    cell = ports.cell or make_cell(setup, kinds, clock.now())
     async with AsyncExitStack() as stack:
         serving = Serving(clock, stack, on_failure, say)
         _follow_faults(cell, serving)
         robot_at = sensor_at = panel_at = None
         if ports.robot is not None:
-            emulation = _emulation(robot)
-            robot_at = _with_kind(
-                robot, await emulation.serve(robot_url, cell.robot, settings_of(config, robot), serving)
-            )
+            emulation = _emulation(kinds.robot)
+            wire_at = await emulation.serve(robot_url, cell.robot, settings_of(config, kinds.robot), serving)
+            robot_at = f"{kinds.robot.name}+{wire_at}"
             if ports.panel is not None and emulation.panel is not None:
                 panel = emulation.panel(cell, ports.panel, clock, serving.wake)
                 panel_at = await stack.enter_async_context(panel)
         if ports.sensor is not None:
-            serve = _emulation(sensor).serve
-            wire_at = await serve(sensor_url, cell.sensor, settings_of(config, sensor), serving)
-            sensor_at = _with_kind(sensor, wire_at)
+            serve = _emulation(kinds.sensor).serve
+            wire_at = await serve(sensor_url, cell.sensor, settings_of(config, kinds.sensor), serving)
+            sensor_at = f"{kinds.sensor.name}+{wire_at}"
             if wire_at.startswith(_MEMORY_CAN):
                 name = wire_at.removeprefix(_MEMORY_CAN).partition("?")[0]
                 bus = BusFaults(memory_can_bus(name, clock), clock, config.run.seed)
@@ -267,12 +274,7 @@ class _FaultEnd:
 
 def _emulation(kind: Any) -> Any:
     """Emulation of a kind of device. Raises ConfigError for a kind without one."""
-    found: RobotEmulation | SensorEmulation | None = kind.emulation
+    found: RobotEmulation[Any, Any] | SensorEmulation[Any, Any] | None = kind.emulation
     if found is None:
         raise ConfigError(f"{kind.name} has no emulator; give the URL of a real one")
     return found
-
-
-def _with_kind(kind: RobotKind | SensorKind, url: str) -> str:
-    """A URL that names its kind; ours are known by their wires, too."""
-    return url if kind.directly else f"{kind.name}+{url}"

@@ -20,6 +20,7 @@ from hil_bridge.control import (
     WristAtOrientation,
     turn_between,
 )
+from hil_bridge.control.course.task import CONNECT, TARE
 from hil_bridge.control.course.zero import main_axes
 from hil_bridge.control.geometry.turning import apart, unit
 from hil_bridge.control.program.program import Program
@@ -54,14 +55,14 @@ from hil_bridge.runs.bounds import check_depth, run_bounds
 from hil_bridge.runs.causes import kind_of
 from hil_bridge.runs.cycle_record import Course, cycle_record
 from hil_bridge.runs.leaving import ARRIVED_M, Left, WayOut, in_words, not_away, stand_still
-from hil_bridge.runs.pace import control_loop, cycle_starts
+from hil_bridge.runs.pace import cycle_starts
 from hil_bridge.runs.reaction_times import usual_gap
+from hil_bridge.runs.setup import Setup
 from hil_bridge.runs.slow_cycles import SlowCycles
 from hil_bridge.runs.small_steps import bring_up
 from hil_bridge.runs.starting import check_start
 from hil_bridge.runs.steps_told import StepTeller
 from hil_bridge.runs.zeroing import Zeroing, known_wrist, wrist
-from hil_bridge.settings.configuration import Config
 from protocol.geometry import Pose, Quaternion, Vector
 from protocol.wrench import AXES, WrenchFrame
 
@@ -109,14 +110,14 @@ class RunResult:
 class Run:
     """A run over a robot link and a force sensor that have been started; call it once."""
 
-    def __init__(self, config: Config, clock: Clock, robot: RobotLink, sensor: ForceSensor, log: Log) -> None:
+    def __init__(self, setup: Setup, clock: Clock, robot: RobotLink, sensor: ForceSensor, log: Log) -> None:
         """Raises ConfigError for what cannot be run."""
-        self._config = config
+        self._config = config = setup.config
         self._clock = clock
         self._robot = robot
         self._sensor = sensor
         self._log = log
-        self._loop = control_loop(config, robot.facts)
+        self._loop = setup.loop_for(robot.facts)
         self._turns = isinstance(self._loop.task, Program) and self._loop.task.turns
         """A program turns the tool."""
         self._wrist = (known_wrist(config) if self._turns else None) or wrist(config)
@@ -189,13 +190,13 @@ class Run:
             raise
 
     async def _whole(self) -> RunResult:
-        self._enter("connect")
+        self._enter(CONNECT)
         start = await bring_up(self._robot, self._sensor)
         self._filter_delay = self._sensor.delay
         self._due_after = usual_gap(self._sensor.facts)
         self._loop.initial(start.pose.position)  # refuses a start outside the workspace
         check_start(self._config, self._loop, start)
-        self._enter("tare")
+        self._enter(TARE)
         await self._zeroing.weigh(start)
         self._orientation = start.pose.quaternion
         self.moving, moved, answers = True, False, True

@@ -24,24 +24,21 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.runs.reaction_times import following
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.given import GivenController
-from hil_bridge.settings.kinds import facts_of, sensor_kind, settings_of
 from protocol.geometry import Vector
 
 
-def paced(config: Config) -> Config:
+def paced(config: Config, cycle_s: float | None, frame_s: float) -> Config:
     """The configuration with period, sample time and tuning written out, so that the record and a replay have them.
 
+    `cycle_s` is the robot's own cycle, `frame_s` the time between two frames of the sensor, 0 where it is not known.
     It stays as it is for a robot without a cycle of its own, and where it gives `controller.sample_ms` itself.
     Parameters that it gives take precedence over those of a tuning. Raises ConfigError for an unknown
     controller and for one that declares no sample time.
     """
-    cycle = facts_of(config).cycle_s
-    if cycle is None or config.controller.sample_ms is not None:
+    if cycle_s is None or config.controller.sample_ms is not None:
         return config
-    cycle_ms = cycle * 1e3
-    sensor = sensor_kind(config)
-    frame_ms = (sensor.period(settings_of(config, sensor)) or 0.0) * 1e3
-    shortest_ms = math.ceil(frame_ms / cycle_ms - 1e-6) * cycle_ms
+    cycle_ms = cycle_s * 1e3
+    shortest_ms = math.ceil(frame_s * 1e3 / cycle_ms - 1e-6) * cycle_ms
     given = _given(config)
     kind: Any = controller_kind(config.controller.name) if given is None else given
     made_for = Tuning(sample_time(kind) * 1e3, {})
@@ -85,30 +82,24 @@ def _off(tuning: Tuning, period_ms: float) -> float:
     return max(tuning.sample_ms / period_ms, period_ms / tuning.sample_ms)
 
 
-def control_loop(
-    config: Config, robot: RobotFacts | None = None, fixed_dt: float | None = None
-) -> ControlLoop:
-    """All that decides in a run with this configuration; `robot` is what is known of the robot, by default what its
-    kind tells before it is connected.
+def control_loop(config: Config, robot: RobotFacts) -> ControlLoop:
+    """All that decides in a run with this configuration; `robot` is what is known of the robot.
 
-    With `fixed_dt` each cycle counts as that long, s. Raises ConfigError for an unfit parameter, and for a controller
-    that is tuned for another control period.
+    Raises ConfigError for an unfit parameter, and for a controller that is tuned for another control period.
     """
-    robot = facts_of(config) if robot is None else robot
     controller = _given(config)
     if controller is None:
         controller = make_controller(config.controller.name, **config.controller.parameters)
     tuned = sample_time(controller, config.controller.sample_ms)
     detector, samples = config.oscillation, 2 * config.oscillation.peaks
-    if fixed_dt is None and detector.window_ms * 1e-3 < samples * tuned:
+    if detector.window_ms * 1e-3 < samples * tuned:
         raise ConfigError(
             f"oscillation.window_ms of {detector.window_ms:g} ms must hold at least {samples} samples of "
             f"{tuned * 1e3:g} ms, twice oscillation.peaks: set it to {samples * tuned * 1e3:g} or more"
         )
-    if fixed_dt is None:
-        if not (config.run.period_ms or robot.cycle_s or robot.line_floor_s):
-            raise ConfigError(f"a {robot.kind} tells no cycle time of its own: set run.period_ms")
-        check_period(config.run.period_ms * 1e-3 or robot.cycle_s, controller, config.controller.sample_ms)
+    if not (config.run.period_ms or robot.cycle_s or robot.line_floor_s):
+        raise ConfigError(f"a {robot.kind} tells no cycle time of its own: set run.period_ms")
+    check_period(config.run.period_ms * 1e-3 or robot.cycle_s, controller, config.controller.sample_ms)
     escape_mm_s = min(config.limits.escape_mm_s, config.robot.velocity_mm_s)
     limits, step = config.limits, robot.order_step_m
     task = Task(config.task, controller, limits.force_limit_n, step, escape_mm_s, limits.friction_share)
@@ -123,7 +114,6 @@ def control_loop(
         config.frame.contour if config.frame.follow_normal else None,
         following(robot, max(config.run.period_ms * 1e-3, tuned)),
         tuned,
-        fixed_dt,
     )
 
 

@@ -13,14 +13,11 @@ from msgspec.structs import replace
 from pydantic import ValidationError
 
 from hil_bridge.control import Decision
-from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.text_files import parse_json
 from hil_bridge.record import CycleRecord, Recording
-from hil_bridge.record.device_facts import json_or_none
-from hil_bridge.runs.pace import control_loop, paced
+from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config, explain, read_config, read_values
-from hil_bridge.settings.earlier import FRAME_MS, RECORDED_CYCLE_S, is_counted, translated
 from hil_bridge.settings.program import with_program
 from protocol.geometry import Vector
 
@@ -31,8 +28,6 @@ class ReplayedCycle:
 
     record: CycleRecord
     decision: Decision
-    same_words: bool = True
-    """The version that recorded it gave its reasons in the words of this one."""
 
     @property
     def differences(self) -> dict[str, tuple[object, object]]:
@@ -46,9 +41,8 @@ class ReplayedCycle:
             "across_commanded": (record.across_commanded, decision.target.across),
             "quaternion_commanded": (record.quaternion_commanded, decision.quaternion or ()),
             "verdict": (record.verdict, str(decision.verdict.kind)),
+            "reasons": (record.reasons, decision.reasons),
         }
-        if self.same_words:
-            pairs["reasons"] = record.reasons, decision.reasons
         return {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
 
 
@@ -64,7 +58,7 @@ def recorded_config(recording: Recording, changes: Mapping[str, Any]) -> Config:
     if not isinstance(recorded, dict):
         raise ConfigError("the recording holds no configuration: it cannot be replayed")
     try:
-        values = read_config(translated(recorded)).model_dump(mode="json")
+        values = read_config(recorded).model_dump(mode="json")
     except ValidationError as error:
         raise ConfigError(
             f"the recording's configuration is not one of this version: {explain(error, None, set())}"
@@ -75,7 +69,7 @@ def recorded_config(recording: Recording, changes: Mapping[str, Any]) -> Config:
             values["controller"], other = {}, True  # the parameters belong to the one that was recorded
     try:
         config = read_config(_merged(values, changes))
-        return paced(config) if other else config
+        return Setup(config).config if other else config
     except ValidationError as error:
         raise ConfigError(explain(error, None, set())) from error
 
@@ -98,30 +92,21 @@ def replay(recording: Recording, config: Config, forced: bool) -> Iterator[Repla
     `forced` begins each cycle from what was commanded before it in reality, not in the replay. Raises ConfigError
     for a cycle whose inputs are not there.
     """
-    cycles, counted = recording.cycles, _is_counted(recording)
-    loop = control_loop(config, RobotFacts(), RECORDED_CYCLE_S) if counted else control_loop(config)
+    cycles, loop = recording.cycles, Setup(config).loop
     state = loop.initial(_vector(cycles[0].start))
     for number, record in enumerate(cycles):
         if record.sample is None or record.cycle != number:
             raise ConfigError(f"the inputs of cycle {number} are not in the recording: replay ends there")
         if record.asked:
             state = loop.finish(state, record.asked)
-        sample = record.sample
-        if counted:
-            sample = replace(sample, unchanged=sample.repeated_frames * FRAME_MS * 1e-3)
-        state, decision = loop.step(state, sample)
-        replayed = ReplayedCycle(record, decision, same_words=not counted)
+        state, decision = loop.step(state, record.sample)
+        replayed = ReplayedCycle(record, decision)
         if forced and replayed.differences:
             commanded = replace(
                 state.supervisor, depth=record.depth_commanded, position=_vector(record.target)
             )
             state = replace(state, supervisor=commanded)
         yield replayed
-
-
-def _is_counted(recording: Recording) -> bool:
-    """Whether it was made by a version that counted cycles and did not measure how long they took."""
-    return is_counted(json_or_none(recording.metadata.get("config")))
 
 
 def _merged(values: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:

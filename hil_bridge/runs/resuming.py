@@ -10,8 +10,8 @@ from hil_bridge.control.program.resume import FIRST, OVERLAP_MM, good_until
 from hil_bridge.control.words.steps import ResumePoint
 from hil_bridge.errors import ConfigError
 from hil_bridge.record import CycleRecord, Recording
-from hil_bridge.runs.pace import control_loop
 from hil_bridge.runs.replay import recorded_config
+from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config
 
 _BAND_SHARE = 0.1
@@ -28,7 +28,7 @@ def resumed_config(recording: Recording, changes: dict[str, Any], overlap_mm: fl
         raise ConfigError("the recorded run has no program (task.step): start it anew")
     if recording.end.get("outcome") == "completed":
         raise ConfigError("the recorded run completed: there is nothing to resume")
-    task = control_loop(config).task
+    task = Setup(config).loop.task
     assert isinstance(task, Program)
     point = _point(task, recording, config, overlap_mm)
     # a fault on purpose belonged to the first run
@@ -107,7 +107,7 @@ def _quaternion(recording: Recording) -> tuple[float, float, float, float]:
 
 def told_resume(config: Config) -> str:
     """Where it goes on, in one line."""
-    task = control_loop(config).task
+    task = Setup(config).loop.task
     assert isinstance(task, Program)
     point = config.task.resume
     assert point is not None

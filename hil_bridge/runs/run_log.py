@@ -8,7 +8,9 @@ from platform import platform, python_version
 from socket import gethostname
 from typing import Any, Protocol
 
+from emulators.cell import Cell
 from hil_bridge.clock import Clock
+from hil_bridge.control.course.task import TARE
 from hil_bridge.devices.facts import Devices, Pacing, Sensor
 from hil_bridge.devices.robots.seam import RobotLink
 from hil_bridge.devices.sensors.stream import ForceSensor
@@ -29,14 +31,11 @@ from hil_bridge.record.topics import Record
 from hil_bridge.runs import compose
 from hil_bridge.runs.cycle import Run, RunResult
 from hil_bridge.runs.faults.schedule import FaultSchedule
+from hil_bridge.runs.setup import Setup
 from hil_bridge.runs.truth import GroundTruth
 from hil_bridge.settings.configuration import Config, dump
-from hil_bridge.settings.kinds import facts_of, recorded_facts, sensor_kind
 from hil_bridge.transports import Direction
 from protocol.wrench import WrenchFrame
-
-_READY_PHASE = "tare"
-"""The phase that begins once robot and sensor are ready."""
 
 
 class Keeper(Protocol):
@@ -94,8 +93,8 @@ class RunLog:
     verbose = True
     """Setting of a `DeviceLog`: the record holds every event of a link."""
 
-    def __init__(self, config: Config, clock: Clock, keeper: Keeper, watcher: Watcher) -> None:
-        self._config = config
+    def __init__(self, setup: Setup, clock: Clock, keeper: Keeper, watcher: Watcher) -> None:
+        self._setup = setup
         self._clock = clock
         self._keeper = keeper
         self._watcher = watcher
@@ -106,7 +105,7 @@ class RunLog:
         """Logs of the devices' wires, by device."""
         self._truths: GroundTruth | None = None
         self._faults: FaultSchedule | None = None
-        self.facts = facts_of(config)
+        self.facts = setup.facts
         """Facts of the robot; with the line of its URL once it is connected."""
         self.robot: RobotLink | None = None
         self.sensor: ForceSensor | None = None
@@ -131,7 +130,7 @@ class RunLog:
     def event(self, record: EventRecord) -> None:
         """Something happened beside the cycles."""
         self._put(record.at, record)
-        if record.kind == PHASE_EVENT and record.text == _READY_PHASE:
+        if record.kind == PHASE_EVENT and record.text == TARE:
             self._keeper.devices(self._devices().as_metadata())
         self._watcher.event(record)
         if self._faults is not None:
@@ -187,29 +186,29 @@ class RunLog:
     def _devices(self) -> Devices:
         """Facts of robot and sensor, both being ready."""
         assert self.sensor is not None
-        return Devices(self.facts, Sensor(sensor_kind(self._config).name, self.sensor.facts))
+        return Devices(self.facts, Sensor(self._setup.sensor.kind.name, self.sensor.facts))
 
     # --- begin and end
 
     @asynccontextmanager
-    async def opened(self) -> AsyncIterator[compose.Devices]:
-        """The devices, started, and `run` over them. Raises as `compose.open_devices`."""
-        config, clock = self._config, self._clock
-        async with compose.open_devices(config, clock, self) as devices:
+    async def opened(self, cell: Cell[Any, Any] | None) -> AsyncIterator[compose.Devices]:
+        """The devices, started, and `run` over them; `cell` as of `compose.open_devices`, which raises too."""
+        setup, clock = self._setup, self._clock
+        async with compose.open_devices(setup, clock, self, cell=cell) as devices:
             self.robot, self.sensor = devices.robot, devices.sensor
-            self.facts = recorded_facts(config, devices.robot.facts)
+            self.facts = setup.identified(devices.robot.facts)
             if devices.served is not None:
                 self._emulated(devices.served)
-            self.run = Run(config, clock, devices.robot, devices.sensor, self)
+            self.run = Run(setup, clock, devices.robot, devices.sensor, self)
             if self._failed:
                 self.run.fail(self._failed)
             yield devices
 
     def _emulated(self, served: compose.ServedCell) -> None:
         cell = served.cell
-        streamed = facts_of(self._config).pacing is Pacing.STREAMED
-        self._truths = GroundTruth(cell, not self._config.sensor.url, self._keeper.put, streamed)
-        self._faults = FaultSchedule(self._config.faults, cell, self._clock, self.notice, self._pause)
+        streamed = self._setup.facts.pacing is Pacing.STREAMED
+        self._truths = GroundTruth(cell, self._setup.sensor.is_emulated, self._keeper.put, streamed)
+        self._faults = FaultSchedule(self._setup.config.faults, cell, self._clock, self.notice, self._pause)
 
     def _pause(self, seconds: float) -> None:
         """A fault of the computer: it stands still."""

@@ -11,9 +11,9 @@ import click
 
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.clock.realtime import real_time_thread
-from hil_bridge.devices.kinds import ROBOTS
 from hil_bridge.errors import BridgeError, DeviceError
 from hil_bridge.runs.compose import Ports, emulated_cell
+from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config
 
 
@@ -38,7 +38,7 @@ async def _serve(config: Config, ports: Ports, as_json: bool, executor: ThreadPo
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, stopped.set)
     try:
-        async with emulated_cell(config, clock, ports, failed, _log) as served:
+        async with emulated_cell(Setup(config), clock, ports, failed, _log) as served:
             devices = {"robot": served.robot, "sensor": served.sensor, "panel": served.panel}
             where = {device: url for device, url in devices.items() if url is not None}
             if served.sensor is not None:
@@ -67,7 +67,7 @@ def client_of(where: Mapping[str, str]) -> str:
     match where:
         case {"robot": robot, "sensor": sensor, "tool-mass-kg": mass}:
             return f"hil-bridge run --robot '{robot}' --sensor '{sensor}' --tool-mass-kg {mass}"
-        case {"robot": robot} if ROBOTS.split(robot)[0]:
+        case {"robot": robot} if not robot.startswith("s3+"):
             return f"hil-bridge run --robot '{robot}' --sensor URL, with a sensor that feels what the robot touches"
         case {"robot": robot}:
             return f"hil-bridge probe robot '{robot}'"

@@ -3,6 +3,7 @@
 import asyncio
 import os
 import signal
+import time
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
 from dataclasses import replace
@@ -10,7 +11,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hil_bridge.clock import Clock, run_real_on, run_virtual_on
+from emulators.cell import Cell
+from hil_bridge.clock import VIRTUAL_EPOCH, Clock, run_real_on, run_virtual_on
 from hil_bridge.clock.realtime import collect_generation_1, real_time_loop
 from hil_bridge.console import keys
 from hil_bridge.console.debugging import debug_wanted, told_bug
@@ -44,12 +46,11 @@ from hil_bridge.runs.closing import ended_after, ended_before
 from hil_bridge.runs.cycle import Run, RunResult
 from hil_bridge.runs.faults.schedule import FAULT_EVENT
 from hil_bridge.runs.outputs import Outputs, record_path, settled, write_outputs
-from hil_bridge.runs.pace import paced
 from hil_bridge.runs.run_log import RunLog, metadata_of
+from hil_bridge.runs.setup import Setup
 from hil_bridge.runs.shown import Relay, Views, fed
 from hil_bridge.runs.signals import Signals, signal_name, unless_hung_up
 from hil_bridge.settings.configuration import Config
-from hil_bridge.settings.kinds import cell_in_words
 from hil_bridge.show.terminal import REFRESH_SECONDS, Health, Scene
 
 if TYPE_CHECKING:
@@ -86,8 +87,10 @@ def execute(
 
     Raises BridgeError when a device fails before the movement has begun, or a file cannot be written.
     """
-    config = paced(config)
-    check(config, virtual)  # before an earlier recording is replaced
+    setup = Setup(config)
+    cell = check(
+        setup, virtual, VIRTUAL_EPOCH if virtual else time.monotonic()
+    )  # before an earlier recording is replaced
     signals = Signals()
     views = view if isinstance(view, Views) else Views(view)
     with signals.heard(), fed(views, virtual) as feed:
@@ -96,9 +99,9 @@ def execute(
             if outputs.own_folder and not virtual:
                 terminal.out.say(f"recording into {path.parent}")
             kept = replace(outputs, record=path, temporary=outputs.record is None)
-            session = _Session(config, kept, views.terminal, terminal, signals)
-            session.feed = feed
-            awake_s = config.realtime.busy_poll_ms * 1e-3
+            session = _Session(setup, kept, views.terminal, terminal, signals)
+            session.feed, session.cell = feed, cell
+            awake_s = setup.config.realtime.busy_poll_ms * 1e-3
             try:
                 main, stray = session.main, session.take_stray
                 result = run_virtual_on(main, stray) if virtual else run_real_on(main, awake_s, stray)
@@ -161,12 +164,12 @@ class _Session:
     """Everything around one `Run`, inside its event loop. It watches the log of the run."""
 
     def __init__(
-        self, config: Config, outputs: Outputs, view: bool, terminal: Terminal, signals: Signals
+        self, setup: Setup, outputs: Outputs, view: bool, terminal: Terminal, signals: Signals
     ) -> None:
         """`outputs` names a record, kept or temporary."""
         assert outputs.record is not None
         self._kept = not outputs.temporary
-        self._config = config
+        self._setup, self._config = setup, setup.config
         self._record_path = outputs.record
         self._overwrite = outputs.overwrite
         self._view_wanted = view
@@ -180,6 +183,8 @@ class _Session:
         self._view: LiveView | None = None
         self.feed: Feed | None = None
         """Feeds the page in the browser."""
+        self.cell: Cell[Any, Any] | None = None
+        """The emulated cell, as the check has powered it up."""
         self._warning, self._checked = "", ""
         """The page's words on trouble, and on the sensor."""
         self._result: RunResult | None = None
@@ -279,7 +284,7 @@ class _Session:
             self._overwrite,
         )
         keeper = self._recorder if self.feed is None else Relay(self._recorder, self.feed)
-        self._log = RunLog(config, clock, keeper, self)
+        self._log = RunLog(self._setup, clock, keeper, self)
         try:
             if self._recorder.error is not None:
                 raise self._recorder.error
@@ -335,7 +340,7 @@ class _Session:
             self.record_error = error
 
     async def _with_devices(self) -> RunResult:
-        async with self._log.opened() as devices:
+        async with self._log.opened(self.cell) as devices:
             if devices.served is not None and devices.served.panel is not None:
                 self.terminal.out.say(f"panel: {devices.served.panel}")
             assert self._run is not None
@@ -448,7 +453,7 @@ class _Session:
 
     def _scene(self, steps: tuple[str, ...]) -> Scene:
         config = self._config
-        real, cell = cell_in_words(config)
+        real, cell = self._setup.in_words
         return Scene(
             reference_n=config.task.force_n,
             robot=self._log.facts,

@@ -31,8 +31,8 @@ from hil_bridge.runs import compose
 from hil_bridge.runs.checks import check, check_wires
 from hil_bridge.runs.cycle import Run, RunResult
 from hil_bridge.runs.faults.panel import FaultPanel
-from hil_bridge.runs.pace import paced
 from hil_bridge.runs.run_log import RunLog, metadata_of
+from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.faults import refuse_faults
 
@@ -273,13 +273,14 @@ async def opened_simulation(config: Config, observe: Observe | None) -> AsyncIte
     """A run that is under way while inside. See `api.simulation`."""
     clock = Clock.running()
     try:
-        config = paced(config)
-        check(config, clock.is_virtual)
+        setup = Setup(config)
+        cell = check(setup, clock.is_virtual, clock.now())
+        config = setup.config
         keeper, watcher = KeptRecords(clock.wall_ns, metadata_of(config, clock.is_virtual)), _Watcher(observe)
-        log = RunLog(config, clock, keeper, watcher)
+        log = RunLog(setup, clock, keeper, watcher)
         simulation: Simulation | None = None
         try:
-            async with log.opened() as devices:
+            async with log.opened(cell) as devices:
                 run = log.run
                 assert run is not None
                 watcher.is_moving = lambda: run.moving
@@ -334,8 +335,9 @@ async def opened_devices(config: Config) -> AsyncIterator[OpenDevices]:
         raise ConfigError(str(error)) from error
     clock = Clock.running()
     try:
-        check_wires(config, clock.is_virtual)
-        async with compose.open_devices(config, clock, Silence()) as devices:
+        setup = Setup(config)
+        check_wires(setup, clock.is_virtual)
+        async with compose.open_devices(setup, clock, Silence()) as devices:
             yield OpenDevices(devices.robot, devices.sensor, clock, devices.cell)
     finally:
         clock.close()

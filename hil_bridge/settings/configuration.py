@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from pydantic import (
     BaseModel,
@@ -24,12 +24,17 @@ from hil_bridge.clock.realtime import RealTime
 from hil_bridge.control import Contour, Limits, OscillationDetector, TaskParameters
 from hil_bridge.control.controllers import controller_kind
 from hil_bridge.control.program.facing import Facing
-from hil_bridge.devices.kinds import ROBOTS, SENSORS, CellSection, emulated_sensor, faults_of
+from hil_bridge.devices.kinds import (
+    ROBOTS,
+    SENSORS,
+    SURFACES,
+    CellSection,
+    EmulatedKinds,
+)
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.text_files import format_value, read_toml
-from hil_bridge.settings.earlier import told_of
 from hil_bridge.settings.faults import FaultConfig
-from hil_bridge.settings.kinds import Chosen, cell_section, chosen_in, merged_section
+from hil_bridge.settings.kinds import USUAL_ROBOT, USUAL_SENSOR, Chosen, cell_with, chosen_in, section_with
 from hil_bridge.settings.places import resolve_files
 from hil_bridge.settings.program import (
     STEPS_HINT,
@@ -39,6 +44,7 @@ from hil_bridge.settings.program import (
     told_problem,
     with_program,
 )
+from hil_bridge.settings.upgrade import older_setting
 from protocol.geometry import Quaternion, Vector
 
 OPTIONS = {
@@ -77,15 +83,15 @@ class RunConfig(_Section):
     """URL at which the emulated controller's panel listens, tcp-listen://127.0.0.1:0; empty: no panel."""
 
 
-class RobotSection(_Section):
+class RobotConfig(_Section):
     """The robot controller and its link."""
 
     url: str = ""
-    """KIND+WIRE; without a kind an S3's: serial:///dev/ttyUSB0?baudrate=9600&parity=E or tcp://host:port; empty starts
-    the emulated robot.
+    """KIND+WIRE, as s3+serial:///dev/ttyUSB0?baudrate=9600&parity=E or egm+udp-bind://0.0.0.0:6510; empty starts the
+    emulated robot.
     """
-    emulated: str = "s3"
-    """Kind of the emulated robot: s3, or one that another package offers."""
+    emulated: str = USUAL_ROBOT
+    """Kind of the emulated robot; hil-bridge plugins lists the kinds."""
     velocity_mm_s: float = Field(default=50.0, gt=0, le=1000)
     """Path velocity given with every point; no speed of the task may be above it."""
     acceleration_mm_s2: float = Field(default=2000.0, gt=0, le=100000)
@@ -102,24 +108,16 @@ class RobotSection(_Section):
             raise ValueError(str(error)) from error
         return name
 
-    if TYPE_CHECKING:
 
-        def __getattr__(self, name: str) -> Any:
-            """Settings of a kind of robot."""
-
-
-class SensorSection(_Section):
-    """The force/torque sensor, its gateway and its mounting."""
+class SensorConfig(_Section):
+    """The force/torque sensor and its mounting."""
 
     url: str = ""
-    """can+socketcan://can0 or can+slcan:///dev/ttyACM0?bitrate=1000000 for a CAN gateway,
-    serial:///dev/ttyACM0?gateway=jr3 for a UART gateway, jr3+tcp://host:1762?filter=2 for a receiver board; empty
+    """KIND+WIRE, as jr3+can+socketcan://can0, jr3-uart+serial:///dev/ttyACM0 or netft+udp://192.168.1.1:49152; empty
     starts the emulated sensor.
     """
-    emulated: str = "gateway"
-    """Kind of the emulated sensor: gateway, uart or board for a JR3 behind a CAN gateway, a UART gateway or a receiver
-    board. Other packages may offer more.
-    """
+    emulated: str = USUAL_SENSOR
+    """Kind of the emulated sensor; hil-bridge plugins lists the kinds."""
     mounting_deg: float = 0.0
     """Rotation of the sensor about the tool's z axis: angle from the tool's x axis to the sensor's."""
     quaternion: Quaternion = (1.0, 0.0, 0.0, 0.0)
@@ -151,15 +149,10 @@ class SensorSection(_Section):
     @classmethod
     def _known(cls, name: str) -> str:
         try:
-            emulated_sensor(name)
+            SENSORS.kind(name)
         except ConfigError as error:
             raise ValueError(str(error)) from error
         return name
-
-    if TYPE_CHECKING:
-
-        def __getattr__(self, name: str) -> Any:
-            """Settings of a kind of sensor."""
 
     @field_validator("quaternion")
     @classmethod
@@ -169,26 +162,6 @@ class SensorSection(_Section):
             raise ValueError("must not be the zero quaternion")
         w, x, y, z = (part / length for part in quaternion)
         return w, x, y, z
-
-
-if TYPE_CHECKING:
-
-    class RobotConfig(RobotSection):
-        """The robot controller and its link, with the settings of our own kinds."""
-
-    class SensorConfig(SensorSection):
-        """The force/torque sensor, with the settings of our own kinds."""
-
-    class CellConfig(CellSection):
-        """The emulated cell, with the settings of our own emulated devices."""
-
-        def __getattr__(self, name: str) -> Any:
-            """A setting or a section."""
-
-else:
-    RobotConfig = merged_section(RobotSection, ROBOTS, ())
-    SensorConfig = merged_section(SensorSection, SENSORS, ())
-    CellConfig = cell_section(Chosen())
 
 
 class ToolConfig(_Section):
@@ -303,7 +276,7 @@ class Config(_Section):
     oscillation: OscillationDetector = OscillationDetector()
     realtime: RealTime = RealTime()
     """How the loop's thread is run; of no meaning in virtual time."""
-    cell: CellConfig = CellConfig()
+    cell: CellSection = CellSection()
     """The emulated cell: used by `emulate`, and by `run` for what has no URL."""
     faults: tuple[FaultConfig, ...] = ()
     """Faults on purpose in the emulated cell, a table [[faults]] each; `hil-bridge faults` lists them all."""
@@ -326,12 +299,12 @@ class Config(_Section):
     def _possible(cls, faults: tuple[FaultConfig, ...], info: ValidationInfo) -> tuple[FaultConfig, ...]:
         robot, sensor = info.data.get("robot"), info.data.get("sensor")
         if faults and robot is not None and sensor is not None:
-            possible = faults_of(
+            cell = EmulatedKinds.named(
                 robot.emulated, sensor.emulated, getattr(info.data.get("cell"), "surface_kind", "")
             )
             for number, fault in enumerate(faults):
                 try:
-                    fault.check_cell(robot.url, sensor.url, sensor.emulated, possible)
+                    fault.check_cell(robot.url, sensor.url, cell)
                 except ValueError as error:
                     raise ValueError(f"{number}: {error}") from error
         return faults
@@ -339,13 +312,9 @@ class Config(_Section):
 
 @cache
 def _config_class(chosen: Chosen) -> type[Config]:
-    if chosen == Chosen():
-        return Config
-    robot, sensor = (
-        merged_section(RobotSection, ROBOTS, chosen.robots),
-        merged_section(SensorSection, SENSORS, chosen.sensors),
-    )
-    cell = cell_section(chosen)
+    robots, sensors = [*map(ROBOTS.kind, chosen.robots)], [*map(SENSORS.kind, chosen.sensors)]
+    robot, sensor = section_with(RobotConfig, robots), section_with(SensorConfig, sensors)
+    cell = cell_with([*robots, *sensors], [*map(SURFACES.kind, chosen.surfaces)])
     fields: dict[str, Any] = {
         "robot": (robot, robot()),
         "sensor": (sensor, sensor()),
@@ -356,11 +325,7 @@ def _config_class(chosen: Chosen) -> type[Config]:
 
 def with_all_kinds() -> Config:
     """Every setting at its default, with the sections of all kinds of our own."""
-    robots, sensors = (
-        tuple(sorted(name for name in registry.built_in if name not in registry.direct))
-        for registry in (ROBOTS, SENSORS)
-    )
-    return _config_class(Chosen(robots, sensors))()
+    return _config_class(Chosen(tuple(ROBOTS.built_in), tuple(SENSORS.built_in)))()
 
 
 def read_config(values: Mapping[str, Any]) -> Config:
@@ -442,7 +407,7 @@ def explain(
     location, got = [str(part) for part in first["loc"]], f", got {format_value(first['input'])}"
     match first["type"]:
         case "extra_forbidden" | "unexpected_keyword_argument":
-            old = told_of(".".join(location), first["input"])
+            old = older_setting(location)
             text = old or f" is no setting{STEPS_HINT if location == ['step'] else _instead(location)}"
         case "value_error":
             cause = str(first["ctx"]["error"])
@@ -469,8 +434,8 @@ def explain(
 
 
 def _at(location: Sequence[str]) -> object:
-    """Value in the default configuration; None for a key that is not there."""
-    found: Any = Config()
+    """Value in the default configuration of any devices; None for a key that is not there."""
+    found: Any = with_all_kinds()
     for part in location:
         found = getattr(found, part, None)
     return found

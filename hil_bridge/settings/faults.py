@@ -4,19 +4,20 @@ import operator
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, Self, TypeAlias
+from typing import TYPE_CHECKING, Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from emulators.cell_faults import FELT_BY_SENSOR, RECEIVERS_WITH, as_in_tables, others_with
-from emulators.faults import Fault, find
+from emulators.faults import find
+from hil_bridge.control.course.task import BEFORE_TOUCH, Phase
+from hil_bridge.devices.kinds import EmulatedKinds
 from hil_bridge.errors import ConfigError
 
 if TYPE_CHECKING:
     from hil_bridge.record import CycleRecord
 
-Faults: TypeAlias = Mapping[str, Mapping[str, Fault]]
-"""All faults, by target and name."""
+PHASES = ("", *BEFORE_TOUCH, *(str(phase) for phase in Phase if phase is not Phase.END))
+"""Phases of a run in which a fault can begin; empty: the first, or any."""
 _QUANTITIES: Mapping[str, Callable[["CycleRecord"], float]] = {
     "force": lambda record: record.force,
     "depth_mm": lambda record: record.depth * 1e3,
@@ -60,7 +61,7 @@ class FaultConfig(BaseModel):
     """Target: `hil-bridge faults` lists them."""
     fault: str = ""
     """Name of the fault at that target."""
-    phase: Literal["", "connect", "tare", "approach", "track", "retract", "move", "seek", "zero"] = ""
+    phase: str = Field(default="", json_schema_extra={"enum": [*PHASES]})
     """Phase of the run at whose begin it comes, or in which `when` is looked at; empty: the first, or any."""
     after_s: float = Field(default=0.0, ge=0)
     """Delay after that."""
@@ -70,6 +71,13 @@ class FaultConfig(BaseModel):
     """Duration; by default that of `hil-bridge faults`."""
     parameters: dict[str, Any] = Field(default={}, alias="with")
     """Parameters of the fault that differ from their defaults."""
+
+    @field_validator("phase")
+    @classmethod
+    def _known_phase(cls, phase: str) -> str:
+        if phase not in PHASES:
+            raise ValueError(f"must be {', '.join(map(repr, PHASES[:-1]))} or {PHASES[-1]!r}, got {phase!r}")
+        return phase
 
     @property
     def given(self) -> dict[str, Any]:
@@ -82,20 +90,21 @@ class FaultConfig(BaseModel):
             Condition.read(self.when)
         return self
 
-    def check_cell(self, robot_url: str, sensor_url: str, receiver: str, faults: Faults) -> None:
-        """Raise ValueError where it concerns a real device, or is none of the `faults` that the cell can have."""
+    def check_cell(self, robot_url: str, sensor_url: str, cell: EmulatedKinds) -> None:
+        """Raise ValueError where it concerns a real device, or is none of the faults that the cell can have."""
         name = f"{self.on}: {self.fault}"
-        values, _ = find(faults, self.on, self.fault).values(name, self.given)
+        try:
+            find(cell.faults, self.on, self.fault).values(name, self.given)
+        except ValueError as error:
+            if other := cell.others_with(self.on, self.fault, self.given):
+                known = self.fault in cell.faults.get(self.on, {})
+                given = ", ".join(f"{key} = {value}" for key, value in self.given.items()) if known else ""
+                raise ValueError(f"{name}{given and f' with {given}'} needs {other}") from error
+            raise
         if robot_url:
             raise ValueError(f"{name} needs the emulated cell, but robot.url names a real robot")
-        if sensor_url and self.on in FELT_BY_SENSOR:
+        if sensor_url and self.on in cell.felt_by_sensor:
             raise ValueError(f"{name} needs the emulated sensor, but sensor.url names a real one")
-        if able := others_with(self.on, self.fault, receiver):
-            raise ValueError(f"{name} needs sensor.emulated = {' or '.join(able)}, not {receiver}")
-        key, value, able_with = RECEIVERS_WITH.get((self.on, self.fault), ("", "", ()))
-        if key and values.get(key) == value and as_in_tables(receiver) not in able_with:
-            wanted = " or ".join(able_with)
-            raise ValueError(f"{name} with {key} = {value} needs sensor.emulated = {wanted}, not {receiver}")
 
 
 def refuse_faults(faults: Sequence[FaultConfig], command: str) -> None:

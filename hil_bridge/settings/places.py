@@ -4,15 +4,14 @@ from pathlib import Path
 from typing import Any
 
 FILE_KEYS = (
-    "robot.orders_file",
-    "cell.robot.program_folder",
+    "cell.s3.robot.program_folder",
     "cell.surface.height_map_file",
     "controller.parameters.rules_file",
     "task.file",
 )
 """Keys that name a file; one that is not absolute is looked for beside the configuration that names it."""
 _WITH_KINDS = ("robot", "sensor", "cell")
-"""Sections with a table for each kind; a kind of another package names its files by keys that end so:"""
+"""Sections with a table for each kind; a kind names its files by keys that end so:"""
 _ENDING = "_file"
 
 

@@ -16,11 +16,12 @@ import click
 
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.clock.realtime import RealTime, real_time_thread
-from hil_bridge.devices.kinds import CanBus, robot_of, sensor_of
+from hil_bridge.devices.kinds import CanBus
 from hil_bridge.errors import ConfigError
 from hil_bridge.runs.checks import problems
+from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config, load_config
-from hil_bridge.settings.kinds import settings_of
+from hil_bridge.settings.devices import robot_in, sensor_in
 from hil_bridge.site import datagrams, facts
 from hil_bridge.site.facts import Fact, Level, fail, ok, warn
 from hil_bridge.transports.urls import WireUrl
@@ -86,7 +87,7 @@ def computer(
 
 def wires(config: Config, root: Path, details: Mapping[str, Mapping[str, Any]] | None) -> Iterator[Fact]:
     """Whether a run with this configuration would begin here: its URLs, and all that `run` looks at by itself."""
-    for name, error in problems(config, virtual=False):
+    for name, error in problems(Setup(config), virtual=False):
         yield fail(name, str(error))
     for key, url, is_sensor in (
         ("robot.url", config.robot.url, False),
@@ -96,9 +97,9 @@ def wires(config: Config, root: Path, details: Mapping[str, Mapping[str, Any]] |
             yield ok(key, "empty: emulated")
             continue
         try:
-            kind, wire_url = sensor_of(url) if is_sensor else robot_of(url)
-            parsed = kind.parse(wire_url, settings_of(config, kind))
-            found = wire(parsed, root, details, getattr(kind, "bus", None))
+            device = sensor_in(config) if is_sensor else robot_in(config)
+            parsed = device.kind.parse(device.url, device.settings)
+            found = wire(parsed, root, details, getattr(device.kind, "bus", None))
         except ConfigError as error:
             found = fail(key, str(error))
             parsed = None

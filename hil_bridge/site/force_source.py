@@ -17,11 +17,11 @@ from emulators.surface.contact import Contact
 from hil_bridge.clock import Clock
 from hil_bridge.devices.kinds import SURFACES, robot_of
 from hil_bridge.devices.robots.rtde.bundle import Bundle
-from hil_bridge.devices.robots.rtde.room import open_wires
+from hil_bridge.devices.robots.rtde.room import ROBOT, open_wires
 from hil_bridge.devices.wiring import Wiring
 from hil_bridge.errors import BridgeError, ConfigError, DeviceError
 from hil_bridge.settings.configuration import Config
-from hil_bridge.settings.kinds import field_name, settings_of
+from hil_bridge.settings.kinds import settings_of, surface_settings
 from hil_bridge.transports.pump import Pump
 from protocol.devices.rtde.force import Event, ForceClient, Lost, Seen
 from protocol.devices.rtde.wires import Pieces
@@ -47,7 +47,8 @@ def make_surface(config: Config) -> Surface:
     """The surface of a configuration. Raises ConfigError for a kind that is not known, and for one that cannot be."""
     name = config.cell.surface_kind
     if name:
-        return SURFACES.kind(name).make(getattr(config.cell, field_name(name)))(lambda time: None)
+        kind = SURFACES.kind(name)
+        return kind.make(surface_settings(config, kind))(lambda time: None)
     try:
         return Contact(config.cell.surface)
     except ValueError as error:
@@ -106,8 +107,8 @@ async def feed(
     Raises ConfigError for the URL, DeviceError for what the controller refuses or a force that is too large, and
     TransportError for its wires.
     """
-    kind, wire_url = robot_of(url)
-    profile = settings_of(config, kind).client
+    _, wire_url = robot_of(url)
+    profile = settings_of(config, ROBOT).client
     source = ForceSource(make_surface(config), options.limit_n)
     clock: Clock = wiring.clock
     client = ForceClient(1.0 / profile.cycle_s, options.enable, clock.now())

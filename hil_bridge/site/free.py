@@ -16,6 +16,7 @@ from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.errors import SafetyStop
 from hil_bridge.runs.bounds import free_bounds
 from hil_bridge.runs.compose import open_devices
+from hil_bridge.runs.setup import Setup
 from hil_bridge.runs.small_steps import LIFT_SPEED_M_S, SmallSteps, bring_up, unit
 from hil_bridge.runs.zeroing import known_wrist, wrist
 from hil_bridge.settings.configuration import Config
@@ -52,9 +53,9 @@ def free(config: Config, distance_mm: float, say: Callable[[str], None]) -> Free
         clock = Clock.running()
         try:
             # A stream that a dead run left counts from that run's zero; a stream that is stopped loses this zero.
-            async with open_devices(config, clock, LogTo()) as devices:
+            async with open_devices(Setup(config), clock, LogTo()) as devices:
                 await bring_up(devices.robot, devices.sensor)
-            async with open_devices(config, clock, LogTo()) as devices:
+            async with open_devices(Setup(config), clock, LogTo()) as devices:
                 return await Freeing(config, clock, devices.robot, devices.sensor, say)(distance_mm)
         finally:
             clock.close()

@@ -8,10 +8,12 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 from hil_bridge.console.printing import Printer, Row, field_text
 from hil_bridge.devices.kinds import (
     ROBOTS,
+    SENSORS,
+    DeviceKind,
+    Registry,
     RobotKind,
     SensorKind,
     Words,
-    emulated_sensor,
     robot_of,
     sensor_of,
     words_of,
@@ -91,25 +93,23 @@ def monitor_traffic(path: Path, side: Side, raw: bool) -> int:
     return len(rows)
 
 
-def _kinds(config: str | None) -> tuple[RobotKind | None, SensorKind | None]:
+def _kinds(config: str | None) -> tuple[RobotKind[Any, Any] | None, SensorKind[Any, Any] | None]:
     """The kinds of a recorded configuration; None for one that is not known here."""
     told = json_or_none(config)
     told = told if isinstance(told, dict) else {}
     robot, sensor = told.get("robot"), told.get("sensor")
     return (
-        _kind_in(robot, lambda url: robot_of(url)[0], ROBOTS.kind, "s3"),
-        _kind_in(sensor, lambda url: sensor_of(url)[0], emulated_sensor, "jr3"),
+        _kind_in(robot, robot_of, ROBOTS),
+        _kind_in(sensor, sensor_of, SENSORS),
     )
 
 
-def _kind_in(told: object, by_url: Callable[[str], Any], by_name: Callable[[str], Any], usual: str) -> Any:
+def _kind_in(told: object, by_url: Callable[[str], tuple[Any, str]], registry: Registry[Any]) -> Any:
     section = told if isinstance(told, dict) else {}
     try:
-        return (
-            by_url(str(section["url"]))
-            if section.get("url")
-            else by_name(str(section.get("emulated", usual)))
-        )
+        if url := section.get("url"):
+            return by_url(str(url))[0]
+        return registry.kind(str(section.get("emulated", "")))
     except ConfigError:  # of a package that is not installed here
         return None
 
@@ -142,7 +142,7 @@ def pieces(records: Iterable[LinkRecord | WireRecord], name: str) -> Iterator[Pi
 # --- in words
 
 
-def in_words(traffic: Iterable[Piece], kind: RobotKind | SensorKind | None, device: str) -> Iterator[Row]:
+def in_words(traffic: Iterable[Piece], kind: DeviceKind | None, device: str) -> Iterator[Row]:
     """Lines for the traffic of a device of this kind, in its order; `device` is its name where its kind is unknown."""
     name = device if kind is None else kind.name
     words = None if kind is None else words_of(kind)

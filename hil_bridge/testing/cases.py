@@ -9,7 +9,14 @@ from typing import Any
 import pytest
 
 from emulators.seams import StartPose
-from hil_bridge.devices.kinds import KindSettings, RobotKind, SensorKind, SurfaceKind
+from hil_bridge.devices.kinds import (
+    DeviceKind,
+    KindSettings,
+    RobotKind,
+    SensorKind,
+    SurfaceKind,
+    default_settings,
+)
 from protocol.geometry import Wrench
 
 __all__ = ["RobotCase", "SensorCase", "SurfaceCase"]
@@ -25,7 +32,7 @@ _START = StartPose((0.9, -0.1, 0.6), _TILTED, 0.2)
 class RobotCase:
     """A robot: its client and its emulator. All capabilities are those of the emulated one."""
 
-    kind: RobotKind
+    kind: RobotKind[Any, Any]
     stop: tuple[str, str] | None = None
     """Target and name of the fault with which the emulator stops the robot and that is taken back at its end, such as
     ("robot", "emergency-stop"). None: the emulator has none.
@@ -44,11 +51,11 @@ class RobotCase:
     """How wrong the time of a report may be, s; times the speed, it adds to the tolerance while the robot moves."""
     start: StartPose = _START
     """Where it is powered up: a place around which it can move 30 mm to each side and turn 5 degrees."""
-    settings: KindSettings | None = None
+    settings: KindSettings[Any, Any] | None = None
     """Settings of client and emulator; None: their defaults."""
 
     @property
-    def given(self) -> KindSettings:
+    def given(self) -> KindSettings[Any, Any]:
         """The settings."""
         return self.settings or _defaults(self.kind)
 
@@ -57,7 +64,7 @@ class RobotCase:
 class SensorCase:
     """A force sensor: its client and its emulator."""
 
-    kind: SensorKind
+    kind: SensorKind[Any, Any]
     numbered: bool = False
     """Its frames carry a counter, so that its client can tell one that comes again."""
     checked: bool = False
@@ -72,11 +79,11 @@ class SensorCase:
     """Largest error of the mean of 20 frames, as a part of an axis' full scale: noise, rounding."""
     settle_s: float = 1.0
     """After which the frames show a wrench that has stepped, s: the filter's delay, and some frames more."""
-    settings: KindSettings | None = None
+    settings: KindSettings[Any, Any] | None = None
     """Settings of client and emulator; None: their defaults."""
 
     @property
-    def given(self) -> KindSettings:
+    def given(self) -> KindSettings[Any, Any]:
         """The settings."""
         return self.settings or _defaults(self.kind)
 
@@ -96,10 +103,10 @@ class SurfaceCase:
     """Its settings; None: the defaults."""
 
 
-def _defaults(kind: RobotKind | SensorKind) -> KindSettings:
+def _defaults(kind: DeviceKind) -> KindSettings[Any, Any]:
     if kind.emulation is None:
         pytest.skip(f"kind {kind.name} has no emulation")
-    return KindSettings(kind.settings(), kind.emulation.settings())
+    return default_settings(kind)
 
 
 def declared(capability: object, words: str) -> None:

@@ -4,18 +4,15 @@ import asyncio
 import itertools
 import math
 from collections.abc import Sequence
-from contextlib import suppress
-from typing import Any
 
 import pytest
 
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.devices.device_log import LogTo, Silence
-from hil_bridge.devices.kinds import ROBOTS, SENSORS, Registry, RobotKind, SensorKind, robot_of, sensor_of
+from hil_bridge.devices.kinds import DeviceKind
 from hil_bridge.devices.robots.seam import RobotLink
 from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.devices.wiring import Wiring
-from hil_bridge.errors import BridgeError
 from hil_bridge.testing.cases import RobotCase, SensorCase
 from hil_bridge.testing.naming import Finding, angle_between
 from protocol.wrench import AXES, WrenchFrame
@@ -30,23 +27,17 @@ RATE_PART = 0.2
 """Chosen: part by which the rate may differ from the one that the device tells."""
 
 
-def _wire(kind: RobotKind | SensorKind, urls: Sequence[str], registry: Registry[Any]) -> str:
+def _wire(kind: DeviceKind, urls: Sequence[str]) -> str:
     """The wire's URL of the one that is meant for this kind. Skips the test where there is none."""
     for url in urls:
         if url.startswith(f"{kind.name}+"):
             return url.removeprefix(f"{kind.name}+")
-    for url in urls:
-        if kind.directly and not registry.split(url)[0]:
-            with suppress(BridgeError):
-                found, wire = robot_of(url) if isinstance(kind, RobotKind) else sensor_of(url)
-                if found.name == kind.name:
-                    return wire
     pytest.skip(f"no real device is given; --hil-live {kind.name}+URL names one")
 
 
 def check_live_robot(case: RobotCase, urls: Sequence[str]) -> None:
     """Reports come at the robot's pace, are numbers, rise in number, and tell that it stands."""
-    url = _wire(case.kind, urls, ROBOTS)
+    url = _wire(case.kind, urls)
 
     async def main() -> None:
         clock = Clock.running()
@@ -82,7 +73,7 @@ def check_live_robot(case: RobotCase, urls: Sequence[str]) -> None:
 
 def check_live_sensor(case: SensorCase, urls: Sequence[str]) -> None:
     """Frames come at the rate that the sensor tells, are numbers, and are about 0 after a zero."""
-    url = _wire(case.kind, urls, SENSORS)
+    url = _wire(case.kind, urls)
 
     async def main() -> None:
         clock = Clock.running()

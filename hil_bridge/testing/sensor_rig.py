@@ -13,7 +13,6 @@ from emulators.seams import Floats
 from emulators.sensing import KnownWrench
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.devices.device_log import LogTo
-from hil_bridge.devices.kinds import SensorKind
 from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.errors import BridgeError
@@ -151,17 +150,11 @@ async def sensor_rig(case: SensorCase, clock: Clock) -> AsyncIterator[SensorRig]
         rig.sensor = emulation.make(given)(rig.source, clock.now(), 1)
         for target, handlers in rig.sensor.handlers.items():
             rig.ledger.attach(target, handlers)
-        wire = _wire_of(case.kind, emulation.usual(given, True))
-        rig.url = _wire_of(case.kind, await emulation.serve(wire, rig.sensor, given, serving))
+        rig.url = await emulation.serve(emulation.usual(given, True), rig.sensor, given, serving)
         rig.ledger.on_change.append(serving.wake)
         yield rig
         if failed and not isinstance(failed[0], BridgeError):
             raise failed[0]
-
-
-def _wire_of(kind: SensorKind, url: str) -> str:
-    """The wire's URL of one that may name its kind in an older form."""
-    return kind.older_form(url) or url
 
 
 def run_sensor(case: SensorCase, check: Callable[[SensorRig], Awaitable[None]]) -> None:

@@ -234,7 +234,7 @@ def test_errors_name_the_key(tmp_path: Any) -> None:
     with pytest.raises(api.ConfigError, match="cannot read"):
         api.simulate(tmp_path / "none.toml")
     with pytest.raises(api.ConfigError, match="virtual"):
-        api.simulate({"sensor": {"url": "can+socketcan://can0"}})
+        api.simulate({"sensor": {"url": "jr3+can+socketcan://can0"}})
 
 
 async def test_simulate_works_where_a_loop_runs_already() -> None:

@@ -7,16 +7,17 @@ from unittest import mock
 
 import pytest
 
-from emulators.s3_jr3_cell import PaperCell
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.devices.device_log import LogTo
 from hil_bridge.devices.robots.seam import RobotLink
 from hil_bridge.record import CycleRecord, EventRecord, StepRecord
 from hil_bridge.runs.compose import make_cell, open_devices
 from hil_bridge.runs.cycle import Run, RunResult
-from hil_bridge.settings.configuration import Config
+from hil_bridge.runs.setup import Setup
+from hil_bridge.settings.configuration import Config, read_config
 from hil_bridge.testing.wires import Faults, Faulty
 from hil_bridge.transports import Frames, Transport
+from tests.paper_cell import PaperCell
 
 
 class CutCan:
@@ -86,10 +87,10 @@ class Bench:
             return self.cell
 
         with mock.patch("hil_bridge.runs.compose.make_cell", prepared):
-            devices = open_devices(self.config, clock, LogTo(notice=self.notice), self.wrapped)
+            devices = open_devices(Setup(self.config), clock, LogTo(notice=self.notice), self.wrapped)
             async with devices as opened:
                 self.robot = opened.robot
-                self.run = Run(self.config, clock, opened.robot, opened.sensor, self)
+                self.run = Run(Setup(self.config), clock, opened.robot, opened.sensor, self)
                 try:
                     self.result = await self.run()
                 finally:
@@ -114,7 +115,7 @@ def bench() -> Callable[..., Bench]:
         **sections: Any,
     ) -> Bench:
         sections.setdefault("run", {}).setdefault("duration_s", 5.0)
-        bench = Bench(Config.model_validate(sections))
+        bench = Bench(read_config(sections))
         if meddle is not None:
             bench.meddle = meddle
         if prepare is not None:

@@ -21,7 +21,7 @@ from hil_bridge.runs.cycle import Run
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.serve import client_of
 from hil_bridge.runs.session import execute
-from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.configuration import read_config
 
 Result: TypeAlias = tuple[int, str, str]
 Command: TypeAlias = Callable[..., Result]
@@ -84,38 +84,58 @@ def test_help_imports_none_of_the_heavy_libraries() -> None:
             [*VIRTUAL, "--controller", "pid"],
             "--controller: there is no controller 'pid'; choose one of fuzzy, ",
         ),
-        ([*VIRTUAL, "--robot", "tcp://h:1"], "leave it out to use real ports"),
+        ([*VIRTUAL, "--robot", "s3+tcp://h:1"], "leave it out to use real ports"),
         ([*VIRTUAL, "--bogus"], "No such option"),
         ([*VIRTUAL, "--record", "."], "it is a folder; name a file in it"),
         ([*VIRTUAL, "--summary", "file/s.json"], "cannot make the folder file"),
         ([*VIRTUAL, "--report", "file"], "cannot make the folder file"),
         (["run", "--robot", ""], "it is empty; leave the option out"),
-        (["run", "--robot", "tcp://h:1"], "give --sensor (sensor.url) too"),
+        (["run", "--robot", "s3+tcp://h:1"], "give --sensor (sensor.url) too"),
         (
-            ["run", "--unchecked", "--robot", "foo:", "--sensor", "can+slcan:///dev/x"],
+            ["run", "--unchecked", "--robot", "s3+foo:", "--sensor", "jr3+can+slcan:///dev/x"],
             "unknown scheme 'foo'; allowed: serial, ",
         ),
         (
-            ["run", "--unchecked", "--robot", "serial://", "--sensor", "can+slcan:///dev/x"],
+            ["run", "--unchecked", "--robot", "s3+serial://", "--sensor", "jr3+can+slcan:///dev/x"],
             "the target is missing; for example",
         ),
         (
-            ["run", "--unchecked", "--robot", "serial:///dev/x?parity=X", "--sensor", "can+slcan:///dev/x"],
+            [
+                "run",
+                "--unchecked",
+                "--robot",
+                "s3+serial:///dev/x?parity=X",
+                "--sensor",
+                "jr3+can+slcan:///dev/x",
+            ],
             "parity must be one of N, E, O, got 'X'",
         ),
         (
-            ["run", "--unchecked", "--robot", "serial:///dev/x?speed=1", "--sensor", "can+slcan:///dev/x"],
+            [
+                "run",
+                "--unchecked",
+                "--robot",
+                "s3+serial:///dev/x?speed=1",
+                "--sensor",
+                "jr3+can+slcan:///dev/x",
+            ],
             "unknown option 'speed'; allowed: baudrate",
         ),
-        (["run", "--unchecked", "--sensor", "tcp://h:1"], "unknown scheme 'tcp'; allowed: can+"),
+        (
+            ["run", "--unchecked", "--sensor", "jr3+tcp://h:1"],
+            "a CAN gateway has no such wire; did you mean jr3-board+tcp://h:1",
+        ),
         (["run", "--link-profile", "x"], "--link-profile must be one of default, observed-client, got 'x'"),
         (
             ["emulate", "robot", "--link-profile", "x"],
             "--link-profile must be one of default, observed-client",
         ),
-        (["emulate", "cell", "--robot-port", "foo:"], "unknown scheme 'foo'; allowed: pty, tcp-listen"),
-        (["emulate", "cell", "--sensor-port", "foo:"], "unknown scheme 'foo'; allowed: can+"),
-        (["emulate", "robot", "--robot-port", "tcp-listen://h"], "host and port must be like 127.0.0.1:4000"),
+        (["emulate", "cell", "--robot-port", "s3+foo:"], "unknown scheme 'foo'; allowed: pty, tcp-listen"),
+        (["emulate", "cell", "--sensor-port", "jr3+can+foo:"], "unknown scheme 'can+foo'; allowed: can+"),
+        (
+            ["emulate", "robot", "--robot-port", "s3+tcp-listen://h"],
+            "host and port must be like 127.0.0.1:4000",
+        ),
         (["emulate", "arm"], "'arm' is not one of 'cell', 'robot', 'sensor'"),
         (["report", "none.mcap"], "cannot read the recording none.mcap: No such file"),
         (["report", "file"], "file is not an MCAP file"),
@@ -146,17 +166,17 @@ def test_bad_input_is_one_line_that_says_what_to_do(
 @pytest.mark.parametrize(
     ("robot", "message"),
     [
-        ("serial:///dev/there-is-none", "cannot be opened: there is no such port; check the cable"),
-        ("tcp://127.0.0.1:1", "no program listens there; start the other side first"),
+        ("s3+serial:///dev/there-is-none", "cannot be opened: there is no such port; check the cable"),
+        ("s3+tcp://127.0.0.1:1", "no program listens there; start the other side first"),
     ],
 )
 def test_a_wire_that_cannot_be_opened_is_a_device_error(hil: Command, robot: str, message: str) -> None:
     code, _, errors = hil(
-        *("run", "--unchecked", "--no-view", "--robot", robot, "--sensor", "can+slcan:///dev/none"),
+        *("run", "--unchecked", "--no-view", "--robot", robot, "--sensor", "jr3+can+slcan:///dev/none"),
         *("--record", "r.mcap"),
     )
     assert (code, errors.count("\n")) == (3, 1)
-    assert robot in errors
+    assert robot.removeprefix("s3+") in errors
     assert message in errors
     assert Path("r.mcap").stat().st_size
 
@@ -172,7 +192,7 @@ def test_a_port_without_permission_names_the_group(hil: Command, monkeypatch: py
     monkeypatch.setattr(os, "open", forbidden)
     code, _, errors = hil(
         *("run", "--unchecked", "--no-view"),
-        *("--robot", "serial:///dev/ttyFORBIDDEN", "--sensor", "can+slcan:///dev/none"),
+        *("--robot", "s3+serial:///dev/ttyFORBIDDEN", "--sensor", "jr3+can+slcan:///dev/none"),
     )
     assert (code, errors.count("\n")) == (3, 1)
     assert "no permission; add yourself to the group dialout" in errors
@@ -201,7 +221,7 @@ def test_what_is_wanted_is_written_before_anything_is_said(
             there.append(all(path.exists() for path in (Path("s.json"), Path("rep/report.html"))))
             raise BrokenPipeError
 
-    config = Config.model_validate({"run": {"duration_s": 1.0}})
+    config = read_config({"run": {"duration_s": 1.0}})
     with monkeypatch.context() as patched:
         patched.setattr(sys, "stdout", Left())
         assert execute(config, True, Outputs(Path("r.mcap"), Path("s.json"), Path("rep")), False) == 0
@@ -236,7 +256,7 @@ def test_the_emulators_own_end_is_no_event_of_a_run(hil: Command) -> None:
 
 
 def test_a_sensor_that_never_boots_is_one_line_and_keeps_the_record(hil: Command) -> None:
-    Path("c.toml").write_text("[cell.sensor]\nconnected = false\n")
+    Path("c.toml").write_text("[cell.jr3.sensor]\nconnected = false\n")
     code, output, errors = hil(
         *VIRTUAL, "c.toml", "--record", "r.mcap", "--report", "rep", "--summary", "s.json"
     )
@@ -316,14 +336,14 @@ def test_config_commands(hil: Command) -> None:
 
 
 def test_the_profile_shows_what_is_assumed_and_what_was_changed(hil: Command) -> None:
-    Path("c.toml").write_text("[robot.link]\nbid_limit = 7\n")
+    Path("c.toml").write_text("[robot.s3.link]\nbid_limit = 7\n")
     assumed = hil("profile", "show", "c.toml")[1].splitlines()
     everything = hil("profile", "show", "c.toml", "--all")[1].splitlines()
     assert all("  [assumed]  " in line for line in assumed)
     assert [line for line in everything if "  [assumed]  " in line] == assumed
     assert len(everything) > len(assumed)
-    assert any(line.startswith("robot.link.bid_limit = 7 (default 3)  [assumed]  ") for line in assumed)
-    assert any(line.startswith("robot.link.baudrate = 9600 Bd  [observed]") for line in everything)
+    assert any(line.startswith("robot.s3.link.bid_limit = 7 (default 3)  [assumed]  ") for line in assumed)
+    assert any(line.startswith("robot.s3.link.baudrate = 9600 Bd  [observed]") for line in everything)
 
 
 @pytest.mark.parametrize("group", [[], ["config"], ["decode"], ["panel"], ["probe"], ["profile"]])
@@ -344,7 +364,7 @@ def test_no_summary_of_a_command_is_cut_in_a_terminal_of_80_columns(
             {"robot": "r", "sensor": "s", "panel": "p", "tool-mass-kg": "0.5"},
             "hil-bridge run --robot 'r' --sensor 's' --tool-mass-kg 0.5",
         ),
-        ({"robot": "r", "panel": "p"}, "hil-bridge probe robot 'r'"),
+        ({"robot": "s3+pty:", "panel": "p"}, "hil-bridge probe robot 's3+pty:'"),
         (
             {"robot": "egm+udp-bind://127.0.0.1:6510"},
             "hil-bridge run --robot 'egm+udp-bind://127.0.0.1:6510' --sensor URL, "

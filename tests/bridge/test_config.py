@@ -9,8 +9,10 @@ from typing import Any
 import pytest
 from pydantic import BaseModel
 
+from hil_bridge.devices.robots.s3.room import ROBOT as S3
 from hil_bridge.errors import ConfigError
 from hil_bridge.settings.configuration import Config, dump, load_config, read_config, with_all_kinds
+from hil_bridge.settings.kinds import settings_of
 from hil_bridge.settings.template import commented_defaults, profile_rows, schema
 from protocol.devices.s3.adlp import LinkProfile
 from protocol.marks import Mark
@@ -36,25 +38,31 @@ def refusal(tmp_path: Path, text: str, **overrides: object) -> str:
         ("[bogus]\nx = 1", "bogus is no setting; known here: run, robot"),
         ('[run]\nduration_s = "x"', "run.duration_s: must be a valid number"),
         ("run = 3", "run must be a table of settings, got 3"),
-        ("[robot]\nlink = 3", "robot.link must be a table of settings, got 3"),
+        ("[robot]\ns3 = 3", "robot.s3 must be a table of settings, got 3"),
         ("[controller]\nparameters = 3", "controller.parameters must be a table of settings, got 3"),
         ("[frame]\ntravel = [0, 0]", "frame.travel: a value is missing, got [0, 0]"),
         ("[frame]\ntravel = [0, 0, 0]", "frame.travel: must not be the zero vector"),
         ("[frame]\ntravel = [0, 0, 1]", "frame.travel: must be perpendicular to frame.approach"),
         ("[cell.surface]\nstiffness_n_m = -1.0", "cell.surface.stiffness_n_m must be at least 0, got -1"),
         ("[task]\nforce_n = nan", "task.force_n must be a number above 0, got nan"),
-        ('[robot.link]\ndle_stuffing = "x"', "robot.link.dle_stuffing: must be 'off' or 'double', got 'x'"),
+        (
+            '[robot.s3.link]\ndle_stuffing = "x"',
+            "robot.s3.link.dle_stuffing: must be 'off' or 'double', got 'x'",
+        ),
         ('[controller]\nname = "pid"', "there is no controller 'pid'; choose one of fuzzy, "),
         ("[controller.parameters]\nfoo = 1", "predictive has no parameter 'foo', only window"),
         ("[run]\nseed = -1\nx = 1", "(and 1 more)"),
         (
-            '[robot.link]\nprofile = "x"',
-            "robot.link.profile must be one of default, observed-client, got 'x'",
+            '[robot.s3.link]\nprofile = "x"',
+            "robot.s3.link.profile must be one of default, observed-client, got 'x'",
         ),
-        ('[cell.link]\nprofile = "x"', "cell.link.profile must be one of default, observed-client, got 'x'"),
         (
-            '[robot.link]\nprofile = "observed-client"\nmove_length = 52',
-            "robot.link.move_length must be 60 in the profile observed-client, got 52; leave it or the profile out",
+            '[cell.s3.link]\nprofile = "x"',
+            "cell.s3.link.profile must be one of default, observed-client, got 'x'",
+        ),
+        (
+            '[robot.s3.link]\nprofile = "observed-client"\nmove_length = 52',
+            "robot.s3.link.move_length must be 60 in the profile observed-client, got 52; leave it or the profile out",
         ),
         ("hello", "c.toml is no TOML: "),
         (
@@ -89,7 +97,7 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
 def test_the_written_defaults_read_back_as_the_defaults(tmp_path: Path) -> None:
     path = tmp_path / "c.toml"
     path.write_text(commented_defaults())
-    assert load_config(path, {}) == Config()
+    assert load_config(path, {}) == read_config({})
 
 
 def keys(prefix: str, value: Any) -> set[str]:
@@ -138,20 +146,20 @@ def test_the_schema_describes_every_setting_by_its_key() -> None:
 
 def test_every_setting_with_a_mark_is_a_profile_row(tmp_path: Path) -> None:
     path = tmp_path / "c.toml"
-    path.write_text("[robot.link]\nbid_limit = 7\n")
+    path.write_text("[robot.s3.link]\nbid_limit = 7\n")
     rows = dict(profile_rows(load_config(path, {})))
-    assert rows["robot.link.bid_limit"].value == 7
-    assert rows["robot.link.bid_limit"].default == 3
-    assert rows["robot.link.baudrate"].info.mark is Mark.OBSERVED
-    assert rows["cell.robot.turnaround_ms"].info.mark is Mark.ASSUMED
+    assert rows["robot.s3.link.bid_limit"].value == 7
+    assert rows["robot.s3.link.bid_limit"].default == 3
+    assert rows["robot.s3.link.baudrate"].info.mark is Mark.OBSERVED
+    assert rows["cell.s3.robot.turnaround_ms"].info.mark is Mark.ASSUMED
 
 
 def test_a_profile_stands_for_its_settings_beside_others_and_comes_back_from_a_record(tmp_path: Path) -> None:
     file = tmp_path / "c.toml"
-    file.write_text('[robot.link]\nprofile = "observed-client"\nbaudrate = 19200\n')
-    config = load_config(file, {"cell.link.profile": "observed-client"})
-    assert config.robot.link == LinkProfile.named("observed-client", baudrate=19200)
-    assert config.cell.link == LinkProfile.named("observed-client")
+    file.write_text('[robot.s3.link]\nprofile = "observed-client"\nbaudrate = 19200\n')
+    config = load_config(file, {"cell.s3.link.profile": "observed-client"})
+    assert settings_of(config, S3).client.link == LinkProfile.named("observed-client", baudrate=19200)
+    assert settings_of(config, S3).emulated.link == LinkProfile.named("observed-client")
     assert read_config(json.loads(dump(config))) == config
-    over = load_config(file, {"robot.link.profile": "default"}).robot.link
-    assert over == LinkProfile(baudrate=19200)
+    over = load_config(file, {"robot.s3.link.profile": "default"})
+    assert settings_of(over, S3).client.link == LinkProfile(baudrate=19200)

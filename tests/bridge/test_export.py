@@ -31,7 +31,7 @@ from hil_bridge.record.export.tables import COLUMNS_MAX, as_csv, cycle_table, se
 from hil_bridge.record.export.traffic import WireFrame, can_frames, wire_text
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute
-from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.configuration import read_config
 from hil_bridge.site.s3.capture import parse_capture, recorded_pieces
 from hil_bridge.transports.can.message import from_message
 from protocol.can.frame import CanFrame
@@ -49,7 +49,7 @@ ODD = (
 
 def made(folder: Path, emulated: str) -> Path:
     path = folder / "run.mcap"
-    config = Config.model_validate({"run": {"duration_s": 2.0}, "sensor": {"emulated": emulated}})
+    config = read_config({"run": {"duration_s": 2.0}, "sensor": {"emulated": emulated}})
     assert execute(config, True, Outputs(record=path), view=False) == 0
     return path
 

@@ -9,18 +9,19 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from emulators.cell_faults import CELL_FAULTS
-from emulators.s3_jr3_cell import PaperCellProfile, s3_jr3_cell
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.control.course.task import CONNECT, TARE, Phase
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.experiments import EmulatedRun, run_emulated
 from hil_bridge.record import PHASE_EVENT, EventRecord, TruthRecord, read
 from hil_bridge.record.topics import TRUTH
 from hil_bridge.runs.faults.schedule import FAULT_EVENT, FaultSchedule
 from hil_bridge.runs.session import Outputs, execute
-from hil_bridge.settings.configuration import Config, load_config
-from hil_bridge.settings.faults import FaultConfig
+from hil_bridge.settings.configuration import Config, load_config, read_config
+from hil_bridge.settings.faults import PHASES, FaultConfig
+from hil_bridge.settings.template import schema
+from tests.paper_cell import CELL_FAULTS, PaperCellProfile, s3_jr3_cell
 
 NEEDED: dict[tuple[str, str], dict[str, Any]] = {
     ("pose", "encoder-offset"): {"with": {"z_mm": 1.0}},
@@ -36,7 +37,7 @@ EVERY = [(target, fault) for target, faults in CELL_FAULTS.items() for fault in 
 
 def run_with(*faults: dict[str, Any], duration_s: float = 2.0, **sections: Any) -> EmulatedRun:
     config = {"run": {"duration_s": duration_s}, "faults": list(faults), **sections}
-    return run_emulated(Config.model_validate(config))
+    return run_emulated(read_config(config))
 
 
 def texts(run: EmulatedRun) -> list[str]:
@@ -55,23 +56,23 @@ def struck(run: EmulatedRun, target: str, fault: str) -> int:
 @pytest.mark.parametrize(("target", "fault"), [name for name in EVERY if name[0] != "computer"])
 def test_every_fault_is_injected_and_has_an_effect(target: str, fault: str) -> None:
     # wrong scales are found before the touch, unless a person wants them unchecked
-    sensor = {"emulated": "board"} if fault == "unplugged" else {"unchecked": target == "scales"}
+    sensor = {"emulated": "jr3-board"} if fault == "unplugged" else {"unchecked": target == "scales"}
     row = {"on": target, "fault": fault, "phase": "track", "after_s": 1.0, **NEEDED.get((target, fault), {})}
     run = run_with(row, sensor=sensor)
     assert struck(run, target, fault) > 0
     assert re.match(rf"{target}: {fault} (\(.*\) )?(begins|happens)", texts(run)[0])
 
 
-@pytest.mark.parametrize("receiver", ["uart", "board"])
+@pytest.mark.parametrize("receiver", ["jr3-uart", "jr3-board"])
 @pytest.mark.parametrize(
     ("target", "fault"),
     [("signal", "scale"), ("signal", "noise"), ("signal", "stuck"), ("scales", "wrong"), ("frames", "loss")],
 )
 def test_other_receivers_have_their_faults_too(receiver: str, target: str, fault: str) -> None:
     row = {"on": target, "fault": fault, "phase": "track", "after_s": 1.0, **NEEDED.get((target, fault), {})}
-    if (receiver, target) == ("board", "frames"):
+    if (receiver, target) == ("jr3-board", "frames"):
         with pytest.raises(
-            ValueError, match=r"frames: loss needs sensor.emulated = gateway or uart, not board"
+            ValueError, match=r"frames: loss needs sensor.emulated = jr3 or jr3-uart or .*, not jr3-board"
         ):
             run_with(row, sensor={"emulated": receiver})
     else:
@@ -206,7 +207,7 @@ def test_the_record_holds_the_faults(tmp_path: Path) -> None:
         "for_s": 1.0,
         "with": {"mm": 0.5},
     }
-    config = Config.model_validate({"run": {"duration_s": 3.0}, "faults": [row]})
+    config = read_config({"run": {"duration_s": 3.0}, "faults": [row]})
     assert execute(config, True, Outputs(record=tmp_path / "run.mcap"), view=False) == 0
     recording = read(tmp_path / "run.mcap")
     said = [event for event in recording.events if event.kind == FAULT_EVENT]
@@ -219,7 +220,7 @@ def test_the_record_holds_the_faults(tmp_path: Path) -> None:
         active = said[0].at <= truth.at < said[1].at
         assert truth.faults == (("surface: step",) if active else ())
     assert any(truth.faults for truth in recording.truths)
-    assert Config.model_validate(json.loads(recording.metadata["config"])) == config
+    assert read_config(json.loads(recording.metadata["config"])) == config
 
 
 # --- what is refused
@@ -267,7 +268,7 @@ def test_the_record_holds_the_faults(tmp_path: Path) -> None:
         (3, "faults.0 must be a table of settings"),
         (
             {"on": "frames", "fault": "unplugged", "with": {"sensor": "second"}},
-            "faults.0: frames: unplugged with sensor = second needs sensor.emulated = board, not gateway",
+            "faults.0: frames: unplugged with sensor = second needs sensor.emulated = jr3-board, not jr3",
         ),
     ],
 )
@@ -275,6 +276,14 @@ def test_what_cannot_be_is_refused_as_the_configuration_is_read(tmp_path: Path, 
     with pytest.raises(ConfigError, match=r"^[^\n]+$") as refused:
         _read(tmp_path, {"faults": [row]})
     assert text in str(refused.value)
+
+
+def test_a_fault_can_come_in_every_phase_of_a_run_but_its_end() -> None:
+    assert set(PHASES) == {"", CONNECT, TARE, *map(str, Phase)} - {str(Phase.END)}
+    for phase in PHASES:
+        FaultConfig.model_validate({"on": "signal", "fault": "dead", "phase": phase})
+    row = schema()["$defs"]["FaultConfig"]["properties"]["phase"]
+    assert row["enum"] == [*PHASES]
 
 
 def test_the_index_of_a_wrong_fault_is_told(tmp_path: Path) -> None:
@@ -287,12 +296,12 @@ def test_the_index_of_a_wrong_fault_is_told(tmp_path: Path) -> None:
     ("urls", "row", "text"),
     [
         (
-            {"robot.url": "tcp://h:1", "sensor.url": "tcp://h:2?gateway=jr3"},
+            {"robot.url": "s3+tcp://h:1", "sensor.url": "jr3-uart+tcp://h:2"},
             {"on": "pose", "fault": "frozen"},
             "faults.0: pose: frozen needs the emulated cell, but robot.url names a real robot",
         ),
         (
-            {"sensor.url": "can+socketcan://can0"},
+            {"sensor.url": "jr3+can+socketcan://can0"},
             {"on": "surface", "fault": "rises"},
             "faults.0: surface: rises needs the emulated sensor, but sensor.url names a real one",
         ),

@@ -13,15 +13,24 @@ from msgspec.structs import asdict, replace
 from emulators.faults.wire import WIRE_FAULTS
 from hil_bridge.cli import cli
 from hil_bridge.devices.facts import RobotFacts, ServoFacts
-from hil_bridge.devices.kinds import ROBOTS, SENSORS, emulated_sensor, robot_of, sensor_of
+from hil_bridge.devices.kinds import (
+    ROBOTS,
+    SENSORS,
+    SURFACES,
+    EmulatedKinds,
+    default_settings,
+    robot_of,
+    sensor_of,
+)
+from hil_bridge.devices.sensors.jr3.room import CAN_GATEWAY, UART_GATEWAY
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.conform.scenarios import NOMINAL, SCENARIOS
 from hil_bridge.record import read
 from hil_bridge.record.device_facts import devices_of
 from hil_bridge.runs.checks import problems
-from hil_bridge.runs.pace import control_loop, paced
+from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config, load_config, read_config
-from hil_bridge.settings.kinds import facts_of, settings_of
+from hil_bridge.settings.kinds import settings_of, surface_settings
 from protocol.marks import Mark
 from tools.faults_doc import ROBOT_NAMES, SENSOR_NAMES, faults_of_device
 
@@ -77,46 +86,79 @@ def refusal(*arguments: str) -> str:
 @pytest.mark.parametrize(
     ("url", "kind", "wire"),
     [
-        ("can+socketcan://can0", "jr3", "can+socketcan://can0"),
         ("jr3+can+socketcan://can0", "jr3", "can+socketcan://can0"),
-        ("can+slcan+pty:", "jr3", "can+slcan+pty:"),
-        ("serial:///dev/ttyACM0?gateway=jr3", "jr3-uart", "serial:///dev/ttyACM0"),
+        ("jr3+can+slcan+pty:", "jr3", "can+slcan+pty:"),
         ("jr3-uart+serial:///dev/ttyACM0", "jr3-uart", "serial:///dev/ttyACM0"),
-        ("jr3+tcp://10.0.0.1:1762?filter=2", "jr3-board", "tcp://10.0.0.1:1762?filter=2"),
         ("jr3-board+tcp://10.0.0.1:1762", "jr3-board", "tcp://10.0.0.1:1762"),
-        ("jr3+memory:sensor", "jr3-board", "memory:sensor"),
+        ("netft+udp://10.0.0.1:49152", "netft", "udp://10.0.0.1:49152"),
     ],
 )
-def test_a_sensors_url_names_its_kind_also_in_an_older_form(url: str, kind: str, wire: str) -> None:
+def test_a_sensors_url_names_its_kind(url: str, kind: str, wire: str) -> None:
     found, rest = sensor_of(url)
     assert (found.name, rest) == (kind, wire)
 
 
-@pytest.mark.parametrize("url", ["serial:///dev/ttyUSB0", "tcp://10.0.0.1:4000", "memory:robot"])
-def test_a_robots_url_without_a_kind_is_one_of_an_s3(url: str) -> None:
-    assert robot_of(url) == (ROBOTS.kind("s3"), url)
-    assert robot_of(f"s3+{url}") == (ROBOTS.kind("s3"), url)
+@pytest.mark.parametrize(
+    ("url", "meant"),
+    [
+        ("serial:///dev/ttyUSB0?parity=E", "s3+serial:///dev/ttyUSB0?parity=E"),
+        ("tcp://10.0.0.1:4000", "s3+tcp://10.0.0.1:4000"),
+        ("memory:robot", "s3+memory:robot"),
+        ("udp-bind://0.0.0.0:6510", "egm+udp-bind://0.0.0.0:6510"),
+    ],
+)
+def test_a_robots_url_without_a_kind_is_answered_with_the_url_to_write(url: str, meant: str) -> None:
+    with pytest.raises(ConfigError) as refused:
+        robot_of(url)
+    assert str(refused.value) == f"{url!r} names no kind of robot; did you mean {meant}?"
+    assert robot_of(meant)[1] == url
 
 
-def test_a_sensors_url_of_no_kind_is_refused_with_the_kinds() -> None:
-    with pytest.raises(ConfigError, match=r"unknown scheme 'tcp'.*kinds jr3, jr3-uart, jr3-board"):
-        sensor_of("tcp://10.0.0.1:4000")
+@pytest.mark.parametrize(
+    ("url", "meant"),
+    [
+        ("can+socketcan://can0", "jr3+can+socketcan://can0"),
+        ("can+slcan:///dev/ttyACM0?bitrate=1000000", "jr3+can+slcan:///dev/ttyACM0?bitrate=1000000"),
+        ("serial:///dev/ttyACM0?gateway=jr3", "jr3-uart+serial:///dev/ttyACM0"),
+        ("serial:///dev/x?parity=E&gateway=jr3", "jr3-uart+serial:///dev/x?parity=E"),
+        ("tcp://10.0.0.1:1762?filter=2", "jr3-board+tcp://10.0.0.1:1762?filter=2"),
+        ("udp://10.0.0.1:49152", "netft+udp://10.0.0.1:49152"),
+    ],
+)
+def test_a_sensors_url_without_a_kind_is_answered_with_the_url_to_write(url: str, meant: str) -> None:
+    with pytest.raises(ConfigError) as refused:
+        sensor_of(url)
+    assert str(refused.value) == f"{url!r} names no kind of sensor; did you mean {meant}?"
 
 
-def test_the_registries_know_which_kinds_stand_in_the_sections_themselves() -> None:
-    for registry in (ROBOTS, SENSORS):
-        kinds = [registry.kind(name) for name in registry.built_in]
-        assert [kind.name for kind in kinds if kind.directly] == list(registry.direct)
+def test_a_byte_wire_of_a_can_gateway_is_answered_with_its_receivers() -> None:
+    with pytest.raises(
+        ConfigError, match=r"did you mean jr3-board\+tcp://10\.0\.0\.1:1762 for a receiver board"
+    ):
+        SENSORS.kind("jr3").parse("tcp://10.0.0.1:1762", default_settings(SENSORS.kind("jr3")))
 
 
-def test_a_kind_goes_by_its_older_name_in_a_configuration() -> None:
-    assert [emulated_sensor(name).name for name in ("gateway", "uart", "board")] == [*SENSORS.direct]
-    for section, name in (("robot", "kuka"), ("sensor", "usb")):
+@pytest.mark.parametrize(("find", "thing"), [(robot_of, "robot"), (sensor_of, "sensor")])
+def test_a_url_of_no_kind_at_all_is_refused_with_the_kinds(find: Any, thing: str) -> None:
+    with pytest.raises(ConfigError, match=f"there is no {thing} 'kuka'; choose one of "):
+        find("kuka+tcp://10.0.0.1:4000")
+    with pytest.raises(ConfigError, match=r"it names no kind; choose one of .*, as in KIND\+WIRE"):
+        find("foo:bar")
+
+
+def test_an_unknown_kind_to_emulate_is_refused() -> None:
+    for section, name in (("robot", "kuka"), ("sensor", "usb"), ("sensor", "gateway")):
         with pytest.raises(ValueError, match=f"there is no {section} '{name}'"):
-            Config.model_validate({section: {"emulated": name}})
+            read_config({section: {"emulated": name}})
 
 
-def test_both_forms_of_our_urls_make_the_same_run(tmp_path: Path) -> None:
+def test_the_receivers_of_a_jr3_share_their_sections() -> None:
+    config = read_config({"sensor": {"emulated": "jr3-uart", "jr3": {"uart": {"period_ms": 2.0}}}})
+    assert settings_of(config, UART_GATEWAY).client.uart.period_ms == 2.0
+    assert settings_of(config, CAN_GATEWAY).client is settings_of(config, UART_GATEWAY).client
+
+
+def test_the_usual_devices_are_those_of_a_file_that_names_none(tmp_path: Path) -> None:
     usual = run("run", "--virtual", "--duration", "1", "--no-view", "--record", str(tmp_path / "a.mcap"))
     config = tmp_path / "c.toml"
     config.write_text('[robot]\nemulated = "s3"\n[sensor]\nemulated = "jr3"\n')
@@ -163,9 +205,9 @@ def test_toys_close_the_loop_and_the_record_tells_their_facts(tmp_path: Path) ->
 
 def quick(**sections: dict[str, Any]) -> Config:
     """A configuration with the toys' arm, whose cycle is 4 ms, as a run gets it."""
-    return paced(
+    return Setup(
         read_config({**sections, "robot": {"emulated": "toyarm"}, "sensor": {"emulated": "toyload"}})
-    )
+    ).config
 
 
 @pytest.mark.usefixtures("toys")
@@ -178,7 +220,7 @@ def test_a_controller_decides_at_the_cycle_that_it_is_tuned_for(
 ) -> None:
     config = quick(controller={"name": controller})
     assert (config.run.period_ms, config.controller.sample_ms) == (period_ms, sample_ms)
-    control_loop(config)
+    assert Setup(config).loop
 
 
 @pytest.mark.parametrize(
@@ -186,16 +228,16 @@ def test_a_controller_decides_at_the_cycle_that_it_is_tuned_for(
 )
 def test_no_decision_is_taken_without_a_new_force(sensor: str, period_ms: float) -> None:
     """A robot with a cycle of 4 ms waits for a sensor that tells a force every 10 ms."""
-    config = paced(read_config({"robot": {"emulated": "egm"}, "sensor": {"emulated": sensor}}))
+    config = Setup(read_config({"robot": {"emulated": "egm"}, "sensor": {"emulated": sensor}})).config
     assert config.run.period_ms == period_ms
-    control_loop(config)
+    assert Setup(config).loop
 
 
 def test_a_robot_that_tells_no_cycle_time_needs_a_period() -> None:
-    config = read_config({"robot": {"emulated": "egm"}})
-    robot = replace(facts_of(config), cycle_s=None, line_floor_s=None)
+    config = read_config({"robot": {"emulated": "egm"}, "sensor": {"emulated": "netft"}})
+    robot = replace(Setup(config).facts, cycle_s=None, line_floor_s=None)
     with pytest.raises(ConfigError, match=r"tells no cycle time of its own: set run\.period_ms"):
-        control_loop(config, robot)
+        Setup(config).loop_for(robot)
 
 
 @pytest.mark.usefixtures("toys")
@@ -224,7 +266,7 @@ def test_settings_of_a_kind_stand_in_sections_of_its_name(tmp_path: Path) -> Non
     )
     config = load_config(file, {})
     assert settings_of(config, ROBOTS.kind("toyarm")).emulated.speed_mm_s == 90
-    assert config.cell.toyspring.stiffness_n_mm == 7
+    assert surface_settings(config, SURFACES.kind("toyspring")).stiffness_n_mm == 7
     file.write_text("[cell.toyspring]\nstiffness_n_mm = -1\n")
     with pytest.raises(ConfigError, match=r"cell\.toyspring: stiffness_n_mm must be more than 0, got -1"):
         load_config(file, {})
@@ -264,6 +306,39 @@ def test_a_broken_package_is_blamed_by_name_when_its_kind_is_chosen(
     assert words in told
 
 
+CAN_ROOM = """
+from dataclasses import replace
+from hil_bridge.devices.sensors.ati_can.room import SENSOR
+SENSOR = replace(SENSOR, name="theircan")
+WITHOUT_BUS = replace(SENSOR, name="theirserial", bus=None)
+"""
+
+
+def test_a_can_sensor_of_others_has_the_faults_of_its_bus(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    points = "[hil_bridge.sensors]\ntheircan = their_room:SENSOR\ntheirserial = their_room:WITHOUT_BUS\n"
+    (tmp_path / "their_room.py").write_text(CAN_ROOM)
+    installed(tmp_path, points, monkeypatch)
+    cut = {"on": "bus", "fault": "off", "phase": "track"}
+    read_config({"sensor": {"emulated": "theircan"}, "faults": [cut]})
+    for kind in ("theirserial", "jr3-uart", "netft"):
+        with pytest.raises(ValueError, match=f"bus: off needs sensor.emulated = jr3 or ati-can, not {kind}"):
+            read_config({"sensor": {"emulated": kind}, "faults": [cut]})
+
+
+def test_a_receiver_of_a_jr3_has_the_faults_that_its_room_tells() -> None:
+    faults = {
+        name: set(EmulatedKinds.named("s3", name).faults["frames"])
+        for name in ("jr3", "jr3-uart", "jr3-board")
+    }
+    assert faults["jr3"] == faults["jr3-uart"] > faults["jr3-board"] == {"unplugged"}
+    second = {"on": "frames", "fault": "unplugged", "with": {"sensor": "second"}}
+    read_config({"sensor": {"emulated": "jr3-board"}, "faults": [second]})
+    with pytest.raises(ValueError, match="unplugged with sensor = second needs sensor"):
+        read_config({"sensor": {"emulated": "jr3-uart"}, "faults": [second]})
+
+
 @pytest.mark.usefixtures("toys")
 def test_a_toy_has_no_panel() -> None:
     told = refusal("run", *NAMES, "--panel", "tcp-listen://127.0.0.1:0", "--no-record")
@@ -274,7 +349,7 @@ def test_a_toy_has_no_panel() -> None:
 def test_the_checks_before_a_run_know_its_pace(robot: str) -> None:
     """`doctor` refuses no configuration that a run takes."""
     config = read_config({"robot": {"emulated": robot}, "sensor": {"emulated": "netft"}})
-    assert not list(problems(config, virtual=True))
+    assert not list(problems(Setup(config), virtual=True))
 
 
 def test_plugins_are_listed_with_package_and_meaning(toys: None) -> None:
@@ -328,7 +403,7 @@ def test_every_robot_of_ours_can_try_a_client_in_every_scenario(name: str) -> No
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_the_marks_of_a_servo_have_the_names_of_its_numbers(name: str) -> None:
-    servo = facts_of(load_config(None, {"robot.emulated": name})).servo
+    servo = Setup(load_config(None, {"robot.emulated": name})).facts.servo
     assert servo is not None
     assert {*servo.marks} == {key for key, value in asdict(servo).items() if key != "marks" and value}
     assert {*servo.marks.values()} <= {*map(str, Mark)}

@@ -18,14 +18,14 @@ from click.testing import CliRunner
 from msgspec import structs
 
 from emulators.quantiles import draw
-from emulators.s3_jr3_cell import PaperCellProfile, s3_jr3_cell
 from hil_bridge.cli import cli
 from hil_bridge.cli.latency import site_settings
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.devices.device_log import Silence
-from hil_bridge.devices.facts import Hop, Owner, RobotHops
+from hil_bridge.devices.facts import Devices, Hop, Owner, RobotHops, Sensor
 from hil_bridge.devices.robots.s3.hops import robot_hops
 from hil_bridge.devices.robots.s3.link import S3Link
+from hil_bridge.devices.robots.s3.room import ROBOT as S3
 from hil_bridge.errors import ConfigError
 from hil_bridge.record import CycleRecord, Recording, SensorRecord, TruthRecord, read
 from hil_bridge.record.analysis.hops import JITTER, MIDDLE, SENSOR
@@ -40,14 +40,17 @@ from hil_bridge.record.analysis.summary import summarise
 from hil_bridge.record.device_facts import devices_of
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute
+from hil_bridge.runs.setup import Setup
 from hil_bridge.runs.truth import GroundTruth
-from hil_bridge.settings.configuration import Config, dump
+from hil_bridge.settings.configuration import Config, dump, read_config
+from hil_bridge.settings.kinds import settings_of
 from hil_bridge.show.report import write_report
 from hil_bridge.show.report.latency_bar import by_owner, latency_bar
 from hil_bridge.show.report.page import page
 from hil_bridge.transports import connect_bytes, listen_bytes
+from protocol.devices.jr3 import facts_of
 from protocol.devices.s3.adlp import LinkProfile
-from protocol.devices.s3.timing import line_floor
+from tests.paper_cell import PaperCellProfile, s3_jr3_cell
 
 CHARACTER = 11 / 9600
 MOVE_ANSWER = (8 + 5 + 4) * CHARACTER
@@ -102,9 +105,11 @@ def truth(of: CycleRecord, motion: float = 0.030, sample: float = 0.001) -> Trut
     )
 
 
-def recording(cycles: tuple[CycleRecord, ...], **more: Any) -> Recording:
-    end = {"line_floor_s": json.dumps(line_floor(LinkProfile())), "sensor_delay_s": "0.0159"}
-    return Recording(cycles, metadata={"config": dump(Config())}, end=end, **more)
+def recording(cycles: tuple[CycleRecord, ...], baudrate: int = 9600, **more: Any) -> Recording:
+    robot = Setup(read_config({"robot": {"s3": {"link": {"baudrate": baudrate}}}})).facts
+    devices = Devices(robot, Sensor("jr3", facts_of((115.0, 111.0, 185.0, 5.6, 5.2, 6.1), 0.01, 0.0159)))
+    metadata, end = {"config": dump(read_config({}))}, {"line_floor_s": json.dumps(robot.line_floor_s)}
+    return Recording(cycles, metadata=metadata, end=end, devices=devices.as_metadata(), **more)
 
 
 CYCLES = tuple(cycle(k, 50.0 + 0.3 * k) for k in range(40))
@@ -218,10 +223,8 @@ def test_percentiles_are_those_of_the_cycles() -> None:
 
 
 def test_the_line_is_taken_as_it_was_and_not_as_configured() -> None:
-    """A URL set 19200 baud: the floor says so."""
-    slow = recording(CYCLES)
-    fast = dataclasses.replace(slow, end={"line_floor_s": json.dumps(line_floor(LinkProfile()) / 2)})
-    for told, share in ((slow, 1.0), (fast, 0.5)):
+    """A URL set 19200 baud: the facts of the robot say so."""
+    for told, share in ((recording(CYCLES), 1.0), (recording(CYCLES, 19200), 0.5)):
         hops = devices_of(told).robot.hops
         assert hops is not None
         earlier = {moment.name: moment.earlier_s for moment in hops.moments}
@@ -229,7 +232,7 @@ def test_the_line_is_taken_as_it_was_and_not_as_configured() -> None:
         assert earlier == pytest.approx(wanted)
 
 
-def test_a_recording_of_before_divides_a_cycle_as_the_robot_does_now() -> None:
+def test_a_recording_divides_a_cycle_as_the_robot_does() -> None:
     assert devices_of(recording(CYCLES)).robot.hops == robot_hops(LinkProfile())
 
 
@@ -327,7 +330,7 @@ def test_too_few_frames_have_no_envelope() -> None:
 
 def run(path: Path, **sections: Any) -> Recording:
     sections.setdefault("run", {"duration_s": 20.0})
-    assert execute(Config.model_validate(sections), True, Outputs(record=path), view=False) == 0
+    assert execute(read_config(sections), True, Outputs(record=path), view=False) == 0
     return read(path)
 
 
@@ -357,7 +360,7 @@ def test_an_emulated_run_measures_what_its_profile_says(tmp_path: Path) -> None:
     assert [t.cycle for t in recorded.truths] == [c.cycle for c in recorded.cycles]
 
 
-@pytest.mark.parametrize(("sensor", "within_s"), [("gateway", 1e-3), ("uart", 2e-3), ("board", 1e-3)])
+@pytest.mark.parametrize(("sensor", "within_s"), [("jr3", 1e-3), ("jr3-uart", 2e-3), ("jr3-board", 1e-3)])
 def test_the_truth_of_a_cycle_is_what_its_devices_tell(tmp_path: Path, sensor: str, within_s: float) -> None:
     recorded = run(tmp_path / "run.mcap", run={"duration_s": 5.0}, sensor={"emulated": sensor})
     for cycle_, truth_ in zip(recorded.cycles, recorded.truths, strict=True):
@@ -377,26 +380,26 @@ def test_nobody_knows_when_a_real_sensor_took_its_sample() -> None:
     assert math.isnan(told[0].sampled_at)
 
 
-@pytest.mark.parametrize(("sensor", "gateway"), [("gateway", "gateway"), ("uart", "uart_gateway")])
+@pytest.mark.parametrize(("sensor", "gateway"), [("jr3", "gateway"), ("jr3-uart", "uart")])
 def test_a_sites_latency_comes_back_from_its_emulation(tmp_path: Path, sensor: str, gateway: str) -> None:
     """Run with an odd distribution, measure, emulate, run, measure: the same quantiles."""
     cell = {
-        "robot": {"status_turnaround_ms": ODD_STATUS, "move_turnaround_ms": ODD_MOVE},
-        gateway: {"delay_ms": ODD_DELAY},
+        "s3": {"robot": {"status_turnaround_ms": ODD_STATUS, "move_turnaround_ms": ODD_MOVE}},
+        "jr3": {gateway: {"delay_ms": ODD_DELAY}},
     }
     site = run(tmp_path / "site.mcap", cell=cell, sensor={"emulated": sensor})
     settings = tomllib.loads(site_settings(site, LinkProfile(), sensor))
     measured = settings["cell"]
-    assert settings.get("sensor") == (None if sensor == "gateway" else {"emulated": sensor})
+    assert settings.get("sensor") == (None if sensor == "jr3" else {"emulated": sensor})
     assert "robot" not in settings, "the line is the usual one"
     again = run(tmp_path / "again.mcap", **settings, run={"duration_s": 40.0, "seed": 5})
     emulated = tomllib.loads(site_settings(again, LinkProfile(), sensor))["cell"]
-    for section, name, odd, apart_ms in (
-        ("robot", "status_turnaround_ms", ODD_STATUS, 8.0),
-        ("robot", "move_turnaround_ms", ODD_MOVE, 8.0),
-        (gateway, "delay_ms", ODD_DELAY, 0.4),
+    for kind, section, name, odd, apart_ms in (
+        ("s3", "robot", "status_turnaround_ms", ODD_STATUS, 8.0),
+        ("s3", "robot", "move_turnaround_ms", ODD_MOVE, 8.0),
+        ("jr3", gateway, "delay_ms", ODD_DELAY, 0.4),
     ):
-        first, second = (evenly(cell[section][name]) for cell in (measured, emulated))
+        first, second = (evenly(cell[kind][section][name]) for cell in (measured, emulated))
         assert np.abs(first[::5] - odd).max() < apart_ms, name
         assert np.abs(first - second).max() < apart_ms, name
         assert np.abs(first - second).mean() < 0.3 * apart_ms, name
@@ -413,7 +416,7 @@ def test_rare_late_frames_stay_rare() -> None:
     late = structs.replace(early[500], at=early[500].at + 0.009)
     frames = tuple(late if frame is early[500] else frame for frame in early)
     site = dataclasses.replace(recording(CYCLES), sensors=frames)
-    quantiles = tomllib.loads(site_settings(site, LinkProfile(), "gateway"))["cell"]["gateway"]["delay_ms"]
+    quantiles = tomllib.loads(site_settings(site, LinkProfile(), "jr3"))["cell"]["jr3"]["gateway"]["delay_ms"]
     assert len(quantiles) == MOST_QUANTILES
     assert quantiles[-1] == pytest.approx(9.0, abs=0.1)
     source = random.Random(1)
@@ -423,21 +426,22 @@ def test_rare_late_frames_stay_rare() -> None:
 
 def test_a_short_run_has_no_distribution() -> None:
     with pytest.raises(ConfigError, match="20 stamped cycles, a distribution needs 21: record a longer run"):
-        site_settings(recording(CYCLES[:20]), LinkProfile(), "board")
+        site_settings(recording(CYCLES[:20]), LinkProfile(), "jr3-board")
     with pytest.raises(ConfigError, match="0 stamped sensor frames"):
-        site_settings(recording(CYCLES), LinkProfile(), "gateway")
+        site_settings(recording(CYCLES), LinkProfile(), "jr3")
     with pytest.raises(ConfigError, match="link's settings"):
-        site_settings(Recording(CYCLES), LinkProfile(), "board")
+        site_settings(Recording(CYCLES), LinkProfile(), "jr3-board")
 
 
 def test_another_line_is_emulated_too() -> None:
-    text = site_settings(recording(CYCLES), LinkProfile(baudrate=19200, dle_stuffing="double"), "board")
+    text = site_settings(recording(CYCLES), LinkProfile(baudrate=19200, dle_stuffing="double"), "jr3-board")
     assert text.count('baudrate = 19200\ndle_stuffing = "double"') == 2
-    config = Config.model_validate(tomllib.loads(text))
-    assert config.sensor.emulated == "board"
-    assert config.cell.link == config.robot.link == LinkProfile(baudrate=19200, dle_stuffing="double")
-    assert config.cell.robot.move_turnaround_ms == pytest.approx([12.0] * len(CYCLES))
-    assert config.cell.robot.status_turnaround_ms == pytest.approx([10.0] * len(CYCLES))
+    config = read_config(tomllib.loads(text))
+    assert config.sensor.emulated == "jr3-board"
+    own = settings_of(config, S3)
+    assert own.emulated.link == own.client.link == LinkProfile(baudrate=19200, dle_stuffing="double")
+    assert own.emulated.robot.move_turnaround_ms == pytest.approx([12.0] * len(CYCLES))
+    assert own.emulated.robot.status_turnaround_ms == pytest.approx([10.0] * len(CYCLES))
 
 
 def test_the_command_tells_and_writes_what_the_run_takes(tmp_path: Path) -> None:

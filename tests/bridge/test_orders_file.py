@@ -8,13 +8,14 @@ from click.testing import CliRunner
 
 from emulators.devices.s3 import S3Site
 from hil_bridge.cli import cli
-from hil_bridge.devices.kinds import KindSettings
 from hil_bridge.devices.robots.s3 import orders_file
 from hil_bridge.devices.robots.s3.orders_file import parse_orders, read_orders
 from hil_bridge.devices.robots.s3.program_folder import read_programs
+from hil_bridge.devices.robots.s3.room import ROBOT as S3
 from hil_bridge.devices.robots.s3.room import robot_site
 from hil_bridge.errors import ConfigError
 from hil_bridge.settings.configuration import Config, load_config
+from hil_bridge.settings.kinds import settings_of
 from protocol.devices.s3.arap import KNOWN
 from protocol.marks import Mark
 
@@ -233,7 +234,7 @@ def test_a_program_that_no_message_can_carry_is_refused(tmp_path: Path) -> None:
 
 
 def site_of(config: Config) -> S3Site:
-    return robot_site(KindSettings(config.robot, config.cell))
+    return robot_site(settings_of(config, S3))
 
 
 def test_files_are_found_beside_the_configuration_that_names_them(tmp_path: Path) -> None:
@@ -244,7 +245,7 @@ def test_files_are_found_beside_the_configuration_that_names_them(tmp_path: Path
     (tmp_path / "site.toml").write_text(SITE)
     path = tmp_path / "hil.toml"
     path.write_text(
-        '[robot]\norders_file = "site.toml"\n[cell.robot]\nprogram_folder = "programs"\n'
+        '[robot.s3]\norders_file = "site.toml"\n[cell.s3.robot]\nprogram_folder = "programs"\n'
         '[controller]\nname = "fuzzy"\nparameters.rules_file = "rules.toml"\n'
     )
     with pytest.raises(ConfigError, match=str(tmp_path / "rules.toml")):

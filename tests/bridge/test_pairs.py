@@ -22,7 +22,7 @@ CONTOUR = {
 """Curved, so that the set point has to follow a surface that rises and falls."""
 NETFT = {"boot_s": 0.2, "rate_hz": 1000}
 """These runs are not about the rate of its records."""
-STREAMED = [name for name in ROBOTS.built_in if name not in ROBOTS.direct]
+STREAMED = [name for name in ROBOTS.built_in if name != "s3"]
 
 
 @pytest.mark.parametrize("sensor", SENSORS.built_in)

@@ -11,9 +11,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from emulators.cell_faults import CELL_FAULTS
 from emulators.devices.s3 import Panel
-from emulators.s3_jr3_cell import PaperCell, PaperCellProfile, s3_jr3_cell
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_real, run_virtual
 from hil_bridge.devices.device_log import LogTo
@@ -35,8 +33,10 @@ from hil_bridge.runs import session
 from hil_bridge.runs.compose import Ports, emulated_cell, make_cell, open_devices
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute
-from hil_bridge.settings.configuration import Config
+from hil_bridge.runs.setup import Setup
+from hil_bridge.settings.configuration import Config, read_config
 from hil_bridge.transports.pump import Pump
+from tests.paper_cell import CELL_FAULTS, PaperCell, PaperCellProfile, s3_jr3_cell
 
 LOOPBACK = "tcp-listen://127.0.0.1:0"
 
@@ -271,10 +271,10 @@ def test_each_act_at_the_panel_wakes_robot_and_sensor(monkeypatch: pytest.Monkey
 
     async def main() -> None:
         clock = Clock.running()
-        ports = Ports("memory:robot", "can+memory:sensor", LOOPBACK)
+        ports = Ports("s3+memory:robot", "jr3+can+memory:sensor", LOOPBACK)
         try:
             async with emulated_cell(
-                Config(), clock, ports, lambda cause: pytest.fail(repr(cause))
+                Setup(Config()), clock, ports, lambda cause: pytest.fail(repr(cause))
             ) as served:
                 assert served.panel is not None
                 for request in (b'{"do": "key", "to": "manual"}\n', b'{"do": "key", "to": "auto"}\n'):
@@ -289,13 +289,16 @@ def test_each_act_at_the_panel_wakes_robot_and_sensor(monkeypatch: pytest.Monkey
 
 def on_a_cell(use: Callable[[str, PaperCell], Awaitable[None]], **sections: Any) -> None:
     """Run `use` with the panel's URL of a served cell, and the cell."""
-    config = Config.model_validate(sections)
+    config = read_config(sections)
 
     async def main() -> None:
         clock = Clock.running()
         try:
             async with emulated_cell(
-                config, clock, Ports("memory:robot", None, LOOPBACK), lambda cause: pytest.fail(repr(cause))
+                Setup(config),
+                clock,
+                Ports("memory:robot", None, LOOPBACK),
+                lambda cause: pytest.fail(repr(cause)),
             ) as served:
                 assert served.panel is not None
                 await use(served.panel, served.cell)
@@ -394,10 +397,10 @@ def test_what_is_shown_can_be_read_and_survives_an_odd_answer() -> None:
 
 def test_a_panel_has_no_place_in_virtual_time_or_at_a_real_robot() -> None:
     for robot in ("", "tcp://127.0.0.1:1"):
-        config = Config.model_validate({"run": {"panel_url": LOOPBACK}, "robot": {"url": robot}})
+        config = read_config({"run": {"panel_url": LOOPBACK}, "robot": {"url": robot}})
 
         async def main(config: Config = config) -> None:
-            async with open_devices(config, Clock.running(), LogTo()):
+            async with open_devices(Setup(config), Clock.running(), LogTo()):
                 pass
 
         with pytest.raises(ConfigError, match="--panel"):
@@ -422,11 +425,11 @@ def test_what_is_done_at_the_panel_is_told_to_the_record() -> None:
 
 
 def test_a_cell_that_cannot_be_is_one_line(tmp_path: Path) -> None:
-    config = Config.model_validate({"cell": {"start_position_mm": (3000.0, 0.0, 0.0)}})
+    config = read_config({"cell": {"start_position_mm": (3000.0, 0.0, 0.0)}})
     with pytest.raises(ConfigError, match="cell: the start position"):
         execute(config, True, Outputs(), False)
     (tmp_path / "7.prg").write_text("# emulated program\ndance\n")
-    config = Config.model_validate({"cell": {"robot": {"program_folder": str(tmp_path)}}})
+    config = read_config({"cell": {"robot": {"program_folder": str(tmp_path)}}})
     with pytest.raises(ConfigError, match="cell: program 7: line 2: expected"):
         execute(config, True, Outputs(), False)
 

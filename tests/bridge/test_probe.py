@@ -9,15 +9,17 @@ from typing import Any
 
 import pytest
 
-from emulators.s3_jr3_cell import PaperCell, PaperCellProfile, s3_jr3_cell
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.devices.device_log import LogTo
+from hil_bridge.devices.robots.s3.room import ROBOT as S3
 from hil_bridge.errors import ConfigError, TransportUnavailable
 from hil_bridge.record import Outcome as RunOutcome
 from hil_bridge.runs.checks import problems
 from hil_bridge.runs.compose import Ports, emulated_cell, open_devices
 from hil_bridge.runs.cycle import Run, RunResult
+from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config, load_config
+from hil_bridge.settings.kinds import settings_of
 from hil_bridge.site.s3.probe import (
     failure_text,
     finding_rows,
@@ -32,6 +34,7 @@ from hil_bridge.site.s3.search import Finding, Outcome, Query, Reply, Search, Tr
 from hil_bridge.transports import LineSettings, Parity, Tap, listen_bytes
 from hil_bridge.transports.pump import Pump
 from protocol.devices.s3.adlp import Control, DleStuffing, LengthStyle, LinkProfile, encode_block
+from tests.paper_cell import PaperCell, PaperCellProfile, s3_jr3_cell
 
 EIGHT = [
     (parity, stuffing, style)
@@ -112,9 +115,10 @@ def test_each_combination_is_found_and_makes_a_configuration(parity, stuffing, s
     assert result.took < 4.0
     file = tmp_path / "site.toml"
     file.write_text(site_toml("memory:robot", finding))
-    robot = load_config(file, {}).robot
-    assert (robot.link.parity, robot.link.dle_stuffing, robot.link.length_style) == (parity, stuffing, style)
-    assert f"parity={parity.value}" in robot.url
+    config = load_config(file, {})
+    link = settings_of(config, S3).client.link
+    assert (link.parity, link.dle_stuffing, link.length_style) == (parity, stuffing, style)
+    assert f"parity={parity.value}" in config.robot.url
 
 
 @pytest.mark.parametrize(
@@ -136,7 +140,7 @@ def test_the_set_that_answers_is_named_and_written(
     assert ("profile", f"{profile} ({profile_evidence(finding)})") in finding_rows("memory:robot", finding)
     file = tmp_path / "site.toml"
     file.write_text(site_toml("memory:robot", finding))
-    link = load_config(file, {}).robot.link
+    link = settings_of(load_config(file, {}), S3).client.link
     assert link == LinkProfile.named(profile, dle_stuffing=stuffing, length_style=style)
     assert link.move_length == (60 if profile == "observed-client" else 52)
 
@@ -148,30 +152,31 @@ def test_what_the_probe_writes_is_run_once_the_hints_are_filled_in(tmp_path: Pat
     assert finding is not None
     file = tmp_path / "site.toml"
     file.write_text(site_toml("memory:robot", finding))
-    assert [name for name, _ in problems(load_config(file, {}), virtual=False)] == ["wires"]
-    assert load_config(file, {"sensor.url": "can+memory:sensor"}).tool == Config().tool
+    assert [name for name, _ in problems(Setup(load_config(file, {})), virtual=False)] == ["wires"]
+    assert load_config(file, {"sensor.url": "jr3+can+memory:sensor"}).tool == Config().tool
     file.write_text(file.read_text().replace("#= ", "").replace("can+socketcan://can0", "can+memory:sensor"))
     config = load_config(file, {"run.duration_s": 1.0})
     assert config.task == Config().task, "the hints are the defaults"
     assert config.limits == Config().limits
     assert config.frame == Config().frame
-    assert list(problems(config, virtual=False)) == []
+    assert list(problems(Setup(config), virtual=False)) == []
     log = SimpleNamespace(cycle=lambda record: None, event=lambda record: None)
 
     async def main() -> RunResult:
         clock = Clock.running()
-        listen = f"memory:robot?baudrate={link.baudrate}&parity={link.parity}"
+        listen = f"s3+memory:robot?baudrate={link.baudrate}&parity={link.parity}"
         cell: Any = config.cell
+        own = replace(settings_of(config, S3).emulated, link=link)
         async with (
             emulated_cell(
-                config.model_copy(update={"cell": replace(cell, link=link)}),
+                Setup(config.model_copy(update={"cell": replace(cell, s3=own)})),
                 clock,
-                Ports(listen, "can+memory:sensor"),
+                Ports(listen, "jr3+can+memory:sensor"),
                 lambda cause: pytest.fail(repr(cause)),
             ),
-            open_devices(config, clock, LogTo()) as devices,
+            open_devices(Setup(config), clock, LogTo()) as devices,
         ):
-            return await Run(config, clock, devices.robot, devices.sensor, log)()
+            return await Run(Setup(config), clock, devices.robot, devices.sensor, log)()
 
     result = run_virtual(main)
     assert (result.outcome, result.left) == (RunOutcome.COMPLETED, "retracted, 0.0 N")
@@ -280,7 +285,7 @@ def test_a_wire_without_a_line_of_its_own_is_asked_as_it_is() -> None:
     search, _ = run_search(lambda attempt: Outcome(Reply.ANSWERED, holds_dle=True), (None,))
     assert search.finding is not None
     text = site_toml("tcp://10.0.0.5:4000", search.finding)
-    assert 'url = "tcp://10.0.0.5:4000"' in text
+    assert 'url = "s3+tcp://10.0.0.5:4000"' in text
     assert "baudrate" not in text
 
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from hil_bridge.control import Wrist
 from hil_bridge.runs.cycle import wrist
-from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.configuration import read_config
 from hil_bridge.site.push import Answer, expected, judge_push, mounting_of, push_threshold
 
 QUIET = (0.01,) * 6
@@ -30,7 +30,7 @@ def pushed(sits: Wrist, axis: int, force_n: float = 20.0, askew_deg: float = 0.0
 
 
 def sitting(**sensor: object) -> Wrist:
-    return wrist(Config.model_validate({"sensor": sensor}))
+    return wrist(read_config({"sensor": sensor}))
 
 
 @pytest.mark.parametrize(

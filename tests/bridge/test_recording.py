@@ -52,7 +52,7 @@ from hil_bridge.record.topics import CYCLE, SENSOR, TOPICS, TRUTH, WIRE, Record
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.replay import recorded_config, replay
 from hil_bridge.runs.session import execute
-from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.configuration import read_config
 from protocol.wrench import SensorFacts
 
 METADATA = {"seed": "7", "controller": "fuzzy-pi", "configuration": '{"force_n": 50.0}'}
@@ -354,7 +354,7 @@ def test_our_own_program_asks_it_and_a_program_of_a_user_does_not(
     asked: list[tuple[int, int]] = []
     library = SimpleNamespace(mallopt=lambda *wish: asked.append(wish))
     monkeypatch.setattr(recorder_module, "ctypes", SimpleNamespace(CDLL=lambda name: library))
-    config = Config.model_validate({"run": {"duration_s": 0.1}})
+    config = read_config({"run": {"duration_s": 0.1}})
     api.simulate(config).save(tmp_path / "user.mcap")
     assert asked == []
     assert execute(config, True, Outputs(record=tmp_path / "ours.mcap"), view=False) == 0
@@ -568,7 +568,7 @@ def test_what_a_controller_explains_is_recorded_as_numbers(monkeypatch: pytest.M
         return state, structs.replace(command, explanation={"why": "soft", "found": True})
 
     monkeypatch.setattr(Predictive, "step", talkative)
-    cycles = run_emulated(Config.model_validate({"run": {"duration_s": 2.0}})).cycles
+    cycles = run_emulated(read_config({"run": {"duration_s": 2.0}})).cycles
     told = [cycle.explanation for cycle in cycles if cycle.phase == "track"]
     assert told
     assert all(math.isnan(one["why"]) and one["found"] == 1.0 for one in told)
@@ -671,7 +671,7 @@ def recorded(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFa
     path = tmp_path_factory.mktemp(request.param) / "run.mcap"
     line = {"kind": "line", "length_mm": 20.0}
     steps = [{"do": "approach"}, {"do": "track", "path": line, "for_s": 4.0}, {"do": "retract"}]
-    config = Config.model_validate({"task": {"step": steps}, "sensor": {"emulated": request.param}})
+    config = read_config({"task": {"step": steps}, "sensor": {"emulated": request.param}})
     assert execute(config, True, Outputs(record=path), view=False) == 0
     return path
 
@@ -787,7 +787,7 @@ def test_a_recording_of_version_0_1_0_is_read_and_replays() -> None:
 )
 def test_a_run_records_the_wire_of_its_sensor(tmp_path: Path, emulated: str, first: str) -> None:
     path = tmp_path / "run.mcap"
-    config = Config.model_validate({"run": {"duration_s": 1.0}, "sensor": {"emulated": emulated}})
+    config = read_config({"run": {"duration_s": 1.0}, "sensor": {"emulated": emulated}})
     assert execute(config, True, Outputs(record=path), view=False) == 0
     with path.open("rb") as file:
         told = [message for _, _, message in make_reader(file).iter_messages("/wire", log_time_order=False)]
@@ -805,7 +805,7 @@ def test_a_run_records_the_wire_of_its_sensor(tmp_path: Path, emulated: str, fir
 )
 def test_a_run_records_what_its_devices_are(tmp_path: Path, emulated: str, kind: str) -> None:
     path = tmp_path / "run.mcap"
-    config = Config.model_validate(
+    config = read_config(
         {
             "run": {"duration_s": 1.0},
             "sensor": {"emulated": emulated},

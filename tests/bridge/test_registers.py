@@ -30,7 +30,8 @@ from hil_bridge.errors import BridgeError, ConfigError, DeviceError, TransportUn
 from hil_bridge.record import CycleRecord, EventRecord, Outcome, StepRecord
 from hil_bridge.runs.compose import Ports, emulated_cell, open_devices
 from hil_bridge.runs.cycle import Run
-from hil_bridge.settings.configuration import Config
+from hil_bridge.runs.setup import Setup
+from hil_bridge.settings.configuration import read_config
 from protocol.devices.jr3.board import REGISTERS, Registers, check_range, pack_words, to_signed
 from protocol.devices.jr3.registers import (
     BoardClient,
@@ -95,12 +96,12 @@ class Memory:
 
 def test_a_board_url_is_a_byte_wire_and_a_filter() -> None:
     profile = BoardClientProfile()
-    assert board_wire("jr3+tcp://127.0.0.1:1762", profile) == ("tcp://127.0.0.1:1762", profile)
-    assert board_wire("jr3+tcp://[::1]:1762?filter=5", profile) == (
+    assert board_wire("tcp://127.0.0.1:1762", profile) == ("tcp://127.0.0.1:1762", profile)
+    assert board_wire("tcp://[::1]:1762?filter=5", profile) == (
         "tcp://[::1]:1762",
         BoardClientProfile(filter=5),
     )
-    assert board_wire("jr3+memory:b?filter=0&latency_ms=2", profile) == (
+    assert board_wire("memory:b?filter=0&latency_ms=2", profile) == (
         "memory:b?latency_ms=2",
         BoardClientProfile(filter=0),
     )
@@ -109,17 +110,17 @@ def test_a_board_url_is_a_byte_wire_and_a_filter() -> None:
 @pytest.mark.parametrize(
     ("url", "text"),
     [
-        ("jr3+tcp://h:1?filter=7", "filter must be at most 6, got 7"),
-        ("jr3+tcp://h:1?filter=x", "filter must be a whole number, got 'x'"),
-        ("jr3+tcp://h:1?filter=1&filter=2", "'filter' is given twice"),
-        ("jr3+tcp://h:1?reconnect_s=5", "reconnect_s means nothing here"),
-        ("jr3+tcp://h:1?rate=1", "unknown option 'rate'"),
-        ("jr3+tcp://h", "host and port"),
+        ("tcp://h:1?filter=7", "filter must be at most 6, got 7"),
+        ("tcp://h:1?filter=x", "filter must be a whole number, got 'x'"),
+        ("tcp://h:1?filter=1&filter=2", "'filter' is given twice"),
+        ("tcp://h:1?reconnect_s=5", "reconnect_s means nothing here"),
+        ("tcp://h:1?rate=1", "unknown option 'rate'"),
+        ("tcp://h", "host and port"),
         (
-            "jr3+serial:///dev/ttyS0",
-            r"'jr3\+serial:///dev/ttyS0': behind jr3\+, unknown scheme 'serial'; allowed: tcp",
+            "serial:///dev/ttyS0",
+            r"'serial:///dev/ttyS0': unknown scheme 'serial'; allowed: tcp",
         ),
-        ("jr3+tcp://[h", "Invalid IPv6"),
+        ("tcp://[h", "Invalid IPv6"),
     ],
 )
 def test_wrong_board_urls(url: str, text: str) -> None:
@@ -130,8 +131,8 @@ def test_wrong_board_urls(url: str, text: str) -> None:
 @pytest.mark.parametrize(
     ("url", "text"),
     [
-        ("jr3+pty:", "unknown scheme 'pty'; allowed: tcp-listen, memory"),
-        ("jr3+tcp-listen://127.0.0.1:0?baudrate=9600", "a board's wire has no baud rate"),
+        ("pty:", "unknown scheme 'pty'; allowed: tcp-listen, memory"),
+        ("tcp-listen://127.0.0.1:0?baudrate=9600", "a board's wire has no baud rate"),
     ],
 )
 def test_wrong_listening_urls(url: str, text: str) -> None:
@@ -152,14 +153,14 @@ def test_a_sensor_behind_registers_in_virtual_time() -> None:
         clock = Clock.running()
         logged: list[str] = []
         served = await serve_board(
-            "jr3+memory:b",
+            "memory:b",
             Memory(),
             ListenerProfile(),
             clock,
             Watcher(logged.append, logged.append),  # type: ignore[arg-type]
         )
-        assert served.address == "jr3+memory:b"
-        wire, profile = await connect_board("jr3+memory:b?filter=2", BoardClientProfile(), clock)
+        assert served.address == "memory:b"
+        wire, profile = await connect_board("memory:b?filter=2", BoardClientProfile(), clock)
         begin = clock.now()
         sensor = ForceSensor(wire, BoardClient(profile, begin), clock, LogTo(frames.append))
         sensor.start()
@@ -184,13 +185,13 @@ def test_a_memory_wire_survives_a_lost_client() -> None:
     async def main() -> list[str]:
         clock, logged, heard = Clock.running(), list[str](), list[bytes]()
         served = await serve_board(
-            "jr3+memory:b",
+            "memory:b",
             Memory(),
             ListenerProfile(),
             clock,
             Watcher(logged.append, logged.append),  # type: ignore[arg-type]
         )
-        wire, _ = await connect_board("jr3+memory:b", BoardClientProfile(), clock)
+        wire, _ = await connect_board("memory:b", BoardClientProfile(), clock)
         wire.start(heard.append, lambda error: None)
         wire.send(b"HELO")
         await clock.sleep_until(clock.now() + 0.1)
@@ -204,7 +205,7 @@ def test_a_memory_wire_survives_a_lost_client() -> None:
         assert statuses == [Status.BAD_FRAME, Status.OK]
         return logged
 
-    assert run_virtual(main) == ["jr3+memory:b: no request begins with 48"]
+    assert run_virtual(main) == ["memory:b: no request begins with 48"]
 
 
 # --- a PCI board whose memory is a file
@@ -307,7 +308,7 @@ def test_a_run_with_a_wrong_program_is_refused_in_one_line(
     path, config = tmp_path / "p.idm", tmp_path / "run.toml"
     if text is not None:
         path.write_text(text)
-    config.write_text(f'[sensor]\nemulated = "board"\n[sensor.board]\nprogram = "{path}"\n')
+    config.write_text(f'[sensor]\nemulated = "jr3-board"\n[sensor.jr3.board]\nprogram = "{path}"\n')
     ended = CliRunner().invoke(cli, ["run", str(config), "--virtual", "--no-view"])
     assert isinstance(ended.exception, ConfigError)
     assert says in str(ended.exception)
@@ -318,7 +319,7 @@ def test_a_run_loads_the_program_of_its_settings(tmp_path: Path) -> None:
     path, config = tmp_path / "p.idm", tmp_path / "run.toml"
     path.write_text("0002 0000 1 2 ffff")
     config.write_text(
-        f'[sensor]\nemulated = "board"\n[sensor.board]\nprogram = "{path}"\n[run]\nduration_s = 1.0\n'
+        f'[sensor]\nemulated = "jr3-board"\n[sensor.jr3.board]\nprogram = "{path}"\n[run]\nduration_s = 1.0\n'
     )
     loaded: list[tuple[int, ...]] = []
     with mock.patch.object(Board, "load", lambda self, address, words, now: loaded.append((address, *words))):
@@ -521,19 +522,19 @@ def closed_loop(**board: object) -> tuple[list[CycleRecord], list[str], list[Wre
 
     async def main() -> None:
         clock = Clock.running()
-        config = Config.model_validate(
-            {"run": {"duration_s": 5.0}, "sensor": {"board": board}, "tool": {"mass_kg": 0.5}}
+        config = read_config(
+            {"run": {"duration_s": 5.0}, "sensor": {"jr3": {"board": board}}, "tool": {"mass_kg": 0.5}}
         )
-        ports = Ports("memory:robot", "jr3+memory:sensor")
-        async with emulated_cell(config, clock, ports, lambda cause: None) as at:
+        ports = Ports("s3+memory:robot", "jr3-board+memory:sensor")
+        async with emulated_cell(Setup(config), clock, ports, lambda cause: None) as at:
             sections = {
                 "robot": config.robot.model_copy(update={"url": at.robot}),
                 "sensor": config.sensor.model_copy(update={"url": f"{at.sensor}?filter=2"}),
             }
             connected = config.model_copy(update=sections)
             log = LogTo(frames.append, lambda kind, text: notices.append(text))
-            async with open_devices(connected, clock, log) as devices:
-                result = await Run(connected, clock, devices.robot, devices.sensor, Log())()
+            async with open_devices(Setup(connected), clock, log) as devices:
+                result = await Run(Setup(connected), clock, devices.robot, devices.sensor, Log())()
                 assert result.outcome is Outcome.COMPLETED, result.cause
                 assert devices.sensor.lost == 0
 

@@ -7,11 +7,11 @@ from pathlib import Path
 from hil_bridge.record import read
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute
-from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.configuration import read_config
 
 
 def record(path: Path, seed: int) -> bytes:
-    config = Config.model_validate({"run": {"duration_s": 3.0, "seed": seed}})
+    config = read_config({"run": {"duration_s": 3.0, "seed": seed}})
     assert execute(config, virtual=True, outputs=Outputs(record=path), view=False) == 0
     return path.read_bytes()
 

@@ -18,13 +18,13 @@ from hil_bridge.record import CycleRecord, Outcome, Recorder, Recording, Writing
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.replay import changes_of, recorded_config, replay
 from hil_bridge.runs.session import execute
-from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.configuration import Config, read_config
 
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("replay") / "run.mcap"
-    config = Config.model_validate(
+    config = read_config(
         {
             "run": {"duration_s": 8.0, "seed": 3},
             "controller": {"name": "fuzzy-adaptive"},

@@ -9,9 +9,11 @@ from typing import Any
 import pytest
 
 from hil_bridge.control import CONTROLLERS, Command, ControlLoop, Measurement, turn_between
+from hil_bridge.devices.robots.s3.room import ROBOT as S3
 from hil_bridge.errors import DeviceError
 from hil_bridge.record import CycleRecord, Outcome
 from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.kinds import settings_of
 from hil_bridge.testing.wires import Faults
 from protocol.can.frame import CanFrame
 from protocol.devices.jr3 import GatewayClientProfile
@@ -386,7 +388,7 @@ def test_a_run_completes_as_the_observed_client_spoke(bench: RunBench, block_end
 def test_line_floor_follows_the_profile() -> None:
     assert line_floor(LinkProfile(baudrate=19200)) == pytest.approx(136 * 11 / 19200)
     assert line_floor(LinkProfile(parity="N", move_length=60)) == pytest.approx(144 * 10 / 9600)
-    assert Config().robot.link == LinkProfile()
+    assert settings_of(Config(), S3).client.link == LinkProfile()
 
 
 def test_a_force_that_swings_has_its_gain_lowered_and_calms_down(bench: RunBench) -> None:

@@ -7,19 +7,20 @@ from unittest import mock
 
 import pytest
 
-from emulators.s3_jr3_cell import PaperCell
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.devices.device_log import LogTo
 from hil_bridge.devices.wiring import Wiring
 from hil_bridge.record import CycleRecord, EventRecord, Outcome, StepRecord
 from hil_bridge.runs.compose import Ports, connect_robot, connect_sensor, emulated_cell, make_cell
 from hil_bridge.runs.cycle import Run, RunResult
+from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config
+from tests.paper_cell import PaperCell
 
 URLS = {
-    "CAN gateway": "can+memory:sensor",
-    "UART gateway": "memory:sensor?gateway=jr3",
-    "receiver board": "jr3+memory:sensor",
+    "CAN gateway": "jr3+can+memory:sensor",
+    "UART gateway": "jr3-uart+memory:sensor",
+    "receiver board": "jr3-board+memory:sensor",
 }
 
 
@@ -78,9 +79,9 @@ def run_until_lost(url: str, lose: Callable[[Any, float], None]) -> tuple[RunRes
             cells.append(cell)
             return cell
 
-        ports = Ports("memory:robot", url)
+        ports = Ports("s3+memory:robot", url)
         with mock.patch("hil_bridge.runs.compose.make_cell", prepared):
-            cell = emulated_cell(config, clock, ports, lambda cause: None)
+            cell = emulated_cell(Setup(config), clock, ports, lambda cause: None)
             at = await stack.enter_async_context(cell)
         async with stack:
             assert at.robot is not None
@@ -90,7 +91,7 @@ def run_until_lost(url: str, lose: Callable[[Any, float], None]) -> tuple[RunRes
             robot.start()
             sensor.start()
             try:
-                kept.append(await Run(config, clock, robot, sensor, Log())())
+                kept.append(await Run(Setup(config), clock, robot, sensor, Log())())
                 kept.append(cells[0].true_state(clock.now()).contact_force[2])
             finally:
                 await sensor.aclose()

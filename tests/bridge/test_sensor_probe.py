@@ -8,21 +8,22 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from emulators.devices.jr3 import Gateway
-from emulators.s3_jr3_cell import PaperCell
+from emulators.devices.jr3 import Gateway, SensorProfile
 from hil_bridge.clock import VIRTUAL_EPOCH, Clock, run_virtual
 from hil_bridge.errors import DeviceError
 from hil_bridge.runs.compose import Ports, emulated_cell, make_cell
 from hil_bridge.runs.cycle import wrist
-from hil_bridge.settings.configuration import Config
+from hil_bridge.runs.setup import Setup
+from hil_bridge.settings.configuration import read_config
 from hil_bridge.site.sensor_probe import Screen, Session, probe
+from tests.paper_cell import PaperCell
 
 Force = Callable[[float], Sequence[float]]
 """Force of a hand on the tool at a time since the beginning, s; tool frame, N."""
 URLS = {
-    "gateway": "can+memory:sensor",
-    "uart": "memory:sensor?gateway=jr3",
-    "board": "jr3+memory:sensor",
+    "gateway": "jr3+can+memory:sensor",
+    "uart": "jr3-uart+memory:sensor",
+    "board": "jr3-board+memory:sensor",
 }
 
 
@@ -36,8 +37,8 @@ def probed(
     **sections: Any,
 ) -> list[str]:
     """The lines that a probe says; those of the live wrench begin with ~. `seen_as` is how the sensor really sits."""
-    config = Config.model_validate(sections)
-    sits = wrist(Config.model_validate({"sensor": seen_as or {}}))
+    config = read_config(sections)
+    sits = wrist(read_config({"sensor": seen_as or {}}))
     said: list[str] = []
 
     def laid_on(*arguments: Any) -> PaperCell:
@@ -62,7 +63,7 @@ def probed(
         ports = Ports(None, URLS[before])
         monkeypatch = pytest.MonkeyPatch()
         monkeypatch.setattr("hil_bridge.runs.compose.make_cell", laid_on)
-        async with emulated_cell(config, clock, ports, lambda cause: pytest.fail(repr(cause))):
+        async with emulated_cell(Setup(config), clock, ports, lambda cause: pytest.fail(repr(cause))):
             monkeypatch.undo()
             entered = asyncio.Event()
             for at in enter_at:
@@ -83,7 +84,7 @@ def row(said: list[str], name: str) -> str:
 @pytest.mark.parametrize("before", ["gateway", "uart", "board"])
 def test_a_sensor_tells_of_itself_and_shows_what_it_feels(before: str) -> None:
     said = probed(before, cell={"tool": {"mass_kg": 2.0}})
-    scales = Config().cell.sensor.full_scales_n
+    scales = SensorProfile().full_scales_n
     assert f"Fx {scales[0]:.0f}  Fy {scales[1]:.0f}  Fz {scales[2]:.0f} N" in row(said, "full scales")
     assert row(said, "filter delay").endswith(" ms")
     assert row(said, "stream").startswith("99 frames")
@@ -99,7 +100,11 @@ def test_a_sensor_tells_of_itself_and_shows_what_it_feels(before: str) -> None:
 def test_the_noise_is_the_rms_of_each_axis() -> None:
     """Whatever the filter leaves of it: twice the noise at the converter is twice the noise told."""
     told = [
-        float(row(probed(cell={"sensor": {"noise_counts": counts}}), "noise").split("Fz ")[1].split()[0])
+        float(
+            row(probed(cell={"jr3": {"sensor": {"noise_counts": counts}}}), "noise")
+            .split("Fz ")[1]
+            .split()[0]
+        )
         for counts in (20.0, 200.0)
     ]
     assert told[1] / told[0] == pytest.approx(10.0, rel=0.25)
@@ -179,7 +184,7 @@ def test_nothing_but_the_start_of_a_run_is_sent() -> None:
 
 def test_a_sensor_that_is_not_there_is_one_line() -> None:
     with pytest.raises(DeviceError, match="sensor unplugged"):
-        probed(cell={"sensor": {"connected": False}})
+        probed(cell={"jr3": {"sensor": {"connected": False}}})
 
 
 def test_a_sensor_that_falls_silent_ends_the_probe() -> None:

@@ -22,7 +22,7 @@ from hil_bridge.devices.robots.seam import Motion, MotionLimits, Pacing, RobotFa
 from hil_bridge.devices.robots.streamed import SILENT_S, StreamedLink
 from hil_bridge.errors import DeviceError, OrderRefused, TransportClosed
 from hil_bridge.runs.leaving import WayOut
-from hil_bridge.runs.pace import control_loop
+from hil_bridge.runs.setup import Setup
 from hil_bridge.runs.small_steps import SmallSteps
 from hil_bridge.settings.configuration import Config
 from hil_bridge.transports import Datagrams, DatagramWire, connect_datagrams, listen_datagrams
@@ -747,7 +747,7 @@ def test_a_tool_is_retracted_only_where_the_robot_tells_so() -> None:
     async def script(cell: Cell) -> None:
         await cell.link.ready()
         config = Config()
-        way_out = WayOut(config, cell.clock, cell.link, NO_SENSOR, control_loop(config))
+        way_out = WayOut(config, cell.clock, cell.link, NO_SENSOR, Setup(config).loop)
         rests.append(await way_out.rest(START.position, START.position, True))
         rests.append(await way_out.rest(START.position, START.position, False))
         cell.robot.silent = True
@@ -765,7 +765,7 @@ def test_a_retraction_is_judged_again_after_each_step() -> None:
     async def script(cell: Cell) -> None:
         await cell.link.ready()
         config, blamed = Config(), list[str]()
-        state = control_loop(config).initial(START.position)
+        state = Setup(config).loop.initial(START.position)
         deep = replace(state.supervisor, depth=0.01, position=moved(0.0, -10.0).position)
         cell.robot.pose = Pose(deep.position, DOWN)
         await cell.wait(2 * CYCLE)
@@ -787,7 +787,7 @@ def test_a_retraction_is_judged_again_after_each_step() -> None:
                 def __getattr__(self, name: str) -> Any:
                     return getattr(motion, name)
 
-            way_out = WayOut(config, cell.clock, cell.link, NO_SENSOR, control_loop(config))
+            way_out = WayOut(config, cell.clock, cell.link, NO_SENSOR, Setup(config).loop)
             await way_out.retract(Noted(), replace(state, supervisor=deep), DOWN, blamed.append)
         assert len(ordered) > 2
 

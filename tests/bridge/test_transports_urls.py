@@ -10,6 +10,7 @@ from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.devices.sensors.jr3.room import slcan_address
 from hil_bridge.errors import ConfigError
 from hil_bridge.runs.compose import Ports, emulated_cell
+from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import load_config
 from hil_bridge.transports import (
     LineSettings,
@@ -211,7 +212,9 @@ def test_an_slcan_adapter_is_a_serial_port() -> None:
         with pytest.raises(
             ConfigError, match=r"an slcan adapter is a serial port; for example can\+slcan\+pty:"
         ):
-            async with emulated_cell(load_config(None, {}), Clock.running(), ports, lambda cause: None):
+            async with emulated_cell(
+                Setup(load_config(None, {})), Clock.running(), ports, lambda cause: None
+            ):
                 pass
 
     run_virtual(main)

@@ -13,18 +13,19 @@ from hil_bridge.cli.decode import decode
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.devices.device_log import LogTo
 from hil_bridge.devices.robots.seam import RobotLink
-from hil_bridge.devices.sensors.jr3.room import uart_form, uart_line
+from hil_bridge.devices.sensors.jr3.room import uart_line
 from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.devices.wiring import Wiring
 from hil_bridge.errors import ConfigError, DeviceError, TransportUnavailable
 from hil_bridge.record import CycleRecord, EventRecord, Outcome, StepRecord
 from hil_bridge.runs.compose import Ports, connect_robot, connect_sensor, emulated_cell
 from hil_bridge.runs.cycle import Run
-from hil_bridge.settings.configuration import Config, load_config
+from hil_bridge.runs.setup import Setup
+from hil_bridge.settings.configuration import Config, load_config, read_config
 from hil_bridge.transports.urls import CONNECT_BYTES, LISTEN_BYTES
 from protocol.wrench import WrenchFrame
 
-URL = "memory:sensor?gateway=jr3"
+URL = "jr3-uart+memory:sensor"
 
 
 # --- URL
@@ -33,43 +34,29 @@ URL = "memory:sensor?gateway=jr3"
 @pytest.mark.parametrize(
     ("url", "wire"),
     [
-        ("serial:///dev/ttyACM0?gateway=jr3", "serial:///dev/ttyACM0?baudrate=115200"),
-        ("serial:///dev/ttyACM0?gateway=jr3&parity=E", "serial:///dev/ttyACM0?baudrate=115200&parity=E"),
-        ("serial:///dev/x?baudrate=9600&gateway=jr3", "serial:///dev/x?baudrate=9600"),
-        ("tcp://10.0.0.1:4000?gateway=jr3", "tcp://10.0.0.1:4000"),
-        (
-            "memory:x?latency_ms=5&gateway=jr3",
-            "memory:x?baudrate=115200&latency_ms=5",
-        ),
-        ("serial:///dev/ttyACM0", None),
-        ("can+slcan:///dev/ttyACM0?gateway=jr3", None),
-        ("foo:?gateway=jr3", "foo:"),
+        ("serial:///dev/ttyACM0", "serial:///dev/ttyACM0?baudrate=115200"),
+        ("serial:///dev/ttyACM0?parity=E", "serial:///dev/ttyACM0?baudrate=115200&parity=E"),
+        ("serial:///dev/x?baudrate=9600", "serial:///dev/x?baudrate=9600"),
+        ("tcp://10.0.0.1:4000", "tcp://10.0.0.1:4000"),
+        ("memory:x?latency_ms=5", "memory:x?baudrate=115200&latency_ms=5"),
+        ("foo:", "foo:"),
     ],
 )
-def test_a_connecting_url_names_its_gateway_and_gets_its_line(url: str, wire: str | None) -> None:
-    found = uart_form(url)
-    assert (found and uart_line(found, CONNECT_BYTES)) == wire
+def test_a_connecting_url_gets_the_gateways_line(url: str, wire: str) -> None:
+    assert uart_line(url, CONNECT_BYTES) == wire
 
 
 @pytest.mark.parametrize(
     ("url", "wire"),
     [
-        ("pty:?gateway=jr3", "pty:?baudrate=115200"),
-        ("pty:?link=/tmp/jr3&gateway=jr3", "pty:?baudrate=115200&link=/tmp/jr3"),
-        ("tcp-listen://127.0.0.1:0?gateway=jr3", "tcp-listen://127.0.0.1:0?baudrate=115200"),
-        ("memory:x?gateway=jr3", "memory:x?baudrate=115200"),
-        ("can+slcan+pty:", None),
+        ("pty:", "pty:?baudrate=115200"),
+        ("pty:?link=/tmp/jr3", "pty:?baudrate=115200&link=/tmp/jr3"),
+        ("tcp-listen://127.0.0.1:0", "tcp-listen://127.0.0.1:0?baudrate=115200"),
+        ("memory:x", "memory:x?baudrate=115200"),
     ],
 )
-def test_a_listening_url_names_its_gateway_and_gets_its_line(url: str, wire: str | None) -> None:
-    found = uart_form(url)
-    assert (found and uart_line(found, LISTEN_BYTES)) == wire
-
-
-@pytest.mark.parametrize("option", ["gateway=", "gateway", "gateway=can", "gateway=jr3&gateway=jr3"])
-def test_another_gateway_is_refused(option: str) -> None:
-    with pytest.raises(ConfigError, match=r"gateway must be jr3, and once, got 'gateway"):
-        uart_form(f"serial:///dev/ttyACM0?{option}")
+def test_a_listening_url_gets_the_gateways_line(url: str, wire: str) -> None:
+    assert uart_line(url, LISTEN_BYTES) == wire
 
 
 def refuse(url: str, error: type[Exception]) -> str:
@@ -83,10 +70,10 @@ def refuse(url: str, error: type[Exception]) -> str:
 
 
 def test_what_is_wrong_with_the_wire_is_told_as_ever() -> None:
-    assert "unknown scheme 'foo'" in refuse("foo:x?gateway=jr3", ConfigError)
-    assert "unknown option 'speed'" in refuse("serial:///dev/x?gateway=jr3&speed=1", ConfigError)
-    assert "unknown option 'gateway'" in refuse("can+memory:x?gateway=jr3", ConfigError)
-    assert "no program listens" in refuse("memory:none?gateway=jr3", TransportUnavailable)
+    assert "unknown scheme 'foo'" in refuse("jr3-uart+foo:x", ConfigError)
+    assert "unknown option 'speed'" in refuse("jr3-uart+serial:///dev/x?speed=1", ConfigError)
+    assert "unknown option 'gateway'" in refuse("jr3+can+memory:x?gateway=jr3", ConfigError)
+    assert "no program listens" in refuse("jr3-uart+memory:none", TransportUnavailable)
 
 
 @pytest.mark.parametrize(
@@ -101,19 +88,19 @@ def test_a_setting_that_the_line_cannot_carry_is_one_clear_line(
     key: str, value: float, text: str, tmp_path: Any
 ) -> None:
     path = tmp_path / "c.toml"
-    path.write_text(f"[sensor.uart]\n{key} = {value}\n")
+    path.write_text(f"[sensor.jr3.uart]\n{key} = {value}\n")
     with pytest.raises(ConfigError) as caught:
         load_config(path, {})
-    assert str(caught.value).startswith(f"{path}: sensor.uart.{text}")
+    assert str(caught.value).startswith(f"{path}: sensor.jr3.uart.{text}")
 
 
 @pytest.mark.parametrize(("node", "bound"), [(0, "at least 1"), (128, "at most 127")])
 def test_a_node_that_no_can_gateway_has_is_one_clear_line(node: int, bound: str, tmp_path: Any) -> None:
     path = tmp_path / "c.toml"
-    path.write_text(f"[sensor.gateway]\nnode = {node}\n")
+    path.write_text(f"[sensor.jr3.gateway]\nnode = {node}\n")
     with pytest.raises(ConfigError) as caught:
         load_config(path, {})
-    assert str(caught.value) == f"{path}: sensor.gateway.node must be {bound}, got {node}"
+    assert str(caught.value) == f"{path}: sensor.jr3.gateway.node must be {bound}, got {node}"
 
 
 def test_pasted_bytes_of_the_line_are_decoded() -> None:
@@ -157,7 +144,7 @@ class Served:
 
 
 def with_cell(script: Callable[[Served], Awaitable[None]], **sections: Any) -> Served:
-    config = Config.model_validate(sections)
+    config = read_config(sections)
     kept: list[Served] = []
 
     async def main() -> None:
@@ -171,7 +158,7 @@ def with_cell(script: Callable[[Served], Awaitable[None]], **sections: Any) -> S
         def failed(cause: BaseException) -> None:
             raise cause
 
-        async with emulated_cell(config, clock, Ports("memory:robot", URL), failed) as ports:
+        async with emulated_cell(Setup(config), clock, Ports("s3+memory:robot", URL), failed) as ports:
             assert ports.robot is not None
             assert ports.sensor == URL
             log = LogTo(frames.append, notice)
@@ -202,7 +189,7 @@ def test_ready_tare_and_stop() -> None:
         await served.clock.sleep_until(served.clock.now() + 10.0)
         assert max(map(abs, served.frames[-1].values)) <= 4
 
-    served = with_cell(script, sensor={"uart": {"period_ms": 2.0}})
+    served = with_cell(script, sensor={"jr3": {"uart": {"period_ms": 2.0}}})
     # Boot 5.033 s, then two pauses of 1.1 s until the start, one more until the zero.
     assert times == [pytest.approx(7.34, abs=0.02), pytest.approx(8.35, abs=0.02)]
     assert len(served.frames) > 5000
@@ -222,7 +209,7 @@ def test_a_close_in_the_deaf_second_waits_for_the_gateway(kept_bytes: int, secon
         await served.sensor.aclose()
         closed.append(served.clock.now() - asked)
 
-    with_cell(script, cell={"uart_gateway": {"kept_bytes": kept_bytes}})
+    with_cell(script, cell={"jr3": {"uart": {"kept_bytes": kept_bytes}}})
     assert closed == [pytest.approx(seconds, abs=0.02)]
 
 
@@ -233,8 +220,8 @@ def test_a_stream_as_fast_as_the_line_loses_nothing() -> None:
         gaps = [b.at - a.at for a, b in zip(served.frames, served.frames[1:], strict=False)]
         assert statistics.fmean(gaps) == pytest.approx(1.563e-3, rel=1e-3)
 
-    kinder = {"uart_gateway": {"period_overhead_us": (0.0, 0.0)}}
-    assert with_cell(script, sensor={"uart": {"period_ms": 1.563}}, cell=kinder).sensor.lost == 0
+    kinder = {"jr3": {"uart": {"period_overhead_us": (0.0, 0.0)}}}
+    assert with_cell(script, sensor={"jr3": {"uart": {"period_ms": 1.563}}}, cell=kinder).sensor.lost == 0
 
 
 def test_an_unfiltered_sensor_is_said_once() -> None:
@@ -242,7 +229,7 @@ def test_an_unfiltered_sensor_is_said_once() -> None:
         await served.sensor.ready()
         await served.sensor.tare()
 
-    served = with_cell(script, sensor={"uart": {"cutoff_hz": 0.0}})
+    served = with_cell(script, sensor={"jr3": {"uart": {"cutoff_hz": 0.0}}})
     ((kind, text),) = served.notices
     assert kind == "sensor"
     assert "filter is off (cut-off 0)" in text
@@ -253,7 +240,7 @@ def test_a_sensor_that_is_not_plugged_in_is_one_clear_line() -> None:
         with pytest.raises(DeviceError, match=r"acknowledges but not ready after 12 s: sensor unplugged\?"):
             await served.sensor.ready()
 
-    with_cell(script, cell={"sensor": {"connected": False}})
+    with_cell(script, cell={"jr3": {"sensor": {"connected": False}}})
 
 
 @pytest.mark.parametrize("kept_bytes", [0, 256])
@@ -261,11 +248,11 @@ def test_the_closed_loop_holds_ten_newtons(kept_bytes: int) -> None:
     log = Log()
     sections: dict[str, Any] = {
         "run": {"duration_s": 10.0},
-        "cell": {"uart_gateway": {"kept_bytes": kept_bytes}},
+        "cell": {"jr3": {"uart": {"kept_bytes": kept_bytes}}},
     }
 
     async def script(served: Served) -> None:
-        run = Run(Config.model_validate(sections), served.clock, served.robot, served.sensor, log)
+        run = Run(Setup(read_config(sections)), served.clock, served.robot, served.sensor, log)
         assert (await run()).outcome is Outcome.COMPLETED
 
     served = with_cell(script, **sections)

@@ -17,6 +17,7 @@ from hil_bridge.devices.robots.s3.facts import robot_facts
 from hil_bridge.record import PHASE_EVENT, STOP_EVENT, CycleRecord, EventRecord
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import _Session
+from hil_bridge.runs.setup import Setup
 from hil_bridge.runs.signals import Signals
 from hil_bridge.settings.configuration import Config
 from hil_bridge.show.terminal import Health, Scene, Snapshot, ViewModel
@@ -346,7 +347,7 @@ class Pauses(asyncio.Event):
 async def test_a_pause_that_comes_as_the_run_ends_does_not_keep_the_view(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    session = _Session(Config(), Outputs(tmp_path / "run.mcap"), True, screen.Terminal(), Signals())
+    session = _Session(Setup(Config()), Outputs(tmp_path / "run.mcap"), True, screen.Terminal(), Signals())
     session._clock = Clock.running()
     monkeypatch.setattr(session, "_health", lambda: None)
     view: Any = SimpleNamespace(refresh=lambda now, health: None)

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from emulators.devices.jr3 import Board
-from emulators.s3_jr3_cell import BOARD, PaperCellProfile, s3_jr3_cell
+from tests.paper_cell import BOARD, PaperCellProfile, s3_jr3_cell
 from tools.comedi import Comedi
 from tools.jr3_window import Window, mapped
 

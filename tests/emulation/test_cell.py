@@ -12,9 +12,9 @@ from emulators.arm.history import History
 from emulators.arm.waypoints import Waypoint
 from emulators.cell import ToolProfile, force_to_wrench, rotation_matrix
 from emulators.devices.jr3 import Gateway, GatewayProfile, SensorProfile
-from emulators.s3_jr3_cell import PaperCell, PaperCellProfile, s3_jr3_cell
 from emulators.surface.contact import SurfaceProfile
 from protocol.can.frame import CanFrame
+from tests.paper_cell import PaperCell, PaperCellProfile, s3_jr3_cell
 
 T0 = 777.125
 DOWN = (0.0, 1.0, 0.0, 0.0)

@@ -13,9 +13,9 @@ from pydantic import TypeAdapter, ValidationError
 
 from emulators.arm.waypoints import Waypoint
 from emulators.cell import ToolProfile
-from emulators.s3_jr3_cell import PaperCell, PaperCellProfile, s3_jr3_cell
 from emulators.surface.contact import Contact, SurfaceKind, SurfaceProfile
 from emulators.surface.materials import MaterialKind, MaterialProfile
+from tests.paper_cell import PaperCell, PaperCellProfile, s3_jr3_cell
 
 TOP = 0.59
 RATE = 8000

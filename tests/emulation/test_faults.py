@@ -15,11 +15,11 @@ from emulators.devices.jr3.sensor import SENSOR_RATE_HZ
 from emulators.faults import Ledger
 from emulators.faults.ledger import INJECTION_LIMIT
 from emulators.faults.wire import BYTES, FRAMES, WIRE_FAULTS, FaultyWire
-from emulators.s3_jr3_cell import BOARD, GATEWAY, UART, PaperCell, PaperCellProfile, Receiver, s3_jr3_cell
 from emulators.surface.contact import SurfaceProfile
 from emulators.surface.faults import ObstacleProfile
 from emulators.surface.materials import MaterialKind, MaterialProfile
 from protocol.can.frame import CanFrame
+from tests.paper_cell import BOARD, GATEWAY, UART, PaperCell, PaperCellProfile, Receiver, s3_jr3_cell
 
 T0 = 4000.375
 RATE = SENSOR_RATE_HZ
@@ -331,7 +331,6 @@ def test_the_ledger_tells_what_was_when_and_how_often() -> None:
     [
         (GATEWAY, "bus", "off"),
         (GATEWAY, "computer", "pause"),
-        (BOARD, "frames", "loss"),
     ],
 )
 def test_a_fault_that_no_device_of_the_cell_has_is_refused(
@@ -343,10 +342,16 @@ def test_a_fault_that_no_device_of_the_cell_has_is_refused(
     cell.inject("scales", "wrong", T0)
 
 
+def test_a_board_that_is_read_has_no_faults_of_a_stream() -> None:
+    cell = s3_jr3_cell(PaperCellProfile(), T0, 1, receiver=BOARD)
+    with pytest.raises(ValueError, match=r"^no fault of frames is called 'loss'; known: unplugged$"):
+        cell.inject("frames", "loss", T0)
+
+
 @pytest.mark.parametrize("receiver", [GATEWAY, UART])
 def test_a_gateway_has_no_second_sensor(receiver: Receiver) -> None:
     cell = s3_jr3_cell(PaperCellProfile(), T0, 1, receiver=receiver)
-    with pytest.raises(ValueError, match=r"^frames: unplugged: a gateway has no second sensor; [^\n]+$"):
+    with pytest.raises(ValueError, match=r"^unplugged: sensor must be first, got 'second'$"):
         cell.inject("frames", "unplugged", T0, sensor="second")
     cell.inject("frames", "unplugged", T0)
 

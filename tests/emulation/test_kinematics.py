@@ -13,9 +13,9 @@ from emulators.arm.loops import ServoProfile
 from emulators.arm.waypoints import Waypoint, WaypointArm
 from emulators.arm.work_area import OutsideWorkArea, WorkArea
 from emulators.devices.s3 import S3Controller, S3Profile, S3Profiles
-from emulators.s3_jr3_cell import PaperCell, PaperCellProfile, s3_jr3_cell
 from emulators.seams import StartPose
 from protocol.geometry import Pose
+from tests.paper_cell import PaperCell, PaperCellProfile, s3_jr3_cell
 
 T0 = 99.5
 TOOL = 0.2

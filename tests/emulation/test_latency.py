@@ -24,13 +24,13 @@ from emulators.devices.jr3 import (
 )
 from emulators.devices.s3 import S3Controller, S3Profile, S3Profiles
 from emulators.quantiles import draw
-from emulators.s3_jr3_cell import PaperCell, PaperCellProfile, s3_jr3_cell
 from emulators.seams import StartPose
 from emulators.sensing import KnownWrench
 from emulators.surface.contact import SurfaceProfile
 from emulators.surface.materials import MaterialKind, MaterialProfile
 from protocol.can.frame import CanFrame
 from protocol.geometry import Pose
+from tests.paper_cell import PaperCell, PaperCellProfile, s3_jr3_cell
 
 T0 = 1234.5
 TICK, DELAY = 0.02, 0.02

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from emulators.arm.followed import FollowedArm, FollowedProfile
 from emulators.cell import Cell, CellProfile, Parts, ToolProfile
 from emulators.faults import FOREVER, Fault, Handler, Injection, Parameter
-from emulators.s3_jr3_cell import PaperCellProfile, s3_jr3_cell
 from emulators.seams import ArmPath, EmulatedRobot, EmulatedSensor, StartPose, Surface, WrenchSource
 from emulators.sensing import KnownWrench, NoisyWrench, NumberedNoise, Samples
 from emulators.surface.contact import Contact, SurfaceProfile
 from protocol.geometry import Pose
+from tests.paper_cell import PaperCellProfile, s3_jr3_cell
 
 Floats = NDArray[np.float64]
 

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 
 from emulators.arm.waypoints import Waypoint
 from emulators.cell import ToolProfile
-from emulators.s3_jr3_cell import PaperCell, PaperCellProfile, s3_jr3_cell
 from emulators.surface.contact import SurfaceKind, SurfaceProfile
 from emulators.surface.face import Face, ring_points, turning_of
 from emulators.surface.materials import MaterialKind, MaterialProfile
+from tests.paper_cell import PaperCell, PaperCellProfile, s3_jr3_cell
 
 T0 = 777.125
 DOWN = (0.0, 1.0, 0.0, 0.0)

@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 
 from emulators.arm.waypoints import Waypoint
 from emulators.cell import ToolProfile
-from emulators.s3_jr3_cell import PaperCell, PaperCellProfile, s3_jr3_cell
 from emulators.surface.contact import Contact, SurfaceProfile
 from emulators.surface.face import Face
 from emulators.surface.materials import MaterialKind, MaterialProfile
 from emulators.surface.removal import RADIUS_LIMIT_CELLS, RemovalProfile
+from tests.paper_cell import PaperCell, PaperCellProfile, s3_jr3_cell
 
 TOP = 0.59
 T0 = 777.125

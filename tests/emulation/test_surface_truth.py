@@ -7,8 +7,8 @@ import pytest
 
 from emulators.arm.waypoints import Waypoint
 from emulators.cell import ToolProfile
-from emulators.s3_jr3_cell import PaperCell, PaperCellProfile, s3_jr3_cell
 from emulators.surface.contact import Contact, SurfaceKind, SurfaceProfile
+from tests.paper_cell import PaperCell, PaperCellProfile, s3_jr3_cell
 
 T0 = 777.125
 DOWN = (0.0, 1.0, 0.0, 0.0)

@@ -7,9 +7,9 @@ import pytest
 
 from emulators.arm.waypoints import Waypoint
 from emulators.cell import ToolProfile
-from emulators.s3_jr3_cell import PaperCellProfile, s3_jr3_cell
 from emulators.surface.contact import Contact, SurfaceKind, SurfaceProfile
 from emulators.surface.materials import MaterialKind, MaterialProfile
+from tests.paper_cell import PaperCellProfile, s3_jr3_cell
 
 TOP = 0.59
 T0 = 777.125

@@ -8,7 +8,6 @@ from unittest import mock
 
 import pytest
 
-from emulators.s3_jr3_cell import PaperCell
 from hil_bridge.clock import Clock, Timer, run_virtual
 from hil_bridge.devices.device_log import LogTo
 from hil_bridge.devices.robots.s3.link import S3Link
@@ -17,7 +16,9 @@ from hil_bridge.record import CycleRecord, EventRecord, Outcome, StepRecord
 from hil_bridge.runs.compose import make_cell, open_devices
 from hil_bridge.runs.cycle import Run, RunResult
 from hil_bridge.runs.faults.schedule import FaultSchedule
-from hil_bridge.settings.configuration import Config
+from hil_bridge.runs.setup import Setup
+from hil_bridge.settings.configuration import Config, read_config
+from tests.paper_cell import PaperCell
 
 WATCH_S = 0.01
 """How often the truth is looked at, s."""
@@ -105,12 +106,12 @@ class Guarded:
             return make_cell(*arguments) if cell is None else cell
 
         with mock.patch("hil_bridge.runs.compose.make_cell", same):
-            async with open_devices(self.config, clock, LogTo(notice=self.notice)) as devices:
+            async with open_devices(Setup(self.config), clock, LogTo(notice=self.notice)) as devices:
                 assert devices.cell is not None
                 self.cell = devices.cell
                 watch()
                 try:
-                    self.run = Run(self.config, clock, devices.robot, devices.sensor, self)
+                    self.run = Run(Setup(self.config), clock, devices.robot, devices.sensor, self)
                     self.schedule = FaultSchedule(
                         self.config.faults, self.cell, clock, self.notice, self.run.stand_still
                     )
@@ -150,7 +151,7 @@ def configured() -> Callable[..., Config]:
         }
         for settings in more:
             values = merged(values, settings)
-        return Config.model_validate(values)
+        return read_config(values)
 
     return make
 

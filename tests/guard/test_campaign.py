@@ -24,8 +24,6 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from emulators.cell_faults import CELL_FAULTS
-from emulators.s3_jr3_cell import PaperCell
 from hil_bridge.clock import Clock
 from hil_bridge.control import CONTROLLERS
 from hil_bridge.errors import BridgeError
@@ -34,7 +32,8 @@ from hil_bridge.record import Recording, read
 from hil_bridge.runs.compose import make_cell
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute
-from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.configuration import Config, read_config
+from tests.paper_cell import CELL_FAULTS, PaperCell
 
 Floats = npt.NDArray[np.float64]
 SEEDS = int(os.environ.get("HIL_BRIDGE_SEEDS", "140"))
@@ -122,10 +121,10 @@ class Drawn:
                 {"kind": "circular_arc", "radius_mm": 300.0, "origin_y_mm": -100.0},
             )
         )
-        config = Config.model_validate(
+        config = read_config(
             {
                 "run": {"duration_s": 2.0, "seed": seed},
-                "sensor": {"emulated": "board" if fault == "unplugged" else "gateway"},
+                "sensor": {"emulated": "jr3-board" if fault == "unplugged" else "gateway"},
                 "controller": {"name": draw.choice(sorted(CONTROLLERS))},
                 "task": {
                     "expected_stiffness_n_m": max(stiffness, 2e3),

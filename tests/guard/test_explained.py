@@ -220,7 +220,7 @@ def test_margins_are_those_of_the_settings_nearest_first() -> None:
 
 
 def test_margins_follow_the_configuration() -> None:
-    config = Config.model_validate(
+    config = read_config(
         {"limits": {"force_limit_n": 20.0, "stale_after_ms": 80.0}, "robot": {"velocity_mm_s": 100.0}}
     )
     before, after = (

@@ -6,13 +6,14 @@ from typing import Any
 
 import pytest
 
-from emulators.s3_jr3_cell import PaperCell
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.devices.device_log import LogTo
 from hil_bridge.errors import DeviceError, SafetyStop
 from hil_bridge.runs.compose import open_devices
+from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config
 from hil_bridge.site.free import Freed, Freeing
+from tests.paper_cell import PaperCell
 
 Configured = Callable[..., Config]
 
@@ -32,7 +33,7 @@ def freed(
     async def main() -> Freed:
         clock = Clock.running()
 
-        async with open_devices(config, clock, LogTo()) as devices:
+        async with open_devices(Setup(config), clock, LogTo()) as devices:
             cell = devices.cell
             assert cell is not None
             prepare(cell)

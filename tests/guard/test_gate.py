@@ -17,8 +17,8 @@ from hil_bridge.devices.robots.gate import SLACK_M, Bounds, Gate, contradiction
 from hil_bridge.runs import pace
 from hil_bridge.runs.bounds import free_bounds, run_bounds
 from hil_bridge.runs.compose import open_devices
+from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config, read_config
-from hil_bridge.settings.kinds import facts_of
 from hil_bridge.site.free import Freeing
 from hil_bridge.site.tool.measuring import Sweep, measure
 from protocol.geometry import Pose, Vector, towards
@@ -293,7 +293,7 @@ def test_a_depth_that_is_not_that_of_the_place_is_named() -> None:
 
 def test_a_tool_that_is_freed_goes_no_deeper_and_does_not_turn() -> None:
     config = tracking("egm", 5e3)
-    gate = Gate(free_bounds(config, facts_of(config), START), 0.0)
+    gate = Gate(free_bounds(config, Setup(config).facts, START), 0.0)
     assert gate.judge(deeper(-0.5), 1.0) == ""
     assert "deeper than the deepest" in gate.judge(deeper(0.1), 2.0)
     assert "tilted" in gate.judge(turned(0.5), 2.0)
@@ -303,7 +303,7 @@ def test_a_tool_that_is_freed_goes_no_deeper_and_does_not_turn() -> None:
 def test_bounds_leave_room_for_each_step_of_a_run(robot: str) -> None:
     """The farthest that one decision may go, with the words of the robot rounded to either side."""
     config = tracking(robot, 5e3)
-    facts, sample = facts_of(config), config.controller.sample_ms or 180.0
+    facts, sample = Setup(config).facts, config.controller.sample_ms or 180.0
     gate = Gate(run_bounds(config, facts, sample * 1e-3, False, START), 0.0)
     step, rounded = facts.order_step_m or 0.0, 0.0
     farthest = config.limits.correction_mm_s * 2.0 * sample * 1e-3
@@ -345,7 +345,7 @@ def test_the_gate_is_silent_while_a_tool_is_freed(judged: list[str], robot: str)
 
     async def main() -> None:
         clock = Clock.running()
-        async with open_devices(config, clock, LogTo()) as devices:
+        async with open_devices(Setup(config), clock, LogTo()) as devices:
             await Freeing(config, clock, devices.robot, devices.sensor, lambda text: None)(3.0)
 
     run_virtual(main)

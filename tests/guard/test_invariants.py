@@ -10,7 +10,7 @@ import pytest
 from msgspec.structs import replace as changed
 
 import hil_bridge
-from hil_bridge.devices.kinds import ROBOTS, SENSORS, faults_of
+from hil_bridge.devices.kinds import ROBOTS, SENSORS, EmulatedKinds
 from hil_bridge.devices.robots.gate import Bounds, Gate
 from hil_bridge.lab.invariants import (
     CHECKERS,
@@ -174,7 +174,7 @@ def test_the_table_names_faults_that_there_are() -> None:
     known: dict[str, set[str]] = {}
     for robot in ROBOTS.built_in:
         for sensor in SENSORS.built_in:
-            for on, faults in faults_of(robot, sensor).items():
+            for on, faults in EmulatedKinds.named(robot, sensor).faults.items():
                 known.setdefault(on, set()).update(faults)
     for row in VOIDS:
         assert row.faults <= known[row.on], row

@@ -9,8 +9,8 @@ import pytest
 import hil_bridge
 from hil_bridge.devices.facts import Devices, Sensor
 from hil_bridge.runs.force_bound import force_bound_n
+from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config, read_config
-from hil_bridge.settings.kinds import facts_of
 from protocol.wrench import SensorFacts
 
 Guarded = Any
@@ -37,7 +37,7 @@ def streamed(emulated: str, /, **more: Any) -> Config:
 def bound(config: Config) -> float:
     """The bound of the true force of a run whose robot and sensor do as their facts say, N."""
     sensor = SensorFacts("", (1.0,) * 6, None, None, 0.01, 0.0, "host")
-    return force_bound_n(config, Devices(facts_of(config), Sensor(facts=sensor)), STIFFNESS)
+    return force_bound_n(config, Devices(Setup(config).facts, Sensor(facts=sensor)), STIFFNESS)
 
 
 def fault(on: str, name: str, **how: Any) -> dict[str, Any]:

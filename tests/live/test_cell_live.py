@@ -130,8 +130,8 @@ def test_a_run_speaks_as_the_observed_client_over_a_pseudo_terminal(short: str) 
 def test_a_run_emulates_the_sensor_that_it_is_told_to(tmp_path: Path) -> None:
     config, record = tmp_path / "c.toml", tmp_path / "run.mcap"
     config.write_text(
-        '[task]\nretract_mm = 3.0\n[sensor]\nemulated = "uart"\n'
-        "[sensor.uart]\npause_s = 0.3\nack_timeout_s = 0.5\n[cell.uart_gateway]\nboot_s = 0.2\ndeaf_s = 0.2\n"
+        '[task]\nretract_mm = 3.0\n[sensor]\nemulated = "jr3-uart"\n'
+        "[sensor.jr3.uart]\npause_s = 0.3\nack_timeout_s = 0.5\n[cell.jr3.uart]\nboot_s = 0.2\ndeaf_s = 0.2\n"
     )
     code, lines, errors = finish(
         start("run", str(config), "--duration", "4", "--no-view", "--record", str(record))
@@ -145,11 +145,11 @@ def test_a_run_emulates_the_sensor_that_it_is_told_to(tmp_path: Path) -> None:
 
 def test_a_killed_emulator_ends_the_run_at_once_with_its_cause(tmp_path: Path) -> None:
     record = tmp_path / "r.mcap"
-    with emulated("cell", "--robot-port", "tcp-listen://127.0.0.1:0?baudrate=9600&parity=E") as (
+    with emulated("cell", "--robot-port", "s3+tcp-listen://127.0.0.1:0?baudrate=9600&parity=E") as (
         cell,
         options,
     ):
-        assert options[1].startswith("tcp://127.0.0.1:")
+        assert options[1].startswith("s3+tcp://127.0.0.1:")
         run = start("run", *options, "--unchecked", "--no-view", "--record", str(record))
         wait_until(tracking(record))
         cell.kill()
@@ -158,7 +158,7 @@ def test_a_killed_emulator_ends_the_run_at_once_with_its_cause(tmp_path: Path) -
         assert time.monotonic() - killed < 5.0
         assert (code, errors.count("\n")) == (3, 1)
         assert "stopped" in lines
-        assert errors.startswith(f"hil-bridge: stopped: {options[1]}: the other side ")
+        assert errors.startswith(f"hil-bridge: stopped: {options[1].removeprefix('s3+')}: the other side ")
     code, _, errors = finish(start("report", str(record), "--out", str(tmp_path)))
     assert (code, errors) == (0, "")
 
@@ -199,7 +199,7 @@ def test_ctrl_c_while_connecting_ends_at_once(tmp_path: Path) -> None:
         device = os.ttyname(slave)
         with emulated("sensor", stop=signal.SIGINT) as (_, options):
             run = start(
-                *("run", "--robot", f"serial://{device}", *options, "--unchecked", "--no-view"),
+                *("run", "--robot", f"s3+serial://{device}", *options, "--unchecked", "--no-view"),
                 *("--record", str(record)),
             )
             assert os.read(master, 1) == b"\x05"
@@ -218,7 +218,7 @@ def test_ctrl_c_while_connecting_ends_at_once(tmp_path: Path) -> None:
 def test_a_port_that_another_holds_is_named(tmp_path: Path) -> None:
     with emulated("sensor") as (_, options):
         master, slave = pty.openpty()
-        held = f"serial://{os.ttyname(slave)}"
+        held = f"s3+serial://{os.ttyname(slave)}"
         holder = start("run", "--robot", held, *options, "--unchecked", "--no-view", "--no-record")
         try:
             assert os.read(master, 1) == b"\x05"

@@ -11,6 +11,7 @@ from hil_bridge.devices.device_log import Silence
 from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.devices.wiring import Wiring
 from hil_bridge.runs.compose import Ports, connect_sensor, emulated_cell
+from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import read_config
 from protocol.devices.netft import Command, encode_request
 
@@ -37,7 +38,7 @@ def test_a_sensor_streams_over_its_wire_and_takes_a_zero(
         clock = Clock.running()
         config = read_config({"sensor": {"emulated": kind}, "cell": cell})
         try:
-            async with emulated_cell(config, clock, Ports(None, port), lambda cause: None) as served:
+            async with emulated_cell(Setup(config), clock, Ports(None, port), lambda cause: None) as served:
                 assert served.sensor is not None
                 sensor = await connect_sensor(config, served.sensor, Wiring("sensor", clock, Silence()))
                 sensor.start()
@@ -68,7 +69,7 @@ def test_the_pages_of_a_box_outlive_hostile_browsers() -> None:
         config = read_config({"sensor": {"emulated": "netft"}, "cell": {"netft": {"boot_s": 0.0}}})
         port = "netft+udp-bind://127.0.0.1:0?http_port=0"
         try:
-            async with emulated_cell(config, clock, Ports(None, port), lambda cause: None) as served:
+            async with emulated_cell(Setup(config), clock, Ports(None, port), lambda cause: None) as served:
                 assert served.sensor is not None
                 page = int(served.sensor.rpartition("=")[2])
                 silent = [await asyncio.open_connection("127.0.0.1", page) for _ in range(12)]
@@ -127,7 +128,7 @@ def test_a_stranger_that_biases_gets_no_records_and_one_that_starts_gets_them() 
         mine, other = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
         try:
             port = "netft+udp-bind://127.0.0.1:0"
-            async with emulated_cell(config, clock, Ports(None, port), lambda cause: None) as served:
+            async with emulated_cell(Setup(config), clock, Ports(None, port), lambda cause: None) as served:
                 assert served.sensor is not None
                 there = int(served.sensor.partition("?")[0].rpartition(":")[2])
                 for end in (mine, other):

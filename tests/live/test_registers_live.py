@@ -98,7 +98,7 @@ def on_tcp(
     async def main() -> None:
         clock, logged, clients = Clock.running(), list[str](), list[Client]()
         served = await serve_board(
-            "jr3+tcp-listen://127.0.0.1:0",
+            "tcp-listen://127.0.0.1:0",
             Memory(),
             profile or ListenerProfile(),
             clock,
@@ -257,7 +257,7 @@ def test_a_taken_port_is_one_clear_line() -> None:
     async def main() -> None:
         clock = Clock.running()
         with socket.create_server(("127.0.0.1", 0)) as taken:
-            url = f"jr3+tcp-listen://127.0.0.1:{taken.getsockname()[1]}"
+            url = f"tcp-listen://127.0.0.1:{taken.getsockname()[1]}"
             try:
                 await serve_board(url, Memory(), ListenerProfile(), clock, Watcher(print, print))
             finally:
@@ -309,7 +309,7 @@ def test_a_pci_board_is_served_to_another_process(tmp_path: Path) -> None:
         assert server.stdout is not None
         assert server.stdout.readline() == "board: Copyright JR3\n"
         url = server.stdout.readline().strip()
-        assert url.startswith("sensor: jr3+tcp://127.0.0.1:")
+        assert url.startswith("sensor: jr3-board+tcp://127.0.0.1:")
         assert server.stdout.readline() == "Stop with Ctrl-C.\n"
         with socket.create_connection(("127.0.0.1", int(url.rpartition(":")[2])), PATIENCE) as client:
             client.sendall(encode_request(Request(Op.WRITE, 2, 0x80, 1, (400,))) + encode_request(SERIAL))
@@ -330,14 +330,16 @@ def test_a_pci_board_is_served_to_another_process(tmp_path: Path) -> None:
 def test_a_run_reads_the_emulated_board_over_tcp(tmp_path: Path) -> None:
     path = tmp_path / "c.toml"
     path.write_text(
-        "[task]\nretract_mm = 3.0\n[sensor.board]\noffset_polls = 1\npoll_s = 0.2\n"
-        "[cell.board]\noffsets_zeroed_s = 0.05\n"
+        "[task]\nretract_mm = 3.0\n[sensor.jr3.board]\noffset_polls = 1\npoll_s = 0.2\n"
+        "[cell.jr3.board]\noffsets_zeroed_s = 0.05\n"
     )
-    emulator = start("emulate", "cell", str(path), "--sensor-port", "jr3+tcp-listen://127.0.0.1:0", "--json")
+    emulator = start(
+        "emulate", "cell", str(path), "--sensor-port", "jr3-board+tcp-listen://127.0.0.1:0", "--json"
+    )
     try:
         assert emulator.stdout is not None
         where = json.loads(emulator.stdout.readline())
-        assert where["sensor"].startswith("jr3+tcp://127.0.0.1:")
+        assert where["sensor"].startswith("jr3-board+tcp://127.0.0.1:")
         summary = tmp_path / "s.json"
         run = start(
             "run",

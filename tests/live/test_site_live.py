@@ -35,7 +35,7 @@ def test_two_tapped_lines_are_put_into_words_and_kept(tmp_path: Path) -> None:
     (pc, _), (robot, _) = ports
     capture = tmp_path / "capture.txt"
     process = start(
-        "monitor", *(f"serial://{os.ttyname(slave)}" for _, slave in ports), "--save", str(capture)
+        "monitor", *(f"s3+serial://{os.ttyname(slave)}" for _, slave in ports), "--save", str(capture)
     )
     try:
         ends = time.monotonic() + PATIENCE
@@ -105,7 +105,7 @@ def test_a_sensor_is_probed_on_a_terminal_and_left_with_ctrl_c() -> None:
 def test_a_controller_behind_a_device_server_is_probed(tmp_path: Path) -> None:
     """The server knows what the client sets, so that parity can be wrong; the configuration found runs as it is."""
     cell = tmp_path / "cell.toml"
-    cell.write_text('[cell.link]\nparity = "N"\ndle_stuffing = "double"\naccepted_lengths = "data"\n')
+    cell.write_text('[cell.s3.link]\nparity = "N"\ndle_stuffing = "double"\naccepted_lengths = "data"\n')
     emulator = start(
         "emulate",
         "robot",

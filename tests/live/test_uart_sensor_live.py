@@ -9,20 +9,21 @@ from hil_bridge.clock import Clock, run_real
 from hil_bridge.devices.device_log import LogTo
 from hil_bridge.devices.wiring import Wiring
 from hil_bridge.runs.compose import Ports, connect_sensor, emulated_cell
-from hil_bridge.settings.configuration import Config
+from hil_bridge.runs.setup import Setup
+from hil_bridge.settings.configuration import read_config
 from protocol.wrench import WrenchFrame
 
 pytestmark = pytest.mark.live
 
 QUICK = {
-    "cell": {"uart_gateway": {"boot_s": 0.2, "deaf_s": 0.2}},
-    "sensor": {"uart": {"pause_s": 0.3, "ack_timeout_s": 0.5, "period_ms": 4.0}},
+    "cell": {"jr3": {"uart": {"boot_s": 0.2, "deaf_s": 0.2}}},
+    "sensor": {"jr3": {"uart": {"pause_s": 0.3, "ack_timeout_s": 0.5, "period_ms": 4.0}}},
 }
 """The same session in less time."""
 
 
 def test_a_sensor_on_a_pseudo_terminal() -> None:
-    config = Config.model_validate(QUICK)
+    config = read_config(QUICK)
     frames: list[WrenchFrame] = []
 
     def failed(cause: BaseException) -> None:
@@ -31,10 +32,10 @@ def test_a_sensor_on_a_pseudo_terminal() -> None:
     async def main() -> None:
         clock = Clock.running()
         try:
-            async with emulated_cell(config, clock, Ports(None, "pty:?gateway=jr3"), failed) as ports:
+            async with emulated_cell(Setup(config), clock, Ports(None, "jr3-uart+pty:"), failed) as ports:
                 url = ports.sensor or ""
                 assert url.startswith("serial:///dev/pts/")
-                assert url.endswith("?baudrate=115200&parity=N&stopbits=1&gateway=jr3")
+                assert url.endswith("?baudrate=115200&parity=N&stopbits=1")
                 sensor = await connect_sensor(config, url, Wiring("sensor", clock, LogTo(frames.append)))
                 sensor.start()
                 async with asyncio.timeout(30.0):

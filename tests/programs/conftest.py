@@ -19,8 +19,8 @@ from hil_bridge.record import CycleRecord, EventRecord, Outcome, Recording, Step
 from hil_bridge.runs.compose import open_devices
 from hil_bridge.runs.cycle import Run, RunResult
 from hil_bridge.runs.faults.schedule import FaultSchedule
-from hil_bridge.runs.pace import paced
 from hil_bridge.runs.replay import replay
+from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config, read_config
 
 Floats = NDArray[np.float64]
@@ -176,12 +176,12 @@ class Played:
             self._look(clock.now())
             timers[:] = [clock.call_at(clock.now() + WATCH_S, watch)]
 
-        async with open_devices(self.config, clock, LogTo(notice=self.notice)) as devices:
+        async with open_devices(Setup(self.config), clock, LogTo(notice=self.notice)) as devices:
             assert devices.cell is not None
             self.cell, self._seen_until = devices.cell, clock.now()
             watch()
             try:
-                self.run = Run(self.config, clock, devices.robot, devices.sensor, self)
+                self.run = Run(Setup(self.config), clock, devices.robot, devices.sensor, self)
                 self.schedule = FaultSchedule(
                     self.config.faults, self.cell, clock, self.notice, self.run.stand_still
                 )
@@ -240,7 +240,7 @@ def play() -> Play:
             values = merged(values, settings)
         if steps:
             values = merged(values, {"task": {"step": list(steps)}})
-        played = Played(paced(read_config(values)))
+        played = Played(Setup(read_config(values)).config)
         if meddle is not None:
             played.meddle = meddle
         return run_virtual(played.main)

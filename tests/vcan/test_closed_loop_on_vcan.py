@@ -33,14 +33,14 @@ def test_the_loop_holds_its_force_and_the_bus_log_agrees(
     with log.open("wb") as file:
         logger = subprocess.Popen([command("candump"), "-L", vcan.name], stdout=file)
     cell = subprocess.Popen(
-        [*HIL, "emulate", "cell", str(config), "--sensor-port", vcan.url, "--json"],
+        [*HIL, "emulate", "cell", str(config), "--sensor-port", f"jr3+{vcan.url}", "--json"],
         stdout=subprocess.PIPE,
         text=True,
     )
     try:
         assert cell.stdout is not None
         where = json.loads(cell.stdout.readline())
-        assert where["sensor"] == vcan.url
+        assert where["sensor"] == f"jr3+{vcan.url}"
         run = subprocess.run(
             [
                 *(*HIL, "run", str(config), "--robot", where["robot"], "--sensor", where["sensor"]),

@@ -16,7 +16,7 @@ from hil_bridge.record.export import export
 from hil_bridge.record.export.traffic import WireFrame, can_frames
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute
-from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.configuration import read_config
 from hil_bridge.transports import connect_can
 from protocol.can.frame import CanFrame
 
@@ -37,9 +37,9 @@ def test_a_played_log_comes_into_the_bridge_frame_by_frame(
     vcan: Any, command: Callable[[str], str], tmp_path: Path
 ) -> None:
     record = tmp_path / "run.mcap"
-    near = {"gateway": {"boot_s": 0.5}, "start_position_mm": (900.0, -100.0, 592.0)}
+    near = {"jr3": {"gateway": {"boot_s": 0.5}}, "start_position_mm": (900.0, -100.0, 592.0)}
     short = {"run": {"duration_s": 0.5}, "task": {"retract_mm": 1.0}}
-    config = Config.model_validate({**short, "cell": near})
+    config = read_config({**short, "cell": near})
     assert execute(config, True, Outputs(record=record), view=False) == 0
     export(record, ("candump",), tmp_path)
     lines = (tmp_path / "run.log").read_text().splitlines(keepends=True)
@@ -70,7 +70,7 @@ async def played(vcan: Any, canplayer: str, folder: Path) -> tuple[list[tuple[fl
         stack.push_async_callback(wire.aclose)
         wire.start(lambda frames: heard.extend((one.received_at or 0.0, one) for one in frames), print)
         output = stack.enter_context((folder / "monitor.txt").open("wb"))
-        monitor = await asyncio.create_subprocess_exec(*MONITOR, vcan.url, stdout=output)
+        monitor = await asyncio.create_subprocess_exec(*MONITOR, f"jr3+{vcan.url}", stdout=output)
         stack.push_async_callback(monitor.wait)
 
         def end_monitor() -> None:

@@ -13,7 +13,7 @@ from hil_bridge.record.analysis.summary import summarise
 from hil_bridge.record.ending import Outcome
 from hil_bridge.record.records import StepRecord
 from hil_bridge.record.topics import TOPICS, Record
-from hil_bridge.settings.kinds import cell_in_words, facts_of
+from hil_bridge.runs.setup import Setup
 from hil_bridge.show.report.run_charts import run_charts
 from hil_bridge.show.run_marks import MARKS_MOST
 from hil_bridge.show.terminal import Health, Scene
@@ -28,7 +28,7 @@ FAULT = {"on": "robot", "fault": "emergency-stop", "phase": "track", "after_s": 
 def stopped() -> tuple[Scene, Recording]:
     """A run with an emulated cell that an emergency stop ends."""
     config = load({"run": {"duration_s": 3.0}}, faults=[FAULT], seed=3)
-    scene = Scene(10.0, facts_of(config), cell=cell_in_words(config)[1], limits=config.limits)
+    scene = Scene(10.0, Setup(config).facts, cell=Setup(config).in_words[1], limits=config.limits)
     return scene, simulate(config).recording
 
 

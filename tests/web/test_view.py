@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from hil_bridge.api import load, simulate
 from hil_bridge.cli import cli
 from hil_bridge.errors import ConfigError
-from hil_bridge.record import Recording, read
+from hil_bridge.record import Recording
 from hil_bridge.show.web import feed
 from hil_bridge.show.web.playback import Place, Playback
 
@@ -65,9 +65,9 @@ def test_a_page_of_a_recording_can_ask_for_a_moment_alone(
         Playback(recording, "run.mcap").asked(Place(0.0), message)
 
 
-def test_the_first_version_s_recording_is_shown() -> None:
-    playback = Playback(read(OLD), OLD.name)
-    assert told(playback, playback.first())["rows"]["cycle"]["x"]
+def test_an_older_recording_is_refused_in_one_line() -> None:
+    with pytest.raises(ConfigError, match=r"^[^\n]+; 0\.5 is the last version that reads it$"):
+        CliRunner().invoke(cli, ["view", str(OLD)], catch_exceptions=False)
 
 
 def test_files_of_other_kinds_and_a_missing_extra_are_told_in_a_line(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,10 +10,11 @@ from hil_bridge.devices.wiring import Wiring
 from hil_bridge.record import CycleRecord, EventRecord, Outcome
 from hil_bridge.runs.compose import Ports, cell_ports, connect_robot, connect_sensor, emulated_cell
 from hil_bridge.runs.cycle import Run
+from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config
 from protocol.wrench import WrenchFrame
 
-CAN, BOARD = "can+memory:sensor", "jr3+memory:sensor"
+CAN, BOARD = "jr3+can+memory:sensor", "jr3-board+memory:sensor"
 """URLs at which a cell's sensor listens: behind its CAN gateway, or on a receiver board behind its registers."""
 USUAL = ""
 """Robot and sensor listen at the usual URLs of their kinds: for one cell in a loop."""
@@ -59,7 +60,7 @@ class CellRun:
         if self.sensor == USUAL:
             ports = cell_ports(self.config, virtual=True)
         else:
-            ports = Ports(f"memory:robot{self.number}", f"{self.sensor}{self.number}")
+            ports = Ports(f"s3+memory:robot{self.number}", f"{self.sensor}{self.number}")
 
         def notice(kind: str, text: str) -> None:
             self.event(EventRecord(clock.now(), kind, text))
@@ -67,13 +68,15 @@ class CellRun:
         seeded = self.config.run.model_copy(update={"seed": self.config.run.seed + self.number})
         config = self.config.model_copy(update={"run": seeded})
         log = LogTo(self._frame, notice)
-        async with emulated_cell(config, clock, ports, lambda cause: self.faults.append(repr(cause))) as at:
+        async with emulated_cell(
+            Setup(config), clock, ports, lambda cause: self.faults.append(repr(cause))
+        ) as at:
             robot = await connect_robot(config, at.robot or "", Wiring("robot", clock, log))
             sensor = await connect_sensor(config, at.sensor or "", Wiring("sensor", clock, log))
             robot.start()
             sensor.start()
             try:
-                result = await Run(config, clock, robot, sensor, self)()
+                result = await Run(Setup(config), clock, robot, sensor, self)()
             finally:
                 await sensor.aclose()
                 await robot.aclose()

@@ -8,9 +8,9 @@ from typing import Any
 from hil_bridge.control.laws.fuzzy import infer
 from hil_bridge.lab.experiments.emulated_run import run_emulated
 from hil_bridge.record import CycleRecord
-from hil_bridge.runs.pace import control_loop
+from hil_bridge.runs.setup import Setup
 from hil_bridge.runs.zeroing import wrist
-from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.configuration import Config, read_config
 from tools.bench.figures import Figure, Report, Spread, Target
 
 TRACK_S = 20.0
@@ -31,7 +31,7 @@ STEP = Target("value", 30.0)
 
 def recorded(controller: dict[str, Any]) -> tuple[Config, tuple[CycleRecord, ...]]:
     """A run of the emulated cell with this controller, and its cycles."""
-    config = Config.model_validate({"run": {"duration_s": TRACK_S, "seed": 3}, "controller": controller})
+    config = read_config({"run": {"duration_s": TRACK_S, "seed": 3}, "controller": controller})
     return config, run_emulated(config).cycles
 
 
@@ -39,7 +39,7 @@ def steps_us(config: Config, cycles: tuple[CycleRecord, ...]) -> list[float]:
     """Time of each decision of the run when it is taken again, µs. It covers compensation of the newest and of the
     paired wrench, their forces along the task's directions, controller, supervisor.
     """
-    compensation, loop = wrist(config), control_loop(config)
+    compensation, loop = wrist(config), Setup(config).loop
     approach, travel = config.frame.approach, config.frame.travel
     times = []
     turned, at_orientation = None, None

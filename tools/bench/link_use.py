@@ -18,7 +18,7 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.errors.text_files import toml_pair
 from hil_bridge.lab.experiments.emulated_run import run_emulated
 from hil_bridge.record import CycleRecord, read
-from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.configuration import read_config
 from protocol.devices.s3.adlp import LinkProfile
 from protocol.devices.s3.timing import line_floor
 from tools.bench.figures import Figure, Report, Target
@@ -49,10 +49,10 @@ def settings(baudrate: int, realtime: Mapping[str, object] = AS_IT_IS) -> dict[s
     robot = {"turnaround_ms": 0.0, "turnaround_spread_ms": 0.0}
     return {
         "run": {"duration_s": TRACK_S},
-        "robot": {"link": link},
+        "robot": {"s3": {"link": link}},
         "task": {"retract_mm": 1.0},
         "realtime": dict(realtime),
-        "cell": {"link": link, "robot": robot, "start_position_mm": (900.0, -100.0, 591.0)},
+        "cell": {"s3": {"link": link, "robot": robot}, "start_position_mm": (900.0, -100.0, 591.0)},
     }
 
 
@@ -114,7 +114,7 @@ def measure(say: Callable[[str], None]) -> Report:
         for baudrate in BAUDRATES:
             floor = line_floor(LinkProfile(baudrate=baudrate)) * MILLI
             say(f"{baudrate} baud, virtual time")
-            virtual = cycle_time(run_emulated(Config.model_validate(settings(baudrate))).cycles) * MILLI
+            virtual = cycle_time(run_emulated(read_config(settings(baudrate))).cycles) * MILLI
             times = {"virtual time": virtual}
             stolen = {}
             for way, realtime in ways.items():

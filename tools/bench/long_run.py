@@ -22,7 +22,7 @@ import numpy as np
 from hil_bridge.clock import VIRTUAL_WALL_NS, Clock, run_virtual
 from hil_bridge.record import VIRTUAL, Recorder, SensorRecord, Writing
 from hil_bridge.record.recorder import map_buffers
-from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.configuration import read_config
 from tools.bench.cells import CellRun
 from tools.bench.figures import Figure, Report, Target
 
@@ -70,7 +70,7 @@ async def track(record: Path, minutes: int, look: Callable[[], object]) -> dict[
     chunk. Then its part of the next one is always as small.
     """
     duration_s = (minutes + 1) * MINUTE_S
-    config = Config.model_validate({"run": {"duration_s": duration_s}, "task": {"speed_mm_s": SPEED_MM_S}})
+    config = read_config({"run": {"duration_s": duration_s}, "task": {"speed_mm_s": SPEED_MM_S}})
     clock = Clock.running()
     map_buffers()
     recorder = Recorder(record, clock.wall_ns, {}, VIRTUAL)

@@ -58,14 +58,14 @@ approach_speed_mm_s = 40.0
 retract_mm = 1.0
 [limits]
 correction_mm_s = 50.0
-[robot.link]
+[robot.s3.link]
 baudrate = 1000000
-[sensor.uart]
+[sensor.jr3.uart]
 cutoff_hz = 0.0
 period_ms = {PERIOD_MS}
 pause_s = 0.02
 settle_s = 0.02
-[sensor.gateway]
+[sensor.jr3.gateway]
 cutoff_hz = 0.0
 period_ms = {PERIOD_MS}
 [realtime]
@@ -109,7 +109,7 @@ def tcp() -> Iterator[Wires]:
             return Wires(fds[0], UartSensor(fds[1]), wires.plain, wires.urls, accept)
 
         at = [f"127.0.0.1:{port}" for port in ports]
-        urls = (f"tcp://{at[0]}", f"tcp://{at[1]}?gateway=jr3")
+        urls = (f"s3+tcp://{at[0]}", f"jr3-uart+tcp://{at[1]}")
         yield Wires(-1, UartSensor(-1), (f"tcp:{at[0]}", f"tcp:{at[1]}"), urls, accept)
 
 
@@ -126,7 +126,7 @@ def pseudo_terminals() -> Iterator[Wires]:
             stack.callback(os.close, master)
             # kept open here too, or the master would read an end before the other side has come
             stack.callback(os.close, slave)
-        urls = (f"serial://{names[0]}", f"serial://{names[1]}?gateway=jr3")
+        urls = (f"s3+serial://{names[0]}", f"jr3-uart+serial://{names[1]}")
         plain = (f"pty:{names[0]}", f"pty:{names[1]}")
         yield Wires(masters[0], UartSensor(masters[1]), plain, urls, lambda wires: wires)
 
@@ -149,7 +149,7 @@ def vcan() -> Iterator[Wires]:
                     wires.robot,
                     sensor,
                     (wires.plain[0], f"can:{name}"),
-                    (wires.urls[0], f"can+socketcan://{name}"),
+                    (wires.urls[0], f"jr3+can+socketcan://{name}"),
                     wires.accept,
                 )
     finally:

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from hil_bridge.record import read
-from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.configuration import Config, read_config
 from tools.bench.cells import BOARD, CAN, USUAL, CellRun, run_together
 from tools.bench.figures import Figure, Report, Target
 
@@ -61,7 +61,7 @@ def speed(config: Config, sensor: str) -> float:
 def stream_speeds(default: Config) -> tuple[list[float], float]:
     """Speeds of all streams, and that of the default cell measured in turn with them: the best of some rounds."""
     configs = [
-        Config.model_validate(
+        read_config(
             {
                 "run": {"duration_s": STREAM_TRACK_S, "seed": 7, "period_ms": 20},
                 "controller": {"sample_ms": 20},
@@ -80,7 +80,7 @@ def stream_speeds(default: Config) -> tuple[list[float], float]:
 
 def cost_each(count: int) -> float:
     """Processor time of a whole run of each of so many cells in one loop, per simulated second, s."""
-    config = Config.model_validate({"run": {"duration_s": MANY_TRACK_S}})
+    config = read_config({"run": {"duration_s": MANY_TRACK_S}})
     best = float("inf")
     for _ in range(max(1, 8 // count)):
         gc.collect()
@@ -119,11 +119,11 @@ def command(place: Path) -> tuple[float, float]:
 def measure(say: Callable[[str], None]) -> Report:
     """One cell of each kind, the command, and many cells."""
     say("default cell")
-    default_config = Config.model_validate({"run": {"duration_s": TRACK_S, "seed": 7}})
+    default_config = read_config({"run": {"duration_s": TRACK_S, "seed": 7}})
     default = speed(default_config, CAN)
     say("1 kHz sensor on the receiver board")
-    board_config = Config.model_validate(
-        {"run": {"duration_s": BOARD_TRACK_S, "seed": 7}, "sensor": {"board": {"period_ms": 1.0}}}
+    board_config = read_config(
+        {"run": {"duration_s": BOARD_TRACK_S, "seed": 7}, "sensor": {"jr3": {"board": {"period_ms": 1.0}}}}
     )
     board = speed(board_config, BOARD)
     say("robots that stream")

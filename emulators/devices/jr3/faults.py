@@ -1,4 +1,4 @@
-"""Faults of a JR3 sensor and its receivers: one table a target."""
+"""Faults of a JR3 sensor and its receivers: one table a receiver, by target."""
 
 from collections.abc import Mapping
 
@@ -9,31 +9,34 @@ from emulators.sensing.faults import SCALES_FAULTS, SIGNAL_FAULTS
 FIRST, SECOND = "first", "second"
 """The sensors that can be plugged in."""
 
-PLUG_FAULTS: Mapping[str, Fault] = {
-    "unplugged": Fault(
+
+def _unplugged(choices: tuple[str, ...], meaning: str) -> Fault:
+    return Fault(
         "the sensor's plug is pulled off its receiver",
-        {
-            "sensor": Parameter(
-                FIRST, "which is plugged in then; the second at a board alone", choices=(FIRST, SECOND)
-            )
-        },
+        {"sensor": Parameter(FIRST, meaning, choices=choices)},
         2.0,
     )
-}
-"""Of every receiver; a board, which is read and streams nothing, has no other faults of its frames."""
 
-FRAMES_FAULTS: Mapping[str, Fault] = {
-    **WIRE_FAULTS,
-    **PLUG_FAULTS,
-    "slow": Fault(
-        "samples are sent less often", {"factor": Parameter(10.0, "of their period", 1.0, 1000.0)}, FOREVER
-    ),
-    "frozen-counter": Fault("samples go on with the counter of the first", {}, FOREVER),
-}
 
-JR3_FAULTS: Mapping[str, Mapping[str, Fault]] = {
+GATEWAY_FAULTS: Mapping[str, Mapping[str, Fault]] = {
     "signal": SIGNAL_FAULTS,
     "scales": SCALES_FAULTS,
-    "frames": FRAMES_FAULTS,
+    "frames": {
+        **WIRE_FAULTS,
+        "unplugged": _unplugged((FIRST,), "which is plugged in then"),
+        "slow": Fault(
+            "samples are sent less often",
+            {"factor": Parameter(10.0, "of their period", 1.0, 1000.0)},
+            FOREVER,
+        ),
+        "frozen-counter": Fault("samples go on with the counter of the first", {}, FOREVER),
+    },
 }
-"""Faults by target."""
+"""Faults of a sensor behind a gateway, by target."""
+
+BOARD_FAULTS: Mapping[str, Mapping[str, Fault]] = {
+    "signal": SIGNAL_FAULTS,
+    "scales": SCALES_FAULTS,
+    "frames": {"unplugged": _unplugged((FIRST, SECOND), "which is plugged in then")},
+}
+"""Faults of a sensor at a receiver board, by target: it is read and streams nothing."""

@@ -18,7 +18,6 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from emulators.devices.jr3.faults import SECOND
 from emulators.devices.jr3.firmware_profile import FirmwareProfile
 from emulators.devices.jr3.late import LateSamples, Sample
 from emulators.devices.jr3.scales import WrongScales
@@ -164,8 +163,6 @@ class Firmware:
             sampling.read, sampling.ahead = sampling.taken, sampling.ahead[:0]
 
     def _pulled(self, injection: Injection) -> None:
-        if injection.values["sensor"] == SECOND:
-            raise ValueError("frames: unplugged: a gateway has no second sensor; leave `sensor` out")
         injection.struck += self.plugged
         self.unplug(injection.injected_at)
 

@@ -11,13 +11,13 @@ from emulators.devices.jr3.uart_gateway import UartGateway, UartGatewayProfile
 from emulators.seams import WrenchSource
 
 
-@dataclass(frozen=True)  # without slots, so that a cell's profile may inherit it beside others
+@dataclass(frozen=True)
 class Jr3Profiles:
-    """Everything that may differ between one JR3 sensor and the next. Its fields stand in `[cell]`."""
+    """Everything that may differ between one JR3 sensor and the next. The section `[cell.jr3]`."""
 
     sensor: SensorProfile = field(default_factory=SensorProfile)
     gateway: GatewayProfile = field(default_factory=GatewayProfile)
-    uart_gateway: UartGatewayProfile = field(default_factory=UartGatewayProfile)
+    uart: UartGatewayProfile = field(default_factory=UartGatewayProfile)
     board: BoardProfile = field(default_factory=BoardProfile)
 
 

@@ -106,7 +106,7 @@ class Jr3Sensor:
         """
         self._noise = NumberedNoise(profile.noise_counts, seed)
         self._become(profile)
-        needs = "" if profile.noise_counts else "cell.sensor.noise_counts"
+        needs = "" if profile.noise_counts else "cell.jr3.sensor.noise_counts"
         self.signal = Signal(SENSOR_RATE_HZ, needs, samples.invalidate_from)
         """Faults before the converter."""
 

@@ -161,7 +161,7 @@ class S3Profile:
 
 @dataclass(frozen=True)  # without slots, so that a cell's profile may inherit it beside others
 class S3Profiles:
-    """Everything that may differ between one S3 robot and the next. Its fields stand in `[cell]`."""
+    """Everything that may differ between one S3 robot and the next. The section `[cell.s3]`."""
 
     robot: S3Profile = field(default_factory=S3Profile)
     link: LinkProfile = field(default_factory=LinkProfile)

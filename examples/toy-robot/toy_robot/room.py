@@ -22,20 +22,24 @@ class NoSettings:
 FACTS = RobotFacts("toy arm", Pacing.STREAMED, cycle_s=CYCLE_S)
 
 
-async def connect_arm(url: str, settings: KindSettings, wiring: Wiring) -> StreamedLink[Datagrams]:
+async def connect_arm(
+    url: str, settings: KindSettings[NoSettings, FollowedProfile], wiring: Wiring
+) -> StreamedLink[Datagrams]:
     wire = await wiring.datagrams(url)
     return StreamedLink(wire, ArmClient(wiring.clock.now()), FACTS, wiring.clock, wiring.log)
 
 
-def make_arm(settings: KindSettings) -> RobotFactory:
+def make_arm(settings: KindSettings[NoSettings, FollowedProfile]) -> RobotFactory:
     return lambda start, now, seed: Arm(settings.emulated, start, now)
 
 
-async def serve(url: str, device: Any, settings: KindSettings, serving: Serving) -> str:
+async def serve(
+    url: str, device: Any, settings: KindSettings[NoSettings, FollowedProfile], serving: Serving
+) -> str:
     return await serving.serve_datagrams(url, device.endpoint)
 
 
-def usual(settings: KindSettings, virtual: bool) -> str:
+def usual(settings: KindSettings[NoSettings, FollowedProfile], virtual: bool) -> str:
     return "udp+memory:toyarm" if virtual else "udp-bind://127.0.0.1:0"
 
 

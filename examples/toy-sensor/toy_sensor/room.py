@@ -17,20 +17,22 @@ class NoSettings:
 
 
 async def connect_load(
-    url: str, settings: KindSettings, wiring: Wiring
+    url: str, settings: KindSettings[NoSettings, LoadProfile], wiring: Wiring
 ) -> tuple[Transport[Datagrams], LoadClient]:
     return await wiring.datagrams(url), LoadClient(wiring.clock.now())
 
 
-def make_load(settings: KindSettings) -> SensorFactory:
+def make_load(settings: KindSettings[NoSettings, LoadProfile]) -> SensorFactory:
     return lambda source, now, seed: LoadCell(settings.emulated, source, seed)
 
 
-async def serve(url: str, device: Any, settings: KindSettings, serving: Serving) -> str:
+async def serve(
+    url: str, device: Any, settings: KindSettings[NoSettings, LoadProfile], serving: Serving
+) -> str:
     return await serving.serve_datagrams(url, device.endpoint)
 
 
-def usual(settings: KindSettings, virtual: bool) -> str:
+def usual(settings: KindSettings[NoSettings, LoadProfile], virtual: bool) -> str:
     return "udp+memory:toyload" if virtual else "udp-bind://127.0.0.1:0"
 
 

@@ -74,7 +74,7 @@ STOPS: tuple[ConditionRow, ...] = (
         Cause.DEVICE,
         "the robot's status shows emergency stop, standby, a key not in AUTO, link control taken back, or an "
         "orientation that is none; or the sensor failed, began anew, or its wire ended",
-        "robot.link.check_flags",
+        "robot.s3.link.check_flags",
     ),
     _stop(
         Cause.FORCE,

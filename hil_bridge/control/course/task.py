@@ -39,6 +39,10 @@ class Phase(StrEnum):
     """Nothing more to command."""
 
 
+CONNECT, TARE = "connect", "tare"
+BEFORE_TOUCH = CONNECT, TARE
+"""Phases of a run before there is anything to decide: devices become ready, and the zero is taken."""
+
 # Asked for in every cycle, by names of this module: until Python 3.12 an enum's own name costs ten times that.
 _APPROACH, _TRACK, _RETRACT = Phase.APPROACH, Phase.TRACK, Phase.RETRACT
 

@@ -4,13 +4,14 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
+from hil_bridge.clock import VIRTUAL_EPOCH
 from hil_bridge.errors import BridgeError
 from hil_bridge.errors.text_files import format_value
 from hil_bridge.lab.campaign.drawing import EVERY, Draw, Setting, between_of, possible_faults
 from hil_bridge.lab.campaign.overlay import config_with
 from hil_bridge.runs.checks import check
 from hil_bridge.runs.compose import holds
-from hil_bridge.runs.pace import paced
+from hil_bridge.runs.setup import Setup
 
 MOST_FAULTS = 9
 """Most faults of a run. Chosen: a person can still tell which of them did it."""
@@ -71,9 +72,9 @@ def tried(draw: Draw, config: str) -> Tried:
 def _refusal(config: str, values: Mapping[str, Any]) -> str:
     """Why a cell cannot have these values, by dotted key; empty where it can."""
     try:
-        one = paced(config_with(config, json.dumps({"config": dict(values), "faults": []}), 0))
-        check(one, True)
-        x, y, z = one.cell.start_position_mm
+        one = Setup(config_with(config, json.dumps({"config": dict(values), "faults": []}), 0))
+        check(one, True, VIRTUAL_EPOCH)
+        x, y, z = one.config.cell.start_position_mm
         if not holds(one, (x * 1e-3, y * 1e-3, z * 1e-3)):
             return "cell.start_quaternion: the robot cannot hold its tool so at the start"
     except BridgeError as error:

@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 
 import msgspec
 
-from hil_bridge.devices.kinds import faults_of
+from hil_bridge.devices.kinds import EmulatedKinds
 from hil_bridge.lab.invariants import Promise, void_reasons
 from hil_bridge.runs.faults.lying import CONTROLLER, CONTROLLER_FAULTS
 from hil_bridge.settings.faults import FaultConfig
@@ -224,8 +224,12 @@ def _voids(table: Mapping[str, Any]) -> bool:
 
 def fits(table: Mapping[str, Any], robot: str, sensor: str, surface: str) -> bool:
     """Whether a cell with these devices can have this fault."""
+    fault = FaultConfig.model_validate(table)
+    words = _words(robot, sensor, surface).get(fault.on, {}).get(fault.fault)
+    if words is None:
+        return False
     try:
-        FaultConfig.model_validate(table).check_cell("", "", sensor, _words(robot, sensor, surface))
+        words.values(fault.fault, fault.given)
     except ValueError:
         return False
     return True
@@ -241,7 +245,7 @@ def _names(table: Mapping[str, Any], words: Mapping[str, Mapping[str, Any]]) -> 
 @cache
 def _words(robot: str, sensor: str, surface: str) -> Mapping[str, Mapping[str, Any]]:
     """All faults that a run with these devices can have, by target and name."""
-    return {**faults_of(robot, sensor, surface), CONTROLLER: CONTROLLER_FAULTS}
+    return {**EmulatedKinds.named(robot, sensor, surface).faults, CONTROLLER: CONTROLLER_FAULTS}
 
 
 @cache

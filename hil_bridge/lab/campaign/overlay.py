@@ -7,7 +7,7 @@ from typing import Any
 
 from hil_bridge.control import make_controller
 from hil_bridge.runs.faults.lying import CONTROLLER, CONTROLLER_FAULTS, LyingController
-from hil_bridge.runs.pace import paced
+from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config, lay_over, read_config
 from hil_bridge.settings.given import config_of
 
@@ -30,7 +30,7 @@ def config_with(config: str, table: str, seed: int) -> Config:
 
 def with_lie(config: Config, fault: dict[str, Any]) -> Config:
     """The same with a controller that lies. Raises ConfigError, and ValueError for a lie that is none."""
-    config = paced(config)
+    config = Setup(config).config
     chosen = config.controller
     honest: Any = make_controller(chosen.name, **chosen.parameters)
     name = f"{CONTROLLER}: {fault['fault']}"

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from html import escape
 
-from hil_bridge.devices.kinds import faults_of
+from hil_bridge.devices.kinds import EmulatedKinds
 from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.lab.campaign.pictures import distributions, drawn_faults, injections, matrix
 from hil_bridge.lab.campaign.plan import Plan
@@ -254,7 +254,7 @@ def _not_planned(plan: Plan) -> Mapping[str, list[str]]:
         config = json.loads(text)
         robot, sensor = config["robot"]["emulated"], config["sensor"]["emulated"]
         try:
-            known = faults_of(robot, sensor, config["cell"].get("surface_kind", ""))
+            known = EmulatedKinds.named(robot, sensor, config["cell"].get("surface_kind", "")).faults
         except ConfigError:  # a package that made the results is not installed here
             continue
         for on, faults in known.items():

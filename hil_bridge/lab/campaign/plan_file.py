@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
+from hil_bridge.clock import VIRTUAL_EPOCH
 from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.errors.text_files import format_path, format_value, read_toml
 from hil_bridge.lab.campaign.criteria import Criterion, problem_of
@@ -18,7 +19,7 @@ from hil_bridge.lab.campaign.draw_file import draw_of, tried
 from hil_bridge.lab.campaign.drawing import DRAWN, Draw
 from hil_bridge.lab.campaign.plan import RUNS_LIMIT, Case, Plan, fault_label
 from hil_bridge.runs.checks import check
-from hil_bridge.runs.pace import paced
+from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config, dump, read_values
 from hil_bridge.settings.given import config_of
 
@@ -245,7 +246,7 @@ class _Reading:
             try:
                 config = config_of(values, seed=0)
                 _check_emulated(config)
-                check(paced(config), True)
+                check(Setup(config), True, VIRTUAL_EPOCH)
             except BridgeError as error:
                 told.setdefault(_plain(error), []).append(label)
                 continue

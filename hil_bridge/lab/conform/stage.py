@@ -28,8 +28,9 @@ from hil_bridge.lab.conform.scenarios import (
 from hil_bridge.lab.conform.watching import Seen, Watch
 from hil_bridge.runs.compose import Ports, emulated_cell
 from hil_bridge.runs.faults.panel import FaultPanel
+from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config
-from hil_bridge.settings.kinds import settings_of
+from hil_bridge.settings.devices import robot_in
 
 _LOOK_S = 0.01
 """Chosen: time between two looks at the robot and the client."""
@@ -87,7 +88,7 @@ async def play(name: str, trial: Trial) -> Played:
     begun = clock.now()
     try:
         ports = Ports(trial.port, None)
-        async with emulated_cell(trial.config, clock, ports, failures.append) as served:
+        async with emulated_cell(Setup(trial.config), clock, ports, failures.append) as served:
             scene = _Scene(name, trial, _ServedCell(served.cell, clock, failures), client)
             await scene.play(where_of(trial.config, served.robot or ""))
             seen = scene.watch.seen
@@ -228,14 +229,13 @@ class _Scene:
 
 def where_of(config: Config, url: str) -> Where:
     """How a client finds the robot at this URL."""
-    kind = ROBOTS.kind(ROBOTS.split(url)[0] or config.robot.emulated)
-    wire_url = ROBOTS.split(url)[1]
-    wire = kind.parse(wire_url, settings_of(config, kind))
+    robot = robot_in(config, url)
+    wire = robot.kind.parse(robot.url, robot.settings)
     names = {"url": url}
     host, mark, port = wire.target.rpartition(":")
     if mark and port.isdigit():
         names |= {"host": host.strip("[]"), "port": port}
     elif wire.scheme == "serial":
         names["device"] = wire.target
-    names |= {key: value for key, value in parse_qsl(urlsplit(wire_url).query) if value.isalnum()}
+    names |= {key: value for key, value in parse_qsl(urlsplit(robot.url).query) if value.isalnum()}
     return Where(url, names)

@@ -11,7 +11,7 @@ from hil_bridge.control.analysis.merit import STEADY_SAMPLES
 from hil_bridge.lab.experiments.emulated_run import run_emulated
 from hil_bridge.lab.experiments.paper_simulation import Parameters
 from hil_bridge.record import Outcome
-from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.configuration import Config, read_config
 
 Floats = NDArray[np.float64]
 
@@ -86,10 +86,10 @@ class CellJob:
         surface: dict[str, Any] = {"stiffness_n_m": self.stiffness}
         if self.contour:
             surface |= {"kind": "sinusoidal", "amplitude_mm": 10.0, "period_mm": 200.0, "origin_y_mm": -100.0}
-        return Config.model_validate(
+        return read_config(
             {
                 "run": {"duration_s": self.duration, "seed": self.seed},
-                "robot": {"link": link},
+                "robot": {"s3": {"link": link}},
                 "controller": {
                     "name": self.controller,
                     "parameters": dict(self.parameters),
@@ -116,10 +116,9 @@ class CellJob:
                     "oscillation_guard": False,  # what a controller does by itself is the question
                 },
                 "cell": {
-                    "link": link,
+                    "s3": {"link": link, "servo": {"resolution_mm": self.resolution_mm}},
+                    "jr3": {"sensor": {"noise_counts": self.noise_counts}},
                     "surface": surface,
-                    "sensor": {"noise_counts": self.noise_counts},
-                    "servo": {"resolution_mm": self.resolution_mm},
                     "start_position_mm": (900.0, -100.0, 590.5),
                 },
             }

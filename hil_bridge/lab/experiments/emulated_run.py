@@ -13,7 +13,7 @@ from hil_bridge.record import CycleRecord, EventRecord, StepRecord
 from hil_bridge.runs.compose import open_devices
 from hil_bridge.runs.cycle import Run, RunResult
 from hil_bridge.runs.faults.schedule import FaultSchedule
-from hil_bridge.runs.pace import paced
+from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config
 
 
@@ -33,14 +33,14 @@ def run_emulated(config: Config) -> EmulatedRun:
     """
     if config.robot.url or config.sensor.url:
         raise ConfigError("experiments run against the emulated cell alone: leave the URLs empty")
-    return run_virtual(_Bench(paced(config)).main)
+    return run_virtual(_Bench(Setup(config)).main)
 
 
 @dataclass
 class _Bench:
     """The cell, the wires and the run on one virtual loop. Also the run's log."""
 
-    config: Config
+    setup: Setup
     cycles: list[CycleRecord] = field(default_factory=list)
     events: list[EventRecord] = field(default_factory=list)
     faults: FaultSchedule | None = None
@@ -61,16 +61,16 @@ class _Bench:
         """A step of a program has ended."""
 
     async def main(self) -> EmulatedRun:
-        clock, config = Clock.running(), self.config
+        clock, setup = Clock.running(), self.setup
 
         def notice(kind: str, text: str) -> None:
             self.event(EventRecord(clock.now(), kind, text))
 
         try:
-            async with open_devices(config, clock, LogTo(notice=notice)) as devices:
+            async with open_devices(setup, clock, LogTo(notice=notice)) as devices:
                 assert devices.cell is not None
-                self.faults = FaultSchedule(config.faults, devices.cell, clock, notice)
-                result = await Run(config, clock, devices.robot, devices.sensor, self)()
+                self.faults = FaultSchedule(setup.config.faults, devices.cell, clock, notice)
+                result = await Run(setup, clock, devices.robot, devices.sensor, self)()
         finally:
             if self.faults is not None:
                 self.faults.close()

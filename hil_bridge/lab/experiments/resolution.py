@@ -20,6 +20,8 @@ from hil_bridge.control.analysis.stability import (
     limit_cycle,
     pi_response,
 )
+from hil_bridge.devices.robots.s3.room import ROBOT as S3
+from hil_bridge.devices.sensors.jr3.room import CAN_GATEWAY as JR3
 from hil_bridge.lab.experiments.cell import CellJob, CellTrace
 from hil_bridge.lab.experiments.drawing import COLOURS, MARKERS, Sheet
 from hil_bridge.lab.experiments.paper_simulation import PERIOD, PaperJob, PaperRun, Parameters
@@ -35,6 +37,7 @@ from hil_bridge.lab.experiments.results import (
     verdict,
 )
 from hil_bridge.lab.experiments.statistics import spread
+from hil_bridge.settings.kinds import settings_of
 from protocol.devices.s3.adlp import BLOCK_OVERHEAD
 
 STIFFNESSES = (5e3, 1e4, 2e4, 5e4)
@@ -106,10 +109,10 @@ def plant(job: CellJob, period: float) -> SampledPlant:
     its transport delay.
     """
     config = job.config()
-    cell = config.cell
+    cell = settings_of(config, S3).emulated
     characters = 2 + BLOCK_OVERHEAD + cell.link.move_length
     servo = cell.servo
-    waiting_ms = (config.sensor.gateway.period_ms + servo.interpolation_ms) / 2.0
+    waiting_ms = (settings_of(config, JR3).client.gateway.period_ms + servo.interpolation_ms) / 2.0
     delay = (
         characters * cell.link.character_time
         + (waiting_ms + cell.robot.turnaround_ms + servo.transport_delay_ms) * 1e-3
@@ -133,8 +136,10 @@ def _predicted_chain(job: CellJob, period: float) -> LimitCycle | None:
             job.stiffness,
             LOOP_GAIN / job.stiffness,
             plant(job, period),
-            HoldingServo(job.resolution_mm * 1e-3, config.cell.servo.interpolation_ms * 1e-3),
-            config.sensor.gateway.delay,
+            HoldingServo(
+                job.resolution_mm * 1e-3, settings_of(config, S3).emulated.servo.interpolation_ms * 1e-3
+            ),
+            settings_of(config, JR3).client.gateway.delay,
         )
     except ValueError:
         return None

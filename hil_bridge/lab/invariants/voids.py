@@ -7,10 +7,11 @@ do not lie, and as long as nothing but the robot moves.
 from collections.abc import Iterable
 from typing import NamedTuple
 
+from hil_bridge.control.course.task import BEFORE_TOUCH
 from hil_bridge.lab.invariants.evidence import Promise
 from hil_bridge.settings.faults import FaultConfig
 
-BEFORE = ("", "connect", "tare")
+BEFORE = ("", *BEFORE_TOUCH)
 """Phases before anything moves. A fault without a phase begins in the first."""
 
 

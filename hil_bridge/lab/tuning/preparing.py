@@ -12,7 +12,7 @@ from hil_bridge.lab.tuning.evaluating import SCALES, Goal, Runs, scales_of, wort
 from hil_bridge.lab.tuning.reporting import comments
 from hil_bridge.lab.tuning.searching import Search, jobs_of
 from hil_bridge.lab.tuning.writing import absolute_files, toml, tuned_values
-from hil_bridge.runs.pace import paced
+from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config, dump, load_config
 
 _MINIMISED = ("rms_error_n", "overshoot_percent")
@@ -66,7 +66,7 @@ def others(place: Path, tuned: Config) -> Config:
         "controller.sample_ms": sample_ms,
         "run.duration_s": tuned.run.duration_s,
     }
-    config = paced(load_config(place, given))
+    config = Setup(load_config(place, given)).config
     if config.robot.url or config.sensor.url:
         raise ConfigError(f"{place}: cells are emulated; leave robot.url and sensor.url empty")
     return config

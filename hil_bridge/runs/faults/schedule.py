@@ -7,11 +7,11 @@ from typing import Any
 from emulators.cell import Cell
 from emulators.faults import Handler, Injection
 from hil_bridge.clock import Clock, Timer
+from hil_bridge.control.course.task import CONNECT
 from hil_bridge.errors import ConfigError
 from hil_bridge.record import PHASE_EVENT, CycleRecord, EventRecord
 from hil_bridge.settings.faults import Condition, FaultConfig
 
-_FIRST_PHASE = "connect"
 FAULT_EVENT = "fault"
 """Kind of the events that tell of injected faults."""
 
@@ -56,11 +56,7 @@ class FaultSchedule:
             return
         self._phase = record.text
         self._arm(
-            [
-                fault
-                for fault in self._waiting
-                if not fault.when and (fault.phase or _FIRST_PHASE) == record.text
-            ]
+            [fault for fault in self._waiting if not fault.when and (fault.phase or CONNECT) == record.text]
         )
 
     def cycle(self, record: CycleRecord) -> None:

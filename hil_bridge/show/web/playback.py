@@ -15,8 +15,7 @@ from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.record import Recording
 from hil_bridge.record.device_facts import devices_of, json_or_none, recorded_configuration
 from hil_bridge.settings.configuration import read_config
-from hil_bridge.settings.earlier import translated
-from hil_bridge.settings.kinds import cell_in_words
+from hil_bridge.settings.devices import cell_in_words, robot_in, sensor_in
 from hil_bridge.show.run_marks import fault_spans, marks, stretches
 from hil_bridge.show.terminal import Health, Scene, ViewModel
 from hil_bridge.show.terminal.model import HISTORY_CYCLES
@@ -175,11 +174,11 @@ def _scene(recording: Recording, name: str) -> Scene:
     devices = devices_of(recording)
     recorded = recorded_configuration(recording)
     try:
-        config = read_config(translated(recorded))
-        real, cell = cell_in_words(config)
+        config = read_config(recorded)
+        real, cell = cell_in_words(robot_in(config), sensor_in(config))
         limits, reference = config.limits, config.task.force_n
         total = None if config.task.step else config.run.duration_s
-    except (BridgeError, ValidationError, TypeError, ValueError):  # of a plug-in that is not here, or too old
+    except (BridgeError, ValidationError, TypeError, ValueError):  # of a plug-in that is not here
         real, cell = _words(devices)
         limits, reference, total = _limits(recorded), recording.cycles[0].force_reference, None
     return Scene(

@@ -22,9 +22,8 @@ from hil_bridge.control.course.contour import ContourState
 from hil_bridge.control.course.free_space import FreeSpace
 from hil_bridge.control.course.oscillation import Advice, Finding, OscillationState
 from hil_bridge.control.course.verdict import Retreat
-from hil_bridge.runs.pace import control_loop, paced
+from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config
-from hil_bridge.settings.kinds import facts_of
 from protocol.geometry import Vector
 
 _NOW = 1000.0
@@ -115,9 +114,10 @@ class Asked:
     """The control loop of a configuration, asked about situations."""
 
     def __init__(self, config: Config) -> None:
-        self.config = config = paced(config)
-        whole = config.model_copy(update={"task": replace(config.task, step=())})  # one stroke, no program
-        self._loop: ControlLoop = control_loop(whole)
+        one_stroke = config.model_copy(update={"task": replace(config.task, step=())})
+        self._setup = Setup(one_stroke)
+        self.config = config = self._setup.config.model_copy(update={"task": config.task})
+        self._loop: ControlLoop = self._setup.loop
 
     def __call__(self, situation: Situation) -> Decision:
         """Decision of the loop. Raises ConfigError for a start, or an order before, outside the workspace."""
@@ -206,7 +206,7 @@ class Asked:
     def _cycle(self, seen: Situation) -> float:
         if seen.cycle_ms is not None:
             return seen.cycle_ms * 1e-3
-        robot = facts_of(self.config)
+        robot = self._setup.facts
         return max(robot.cycle_s or robot.line_floor_s or 0.0, self.config.run.period_ms * 1e-3)
 
     @staticmethod

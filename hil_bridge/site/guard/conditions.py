@@ -50,7 +50,7 @@ BEFORE: tuple[ConditionRow, ...] = (
         "robot-state",
         "the robot does not answer; or its status shows emergency stop, standby that an order does not end, a key not "
         "in AUTO, link control taken back, or an orientation that is none",
-        "robot.link.check_flags",
+        "robot.s3.link.check_flags",
     ),
     _refused(
         "stream",
@@ -102,7 +102,7 @@ SHELL: tuple[ConditionRow, ...] = (
     ConditionRow(
         "dead-link",
         "the robot does not answer an order: it is ordered back, and asked again",
-        ("robot.link.answer_timeout_s", "robot.link.order_timeout_s", "limits.retract_patience_s"),
+        ("robot.s3.link.answer_timeout_s", "robot.s3.link.order_timeout_s", "limits.retract_patience_s"),
         When.ALWAYS,
         Reaction.RETRACTS_OR_LEFT,
     ),

@@ -26,8 +26,8 @@ ANSWER_PATIENCE_S = 3.0
 """Longest wait for the answer to an acknowledged query. Chosen."""
 TO_FILL_IN = """
 [sensor]
-# where the force sensor is: can+slcan:///dev/ttyACM0?bitrate=1000000, serial:///dev/ttyACM0?gateway=jr3, jr3+tcp://host:1762?filter=2
-#= url = "can+socketcan://can0"
+# where the force sensor is: jr3+can+slcan:///dev/ttyACM0?bitrate=1000000, jr3-uart+serial:///dev/ttyACM0, jr3-board+tcp://host:1762?filter=2
+#= url = "jr3+can+socketcan://can0"
 # how it sits in the tool frame; `hil-bridge probe sensor URL` names its axes from a push by hand
 #= mounting_deg = 0.0
 #= flip_fx_mx = false
@@ -216,9 +216,9 @@ def site_toml(url: str, finding: Finding) -> str:
         "# no probe can find: take #= away and set them. Then `hil-bridge doctor` tells whether a run would begin.",
         "",
         "[robot]",
-        toml_pair("url", url if line is None else url_with_line(url, line)),
+        toml_pair("url", f"s3+{url if line is None else url_with_line(url, line)}"),
         "",
-        "[robot.link]",
+        "[robot.s3.link]",
     ]
     rows += [
         f"# {profile_evidence(finding)}; no probe can try STX and the length of moves",

@@ -27,6 +27,7 @@ from hil_bridge.devices.robots.seam import GIVE_UP_AFTER_S, Motion, MotionLimits
 from hil_bridge.errors import ConfigError, DeviceError, SafetyStop
 from hil_bridge.runs.bounds import turning_bounds
 from hil_bridge.runs.compose import Devices, open_devices
+from hil_bridge.runs.setup import Setup
 from hil_bridge.runs.small_steps import bring_up
 from hil_bridge.runs.zeroing import wrist
 from hil_bridge.settings.configuration import Config
@@ -86,7 +87,7 @@ def measure(config: Config, virtual: bool, sweep: Sweep, tell: Tell) -> list[Too
         clock = Clock.running()
         try:
             log = LogTo(frames.append, lambda kind, text: tell(f"{kind}: {text}"))
-            async with open_devices(config, clock, log) as devices:
+            async with open_devices(Setup(config), clock, log) as devices:
                 return await _Measuring(config, clock, _Cell(devices, frames), sweep, tell)()
         finally:
             clock.close()

@@ -263,12 +263,12 @@ def nearer(pose: Pose, target: Pose, step: float) -> Pose:
     return Pose((x, y, z), (w, i, j, k))
 
 
-async def connect(url: str, settings: KindSettings, wiring: Any) -> NaiveLink:
+async def connect(url: str, settings: KindSettings[NaiveSettings, EgmProfile], wiring: Any) -> NaiveLink:
     wire = await wiring.datagrams(url, speak_first=False)
     return NaiveLink(wire, wiring.clock, settings.client.mistake)
 
 
-async def serve(url: str, robot: Any, settings: KindSettings, serving: Any) -> str:
+async def serve(url: str, robot: Any, settings: KindSettings[NaiveSettings, EgmProfile], serving: Any) -> str:
     address: str = await serving.serve_datagrams(url, robot.endpoint, speak_first=True)
     return address
 
@@ -285,5 +285,5 @@ ROBOT = RobotKind(
 )
 
 
-def settings(mistake: str = "") -> KindSettings:
+def settings(mistake: str = "") -> KindSettings[NaiveSettings, EgmProfile]:
     return KindSettings(NaiveSettings(mistake), EgmProfile())

@@ -114,11 +114,13 @@ class NaiveSensorClient:
         self._events.append(SensorStopped())
 
 
-async def connect(url: str, settings: KindSettings, wiring: Any) -> Any:
+async def connect(url: str, settings: KindSettings[NaiveSettings, Ft300Profile], wiring: Any) -> Any:
     return await wiring.bytes(url), NaiveSensorClient(settings.client.mistake)
 
 
-async def serve(url: str, sensor: Any, settings: KindSettings, serving: Any) -> str:
+async def serve(
+    url: str, sensor: Any, settings: KindSettings[NaiveSettings, Ft300Profile], serving: Any
+) -> str:
     address: str = await serving.serve_bytes(url, sensor.endpoint)
     return address
 
@@ -133,5 +135,5 @@ EMULATION = SensorEmulation(
 SENSOR = SensorKind("naive-sensor", "FT 300 by another client", NaiveSettings, connect, EMULATION)
 
 
-def settings(mistake: str = "") -> KindSettings:
+def settings(mistake: str = "") -> KindSettings[NaiveSettings, Ft300Profile]:
     return KindSettings(NaiveSettings(mistake), Ft300Profile(power_up="stream"))

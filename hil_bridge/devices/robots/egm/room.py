@@ -19,7 +19,9 @@ USUAL = "udp://127.0.0.1:6510"
 """Where the emulated robot sends in real time: the port of ABB's example and of other clients [M, O:flo]."""
 
 
-async def connect(url: str, settings: KindSettings, wiring: Wiring) -> StreamedLink[Datagrams]:
+async def connect(
+    url: str, settings: KindSettings[EgmSettings, EgmProfile], wiring: Wiring
+) -> StreamedLink[Datagrams]:
     """The robot that sends to this address, not started yet. Errors as of `RobotKind.connect`."""
     if "strangers" not in parse_url(url, LISTEN_DATAGRAMS).options:
         url += f"{'&' if '?' in url else '?'}strangers=refuse"  # nothing else may take the robot's place
@@ -29,29 +31,31 @@ async def connect(url: str, settings: KindSettings, wiring: Wiring) -> StreamedL
     return StreamedLink(wire, client, facts(url, settings), wiring.clock, wiring.log)
 
 
-def facts(url: str, settings: KindSettings) -> RobotFacts:
+def facts(url: str, settings: KindSettings[EgmSettings, EgmProfile]) -> RobotFacts:
     """Facts of the robot behind a wire."""
     return robot_facts(settings.client, settings.emulated)
 
 
-def make(settings: KindSettings) -> RobotFactory:
+def make(settings: KindSettings[EgmSettings, EgmProfile]) -> RobotFactory:
     """The controller that a cell's section describes."""
     return lambda start, now, seed: EgmController(settings.emulated, start, now, seed)
 
 
-def check(settings: KindSettings) -> None:
+def check(settings: KindSettings[EgmSettings, EgmProfile]) -> None:
     """Raise ConfigError for an emulated robot that no run can guide."""
     mode = settings.emulated.mode
     if mode != "pose":
         raise ConfigError(f'cell.egm.mode = "{mode}": a run guides by poses; set mode = "pose"')
 
 
-async def serve(url: str, robot: Any, settings: KindSettings, serving: Serving) -> str:
+async def serve(
+    url: str, robot: Any, settings: KindSettings[EgmSettings, EgmProfile], serving: Serving
+) -> str:
     """Let the emulated controller send to this address; the URL at which its client listens."""
     return await serving.serve_datagrams(url, robot.endpoint, speak_first=True)
 
 
-def usual(settings: KindSettings, virtual: bool) -> str:
+def usual(settings: KindSettings[EgmSettings, EgmProfile], virtual: bool) -> str:
     """The address that it sends to where none is named."""
     return "udp+memory:egm" if virtual else USUAL
 

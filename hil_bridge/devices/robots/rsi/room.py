@@ -18,7 +18,7 @@ PORT = 49152
 """Observed: the port of the ROS driver's and FZI's configurations. The protocol has none of its own."""
 
 
-def robot_facts(settings: KindSettings) -> RobotFacts:
+def robot_facts(settings: KindSettings[RsiLink, RsiProfile]) -> RobotFacts:
     """Facts of a controller; its servo is assumed to be like the emulated one's."""
     link: RsiLink = settings.client
     servo: RsiProfile = settings.emulated
@@ -46,12 +46,14 @@ def robot_facts(settings: KindSettings) -> RobotFacts:
     )
 
 
-def facts(url: str, settings: KindSettings) -> RobotFacts:
+def facts(url: str, settings: KindSettings[RsiLink, RsiProfile]) -> RobotFacts:
     """Facts of the controller, whatever its wire."""
     return robot_facts(settings)
 
 
-async def connect(url: str, settings: KindSettings, wiring: Wiring) -> StreamedLink[Datagrams]:
+async def connect(
+    url: str, settings: KindSettings[RsiLink, RsiProfile], wiring: Wiring
+) -> StreamedLink[Datagrams]:
     """The controller that opens the conversation on this wire, not started yet. Errors as of `RobotKind.connect`."""
     if "strangers" not in parse_url(url, LISTEN_DATAGRAMS).options:
         url += f"{'&' if '?' in url else '?'}strangers=refuse"  # nothing else may take the robot's place
@@ -59,17 +61,17 @@ async def connect(url: str, settings: KindSettings, wiring: Wiring) -> StreamedL
     return StreamedLink(wire, RsiClient(settings.client), robot_facts(settings), wiring.clock, wiring.log)
 
 
-def make(settings: KindSettings) -> RobotFactory:
+def make(settings: KindSettings[RsiLink, RsiProfile]) -> RobotFactory:
     """The controller that a cell's section describes."""
     return lambda start, now, seed: RsiController(settings.emulated, start, now, seed)
 
 
-async def serve(url: str, robot: Any, settings: KindSettings, serving: Serving) -> str:
+async def serve(url: str, robot: Any, settings: KindSettings[RsiLink, RsiProfile], serving: Serving) -> str:
     """Let the emulated controller send to a URL."""
     return await serving.serve_datagrams(url, robot.endpoint, speak_first=True)
 
 
-def usual(settings: KindSettings, virtual: bool) -> str:
+def usual(settings: KindSettings[RsiLink, RsiProfile], virtual: bool) -> str:
     """The URL that the emulated controller sends to: the port is fixed, for it speaks first."""
     return "udp+memory:rsi" if virtual else f"udp://127.0.0.1:{PORT}"
 

@@ -21,7 +21,9 @@ from protocol.devices.rtde.profile import ClientProfile
 from protocol.devices.rtde.wires import Pieces, Port
 
 
-async def connect(url: str, settings: KindSettings, wiring: Wiring) -> StreamedLink[Pieces]:
+async def connect(
+    url: str, settings: KindSettings[ClientProfile, RtdeProfile], wiring: Wiring
+) -> StreamedLink[Pieces]:
     """The controller behind its ports, not started yet. Raises ConfigError, TransportUnavailable."""
     profile: ClientProfile = settings.client
     wires = await open_wires(url, profile, wiring)
@@ -55,30 +57,32 @@ async def open_wires(
     return wires
 
 
-def facts(url: str, settings: KindSettings) -> RobotFacts:
+def facts(url: str, settings: KindSettings[ClientProfile, RtdeProfile]) -> RobotFacts:
     """Facts of a controller, before a wire is opened."""
     return robot_facts(settings.client, settings.emulated)
 
 
-def make(settings: KindSettings) -> RobotFactory:
+def make(settings: KindSettings[ClientProfile, RtdeProfile]) -> RobotFactory:
     """The controller that a cell's section describes."""
     return make_robot(settings.emulated)
 
 
-async def serve(url: str, robot: RtdeRobot, settings: KindSettings, serving: Serving) -> str:
+async def serve(
+    url: str, robot: RtdeRobot, settings: KindSettings[ClientProfile, RtdeProfile], serving: Serving
+) -> str:
     """Let the emulated controller listen on its ports."""
     return await ports.serve(url, robot, serving)
 
 
-def usual(settings: KindSettings, virtual: bool) -> str:
+def usual(settings: KindSettings[ClientProfile, RtdeProfile], virtual: bool) -> str:
     """The URL on which it listens where none is named."""
     return "memory:rtde" if virtual else "tcp-listen://127.0.0.1:0"
 
 
-def check(settings: KindSettings) -> None:
+def check(settings: KindSettings[ClientProfile, RtdeProfile]) -> None:
     """Raise ConfigError for a client that would be answered at another rate than it expects."""
     client, emulated = settings.client.cycle_ms, settings.emulated
-    if emulated is not None and not (client / emulated.cycle_ms).is_integer():
+    if not (client / emulated.cycle_ms).is_integer():
         raise ConfigError(
             f"robot.rtde.cycle_ms of {client:g} is no multiple of cell.rtde.cycle_ms, {emulated.cycle_ms:g}; "
             "set both to 2 for an e-Series, to 8 for a CB3"

@@ -20,9 +20,9 @@ def late_settings(
     names = [field.name for field in dataclasses.fields(line)]
     changed = {name: getattr(line, name) for name in names if getattr(line, name) != getattr(plain, name)}
     return {
-        "robot.link": changed,
-        "cell.link": changed,
-        "cell.robot": {
+        "robot.s3.link": changed,
+        "cell.s3.link": changed,
+        "cell.s3.robot": {
             "status_turnaround_ms": [*quantiles_ms["status_turnaround"]],
             "move_turnaround_ms": [*quantiles_ms["turnaround"]],
         },

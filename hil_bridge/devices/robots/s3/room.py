@@ -47,7 +47,7 @@ def _line(link: LinkProfile) -> LineSettings:
     return LineSettings(link.baudrate, Parity(link.parity), link.stop_bits)
 
 
-def robot_site(settings: KindSettings) -> S3Site:
+def robot_site(settings: KindSettings[S3Settings, S3Profiles]) -> S3Site:
     """Orders and programs of the controller from the files of a configuration. Raises ConfigError."""
     orders, programs = settings.client.orders_file, settings.emulated.robot.program_folder
     return S3Site(
@@ -56,7 +56,7 @@ def robot_site(settings: KindSettings) -> S3Site:
     )
 
 
-async def connect(url: str, settings: KindSettings, wiring: Wiring) -> S3Link:
+async def connect(url: str, settings: KindSettings[S3Settings, S3Profiles], wiring: Wiring) -> S3Link:
     """The controller behind a byte wire, not started yet.
 
     Raises ConfigError for the URL and the orders file, TransportUnavailable for the wire.
@@ -70,18 +70,20 @@ async def connect(url: str, settings: KindSettings, wiring: Wiring) -> S3Link:
     return robot
 
 
-def facts(url: str, settings: KindSettings) -> RobotFacts:
+def facts(url: str, settings: KindSettings[S3Settings, S3Profiles]) -> RobotFacts:
     """Facts of a controller behind this wire; its servo is assumed to be like the emulated one's."""
     link = robot_wire(url, settings.client.link)[1] if url else settings.client.link
     return robot_facts(link, settings.emulated.servo)
 
 
-def make(settings: KindSettings) -> RobotFactory:
+def make(settings: KindSettings[S3Settings, S3Profiles]) -> RobotFactory:
     """The controller that a cell's section describes, with the orders and programs of its site."""
     return make_robot(settings.emulated, robot_site(settings))
 
 
-async def serve(url: str, robot: Any, settings: KindSettings, serving: Serving) -> str:
+async def serve(
+    url: str, robot: Any, settings: KindSettings[S3Settings, S3Profiles], serving: Serving
+) -> str:
     """Let the emulated controller listen; a port in memory that names no line has the controller's."""
     line = _line(settings.emulated.link)
     unnamed = url.startswith("memory:") and "?" not in url  # its address does not tell the line
@@ -89,7 +91,7 @@ async def serve(url: str, robot: Any, settings: KindSettings, serving: Serving) 
     return with_line(address, line) if unnamed else address
 
 
-def usual(settings: KindSettings, virtual: bool) -> str:
+def usual(settings: KindSettings[S3Settings, S3Profiles], virtual: bool) -> str:
     """URL at which the robot listens: in real time a line like the real controller's."""
     return "memory:robot" if virtual else with_line("pty:", _line(settings.emulated.link))
 
@@ -128,7 +130,6 @@ ROBOT = RobotKind(
     connect,
     facts,
     RobotEmulation(S3Profiles, make, serve, usual, S3_FAULTS, panel, panel_address, MISHAPS),
-    directly=True,
     check=robot_site,
     parse=lambda url, settings: parse_url(url, CONNECT_BYTES),
     describe=describe,

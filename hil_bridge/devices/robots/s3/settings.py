@@ -6,7 +6,7 @@ from protocol.devices.s3.adlp import LinkProfile
 
 
 class S3Settings(BaseModel):
-    """Settings in `[robot]` for an S3."""
+    """Settings in `[robot.s3]`."""
 
     orders_file: str = ""
     """TOML file of orders that this controller knows beside the usual ones; empty: none."""

@@ -6,12 +6,12 @@ from protocol.devices.s3.arap import Status
 
 _STATES = (
     ("emergency_stop", True, "emergency stop", "release it at the controller's panel"),
-    ("key_auto", False, "key not in AUTO", "turn it (or see robot.link.check_flags)"),
+    ("key_auto", False, "key not in AUTO", "turn it (or see robot.s3.link.check_flags)"),
     (
         "local",
         True,
         "link control taken back",
-        "give it at the teach pendant (or see robot.link.check_flags)",
+        "give it at the teach pendant (or see robot.s3.link.check_flags)",
     ),
     ("operation", False, "in standby", "start again"),
 )

@@ -17,16 +17,20 @@ _SLCAN = "can+slcan+"
 """Before a listening byte URL: an emulated slcan adapter on that wire."""
 
 
-async def _connect(url: str, settings: KindSettings, wiring: Wiring) -> tuple[Transport[Any], Any]:
+async def _connect(
+    url: str, settings: KindSettings[AtiCanClientProfile, AtiCanProfile], wiring: Wiring
+) -> tuple[Transport[Any], Any]:
     profile: AtiCanClientProfile = settings.client
     return await wiring.can(url, heard(profile.base)), AtiCanClient(profile, wiring.clock.now())
 
 
-def _make(settings: KindSettings) -> SensorFactory:
+def _make(settings: KindSettings[AtiCanClientProfile, AtiCanProfile]) -> SensorFactory:
     return lambda source, now, seed: AtiCanBoard(settings.emulated, source, now, seed)
 
 
-async def _serve(url: str, board: Any, settings: KindSettings, serving: Serving) -> str:
+async def _serve(
+    url: str, board: Any, settings: KindSettings[AtiCanClientProfile, AtiCanProfile], serving: Serving
+) -> str:
     if not url.startswith(_SLCAN):
         return await serving.serve_can(url, board.endpoint)
     if not url.startswith(f"{_SLCAN}pty:"):

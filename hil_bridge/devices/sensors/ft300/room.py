@@ -21,16 +21,20 @@ def _with_line(url: str, schemes: Mapping[str, Any]) -> str:
     return f"{head}?baudrate={BAUDRATE}{f'&{query}' if query else ''}"
 
 
-async def _connect(url: str, settings: KindSettings, wiring: Wiring) -> tuple[Transport[Any], Any]:
+async def _connect(
+    url: str, settings: KindSettings[Ft300ClientProfile, Ft300Profile], wiring: Wiring
+) -> tuple[Transport[Any], Any]:
     wire = await wiring.bytes(_with_line(url, CONNECT_BYTES))
     return wire, Ft300Client(settings.client, wiring.clock.now())
 
 
-def _make(settings: KindSettings) -> SensorFactory:
+def _make(settings: KindSettings[Ft300ClientProfile, Ft300Profile]) -> SensorFactory:
     return lambda source, now, seed: Ft300(settings.emulated, source, now, seed)
 
 
-async def _serve(url: str, sensor: Any, settings: KindSettings, serving: Serving) -> str:
+async def _serve(
+    url: str, sensor: Any, settings: KindSettings[Ft300ClientProfile, Ft300Profile], serving: Serving
+) -> str:
     return await serving.serve_bytes(_with_line(url, LISTEN_BYTES), sensor.endpoint)
 
 

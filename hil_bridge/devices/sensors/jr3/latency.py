@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 
-_GATEWAYS = {"gateway": "cell.gateway", "uart": "cell.uart_gateway"}
+_GATEWAYS = {"jr3": "cell.jr3.gateway", "jr3-uart": "cell.jr3.uart"}
 """Sections of the emulated gateways, by what stands before the sensor. A board's samples come when they are read."""
 NOT_EMULATED = "the delay of a receiver board's samples is not emulated"
 
@@ -17,7 +17,7 @@ def late_settings(
 ) -> tuple[str, dict[str, dict[str, object]]]:
     """A note for people, and settings by section of a sensor whose frames are so late; asked for where they serve."""
     sections: dict[str, dict[str, object]] = {}
-    if sensor != "gateway":
+    if sensor != "jr3":
         sections["sensor"] = {"emulated": sensor}
     if not is_emulated(sensor):
         return f"{NOT_EMULATED}.", sections

@@ -5,12 +5,11 @@ from pathlib import Path
 from typing import Any
 
 from emulators.devices.jr3 import Jr3Profiles, make_board, make_gateway, make_uart
-from emulators.devices.jr3.faults import JR3_FAULTS
+from emulators.devices.jr3.faults import BOARD_FAULTS, GATEWAY_FAULTS
 from emulators.seams import SensorFactory
 from emulators.wires.slcan_adapter import SlcanAdapter, SlcanProfile
 from hil_bridge.devices.kinds import CanBus, KindSettings, SensorEmulation, SensorKind
 from hil_bridge.devices.sensors.jr3.registers import (
-    BOARD,
     ListenerProfile,
     Watcher,
     board_wire,
@@ -23,7 +22,7 @@ from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.errors import ConfigError
 from hil_bridge.transports import Transport
 from hil_bridge.transports.can.slcan_device import SlcanDevice
-from hil_bridge.transports.urls import CONNECT_BYTES, CONNECT_CAN, LISTEN_BYTES, parse_url
+from hil_bridge.transports.urls import CONNECT_BYTES, CONNECT_CAN, LISTEN_BYTES, WireUrl, parse_url
 from protocol.devices.jr3 import (
     GATEWAY_BITRATE,
     UART_BAUDRATE,
@@ -39,25 +38,39 @@ from protocol.devices.jr3.registers import BoardClient
 
 SLCAN = "can+slcan+"
 """Before a listening byte URL: an emulated slcan adapter on that wire."""
-_UART_GATEWAY = "gateway=jr3"
-"""Option of a URL without a kind that is a byte wire: a JR3 UART gateway is at its other end."""
-_BOARD_WIRES = ("tcp", "tcp-listen", "memory")
+_SECTION = "jr3"
+"""Name of the sections that the receivers share."""
 
 
 # --- CAN gateway
 
 
-def _can_form(url: str) -> str | None:
-    return url if url.startswith("can+") else None
+def _check_can(url: str) -> None:
+    """Raise ConfigError for a byte wire, and name the receivers that have one."""
+    if not url.startswith("can+"):
+        raise ConfigError(
+            f"{f'jr3+{url}'!r}: a CAN gateway has no such wire; did you mean jr3-board+{url} for a receiver board, or "
+            f"jr3-uart+{url} for a UART gateway?"
+        )
 
 
-async def _connect_can(url: str, settings: KindSettings, wiring: Wiring) -> tuple[Transport[Any], Any]:
+def _parse_can(url: str) -> WireUrl:
+    _check_can(url)
+    return parse_url(url, CONNECT_CAN)
+
+
+async def _connect_can(
+    url: str, settings: KindSettings[Jr3Settings, Jr3Profiles], wiring: Wiring
+) -> tuple[Transport[Any], Any]:
+    _check_can(url)
     profile = settings.client.gateway
     wire = await wiring.can(url, heard_by_client(profile.node))
     return wire, GatewayClient(profile, wiring.clock.now())
 
 
-async def _serve_can(url: str, gateway: Any, settings: KindSettings, serving: Serving) -> str:
+async def _serve_can(
+    url: str, gateway: Any, settings: KindSettings[Jr3Settings, Jr3Profiles], serving: Serving
+) -> str:
     if not url.startswith(SLCAN):
         return await serving.serve_can(
             url, gateway.endpoint, heard_by_gateway(settings.emulated.gateway.node)
@@ -77,27 +90,11 @@ def slcan_address(port: str) -> str:
     return f"can+slcan://{found.target}?bitrate={GATEWAY_BITRATE}{f'&tty_baudrate={rate}' if rate else ''}"
 
 
-def _make_gateway(settings: KindSettings) -> SensorFactory:
+def _make_gateway(settings: KindSettings[Jr3Settings, Jr3Profiles]) -> SensorFactory:
     return make_gateway(settings.emulated.sensor, settings.emulated.gateway)
 
 
 # --- UART gateway
-
-
-def uart_form(url: str) -> str | None:
-    """The byte wire of a URL that names a UART gateway, `?gateway=jr3`; None for every other URL.
-
-    Raises ConfigError for another gateway.
-    """
-    head, _, query = url.partition("?")
-    options = [option for option in query.split("&") if option]
-    named = [option for option in options if option.partition("=")[0] == "gateway"]
-    if not named or "+" in head.partition(":")[0]:
-        return None
-    if named != [_UART_GATEWAY]:
-        raise ConfigError(f"{url!r}: gateway must be jr3, and once, got {'&'.join(named)!r}")
-    options.remove(_UART_GATEWAY)
-    return f"{head}?{'&'.join(options)}" if options else head
 
 
 def uart_line(url: str, schemes: Mapping[str, Any]) -> str:
@@ -109,43 +106,45 @@ def uart_line(url: str, schemes: Mapping[str, Any]) -> str:
     return f"{head}?baudrate={UART_BAUDRATE}{f'&{query}' if query else ''}"
 
 
-async def _connect_uart(url: str, settings: KindSettings, wiring: Wiring) -> tuple[Transport[Any], Any]:
+async def _connect_uart(
+    url: str, settings: KindSettings[Jr3Settings, Jr3Profiles], wiring: Wiring
+) -> tuple[Transport[Any], Any]:
     wire = await wiring.bytes(uart_line(url, CONNECT_BYTES))
     return wire, UartGatewayClient(settings.client.uart, wiring.clock.now())
 
 
-async def _serve_uart(url: str, gateway: Any, settings: KindSettings, serving: Serving) -> str:
-    address = await serving.serve_bytes(uart_line(url, LISTEN_BYTES), gateway.endpoint)
-    return f"{address}{'&' if '?' in address else '?'}{_UART_GATEWAY}"
+async def _serve_uart(
+    url: str, gateway: Any, settings: KindSettings[Jr3Settings, Jr3Profiles], serving: Serving
+) -> str:
+    return await serving.serve_bytes(uart_line(url, LISTEN_BYTES), gateway.endpoint)
 
 
-def _make_uart(settings: KindSettings) -> SensorFactory:
-    return make_uart(settings.emulated.sensor, settings.emulated.uart_gateway)
+def _make_uart(settings: KindSettings[Jr3Settings, Jr3Profiles]) -> SensorFactory:
+    return make_uart(settings.emulated.sensor, settings.emulated.uart)
 
 
 # --- receiver board
 
 
-def _board_form(url: str) -> str | None:
-    wire = url.removeprefix(BOARD)
-    return wire if url.startswith(BOARD) and wire.partition(":")[0] in _BOARD_WIRES else None
-
-
-async def _connect_board(url: str, settings: KindSettings, wiring: Wiring) -> tuple[Transport[Any], Any]:
+async def _connect_board(
+    url: str, settings: KindSettings[Jr3Settings, Jr3Profiles], wiring: Wiring
+) -> tuple[Transport[Any], Any]:
     path = settings.client.board.program
     program = read_program(Path(path)) if path else ()
     wire, profile = await connect_board(url, settings.client.board, wiring.clock)
     return wiring.tap(wire), BoardClient(profile, wiring.clock.now(), program)
 
 
-async def _serve_board(url: str, board: Any, settings: KindSettings, serving: Serving) -> str:
+async def _serve_board(
+    url: str, board: Any, settings: KindSettings[Jr3Settings, Jr3Profiles], serving: Serving
+) -> str:
     watcher = Watcher(serving.say, serving.ended)
     served = await serve_board(url, board.endpoint, ListenerProfile(), serving.clock, watcher)
     serving.stack.push_async_callback(served.aclose)
     return served.address
 
 
-def _make_board(settings: KindSettings) -> SensorFactory:
+def _make_board(settings: KindSettings[Jr3Settings, Jr3Profiles]) -> SensorFactory:
     """A client's URL may name another filter than its settings; the ground truth then is that of the settings."""
     return make_board(settings.emulated.sensor, settings.emulated.board, settings.client.board.filter)
 
@@ -160,7 +159,7 @@ def _describe_frame(raw: bytes) -> list[dict[str, object]]:
         return [{"kind": "noise", "fields": [], "problems": [str(error)]}]
 
 
-def _usual(real: str, virtual: str) -> Callable[[KindSettings, bool], str]:
+def _usual(real: str, virtual: str) -> Callable[[KindSettings[Jr3Settings, Jr3Profiles], bool], str]:
     return lambda settings, in_virtual_time: virtual if in_virtual_time else real
 
 
@@ -170,15 +169,13 @@ CAN_GATEWAY = SensorKind(
     Jr3Settings,
     _connect_can,
     SensorEmulation(
-        Jr3Profiles, _make_gateway, _serve_can, _usual(f"{SLCAN}pty:", "can+memory:sensor"), JR3_FAULTS
+        Jr3Profiles, _make_gateway, _serve_can, _usual(f"{SLCAN}pty:", "can+memory:sensor"), GATEWAY_FAULTS
     ),
-    directly=True,
-    older_form=_can_form,
-    parse=lambda url, settings: parse_url(url, CONNECT_CAN),
+    parse=lambda url, settings: _parse_can(url),
     describe=_describe_frame,
     bus=CanBus("a JR3 gateway", GATEWAY_BITRATE),
+    section=_SECTION,
     period=lambda settings: settings.client.gateway.period_ms * 1e-3,
-    also="gateway",
 )
 UART_GATEWAY = SensorKind(
     "jr3-uart",
@@ -189,15 +186,13 @@ UART_GATEWAY = SensorKind(
         Jr3Profiles,
         _make_uart,
         _serve_uart,
-        _usual(f"pty:?{_UART_GATEWAY}", f"memory:sensor?{_UART_GATEWAY}"),
-        JR3_FAULTS,
+        _usual("pty:", "memory:sensor"),
+        GATEWAY_FAULTS,
     ),
-    directly=True,
-    older_form=uart_form,
     parse=lambda url, settings: parse_url(uart_line(url, CONNECT_BYTES), CONNECT_BYTES),
     describe=uart_gateway.describe,
+    section=_SECTION,
     period=lambda settings: settings.client.uart.period_ms * 1e-3,
-    also="uart",
 )
 RECEIVER_BOARD = SensorKind(
     "jr3-board",
@@ -208,12 +203,10 @@ RECEIVER_BOARD = SensorKind(
         Jr3Profiles,
         _make_board,
         _serve_board,
-        _usual(f"{BOARD}tcp-listen://127.0.0.1:0", f"{BOARD}memory:sensor"),
-        JR3_FAULTS,
+        _usual("tcp-listen://127.0.0.1:0", "memory:sensor"),
+        BOARD_FAULTS,
     ),
-    directly=True,
-    older_form=_board_form,
     parse=lambda url, settings: parse_url(board_wire(url, settings.client.board)[0], CONNECT_BYTES),
+    section=_SECTION,
     period=lambda settings: settings.client.board.period,
-    also="board",
 )

@@ -7,7 +7,7 @@ from protocol.devices.jr3.registers import BoardClientProfile
 
 
 class Jr3Settings(BaseModel):
-    """Settings in `[sensor]` for a JR3."""
+    """Settings in `[sensor.jr3]`, whatever stands before the sensor."""
 
     gateway: GatewayClientProfile = GatewayClientProfile()
     """Requests of the client to a CAN gateway."""

@@ -45,11 +45,13 @@ def _page_url(wire: WireUrl, port: int) -> str:
     return f"tcp://[{host}]:{port}" if ":" in host else f"tcp://{host}:{port}"
 
 
-def _parse(url: str, settings: KindSettings) -> WireUrl:
+def _parse(url: str, settings: KindSettings[NetFtClientProfile, NetFtProfile]) -> WireUrl:
     return parse_url(split_url(url)[0], CONNECT_DATAGRAMS)
 
 
-async def _connect(url: str, settings: KindSettings, wiring: Wiring) -> tuple[Transport[Any], Any]:
+async def _connect(
+    url: str, settings: KindSettings[NetFtClientProfile, NetFtProfile], wiring: Wiring
+) -> tuple[Transport[Any], Any]:
     wire_url, port = split_url(url)
     profile: NetFtClientProfile = settings.client
     page = _page_url(parse_url(wire_url, CONNECT_DATAGRAMS), port or profile.http_port)
@@ -58,11 +60,13 @@ async def _connect(url: str, settings: KindSettings, wiring: Wiring) -> tuple[Tr
     return wiring.tap(with_page), NetFtClient(profile, wiring.clock.now())
 
 
-def _make(settings: KindSettings) -> SensorFactory:
+def _make(settings: KindSettings[NetFtClientProfile, NetFtProfile]) -> SensorFactory:
     return lambda source, now, seed: NetBox(settings.emulated, source, now, seed)
 
 
-async def _serve(url: str, box: Any, settings: KindSettings, serving: Serving) -> str:
+async def _serve(
+    url: str, box: Any, settings: KindSettings[NetFtClientProfile, NetFtProfile], serving: Serving
+) -> str:
     wire_url, port = split_url(url)
     parsed = parse_url(wire_url, LISTEN_DATAGRAMS)
     if parsed.scheme == _MEMORY:

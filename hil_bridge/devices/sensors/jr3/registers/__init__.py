@@ -9,7 +9,6 @@ from hil_bridge.devices.sensors.jr3.registers.pci import (
 )
 from hil_bridge.devices.sensors.jr3.registers.server import ListenerProfile, RegisterListener
 from hil_bridge.devices.sensors.jr3.registers.wires import (
-    BOARD,
     DEFAULT_PORT,
     ServedBoard,
     Watcher,
@@ -19,7 +18,6 @@ from hil_bridge.devices.sensors.jr3.registers.wires import (
 )
 
 __all__ = [
-    "BOARD",
     "DEFAULT_OFFSET",
     "DEFAULT_PORT",
     "SYSFS",

@@ -9,7 +9,7 @@ import click
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.devices.sensors.jr3.registers.pci import PciRegisters
 from hil_bridge.devices.sensors.jr3.registers.server import ListenerProfile
-from hil_bridge.devices.sensors.jr3.registers.wires import BOARD, Watcher, serve_board
+from hil_bridge.devices.sensors.jr3.registers.wires import Watcher, serve_board
 
 
 def serve_pci(board: PciRegisters, listen: str, offset: int) -> None:
@@ -18,7 +18,7 @@ def serve_pci(board: PciRegisters, listen: str, offset: int) -> None:
     `offset` is where the channel's words begin, bytes. Raises BridgeError.
     """
     try:
-        run_real(lambda: _serve(board, f"{BOARD}tcp-listen://{listen}", offset))
+        run_real(lambda: _serve(board, f"tcp-listen://{listen}", offset))
     finally:
         board.close()
 
@@ -37,7 +37,7 @@ async def _serve(board: PciRegisters, url: str, offset: int) -> None:
                 click.echo(f"board: {text}")
             else:
                 _log(f"{board.name}: no text at byte {offset:#x}: does its program run? is --offset right?")
-            click.echo(f"sensor: {served.address}\nStop with Ctrl-C.")
+            click.echo(f"sensor: jr3-board+{served.address}\nStop with Ctrl-C.")
             await stopped.wait()
         finally:
             await served.aclose()

@@ -1,9 +1,9 @@
-"""Board URLs: `jr3+` before a byte wire that carries the register protocol.
+"""Wires of a receiver board: byte wires that carry the register protocol, named behind `jr3-board+`.
 
 | connect | listen |
 |---|---|
-| `jr3+tcp://127.0.0.1:1762?filter=2` | `jr3+tcp-listen://127.0.0.1:1762` |
-| `jr3+memory:NAME?filter=2` | `jr3+memory:NAME` |
+| `tcp://127.0.0.1:1762?filter=2` | `tcp-listen://127.0.0.1:1762` |
+| `memory:NAME?filter=2` | `memory:NAME` |
 """
 
 from collections.abc import Awaitable, Callable, Mapping
@@ -25,8 +25,6 @@ from protocol.devices.jr3.registers import (
     RegisterServerProfile,
 )
 
-BOARD: Final = "jr3+"
-"""Before a byte URL: the register protocol of a receiver board on that wire."""
 DEFAULT_PORT: Final = 1762
 """Chosen: JR3's PCI vendor number, read as a decimal."""
 
@@ -57,7 +55,7 @@ class Watcher(NamedTuple):
 def board_wire(url: str, profile: BoardClientProfile) -> tuple[str, BoardClientProfile]:
     """The byte wire of a board URL, and the profile with what the URL says of it. Raises ConfigError."""
     try:
-        parts = urlsplit(url.removeprefix(BOARD))
+        parts = urlsplit(url)
     except ValueError as error:
         raise ConfigError(f"{url!r}: {error}") from error
     options = parse_qsl(parts.query, keep_blank_values=True)
@@ -76,7 +74,7 @@ def board_wire(url: str, profile: BoardClientProfile) -> tuple[str, BoardClientP
             f"{url!r}: {_RECONNECT} means nothing here: a stream ends with its connection; leave it out"
         )
     query = urlencode([(key, text) for key, text in options if key != "filter"])
-    head = url.removeprefix(BOARD).partition("?")[0]
+    head = url.partition("?")[0]
     wire = f"{head}?{query}" if query else head
     _parsed(wire, url, _CONNECT)
     return wire, profile
@@ -87,7 +85,7 @@ def _parsed(wire: str, url: str, schemes: Mapping[str, Any]) -> WireUrl:
     try:
         return parse_url(wire, schemes)
     except ConfigError as error:
-        raise ConfigError(f"{url!r}: behind {BOARD}, {str(error).removeprefix(f'{wire!r}: ')}") from error
+        raise ConfigError(f"{url!r}: {str(error).removeprefix(f'{wire!r}: ')}") from error
 
 
 async def connect_board(
@@ -108,14 +106,14 @@ async def serve_board(
 
     Raises ConfigError for the URL, TransportUnavailable for the wire.
     """
-    wire = _parsed(url.removeprefix(BOARD), url, _LISTEN)
+    wire = _parsed(url, url, _LISTEN)
     if wire.line is not None:
         raise ConfigError(f"{url!r}: a board's wire has no baud rate")
     if wire.scheme == "tcp-listen":
         listener = RegisterListener(registers, profile, clock, watcher.say)
         host, port = await listener.listen(*wire.host_port, url)
         address = f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
-        return ServedBoard(f"{BOARD}tcp://{address}", listener.aclose)
+        return ServedBoard(f"tcp://{address}", listener.aclose)
 
     def ended(cause: BaseException) -> None:
         if not isinstance(cause, TransportClosed):
@@ -128,4 +126,4 @@ async def serve_board(
         endpoint, here.transport, clock, lambda event: watcher.say(f"{url}: {event.text}"), ended
     )
     pump.start()
-    return ServedBoard(BOARD + here.address, here.transport.aclose)
+    return ServedBoard(here.address, here.transport.aclose)

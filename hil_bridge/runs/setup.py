@@ -1,0 +1,68 @@
+"""What a configuration decides, resolved in one place and once: devices, facts, pace, loop."""
+
+from functools import cached_property
+
+import msgspec
+
+from hil_bridge.control import ControlLoop
+from hil_bridge.devices.facts import RobotFacts
+from hil_bridge.devices.kinds import EmulatedKinds
+from hil_bridge.runs.pace import control_loop, paced
+from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.devices import Robot, Sensor, cell_in_words, emulated_in, robot_in, sensor_in
+
+
+class Setup:
+    """Everything that follows from a configuration before a wire is opened.
+
+    Each part is resolved when it is first asked for, and raises ConfigError then: a check can name each fault alone.
+    """
+
+    def __init__(self, config: Config) -> None:
+        self._given = config
+
+    @cached_property
+    def robot(self) -> Robot:
+        """The robot of the run."""
+        return robot_in(self._given)
+
+    @cached_property
+    def sensor(self) -> Sensor:
+        """The force sensor of the run."""
+        return sensor_in(self._given)
+
+    @cached_property
+    def emulated(self) -> EmulatedKinds:
+        """The kinds of which the emulated cell is made."""
+        return emulated_in(self._given)
+
+    @cached_property
+    def facts(self) -> RobotFacts:
+        """Facts of the robot before it is connected."""
+        return self.identified(self.robot.kind.facts(self.robot.url, self.robot.settings))
+
+    def identified(self, facts: RobotFacts) -> RobotFacts:
+        """The facts that a robot tells, with the name of its kind and whether it is emulated."""
+        robot = self.robot
+        return msgspec.structs.replace(facts, kind=robot.kind.name, emulated=robot.is_emulated)
+
+    @cached_property
+    def config(self) -> Config:
+        """The configuration as it is run: period, sample time and tuning written out."""
+        frame_s = self.sensor.kind.period(self.sensor.settings) or 0.0
+        return paced(self._given, self.facts.cycle_s, frame_s)
+
+    @cached_property
+    def loop(self) -> ControlLoop:
+        """All that decides."""
+        return control_loop(self.config, self.facts)
+
+    def loop_for(self, facts: RobotFacts) -> ControlLoop:
+        """All that decides over a robot that is connected and tells these facts."""
+        facts = self.identified(facts)
+        return self.loop if facts == self.facts else control_loop(self.config, facts)
+
+    @property
+    def in_words(self) -> tuple[bool, str]:
+        """Whether a robot that is not ours may move, and which cell it is."""
+        return cell_in_words(self.robot, self.sensor)

@@ -1,0 +1,73 @@
+"""Settings that contradict each other: a run is refused before anything moves, in one line."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from hil_bridge.clock import VIRTUAL_EPOCH
+from hil_bridge.errors import ConfigError
+from hil_bridge.runs import compose
+from hil_bridge.runs.checks import check
+from hil_bridge.runs.outputs import Outputs
+from hil_bridge.runs.session import execute
+from hil_bridge.runs.setup import Setup
+from hil_bridge.settings.configuration import load_config, read_config
+
+
+def refused(tmp_path: Path, text: str) -> str:
+    """The line with which a configuration is refused."""
+    file = tmp_path / "cell.toml"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigError) as error:
+        check(Setup(load_config(file, {})), True, VIRTUAL_EPOCH)
+    assert "\n" not in str(error.value)
+    return str(error.value)
+
+
+def test_speeds_of_the_task_beyond_the_path_velocity_are_refused(tmp_path: Path) -> None:
+    for name in ("speed_mm_s", "approach_speed_mm_s", "retract_speed_mm_s"):
+        told = refused(tmp_path, f"[task]\n{name} = 60.0\n")
+        assert f"task.{name} of 60 mm/s is faster than the robot's path velocity" in told
+        assert "robot.velocity_mm_s, now 50, to 60" in told
+    file = tmp_path / "fast.toml"
+    file.write_text("[task]\nspeed_mm_s = 60.0\n[robot]\nvelocity_mm_s = 60.0\n", encoding="utf-8")
+    assert load_config(file, {}).task.speed_mm_s == 60.0
+
+
+def test_a_period_that_the_controller_is_not_tuned_for_is_refused(tmp_path: Path) -> None:
+    told = refused(tmp_path, "[run]\nperiod_ms = 20.0\n")
+    assert "controller predictive is tuned for a sample every 180 ms" in told
+    assert "controller.sample_ms = 20" in told
+    file = tmp_path / "tuned.toml"
+    file.write_text("[run]\nperiod_ms = 20.0\n[controller]\nsample_ms = 20.0\n", encoding="utf-8")
+    setup = Setup(load_config(file, {}))
+    check(setup, True, VIRTUAL_EPOCH)
+    assert setup.loop.sample_time == 0.02
+
+
+def test_a_window_that_holds_no_oscillation_is_refused(tmp_path: Path) -> None:
+    told = refused(tmp_path, "[oscillation]\nwindow_ms = 2000.0\n")
+    assert re.search(r"oscillation\.window_ms of 2000 ms must hold at least 12 samples .* 2160 or more", told)
+
+
+def test_a_run_makes_its_cell_its_pace_and_its_loop_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    counts: dict[str, int] = {}
+
+    def counted(module: str, name: str) -> None:
+        made = getattr(__import__(module, fromlist=[name]), name)
+
+        def count(*arguments: object) -> object:
+            counts[name] = counts.get(name, 0) + 1
+            return made(*arguments)
+
+        monkeypatch.setattr(f"{module}.{name}", count)
+
+    counted(compose.__name__, "make_cell")
+    counted("hil_bridge.runs.setup", "paced")
+    counted("hil_bridge.runs.setup", "control_loop")
+    config = read_config({"run": {"duration_s": 1.0}})
+    assert execute(config, True, Outputs(record=tmp_path / "run.mcap"), view=False) == 0
+    assert counts == {"make_cell": 1, "paced": 1, "control_loop": 1}
