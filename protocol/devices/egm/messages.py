@@ -6,7 +6,7 @@ degrees/s, ms. Source of the marks: specification of EGM, section 2.
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Sequence
 from enum import IntEnum
 from typing import Any, NamedTuple, TypeAlias
 
@@ -66,6 +66,10 @@ class Rapid(IntEnum):
     UNDEFINED = 0
     STOPPED = 1
     RUNNING = 2
+
+
+_MOTORS, _GUIDANCE, _RAPID = tuple(Motors), tuple(Guidance), tuple(Rapid)
+"""By their numbers, which count from 0: an enumeration on the wire has no others."""
 
 
 class PoseMm(NamedTuple):
@@ -185,7 +189,8 @@ def decode_robot(data: bytes) -> RobotMessage:
     Numbers are as sent, also NaN: whose pose it is, its user looks at.
     """
     parsed = _parsed(_ROBOT_7, data)
-    kind = parsed.header.mtype
+    header = parsed.header
+    kind = header.mtype
     if kind != MessageType.DATA:
         raise RemoteProtocolError(
             f"EgmRobot: message type {kind} in the header, {MessageType.DATA} is a robot's"
@@ -197,21 +202,21 @@ def decode_robot(data: bytes) -> RobotMessage:
         # RobotWare 6 has the numbers where 7 has a flag; neither shape takes the other for an error [D]
         force = _parsed(_ROBOT_6, data).measuredForce.force
     return RobotMessage(
-        parsed.header.seqno,
-        parsed.header.tm,
+        header.seqno,
+        header.tm,
         _place(parsed.feedBack) if parsed.HasField("feedBack") else None,
         _place(parsed.planned) if parsed.HasField("planned") else None,
-        Motors(parsed.motorState.state),
-        Guidance(parsed.mciState.state),
-        Rapid(parsed.rapidExecState.state),
+        _MOTORS[parsed.motorState.state],
+        _GUIDANCE[parsed.mciState.state],
+        _RAPID[parsed.rapidExecState.state],
         _optional(parsed, "mciConvergenceMet"),
-        tuple(force),
+        tuple(force[:]),  # a slice at once is twice as quick as number by number
         active,
         _optional(parsed, "utilizationRate"),
         _optional(parsed, "moveIndex"),
         _optional(parsed.CollisionInfo, "collsionTriggered"),
         _optional(parsed.RAPIDfromRobot, "digVal"),
-        tuple(parsed.RAPIDfromRobot.dnum),
+        tuple(parsed.RAPIDfromRobot.dnum[:]),
     )
 
 
@@ -270,15 +275,18 @@ def decode_answer(data: bytes) -> Answer:
         raise RemoteProtocolError(f"EgmSensor: message type {kind} in the header, 3 or 4 is expected")
     place, speed, rapid = parsed.planned, parsed.speedRef, parsed.RAPIDtoRobot
     pose = _pose(place.cartesian) if place.HasField("cartesian") else None
-    arrays = (place.joints.joints, speed.cartesians.value, speed.joints.joints)
-    for array in (*arrays, place.externalJoints.joints, speed.externalJoints.joints):
-        _trusted("EgmSensor", array, VALUES_MAX)
-    _trusted("EgmSensor", rapid.dnum, DNUM_MAX)
+    joints, cartesian = tuple(place.joints.joints[:]), tuple(speed.cartesians.value[:])
+    joint_speed, dnum = tuple(speed.joints.joints[:]), tuple(rapid.dnum[:])
+    external = place.externalJoints.joints[:], speed.externalJoints.joints[:]
+    for array in (joints, cartesian, joint_speed, *external):
+        if array:
+            _trusted("EgmSensor", array, VALUES_MAX)
+    _trusted("EgmSensor", dnum, DNUM_MAX)
     if pose is not None:
         _trusted("EgmSensor", (*pose.position_mm, *pose.quaternion), 7)
-    joints, cartesian, joint_speed = (tuple(array) for array in arrays)
-    digital = _optional(rapid, "digVal")
-    return SensorMessage(header.seqno, tm, pose, joints, cartesian, joint_speed, digital, tuple(rapid.dnum))
+    return SensorMessage(
+        header.seqno, tm, pose, joints, cartesian, joint_speed, _optional(rapid, "digVal"), dnum
+    )
 
 
 # --- parts
@@ -333,11 +341,15 @@ def _put_place(field: Any, place: Place, version: RobotWare) -> None:
 
 
 def _place(field: Any) -> Place:
+    time_us = None
+    if field.HasField("time"):
+        time = field.time
+        time_us = time.sec * _MICRO + time.usec
     return Place(
-        tuple(field.joints.joints),
+        tuple(field.joints.joints[:]),
         _pose(field.cartesian) if field.HasField("cartesian") else None,
-        tuple(field.externalJoints.joints),
-        field.time.sec * _MICRO + field.time.usec if field.HasField("time") else None,
+        tuple(field.externalJoints.joints[:]),
+        time_us,
     )
 
 
@@ -345,7 +357,8 @@ def _pose(field: Any) -> PoseMm | None:
     """The pose; None without a position or without an orientation."""
     if not field.HasField("pos"):
         return None
-    position = field.pos.x, field.pos.y, field.pos.z
+    at = field.pos
+    position = at.x, at.y, at.z
     if field.HasField("euler"):  # it wins [M]
         return PoseMm(position, quaternion_of(field.euler.x, field.euler.y, field.euler.z))
     if not field.HasField("orient"):
@@ -358,14 +371,14 @@ def _optional(message: Any, name: str) -> Any:
     return getattr(message, name) if message.HasField(name) else None
 
 
-def _trusted(name: str, numbers: Iterable[float], most: int) -> None:
-    values = tuple(numbers)
+def _trusted(name: str, values: Sequence[float], most: int) -> None:
     if len(values) > most:
         raise RemoteProtocolError(f"{name}: {len(values)} numbers where {most} are the most")
-    if not all(map(math.isfinite, values)):
+    # a sum is quicker, and may be infinite for numbers that are not
+    if not math.isfinite(sum(values)) and not all(map(math.isfinite, values)):
         raise RemoteProtocolError(f"{name}: a number is none")
 
 
-def _only_finite(numbers: Iterable[float]) -> None:
-    if not all(map(math.isfinite, numbers)):
+def _only_finite(numbers: Sequence[float]) -> None:
+    if not math.isfinite(sum(numbers)) and not all(map(math.isfinite, numbers)):
         raise LocalProtocolError("EgmSensor: a robot is sent finite numbers alone")
