@@ -120,7 +120,8 @@ class Arm:
         or axis 4, stays as in `near`.
         """
         along = _tool_axis(quaternion)
-        x, y, z = (p - self._wrist_to_tip * a for p, a in zip(position, along, strict=True))
+        (x, y, z), (u, v, w), reach = position, along, self._wrist_to_tip
+        x, y, z = x - reach * u, y - reach * v, z - reach * w
         radius, height = math.hypot(x, y), z - self._axis_2_height
         square = radius * radius + height * height
         distance = math.sqrt(square)
@@ -130,7 +131,7 @@ class Arm:
         cosine = (upper * upper + square - fore * fore) / (2.0 * upper * distance)
         opening = math.acos(max(-1.0, min(1.0, cosine)))
         front = near[0] if radius < _ON_AXIS_1_M else math.atan2(y, x)
-        tool = product(quaternion, _conjugate(_TOOL_AT_ZERO))
+        tool = product(quaternion, _TO_ZERO)
         ways = (front, radius), (front + math.pi, -radius)
         for turned, forward in ways if math.cos(near[0] - front) >= 0.0 else ways[::-1]:
             turn = self._wound(0, turned, near)
@@ -148,8 +149,8 @@ class Arm:
                 if third is None:
                     continue
                 wrist = product(_conjugate(_forearm_frame(turn, pitch)), tool)
-                for angles in _wrist_angles(wrist, near[3]):
-                    a, b, c = (self._wound(3 + k, angle, near) for k, angle in enumerate(angles))
+                for a4, a5, a6 in _wrist_angles(wrist, near[3]):
+                    a, b, c = self._wound(3, a4, near), self._wound(4, a5, near), self._wound(5, a6, near)
                     if a is not None and b is not None and c is not None:
                         yield turn, lean, third, a, b, c
 
@@ -236,3 +237,6 @@ def _tool_axis(quaternion: Quaternion) -> Vector:
 def _conjugate(q: Quaternion) -> Quaternion:
     w, x, y, z = q
     return w, -x, -y, -z
+
+
+_TO_ZERO = _conjugate(_TOOL_AT_ZERO)

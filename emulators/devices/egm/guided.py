@@ -102,9 +102,10 @@ class GuidedMotion:
         else:
             if message.pose is not None:
                 position, quaternion = from_wire(message.pose)
-                w, x, y, z = (part / math.hypot(*quaternion) for part in quaternion)
-                self._reference = Pose(position, (w, x, y, z))
-            along = tuple(part * 1e-3 for part in message.speed[:3])
+                w, x, y, z = quaternion
+                norm = math.hypot(w, x, y, z)
+                self._reference = Pose(position, (w / norm, x / norm, y / norm, z / norm))
+            along = tuple([part * 1e-3 for part in message.speed[:3]])
             about = tuple(map(math.radians, message.speed[3:])) or STILL[:3]
             speed = (*along, *about) if along else ()
         if speed or not self._profile.speed_ref_sticky:
@@ -150,10 +151,9 @@ class GuidedMotion:
         degrees, error = math.radians(self._profile.conv_deg), self._error()
         if self._by_joints:
             return all(abs(part) <= degrees for part in error)
-        metres = self._profile.conv_mm * 1e-3
-        return all(abs(part) <= metres for part in error[:3]) and all(
-            abs(part) <= degrees for part in error[3:]
-        )
+        metres, (x, y, z, u, v, w) = self._profile.conv_mm * 1e-3, error
+        near = abs(x) <= metres and abs(y) <= metres and abs(z) <= metres
+        return near and abs(u) <= degrees and abs(v) <= degrees and abs(w) <= degrees
 
     def _error(self) -> Axes:
         """From the set point to the reference."""
@@ -161,9 +161,9 @@ class GuidedMotion:
         if reference is None:
             return STILL
         if isinstance(reference, Pose):
-            way = (q - p for p, q in zip(self.pose.position, reference.position, strict=True))
-            return (*way, *rotation_vector(self.pose.quaternion, reference.quaternion))
-        return tuple(q - p for p, q in zip(self.joints, reference, strict=True))
+            (x, y, z), (a, b, c) = self.pose.position, reference.position
+            return a - x, b - y, c - z, *rotation_vector(self.pose.quaternion, reference.quaternion)
+        return tuple([q - p for p, q in zip(self.joints, reference, strict=True)])
 
     def _by_pose(self, since: float) -> tuple[Pose, Joints | None]:
         self._velocity = self._law.speed(self._error(), self._ahead, since)
@@ -193,35 +193,41 @@ class GuidedMotion:
         """The set point after a cycle at this speed."""
         if velocity == STILL:
             return self.pose, self.joints
-        by = tuple(part * self._period for part in velocity)
+        by = tuple([part * self._period for part in velocity])
         if self._by_joints:
             a, b, c, d, e, f = (joint + part for joint, part in zip(self.joints, by, strict=True))
             joints = a, b, c, d, e, f
             return self._kinematics.pose(joints), joints
-        x, y, z = (p + part for p, part in zip(self.pose.position, by[:3], strict=True))
+        (x, y, z), (dx, dy, dz, *turn) = self.pose.position, by
+        x, y, z = x + dx, y + dy, z + dz
         if self._profile.minmax_clamps:
             window = self._profile.conv_mm * 1e-3
             x, y, z = (
                 max(s - window, min(s + window, p))
                 for p, s in zip((x, y, z), self.start.position, strict=True)
             )
-        pose = Pose((x, y, z), turned(self.pose.quaternion, (by[3], by[4], by[5])))
+        u, v, w = turn
+        pose = Pose((x, y, z), turned(self.pose.quaternion, (u, v, w)))
         return pose, self._kinematics.holding(pose, self.joints)
 
     def _go(self, pose: Pose, joints: Joints | None) -> str:
         """Have this as the set point, unless it is out of bounds."""
         profile = self._profile
-        corners = zip(profile.workspace_min_mm, pose.position, profile.workspace_max_mm, strict=True)
-        if joints is None or not all(low <= p * 1e3 <= high for low, p, high in corners):
+        for low, place, high in zip(
+            profile.workspace_min_mm, pose.position, profile.workspace_max_mm, strict=True
+        ):
+            if not low <= place * 1e3 <= high:
+                return OUT_OF_BOUNDS
+        if joints is None:
             return OUT_OF_BOUNDS
-        most = math.radians(profile.max_pos_dev_deg)
-        if any(abs(q - p) > most for p, q in zip(self._start_joints, joints, strict=True)):
-            return OUT_OF_BOUNDS
-        ways = (abs(q - p) for p, q in zip(self.joints, joints, strict=True))
-        if any(
-            way > most for way, most in zip(ways, self._quickest, strict=True)
-        ):  # as next to a singularity
-            return OUT_OF_BOUNDS
+        if joints is not self.joints:
+            most = math.radians(profile.max_pos_dev_deg)
+            for start, before, after, quickest in zip(
+                self._start_joints, self.joints, joints, self._quickest, strict=True
+            ):
+                # quicker than the joint, as next to a singularity
+                if abs(after - start) > most or abs(after - before) > quickest:
+                    return OUT_OF_BOUNDS
         self.moves = pose != self.pose
         self.pose, self.joints = pose, joints
         return ""

@@ -22,7 +22,12 @@ STILL: Axes = (0.0,) * 6
 def pose_load(profile: EgmProfile) -> Callable[[Axes], float]:
     """Share of the largest speed that a speed of the tool needs; stands in for MaxSpeedDeviation [A]."""
     along, about = profile.max_tcp_mm_s * 1e-3, math.radians(profile.max_tcp_deg_s)
-    return lambda speed: max(math.hypot(*speed[:3]) / along, math.hypot(*speed[3:]) / about)
+
+    def load(speed: Axes) -> float:
+        x, y, z, u, v, w = speed
+        return max(math.hypot(x, y, z) / along, math.hypot(u, v, w) / about)
+
+    return load
 
 
 def joint_load(profile: EgmProfile) -> Callable[[Axes], float]:
@@ -56,11 +61,13 @@ class MotionLaw:
         """
         share, gain = self._share, self._gain
         self._filtered = tuple(
-            before + share * (gain * distance + speed - before)
-            for before, distance, speed in zip(self._filtered, error, ahead, strict=True)
+            [
+                before + share * (gain * distance + speed - before)
+                for before, distance, speed in zip(self._filtered, error, ahead, strict=True)
+            ]
         )
         ramp = min(1.0, since / self._ramp) if self._ramp else 1.0
-        asked = tuple(ramp * part for part in self._filtered)
+        asked = self._filtered if ramp == 1.0 else tuple([ramp * part for part in self._filtered])
         load = self._load(asked)
         self.utilization_percent = 100.0 * load
-        return asked if load <= 1.0 else tuple(part / load for part in asked)
+        return asked if load <= 1.0 else tuple([part / load for part in asked])

@@ -31,31 +31,30 @@ def rotation_vector(before: Quaternion, after: Quaternion) -> Vector:
         y * a - w * c + x * d - z * b,
         z * a - w * d + y * b - x * c,
     )
-    cosine, sines = turn[0], turn[1:]
-    sine = math.hypot(*sines)
+    cosine, i, j, k = turn
+    sine = math.hypot(i, j, k)
     if sine < _TINY:
         scale = math.copysign(2.0, cosine)
     else:
         scale = math.copysign(1.0, cosine) * 2.0 * math.atan2(sine, abs(cosine)) / sine
-    i, j, k = (scale * part for part in sines)
-    return i, j, k
+    return scale * i, scale * j, scale * k
 
 
 def turned(quaternion: Quaternion, by: Vector) -> Quaternion:
     """The orientation after a turn by a rotation vector of the base frame, rad."""
-    angle = math.hypot(*by)
+    x, y, z = by
+    angle = math.hypot(x, y, z)
     share = 0.5 if angle < _TINY else math.sin(angle / 2.0) / angle
-    w, (x, y, z) = math.cos(angle / 2.0), (share * part for part in by)
+    w, x, y, z = math.cos(angle / 2.0), share * x, share * y, share * z
     a, b, c, d = quaternion
-    product = (
+    p, q, r, s = (
         w * a - x * b - y * c - z * d,
         w * b + x * a + y * d - z * c,
         w * c - x * d + y * a + z * b,
         w * d + x * c - y * b + z * a,
     )
-    norm = math.hypot(*product)
-    p, q, r, s = (part / norm for part in product)
-    return p, q, r, s
+    norm = math.hypot(p, q, r, s)
+    return p / norm, q / norm, r / norm, s / norm
 
 
 def rotated(quaternion: Quaternion, vector: Vector) -> Vector:
