@@ -40,9 +40,9 @@ class Correction:
         before = self.total
         after = self._clamped(self._summed(value) if self._profile.mode == "relative" else value)
         error = self._monitored(after)
-        way = [there - here for there, here in zip(after, before, strict=True)]
+        x, y, z, *turn = [there - here for there, here in zip(after, before, strict=True)]
         if not error and (
-            math.hypot(*way[:3]) > self.step_mm + _ROUNDING or _angle(way[3:]) > self._step_deg + _ROUNDING
+            math.hypot(x, y, z) > self.step_mm + _ROUNDING or _angle(turn) > self._step_deg + _ROUNDING
         ):
             error = TOO_FAST
         if not error:
@@ -85,7 +85,7 @@ class Correction:
             kept.append(max(low, min(high, value)))
         angle = _angle(wanted[3:])
         share = min(1.0, self._profile.lim_deg / angle) if angle else 1.0
-        total = (*kept, *(share * part for part in wanted[3:]))
+        total = (*kept, *[share * part for part in wanted[3:]])
         self.limited = math.dist(total, wanted) > _ROUNDING
         return total
 
@@ -98,5 +98,7 @@ class Correction:
 def _angle(angles: tuple[float, ...] | list[float]) -> float:
     """Angle of the turn by A, B, C, degrees."""
     a, b, c = angles
-    w, *axis = quaternion_of((a, b, c))
-    return math.degrees(2.0 * math.atan2(math.hypot(*axis), abs(w)))
+    if a == b == c == 0.0:  # as while the tool keeps its orientation
+        return 0.0
+    w, x, y, z = quaternion_of((a, b, c))
+    return math.degrees(2.0 * math.atan2(math.hypot(x, y, z), abs(w)))

@@ -70,13 +70,15 @@ class Line:
 
     def take(self, now: float) -> list[bytes]:
         """Those that leave now."""
+        if not self._queue:
+            return []
         out = [telegram for at, telegram in self._queue if at <= now]
         self._queue = [entry for entry in self._queue if entry[0] > now]
         return out
 
     def next_at(self) -> float | None:
         """When the next one leaves, s."""
-        return min((at for at, _ in self._queue), default=None)
+        return min([at for at, _ in self._queue]) if self._queue else None
 
     def _strikes(self, fault: str, now: float) -> Injection | None:
         return self._injected.strikes("packets", fault, now)

@@ -13,7 +13,8 @@ _NO_COSINE = 1e-9
 
 def quaternion_of(angles_deg: Vector) -> Quaternion:
     """Unit quaternion w x y z of A, B, C, degrees."""
-    a, b, c = (math.radians(angle) / 2.0 for angle in angles_deg)
+    a, b, c = angles_deg
+    a, b, c = math.radians(a) / 2.0, math.radians(b) / 2.0, math.radians(c) / 2.0
     ca, cb, cc = math.cos(a), math.cos(b), math.cos(c)
     sa, sb, sc = math.sin(a), math.sin(b), math.sin(c)
     return (

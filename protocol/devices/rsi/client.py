@@ -14,22 +14,13 @@ Source: project specification of RSI, sections 3, 5 and 9.
 import math
 from collections import deque
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 from protocol.datagram import arrived_at
 from protocol.devices.rsi.angles import angles_of, inverse, nearest, pose_of, quaternion_of, times
 from protocol.devices.rsi.profile import RsiLink
-from protocol.devices.rsi.telegram import (
-    ROBOT,
-    SENSOR,
-    Telegram,
-    decode,
-    encode,
-    fixed,
-    number,
-    numbers,
-    pose_tags,
-)
+from protocol.devices.rsi.telegram import ROBOT, SENSOR, Telegram, decode, encode, fixed, number, pose_tags
 from protocol.endpoint import RemoteProtocolError
 from protocol.geometry import Pose
 from protocol.robot import ReportReceived, RobotReport, StreamEvent, StreamLost, StreamNotice
@@ -257,9 +248,12 @@ class RsiClient:
             self._watch_flight(self._offset, stands)
         if self._offset is None or self._began is None or self._missed or self._strayed:
             return
-        place = self._offset[:3]
+        place, most = self._offset[:3], self._link.stray_mm
+        for total in reversed(self._trail):
+            if math.dist(place, total[:3]) <= most:
+                return  # nearly always one of the newest
         stray = min(math.dist(place, total[:3]) for total in self._trail)
-        if stray > self._link.stray_mm:
+        if stray > most:
             self._strayed = True
             self._tell(
                 "correction",
@@ -304,22 +298,23 @@ class RsiClient:
         """The correction that brings the robot to this pose."""
         assert self._began is not None
         (position, quaternion), total = self._began
-        x, y, z = (
-            was + (there - here) * 1e3
-            for was, there, here in zip(total[:3], pose.position, position, strict=True)
-        )
-        a0, b0, c0 = total[3:]
+        (x, y, z), (u, v, w) = pose.position, position
+        x0, y0, z0, a0, b0, c0 = total
         turn = times(times(pose.quaternion, inverse(quaternion)), quaternion_of((a0, b0, c0)))
-        a, b, c = (nearest(angle, was) for angle, was in zip(angles_of(turn), self._total[3:], strict=True))
-        return x, y, z, a, b, c
+        (a, b, c), (_, _, _, a0, b0, c0) = angles_of(turn), self._total
+        x, y, z = x0 + (x - u) * 1e3, y0 + (y - v) * 1e3, z0 + (z - w) * 1e3
+        return x, y, z, nearest(a, a0), nearest(b, b0), nearest(c, c0)
 
     def _within_reach(self, wanted: Correction, before: Correction) -> Correction:
         """As much of the way there as limits and one cycle allow: what the set point has moved since it asked for
         `before`, and a little of what the robot is behind.
         """
         link = self._link
-        bounds = (link.limit_mm,) * 3 + (link.limit_deg,) * 3
-        bounded = [max(-most, min(most, value)) for value, most in zip(wanted, bounds, strict=True)]
+        most, most_deg = link.limit_mm, link.limit_deg
+        bounded = (
+            *[max(-most, min(most, value)) for value in wanted[:3]],
+            *[max(-most_deg, min(most_deg, value)) for value in wanted[3:]],
+        )
         if not self._limited and math.dist(bounded, wanted) > 1e-9:
             self._limited = True
             self._tell(
@@ -327,26 +322,28 @@ class RsiClient:
                 f"the correction stays within {link.limit_mm:g} mm and {link.limit_deg:g}° of the robot's program; "
                 "begin nearer, or raise limit_mm, limit_deg and POSCORR's limits",
             )
-        way = [there - here for there, here in zip(bounded, self._total, strict=True)]
-        moved = [there - here for there, here in zip(wanted, before, strict=True)]
+        x, y, z, a, b, c = [there - here for there, here in zip(bounded, self._total, strict=True)]
+        u, v, w, d, e, f = [there - here for there, here in zip(wanted, before, strict=True)]
         cycle = link.cycle_ms / 1e3
-        most_mm = min(link.fastest_mm_s * cycle, math.hypot(*moved[:3]) + link.catch_up_mm_s * cycle)
-        most_deg = min(link.fastest_deg_s * cycle, math.hypot(*moved[3:]) + link.catch_up_deg_s * cycle)
+        most_mm = min(link.fastest_mm_s * cycle, math.hypot(u, v, w) + link.catch_up_mm_s * cycle)
+        most_deg = min(link.fastest_deg_s * cycle, math.hypot(d, e, f) + link.catch_up_deg_s * cycle)
         share = min(
-            1.0, most_mm / max(math.hypot(*way[:3]), 1e-12), most_deg / max(math.hypot(*way[3:]), 1e-12)
+            1.0, most_mm / max(math.hypot(x, y, z), 1e-12), most_deg / max(math.hypot(a, b, c), 1e-12)
         )
-        return tuple(here + share * part for here, part in zip(self._total, way, strict=True))
+        i, j, k, p, q, r = self._total
+        return i + share * x, j + share * y, k + share * z, p + share * a, q + share * b, r + share * c
 
     def _answer(self, correction: Correction) -> None:
         """Answer the newest telegram."""
         assert self._newest is not None
         ipoc, before = self._newest, self._total
-        relative = self._link.mode == "relative"
-        values = [to - (was if relative else 0.0) for to, was in zip(correction, before, strict=True)]
+        relative, values = self._link.mode == "relative", correction
+        if relative:
+            values = tuple([to - was for to, was in zip(correction, before, strict=True)])
         texts = [fixed(value, DECIMALS) for value in values]
-        sent = [float(text) for text in texts]
+        sent = tuple(map(float, texts))
         self._total = (
-            tuple(was + value for was, value in zip(before, sent, strict=True)) if relative else tuple(sent)
+            tuple([was + value for was, value in zip(before, sent, strict=True)]) if relative else sent
         )
         self._answered = _Answered(ipoc, self._late, before)
         telegram = Telegram(SENSOR, self._link.sentype, dict(zip(self._tags, texts, strict=True)), ipoc)
@@ -365,22 +362,29 @@ def _read(raw: bytes) -> _Told:
     values = telegram.values
     if telegram.root != ROBOT:
         raise RemoteProtocolError(f"it is a {telegram.root} telegram, not one of a robot")
-    if any(tag not in values for tag in _ACTUAL):
+    if not all(map(values.__contains__, _ACTUAL)):
         raise RemoteProtocolError(
             "it has no RIst; enter DEF_RIst into the controller's Ethernet configuration"
         )
     pose, planned = _pose(values, _ACTUAL), _pose(values, _SET)
-    late, status = (number(values[tag]) if tag in values else None for tag in (_LATE, _STATUS))
+    late = number(values[_LATE]) if _LATE in values else None
+    status = number(values[_STATUS]) if _STATUS in values else None
     return _Told(telegram.ipoc, pose or _NO_POSE, planned, None if late is None else int(late), status)
 
 
 def _pose(values: Mapping[str, str], tags: tuple[str, ...]) -> Pose | None:
     """The pose in these values; None where one is missing or no number."""
+    texts = tuple([values.get(tag) for tag in tags])
+    return None if None in texts else _pose_in(texts)
+
+
+@lru_cache(maxsize=4)
+def _pose_in(texts: tuple[str, ...]) -> Pose | None:
+    """The pose in X Y Z A B C; None where one is no number. A set position stays the same for long."""
     try:
-        found = numbers(values, tags)
+        return pose_of([*map(number, texts)])
     except RemoteProtocolError:
         return None
-    return None if found is None else pose_of(found)
 
 
 def _offset(actual: Pose, planned: Pose) -> Correction:
