@@ -384,8 +384,10 @@ def force_to_wrench(rotation: Floats, arm: Floats) -> Floats:
     `rotation` (3, 3) is the sensor frame in the base frame, `arm` (3,) where the force acts, sensor frame, m.
     """
     x, y, z = arm.tolist()
-    moment = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
-    return np.hstack((rotation, rotation @ moment))
+    matrix = np.empty((3, 6))
+    matrix[:, :3] = rotation
+    matrix[:, 3:] = rotation @ np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
+    return matrix
 
 
 def _vector(row: Floats) -> Vector:

@@ -106,12 +106,14 @@ class JointArm:
         self.target = order.target
         if order.target == self.joints and self.speeds == ZERO:
             return
-        speeds = [
-            v + dt * stiffness * (wanted - x - lookahead * v)
+        pull = dt * stiffness
+        u, v, w, p, q, r = [
+            v + pull * (wanted - x - lookahead * v)
             for x, v, wanted in zip(self.joints, self.speeds, order.target, strict=True)
         ]
-        a, b, c, d, e, f = (x + dt * v for x, v in zip(self.joints, speeds, strict=True))
-        self.joints, self.speeds = (a, b, c, d, e, f), _six(speeds)
+        a, b, c, d, e, f = self.joints
+        self.joints = a + dt * u, b + dt * v, c + dt * w, d + dt * p, e + dt * q, f + dt * r
+        self.speeds = u, v, w, p, q, r
 
 
 def _towards(speeds: Joints, wanted: Joints, limit: float) -> Joints:

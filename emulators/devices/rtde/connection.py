@@ -60,9 +60,11 @@ class Connection:
         return b"".join(out)
 
     def next_deadline(self) -> float | None:
-        times = [self._controller.path.cycle_at(self._due)] if self._sends else []
-        times += [at for at, _ in self._late[:1]]
-        return min(times, default=None)
+        due = self._controller.path.cycle_at(self._due) if self._sends else None
+        if not self._late:
+            return due
+        late = self._late[0][0]
+        return late if due is None else min(due, late)
 
     def handle_deadline(self, now: float) -> None:
         self._controller.advance(now)
@@ -105,7 +107,9 @@ class Connection:
     def _data(self) -> bytes:
         assert self._outputs is not None, "it has started"
         snapshot = self._disturbance.shown(self._controller.snapshots[0])
-        values = [number for read in self._getters for number in read(snapshot)]
+        values: list[float] = []
+        for read in self._getters:
+            values += read(snapshot)
         return self._outputs.pack(*values)
 
     # --- packets

@@ -89,8 +89,10 @@ class Controller:
             )
         self.arm = JointArm(joints, self.period, profile.servo_gain_scale, profile.stop_deceleration_rad_s2)
         self._flange = self._old_flange = self._next_flange = flange(self.lengths, joints)
+        self._tools: deque[tuple[Pose, Pose, Pose]] = deque(maxlen=2)
+        """The newest poses of the flange, the tools in it, and where these are."""
         self._random = random.Random(seed)
-        self.path = CycledPath(compose(self._flange, self.tool), now, self.period, self._cycle)
+        self.path = CycledPath(self._at(self._flange, self.tool), now, self.period, self._cycle)
         self._powered_at = now
         self.mode = RobotMode.RUNNING
         self.safety = SafetyMode.NORMAL
@@ -168,7 +170,16 @@ class Controller:
         self.arm.step(self.slider if self.profile.slider_slows_servo else 1.0)
         self.snapshots.append(self._snapshot(now))
         self._next_flange = flange(self.lengths, self.arm.joints)
-        return compose(self._next_flange, self.tool)
+        return self._at(self._next_flange, self.tool)
+
+    def _at(self, flange_pose: Pose, tool: Pose) -> Pose:
+        """Where a tool is at a pose of the flange. The same is asked for in the next two cycles."""
+        for known, in_it, pose in self._tools:
+            if known is flange_pose and in_it is tool:
+                return pose
+        pose = compose(flange_pose, tool)
+        self._tools.append((flange_pose, tool, pose))
+        return pose
 
     def later(self, seconds: float, change: Callable[[], None]) -> None:
         """Do this after a time."""
@@ -177,14 +188,17 @@ class Controller:
 
     def _snapshot(self, now: float) -> Snapshot:
         profile, gauss = self.profile, self._random.gauss
-        pose = exact = compose(self._flange, self.tcp)
+        pose = exact = self._at(self._flange, self.tcp)
         self.measured = self._force(exact)
-        a, b, c, d, e, f = (got - zero for got, zero in zip(self.measured, self.force_zero, strict=True))
-        if not self.external_force and profile.force_noise_n:
-            a, b, c = (part + gauss(0.0, profile.force_noise_n) for part in (a, b, c))
+        (a, b, c, d, e, f), (o, p, q, r, s, t) = self.measured, self.force_zero
+        a, b, c, d, e, f = a - o, b - p, c - q, d - r, e - s, f - t
+        if not self.external_force and (noise_n := profile.force_noise_n):
+            a, b, c = a + gauss(0.0, noise_n), b + gauss(0.0, noise_n), c + gauss(0.0, noise_n)
         if profile.noise_um or profile.noise_urad:
-            x, y, z = (place + gauss(0.0, profile.noise_um * 1e-6) for place in pose.position)
-            i, j, k = (gauss(0.0, profile.noise_urad * 0.5e-6) for _ in range(3))
+            noise_m, half_rad = profile.noise_um * 1e-6, profile.noise_urad * 0.5e-6
+            x, y, z = pose.position
+            x, y, z = x + gauss(0.0, noise_m), y + gauss(0.0, noise_m), z + gauss(0.0, noise_m)
+            i, j, k = gauss(0.0, half_rad), gauss(0.0, half_rad), gauss(0.0, half_rad)
             pose = Pose((x, y, z), normalised(product(pose.quaternion, (1.0, i, j, k))))
         arm = self.arm
         wanted = exact if arm.target == arm.joints else compose(flange(self.lengths, arm.target), self.tcp)
@@ -198,7 +212,7 @@ class Controller:
             arm.speeds,
             arm.target,
             pose,
-            compose(self._old_flange, self.tcp),
+            self._at(self._old_flange, self.tcp),
             exact,
             wanted,
             self.tcp,

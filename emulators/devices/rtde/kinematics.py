@@ -69,8 +69,10 @@ def conjugate(quaternion: Quaternion) -> Quaternion:
 
 def compose(first: Pose, second: Pose) -> Pose:
     """The second pose, given in the frame of the first, in the first one's own frame."""
-    x, y, z = (p + q for p, q in zip(first.position, rotated(first.quaternion, second.position), strict=True))
-    return Pose((x, y, z), product(first.quaternion, second.quaternion))
+    (x, y, z), quaternion = first
+    (a, b, c), turned = second
+    u, v, t = rotated(quaternion, (a, b, c))
+    return Pose((x + u, y + v, z + t), product(quaternion, turned))
 
 
 def inverse(pose: Pose) -> Pose:
@@ -106,7 +108,8 @@ def solutions(arm: Arm, pose: Pose, near: Joints) -> Iterator[Joints]:
     """
     turn = pose.quaternion
     tool = rotated(turn, (0.0, 0.0, 1.0))
-    x, y, z = (p - arm.d6 * t for p, t in zip(pose.position, tool, strict=True))
+    (x, y, z), (u, v, w) = pose.position, tool
+    x, y, z = x - arm.d6 * u, y - arm.d6 * v, z - arm.d6 * w
     radius = math.hypot(x, y)
     if radius < abs(arm.d4) or radius == 0.0:
         return

@@ -37,6 +37,10 @@ _BRAKE = re.compile(rb"stopl\(([0-9.]{1,12})\)")
 _NEAR = re.compile(rb"norm\(n\[j\] - q\[j\]\) > ([0-9.]{1,12})")
 _ENABLES = re.compile(rb"ft_rtde_input_enable\(\s*(True|False)")
 _WRITES = re.compile(rb"write_output_integer_register\(\s*(?:0\s*\+\s*)?(0|24)\s*,\s*2\s*\)")
+_COMMAND, _SEQUENCE = f"input_int_register_{COMMAND}", f"input_int_register_{SEQUENCE}"
+_PLACE = tuple(f"input_double_register_{number}" for number in range(POSE, POSE + 6))
+_TUNING = tuple(f"input_double_register_{number}" for number in (TIME, LOOKAHEAD, GAIN))
+_TAKEN, _STATE, _AGE = (f"output_int_register_{number}" for number in (TAKEN, STATE, AGE))
 _JOINT_PER_METRE = 2.0
 """Assumed: joint deceleration of stopl, rad/s² for each m/s²; that of an arm of half a metre."""
 
@@ -75,9 +79,9 @@ def intent(controller: Controller, name: str, text: bytes) -> Callable[[tuple[st
 
 def _our_intent(controller: Controller, names: tuple[str, ...]) -> HeardOrder | None:
     read = controller.number
-    if f"input_int_register_{COMMAND}" not in names or read(f"input_int_register_{COMMAND}") != Command.SERVO:
+    if _COMMAND not in names or read(_COMMAND) != Command.SERVO:
         return None
-    x, y, z = (read(f"input_double_register_{number}") for number in range(POSE, POSE + 3))
+    x, y, z = map(read, _PLACE[:3])
     words, reach_m = "servo to a pose", controller.profile.max_target_step_mm * 1e-3
     return HeardOrder(controller.now, Act.MOTION, words, controller.plays, (x, y, z), reach_m=reach_m)
 
@@ -134,22 +138,18 @@ def _ours(controller: Controller, text: bytes) -> Turns:
     hold = int(held[1]) if (held := _HOLD.search(text)) else 50
     brake = _JOINT_PER_METRE * (float(braked[1]) if (braked := _BRAKE.search(text)) else 2.0)
     near = float(nearest[1]) if (nearest := _NEAR.search(text)) else math.inf
-
-    def say(register: int, value: float) -> None:
-        write(f"output_int_register_{register}", value)
-
-    last = read(f"input_int_register_{SEQUENCE}")
+    last = read(_SEQUENCE)
     joints = controller.arm.target
     on, age = False, 0
-    say(TAKEN, last)
-    say(STATE, State.READY)
-    while (command := read(f"input_int_register_{COMMAND}")) != Command.END:
-        sequence = read(f"input_int_register_{SEQUENCE}")
+    write(_TAKEN, last)
+    write(_STATE, State.READY)
+    while (command := read(_COMMAND)) != Command.END:
+        sequence = read(_SEQUENCE)
         age += 1
         if command == Command.SERVO and sequence != last:
             last, age = sequence, 0
-            say(TAKEN, sequence)
-            six = [read(f"input_double_register_{number}") for number in range(POSE, POSE + 6)]
+            write(_TAKEN, sequence)
+            six = [*map(read, _PLACE)]
             if not all(map(math.isfinite, six)):
                 controller.protective_stop("a target that is no number")
                 yield
@@ -158,27 +158,23 @@ def _ours(controller: Controller, text: bytes) -> Turns:
             if solved is not None and _farthest(solved, joints) <= near:
                 joints, on = solved, True
                 controller.target_taken()
-                say(STATE, State.SERVOING)
+                write(_STATE, State.SERVOING)
             else:
-                say(STATE, State.REFUSED)
+                write(_STATE, State.REFUSED)
                 if on:
                     yield from braking(controller, brake)
                 on = False
-        say(AGE, age)
+        write(_AGE, age)
         if on and (command != Command.SERVO or age > hold):
             yield from braking(controller, brake)
             on = False
-            say(STATE, State.STARVED)
+            write(_STATE, State.STARVED)
         if command != Command.SERVO:
-            say(STATE, State.READY)
+            write(_STATE, State.READY)
         if not on:
             yield
             continue
-        servo = servo_order(
-            controller,
-            joints,
-            *(read(f"input_double_register_{number}") for number in (TIME, LOOKAHEAD, GAIN)),
-        )
+        servo = servo_order(controller, joints, *map(read, _TUNING))
         if servo is None:
             return
         controller.order(servo)
@@ -186,7 +182,7 @@ def _ours(controller: Controller, text: bytes) -> Turns:
             yield
     if on:
         yield from braking(controller, brake)
-    say(STATE, State.ENDED)
+    write(_STATE, State.ENDED)
 
 
 def _farthest(one: tuple[float, ...], other: tuple[float, ...]) -> float:

@@ -55,8 +55,9 @@ _POWERED, _PLAYING = int(StatusBits.POWER_ON), int(StatusBits.PROGRAM_RUNNING)
 def _speed(state: Snapshot) -> Value:
     """Velocity of the tool from its last two poses."""
     turned = product(state.now.quaternion, conjugate(state.before.quaternion))
-    moved = (b - a for a, b in zip(state.before.position, state.now.position, strict=True))
-    return tuple(part / state.period for part in (*moved, *rotation_vector(turned)))
+    (x, y, z), (u, v, w), (i, j, k) = state.before.position, state.now.position, rotation_vector(turned)
+    time = state.period
+    return (u - x) / time, (v - y) / time, (w - z) / time, i / time, j / time, k / time
 
 
 def _status(state: Snapshot) -> float:
