@@ -68,6 +68,8 @@ class MeasuredWrench:
         """Number of the newest sample from one number to another, read before, of which an output is at an end of the
         converter.
         """
+        if not self._at_end:  # as nearly always
+            return None
         return max((number for number in self._at_end if first <= number <= last), default=None)
 
     def _make(self, first: int, stop: int) -> Floats:

@@ -46,6 +46,12 @@ def _powers(share: float, count: int) -> Floats:
     return np.asarray(share ** np.arange(count - 1, -1, -1), np.float64)
 
 
+@lru_cache(maxsize=len(FILTERS_HZ))
+def _weight(number: int) -> float:
+    """Weight of a new sample in the filter of this number."""
+    return filter_weight(FILTERS_HZ[number])
+
+
 @dataclass(slots=True)
 class _Stream:
     """A request for records that is being answered."""
@@ -230,31 +236,32 @@ class NetBox:
 
     def status(self, number: int, now: float) -> int:
         """The status word with the sample of this number."""
-        if self._faults.under_way("unplugged", now):
+        faulty, status = self._faults.any, 0
+        if faulty and self._faults.under_way("unplugged", now):
             return UNPLUGGED
-        status = 0
-        if number <= self._saturated_until or self._faults.under_way("saturated", now):
+        if number <= self._saturated_until or (faulty and self._faults.under_way("saturated", now)):
             status |= SATURATED | SUMMARY
         if self._latched:
             status |= MONITOR | (SUMMARY if self.profile.family == "netbox" else 0)
-        if not self._faults.any:  # as in nearly every record
-            return status
-        if (fault := self._faults.under_way("status", now)) is not None:
+        if faulty and (fault := self._faults.under_way("status", now)) is not None:
             status |= SUMMARY | 1 << int(fault.number("bit"))
         return status
 
     def _sample(self, stream: _Stream, now: float) -> None:
         """Take the next sample that is told, and tell it."""
-        number, state = stream.next, self._state
-        if state is None or self._faults.under_way("unplugged", now) is None:
+        number, state, ft, step = stream.next, self._state, (stream.next - self._first) % WRAP, self.step
+        if not self._faults.any:  # as in nearly every record
             state = self._filter(number)
-        slow = self._faults.under_way("slow", now)
-        stream.next += self.step if slow is None else max(1, round(self.step * slow.number("factor")))
-        ft = (number - self._first) % WRAP
-        if self._faults.under_way("frozen-counter", now) is None:
-            self._frozen_ft = None
         else:
-            ft = self._frozen_ft = ft if self._frozen_ft is None else self._frozen_ft
+            if state is None or self._faults.under_way("unplugged", now) is None:
+                state = self._filter(number)
+            if (slow := self._faults.under_way("slow", now)) is not None:
+                step = max(1, round(step * slow.number("factor")))
+            if self._faults.under_way("frozen-counter", now) is None:
+                self._frozen_ft = None
+            else:
+                ft = self._frozen_ft = ft if self._frozen_ft is None else self._frozen_ft
+        stream.next += step
         stream.sent += 1
         counts = self._counts_of(state)
         stream.buffer.append(RECORD.pack(stream.sent % WRAP, ft, self.status(number, now), *counts))
@@ -267,14 +274,14 @@ class NetBox:
 
     def _counts_of(self, state: Floats) -> list[int]:
         """An output of the filter as the counts of a record: less the bias, within the ends of a word."""
-        counts = [round(count) for count in (state - self.bias).tolist()]
+        counts = [*map(round, (state - self.bias).tolist())]
         if max(counts) > _COUNT_END or min(counts) < -_COUNT_END:
             counts = [max(-_COUNT_END, min(_COUNT_END, count)) for count in counts]
         return counts
 
     def _filter(self, number: int) -> Floats:
         """Let the filter see every sample up to this number; its output."""
-        weight = filter_weight(FILTERS_HZ[self.filter_number])
+        weight = _weight(self.filter_number)
         # After a pause the filter has long forgotten: it begins where it would have come to.
         most = self.step if weight == 1.0 else math.ceil(20.0 / weight)
         first = max(self._read + 1, number - most + 1)

@@ -5,6 +5,7 @@ Sources: ATI manuals 9620-05-NET FT and 9610-05-Ethernet Axia; the clients netft
 
 import struct
 from enum import IntEnum
+from functools import lru_cache
 from typing import NamedTuple
 
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
@@ -162,6 +163,7 @@ def is_warning(status: int) -> bool:
     return status & ~SUMMARY == MONITOR
 
 
+@lru_cache(maxsize=64)
 def output_step(rate_hz: float) -> int:
     """Internal samples from one record to the next at a rate that was asked for, 1 … 7000 Hz. Mark: assumed, rounded
     so that the rate is never lower.
