@@ -39,7 +39,8 @@ def towards(start: Pose, goal: Pose, distance: float, angle: float) -> Pose:
     shorter one. Both orientations have unit length within rounding.
     """
     apart = math.dist(start.position, goal.position)
-    cosine = sum(a * b for a, b in zip(start.quaternion, goal.quaternion, strict=True))
+    (a, b, c, d), (e, f, g, h) = start.quaternion, goal.quaternion
+    cosine = a * e + b * f + c * g + d * h
     half = math.atan2(
         _sine(start.quaternion, goal.quaternion), abs(cosine)
     )  # exact for the smallest turn too
@@ -49,7 +50,10 @@ def towards(start: Pose, goal: Pose, distance: float, angle: float) -> Pose:
     here, there = 1.0 - share, math.copysign(share, cosine)
     if half > 1e-6:  # below, the chord is the arc
         here, there = (math.copysign(math.sin(abs(part) * half), part) for part in (here, there))
-    mixed = [here * a + there * b for a, b in zip(start.quaternion, goal.quaternion, strict=True)]
-    w, i, j, k = (part / math.hypot(*mixed) for part in mixed)
-    x, y, z = (a + (b - a) * share for a, b in zip(start.position, goal.position, strict=True))
-    return Pose((x, y, z), (w, i, j, k))
+    w, i, j, k = here * a + there * e, here * b + there * f, here * c + there * g, here * d + there * h
+    norm = math.hypot(w, i, j, k)
+    (x, y, z), (u, v, t) = start.position, goal.position
+    return Pose(
+        (x + (u - x) * share, y + (v - y) * share, z + (t - z) * share),
+        (w / norm, i / norm, j / norm, k / norm),
+    )

@@ -156,8 +156,13 @@ class History(Generic[S]):
         """The tick whose set point the loops have at `now`, and the time since they took it, s."""
         newest = self._look_to(now - self._delay)
         since = now - (self._powered_at + self._delay)
-        tick = min(max(math.floor(since / self._period), self._oldest()), newest)
-        return tick, max(since - tick * self._period, 0.0)
+        tick = math.floor(since / self._period)
+        if tick < (oldest := self._oldest()):
+            tick = oldest
+        if tick > newest:
+            tick = newest
+        tau = since - tick * self._period
+        return tick, tau if tau > 0.0 else 0.0
 
     def orientation(self, now: float) -> Quaternion:
         """Tool frame in the base frame at `now`, w x y z."""

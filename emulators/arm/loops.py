@@ -78,8 +78,9 @@ class PositionLoop:
         """`natural_frequency` is ωn, rad/s, `damping_ratio` is ζ."""
         self.stiffness = natural_frequency**2
         self.drag = 2.0 * damping_ratio * natural_frequency
-        self._frequency = natural_frequency
         self._damping_ratio = damping_ratio
+        self._split = natural_frequency * math.sqrt(abs(1.0 - damping_ratio**2))
+        """By how far the two rates of decay lie apart, or the frequency of the swing, rad/s."""
 
     @overload
     def response(self, tau: float) -> tuple[float, float]: ...
@@ -89,8 +90,7 @@ class PositionLoop:
 
     def response(self, tau: Floats | float) -> tuple[Floats | float, Floats | float]:
         """a and b of the class docstring at times `tau` in s, (n,) or one."""
-        decay_rate = self.drag / 2.0
-        split = self._frequency * math.sqrt(abs(1.0 - self._damping_ratio**2))
+        decay_rate, split = self.drag / 2.0, self._split
         if split == 0.0:
             even = np.exp(-decay_rate * tau)
             b = tau * even

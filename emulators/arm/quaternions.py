@@ -7,19 +7,20 @@ from protocol.geometry import Quaternion
 
 def normalised(quaternion: Quaternion) -> Quaternion:
     """The unit quaternion of the same direction. Raises ValueError for a zero quaternion."""
-    norm = math.hypot(*quaternion)
+    w, x, y, z = quaternion
+    norm = math.hypot(w, x, y, z)
     if norm == 0.0:
         raise ValueError("a zero quaternion is no orientation")
-    w, x, y, z = (part / norm for part in quaternion)
-    return w, x, y, z
+    return w / norm, x / norm, y / norm, z / norm
 
 
 def angle_between(a: Quaternion, b: Quaternion) -> float:
     """Angle of the rotation from one unit quaternion to another, rad, 0 … π."""
     # atan2 keeps small angles exact, where the arc cosine of the dot product loses half the digits.
     sign = math.copysign(1.0, _dot(a, b))
-    difference = math.hypot(*(p - sign * q for p, q in zip(a, b, strict=True)))
-    total = math.hypot(*(p + sign * q for p, q in zip(a, b, strict=True)))
+    (w, x, y, z), (e, f, g, h) = a, b
+    e, f, g, h = sign * e, sign * f, sign * g, sign * h
+    difference, total = math.hypot(w - e, x - f, y - g, z - h), math.hypot(w + e, x + f, y + g, z + h)
     return 4.0 * math.atan2(difference, total)
 
 
@@ -47,4 +48,5 @@ def product(p: Quaternion, q: Quaternion) -> Quaternion:
 
 
 def _dot(a: Quaternion, b: Quaternion) -> float:
-    return sum(p * q for p, q in zip(a, b, strict=True))
+    (w, x, y, z), (e, f, g, h) = a, b
+    return w * e + x * f + y * g + z * h

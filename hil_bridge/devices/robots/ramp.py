@@ -59,10 +59,11 @@ class Ramp:
 
     def _speed(self, before: Vector, way: Vector, most: float, gain: float, time: float) -> float:
         """The speed of a step on its way: gained by no more than `gain`, and such that steps of as much less end it."""
-        length = math.hypot(*way)
+        (u, v, w), (x, y, z) = before, way
+        length = math.hypot(x, y, z)
         if not length:
             return most
-        along = sum(a * b for a, b in zip(before, way, strict=True)) / length
+        along = (u * x + v * y + w * z) / length
         change, cycle = gain * self._cycle, self._cycle
         steps = max(1, math.ceil((math.sqrt(1.0 + 8.0 * length / (change * cycle)) - 1.0) / 2.0))
         ending = length / (steps * cycle) + (steps - 1) / 2.0 * change if steps > 1 else length / time
@@ -70,8 +71,8 @@ class Ramp:
 
 
 def _way(start: Pose, goal: Pose) -> Vector:
-    x, y, z = (b - a for a, b in zip(start.position, goal.position, strict=True))
-    return x, y, z
+    (x, y, z), (u, v, w) = start.position, goal.position
+    return u - x, v - y, w - z
 
 
 def _per(way: Vector, time: float) -> Vector:

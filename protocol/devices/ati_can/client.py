@@ -253,8 +253,10 @@ class AtiCanClient:
         self._count += 1
         # A gage at its end changes every axis.
         lost = status & CRITICAL or max(gages) >= GAGE_HIGH or min(gages) <= GAGE_LOW
-        a, b, c, d, e, f = (sum(k * gage for k, gage in zip(row, gages, strict=True)) for row in self._matrix)
-        values = self._tare.values((a, b, c, d, e, f))
+        g, h, i, j, k, m = gages
+        values = self._tare.values(
+            [0.0 + a * g + b * h + c * i + d * j + e * k + f * m for a, b, c, d, e, f in self._matrix]
+        )
         self._events.append(WrenchFrame(values, self._count, self._count, at, _ALL_AXES if lost else 0))
         if self._tare.took:
             self._events.append(Zeroed())
