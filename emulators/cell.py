@@ -189,8 +189,9 @@ class Cell(Generic[Robot, Sensor]):
             if self._face is not None and self.has_memory:
                 raise ValueError(ONE_POINT_REMEMBERED)
         self._obstacles = Obstacles(profile.obstacle, z, self._tip_height, self._changed)
-        self._tip = np.array([0.0, 0.0, length])
-        self._centre_of_gravity = np.array(profile.tool.centre_of_gravity_mm) / 1000.0
+        self._moment_of_tip = moment_matrix((0.0, 0.0, length))
+        u, v, w = profile.tool.centre_of_gravity_mm
+        self._moment_of_weight = moment_matrix((u / 1000.0, v / 1000.0, w / 1000.0))
         self._weight = profile.tool.mass_kg * _GRAVITY
         ((_, quaternion),) = path.orientations(np.array([now]))
         self._turn(quaternion)
@@ -264,9 +265,9 @@ class Cell(Generic[Robot, Sensor]):
     def _turn(self, quaternion: Quaternion) -> None:
         """Prepare for this orientation of the tool: it stays the same over many samples."""
         self._turned = quaternion
-        self._rotation = rotation = rotation_matrix(np.array(quaternion))
-        self._force_to_wrench = force_to_wrench(rotation, self._tip).T
-        self._weight_wrench = (self._weight @ force_to_wrench(rotation, self._centre_of_gravity))[:, None]
+        self._rotation = rotation = rotation_matrix(quaternion)
+        self._force_to_wrench = force_to_wrench(rotation, self._moment_of_tip).T
+        self._weight_wrench = (self._weight @ force_to_wrench(rotation, self._moment_of_weight))[:, None]
 
     def true_state(self, time: float) -> TrueState:
         """The truth at `time`, s."""
@@ -345,7 +346,9 @@ class Cell(Generic[Robot, Sensor]):
             orientations = self._path.orientations(times[part])
             before = self._path.orientations(times[part] - _TURN_S)
             turning = turning_of(orientations, before, _TURN_S)
-            points = self._face.spread(positions[part], velocities[part], orientations, _rotation, turning)
+            points = self._face.spread(
+                positions[part], velocities[part], orientations, rotation_matrix, turning
+            )
             times_of_points = np.repeat(times[part], self._face.count)
             forces = self._answered(surface, points.positions, points.velocities, times_of_points)
             parts.append(self._face.gathered(forces, points.arms))
@@ -362,13 +365,9 @@ class Cell(Generic[Robot, Sensor]):
         return answered
 
 
-def _rotation(quaternion: Quaternion) -> Floats:
-    return rotation_matrix(np.array(quaternion))
-
-
-def rotation_matrix(quaternion: Floats) -> Floats:
+def rotation_matrix(quaternion: Quaternion) -> Floats:
     """Matrix (3, 3) whose columns are the rotated frame's axes, of a unit quaternion w x y z."""
-    w, x, y, z = quaternion.tolist()
+    w, x, y, z = quaternion
     return np.array(
         [
             [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
@@ -378,15 +377,20 @@ def rotation_matrix(quaternion: Floats) -> Floats:
     )
 
 
-def force_to_wrench(rotation: Floats, arm: Floats) -> Floats:
+def moment_matrix(arm: Vector) -> Floats:
+    """Matrix (3, 3) that turns row forces into row moments; `arm` is where the force acts, m."""
+    x, y, z = arm
+    return np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
+
+
+def force_to_wrench(rotation: Floats, moment: Floats) -> Floats:
     """Matrix (3, 6) that turns row forces in the base frame into row wrenches in the sensor frame.
 
-    `rotation` (3, 3) is the sensor frame in the base frame, `arm` (3,) where the force acts, sensor frame, m.
+    `rotation` (3, 3) is the sensor frame in the base frame, `moment` (3, 3) the matrix of where the force acts there.
     """
-    x, y, z = arm.tolist()
     matrix = np.empty((3, 6))
     matrix[:, :3] = rotation
-    matrix[:, 3:] = rotation @ np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
+    matrix[:, 3:] = rotation @ moment
     return matrix
 
 

@@ -107,7 +107,7 @@ class CycledPath:
         if first == last:  # as nearly always: nothing ahead of a cycle is known
             return [(first, slice(0, len(times)))]
         cycles = np.floor((times - self._powered_at) / self._period + ROUNDING_S)
-        edges = np.searchsorted(cycles, range(first + 1, last + 1)).tolist()
+        edges = cycles.searchsorted(tuple(range(first + 1, last + 1))).tolist()
         return [
             (first + number, slice(begin, end))
             for number, (begin, end) in enumerate(pairwise((0, *edges, len(times))))

@@ -182,7 +182,8 @@ class History(Generic[S]):
         Times before the history answer as its first moment.
         """
         path = np.empty((6, len(times)))
-        first, last, tau = self._locate(times)
+        first, last = self._ends(times)
+        tau = times - (self._powered_at + self._delay)
         stretches = self._stretches(first, last, tau)
         for tick, part in stretches:
             tau[part] -= tick * self._period
@@ -197,25 +198,24 @@ class History(Generic[S]):
         """Tool frame in the base frame, w x y z, at ascending `times` (n,): which of them have which, in
         order; history as above.
         """
-        first, last, since = self._locate(times)
+        first, last = self._ends(times)
         quaternions = [self._servos[tick % self._size].turned for tick in range(first, last + 1)]
         if quaternions.count(quaternions[0]) == len(quaternions):
             return [(slice(0, len(times)), quaternions[0])]
+        since = times - (self._powered_at + self._delay)
         return [
             (part, self._servos[tick % self._size].turned)
             for tick, part in self._stretches(first, last, since)
         ]
 
-    def _locate(self, times: Floats) -> tuple[int, int, Floats]:
-        """Ticks whose set points the loops have at the first and the last of `times`. With them the times (n,) since
-        the loops took the set point of tick 0, s.
-        """
+    def _ends(self, times: Floats) -> tuple[int, int]:
+        """Ticks whose set points the loops have at the first and the last of `times`."""
+        begin, end, period = float(times[0]), float(times[-1]), self._period
         # Later ticks have no say yet.
-        newest = self._look_to(float(times[-1]) - self._delay)
-        since = times - (self._powered_at + self._delay)
-        oldest = self._oldest()
-        first, last = (math.floor(float(end) / self._period) for end in (since[0], since[-1]))
-        return min(max(first, oldest), newest), min(max(last, oldest), newest), since
+        newest, oldest = self._look_to(end - self._delay), self._oldest()
+        taken = self._powered_at + self._delay
+        first, last = math.floor((begin - taken) / period), math.floor((end - taken) / period)
+        return min(max(first, oldest), newest), min(max(last, oldest), newest)
 
     def _oldest(self) -> int:
         """The first tick that the history still holds."""
@@ -226,7 +226,7 @@ class History(Generic[S]):
         if first == last:
             return [(first, slice(0, len(since)))]
         ticks = range(first, last + 1)
-        edges = np.searchsorted(np.floor(since / self._period), ticks[1:]).tolist()
+        edges = np.floor(since / self._period).searchsorted(tuple(ticks[1:])).tolist()
         return [
             (tick, slice(begin, end))
             for tick, begin, end in zip(ticks, (0, *edges), (*edges, len(since)), strict=True)

@@ -93,6 +93,8 @@ class PositionLoop:
         decay_rate, split = self.drag / 2.0, self._split
         if split == 0.0:
             even = np.exp(-decay_rate * tau)
+            if isinstance(tau, float):  # numpy's exponential, and python's numbers from there on
+                even = float(even)
             b = tau * even
         elif self._damping_ratio < 1.0:
             decay = np.exp(-decay_rate * tau)

@@ -44,11 +44,15 @@ class MeasuredWrench:
         self._rate = rate_hz
         self._converter = converter
         self._low, self._high = converter.low[:, np.newaxis], converter.high[:, np.newaxis]
+        self._inside = float(converter.low.max()), float(converter.high.min())
+        """Between these every output is inside the ends of its axis."""
         self._quiet = not converter.noise.any()
         self._noise = NumberedNoise(converter.noise[:, np.newaxis], seed)
         self._at_end: deque[int] = deque(maxlen=_AT_END_MAX)
         """Numbers, ascending, of samples of which an output is at an end of the converter."""
         self._samples = Samples(source, rate_hz, self._make)
+        self.on_invalidate = self._samples.on_invalidate
+        """Called with the number of the first output that may differ from the one that was read ahead."""
         needs = noise_setting if self._quiet else ""
         self.signal = Signal(rate_hz, needs, self._samples.invalidate_from)
 
@@ -63,6 +67,10 @@ class MeasuredWrench:
     def outputs(self, first: int, last: int) -> Floats:
         """Outputs (n, 6) of the samples from one number to another, whole numbers; numbers do not fall."""
         return self._samples.starting(first, last)[: last - first + 1]
+
+    def outputs_ahead(self, first: int, last: int) -> Floats:
+        """The same, and those behind as far as they are predicted, for a reader that minds `on_invalidate`."""
+        return self._samples.starting(first, last)
 
     def last_at_end(self, first: int, last: int) -> int | None:
         """Number of the newest sample from one number to another, read before, of which an output is at an end of the
@@ -81,6 +89,10 @@ class MeasuredWrench:
         if not self._quiet:
             self._noise.add(outputs, first, self.signal.noise if faulty else None)
         np.rint(outputs, out=outputs)
+        low, high = self._inside
+        if not faulty and low < outputs.min() and outputs.max() < high:  # as nearly always
+            self._forget_ends(first)
+            return outputs.T
         np.maximum(outputs, self._low, out=outputs)  # np.clip takes half as long again
         np.minimum(outputs, self._high, out=outputs)
         if faulty:
@@ -90,8 +102,12 @@ class MeasuredWrench:
 
     def _note_ends(self, outputs: Floats, first: int) -> None:
         """Remember which of these samples (6, n) are at an end; they replace those made of the same numbers before."""
-        while self._at_end and self._at_end[-1] >= first:
-            self._at_end.pop()
+        self._forget_ends(first)
         at_end = (outputs <= self._low) | (outputs >= self._high)
         if np.count_nonzero(at_end):
             self._at_end.extend((first + np.flatnonzero(at_end.any(axis=0))).tolist())
+
+    def _forget_ends(self, first: int) -> None:
+        """The samples from this number on are made anew."""
+        while self._at_end and self._at_end[-1] >= first:
+            self._at_end.pop()

@@ -10,7 +10,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from emulators.arm.history import History
 from emulators.arm.waypoints import Waypoint
-from emulators.cell import ToolProfile, force_to_wrench, rotation_matrix
+from emulators.cell import ToolProfile, force_to_wrench, moment_matrix, rotation_matrix
 from emulators.devices.jr3 import Gateway, GatewayProfile, SensorProfile
 from emulators.surface.contact import SurfaceProfile
 from protocol.can.frame import CanFrame
@@ -102,10 +102,11 @@ def test_moving_a_force_to_the_sensor_keeps_its_power(
     norm = np.linalg.norm(q)
     if norm < 0.1:
         q, norm = (1.0, 0.0, 0.0, 0.0), np.float64(1.0)
-    rotation = rotation_matrix(np.array(q) / norm)
+    a, b, c, d = (np.array(q) / norm).tolist()
+    rotation = rotation_matrix((a, b, c, d))
     arm, omega, speed = np.array([0.1, -0.2, 0.3]), np.array(twist), np.array([0.3, 0.1, -0.2])
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
-    wrench = np.array(force) @ force_to_wrench(rotation, arm)
+    wrench = np.array(force) @ force_to_wrench(rotation, moment_matrix((0.1, -0.2, 0.3)))
     at_tip = rotation @ (speed + np.cross(omega, arm))
     assert wrench @ np.concatenate((speed, omega)) == pytest.approx(np.array(force) @ at_tip, abs=1e-12)
 

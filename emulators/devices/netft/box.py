@@ -6,9 +6,11 @@ the stream stays. What is no request changes nothing, wherever it comes from.
 """
 
 import math
+from collections import deque
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from operator import sub
 from typing import Self
 
 import numpy as np
@@ -81,6 +83,9 @@ class NetBox:
         noise = np.array((*(profile.noise_n,) * 3, *(profile.noise_nm,) * 3)) * profile.counts_per_unit
         converter = Converter(np.eye(6) * float(profile.counts_per_unit), noise, -ends, ends)
         self._measured = MeasuredWrench(source, INTERNAL_RATE_HZ, converter, seed, "cell.netft.noise_n")
+        self._measured.on_invalidate.append(self._forget)
+        self._ahead: deque[tuple[int, list[float]]] = deque()
+        """Outputs that records will tell without a filter, by the numbers of their samples."""
         self._wire: FaultyWire[Sequence[bytes]] = FaultyWire(DATAGRAMS, f"{seed} frames")
         self._out: list[bytes] = []
         self.bias: Floats = np.zeros(6)
@@ -125,7 +130,7 @@ class NetBox:
         """Number of the sample that has the ft_sequence 0."""
         self._read = self._first - 1
         """Number of the newest sample that the filter has seen. Sample 0 is the one behind the power-up."""
-        self._state: Floats | None = None
+        self._state: list[float] | None = None
         """Output of the filter, counts without the bias."""
         self._saturated_until = -1
         self._frozen_ft: int | None = None
@@ -210,7 +215,7 @@ class NetBox:
         if newest > self._read:
             self._filter(newest)
         if self._state is not None:
-            self.bias = self._state.copy()
+            self.bias = np.array(self._state)
 
     def _latch(self, now: float) -> None:
         self._latched = True
@@ -231,8 +236,7 @@ class NetBox:
     @property
     def counts(self) -> tuple[int, ...]:
         """The counts that it told last, or would."""
-        state = np.zeros(6) if self._state is None else self._state
-        return tuple(self._counts_of(state))
+        return tuple(self._counts_of(self._state or [0.0] * 6))
 
     def status(self, number: int, now: float) -> int:
         """The status word with the sample of this number."""
@@ -272,31 +276,47 @@ class NetBox:
         if over:
             self._stop(now)
 
-    def _counts_of(self, state: Floats) -> list[int]:
+    def _counts_of(self, state: Sequence[float]) -> list[int]:
         """An output of the filter as the counts of a record: less the bias, within the ends of a word."""
-        counts = [*map(round, (state - self.bias).tolist())]
+        counts = [*map(round, map(sub, state, self.bias.tolist()))]
         if max(counts) > _COUNT_END or min(counts) < -_COUNT_END:
             counts = [max(-_COUNT_END, min(_COUNT_END, count)) for count in counts]
         return counts
 
-    def _filter(self, number: int) -> Floats:
+    def _filter(self, number: int) -> list[float]:
         """Let the filter see every sample up to this number; its output."""
-        weight = _weight(self.filter_number)
+        weight, step = _weight(self.filter_number), self.step
         # After a pause the filter has long forgotten: it begins where it would have come to.
-        most = self.step if weight == 1.0 else math.ceil(20.0 / weight)
+        most = step if weight == 1.0 else math.ceil(20.0 / weight)
         first = max(self._read + 1, number - most + 1)
-        outputs = self._measured.outputs(first, number)
+        state: list[float]
+        if weight == 1.0:
+            state = self._unfiltered(first, number, step)
+        else:
+            outputs = self._measured.outputs(first, number)
+            state = outputs[-1].tolist()
+            if self._state is not None:
+                share = 1.0 - weight
+                seen = weight * (_powers(share, len(outputs)) @ outputs)
+                state = (share ** len(outputs) * np.array(self._state) + seen).tolist()
         if (at_end := self._measured.last_at_end(first, number)) is not None:
             self._saturated_until = at_end + self.profile.saturation_hold_samples
-        state: Floats
-        if weight != 1.0 and self._state is not None:
-            state = (1.0 - weight) ** len(outputs) * self._state + weight * (
-                _powers(1.0 - weight, len(outputs)) @ outputs
-            )
-        else:
-            state = outputs[-1].copy()
         self._read, self._state = number, state
         return state
+
+    def _unfiltered(self, first: int, number: int, step: int) -> list[float]:
+        """Output of a sample; those from `first` on are read. With it come those that are told next, as they are."""
+        ahead = self._ahead
+        if not (ahead and ahead[0][0] == number):
+            rows = self._measured.outputs_ahead(first, number)[number - first :: step].tolist()
+            ahead.clear()
+            ahead.extend(zip(range(number, number + len(rows) * step, step), rows, strict=True))
+        return ahead.popleft()[1]
+
+    def _forget(self, number: int) -> None:
+        """The outputs from this number on are others than were read."""
+        while self._ahead and self._ahead[-1][0] >= number:
+            self._ahead.pop()
 
     # --- faults
 
