@@ -11,7 +11,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping
 from functools import lru_cache
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 from xml.etree import ElementTree
 
 from protocol.endpoint import RemoteProtocolError
@@ -34,13 +34,10 @@ _CLOCK = re.compile(r"[0-9]{1,19}")
 _LONGEST_NUMBER = 64
 """Chosen: characters of a number that is read."""
 _SPECIAL = re.compile('[&<"]')
-_NOT_PLAIN, _TEXT = re.compile("[<> ']"), re.compile("(?<=>)([^<> ]+)(?=<)")
+_ATTRIBUTE, _ELEMENT = '"([!#-%(-;=?-~]*)"', ">([!#-%'-;=?-~]+)<"
+"""Texts that need no more than to be cut out: of printable ASCII, without space, markup or quotes."""
 _FORMS_MAX = 64
 """Chosen: forms of telegrams that are kept. A robot and its client have one each."""
-_Form: TypeAlias = tuple[str, tuple[int, ...], tuple[str, ...]]
-"""Root, the places of type, values and clock among the texts, and the tags."""
-_seen: dict[tuple[str, ...], _Form | None] = {}
-"""By what is between the texts of a telegram; None for another form than the vendor's."""
 
 
 class Telegram(NamedTuple):
@@ -54,6 +51,19 @@ class Telegram(NamedTuple):
     """Texts by tag, in the order of the telegram, without IPOC."""
     ipoc: int
     """Clock of the controller, ms; an answer repeats that of the telegram that it answers."""
+
+
+class _Form(NamedTuple):
+    """All telegrams that differ in their texts alone."""
+
+    root: str
+    tags: tuple[str, ...]
+    pattern: re.Pattern[str]
+    """With a group for type, each value and clock."""
+
+
+_known: list[_Form] = []
+"""Forms of the vendor's kind that were read."""
 
 
 def encode(telegram: Telegram, type_attribute: str = ROOT_TYPES[0]) -> bytes:
@@ -102,49 +112,26 @@ def decode(raw: bytes) -> Telegram:
         text = raw.decode()
     except ValueError as error:
         raise RemoteProtocolError(f"no telegram: {error}") from None
-    plain = _plain(text)
-    if plain is None:
-        return _parsed(text)
-    shape, texts = plain
-    if form := _seen.get(shape):
-        root, order, tags = form
-        kind, *values, clock = map(texts.__getitem__, order)
-        return Telegram(root, kind, dict(zip(tags, values, strict=True)), _ipoc(clock))
+    for form in _known:
+        if found := form.pattern.fullmatch(text):
+            kind, *values, clock = found.groups()
+            return Telegram(form.root, kind, dict(zip(form.tags, values, strict=True)), _ipoc(clock))
     telegram = _parsed(text)
-    if shape not in _seen and len(_seen) < _FORMS_MAX:
-        _seen[shape] = _form_of(telegram, raw, texts)
+    _learn(telegram, raw)
     return telegram
 
 
-def _plain(text: str) -> tuple[tuple[str, ...], list[str]] | None:
-    """What is between the texts of attributes and elements, and these texts, attributes first; None where one of them
-    may need more than to be cut out.
-    """
-    if "&" in text or not (text.isascii() and text.isprintable()):
-        return None
-    pieces = text.split('"')
-    attributes = pieces[1::2]
-    if _NOT_PLAIN.search("".join(attributes)):
-        return None
-    pieces = _TEXT.split('"'.join(pieces[::2]))
-    return tuple(pieces[::2]), attributes + pieces[1::2]
-
-
-def _form_of(telegram: Telegram, raw: bytes, texts: list[str]) -> _Form | None:
-    """How to read every telegram with what is between these texts; None unless it is of the vendor's form, which what
-    is between the texts rules alone.
-    """
-    if len(texts) != len(telegram.values) + 2:
-        return None
-    numbered = telegram._replace(type="0", values={tag: f"{k}" for k, tag in enumerate(telegram.values, 1)})
+def _learn(telegram: Telegram, raw: bytes) -> None:
+    """Keep the form of a telegram that is in the vendor's: others of it are read by that alone."""
+    tags = tuple(telegram.values)
     for attribute in ROOT_TYPES:
-        if encode(telegram, attribute) == raw:
-            plain = _plain(encode(numbered._replace(ipoc=len(texts) - 1), attribute).decode())
-            assert plain is not None, "numbers are plain"
-            places = {text: place for place, text in enumerate(plain[1])}
-            order = tuple(places[f"{k}"] for k in range(len(texts)))
-            return telegram.root, order, tuple(telegram.values)
-    return None
+        if len(_known) < _FORMS_MAX and encode(telegram, attribute) == raw:
+            text = re.escape(_form(telegram.root, attribute, tags))
+            for place, group in (('"%s"', _ATTRIBUTE), (">%s<", _ELEMENT), (">%d<", _ELEMENT), ("%%", "%")):
+                text = text.replace(place, group)
+            form = _Form(telegram.root, tags, re.compile(text))
+            if form not in _known:
+                _known.append(form)
 
 
 def _parsed(text: str) -> Telegram:
