@@ -97,8 +97,8 @@ class CycledPath:
 
     def _cycle_of(self, time: float) -> int:
         """The cycle in which a time lies, as far as it is kept."""
-        cycle = math.floor((time - self._powered_at) / self._period + ROUNDING_S)
-        return min(max(cycle, self.cycle - self._size + 1, 0), self.cycle)
+        cycle, newest = math.floor((time - self._powered_at) / self._period + ROUNDING_S), self.cycle
+        return newest if cycle >= newest else max(cycle, newest - self._size + 1, 0)
 
     def _stretches(self, times: Floats) -> list[tuple[int, slice]]:
         """Which of these ascending times lie in which cycle, in order."""
@@ -115,9 +115,10 @@ class CycledPath:
         ]
 
     def trajectory(self, times: Floats) -> tuple[Floats, Floats]:
-        parts = [self._straight(cycle, times[part]) for cycle, part in self._stretches(times)]
-        if len(parts) == 1:
-            return parts[0]
+        stretches = self._stretches(times)
+        if len(stretches) == 1:
+            return self._straight(stretches[0][0], times)
+        parts = [self._straight(cycle, times[part]) for cycle, part in stretches]
         places, speeds = zip(*parts, strict=True)
         return np.concatenate(places), np.concatenate(speeds)
 

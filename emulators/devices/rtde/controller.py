@@ -8,6 +8,7 @@ import math
 import random
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
+from operator import sub
 from typing import Protocol
 
 from emulators.arm.cycled import CycledPath
@@ -392,7 +393,7 @@ class Controller:
             return False
         old = self._wanted if isinstance(self.arm.order, Servo) else self.arm.joints
         before, after = flange(self.lengths, old), flange(self.lengths, joints)
-        leap = max(abs(b - a) for a, b in zip(old, joints, strict=True))
+        leap = max(map(abs, map(sub, joints, old)))
         step = math.dist(before.position, after.position)
         turn = angle_between(before.quaternion, after.quaternion)
         profile = self.profile

@@ -6,6 +6,7 @@ URScript is not interpreted. Our own program is followed statement by statement;
 import math
 import re
 from collections.abc import Callable, Generator, Iterator
+from operator import sub
 from typing import TypeAlias
 
 from emulators.devices.rtde.arm import Brake, Servo
@@ -187,7 +188,8 @@ def _ours(controller: Controller, text: bytes) -> Turns:
 
 def _farthest(one: tuple[float, ...], other: tuple[float, ...]) -> float:
     """The largest difference of a joint, rad."""
-    return max(abs(a - b) for a, b in zip(one, other, strict=True))
+    largest: float = max(map(abs, map(sub, one, other)))
+    return largest
 
 
 def servo_order(controller: Controller, joints: tuple[float, ...], *tuning: float) -> Servo | None:

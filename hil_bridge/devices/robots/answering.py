@@ -135,8 +135,9 @@ class Answering(Generic[Data]):
     def data_to_send(self, now: float) -> Data:
         data = self._client.data_to_send(now)
         if self._arrived:
-            if late := sum(now - arrived > self._cycle for arrived in self._arrived):
-                self.counters[LATE] += late
+            for arrived in self._arrived:
+                if now - arrived > self._cycle:
+                    self.counters[LATE] += 1
             if len(data):
                 self._answered = (PACKET, self._arrived[-1]), (ANSWER, now)
             self._arrived.clear()
@@ -181,7 +182,9 @@ class Answering(Generic[Data]):
             report = report._replace(fault=report.fault or f"reports {wrong}")
         if self._setpoint is not None:
             report = self._compare(report, self._setpoint, now)
-        self.newest = report = report._replace(stamps=(*report.stamps, *self._answered))
+        if self._answered:
+            report = report._replace(stamps=(*report.stamps, *self._answered))
+        self.newest = report
         self._events.append(ReportReceived(report))
         return True
 

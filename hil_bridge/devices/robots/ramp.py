@@ -82,6 +82,8 @@ def _per(way: Vector, time: float) -> Vector:
 
 def _turn(start: Quaternion, goal: Quaternion) -> Vector:
     """The shorter turn from one orientation to another, as axis times angle, rad, base frame."""
+    if start == goal:
+        return _NOTHING
     w, x, y, z = start
     a, b, c, d = goal
     real = a * w + b * x + c * y + d * z
