@@ -92,10 +92,10 @@ class PositionLoop:
         """a and b of the class docstring at times `tau` in s, (n,) or one."""
         decay_rate, split = self.drag / 2.0, self._split
         if split == 0.0:
-            even = np.exp(-decay_rate * tau)
+            even: Floats | float = np.exp(-decay_rate * tau)
             if isinstance(tau, float):  # numpy's exponential, and python's numbers from there on
                 even = float(even)
-            b = tau * even
+            b: Floats | float = tau * even
         elif self._damping_ratio < 1.0:
             decay = np.exp(-decay_rate * tau)
             even = decay * np.cos(split * tau)
