@@ -19,6 +19,7 @@ is answered with the set point that it tells, without speed: it stands still, al
 import math
 from collections import deque
 from collections.abc import Sequence
+from itertools import product
 
 from protocol.datagram import arrived_at
 from protocol.devices.egm.frames import Frames
@@ -76,8 +77,14 @@ _ERROR = "EGM has ended with an error (mciState ERROR); read the controller's ev
 _NO_POSE = "it tells no pose; guide it by EGMActPose"
 
 
+_HEALTHY = frozenset(product(*(good for _, good, _ in _FAULTS)))
+"""Values of these fields, in their order, of a robot that moves."""
+
+
 def fault_of(message: RobotMessage) -> str:
     """Reason for which a robot that tells this cannot move, in words; empty without any."""
+    if (message.motors, message.rapid, message.guidance) in _HEALTHY:
+        return ""
     if message.guidance == Guidance.ERROR:
         return _ERROR
     return next((words for field, good, words in _FAULTS if getattr(message, field) not in good), "")
@@ -302,9 +309,9 @@ class EgmClient:
         if before is None or not self._moving or self._stopped:
             return _STILL
         time = max(self._number - self._sent_number, 1) * self._cycle
-        way = (q - p for p, q in zip(before.position_mm, reference.position_mm, strict=True))
-        turn = map(math.degrees, rotation_vector(before.quaternion, reference.quaternion))
-        return tuple(part / time for part in (*way, *turn))
+        (x, y, z), (a, b, c) = before.position_mm, reference.position_mm
+        u, v, w = map(math.degrees, rotation_vector(before.quaternion, reference.quaternion))
+        return (a - x) / time, (b - y) / time, (c - z) / time, u / time, v / time, w / time
 
 
 def _signed(difference: int) -> int:
