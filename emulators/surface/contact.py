@@ -208,8 +208,13 @@ class Contact:
 
     def _with_friction(self, pressing: Floats, normal: Floats, sliding: Floats) -> Floats:
         """Force (3, n), N, of a push (n,) along a normal and its friction against sliding (3, n), m/s."""
-        speed = np.sqrt(np.einsum("ij,ij->j", sliding, sliding) + self._smoothing**2)
-        force: Floats = pressing * normal - (self._friction * pressing / speed) * sliding
+        speed = np.einsum("ij,ij->j", sliding, sliding)
+        speed += self._smoothing**2
+        np.sqrt(speed, out=speed)
+        against = self._friction * pressing
+        against /= speed
+        force: Floats = pressing * normal
+        force -= against * sliding
         return force
 
     def _as_seen(self, positions: Floats, velocities: Floats, times: Floats) -> tuple[Floats, Floats]:
