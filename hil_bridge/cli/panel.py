@@ -68,8 +68,9 @@ panel.add_command(
 @click.pass_context
 def inject(context: click.Context, words: tuple[str, ...]) -> None:
     """Let one fault happen; `faults` lists them. A fault of the controller needs no target."""
-    targets = _ask(context, {"do": "faults"}).get("faults", {})
-    target, rest = ({"target": words[0]}, words[1:]) if words[0] in targets else ({}, words)
+    from hil_bridge.devices.kinds import fault_targets
+
+    target, rest = ({"target": words[0]}, words[1:]) if words[0] in fault_targets() else ({}, words)
     if not rest:
         raise click.BadParameter(f"{words[0]} is a target; name one of its faults too")
     given: dict[str, str] = {}

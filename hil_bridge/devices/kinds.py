@@ -406,5 +406,11 @@ class EmulatedKinds(NamedTuple):
         return True
 
 
+def fault_targets() -> Collection[str]:
+    """Targets of the faults of every cell of our own devices."""
+    kinds: list[DeviceKind] = [*map(ROBOTS.kind, ROBOTS.built_in), *map(SENSORS.kind, SENSORS.built_in)]
+    return {*OWN_FAULTS, *(on for kind in kinds for on in _own_faults(kind))}
+
+
 def _own_faults(kind: DeviceKind) -> Faults:
     return {} if kind.emulation is None else kind.emulation.faults

@@ -32,12 +32,17 @@ def check(setup: Setup, virtual: bool, now: float) -> Cell[Any, Any] | None:
 
 
 def problems(setup: Setup, virtual: bool) -> Iterator[tuple[str, ConfigError]]:
-    """Everything that keeps a run with this configuration from beginning, by the name of its check."""
+    """Everything that keeps a run with this configuration from beginning, each by the name of the first check that
+    tells it.
+    """
+    texts: set[str] = set()
     for name, check_one in CHECKS.items():
         try:
             check_one(setup, virtual)
         except ConfigError as error:
-            yield name, error
+            if str(error) not in texts:
+                yield name, error
+            texts.add(str(error))
 
 
 def check_wires(setup: Setup, virtual: bool) -> None:

@@ -258,8 +258,8 @@ def findings(config: Config, root: Path, details=None) -> dict[str, Fact]:
 def test_the_wires_of_a_configuration_are_checked(tmp_path: Path) -> None:
     root = put(usb_port(tmp_path), CAN0)
     config = Config(
-        robot=RobotConfig(url="serial:///dev/ttyUSB0?baudrate=9600&parity=E"),
-        sensor=SensorConfig(url="can+socketcan://can0"),
+        robot=RobotConfig(url="s3+serial:///dev/ttyUSB0?baudrate=9600&parity=E"),
+        sensor=SensorConfig(url="jr3+can+socketcan://can0"),
         tool=ToolConfig(mass_kg=0.5),
     )
     found = findings(config, root, {"can0": DETAILS})
@@ -270,22 +270,23 @@ def test_a_link_to_a_port_is_followed(tmp_path: Path) -> None:
     root = usb_port(tmp_path)
     (root / "dev/serial/by-id").mkdir(parents=True)
     (root / "dev/serial/by-id/robot").symlink_to("../../ttyUSB0")
-    config = Config(robot=RobotConfig(url="serial:///dev/serial/by-id/robot"))
+    config = Config(robot=RobotConfig(url="s3+serial:///dev/serial/by-id/robot"))
     assert "ftdi_sio" in findings(config, root)["robot.url"].text
 
 
 @pytest.mark.parametrize(
     ("robot", "sensor", "key", "words"),
     [
-        ("serial:///dev/ttyUSB9", "", "robot.url", "there is no such port"),
-        ("serial:///etc/nothing", "", "robot.url", "there is no such port"),
-        ("serail:///dev/ttyUSB0", "", "robot.url", "unknown scheme"),
-        ("memory:robot", "", "robot.url", "inside one process"),
-        ("", "can+socketcan://can7", "sensor.url", "no such CAN interface"),
-        ("", "serial:///dev/ttyACM3?gateway=jr3", "sensor.url", "/dev/ttyACM3: there is no such port"),
-        ("", "can+slcan:///dev/ttyACM3", "sensor.url", "/dev/ttyACM3: there is no such port"),
-        ("", "jr3+tcp://127.0.0.1:1?filter=2", "sensor.url", "127.0.0.1 port 1: "),
-        ("", "can+slcan+tcp://127.0.0.1:1", "sensor.url", "127.0.0.1 port 1: "),
+        ("s3+serial:///dev/ttyUSB9", "", "robot.url", "there is no such port"),
+        ("s3+serial:///etc/nothing", "", "robot.url", "there is no such port"),
+        ("s3+serail:///dev/ttyUSB0", "", "robot.url", "unknown scheme"),
+        ("serial:///dev/ttyUSB0", "", "robot.url", "did you mean s3+serial:///dev/ttyUSB0?"),
+        ("s3+memory:robot", "", "robot.url", "inside one process"),
+        ("", "jr3+can+socketcan://can7", "sensor.url", "no such CAN interface"),
+        ("", "jr3-uart+serial:///dev/ttyACM3", "sensor.url", "/dev/ttyACM3: there is no such port"),
+        ("", "jr3+can+slcan:///dev/ttyACM3", "sensor.url", "/dev/ttyACM3: there is no such port"),
+        ("", "jr3-board+tcp://127.0.0.1:1?filter=2", "sensor.url", "127.0.0.1 port 1: "),
+        ("", "jr3+can+slcan+tcp://127.0.0.1:1", "sensor.url", "127.0.0.1 port 1: "),
     ],
 )
 def test_wires_that_cannot_work_are_named(tmp_path: Path, robot, sensor, key, words) -> None:
@@ -302,12 +303,12 @@ def test_a_thread_that_the_machine_refuses_is_told(tmp_path: Path) -> None:
 
 REFUSED = {
     "force": "[task]\nforce_n = 60.0\n",
-    "wires": '[robot]\nurl = "serial:///dev/ttyUSB0"\n',
-    "tool": '[robot]\nurl = "tcp://127.0.0.1:1"\n[sensor]\nurl = "can+socketcan://can0"\n',
+    "wires": '[robot]\nurl = "s3+serial:///dev/ttyUSB0"\n',
+    "tool": '[robot]\nurl = "s3+tcp://127.0.0.1:1"\n[sensor]\nurl = "jr3+can+socketcan://can0"\n',
     "panel": '[run]\npanel_url = "tcp-listen://127.0.0.1:0"\n'
-    '[robot]\nurl = "tcp://127.0.0.1:1"\n[sensor]\nurl = "can+socketcan://can0"\n',
+    '[robot]\nurl = "s3+tcp://127.0.0.1:1"\n[sensor]\nurl = "jr3+can+socketcan://can0"\n',
     "cell": "[cell]\nstart_position_mm = [3000.0, 0.0, 0.0]\n",
-    "cell: orders": '[robot]\norders_file = "none.toml"\n',
+    "cell: orders": '[robot.s3]\norders_file = "none.toml"\n',
     "realtime": "[realtime]\ncpus = [4096]\n",
 }
 
@@ -326,10 +327,10 @@ def test_what_run_refuses_the_doctor_does_not_pass(tmp_path: Path, case: str) ->
 def test_a_controller_that_cannot_be_made_is_refused_alike(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def unfit(config: Config) -> None:
+    def unfit(*_: object) -> None:
         raise ConfigError("predictive: window does not fit")
 
-    monkeypatch.setattr("hil_bridge.runs.checks.control_loop", unfit)
+    monkeypatch.setattr("hil_bridge.runs.setup.control_loop", unfit)
     with pytest.raises(ConfigError, match="window does not fit"):
         execute(Config(), True, Outputs(), False)
     assert findings(Config(), tmp_path)["controller"].level is Level.FAIL
@@ -341,7 +342,7 @@ def test_the_command_ends_with_3_only_for_what_a_configuration_names(
     monkeypatch.setattr(doctor, "wake_ups", lambda realtime: facts.ok("wake-ups", "on time"))
     assert CliRunner().invoke(cli, ["doctor"]).exit_code == 0
     file = tmp_path / "site.toml"
-    file.write_text('[robot]\nurl = "serial:///dev/ttyUSB99"\n')
+    file.write_text('[robot]\nurl = "s3+serial:///dev/ttyUSB99"\n')
     result = CliRunner().invoke(cli, ["doctor", str(file)])
     assert result.exit_code == 3
     assert "fail  robot.url: serial port /dev/ttyUSB99: there is no such port" in result.output

@@ -56,12 +56,12 @@ def made(folder: Path, emulated: str) -> Path:
 
 @pytest.fixture(scope="module")
 def on_can(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return made(tmp_path_factory.mktemp("gateway"), "gateway")
+    return made(tmp_path_factory.mktemp("gateway"), "jr3")
 
 
 @pytest.fixture(scope="module")
 def on_bytes(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return made(tmp_path_factory.mktemp("uart"), "uart")
+    return made(tmp_path_factory.mktemp("uart"), "jr3-uart")
 
 
 # --- CAN logs
@@ -316,17 +316,10 @@ def test_a_sensor_that_is_not_on_can_has_no_can_log(on_bytes: Path, tmp_path: Pa
     )
 
 
-def test_a_recording_of_version_0_1_0_has_tables_and_the_bytes_of_its_link(tmp_path: Path) -> None:
-    lines = export(OLD, (), tmp_path)
-    assert sorted(path.name for path in tmp_path.iterdir()) == [
-        "version_0_1_0.cycle.csv",
-        "version_0_1_0.robot.txt",
-        "version_0_1_0.sensor.csv",
-    ]
-    assert len(rows(tmp_path / "version_0_1_0.cycle.csv")) == 12
-    assert lines[-1].startswith("the run's clock was 0 at UNIX time ")
-    with pytest.raises(ConfigError, match="holds nothing of the wire of its sensor"):
-        export(OLD, ("candump",), tmp_path)
+def test_a_recording_of_version_0_1_0_is_refused_in_one_line(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"^[^\n]+; 0\.5 is the last version that reads it$"):
+        export(OLD, (), tmp_path)
+    assert not [*tmp_path.iterdir()]
 
 
 def test_a_recording_that_was_cut_off_is_exported_as_far_as_it_goes(on_can: Path, tmp_path: Path) -> None:

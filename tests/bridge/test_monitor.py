@@ -329,9 +329,11 @@ def test_the_command_reads_text_captures_and_names_what_is_wrong(tmp_path: Path)
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["nothing.mcap"], "unknown scheme"),
-        (["tcp://a:1", "tcp://a:2", "tcp://a:3"], "two URLs at most"),
-        (["can+socketcan://can0", "tcp://a:1"], "one CAN bus at a time"),
+        (["nothing.mcap"], "it names no kind"),
+        (["tcp://a:1", "tcp://a:2"], "did you mean s3+tcp://a:1?"),
+        (["egm+udp-bind://0.0.0.0:1"], "a link is heard of an s3, not of a egm"),
+        (["s3+tcp://a:1", "s3+tcp://a:2", "s3+tcp://a:3"], "two URLs at most"),
+        (["jr3+can+socketcan://can0", "s3+tcp://a:1"], "one CAN bus at a time"),
     ],
 )
 def test_wrong_sources_are_named(arguments: list[str], words: str) -> None:

@@ -297,7 +297,7 @@ def on_a_cell(use: Callable[[str, PaperCell], Awaitable[None]], **sections: Any)
             async with emulated_cell(
                 Setup(config),
                 clock,
-                Ports("memory:robot", None, LOOPBACK),
+                Ports("s3+memory:robot", None, LOOPBACK),
                 lambda cause: pytest.fail(repr(cause)),
             ) as served:
                 assert served.panel is not None
@@ -396,7 +396,7 @@ def test_what_is_shown_can_be_read_and_survives_an_odd_answer() -> None:
 
 
 def test_a_panel_has_no_place_in_virtual_time_or_at_a_real_robot() -> None:
-    for robot in ("", "tcp://127.0.0.1:1"):
+    for robot in ("", "s3+tcp://127.0.0.1:1"):
         config = read_config({"run": {"panel_url": LOOPBACK}, "robot": {"url": robot}})
 
         async def main(config: Config = config) -> None:
@@ -429,7 +429,7 @@ def test_a_cell_that_cannot_be_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="cell: the start position"):
         execute(config, True, Outputs(), False)
     (tmp_path / "7.prg").write_text("# emulated program\ndance\n")
-    config = read_config({"cell": {"robot": {"program_folder": str(tmp_path)}}})
+    config = read_config({"cell": {"s3": {"robot": {"program_folder": str(tmp_path)}}}})
     with pytest.raises(ConfigError, match="cell: program 7: line 2: expected"):
         execute(config, True, Outputs(), False)
 

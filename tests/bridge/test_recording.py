@@ -8,7 +8,6 @@ import threading
 import time
 import tracemalloc
 from collections import Counter
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -27,7 +26,7 @@ from hil_bridge import api
 from hil_bridge.control import Predictive
 from hil_bridge.control.course.task import Phase
 from hil_bridge.control.decision import Sample
-from hil_bridge.devices.facts import ACCEPTED, Devices, RobotFacts, Sensor
+from hil_bridge.devices.facts import Devices, RobotFacts
 from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.lab.experiments import run_emulated
 from hil_bridge.record import (
@@ -50,10 +49,8 @@ from hil_bridge.record.scenes import SCENE_TOPICS
 from hil_bridge.record.stored_cycle import SHARED
 from hil_bridge.record.topics import CYCLE, SENSOR, TOPICS, TRUTH, WIRE, Record
 from hil_bridge.runs.outputs import Outputs
-from hil_bridge.runs.replay import recorded_config, replay
 from hil_bridge.runs.session import execute
 from hil_bridge.settings.configuration import read_config
-from protocol.wrench import SensorFacts
 
 METADATA = {"seed": "7", "controller": "fuzzy-pi", "configuration": '{"force_n": 50.0}'}
 
@@ -665,7 +662,7 @@ def as_foxglove_takes_it(schema: Any) -> bool:
             return isinstance(word, str) and word in words
 
 
-@pytest.fixture(scope="module", params=["gateway", "uart", "board"])
+@pytest.fixture(scope="module", params=["jr3", "jr3-uart", "jr3-board"])
 def recorded(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A recording of a run with each of our sensors."""
     path = tmp_path_factory.mktemp(request.param) / "run.mcap"
@@ -682,12 +679,6 @@ def test_every_message_of_a_run_is_valid_by_its_own_schema(recorded: Path) -> No
     assert valid.keys() == {topic.name for topic in (*TOPICS, *SCENE_TOPICS)}
     assert valid["/cycle"] > 20
     assert valid["/sensor"] > 500
-
-
-def test_of_version_0_1_0_every_message_was_valid_but_for_a_stiffness_that_was_not_known() -> None:
-    valid, wrong = checked_messages(VERSION_0_1_0)
-    assert {*wrong} == {"/cycle $.stiffness"}
-    assert valid == {"/event": 3, "/link": 8, "/sensor": 25, "/truth": 8, "/cycle": 0}
 
 
 def test_schemas_are_those_that_foxglove_takes() -> None:
@@ -763,26 +754,12 @@ def test_a_null_is_nan_for_a_number_and_none_where_nothing_is_allowed() -> None:
         CYCLE.decode(json.dumps(message).encode())
 
 
-VERSION_0_1_0 = Path(__file__).parent / "recordings" / "version_0_1_0.mcap"
-"""The first twelve cycles of a run of version 0.1.0, seed 7, with every tenth sensor frame."""
-
-
-def test_a_recording_of_version_0_1_0_is_read_and_replays() -> None:
-    recording = read(VERSION_0_1_0)
-    assert not recording.truncated
-    assert [record.cycle for record in recording.cycles] == list(range(12))
-    assert len(recording.sensors) > 10
-    assert recording.truths[0].motion_at > recording.truths[0].sampled_at
-    again = replay(recording, recorded_config(recording, {}), forced=False)
-    assert [one.differences for one in again] == [{}] * 12
-
-
 @pytest.mark.parametrize(
     ("emulated", "first"),
     [
-        ("gateway", r"0\.000000 tx 401#"),
-        ("uart", r"0\.000000 tx [0-9a-f]+$"),
-        ("board", r"0\.000000 tx [0-9a-f]+$"),
+        ("jr3", r"0\.000000 tx 401#"),
+        ("jr3-uart", r"0\.000000 tx [0-9a-f]+$"),
+        ("jr3-board", r"0\.000000 tx [0-9a-f]+$"),
     ],
 )
 def test_a_run_records_the_wire_of_its_sensor(tmp_path: Path, emulated: str, first: str) -> None:
@@ -800,16 +777,14 @@ def test_a_run_records_the_wire_of_its_sensor(tmp_path: Path, emulated: str, fir
     assert len(received) >= len(read(path).sensors) / 2
 
 
-@pytest.mark.parametrize(
-    ("emulated", "kind"), [("gateway", "jr3"), ("uart", "jr3-uart"), ("board", "jr3-board")]
-)
-def test_a_run_records_what_its_devices_are(tmp_path: Path, emulated: str, kind: str) -> None:
+@pytest.mark.parametrize("kind", ["jr3", "jr3-uart", "jr3-board"])
+def test_a_run_records_what_its_devices_are(tmp_path: Path, kind: str) -> None:
     path = tmp_path / "run.mcap"
     config = read_config(
         {
             "run": {"duration_s": 1.0},
-            "sensor": {"emulated": emulated},
-            "cell": {"servo": {"resolution_mm": 0.25}},
+            "sensor": {"emulated": kind},
+            "cell": {"s3": {"servo": {"resolution_mm": 0.25}}},
         }
     )
     assert execute(config, True, Outputs(record=path), view=False) == 0
@@ -827,39 +802,6 @@ def test_a_run_records_what_its_devices_are(tmp_path: Path, emulated: str, kind:
     assert sensor.facts.scales == tuple(scale / 16384 for scale in sensor.facts.full_scales)
     assert sensor.delay_s == json.loads(recording.end["sensor_delay_s"])
     assert sensor.facts.period is not None
-    # An older recording has the robot's facts too, from its configuration.
-    older = devices_of(replace(recording, devices={}))
-    assert msgspec.structs.replace(robot.servo, marks={}) == older.robot.servo
-    beside = ("model", "order_step_m", "byte_time_s", "servo", "routine", "errors", "traffic")
-    told_now = {name: getattr(robot, name) for name in beside}
-    assert msgspec.structs.replace(older.robot, **told_now) == robot
-    assert older.sensor.facts is not None
-    assert older.sensor.facts.scales == pytest.approx(sensor.facts.scales)
-    assert older.sensor.delay_s == sensor.delay_s
-
-
-def test_facts_under_the_names_of_version_0_2_are_read() -> None:
-    told = {
-        "robot": '{"kind":"s3","position_step_m":0.000125,"status_answer_s":0.047,"move_answer_s":0.0195}',
-        "sensor": '{"kind":"uart","model":"67","full_scales":[16384.0,1,1,1,1,1],"scales":[1.0,2,3,4,5,6],'
-        '"delay_s":0.015,"period_s":null}',
-    }
-    found = devices_of(Recording((), devices=told))
-    assert found.robot.hops is not None
-    assert found.robot.hops.earlier_s(ACCEPTED) == 0.0195
-    assert (found.robot.kind, found.robot.position_step_m) == ("s3", 0.125e-3)
-    scales, full_scales = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0), (16384.0, 1.0, 1.0, 1.0, 1.0, 1.0)
-    facts = SensorFacts("67", scales, full_scales, None, None, 0.015, "device")
-    assert found.sensor == Sensor("uart", facts)
-
-
-def test_an_older_recording_has_the_full_scales_that_its_sensor_told() -> None:
-    config = {"sensor": {"url": "can+socketcan://can0", "gateway": {"cutoff_hz": 10.0}}}
-    event = EventRecord(1.0, "check", "full scales 115.00 111.00 185.00 5.60 5.20 6.10 N, N·m; sensor 67")
-    found = devices_of(Recording((), events=(event,), metadata={"config": json.dumps(config)})).sensor
-    assert found.facts is not None
-    assert found.facts.scales == tuple(scale / 16384 for scale in (115.0, 111.0, 185.0, 5.6, 5.2, 6.1))
-    assert devices_of(Recording((), metadata={"config": json.dumps(config)})).sensor.facts is None
 
 
 def test_facts_are_written_before_the_run_ends(tmp_path: Path) -> None:

@@ -23,7 +23,8 @@ from hil_bridge.control.analysis.stability import (
     margins,
     pi_response,
 )
-from hil_bridge.devices.facts import ServoFacts
+from hil_bridge.devices.facts import Devices, RobotFacts, Sensor, ServoFacts
+from hil_bridge.devices.robots.s3.hops import robot_hops
 from hil_bridge.record import CycleRecord, Outcome, Recording, RunEnd
 from hil_bridge.record.analysis.summary import summarise
 from hil_bridge.show.report import write_report
@@ -31,6 +32,8 @@ from hil_bridge.show.report.explanation import decisions, strongest_rules
 from hil_bridge.show.report.plots import draw
 from hil_bridge.show.report.sections import controller_section, cycle_sentence, stability_section
 from hil_bridge.show.report.stability import Analysis, LinearLoop, analyse, dominant_period
+from protocol.devices.jr3 import facts_of
+from protocol.devices.s3.adlp import LinkProfile
 from protocol.geometry import Pose
 
 PERIOD, WAIT = 0.2, 0.1
@@ -38,23 +41,14 @@ STEP = 0.125e-3
 """m"""
 
 
-def config(name: str = "pi", robot: str = "", **parameters: Any) -> dict[str, Any]:
+def config(name: str = "pi", **parameters: Any) -> dict[str, Any]:
     return {
-        "robot": {"url": robot},
         "controller": {"name": name, "parameters": parameters},
-        "sensor": {"gateway": {"cutoff_hz": 0.0}},
-        "cell": {
-            "servo": {
-                "interpolation_ms": 20.0,
-                "transport_delay_ms": 20.0,
-                "natural_frequency_rad_s": 40.0,
-                "damping_ratio": 1.0,
-                "resolution_mm": 0.125,
-                "dead_band_steps": 0.5,
-            },
-            "surface": {"stiffness_n_m": 7000.0, "material": {"kind": "linear"}},
-        },
+        "cell": {"surface": {"stiffness_n_m": 7000.0, "material": {"kind": "linear"}}},
     }
+
+
+SERVO = ServoFacts(0.02, 0.02, 40.0, 1.0, 0.5)
 
 
 def cycle(k: int, force: float = 10.0, **others: Any) -> CycleRecord:
@@ -84,10 +78,21 @@ def cycle(k: int, force: float = 10.0, **others: Any) -> CycleRecord:
     return CycleRecord(**(whole | others))
 
 
-def record(cycles: list[CycleRecord], settings: dict[str, Any] | None = None) -> Recording:
+def record(
+    cycles: list[CycleRecord],
+    settings: dict[str, Any] | None = None,
+    delay_s: float = 0.0,
+    **robot: Any,
+) -> Recording:
+    """Cycles of a run with these facts of its robot, and a filter of its sensor that delays so long."""
     settings = config() if settings is None else settings
     name = settings.get("controller", {}).get("name", "")
-    return Recording(tuple(cycles), metadata={"controller": name, "config": json.dumps(settings)})
+    facts = {"kind": "s3", "emulated": True, "position_step_m": STEP, "servo": SERVO, **robot}
+    devices = Devices(
+        RobotFacts(**facts), Sensor("jr3", facts_of((115.0, 111.0, 185.0, 5.6, 5.2, 6.1), 0.01, delay_s))
+    )
+    metadata = {"controller": name, "config": json.dumps(settings)}
+    return Recording(tuple(cycles), metadata=metadata, devices=devices.as_metadata())
 
 
 def analysis(recording: Recording) -> Analysis:
@@ -118,40 +123,28 @@ def test_sample_time_and_delay_are_those_of_the_record() -> None:
     assert found.plant.delay == pytest.approx(WAIT + 0.5 * 0.02 + 0.02)
     assert [part.seconds for part in found.delay] == pytest.approx([WAIT, 0.01, 0.02])
     assert (found.stiffness, found.step_force) == pytest.approx((5000.0, 0.625))
-    filtered = config()
-    filtered["sensor"]["gateway"]["cutoff_hz"] = 10.0
-    slower = analysis(record([cycle(k) for k in range(60)], filtered))
-    assert slower.plant.delay - found.plant.delay == pytest.approx(1 / (2 * math.pi * 10.0))
+    slower = analysis(record([cycle(k) for k in range(60)], delay_s=0.0159))
+    assert slower.plant.delay - found.plant.delay == pytest.approx(0.0159)
 
 
 def test_a_move_is_accepted_when_its_answer_begins() -> None:
-    settings = config()
-    late = analysis(record([cycle(k) for k in range(60)], settings))
-    settings["robot"]["link"] = {"baudrate": 9600}
-    found = analysis(record([cycle(k) for k in range(60)], settings))
+    late = analysis(record([cycle(k) for k in range(60)]))
+    found = analysis(record([cycle(k) for k in range(60)], hops=robot_hops(LinkProfile())))
     # ENQ, ACK, a telegram of 8 in a block of 13, ACK, EOT: 11 bits each
     assert late.plant.delay - found.plant.delay == pytest.approx(17 * 11 / 9600)
     assert found.delay[0].label == "frame's arrival to the move's acceptance"
 
 
 def test_the_filter_is_that_of_the_sensor_that_was_used() -> None:
-    settings = config()
-    settings["sensor"]["gateway"]["cutoff_hz"] = 10.0
     cycles = [cycle(k) for k in range(60)]
 
-    def lags(url: str, end: dict[str, str]) -> list[float]:
-        settings["sensor"]["url"] = url
-        recording = dataclasses.replace(record(cycles, settings), end=end)
+    def lags(recording: Recording) -> list[float]:
         return [part.seconds for part in analysis(recording).delay if part.label == "sensor's filter"]
 
-    board = "jr3+tcp://127.0.0.1:1762?filter=3"
-    assert lags(board, {"sensor_delay_s": "0.02771"}) == [0.02771]
-    assert lags("serial:///dev/ttyACM0?gateway=jr3", {"sensor_delay_s": "0.0"}) == []
-    # A record that was cut off: the configuration tells of CAN gateways alone.
-    assert lags(board, {}) == lags("serial:///dev/ttyACM0?gateway=jr3", {}) == []
-    assert lags("can+socketcan://can0", {}) == lags("", {}) == [pytest.approx(1 / (2 * math.pi * 10.0))]
-    settings["sensor"]["emulated"] = "uart"
-    assert lags("", {}) == []
+    assert lags(record(cycles, delay_s=0.02771)) == [0.02771]
+    assert lags(record(cycles, delay_s=0.0)) == []
+    cut_off = dataclasses.replace(record(cycles), devices={})
+    assert analyse(cut_off, summarise(cut_off)) is None, "it ended before it told of its devices"
 
 
 def test_margins_are_those_of_the_controller_in_the_configuration() -> None:
@@ -281,7 +274,7 @@ def test_what_stiffness_and_servo_rest_on_is_named() -> None:
     assert analysis(record(unknown)).stiffness == 7000.0
     assert "as configured for the emulated robot" in section(record(unknown))
     known = [cycle(k, stiffness=4000.0 if k < 40 else 6000.0) for k in range(60)]
-    real = record(known, config(robot="serial:///dev/ttyUSB0"))
+    real = record(known, emulated=False)
     assert analysis(real).stiffness == 5000.0
     assert "assumed, from the profile" in section(real)
     assert "emulated" not in section(real)
@@ -293,14 +286,12 @@ def test_what_stiffness_and_servo_rest_on_is_named() -> None:
         Recording((cycle(0), cycle(1)), metadata={"controller": "pi"}),
         Recording((cycle(0), cycle(1)), metadata={"controller": "pi", "config": "{"}),
         Recording((cycle(0), cycle(1)), metadata={"controller": "pi", "config": "[1]"}),
-        record(
-            [cycle(0), cycle(1)], {"controller": 3, "robot": {"url": ""}} | {"controller": {"name": "pi"}}
-        ),
+        record([cycle(0), cycle(1)], {"controller": 3} | {"controller": {"name": "pi"}}, servo=None),
         record([cycle(0, phase="approach"), cycle(1, phase="approach")]),
         record([cycle(0)]),
         record([cycle(0), cycle(1, started_at=100.0)]),
         record([cycle(0), cycle(1, started_at=100.0 + 1e-6)]),
-        record([cycle(k, stiffness=None) for k in range(60)], config(robot="tcp://robot:1")),
+        record([cycle(k, stiffness=None) for k in range(60)], emulated=False),
     ],
 )
 def test_there_is_no_section_where_the_record_says_too_little(recording: Recording) -> None:

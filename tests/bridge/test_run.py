@@ -559,8 +559,8 @@ def test_a_sensor_at_the_end_of_its_range_behind_a_large_zero(bench: RunBench) -
 def test_a_quiet_sensor_is_not_taken_for_a_frozen_or_dead_one(bench: RunBench) -> None:
     """The least noise that recordings show, a slow filter, and a slow approach: counts rest for seconds."""
     run = bench(
-        sensor={"gateway": {"cutoff_hz": 2.0}},
-        cell={"sensor": {"noise_counts": 0.5}},
+        sensor={"jr3": {"gateway": {"cutoff_hz": 2.0}}},
+        cell={"jr3": {"sensor": {"noise_counts": 0.5}}},
         task={"approach_speed_mm_s": 0.275},
     )
     assert run.result.outcome is Outcome.COMPLETED

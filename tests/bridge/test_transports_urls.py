@@ -208,7 +208,7 @@ def test_an_emulated_slcan_adapter_has_a_readable_address(port: str, address: st
 
 def test_an_slcan_adapter_is_a_serial_port() -> None:
     async def main() -> None:
-        ports = Ports(None, "can+slcan+tcp-listen://127.0.0.1:0")
+        ports = Ports(None, "jr3+can+slcan+tcp-listen://127.0.0.1:0")
         with pytest.raises(
             ConfigError, match=r"an slcan adapter is a serial port; for example can\+slcan\+pty:"
         ):

@@ -124,7 +124,7 @@ class Drawn:
         config = read_config(
             {
                 "run": {"duration_s": 2.0, "seed": seed},
-                "sensor": {"emulated": "jr3-board" if fault == "unplugged" else "gateway"},
+                "sensor": {"emulated": "jr3-board" if fault == "unplugged" else "jr3"},
                 "controller": {"name": draw.choice(sorted(CONTROLLERS))},
                 "task": {
                     "expected_stiffness_n_m": max(stiffness, 2e3),

@@ -172,7 +172,7 @@ def test_a_peak_between_two_decisions_stops_the_run(
     """65 N against 10 N of contact for 30 ms, unfiltered: 3 of 18 frames, and mostly not the newest."""
     config = configured(
         stiffness,
-        {"sensor": {"gateway": {"cutoff_hz": 0.0}}, "task": {"expected_stiffness_n_m": stiffness}},
+        {"sensor": {"jr3": {"gateway": {"cutoff_hz": 0.0}}}, "task": {"expected_stiffness_n_m": stiffness}},
     )
 
     def strike(run: Guarded, record: Any) -> None:

@@ -36,7 +36,7 @@ do = "retract"
 """
 
 
-@pytest.mark.parametrize("devices", [("s3", "gateway"), ("egm", "netft")], ids=" ".join)
+@pytest.mark.parametrize("devices", [("s3", "jr3"), ("egm", "netft")], ids=" ".join)
 def test_a_program_follows_a_curved_surface_in_real_time(devices: tuple[str, str], tmp_path: Path) -> None:
     config, record, summary = (tmp_path / name for name in ("program.toml", "run.mcap", "summary.json"))
     config.write_text(PROGRAM, encoding="utf-8")
