@@ -12,25 +12,12 @@ from typing import Protocol
 from msgspec.structs import replace
 
 from hil_bridge.clock import Clock, Heartbeat
-from hil_bridge.control import (
-    LoopState,
-    Peaks,
-    Phase,
-    Sample,
-    WristAtOrientation,
-    turn_between,
-)
+from hil_bridge.control import LoopState, Peaks, Phase, Sample, WristAtOrientation, turn_between
 from hil_bridge.control.course.task import CONNECT, TARE
 from hil_bridge.control.course.zero import main_axes
 from hil_bridge.control.geometry.turning import apart, unit
 from hil_bridge.control.program.program import Program
-from hil_bridge.devices.robots.seam import (
-    Motion,
-    MotionLimits,
-    RobotLink,
-    RobotReport,
-    orientation_fault,
-)
+from hil_bridge.devices.robots.seam import Motion, MotionLimits, RobotLink, RobotReport, orientation_fault
 from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.errors import BridgeError, DeviceError
 from hil_bridge.errors.cancelling import is_asked

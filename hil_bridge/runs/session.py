@@ -19,13 +19,7 @@ from hil_bridge.console.debugging import debug_wanted, told_bug
 from hil_bridge.console.screen import LEAVE_SECONDS, Terminal
 from hil_bridge.errors import BridgeError
 from hil_bridge.errors.cancelling import is_asked
-from hil_bridge.errors.failures import (
-    BUG_EVENT,
-    TRACEBACK_EVENT,
-    failure_event,
-    traceback_of,
-    unexpected,
-)
+from hil_bridge.errors.failures import BUG_EVENT, TRACEBACK_EVENT, failure_event, traceback_of, unexpected
 from hil_bridge.errors.text_files import format_path
 from hil_bridge.record import (
     CHECK_EVENT,
