@@ -179,7 +179,7 @@ def test_faults_come_after_those_of_the_configuration() -> None:
     noise = {"on": "signal", "fault": "noise", "phase": "track"}
     stopped = api.simulate({**SHORT, "faults": [noise]}, faults=[STOP])
     assert stopped.outcome == "stopped"
-    assert "emergency stop" in stopped.cause
+    assert "emergency stop" in stopped.text
     told = [event.text for event in stopped.events if event.kind == "fault"]
     assert any(text.startswith("signal: noise") for text in told)
     assert any(text.startswith("robot: emergency-stop") for text in told)
@@ -255,7 +255,7 @@ def test_a_run_by_hand() -> None:
 
     running, force = api.run_virtual(main)
     assert force > 0.1
-    assert "emergency stop" in running.result.cause
+    assert "emergency stop" in running.result.text
     assert [event.text for event in running.result.events if event.kind == "phase"][:4] == [
         "connect",
         "tare",
@@ -331,8 +331,8 @@ def test_a_device_that_fails_before_the_movement_raises_and_leaves_a_recording()
     with pytest.raises(api.BridgeError, match="force sensor") as error:
         api.run_virtual(main)
     result = kept[0].result
-    assert (result.outcome, result.cause) == ("stopped", str(error.value))
-    assert result.recording.end["cause"] == result.cause
+    assert (result.outcome, result.text) == ("stopped", str(error.value))
+    assert result.recording.end["text"] == result.text
 
 
 def test_a_controller_that_fails_is_blamed() -> None:
@@ -344,7 +344,7 @@ def test_a_controller_that_fails_is_blamed() -> None:
 
     failed = api.simulate(SHORT, controller=Failing())
     assert failed.outcome == "stopped"
-    assert "no gain" in failed.cause
+    assert "no gain" in failed.text
     assert failed.left.startswith("retracted")
 
 

@@ -11,6 +11,7 @@ import pytest
 
 from emulators.faults.wire import WIRE_FAULTS
 from hil_bridge import api
+from hil_bridge.errors import Cause
 from hil_bridge.record import Recording
 from hil_bridge.record.analysis.why import why
 from hil_bridge.record.records import EventRecord
@@ -108,7 +109,7 @@ def test_the_struck_part_is_named(job: Job) -> None:
         assert text.startswith("The run completed after ")
         assert text.count(". ") == 0
         return
-    cause = recording.end["cause"].partition(";")[0]
+    cause = recording.end["text"]
     before, _, rest = text.partition(" A fault had been injected on purpose ")
     assert f"{job.on}: {job.fault}" in rest.partition(". ")[0]
     ended = before[before.index("What ended it") :]
@@ -162,17 +163,20 @@ def test_a_recording_that_was_cut_says_so(unplugged: Path, tmp_path: Path) -> No
 
 def test_a_run_that_a_person_ended_by_a_key_was_not_ended_by_a_signal() -> None:
     recording = api.simulate({"run": {"duration_s": 0.2}}).recording
-    asked = (("operator", "asked for the end with the key r"), ("signal", "SIGINT"))
-    for events, told in (
-        (asked, "the key r"),
-        (asked[1:], "SIGINT"),
-        ((("mark", asked[0][1]), asked[1]), "SIGINT"),
+    key = EventRecord(1.0, "operator", "asked for the end with the key r", Cause.KEY, by="r")
+    page = EventRecord(1.0, "operator", "asked for the end on the page in the browser", Cause.PAGE)
+    signal = EventRecord(1.0, "signal", "SIGINT", Cause.SIGNAL, by="SIGINT")
+    mark = EventRecord(1.0, "mark", key.text)
+    for events, cause, told in (
+        ((key, signal), Cause.KEY, "the key r"),
+        ((page, signal), Cause.PAGE, "the page in the browser"),
+        ((signal,), Cause.SIGNAL, "SIGINT"),
+        ((mark, signal), Cause.SIGNAL, "SIGINT"),
     ):
-        happened = tuple(EventRecord(1.0, *event) for event in events)
-        end = {**recording.end, "outcome": "interrupted"}
-        text = why(replace(recording, events=happened, end=end))
+        end = {**recording.end, "outcome": "interrupted", "cause": cause, "text": ""}
+        text = why(replace(recording, events=events, end=end))
         assert f"It was ended by {told}." in text
-        assert "symptom" not in text or events[0][0] == "mark"
+        assert "symptom" not in text or mark in events
 
 
 def test_an_interrupted_run_was_not_stopped_by_a_device() -> None:

@@ -137,7 +137,7 @@ def test_a_tool_that_the_robot_still_feels_pressed_is_not_told_as_retracted(guar
 def test_a_stop_by_the_witness_is_decided_alike_in_a_replay() -> None:
     config = feeling("rtde", 5e3, fault("signal", "dead", "track"), run={"duration_s": 1.0})
     recording = hil_bridge.simulate(config).recording
-    assert "the robot itself feels" in recording.end["cause"]
+    assert "the robot itself feels" in recording.end["text"]
     again = list(replay(recording, recorded_config(recording, {}), forced=False))
     assert len(again) == len(recording.cycles)
     assert not any(cycle.differences for cycle in again)
