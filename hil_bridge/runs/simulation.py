@@ -178,7 +178,8 @@ class Simulation(OpenDevices):
         return self._task
 
     async def reached(self, phase: str) -> None:
-        """Return when the run has entered a phase: connect, tare, approach, track, retract or end.
+        """Return when the run has entered a phase: connect, tare, one of `Phase` (approach, track, retract, move, seek,
+        zero), or end.
 
         It begins the run where that has not begun. Raises ConfigError when the run ends without it, and what ended it.
         """

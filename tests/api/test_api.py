@@ -15,6 +15,7 @@ import pytest
 import hil_bridge
 from hil_bridge import api
 from hil_bridge.record import read_with_traffic
+from hil_bridge.record.ending import reason_of
 from hil_bridge.record.topics import TOPICS, Record
 
 SHORT: dict[str, Any] = {"run": {"duration_s": 0.5}}
@@ -30,7 +31,8 @@ SIGNATURES = {
 }
 """Of every function; what an asynchronous context manager gives stands for it."""
 MEMBERS = {
-    "Result": "arrays cause cycles events figures followed left outcome recording save steps traffic truths",
+    "Result": "arrays cause cycles events figures followed left outcome recording retracted save steps text traffic "
+    "truths",
     "OpenDevices": "cell clock panel robot sensor truth",
     "Simulation": "cell clock config finished interrupt panel reached result robot sensor start truth",
 }
@@ -39,8 +41,8 @@ ERRORS = (
     "TransportError TransportUnavailable"
 )
 TYPES = (
-    "Command Config Configuration Controller CycleRecord Measurement OpenDevices Outcome Recording Result "
-    "Simulation"
+    "Cause Command Config Configuration Controller CycleRecord Measurement OpenDevices Outcome Part Reason Recording "
+    "Result Simulation"
 )
 
 
@@ -332,7 +334,8 @@ def test_a_device_that_fails_before_the_movement_raises_and_leaves_a_recording()
         api.run_virtual(main)
     result = kept[0].result
     assert (result.outcome, result.text) == ("stopped", str(error.value))
-    assert result.recording.end["text"] == result.text
+    assert str(reason_of(result.recording.end)) == result.text
+    assert result.cause is api.Cause.WEIGHT
 
 
 def test_a_controller_that_fails_is_blamed() -> None:

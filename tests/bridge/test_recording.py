@@ -48,7 +48,7 @@ from hil_bridge.record.recorder import ORDER_WINDOW_S, Chunks
 from hil_bridge.record.records import TruthRecord, WireRecord
 from hil_bridge.record.scenes import SCENE_TOPICS
 from hil_bridge.record.stored_cycle import SHARED
-from hil_bridge.record.topics import CYCLE, SENSOR, TOPICS, TRUTH, WIRE, Record
+from hil_bridge.record.topics import CYCLE, SENSOR, TOPICS, TRUTH, WIRE, Record, Topic
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.replay import recorded_config, replay
 from hil_bridge.runs.session import execute
@@ -880,3 +880,14 @@ def test_facts_are_written_before_the_run_ends(tmp_path: Path) -> None:
 )
 def test_facts_that_cannot_be_are_no_facts(text: str) -> None:
     assert devices_of(Recording((), devices={"robot": text})) == Devices()
+
+
+@pytest.mark.parametrize("topic", TOPICS, ids=lambda topic: topic.name)
+def test_the_schema_speaks_of_any_robot_and_of_all_phases(topic: Topic) -> None:
+    """Every recording carries it, whatever robot moved."""
+    told = json.dumps(topic.schema).lower()
+    for word in ("status order", "status answer", "move order", "its bid", "enq", "s3"):
+        assert word not in told, word
+    if topic is CYCLE:
+        described = str(topic.schema["properties"]["phase"]["description"])
+        assert all(str(phase) in described for phase in Phase)

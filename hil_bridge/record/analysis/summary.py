@@ -77,7 +77,7 @@ class Summary:
     cycles_held: int
     cycle_rate_hz: float | None
     cycle_time: Times | None
-    """Time from the status order to the answer of the move order."""
+    """Time of a cycle: from its begin until the robot has taken the order."""
     line_floor_s: float | None
     sensor_frames_received: int
     sensor_frames_lost: int | None
