@@ -423,7 +423,7 @@ class Run:
 
     def _sample(self, report: RobotReport, frame: WrenchFrame) -> Sample:
         """The newest of everything, now that the robot has told where it is."""
-        sensor, (position, quaternion), fault = self._sensor, report.pose, _fault_of(report)
+        sensor, (position, quaternion), fault = self._sensor, report.pose, fault_of(report)
         try:
             sensor.check()
         except BridgeError as error:
@@ -542,7 +542,7 @@ class Run:
             self._log_error = error
 
 
-def _fault_of(report: RobotReport) -> Reason | None:
+def fault_of(report: RobotReport) -> Reason | None:
     """The fault that a robot reports; None while it reports none."""
     if not report.fault:
         return None

@@ -128,6 +128,8 @@ def test_a_failure_ends_the_run_and_stands_in_the_record(
     result = hil_bridge.simulate("site.toml", seed=7)
     assert result.outcome == "stopped"
     assert result.text.startswith(cause)
+    if cause.startswith("the emulated cell failed"):
+        assert result.cause is hil_bridge.Cause.CELL_FAILED
     assert PACKAGE in result.text
     assert "\n" not in result.text
     assert result.left.startswith(left)

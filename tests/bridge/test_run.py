@@ -10,7 +10,7 @@ import pytest
 
 from hil_bridge.control import CONTROLLERS, Command, ControlLoop, Measurement, turn_between
 from hil_bridge.devices.robots.s3.room import ROBOT as S3
-from hil_bridge.errors import DeviceError
+from hil_bridge.errors import Cause, DeviceError
 from hil_bridge.record import CycleRecord, Outcome
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.kinds import settings_of
@@ -327,6 +327,7 @@ def test_a_silent_sensor_is_stale_and_the_tool_retracts(bench: RunBench) -> None
 def test_a_gateway_that_boots_again_has_lost_its_zero(bench: RunBench) -> None:
     run = bench(after(5, lambda bench: bench.can.inject([CanFrame(0x701)])))
     assert "restarted in mid-run" in run.result.text
+    assert run.result.cause is Cause.SENSOR_FAILED
     assert run.true_force == 0.0
 
 
@@ -357,6 +358,7 @@ def test_the_workspace_holds_the_tool_back(bench: RunBench) -> None:
     lowest = min(record.position[2] for record in run.cycles)
     assert lowest >= 0.595 - 0.0625e-3
     assert run.result.text == "no contact found: the approach leaves the workspace"
+    assert run.result.cause is Cause.HELD_APPROACH
     assert run.cycles[-1].depth_commanded < 0.0
 
 

@@ -52,6 +52,7 @@ def test_whole_course():
     assert sorted(set(phases), key=phases.index) == [Phase.APPROACH, Phase.TRACK, Phase.RETRACT, Phase.END]
     assert phases.count(Phase.TRACK) == 10
     assert str(state.reason) == "travelled 10 mm"
+    assert state.reason.cause is Cause.TRAVELLED
     tracked = [output for output in outputs if output.phase is Phase.TRACK]
     assert [o.target.travel for o in tracked] == pytest.approx([k * 1e-3 for k in range(1, 11)])
     assert outputs[-1].target.travel == pytest.approx(10e-3)
@@ -68,6 +69,7 @@ def test_controller_is_stepped_in_track_only():
 def test_nothing_there_is_a_cause_and_never_deeper_than_the_limit():
     state, outputs = drive(task_of(PARAMETERS, Watched()), lambda *_: 0.0, 40)
     assert str(state.reason).startswith("no contact found within 5 mm: start nearer")
+    assert state.reason.cause is Cause.NO_CONTACT
     assert state.phase is Phase.END
     assert state.controller is None
     assert max(output.target.depth for output in outputs) == pytest.approx(5e-3)
@@ -101,6 +103,7 @@ def test_too_many_losses_end_the_run():
     task = task_of(replace(PARAMETERS, loss_limit=3, travel_limit_mm=1e3), Watched())
     state, _ = drive(task, lambda d, t, k: 5.0 * (k % 2 == 0), 30)
     assert str(state.reason) == "contact lost 3 times"
+    assert state.reason.cause is Cause.CONTACT_LOST
     assert state.phase is Phase.END
 
 
@@ -191,6 +194,7 @@ def test_an_edge_is_an_end_and_no_hole_to_dive_into():
         state, outputs = drive(task, lambda d, t, k: 5e3 * max(d - 3e-3, 0.0) if t < 5e-3 else 0.0, 60)
         lost = next(i for i, output in enumerate(outputs) if i > 10 and not output.in_contact)
         assert str(state.reason) == "the surface ended: no contact within 3 mm"
+        assert state.reason.cause is Cause.SURFACE_ENDED
         assert state.failed
         assert state.phase is Phase.END
         deepest = max(output.target.depth for output in outputs)

@@ -14,6 +14,7 @@ from emulators.arm.loops import PositionLoop
 from hil_bridge.control.course.reaction import bound_n, servo_lag
 from hil_bridge.control.types import Command, Measurement
 from hil_bridge.devices.facts import Pacing, RobotFacts, ServoFacts
+from hil_bridge.errors import Cause
 from hil_bridge.record.device_facts import devices_of
 from hil_bridge.runs.force_bound import force_bound_n
 from hil_bridge.runs.reaction_times import force_age, reaction, robot_motion
@@ -109,6 +110,7 @@ def test_a_slow_line_ends_the_run_before_it_touches(ms: float) -> None:
     slow = {"on": "link", "fault": "delay", "phase": "connect", "for_s": 3600.0, "with": {"ms": ms}}
     recording = hil_bridge.simulate(hit("s3", "jr3", 0.0, 5e4), faults=[slow]).recording
     assert "the line to the robot is too slow" in recording.end["text"]
+    assert recording.end["cause"] == Cause.SLOW_CYCLES
     assert max(math.hypot(*truth.force) for truth in recording.truths) == 0.0
     assert recording.end["left"] == "retracted, 0.0 N"
 

@@ -138,24 +138,24 @@ def test_the_margin_of_a_robot_that_feels_otherwise_is_told() -> None:
 
 
 @pytest.mark.parametrize(
-    ("situation", "name", "deepest_mm"),
+    ("situation", "cause", "deepest_mm"),
     [
-        (Situation(wanted_mm=4.1, commanded_mm=2.0), "deeper", 3.98),
-        (Situation(wanted_mm=101.0, commanded_mm=99.5, force_n=0.0), "total", 100.0),
+        (Situation(wanted_mm=4.1, commanded_mm=2.0), Cause.DEEPER, 3.98),
+        (Situation(wanted_mm=101.0, commanded_mm=99.5, force_n=0.0), Cause.TOTAL, 100.0),
         # 45 N are free of the margin, 5 N of them are left: 0.25 mm of 20 kN/m
-        (Situation(force_n=40.0, wanted_mm=12.0, commanded_mm=8.0, stiffness_n_m=2e4), "barrier", 8.25),
+        (Situation(force_n=40.0, wanted_mm=12.0, commanded_mm=8.0, stiffness_n_m=2e4), Cause.BARRIER, 8.25),
         # an estimate below the expected stiffness does not count: 1 mm of 5 kN/m
-        (Situation(force_n=40.0, wanted_mm=12.0, commanded_mm=8.0, stiffness_n_m=1e3), "barrier", 9.0),
-        (Situation(across_mm=5.1), "across", 3.98),
-        (Situation(wanted_mm=6.0, commanded_mm=4.5, start_m=(0.0, 0.0, -2.995)), "workspace", 5.0),
+        (Situation(force_n=40.0, wanted_mm=12.0, commanded_mm=8.0, stiffness_n_m=1e3), Cause.BARRIER, 9.0),
+        (Situation(across_mm=5.1), Cause.ACROSS, 3.98),
+        (Situation(wanted_mm=6.0, commanded_mm=4.5, start_m=(0.0, 0.0, -2.995)), Cause.WORKSPACE, 5.0),
     ],
 )
 def test_each_clamp_is_named_with_the_deepest_order(
-    situation: Situation, name: str, deepest_mm: float
+    situation: Situation, cause: Cause, deepest_mm: float
 ) -> None:
     found = explain(CONFIG, situation)
     assert (found.verdict, found.cause) == ("clamp", None)
-    assert [row.cause for row in found.rows] == [name]
+    assert [row.cause for row in found.rows] == [cause]
     assert found.deepest_mm == pytest.approx(deepest_mm)
     assert {setting.partition(" = ")[0] for setting in found.settings} <= set(found.rows[0].settings)
 
@@ -170,14 +170,14 @@ def test_each_clamp_is_named_with_the_deepest_order(
 def test_a_retraction_waits_for_a_force_from_the_front(situation: Situation) -> None:
     found = explain(CONFIG, situation)
     assert (found.verdict, found.reasons) == ("clamp", (WAITS.text,))
-    assert [row.cause for row in found.rows] == ["waits"]
+    assert [row.cause for row in found.rows] == [Cause.RETRACT_WAITS]
     assert found.then.endswith("the run ends when it is back")
 
 
 def test_an_approach_that_is_held_in_place_ends() -> None:
     found = explain(CONFIG, Situation(APPROACH, commanded_mm=100.0))
     assert found.verdict == "clamp"
-    assert [row.cause for row in found.rows] == ["total", "held-approach"]
+    assert [row.cause for row in found.rows] == [Cause.TOTAL, "held-approach"]
     assert found.then.startswith("the tool retracts, now to 99 mm")
 
 

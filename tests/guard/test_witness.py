@@ -10,6 +10,7 @@ import hil_bridge
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.verdict import Observation
 from hil_bridge.control.course.witness import Witness, witness_of
+from hil_bridge.errors import Cause
 from hil_bridge.record import Outcome
 from hil_bridge.runs.replay import recorded_config, replay
 from hil_bridge.settings.configuration import Config, read_config
@@ -130,6 +131,7 @@ def test_a_tool_that_the_robot_still_feels_pressed_is_not_told_as_retracted(guar
     run = guarded(feeling("rtde", 5e3, late, run={"duration_s": 0.5}))
     assert run.result.outcome is Outcome.STOPPED
     assert "after the retraction, the robot itself feels 93 N" in run.cause
+    assert run.result.cause is Cause.LEFT_DISAGREEING
     assert run.result.left.startswith("NOT retracted: left at ")
     assert "(the robot itself feels 93 N)" in run.result.left
 
