@@ -154,9 +154,8 @@ def test_every_cause_is_raised_somewhere() -> None:
 
 NOT_REACHED = {
     "GAIN": "by its words: tests/bridge/test_run.py reads the reasons of the record",
-    "LEAVES_WORKSPACE": "the supervisor clamps the same way, which is tested; a program checks its path before it moves",
-    "LEFT_UNKNOWN": "by its words: tests/guard/test_left.py tells an unknown force",
-    "MOVED_BEFORE": "by its words: tests/guard/test_attacks.py moves the robot before the movement",
+    "LEAVES_WORKSPACE": "the clamp that it follows from is tested; a program checks its path before it moves",
+    "LEFT_UNKNOWN": "a sensor that falls silent while the tool comes to rest is stale in a cycle before",
     "NO_READING": "a sensor that tells nothing while it stands is stale, which comes first",
     "ZERO_CHANGED": "a force that changes within the one frame before a zero has no fault of its own",
     "ZERO_SILENT": "a sensor that stays silent for 20 s is told by its client before",

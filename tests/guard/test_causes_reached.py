@@ -4,6 +4,7 @@ import asyncio
 import dataclasses
 import math
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -14,12 +15,24 @@ from hil_bridge.control import Clamp, Limits, Measurement, Observation, Request,
 from hil_bridge.control.course.answers import held_back
 from hil_bridge.control.course.touch import Doubt, Touch, TouchTest
 from hil_bridge.control.course.verdict import LEAVES, SLOWLY
-from hil_bridge.errors import BridgeError, Cause, ConfigError, DeviceError, Reason, TransportBroken
+from hil_bridge.devices.robots.gate import Bounds
+from hil_bridge.devices.robots.seam import MotionLimits
+from hil_bridge.errors import (
+    BridgeError,
+    Cause,
+    ConfigError,
+    DeviceError,
+    OrderRefused,
+    Part,
+    Reason,
+    TransportBroken,
+)
 from hil_bridge.errors.failures import CodeFailed, code_failed, link_cause, unexpected
 from hil_bridge.record.analysis.summary import end_of
 from hil_bridge.runs.closing import ended_after, ended_before
 from hil_bridge.runs.cycle import RunResult, fault_of
 from hil_bridge.runs.leaving import not_away
+from hil_bridge.runs.small_steps import bring_up
 from hil_bridge.runs.zeroing import known_wrist
 from hil_bridge.settings.configuration import read_config
 from protocol.geometry import Pose
@@ -125,6 +138,38 @@ def test_an_orientation_that_is_none_is_no_state_of_the_robot() -> None:
     for pose, cause in ((none, Cause.ORIENTATION), (well, Cause.ROBOT_STATE)):
         assert reason_cause(fault_of(RobotReport(1, pose, 0.0, 0.0, "it cannot move"))) is cause
     assert fault_of(RobotReport(1, well, 0.0, 0.0)) is None
+
+
+def test_a_robot_that_was_moved_before_its_movement_is_refused() -> None:
+    async def main() -> OrderRefused:
+        async with api.open_devices(EGM) as devices:
+            (x, y, z), quaternion = (await devices.robot.ready()).pose
+            planned = Bounds(Pose((x + 0.01, y, z), quaternion))
+            with pytest.raises(OrderRefused) as refused:
+                async with devices.robot.motion(MotionLimits(0.1, bounds=planned)):
+                    pass
+        return refused.value
+
+    error = api.run_virtual(main)
+    assert (error.cause, error.part) == (Cause.MOVED_BEFORE, Part.POSE)
+
+
+def test_a_sensor_that_is_ready_and_sends_nothing_is_refused() -> None:
+    async def at_once() -> None:
+        """Ready."""
+
+    async def never() -> None:
+        await asyncio.sleep(1e6)
+
+    robot: Any = SimpleNamespace(ready=at_once)
+    sensor: Any = SimpleNamespace(name="can0", ready=at_once, frame=never)
+
+    async def main() -> None:
+        with pytest.raises(DeviceError, match="look at its stream with hil-bridge probe sensor") as silent:
+            await bring_up(robot, sensor)
+        assert silent.value.cause is Cause.STREAM
+
+    api.run_virtual(main)
 
 
 def test_a_recording_that_was_cut_says_so() -> None:
