@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 _NAMES = frozenset(
     [
         "BridgeError",
+        "Cause",
         "Command",
         "Config",
         "ConfigError",
@@ -23,6 +24,8 @@ _NAMES = frozenset(
         "OpenDevices",
         "OrderRefused",
         "Outcome",
+        "Part",
+        "Reason",
         "Recording",
         "Result",
         "SafetyStop",

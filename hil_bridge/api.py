@@ -24,9 +24,12 @@ from hil_bridge.clock import run_real, run_virtual
 from hil_bridge.control.types import Command, Controller, Measurement
 from hil_bridge.errors import (
     BridgeError,
+    Cause,
     ConfigError,
     DeviceError,
     OrderRefused,
+    Part,
+    Reason,
     SafetyStop,
     TransportBroken,
     TransportClosed,
@@ -42,6 +45,7 @@ from hil_bridge.settings.given import config_of
 
 __all__ = [
     "BridgeError",
+    "Cause",
     "Command",
     "Config",
     "ConfigError",
@@ -53,6 +57,8 @@ __all__ = [
     "OpenDevices",
     "OrderRefused",
     "Outcome",
+    "Part",
+    "Reason",
     "Recording",
     "Result",
     "SafetyStop",

@@ -19,7 +19,6 @@ from emulators.faults import FOREVER, Fault
 from hil_bridge.devices.kinds import ROBOTS, SENSORS
 from hil_bridge.errors import BridgeError
 from hil_bridge.lab.experiments.emulated_run import run_emulated
-from hil_bridge.runs.session import EXIT_CODES
 from hil_bridge.settings.configuration import load_config
 from tools.pages import parser, placed, table, write
 
@@ -104,7 +103,7 @@ def measured(job: Job) -> Mapping[str, Any]:
         return {"exit": error.exit_code, "cause": _first_line(str(error))}
     finally:
         gc.collect()  # a cell and its run refer to each other
-    return {"exit": EXIT_CODES[result.outcome], "cause": _first_line(result.cause)}
+    return {"exit": result.exit_code, "cause": _first_line(result.text)}
 
 
 def _first_line(text: str) -> str:

@@ -19,12 +19,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from hil_bridge.api import Config, Simulation, load, run_virtual, simulation
-from hil_bridge.control.course.conditions import When
+from hil_bridge.errors.cause_row import When
+from hil_bridge.errors.cause_table import TABLE
 from hil_bridge.lab.campaign.watching import Watch
 from hil_bridge.record import PHASE_EVENT, STOP_EVENT
 from hil_bridge.record.analysis.strokes import TRACK
 from hil_bridge.record.analysis.summary import RETRACT
-from hil_bridge.site.guard.conditions import CONDITIONS, HEAD, cells
+from hil_bridge.site.guard.conditions import HEAD, cells
 from protocol.devices.s3.arap import FunctionCode
 from tools.pages import parser, placed, table, write
 
@@ -222,7 +223,7 @@ def _times(running: Simulation, watch: Watch, began: float, by_force: bool) -> T
         float(forces.max()),
         float(forces[-1]),
         any(at < min(back, default=math.inf) + TICK_S for at in stops),
-        result.cause,
+        result.text,
         result.left,
     )
 
@@ -287,11 +288,11 @@ def conditions_table() -> str:
     """Every condition, a table for each time at which it is looked."""
     parts = []
     for when in When:
-        rows = [cells(row) for row in CONDITIONS if row.when is when]
+        rows = [cells(row) for row in TABLE if row.when is when]
         head = [name for name in HEAD if name != "looked at"]
         named = (
-            (f"`{name}`", text, ", ".join(f"`{key}`" for key in settings), reaction, code)
-            for name, text, settings, _, reaction, code in rows
+            (f"`{name}`", text, ", ".join(f"`{key}`" for key in settings), reaction, code, part)
+            for name, text, settings, _, reaction, code, part in rows
         )
         parts += [f"### {when.value.capitalize()}", table(head, named)]
     return "\n\n".join(parts)

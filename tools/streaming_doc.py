@@ -60,7 +60,7 @@ def figures_of(case: tuple[str, str, str]) -> Mapping[str, Any]:
         "robot": robot,
         "controller": controller,
         "surface": name,
-        "cause": run.result.cause,
+        "cause": run.result.text,
         "period_ms": statistics.fmean(1e3 * (b.started_at - a.started_at) for a, b in pairwise(track)),
         "rms_n": math.sqrt(statistics.fmean((force - FORCE_N) ** 2 for force in settled))
         if settled

@@ -3,7 +3,17 @@
 Facts of one device stand with that device; `emulators.cell_faults` collects them.
 """
 
-from emulators.faults.kinds import FOREVER, Fault, FaultValue, Parameter
+from emulators.faults.kinds import FOREVER, Fault, FaultNews, FaultValue, Parameter
 from emulators.faults.ledger import Handler, Injection, Ledger, find
 
-__all__ = ["FOREVER", "Fault", "FaultValue", "Handler", "Injection", "Ledger", "Parameter", "find"]
+__all__ = [
+    "FOREVER",
+    "Fault",
+    "FaultNews",
+    "FaultValue",
+    "Handler",
+    "Injection",
+    "Ledger",
+    "Parameter",
+    "find",
+]

@@ -3,7 +3,9 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
+
+from protocol.faults import FaultStage
 
 FaultValue: TypeAlias = float | str
 
@@ -14,6 +16,18 @@ _LONGEST_S = 3600.0
 _DURATION = "for_s"
 _ONCE_CALLED = {"seconds": _DURATION}
 """Names of the duration that panels knew before there was one for all."""
+
+
+class FaultNews(NamedTuple):
+    """What has become of a fault, when it becomes so."""
+
+    stage: FaultStage
+    target: str
+    fault: str
+    text: str
+    """The same in words."""
+    values: Mapping[str, FaultValue] = {}
+    """Parameters of a fault that begins or happens, defaults included."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,13 +8,14 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from emulators.faults.kinds import Fault, FaultValue
+from emulators.faults.kinds import Fault, FaultNews, FaultValue
+from protocol.faults import FaultStage
 
 INJECTION_LIMIT = 1000
 """Faults that one cell takes, so that no panel can fill its memory. Mark: chosen."""
 
 
-def _unheard(text: str) -> None:
+def _unheard(news: FaultNews) -> None:
     """Nothing listens."""
 
 
@@ -77,8 +78,8 @@ class Ledger:
         self._handlers: dict[str, dict[str, Handler]] = {}
         self.injections: list[Injection] = []
         """All of them, in order."""
-        self.on_fault: Callable[[str], object] = _unheard
-        """Called with words for every begin and every end of a fault."""
+        self.on_fault: Callable[[FaultNews], object] = _unheard
+        """Called at every begin and every end of a fault."""
         self.on_change: list[Callable[[], object]] = []
         """Called after a fault has begun or ended: a device may have something to say."""
 
@@ -105,9 +106,10 @@ class Ledger:
         self._handlers[target][fault].begin(injection)
         self.injections.append(injection)
         words = ", ".join(f"{key} {_text(value)}" for key, value in values.items())
-        comes = "happens" if injection.ended_at is not None else "begins"
+        stage = FaultStage.HAPPENS if injection.ended_at is not None else FaultStage.BEGINS
         lasting = "" if duration in (None, math.inf) else f" for {duration:g} s"
-        self.on_fault(f"{injection.name}{f' ({words})' if words else ''} {comes}{lasting}")
+        text = f"{injection.name}{f' ({words})' if words else ''} {stage}{lasting}"
+        self.on_fault(FaultNews(stage, target, fault, text, values))
         injection.on_end = self._ended
         self._changed()
         return injection
@@ -164,7 +166,8 @@ class Ledger:
             self._changed()
 
     def _ended(self, injection: Injection) -> None:
-        self.on_fault(f"{injection.name} ends")
+        text = f"{injection.name} {FaultStage.ENDS}"
+        self.on_fault(FaultNews(FaultStage.ENDS, injection.target, injection.fault, text))
 
     def _changed(self) -> None:
         for tell in self.on_change:

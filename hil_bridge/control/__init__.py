@@ -14,7 +14,6 @@ from hil_bridge.control.course.supervisor import Supervisor
 from hil_bridge.control.course.task import Phase, Target, Task, TaskOutput, TaskState
 from hil_bridge.control.course.verdict import (
     Allow,
-    Cause,
     Clamp,
     Observation,
     Request,
@@ -68,7 +67,6 @@ __all__ = [
     "Admittance",
     "AdmittanceState",
     "Allow",
-    "Cause",
     "Clamp",
     "Command",
     "Contour",

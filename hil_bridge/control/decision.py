@@ -11,6 +11,7 @@ from hil_bridge.control.course.task import Target, TaskOutput, TaskState
 from hil_bridge.control.course.verdict import Clamp, Stop, SupervisorState, Verdict
 from hil_bridge.control.program.state import Felt
 from hil_bridge.control.types import Measurement
+from hil_bridge.errors.causes import Cause, Reason
 from protocol.geometry import Quaternion, Vector
 
 
@@ -71,6 +72,10 @@ class Sample(Struct, frozen=True):
     """Why a touch that shows now must be proven: a number of `Doubt`."""
     overdue: float = 0.0
     """Time by which the next frame comes later than the facts of the sensor say, s; 0 while it does not."""
+    fault_cause: Cause | None = None
+    """Row of the table of causes for `fault`; None while there is none."""
+    fault_remedy: str = ""
+    """What else is known of `fault`, and what a person can do, in words."""
 
 
 class LoopState(Struct, frozen=True):
@@ -96,8 +101,8 @@ class Proposal(Struct, frozen=True):
     measurement: Measurement
     """Input of the controller."""
     output: TaskOutput
-    failure: str
-    """Fault of the controller, in words, with its package and place; empty while there is none."""
+    failure: Reason | None
+    """Fault of the controller, with its package and place; None while there is none."""
     advice: Advice | None
     """The oscillation detector's word; None where it has none."""
     task: TaskState
@@ -137,7 +142,7 @@ class Decision(Struct, frozen=True):
         match self.verdict:
             case Clamp(reasons=reasons):
                 return reasons
-            case Stop(text=text):
-                return (text,)
+            case Stop(reason=reason):
+                return (str(reason),)
             case _:
                 return ()

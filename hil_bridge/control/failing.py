@@ -5,13 +5,14 @@ from typing import Any, NamedTuple
 
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.types import Command, Controller
+from hil_bridge.errors.causes import Cause, Reason
 from hil_bridge.errors.failures import failure, place_of_method, traceback_of
 
 
 class Failed(NamedTuple):
     """A fault of a controller."""
 
-    text: str
+    reason: Reason
     trace: str = ""
     """Traceback of what it raised; empty where it raised nothing."""
 
@@ -19,14 +20,18 @@ class Failed(NamedTuple):
 def failed_by(controller: Controller[Any], error: BaseException) -> Failed:
     """It raised this, or gave an answer by which this was raised."""
     said = failure(error, place_of_method(controller, "step"))
-    return Failed(f"controller {controller.name} failed: {said}", traceback_of(error))
+    return _failed(controller, said, traceback_of(error))
 
 
 def failed_to_answer(controller: Controller[Any], command: Command) -> Failed:
     """It answered with a command that is no number, or so far away that it cannot be meant."""
     place = place_of_method(controller, "step")
     said = f"it commands {command.position} m"
-    return Failed(f"controller {controller.name} failed: {said}{place and f' ({place})'}")
+    return _failed(controller, f"{said}{place and f' ({place})'}")
+
+
+def _failed(controller: Controller[Any], said: str, trace: str = "") -> Failed:
+    return Failed(Reason(Cause.CONTROLLER, f"controller {controller.name} failed: {said}"), trace)
 
 
 def farthest_answer(limits: Limits) -> float:

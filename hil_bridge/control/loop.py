@@ -19,7 +19,6 @@ from hil_bridge.control.course.touch import Doubt
 from hil_bridge.control.course.verdict import (
     LEAVES,
     Allow,
-    Cause,
     Clamp,
     Observation,
     Request,
@@ -32,6 +31,7 @@ from hil_bridge.control.geometry.turning import rotated
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.state import Felt
 from hil_bridge.control.types import SAMPLE_MS, Measurement
+from hil_bridge.errors.causes import Cause, Reason
 from hil_bridge.errors.failures import RAISED, raise_if_asked
 from protocol.geometry import Vector
 
@@ -74,9 +74,9 @@ class ControlLoop:
         """State at the start point, away from the surface; its reported position in the base frame, m."""
         return LoopState(start, self.task.initial(), self.supervisor.initial(start))
 
-    def finish(self, state: LoopState, cause: str) -> LoopState:
+    def finish(self, state: LoopState, reason: Reason) -> LoopState:
         """Retract from the next sample on, for a reason from outside: time is up, a person wants it."""
-        return replace(state, task=self.task.finish(state.task, cause))
+        return replace(state, task=self.task.finish(state.task, reason))
 
     def step(self, state: LoopState, sample: Sample) -> tuple[LoopState, Decision]:
         """One cycle: what is proposed, judged."""
@@ -133,7 +133,7 @@ class ControlLoop:
             depth,
             measurement,
             output,
-            "" if failed is None else failed.text,
+            None if failed is None else failed.reason,
             advice,
             task,
             oscillation,
@@ -153,9 +153,9 @@ class ControlLoop:
             request = self._request(state, output)
             supervisor, verdict = guard.retreat(state.supervisor, seen, request)
             if isinstance(verdict, Stop):
-                output = replace(output, cause=verdict.text, failed=True)
-        elif proposal.failure:
-            supervisor, verdict = guard.stop(state.supervisor, Cause.CONTROLLER, proposal.failure)
+                output = replace(output, reason=verdict.reason, failed=True)
+        elif proposal.failure is not None:
+            supervisor, verdict = guard.stop(state.supervisor, proposal.failure.cause, proposal.failure.text)
         elif advice is not None and advice.retract:
             text = f"the force goes on swinging by ±{advice.amplitude:.1f} N at the lowest gain"
             supervisor, verdict = guard.stop(state.supervisor, Cause.OSCILLATION, text)
@@ -164,19 +164,19 @@ class ControlLoop:
             supervisor, verdict = guard.step(state.supervisor, seen, request)
             strayed = "" if follows is None else follows.fault(state.trail, seen, guard.limits)
             if strayed and not isinstance(verdict, Stop):
-                supervisor, verdict = guard.stop(state.supervisor, Cause.POSE, strayed)
-        cause = "" if type(verdict) is Allow else _cause(state, output, verdict)
+                supervisor, verdict = guard.stop(state.supervisor, Cause.OFF_PATH, strayed)
+        reason = None if type(verdict) is Allow else _reason(state, output, verdict)
         way: Verdict = verdict
-        if cause and output.phase is not _RETRACT:
+        if reason is not None and output.phase is not _RETRACT:
             # From the state before this sample: the controller's answer to it no longer matters.
             task, output = self._stepped(
-                self.task.fail(state.task, cause), proposal.measurement, proposal.felt
+                self.task.fail(state.task, reason), proposal.measurement, proposal.felt
             )
             supervisor, way = guard.retreat(supervisor, seen, self._request(state, output))
         elif advice is not None and advice.factor < 1.0 and not isinstance(verdict, Stop):
-            lowered = f"the force swings: gain lowered to {advice.factor:g}"
-            reasons = verdict.reasons if isinstance(verdict, Clamp) else ()
-            way = verdict = Clamp(verdict.depth, verdict.position, (*reasons, lowered))
+            lowered = Reason(Cause.GAIN, f"the force swings: gain lowered to {advice.factor:g}")
+            holds = verdict.holds if isinstance(verdict, Clamp) else ()
+            way = verdict = Clamp(verdict.depth, verdict.position, (*holds, lowered))
         before = state.supervisor
         stands, held = isinstance(way, Stop), False
         depth, position = (
@@ -185,8 +185,8 @@ class ControlLoop:
         if output.phase is _RETRACT and output.target.depth < before.depth <= depth:
             # Held back at the border of the workspace, a retraction has come as far as it can.
             held = not (isinstance(way, Clamp) and way.goes_on)
-            if held and not output.cause:  # of a program, which has more to do
-                output = replace(output, cause=held_back(verdict, seen), failed=True)
+            if held and output.reason is None:  # of a program, which has more to do
+                output = replace(output, reason=held_back(verdict, seen), failed=True)
         trail: Trail = ()
         if follows is not None:
             trail = follows.after(state.trail, (proposal.depth, depth), sample.now, sample.position_at)
@@ -324,21 +324,20 @@ class ControlLoop:
         return Request(depth, target, self.approach, barrier, output.turned)
 
 
-def _cause(state: LoopState, output: TaskOutput, verdict: Verdict) -> str:
-    """Why the run must end; empty while it need not. An approach that is held in place would last for
-    ever.
-    """
+def _reason(state: LoopState, output: TaskOutput, verdict: Verdict) -> Reason | None:
+    """Why the run must end; None while it need not. An approach that is held in place would last for ever."""
     match verdict:
-        case Stop(text=text):
-            return text
+        case Stop(reason=reason):
+            return reason
         case Clamp(depth=depth, reasons=reasons) if (
             output.phase is _APPROACH and depth <= state.supervisor.depth and not verdict.goes_on
         ):
-            return f"{'the touch' if output.in_contact else 'no contact found: the approach'} {', '.join(reasons)}"
-        case Clamp(reasons=reasons) if output.phase in (Phase.MOVE, Phase.SEEK) and LEAVES in reasons:
-            return f"the {output.phase} {LEAVES}"
+            held = "the touch" if output.in_contact else "no contact found: the approach"
+            return Reason(Cause.HELD_APPROACH, f"{held} {', '.join(reasons)}")
+        case Clamp() if output.phase in (Phase.MOVE, Phase.SEEK) and verdict.is_for(Cause.WORKSPACE):
+            return Reason(Cause.LEAVES_WORKSPACE, f"the {output.phase} {LEAVES.text}")
         case _:
-            return ""
+            return None
 
 
 def _observe(sample: Sample, proposal: Proposal, output: TaskOutput) -> Observation:
@@ -371,4 +370,6 @@ def _observe(sample: Sample, proposal: Proposal, output: TaskOutput) -> Observat
         sample.witness,
         proposal.measurement.force if output.phase in _FREE and not output.in_contact else None,
         sample.overdue,
+        sample.fault_cause or Cause.ROBOT_STATE,
+        sample.fault_remedy,
     )

@@ -1,16 +1,71 @@
 """Errors, as a tree by the part at fault. Messages are one line: what, where, what to do."""
 
+from hil_bridge.errors.cause_row import CONFIGURATION, STOPPED
+from hil_bridge.errors.cause_table import ROWS
+from hil_bridge.errors.causes import Cause, Part, Reason
+
+__all__ = [
+    "BridgeError",
+    "Cause",
+    "ConfigError",
+    "DeviceError",
+    "GateStop",
+    "OrderRefused",
+    "Part",
+    "Reason",
+    "SafetyStop",
+    "TransportBroken",
+    "TransportClosed",
+    "TransportEnded",
+    "TransportError",
+    "TransportUnavailable",
+]
+
 
 class BridgeError(Exception):
     """Every error that a person is meant to read. `exit_code` is what the command line ends with."""
 
-    exit_code = 3
+    exit_code = STOPPED
+    cause: Cause | None = None
+    """Row of the table of causes; None where the place that raises it does not know whose fault it is."""
+
+    def __init__(self, text: str = "", *, remedy: str = "", cause: Cause | None = None) -> None:
+        """`text` is the fact; `remedy` what else is known of it, and what a person can do."""
+        super().__init__(text)
+        self.remedy = remedy
+        if cause is not None:
+            self.cause = cause
+
+    @property
+    def part(self) -> Part | None:
+        """Part at fault; None where that is not known."""
+        return None if self.cause is None else ROWS[self.cause].part
+
+    @property
+    def fact(self) -> str:
+        """The message without its remedy."""
+        return super().__str__()
+
+    def blame(self, cause: Cause) -> None:
+        """Name the cause where none is named yet."""
+        self.cause = self.cause or cause
+
+    def reason(self, otherwise: Cause) -> Reason:
+        """The error as a value; `otherwise` is its cause where it names none."""
+        return Reason(self.cause or otherwise, self.fact, self.remedy)
+
+    def __str__(self) -> str:
+        return f"{self.fact}; {self.remedy}" if self.remedy else self.fact
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return (type(self), self.args, self.__dict__)
 
 
 class ConfigError(BridgeError):
     """The configuration, a command-line value or a file that was named is wrong."""
 
-    exit_code = 2
+    exit_code = CONFIGURATION
+    cause = Cause.CONFIGURATION
 
 
 class TransportError(BridgeError):
@@ -44,10 +99,14 @@ class SafetyStop(BridgeError):
 class OrderRefused(DeviceError):
     """The robot refused an order; `code` is its own number for the reason, 0 where it tells none."""
 
-    def __init__(self, text: str, code: int = 0) -> None:
-        super().__init__(text)
+    cause = Cause.REFUSED_ORDER
+
+    def __init__(self, text: str, code: int = 0, *, remedy: str = "", cause: Cause | None = None) -> None:
+        super().__init__(text, remedy=remedy, cause=cause)
         self.code = code
 
 
 class GateStop(OrderRefused):
     """The last gate stopped an order, which is a bug of this program; nothing of it was sent."""
+
+    cause = Cause.GATE

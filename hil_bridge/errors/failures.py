@@ -12,7 +12,7 @@ from pathlib import Path
 from types import CodeType
 from typing import Any
 
-from hil_bridge.errors import BridgeError, DeviceError
+from hil_bridge.errors import BridgeError, Cause, DeviceError, Reason, TransportError
 from hil_bridge.errors.offers import packages_of_modules
 
 TRACEBACK_EVENT = "traceback"
@@ -99,20 +99,29 @@ def failure_event(error: BaseException) -> tuple[str, str]:
     return TRACEBACK_EVENT if of_others(error) else BUG_EVENT, traceback_of(error)
 
 
-def unexpected(error: BaseException) -> str:
-    """Why a run ends with an exception that nothing expected, in one line."""
+def unexpected(error: BaseException) -> Reason:
+    """Why a run ends with an exception that nothing expected."""
     if of_others(error):
-        return f"code of another package ended the run: {failure(error)}"
-    return f"a bug ended the run: {type(error).__name__}: {told(error)}"
+        return Reason(Cause.OTHERS_CODE, f"code of another package ended the run: {failure(error)}")
+    return Reason(Cause.BUG, f"a bug ended the run: {type(error).__name__}: {told(error)}")
 
 
-def code_failed(what: str, cause: BaseException) -> BridgeError:
-    """The error that ends a device whose code has raised this; one that a person is meant to read stays as it is."""
+def code_failed(what: str, cause: BaseException, otherwise: Cause) -> BridgeError:
+    """The error that ends a device whose code has raised this; one that a person is meant to read stays as it is.
+
+    `otherwise` is its row of the table of causes where it names none.
+    """
     if isinstance(cause, BridgeError):
+        cause.blame(otherwise)
         return cause
-    failed = CodeFailed(f"{what} stopped: {failure(cause)}")
+    failed = CodeFailed(f"{what} stopped: {failure(cause)}", cause=otherwise)
     failed.__cause__ = cause
     return failed
+
+
+def link_cause(error: BaseException) -> Cause:
+    """Row of the table of causes for what ended the link to a robot, where it names none."""
+    return Cause.CUT_WIRE if isinstance(error, TransportError) else Cause.ROBOT_FAILED
 
 
 def plugin_place(error: BaseException) -> str:

@@ -5,14 +5,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+import msgspec
+
+from hil_bridge.errors.causes import Cause, Reason
+
 PHASE_EVENT = "phase"
 """Kind of the events whose text is the name of the phase that begins."""
 STOP_EVENT = "stop"
 """Kind of the event whose text is the cause of a stop."""
-ASKED_BY_KEY = "asked for the end with the key "
-"""Begin of the text of the event `operator` by which a person ends a run; the key follows."""
-ASKED_BY_PAGE = "asked for the end on the page in the browser"
-"""Text of the same event where the page was used."""
 CHECK_EVENT = "check"
 """Kind of the events that tell what was found of the sensor before the touch: full scales, model, weight, zero."""
 
@@ -52,6 +52,19 @@ CAUTIONS = ("fault", "gap", "signal", "operator")
 """Kinds of events that tell of a disturbance, or of a person."""
 
 
+class Check(StrEnum):
+    """What a finding about the sensor before the touch is about."""
+
+    FACTS = "facts"
+    """Full scales and model."""
+    UNVERIFIED = "unverified"
+    """Axes that the tool's weight does not verify."""
+    UNCHECKED = "unchecked"
+    """The tool's weight is not known, and a person takes that on."""
+    ZERO = "zero"
+    """The zero that was taken."""
+
+
 class Outcome(StrEnum):
     """Outcome of a run."""
 
@@ -67,7 +80,8 @@ class RunEnd:
     """Facts that only the run itself knows when it ends."""
 
     outcome: Outcome
-    cause: str = ""
+    reason: Reason | None = None
+    """Why it ended; None for a run that went to its end."""
     line_floor_s: float | None = None
     """Shortest time of one cycle's characters on the line."""
     link: Mapping[str, float] = field(default_factory=dict)
@@ -78,21 +92,63 @@ class RunEnd:
     """Delay of the sensor's filter at low frequencies."""
     left: str = ""
     """Place at which the tool was left, in words; empty when it never moved."""
-    followed: tuple[str, ...] = ()
-    """Events after the cause, in order."""
+    followed: tuple[Reason, ...] = ()
+    """Causes after the first one, in order."""
     rest: Mapping[str, bool | float | None] = field(default_factory=dict)
     """Place at which the tool was left, as values: retracted, depth_m, force_n; empty when it never moved."""
+    place: str = ""
+    """The place alone, in words; empty when it never moved."""
+
+    @property
+    def cause(self) -> Cause | None:
+        """Row of the table of causes; None for a run that went to its end."""
+        return None if self.reason is None else self.reason.cause
+
+    @property
+    def text(self) -> str:
+        """The cause in words, in one line; empty without one."""
+        return "" if self.reason is None else str(self.reason)
 
     def as_metadata(self) -> dict[str, str]:
         """Metadata for `Recorder.close`, so that a record tells its end by itself."""
         return {
             "outcome": self.outcome.value,
-            "cause": self.cause,
+            "cause": self.cause or "",
+            "text": "" if self.reason is None else self.reason.text,
+            "remedy": "" if self.reason is None else self.reason.remedy,
+            "step": "" if self.reason is None else self.reason.step,
             "line_floor_s": json.dumps(self.line_floor_s),
             "link": json.dumps(dict(self.link), sort_keys=True),
             "sensor_lost": json.dumps(self.sensor_lost),
             "sensor_delay_s": json.dumps(self.sensor_delay_s),
             "left": self.left,
-            "followed": json.dumps(self.followed),
+            "followed": json.dumps([msgspec.to_builtins(reason) for reason in self.followed]),
             "rest": json.dumps(dict(self.rest), sort_keys=True),
+            "place": self.place,
         }
+
+
+def reason_of(end: Mapping[str, str]) -> Reason | None:
+    """Why a recorded run ended, by the metadata of its end; None where it went to its end."""
+    if end.get("cause", "") not in set(Cause):
+        return None
+    return Reason(Cause(end["cause"]), end.get("text", ""), end.get("remedy", ""), end.get("step", ""))
+
+
+def followed_of(end: Mapping[str, str]) -> tuple[Reason, ...]:
+    """Causes that followed the first one, by the metadata of the end."""
+    try:
+        return msgspec.json.decode(end.get("followed") or "[]", type=tuple[Reason, ...])
+    except msgspec.DecodeError:  # of an earlier version
+        return ()
+
+
+def words_of(end: Mapping[str, str]) -> dict[str, object]:
+    """The end for a page: outcome, cause, place and what followed, in words."""
+    reason = reason_of(end)
+    return {
+        "outcome": end.get("outcome", ""),
+        "cause": "" if reason is None else str(reason),
+        "left": end.get("left", ""),
+        "followed": [str(followed) for followed in followed_of(end)],
+    }

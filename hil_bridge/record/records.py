@@ -10,6 +10,9 @@ from msgspec import Meta, Struct
 
 from hil_bridge.control.course.task import Phase
 from hil_bridge.control.decision import Sample
+from hil_bridge.errors.causes import Cause
+from hil_bridge.record.ending import Check
+from protocol.faults import FaultStage
 
 Vector: TypeAlias = Annotated[tuple[float, ...], Meta(min_length=3, max_length=3)]
 Quaternion: TypeAlias = Annotated[tuple[float, ...], Meta(min_length=4, max_length=4)]
@@ -27,20 +30,20 @@ class CycleRecord(Struct, frozen=True):
     cycle: int
     """Number of the control cycle."""
     phase: PhaseName
-    """approach, track, retract or end."""
+    """Phase of the run: approach, track, retract, move, seek, zero or end."""
     # --- times of the hops
     started_at: float
-    """Cycle begins: the status order is handed to the link, s."""
+    """Cycle begins: a robot that is asked is asked where it is, the report of one that streams is taken, s."""
     status_at: float
-    """The status answer is complete, s."""
+    """The robot's report of where it is is complete, s."""
     sensor_at: float
     """Arrival of the sensor frame that the controller was given, s."""
     controlled_at: float
     """Controller and supervisor are done, s."""
     sent_at: float
-    """The move order is handed to the link, or the first byte of its bid to the port if that is not out yet, s."""
+    """The order is handed over, s: its first byte to the port of a robot that is asked, the target to a stream."""
     answered_at: float
-    """The move order's answer is complete: the cycle ends, s."""
+    """The robot has taken the order, or the stream has its target: the cycle ends, s."""
     # --- inputs
     sensor_sequence: int
     """Frame counter of the sensor frame used, unwrapped."""
@@ -84,17 +87,19 @@ class CycleRecord(Struct, frozen=True):
     """Reported tool position at the start point, robot base frame, m."""
     asked: str = ""
     """Why the run was asked to finish before this decision; empty in all other cycles."""
+    asked_cause: Cause | None = None
+    """Row of the table of causes for `asked`; left out of all other cycles."""
     sample: Sample | None = None
     """Complete input of the decision; None where it was not kept."""
     # --- more times of the hops; NaN for a time without a stamp
     status_transmitted_at: float = math.nan
-    """The last character of the status order has left the line, calculated at the line's rate, s."""
+    """The last character of the question where the robot is has left the line, calculated at the line's rate, s."""
     decoded_at: float = math.nan
     """The sensor frame that the controller was given had been decoded, s."""
     proposed_at: float = math.nan
     """The controller is done; the supervisor begins, s."""
     transmitted_at: float = math.nan
-    """The last character of the move order has left the line, calculated at the line's rate, s."""
+    """The last character of the order has left the line, calculated at the line's rate, s."""
     sensor_counter: int = 0
     """Counter of the sensor frame used, as the device sent it."""
     answer_s: float = math.nan
@@ -139,6 +144,12 @@ class StepRecord(Struct, frozen=True):
     """How it ended, in words."""
     resumable: float = 0.0
     """Way until which its force was last within its band, m."""
+    word: str = ""
+    """Its word alone: approach, track, hold, seek, retract, move or zero."""
+    repeat: int = 0
+    """Number of the repeat that it belongs to, as it stands in the program; 0 for none."""
+    turn: int = 0
+    """Its pass in that repeat, from 1; 0 for none."""
 
 
 class SensorRecord(Struct, frozen=True):
@@ -206,6 +217,33 @@ class TruthRecord(Struct, frozen=True):
     """
 
 
+class FaultNote(Struct, frozen=True):
+    """What has become of an injected fault."""
+
+    target: str
+    """Part of the cell that it is of."""
+    name: str
+    """Name of the fault."""
+    stage: FaultStage
+    """begins, happens, ends, struck, never, refused or by hand."""
+    values: dict[str, float] = {}
+    """Its parameters that are numbers, by name."""
+    words: dict[str, str] = {}
+    """Its other parameters, by name."""
+    struck: int | None = None
+    """Number of its effects, once the run is over."""
+
+    @property
+    def is_injected(self) -> bool:
+        """Whether it strikes from this event on."""
+        return self.stage in (FaultStage.BEGINS, FaultStage.HAPPENS)
+
+    @property
+    def title(self) -> str:
+        """Target and name, as people read it."""
+        return f"{self.target}: {self.name}"
+
+
 class EventRecord(Struct, frozen=True):
     """Something that happened: a phase begins, a device answers late, the supervisor stops the run."""
 
@@ -215,3 +253,11 @@ class EventRecord(Struct, frozen=True):
     """Kind of the event."""
     text: str
     """Text of the event."""
+    cause: Cause | None = None
+    """Row of the table of causes, of an event that ends the run or follows that; left out of all others."""
+    check: Check | None = None
+    """What a finding about the sensor is about; left out of all other events."""
+    by: str = ""
+    """The key, or the signal, by which a person asked; empty for all other events."""
+    fault: FaultNote | None = None
+    """The injected fault that the event tells of; left out of all others."""

@@ -163,6 +163,8 @@ def _schema(kind: inspect.Type) -> dict[str, object]:
             return {"type": "object", "properties": described, "required": required}
         case inspect.DictType(value_type=item):
             return {"type": "object", "properties": {}, "additionalProperties": _item(item)}
+        case inspect.EnumType(cls=words):
+            return {"type": "string", "enum": [one.value for one in words]}
         case inspect.VarTupleType(item_type=item, min_length=least, max_length=most):
             return _array(item, least, most)
         case inspect.TupleType(item_types=items):

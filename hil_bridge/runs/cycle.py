@@ -19,8 +19,10 @@ from hil_bridge.control.geometry.turning import apart, unit
 from hil_bridge.control.program.program import Program
 from hil_bridge.devices.robots.seam import Motion, MotionLimits, RobotLink, RobotReport, orientation_fault
 from hil_bridge.devices.sensors.stream import ForceSensor
-from hil_bridge.errors import BridgeError, DeviceError
+from hil_bridge.errors import BridgeError, Cause, DeviceError, Reason
 from hil_bridge.errors.cancelling import is_asked
+from hil_bridge.errors.cause_row import COMPLETED
+from hil_bridge.errors.cause_table import ROWS
 from hil_bridge.errors.failures import (
     TRACEBACK_EVENT,
     CodeFailed,
@@ -38,8 +40,8 @@ from hil_bridge.record import (
     Outcome,
     StepRecord,
 )
+from hil_bridge.record.ending import Check
 from hil_bridge.runs.bounds import check_depth, run_bounds
-from hil_bridge.runs.causes import kind_of
 from hil_bridge.runs.cycle_record import Course, cycle_record
 from hil_bridge.runs.leaving import ARRIVED_M, Left, WayOut, in_words, not_away, stand_still
 from hil_bridge.runs.pace import cycle_starts
@@ -57,7 +59,7 @@ THEN_EVENT = "then"
 """Kind of the events whose text is what followed the cause of a stop."""
 FOLLOWED_MAX = 5
 """Chosen: things told that followed the cause of a stop."""
-TIME_IS_UP = "time is up"
+TIME_IS_UP = Reason(Cause.TIME_IS_UP, "time is up")
 """Why a run ends that went as it was meant to."""
 TURNED_RAD = math.radians(0.05)
 """Chosen: turn of a tool that a program turns, below which its wrist counts as the same: 0.01 N of 10 N."""
@@ -84,14 +86,30 @@ class RunResult:
     """Result of a run."""
 
     outcome: Outcome
-    cause: str = ""
-    """The first one."""
+    reason: Reason | None = None
+    """Why it ended; None for a program that went to its end. Without words where it went as it was meant to."""
     left: str = ""
     """Place at which the tool was left, in words; empty where it never moved."""
-    followed: tuple[str, ...] = ()
-    """Events after the first cause."""
+    followed: tuple[Reason, ...] = ()
+    """Causes after the first one."""
     rest: Left | None = None
     """The same place as values; None where it never moved."""
+
+    @property
+    def cause(self) -> Cause | None:
+        """Row of the table of causes; None for a run that went to its end."""
+        return None if self.reason is None else self.reason.cause
+
+    @property
+    def text(self) -> str:
+        """The cause in words, in one line; empty without one."""
+        return "" if self.reason is None else str(self.reason)
+
+    @property
+    def exit_code(self) -> int:
+        """Exit code of a program that ends so, by the table of causes."""
+        code = None if self.cause is None else ROWS[self.cause].exit_code
+        return COMPLETED if code is None else code
 
 
 class Run:
@@ -108,7 +126,7 @@ class Run:
         self._turns = isinstance(self._loop.task, Program) and self._loop.task.turns
         """A program turns the tool."""
         self._wrist = (known_wrist(config) if self._turns else None) or wrist(config)
-        self._zeroing = Zeroing(config, clock, robot, sensor, lambda text: self._event(CHECK_EVENT, text))
+        self._zeroing = Zeroing(config, clock, robot, sensor, self._check)
         self._steps = StepTeller(self._loop.task, clock, log, self._event)
         self._way_out = WayOut(config, clock, robot, sensor, self._loop)
         self._heart = Heartbeat(clock)
@@ -123,17 +141,20 @@ class Run:
         self._peaks: Peaks | None = None
         """After the last order that the robot took; None before the first cycle."""
         self._turned_wrist: tuple[Quaternion, WristAtOrientation] | None = None
-        self._interrupted = self._held = False
+        self._interrupted: Cause | None = None
+        """Who or what asked for the end; None while it goes on."""
+        self._held = False
         self._phase = ""
-        self._outcome, self._cause = Outcome.COMPLETED, ""
-        self._followed: list[str] = []
+        self._outcome = Outcome.COMPLETED
+        self._reason: Reason | None = None
+        self._followed: list[Reason] = []
         self._stopped_at: float | None = None
         """When the run stopped, s on the run's clock; None while it has not."""
         self._pause = 0.0
         self._log_error: Exception | None = None
         """Error that the log raised for an event."""
-        self._failed = ""
-        """Failure beside the cycles, in words, that no cycle has answered yet."""
+        self._failed: Reason | None = None
+        """Failure beside the cycles that no cycle has answered yet."""
         self._traced: BaseException | None = None
         """Failure whose traceback has been told."""
         self.moving = False
@@ -146,13 +167,13 @@ class Run:
         """Labels of a program's steps; empty without one."""
         return self._steps.labels
 
-    def interrupt(self) -> None:
-        """Retract from the next cycle on, and end."""
-        self._interrupted = True
+    def interrupt(self, by: Cause = Cause.INTERRUPTED) -> None:
+        """Retract from the next cycle on, and end; `by` is the row of the table of causes. The first one stays."""
+        self._interrupted = self._interrupted or by
 
-    def fail(self, cause: str) -> None:
-        """Retract from the next cycle on, and end, because of a failure beside the cycles; nothing without a cause."""
-        self._failed = self._failed or cause
+    def fail(self, reason: Reason | None) -> None:
+        """Retract from the next cycle on, and end, because of a failure beside the cycles; nothing without a reason."""
+        self._failed = self._failed or reason
 
     def hold(self) -> bool:
         """Hold the tool in its place while it tracks, its force controlled, or let it go on; whether it is held."""
@@ -173,7 +194,9 @@ class Run:
         except BridgeError as error:
             self._trace(error)
             if self._failed and not self.moving:
-                raise DeviceError(f"{self._failed}; then {error}") from error
+                first = self._failed
+                remedy = "; ".join(filter(None, (first.remedy, f"then {error}")))
+                raise DeviceError(first.fact, remedy=remedy, cause=first.cause) from error
             raise
 
     async def _whole(self) -> RunResult:
@@ -198,7 +221,7 @@ class Run:
                     moved, commanded = motion.ordered, motion.commanded or commanded
                     answers = not motion.abandoned
         except BridgeError as error:
-            self._blame(str(error))
+            self._blame(error.reason(Cause.ROBOT_FAILED))
         except asyncio.CancelledError as error:
             cancelled = error
         finally:
@@ -206,10 +229,10 @@ class Run:
             self.moving = False
         rest = await self._left(start, commanded, answers) if moved else None
         if self._state is not None and self._outcome is not Outcome.COMPLETED:
-            self._steps.cut(self._state.task.course, self._cause, self._stopped_at)
+            self._steps.cut(self._state.task.course, self._reason, self._stopped_at)
         self._enter("end")
         left = "" if rest is None else rest.text
-        self.result = RunResult(self._outcome, self._cause, left, tuple(self._followed), rest)
+        self.result = RunResult(self._outcome, self._reason, left, tuple(self._followed), rest)
         if cancelled is not None:
             raise cancelled
         return self.result
@@ -226,9 +249,9 @@ class Run:
         as the robot takes orders.
         """
         try:
-            zero = await self._zeroing.take(motion, start, lambda: self._interrupted)
+            zero = await self._zeroing.take(motion, start, lambda: self._interrupted is not None)
             if zero is None:
-                self._outcome = Outcome.INTERRUPTED
+                self._end_as_asked()
                 return
             self._start = zero.start
             self._quaternion_tare = self._orientation if self._config.sensor.tare else None
@@ -238,11 +261,11 @@ class Run:
             await self._cycles(motion)
         except BridgeError as error:
             self._trace(error)
-            self._blame(self._in_step(str(error)))
+            self._blame(self._in_step(error.reason(Cause.ROBOT_FAILED)))
             await self._retract(motion)
         except BaseException as error:
             if asked := is_asked(error):
-                self._blame("the run was cancelled")
+                self._blame(Reason(Cause.CANCELLED, "the run was cancelled"))
             else:
                 self._event(*failure_event(error))
                 self._blame(self._in_step(unexpected(error)))
@@ -250,9 +273,14 @@ class Run:
             if asked or not (isinstance(error, (Exception, SystemExit)) or of_others(error)):
                 raise
 
-    def _in_step(self, cause: str) -> str:
+    def _end_as_asked(self) -> None:
+        """The run ends because a person, or a program, has asked for it."""
+        assert self._interrupted is not None
+        self._outcome, self._reason = Outcome.INTERRUPTED, Reason(self._interrupted)
+
+    def _in_step(self, reason: Reason) -> Reason:
         """Why the run stops, with the step of a program in which it does."""
-        return cause if self._state is None else self._steps.where(self._state.task.course, cause)
+        return reason if self._state is None else self._steps.where(self._state.task.course, reason)
 
     async def _retract(self, motion: Motion) -> None:
         """Back to the depth of the start by orders alone."""
@@ -281,16 +309,19 @@ class Run:
         if self._outcome is not Outcome.STOPPED and not away:
             self._blame(not_away(depth, told))
         elif self._outcome is not Outcome.STOPPED and pressing:
-            self._blame(
+            text = (
                 f"{told} after the retraction: the tool touches something, or the sensor's zero has changed"
+            )
+            self._blame(
+                Reason(Cause.LEFT_PRESSING, text)
                 if math.isfinite(force)
-                else "the sensor tells no force after the retraction"
+                else Reason(Cause.LEFT_UNKNOWN, "the sensor tells no force after the retraction")
             )
         elif self._outcome is not Outcome.STOPPED and math.isfinite(own):
-            self._blame(
-                f"the force sensor tells {told} after the retraction, the robot itself feels {own:.0f} N"
-            )
-        because = kind_of(self._followed[-1] if self._followed else self._cause)
+            text = f"the force sensor tells {told} after the retraction, the robot itself feels {own:.0f} N"
+            self._blame(Reason(Cause.LEFT_DISAGREEING, text))
+        last = self._followed[-1] if self._followed else self._reason
+        because = "" if last is None else last.fact
         free = away and not pressing and math.isnan(own)
         return Left(free, depth, force, because, saturated, own)
 
@@ -310,16 +341,16 @@ class Run:
             report = await self._robot.report(soon=True)
             frame, decoded_at = self._frame(), self._sensor.decoded_at
             sample = self._sample(report, frame)
-            asked = ""
+            asked: Reason | None = None
             if self._interrupted and self._outcome is Outcome.COMPLETED:
-                self._outcome = Outcome.INTERRUPTED
-                asked = "interrupted"
-            elif self._failed:
+                self._end_as_asked()
+                asked = Reason(self._interrupted, "interrupted")
+            elif self._failed is not None:
                 asked = self._failed
                 self._blame(asked)
             elif sample.now >= track_ends:
                 asked = TIME_IS_UP
-            before = self._loop.finish(state, asked) if asked else state
+            before = state if asked is None else self._loop.finish(state, asked)
             proposal = self._loop.propose(before, sample)
             if self._pause:
                 pause, self._pause = self._pause, 0.0
@@ -336,9 +367,10 @@ class Run:
             self._enter(decision.output.phase)
             if decision.output.phase is Phase.TRACK and track_ends == math.inf and not self._config.task.step:
                 track_ends = sample.now + self._config.run.duration_s
-            if decision.output.failed:
-                stands = f"; {self._sensor.stands}" if self._sensor.stands else ""
-                self._blame(f"{self._steps.where(after.task.course, decision.output.cause)}{stands}")
+            if decision.output.failed and decision.output.reason is not None:
+                failed = self._steps.where(after.task.course, decision.output.reason)
+                remedy = "; ".join(filter(None, (failed.remedy, self._sensor.stands)))
+                self._blame(replace(failed, remedy=remedy))
             if decision.stands:
                 sent = await stand_still(motion)
             else:
@@ -360,7 +392,8 @@ class Run:
                         answered_at=self._clock.now(),
                         sensor_counter=frame.counter,
                         start=self._start.pose.position,
-                        asked=asked,
+                        asked="" if asked is None else str(asked),
+                        asked_cause=None if asked is None else asked.cause,
                         correction=decision.target.depth - commanded_before,
                         sent_at=sent.begun_at,
                         transmitted_at=sent.left_at,
@@ -371,17 +404,18 @@ class Run:
             self._steps.ended(state.task.course)
             if decision.ended:
                 break
-        if self._outcome is Outcome.COMPLETED and state.task.cause != TIME_IS_UP:
-            self._cause = state.task.cause
+        if self._outcome is Outcome.COMPLETED:
+            reason = state.task.reason
+            self._reason = Reason(Cause.TIME_IS_UP) if reason == TIME_IS_UP else reason
 
     def _sample(self, report: RobotReport, frame: WrenchFrame) -> Sample:
         """The newest of everything, now that the robot has told where it is."""
-        sensor, (position, quaternion), fault = self._sensor, report.pose, report.fault
+        sensor, (position, quaternion), fault = self._sensor, report.pose, fault_of(report)
         try:
             sensor.check()
         except BridgeError as error:
             self._trace(error)
-            fault = fault or str(error)
+            fault = fault or error.reason(Cause.SENSOR_FAILED)
         assert sensor.peaks is not None
         peak_force, peak_resultant, peak_moment, saturated = sensor.peaks.take()
         if orientation_fault(quaternion):
@@ -404,7 +438,7 @@ class Run:
             sensor.repeated,
             saturated or bool(sensor.saturated),
             self._dead_axis(quaternion),
-            fault,
+            "" if fault is None else fault.text,
             wrist.force_along(_TRAVEL, wrench),
             wrench,
             report.pose_at,
@@ -419,6 +453,8 @@ class Run:
             witness=self._zeroing.own_force.along(report),
             doubt=int(self._zeroing.doubt(force)),
             overdue=max(now - frame.at - self._due_after, 0.0),
+            fault_cause=None if fault is None else fault.cause,
+            fault_remedy="" if fault is None else fault.remedy,
         )
 
     def _frame(self) -> WrenchFrame:
@@ -452,20 +488,22 @@ class Run:
         near = self._turns and apart(unit(known), unit(quaternion)) <= TURNED_RAD
         return known != quaternion and not near
 
-    def _blame(self, cause: str) -> None:
-        """Stop for this cause, or note what followed the first one. A failure that is not answered yet goes first."""
-        failed, self._failed = self._failed, ""
-        if failed and failed != cause:
+    def _blame(self, reason: Reason) -> None:
+        """Stop for this reason, or note what followed the first one. A failure that is not answered yet goes first."""
+        failed, self._failed = self._failed, None
+        if failed is not None and failed != reason:
             self._blame(failed)
         if self._outcome is not Outcome.STOPPED:
-            self._outcome, self._cause = Outcome.STOPPED, cause
+            self._outcome, self._reason = Outcome.STOPPED, reason
             self._stopped_at = self._clock.now()
-            self._event(STOP_EVENT, cause)
-        elif len(self._followed) < FOLLOWED_MAX and kind_of(cause) not in map(
-            kind_of, (self._cause, *self._followed)
-        ):
-            self._followed.append(cause)
-            self._event(THEN_EVENT, cause)
+            self._event(STOP_EVENT, str(reason), reason.cause)
+        elif len(self._followed) < FOLLOWED_MAX and not self._is_blamed(reason):
+            self._followed.append(reason)
+            self._event(THEN_EVENT, str(reason), reason.cause)
+
+    def _is_blamed(self, reason: Reason) -> bool:
+        """Whether the same fact, whatever else is known of it, has been told."""
+        return any(told is not None and told.text == reason.text for told in (self._reason, *self._followed))
 
     def _trace(self, error: BridgeError) -> None:
         """Tell the traceback of code that has failed, once."""
@@ -479,10 +517,21 @@ class Run:
             self._phase = phase
             self._event(PHASE_EVENT, phase)
 
-    def _event(self, kind: str, text: str) -> None:
+    def _check(self, text: str, check: Check) -> None:
+        self._event(CHECK_EVENT, text, check=check)
+
+    def _event(self, kind: str, text: str, cause: Cause | None = None, *, check: Check | None = None) -> None:
         try:
-            self._log.event(EventRecord(self._clock.now(), kind, text))
+            self._log.event(EventRecord(self._clock.now(), kind, text, cause, check))
         except (
             Exception
         ) as error:  # the next cycle tells it: nothing comes between a failure and its retraction
             self._log_error = error
+
+
+def fault_of(report: RobotReport) -> Reason | None:
+    """The fault that a robot reports; None while it reports none."""
+    if not report.fault:
+        return None
+    cause = Cause.ORIENTATION if orientation_fault(report.pose.quaternion) else Cause.ROBOT_STATE
+    return Reason(cause, report.fault)

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 from hil_bridge.control import Command, Decision, Sample, TaskParameters, numeric_explanation
 from hil_bridge.devices.robots.seam import ANSWER, PACKET, QUESTION_LEFT, RobotReport
+from hil_bridge.errors.causes import Cause
 from hil_bridge.record import CycleRecord
 from protocol.geometry import Vector
 
@@ -21,6 +22,7 @@ class Course(NamedTuple):
     sensor_counter: int
     start: Vector
     asked: str
+    asked_cause: Cause | None
     correction: float
     sent_at: float
     transmitted_at: float

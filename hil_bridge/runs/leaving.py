@@ -13,7 +13,7 @@ from hil_bridge.clock import Clock
 from hil_bridge.control import Clamp, ControlLoop, LoopState, Observation, Request, Stop, Supervisor
 from hil_bridge.devices.robots.seam import Motion, Pacing, RobotLink, Sent
 from hil_bridge.devices.sensors.stream import ForceSensor
-from hil_bridge.errors import BridgeError, DeviceError, OrderRefused, TransportError
+from hil_bridge.errors import BridgeError, Cause, DeviceError, OrderRefused, Reason, TransportError
 from hil_bridge.runs.small_steps import FOLLOWS_M
 from hil_bridge.settings.configuration import Config
 from protocol.geometry import Pose, Quaternion, Vector
@@ -54,11 +54,12 @@ def in_words(force: float, saturated: bool) -> str:
     return f"at least {force:.1f} N at the end of the sensor's range" if saturated else f"{force:.1f} N"
 
 
-def not_away(depth: float, force: str) -> str:
+def not_away(depth: float, force: str) -> Reason:
     """Why a tool has not come back, from its depth below the start, m, and its force in words."""
     if math.isfinite(depth):
-        return f"the robot reports the tool {depth * 1e3:.1f} mm from the start, with {force}"
-    return f"the robot does not tell where the tool was left, with {force}"
+        text = f"the robot reports the tool {depth * 1e3:.1f} mm from the start, with {force}"
+        return Reason(Cause.NOT_AWAY, text)
+    return Reason(Cause.PLACE_UNKNOWN, f"the robot does not tell where the tool was left, with {force}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,17 +86,21 @@ class Left:
         return {"retracted": self.retracted, "depth_m": depth, "force_n": force}
 
     @property
-    def text(self) -> str:
-        """The result in words, for the last line of a run."""
+    def place(self) -> str:
+        """Where it was left, in words."""
         force = in_words(self.force, self.saturated) if math.isfinite(self.force) else "force unknown"
         if math.isfinite(self.own_force):
             force += f" (the robot itself feels {self.own_force:.0f} N)"
         if self.retracted:
             return f"retracted, {force}"
         depth = f"{self.depth * 1e3:.1f} mm" if math.isfinite(self.depth) else "an unknown depth"
-        return (
-            f"NOT retracted: left at {depth}, {force}, because {self.because}; hil-bridge free lifts it off"
-        )
+        return f"NOT retracted: left at {depth}, {force}"
+
+    @property
+    def text(self) -> str:
+        """The result in words, for the last line of a run."""
+        because = f", because {self.because}; hil-bridge free lifts it off"
+        return f"{self.place}{'' if self.retracted else because}"
 
 
 class WayOut:
@@ -113,7 +118,7 @@ class WayOut:
         motion: Motion,
         state: LoopState,
         orientation: Quaternion,
-        blame: Callable[[str], None],
+        blame: Callable[[Reason], None],
     ) -> None:
         """Order the tool back to the depth of the start, where it has been, as long as the robot takes orders.
 
@@ -134,14 +139,14 @@ class WayOut:
                 supervisor, self._observe(state, supervisor.depth), request
             )
             if isinstance(verdict, Stop):
-                blame(verdict.text)
+                blame(verdict.reason)
                 await stand_still(motion)
                 return
             try:
                 await motion.to(Pose(verdict.position, orientation))
                 await motion.settled()
             except BridgeError as error:
-                blame(str(error))
+                blame(error.reason(Cause.DEAD_LINK))
                 if isinstance(error, TransportError) or self._clock.now() >= patience:
                     if not isinstance(error, OrderRefused):
                         motion.abandon()
@@ -165,13 +170,13 @@ class WayOut:
         """Observation from the sensor alone, without a status of the robot, which was ordered to this depth, m."""
         sensor, newest, now = self._sensor, self._sensor.newest, self._clock.now()
         force = resultant = math.nan
-        fault = ""
+        fault = None
         if newest is not None and sensor.peaks is not None:
             force, resultant = sensor.peaks.along(newest.values), sensor.peaks.resultant(newest.values)
         try:
             sensor.check()
         except BridgeError as error:
-            fault = str(error)
+            fault = error.reason(Cause.SENSOR_FAILED)
         return Observation(
             now,
             force,
@@ -181,7 +186,8 @@ class WayOut:
             saturated=bool(sensor.saturated),
             pressing=state.task.in_contact,
             depth=depth,
-            fault=fault,
+            fault="" if fault is None else str(fault),
+            fault_cause=Cause.SENSOR_FAILED if fault is None else fault.cause,
         )
 
     async def rest(self, start: Vector, commanded: Vector, answers: bool) -> tuple[float, float]:
@@ -195,7 +201,7 @@ class WayOut:
         patience = self._clock.now() + ARRIVAL_S
         try:
             if not answers:
-                raise DeviceError("the robot does not answer")
+                raise DeviceError("the robot does not answer", cause=Cause.DEAD_LINK)
             while True:
                 position = (await self._robot.report()).pose.position
                 depth = self._depth(start, position)

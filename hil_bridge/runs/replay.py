@@ -13,7 +13,7 @@ from msgspec.structs import replace
 from pydantic import ValidationError
 
 from hil_bridge.control import Decision
-from hil_bridge.errors import ConfigError
+from hil_bridge.errors import Cause, ConfigError, Reason
 from hil_bridge.errors.text_files import parse_json
 from hil_bridge.record import CycleRecord, Recording
 from hil_bridge.runs.setup import Setup
@@ -98,7 +98,7 @@ def replay(recording: Recording, config: Config, forced: bool) -> Iterator[Repla
         if record.sample is None or record.cycle != number:
             raise ConfigError(f"the inputs of cycle {number} are not in the recording: replay ends there")
         if record.asked:
-            state = loop.finish(state, record.asked)
+            state = loop.finish(state, Reason(record.asked_cause or Cause.INTERRUPTED, record.asked))
         state, decision = loop.step(state, record.sample)
         replayed = ReplayedCycle(record, decision)
         if forced and replayed.differences:

@@ -14,6 +14,7 @@ from hil_bridge.control.course.task import TARE
 from hil_bridge.devices.facts import Devices, Pacing, Sensor
 from hil_bridge.devices.robots.seam import RobotLink
 from hil_bridge.devices.sensors.stream import ForceSensor
+from hil_bridge.errors.causes import Cause, Reason
 from hil_bridge.errors.failures import FAILED_EVENT, RAISED, of_others, raise_if_asked, tell_failure
 from hil_bridge.record import (
     PHASE_EVENT,
@@ -113,8 +114,8 @@ class RunLog:
         """The run over the devices, once they are open."""
         self.steps: list[StepRecord] = []
         """Steps of a program that have ended."""
-        self._failed = ""
-        """Failure of the emulated cell, in words."""
+        self._failed: Reason | None = None
+        """Failure of the emulated cell."""
 
     # --- records and notices of the run and the devices
 
@@ -159,11 +160,15 @@ class RunLog:
 
     def notice(self, kind: str, text: str) -> None:
         """A device tells something that is worth a line in the record."""
-        self.event(EventRecord(self._clock.now(), kind, text))
+        self.tell(kind, text)
         if kind == FAILED_EVENT:
-            self._failed = text
+            self._failed = Reason(Cause.CELL_FAILED, text)
             if self.run is not None:
-                self.run.fail(text)
+                self.run.fail(self._failed)
+
+    def tell(self, kind: str, text: str, **values: Any) -> None:
+        """Something beside the cycles happens now; `values` are further fields of its record."""
+        self.event(EventRecord(self._clock.now(), kind, text, **values))
 
     def traffic(self, device: str, direction: Direction, data: Any) -> None:
         """Data have just gone over a device's wire."""
@@ -200,15 +205,14 @@ class RunLog:
             if devices.served is not None:
                 self._emulated(devices.served)
             self.run = Run(setup, clock, devices.robot, devices.sensor, self)
-            if self._failed:
-                self.run.fail(self._failed)
+            self.run.fail(self._failed)
             yield devices
 
     def _emulated(self, served: compose.ServedCell) -> None:
         cell = served.cell
         streamed = self._setup.facts.pacing is Pacing.STREAMED
         self._truths = GroundTruth(cell, self._setup.sensor.is_emulated, self._keeper.put, streamed)
-        self._faults = FaultSchedule(self._setup.config.faults, cell, self._clock, self.notice, self._pause)
+        self._faults = FaultSchedule(self._setup.config.faults, cell, self._clock, self.event, self._pause)
 
     def _pause(self, seconds: float) -> None:
         """A fault of the computer: it stands still."""
@@ -222,7 +226,7 @@ class RunLog:
         sensor = self.sensor
         return RunEnd(
             result.outcome,
-            result.cause,
+            result.reason,
             self.facts.line_floor_s,
             dict(self.robot.counters) if self.robot else {},
             sensor.lost if sensor else None,
@@ -230,6 +234,7 @@ class RunLog:
             result.left,
             result.followed,
             {} if result.rest is None else result.rest.values,
+            "" if result.rest is None else result.rest.place,
         )
 
     def close(self, end: RunEnd) -> None:

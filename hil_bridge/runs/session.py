@@ -17,8 +17,9 @@ from hil_bridge.clock.realtime import collect_generation_1, real_time_loop
 from hil_bridge.console import keys
 from hil_bridge.console.debugging import debug_wanted, told_bug
 from hil_bridge.console.screen import LEAVE_SECONDS, Terminal
-from hil_bridge.errors import BridgeError
+from hil_bridge.errors import BridgeError, Cause
 from hil_bridge.errors.cancelling import is_asked
+from hil_bridge.errors.cause_row import CRITERION, INTERRUPTED
 from hil_bridge.errors.failures import BUG_EVENT, TRACEBACK_EVENT, failure_event, traceback_of, unexpected
 from hil_bridge.errors.text_files import format_path
 from hil_bridge.record import (
@@ -33,12 +34,11 @@ from hil_bridge.record import (
     StepRecord,
 )
 from hil_bridge.record.analysis.steps import failed_criteria, step_outcomes
-from hil_bridge.record.ending import ASKED_BY_KEY, ASKED_BY_PAGE
+from hil_bridge.record.ending import Check
 from hil_bridge.record.recorder import map_buffers
 from hil_bridge.runs.checks import check
 from hil_bridge.runs.closing import ended_after, ended_before
 from hil_bridge.runs.cycle import Run, RunResult
-from hil_bridge.runs.faults.schedule import FAULT_EVENT
 from hil_bridge.runs.outputs import Outputs, record_path, settled, write_outputs
 from hil_bridge.runs.run_log import RunLog, metadata_of
 from hil_bridge.runs.setup import Setup
@@ -46,15 +46,11 @@ from hil_bridge.runs.shown import Relay, Views, fed
 from hil_bridge.runs.signals import Signals, signal_name, unless_hung_up
 from hil_bridge.settings.configuration import Config
 from hil_bridge.show.terminal import REFRESH_SECONDS, Health, Scene
+from protocol.faults import FaultStage
 
 if TYPE_CHECKING:
     from hil_bridge.show.terminal.live import LiveView
     from hil_bridge.show.web.feed import Feed
-
-EXIT_CODES = {Outcome.COMPLETED: 0, Outcome.STOPPED: 3, Outcome.INTERRUPTED: 130}
-"""130 is what a shell expects of a command that Ctrl-C ended."""
-EXIT_CRITERION = 4
-"""The run has completed, but a step of its program did not meet its criterion."""
 
 SIGNALS_TOLD = 16
 """Signals that the record names. Chosen: a flood of them must not fill it."""
@@ -115,13 +111,13 @@ def _end(session: "_Session", result: RunResult, outputs: Outputs, path: Path) -
     keeps the run from its report. A second one keeps it from waiting for a terminal that takes no more.
     """
     signals, terminal = session.signals, session.terminal
-    code = EXIT_CODES[result.outcome]
-    ended = f": {result.cause}" if result.cause and result.outcome is not Outcome.STOPPED else ""
+    code = result.exit_code
+    ended = f": {result.text}" if result.text and result.outcome is not Outcome.STOPPED else ""
     lines = [f"{result.outcome}{ended}", *(f"then: {text}" for text in result.followed)]
-    errors = [f"stopped: {result.cause}"] if result.outcome is Outcome.STOPPED else []
+    errors = [f"stopped: {result.text}"] if result.outcome is Outcome.STOPPED else []
     if result.outcome is Outcome.COMPLETED and (unmet := failed_criteria(step_outcomes(session.steps))):
         errors.append(unmet)
-        code = EXIT_CRITERION
+        code = CRITERION
     if session.record_error is not None:
         errors.append(str(session.record_error))
         code = code or session.record_error.exit_code
@@ -140,7 +136,7 @@ def _end(session: "_Session", result: RunResult, outputs: Outputs, path: Path) -
             code = code or max((trouble.exit_code for trouble in troubles), default=0)
         except KeyboardInterrupt:
             lines += [*record, "interrupted before all that was wanted had been written"]
-            code, patience = EXIT_CODES[Outcome.INTERRUPTED], LEAVE_SECONDS
+            code, patience = INTERRUPTED, LEAVE_SECONDS
     else:
         lines += record
     lines += [f"fault: {text}" for text in session.faults]
@@ -184,7 +180,10 @@ class _Session:
         self._result: RunResult | None = None
         self._moved = False
         """The movement has begun, and may have ended."""
-        self._cancelled = False
+        self._cancelled: Cause | None = None
+        """Who or what ended the run before it moved."""
+        self._asked: Cause | None = None
+        """By which way a person has asked for the end, other than a signal."""
         self._task: asyncio.Task[Any] | None = None
         """The task of the run, once the record can be written."""
         self._stray: BaseException | None = None
@@ -235,8 +234,8 @@ class _Session:
         if self._view is not None:
             self._view.event(record)
         if record.kind == CHECK_EVENT and not self._clock.is_virtual:
-            self._tell_check(record.text)
-        if record.kind == FAULT_EVENT and (" struck " in record.text or " never came" in record.text):
+            self._tell_check(record)
+        if record.fault is not None and record.fault.stage in (FaultStage.STRUCK, FaultStage.NEVER):
             self.faults.append(record.text)
 
     def pause(self, seconds: float) -> None:
@@ -244,12 +243,12 @@ class _Session:
         if seconds >= _DRAWING_S:
             self._may_draw.set()
 
-    def _tell_check(self, text: str) -> None:
+    def _tell_check(self, record: EventRecord) -> None:
         """Findings about the sensor, while a person can still intervene."""
-        self._checked = text
+        text = self._checked = record.text
         if self._view is None:
             self.terminal.out.say(f"sensor: {text}")
-        elif "unchecked" in text:
+        elif record.check is Check.UNCHECKED:
             self._view.warn(text)
         else:
             self._view.check(text)
@@ -292,7 +291,7 @@ class _Session:
                 self._close_record()
             return result
         except BridgeError as error:
-            self.end = self._log.end(RunResult(Outcome.STOPPED, str(error)))
+            self.end = self._log.end(RunResult(Outcome.STOPPED, error.reason(Cause.ROBOT_NOT_READY)))
             raise
         finally:
             self._close_record()
@@ -369,13 +368,15 @@ class _Session:
                 await task
 
     def _asked_by_page(self) -> None:
-        self._end_by_hand(ASKED_BY_PAGE)
+        self._end_by_hand(Cause.PAGE, "asked for the end on the page in the browser")
 
-    def _end_by_hand(self, told: str) -> None:
+    def _end_by_hand(self, cause: Cause, text: str, key: str = "") -> None:
         """End in the same way as by Ctrl-C."""
+        self._asked = self._asked or cause
         os.kill(os.getpid(), signal.SIGINT)
         # behind the notice of the signal, which a small view would else show in its place
-        asyncio.get_running_loop().call_soon(self._log.notice, "operator", told)
+        tell = partial(self._log.tell, "operator", text, cause=cause, by=key)
+        asyncio.get_running_loop().call_soon(tell)
 
     @property
     def _run(self) -> Run | None:
@@ -397,9 +398,9 @@ class _Session:
 
         def ended() -> None:
             if self._moving and self._run is not None:  # the movement has begun since
-                self._run.interrupt()
+                self._run.interrupt(self._asked or Cause.SIGNAL)
             elif not (self._moved or self._moving or self._cancelled):
-                self._cancelled = True  # once: what is being closed is closed in order
+                self._cancelled = self._asked or Cause.SIGNAL  # once: what is being closed is closed in order
                 task.cancel()
 
         def interrupted(number: int) -> None:
@@ -409,9 +410,11 @@ class _Session:
                 return
             if self._run is not None and self._moving:
                 self._moved = True
-                self._run.interrupt()
+                self._run.interrupt(self._asked or Cause.SIGNAL)
             if self.signals.count <= SIGNALS_TOLD:
-                loop.call_soon_threadsafe(self._log.notice, "signal", signal_name(number))
+                name = signal_name(number)
+                tell = partial(self._log.tell, "signal", name, cause=Cause.SIGNAL, by=name)
+                loop.call_soon_threadsafe(tell)
             loop.call_soon_threadsafe(ended)
 
         with self.signals.leading_to(interrupted):
@@ -463,7 +466,7 @@ class _Session:
     def _key(self, key: str) -> None:
         """A key of the terminal: the end in the same way as by Ctrl-C, a hold, or a mark in the record."""
         if key in _ENDING_KEYS:
-            self._end_by_hand(f"{ASKED_BY_KEY}{key}")
+            self._end_by_hand(Cause.KEY, f"asked for the end with the key {key}", key)
         elif key == _HOLD_KEY and self._run is not None:
             told = "holds the tool in its place" if self._run.hold() else "does not hold the tool"
             self._log.notice("operator", told)

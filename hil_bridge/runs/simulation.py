@@ -12,7 +12,8 @@ from hil_bridge.clock import Clock
 from hil_bridge.devices.device_log import Silence
 from hil_bridge.devices.robots.seam import RobotLink
 from hil_bridge.devices.sensors.stream import ForceSensor
-from hil_bridge.errors import ConfigError
+from hil_bridge.errors import BridgeError, Cause, ConfigError, Reason
+from hil_bridge.errors.failures import unexpected
 from hil_bridge.record import (
     PHASE_EVENT,
     CycleRecord,
@@ -37,7 +38,7 @@ from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.faults import refuse_faults
 
 Observe = Callable[[CycleRecord], object]
-_NEVER_MOVED = RunResult(Outcome.INTERRUPTED, "before the movement began")
+_NEVER_MOVED = RunResult(Outcome.INTERRUPTED, Reason(Cause.INTERRUPTED, "before the movement began"))
 
 
 class Arrays(Columns):
@@ -59,16 +60,20 @@ class Result:
     def __init__(self, result: RunResult, records: KeptRecords) -> None:
         self.outcome: Outcome = result.outcome
         """completed, stopped or interrupted."""
-        self.cause: str = result.cause
-        """Why it was stopped, in words: the first cause; empty where it completed as it was meant to."""
+        self.cause: Cause | None = result.cause
+        """Why it ended, as a row of the table of causes; None for a program that went to its end."""
+        self.text: str = result.text
+        """The cause in words, in one line; empty where the run completed as it was meant to."""
         self.left: str = result.left
         """Where the tool was left, in words; empty where it never moved."""
-        self.followed: tuple[str, ...] = result.followed
-        """Events after the first cause."""
+        self.retracted: bool = result.rest is None or result.rest.retracted
+        """The tool was left off the surface, or never moved."""
+        self.followed: tuple[Reason, ...] = result.followed
+        """Causes after the first one."""
         self._records = records
 
     def __repr__(self) -> str:
-        return f"<Result: {self.outcome}{self.cause and f', {self.cause}'}; {len(self.cycles)} cycles>"
+        return f"<Result: {self.outcome}{self.text and f', {self.text}'}; {len(self.cycles)} cycles>"
 
     @cached_property
     def recording(self) -> Recording:
@@ -173,7 +178,8 @@ class Simulation(OpenDevices):
         return self._task
 
     async def reached(self, phase: str) -> None:
-        """Return when the run has entered a phase: connect, tare, approach, track, retract or end.
+        """Return when the run has entered a phase: connect, tare, one of `Phase` (approach, track, retract, move, seek,
+        zero), or end.
 
         It begins the run where that has not begun. Raises ConfigError when the run ends without it, and what ended it.
         """
@@ -181,7 +187,7 @@ class Simulation(OpenDevices):
         await self._reached.wait(phase)
         if phase not in self._reached.phases:
             result = await task
-            raise ConfigError(f"the run ended before the phase {phase!r}: {result.cause or result.outcome}")
+            raise ConfigError(f"the run ended before the phase {phase!r}: {result.text or result.outcome}")
 
     async def finished(self) -> RunResult:
         """Wait for the end of the run, which begins now where it has not; how it ended.
@@ -323,7 +329,11 @@ def _how_ended(simulation: Simulation | None) -> RunResult:
     if task is None or task.cancelled():
         return _NEVER_MOVED
     failure = task.exception()
-    return task.result() if failure is None else RunResult(Outcome.STOPPED, str(failure))
+    if failure is None:
+        return task.result()
+    if isinstance(failure, BridgeError):
+        return RunResult(Outcome.STOPPED, failure.reason(Cause.ROBOT_NOT_READY))
+    return RunResult(Outcome.STOPPED, unexpected(failure))
 
 
 @asynccontextmanager

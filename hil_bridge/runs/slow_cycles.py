@@ -3,6 +3,7 @@
 The force is bounded by what the tool does until the guard looks again. A slow line makes that long without any fault.
 """
 
+from hil_bridge.errors.causes import Cause, Reason
 from hil_bridge.settings.configuration import Config
 
 IN_A_ROW = 3
@@ -19,14 +20,15 @@ class SlowCycles:
         self._before: float | None = None
         self._slow = 0
 
-    def cycle(self, started_at: float) -> str:
-        """Why the run must end at this cycle's begin, s, in words; empty while it need not. It is told once."""
+    def cycle(self, started_at: float) -> Reason | None:
+        """Why the run must end at this cycle's begin, s; None while it need not. It is told once."""
         took = 0.0 if self._before is None else started_at - self._before
         self._before = started_at
         self._slow = self._slow + 1 if took > self._allowed_s else 0
         if self._slow != IN_A_ROW:
-            return ""
-        return (
+            return None
+        text = (
             f"cycles take {took:.1f} s, allowed are {self._allowed_s:.1f} s: the line to the robot is too slow, or "
             "limits.cycle_max_ms too low for it"
         )
+        return Reason(Cause.SLOW_CYCLES, text)

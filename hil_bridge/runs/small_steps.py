@@ -11,7 +11,7 @@ from hil_bridge.clock import Clock
 from hil_bridge.control import Reading, reading
 from hil_bridge.devices.robots.seam import Motion, RobotLink, RobotReport
 from hil_bridge.devices.sensors.stream import ForceSensor
-from hil_bridge.errors import DeviceError, SafetyStop
+from hil_bridge.errors import Cause, DeviceError, SafetyStop
 from protocol.geometry import Pose, Quaternion, Vector
 
 STREAM_PATIENCE_S = 5.0
@@ -43,8 +43,9 @@ async def bring_up(robot: RobotLink, sensor: ForceSensor) -> RobotReport:
             await sensor.frame()
     except TimeoutError:
         raise DeviceError(
-            f"force sensor on {sensor.name} is ready but sent no whole frame in {STREAM_PATIENCE_S:g} s; "
-            "look at its stream with hil-bridge probe sensor"
+            f"force sensor on {sensor.name} is ready but sent no whole frame in {STREAM_PATIENCE_S:g} s",
+            remedy="look at its stream with hil-bridge probe sensor",
+            cause=Cause.STREAM,
         ) from None
     return report
 
@@ -66,7 +67,7 @@ class SmallSteps:
         while True:
             report = await self._robot.report()
             if report.fault:
-                raise SafetyStop(report.fault)
+                raise SafetyStop(report.fault, cause=Cause.LIFT_STATE)
             position = report.pose.position
             apart = math.dist(position, target)
             if apart <= FOLLOWS_M:
@@ -74,8 +75,9 @@ class SmallSteps:
             if apart > STRAY_M + step or self._clock.now() > patience:
                 await motion.halt()
                 raise SafetyStop(
-                    f"the reported position does not follow: ordered {_mm(target)} mm, reported {_mm(position)} "
-                    "mm; look at the robot's position before anything else moves it"
+                    f"the reported position does not follow: ordered {_mm(target)} mm, reported {_mm(position)} mm",
+                    remedy="look at the robot's position before anything else moves it",
+                    cause=Cause.LIFT_FOLLOW,
                 )
 
     async def quiet(self) -> Reading:
@@ -97,7 +99,9 @@ class SmallSteps:
                 return found
             if self._clock.now() > patience:
                 raise DeviceError(
-                    f"force sensor on {sensor.name} does not come to rest: {unrest}; let nothing touch the tool"
+                    f"force sensor on {sensor.name} does not come to rest: {unrest}",
+                    remedy="let nothing touch the tool",
+                    cause=Cause.UNSTEADY,
                 )
 
     async def _reading(self, since: float, count: int) -> Reading:
@@ -108,7 +112,8 @@ class SmallSteps:
             if self._clock.now() > patience:
                 raise DeviceError(
                     f"force sensor on {sensor.name} sent {len(frames)} frames in {STREAM_PATIENCE_S:g} s, "
-                    f"{count} are the least to take a zero from"
+                    f"{count} are the least to take a zero from",
+                    cause=Cause.STREAM,
                 )
             await self._clock.sleep_until(self._clock.now() + WINDOW_S / 10)
         return reading(frames)

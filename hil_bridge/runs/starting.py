@@ -7,7 +7,7 @@ from hil_bridge.control.geometry.turning import apart, unit
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.reach import check_workspace
 from hil_bridge.devices.robots.seam import RobotReport
-from hil_bridge.errors import ConfigError
+from hil_bridge.errors import Cause, ConfigError
 from hil_bridge.settings.configuration import Config
 
 
@@ -23,5 +23,6 @@ def check_start(config: Config, loop: ControlLoop, start: RobotReport) -> None:
     if turned > config.limits.tilt_deg:
         raise ConfigError(
             f"the tool is turned by {turned:.1f}° from the start of the recorded run, allowed are "
-            f"{config.limits.tilt_deg:g}°: turn it back, then resume"
+            f"{config.limits.tilt_deg:g}°: turn it back, then resume",
+            cause=Cause.START_TURNED,
         )

@@ -9,11 +9,11 @@ from hil_bridge.control.program.legs import Leg
 from hil_bridge.control.program.outcome import cut
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.state import CourseState, Done
+from hil_bridge.errors.causes import Reason
 from hil_bridge.record.records import StepRecord
 
 STEP_EVENT = "step"
 """Kind of the events that tell that a step has ended."""
-_IN_STEP = ", in step "
 
 
 class StepLog(Protocol):
@@ -48,17 +48,17 @@ class StepTeller:
             self._tell(done)
         self._count = len(course.done)
 
-    def cut(self, course: CourseState | None, cause: str, at: float | None = None) -> None:
+    def cut(self, course: CourseState | None, reason: Reason | None, at: float | None = None) -> None:
         """Tell the step that was under way when the run could decide no more, at this time, s; None for now."""
         if course is not None and course.began is not None:
             now = self._clock.now() if at is None else at
-            self._tell(cut(course, self._legs[course.leg], now, cause))
+            self._tell(cut(course, self._legs[course.leg], now, reason))
 
-    def where(self, course: CourseState | None, cause: str) -> str:
+    def where(self, course: CourseState | None, reason: Reason) -> Reason:
         """Why a run stops, with the step in which it does."""
-        if course is None or course.began is None or _IN_STEP in cause:
-            return cause
-        return f"{cause}{_IN_STEP}{self._legs[course.leg].label}"
+        if course is None or course.began is None:
+            return reason
+        return reason.in_step(self._legs[course.leg].label)
 
     def _tell(self, done: Done) -> None:
         leg = self._legs[done.leg]
@@ -83,6 +83,9 @@ def step_record(leg: Leg, done: Done) -> StepRecord:
         done.found or (),
         done.text,
         done.resumable,
+        leg.step.do,
+        leg.repeat,
+        leg.turn,
     )
 
 

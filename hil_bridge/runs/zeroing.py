@@ -25,7 +25,8 @@ from hil_bridge.control.course.zero import AXES, lost_forces, main_axes, unverif
 from hil_bridge.control.geometry.wrist import NO_WRENCH
 from hil_bridge.devices.robots.seam import Motion, RobotLink, RobotReport
 from hil_bridge.devices.sensors.stream import ForceSensor
-from hil_bridge.errors import ConfigError, DeviceError, SafetyStop
+from hil_bridge.errors import Cause, ConfigError, DeviceError, SafetyStop
+from hil_bridge.record.ending import Check
 from hil_bridge.runs.small_steps import LIFT_SPEED_M_S, SmallSteps, numbers, unit
 from hil_bridge.runs.witness import OwnForce
 from hil_bridge.settings.configuration import Config
@@ -81,7 +82,8 @@ def known_wrist(config: Config) -> Wrist | None:
     raise ConfigError(
         "the tool is not known, so the sensor cannot be checked before the robot moves: set tool.mass_kg "
         "(--tool-mass-kg; hil-bridge identify-tool measures it), or sensor.unchecked = true (--unchecked) to take "
-        "that on yourself"
+        "that on yourself",
+        cause=Cause.UNKNOWN_TOOL,
     )
 
 
@@ -99,7 +101,7 @@ class Zeroing:
         clock: Clock,
         robot: RobotLink,
         sensor: ForceSensor,
-        say: Callable[[str], None],
+        say: Callable[[str, Check], None],
     ) -> None:
         self._config, self._clock, self._robot, self._sensor = config, clock, robot, sensor
         self._say = say
@@ -126,7 +128,7 @@ class Zeroing:
 
         Raises DeviceError with the axis and what it looks like.
         """
-        self._say(self._told_facts())
+        self._say(self._told_facts(), Check.FACTS)
         self._quaternion = unit(start.pose.quaternion)
         self._first = self._before = await self._steps.steady(self._config.task.zero_change_n)
         limits, approach = self._config.limits, self._config.frame.approach
@@ -135,12 +137,13 @@ class Zeroing:
             self._known, quaternion, limits.weight_tolerance_n, limits.weight_tolerance_nm
         )
         if unverified:
-            self._say(f"not verified by the tool's weight: {' '.join(AXES[k] for k in unverified)}")
+            names = " ".join(AXES[k] for k in unverified)
+            self._say(f"not verified by the tool's weight: {names}", Check.UNVERIFIED)
         main = main_axes(self._wrist, approach, quaternion)
         self._unverified = bool(set(main) & set(unverified))
         self._lost = lost_forces(self._known, approach, quaternion)
         if self._known is None:
-            self._say("sensor unchecked: the tool's weight is not known")
+            self._say("sensor unchecked: the tool's weight is not known", Check.UNCHECKED)
             return
         expected = weight_reading(self._known, start.pose.quaternion)
         fault = weight_fault(
@@ -149,8 +152,9 @@ class Zeroing:
         if fault:
             await self._robot.release(start)
             raise DeviceError(
-                f"force sensor on {self._sensor.name}: {fault}; nothing has moved, and hil-bridge free "
-                "lifts off a tool that presses"
+                f"force sensor on {self._sensor.name}: {fault}",
+                remedy="nothing has moved, and hil-bridge free lifts off a tool that presses",
+                cause=Cause.WEIGHT,
             )
         await self._refuse([k for k in main if k in unverified], start, expected)
 
@@ -169,7 +173,8 @@ class Zeroing:
             f"the approach presses on {told}, which the tool's weight does not verify: it takes more than "
             f"{limits.weight_tolerance_n:g} N (limits.weight_tolerance_n); correct tool.mass_kg, take a heavier tool, "
             f"hold it so that its weight lies on the approach, or take it on with sensor.unverified = [{names}] "
-            f"(--unverified {left[0].lower()}): then each touch is tested"
+            f"(--unverified {left[0].lower()}): then each touch is tested",
+            cause=Cause.UNVERIFIED_AXIS,
         )
 
     def doubt(self, force: float) -> Doubt:
@@ -219,7 +224,8 @@ class Zeroing:
             if zero.force > self._config.limits.zero_max_n:
                 raise SafetyStop(
                     f"{zero.force:.1f} N would be taken for zero, allowed are {self._config.limits.zero_max_n:g} N "
-                    "(limits.zero_max_n): free the tool, or let identify-tool find its weight and the sensor's bias"
+                    "(limits.zero_max_n): free the tool, or let identify-tool find its weight and the sensor's bias",
+                    cause=Cause.ZERO,
                 )
             self._taken_off = None
             try:
@@ -230,9 +236,12 @@ class Zeroing:
                 self._taken_off, self._tared = contact, True
             except TimeoutError:
                 raise SafetyStop(
-                    f"force sensor on {self._sensor.name} did not stream again within {ZERO_PATIENCE_S:g} s of its zero"
+                    f"force sensor on {self._sensor.name} did not stream again within {ZERO_PATIENCE_S:g} s of its "
+                    "zero",
+                    cause=Cause.ZERO_SILENT,
                 ) from None
-            self._say(f"zero taken: {numbers(before.mean)} N, N·m; {zero.force:.2f} N of it unexplained")
+            text = f"zero taken: {numbers(before.mean)} N, N·m; {zero.force:.2f} N of it unexplained"
+            self._say(text, Check.ZERO)
         return Zero(lifted, contact)
 
     def _judge_zero(self) -> None:
@@ -245,7 +254,8 @@ class Zeroing:
         change = min(math.dist(force, self._before.mean[:3]), math.hypot(*force))
         if change > change_n:
             raise SafetyStop(
-                f"the force changed by {change:.1f} N while the zero was taken: let nothing touch the tool"
+                f"the force changed by {change:.1f} N while the zero was taken: let nothing touch the tool",
+                cause=Cause.ZERO_CHANGED,
             )
 
     async def _lift(self, motion: Motion, start: RobotReport, interrupted: Callable[[], bool]) -> RobotReport:
@@ -279,4 +289,4 @@ class Zeroing:
         change_n = self._config.task.zero_change_n
         text = lift_fault(math.dist(*forces), before, later, change_n, away * 1e3)
         if text:
-            raise SafetyStop(text)
+            raise SafetyStop(text, cause=Cause.TOUCHING)

@@ -9,6 +9,7 @@ from hil_bridge.record.ending import PHASE_EVENT, STOP_EVENT
 from hil_bridge.record.reader import Recording
 from hil_bridge.record.records import EventRecord, StepRecord
 from hil_bridge.show.pages.description import Limit, Mark, Span
+from protocol.faults import FaultStage
 
 MARKS_MOST = 400
 """Marks of a page: stops and faults first. Chosen: more would cover the lines."""
@@ -16,8 +17,7 @@ SPANS_MOST = 200
 """Steps that are shaded. Chosen as the marks."""
 MARK_LENGTH = 120
 """Characters of a mark's text at most. Chosen: a line at the cursor."""
-FAULT_EVENT, _STEP_EVENT = "fault", "step"
-_BEGINS, _ENDS, _HAPPENS = " begins", " ends", " happens"
+_STEP_EVENT = "step"
 
 
 class Scale(NamedTuple):
@@ -72,7 +72,7 @@ def event_mark(event: EventRecord, began: float) -> Mark | None:
     """The mark of an event; None where it has none, as the begin of a phase."""
     if event.kind in (PHASE_EVENT, _STEP_EVENT) or not math.isfinite(event.at):
         return None
-    struck = event.kind == FAULT_EVENT and (_BEGINS in event.text or _HAPPENS in event.text)
+    struck = event.fault is not None and event.fault.is_injected
     kind = "stop" if event.kind == STOP_EVENT else "fault" if struck else "event"
     return Mark(event.at - began, f"{event.kind}: {line_of(event)}"[:MARK_LENGTH], kind)
 
@@ -99,8 +99,7 @@ def marks(recording: Recording, began: float) -> list[Mark]:
 def stretches(phases: Iterable[Span], steps: Sequence[StepRecord], began: float) -> list[Span]:
     """The steps of a program that have ended, then the phases since; without a step all phases."""
     made = [
-        Span(step.began_at - began, step.at - began, step.label, _word(step.label))
-        for step in steps[:SPANS_MOST]
+        Span(step.began_at - began, step.at - began, step.label, step.word) for step in steps[:SPANS_MOST]
     ]
     last = made[-1].end if made else -math.inf
     return [*made, *(phase for phase in phases if phase.begin >= last)]
@@ -111,21 +110,12 @@ def fault_spans(events: Iterable[EventRecord], began: float, until: float) -> li
     begun: dict[str, float] = {}
     made = []
     for event in events:
-        if event.kind != FAULT_EVENT:
+        if event.fault is None:
             continue
-        if _BEGINS in event.text:
-            begun[_fault(event.text, _BEGINS)] = event.at
-        elif event.text.endswith(_ENDS) and (name := _fault(event.text, _ENDS)) in begun:
+        name = event.fault.title
+        if event.fault.stage is FaultStage.BEGINS:
+            begun[name] = event.at
+        elif event.fault.stage is FaultStage.ENDS and name in begun:
             made.append(Span(begun.pop(name) - began, event.at - began, name, "fault"))
     made += [Span(at - began, max(until, at - began), name, "fault") for name, at in begun.items()]
     return made[:SPANS_MOST]
-
-
-def _fault(text: str, word: str) -> str:
-    """Target and name of a fault without its parameters."""
-    return text.split(word)[0].split(" (")[0]
-
-
-def _word(label: str) -> str:
-    """Word of a step: `1.4 (track, pass 2)` is a `track`."""
-    return label.partition("(")[2].rstrip(")").split(",")[0]

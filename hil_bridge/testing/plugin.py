@@ -172,7 +172,7 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any, Any]:
         lines = []
         for number, (result, folder) in enumerate(runs):
             path = folder / f"run-{number}.mcap"
-            why = f": {result.cause}" if result.cause else ""
+            why = f": {result.text}" if result.text else ""
             lines.append(f"run {number}: {result.outcome}{why}\n    {_saved(result, path)}")
         report.sections.append(("hil_simulate", "\n".join(lines)))
     return report

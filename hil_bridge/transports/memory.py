@@ -55,7 +55,9 @@ def listen_memory(name: str, clock: Clock, end: Uart | None = None) -> Transport
     """
     listeners = _listeners(clock)
     if name in listeners:
-        raise TransportUnavailable(f"memory:{name}: another listens under this name already; choose another")
+        raise TransportUnavailable(
+            f"memory:{name}: another listens under this name already", remedy="choose another"
+        )
     exchange = Exchange(f"memory:{name}", free=lambda: None, stop=lambda: _forget(clock, name))
     listeners[name] = _Listener(exchange, end)
     return exchange
@@ -69,7 +71,9 @@ def listen_memory_clients(
     """
     listeners = _listeners(clock)
     if name in listeners:
-        raise TransportUnavailable(f"memory:{name}: another listens under this name already; choose another")
+        raise TransportUnavailable(
+            f"memory:{name}: another listens under this name already", remedy="choose another"
+        )
     listeners[name] = _Listener(_Door(on_client), None)
     return lambda: _forget(clock, name)
 
@@ -86,10 +90,12 @@ def connect_memory(
     listener = _listeners(clock).get(name)
     if listener is None:
         raise TransportUnavailable(
-            f"memory:{name}: no program listens under this name; start the other side first"
+            f"memory:{name}: no program listens under this name", remedy="start the other side first"
         )
     if listener.exchange.busy:
-        raise TransportUnavailable(f"memory:{name}: another client is connected; close that one first")
+        raise TransportUnavailable(
+            f"memory:{name}: another client is connected", remedy="close that one first"
+        )
     here, there = memory_pair(clock, latency_s, f"memory:{name}", line or listener.end is not None)
     listener.exchange.attach(there)
     return here, listener.end
@@ -124,7 +130,7 @@ class _MemoryEnd:
         arrivals = self.peer._delivery
         if self._queue.weight + arrivals.waiting + len(data) > QUEUE_BYTES:
             raise TransportError(
-                f"{self.name}: the queue of {QUEUE_BYTES} bytes is full; the peer does not read"
+                f"{self.name}: the queue of {QUEUE_BYTES} bytes is full", remedy="the peer does not read"
             )
         if self._at_once:
             arrivals.data(bytes(data))

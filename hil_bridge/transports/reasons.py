@@ -6,42 +6,45 @@ import socket
 from hil_bridge.errors import TransportBroken, TransportUnavailable
 
 _PORT_ADVICE = {
-    errno.ENOENT: "there is no such port; check the cable and `ls /dev/tty*`",
-    errno.ENODEV: "there is no device behind this port; check the cable and `ls /dev/tty*`",
-    errno.ENXIO: "there is no device behind this port; check the cable and `ls /dev/tty*`",
-    errno.EIO: "the port does not answer; unplug the adapter and plug it in again",
-    errno.EACCES: "no permission; add yourself to the group dialout and log in again",
-    errno.EPERM: "no permission; add yourself to the group dialout and log in again",
-    errno.EBUSY: "another program holds the port; `fuser -v {target}` tells which",
-    errno.EAGAIN: "another program holds the port; `fuser -v {target}` tells which",
-    errno.ENOTTY: "this is not a serial port; check the path",
+    errno.ENOENT: ("there is no such port", "check the cable and `ls /dev/tty*`"),
+    errno.ENODEV: ("there is no device behind this port", "check the cable and `ls /dev/tty*`"),
+    errno.ENXIO: ("there is no device behind this port", "check the cable and `ls /dev/tty*`"),
+    errno.EIO: ("the port does not answer", "unplug the adapter and plug it in again"),
+    errno.EACCES: ("no permission", "add yourself to the group dialout and log in again"),
+    errno.EPERM: ("no permission", "add yourself to the group dialout and log in again"),
+    errno.EBUSY: ("another program holds the port", "`fuser -v {target}` tells which"),
+    errno.EAGAIN: ("another program holds the port", "`fuser -v {target}` tells which"),
+    errno.ENOTTY: ("this is not a serial port", "check the path"),
 }
 _CAN_ADVICE = {
-    errno.ENODEV: "there is no such CAN interface; `ip -details link show` lists what there is",
-    errno.ENXIO: "there is no such CAN interface; `ip -details link show` lists what there is",
-    errno.ENETDOWN: "the CAN interface is down; `sudo ip link set {target} up` (set its bitrate before)",
-    errno.EAFNOSUPPORT: "this system has no SocketCAN; load the kernel module `can_raw`",
-    errno.EPROTONOSUPPORT: "this system has no SocketCAN; load the kernel module `can_raw`",
-    errno.EPERM: "no permission to open the CAN interface",
-    errno.EACCES: "no permission to open the CAN interface",
+    errno.ENODEV: ("there is no such CAN interface", "`ip -details link show` lists what there is"),
+    errno.ENXIO: ("there is no such CAN interface", "`ip -details link show` lists what there is"),
+    errno.ENETDOWN: ("the CAN interface is down", "`sudo ip link set {target} up` (set its bitrate before)"),
+    errno.EAFNOSUPPORT: ("this system has no SocketCAN", "load the kernel module `can_raw`"),
+    errno.EPROTONOSUPPORT: ("this system has no SocketCAN", "load the kernel module `can_raw`"),
+    errno.EPERM: ("no permission to open the CAN interface", ""),
+    errno.EACCES: ("no permission to open the CAN interface", ""),
 }
 _NET_ADVICE = {
-    errno.ECONNREFUSED: "no program listens there; start the other side first or check the port number",
-    errno.EHOSTUNREACH: "the host cannot be reached; check the address and the cable",
-    errno.ENETUNREACH: "the network cannot be reached; check the address and the cable",
-    errno.ETIMEDOUT: "no answer; check the address and the cable",
-    errno.ECONNRESET: "the other side dropped the connection",
-    errno.EPIPE: "the other side dropped the connection",
-    socket.EAI_NONAME: "there is no host of this name; check the spelling",
-    errno.EADDRINUSE: "another program listens on this port already; choose another or port 0",
-    errno.EADDRNOTAVAIL: "this address is not one of this computer's",
-    errno.EACCES: "no permission; ports below 1024 need it",
+    errno.ECONNREFUSED: ("no program listens there", "start the other side first or check the port number"),
+    errno.EHOSTUNREACH: ("the host cannot be reached", "check the address and the cable"),
+    errno.ENETUNREACH: ("the network cannot be reached", "check the address and the cable"),
+    errno.ETIMEDOUT: ("no answer", "check the address and the cable"),
+    errno.ECONNRESET: ("the other side dropped the connection", ""),
+    errno.EPIPE: ("the other side dropped the connection", ""),
+    socket.EAI_NONAME: ("there is no host of this name", "check the spelling"),
+    errno.EADDRINUSE: ("another program listens on this port already", "choose another or port 0"),
+    errno.EADDRNOTAVAIL: ("this address is not one of this computer's", ""),
+    errno.EACCES: ("no permission", "ports below 1024 need it"),
 }
 _UDP_ADVICE = {
     **_NET_ADVICE,
-    errno.EACCES: "no permission: a port below 1024 needs it, and a broadcast address cannot be used",
-    errno.EINVAL: "this computer has not the address any more with which the wire was opened; check its network",
-    errno.EMSGSIZE: "the datagram is larger than this network carries",
+    errno.EACCES: ("no permission: a port below 1024 needs it, and a broadcast address cannot be used", ""),
+    errno.EINVAL: (
+        "this computer has not the address any more with which the wire was opened",
+        "check its network",
+    ),
+    errno.EMSGSIZE: ("the datagram is larger than this network carries", ""),
 }
 ADVICE = {
     "serial": _PORT_ADVICE,
@@ -58,20 +61,24 @@ class BusOff(Exception):
     """The CAN controller left the bus because of its errors and did not come back."""
 
     def __init__(self) -> None:
-        super().__init__(
-            "the CAN controller is bus-off; check bitrate, termination and cable, then restart it "
-            "(`sudo ip link set {target} type can restart`)"
-        )
+        super().__init__("the CAN controller is bus-off")
+
+
+_RESTART = (
+    "check bitrate, termination and cable, then restart it (`sudo ip link set {target} type can restart`)"
+)
 
 
 def unavailable(scheme: str, name: str, target: str, error: BaseException) -> TransportUnavailable:
     """Why a wire could not be opened."""
-    return TransportUnavailable(f"{name}: cannot be opened: {reason(scheme, target, error)}")
+    fact, remedy = meaning(scheme, target, error)
+    return TransportUnavailable(f"{name}: cannot be opened: {fact}", remedy=remedy)
 
 
 def broken(scheme: str, name: str, target: str, error: BaseException) -> TransportBroken:
     """Why an open wire broke."""
-    return TransportBroken(f"{name}: broke: {reason(scheme, target, error)}")
+    fact, remedy = meaning(scheme, target, error)
+    return TransportBroken(f"{name}: broke: {fact}", remedy=remedy)
 
 
 def error_number(error: BaseException | None) -> int | None:
@@ -87,12 +94,18 @@ def error_number(error: BaseException | None) -> int | None:
 
 
 def reason(scheme: str, target: str, error: BaseException) -> str:
-    """Meaning of an error, and a remedy."""
+    """Meaning of an error and a remedy, in one line."""
+    return "; ".join(filter(None, meaning(scheme, target, error)))
+
+
+def meaning(scheme: str, target: str, error: BaseException) -> tuple[str, str]:
+    """Meaning of an error, and a remedy; empty without one."""
     number = error_number(error)
     if number == errno.EBADF:
-        return "other code of this process has closed its file"
+        return "other code of this process has closed its file", ""
     if number is not None and number in ADVICE.get(scheme, {}):
-        return ADVICE[scheme][number].format(target=target)
+        fact, remedy = ADVICE[scheme][number]
+        return fact, remedy.format(target=target)
     if isinstance(error, BusOff):
-        return str(error).format(target=target)
-    return " ".join(str(error).split()) or type(error).__name__
+        return str(error), _RESTART.format(target=target)
+    return " ".join(str(error).split()) or type(error).__name__, ""

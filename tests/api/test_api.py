@@ -15,6 +15,7 @@ import pytest
 import hil_bridge
 from hil_bridge import api
 from hil_bridge.record import read_with_traffic
+from hil_bridge.record.ending import reason_of
 from hil_bridge.record.topics import TOPICS, Record
 
 SHORT: dict[str, Any] = {"run": {"duration_s": 0.5}}
@@ -30,7 +31,8 @@ SIGNATURES = {
 }
 """Of every function; what an asynchronous context manager gives stands for it."""
 MEMBERS = {
-    "Result": "arrays cause cycles events figures followed left outcome recording save steps traffic truths",
+    "Result": "arrays cause cycles events figures followed left outcome recording retracted save steps text traffic "
+    "truths",
     "OpenDevices": "cell clock panel robot sensor truth",
     "Simulation": "cell clock config finished interrupt panel reached result robot sensor start truth",
 }
@@ -39,8 +41,8 @@ ERRORS = (
     "TransportError TransportUnavailable"
 )
 TYPES = (
-    "Command Config Configuration Controller CycleRecord Measurement OpenDevices Outcome Recording Result "
-    "Simulation"
+    "Cause Command Config Configuration Controller CycleRecord Measurement OpenDevices Outcome Part Reason Recording "
+    "Result Simulation"
 )
 
 
@@ -179,7 +181,7 @@ def test_faults_come_after_those_of_the_configuration() -> None:
     noise = {"on": "signal", "fault": "noise", "phase": "track"}
     stopped = api.simulate({**SHORT, "faults": [noise]}, faults=[STOP])
     assert stopped.outcome == "stopped"
-    assert "emergency stop" in stopped.cause
+    assert "emergency stop" in stopped.text
     told = [event.text for event in stopped.events if event.kind == "fault"]
     assert any(text.startswith("signal: noise") for text in told)
     assert any(text.startswith("robot: emergency-stop") for text in told)
@@ -255,7 +257,7 @@ def test_a_run_by_hand() -> None:
 
     running, force = api.run_virtual(main)
     assert force > 0.1
-    assert "emergency stop" in running.result.cause
+    assert "emergency stop" in running.result.text
     assert [event.text for event in running.result.events if event.kind == "phase"][:4] == [
         "connect",
         "tare",
@@ -331,8 +333,9 @@ def test_a_device_that_fails_before_the_movement_raises_and_leaves_a_recording()
     with pytest.raises(api.BridgeError, match="force sensor") as error:
         api.run_virtual(main)
     result = kept[0].result
-    assert (result.outcome, result.cause) == ("stopped", str(error.value))
-    assert result.recording.end["cause"] == result.cause
+    assert (result.outcome, result.text) == ("stopped", str(error.value))
+    assert str(reason_of(result.recording.end)) == result.text
+    assert result.cause is api.Cause.WEIGHT
 
 
 def test_a_controller_that_fails_is_blamed() -> None:
@@ -344,7 +347,7 @@ def test_a_controller_that_fails_is_blamed() -> None:
 
     failed = api.simulate(SHORT, controller=Failing())
     assert failed.outcome == "stopped"
-    assert "no gain" in failed.cause
+    assert "no gain" in failed.text
     assert failed.left.startswith("retracted")
 
 

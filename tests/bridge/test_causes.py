@@ -64,8 +64,8 @@ def test_the_cause_names_what_happened_to_the_robot(
     run = bench(meddle)
     assert run.result is not None
     assert run.result.outcome is Outcome.STOPPED
-    assert words in run.result.cause
-    assert "\n" not in run.result.cause
+    assert words in run.result.text
+    assert "\n" not in run.result.text
 
 
 def test_a_robot_that_fell_silent_is_not_told_to_have_a_wrong_line(bench: Callable[..., Bench]) -> None:
@@ -75,6 +75,6 @@ def test_a_robot_that_fell_silent_is_not_told_to_have_a_wrong_line(bench: Callab
         if len(run.tracked()) == 3:
             run.cell.robot.inject("silence", run.clock.now(), seconds=60.0)
 
-    cause = bench(silence, run={"period_ms": 250.0}).result.cause
+    cause = bench(silence, run={"period_ms": 250.0}).result.text
     assert "nothing came after 3 bids (ENQ); it has answered before, so the line is set right" in cause
     assert "9600 8E1" not in cause

@@ -285,7 +285,7 @@ def test_a_stop_tells_its_cause_and_still_leaves_everything(hil: Command) -> Non
     assert errors.startswith("hil-bridge: stopped: no contact found within 1 mm: ")
     assert output.startswith("stopped\n")
     assert output.endswith("report: rep/report.html\nleft: retracted, 0.0 N\n")
-    assert json.loads(Path("s.json").read_text())["cause"].startswith("no contact found within 1 mm")
+    assert json.loads(Path("s.json").read_text())["text"].startswith("no contact found within 1 mm")
 
 
 def test_an_interruption_before_the_movement_ends_at_once(

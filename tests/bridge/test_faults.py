@@ -90,8 +90,8 @@ def test_the_computer_stands_still_where_the_bridge_lets_it() -> None:
             {"on": "computer", "fault": "pause", "phase": "track", "with": {"seconds": 0.25}}
         )
         with pytest.raises(ConfigError, match=r"^faults\.0: this run cannot pause its own computer$"):
-            FaultSchedule((fault,), cell, clock, lambda kind, text: None)
-        schedule = FaultSchedule((fault,), cell, clock, lambda kind, text: None, paused.append)
+            FaultSchedule((fault,), cell, clock, lambda record: None)
+        schedule = FaultSchedule((fault,), cell, clock, lambda record: None, paused.append)
         schedule.event(EventRecord(clock.now(), PHASE_EVENT, "track"))
         assert [(injection.name, injection.struck) for injection in cell.faults] == [("computer: pause", 1)]
 

@@ -38,7 +38,7 @@ def test_any_robot_holds_ten_newtons_with_any_sensor(robot: str, sensor: str) ->
         }
     )
     run = run_emulated(config)
-    assert (run.result.outcome, run.result.cause) == (Outcome.COMPLETED, "")
+    assert (run.result.outcome, run.result.text) == (Outcome.COMPLETED, "")
     tracked = [record for record in run.cycles if record.phase == "track"]
     steady = [record.force for record in tracked if record.sensor_at > tracked[0].sensor_at + 0.75]
     assert statistics.fmean(steady) == pytest.approx(10.0, abs=0.5)

@@ -410,7 +410,7 @@ def test_a_panel_has_no_place_in_virtual_time_or_at_a_real_robot() -> None:
 def test_what_is_done_at_the_panel_is_told_to_the_record() -> None:
     cell = s3_jr3_cell(PaperCellProfile(), 100.0, 1)
     said: list[str] = []
-    cell.ledger.on_fault = said.append
+    cell.ledger.on_fault = lambda news: said.append(news.text)
     board = Panel(cell.robot, cell.ledger, CELL_FAULTS)
     board.perform({"do": "key", "to": "manual"}, 101.0)
     board.perform({"do": "inject", "target": "surface", "fault": "rises", "with": {"for_s": "2"}}, 101.0)
@@ -473,9 +473,9 @@ def test_an_emergency_stop_ends_the_orders_and_is_latched(
     assert summary.outcome == Outcome.STOPPED
     refusal = "refused order 24: 13 stop or emergency stop; release the stop"
     causes = [event.text for event in recording.events if event.kind in ("stop", "then")]
-    assert summary.cause == causes[0]
+    assert summary.text == causes[0]
     assert any(refusal in text for text in causes), "by the refusal, or by a status that knew before"
-    assert json.loads((tmp_path / "s.json").read_text())["cause"] == summary.cause
+    assert json.loads((tmp_path / "s.json").read_text())["text"] == summary.text
     stood = cells[0].true_state(pressed[0] + 1.0)
     assert stood.velocity == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
     shown = Panel(cells[0].robot).state(pressed[0] + 1.0)

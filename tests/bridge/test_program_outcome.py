@@ -33,7 +33,12 @@ back_mm = 0.5
 
 
 def record(
-    number: int, label: str, within: float | None = None, passed: bool = True, text: str = ""
+    number: int,
+    label: str,
+    within: float | None = None,
+    passed: bool = True,
+    text: str = "",
+    pass_number: int = 0,
 ) -> StepRecord:
     """A step that ended after 2 s; it has a criterion of 90 % where `within` is given."""
     return StepRecord(
@@ -47,6 +52,8 @@ def record(
         wanted=None if within is None else 0.9,
         passed=passed,
         text=text,
+        repeat=int(label[0]) if pass_number else 0,
+        turn=pass_number,
     )
 
 
@@ -72,7 +79,8 @@ def test_of_many_passes_the_first_the_last_and_the_failed_are_told() -> None:
         for place, word in enumerate(("track", "retract", "move"), 1):
             failed = turn == 40 and word == "track"
             label = f"2.{place} ({word}, pass {turn})"
-            records.append(record(len(records) + 1, label, 0.5 if failed else None, not failed))
+            within = 0.5 if failed else None
+            records.append(record(len(records) + 1, label, within, not failed, pass_number=turn))
     lines = step_lines(step_outcomes([record(0, "1 (approach)"), *records]))
     told = [line.split("  ")[1] for line in lines]
     assert told == [
@@ -90,7 +98,10 @@ def test_of_many_passes_the_first_the_last_and_the_failed_are_told() -> None:
 
 
 def test_failures_beyond_the_tenth_of_a_repeat_are_counted() -> None:
-    records = [record(turn, f"1.1 (track, pass {turn})", 0.1, passed=False) for turn in range(1, 31)]
+    records = [
+        record(turn, f"1.1 (track, pass {turn})", 0.1, passed=False, pass_number=turn)
+        for turn in range(1, 31)
+    ]
     steps = step_outcomes(records)
     assert step_lines(steps)[-2] == "  … 19 steps more, 19 of them FAILED"
     assert failed_criteria(steps).startswith("criterion failed in 30 steps: 1.1 (track, pass 1), ")

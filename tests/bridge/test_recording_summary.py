@@ -12,7 +12,7 @@ import pytest
 from msgspec import structs
 
 from hil_bridge.devices.facts import Devices, RobotFacts
-from hil_bridge.errors import ConfigError
+from hil_bridge.errors import Cause, ConfigError, Reason
 from hil_bridge.record import (
     CycleRecord,
     EventRecord,
@@ -31,11 +31,14 @@ from hil_bridge.record.files import write_whole
 PERIOD, LSB = 0.25, 0.000125
 END = RunEnd(
     Outcome.STOPPED,
-    "force limit",
+    Reason(Cause.FORCE, "force limit"),
     0.156,
     {"nak": 2, "turnaround_mean_ms": 12.5},
     left="NOT retracted: left at 1.9 mm, 9.8 N, because the link broke",
-    followed=("a point was refused", "the link broke"),
+    followed=(
+        Reason(Cause.REFUSED_ORDER, "a point was refused"),
+        Reason(Cause.DEAD_LINK, "the link broke", "look at the cable", "2 (track)"),
+    ),
 )
 
 
@@ -109,7 +112,8 @@ def test_times_and_counts() -> None:
     assert summary.cycle_time.max_s == pytest.approx(0.2)
     assert summary.cycle_rate_hz == pytest.approx(1 / PERIOD)
     assert (summary.cycles, summary.cycles_clamped, summary.cycles_held) == (101, 1, 11)
-    assert (summary.outcome, summary.cause, summary.line_floor_s) == ("stopped", "force limit", 0.156)
+    assert (summary.outcome, summary.cause, summary.text) == ("stopped", "force", "force limit")
+    assert summary.line_floor_s == 0.156
 
 
 def test_only_tracking_counts_for_the_figures() -> None:

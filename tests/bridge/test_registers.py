@@ -535,7 +535,7 @@ def closed_loop(**board: object) -> tuple[list[CycleRecord], list[str], list[Wre
             log = LogTo(frames.append, lambda kind, text: notices.append(text))
             async with open_devices(Setup(connected), clock, log) as devices:
                 result = await Run(Setup(connected), clock, devices.robot, devices.sensor, Log())()
-                assert result.outcome is Outcome.COMPLETED, result.cause
+                assert result.outcome is Outcome.COMPLETED, result.text
                 assert devices.sensor.lost == 0
 
     run_virtual(main)

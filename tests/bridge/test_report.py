@@ -14,7 +14,7 @@ import pytest
 from msgspec import structs
 
 from hil_bridge.devices.facts import Devices, Sensor
-from hil_bridge.errors import ConfigError
+from hil_bridge.errors import Cause, ConfigError, Reason
 from hil_bridge.record import (
     CycleRecord,
     EventRecord,
@@ -26,14 +26,23 @@ from hil_bridge.record import (
 )
 from hil_bridge.record.analysis.stream import stream_force
 from hil_bridge.record.analysis.summary import summarise
+from hil_bridge.record.records import FaultNote
 from hil_bridge.show.report import write_report
 from hil_bridge.show.report.differences import from_defaults
 from hil_bridge.show.report.page import page
 from hil_bridge.show.report.plots import draw
+from protocol.faults import FaultStage
 from protocol.wrench import SensorFacts
 
 EVIL = "<script>alert('1')</script> & $x^"
-END = RunEnd(Outcome.STOPPED, EVIL, 0.156, {EVIL: 1}, left=f"left {EVIL}", followed=("first", EVIL))
+END = RunEnd(
+    Outcome.STOPPED,
+    Reason(Cause.FORCE, EVIL),
+    0.156,
+    {EVIL: 1},
+    left=f"left {EVIL}",
+    followed=(Reason(Cause.GATE, "first"), Reason(Cause.BUG, EVIL)),
+)
 NEWTON_PER_COUNT, BIAS_COUNTS = 0.025, 37
 
 
@@ -135,8 +144,8 @@ def test_the_charts_hold_what_the_recording_holds() -> None:
         for cycle in recording.cycles
     )
     faults = (
-        EventRecord(22.0, "fault", "bus: errors (rate 0.001) begins for 2 s"),
-        EventRecord(24.0, "fault", "bus: errors ends"),
+        EventRecord(22.0, "fault", "one", fault=FaultNote("bus", "errors", FaultStage.BEGINS)),
+        EventRecord(24.0, "fault", "two", fault=FaultNote("bus", "errors", FaultStage.ENDS)),
     )
     recording = dataclasses.replace(recording, truths=truths, events=(*faults, *recording.events))
     found = told(page(recording, summarise(recording, END)))

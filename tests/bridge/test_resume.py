@@ -10,7 +10,8 @@ import pytest
 from click.testing import CliRunner
 
 from hil_bridge.cli import cli
-from hil_bridge.errors import BridgeError
+from hil_bridge.errors import BridgeError, Cause
+from hil_bridge.errors.cause_table import ROWS
 from hil_bridge.record import Recording, read
 from hil_bridge.runs import resuming
 from hil_bridge.runs.replay import recorded_config, replay
@@ -180,6 +181,7 @@ def test_a_tool_that_stands_otherwise_is_refused(tmp_path: Path) -> None:
         code, told = ran("--resume", record, "--record", tmp_path / "x.mcap")
     assert code == 2
     assert "turned by 10.0° from the start of the recorded run" in told
+    assert ROWS[Cause.START_TURNED].exit_code == code
 
 
 def test_the_resumed_recording_is_never_written_over_and_names_the_next(

@@ -149,8 +149,8 @@ def test_each_refusal_ends_a_run_in_one_plain_line(on: str, fault: str, words: s
     run = with_fault(tmp_path, on, fault)
     assert struck(run) > 0
     assert run.result.outcome is Outcome.STOPPED
-    assert words in run.result.cause
-    assert "\n" not in run.result.cause
+    assert words in run.result.text
+    assert "\n" not in run.result.text
     assert max(cycle.force for cycle in run.cycles) < 15.0
 
 
@@ -195,7 +195,7 @@ def test_the_guard_holds_tilt_speed_and_following_of_a_robot_that_streams(
 ) -> None:
     run = with_fault(tmp_path, "pose", fault, given=f"with = {{{given}}}\n")
     assert run.result.outcome is Outcome.STOPPED
-    assert words in run.result.cause
+    assert words in run.result.text
     assert run.result.left.startswith("retracted")
     assert max(cycle.force for cycle in run.cycles) < 20.0
 

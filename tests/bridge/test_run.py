@@ -10,7 +10,7 @@ import pytest
 
 from hil_bridge.control import CONTROLLERS, Command, ControlLoop, Measurement, turn_between
 from hil_bridge.devices.robots.s3.room import ROBOT as S3
-from hil_bridge.errors import DeviceError
+from hil_bridge.errors import Cause, DeviceError
 from hil_bridge.record import CycleRecord, Outcome
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.kinds import settings_of
@@ -188,10 +188,10 @@ def test_a_controller_that_raises_stops_the_run_by_name_and_retracts(
     monkeypatch.setattr("hil_bridge.runs.pace.make_controller", lambda *_, **__: Listening(fails_after=5))
     run = bench()
     assert run.result.outcome is Outcome.STOPPED
-    assert run.result.cause.startswith(
+    assert run.result.text.startswith(
         "controller listening failed: ArithmeticError: lost count (tests/bridge/test_run.py:"
     )
-    assert run.texts("stop") == [run.result.cause]
+    assert run.texts("stop") == [run.result.text]
     assert run.cycles[-1].phase == "retract"
     assert run.true_force == 0.0
 
@@ -297,8 +297,8 @@ def test_too_much_force_stops_retracts_and_keeps_the_cause(bench: RunBench) -> N
         cell={"surface": {"stiffness_n_m": 5e4}},
     )
     assert run.result.outcome is Outcome.STOPPED
-    assert "beyond 50 N" in run.result.cause
-    assert run.texts("stop") == [run.result.cause]
+    assert "beyond 50 N" in run.result.text
+    assert run.texts("stop") == [run.result.text]
     stop = next(record for record in run.cycles if record.verdict == "stop")
     assert stop.phase == "retract"
     assert -0.002 - 1e-9 <= stop.correction < 0.0
@@ -310,7 +310,7 @@ def test_too_much_force_stops_retracts_and_keeps_the_cause(bench: RunBench) -> N
 def test_an_emergency_stop_in_mid_track_ends_the_run_with_its_name(bench: RunBench) -> None:
     run = bench(after(5, lambda bench: bench.cell.robot.press_emergency_stop(bench.clock.now())))
     assert run.result.outcome is Outcome.STOPPED
-    assert "its status now shows: emergency stop, in standby" in run.result.cause
+    assert "its status now shows: emergency stop, in standby" in run.result.text
     assert "13 stop or emergency stop" in run.result.followed[0]
     assert run.result.left.startswith("NOT retracted: left at ")
     assert run.true_force > 5.0, "the robot took no order to pull back"
@@ -320,20 +320,21 @@ def test_an_emergency_stop_in_mid_track_ends_the_run_with_its_name(bench: RunBen
 def test_a_silent_sensor_is_stale_and_the_tool_retracts(bench: RunBench) -> None:
     run = bench(after(5, lambda bench: setattr(bench.can, "cut", True)))
     assert run.result.outcome is Outcome.STOPPED
-    assert "the newest force is" in run.result.cause
+    assert "the newest force is" in run.result.text
     assert run.true_force == 0.0
 
 
 def test_a_gateway_that_boots_again_has_lost_its_zero(bench: RunBench) -> None:
     run = bench(after(5, lambda bench: bench.can.inject([CanFrame(0x701)])))
-    assert "restarted in mid-run" in run.result.cause
+    assert "restarted in mid-run" in run.result.text
+    assert run.result.cause is Cause.SENSOR_FAILED
     assert run.true_force == 0.0
 
 
 def test_a_dead_robot_link_ends_the_run_in_the_time_of_its_time_outs(bench: RunBench) -> None:
     run = bench(after(5, lambda bench: setattr(bench.line, "faults", Faults(loss=1.0))))
     assert run.result.outcome is Outcome.STOPPED
-    assert "robot on memory:robot" in run.result.cause
+    assert "robot on memory:robot" in run.result.text
     assert run.result.left.startswith("NOT retracted: left at an unknown depth, ")
     assert run.ended_at - run.cycles[-1].answered_at < 25.0
 
@@ -349,14 +350,15 @@ def test_a_noisy_line_is_repeated_over(bench: RunBench) -> None:
 def test_no_surface_no_contact(bench: RunBench) -> None:
     run = bench(cell={"surface": {"height_mm": 400.0}}, task={"approach_depth_limit_mm": 8.0})
     assert run.result.outcome is Outcome.STOPPED
-    assert run.result.cause.startswith("no contact found within 8 mm: ")
+    assert run.result.text.startswith("no contact found within 8 mm: ")
 
 
 def test_the_workspace_holds_the_tool_back(bench: RunBench) -> None:
     run = bench(limits={"workspace_min_m": (-3.0, -3.0, 0.595)}, task={"approach_depth_limit_mm": 20.0})
     lowest = min(record.position[2] for record in run.cycles)
     assert lowest >= 0.595 - 0.0625e-3
-    assert run.result.cause == "no contact found: the approach leaves the workspace"
+    assert run.result.text == "no contact found: the approach leaves the workspace"
+    assert run.result.cause is Cause.HELD_APPROACH
     assert run.cycles[-1].depth_commanded < 0.0
 
 
@@ -412,7 +414,7 @@ def test_a_force_that_swings_at_the_lowest_gain_ends_the_run(bench: RunBench) ->
         oscillation={"factor_min": 0.5},
     )
     assert run.result.outcome is Outcome.STOPPED
-    assert "goes on swinging" in run.result.cause
+    assert "goes on swinging" in run.result.text
     assert run.true_force == 0.0
 
 
@@ -427,7 +429,7 @@ def swing(run: Bench) -> float:
 
 def test_the_travel_limit_is_named_as_the_end(bench: RunBench) -> None:
     run = bench(task={"travel_limit_mm": 5.0})
-    assert (run.result.outcome, run.result.cause) == (Outcome.COMPLETED, "travelled 5 mm")
+    assert (run.result.outcome, run.result.text) == (Outcome.COMPLETED, "travelled 5 mm")
 
 
 def test_on_a_contour_force_and_speed_follow_the_surfaces_normal(bench: RunBench) -> None:
@@ -521,7 +523,7 @@ def test_a_force_axis_that_was_dead_from_the_beginning_is_named(bench: RunBench)
         task={"approach_speed_mm_s": 1.1, "approach_depth_limit_mm": 40.0},
     )
     assert run.result.outcome is Outcome.STOPPED
-    assert run.result.cause == "fz of the force sensor did not change since the zero while other axes moved"
+    assert run.result.text == "fz of the force sensor did not change since the zero while other axes moved"
     assert run.true_force == 0.0
 
 
@@ -536,7 +538,7 @@ def test_a_force_axis_that_dies_while_pressing_does_not_press_on(bench: RunBench
 
     run = bench(meddle, task={"force_n": 30.0}, run={"duration_s": 20.0})
     assert run.result.outcome is Outcome.STOPPED
-    assert "the force stayed at" in run.result.cause
+    assert "the force stayed at" in run.result.text
     assert max(seen) < 50.0
     assert run.true_force == 0.0
 
@@ -552,7 +554,7 @@ def test_a_sensor_at_the_end_of_its_range_behind_a_large_zero(bench: RunBench) -
         limits={"force_limit_n": 500.0, "resultant_limit_n": 500.0},
     )
     assert run.result.outcome is Outcome.STOPPED
-    assert run.result.cause == "the force sensor is at the end of its range"
+    assert run.result.text == "the force sensor is at the end of its range"
     assert any(text.startswith("fz is at") for text in run.texts("sensor"))
 
 

@@ -115,9 +115,9 @@ def test_a_sensor_unplugged_from_its_gateway_stops_the_run_and_the_tool_retracts
     """Its frames go on with the counter and the values of the last sample."""
     result, force = run_until_lost(URLS[device], unplug)
     assert result.outcome is Outcome.STOPPED
-    assert "the newest force is" in result.cause
-    assert "frames go on, but their counter stands still, as after the sensor is unplugged" in result.cause
-    assert "\n" not in result.cause
+    assert "the newest force is" in result.text
+    assert "frames go on, but their counter stands still, as after the sensor is unplugged" in result.text
+    assert "\n" not in result.text
     assert force == 0.0
 
 
@@ -125,14 +125,14 @@ def test_a_sensor_unplugged_from_its_gateway_stops_the_run_and_the_tool_retracts
 def test_a_silent_gateway_stops_the_run_and_the_tool_retracts(device: str) -> None:
     result, force = run_until_lost(URLS[device], silence)
     assert result.outcome is Outcome.STOPPED
-    assert "the newest force is" in result.cause
-    assert "\n" not in result.cause
+    assert "the newest force is" in result.text
+    assert "\n" not in result.text
     assert force == 0.0
 
 
 def test_a_sensor_unplugged_from_its_board_stops_the_run_and_the_tool_retracts() -> None:
     result, force = run_until_lost(URLS["receiver board"], unplug)
     assert result.outcome is Outcome.STOPPED
-    assert "watch dog" in result.cause
-    assert "\n" not in result.cause
+    assert "watch dog" in result.text
+    assert "\n" not in result.text
     assert force == 0.0

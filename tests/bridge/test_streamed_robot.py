@@ -20,7 +20,7 @@ from hil_bridge.devices.device_log import Silence
 from hil_bridge.devices.robots.answering import Answering
 from hil_bridge.devices.robots.seam import Motion, MotionLimits, Pacing, RobotFacts, RobotLink, Sent
 from hil_bridge.devices.robots.streamed import SILENT_S, StreamedLink
-from hil_bridge.errors import DeviceError, OrderRefused, TransportClosed
+from hil_bridge.errors import DeviceError, OrderRefused, Reason, TransportClosed
 from hil_bridge.runs.leaving import WayOut
 from hil_bridge.runs.setup import Setup
 from hil_bridge.runs.small_steps import SmallSteps
@@ -764,7 +764,7 @@ def test_a_tool_is_retracted_only_where_the_robot_tells_so() -> None:
 def test_a_retraction_is_judged_again_after_each_step() -> None:
     async def script(cell: Cell) -> None:
         await cell.link.ready()
-        config, blamed = Config(), list[str]()
+        config, blamed = Config(), list[Reason]()
         state = Setup(config).loop.initial(START.position)
         deep = replace(state.supervisor, depth=0.01, position=moved(0.0, -10.0).position)
         cell.robot.pose = Pose(deep.position, DOWN)

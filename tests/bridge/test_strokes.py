@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import pytest
 
+from hil_bridge.errors import Cause, Reason
 from hil_bridge.record import CycleRecord, Outcome, Recording, RunEnd, StepRecord
 from hil_bridge.record.analysis.strokes import merit_of, strokes_of
 from hil_bridge.record.analysis.summary import summarise, wanted_force
@@ -140,7 +141,7 @@ def test_no_mean_force_is_told_of_a_profile() -> None:
 
 
 def test_a_retract_step_is_not_the_sample_that_stopped_the_tracking() -> None:
-    stopped = RunEnd(Outcome.STOPPED, "the tool touches something in free space")
+    stopped = RunEnd(Outcome.STOPPED, Reason(Cause.TOUCH, "the tool touches something in free space"))
     loud = row(cycles("track", 2, [10.0] * 50), cycles("retract", 3, [12.0], first=50))
     assert summarise(Recording(loud), stopped).figures["largest_force_n"] == 10.0
     same = row(cycles("track", 2, [10.0] * 50), cycles("retract", 2, [12.0], first=50))

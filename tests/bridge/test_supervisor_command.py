@@ -20,12 +20,13 @@ def test_table_prints_every_condition() -> None:
 
 def test_explain_tells_verdict_cause_setting_and_what_follows() -> None:
     lines = answer("explain", "--force", "120", "--age-ms", "30")
-    assert lines[:8] == [
+    assert lines[:9] == [
         "verdict        stop: force",
         "because        contact force 120.0 N is beyond 50 N",
         "ruled by       limits.force_limit_n = 50",
         "then           the tool retracts, now to 0 mm; the run ends when it is back",
         "leads to       retracts and ends, exit code 3",
+        "look at        the force before the stop in the report: one frame that jumps is the sensor, a ramp is a touch",
         "force          120 N, stops beyond 50 N: 70 too much",
         "resultant      120 N, stops beyond 100 N: 20 too much",
         "age            30 ms, stops beyond 200 ms: 170 left",
@@ -47,7 +48,7 @@ def test_explain_takes_every_option() -> None:
         *("--from-air", "--commanded-mm", "1", "--start-m", "0.9", "0", "0.5"),
     )
     assert lines[:5] == [
-        "verdict        stop: retraction",
+        "verdict        stop: retract-rise",
         "because        the force rose from 12.0 N to 30.0 N while the tool retracted",
         "ruled by       limits.retract_rise_n = 5",
         "then           the tool stands still at 1 mm; the run ends",

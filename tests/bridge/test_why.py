@@ -11,8 +11,11 @@ import pytest
 
 from emulators.faults.wire import WIRE_FAULTS
 from hil_bridge import api
-from hil_bridge.record import Recording
+from hil_bridge.errors import Cause, Part, Reason
+from hil_bridge.errors.cause_table import ROWS
+from hil_bridge.record import Outcome, Recording, RunEnd
 from hil_bridge.record.analysis.why import why
+from hil_bridge.record.ending import reason_of
 from hil_bridge.record.records import EventRecord
 from tools.faults_doc import CELL, GIVEN, faults_of_device
 
@@ -108,7 +111,7 @@ def test_the_struck_part_is_named(job: Job) -> None:
         assert text.startswith("The run completed after ")
         assert text.count(". ") == 0
         return
-    cause = recording.end["cause"].partition(";")[0]
+    cause = recording.end["text"]
     before, _, rest = text.partition(" A fault had been injected on purpose ")
     assert f"{job.on}: {job.fault}" in rest.partition(". ")[0]
     ended = before[before.index("What ended it") :]
@@ -162,17 +165,20 @@ def test_a_recording_that_was_cut_says_so(unplugged: Path, tmp_path: Path) -> No
 
 def test_a_run_that_a_person_ended_by_a_key_was_not_ended_by_a_signal() -> None:
     recording = api.simulate({"run": {"duration_s": 0.2}}).recording
-    asked = (("operator", "asked for the end with the key r"), ("signal", "SIGINT"))
-    for events, told in (
-        (asked, "the key r"),
-        (asked[1:], "SIGINT"),
-        ((("mark", asked[0][1]), asked[1]), "SIGINT"),
+    key = EventRecord(1.0, "operator", "asked for the end with the key r", Cause.KEY, by="r")
+    page = EventRecord(1.0, "operator", "asked for the end on the page in the browser", Cause.PAGE)
+    signal = EventRecord(1.0, "signal", "SIGINT", Cause.SIGNAL, by="SIGINT")
+    mark = EventRecord(1.0, "mark", key.text)
+    for events, cause, told in (
+        ((key, signal), Cause.KEY, "the key r"),
+        ((page, signal), Cause.PAGE, "the page in the browser"),
+        ((signal,), Cause.SIGNAL, "SIGINT"),
+        ((mark, signal), Cause.SIGNAL, "SIGINT"),
     ):
-        happened = tuple(EventRecord(1.0, *event) for event in events)
-        end = {**recording.end, "outcome": "interrupted"}
-        text = why(replace(recording, events=happened, end=end))
+        end = {**recording.end, "outcome": "interrupted", "cause": cause, "text": ""}
+        text = why(replace(recording, events=events, end=end))
         assert f"It was ended by {told}." in text
-        assert "symptom" not in text or events[0][0] == "mark"
+        assert "symptom" not in text or mark in events
 
 
 def test_an_interrupted_run_was_not_stopped_by_a_device() -> None:
@@ -195,3 +201,51 @@ def test_the_step_of_a_program_is_told_and_is_no_symptom() -> None:
     text = why(api.simulate({"task": {"step": steps}}, faults=[off], seed=3).recording)
     assert "the last frame of the force sensor" in text
     assert "in step 2 (track)" in text
+
+
+def ended_by(recording: Recording, reason: Reason) -> str:
+    """The paragraph of a run that this ended."""
+    end = RunEnd(Outcome.STOPPED, reason, left="retracted, 0.0 N", place="retracted, 0.0 N").as_metadata()
+    return why(replace(recording, end=end))
+
+
+@pytest.fixture(scope="module")
+def short() -> Recording:
+    return api.simulate({"run": {"duration_s": 0.2}}).recording
+
+
+@pytest.mark.parametrize(
+    ("cause", "text", "part", "look"),
+    [
+        (Cause.OSCILLATION, "the force goes on swinging by ±4.0 N", "controller", "[oscillation]"),
+        (Cause.INCONSISTENT, "requested depth and position differ", "the program itself", "report it"),
+        (Cause.NO_PROGRESS, "a lateral force of 9.0 N holds the feed", "what the tool touches", "beside"),
+        (Cause.NO_EDGE, "no edge within 10 mm", "the surface", "at_most_mm"),
+        (Cause.PLACE_UNKNOWN, "the robot does not tell where the tool was left", "the link", "cable"),
+    ],
+)
+def test_what_no_pattern_matched_names_part_and_remedy(
+    short: Recording, cause: Cause, text: str, part: str, look: str
+) -> None:
+    """These stops named nothing when sentences were read again."""
+    told = ended_by(short, Reason(cause, text))
+    blamed, _, rest = told.partition(f": {text}.")
+    assert part in blamed[blamed.index("What ended it was ") :]
+    assert look in rest[rest.index("Look at: ") :]
+
+
+@pytest.mark.parametrize("host", ["plain", "lost-and-found", "closed", "noise", "workspace", "link-stopped"])
+def test_the_name_of_a_host_blames_nothing(host: str) -> None:
+    """Motors that go off are the robot's, whatever words stand in its URL."""
+    config = {"robot": {"emulated": "egm"}, "sensor": {"emulated": "netft"}, "run": {"duration_s": 1.0}}
+    pressed = {"on": "robot", "fault": "motors-off", "phase": "track", "after_s": 0.2}
+    recording = api.simulate(config, faults=[pressed], seed=7).recording
+    cause = reason_of(recording.end)
+    assert cause is not None
+    assert ROWS[cause.cause].part is Part.ROBOT
+    assert "the motors are off" in cause.text
+    words = f"robot on udp://{host}:6510 cannot move: the motors are off"
+    text = why(replace(recording, end={**recording.end, "text": words}))
+    assert "What ended it was the robot (egm): " in text
+    assert "the link to" not in text
+    assert "the path" not in text

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from hil_bridge.control import (
-    Cause,
     Command,
     ControlLoop,
     Limits,
@@ -23,6 +22,7 @@ from hil_bridge.control import (
     TaskParameters,
     numeric_explanation,
 )
+from hil_bridge.errors import Cause
 
 START = (0.9, 0.0, 0.6)
 
@@ -103,7 +103,7 @@ def test_a_controller_that_fails_ends_in_a_retraction_that_names_it(act, why):
     assert decisions[-1].ended
     assert {d.output.phase for d in decisions[failed:]} == {Phase.RETRACT}
     assert state.task.failed
-    assert state.task.cause == verdict.text
+    assert str(state.task.reason) == verdict.text
     assert state.supervisor.stopped == verdict
     assert all(math.isfinite(value) for d in decisions for value in d.position)
 
@@ -151,10 +151,10 @@ def test_the_text_of_a_failure_is_one_line_of_whole_characters():
         raise ValueError("half \udc80\nand more")
 
     state, _ = drive(Broken(act))
-    assert state.task.cause.startswith(
+    assert str(state.task.reason).startswith(
         "controller broken failed: ValueError: half \\udc80 (tests/control/test_loop.py:"
     )
-    assert "\n" not in state.task.cause
+    assert "\n" not in str(state.task.reason)
 
 
 def test_a_controller_that_fails_in_its_first_step_is_no_different():
@@ -165,7 +165,7 @@ def test_a_controller_that_fails_in_its_first_step_is_no_different():
     for controller in (Broken(give_up, after=0), Stillborn(give_up)):
         state, decisions = drive(controller)
         assert decisions[-1].ended
-        assert "controller broken failed" in state.task.cause
+        assert "controller broken failed" in str(state.task.reason)
 
 
 def test_measurement_tells_travel_pair_and_saturation() -> None:

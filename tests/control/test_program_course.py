@@ -19,6 +19,7 @@ from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.state import CourseState, Felt
 from hil_bridge.control.words.paths import Line, Polyline
 from hil_bridge.control.words.steps import Approach, Criterion, Hold, Move, Repeat, Retract, Seek, Track
+from hil_bridge.errors import Cause
 
 DT = 0.1
 DOWN = 0.0, 1.0, 0.0, 0.0
@@ -129,7 +130,7 @@ def test_a_criterion_that_is_not_met_fails_the_step_and_not_the_run():
     )
     told = drive(program)
     state = told[-1][0]
-    assert (state.cause, state.failed) == ("", False)
+    assert (state.reason, state.failed) == (None, False)
     assert not done(told)[1].passed
     assert "wanted 100 %" in done(told)[1].text
     assert len(done(told)) == 3
@@ -172,9 +173,10 @@ def test_a_touch_in_free_space_ends_the_run_with_the_step():
     program = program_of(Move(to_mm=(20.0, 0.0)), Retract(), safe_height=1e-3)
     told = drive(program, push=lambda depth, x, y: (5.0 if x > 10e-3 else 0.0, 0.0))
     state, output, _ = told[-1]
-    assert state.cause == "the tool touches something in free space, with 5.0 N, in step 1 (move)"
+    assert str(state.reason) == "the tool touches something in free space, with 5.0 N, in step 1 (move)"
+    assert state.reason.cause is Cause.TOUCH
     assert not done(told)[0].passed
-    assert done(told)[0].text == state.cause
+    assert done(told)[0].text == str(state.reason)
     assert output.target.travel <= 12e-3 + 1e-9, "20 mm/s, and so 2 mm a sample"
 
 
@@ -183,7 +185,8 @@ def test_a_wall_in_the_way_ends_the_step_and_nothing_is_pressed_further():
     told = drive(program, push=lambda depth, x, y: (max(x - 10e-3, 0.0) * 20e3, 0.0))
     state = told[-1][0]
     assert state.failed
-    assert state.cause.endswith("something stands in the way, in step 2 (track)")
+    assert str(state.reason).endswith("something stands in the way, in step 2 (track)")
+    assert state.reason.cause in (Cause.NO_PROGRESS, Cause.STEP_WALL)
     assert max(output.target.travel for _, output, _ in told) <= 10e-3 + 8.0 / 20e3 + 5.5e-3 * DT
 
 
@@ -200,7 +203,8 @@ def test_an_edge_that_is_not_there_is_told_with_the_step():
     program = program_of(
         Approach(), Seek(direction_deg=0.0, until="edge", at_most_mm=10.0, speed_mm_s=2.0), Retract()
     )
-    assert drive(program)[-1][0].cause == "no edge within 10 mm, in step 2 (seek)"
+    assert str(drive(program)[-1][0].reason) == "no edge within 10 mm, in step 2 (seek)"
+    assert drive(program)[-1][0].reason.cause is Cause.NO_EDGE
 
 
 def test_something_to_touch_is_found_in_free_space():
@@ -279,5 +283,6 @@ def test_a_move_whose_tool_never_comes_ends_the_run():
         felt = Felt(at, (0.0, 0.0), (0.0, 0.0, 0.0), DOWN, (0.0, 0.0, 0.0), (0.0,) * 6, 1)
         state, _, done, trouble = free_steps.move(leg, state, Measurement(at, 0.0, 0.0, 0.0, dt=DT), felt)
         assert not done
-    assert "does not come to its place" in trouble
+    assert "does not come to its place" in trouble.text
+    assert trouble.cause is Cause.NOT_THERE
     assert 5.0 < at < 6.0

@@ -12,6 +12,7 @@ from hil_bridge.control.program.feed import STUCK_S, feed_of, progress, yielding
 from hil_bridge.control.program.state import CourseState
 from hil_bridge.control.words.paths import Line
 from hil_bridge.control.words.steps import Track
+from hil_bridge.errors import Cause, Reason
 
 LINE = Line(length_mm=50.0)
 DT = 0.02
@@ -20,7 +21,7 @@ DT = 0.02
 
 
 def test_without_limits_the_feed_is_whole():
-    assert feed_of(Track(path=LINE), 100.0, 100.0, 0.0) == (1.0, "")
+    assert feed_of(Track(path=LINE), 100.0, 100.0, 0.0) == (1.0, None)
 
 
 @pytest.mark.parametrize(
@@ -28,7 +29,7 @@ def test_without_limits_the_feed_is_whole():
 )
 def test_the_feed_falls_with_the_error_to_a_tenth(error, feed):
     found, trouble = feed_of(Track(path=LINE, feed_error_n=4.0), error, 0.0, 0.0)
-    assert (found, trouble) == (pytest.approx(feed), "")
+    assert (found, trouble) == (pytest.approx(feed), None)
 
 
 @pytest.mark.parametrize(
@@ -37,7 +38,7 @@ def test_the_feed_falls_with_the_error_to_a_tenth(error, feed):
 )
 def test_the_feed_falls_towards_the_lateral_limit_and_backs_away_beyond_it(lateral, feed):
     found, trouble = feed_of(Track(path=LINE, lateral_limit_n=10.0), 0.0, lateral, 0.0)
-    assert (found, trouble) == (pytest.approx(feed), "")
+    assert (found, trouble) == (pytest.approx(feed), None)
 
 
 def test_the_slower_of_both_counts():
@@ -48,11 +49,9 @@ def test_the_slower_of_both_counts():
 
 def test_a_step_that_stops_at_a_wall_fails_at_its_limit():
     step = Track(path=LINE, lateral_limit_n=10.0, at_wall="stop")
-    assert feed_of(step, 0.0, 9.9, 0.0)[1] == ""
-    assert feed_of(step, 0.0, 10.04, 0.0125) == (
-        0.0,
-        "the lateral force of 10.0 N is beyond 10 N, 12.5 mm along the path: something stands in the way",
-    )
+    assert feed_of(step, 0.0, 9.9, 0.0)[1] is None
+    text = "the lateral force of 10.0 N is beyond 10 N, 12.5 mm along the path: something stands in the way"
+    assert feed_of(step, 0.0, 10.04, 0.0125) == (0.0, Reason(Cause.STEP_WALL, text))
 
 
 @given(
@@ -67,7 +66,7 @@ def test_the_feed_is_never_faster_than_the_step_nor_more_than_half_of_it_backwar
     step = Track(path=LINE, feed_error_n=feed_error, lateral_limit_n=limit)
     feed, trouble = feed_of(step, error, lateral, 0.0)
     assert -0.5 <= feed <= 1.0
-    assert trouble == ""
+    assert trouble is None
     if limit is not None and lateral > limit:
         assert feed <= 0.0
     elif limit is None or lateral < limit / 2:

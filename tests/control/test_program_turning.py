@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.orientation import allowed, behind, tilt
 from hil_bridge.control.geometry.turning import apart, brought, moment_at, rotated, tipped, unit, yawed
+from hil_bridge.errors import Cause, Reason
 
 COMPONENT = st.floats(-1.0, 1.0)
 VECTORS = st.tuples(COMPONENT, COMPONENT, COMPONENT)
@@ -127,14 +128,17 @@ def test_a_turn_within_the_limits_is_allowed():
 def test_a_turn_that_is_too_fast_goes_as_far_as_it_may():
     wanted = about((1.0, 0.0, 0.0), math.radians(5.0))
     given_, reasons = allowed(LIMITS, DOWN, DOWN, wanted, 0.1)
-    assert reasons == ("turned faster than 10°/s",)
+    assert reasons == (Reason(Cause.TURN, "turned faster than 10°/s"),)
     assert apart(DOWN, given_) == pytest.approx(math.radians(1.0))
     assert apart(given_, wanted) == pytest.approx(math.radians(4.0))
 
 
 def test_a_tool_that_would_tip_too_far_stays_as_it_is():
     before, wanted = (about((0.0, 1.0, 0.0), math.radians(deg)) for deg in (29.8, 30.2))
-    assert allowed(LIMITS, DOWN, before, wanted, 0.1) == (before, ("tilted by more than 30°",))
+    assert allowed(LIMITS, DOWN, before, wanted, 0.1) == (
+        before,
+        (Reason(Cause.TIP, "tilted by more than 30°"),),
+    )
 
 
 def test_a_tool_that_is_tipped_too_far_may_come_back():

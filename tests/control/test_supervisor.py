@@ -7,8 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from hil_bridge.control import Allow, Cause, Clamp, Limits, Observation, Request, Stop, Supervisor
-from hil_bridge.errors import ConfigError
+from hil_bridge.control import Allow, Clamp, Limits, Observation, Request, Stop, Supervisor
+from hil_bridge.errors import Cause, ConfigError, Part
+from hil_bridge.errors.cause_table import ROWS
 
 DOWN = (0.0, 0.0, -1.0)
 LIMITS = Limits(
@@ -83,15 +84,15 @@ def test_start_outside_the_workspace_is_a_configuration_error():
         ({"force": 50.1}, Cause.FORCE),
         ({"force": -50.1}, Cause.FORCE),
         ({"force": -10.1}, Cause.PULL),
-        ({"force": math.nan}, Cause.NOT_A_NUMBER),
+        ({"force": math.nan}, Cause.FORCE_NOT_A_NUMBER),
         ({"resultant": 100.1}, Cause.RESULTANT_FORCE),
         ({"saturated": True}, Cause.SATURATED),
         ({"now": 100.21}, Cause.STALE),
         ({"sensor_at": 100.1}, Cause.STALE),
         ({"unchanged": 4.0}, Cause.FROZEN),
-        ({"fault": "the sensor restarted"}, Cause.DEVICE),
-        ({"dead_axis": "fz did not change"}, Cause.FROZEN),
-        ({"depth": math.inf}, Cause.NOT_A_NUMBER),
+        ({"fault": "the sensor restarted"}, Cause.ROBOT_STATE),
+        ({"dead_axis": "fz did not change"}, Cause.DEAD_AXIS),
+        ({"depth": math.inf}, Cause.POSE_NOT_A_NUMBER),
     ],
 )
 def test_each_cause_stops_and_just_inside_does_not(observed, cause):
@@ -115,7 +116,7 @@ def test_counter_that_stands_still_or_goes_back_stops():
         state, verdict = step(request(0.0), state)
         verdicts.append(verdict)
     assert [type(v) for v in verdicts] == [Allow, Allow, Allow, Stop]
-    assert verdicts[-1].cause is Cause.FROZEN
+    assert verdicts[-1].cause is Cause.STILL
     state, _ = step(request(0.0))
     assert step(request(0.0), state, sensor_sequence=6)[1].cause is Cause.SEQUENCE
 
@@ -132,21 +133,21 @@ def deepen(depths_mm, force=lambda k: 5.0, **observed):
 
 
 def test_a_pressing_force_that_does_not_answer_depth_stops():
-    assert deepen([1.0, 2.0, 3.0, 3.01], pressing=True) == [None, None, None, Cause.FROZEN]
+    assert deepen([1.0, 2.0, 3.0, 3.01], pressing=True) == [None, None, None, Cause.UNANSWERED]
     # One count of change, no contact, or a tool that does not go deeper is enough to be believed.
     assert set(deepen(range(20), force=lambda k: 5.0 + 0.01 * k, pressing=True)) == {None}
     assert set(deepen(range(20))) == {None}
     assert set(deepen([3.0] * 500, pressing=True)) == {None}
     # Pulling back and coming again is depth too.
-    assert deepen([5.0, 1.0, 2.9, 3.1], pressing=True)[-1] is Cause.FROZEN
+    assert deepen([5.0, 1.0, 2.9, 3.1], pressing=True)[-1] is Cause.UNANSWERED
 
 
 def test_a_dead_force_that_a_jittering_orientation_turns_is_dead_all_the_same():
     steps = [1.0, 2.0, 3.0, 3.01]
-    assert deepen(steps, force=lambda k: 9.03 + 1e-4 * (-1) ** k, pressing=True)[-1] is Cause.FROZEN
+    assert deepen(steps, force=lambda k: 9.03 + 1e-4 * (-1) ** k, pressing=True)[-1] is Cause.UNANSWERED
     # Not one count changed on any axis, while a program turns the tool.
     turning = deepen(steps, force=lambda k: 9.0 + 0.1 * k, pressing=True, unchanged=0.5)
-    assert turning[-1] is Cause.FROZEN
+    assert turning[-1] is Cause.UNANSWERED
     assert set(deepen(steps, force=lambda k: 9.0 + 0.1 * k, pressing=True)) == {None}
 
 
@@ -180,7 +181,12 @@ def test_not_a_number_anywhere_stops(where, value):
         )
     else:
         observed = {where: value}
-    assert isinstance(step(asked, **observed)[1], Stop)
+    verdict = step(asked, **observed)[1]
+    assert isinstance(verdict, Stop)
+    of_sensor = where in ("force", "resultant", "sensor_at")
+    part = Part.SENSOR if of_sensor else Part.POSE if where == "now" else Part.CONTROLLER
+    if where == "depth" or isinstance(where, int) or of_sensor:
+        assert ROWS[verdict.cause].part is part
 
 
 @given(st.lists(st.tuples(MM, st.floats(-20, 20)), min_size=1, max_size=30))

@@ -6,6 +6,7 @@ from dataclasses import replace
 import pytest
 
 from hil_bridge.control import Command, FuzzyAdaptive, FuzzyPi, Measurement, Phase, Task, TaskParameters
+from hil_bridge.errors import Cause, Reason
 
 PARAMETERS = TaskParameters(travel_limit_mm=10.0, approach_depth_limit_mm=5.0, retract_mm=4.0)
 
@@ -50,7 +51,8 @@ def test_whole_course():
     phases = [output.phase for output in outputs]
     assert sorted(set(phases), key=phases.index) == [Phase.APPROACH, Phase.TRACK, Phase.RETRACT, Phase.END]
     assert phases.count(Phase.TRACK) == 10
-    assert state.cause == "travelled 10 mm"
+    assert str(state.reason) == "travelled 10 mm"
+    assert state.reason.cause is Cause.TRAVELLED
     tracked = [output for output in outputs if output.phase is Phase.TRACK]
     assert [o.target.travel for o in tracked] == pytest.approx([k * 1e-3 for k in range(1, 11)])
     assert outputs[-1].target.travel == pytest.approx(10e-3)
@@ -66,7 +68,8 @@ def test_controller_is_stepped_in_track_only():
 
 def test_nothing_there_is_a_cause_and_never_deeper_than_the_limit():
     state, outputs = drive(task_of(PARAMETERS, Watched()), lambda *_: 0.0, 40)
-    assert state.cause.startswith("no contact found within 5 mm: start nearer")
+    assert str(state.reason).startswith("no contact found within 5 mm: start nearer")
+    assert state.reason.cause is Cause.NO_CONTACT
     assert state.phase is Phase.END
     assert state.controller is None
     assert max(output.target.depth for output in outputs) == pytest.approx(5e-3)
@@ -99,15 +102,18 @@ def test_loss_is_told_to_the_controller_and_has_hysteresis():
 def test_too_many_losses_end_the_run():
     task = task_of(replace(PARAMETERS, loss_limit=3, travel_limit_mm=1e3), Watched())
     state, _ = drive(task, lambda d, t, k: 5.0 * (k % 2 == 0), 30)
-    assert state.cause == "contact lost 3 times"
+    assert str(state.reason) == "contact lost 3 times"
+    assert state.reason.cause is Cause.CONTACT_LOST
     assert state.phase is Phase.END
 
 
 def test_finish_from_outside_retracts_once():
     task = task_of(PARAMETERS, Watched())
     state, outputs = drive(task, surface_at(0.0), 4)
-    state = task.finish(task.finish(state, "time is up"), "again")
-    assert state.cause == "time is up"
+    state = task.finish(
+        task.finish(state, Reason(Cause.TIME_IS_UP, "time is up")), Reason(Cause.SIGNAL, "again")
+    )
+    assert str(state.reason) == "time is up"
     depth = outputs[-1].target.depth
     _, output = task.step(state, Measurement(1.0, 5.0, depth, depth))
     assert output.phase is Phase.RETRACT
@@ -125,7 +131,7 @@ def test_force_that_is_not_finite_never_moves_deeper(force):
 
 def test_retraction_goes_on_with_a_dead_sensor():
     task = task_of(PARAMETERS, Watched())
-    state = task.finish(task.initial(), "the sensor died")
+    state = task.finish(task.initial(), Reason(Cause.SENSOR_FAILED, "the sensor died"))
     state, outputs = drive(task, lambda *_: math.nan, 40, state)
     assert state.phase is Phase.END
     assert outputs[-1].target.depth == pytest.approx(-4e-3)
@@ -187,7 +193,8 @@ def test_an_edge_is_an_end_and_no_hole_to_dive_into():
         task = task_of(replace(parameters, search_depth_limit_mm=3.0), controller)
         state, outputs = drive(task, lambda d, t, k: 5e3 * max(d - 3e-3, 0.0) if t < 5e-3 else 0.0, 60)
         lost = next(i for i, output in enumerate(outputs) if i > 10 and not output.in_contact)
-        assert state.cause == "the surface ended: no contact within 3 mm"
+        assert str(state.reason) == "the surface ended: no contact within 3 mm"
+        assert state.reason.cause is Cause.SURFACE_ENDED
         assert state.failed
         assert state.phase is Phase.END
         deepest = max(output.target.depth for output in outputs)

@@ -9,7 +9,6 @@ from msgspec import structs
 
 from hil_bridge.control import (
     CONTROLLERS,
-    Cause,
     Clamp,
     Command,
     ControlLoop,
@@ -28,7 +27,7 @@ from hil_bridge.control import (
 from hil_bridge.control.controllers import check_period, sample_time
 from hil_bridge.control.loop import LONGEST_SAMPLES
 from hil_bridge.control.types import SAMPLE_MS
-from hil_bridge.errors import ConfigError
+from hil_bridge.errors import Cause, ConfigError, Reason
 
 STEP = 0.125e-3
 """Position step of the paper's robot, m."""
@@ -98,7 +97,7 @@ def test_a_way_below_half_a_step_adds_up_and_is_never_faster() -> None:
 @pytest.mark.parametrize("dt", CYCLES_S)
 def test_a_retraction_keeps_its_speed(dt: float) -> None:
     task = Task(TaskParameters(retract_mm=4.0), Still())
-    state = task.finish(task.initial(), "enough")
+    state = task.finish(task.initial(), Reason(Cause.TIME_IS_UP, "enough"))
     _, output = task.step(state, Measurement(0.0, 8.0, 5e-3, 5e-3, dt=dt))
     assert output.phase is Phase.RETRACT
     assert 5e-3 - output.target.depth == pytest.approx(5.5e-3 * dt)
@@ -151,7 +150,7 @@ def test_a_sensor_that_stands_still_stops_a_run_after_the_same_time(dt: float) -
         seen = structs.replace(QUIET, dt=dt)
         state, verdict = SUPERVISOR.step(state, seen, Request(0.0, (0.0, 0.0, 0.0), DOWN))
         cycles += 1
-    assert verdict.cause is Cause.FROZEN
+    assert verdict.cause is Cause.STILL
     still = (cycles - 1) * dt
     assert 0.45 - 1e-9 <= still < 0.45 + dt + 1e-9
     assert verdict.text == f"no new force for {still * 1e3:.0f} ms"
@@ -184,7 +183,7 @@ def test_a_computer_that_stood_still_makes_no_leap() -> None:
 def test_a_cycle_without_time_moves_nothing_and_ends_no_retraction() -> None:
     control = loop()
     state = structs.replace(control.initial(START), seen_at=100.0)
-    state = control.finish(state, "enough")
+    state = control.finish(state, Reason(Cause.TIME_IS_UP, "enough"))
     state, decision = control.step(state, Sample(100.0, START, 0.0, 0.0, 99.99, 1))
     assert (decision.output.phase, decision.target.depth, decision.ended) == (Phase.RETRACT, 0.0, False)
     _, decision = control.step(state, Sample(100.18, START, 0.0, 0.0, 100.17, 2))

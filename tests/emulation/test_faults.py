@@ -305,7 +305,7 @@ def test_one_way_alone_and_the_next_frames() -> None:
 def test_the_ledger_tells_what_was_when_and_how_often() -> None:
     cell = moving_cell()
     said: list[str] = []
-    cell.ledger.on_fault = said.append
+    cell.ledger.on_fault = lambda news: said.append(news.text)
     cell.inject("signal", "dead", T0 + 1.0, axis="fx", for_s=0.5)
     cell.inject("robot", "standby", T0 + 1.1)
     cell.inject("link", "drop-ack", T0 + 1.2)

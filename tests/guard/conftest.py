@@ -59,7 +59,7 @@ class Guarded:
     @property
     def cause(self) -> str:
         """Cause of a run that was refused or stopped."""
-        return str(self.error) if self.error is not None else self.result.cause
+        return str(self.error) if self.error is not None else self.result.text
 
     def texts(self, kind: str) -> list[str]:
         return [event.text for event in self.events if event.kind == kind]
@@ -113,7 +113,7 @@ class Guarded:
                 try:
                     self.run = Run(Setup(self.config), clock, devices.robot, devices.sensor, self)
                     self.schedule = FaultSchedule(
-                        self.config.faults, self.cell, clock, self.notice, self.run.stand_still
+                        self.config.faults, self.cell, clock, self.event, self.run.stand_still
                     )
                     self.result = await self.run()
                 except BridgeError as error:

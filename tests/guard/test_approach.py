@@ -127,7 +127,7 @@ def test_a_quiet_sensor_is_not_taken_for_a_stuck_one(sensor: str, speed_mm_s: fl
             },
         }
     )
-    assert result.recording.end["outcome"] == "completed", result.recording.end["cause"]
+    assert result.recording.end["outcome"] == "completed", result.recording.end["text"]
 
 
 def test_a_second_that_comes_again_is_bounded_by_the_approach(guarded: Run) -> None:

@@ -14,6 +14,7 @@ from emulators.arm.loops import PositionLoop
 from hil_bridge.control.course.reaction import bound_n, servo_lag
 from hil_bridge.control.types import Command, Measurement
 from hil_bridge.devices.facts import Pacing, RobotFacts, ServoFacts
+from hil_bridge.errors import Cause
 from hil_bridge.record.device_facts import devices_of
 from hil_bridge.runs.force_bound import force_bound_n
 from hil_bridge.runs.reaction_times import force_age, reaction, robot_motion
@@ -108,7 +109,8 @@ def test_a_slow_line_ends_the_run_before_it_touches(ms: float) -> None:
     """Each byte comes so much later: a cycle takes 0.8 and 3.5 s."""
     slow = {"on": "link", "fault": "delay", "phase": "connect", "for_s": 3600.0, "with": {"ms": ms}}
     recording = hil_bridge.simulate(hit("s3", "jr3", 0.0, 5e4), faults=[slow]).recording
-    assert "the line to the robot is too slow" in recording.end["cause"]
+    assert "the line to the robot is too slow" in recording.end["text"]
+    assert recording.end["cause"] == Cause.SLOW_CYCLES
     assert max(math.hypot(*truth.force) for truth in recording.truths) == 0.0
     assert recording.end["left"] == "retracted, 0.0 N"
 
@@ -149,7 +151,7 @@ def test_a_tool_that_is_pushed_deeper_stays_below(robot: str, sensor: str, perio
     longest_s = max(b.started_at - a.started_at for a, b in pairwise(recording.cycles))
     bound = force_bound_n(read_config(values), devices_of(recording), 5e4, longest_s)
     assert 60.0 < max(math.hypot(*truth.force) for truth in recording.truths) <= bound
-    assert "contact force" in recording.end["cause"]
+    assert "contact force" in recording.end["text"]
 
 
 def tool() -> dict[str, Any]:
@@ -193,14 +195,14 @@ def test_a_touch_of_the_other_table_is_measured_again(robot: str, late: str, col
     assert max(runs) == (pytest.approx(force, rel=0.02), outcome)
 
 
-def cycles_of(*lengths_s: float, **more: Any) -> list[str]:
-    """Words on each begin of cycles that last so long."""
+def cycles_of(*lengths_s: float, **more: Any) -> list[bool]:
+    """Whether the run must end at each begin of cycles that last so long."""
     watch, now = SlowCycles(read_config(more)), 5.0
-    words = [watch.cycle(now)]
+    ends = [watch.cycle(now) is not None]
     for length_s in lengths_s:
         now += length_s
-        words.append(watch.cycle(now))
-    return words
+        ends.append(watch.cycle(now) is not None)
+    return ends
 
 
 def test_some_slow_cycles_are_an_accident() -> None:
@@ -208,7 +210,7 @@ def test_some_slow_cycles_are_an_accident() -> None:
 
 
 def test_three_slow_cycles_in_a_row_are_told_once() -> None:
-    assert [bool(words) for words in cycles_of(0.6, 0.6, 0.6, 0.6)] == [False, False, False, True, False]
+    assert cycles_of(0.6, 0.6, 0.6, 0.6) == [False, False, False, True, False]
 
 
 def test_a_slow_period_is_a_persons_choice() -> None:

@@ -11,7 +11,7 @@ from msgspec.structs import replace as changed
 
 import hil_bridge
 from hil_bridge.devices.kinds import ROBOTS, SENSORS, EmulatedKinds
-from hil_bridge.devices.robots.gate import Bounds, Gate
+from hil_bridge.errors import Cause, GateStop
 from hil_bridge.lab.invariants import (
     CHECKERS,
     VOIDS,
@@ -25,7 +25,6 @@ from hil_bridge.lab.invariants import (
 from hil_bridge.lab.invariants.recorded import promises_broken
 from hil_bridge.record import EventRecord, Recording
 from hil_bridge.settings.faults import FaultConfig
-from protocol.geometry import Pose
 
 Plant = Callable[[Evidence], Evidence]
 
@@ -62,14 +61,13 @@ def rest(evidence: Evidence, **values: Any) -> Evidence:
     return recorded(evidence, end={**evidence.recording.end, "rest": json.dumps(told)})
 
 
-def with_event(evidence: Evidence, kind: str, text: str = "planted") -> Evidence:
+def with_event(evidence: Evidence, kind: str, cause: Cause | None = None) -> Evidence:
     at = evidence.recording.cycles[-5].sent_at
-    return recorded(evidence, events=(*evidence.recording.events, EventRecord(at, kind, text)))
+    return recorded(evidence, events=(*evidence.recording.events, EventRecord(at, kind, "planted", cause)))
 
 
 def gated(evidence: Evidence) -> Evidence:
-    gate = Gate(Bounds(deepest=0.01), 0.0)
-    return with_event(evidence, "then", gate.judge(Pose((0.0, 0.0, 1.0), (1.0, 0.0, 0.0, 0.0)), 1.0))
+    return with_event(evidence, "then", GateStop("stopped").reason(Cause.BUG).cause)
 
 
 def last(array: Any, value: float) -> Any:

@@ -198,7 +198,7 @@ async def interrupted_at_once(turns: int, reaches: bool) -> tuple[Any, Any]:
 @pytest.mark.parametrize("reaches", [False, True])
 def test_an_early_interrupt_is_a_result(turns: int, reaches: bool) -> None:
     result, kept = run_virtual(interrupted_at_once(turns, reaches))
-    assert (result.outcome, result.cause) == (Outcome.INTERRUPTED, "before the movement began")
+    assert (result.outcome, result.text) == (Outcome.INTERRUPTED, "before the movement began")
     assert (kept.outcome, kept.left) == (Outcome.INTERRUPTED, "")
 
 

@@ -9,6 +9,7 @@ import pytest
 from hil_bridge.control.course import retreat
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.verdict import Observation, Retreat, Stage
+from hil_bridge.errors import Cause, Reason
 from hil_bridge.settings.configuration import Config, read_config
 
 Guarded = Any
@@ -102,17 +103,17 @@ def seen(now: float, force: float, depth_mm: float = 0.0, *, lateral: float = 0.
     return Observation(now, force, resultant, now, 1, pressing=True, depth=depth_mm * 1e-3, dt=0.02)
 
 
-def stages(course: list[Observation]) -> tuple[list[Stage], str]:
+def stages(course: list[Observation]) -> tuple[list[Stage], Reason | None]:
     """The stages of a retraction through these observations, each once, and why it stood still."""
     state: Retreat | None = None
     passed: list[Stage] = []
     for observation in course:
-        state, text = retreat.watch(LIMITS, state, observation)
+        state, reason = retreat.watch(LIMITS, state, observation)
         if state.stage not in passed:
             passed.append(state.stage)
-        if text:
-            return passed, text
-    return passed, ""
+        if reason is not None:
+            return passed, reason
+    return passed, None
 
 
 def held(force: Callable[[float], float], back: Callable[[float], float]) -> list[Observation]:
@@ -121,9 +122,9 @@ def held(force: Callable[[float], float], back: Callable[[float], float]) -> lis
 
 def test_a_force_that_rises_by_itself_is_left_behind() -> None:
     """It rises by 40 N/s whether the tool moves or not."""
-    passed, text = stages(held(lambda t: 60.0 + 40.0 * t, lambda t: 5.0 * t))
+    passed, reason = stages(held(lambda t: 60.0 + 40.0 * t, lambda t: 5.0 * t))
     assert passed == [Stage.GOES, Stage.WAITS, Stage.TRUSTED]
-    assert text == ""
+    assert reason is None
 
 
 def test_a_robot_that_goes_the_wrong_way_stands_still() -> None:
@@ -131,25 +132,31 @@ def test_a_robot_that_goes_the_wrong_way_stands_still() -> None:
     state: Retreat | None = None
     back, reasons = 0.0, []
     for k in range(400):
-        state, text = retreat.watch(LIMITS, state, seen(k * 0.02, 60.0 + 20.0 * back, -back))
-        if text:
-            reasons.append(text)
+        state, reason = retreat.watch(LIMITS, state, seen(k * 0.02, 60.0 + 20.0 * back, -back))
+        if reason is not None:
+            reasons.append(reason)
             break
         back += min(5.0 * 0.02, retreat.longest_way(state, 0.02) * 1e3)
     assert back < 4.0
-    assert "retracted slowly" in reasons[0]
+    assert reasons[0].cause is Cause.RETRACT_RISE
+    assert "retracted slowly" in reasons[0].text
 
 
 def test_a_force_that_fell_while_it_waited_is_tried_again() -> None:
     def force(at: float) -> float:
         return 80.0 if at < 2.5 else max(80.0 - 60.0 * (at - 2.5), 0.0)
 
-    passed, text = stages(held(force, lambda t: 5.0 * min(t, 1.5)))
+    passed, reason = stages(held(force, lambda t: 5.0 * min(t, 1.5)))
     assert passed == [Stage.GOES, Stage.WAITS, Stage.SLOW, Stage.TRUSTED]
-    assert text == ""
+    assert reason is None
 
 
 def test_a_force_from_the_side_keeps_its_ceiling() -> None:
-    passed, text = stages([seen(0.0, 10.0), seen(1.0, 2.0), seen(1.1, 2.0, lateral=9.0)])
+    passed, reason = stages([seen(0.0, 10.0), seen(1.0, 2.0), seen(1.1, 2.0, lateral=9.0)])
     assert passed == [Stage.GOES]
-    assert text.startswith("the force rose from 2.0 N to 9.2 N")
+    assert reason is not None
+    assert reason.cause is Cause.RETRACT_RISE
+    assert reason.text.startswith("the force rose from 2.0 N to 9.2 N")
+    _, reason = stages([seen(0.0, 10.0), seen(1.0, 2.0), seen(1.1, 2.0, lateral=50.1)])
+    assert reason is not None
+    assert reason.cause is Cause.RETRACT_OVER

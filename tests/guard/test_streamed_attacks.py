@@ -155,5 +155,5 @@ def test_a_stuck_sensor_is_seen_although_the_reported_orientation_jitters() -> N
         },
         faults=[{"on": "signal", "fault": "stuck", "phase": "track", "after_s": 0.7}],
     )
-    assert "the force stayed at" in result.recording.end["cause"]
+    assert "the force stayed at" in result.recording.end["text"]
     assert max(math.hypot(*truth.force) for truth in result.recording.truths) < 30.0

@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from hil_bridge.errors import Cause
 from hil_bridge.record import Outcome
 from hil_bridge.settings.configuration import Config
 
@@ -121,6 +122,7 @@ def test_a_start_in_contact_with_an_unknown_tool_is_found(
     )
     assert run.cycles == []
     assert "the tool was touching, or frame.approach points the wrong way" in run.cause
+    assert run.result.cause is Cause.TOUCHING
     assert run.largest <= 30.1
     assert run.result.left.startswith("NOT retracted")
 
@@ -198,6 +200,7 @@ def test_a_sensor_that_begins_to_read_a_pull_does_not_press_on_in_search_of_cont
     run = guarded(configured(stiffness, fault("signal", "offset", amount=amount, **at)))
     assert run.result.outcome is Outcome.STOPPED
     assert "a surface does not pull" in run.cause
+    assert run.result.cause is Cause.PULL
     assert run.largest <= 30.0, "the first touch of the harder surface makes 29.5 N"
     assert run.last <= 10.5
 
@@ -259,6 +262,7 @@ def test_one_refused_move_ends_the_run_with_the_tool_retracted(
     run = guarded(configured(stiffness, fault("robot", "refuse", function=24, phase="track", after_s=1.0)))
     assert run.result.outcome is Outcome.STOPPED
     assert "refused order 24: 31" in run.cause
+    assert run.result.cause is Cause.REFUSED_ORDER
     assert run.last == 0.0
     assert run.result.left == "retracted, 0.0 N"
 
@@ -270,6 +274,7 @@ def test_a_line_that_is_cut_leaves_the_tool_and_says_so(
     run = guarded(configured(stiffness, fault("link", "off", phase="track", after_s=1.0, for_s=600.0)))
     assert run.result.outcome is Outcome.STOPPED
     assert "robot on memory:robot" in run.cause
+    assert run.result.cause is Cause.DEAD_LINK
     assert run.last <= bound(stiffness)
     assert run.result.left.startswith("NOT retracted: left at ")
     assert f"{run.last:.1f} N" in run.result.left or abs(run.last - 10.0) < 6.0
@@ -286,6 +291,7 @@ def test_a_bug_in_the_middle_of_a_run_retracts_and_is_recorded(
     run = guarded(configured(stiffness), break_down)
     assert run.result.outcome is Outcome.STOPPED
     assert run.cause == "a bug ended the run: ZeroDivisionError: lost count"
+    assert run.result.cause is Cause.BUG
     (trace,) = run.texts("bug")
     assert "Traceback" in trace
     assert run.last == 0.0
@@ -299,6 +305,7 @@ def test_a_computer_that_stands_still_stops_the_run(
     run = guarded(configured(stiffness, fault("computer", "pause", seconds=2.0, phase="track", after_s=1.0)))
     assert run.result.outcome is Outcome.STOPPED
     assert "no decision for 2000 ms, allowed are 500 ms" in run.cause
+    assert run.result.cause is Cause.DEADLINE
     assert run.texts("gap") != []
     assert run.last == 0.0
     assert run.largest <= bound(stiffness)

@@ -10,6 +10,7 @@ import hil_bridge
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.verdict import Observation
 from hil_bridge.control.course.witness import Witness, witness_of
+from hil_bridge.errors import Cause
 from hil_bridge.record import Outcome
 from hil_bridge.runs.replay import recorded_config, replay
 from hil_bridge.settings.configuration import Config, read_config
@@ -130,6 +131,7 @@ def test_a_tool_that_the_robot_still_feels_pressed_is_not_told_as_retracted(guar
     run = guarded(feeling("rtde", 5e3, late, run={"duration_s": 0.5}))
     assert run.result.outcome is Outcome.STOPPED
     assert "after the retraction, the robot itself feels 93 N" in run.cause
+    assert run.result.cause is Cause.LEFT_DISAGREEING
     assert run.result.left.startswith("NOT retracted: left at ")
     assert "(the robot itself feels 93 N)" in run.result.left
 
@@ -137,7 +139,7 @@ def test_a_tool_that_the_robot_still_feels_pressed_is_not_told_as_retracted(guar
 def test_a_stop_by_the_witness_is_decided_alike_in_a_replay() -> None:
     config = feeling("rtde", 5e3, fault("signal", "dead", "track"), run={"duration_s": 1.0})
     recording = hil_bridge.simulate(config).recording
-    assert "the robot itself feels" in recording.end["cause"]
+    assert "the robot itself feels" in recording.end["text"]
     again = list(replay(recording, recorded_config(recording, {}), forced=False))
     assert len(again) == len(recording.cycles)
     assert not any(cycle.differences for cycle in again)

@@ -30,7 +30,7 @@ def test_a_run_by_hand_in_real_time() -> None:
         return running.result
 
     result = hil_bridge.run_real(main)
-    assert "motors are off" in result.cause
+    assert "motors are off" in result.text
     assert len(result.arrays.truths.force) == len(result.cycles)
 
 

@@ -12,7 +12,7 @@ def test_emergency_stop_ends_the_run_and_says_so():
     began = time.process_time()
     result = hil_bridge.simulate({"run": {"duration_s": 3.0}}, faults=[STOP], seed=7)
     assert result.outcome == "stopped"
-    assert "emergency stop" in result.cause
+    assert "emergency stop" in result.text
     assert max(result.arrays.force) < 15.0
     assert result.arrays.truths.force[:, 2].max() < 15.0
     assert time.process_time() - began < 1.0

@@ -102,7 +102,7 @@ class Played:
     @property
     def cause(self) -> str:
         """Cause of a run that was refused, stopped or interrupted."""
-        return str(self.error) if self.error is not None else self.result.cause
+        return str(self.error) if self.error is not None else self.result.text
 
     @property
     def stopped(self) -> bool:
@@ -183,7 +183,7 @@ class Played:
             try:
                 self.run = Run(Setup(self.config), clock, devices.robot, devices.sensor, self)
                 self.schedule = FaultSchedule(
-                    self.config.faults, self.cell, clock, self.notice, self.run.stand_still
+                    self.config.faults, self.cell, clock, self.event, self.run.stand_still
                 )
                 self.result = await self.run()
             except BridgeError as error:

@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hil_bridge.errors import Cause
+
 Played = Any
 Play = Callable[..., Played]
 WALL_N_M = 5e4
@@ -66,6 +68,7 @@ def test_nothing_found_fails_the_step(play: Play, what: str) -> None:
     run = play("s3", [*steps, RETRACT], START, QUICKLY)
     assert run.stopped
     assert run.cause == f"{words} (seek)"
+    assert run.result.cause in (Cause.NOT_FOUND, Cause.NO_EDGE)
     assert run.result.left == "retracted, 0.0 N"
     assert not run.steps[-1].passed
 

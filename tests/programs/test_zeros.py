@@ -5,6 +5,8 @@ from typing import Any
 
 import pytest
 
+from hil_bridge.errors import Cause
+
 Played = Any
 Play = Callable[..., Played]
 LINE = {"kind": "line", "length_mm": 10}
@@ -51,6 +53,7 @@ def test_without_zeros_it_presses_less_and_the_end_says_so(play: Play) -> None:
     assert true_force(without, 8) < 9.3
     assert without.stopped
     assert "or the sensor's zero has changed" in without.cause
+    assert without.result.cause is Cause.LEFT_PRESSING
 
 
 def test_a_zero_is_refused_that_would_take_a_touch_away(play: Play) -> None:
@@ -63,6 +66,7 @@ def test_a_zero_is_refused_that_would_take_a_touch_away(play: Play) -> None:
     run = play("s3", [*STROKE, ZERO, *STROKE], CELL, meddle=jump)
     assert run.stopped
     assert "would be taken for zero, allowed are 2 N" in run.cause
+    assert run.result.cause is Cause.DRIFT
     assert run.cause.endswith("in step 4 (zero)")
     assert run.last == 0.0
 

@@ -132,7 +132,7 @@ async def test_a_browser_sees_a_run_a_cut_and_an_alarm(
             await asyncio.sleep(1.0)
             await page.screenshot(Path(PICTURES) / "web-phone.png")
     assert run.ended() == 3
-    cause = read(tmp_path / "0" / "run.mcap").end["cause"]
+    cause = read(tmp_path / "0" / "run.mcap").end["text"]
     assert cause
     assert outcome.startswith(f"Stopped{cause}") or cause in outcome
     assert [one for one in page.errors if "ERR_CONNECTION" not in one and "WebSocket" not in one] == []

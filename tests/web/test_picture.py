@@ -8,6 +8,7 @@ import msgspec
 import pytest
 
 from hil_bridge.api import load, simulate
+from hil_bridge.errors import Cause, Reason
 from hil_bridge.record import CycleRecord, EventRecord, Recording, RunEnd
 from hil_bridge.record.analysis.summary import summarise
 from hil_bridge.record.ending import Outcome
@@ -64,7 +65,9 @@ def test_the_page_is_told_what_the_recording_holds(stopped: tuple[Scene, Recordi
             told = json.loads(msgspec.json.encode(picture.told(cursor, 0.0)))
             rows += len(told.get("rows", {}).get("cycle", {}).get("x", ()))
             events += told["events"]
-    picture.end(wire.End(RunEnd(Outcome.STOPPED, "the emergency stop").as_metadata()))
+    picture.end(
+        wire.End(RunEnd(Outcome.STOPPED, Reason(Cause.ROBOT_STATE, "the emergency stop")).as_metadata())
+    )
     told = json.loads(msgspec.json.encode(picture.told(cursor, 0.0)))
     rows += len(told.get("rows", {}).get("cycle", {}).get("x", ()))
     events += told["events"]

@@ -12,6 +12,7 @@ from hil_bridge.api import load, simulate
 from hil_bridge.cli import cli
 from hil_bridge.errors import ConfigError
 from hil_bridge.record import Recording
+from hil_bridge.record.ending import reason_of
 from hil_bridge.show.web import feed
 from hil_bridge.show.web.playback import Place, Playback
 
@@ -37,7 +38,7 @@ def test_a_slider_finds_every_moment(recording: Recording) -> None:
     assert playback.news(place) is None  # until something is asked
     assert len(whole["rows"]["cycle"]["x"]) == len(recording.cycles)
     assert whole["end"]["outcome"] == "stopped"
-    assert whole["end"]["cause"] == recording.end["cause"]
+    assert whole["end"]["cause"] == str(reason_of(recording.end))
     assert whole["scene"]["cell"].startswith("EMULATED")
     began = min(recording.cycles[0].started_at, recording.events[0].at)
     for cycle in recording.cycles[:: len(recording.cycles) // 7]:

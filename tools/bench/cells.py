@@ -81,7 +81,7 @@ class CellRun:
                 await sensor.aclose()
                 await robot.aclose()
         if self.faults or result.outcome is not Outcome.COMPLETED:
-            raise RunFailed(", ".join((result.cause, *self.faults)))
+            raise RunFailed(", ".join((result.text, *self.faults)))
         self.simulated = clock.now() - began
 
 

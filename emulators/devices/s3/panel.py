@@ -29,7 +29,8 @@ import numpy as np
 from emulators.devices.s3.controller import S3Controller
 from emulators.devices.s3.faults import S3_FAULTS, target_of
 from emulators.devices.s3.state import status_flags
-from emulators.faults import FOREVER, Fault, Ledger
+from emulators.faults import FOREVER, Fault, FaultNews, Ledger
+from protocol.faults import FaultStage
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +132,8 @@ class Panel:
             if not isinstance(to, str) or to not in acts:
                 raise ValueError(f"{action} goes to {' or '.join(acts)}, not {to!r}")
             acts[to](controller, now)
-            self._faults.on_fault(f"robot: {action} {to} at the panel")
+            text = f"robot: {action} {to} at the panel"
+            self._faults.on_fault(FaultNews(FaultStage.BY_HAND, "robot", action, text))
         elif action != "show":
             known = ", ".join(("show", *_ACTS, "inject", "disarm", "mend", "faults"))
             raise ValueError(f"no action is called {action!r}; known: {known}")

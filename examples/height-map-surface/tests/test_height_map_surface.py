@@ -74,7 +74,7 @@ def test_an_image_lies_as_it_is_said_to(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["waves.toml", "dome.toml"])
 def test_the_loop_closes_on_it(files: Path, name: str) -> None:
     result = hil_bridge.simulate(files / name, seed=7)
-    assert result.outcome == "completed", result.cause
+    assert result.outcome == "completed", result.text
     assert abs(result.figures.force_mean_steady_n - 10.0) < 0.5
     assert np.isfinite(result.arrays.truths.normal).all()
 

@@ -83,7 +83,7 @@ def test_the_loop_closes_and_repeats_to_the_last_bit() -> None:
         "cell": {"surface_kind": "mujoco", "mujoco": {"shape": "sphere"}, "start_position_mm": NEAR},
     }
     first, second = (hil_bridge.simulate(cell, seed=7) for _ in range(2))
-    assert first.outcome == "completed", first.cause
+    assert first.outcome == "completed", first.text
     assert abs(first.figures.force_mean_steady_n - 10.0) < 0.5
     assert first.cycles == second.cycles
     np.testing.assert_array_equal(first.arrays.truths.force, second.arrays.truths.force)
@@ -105,7 +105,7 @@ def test_a_scene_of_mjcf_is_looked_for_beside_the_configuration(tmp_path: Path) 
         encoding="utf-8",
     )
     result = hil_bridge.simulate(site, seed=7)
-    assert result.outcome == "completed", result.cause
+    assert result.outcome == "completed", result.text
     assert abs(result.figures.force_mean_steady_n - 10.0) < 0.5
 
 

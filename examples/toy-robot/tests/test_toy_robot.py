@@ -32,7 +32,7 @@ def test_the_loop_closes_over_the_arm() -> None:
     result = hil_bridge.simulate(
         {"robot": {"emulated": "toyarm"}, "run": {"duration_s": 1.0}, "cell": NEAR}, seed=7
     )
-    assert result.outcome == "completed", result.cause
+    assert result.outcome == "completed", result.text
     assert abs(result.figures.force_mean_steady_n - 10.0) < 0.5
 
 
@@ -44,7 +44,7 @@ def test_an_arm_that_fails_ends_the_run(fault: str, words: str) -> None:
     site = {"robot": {"emulated": "toyarm"}, "run": {"duration_s": 1.0}, "cell": NEAR}
     result = hil_bridge.simulate(site, faults=[failing], seed=7)
     assert result.outcome == "stopped"
-    assert words in result.cause
+    assert words in result.text
 
 
 def test_client_and_arm_understand_each_other() -> None:

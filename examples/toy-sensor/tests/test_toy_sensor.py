@@ -33,7 +33,7 @@ def test_the_loop_closes_over_the_load_cell() -> None:
         },
         seed=7,
     )
-    assert result.outcome == "completed", result.cause
+    assert result.outcome == "completed", result.text
     assert abs(result.figures.force_mean_steady_n - 10.0) < 0.5
 
 

@@ -31,5 +31,5 @@ def test_the_loop_closes_over_the_plate() -> None:
             "cell": {**NEAR, "surface_kind": "toyspring"},
         }
     )
-    assert result.outcome == "completed", result.cause
+    assert result.outcome == "completed", result.text
     assert abs(result.figures.force_mean_steady_n - 10.0) < 0.5

@@ -4,8 +4,9 @@ from msgspec.structs import replace
 
 from hil_bridge.control.course.oscillation import Advice
 from hil_bridge.control.course.task import TaskOutput
-from hil_bridge.control.course.verdict import LEAVES, Clamp, Observation, Verdict
+from hil_bridge.control.course.verdict import Clamp, Observation, Verdict
 from hil_bridge.control.types import Measurement
+from hil_bridge.errors.causes import Cause, Reason
 
 
 def calmed(output: TaskOutput, measurement: Measurement, advice: Advice) -> TaskOutput:
@@ -15,8 +16,10 @@ def calmed(output: TaskOutput, measurement: Measurement, advice: Advice) -> Task
     return replace(output, target=replace(output.target, depth=depth))
 
 
-def held_back(verdict: Verdict, seen: Observation) -> str:
+def held_back(verdict: Verdict, seen: Observation) -> Reason:
     """Why a retraction goes on no farther."""
-    if isinstance(verdict, Clamp) and LEAVES not in verdict.reasons:
-        return seen.fault or "the sensor tells no force to retract the tool by"
-    return "the workspace ends before the tool is retracted"
+    if not isinstance(verdict, Clamp) or verdict.is_for(Cause.WORKSPACE):
+        return Reason(Cause.RETRACT_BORDER, "the workspace ends before the tool is retracted")
+    if seen.fault:
+        return Reason(seen.fault_cause, seen.fault, seen.fault_remedy)
+    return Reason(Cause.RETRACT_BLIND, "the sensor tells no force to retract the tool by")

@@ -9,6 +9,7 @@ import math
 from msgspec import Struct
 
 from hil_bridge.control.course.limits import Limits
+from hil_bridge.errors.causes import Cause, Reason
 from protocol.geometry import Vector
 
 LASTS_S = 0.15
@@ -41,20 +42,22 @@ def watched(
 
 def lifeless(
     state: FreeSpace, limits: Limits, now: float, pull: float, unchanged: tuple[float, Vector]
-) -> str:
-    """Why the sensor cannot be one that lives, in words; empty while it may be. `unchanged` is the time for which its
+) -> Reason | None:
+    """Why the sensor cannot be one that lives; None while it may be. `unchanged` is the time for which its
     counts have been identical, s, and the reported position, base frame, m.
     """
     if state.pulled_since is not None and now - state.pulled_since >= LASTS_S:
-        return (
+        return Reason(
+            Cause.LOST_WEIGHT,
             f"the sensor reads a pull of {pull:.1f} N where the tool in free space must read 0: it lost the tool's "
-            "weight, or its zero has changed"
+            "weight, or its zero has changed",
         )
     still, position = unchanged
     moved_mm = math.dist(state.at, position) * 1e3
     if still * 1e3 > limits.stale_after_ms and moved_mm > limits.unchanged_mm:
-        return (
+        return Reason(
+            Cause.UNCHANGED,
             f"the force sensor repeated the same counts for {still:.2f} s while the tool moved {moved_mm:.1f} mm "
-            "through free space"
+            "through free space",
         )
-    return ""
+    return None

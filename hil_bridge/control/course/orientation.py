@@ -4,6 +4,7 @@ import math
 
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.geometry.turning import apart, brought, rotated
+from hil_bridge.errors.causes import Cause, Reason
 from protocol.geometry import Quaternion
 
 _FOLLOWS_S = 0.5
@@ -16,18 +17,18 @@ _AXIS = 0.0, 0.0, 1.0
 
 def allowed(
     limits: Limits, home: Quaternion, before: Quaternion, wanted: Quaternion, dt: float
-) -> tuple[Quaternion, tuple[str, ...]]:
+) -> tuple[Quaternion, tuple[Reason, ...]]:
     """The orientation that may be ordered, `dt` seconds after the one before, and why it is not the wanted one.
 
     `home` is the orientation of the start, from which the tilt counts.
     """
-    reasons: tuple[str, ...] = ()
+    reasons: tuple[Reason, ...] = ()
     given, most = wanted, math.radians(limits.turn_deg_s) * dt
     if apart(before, wanted) > most + _ROUNDING:
         given = brought(before, wanted, most)
-        reasons = (f"turned faster than {limits.turn_deg_s:g}°/s",)
+        reasons = (Reason(Cause.TURN, f"turned faster than {limits.turn_deg_s:g}°/s"),)
     if tilt(home, given) > max(math.radians(limits.turn_total_deg), tilt(home, before)) + _ROUNDING:
-        return before, (f"tilted by more than {limits.turn_total_deg:g}°",)
+        return before, (Reason(Cause.TIP, f"tilted by more than {limits.turn_total_deg:g}°"),)
     return given, reasons
 
 

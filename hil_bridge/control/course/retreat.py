@@ -15,6 +15,7 @@ from msgspec.structs import replace
 
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.verdict import Observation, Retreat, Stage
+from hil_bridge.errors.causes import Cause, Reason
 
 
 def is_known(limits: Limits, before: Retreat | None, seen: Observation) -> bool:
@@ -28,14 +29,15 @@ def is_known(limits: Limits, before: Retreat | None, seen: Observation) -> bool:
     return not seen.saturated or (before is not None and before.front > limits.force_limit_n)
 
 
-def watch(limits: Limits, before: Retreat | None, seen: Observation) -> tuple[Retreat, str]:
-    """State after one cycle whose force is known, and why the tool must stand still; empty while it need not."""
+def watch(limits: Limits, before: Retreat | None, seen: Observation) -> tuple[Retreat, Reason | None]:
+    """State after one cycle whose force is known, and why the tool must stand still; None while it need not."""
     before = before or _begun(limits, seen)
     if seen.saturated:
-        return replace(before, stage=Stage.TRUSTED), ""
+        return replace(before, stage=Stage.TRUSTED), None
     after = _advanced(limits, before, seen)
     if -seen.force > max(-before.force, 0.0) + limits.pull_limit_n:
-        return after, f"a force of {-seen.force:.1f} N from behind met the tool while the tool retracted"
+        text = f"a force of {-seen.force:.1f} N from behind met the tool while the tool retracted"
+        return after, Reason(Cause.BEHIND, text)
     if _from_front(limits, seen):
         return _pressed(limits, before, after, seen)
     return after, _no_way_back(limits, before, after, seen)
@@ -86,18 +88,25 @@ def _from_front(limits: Limits, seen: Observation) -> bool:
     return ahead >= _FRONT_SHARE * (seen.resultant - limits.retract_rise_n) and ahead > 0.0
 
 
-def _no_way_back(limits: Limits, before: Retreat, after: Retreat, seen: Observation) -> str:
-    """Why a tool that is pressed from elsewhere must stand still, in words; empty while it need not."""
+def _no_way_back(limits: Limits, before: Retreat, after: Retreat, seen: Observation) -> Reason | None:
+    """Why a tool that is pressed from elsewhere must stand still; None while it need not."""
     force = seen.resultant
     if before.within and force > limits.force_limit_n:
-        return f"the force rose to {force:.1f} N while the tool retracted"
+        return Reason(Cause.RETRACT_OVER, f"the force rose to {force:.1f} N while the tool retracted")
     if force > after.lowest + limits.retract_rise_n:
-        return f"the force rose from {after.lowest:.1f} N to {force:.1f} N while the tool retracted"
+        text = f"the force rose from {after.lowest:.1f} N to {force:.1f} N while the tool retracted"
+        return Reason(Cause.RETRACT_RISE, text)
     over = abs(seen.force) > limits.force_limit_n or force > limits.resultant_limit_n
     if over and _unanswered(limits, before, seen):
-        back = (before.depth - seen.depth) * 1e3
-        return f"the force stayed at {force:.1f} N while the tool retracted by {back:.1f} mm"
-    return ""
+        return _stays(force, before, seen)
+    return None
+
+
+def _stays(force: float, before: Retreat, seen: Observation) -> Reason:
+    back = (before.depth - seen.depth) * 1e3
+    return Reason(
+        Cause.RETRACT_STAYS, f"the force stayed at {force:.1f} N while the tool retracted by {back:.1f} mm"
+    )
 
 
 def _unanswered(limits: Limits, before: Retreat, seen: Observation) -> bool:
@@ -105,7 +114,9 @@ def _unanswered(limits: Limits, before: Retreat, seen: Observation) -> bool:
     return (before.depth - seen.depth) * 1e3 > limits.unanswered_mm
 
 
-def _pressed(limits: Limits, before: Retreat, after: Retreat, seen: Observation) -> tuple[Retreat, str]:
+def _pressed(
+    limits: Limits, before: Retreat, after: Retreat, seen: Observation
+) -> tuple[Retreat, Reason | None]:
     """State of a tool that the surface presses, and why it must stand still."""
     force, now = _ahead(seen), seen.now
     match before.stage:
@@ -113,24 +124,21 @@ def _pressed(limits: Limits, before: Retreat, after: Retreat, seen: Observation)
             over = force > limits.force_limit_n
             rose = seen.resultant > after.lowest + limits.retract_rise_n or (before.within and over)
             if not rose and not (over and _unanswered(limits, before, seen)):
-                return after, ""
-            return replace(after, stage=Stage.WAITS, since=now, level=force, dt=seen.dt), ""
+                return after, None
+            return replace(after, stage=Stage.WAITS, since=now, level=force, dt=seen.dt), None
         case Stage.WAITS:
-            return _waited(limits, after, seen), ""
+            return _waited(limits, after, seen), None
         case Stage.SLOW:
             if force > after.level + limits.retract_rise_n:
-                return (
-                    after,
-                    f"the force rose from {after.level:.1f} N to {force:.1f} N while the tool retracted slowly",
-                )
+                text = f"the force rose from {after.level:.1f} N to {force:.1f} N while the tool retracted slowly"
+                return after, Reason(Cause.RETRACT_RISE, text)
             beyond = seen.depth < 0.0  # up to the depth of the start the tool has been
             if force > limits.force_limit_n and beyond and _unanswered(limits, before, seen):
-                back = (before.depth - seen.depth) * 1e3
-                return after, f"the force stayed at {force:.1f} N while the tool retracted by {back:.1f} mm"
+                return after, _stays(force, before, seen)
             if force < after.level - limits.retract_rise_n:
-                return replace(after, stage=Stage.TRUSTED), ""
-            return after, ""
-    return after, ""
+                return replace(after, stage=Stage.TRUSTED), None
+            return after, None
+    return after, None
 
 
 def _waited(limits: Limits, after: Retreat, seen: Observation) -> Retreat:

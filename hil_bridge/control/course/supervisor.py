@@ -18,11 +18,11 @@ from hil_bridge.control.course.free_space import FreeSpace, lifeless, watched
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.verdict import (
     LEAVES,
+    NO_FARTHER,
     OVERDUE,
     SLOWLY,
     WAITS,
     Allow,
-    Cause,
     Clamp,
     Observation,
     Request,
@@ -33,7 +33,7 @@ from hil_bridge.control.course.verdict import (
 from hil_bridge.control.course.wall import beyond_friction
 from hil_bridge.control.course.witness import Witness
 from hil_bridge.control.geometry.turning import apart, unit
-from hil_bridge.errors import ConfigError
+from hil_bridge.errors import Cause, ConfigError, Reason
 from protocol.geometry import Quaternion, Vector
 
 
@@ -53,7 +53,10 @@ class Supervisor:
         Raises ConfigError when that is outside the workspace.
         """
         if not _inside(self.limits, position):
-            raise ConfigError(f"the robot stands at {position} m, outside the box of limits.workspace_…_m")
+            raise ConfigError(
+                f"the robot stands at {position} m, outside the box of limits.workspace_…_m",
+                cause=Cause.START,
+            )
         return SupervisorState(depth, position)
 
     def step(
@@ -79,7 +82,7 @@ class Supervisor:
         verdict = _clamp(self.limits, state, request, observation.dt)
         if observation.overdue > 0.0 and verdict.depth > state.depth:
             verdict = _clamp(self.limits, state, _at_depth(request, state.depth), observation.dt)
-            verdict = Clamp(verdict.depth, verdict.position, (OVERDUE,))
+            verdict = Clamp(verdict.depth, verdict.position, (OVERDUE,), goes_on=True)
         position = observation.position
         quaternion, home, lag = state.quaternion, state.home, state.lag
         if request.quaternion is not None:
@@ -111,8 +114,8 @@ class Supervisor:
             return None, None
         changed = seen.unchanged < seen.dt  # since the decision before
         free = watched(state.free, self.limits, seen.now, -seen.free_force, (changed, seen.position))
-        text = lifeless(free, self.limits, seen.now, -seen.free_force, (seen.unchanged, seen.position))
-        return free, Stop(Cause.FROZEN, text) if text else None
+        lost = lifeless(free, self.limits, seen.now, -seen.free_force, (seen.unchanged, seen.position))
+        return free, None if lost is None else Stop(lost.cause, lost.text)
 
     def _turn(
         self, state: SupervisorState, seen: Observation, wanted: Quaternion, verdict: Allow | Clamp
@@ -123,7 +126,7 @@ class Supervisor:
         given, reasons = orientation.allowed(self.limits, home, before, wanted, seen.dt)
         lag = orientation.behind(state.lag, apart(before, given), seen.dt)
         if reasons:
-            told = verdict.reasons if isinstance(verdict, Clamp) else ()
+            told = verdict.holds if isinstance(verdict, Clamp) else ()
             verdict = Clamp(verdict.depth, verdict.position, (*told, *reasons))
         return verdict, given, home, lag
 
@@ -145,19 +148,19 @@ class Supervisor:
         after = before
         known = retreat.is_known(limits, before, seen) and self._fresh(seen)
         if known:
-            after, text = retreat.watch(limits, before, seen)
-            if text:
-                stop = Stop(Cause.RETRACTION, text)
+            after, reason = retreat.watch(limits, before, seen)
+            if reason is not None:
+                stop = Stop(reason.cause, reason.text)
                 return replace(state, retreat=after, stopped=state.stopped or stop), stop
-            highest, reason = state.depth - retreat.longest_way(after, seen.dt), WAITS
+            highest, held = state.depth - retreat.longest_way(after, seen.dt), WAITS
         else:
             goal = retreat.blind_goal(limits, state.pressed, before)
-            reason = SLOWLY if goal < state.depth else "without a force to go by no farther back"
+            held = SLOWLY if goal < state.depth else NO_FARTHER
             highest = state.depth - max(min(state.depth - goal, retreat.BLIND_M_S * seen.dt), 0.0)
         verdict = _clamp(limits, state, request, seen.dt)
         if verdict.depth < highest:
             verdict = _clamp(limits, state, _at_depth(request, highest), seen.dt)
-            verdict = Clamp(verdict.depth, verdict.position, (reason,))
+            verdict = Clamp(verdict.depth, verdict.position, (held,), goes_on=held is not NO_FARTHER)
         return replace(state, depth=verdict.depth, position=verdict.position, retreat=after), verdict
 
     def _fresh(self, seen: Observation) -> bool:
@@ -180,9 +183,9 @@ class Supervisor:
         if not math.isfinite(
             of_scalars + of_peaks + request.depth + state.depth + x + y + z + a + b + c + u + v + w,
         ):
-            return Stop(Cause.NOT_A_NUMBER, "a measurement or command is no number")
+            return Stop(_not_a_number(seen), "a measurement or command is no number")
         if seen.fault:
-            return Stop(Cause.DEVICE, seen.fault)
+            return Stop(seen.fault_cause, seen.fault, seen.fault_remedy)
         force = seen.force if abs(seen.force) >= abs(seen.peak_force) else seen.peak_force
         if abs(force) > limits.force_limit_n:
             size = f"of at least {abs(force):.1f}" if seen.saturated else f"{force:.1f}"
@@ -221,15 +224,15 @@ class Supervisor:
             text = f"the force sensor repeated the same counts for {seen.unchanged:.1f} s"
             return Stop(Cause.FROZEN, text)
         if still * 1e3 >= limits.still_after_ms:
-            return Stop(Cause.FROZEN, f"no new force for {still * 1e3:.0f} ms")
+            return Stop(Cause.STILL, f"no new force for {still * 1e3:.0f} ms")
         if seen.dead_axis:
-            return Stop(Cause.FROZEN, seen.dead_axis)
+            return Stop(Cause.DEAD_AXIS, seen.dead_axis)
         # before the checks that use the reported depth
-        if seen.position is not None and (text := self._untrue_pose(state, seen, seen.position)):
-            return Stop(Cause.POSE, text)
+        if seen.position is not None and (stop := self._untrue_pose(state, seen, seen.position)):
+            return stop
         if pressed is not None and (deeper_mm := (seen.depth - pressed[1]) * 1e3) > limits.unanswered_mm:
             text = f"the force stayed at {seen.force:.2f} N while the tool went {deeper_mm:.1f} mm deeper"
-            return Stop(Cause.FROZEN, text)
+            return Stop(Cause.UNANSWERED, text)
         before = state.sensor_sequence
         if before is not None and seen.sensor_sequence < before:
             text = f"the sensor's frame counter went back from {before} to {seen.sensor_sequence}"
@@ -249,33 +252,49 @@ class Supervisor:
             return Stop(Cause.INCONSISTENT, text)
         return None
 
-    def _untrue_pose(self, state: SupervisorState, seen: Observation, position: Vector) -> str:
-        """Why the reported pose cannot be true, or is not where it was ordered to be; empty while it may be."""
+    def _untrue_pose(self, state: SupervisorState, seen: Observation, position: Vector) -> Stop | None:
+        """Why the reported pose cannot be true, or is not where it was ordered to be; None while it may be."""
         limits = self.limits
         if state.reported is not None:
             at, before = state.reported
             moved = math.dist(before, position)
             if moved > (seen.now - at) * self.speed * _FASTER + _STANDS:
-                return (
+                text = (
                     f"the reported position jumped by {moved * 1e3:.1f} mm in {(seen.now - at) * 1e3:.0f} ms, "
                     f"the robot moves at {self.speed * 1e3:g} mm/s"
                 )
+                return Stop(Cause.JUMP, text)
         apart = math.dist(position, state.position)
         if apart * 1e3 > limits.following_error_mm:
-            return (
+            text = (
                 f"the reported position is {apart * 1e3:.1f} mm from the commanded one, "
                 f"allowed are {limits.following_error_mm:g} mm"
             )
+            return Stop(Cause.FOLLOWING, text)
         tilt_deg = math.degrees(seen.tilt)
         if tilt_deg > limits.tilt_deg and tilt_deg > limits.tilt_deg + math.degrees(state.lag):
             where = "start" if state.quaternion is None else "ordered orientation"
-            return (
+            text = (
                 f"the robot reports a tool turned by {tilt_deg:.1f}° from the {where}, "
                 f"allowed are {limits.tilt_deg:g}°"
             )
+            return Stop(Cause.TILT, text)
         if not _inside(limits, position, _STANDS):
-            return f"the robot reports {position} m, outside the box of limits.workspace_…_m"
-        return ""
+            text = f"the robot reports {position} m, outside the box of limits.workspace_…_m"
+            return Stop(Cause.OUTSIDE, text)
+        return None
+
+
+def _not_a_number(seen: Observation) -> Cause:
+    """Which part of a cycle's numbers is none, given that one is."""
+    of_sensor = seen.force + seen.resultant + seen.sensor_at
+    if not math.isfinite(of_sensor + seen.peak_force + seen.peak_resultant + seen.peak_moment):
+        return Cause.FORCE_NOT_A_NUMBER
+    known = math.isfinite(seen.now + seen.depth + seen.tilt + seen.gap + seen.dt)
+    return Cause.COMMAND_NOT_A_NUMBER if known else Cause.POSE_NOT_A_NUMBER
+
+
+_BEYOND_BARRIER = Reason(Cause.BARRIER, "deeper than where the force limit is predicted")
 
 
 def _inside(limits: Limits, position: Vector, slack: float = 0.0) -> bool:
@@ -307,7 +326,7 @@ def _clamp(limits: Limits, state: SupervisorState, request: Request, dt: float) 
     """The request within the limits of motion, `dt` seconds after the one before. Written in single numbers: this runs
     in every cycle, and arrays of three would cost ten times as much.
     """
-    reasons: list[str] = []
+    reasons: list[Reason] = []
     depth, (tx, ty, tz) = request.depth, request.position
     (bx, by, bz), (nx, ny, nz) = state.position, request.direction
 
@@ -318,11 +337,12 @@ def _clamp(limits: Limits, state: SupervisorState, request: Request, dt: float) 
     if depth > deepest_now or depth > deepest_total or depth > request.barrier:
         deepest = min(deepest_now, deepest_total, request.barrier)
         if deepest == request.barrier:
-            reasons.append("deeper than where the force limit is predicted")
+            reasons.append(_BEYOND_BARRIER)
         elif deepest_now < deepest_total:
-            reasons.append(f"deeper faster than {limits.correction_mm_s:g} mm/s")
+            reasons.append(Reason(Cause.DEEPER, f"deeper faster than {limits.correction_mm_s:g} mm/s"))
         else:
-            reasons.append(f"deeper than {limits.correction_total_mm:g} mm in total")
+            text = f"deeper than {limits.correction_total_mm:g} mm in total"
+            reasons.append(Reason(Cause.TOTAL, text))
         excess = depth - deepest
         tx, ty, tz = tx - nx * excess, ty - ny * excess, tz - nz * excess
         depth = deepest
@@ -334,7 +354,7 @@ def _clamp(limits: Limits, state: SupervisorState, request: Request, dt: float) 
     if length > longest + _ROUNDING:
         cut = 1 - longest / length
         tx, ty, tz = tx - ax * cut, ty - ay * cut, tz - az * cut
-        reasons.append(f"across faster than {limits.travel_mm_s:g} mm/s")
+        reasons.append(Reason(Cause.ACROSS, f"across faster than {limits.travel_mm_s:g} mm/s"))
 
     target: Vector = (tx, ty, tz)
     low, high = limits.workspace_min_m, limits.workspace_max_m

@@ -17,6 +17,7 @@ from hil_bridge.control.course.parameters import TaskParameters
 from hil_bridge.control.course.touch import Doubt, Touch, TouchTest, begin_tracking, keep_tracking
 from hil_bridge.control.course.wall import way_back
 from hil_bridge.control.types import Command, Controller, Measurement, as_answer
+from hil_bridge.errors.causes import Cause, Reason
 from protocol.geometry import Quaternion
 
 
@@ -94,10 +95,10 @@ class TaskState(Struct, frozen=True):
     """Contact losses so far."""
     controller: Any = None
     """The controller's own state; None before the first contact."""
-    cause: str = ""
-    """Why the run retracts or has ended; empty while it goes on."""
+    reason: Reason | None = None
+    """Why the run retracts or has ended; None while it goes on."""
     failed: bool = False
-    """The cause is a failure, not the end of the work."""
+    """The reason is a failure, not the end of the work."""
     stiffness: float | None = None
     """The controller's last estimate of the contact stiffness, N/m; kept for a program."""
     course: Any = None
@@ -121,10 +122,10 @@ class TaskOutput(Struct, frozen=True):
     """Answer of the controller; None outside TRACK."""
     losses: int = 0
     """Contact losses so far."""
-    cause: str = ""
-    """Why the run retracts or has ended; empty while it goes on."""
+    reason: Reason | None = None
+    """Why the run retracts or has ended; None while it goes on."""
     failed: bool = False
-    """The cause is a failure, not the end of the work."""
+    """The reason is a failure, not the end of the work."""
     reference: float | None = None
     """Desired force of this sample, N; None for that of the task."""
     turned: Quaternion | None = None
@@ -154,17 +155,17 @@ class Task:
         """State at the start point, away from the surface."""
         return TaskState()
 
-    def finish(self, state: TaskState, cause: str) -> TaskState:
+    def finish(self, state: TaskState, reason: Reason) -> TaskState:
         """Retract from the next sample on, for a reason from outside: time is up, a person wants it."""
         if state.phase in (Phase.RETRACT, Phase.END):
             return state
-        return replace(state, phase=Phase.RETRACT, turn=None, cause=cause)
+        return replace(state, phase=Phase.RETRACT, turn=None, reason=reason)
 
-    def fail(self, state: TaskState, cause: str) -> TaskState:
+    def fail(self, state: TaskState, reason: Reason) -> TaskState:
         """Retract from the next sample on, because something is wrong."""
         if state.phase in (Phase.RETRACT, Phase.END):
             return state
-        return replace(self.finish(state, cause), failed=True)
+        return replace(self.finish(state, reason), failed=True)
 
     def way(self, speed_mm_s: float, dt: float) -> float:
         """Way of one sample at this speed, m.
@@ -229,11 +230,11 @@ class Task:
         depth = measurement.commanded + self.careful_step(ahead, measurement.dt)
         limit_mm = self.parameters.approach_depth_limit_mm
         if depth - turn > limit_mm * 1e-3 + _ROUNDING:
-            cause = (
+            text = (
                 f"no contact found within {limit_mm:g} mm: start nearer, or set task.approach_depth_limit_mm "
                 "(at_most_mm of a step)"
             )
-            return self._retract(self.fail(state, cause), measurement)
+            return self._retract(self.fail(state, Reason(Cause.NO_CONTACT, text)), measurement)
         state = replace(state, turn=turn)
         if self._beyond_edge(state, depth):
             return self._retract(self.fail(state, self._edge), measurement)
@@ -247,10 +248,10 @@ class Task:
         """One sample of a touch in doubt: stand, and go deeper by a small step once the last one is answered."""
         parameters = self.parameters
         test = TouchTest(parameters.zero_change_n, parameters.least_stiffness, self.position_step or 0.0)
-        touch, way, text = test.after(state.touch or Touch(state.doubt), measurement)
+        touch, way, reason = test.after(state.touch or Touch(state.doubt), measurement)
         state = replace(state, touch=touch)
-        if text:
-            return self._retract(self.fail(state, text), measurement)
+        if reason is not None:
+            return self._retract(self.fail(state, reason), measurement)
         ahead = measurement.commanded - measurement.position
         way = (
             min(way, max(self.careful_step(ahead, measurement.dt), self.position_step or 0.0)) if way else 0.0
@@ -276,8 +277,9 @@ class Task:
         return state.lost_at is not None and depth - state.lost_at > limit + _ROUNDING
 
     @property
-    def _edge(self) -> str:
-        return f"the surface ended: no contact within {self.parameters.search_depth_limit_mm:g} mm"
+    def _edge(self) -> Reason:
+        text = f"the surface ended: no contact within {self.parameters.search_depth_limit_mm:g} mm"
+        return Reason(Cause.SURFACE_ENDED, text)
 
     def _track(
         self, state: TaskState, measurement: Measurement, stride: Stride = PLAIN
@@ -320,7 +322,7 @@ class Task:
                 None,
                 state.losses,
                 memory,
-                state.cause,
+                state.reason,
                 state.failed,
                 state.stiffness,
                 state.course,
@@ -329,7 +331,8 @@ class Task:
             )
             output = _output(state, command.position, _TRACK, command)
             if travel > self.parameters.travel_limit_mm * 1e-3 - _ROUNDING:
-                state = self.finish(state, f"travelled {self.parameters.travel_limit_mm:g} mm")
+                text = f"travelled {self.parameters.travel_limit_mm:g} mm"
+                state = self.finish(state, Reason(Cause.TRAVELLED, text))
             return state, output
         first = state.lost_for is None
         lost_for = (state.lost_for or 0.0) + measurement.dt
@@ -346,7 +349,7 @@ class Task:
             return self._retract(self.fail(state, self._edge), measurement)
         output = _output(state, command.position, Phase.TRACK, command)
         if state.losses >= self.parameters.loss_limit:
-            state = self.fail(state, f"contact lost {state.losses} times")
+            state = self.fail(state, Reason(Cause.CONTACT_LOST, f"contact lost {state.losses} times"))
         elif lost_for * 1e3 >= self.parameters.loss_ms:
             state = replace(state, phase=Phase.APPROACH, turn=None)
         return state, output
@@ -377,7 +380,13 @@ class Task:
 
 def _output(state: TaskState, depth: float, phase: Phase, command: Command | None = None) -> TaskOutput:
     return TaskOutput(
-        phase, Target(depth, state.travel), state.in_contact, command, state.losses, state.cause, state.failed
+        phase,
+        Target(depth, state.travel),
+        state.in_contact,
+        command,
+        state.losses,
+        state.reason,
+        state.failed,
     )
 
 

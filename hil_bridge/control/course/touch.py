@@ -9,6 +9,7 @@ from enum import IntEnum
 from msgspec import Struct
 
 from hil_bridge.control.types import Measurement
+from hil_bridge.errors.causes import Cause, Reason
 
 SETTLES_S = 0.3
 """Chosen: how long the force is waited for once the robot reports to be there; longer than the filter of any of our
@@ -98,25 +99,27 @@ class TouchTest(Struct, frozen=True):
             return max(_LOST_WEIGHT_M, 2.0 * self.step)
         return max(self.rise_n / self.least_stiffness, 2.0 * self.step)
 
-    def after(self, touch: Touch, measurement: Measurement) -> tuple[Touch, float, str]:
-        """The touch with one more sample; the way to go deeper, m; and why it is none, in words."""
+    def after(self, touch: Touch, measurement: Measurement) -> tuple[Touch, float, Reason | None]:
+        """The touch with one more sample; the way to go deeper, m; and why it is none, None while it may be one."""
         dt, force, reported = measurement.dt, measurement.force, measurement.position
         left = 0.0 if touch.goal is None else max(touch.goal - measurement.commanded, 0.0)
         there = left < _ROUNDING and abs(measurement.commanded - reported) <= _THERE_M
         since, arrived = touch.since + dt, touch.arrived + dt if there else 0.0
         touch = Touch(touch.doubt, since, arrived, touch.began, goal=touch.goal)
         if touch.began is not None and self._answered(touch, force, reported):
-            return Touch(touch.doubt, since, arrived, touch.began, proven=True), 0.0, ""
+            return Touch(touch.doubt, since, arrived, touch.began, proven=True), 0.0, None
         if since > PATIENCE_S + SETTLES_S:
-            return touch, 0.0, "the touch cannot be tested: the robot does not come to the depth ordered"
+            text = "the touch cannot be tested: the robot does not come to the depth ordered"
+            return touch, 0.0, Reason(Cause.UNTESTED_TOUCH, text)
         if arrived < SETTLES_S:
-            return touch, left, ""
+            return touch, left, None
         began = (force, reported) if touch.began is None else touch.began
         most = self.depth(touch.doubt)
         if reported - began[1] >= most - min(_SHORT_M, most / 2.0 / _STEPS):
-            return touch, 0.0, self._unanswered(touch, force, reported)
+            text = self._unanswered(touch, force, reported)
+            return touch, 0.0, Reason(Cause.UNANSWERED_TOUCH, text)
         way = max(most / _STEPS, self.step)
-        return Touch(touch.doubt, began=began, goal=measurement.commanded + way), way, ""
+        return Touch(touch.doubt, began=began, goal=measurement.commanded + way), way, None
 
     def _answered(self, touch: Touch, force: float, reported: float) -> bool:
         assert touch.began is not None

@@ -8,32 +8,8 @@ from msgspec import Struct
 
 from hil_bridge.control.course.free_space import FreeSpace
 from hil_bridge.control.types import SAMPLE_MS
+from hil_bridge.errors.causes import Cause, Reason
 from protocol.geometry import Quaternion, Vector
-
-
-class Cause(StrEnum):
-    """Why a run was stopped."""
-
-    NOT_A_NUMBER = "not-a-number"
-    DEVICE = "device"
-    FORCE = "force"
-    PULL = "pull"
-    RESULTANT_FORCE = "resultant-force"
-    MOMENT = "moment"
-    WALL = "wall"
-    SATURATED = "saturated"
-    WITNESS = "witness"
-    STALE = "stale"
-    FROZEN = "frozen"
-    SEQUENCE = "sequence"
-    POSE = "pose"
-    DEADLINE = "deadline"
-    INCONSISTENT = "inconsistent"
-    CONTROLLER = "controller"
-    OSCILLATION = "oscillation"
-    RETRACTION = "retraction"
-    GATE = "gate"
-    """The last gate stopped an order; see `hil_bridge.devices.robots.gate`."""
 
 
 class Observation(Struct, frozen=True):
@@ -91,6 +67,10 @@ class Observation(Struct, frozen=True):
     """
     overdue: float = 0.0
     """Time by which the next sensor frame comes later than the facts of the sensor say, s; 0 while it does not."""
+    fault_cause: Cause = Cause.ROBOT_STATE
+    """Cause of `fault`, where there is one."""
+    fault_remedy: str = ""
+    """What else is known of `fault`, and what a person can do, in words."""
 
 
 class Request(Struct, frozen=True):
@@ -126,12 +106,19 @@ class Clamp(Struct, frozen=True):
     """Depth of the command from the start point, m."""
     position: Vector
     """The same as a point in the base frame, m."""
-    reasons: tuple[str, ...]
+    holds: tuple[Reason, ...]
+    """Why it is not the request."""
+    goes_on: bool = False
+    """It holds back a way that goes on later."""
 
     @property
-    def goes_on(self) -> bool:
-        """Whether it holds back a way that goes on later."""
-        return self.reasons in ((WAITS,), (SLOWLY,), (OVERDUE,))
+    def reasons(self) -> tuple[str, ...]:
+        """Why it is not the request, in words."""
+        return tuple(map(str, self.holds))
+
+    def is_for(self, cause: Cause) -> bool:
+        """Whether this is one of its causes."""
+        return any(reason.cause is cause for reason in self.holds)
 
 
 class Stop(Struct, frozen=True):
@@ -140,19 +127,19 @@ class Stop(Struct, frozen=True):
     kind: ClassVar[str] = "stop"
     cause: Cause
     text: str
+    remedy: str = ""
+
+    @property
+    def reason(self) -> Reason:
+        """The same as it goes through the run."""
+        return Reason(self.cause, self.text, self.remedy)
 
 
-LEAVES = "leaves the workspace"
-"""Reason of a clamp at the workspace's border."""
-
-WAITS = "the force does not come down: the retraction waits, then tries slowly"
-"""Reason of a clamp of a retraction that goes on later."""
-
-SLOWLY = "without a force to go by slowly back"
-"""Reason of a clamp of a retraction that goes on."""
-
-OVERDUE = "no deeper while the next force is late"
-"""Reason of a clamp of a way deeper, which goes on with the next frame."""
+LEAVES = Reason(Cause.WORKSPACE, "leaves the workspace")
+WAITS = Reason(Cause.RETRACT_WAITS, "the force does not come down: the retraction waits, then tries slowly")
+SLOWLY = Reason(Cause.NO_FORCE, "without a force to go by slowly back")
+NO_FARTHER = Reason(Cause.NO_FORCE, "without a force to go by no farther back")
+OVERDUE = Reason(Cause.OVERDUE, "no deeper while the next force is late")
 
 Verdict: TypeAlias = Allow | Clamp | Stop
 

@@ -6,6 +6,7 @@ from msgspec.structs import replace
 
 from hil_bridge.control.program.state import CourseState
 from hil_bridge.control.words.steps import Track
+from hil_bridge.errors.causes import Cause, Reason
 from protocol.geometry import Vector
 
 STUCK_S = 2.0
@@ -24,8 +25,8 @@ _BACK = -0.5
 """Chosen: share of the speed at which the tool backs away from a lateral force beyond its limit."""
 
 
-def feed_of(step: Track, error: float, lateral: float, local: float) -> tuple[float, str]:
-    """Share of the speed, and why the step must fail; empty while it need not.
+def feed_of(step: Track, error: float, lateral: float, local: float) -> tuple[float, Reason | None]:
+    """Share of the speed, and why the step must fail; None while it need not.
 
     `error` is the force beyond the wanted one, N, `lateral` the force along the surface, N, `local` the way so far, m.
     """
@@ -34,14 +35,15 @@ def feed_of(step: Track, error: float, lateral: float, local: float) -> tuple[fl
         feed = max(1.0 - (1.0 - _LEAST) * abs(error) / step.feed_error_n, _LEAST)
     limit = step.lateral_limit_n
     if limit is None:
-        return feed, ""
+        return feed, None
     if step.at_wall == "stop" and lateral >= limit:
-        return 0.0, (
+        text = (
             f"the lateral force of {lateral:.1f} N is beyond {limit:g} N, {local * 1e3:.1f} mm along the path: "
             "something stands in the way"
         )
+        return 0.0, Reason(Cause.STEP_WALL, text)
     left = (limit - lateral) / (limit * (1.0 - _FROM))
-    return min(feed, max(left, _BACK)), ""
+    return min(feed, max(left, _BACK)), None
 
 
 def progress(course: CourseState, speed_mm_s: float, dt: float, local: float) -> CourseState:

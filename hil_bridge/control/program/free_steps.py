@@ -1,6 +1,6 @@
 """Steps in free space: to another place, along the surface until something pushes back, and a zero. Pure.
 
-Each takes one sample. It answers with the state, the depth wanted, whether the step ends, and trouble in words.
+Each takes one sample. It answers with the state, the depth wanted, whether the step ends, and trouble.
 """
 
 import math
@@ -13,8 +13,9 @@ from hil_bridge.control.geometry.turning import apart
 from hil_bridge.control.program.legs import Leg
 from hil_bridge.control.program.state import CourseState, Felt
 from hil_bridge.control.types import Measurement
+from hil_bridge.errors.causes import Cause, Reason
 
-Taken: TypeAlias = tuple[TaskState, float, bool, str]
+Taken: TypeAlias = tuple[TaskState, float, bool, Reason | None]
 
 _ROUNDING = 1e-9
 """Slack for sums of steps, m."""
@@ -33,14 +34,15 @@ def move(leg: Leg, state: TaskState, measurement: Measurement, felt: Felt) -> Ta
     touch = step.contact_n or task.parameters.contact_threshold_n
     depth, force = measurement.commanded, math.hypot(*felt.force)
     if force > touch:
-        return state, depth, False, f"the tool touches something in free space, with {force:.1f} N"
+        text = f"the tool touches something in free space, with {force:.1f} N"
+        return state, depth, False, Reason(Cause.TOUCH, text)
     speed = min(step.speed_mm_s, task.parameters.retract_speed_mm_s)
     if depth > course.safe + _ROUNDING:
         way = task.way(speed, measurement.dt)
         if depth <= _ROUNDING:  # above the start something may be in the way
             way = min(way, task.careful_step(measurement.position - depth, measurement.dt))
         lifted = replace(state, course=replace(course, since=felt.now))
-        return lifted, max(depth - way, course.safe), False, ""
+        return lifted, max(depth - way, course.safe), False, None
     x, y = (place * 1e-3 - start for place, start in zip(step.to_mm, course.start, strict=True))
     course, arrived = _towards(course, (x, y), task.way(step.speed_mm_s, measurement.dt))
     there = (
@@ -67,7 +69,8 @@ def seek(leg: Leg, state: TaskState, measurement: Measurement, felt: Felt) -> Ta
             back = max(reported - step.back_off_mm * 1e-3, 0.0)
             course = replace(course, stage=1, stage_at=back, since=felt.now, found=(felt.position, 1))
         elif local >= leg.way.length - _ROUNDING:
-            return state, depth, False, f"nothing found within {step.at_most_mm:g} mm"
+            text = f"nothing found within {step.at_most_mm:g} mm"
+            return state, depth, False, Reason(Cause.NOT_FOUND, text)
         else:
             way = min(
                 task.way(task.parameters.speed_mm_s, measurement.dt),
@@ -75,7 +78,7 @@ def seek(leg: Leg, state: TaskState, measurement: Measurement, felt: Felt) -> Ta
                 leg.way.length - local,
             )
             course = replace(course, at=(course.at[0] + way * h, course.at[1] + way * k))
-        return replace(state, course=course), depth, False, ""
+        return replace(state, course=course), depth, False, None
     (x, y), goal = course.origin, course.stage_at
     course, arrived = _towards(
         course, (x + goal * h, y + goal * k), task.way(task.parameters.retract_speed_mm_s, measurement.dt)
@@ -91,7 +94,7 @@ def zero(leg: Leg, state: TaskState, measurement: Measurement, felt: Felt) -> Ta
     course, step = state.course, leg.step
     depth, passed = measurement.commanded, felt.now - course.since
     if passed < step.settle_ms * 1e-3:
-        return state, depth, False, ""
+        return state, depth, False, None
     sums, count, newest = course.readings
     if felt.sensor_sequence != newest and len(felt.wrench) == 6:
         raw = [value + zero for value, zero in zip(felt.wrench, course.zero or (0.0,) * 6, strict=True)]
@@ -99,30 +102,27 @@ def zero(leg: Leg, state: TaskState, measurement: Measurement, felt: Felt) -> Ta
         course = replace(course, readings=(sums, count + 1, felt.sensor_sequence))
         count += 1
     if passed < (step.settle_ms + step.for_ms) * 1e-3:
-        return replace(state, course=course), depth, False, ""
+        return replace(state, course=course), depth, False, None
     if not count:
-        return state, depth, False, "no force to take for zero"
+        return state, depth, False, Reason(Cause.NO_READING, "no force to take for zero")
     mean = tuple(value / count for value in sums)
     before = course.zero or (0.0,) * 6
     force = math.hypot(*(new - old for new, old in zip(mean[:3], before[:3], strict=True)))
     if force > step.at_most_n:
-        return (
-            state,
-            depth,
-            False,
-            (
-                f"{force:.1f} N would be taken for zero, allowed are {step.at_most_n:g} N: "
-                "the tool touches something, or the sensor drifts"
-            ),
+        text = (
+            f"{force:.1f} N would be taken for zero, allowed are {step.at_most_n:g} N: "
+            "the tool touches something, or the sensor drifts"
         )
-    return replace(state, course=replace(course, zero=mean)), depth, True, ""
+        return state, depth, False, Reason(Cause.DRIFT, text)
+    return replace(state, course=replace(course, zero=mean)), depth, True, None
 
 
-def _absent(course: CourseState, felt: Felt) -> str:
-    """Why the run must end although the tool was ordered to its place, in words; empty while it may still come."""
+def _absent(course: CourseState, felt: Felt) -> Reason | None:
+    """Why the run must end although the tool was ordered to its place; None while it may still come."""
     if felt.now - course.since <= _PATIENCE_S:
-        return ""
-    return "the tool does not come to its place: look at the position that the robot reports"
+        return None
+    text = "the tool does not come to its place: look at the position that the robot reports"
+    return Reason(Cause.NOT_THERE, text)
 
 
 def _towards(course: CourseState, place: tuple[float, float], way: float) -> tuple[CourseState, bool]:

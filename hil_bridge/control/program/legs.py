@@ -53,6 +53,10 @@ class Leg:
     """Depth removed, m, at which the repeat is left there; None where all passes are made."""
     first_of_repeat: bool = False
     """The first leg of the first pass: the depths are counted from here."""
+    repeat: int = 0
+    """Number of the repeat that it belongs to, as a person counts; 0 for none."""
+    turn: int = 0
+    """Its pass in that repeat, from 1; 0 for none."""
 
     def reference(self, travel: float) -> float:
         """Wanted force at this length of the way, m; N."""
@@ -150,6 +154,8 @@ def _flat(steps: tuple[Step, ...]) -> Iterator[tuple[str, Any, dict[str, Any]]]:
                     "leave_to": behind if last else None,
                     "removed": removed,
                     "first_of_repeat": not turn and not place,
+                    "repeat": number,
+                    "turn": turn + 1,
                 }
                 yield f"{number}.{place + 1} ({one.do}, pass {turn + 1})", one, more
                 count += 1

@@ -6,6 +6,7 @@ from hil_bridge.control.course.task import TaskState
 from hil_bridge.control.program.legs import Leg
 from hil_bridge.control.program.state import CourseState, Done, Tally
 from hil_bridge.control.types import Measurement
+from hil_bridge.errors.causes import Reason
 from protocol.geometry import Vector
 
 _BAND_SHARE = 0.1
@@ -75,6 +76,7 @@ def done(course: CourseState, leg: Leg, now: float, at: Vector | None = None) ->
     )
 
 
-def cut(course: CourseState, leg: Leg, now: float, cause: str) -> Done:
+def cut(course: CourseState, leg: Leg, now: float, reason: Reason | None) -> Done:
     """Outcome of a leg that was cut at this time, s on the run's clock."""
-    return replace(done(course, leg, now), passed=False, text=cause, found=None)
+    text = "" if reason is None else str(reason)
+    return replace(done(course, leg, now), passed=False, text=text, found=None)

@@ -30,6 +30,7 @@ from hil_bridge.control.program.state import CourseState, Felt, Tally
 from hil_bridge.control.types import Controller, Measurement
 from hil_bridge.control.words.paths import Place
 from hil_bridge.control.words.steps import Hold, Move, Seek, Track, Zero
+from hil_bridge.errors.causes import Cause, Reason
 
 _TRACK, _RETRACT, _END, _APPROACH = Phase.TRACK, Phase.RETRACT, Phase.END, Phase.APPROACH
 _ROUNDING = 1e-9
@@ -81,20 +82,21 @@ class Program:
         """As `Task.way`."""
         return self.task.way(speed_mm_s, dt)
 
-    def finish(self, state: TaskState, cause: str) -> TaskState:
+    def finish(self, state: TaskState, reason: Reason) -> TaskState:
         """Retract from the next sample on and end, for a reason from outside."""
-        if state.cause or state.phase is _END:
+        if state.reason or state.phase is _END:
             return state
         turn = state.turn if state.phase is _RETRACT else None
-        return replace(state, phase=Phase.RETRACT, turn=turn, cause=cause)
+        return replace(state, phase=Phase.RETRACT, turn=turn, reason=reason)
 
-    def fail(self, state: TaskState, cause: str) -> TaskState:
+    def fail(self, state: TaskState, reason: Reason) -> TaskState:
         """Retract from the next sample on and end, because something is wrong."""
-        if state.cause or state.phase is _END:
+        if state.reason or state.phase is _END:
             return state
         course = state.course
-        where = f"{cause}, in step {self.row.legs[course.leg].label}" if course.began is not None else cause
-        return replace(self.finish(state, where), failed=True)
+        if course.began is not None:
+            reason = reason.in_step(self.row.legs[course.leg].label)
+        return replace(self.finish(state, reason), failed=True)
 
     def hold(self, state: TaskState, measurement: Measurement) -> TaskOutput:
         """The answer that changes nothing."""
@@ -188,9 +190,9 @@ class Program:
     def step(self, state: TaskState, measurement: Measurement, felt: Felt) -> tuple[TaskState, TaskOutput]:
         """One sample, after `sense`. Steps that end without it are passed over."""
         known = math.isfinite(measurement.force) and math.isfinite(measurement.position)
-        if not (known or state.cause):
+        if not (known or state.reason):
             return state, self.hold(state, measurement)
-        while not state.cause and state.phase is not _END:
+        while not state.reason and state.phase is not _END:
             if state.course.began is None:
                 state = self._begun(state, felt)
             leg = self.row.legs[state.course.leg]
@@ -198,11 +200,11 @@ class Program:
                 state = self._next(state, leg, felt)
                 continue
             state, output, done = self._taken(state, leg, measurement, felt)
-            if not state.cause:
+            if not state.reason:
                 course = turned(state.course, leg, self.frame, self.facing, measurement.dt)
                 state = replace(state, course=course)
             output = self._output(state, output)
-            if state.cause:
+            if state.reason:
                 return replace(state, turn=None), output
             return (self._next(state, leg, felt) if done else state), output
         return self._leave(state, measurement, felt)
@@ -215,7 +217,7 @@ class Program:
             state = replace(
                 state,
                 course=replace(
-                    course, done=(*course.done, cut(course, leg, felt.now, state.cause)), began=None
+                    course, done=(*course.done, cut(course, leg, felt.now, state.reason)), began=None
                 ),
             )
         course = yielding(
@@ -299,7 +301,7 @@ class Program:
                 state, output = leg.stroke.step(state, measurement)
                 if state.failed:
                     state = self._told(state, leg)
-                    output = replace(output, cause=state.cause)
+                    output = replace(output, reason=state.reason)
                 ended = state.phase is _END
                 if ended:
                     state = replace(state, phase=Phase.RETRACT)
@@ -317,7 +319,7 @@ class Program:
         step, course, way = leg.step, state.course, leg.way
         local = state.travel - course.base
         reference = leg.reference(max(local, 0.0))
-        feed, trouble = 1.0, ""
+        feed, trouble = 1.0, None
         if isinstance(step, Track):
             lateral = lateral_of(felt.force, course.facing.fall if self._follows(leg) else (0.0, 0.0))
             feed, trouble = feed_of(step, measurement.force - reference, lateral, local)
@@ -326,10 +328,11 @@ class Program:
             if step.lateral_limit_n is not None and state.in_contact and not felt.held:
                 course = progress(course, leg.stroke.parameters.speed_mm_s, measurement.dt, local)
                 if course.stuck >= STUCK_S:
-                    trouble = trouble or (
+                    text = (
                         f"a lateral force of {lateral:.1f} N holds the feed {local * 1e3:.1f} mm along the path: "
                         "something stands in the way"
                     )
+                    trouble = trouble or Reason(Cause.NO_PROGRESS, text)
             state = replace(state, course=course)
         if trouble:
             state = self.fail(state, trouble)
@@ -375,8 +378,8 @@ class Program:
         if isinstance(step, Seek):
             return self._edge((before, state), leg, output, measurement, felt)
         if state.phase is _RETRACT:  # the task has given up
-            state = self._told(state, leg) if state.failed else replace(state, phase=Phase.TRACK, cause="")
-            output = replace(output, cause=state.cause, failed=state.failed)
+            state = self._told(state, leg) if state.failed else replace(state, phase=Phase.TRACK, reason=None)
+            output = replace(output, reason=state.reason, failed=state.failed)
         return state, output, way is not None and local >= way.length - _ROUNDING
 
     def _edge(
@@ -396,19 +399,20 @@ class Program:
             if state.travel - course.base >= leg.way.length - _ROUNDING or state.phase is _RETRACT:
                 mm = leg.way.length * 1e3
                 state = self.fail(
-                    replace(state, phase=Phase.TRACK, cause="", failed=False), f"no edge within {mm:g} mm"
+                    replace(state, phase=Phase.TRACK, reason=None, failed=False),
+                    Reason(Cause.NO_EDGE, f"no edge within {mm:g} mm"),
                 )
-            return state, replace(output, cause=state.cause, failed=state.failed), False
-        lost = state.phase is not _TRACK or state.cause
+            return state, replace(output, reason=state.reason, failed=state.failed), False
+        lost = state.phase is not _TRACK or state.reason is not None
         if lost:  # stand still: the next leg leads away
             state = replace(before, course=course, travel=state.travel)
             target = Target(measurement.commanded, 0.0)
-            output = replace(output, phase=Phase.TRACK, target=target, cause="", failed=False)
-        return state, output, bool(lost)
+            output = replace(output, phase=Phase.TRACK, target=target, reason=None, failed=False)
+        return state, output, lost
 
     def _told(self, state: TaskState, leg: Leg) -> TaskState:
         """The task's failure with the step's number."""
-        return replace(state, cause=f"{state.cause}, in step {leg.label}")
+        return replace(state, reason=None if state.reason is None else state.reason.in_step(leg.label))
 
     def _next(self, state: TaskState, leg: Leg, felt: Felt) -> TaskState:
         """State behind a leg: its outcome, and where the row goes on."""
@@ -449,7 +453,7 @@ class Program:
         return replace(
             output,
             target=Target(output.target.depth, *course.at),
-            cause=state.cause,
+            reason=state.reason,
             failed=state.failed,
             turned=course.turned,
             leg=course.leg,

@@ -7,7 +7,7 @@ from typing import Generic, TypeVar
 
 from hil_bridge.clock import Clock
 from hil_bridge.errors import BridgeError, TransportClosed
-from hil_bridge.errors.failures import code_failed
+from hil_bridge.errors.failures import code_failed, link_cause
 from hil_bridge.transports import Transport
 from hil_bridge.transports.pump import Data, Event, Pump
 from protocol.endpoint import Endpoint
@@ -90,7 +90,7 @@ class Asking(Generic[Data, Event, Answer]):
                 ended.set_result(None)
 
     def _ended(self, cause: BaseException) -> None:
-        self._failure = code_failed(f"robot link {self._name}", cause)
+        self._failure = code_failed(f"robot link {self._name}", cause, link_cause(cause))
         if not isinstance(cause, TransportClosed):
             self._on_failure(self._failure)
         self.resolve(self._failure)

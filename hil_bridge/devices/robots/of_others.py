@@ -12,7 +12,7 @@ from hil_bridge.devices.robots.gate import Bounds, Gate
 from hil_bridge.devices.robots.seam import Motion, MotionLimits, RobotLink, RobotReport, Sent
 from hil_bridge.errors import BridgeError, GateStop
 from hil_bridge.errors.cancelling import raise_if_asked
-from hil_bridge.errors.failures import RAISED, code_failed
+from hil_bridge.errors.failures import RAISED, code_failed, link_cause
 from protocol.geometry import Pose
 
 
@@ -23,7 +23,7 @@ def _told(name: str) -> Iterator[None]:
         yield
     except RAISED as error:
         raise_if_asked(error)
-        raise code_failed(f"robot link {name}", error) from error
+        raise code_failed(f"robot link {name}", error, link_cause(error)) from error
 
 
 class LinkOfOthers:
@@ -71,7 +71,7 @@ class LinkOfOthers:
             if error is inside:  # the run's own, on its way out
                 raise
             raise_if_asked(error)
-            raise code_failed(f"robot link {self._link.name}", error) from error
+            raise code_failed(f"robot link {self._link.name}", error, link_cause(error)) from error
 
     async def aclose(self) -> None:
         """As of the link."""

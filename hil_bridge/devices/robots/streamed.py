@@ -15,8 +15,8 @@ from hil_bridge.devices.robots.gate import Bounds, Gate
 from hil_bridge.devices.robots.seam import MotionLimits, RobotFacts, RobotReport
 from hil_bridge.devices.robots.standing import moved_since
 from hil_bridge.devices.robots.streamed_motion import Stream, StreamedMotion
-from hil_bridge.errors import BridgeError, DeviceError, OrderRefused, TransportClosed
-from hil_bridge.errors.failures import code_failed
+from hil_bridge.errors import BridgeError, Cause, DeviceError, OrderRefused, TransportClosed
+from hil_bridge.errors.failures import code_failed, link_cause
 from hil_bridge.transports import Transport
 from hil_bridge.transports.pump import Data, Pump
 from protocol.robot import ReportReceived, StreamClient, StreamEvent, StreamLost, StreamNotice
@@ -98,7 +98,7 @@ class StreamedLink(Generic[Data]):
     async def ready(self) -> RobotReport:
         report = await self._next(READY_S, _START)
         if report.fault:
-            raise DeviceError(report.fault)
+            raise DeviceError(report.fault, cause=Cause.ROBOT_NOT_READY)
         return report
 
     async def report(self, *, soon: bool = False) -> RobotReport:
@@ -116,13 +116,15 @@ class StreamedLink(Generic[Data]):
     @asynccontextmanager
     async def motion(self, limits: MotionLimits) -> AsyncIterator[StreamedMotion[Data]]:
         if self._answering.moving:
-            raise OrderRefused(f"robot on {self.name}: a movement is under way; end it before the next one")
+            raise OrderRefused(
+                f"robot on {self.name}: a movement is under way", remedy="end it before the next one"
+            )
         report = await self._next_packet()
         if report.fault:
-            raise OrderRefused(report.fault)
+            raise OrderRefused(report.fault, cause=Cause.ROBOT_STATE)
         bounds = limits.bounds or Bounds(report.pose)
         if moved := moved_since(bounds.start, report.pose):
-            raise OrderRefused(f"robot on {self.name} {moved}")
+            raise OrderRefused(f"robot on {self.name} {moved}", cause=Cause.MOVED_BEFORE)
         now = self._clock.now()
         self._answering.begin(report.pose, limits, now)
         self._pump.kick()
@@ -148,10 +150,12 @@ class StreamedLink(Generic[Data]):
             raise self._failure
         answering = self._answering
         if fault := answering.faults.tell():
-            raise OrderRefused(self._faulty(fault))
+            raise OrderRefused(self._faulty(fault), cause=Cause.ROBOT_STATE)
         if not answering.moving:
             why = answering.lost or "the movement has ended"
-            raise DeviceError(f"robot on {self.name}: {why}; begin another movement")
+            raise DeviceError(
+                f"robot on {self.name}: {why}", remedy="begin another movement", cause=Cause.DEAD_LINK
+            )
         assert self._newest is not None, "a movement begins with a report"
         if self._clock.now() - self._newest.received_at > SILENT_S:
             raise self._silent(SILENT_S, _WENT_ON)
@@ -182,7 +186,7 @@ class StreamedLink(Generic[Data]):
                     if not waiting.done():
                         waiting.set_result(report)
             case StreamLost(text=text):
-                lost = DeviceError(f"robot on {self.name}: {text}")
+                lost = DeviceError(f"robot on {self.name}: {text}", cause=Cause.DEAD_LINK)
                 self._log.notice("link", str(lost))
                 self._fail(lost)
             case StreamNotice(kind=kind, text=text):
@@ -191,13 +195,14 @@ class StreamedLink(Generic[Data]):
     def _silent(self, seconds: float, remedy: str) -> DeviceError:
         newest = self._newest
         before = f"; before that, {newest.fault}" if newest is not None and newest.fault else ""
-        return DeviceError(f"robot on {self.name} sent nothing for {seconds:g} s; {remedy}{before}")
+        text = f"robot on {self.name} sent nothing for {seconds:g} s"
+        return DeviceError(text, remedy=f"{remedy}{before}", cause=Cause.DEAD_LINK)
 
     def _faulty(self, words: str) -> str:
         return f"robot on {self.name} cannot move: {words}"
 
     def _ended(self, cause: BaseException) -> None:
-        self._failure = code_failed(f"robot link {self.name}", cause)
+        self._failure = code_failed(f"robot link {self.name}", cause, link_cause(cause))
         if not isinstance(cause, TransportClosed):
             self._log.notice("link", str(self._failure))
         self._fail(self._failure)

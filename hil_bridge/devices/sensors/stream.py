@@ -12,7 +12,7 @@ from hil_bridge.clock import Clock
 from hil_bridge.devices.device_log import DeviceLog
 from hil_bridge.devices.sensors.axis_watch import AxisWatch
 from hil_bridge.devices.sensors.lateness_watch import LatenessWatch
-from hil_bridge.errors import BridgeError, DeviceError, TransportClosed
+from hil_bridge.errors import BridgeError, Cause, DeviceError, TransportClosed
 from hil_bridge.errors.failures import code_failed
 from hil_bridge.transports import Transport
 from hil_bridge.transports.pump import Pump
@@ -169,8 +169,9 @@ class ForceSensor:
                     await self._until(SensorReady)
             except TimeoutError:
                 raise DeviceError(
-                    f"force sensor on {self.name} has not begun to stream within {READY_S:g} s; look at its "
-                    "supply, its cable and its address"
+                    f"force sensor on {self.name} has not begun to stream within {READY_S:g} s",
+                    remedy="look at its supply, its cable and its address",
+                    cause=Cause.STREAM,
                 ) from None
         return self.facts
 
@@ -300,8 +301,8 @@ class ForceSensor:
                 else:
                     self._fail(
                         DeviceError(
-                            f"force sensor on {self.name} restarted in mid-run, its zero is lost; "
-                            "check its supply, then start again"
+                            f"force sensor on {self.name} restarted in mid-run, its zero is lost",
+                            remedy="check its supply, then start again",
                         )
                     )
         if self._waiters:
@@ -315,11 +316,15 @@ class ForceSensor:
                 waiter.set_result(None)
 
     def _ended(self, cause: BaseException) -> None:
-        self._fail(code_failed(f"force sensor {self.name}", cause), quiet=isinstance(cause, TransportClosed))
+        self._fail(
+            code_failed(f"force sensor {self.name}", cause, Cause.SENSOR_FAILED),
+            quiet=isinstance(cause, TransportClosed),
+        )
 
     def _fail(self, failure: BridgeError, quiet: bool = False) -> None:
         if self._failure is not None:
             return
+        failure.blame(Cause.SENSOR_FAILED)
         self._failure = failure
         if not quiet:
             self._log.notice("sensor", str(failure))

@@ -116,7 +116,7 @@ def _measured(seen: _Seen, running: Simulation) -> Ran:
     refused = seen.error is not None
     figures: dict[str, Figure] = {
         "outcome": "refused" if refused else result.outcome.value,
-        "retracted": not result.left.startswith("NOT"),
+        "retracted": result.retracted,
         "cycles": len(result.cycles),
     }
     if seen.watch is not None and running.cell is not None:
@@ -133,7 +133,7 @@ def _measured(seen: _Seen, running: Simulation) -> Ran:
         summary = summarise(result.recording)
         figures |= {name: None if v is None or v != v else v for name, v in summary.figures.items()}
         figures["steps_failed"] = len(summary.criteria_failed)
-    return Ran(figures, str(seen.error) if refused else result.cause, result)
+    return Ran(figures, str(seen.error) if refused else result.text, result)
 
 
 def _promises(running: Simulation, watch: Watch) -> dict[str, Figure]:

@@ -150,7 +150,7 @@ class CellJob:
             merit,
             float(np.mean(np.diff(time))) if len(time) > 1 else float("nan"),
             run.result.outcome is Outcome.COMPLETED,
-            run.result.cause,
+            run.result.text,
         )
 
     def _of_the_end(

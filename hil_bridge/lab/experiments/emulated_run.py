@@ -69,7 +69,7 @@ class _Bench:
         try:
             async with open_devices(setup, clock, LogTo(notice=notice)) as devices:
                 assert devices.cell is not None
-                self.faults = FaultSchedule(setup.config.faults, devices.cell, clock, notice)
+                self.faults = FaultSchedule(setup.config.faults, devices.cell, clock, self.event)
                 result = await Run(setup, clock, devices.robot, devices.sensor, self)()
         finally:
             if self.faults is not None:

@@ -3,22 +3,26 @@
 import math
 from collections.abc import Iterator
 
-from hil_bridge.devices.robots.gate import REPORT
+from hil_bridge.errors.cause_row import COMPLETED, CRITERION, INTERRUPTED, STOPPED
+from hil_bridge.errors.causes import Cause
 from hil_bridge.errors.failures import BUG_EVENT
 from hil_bridge.lab.invariants.evidence import Evidence, Promise, Violation
 from hil_bridge.record import Outcome
-from hil_bridge.record.ending import ALARMS
 
 LONGEST_S = 400.0
 """Chosen: a run may last so much longer than its tracking, s: all the patience that it has with robot and sensor."""
-EXIT_CODES = {Outcome.COMPLETED: (0, 4), Outcome.STOPPED: (3,), Outcome.INTERRUPTED: (130,)}
+EXIT_CODES = {
+    Outcome.COMPLETED: (COMPLETED, CRITERION),
+    Outcome.STOPPED: (STOPPED,),
+    Outcome.INTERRUPTED: (INTERRUPTED,),
+}
 """Exit codes that fit an outcome; 4 where a step of a program did not meet its criterion."""
 
 
 def gate_stops(evidence: Evidence) -> Iterator[Violation]:
     """The first order that the last gate stopped."""
     for event in evidence.recording.events:
-        if event.kind in ALARMS and REPORT in event.text:
+        if event.cause is Cause.GATE:
             yield Violation(Promise.GATE, event.at, {})
             return
 

@@ -1,6 +1,5 @@
 """The steps of a program in a summary, and in the lines that a person reads at the end of a run."""
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
@@ -13,8 +12,6 @@ FAILED_SHOWN = 10
 """Chosen: most failed steps of one repeat that get a line each."""
 CUT = "CUT"
 """Verdict on a step that did not end as it was meant to."""
-_PASS = re.compile(r"(\d+)\.\d+ \(.*, pass (\d+)\)")
-"""Label of a step in a repeat: the number of the repeat, and the pass."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +38,10 @@ class StepOutcome:
     """That place, base frame."""
     text: str
     """How it ended, in words."""
+    repeat: int = 0
+    """Number of the repeat that it belongs to; 0 for none."""
+    turn: int = 0
+    """Its pass in that repeat, from 1; 0 for none."""
 
     @property
     def criterion_failed(self) -> bool:
@@ -64,6 +65,8 @@ def step_outcomes(records: Sequence[StepRecord]) -> tuple[StepOutcome, ...]:
             record.name,
             tuple(part * 1e3 for part in record.found) or None,
             record.text,
+            record.repeat,
+            record.turn,
         )
         for record in records
     )
@@ -124,10 +127,10 @@ def verdict_of(step: StepOutcome) -> str:
 def _shown(steps: Sequence[StepOutcome]) -> set[int]:
     """Places of the steps that get a line."""
     shown: set[int] = set()
-    repeats: dict[str, list[tuple[int, int]]] = {}
+    repeats: dict[int, list[tuple[int, int]]] = {}
     for place, step in enumerate(steps):
-        if match := _PASS.fullmatch(step.label):
-            repeats.setdefault(match[1], []).append((place, int(match[2])))
+        if step.repeat:
+            repeats.setdefault(step.repeat, []).append((place, step.turn))
         else:
             shown.add(place)
     for places in repeats.values():

@@ -10,13 +10,14 @@ from pathlib import Path
 import msgspec
 
 from hil_bridge.control.analysis.merit import STEADY_SAMPLES
+from hil_bridge.errors.causes import Cause, Reason
 from hil_bridge.record.analysis.answers import answers_of
 from hil_bridge.record.analysis.latency import latency_of
 from hil_bridge.record.analysis.steps import StepOutcome, step_outcomes
 from hil_bridge.record.analysis.strokes import TRACK, merit_of, strokes_of
 from hil_bridge.record.analysis.times import Times, times_of
 from hil_bridge.record.device_facts import devices_of, json_or_none
-from hil_bridge.record.ending import CHECK_EVENT, PHASE_EVENT, Outcome, RunEnd
+from hil_bridge.record.ending import CHECK_EVENT, PHASE_EVENT, Outcome, RunEnd, followed_of, reason_of
 from hil_bridge.record.files import write_whole
 from hil_bridge.record.reader import Recording
 from hil_bridge.record.recorder import DROPPED_PREFIX
@@ -42,6 +43,9 @@ class Summary:
 
     outcome: str
     cause: str
+    """Row of the table of causes; empty for a run that went to its end."""
+    text: str
+    """The cause in words."""
     followed: tuple[str, ...]
     """Events after the cause, in order."""
     left: str
@@ -73,7 +77,7 @@ class Summary:
     cycles_held: int
     cycle_rate_hz: float | None
     cycle_time: Times | None
-    """Time from the status order to the answer of the move order."""
+    """Time of a cycle: from its begin until the robot has taken the order."""
     line_floor_s: float | None
     sensor_frames_received: int
     sensor_frames_lost: int | None
@@ -126,8 +130,9 @@ def summarise(recording: Recording, end: RunEnd | None = None) -> Summary:
     steps = step_outcomes(recording.steps)
     return Summary(
         outcome=end.outcome.value,
-        cause=end.cause,
-        followed=end.followed,
+        cause=end.cause or "",
+        text=end.text,
+        followed=tuple(map(str, end.followed)),
         left=end.left,
         truncated=recording.truncated,
         checks=tuple(event.text for event in recording.events if event.kind == CHECK_EVENT),
@@ -176,16 +181,19 @@ def end_of(recording: Recording) -> RunEnd:
     outcome = told.get("outcome", "")
     floor, link = json_or_none(told.get("line_floor_s")), json_or_none(told.get("link"))
     lost, delay = json_or_none(told.get("sensor_lost")), json_or_none(told.get("sensor_delay_s"))
-    followed = json_or_none(told.get("followed"))
+    reason = reason_of(told) if told else Reason(Cause.CUT, "the recording ends before the run does")
+    rest = json_or_none(told.get("rest"))
     return RunEnd(
         Outcome(outcome) if outcome in set(Outcome) else Outcome.INTERRUPTED,
-        told.get("cause", "") if told else "the recording ends before the run does",
+        reason,
         float(floor) if isinstance(floor, (int, float)) else None,
         {str(k): v for k, v in link.items() if isinstance(v, (int, float))} if isinstance(link, dict) else {},
         lost if isinstance(lost, int) else None,
         float(delay) if isinstance(delay, (int, float)) else None,
         told.get("left", ""),
-        tuple(map(str, followed)) if isinstance(followed, list) else (),
+        followed_of(told),
+        rest if isinstance(rest, dict) else {},
+        told.get("place", ""),
     )
 
 

@@ -1,19 +1,16 @@
 """Why a run ended, in one paragraph of plain words, from its recording alone."""
 
 import math
-import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import pairwise
 
-from hil_bridge.devices.facts import Devices
-from hil_bridge.errors.failures import TRACEBACK_EVENT
+from hil_bridge.errors.cause_table import ROWS
+from hil_bridge.errors.causes import Cause
+from hil_bridge.errors.failures import BUG_EVENT, TRACEBACK_EVENT
 from hil_bridge.record.analysis.steps import failed_criteria, step_outcomes
 from hil_bridge.record.analysis.summary import end_of, phases
 from hil_bridge.record.device_facts import devices_of
 from hil_bridge.record.ending import (
-    ASKED_BY_KEY,
-    ASKED_BY_PAGE,
     CHECK_EVENT,
     PHASE_EVENT,
     STOP_EVENT,
@@ -21,7 +18,7 @@ from hil_bridge.record.ending import (
     RunEnd,
 )
 from hil_bridge.record.reader import Recording
-from hil_bridge.record.records import CycleRecord, EventRecord, SensorRecord
+from hil_bridge.record.records import CycleRecord, EventRecord, FaultNote, SensorRecord
 
 CALM_S = 3.0
 """Events before the last good cycle, and before so long a calm, belong to no trouble of the end, s. Chosen: a
@@ -31,126 +28,21 @@ SILENT_FRAMES = 20
 """Frames that did not come, or did not change, before a sensor counts as silent or as stuck. Chosen: one or two are
 lost on a wire now and then.
 """
-_FAULT_EVENT, _SIGNAL_EVENT, _BUG_EVENT, _THEN_EVENT, _STEP_EVENT = "fault", "signal", "bug", "then", "step"
-_OPERATOR_EVENT = "operator"
-_NO_SYMPTOMS = frozenset(
+_SYMPTOM_FREE = frozenset(
     (
         PHASE_EVENT,
         CHECK_EVENT,
         STOP_EVENT,
         TRACEBACK_EVENT,
-        _THEN_EVENT,
-        _FAULT_EVENT,
-        _SIGNAL_EVENT,
-        _OPERATOR_EVENT,
-        _BUG_EVENT,
-        _STEP_EVENT,
+        BUG_EVENT,
+        "then",
+        "fault",
+        "signal",
+        "operator",
+        "step",
     )
 )
 """Kinds of events that tell of the course or of the end, not of trouble before it."""
-_BEGUN = (" begins", " happens")
-"""Words of the event that tells of an injected fault."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Part:
-    """A part of a cell that ends runs: how it is recognised, named, and looked at."""
-
-    pattern: str
-    """Regular expression for the beginning of the cause, or for what stands in it."""
-    name: str
-    look: str
-
-
-_ROBOT, _SENSOR = "the robot{robot}", "the force sensor{sensor}"
-_PARTS = (
-    _Part(r"^(the controller|controller) ", "the controller", "the controller's own code and parameters"),
-    _Part(
-        r"^code of another package ended",
-        "code of another package",
-        "the traceback below, which stands in the recording's events",
-    ),
-    _Part(
-        r"^the emulated cell failed|^the truth of the emulated cell failed",
-        "the emulated cell, not a device",
-        "the traceback below, which stands in the recording's events",
-    ),
-    _Part(
-        r"the last gate stopped",
-        "the program itself",
-        "the recording, which shows the orders before; report it with the bug",
-    ),
-    _Part(r"^a bug ended", "the program itself or the controller", "the traceback in the recording's events"),
-    _Part(
-        r"^no decision for",
-        "the computer that runs the bridge, or the controller",
-        "what else runs on that computer, and [realtime] of the configuration",
-    ),
-    _Part(
-        r"the robot itself feels",
-        f"{_SENSOR}, or something that touches {_ROBOT} beside the sensor",
-        "what the sensor reads when the tool is pressed by hand; hoses and cables of the tool; then the robot's own "
-        "force, with its axes and its zero",
-    ),
-    _Part(
-        r"robot .*(sent nothing|not acknowledged|no answer|nothing came|answered a block|taken \d+ answers|closed"
-        r"|link .* stopped|lost|noise)",
-        f"the link to {_ROBOT}",
-        "the robot's cable, its supply and its program; `hil-bridge monitor FILE` shows the traffic",
-    ),
-    _Part(
-        r"^cycles take ",
-        f"the link to {_ROBOT}, by which a cycle takes too long",
-        "the robot's cable and whatever delays its line, then limits.cycle_max_ms; `hil-bridge latency FILE` shows "
-        "where the time goes",
-    ),
-    _Part(
-        r"^the touch (is not answered|cannot be tested)",
-        f"{_SENSOR}, or what the tool touches",
-        "whether the sensor's reading follows a press by hand; then whether {robot} goes where it is ordered to",
-    ),
-    _Part(
-        r"robot on |the robot does not answer|robot link ",
-        _ROBOT,
-        "the robot's panel and its status in the events",
-    ),
-    _Part(
-        r"the (robot reports|reported position|reported)",
-        f"the position that {_ROBOT} reports",
-        "where the tool really is, and what the robot's display shows",
-    ),
-    _Part(
-        r"^a pull of ",
-        f"{_SENSOR} or its zero, or a tool that hangs on to something",
-        "whether the sensor reads 0 when the tool touches nothing, and whether the tool sticks",
-    ),
-    _Part(
-        r"force sensor|the newest force|no new force|the sensor's frame counter",
-        _SENSOR,
-        "the sensor's cable and supply; `hil-bridge probe sensor URL` checks its stream",
-    ),
-    _Part(
-        r"the force stayed|sensor's zero|the sensor tells no force|did not change since the zero",
-        f"{_SENSOR}, or what the tool touches",
-        "whether the tool touches anything now; `hil-bridge probe sensor URL` checks the sensor",
-    ),
-    _Part(
-        r"the force rose",
-        f"what the tool touches, or {_SENSOR}",
-        "what is above or beside the tool, then the sensor's signal in the report",
-    ),
-    _Part(
-        r"contact force|resultant force|moment .* beyond|the force swings|oscillat",
-        f"the contact, since {_ROBOT} went too deep, the surface is another, or {_SENSOR} tells it wrongly",
-        "the force before the stop in the report: one frame that jumps is the sensor, a ramp is a touch",
-    ),
-    _Part(
-        r"surface ended|no contact|contact lost",
-        f"the surface, or {_SENSOR} that does not feel it",
-        "where the tool stands above the surface, and whether the sensor's sign is right",
-    ),
-    _Part(r"workspace", "the path", "limits.workspace_m of the configuration and the start of the run"),
-)
 
 
 def why(recording: Recording) -> str:
@@ -166,13 +58,13 @@ def why(recording: Recording) -> str:
 
 def tracebacks(recording: Recording) -> tuple[str, ...]:
     """Tracebacks of code that failed in a run, oldest first."""
-    return tuple(event.text for event in recording.events if event.kind in (TRACEBACK_EVENT, _BUG_EVENT))
+    return tuple(event.text for event in recording.events if event.kind in (TRACEBACK_EVENT, BUG_EVENT))
 
 
 def _completed(recording: Recording, end: RunEnd) -> str:
     seconds = sum(span.end - span.begin for span in phases(recording))
     text = f"The run completed after {seconds:.1f} s and {len(recording.cycles)} cycles"
-    text += f", ended by its task: {end.cause}" if end.cause else ", as it was meant to"
+    text += f", ended by its task: {end.text}" if end.text else ", as it was meant to"
     unmet = failed_criteria(step_outcomes(recording.steps))
     left = f"; the tool was left {end.left}" if end.left else ""
     return f"{text}{left}{unmet and f'; but {unmet}'}."
@@ -237,75 +129,70 @@ class _Ending:
     def _first_symptom(self) -> str:
         if self._symptom is None:
             return ""
-        told = self._symptom.text.partition(";")[0]
-        return f"The first symptom came {_before(self._at - self._symptom.at)}: {told}."
+        return f"The first symptom came {_before(self._at - self._symptom.at)}: {self._symptom.text}."
 
     def _cause(self) -> str:
+        reason = self._end.reason
         if self._recording.truncated:
             return ""
-        if self._end.outcome is Outcome.INTERRUPTED:
-            events = self._recording.events
-            asked = [event.text for event in events if event.kind == _OPERATOR_EVENT]
-            told = [f"the key {text[len(ASKED_BY_KEY) :]}" for text in asked if text.startswith(ASKED_BY_KEY)]
-            told += ["the page in the browser" for text in asked if text == ASKED_BY_PAGE]
-            told += [event.text for event in events if event.kind == _SIGNAL_EVENT]
-            return f"It was ended by {told[0]}." if told else _sentence(self._end.cause)
-        if not self._end.cause:
+        if reason is None:
             return "The recording tells no cause."
-        part = self._part
-        blamed = f"What ended it was {self._named(part)}: " if part else "What ended it: "
-        return f"{blamed}{self._end.cause.partition(';')[0]}."
+        if self._end.outcome is Outcome.INTERRUPTED:
+            asked = _ASKED.get(reason.cause, "").format(by=self._by(reason.cause))
+            return f"It was ended by {asked}." if asked else _sentence(reason.text)
+        return f"What ended it was {self._named(ROWS[reason.cause].blames)}: {reason.fact}."
+
+    def _by(self, cause: Cause) -> str:
+        """The key, or the signal, that a person used."""
+        return next((event.by for event in self._recording.events if event.cause is cause), "")
 
     def _beside(self) -> Iterator[str]:
         if self._end.followed:
-            yield "Then: " + "; ".join(text.partition(";")[0] for text in self._end.followed) + "."
-        faults = [event for event in self._recording.events if _is_injected(event) and event.at <= self._at]
-        if faults:
-            last = faults[-1]
-            text = last.text
-            for word in _BEGUN:
-                text = text.partition(word)[0]
-            yield f"A fault had been injected on purpose {_before(self._at - last.at)}: {text}."
+            yield "Then: " + "; ".join(reason.fact for reason in self._end.followed) + "."
+        for event in reversed(self._recording.events):
+            if event.fault is not None and event.fault.is_injected and event.at <= self._at:
+                when = _before(self._at - event.at)
+                yield f"A fault had been injected on purpose {when}: {_fault_words(event.fault)}."
+                break
 
     def _left(self) -> str:
-        left = self._end.left
-        if not left:
+        if not self._end.left:
             return "" if self._recording.truncated else "The tool had not been moved."
-        return f"The tool was left {left.partition(', because')[0].removeprefix('left ')}."
+        return f"The tool was left {self._end.place}."
 
     def _look(self) -> str:
-        _, _, remedy = self._end.cause.partition(";")
-        part = self._part
-        looks = [part.look] if part is not None else []
-        if "NOT retracted" in self._end.left:
+        reason = self._end.reason
+        if reason is None or self._end.outcome is not Outcome.STOPPED:
+            looks = []
+        else:
+            looks = [self._named(ROWS[reason.cause].look)]
+        if self._end.rest.get("retracted") is False:
             looks.append("lift the tool off with `hil-bridge free`")
-        told = f"The message goes on: {remedy.strip()}. " if remedy.strip() else ""
-        return told + (f"Look at: {'; '.join(looks)}." if looks else "")
+        remedy = f"The message goes on: {reason.remedy}. " if reason is not None and reason.remedy else ""
+        return remedy + (f"Look at: {'; '.join(looks)}." if looks else "")
 
-    @property
-    def _part(self) -> _Part | None:
-        """The part that the cause blames."""
-        cause = self._end.cause.partition(";")[0]
-        if self._end.outcome is not Outcome.STOPPED or not cause:
-            return None
-        if cause == "a measurement or command is no number":
-            return _no_number(self._cycles)
+    def _named(self, words: str) -> str:
+        """Words of the table with the kinds of robot and sensor of this run."""
         devices = devices_of(self._recording)
-        kind = devices.robot.kind
-        if kind and re.match(rf"\S*\b{re.escape(kind)}\b", cause):  # only the wire is named
-            cause = f"robot on {cause}"
-        return next((part for part in _PARTS if re.search(part.pattern, cause)), None)
-
-    def _named(self, part: _Part) -> str:
-        devices: Devices = devices_of(self._recording)
         robot, sensor = devices.robot.kind, devices.sensor.kind
-        return part.name.format(robot=robot and f" ({robot})", sensor=sensor and f" ({sensor})")
+        return words.format(robot=robot and f" ({robot})", sensor=sensor and f" ({sensor})")
+
+
+_ASKED = {Cause.KEY: "the key {by}", Cause.PAGE: "the page in the browser", Cause.SIGNAL: "{by}"}
+"""How a person asked for the end, in words."""
+
+
+def _fault_words(fault: FaultNote) -> str:
+    """A fault and its parameters, in words."""
+    values = [f"{name} {value:g}" for name, value in fault.values.items()]
+    values += [f"{name} {word}" for name, word in fault.words.items()]
+    return f"{fault.title} ({', '.join(values)})" if values else fault.title
 
 
 def _first_symptom(recording: Recording, stopped_at: float) -> EventRecord | None:
     """The earliest trouble of the row that led to the stop; None where the stop itself is all that is known."""
     found: list[EventRecord] = []
-    told = [event for event in recording.events if event.kind not in _NO_SYMPTOMS and event.at <= stopped_at]
+    told = [event for event in recording.events if event.kind not in _SYMPTOM_FREE and event.at <= stopped_at]
     since = stopped_at
     last = max((c.answered_at for c in recording.cycles if c.answered_at <= stopped_at), default=-math.inf)
     for event in reversed(told):
@@ -351,20 +238,6 @@ def _clamped(cycles: tuple[CycleRecord, ...], stopped_at: float) -> Iterator[Eve
         yield EventRecord(
             first.controlled_at, "guard", f"the guard limited the order: {', '.join(first.reasons)}"
         )
-
-
-def _no_number(cycles: tuple[CycleRecord, ...]) -> _Part:
-    """Which device told what is no number, by the last cycle."""
-    wanted = "the robot reports" if not cycles or _finite(cycles[-1].wrench) else "force sensor"
-    return next(part for part in _PARTS if re.search(part.pattern, wanted))
-
-
-def _finite(values: tuple[float, ...]) -> bool:
-    return all(map(math.isfinite, values))
-
-
-def _is_injected(event: EventRecord) -> bool:
-    return event.kind == _FAULT_EVENT and any(word in event.text for word in _BEGUN)
 
 
 def _before(seconds: float) -> str:

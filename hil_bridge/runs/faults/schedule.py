@@ -5,12 +5,14 @@ from functools import partial
 from typing import Any
 
 from emulators.cell import Cell
-from emulators.faults import Handler, Injection
+from emulators.faults import FaultNews, Handler, Injection
 from hil_bridge.clock import Clock, Timer
 from hil_bridge.control.course.task import CONNECT
 from hil_bridge.errors import ConfigError
 from hil_bridge.record import PHASE_EVENT, CycleRecord, EventRecord
+from hil_bridge.record.records import FaultNote
 from hil_bridge.settings.faults import Condition, FaultConfig
+from protocol.faults import FaultStage
 
 FAULT_EVENT = "fault"
 """Kind of the events that tell of injected faults."""
@@ -19,7 +21,7 @@ FAULT_EVENT = "fault"
 class FaultSchedule:
     """Arms the faults of a configuration; what cannot be injected in this cell is refused at once.
 
-    `tell` is given the kind and the text of events. `on_pause` lets the bridge's process stand still for so many
+    `tell` is given the record of each event. `on_pause` lets the bridge's process stand still for so many
     seconds; without it, a fault of the computer is refused. Raises ConfigError.
     """
 
@@ -28,7 +30,7 @@ class FaultSchedule:
         faults: Sequence[FaultConfig],
         cell: Cell[Any, Any],
         clock: Clock,
-        tell: Callable[[str, str], object],
+        tell: Callable[[EventRecord], object],
         on_pause: Callable[[float], object] | None = None,
     ) -> None:
         self._cell = cell
@@ -39,7 +41,7 @@ class FaultSchedule:
         self._phase = ""
         self._told = 0
         """Injections of which the end has been told."""
-        cell.ledger.on_fault = partial(tell, FAULT_EVENT)
+        cell.ledger.on_fault = self._say
         if on_pause is not None:
             cell.ledger.attach("computer", {"pause": Handler(partial(_pause, on_pause))})
         for number, fault in enumerate(faults):
@@ -81,13 +83,15 @@ class FaultSchedule:
         for timer in self._timers:
             timer.cancel()
         for fault in self._waiting:
-            self._tell(FAULT_EVENT, f"{fault.on}: {fault.fault} never came: its phase or condition did not")
+            text = f"{fault.on}: {fault.fault} never came: its phase or condition did not"
+            self._say(FaultNews(FaultStage.NEVER, fault.on, fault.fault, text))
         self._waiting.clear()
         faults, self._told = self._cell.faults[self._told :], len(self._cell.faults)
         for injection in faults:
             lasting = "" if injection.ended_at is not None else " and lasts to the end of the run"
             times = f"{injection.struck} time{'s' * (injection.struck != 1)}"
-            self._tell(FAULT_EVENT, f"{injection.name} struck {times}{lasting}")
+            text = f"{injection.name} struck {times}{lasting}"
+            self._say(FaultNews(FaultStage.STRUCK, injection.target, injection.fault, text), injection.struck)
 
     def _arm(self, faults: Sequence[FaultConfig]) -> None:
         for fault in faults:
@@ -102,7 +106,14 @@ class FaultSchedule:
         try:
             self._cell.inject(fault.on, fault.fault, self._clock.now(), **fault.given)
         except ValueError as error:  # it was possible when the run began
-            self._tell(FAULT_EVENT, f"not injected: {error}")
+            self._say(FaultNews(FaultStage.REFUSED, fault.on, fault.fault, f"not injected: {error}"))
+
+    def _say(self, news: FaultNews, struck: int | None = None) -> None:
+        """Tell what has become of a fault."""
+        numbers = {key: float(value) for key, value in news.values.items() if not isinstance(value, str)}
+        words = {key: value for key, value in news.values.items() if isinstance(value, str)}
+        note = FaultNote(news.target, news.fault, news.stage, numbers, words, struck)
+        self._tell(EventRecord(self._clock.now(), FAULT_EVENT, news.text, fault=note))
 
 
 def _pause(on_pause: Callable[[float], object], injection: Injection) -> None:

@@ -124,7 +124,7 @@ def _title(summary: Summary) -> str:
     target, what = wanted_force(summary), summary.controller or "run"
     if target:
         what += f" at {target}"
-    return _short(f"{what} – {summary.outcome}" + (f": {summary.cause}" if summary.cause else ""))
+    return _short(f"{what} – {summary.outcome}" + (f": {summary.text}" if summary.text else ""))
 
 
 def _short(text: str) -> str:

@@ -7,12 +7,11 @@ from typing import Any
 
 import msgspec
 
-from hil_bridge.record.ending import PHASE_EVENT
+from hil_bridge.record.ending import PHASE_EVENT, words_of
 from hil_bridge.record.records import CycleRecord, EventRecord, StepRecord, TruthRecord
 from hil_bridge.record.topics import Record
 from hil_bridge.show.pages.description import Span
 from hil_bridge.show.run_marks import (
-    FAULT_EVENT,
     MARKS_MOST,
     SPANS_MOST,
     event_mark,
@@ -111,7 +110,7 @@ class Picture:
         self._model.event(event)
         if event.kind == PHASE_EVENT:
             self._phases.append((event.at - began, event.text))
-        if event.kind == FAULT_EVENT:
+        if event.fault is not None:
             self._faults.append(event)
         if is_zero(event):
             self._zero = event.text
@@ -131,13 +130,7 @@ class Picture:
 
     def end(self, end: End) -> None:
         """The run has ended."""
-        facts = end.facts
-        self._end = {
-            "outcome": facts.get("outcome", ""),
-            "cause": facts.get("cause", ""),
-            "left": facts.get("left", ""),
-            "followed": msgspec.json.decode(facts.get("followed") or "[]"),
-        }
+        self._end = words_of(end.facts)
 
     def lost(self) -> None:
         """The run's process has gone without a word."""

@@ -14,6 +14,7 @@ from hil_bridge.devices.facts import Devices
 from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.record import Recording
 from hil_bridge.record.device_facts import devices_of, json_or_none, recorded_configuration
+from hil_bridge.record.ending import words_of
 from hil_bridge.settings.configuration import read_config
 from hil_bridge.settings.devices import cell_in_words, robot_in, sensor_in
 from hil_bridge.show.run_marks import fault_spans, marks, stretches
@@ -102,7 +103,9 @@ class Playback:
         spans = stretches(
             spans_of(phases_in(recording.events, began), self.length_s), recording.steps, began
         ) + fault_spans(recording.events, began, self.length_s)
-        end = recording.end
+        end = words_of(recording.end)
+        if recording.truncated:
+            end |= {"outcome": "gone", "cause": "the recording was cut"}
         return {
             "scene": told_scene(self._scene),
             "charts": msgspec.to_builtins(charts_of(self._scene, start)),
@@ -110,12 +113,7 @@ class Playback:
             "rows": self._columns.since({}),
             "marks": msgspec.to_builtins(marks(recording, began)),
             "spans": msgspec.to_builtins(spans),
-            "end": {
-                "outcome": "gone" if recording.truncated else end.get("outcome", ""),
-                "cause": "the recording was cut" if recording.truncated else end.get("cause", ""),
-                "left": end.get("left", ""),
-                "followed": json_or_none(end.get("followed")) or [],
-            },
+            "end": end,
         }
 
     def _moment(self, place: Place) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from hil_bridge.devices.facts import LATE, Pacing
 from hil_bridge.errors.text_files import harmless
-from hil_bridge.record.ending import ALARMS, CAUTIONS, CHECK_EVENT, PHASE_EVENT
+from hil_bridge.record.ending import ALARMS, CAUTIONS, PHASE_EVENT, Check
 from hil_bridge.record.records import EventRecord
 from hil_bridge.show.pages.description import Axis, Band, Chart, Charts, Layer, Series, Span
 from hil_bridge.show.run_marks import (
@@ -123,7 +123,7 @@ def told_event(event: EventRecord, began: float) -> dict[str, Any]:
 
 def is_zero(event: EventRecord) -> bool:
     """Whether it tells the zero that was taken."""
-    return event.kind == CHECK_EVENT and "zero taken" in event.text
+    return event.check is Check.ZERO
 
 
 def spans_of(phases: Sequence[tuple[float, str]], until: float) -> list[Span]:

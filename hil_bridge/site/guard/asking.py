@@ -22,6 +22,7 @@ from hil_bridge.control.course.contour import ContourState
 from hil_bridge.control.course.free_space import FreeSpace
 from hil_bridge.control.course.oscillation import Advice, Finding, OscillationState
 from hil_bridge.control.course.verdict import Retreat
+from hil_bridge.errors.causes import Cause, Reason
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config
 from protocol.geometry import Vector
@@ -173,7 +174,7 @@ class Asked:
             depth,
             measurement,
             output,
-            seen.controller_failure,
+            Reason(Cause.CONTROLLER, seen.controller_failure) if seen.controller_failure else None,
             advice,
             task,
             OscillationState(),

@@ -5,14 +5,16 @@ is by asking with larger and larger values.
 """
 
 import dataclasses
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from pydantic import BaseModel
 
-from hil_bridge.control import Cause, Clamp, Decision, Phase, Stop
-from hil_bridge.control.course.conditions import BY_CAUSE, CLAMPS, ENDS, ConditionRow, When
+from hil_bridge.control import Clamp, Decision, Phase, Stop
+from hil_bridge.errors.cause_row import CauseRow
+from hil_bridge.errors.cause_table import ROWS
+from hil_bridge.errors.causes import Cause
 from hil_bridge.settings.configuration import Config
 from hil_bridge.site.guard.asking import Asked, Situation, middle
 from hil_bridge.site.guard.margins import Margin, margins, number
@@ -29,7 +31,7 @@ class Explanation:
     """Why less is ordered, why it stops, or why the task ends."""
     settings: tuple[str, ...]
     """The settings that ruled, as `section.name = value`."""
-    rows: tuple[ConditionRow, ...]
+    rows: tuple[CauseRow, ...]
     """Rows of the table of conditions."""
     then: str
     """Reaction of the tool."""
@@ -52,6 +54,9 @@ class Explanation:
         yield _line("then", self.then)
         for leads in dict.fromkeys(_leads_to(row) for row in self.rows):
             yield _line("leads to", leads)
+        if self.cause is not None:
+            looks = (row.look.format(robot="", sensor="") for row in self.rows)
+            yield from (_line("look at", look) for look in dict.fromkeys(looks))
         if self.deepest_mm is not None:
             yield _line("deepest order", f"{number(self.deepest_mm)} mm: {self.deepest_because}")
         for margin in self.margins:
@@ -62,7 +67,7 @@ def _line(name: str, text: str) -> str:
     return f"{name:<15}{text}"
 
 
-def _leads_to(row: ConditionRow) -> str:
+def _leads_to(row: CauseRow) -> str:
     return row.reaction.value if row.exit_code is None else f"{row.reaction}, exit code {row.exit_code}"
 
 
@@ -79,11 +84,11 @@ def explain(config: Config, situation: Situation) -> Explanation:
     decision = ask(situation)
     cause = decision.verdict.cause if isinstance(decision.verdict, Stop) else None
     ruled = tuple(key for key in LOOSE if _told(Asked(_loosened(config, key))(situation)) != _told(decision))
-    rows = tuple(_rows(cause, ruled, decision, situation))
+    rows = tuple(ROWS[each] for each in _causes(decision))
     keys = ruled or tuple(key for row in rows for key in row.settings)
     reasons = decision.reasons
-    if not reasons and decision.output.cause and situation.phase is not Phase.RETRACT:
-        reasons = (decision.output.cause,)
+    if not reasons and decision.output.reason is not None and situation.phase is not Phase.RETRACT:
+        reasons = (str(decision.output.reason),)
     deepest, because = _deepest(ask, situation, decision)
     return Explanation(
         decision.verdict.kind,
@@ -158,28 +163,19 @@ def _value(config: Config, key: str) -> str:
 
 
 def _told(decision: Decision) -> tuple[object, ...]:
-    """Parts of a decision that a setting may change, without the numbers in its words."""
-    verdict = decision.verdict
-    cause = verdict.cause if isinstance(verdict, Stop) else None
-    words = ("".join(c for c in reason if not (c.isdigit() or c in "-.e+")) for reason in decision.reasons)
-    return verdict.kind, cause, tuple(words)
+    """Parts of a decision that a setting may change, without its numbers."""
+    return decision.verdict.kind, *_causes(decision)
 
 
-def _rows(
-    cause: Cause | None, ruled: Iterable[str], decision: Decision, situation: Situation
-) -> Iterator[ConditionRow]:
-    """The rows of the table that speak of this decision."""
-    if cause is not None:
-        rows = BY_CAUSE[cause]
-        named = [row for row in rows if set(row.settings) & set(ruled)]
-        yield from named or [row for row in rows if not set(row.settings) & set(LOOSE)]
-    elif isinstance(decision.verdict, Clamp):
-        rows = tuple(row for row in CLAMPS if set(row.settings) & set(ruled))
-        of_retraction = [row for row in rows if row.when is When.RETRACTION]
-        others = [row for row in rows if row.when is not When.RETRACTION]
-        yield from (of_retraction or others) if situation.phase is Phase.RETRACT else others
-        if decision.output.failed and situation.phase is Phase.APPROACH:
-            yield ENDS[0]
+def _causes(decision: Decision) -> Iterator[Cause]:
+    """Causes for which a decision stops, orders less, or ends an approach that is held."""
+    verdict, reason = decision.verdict, decision.output.reason
+    if isinstance(verdict, Stop):
+        yield verdict.cause
+    elif isinstance(verdict, Clamp):
+        yield from dict.fromkeys(hold.cause for hold in verdict.holds)
+        if reason is not None and reason.cause is Cause.HELD_APPROACH:
+            yield reason.cause
 
 
 def _then(decision: Decision, situation: Situation, commanded_mm: float) -> str:

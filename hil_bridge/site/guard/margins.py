@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any, NamedTuple
 
-from hil_bridge.control import Cause, Phase, Stop
+from hil_bridge.control import Phase, Stop
+from hil_bridge.errors.causes import Cause
 from hil_bridge.site.guard.asking import Asked, Situation
 
 
@@ -102,18 +103,18 @@ _QUANTITIES = (
     _simple("moment", "N·m", Cause.MOMENT, "moment_nm", 1e6),
     _simple("age", "ms", Cause.STALE, "age_ms", 1e6),
     _simple("unchanged", "ms", Cause.FROZEN, "unchanged_ms", 1e6),
-    _simple("still", "ms", Cause.FROZEN, "still_ms", 1e6),
-    _simple("unanswered", "mm", Cause.FROZEN, "unanswered_mm", 1e6),
-    _Quantity("following", "mm", (Cause.POSE,), _lag, 1e6, _lagging),
-    _simple("jump", "mm", Cause.POSE, "moved_mm", 1e6),
-    _simple("tilt", "°", Cause.POSE, "tilt_deg", 180.0),
+    _simple("still", "ms", Cause.STILL, "still_ms", 1e6),
+    _simple("unanswered", "mm", Cause.UNANSWERED, "unanswered_mm", 1e6),
+    _Quantity("following", "mm", (Cause.FOLLOWING,), _lag, 1e6, _lagging),
+    _simple("jump", "mm", Cause.JUMP, "moved_mm", 1e6),
+    _simple("tilt", "°", Cause.TILT, "tilt_deg", 180.0),
     _simple("gap", "ms", Cause.DEADLINE, "gap_ms", 1e6),
 )
 """Quantities of a run that goes on."""
 _RISE = _Quantity(
     "force",
     "N",
-    (Cause.RETRACTION,),
+    (Cause.BEHIND, Cause.RETRACT_OVER, Cause.RETRACT_RISE, Cause.RETRACT_STAYS),
     _resultant,
     1e6,
     lambda calm, value: dataclasses.replace(calm, resultant_n=value),

@@ -126,7 +126,9 @@ class _SerialPort:
             self._port.close()
 
     def at_end(self) -> TransportError:
-        return TransportBroken(f"{self._name}: broke: the device is gone; check the cable and `ls /dev/tty*`")
+        return TransportBroken(
+            f"{self._name}: broke: the device is gone", remedy="check the cable and `ls /dev/tty*`"
+        )
 
     def broken(self, error: OSError) -> TransportError:
         return reasons.broken("serial", self._name, self._port.port, error)

@@ -22,7 +22,7 @@ from hil_bridge.devices.robots.seam import (
     orientation_fault,
 )
 from hil_bridge.devices.robots.standing import moved_since
-from hil_bridge.errors import BridgeError, DeviceError, OrderRefused
+from hil_bridge.errors import BridgeError, Cause, DeviceError, OrderRefused
 from hil_bridge.transports import Direction, Tap, Transport
 from protocol.devices.s3.adlp import (
     ROUTINE,
@@ -170,7 +170,7 @@ class S3Link:
             status = await self.read_status()
         report = self._reported(status)
         if report.fault:
-            raise DeviceError(report.fault)
+            raise DeviceError(report.fault, cause=Cause.ROBOT_NOT_READY)
         return report
 
     async def report(self, *, soon: bool = False) -> RobotReport:
@@ -275,14 +275,15 @@ class S3Link:
             finally:
                 self._explaining = False
         facts += self._said_before(failed_at)
-        error.args = ("; ".join((str(error), *facts)),)
+        error.remedy = "; ".join(filter(None, (error.remedy, *facts)))
 
     def _understood(self, read: Callable[[_Raw], _Meaning], raw: _Raw) -> _Meaning:
         """Message in an answer. Raises DeviceError when it cannot be read."""
         try:
             return read(raw)
         except RemoteProtocolError as error:
-            raise DeviceError(f"robot on {self.name} gave an answer that cannot be read: {error}") from error
+            text = f"robot on {self.name} gave an answer that cannot be read: {error}"
+            raise DeviceError(text, cause=Cause.ROBOT_FAILED) from error
 
     def fault(self, status: Status) -> str:
         """Reasons in a status that forbid to move, in words with their known cause; empty while there are none."""
@@ -316,7 +317,7 @@ class S3Link:
         stands = None if status is None else Pose(status.position, status.quaternion)
         bounds = limits.bounds or Bounds()
         if limits.bounds and stands and (moved := moved_since(limits.bounds.start, stands)):
-            raise OrderRefused(f"robot on {self.name} {moved}")
+            raise OrderRefused(f"robot on {self.name} {moved}", cause=Cause.MOVED_BEFORE)
         gate = Gate(bounds, self._clock.now(), stands)
         motion = S3Motion(
             self, limits.speed, stands, lambda pose: gate.judge(pose, self._clock.now()), gate.take_back
@@ -376,7 +377,7 @@ class S3Link:
             case Refused(order=order, refusal=refusal):
                 self._asking.resolve(self._refused(order, refusal))
             case OrderFailed(reason=reason, text=text):
-                self._asking.resolve(DeviceError(self._explain(reason, text)))
+                self._asking.resolve(self._unanswered(reason, text))
             case SpontaneousReceived(spontaneous=spontaneous):
                 self._said.append((self._clock.now(), spontaneous.text))
                 self._log.notice("robot", spontaneous.text)
@@ -401,9 +402,9 @@ class S3Link:
     def _refused(self, order: Telegram, refusal: Refusal) -> OrderRefused:
         text = f"robot on {self.name} refused order {order.function}: {refusal.code} {refusal.text}"
         remedy = refusal_remedy(refusal.code)
-        return OrderRefused(f"{text}; {remedy}" if remedy else text, refusal.code)
+        return OrderRefused(text, refusal.code, remedy=remedy)
 
-    def _explain(self, reason: LinkFailure | OrderFailure, text: str) -> str:
+    def _unanswered(self, reason: LinkFailure | OrderFailure, text: str) -> DeviceError:
         line = f"{self.profile.baudrate} 8{self.profile.parity}{self.profile.stop_bits}"
         match reason:
             case LinkFailure.NO_ANSWER | LinkFailure.ONLY_NOISE if self._status is not None:
@@ -416,4 +417,4 @@ class S3Link:
                 advice = f"on the link meanwhile: {counts}"
             case _:
                 advice = "see the record for what went over the link"
-        return f"robot on {self.name}: {text}; {advice}"
+        return DeviceError(f"robot on {self.name}: {text}", remedy=advice, cause=Cause.DEAD_LINK)
