@@ -1,7 +1,6 @@
 """The form of a cycle in the file: its sample leaves out the facts that the cycle tells too.
 
-A fact of the sample that differs from the cycle's stays, as an orientation that is none does. Older files, which tell
-all of them twice, are read as well.
+A fact of the sample that differs from the cycle's stays, as that of an orientation that is none.
 """
 
 from collections.abc import Mapping
