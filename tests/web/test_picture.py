@@ -115,7 +115,7 @@ def test_a_live_page_and_the_report_of_a_run_have_the_same_marks_limits_and_scal
 ) -> None:
     scene, recording = stopped
     first, last = recording.cycles[0].started_at, recording.cycles[len(recording.cycles) // 2].controlled_at
-    step = StepRecord(last, 1, "1 (track)", first, text="done")
+    step = StepRecord(last, 1, "1 (track)", first, word="track", text="done")
     recording = dataclasses.replace(recording, steps=(step,))
     picture = Picture(wire.Begin(scene, 0), 0.0)
     for record in in_order(recording):
