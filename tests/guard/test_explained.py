@@ -11,11 +11,11 @@ from hil_bridge.control.course.verdict import WAITS
 from hil_bridge.errors import Cause, ConfigError
 from hil_bridge.errors.cause_row import Reaction
 from hil_bridge.errors.cause_table import ROWS
-from hil_bridge.settings.configuration import Config, read_config
+from hil_bridge.settings.configuration import read_config
 from hil_bridge.site.guard.asking import Asked, Situation
 from hil_bridge.site.guard.explaining import explain
 
-CONFIG = Config()
+CONFIG = read_config({})
 RETRACT = Phase.RETRACT
 APPROACH = Phase.APPROACH
 
@@ -245,3 +245,11 @@ def test_what_is_asked_is_the_loop_of_a_run() -> None:
     decision = Asked(CONFIG)(Situation(wanted_mm=2.5, commanded_mm=2.0))
     assert decision.verdict.kind == "allow"
     assert decision.target.depth == 2.5e-3
+
+
+def test_a_robot_is_told_no_setting_of_another_kind() -> None:
+    stopped = Situation(fault="the sensor restarted")
+    of_s3 = explain(CONFIG, stopped).settings
+    of_egm = explain(read_config({"robot": {"emulated": "egm"}}), stopped).settings
+    assert len(of_s3) == 1 and of_s3[0].startswith("robot.s3.")
+    assert of_egm == ()

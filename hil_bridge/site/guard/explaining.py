@@ -94,7 +94,7 @@ def explain(config: Config, situation: Situation) -> Explanation:
         decision.verdict.kind,
         cause,
         reasons,
-        tuple(f"{key} = {_value(config, key)}" for key in keys),
+        tuple(f"{key} = {_value(config, key)}" for key in keys if _concerns(config, key)),
         rows,
         _then(decision, situation, ask.commanded_mm(situation)),
         deepest,
@@ -149,6 +149,12 @@ def _loosened(config: Config, key: str) -> Config:
     of_pydantic = isinstance(before, BaseModel)
     after = before.model_copy(update=change) if of_pydantic else dataclasses.replace(before, **change)
     return config.model_copy(update={section: after})
+
+
+def _concerns(config: Config, key: str) -> bool:
+    """Whether a configuration has the key: one of a kind of robot is no setting of another kind."""
+    section, name, *inner = key.split(".")
+    return not inner or hasattr(getattr(config, section), name)
 
 
 def _value(config: Config, key: str) -> str:
