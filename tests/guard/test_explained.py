@@ -110,6 +110,13 @@ FEELING = read_config({"robot": {"emulated": "rtde"}, "sensor": {"emulated": "ne
 """A robot that feels a force itself."""
 
 
+def test_a_setting_of_another_kind_of_robot_rules_nothing() -> None:
+    """The link of an S3 has flags to check; the robot here has none."""
+    found = explain(FEELING, Situation(fault="the motors are off"))
+    assert (found.cause, found.settings) == (Cause.ROBOT_STATE, ())
+    assert "ruled by       no setting" in list(found.lines())
+
+
 @pytest.mark.parametrize(
     ("witness_n", "disagreed_ms", "verdict"),
     [
