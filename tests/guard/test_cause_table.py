@@ -13,12 +13,12 @@ from hil_bridge.errors.cause_table import AROUND, BEFORE, CLAMPS, ROWS, STOPS, T
 from hil_bridge.record import Outcome, Recording, RunEnd
 from hil_bridge.record.analysis.why import why
 from hil_bridge.runs.cycle import RunResult
-from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.configuration import read_config
 from hil_bridge.site.guard.conditions import as_text
 from hil_bridge.site.guard.explaining import LOOSE
 
 ROOT = Path(__file__).parents[2]
-CONFIG = Config()
+CONFIG = read_config({})
 EVERY = pytest.mark.parametrize("cause", Cause)
 
 
