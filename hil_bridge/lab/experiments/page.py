@@ -6,6 +6,7 @@ from html import escape
 from msgspec.structs import replace
 
 from hil_bridge.lab.experiments.results import Experiment, Findings, Row, digits, distinct, rows_where
+from hil_bridge.record.analysis.figures import title_of
 from hil_bridge.show.pages import Axis, Chart, Charts, Limit, Series, document, room
 
 _TIMED = {
@@ -29,7 +30,7 @@ def html_page(found: Mapping[str, Findings], experiments: Sequence[Experiment], 
         if experiment.page_columns:
             columns = experiment.page_columns
             lines = [[digits(row[column]) for column in columns] for row in findings.table]
-            parts.append(_table([column.replace("_", " ") for column in columns], lines))
+            parts.append(_table([title_of(column) for column in columns], lines))
         sections.append("\n".join(parts))
     body = (
         "<h1>The paper's results, repeated</h1>\n<p>“A Fuzzy Adaptive Control Design for Compliant Motion of a"

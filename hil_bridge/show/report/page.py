@@ -5,13 +5,14 @@ from html import escape
 from pathlib import Path
 
 from hil_bridge.errors import ConfigError
+from hil_bridge.record.analysis.figures import quantity
 from hil_bridge.record.analysis.summary import Summary
 from hil_bridge.record.analysis.why import why
 from hil_bridge.record.files import check_place, write_whole
 from hil_bridge.record.reader import Recording
 from hil_bridge.show.pages import document, room
 from hil_bridge.show.report.differences import from_defaults
-from hil_bridge.show.report.figures import NAMED, merit_rows, quantity, run_rows
+from hil_bridge.show.report.figures import NAMED, merit_rows, run_rows
 from hil_bridge.show.report.identity import REAL, identity_rows, reality
 from hil_bridge.show.report.latency_section import latency_section
 from hil_bridge.show.report.markup import cells, pairs, rows, table

@@ -2,10 +2,10 @@
 
 from html import escape
 
+from hil_bridge.record.analysis.figures import quantity
 from hil_bridge.record.analysis.steps import StepOutcome, verdict_of
 from hil_bridge.record.analysis.summary import Summary
 from hil_bridge.record.reader import Recording
-from hil_bridge.show.report.figures import quantity
 from hil_bridge.show.report.markup import across, cells
 from hil_bridge.show.report.path_map import path_map
 from hil_bridge.show.report.program_charts import has_program
