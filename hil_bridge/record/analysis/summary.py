@@ -68,8 +68,8 @@ class Summary:
     strokes: int
     """Stretches of tracking, each from a touch until the tool is taken away."""
     figures: Mapping[str, float | None]
-    """Figures of merit of the tracking phase, by the keys of `analysis.figures`. The sample that stopped it counts for the
-    largest force and the overshoot. Of several strokes: the slowest rise, the steady state of the last, else over
+    """Figures of merit of the tracking phase, by the keys of `analysis.figures`. The sample that stopped it counts for
+    the largest force and the overshoot. Of several strokes: the slowest rise, the steady state of the last, else over
     all.
     """
     phases_s: Mapping[str, float]

@@ -10,7 +10,7 @@ from hil_bridge.control.course.limits import Limits
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.record.analysis.latency import Latency, latency_budget
 from hil_bridge.record.ending import ALARMS, CAUTIONS, PHASE_EVENT, STOP_EVENT
-from hil_bridge.record.records import CycleRecord, EventRecord
+from hil_bridge.record.records import CycleRecord, EventRecord, Vector
 
 REFRESH_SECONDS = 0.2
 """Shortest time between two drawings of the view."""
@@ -54,6 +54,8 @@ class Scene:
     limits: Limits = field(default_factory=Limits)
     record: str = ""
     """Where the run is recorded; empty where it is not."""
+    approach: Vector | None = None
+    """Unit vector of the approach in the robot base frame, where it is known."""
     keys: bool = False
     """Keys of the terminal are heard."""
 

@@ -45,7 +45,7 @@ _OWN = ("page.js", "page.css", "sketch.js", "table.js", "table.css", "icon.svg")
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
-class Teller(Protocol):
+class News(Protocol):
     """Gives a page its news, and hears what it asks."""
 
     def first(self) -> object:
@@ -65,7 +65,7 @@ class Teller(Protocol):
 class Server:
     """Serves one page to browsers."""
 
-    def __init__(self, teller: Teller, admission: Admission, page: str = "page.html") -> None:
+    def __init__(self, teller: News, admission: Admission, page: str = "page.html") -> None:
         self._teller = teller
         self._admission = admission
         self._page = page
