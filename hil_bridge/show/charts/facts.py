@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -10,7 +10,9 @@ from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.record.device_facts import devices_of, json_or_none, recorded_configuration
 from hil_bridge.record.reader import Recording
 from hil_bridge.record.records import Vector
-from hil_bridge.show.terminal import Scene
+
+if TYPE_CHECKING:
+    from hil_bridge.show.terminal import Scene
 
 
 class ChartFacts(NamedTuple):
@@ -26,7 +28,7 @@ class ChartFacts(NamedTuple):
     line_floor_s: float | None = None
 
 
-def facts_of_scene(scene: Scene) -> ChartFacts:
+def facts_of_scene(scene: "Scene") -> ChartFacts:
     """Of a run that goes on."""
     tracks = frozenset(number for number, label in enumerate(scene.steps, 1) if _tracks(label))
     return ChartFacts(
