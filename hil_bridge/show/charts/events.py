@@ -86,10 +86,12 @@ def spans_of(phases: Sequence[Phase], steps: Sequence[StepRecord], began: float,
     first = steps[0].began_at if steps else math.inf
     last = steps[-1].at if steps else math.inf
     spans = []
-    for (begin, name), end in zip(phases, ends, strict=True):
-        for low, high in ((begin, min(end, first)), (max(begin, last), end)):
-            if high > low or (not steps and low == begin):
-                spans.append(Span(low - began, max(low, high) - began, name, name))
+    for (begin, name), after in zip(phases, ends, strict=True):
+        end = max(begin, after)
+        if begin < first:
+            spans.append(Span(begin - began, min(end, first) - began, name, name))
+        if begin >= last or end > last:
+            spans.append(Span(max(begin, last) - began, end - began, name, name))
     spans += [
         Span(step.began_at - began, step.at - began, step.label, _word(step.label))
         for step in steps[:SPANS_MOST]
