@@ -61,11 +61,11 @@ def test_the_page_is_told_what_the_recording_holds(stopped: tuple[Scene, Recordi
     for number, record in enumerate(in_order(recording)):
         teller.take(record)
         if number % 50 == 0:
-            told = json.loads(msgspec.json.encode(teller.told(cursor, 0.0)))
+            told = json.loads(msgspec.json.encode(teller.tell(cursor, 0.0)))
             rows += len(told.get("rows", {}).get("cycle", {}).get("x", ()))
             events += told["events"]
     teller.end(wire.End(RunEnd(Outcome.STOPPED, "the emergency stop").as_metadata()))
-    told = json.loads(msgspec.json.encode(teller.told(cursor, 0.0)))
+    told = json.loads(msgspec.json.encode(teller.tell(cursor, 0.0)))
     rows += len(told.get("rows", {}).get("cycle", {}).get("x", ()))
     events += told["events"]
     newest = recording.cycles[-1]
@@ -91,7 +91,7 @@ def test_a_page_that_comes_later_is_told_everything_at_once(stopped: tuple[Scene
     teller = Teller(wire.Begin(scene, 0), 0.0)
     for record in in_order(recording):
         teller.take(record)
-    told = teller.told(Cursor(), 0.0)
+    told = teller.tell(Cursor(), 0.0)
     limits = {chart["id"]: chart.get("limits", ()) for chart in told["charts"]["charts"]}
     assert [limit["value"] for limit in limits["force"]] == [
         scene.limits.force_limit_n,
@@ -100,7 +100,7 @@ def test_a_page_that_comes_later_is_told_everything_at_once(stopped: tuple[Scene
     assert len(told["rows"]["cycle"]["x"]) == len(recording.cycles)
     assert told["scene"]["cell"].startswith("EMULATED")
     teller.begin(wire.Begin(scene, 0))  # more is known: every page begins anew
-    again = teller.told(Cursor(dict.fromkeys(("cycle", "truth"), 10**6), 10**6, 10**6), 0.0)
+    again = teller.tell(Cursor(dict.fromkeys(("cycle", "truth"), 10**6), 10**6, 10**6), 0.0)
     assert len(again["rows"]["cycle"]["x"]) == len(recording.cycles)
 
 
@@ -119,7 +119,7 @@ def test_a_live_page_and_the_report_of_a_run_have_the_same_marks_limits_and_scal
         teller.take(record)
     teller.take(step)
     charts, _ = run_charts(recording)
-    report, live = msgspec.to_builtins(charts), teller.told(Cursor(), 0.0)
+    report, live = msgspec.to_builtins(charts), teller.tell(Cursor(), 0.0)
     assert {mark["text"].partition(":")[0] for mark in live["marks"]} >= {"stop", "fault", "1 (track)"}
     marks = sorted(live["marks"], key=lambda mark: mark["x"])
     assert [{**mark, "x": round(mark["x"], 6)} for mark in marks] == [
@@ -142,10 +142,10 @@ def test_a_live_page_and_the_report_of_a_run_have_the_same_marks_limits_and_scal
 def test_silence_is_told_and_an_end_without_a_word(stopped: tuple[Scene, Recording]) -> None:
     teller = Teller(wire.Begin(stopped[0], 0), 100.0)
     teller.pulse(wire.Pulse(5.0, Health()), 100.0)
-    assert teller.told(Cursor(), 101.0)["now"]["silent_s"] == 0
-    assert teller.told(Cursor(), 107.5)["now"]["silent_s"] == 7.5
+    assert teller.tell(Cursor(), 101.0)["now"]["silent_s"] == 0
+    assert teller.tell(Cursor(), 107.5)["now"]["silent_s"] == 7.5
     teller.lost()
-    assert teller.told(Cursor(), 107.5)["end"]["outcome"] == "gone"
+    assert teller.tell(Cursor(), 107.5)["end"]["outcome"] == "gone"
 
 
 def test_a_fast_and_long_run_stays_within_its_bounds(stopped: tuple[Scene, Recording]) -> None:
@@ -164,7 +164,7 @@ def test_a_fast_and_long_run_stays_within_its_bounds(stopped: tuple[Scene, Recor
     assert forces.count(50.0) == pytest.approx(ROWS / 2, rel=0.01)  # no peak between two rows is lost
     assert columns.counts["cycle"] == pytest.approx(2 * ROWS, rel=0.01)  # a row each 40 ms, and its peak
     assert found["x"] == sorted(found["x"], key=float)  # type: ignore[arg-type]
-    told = teller.told(Cursor(), 0.0)
+    told = teller.tell(Cursor(), 0.0)
     assert (len(told["events"]), len(told["marks"])) == (EVENTS, EVENTS)
     assert len(msgspec.json.encode(told)) < 200_000
 

@@ -52,8 +52,8 @@ def time_axis(wall_start_s: float | None = None) -> Axis:
 
 def layers(truth: bool, stream: bool) -> list[Layer]:
     """What a person can switch."""
-    found = [Layer(TRUTH, "truth (emulated)")] if truth else []
-    return [*found, Layer(STREAM, "sensor's whole stream")] if stream else found
+    switches = [Layer(TRUTH, "truth (emulated)")] if truth else []
+    return [*switches, Layer(STREAM, "sensor's whole stream")] if stream else switches
 
 
 def catalogue(facts: ChartFacts) -> list[Chart]:
@@ -279,12 +279,12 @@ def with_values(charts: Sequence[Chart], sources: Mapping[str, Arrays]) -> list[
         known = values[np.isfinite(values)]
         return float(np.ptp(known)) if known.size else None
 
-    found = []
+    kept = []
     for chart in charts:
         series = [one for one in chart.series if span(one.source, one.column) is not None]
         bands = [one for one in chart.bands if span(one.source, one.low) is not None]
         widest = max((span(one.source, one.column) or 0.0 for one in series), default=-1.0)
         least = -1.0 if chart.quiet_span is None else chart.quiet_span
         if chart is charts[0] or widest > least or bands:
-            found.append(replace(chart, series=series, bands=bands))
-    return found
+            kept.append(replace(chart, series=series, bands=bands))
+    return kept

@@ -117,12 +117,12 @@ class Columns:
         if self._rows["cycle"]:
             kept.append(_number(self._rows["cycle"][-1][_FORCE]))
         beyond = {value for value in (min(forces), max(forces)) if value < min(kept) or value > max(kept)}
-        found = []
+        extremes = []
         for row in self._skipped:
             if _number(row[_FORCE]) in beyond:
                 beyond.discard(_number(row[_FORCE]))
-                found.append(row)
-        return found
+                extremes.append(row)
+        return extremes
 
     def _cycle_row(self, record: CycleRecord, seconds: float) -> Row:
         force, explained = record.force, record.explanation
@@ -173,11 +173,11 @@ class Columns:
         depth = sum(a * b for a, b in zip(place, self.approach, strict=True))
         force = -sum(a * b for a, b in zip(record.force, self.approach, strict=True))
         tilt = tilt_deg(record)
-        told = None if tilt is None or tilt <= _LEAST_TILT_DEG else tilt
+        tipped = None if tilt is None or tilt <= _LEAST_TILT_DEG else tilt
         self._due["truth"] = record.at + self._row_s * 0.999
         self._add(
             "truth",
-            (record.at - self._began, force, depth, *place, told, told if touches(record) else None),
+            (record.at - self._began, force, depth, *place, tipped, tipped if touches(record) else None),
         )
 
     def _place(self, position: Sequence[float]) -> list[float]:
@@ -190,7 +190,7 @@ class Columns:
 
     def since(self, counts: Mapping[str, int]) -> dict[str, Rows]:
         """Rows after these numbers, as columns by table; tables without new rows are left out."""
-        found: dict[str, Rows] = {}
+        tables: dict[str, Rows] = {}
         for table, names in TABLES.items():
             new = min(self._counts[table] - counts.get(table, 0), len(self._rows[table]))
             if new > 0:
@@ -199,8 +199,8 @@ class Columns:
                 columns = (
                     [None if v is None else tidy(v) for v in values] for values in zip(*chosen, strict=True)
                 )
-                found[table] = dict(zip(names, columns, strict=True))
-        return found
+                tables[table] = dict(zip(names, columns, strict=True))
+        return tables
 
     def arrays(self) -> dict[str, Arrays]:
         """All rows as arrays by table; NaN for what is not told. Tables without rows are left out."""

@@ -44,16 +44,16 @@ def marks_of(
     """The marks of a run; if there are too many, stops and faults before others. A run whose events tell no stop has
     that of its cycles.
     """
-    found = [mark for event in events if (mark := mark_of(event, began)) is not None]
-    if not any(mark.kind == "stop" for mark in found):
+    marks = [mark for event in events if (mark := mark_of(event, began)) is not None]
+    if not any(mark.kind == "stop" for mark in marks):
         stops = [cycle for cycle in cycles if cycle.verdict == "stop"][:1]
-        found += [
+        marks += [
             Mark(one.controlled_at - began, _lead(STOP_EVENT, harmless(", ".join(one.reasons))), "stop")
             for one in stops
         ]
-    found += [mark_of_step(step, began) for step in steps]
-    found.sort(key=lambda mark: mark.kind in ("event", "step"))
-    return sorted(found[:MARKS_MOST], key=lambda mark: mark.x)
+    marks += [mark_of_step(step, began) for step in steps]
+    marks.sort(key=lambda mark: mark.kind in ("event", "step"))
+    return sorted(marks[:MARKS_MOST], key=lambda mark: mark.x)
 
 
 def line_of(record: EventRecord | StepRecord) -> str:
@@ -102,16 +102,16 @@ def spans_of(phases: Sequence[Phase], steps: Sequence[StepRecord], began: float,
 def fault_spans(events: Iterable[EventRecord], began: float, until: float) -> list[Span]:
     """From the begin to the end of each injected fault; one that has not ended lasts until now."""
     begun: dict[str, float] = {}
-    found = []
+    spans = []
     for event in events:
         if event.kind != _FAULT_EVENT:
             continue
         if _BEGINS in event.text:
             begun[_fault(event.text, _BEGINS)] = event.at
         elif event.text.endswith(_ENDS) and (name := _fault(event.text, _ENDS)) in begun:
-            found.append(Span(begun.pop(name) - began, event.at - began, name, "fault"))
-    found += [Span(at - began, max(until, at) - began, name, "fault") for name, at in begun.items()]
-    return found[:SPANS_MOST]
+            spans.append(Span(begun.pop(name) - began, event.at - began, name, "fault"))
+    spans += [Span(at - began, max(until, at) - began, name, "fault") for name, at in begun.items()]
+    return spans[:SPANS_MOST]
 
 
 def _fault(text: str, word: str) -> str:

@@ -98,8 +98,8 @@ def paint(ax: "Axes", chart: Chart, charts: Charts) -> None:
             parse_math=False,
         )
     _paint_marks(ax, [one for one in charts.marks if one.axis == chart.axis], named=first)
-    told = "".join(f" · {limit.label} {limit.value:.5g}" for limit in chart.limits)
-    title = ax.set_title(chart.title + told.replace("-", "−"), loc="left", fontsize=10.5, fontweight="bold")
+    limits = "".join(f" · {limit.label} {limit.value:.5g}" for limit in chart.limits)
+    title = ax.set_title(chart.title + limits.replace("-", "−"), loc="left", fontsize=10.5, fontweight="bold")
     title.set_parse_math(False)
     ax.set_ylabel(chart.unit)
     if chart.log:
@@ -193,8 +193,8 @@ def colour(name: str) -> str:
 
 def _translucent(variable: str) -> tuple[str, float]:
     """A colour with its opacity."""
-    told = _css().get(variable, _css()["--span-other"])
-    return told[:7], int(told[7:9] or "ff", 16) / 255
+    shade = _css().get(variable, _css()["--span-other"])
+    return shade[:7], int(shade[7:9] or "ff", 16) / 255
 
 
 @cache

@@ -22,7 +22,7 @@ def run_charts(recording: Recording) -> tuple[Charts, str]:
     described = Charts(
         axes={"time": time_axis(wall_start_s(recording, zero))},
         charts=charts,
-        sources=sources.found,
+        sources=sources.held,
         marks=run_marks(recording, zero),
         spans=run_spans(recording, zero),
         layers=layers(TRUTH in tables, STREAM in tables),
@@ -49,14 +49,14 @@ def run_marks(recording: Recording, zero: float) -> Sequence[Mark]:
 
 def run_spans(recording: Recording, zero: float) -> Sequence[Span]:
     """Steps or phases of a recording, and its faults."""
-    told = phases(recording)
+    courses = phases(recording)
     last = max([cycle.controlled_at for cycle in recording.cycles] + [event.at for event in recording.events])
-    until = told[-1].end if told else last
-    steps = spans_of([(span.begin, span.name) for span in told], recording.steps, zero, until)
+    until = courses[-1].end if courses else last
+    steps = spans_of([(span.begin, span.name) for span in courses], recording.steps, zero, until)
     return [*steps, *fault_spans(recording.events, zero, last)]
 
 
 def wall_start_s(recording: Recording, zero: float) -> float | None:
-    """UTC at x = 0, s since 1970; None where the run's time was not real or is not told."""
+    """UTC at x = 0, s since 1970; None where the run's time was not real or is not courses."""
     virtual = recording.metadata.get("time") == "virtual"
     return None if virtual or not recording.unix_zero_ns else recording.unix_zero_ns * 1e-9 + zero

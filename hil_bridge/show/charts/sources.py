@@ -25,7 +25,7 @@ class Sources:
     """The sources of a page, by name."""
 
     def __init__(self) -> None:
-        self.found: dict[str, dict[str, list[float | None]]] = {}
+        self.held: dict[str, dict[str, list[float | None]]] = {}
         self.rows: dict[str, tuple[int, int]] = {}
         """Of each name that was thinned: rows that there were, and that are kept in one chart."""
 
@@ -54,12 +54,12 @@ class Sources:
         known = np.flatnonzero(np.isfinite(x))
         order = known[np.argsort(x[known], kind="stable")]
         if len(order) <= ROWS_MOST:
-            source = self.found.setdefault(name, {"x": rounded_times(x[order])})
+            source = self.held.setdefault(name, {"x": rounded_times(x[order])})
         else:
             order = order[kept_rows([column[order] for column in columns.values()], len(order))]
             self.rows[name] = (len(known), max(len(order), self.rows.get(name, (0, 0))[1]))
             name = f"{name}/{chart}"
-            source = self.found.setdefault(name, {"x": rounded_times(x[order])})
+            source = self.held.setdefault(name, {"x": rounded_times(x[order])})
         for column, values in columns.items():
             if column not in source:
                 source[column] = rounded(values[order])
@@ -67,11 +67,11 @@ class Sources:
 
     def sentence(self) -> str:
         """What was left out, in words; empty where nothing was."""
-        told = [f"{kept} of {rows} rows of {name}" for name, (rows, kept) in self.rows.items()]
-        if not told:
+        parts = [f"{kept} of {rows} rows of {name}" for name, (rows, kept) in self.rows.items()]
+        if not parts:
             return ""
         return (
-            f"The charts hold at most {', '.join(told)}: of each stretch its least and its greatest value, so no peak"
+            f"The charts hold at most {', '.join(parts)}: of each stretch its least and its greatest value, so no peak"
             " is lost. The recording holds every row."
         )
 

@@ -99,7 +99,7 @@ def _charts(runs: Mapping[str, Recording], align: str) -> tuple[Charts, str]:
     ]
     label = "time since the touch" if align == TOUCH else "time since the run began"
     layers = [Layer(f"run{place}", name) for place, name in enumerate(runs)]
-    return Charts({"time": Axis(label, "s")}, charts, sources.found, marks, layers=layers), sources.sentence()
+    return Charts({"time": Axis(label, "s")}, charts, sources.held, marks, layers=layers), sources.sentence()
 
 
 def _title(chart: Chart) -> str:

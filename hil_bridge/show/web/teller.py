@@ -22,7 +22,7 @@ from hil_bridge.show.pages.description import Charts, Mark
 from hil_bridge.show.terminal import Health, Scene, ViewModel
 from hil_bridge.show.terminal.model import HISTORY_CYCLES
 from hil_bridge.show.texts import without_queries
-from hil_bridge.show.web.telling import is_zero, told_event, told_now, told_scene, told_truth
+from hil_bridge.show.web.telling import event_values, is_zero, now_values, scene_values, truth_values
 from hil_bridge.show.web.wire import Begin, End, Pulse
 
 EVENTS = 200
@@ -64,11 +64,10 @@ class Grown:
         self.marks: MutableSequence[Mark] = kept(EVENTS)
         self.phases: MutableSequence[EventRecord] = kept(EVENTS)
         self.faults: MutableSequence[EventRecord] = kept(EVENTS)
+        self.zeros: MutableSequence[EventRecord] = kept(1)
         self.track: CycleRecord | None = None
         """The first cycle that tracked."""
         self.stop: EventRecord | None = None
-        self.zero: EventRecord | None = None
-        """The newest zero."""
         self.event_count = self.mark_count = 0
 
     def take(self, record: Record, began: float) -> None:
@@ -101,7 +100,7 @@ class Grown:
         elif event.kind == STOP_EVENT and self.stop is None:
             self.stop = event
         elif is_zero(event):
-            self.zero = event
+            self.zeros.append(event)
 
     def _mark(self, mark: Mark | None) -> None:
         if mark is not None:
@@ -223,24 +222,24 @@ class Teller:
         """News since the last call for this state; None for none."""
         if state.at is not None and not state.moved:
             return None
-        return self.told(state, time.monotonic())
+        return self.tell(state, time.monotonic())
 
-    def told(self, cursor: Cursor, present: float) -> dict[str, Any]:
+    def tell(self, cursor: Cursor, present: float) -> dict[str, Any]:
         """News for a page since its cursor, which moves on. `present` is the time of this process's own clock, s."""
         began = self._began or 0.0
         passed = 0.0 if self._end is not None else max(0.0, present - self._heard_at)
         now = self._pulse.now + passed if cursor.at is None else began + cursor.at
-        told: dict[str, Any] = {}
+        news: dict[str, Any] = {}
         if cursor.version != self._version:
-            told |= self._whole(cursor)
-        told |= self._moment(now, math.inf if cursor.at is None else now, passed)
-        told |= self._news_of(cursor, now)
+            news |= self._whole(cursor)
+        news |= self._moment(now, math.inf if cursor.at is None else now, passed)
+        news |= self._news_of(cursor, now)
         if cursor.at is not None:
-            told["at"] = tidy(cursor.at)
+            news["at"] = tidy(cursor.at)
         cursor.moved = False
         if self._end is not None:
-            told["end"] = self._end
-        return told
+            news["end"] = self._end
+        return news
 
     def _whole(self, cursor: Cursor) -> dict[str, Any]:
         """Begin a page from nothing."""
@@ -254,8 +253,8 @@ class Teller:
             empty,
             layers=layers(scene.robot.emulated, False),
         )
-        told = {"scene": told_scene(scene), "charts": msgspec.to_builtins(charts)}
-        return told if self._length_s is None else told | {"playback": {"begin": 0.0, "end": self._length_s}}
+        news = {"scene": scene_values(scene), "charts": msgspec.to_builtins(charts)}
+        return news if self._length_s is None else news | {"playback": {"begin": 0.0, "end": self._length_s}}
 
     def _moment(self, now: float, until: float, silent_s: float) -> dict[str, Any]:
         """The values of a moment, by the records until then."""
@@ -264,41 +263,41 @@ class Teller:
             frame = _newest(grown.sensors, until)
             health = Health(sensor_at=None if frame is None else frame.at)
         snapshot = grown.model(self._begin.scene, self._began or 0.0, until).snapshot(now, health)
-        zero, pulse = grown.zero, self._pulse
-        told = told_now(snapshot) | {
-            "zero": zero.text if zero is not None and zero.at <= until else "",
+        zero, pulse = _newest(grown.zeros, until), self._pulse
+        news = now_values(snapshot) | {
+            "zero": "" if zero is None else zero.text,
             "dropped": pulse.dropped,
             "silent_s": tidy(silent_s) if silent_s > SILENT_S else 0,
             "warning": pulse.warning,
         }
-        told["check"] = told["check"] or pulse.check
-        found: dict[str, Any] = {"now": told | dict(self.counters)}
+        news["check"] = news["check"] or pulse.check
+        moment: dict[str, Any] = {"now": news | dict(self.counters)}
         if (truth := _newest(grown.truths, until)) is not None:
-            found["truth"] = told_truth(truth)
-        return found
+            moment["truth"] = truth_values(truth)
+        return moment
 
     def _news_of(self, cursor: Cursor, now: float) -> dict[str, Any]:
         """Rows, events, marks and spans that the page was not told yet."""
         grown, began = self._grown, self._began or 0.0
-        told: dict[str, Any] = {"events": [], "marks": []}
+        news: dict[str, Any] = {"events": [], "marks": []}
         if self._columns is not None:
             if rows := self._columns.since(cursor.rows):
-                told["rows"] = rows
+                news["rows"] = rows
             cursor.rows = self._columns.counts
-            told["approach"] = self._columns.approach
-        told["marks"] = msgspec.to_builtins(_last(grown.marks, grown.mark_count - cursor.marks))
+            news["approach"] = self._columns.approach
+        news["marks"] = msgspec.to_builtins(_last(grown.marks, grown.mark_count - cursor.marks))
         cursor.marks = grown.mark_count
         if cursor.at is None:
             events = _last(grown.events, grown.event_count - max(cursor.events, 0))
             cursor.events = grown.event_count
         else:
             events = _until(grown.events, now, "at", EVENTS)
-            told["events_whole"] = True
-        told["events"] = [told_event(event, began) for event in events]
+            news["events_whole"] = True
+        news["events"] = [event_values(event, began) for event in events]
         until = now if self._length_s is None else began + self._length_s
         spans = spans_of(phases_in(grown.phases), list(grown.steps), began, until)
-        told["spans"] = msgspec.to_builtins([*spans, *fault_spans(grown.faults, began, until)])
-        return told
+        news["spans"] = msgspec.to_builtins([*spans, *fault_spans(grown.faults, began, until)])
+        return news
 
 
 def _until(records: Sequence[Any], now: float, name: str, most: int) -> list[Any]:

@@ -15,7 +15,7 @@ TEXT_LENGTH = 400
 """Characters of a text that the page shows at most."""
 
 
-def told_scene(scene: Scene) -> dict[str, Any]:
+def scene_values(scene: Scene) -> dict[str, Any]:
     """Facts of a run that stay the same."""
     limits = scene.limits
     return {
@@ -37,11 +37,11 @@ def told_scene(scene: Scene) -> dict[str, Any]:
     }
 
 
-def told_now(snapshot: Snapshot) -> dict[str, Any]:
+def now_values(snapshot: Snapshot) -> dict[str, Any]:
     """Values of a moment. Lengths are mm, times ms or s as their names tell, forces N, moments N·m."""
     newest = snapshot.newest
     latency = snapshot.latency
-    told: dict[str, Any] = {
+    values: dict[str, Any] = {
         "phase": snapshot.phase,
         "elapsed_s": tidy(snapshot.elapsed_s),
         "tracked_s": tidy(snapshot.tracked_s),
@@ -74,7 +74,7 @@ def told_now(snapshot: Snapshot) -> dict[str, Any]:
         },
     }
     if newest is not None:
-        told |= {
+        values |= {
             "cycle": newest.cycle,
             "force": tidy(newest.force),
             "in_contact": newest.in_contact,
@@ -94,10 +94,10 @@ def told_now(snapshot: Snapshot) -> dict[str, Any]:
             "answer_ms": _ms(newest.answer_s),
             "quaternion": [tidy(value) for value in newest.quaternion],
         }
-    return told
+    return values
 
 
-def told_event(event: EventRecord, began: float) -> dict[str, Any]:
+def event_values(event: EventRecord, began: float) -> dict[str, Any]:
     """An event as a row of the page."""
     return {
         "at": tidy(event.at - began),
@@ -112,7 +112,7 @@ def is_zero(event: EventRecord) -> bool:
     return event.check is Check.ZERO
 
 
-def told_truth(truth: TruthRecord) -> dict[str, Any]:
+def truth_values(truth: TruthRecord) -> dict[str, Any]:
     """The truth of an emulated cell."""
     return {
         "quaternion": [tidy(value) for value in truth.quaternion],
