@@ -167,12 +167,12 @@ def _paint_marks(ax: "Axes", marks: Sequence[Mark], named: bool) -> None:
         late = mark.x > middle
         ax.annotate(
             mark.text if len(mark.text) < 90 else f"{mark.text[:89]}…",
-            (mark.x, 0.84 - 0.09 * row),
+            (mark.x, 0.04 + 0.09 * row),
             xycoords=ax.get_xaxis_transform(),
             xytext=(-6 if late else 6, 0),
             textcoords="offset points",
             ha="right" if late else "left",
-            va="top",
+            va="bottom",
             color=shade,
             fontsize=9,
             fontweight="bold",
