@@ -64,7 +64,9 @@ def test_the_page_is_told_what_the_recording_holds(stopped: tuple[Scene, Recordi
             told = json.loads(msgspec.json.encode(teller.tell(cursor, 0.0)))
             rows += len(told.get("rows", {}).get("cycle", {}).get("x", ()))
             events += told["events"]
-    teller.end(wire.End(RunEnd(Outcome.STOPPED, "the emergency stop").as_metadata()))
+    teller.end(
+        wire.End(RunEnd(Outcome.STOPPED, Reason(Cause.ROBOT_STATE, "the emergency stop")).as_metadata())
+    )
     told = json.loads(msgspec.json.encode(teller.tell(cursor, 0.0)))
     rows += len(told.get("rows", {}).get("cycle", {}).get("x", ()))
     events += told["events"]

@@ -8,6 +8,7 @@ from hil_bridge.record.ending import ALARMS, CAUTIONS, PHASE_EVENT, STOP_EVENT
 from hil_bridge.record.records import CycleRecord, EventRecord, StepRecord
 from hil_bridge.show.pages.description import Mark, Span
 from hil_bridge.show.texts import without_queries
+from protocol.faults import FaultStage
 
 MARKS_MOST = 400
 """Marks of a page: stops and faults first. Chosen: more would cover the lines."""
@@ -15,8 +16,7 @@ SPANS_MOST = 200
 """Steps that are shaded. Chosen as the marks."""
 LONGEST = 160
 """Letters of a mark's text. Chosen: a line of the page."""
-_FAULT_EVENT, _STEP_EVENT = "fault", "step"
-_BEGINS, _ENDS, _HAPPENS = " begins", " ends", " happens"
+_STEP_EVENT = "step"
 Phase = tuple[float, str]
 """Begin on the run's clock, and name."""
 
@@ -25,7 +25,7 @@ def mark_of(event: EventRecord, began: float) -> Mark | None:
     """The mark of an event; None where it has none. `began` is the time at x = 0."""
     if event.kind in (PHASE_EVENT, _STEP_EVENT) or not math.isfinite(event.at):
         return None
-    loud = event.kind == _FAULT_EVENT and (_BEGINS in event.text or _HAPPENS in event.text)
+    loud = event.fault is not None and event.fault.is_injected
     kind = "stop" if event.kind == STOP_EVENT else "fault" if loud else "event"
     return Mark(event.at - began, _lead(event.kind, line_of(event)), kind)
 
@@ -93,8 +93,7 @@ def spans_of(phases: Sequence[Phase], steps: Sequence[StepRecord], began: float,
         if begin >= last or end > last:
             spans.append(Span(max(begin, last) - began, end - began, name, name))
     spans += [
-        Span(step.began_at - began, step.at - began, step.label, _word(step.label))
-        for step in steps[:SPANS_MOST]
+        Span(step.began_at - began, step.at - began, step.label, step.word) for step in steps[:SPANS_MOST]
     ]
     return sorted(spans, key=lambda span: span.begin)
 
@@ -104,21 +103,12 @@ def fault_spans(events: Iterable[EventRecord], began: float, until: float) -> li
     begun: dict[str, float] = {}
     spans = []
     for event in events:
-        if event.kind != _FAULT_EVENT:
+        if event.fault is None:
             continue
-        if _BEGINS in event.text:
-            begun[_fault(event.text, _BEGINS)] = event.at
-        elif event.text.endswith(_ENDS) and (name := _fault(event.text, _ENDS)) in begun:
+        name = event.fault.title
+        if event.fault.stage is FaultStage.BEGINS:
+            begun[name] = event.at
+        elif event.fault.stage is FaultStage.ENDS and name in begun:
             spans.append(Span(begun.pop(name) - began, event.at - began, name, "fault"))
     spans += [Span(at - began, max(until, at) - began, name, "fault") for name, at in begun.items()]
     return spans[:SPANS_MOST]
-
-
-def _fault(text: str, word: str) -> str:
-    """Target and name of a fault without its parameters."""
-    return text.split(word)[0].split(" (")[0]
-
-
-def _word(label: str) -> str:
-    """Word of a step: `1.4 (track, pass 2)` is a `track`."""
-    return label.partition("(")[2].rstrip(")").split(",")[0]

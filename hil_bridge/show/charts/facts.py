@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from hil_bridge.devices.facts import RobotFacts
+from hil_bridge.record.analysis.strokes import TRACK
 from hil_bridge.record.device_facts import devices_of, json_or_none, recorded_configuration
 from hil_bridge.record.reader import Recording
 from hil_bridge.record.records import Vector
@@ -43,7 +44,7 @@ def facts_of_recording(recording: Recording) -> ChartFacts:
     return ChartFacts(
         devices_of(recording).robot,
         _numbers(limits if isinstance(limits, dict) else {}),
-        frozenset(step.step for step in recording.steps if _tracks(step.label)),
+        frozenset(step.step for step in recording.steps if step.word == TRACK),
         approach_of(recording),
         float(floor) if isinstance(floor, (int, float)) else None,
     )

@@ -59,7 +59,7 @@ def _title(summary: Summary) -> str:
     target, what = wanted_force(summary), summary.controller or "run"
     if target:
         what += f" at {target}"
-    text = f"{what} – {summary.outcome}" + (f": {summary.cause}" if summary.cause else "")
+    text = f"{what} – {summary.outcome}" + (f": {summary.text}" if summary.text else "")
     return textwrap.shorten(text, 110, placeholder=" …")
 
 

@@ -21,8 +21,14 @@ from hil_bridge.show.charts.facts import ChartFacts, facts_of_scene
 from hil_bridge.show.pages.description import Charts, Mark
 from hil_bridge.show.terminal import Health, Scene, ViewModel
 from hil_bridge.show.terminal.model import HISTORY_CYCLES
-from hil_bridge.show.texts import without_queries
-from hil_bridge.show.web.telling import event_values, is_zero, now_values, scene_values, truth_values
+from hil_bridge.show.web.telling import (
+    end_values,
+    event_values,
+    is_zero,
+    now_values,
+    scene_values,
+    truth_values,
+)
 from hil_bridge.show.web.wire import Begin, End, Pulse
 
 EVENTS = 200
@@ -95,7 +101,7 @@ class Grown:
         self.event_count += 1
         if event.kind == PHASE_EVENT:
             self.phases.append(event)
-        elif event.kind == "fault":
+        elif event.fault is not None:
             self.faults.append(event)
         elif event.kind == STOP_EVENT and self.stop is None:
             self.stop = event
@@ -186,15 +192,7 @@ class Teller:
 
     def end(self, end: End) -> None:
         """The run has ended."""
-        facts = end.facts
-        self._end = {
-            "outcome": facts.get("outcome", ""),
-            "cause": without_queries(facts.get("cause", "")),
-            "left": without_queries(facts.get("left", "")),
-            "followed": [
-                without_queries(text) for text in msgspec.json.decode(facts.get("followed") or "[]")
-            ],
-        }
+        self._end = end_values(end.facts)
 
     def lost(self, cause: str = "the run's process ended without a word") -> None:
         """The run has gone without a word."""

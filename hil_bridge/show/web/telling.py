@@ -1,10 +1,11 @@
 """A snapshot of a run as plain values for its page."""
 
+from collections.abc import Mapping
 from typing import Any
 
 from hil_bridge.devices.facts import LATE, Pacing
 from hil_bridge.errors.text_files import harmless
-from hil_bridge.record.ending import CHECK_EVENT
+from hil_bridge.record.ending import Check, words_of
 from hil_bridge.record.records import EventRecord, TruthRecord
 from hil_bridge.show.charts.columns import MILLI, tidy
 from hil_bridge.show.charts.events import line_of, weight_of
@@ -105,6 +106,13 @@ def event_values(event: EventRecord, began: float) -> dict[str, Any]:
         "text": line_of(event)[:TEXT_LENGTH],
         "weight": weight_of(event),
     }
+
+
+def end_values(end: Mapping[str, str]) -> dict[str, Any]:
+    """How a run ended, by the metadata of its end."""
+    words: dict[str, Any] = words_of(end)
+    followed = [without_queries(text) for text in words["followed"]]
+    return words | {key: without_queries(words[key]) for key in ("cause", "left")} | {"followed": followed}
 
 
 def is_zero(event: EventRecord) -> bool:
