@@ -200,12 +200,8 @@ def _validated(state: "Search", cells: Sequence[tuple[str, "Config"]], runs: "Ru
 def _tell_comparisons(comparisons: "Sequence[Comparison]", wanted: "Wanted", validated: bool) -> None:
     from hil_bridge.lab.tuning.comparing import sentence
     from hil_bridge.lab.tuning.comparing import told as told_comparison
-    from hil_bridge.lab.tuning.evaluating import SCALES
 
-    shown = [
-        *wanted.weights,
-        *(name for name in ("rise_s", "overshoot_percent", "rms_error_n") if name in SCALES),
-    ]
+    shown = [*wanted.weights, "rise_s", "overshoot_percent", "rms_error_n"]
     for one in comparisons:
         tell(["", *told_comparison(one, [*dict.fromkeys(shown), "force_true_max_n"])])
     if validated and len(comparisons) > 1:

@@ -26,10 +26,10 @@ def view(file: Path, port: int) -> None:
     check_extra("hil-bridge view")
     if file.suffix == RECORDING:
         from hil_bridge.record import read
-        from hil_bridge.show.web.playback import Playback
+        from hil_bridge.show.web.recorded import teller_of
         from hil_bridge.show.web.serving import show
 
-        show(Playback(read(file), str(file)), "page.html", port, click.echo)
+        show(teller_of(read(file), str(file)), "page.html", port, click.echo)
     elif file.suffix == RESULTS:
         from hil_bridge.lab.campaign.live import Results
         from hil_bridge.lab.campaign.store import Store

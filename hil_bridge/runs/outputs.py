@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from hil_bridge.clock import wall_time
 from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.record import read
+from hil_bridge.record.analysis.figures import FIGURES
 from hil_bridge.record.analysis.steps import step_lines
 from hil_bridge.record.analysis.summary import Summary, summarise, wanted_force
 from hil_bridge.record.files import check_place, check_record_place
@@ -147,10 +148,11 @@ def figures(summary: Summary) -> list[str]:
     if summary.strokes > 1:
         risen += f" in the slowest of {summary.strokes} strokes"
     rows += [
-        ("rise to 90 %", risen),
-        ("overshoot", f"{figures['overshoot_percent']:.1f} %"),
-        ("RMS error", f"{figures['rms_error_n']:.2f} N"),
-        ("contact losses", f"{figures['contact_losses']:.0f}"),
+        (FIGURES["rise_samples"].words, risen),
+        *(
+            (FIGURES[key].words, FIGURES[key].text(figures[key]))
+            for key in ("overshoot_percent", "rms_error_n", "contact_losses")
+        ),
     ]
     if summary.cycle_time is not None:
         floor = f", {summary.line_floor_s * 1e3:.1f} ms of it the line" if summary.line_floor_s else ""

@@ -459,6 +459,7 @@ class _Session:
             cell=cell,
             real=real,
             limits=config.limits,
+            approach=config.frame.approach,
             record=format_path(self._record_path) if self._kept else "",
             keys=keys.can_be_heard(),
         )

@@ -30,7 +30,7 @@ def run(force_n: float, touch: int, settings: dict[str, Any]) -> Recording:
             sensor_sequence=k,
             force=force_n if k >= touch else 0.0,
             force_reference=10.0,
-            wrench=(3.0, 4.0, -force_n, 0.0, 0.0, 0.0),
+            wrench=(3.0, 4.0, -force_n if k >= touch else 0.0, 0.0, 0.0, 0.0),
             position=(0.0, 0.0, 0.0),
             quaternion=(1.0, 0.0, 0.0, 0.0),
             depth=0.001 * k,
@@ -59,7 +59,10 @@ def test_two_runs_lie_over_each_other_from_the_touch() -> None:
         assert set(source["lateral"]) == {5.0}
     assert [series["label"] for series in told["charts"][0]["series"]] == ["a", EVIL]
     assert [mark["text"] for mark in told["marks"]] == [f"{EVIL}: stop: {EVIL}"]
-    assert told["charts"][0]["limits"] == [{"value": 10.0, "label": "target", "kind": "target"}]
+    assert told["charts"][0]["limits"] == [
+        {"value": 10.0, "label": "target", "kind": "target", "shown": True},
+        {"value": 50.0, "label": "force limit"},
+    ]
     rows = re.findall(
         r"<tr><td>([\w.]+)</td><td>(.*?)</td><td>(.*?)</td></tr>", page.partition("Settings")[2]
     )

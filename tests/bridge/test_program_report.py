@@ -8,17 +8,18 @@ import pytest
 from matplotlib.figure import Figure
 from msgspec import structs
 
-from hil_bridge.record import Recording, StepRecord, read
+from hil_bridge.record import Recording, read
 from hil_bridge.record.analysis.summary import summarise
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute
 from hil_bridge.settings.configuration import load_config
+from hil_bridge.show.charts.columns import FEED, NORMALS, SIGMA
+from hil_bridge.show.charts.painter import paint
+from hil_bridge.show.charts.run import run_charts
+from hil_bridge.show.pages import Axis, Chart, Charts, Span
 from hil_bridge.show.report import write_report
 from hil_bridge.show.report.path_map import path_map
 from hil_bridge.show.report.plots import draw
-from hil_bridge.show.report.program_charts import FEED, NORMALS, SIGMA
-from hil_bridge.show.report.run_charts import run_charts
-from hil_bridge.show.report.step_marks import mark_steps
 from hil_bridge.show.report.steps_section import steps_section
 
 PROGRAM = """
@@ -80,11 +81,14 @@ def test_a_run_without_a_program_has_no_such_section(recording: Recording) -> No
 
 
 def test_the_charts_tell_feed_and_normal_and_the_map_the_path(recording: Recording) -> None:
-    charts, _ = run_charts(recording, summarise(recording))
+    charts, _ = run_charts(recording)
     by_id = {chart.id: chart for chart in charts.charts}
     assert {"feed", "normal"} < set(by_id)
-    assert [span.text for span in charts.spans] == ["1 (approach)", "2 (track)", "3 (retract)"]
-    assert [span.kind for span in charts.spans] == ["approach", "track", "retract"]
+    texts = [span.text for span in charts.spans]
+    steps = {span.text: span.kind for span in charts.spans if "(" in span.text}
+    assert steps == {"1 (approach)": "approach", "2 (track)": "track", "3 (retract)": "retract"}
+    assert texts[:-1][-3:] == list(steps), "phases stand before and after the steps alone"
+    assert set(texts) - set(steps) <= {"connect", "tare", "retract"}
     cycle = charts.sources["cycle"]
     for at, force in zip(recording.cycles, cycle["target"], strict=True):
         assert force == (pytest.approx(at.force_reference, rel=1e-5) if at.phase == "track" else None)
@@ -107,7 +111,7 @@ def test_only_what_a_program_tells_is_drawn(recording: Recording) -> None:
         for cycle in recording.cycles
     )
     still = Recording(cycles, steps=recording.steps)
-    charts, _ = run_charts(still, summarise(still))
+    charts, _ = run_charts(still)
     assert not {"feed", "normal", "way"} & {chart.id for chart in charts.charts}
     assert path_map(still) == ""
 
@@ -119,21 +123,25 @@ def test_the_picture_draws_the_wanted_force_of_each_sample_where_the_tool_presse
     (target,) = (line for line in figures[-1].axes[0].lines if line.get_label() == "target")
     drawn = np.asarray(target.get_ydata(), dtype=float).tolist()
     for cycle, force in zip(recording.cycles, drawn, strict=True):
-        assert force == cycle.force_reference if cycle.phase == "track" else force != force
+        assert (
+            force == pytest.approx(cycle.force_reference, rel=1e-5)
+            if cycle.phase == "track"
+            else force != force
+        )
     texts = [text.get_text() for text in figures[-1].axes[0].texts]
-    assert "2 track" in texts
+    assert "2 (track)" in texts
 
 
 def test_the_borders_of_too_many_steps_are_left_out() -> None:
-    ax = Figure().add_subplot()
-    many = [
-        StepRecord(at=k + 1.0, step=k, label=f"1.1 (zero, pass {k})", began_at=float(k)) for k in range(201)
-    ]
-    mark_steps(ax, many, 0.0, named=True)
-    assert not ax.lines
-    mark_steps(ax, many[:10], 0.0, named=True)
-    assert len(ax.lines) == 10
-    assert {text.get_text() for text in ax.texts} == {"1.1"}, "there is no room for more"
+    def drawn(count: int) -> tuple[int, set[str]]:
+        spans = [Span(float(k), k + 1.0, f"1.1 (zero, pass {k})", "zero") for k in range(count)]
+        chart = Chart("force", "Force", "N")
+        ax = Figure().add_subplot()
+        paint(ax, chart, Charts({"time": Axis("time", "s")}, [chart], {}, spans=spans))
+        return len(ax.patches), {text.get_text() for text in ax.texts}
+
+    assert drawn(201) == (0, set())
+    assert drawn(10) == (10, {"1.1"}), "there is no room for more"
 
 
 @pytest.fixture

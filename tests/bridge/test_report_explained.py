@@ -392,4 +392,4 @@ def test_levels_have_a_panel_of_their_own_in_the_picture() -> None:
         picture = draw(recording, summarise(recording))
         return int(struct.unpack(">II", picture[16:24])[1])
 
-    assert height({"level_error": 1.0, "level_output": math.nan}) > height({"band_n": 1.0}) == 1600
+    assert height({"level_error": 1.0, "level_output": math.nan}) > height({"band_n": 1.0})

@@ -69,11 +69,11 @@ def test_each_touch_begins_a_stroke() -> None:
     assert [len(stroke) for stroke in strokes] == [50, 53]
     slow, quick = merit_of(strokes, None), merit_of(strokes[:1], None)
     assert (quick.rise_samples, slow.rise_samples) == (0, 2)
-    assert slow.rise_seconds == pytest.approx(0.2)
+    assert slow.rise_s == pytest.approx(0.2)
     assert slow.overshoot_percent == pytest.approx(2.5)
-    assert slow.steady_mean_error == pytest.approx(0.5)
+    assert slow.steady_mean_error_n == pytest.approx(0.5)
     squares = 0.5**2 + 19.0**2 + 15.0**2 + 1.0 + 50 * 0.25
-    assert slow.rms_error == pytest.approx((squares / 103) ** 0.5)
+    assert slow.rms_error_n == pytest.approx((squares / 103) ** 0.5)
 
 
 def test_a_stroke_that_never_rose_leaves_no_rise() -> None:

@@ -27,7 +27,7 @@ from hil_bridge.record.topics import TRUTH
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute
 from hil_bridge.settings.configuration import load_config, read_config
-from hil_bridge.show.report.surface_charts import orientation_of
+from hil_bridge.show.charts.surface import tilt_deg, touches
 from hil_bridge.show.report.surface_section import surface_section
 
 
@@ -246,8 +246,8 @@ def test_the_angle_is_that_between_the_axis_and_the_inward_normal() -> None:
             ]
         )
     ]
-    found = orientation_of(truths)
-    assert found is not None
-    expected = [0.0, 25.0, math.degrees(math.acos(0.8)), math.nan]
-    np.testing.assert_allclose(found.error_deg, expected, atol=1e-9)
-    assert found.touched_deg == pytest.approx([0.0, 25.0])
+    expected = [0.0, 25.0, math.degrees(math.acos(0.8)), None]
+    assert [tilt_deg(truth) for truth in truths] == [
+        None if angle is None else pytest.approx(angle, abs=1e-9) for angle in expected
+    ]
+    assert [touches(truth) for truth in truths] == [True, True, False, True]

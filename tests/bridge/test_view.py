@@ -12,6 +12,7 @@ from rich.console import Console
 
 from hil_bridge.clock import Clock
 from hil_bridge.console import screen
+from hil_bridge.control import Limits
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.robots.s3.facts import robot_facts
 from hil_bridge.record import PHASE_EVENT, STOP_EVENT, CycleRecord, EventRecord
@@ -140,7 +141,7 @@ def test_the_chart_shows_the_force_that_each_cycle_wanted() -> None:
 
 def test_a_pull_is_told_against_its_own_limit() -> None:
     pulled = text_of(model(structs.replace(CYCLE, force=-4.0)).snapshot(110.2, Health()))
-    assert re.search(r"pull +━+─+ +4\.0 of 10 N, 6\.0 N left", pulled)
+    assert re.search(r"pull limit +━+─+ +4\.0 of 10 N, 6\.0 N left", pulled)
     assert "of 50 N" not in pulled
 
 
@@ -257,6 +258,34 @@ def test_the_chart_draws_columns_up_to_the_target() -> None:
     last_three = [[row[column] for row in rows] for column in (-3, -2, -1)]
     assert [column.count("█") for column in last_three] == [0, 2, 5]  # 8 rows for 75 N
     assert "target" in rows[2]
+
+
+def test_a_limit_is_drawn_once_the_force_comes_near_to_it() -> None:
+    def labels(force: float) -> str:
+        pressed = [structs.replace(CYCLE, force=force, force_reference=10.0)] * 3
+        made = ViewModel(Scene(10.0, ROBOT, 30.0, limits=Limits(force_limit_n=50.0)))
+        for record in pressed:
+            made.update(record)
+        return "\n".join(line.plain for line in chart(made.snapshot(110.0, Health()), 60 + SCALE_WIDTH, 12))
+
+    assert "┈" not in labels(20.0)
+    assert "limit │┈" in labels(30.0)
+
+
+def test_a_wide_view_leaves_no_column_empty_and_a_stop_leaves_no_green_word() -> None:
+    made = model(*[CYCLE] * 60)
+    right = [
+        line[line.index(" │ ", 60) :]
+        for line in text_of(made.snapshot(110.2, Health()), 200, 50).splitlines()[1:-4]
+    ]
+    assert sum("█" in line for line in right) > 10
+    assert any("Depth along the approach" in line for line in right)
+    assert any("Times of the cycle" in line for line in right)
+    made.event(EventRecord(111.0, STOP_EVENT, "robot on serial:///dev/ttyS0?baudrate=9600&parity=E refused"))
+    stopped = text_of(made.snapshot(111.0, Health()), 200, 50)
+    assert "robot on serial:///dev/ttyS0 refused" in stopped
+    assert "the run is stopped" in stopped
+    assert "allow" not in stopped
 
 
 def test_texts_of_a_device_do_nothing_to_the_terminal() -> None:

@@ -8,9 +8,11 @@ from typing import Any
 import pytest
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.lab.campaign.criteria import FIGURES, Criterion, failed
+from hil_bridge.lab.campaign.criteria import Criterion, failed
 from hil_bridge.lab.campaign.plan import code_version, seeds_of
 from hil_bridge.lab.campaign.plan_file import PlanErrors, read_plan
+from hil_bridge.record.analysis.figures import meaning_rows
+from tools.pages import placed, table
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "campaigns"
 HEAD = '[campaign]\nseeds = [1, 2]\n[campaign.criteria]\noutcome = "completed"\n'
@@ -151,8 +153,7 @@ def test_plan_of_the_document_is_one(tmp_path: Path) -> None:
     plan = read_plan(written(tmp_path, text.partition("```toml\n")[2].partition("```")[0]))
     assert plan.name == "two forces"
     assert (len(plan.cases), len(plan.possible), len(plan.seeds)) == (12, 8, 50)
-    for name, meaning in FIGURES.items():
-        assert f"| `{name}` | {meaning} |" in text
+    assert placed(text, {"figures": table(("figure", "words", "meaning", "good"), meaning_rows())}) == text
 
 
 def test_file_that_is_no_toml_is_told(tmp_path: Path) -> None:

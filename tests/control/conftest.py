@@ -55,9 +55,9 @@ def wall_means() -> Callable[..., dict[str, float]]:
         names = (
             "rise_samples",
             "overshoot_percent",
-            "steady_peak_to_peak",
-            "steady_mean_error",
-            "steps_per_second",
+            "steady_peak_to_peak_n",
+            "steady_mean_error_n",
+            "steps_per_s",
         )
         return {name: sum(getattr(run, name) for run in runs) / len(runs) for name in names}
 

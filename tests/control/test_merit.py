@@ -21,19 +21,19 @@ def figures(force, commanded=None, contact=None, period=0.5, reference=10.0):
 def test_step_response_by_hand():
     force = [0.0, 5.0, 9.0, 12.0] + [10.0, 11.0] * 30
     merit = figures(force, commanded=np.arange(64) * 0.125e-3)
-    assert (merit.rise_samples, merit.rise_seconds) == (2, 1.0)
+    assert (merit.rise_samples, merit.rise_s) == (2, 1.0)
     assert merit.overshoot_percent == pytest.approx(20.0)
-    assert merit.steady_mean_error == pytest.approx(0.5)
-    assert merit.steady_peak_to_peak == pytest.approx(1.0)
-    assert merit.rms_error == pytest.approx(np.sqrt((100 + 25 + 1 + 4 + 30) / 64))
-    assert merit.steps_per_second == pytest.approx(2.0)
-    assert merit.largest_force == 12.0
+    assert merit.steady_mean_error_n == pytest.approx(0.5)
+    assert merit.steady_peak_to_peak_n == pytest.approx(1.0)
+    assert merit.rms_error_n == pytest.approx(np.sqrt((100 + 25 + 1 + 4 + 30) / 64))
+    assert merit.steps_per_s == pytest.approx(2.0)
+    assert merit.largest_force_n == 12.0
 
 
 def test_too_short_or_too_weak_a_run_leaves_figures_undefined():
     merit = figures([1.0, 2.0])
-    assert merit.rise_samples is merit.rise_seconds is merit.steady_mean_error is None
-    assert merit.steady_peak_to_peak is merit.steps_per_second is None
+    assert merit.rise_samples is merit.rise_s is merit.steady_mean_error_n is None
+    assert merit.steady_peak_to_peak_n is merit.steps_per_s is None
     assert merit.overshoot_percent == 0.0
 
 
@@ -42,7 +42,7 @@ def test_contact_losses_are_falling_edges():
 
 
 def test_reference_may_change_in_time():
-    assert figures([5.0, 10.0], reference=[5.0, 10.0]).rms_error == 0.0
+    assert figures([5.0, 10.0], reference=[5.0, 10.0]).rms_error_n == 0.0
 
 
 def test_nothing_and_unequal_lengths_are_refused():

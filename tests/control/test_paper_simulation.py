@@ -15,7 +15,7 @@ def test_fixed_gains_creep_on_soft_walls_and_cycle_on_hard_ones(wall_means, stif
     means = wall_means(FuzzyPi(), stiffness)
     assert means["rise_samples"] == pytest.approx(rise, rel=0.2)
     if peak_to_peak is not None:
-        assert means["steady_peak_to_peak"] == pytest.approx(peak_to_peak, rel=0.2)
+        assert means["steady_peak_to_peak_n"] == pytest.approx(peak_to_peak, rel=0.2)
 
 
 def test_limit_cycle_of_fixed_gains_is_five_resolution_steps(wall):
@@ -31,23 +31,23 @@ def test_adaptation_rises_ten_times_faster_on_a_soft_wall(wall_means):
 
 
 def test_the_papers_adaptation_keeps_the_limit_cycle_on_hard_walls(wall_means):
-    assert wall_means(FuzzyAdaptive(), 1e5)["steady_peak_to_peak"] == pytest.approx(76, rel=0.2)
-    assert wall_means(FuzzyAdaptive(), 2e4)["steady_peak_to_peak"] == pytest.approx(10, rel=0.2)
-    assert wall_means(FuzzyAdaptive(), 2e4, reference=100.0)["steady_peak_to_peak"] < 4.0
+    assert wall_means(FuzzyAdaptive(), 1e5)["steady_peak_to_peak_n"] == pytest.approx(76, rel=0.2)
+    assert wall_means(FuzzyAdaptive(), 2e4)["steady_peak_to_peak_n"] == pytest.approx(10, rel=0.2)
+    assert wall_means(FuzzyAdaptive(), 2e4, reference=100.0)["steady_peak_to_peak_n"] < 4.0
 
 
 @pytest.mark.parametrize("stiffness", [5e3, 2e4, 5e4, 1e5])
 def test_resolution_awareness_ends_every_limit_cycle(wall, stiffness):
     for seed in range(20):
         merit = wall(UNLIMITED, stiffness, seed).merit
-        assert merit.steps_per_second == 0.0
-        assert abs(merit.steady_mean_error) <= stiffness * 0.125e-3 / 2 + 0.5
+        assert merit.steps_per_s == 0.0
+        assert abs(merit.steady_mean_error_n) <= stiffness * 0.125e-3 / 2 + 0.5
 
 
 def test_feedforward_limit_costs_rise_time_but_no_rest(wall_means):
     limited, free = wall_means(ResolutionAware(), 5e3), wall_means(UNLIMITED, 5e3)
     assert free["rise_samples"] < limited["rise_samples"] < 10
-    assert limited["steps_per_second"] == 0.0
+    assert limited["steps_per_s"] == 0.0
 
 
 # On the softest wall a step changes the force by less than the noise, so noise chooses the pairs.
@@ -62,5 +62,5 @@ def test_estimate_finds_the_wall(wall, stiffness, factor):
 @pytest.mark.parametrize("surface", Surface)
 def test_every_surface_settles_on_a_sponge(wall, surface):
     merit = wall(FuzzyPi(surface=surface), 5e3, seed=1).merit
-    assert abs(merit.steady_mean_error) < 0.5
+    assert abs(merit.steady_mean_error_n) < 0.5
     assert merit.overshoot_percent < 3

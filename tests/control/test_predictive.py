@@ -28,8 +28,8 @@ def learnt(stiffness, force=10.0):
 def test_under_the_papers_assumptions_it_rests_near_the_force(wall, stiffness):
     for seed in range(20):
         merit = wall(PAPER, stiffness, seed).merit
-        assert merit.steps_per_second == 0.0
-        assert abs(merit.steady_mean_error) <= stiffness * STEP / 2 + 0.5
+        assert merit.steps_per_s == 0.0
+        assert abs(merit.steady_mean_error_n) <= stiffness * STEP / 2 + 0.5
         assert merit.overshoot_percent <= 10
         assert merit.rise_samples <= 4
 

@@ -60,8 +60,8 @@ def test_adaptation_of_the_paper_is_ten_times_faster_on_the_sponge(fig5):
 @pytest.mark.parametrize("stiffness", [5000, 20_000, 50_000, 100_000])
 def test_resolution_awareness_rests_where_no_step_is_better(fig5, stiffness):
     aware = row(fig5, "resolution-aware", stiffness)
-    assert aware["steps_per_second"] == 0.0
-    assert abs(aware["steady_error_n"]) <= stiffness * RESOLUTION / 2
+    assert aware["steps_per_s"] == 0.0
+    assert abs(aware["steady_mean_error_n"]) <= stiffness * RESOLUTION / 2
     if stiffness <= 50_000:
         assert aware["overshoot_percent"] <= 10.0
 
@@ -157,12 +157,12 @@ def test_processes_give_what_one_gives(monkeypatch):
 def test_the_steady_state_is_that_of_the_last_samples_asked_for():
     long, short = (CellJob("fuzzy", (), 1, duration=12.0, steady_samples=count)() for count in (40, 10))
     assert long.force.tolist() == short.force.tolist()
-    assert short.merit.steady_mean_error == pytest.approx(short.force[-10:].mean() - 10.0)
-    assert long.merit.steady_mean_error == pytest.approx(long.force[-40:].mean() - 10.0)
+    assert short.merit.steady_mean_error_n == pytest.approx(short.force[-10:].mean() - 10.0)
+    assert long.merit.steady_mean_error_n == pytest.approx(long.force[-40:].mean() - 10.0)
     assert long.merit == figures_of_merit(
         ForceTrace(long.time, long.force, 10.0, long.commanded, [True] * len(long.time))
     )
-    assert CellJob("fuzzy", (), 1, duration=2.0)().merit.steady_peak_to_peak is None
+    assert CellJob("fuzzy", (), 1, duration=2.0)().merit.steady_peak_to_peak_n is None
 
 
 def test_every_figure_of_the_chain_comes_out_of_a_short_run(tmp_path):

@@ -14,7 +14,8 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.record import Recording
 from hil_bridge.record.ending import reason_of
 from hil_bridge.show.web import feed
-from hil_bridge.show.web.playback import Place, Playback
+from hil_bridge.show.web.recorded import teller_of
+from hil_bridge.show.web.teller import Cursor, Teller
 
 OLD = Path(__file__).parents[1] / "bridge" / "recordings" / "version_0_1_0.mcap"
 FAULT = {"on": "robot", "fault": "emergency-stop", "phase": "track", "after_s": 1.0}
@@ -25,35 +26,35 @@ def recording() -> Recording:
     return simulate(load({"run": {"duration_s": 3.0}}, faults=[FAULT], seed=3)).recording
 
 
-def told(playback: Playback, place: Place) -> Any:
-    news = playback.news(place)
+def told(teller: Teller, place: Cursor) -> Any:
+    news = teller.news(place)
     assert news is not None
     return json.loads(msgspec.json.encode(news))
 
 
 def test_a_slider_finds_every_moment(recording: Recording) -> None:
-    playback = Playback(recording, "run.mcap")
-    place = playback.first()
-    whole = told(playback, place)
-    assert playback.news(place) is None  # until something is asked
+    teller = teller_of(recording, "run.mcap")
+    place = teller.first()
+    whole = told(teller, place)
+    assert teller.news(place) is None  # until something is asked
     assert len(whole["rows"]["cycle"]["x"]) == len(recording.cycles)
     assert whole["end"]["outcome"] == "stopped"
     assert whole["end"]["cause"] == str(reason_of(recording.end))
     assert whole["scene"]["cell"].startswith("EMULATED")
     began = min(recording.cycles[0].started_at, recording.events[0].at)
     for cycle in recording.cycles[:: len(recording.cycles) // 7]:
-        playback.asked(place, {"at": cycle.controlled_at - began + 1e-6})
-        now = told(playback, place)
+        teller.asked(place, {"at": cycle.controlled_at - began + 1e-6})
+        now = told(teller, place)
         assert now["now"]["cycle"] == cycle.cycle
         assert now["now"]["force"] == pytest.approx(cycle.force, rel=1e-4, abs=1e-5)
         assert now["now"]["cause"] == ""
         assert now["now"]["phase"] == cycle.phase
-    playback.asked(place, {"at": 1e9})
-    assert told(playback, place)["now"]["cause"] == next(
+    teller.asked(place, {"at": 1e9})
+    assert told(teller, place)["now"]["cause"] == next(
         one.text for one in recording.events if one.kind == "stop"
     )
-    playback.asked(place, {"at": -5})
-    assert "cycle" not in told(playback, place)["now"]
+    teller.asked(place, {"at": -5})
+    assert "cycle" not in told(teller, place)["now"]
 
 
 @pytest.mark.parametrize(
@@ -63,7 +64,7 @@ def test_a_page_of_a_recording_can_ask_for_a_moment_alone(
     recording: Recording, message: dict[str, Any]
 ) -> None:
     with pytest.raises(ValueError, match="moment"):
-        Playback(recording, "run.mcap").asked(Place(0.0), message)
+        teller_of(recording, "run.mcap").asked(Cursor(at=0.0), message)
 
 
 def test_an_older_recording_is_refused_in_one_line() -> None:

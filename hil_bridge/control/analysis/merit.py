@@ -22,24 +22,24 @@ class FiguresOfMerit:
     """Figures of a tracked force; None where the run was too short or never reached the force."""
 
     rise_samples: int | None
-    """ForceTrace from the first one to 90 % of the desired force."""
-    rise_seconds: float | None
+    """Samples from the first one to 90 % of the desired force."""
+    rise_s: float | None
     """The same in s."""
     overshoot_percent: float
     """Largest force above the desired one, percent of it; 0 when it was never above. Where the desired force drops by
     more than a tenth at once, the force counts again when it has come down to within a tenth of it.
     """
-    steady_mean_error: float | None
+    steady_mean_error_n: float | None
     """Mean of force − desired force over the last 40 samples, N; None for fewer since the rise."""
-    steady_peak_to_peak: float | None
+    steady_peak_to_peak_n: float | None
     """Largest less smallest force − desired force over the last 40 samples, N."""
-    rms_error: float
+    rms_error_n: float
     """Root of the mean square of force − desired force over all samples, the rise included, N."""
     contact_losses: int
     """Times that contact was there and then was not."""
-    steps_per_second: float | None
+    steps_per_s: float | None
     """Resolution steps that the command moved over the last 40 samples, per s: wear."""
-    largest_force: float
+    largest_force_n: float
     """N"""
 
 
@@ -75,14 +75,14 @@ def figures_of_merit(trace: ForceTrace, resolution_mm: float = POSITION_STEP_MM)
     tail = slice(-STEADY_SAMPLES, None)
     return FiguresOfMerit(
         rise_samples=rise,
-        rise_seconds=None if rise is None else float(at[rise] - at[0]),
+        rise_s=None if rise is None else float(at[rise] - at[0]),
         overshoot_percent=float(max(0.0, np.max(above))),
-        steady_mean_error=float(np.mean(error[tail])) if steady else None,
-        steady_peak_to_peak=float(np.ptp(error[tail])) if steady else None,
-        rms_error=float(np.sqrt(np.mean(error**2))),
+        steady_mean_error_n=float(np.mean(error[tail])) if steady else None,
+        steady_peak_to_peak_n=float(np.ptp(error[tail])) if steady else None,
+        rms_error_n=float(np.sqrt(np.mean(error**2))),
         contact_losses=int(np.count_nonzero(touching[:-1] & ~touching[1:])),
-        steps_per_second=_steps_per_second(at[tail], depth[tail], resolution_mm) if steady else None,
-        largest_force=float(np.max(pressed)),
+        steps_per_s=_steps_per_second(at[tail], depth[tail], resolution_mm) if steady else None,
+        largest_force_n=float(np.max(pressed)),
     )
 
 

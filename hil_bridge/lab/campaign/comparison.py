@@ -5,8 +5,9 @@ import statistics
 from collections.abc import Iterator
 from typing import NamedTuple, TypeAlias
 
-from hil_bridge.lab.campaign.criteria import FIGURES, Figures
+from hil_bridge.lab.campaign.criteria import Figures
 from hil_bridge.lab.campaign.store import Done, Store
+from hil_bridge.record.analysis.figures import JUDGED
 
 LINES = 50
 """Most runs that are told one by one. Chosen: a screen or two."""
@@ -25,7 +26,7 @@ class Compared(NamedTuple):
 
 def differences(before: Figures, after: Figures) -> Iterator[str]:
     """Figures that are not the same, in words."""
-    for name in FIGURES:
+    for name in JUDGED:
         old, new = before.get(name), after.get(name)
         if old != new:
             yield f"{name} {_told(old)} → {_told(new)}"
@@ -67,7 +68,7 @@ def _by_name(store: Store) -> dict[_Name, Done]:
 
 def _shifts(old: list[Done], new: list[Done]) -> Iterator[str]:
     """How far each figure has moved, over the runs that differ."""
-    for name in FIGURES:
+    for name in JUDGED:
         moved = []
         for one, other in zip(old, new, strict=True):
             was, now = one.figures.get(name), other.figures.get(name)

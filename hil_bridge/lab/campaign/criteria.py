@@ -5,39 +5,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
+from hil_bridge.record.analysis.figures import JUDGED
+
 Figure: TypeAlias = int | float | bool | str | None
 """A number in the unit of its name, an answer, or a word; None where the run did not show it."""
 Figures: TypeAlias = Mapping[str, Figure]
 
 OUTCOMES = ("completed", "stopped", "interrupted", "refused", "error")
 """Outcomes of a run: those of a recording, a run that a device refused before it moved, and a bug."""
-FIGURES: Mapping[str, str] = {
-    "outcome": f"{', '.join(OUTCOMES[:-1])} or {OUTCOMES[-1]}",
-    "retracted": "the tool was taken off the surface at the end, or never moved",
-    "force_true_max_n": "largest true contact force, looked at every 10 ms, N",
-    "force_true_end_n": "true contact force at the end, N",
-    "force_bound_n": "bound of the true force by the facts of robot and sensor, N",
-    "force_beyond_n": "largest true force less that bound, N; left out where a fault voids the bound",
-    "promises_broken": "promises of the guard that the run did not keep",
-    "promises": "the same in words",
-    "duration_s": "duration of the run, s of its own time",
-    "cycles": "control cycles",
-    "struck": "times that faults had an effect",
-    "recovery_s": "time from the end of the last fault until the true force stays within 20 % of the wanted one, s",
-    "steps_failed": "steps of a program that did not meet their criterion",
-    "rise_samples": "samples until the force has risen",
-    "rise_s": "time until the force has risen, s",
-    "overshoot_percent": "overshoot, % of the wanted force",
-    "steady_mean_error_n": "mean error in the steady state, N",
-    "steady_peak_to_peak_n": "peak to peak in the steady state, N",
-    "rms_error_n": "root of the mean square of the error, N",
-    "contact_losses": "times that contact was lost",
-    "steps_per_s": "steps of the position resolution a second",
-    "largest_force_n": "largest measured force while tracking, N",
-}
-"""Names that a criterion may use, and their meaning."""
-WORDS = ("outcome", "retracted", "promises")
-"""Figures that are no numbers."""
 BOUNDS: Mapping[str, Callable[[float, float], bool]] = {
     "below": operator.lt,
     "above": operator.gt,
@@ -101,8 +76,8 @@ def failed(criteria: Sequence[Criterion], figures: Figures) -> list[str]:
 
 def problem_of(figure: str, wanted: object) -> str | None:
     """Fault of a criterion of a file, in words; None where it has none."""
-    if figure not in FIGURES:
-        return f"is no figure; choose from {', '.join(FIGURES)}"
+    if figure not in JUDGED:
+        return f"is no figure; choose from {', '.join(JUDGED)}"
     if figure == "promises":
         return "is in words; use promises_broken"
     if figure == "outcome":

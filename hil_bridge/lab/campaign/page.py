@@ -14,41 +14,13 @@ from hil_bridge.lab.campaign.store import Done, Store
 from hil_bridge.lab.campaign.telling import describe_run, fault_of, faults_of_run, settings_of_run
 from hil_bridge.record import read
 from hil_bridge.record.analysis.why import why
+from hil_bridge.show.pages import document
 from hil_bridge.show.report.markup import cells, pairs
 
 WORST, OPEN = 30, 5
 """Failing runs that are told one by one, worst first, and those that need no click. Chosen: a person reads no more."""
 HARDEST = 10
 """Passing runs that are told, the largest true force first. Chosen."""
-_CSS = """
-:root { --ink: #222; --soft: #5c5c5c; --line: #ddd; --page: #fff; --pass: #d9efe6; --fail: #f6d5c3; --bar: #0072b2;
-        --bound: #b3431b; --code: #f3f3f1; color-scheme: light dark; }
-@media (prefers-color-scheme: dark) { :root { --ink: #e6e6e3; --soft: #a5a5a0; --line: #3d3d3b; --page: #1b1b1a;
-        --pass: #1f4436; --fail: #6b3218; --bar: #4aa8dd; --bound: #f0925f; --code: #2a2a28; } }
-body { font: 15px/1.5 system-ui, "DejaVu Sans", sans-serif; color: var(--ink); background: var(--page);
-       max-width: 1200px; margin: 2rem auto; padding: 0 1rem; }
-h1 { font-size: 1.6rem; margin-bottom: .3rem; } h2 { font-size: 1.15rem; margin: 2.2rem 0 .5rem; }
-p { max-width: 52rem; margin: .4rem 0; } .soft { color: var(--soft); }
-table { border-collapse: collapse; } .scroll .wide { min-width: 46rem; } .scroll { overflow: auto; max-height: 44rem; }
-th, td { text-align: left; padding: .2rem .8rem .2rem 0; border-bottom: 1px solid var(--line); vertical-align: top; }
-th { color: var(--soft); font-weight: 600; } td.value { font-variant-numeric: tabular-nums; font-weight: 600; }
-code { font-size: 13px; background: var(--code); padding: .1rem .3rem; overflow-wrap: anywhere; }
-.matrix { font-size: 13px; }
-.matrix td { text-align: center; padding: .15rem .35rem; font-variant-numeric: tabular-nums; }
-.matrix th { font-weight: 400; padding-right: .6rem; background: var(--page); position: sticky; left: 0; }
-.matrix th { min-width: 9rem; }
-.matrix tr:first-child th { top: 0; z-index: 1; vertical-align: bottom; }
-.matrix tr:first-child th:first-child { z-index: 2; }
-.matrix tr:first-child th + th { left: auto; min-width: 0; padding: .3rem .15rem; }
-.matrix th span { writing-mode: vertical-rl; transform: rotate(180deg); white-space: nowrap; }
-.pass { background: var(--pass); } .fail { background: var(--fail); font-weight: 600; } .none { color: var(--soft); }
-article { border-left: 4px solid var(--fail); padding: 0 0 0 .8rem; margin: 1rem 0; }
-.figures { display: grid; grid-template-columns: repeat(auto-fill, minmax(min(20rem, 100%), 1fr)); gap: 1.4rem 2rem; }
-figure { margin: 0; } figcaption { font-size: 13px; color: var(--soft); } figcaption strong { color: var(--ink); }
-svg { display: block; width: 100%; margin: .3rem 0; } svg rect { fill: var(--bar); }
-svg line { stroke: var(--bound); stroke-dasharray: 4 3; } svg path { stroke: var(--soft); }
-svg text { font-size: 11px; fill: var(--soft); } svg text.bound { fill: var(--bound); }
-"""
 
 
 def page(store: Store) -> str:
@@ -58,25 +30,21 @@ def page(store: Store) -> str:
     hunted = _hunted(store, plan)
     of_all = "" if hunted else f" of {plan.count}"
     lead = f"{len(runs)}{of_all} runs done: {len(runs) - bad} passed, {bad} failed."
-    return f"""<!DOCTYPE html>
-<html lang="en"><head><meta charset="utf-8"><title>Campaign {escape(plan.name)}</title>
-<meta name="viewport" content="width=device-width, initial-scale=1"><style>{_CSS}</style></head><body>
-<h1>Campaign {escape(plan.name)}</h1>
+    body = f"""<h1>Campaign {escape(plan.name)}</h1>
 <p><strong>{lead}</strong></p>
 {pairs(_facts(store, plan, runs))}
 {hunted}
 <h2>Criteria</h2><div class="scroll">{_criteria(plan, runs)}</div>
 <h2>Worst runs first</h2>{_worst(store, plan, runs)}
 <h2>Each case of the matrix</h2>
-<p class="soft">Number of runs where all passed; else how many passed, of how many. A dot is a fault that the cell
+<p class="quiet">Number of runs where all passed; else how many passed, of how many. A dot is a fault that the cell
 cannot have, a question mark a case without a run.</p>
 {matrix(plan, runs)}
 {_injected(plan, runs)}
 <h2>How runs ended</h2>{_endings(runs)}
 <h2>Distribution of the figures</h2>{distributions(plan.criteria, runs)}
-<h2>Never exercised</h2>{_never(plan, runs)}
-</body></html>
-"""
+<h2>Never exercised</h2>{_never(plan, runs)}"""
+    return document(f"Campaign {plan.name}", body, charts=False)
 
 
 def _facts(store: Store, plan: Plan, runs: Sequence[Done]) -> Iterator[tuple[str, str]]:
@@ -159,7 +127,7 @@ def _failing(store: Store, plan: Plan, run: Done) -> str:
         f"{escape(case.cell)}; {escape(faults_of_run(case, run))}; seed {run.seed}</p>"
         f"{_drawn(run)}"
         f"<p>{escape(_why(store, run) or ended)}</p>"
-        f'<p class="soft">Largest true force {_force(run):.1f} N. Repeat it with {_command(store, run.key)}</p>'
+        f'<p class="quiet">Largest true force {_force(run):.1f} N. Repeat it with {_command(store, run.key)}</p>'
         "</article>"
     )
 
@@ -167,7 +135,7 @@ def _failing(store: Store, plan: Plan, run: Done) -> str:
 def _drawn(run: Done) -> str:
     """Promises that the run broke, and the settings that were drawn for it."""
     parts = [str(run.figures.get("promises") or ""), settings_of_run(run)]
-    return "".join(f'<p class="soft">{escape(part)}</p>' for part in parts if part)
+    return "".join(f'<p class="quiet">{escape(part)}</p>' for part in parts if part)
 
 
 def _hunted(store: Store, plan: Plan) -> str:
@@ -198,7 +166,7 @@ def _injected(plan: Plan, runs: Sequence[Done]) -> str:
     named = "; ".join(empty) or "none"
     return (
         "<h2>Each fault in each phase</h2>"
-        '<p class="soft">Number of runs in which the fault was planned in this phase where all passed; else how many '
+        '<p class="quiet">Number of runs in which the fault was planned in this phase where all passed; else how many '
         "passed, of how many. A question mark is a phase in which no run had it yet.</p>"
         f"{table}<p>Not injected yet: {escape(named)}.</p>"
     )

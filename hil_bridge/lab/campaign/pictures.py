@@ -6,11 +6,12 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from html import escape
 
-from hil_bridge.lab.campaign.criteria import BOUNDS, FIGURES, WORDS, Criterion
+from hil_bridge.lab.campaign.criteria import BOUNDS, Criterion
 from hil_bridge.lab.campaign.drawing import faults_of_cell
 from hil_bridge.lab.campaign.plan import Plan, faults_of_table
 from hil_bridge.lab.campaign.store import Done
 from hil_bridge.lab.campaign.telling import fault_of
+from hil_bridge.record.analysis.figures import FIGURES, JUDGED, WORDS
 
 BINS = 40
 """Bars of a distribution. Chosen."""
@@ -18,7 +19,7 @@ _WIDTH, _HEIGHT, _FOOT = 320, 90, 16
 """Of a distribution's bars, and of the line of text below them. Chosen."""
 FIRST_PHASE = "connect"
 """Phase of a fault that names none."""
-PLOTTED = tuple(name for name in FIGURES if name not in WORDS)
+PLOTTED = tuple(name for name in JUDGED if name not in WORDS)
 """Figures that are numbers."""
 
 
@@ -121,7 +122,8 @@ def _bounds(wanted: object) -> Mapping[str, float]:
 
 
 def _distribution(name: str, values: Sequence[float], endless: int, bounds: Mapping[str, float]) -> str:
-    title = f"<strong>{name}</strong><br>{escape(FIGURES[name])}"
+    one = FIGURES[name]
+    title = f"<strong>{escape(one.title)}</strong> <code>{name}</code><br>{escape(one.how)}"
     if not values:
         return f"<figure><figcaption>{title}<br>{endless} runs, all without an end</figcaption></figure>"
     low, high = values[0], values[-1]

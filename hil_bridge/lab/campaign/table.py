@@ -2,8 +2,8 @@
 
 from collections.abc import Callable, Mapping
 
-from hil_bridge.lab.campaign.criteria import FIGURES
 from hil_bridge.lab.campaign.store import Store
+from hil_bridge.record.analysis.figures import JUDGED
 from hil_bridge.record.export.tables import Table, as_csv, as_parquet
 
 FORMATS: Mapping[str, Callable[[Table], bytes]] = {"csv": as_csv, "parquet": as_parquet}
@@ -42,4 +42,4 @@ def run_table(store: Store) -> Table:
         rows.append(
             {**dict(zip(_COLUMNS, (*facts, run.wall_s, run.recording, code), strict=True)), **run.figures}
         )
-    return Table((*_COLUMNS, *FIGURES), tuple(rows))
+    return Table((*_COLUMNS, *JUDGED), tuple(rows))

@@ -159,11 +159,11 @@ class CellJob:
         """The figures with those of the steady state over this job's number of samples."""
         count = self.steady_samples
         if len(time) < count:
-            return replace(merit, steady_mean_error=None, steady_peak_to_peak=None, steps_per_second=None)
+            return replace(merit, steady_mean_error_n=None, steady_peak_to_peak_n=None, steps_per_s=None)
         words = np.rint(depth[-count:] / (self.resolution_mm * 1e-3))
         return replace(
             merit,
-            steady_mean_error=float(np.mean(force[-count:] - self.reference)),
-            steady_peak_to_peak=float(np.ptp(force[-count:])),
-            steps_per_second=float(np.sum(np.abs(np.diff(words))) / (time[-1] - time[-count])),
+            steady_mean_error_n=float(np.mean(force[-count:] - self.reference)),
+            steady_peak_to_peak_n=float(np.ptp(force[-count:])),
+            steps_per_s=float(np.sum(np.abs(np.diff(words))) / (time[-1] - time[-count])),
         )

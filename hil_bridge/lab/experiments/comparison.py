@@ -154,9 +154,9 @@ def held(row: Row) -> bool:
     step = figure(row, "stiffness_n_m") * RESOLUTION
     return (
         row["rise_samples"] is not None
-        and row["steady_error_n"] is not None
+        and row["steady_mean_error_n"] is not None
         and figure(row, "contact_losses") == 0
-        and abs(figure(row, "steady_error_n")) <= step + 1.0
+        and abs(figure(row, "steady_mean_error_n")) <= step + 1.0
         and figure(row, "steady_peak_to_peak_n") <= 2 * step + 1.0
     )
 

@@ -5,29 +5,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hil_bridge.show.charts.painter import GREY, STYLE
 from hil_bridge.show.picture_files import drawing_library
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+__all__ = ["COLOURS", "GREY", "MARKERS", "Sheet", "label"]
+
 # Okabe-Ito colours: told apart with every common kind of colour blindness.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#8C6D31")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
-GREY = "#606060"
 
-_STYLE: dict[Any, Any] = {
-    "font.family": "DejaVu Sans",
-    "font.size": 10.0,
-    "axes.grid": True,
-    "grid.color": "#d8d8d8",
-    "grid.linewidth": 0.6,
-    "axes.axisbelow": True,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.titlesize": 10.5,
-    "legend.fontsize": 9.0,
-    "legend.frameon": False,
-}
+_STYLE: dict[Any, Any] = {**STYLE, "axes.titlesize": 10.5, "legend.frameon": False}
 
 
 class Sheet:

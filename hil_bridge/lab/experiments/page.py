@@ -5,15 +5,15 @@ from html import escape
 
 from msgspec.structs import replace
 
+from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.lab.experiments.results import Experiment, Findings, Row, digits, distinct, rows_where
+from hil_bridge.record.analysis.figures import title_of
+from hil_bridge.show.charts.catalogue import catalogue
+from hil_bridge.show.charts.facts import ChartFacts
 from hil_bridge.show.pages import Axis, Chart, Charts, Limit, Series, document, room
 
-_TIMED = {
-    "force_n": ("Contact force", "N"),
-    "depth_mm": ("Depth from the start point", "mm"),
-    "stiffness_n_m": ("Estimated stiffness", "N/m"),
-}
-"""Title and unit of the columns over time."""
+_TIMED = {"force_n": "force", "depth_mm": "depth", "stiffness_n_m": "stiffness"}
+"""Charts of the catalogue that show the columns over time."""
 
 
 def html_page(found: Mapping[str, Findings], experiments: Sequence[Experiment], command: str) -> str:
@@ -29,7 +29,7 @@ def html_page(found: Mapping[str, Findings], experiments: Sequence[Experiment], 
         if experiment.page_columns:
             columns = experiment.page_columns
             lines = [[digits(row[column]) for column in columns] for row in findings.table]
-            parts.append(_table([column.replace("_", " ") for column in columns], lines))
+            parts.append(_table([title_of(column) for column in columns], lines))
         sections.append("\n".join(parts))
     body = (
         "<h1>The paper's results, repeated</h1>\n<p>“A Fuzzy Adaptive Control Design for Compliant Motion of a"
@@ -62,14 +62,15 @@ def _over_time(
         sources[f"c{place}"] = {"x": _numbers(found, "time_s")} | {
             key: _numbers(found, key) for key in _TIMED
         }
-    for key, (title, unit) in _TIMED.items():
+    described = {chart.id: chart for chart in catalogue(ChartFacts(RobotFacts(), {}))}
+    for key, chart in _TIMED.items():
         told = [
             Series(f"c{place}", key, name, str(place % 8 + 1))
             for place, name in enumerate(names)
             if any(value is not None for value in sources[f"c{place}"][key])
         ]
         if told:
-            yield Chart(key, title, unit, told, log=unit == "N/m")
+            yield replace(described[chart], id=key, series=told, bands=())
 
 
 def _walls(

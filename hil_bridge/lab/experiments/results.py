@@ -6,6 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeAlias
 
+from hil_bridge.record.analysis.figures import title_of
+
 Value: TypeAlias = str | int | float | None
 Row: TypeAlias = dict[str, Value]
 """One row of a table by column; None where there is no figure."""
@@ -96,7 +98,7 @@ def _value(field: str) -> Value:
 def markdown(rows: Sequence[Row], columns: Sequence[str]) -> str:
     """These columns as a Markdown table; underscores of column names become spaces."""
     lines = [
-        "| " + " | ".join(column.replace("_", " ") for column in columns) + " |",
+        "| " + " | ".join(title_of(column) for column in columns) + " |",
         "|" + "---|" * len(columns),
     ]
     lines += ["| " + " | ".join(digits(row[column]) for column in columns) + " |" for row in rows]

@@ -89,9 +89,7 @@ def evaluate(done: Sequence[PaperJob], results: Sequence[PaperRun]) -> Findings:
 
 def _cycling(rows: Sequence[Row]) -> list[int]:
     """Walls on which the command still moves in steady state."""
-    return [
-        int(figure(row, "stiffness_n_m")) for row in rows if figure(row, "steps_per_second") > SETTLED_STEPS
-    ]
+    return [int(figure(row, "stiffness_n_m")) for row in rows if figure(row, "steps_per_s") > SETTLED_STEPS]
 
 
 def _walls(stiffnesses: Sequence[Any]) -> str:
@@ -151,7 +149,8 @@ def describe_adapted(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
     overshoot = max(figure(row, "overshoot_percent") for row in small)
     calm = [row for row in aware if figure(row, "stiffness_n_m") >= 5_000]
     bound = all(
-        abs(figure(row, "steady_error_n")) <= figure(row, "stiffness_n_m") * RESOLUTION / 2 for row in calm
+        abs(figure(row, "steady_mean_error_n")) <= figure(row, "stiffness_n_m") * RESOLUTION / 2
+        for row in calm
     )
     aware_cycling, cycling = (
         _cycling([row for row in rows if figure(row, "stiffness_n_m") >= 5_000]) for rows in (aware, adapted)
@@ -205,9 +204,9 @@ _SHOWN = (
     "stiffness_n_m",
     "rise_samples",
     "overshoot_percent",
-    "steady_error_n",
+    "steady_mean_error_n",
     "steady_peak_to_peak_n",
-    "steps_per_second",
+    "steps_per_s",
 )
 
 FIG3 = Experiment(

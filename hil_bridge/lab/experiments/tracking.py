@@ -183,7 +183,7 @@ def describe_fig7(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
         f"on a flat sponge of about {digits(STIFFNESS)} N/m, at 1 mm a sample. Through the emulated chain, "
         f"at {digits(row['period_ms'])} ms a sample, it takes {digits(row['rise_samples'])} samples to 90 % "
         f"(spread {digits(row['rise_samples_sd'])} over {row['seeds']} seeds), overshoots by "
-        f"{digits(row['overshoot_percent'])} % and rests at a mean error of {digits(row['steady_error_n'])} "
+        f"{digits(row['overshoot_percent'])} % and rests at a mean error of {digits(row['steady_mean_error_n'])} "
         f"N, with {digits(row['steady_peak_to_peak_n'])} N peak to peak and {digits(row['contact_losses'])} "
         f"contact losses. It rests because Table 1 takes an error below 5 % of the desired force for small "
         f"and Table 3 answers small with nothing; one resolution step is worth "
@@ -193,8 +193,8 @@ def describe_fig7(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
     claim = Claim(
         "the fuzzy controller holds 10 N on a sponge",
         f"rise {digits(row['rise_samples'])} samples, steady error "
-        f"{digits(row['steady_error_n'])} N: "
-        + verdict(abs(figure(row, "steady_error_n")) <= STIFFNESS * 0.125e-3),
+        f"{digits(row['steady_mean_error_n'])} N: "
+        + verdict(abs(figure(row, "steady_mean_error_n")) <= STIFFNESS * 0.125e-3),
     )
     return text, (claim,)
 
@@ -218,7 +218,7 @@ def describe_fig8(table: Sequence[Row]) -> tuple[str, tuple[Claim, ...]]:
         f"{digits(fixed['steady_peak_to_peak_n'])} N. The project's own controller, {BEST}, takes "
         f"{digits(best['rise_samples'])} samples ({better:.1f} times faster than fixed gains), overshoots by "
         f"{digits(best['overshoot_percent'])} % and leaves {digits(best['steady_peak_to_peak_n'])} N peak to "
-        f"peak at a mean error of {digits(best['steady_error_n'])} N."
+        f"peak at a mean error of {digits(best['steady_mean_error_n'])} N."
     )
     claims = (
         Claim(
@@ -288,9 +288,9 @@ _FLAT = (
     "rise_samples",
     "rise_samples_sd",
     "overshoot_percent",
-    "steady_error_n",
+    "steady_mean_error_n",
     "steady_peak_to_peak_n",
-    "steps_per_second",
+    "steps_per_s",
     "stiffness_estimate_n_m",
 )
 _CONTOUR = (

@@ -16,23 +16,8 @@ from hil_bridge.lab.campaign.criteria import Figures
 from hil_bridge.lab.campaign.judging import run
 from hil_bridge.lab.processes import begin_worker, one_thread_each
 from hil_bridge.lab.tuning.space import Point
+from hil_bridge.record.analysis.figures import FIGURES, TUNED
 from hil_bridge.settings.configuration import read_config
-
-SCALES: Mapping[str, float] = {
-    "rise_samples": 1.0,
-    "rise_s": 0.02,
-    "overshoot_percent": 1.0,
-    "steady_mean_error_n": 0.02,
-    "steady_peak_to_peak_n": 0.1,
-    "rms_error_n": 0.02,
-    "contact_losses": 1.0,
-    "steps_per_s": 0.5,
-    "largest_force_n": 0.1,
-    "force_true_max_n": 0.1,
-}
-"""Figures that may be minimised. Chosen: differences that do not matter; a figure of the defaults that is smaller is
-weighed as if it were so large.
-"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,15 +129,13 @@ def worth(goal: Goal, point: Point, runs: Sequence[Figures]) -> Worth:
 
 
 def scales_of(weights: Mapping[str, float], runs: Sequence[Figures]) -> dict[str, float]:
-    """Scales by the mean figures of the defaults, not below `SCALES`. Raises ConfigError where none is known."""
+    """Scales by the mean figures of the defaults, not below their `least`. Raises ConfigError where none is known."""
     found = {}
     for name in weights:
-        if name not in SCALES:
-            raise ConfigError(
-                f"--minimise {name}: no figure to be tuned for; choose from {', '.join(SCALES)}"
-            )
+        if name not in TUNED:
+            raise ConfigError(f"--minimise {name}: no figure to be tuned for; choose from {', '.join(TUNED)}")
         values = [abs(_number(run[name])) for run in runs if run.get(name) is not None]
-        found[name] = max(statistics.fmean(values) if values else 0.0, SCALES[name])
+        found[name] = max(statistics.fmean(values) if values else 0.0, FIGURES[name].least or 0.0)
     return found
 
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.tuning.evaluating import Worth
 from hil_bridge.lab.tuning.space import Space
+from hil_bridge.record.analysis.figures import FIGURES
 from hil_bridge.show.picture_files import drawing_library, saved
 
 PICTURES = (".svg", ".png")
@@ -70,8 +71,8 @@ def picture(
         )
         _dots(plot, [defaults], axes, _Look("defaults", "C3", "s"))
         _dots(plot, [] if best is None else [best], axes, _Look("chosen", "C2", "*"))
-        plot.set_xlabel(first)
-        plot.set_ylabel(second)
+        plot.set_xlabel(FIGURES[first].title)
+        plot.set_ylabel(FIGURES[second].title)
         plot.set_title(f"{len(tried)} points, {len(tried) - len(good)} of them failed")
         plot.legend()
         return saved(figure, kind, dpi=120)

@@ -8,10 +8,11 @@ from hil_bridge.control.controllers import controller_kind
 from hil_bridge.control.types import SAMPLE_MS
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.tuning.comparing import Comparison
-from hil_bridge.lab.tuning.evaluating import SCALES, Goal, Runs, scales_of, worth
+from hil_bridge.lab.tuning.evaluating import Goal, Runs, scales_of, worth
 from hil_bridge.lab.tuning.reporting import comments
 from hil_bridge.lab.tuning.searching import Search, jobs_of
 from hil_bridge.lab.tuning.writing import absolute_files, toml, tuned_values
+from hil_bridge.record.analysis.figures import TUNED
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config, dump, load_config
 
@@ -22,8 +23,8 @@ _AXES = ("rise_s", "overshoot_percent")
 def axes_of(text: str | None) -> tuple[str, str]:
     """Two figures of a trade-off, `X:Y`. Raises ConfigError."""
     first, colon, second = (text or ":".join(_AXES)).partition(":")
-    if not colon or first not in SCALES or second not in SCALES:
-        raise ConfigError(f"--trade {text}: write X:Y with two of {', '.join(SCALES)}")
+    if not colon or first not in TUNED or second not in TUNED:
+        raise ConfigError(f"--trade {text}: write X:Y with two of {', '.join(TUNED)}")
     return first, second
 
 
@@ -42,8 +43,8 @@ def weights_of(minimise: Sequence[str]) -> dict[str, float]:
 
 def _weight(text: str) -> tuple[str, float]:
     name, equals, number = text.partition("=")
-    if name not in SCALES:
-        raise ConfigError(f"--minimise {text}: no figure to be tuned for; choose from {', '.join(SCALES)}")
+    if name not in TUNED:
+        raise ConfigError(f"--minimise {text}: no figure to be tuned for; choose from {', '.join(TUNED)}")
     try:
         weight = float(number) if equals else 1.0
     except ValueError:

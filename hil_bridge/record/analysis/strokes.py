@@ -39,20 +39,20 @@ def merit_of(strokes: Sequence[Sequence[CycleRecord]], step_m: float | None) -> 
         return each[0]
     if not each:
         raise ValueError("figures of merit need a stroke")
-    slowest = max(each, key=lambda one: math.inf if one.rise_seconds is None else one.rise_seconds)
+    slowest = max(each, key=lambda one: math.inf if one.rise_s is None else one.rise_s)
     counts = [len(stroke) for stroke in strokes]
-    squares = sum(count * one.rms_error**2 for count, one in zip(counts, each, strict=True))
+    squares = sum(count * one.rms_error_n**2 for count, one in zip(counts, each, strict=True))
     last = each[-1]
     return FiguresOfMerit(
         rise_samples=slowest.rise_samples,
-        rise_seconds=slowest.rise_seconds,
+        rise_s=slowest.rise_s,
         overshoot_percent=max(one.overshoot_percent for one in each),
-        steady_mean_error=last.steady_mean_error,
-        steady_peak_to_peak=last.steady_peak_to_peak,
-        rms_error=math.sqrt(squares / sum(counts)),
+        steady_mean_error_n=last.steady_mean_error_n,
+        steady_peak_to_peak_n=last.steady_peak_to_peak_n,
+        rms_error_n=math.sqrt(squares / sum(counts)),
         contact_losses=sum(one.contact_losses for one in each),
-        steps_per_second=last.steps_per_second,
-        largest_force=max(one.largest_force for one in each),
+        steps_per_s=last.steps_per_s,
+        largest_force_n=max(one.largest_force_n for one in each),
     )
 
 

@@ -12,6 +12,7 @@ import msgspec
 from hil_bridge.control.analysis.merit import STEADY_SAMPLES
 from hil_bridge.errors.causes import Cause, Reason
 from hil_bridge.record.analysis.answers import answers_of
+from hil_bridge.record.analysis.figures import MERIT
 from hil_bridge.record.analysis.latency import latency_of
 from hil_bridge.record.analysis.steps import StepOutcome, step_outcomes
 from hil_bridge.record.analysis.strokes import TRACK, merit_of, strokes_of
@@ -67,8 +68,9 @@ class Summary:
     strokes: int
     """Stretches of tracking, each from a touch until the tool is taken away."""
     figures: Mapping[str, float | None]
-    """Figures of merit of the tracking phase, units in the names; the sample that stopped it counts for the largest
-    force and the overshoot. Of several strokes: the slowest rise, the steady state of the last one, else over all.
+    """Figures of merit of the tracking phase, by the keys of `analysis.figures`. The sample that stopped it counts for
+    the largest force and the overshoot. Of several strokes: the slowest rise, the steady state of the last, else over
+    all.
     """
     phases_s: Mapping[str, float]
     """Duration by phase, in order of first appearance."""
@@ -236,16 +238,10 @@ def _figures(
     figures = merit_of(strokes, step_m)
     ended = [*strokes[:-1], [*strokes[-1], stopping]] if stopping else strokes
     largest = figures if stopping is None else merit_of(ended, step_m)
-    return {
-        "rise_samples": figures.rise_samples,
-        "rise_s": figures.rise_seconds,
+    return {one.key: getattr(figures, one.key) for one in MERIT} | {
         "overshoot_percent": largest.overshoot_percent,
-        "steady_mean_error_n": figures.steady_mean_error,
-        "steady_peak_to_peak_n": figures.steady_peak_to_peak,
-        "rms_error_n": figures.rms_error,
-        "contact_losses": figures.contact_losses,
-        "steps_per_s": figures.steps_per_second if step_m else None,
-        "largest_force_n": largest.largest_force,
+        "steps_per_s": figures.steps_per_s if step_m else None,
+        "largest_force_n": largest.largest_force_n,
     }
 
 

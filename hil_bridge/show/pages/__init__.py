@@ -13,7 +13,7 @@ from hil_bridge.show.pages.description import (
     Source,
     Span,
 )
-from hil_bridge.show.pages.document import document, in_script, room
+from hil_bridge.show.pages.document import document, in_script, room, skeleton
 
 __all__ = [
     "Axis",
@@ -31,5 +31,6 @@ __all__ = [
     "document",
     "in_script",
     "room",
+    "skeleton",
     "style",
 ]

@@ -15,7 +15,7 @@
    Every text is set as text, never as HTML. */
 "use strict";
 var HilCharts = (() => {
-  const MARK_REACH_PX = 7, TEXT_LENGTH = 60, LEFT_PX = 58, PALETTE = /^[1-8]$/;
+  const BARS_MOST = 1500, ROOM_FROM = 0.5, MARK_REACH_PX = 7, TEXT_LENGTH = 60, LEFT_PX = 58, PALETTE = /^[1-8]$/;
   const HINT = matchMedia("(pointer: coarse)").matches ? "one finger: move · two fingers: zoom"
     : "drag: zoom · shift+drag: move · ctrl+wheel: zoom · double click: all";
   let drawn = 0;
@@ -47,7 +47,8 @@ var HilCharts = (() => {
       this.told = {marks: [], spans: [], layers: [], ...told};
       this.told.marks = [...this.told.marks];
       this.sources = {};
-      for (const [name, source] of Object.entries(told.sources)) this.sources[name] = {...source};
+      this.reaches = {};        // by source and column: the least and the greatest value so far
+      for (const [name, source] of Object.entries(told.sources)) this.take(name, {...source});
       this.options = {bar: true, keep: null, follow: null, ...options};
       this.key = `hil-${++drawn}`;
       this.views = {};          // by axis: what a person zoomed to, or nothing
@@ -79,6 +80,32 @@ var HilCharts = (() => {
 
     // what a page calls
 
+    take(name, source) {
+      this.sources[name] = source;
+      delete this.reaches[name];
+      this.measure(name, source);
+    }
+
+    measure(name, rows) {   // null and what is left out are gaps
+      const reaches = this.reaches[name] || (this.reaches[name] = {});
+      for (const [column, values] of Object.entries(rows)) {
+        let [low, high] = reaches[column] || [Infinity, -Infinity];
+        for (const value of values) if (value !== null && value !== undefined) { if (value < low) low = value; if (value > high) high = value; }
+        if (low <= high) reaches[column] = [low, high];
+      }
+    }
+
+    span(source, column) {   // of all values so far; none: -1
+      const reach = (this.reaches[source] || {})[column];
+      return reach ? reach[1] - reach[0] : -1;
+    }
+
+    shows(told, index) {   // a chart without values is left out, and one that stays quiet
+      if (index === 0 || (told.bands || []).some(band => this.span(band.source, band.low) >= 0)) return true;
+      const least = told.quiet_span === undefined || told.quiet_span === null ? -1 : told.quiet_span;
+      return (told.series || []).some(one => this.span(one.source, one.column) > least);
+    }
+
     append(rows) {
       for (const [name, added] of Object.entries(rows)) {
         const source = this.sources[name] || (this.sources[name] = {x: []});
@@ -88,6 +115,7 @@ var HilCharts = (() => {
           const more = added[column] || new Array(added.x.length).fill(null);
           for (const value of more) values.push(value);
         }
+        this.measure(name, added);
         if (this.options.keep === null) continue;
         const gone = lowest(source.x, source.x[source.x.length - 1] - this.options.keep);
         if (gone > source.x.length / 4) for (const values of Object.values(source)) values.splice(0, gone);
@@ -96,19 +124,25 @@ var HilCharts = (() => {
     }
 
     replace(sources) {
-      for (const [name, source] of Object.entries(sources)) this.sources[name] = {...source};
+      for (const [name, source] of Object.entries(sources)) this.take(name, {...source});
       this.soon();
     }
 
     mark(mark) { this.told.marks.push(mark); this.soon(); }
 
-    spans(spans) { this.told.spans = spans; this.fillPlaces(); this.soon(); }
+    spans(spans) {
+      const renamed = spans.map(one => one.text).join() !== this.told.spans.map(one => one.text).join();
+      this.told.spans = spans;
+      if (renamed) this.fillPlaces();   // a list that is open stays so
+      this.soon();
+    }
 
     here(x) { this.moment = x; this.soon(); }
 
     limits(chart, limits) {
-      const found = this.charts.find(one => one.told.id === chart);
-      if (found) { found.told.limits = limits; this.dress(found); this.soon(); }
+      const told = this.told.charts.find(one => one.id === chart), found = this.charts.find(one => one.told.id === chart);
+      if (told) told.limits = limits;
+      if (found) { this.dress(found); this.soon(); }
     }
 
     zoom(axis, from, to) {
@@ -250,11 +284,18 @@ var HilCharts = (() => {
       if (!this.frame) this.frame = requestAnimationFrame(() => { this.frame = 0; this.show(true); });
     }
 
+    shown() { return this.told.charts.filter((told, index) => this.shows(told, index)); }
+
     show(renewed) {
+      if (renewed && this.shown().length !== this.charts.length) { this.build(); return; }
       for (const chart of this.charts) {
         const [min, max] = chart.ordered = this.view(chart.axis);
         chart.plot.batch(() => {
-          if (renewed) chart.plot.setData(this.data(chart), false);
+          if (renewed) {
+            chart.plot.setData(this.data(chart), false);
+            const known = chart.lines.filter(line => this.span(line.source, line.column) >= 0).length;
+            if (chart.known !== known) { chart.known = known; this.dress(chart); }
+          }
           chart.plot.setScale("x", {min, max});
         });
       }
@@ -291,7 +332,8 @@ var HilCharts = (() => {
       this.css = getComputedStyle(document.documentElement);
       for (const chart of this.charts) chart.plot.destroy();
       this.stack.replaceChildren();
-      this.charts = this.told.charts.map((told, index) => this.makeChart(told, index));
+      const shown = this.shown();
+      this.charts = shown.map((told, index) => this.makeChart(told, index, shown));
       this.show();
     }
 
@@ -302,9 +344,9 @@ var HilCharts = (() => {
       }
     }
 
-    makeChart(told, index) {
+    makeChart(told, index, shown) {
       const axis = told.axis || "time";
-      const last = !this.told.charts.slice(index + 1).some(other => (other.axis || "time") === axis);
+      const last = !shown.slice(index + 1).some(other => (other.axis || "time") === axis);
       const lines = [...(told.series || [])];
       const bands = [];
       for (const band of told.bands || []) {   // uPlot fills between two series of its own
@@ -342,7 +384,8 @@ var HilCharts = (() => {
       chart.subtitle.textContent = [chart.told.unit, ...limits].filter(Boolean).join(" · ");
       chart.plot.root.querySelectorAll(".u-series").forEach((row, k) => {
         const line = chart.lines[k - 1];
-        row.classList.toggle("hil-hidden", Boolean(line && line.layer && this.layers.get(line.layer) === false));
+        row.classList.toggle("hil-hidden", Boolean(line && (this.span(line.source, line.column) < 0
+          || (line.layer && this.layers.get(line.layer) === false))));
       });
     }
 
@@ -351,7 +394,7 @@ var HilCharts = (() => {
       const unit = chart.told.unit ? " " + chart.told.unit : "";
       const points = {show: style === "points" ? true : undefined, size: 4, stroke, fill: stroke};
       const made = {
-        label: line.edge ? `${line.label}, ${line.edge}` : line.label, stroke, width: line.width || 1.5, spanGaps: false,
+        label: line.edge === "least" ? `${line.label}: least` : line.edge || line.label, stroke, width: line.width || 1.5, spanGaps: false,
         show: this.isOn(chart, line), points,
         value: (u, value) => value === null || value === undefined ? "–"
           : line.values && line.values.length ? line.values[value] ?? number(value) : number(value) + unit,
@@ -360,7 +403,12 @@ var HilCharts = (() => {
       if (line.edge) made.points = {show: false};
       if (style === "step") { made.paths = uPlot.paths.stepped({align: 1}); made.points = {show: false}; }
       if (style === "points") made.paths = () => null;
-      if (style === "bars") { made.paths = uPlot.paths.bars({size: [0.6, 4]}); made.fill = stroke; made.points = {show: false}; }
+      if (style === "bars") {   // many bars would be a block
+        const bars = uPlot.paths.bars({size: [0.6, 4]}), line = uPlot.paths.linear();
+        made.paths = (u, k, from, to) => (to - from > BARS_MOST ? line : bars)(u, k, from, to);
+        made.fill = (u, k) => (u.series[0].idxs && u.series[0].idxs[1] - u.series[0].idxs[0] > BARS_MOST ? "transparent" : stroke);
+        made.points = {show: false};
+      }
       return made;
     }
 
@@ -388,8 +436,9 @@ var HilCharts = (() => {
       const told = chart.told;
       if (low === null || high === null || low === undefined) return told.log ? [1, 10] : [0, Math.max(told.least_span || 0, 1)];
       if (told.log) return [10 ** Math.floor(Math.log10(low)), 10 ** Math.ceil(Math.log10(high * 1.0001))];
-      for (const limit of told.limits || []) {
-        if (limit.shown) { low = Math.min(low, limit.value); high = Math.max(high, limit.value); }
+      for (const limit of told.limits || []) {   // the same rule as `painter.y_range`
+        const near = (limit.kind || "limit") === "limit" && (limit.value > 0 ? high >= ROOM_FROM * limit.value : low <= ROOM_FROM * limit.value);
+        if (limit.shown || near) { low = Math.min(low, limit.value); high = Math.max(high, limit.value); }
       }
       if (told.zero) { low = Math.min(low, 0); high = Math.max(high, 0); }
       const missing = Math.max((told.least_span || 0) - (high - low), high === low ? Math.abs(high) * 0.1 || 1 : 0) / 2;

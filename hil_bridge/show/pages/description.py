@@ -5,7 +5,7 @@ appends with `append(rows)` of what `draw` gave. `charts.js` names all of its ve
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 from msgspec import Struct
 
@@ -66,7 +66,9 @@ class Limit(Struct, frozen=True, omit_defaults=True):
     kind: str = "limit"
     """`limit` or `target`."""
     shown: bool = False
-    """Whether the chart makes room for it when it zooms by itself."""
+    """Whether the chart always makes room for it when it zooms by itself; else once a value has come to half of it."""
+    column: str = ""
+    """The one column that it is a limit of; none: of all."""
 
 
 class Chart(Struct, frozen=True, omit_defaults=True):
@@ -87,6 +89,8 @@ class Chart(Struct, frozen=True, omit_defaults=True):
     """The picture shows at least so much of y, in the chart's unit."""
     zero: bool = False
     """Whether 0 is always in the picture."""
+    quiet_span: float | None = None
+    """The chart is left out while no series spans more than this, in the chart's unit."""
 
 
 class Mark(Struct, frozen=True, omit_defaults=True):
@@ -128,10 +132,3 @@ class Charts(Struct, frozen=True, omit_defaults=True):
     marks: Sequence[Mark] = ()
     spans: Sequence[Span] = ()
     layers: Sequence[Layer] = ()
-
-
-def plain(description: Charts) -> Any:
-    """The description as dictionaries and lists, as a live page sends it."""
-    from msgspec import to_builtins
-
-    return to_builtins(description)

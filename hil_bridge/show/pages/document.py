@@ -35,16 +35,24 @@ def room(name: str, charts: Charts) -> str:
     )
 
 
-def document(title: str, body: str) -> str:
-    """The page around a body of HTML. No script runs but ours, and nothing is loaded from anywhere."""
-    script = f"{chart_script()}\n{_DRAW}"
+def document(title: str, body: str, charts: bool = True) -> str:
+    """The page around a body of HTML, with the script that draws `room` unless it has no charts. No script runs but
+    ours, and nothing is loaded from anywhere.
+    """
+    script = f"{chart_script()}\n{_DRAW}" if charts else ""
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    policy = f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'sha256-{digest}'"
+    allowed = f"'sha256-{digest}'" if charts else "'none'"
+    policy = f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src {allowed}"
+    head = f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n<style>{style()}</style>'
+    return skeleton(title, head, f"{body}\n<script>{script}</script>" if charts else body)
+
+
+def skeleton(title: str, head: str, body: str) -> str:
+    """What every page has around its head and its body, both HTML."""
     return f"""<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>
 <meta name="viewport" content="width=device-width, initial-scale=1">
-<meta http-equiv="Content-Security-Policy" content="{policy}">
-<style>{style()}</style></head><body>
+{head}</head><body>
 {body}
-<script>{script}</script></body></html>
+</body></html>
 """

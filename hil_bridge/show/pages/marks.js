@@ -105,12 +105,12 @@ var HilMarks = (() => {
     const text = cut(one.text), width = ctx.measureText(text).width, gap = 5 * ratio;
     const leftwards = x + width + 2 * gap > box.left + box.width;
     const from = Math.max(leftwards ? x - width - gap : x + gap, box.left + 2 * ratio);
-    let row = 0;   // below the names of the spans, and below each other where they would overlap
+    let row = 0;   // at the foot, where a pressing force leaves room, and above each other where they would overlap
     while (scene.taken.some(other => other.row === row && from < other.to && from + width > other.from)) row++;
     if (row > 4) return;
     scene.taken.push({row, from: from - gap, to: from + width + gap});
     ctx.textAlign = "left";
-    const y = box.top + (20 + 15 * row) * ratio;
+    const y = box.top + box.height - (18 + 15 * row) * ratio;
     plate(charts, scene, [from, y, width]);
     ctx.fillText(text, from, y);
   }

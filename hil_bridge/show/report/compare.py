@@ -5,35 +5,38 @@ from html import escape
 from pathlib import Path
 
 import numpy as np
+from msgspec.structs import replace
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.record import STOP_EVENT
 from hil_bridge.record.analysis.strokes import TRACK
-from hil_bridge.record.analysis.summary import Summary, cycle_times, phases, summarise
+from hil_bridge.record.analysis.summary import Summary, phases, summarise
 from hil_bridge.record.analysis.why import why
-from hil_bridge.record.device_facts import devices_of
 from hil_bridge.record.reader import Recording
+from hil_bridge.show.charts.catalogue import CYCLE, catalogue
+from hil_bridge.show.charts.columns import Columns
+from hil_bridge.show.charts.facts import facts_of_recording, start_time
+from hil_bridge.show.charts.run import run_marks
+from hil_bridge.show.charts.sources import Sources
 from hil_bridge.show.pages import Axis, Chart, Charts, Layer, Limit, Mark, Series, document, room
 from hil_bridge.show.report.differences import between
 from hil_bridge.show.report.figures import merit_rows, run_rows
 from hil_bridge.show.report.identity import identity_rows
 from hil_bridge.show.report.markup import across, cells
-from hil_bridge.show.report.sources import Array, Sources, column, parts, start_time
 
 RUNS_MOST = 8
 """As many colours as are told apart."""
 TOUCH, BEGIN = "touch", "begin"
 """What lies at 0 s: the start of the first tracking, or that of the run."""
-_TITLES = {
-    "force": ("Force along the approach, positive while pressing", "N"),
-    "lateral": ("Lateral force at the tool, magnitude", "N"),
-    "moment": ("Moment about the tool frame's origin, magnitude", "N·m"),
-    "depth": ("Depth along the approach from the start point, reported", "mm"),
-    "correction": ("Correction of the depth per cycle", "mm"),
-    "stiffness": ("Estimated stiffness of the contact", "N/m"),
-    "cycle_ms": ("Time of the cycle", "ms"),
+COMPARED = {
+    "force": "force",
+    "lateral": "lateral",
+    "moments": "moment",
+    "depth": "depth",
+    "correction": "correction",
+    "stiffness": "stiffness",
+    "times": "cycle_ms",
 }
-_HEIGHT_PX = {"force": 260}
+"""Charts of the catalogue that are laid over each other, and the column of each that stands for a run."""
 
 
 def compare_page(runs: Mapping[str, Recording], align: str = TOUCH) -> str:
@@ -71,54 +74,54 @@ def names_of(paths: Sequence[Path]) -> list[str]:
 
 def _charts(runs: Mapping[str, Recording], align: str) -> tuple[Charts, str]:
     sources = Sources()
-    series: dict[str, list[Series]] = {key: [] for key in _TITLES}
+    series: dict[str, list[Series]] = {chart: [] for chart in COMPARED}
     marks: list[Mark] = []
     for place, (name, recording) in enumerate(runs.items()):
         zero = _zero(recording, align)
         layer, colour = f"run{place}", f"{place + 1}"
-        time = column(recording.cycles, "controlled_at") - zero
-        for key, values in _columns(recording).items():
-            if not np.isfinite(values).any():
+        table = Columns.of(recording, zero, facts_of_recording(recording)).arrays()[CYCLE]
+        for chart, column in COMPARED.items():
+            if not np.isfinite(table[column]).any():
                 continue
-            source = sources.add(layer, key, time, {key: values})
-            series[key].append(Series(source, key, name, colour, layer=layer))
+            source = sources.add(layer, chart, table["x"], {column: table[column]})
+            series[chart].append(Series(source, column, name, colour, layer=layer))
         marks += [
-            Mark(event.at - zero, f"{name}: stop: {event.text}", "stop", layer=layer)
-            for event in recording.events
-            if event.kind == STOP_EVENT
+            replace(mark, text=f"{name}: {mark.text}", layer=layer)
+            for mark in run_marks(recording, zero)
+            if mark.kind == "stop"
         ]
-    target = _same_target(list(runs.values()))
     charts = [
-        Chart(
-            key,
-            *_TITLES[key],
-            series=found,
-            limits=[Limit(target, "target", "target")] if key == "force" and target is not None else [],
-            log=key == "stiffness",
-            height_px=_HEIGHT_PX.get(key, 170),
+        replace(
+            chart, title=_title(chart), series=series[chart.id], bands=[], limits=_same_limits(chart, runs)
         )
-        for key, found in series.items()
-        if found
+        for chart in catalogue(facts_of_recording(next(iter(runs.values()))))
+        if series.get(chart.id)
     ]
     label = "time since the touch" if align == TOUCH else "time since the run began"
     layers = [Layer(f"run{place}", name) for place, name in enumerate(runs)]
-    return Charts({"time": Axis(label, "s")}, charts, sources.found, marks, layers=layers), sources.sentence()
+    return Charts({"time": Axis(label, "s")}, charts, sources.held, marks, layers=layers), sources.sentence()
 
 
-def _columns(recording: Recording) -> dict[str, Array]:
-    cycles = recording.cycles
-    wrench = parts(cycles, "wrench", 6)
-    stiffness = column(cycles, "stiffness")
-    seconds = cycle_times(cycles, devices_of(recording).robot.cycle_s is not None)
-    return {
-        "force": column(cycles, "force"),
-        "lateral": np.hypot(wrench[:, 0], wrench[:, 1]),
-        "moment": np.linalg.norm(wrench[:, 3:], axis=1),
-        "depth": 1e3 * column(cycles, "depth"),
-        "correction": 1e3 * column(cycles, "correction"),
-        "stiffness": np.where(stiffness > 0.0, stiffness, np.nan),
-        "cycle_ms": 1e3 * np.array([*seconds, *[np.nan] * (len(cycles) - len(seconds))]),
-    }
+def _title(chart: Chart) -> str:
+    """Title of a chart, with the one of its series that is shown where it has several."""
+    shown = [one.label for one in chart.series if one.column == COMPARED[chart.id]]
+    return f"{chart.title}: {shown[0]}" if len(chart.series) > 1 and chart.id != "force" else chart.title
+
+
+def _same_limits(chart: Chart, runs: Mapping[str, Recording]) -> list[Limit]:
+    """The limits of a chart that are the same in all runs, and the target of the force."""
+    each = [
+        next((one.limits for one in catalogue(facts_of_recording(run)) if one.id == chart.id), ())
+        for run in runs.values()
+    ]
+    column = COMPARED[chart.id]
+    same = [
+        limit
+        for limit in chart.limits
+        if limit.column in ("", column) and all(limit in limits for limits in each)
+    ]
+    target = _same_target(list(runs.values())) if chart.id == "force" else None
+    return same if target is None else [Limit(target, "target", "target", shown=True), *same]
 
 
 def _zero(recording: Recording, align: str) -> float:

@@ -6,15 +6,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeGuard
 
+from hil_bridge.record.analysis.figures import quantity
 from hil_bridge.record.analysis.strokes import TRACK
 from hil_bridge.record.reader import Recording
 from hil_bridge.record.records import CycleRecord
-from hil_bridge.show.report.figures import quantity
+from hil_bridge.show.charts.columns import LEVELS
 
 ROWS_SHOWN = 200
 RULES_SHOWN = 3
-LEVELS = {"level_error": "error", "level_change": "change", "level_output": "output"}
-"""Names of the levels by their keys in a cycle's explanation."""
 _RULE_SIGN = "→"
 """Sign in the name of every rule, and in no other key of an explanation."""
 _UNITS = {"_m": (1e3, ".3f", "mm"), "_n": (1.0, ".2f", "N")}

@@ -6,7 +6,7 @@ from typing import Any
 from hil_bridge.record.analysis.summary import Summary
 from hil_bridge.record.device_facts import devices_of, recorded_configuration
 from hil_bridge.record.reader import Recording
-from hil_bridge.show.report.sources import start_time
+from hil_bridge.show.charts.facts import start_time
 
 EMULATED, REAL, MIXED = "EMULATED", "REAL", "PARTLY REAL"
 _UNKNOWN = "not told by the recording"

@@ -5,8 +5,8 @@ import math
 import numpy as np
 
 from hil_bridge.control.analysis.stability import loop_phase_deg, loop_response
+from hil_bridge.show.charts.sources import rounded
 from hil_bridge.show.pages import Axis, Chart, Charts, Limit, Mark, Series
-from hil_bridge.show.report.sources import rounded
 from hil_bridge.show.report.stability import Analysis, LinearLoop
 
 _POINTS = 300

@@ -5,26 +5,30 @@ from html import escape
 from pathlib import Path
 
 from hil_bridge.errors import ConfigError
+from hil_bridge.record.analysis.figures import quantity
 from hil_bridge.record.analysis.summary import Summary
 from hil_bridge.record.analysis.why import why
 from hil_bridge.record.files import check_place, write_whole
 from hil_bridge.record.reader import Recording
+from hil_bridge.show.charts.facts import start_time
+from hil_bridge.show.charts.run import run_charts
 from hil_bridge.show.pages import document, room
 from hil_bridge.show.report.differences import from_defaults
-from hil_bridge.show.report.figures import NAMED, merit_rows, quantity, run_rows
+from hil_bridge.show.report.figures import NAMED, merit_rows, run_rows
 from hil_bridge.show.report.identity import REAL, identity_rows, reality
 from hil_bridge.show.report.latency_section import latency_section
 from hil_bridge.show.report.markup import cells, pairs, rows, table
-from hil_bridge.show.report.run_charts import run_charts
 from hil_bridge.show.report.sections import controller_section, stability_section
-from hil_bridge.show.report.sources import start_time
 from hil_bridge.show.report.steps_section import criteria_paragraph, steps_section
 from hil_bridge.show.report.surface_section import surface_section
+from hil_bridge.show.texts import without_queries
 
 PAGE = "report.html"
 PICTURES = {"png": "report.png", "pdf": "report.pdf"}
 """Files of the picture by its kind."""
 EVENTS_SHOWN = 500
+NOT_RETRACTED = "NOT retracted"
+"""Begin of the words for a tool that was left on the surface."""
 _LOOKS = {"completed": "good", "stopped": "bad", "interrupted": "warn"}
 
 
@@ -57,17 +61,19 @@ def write_report(
 
 def page(recording: Recording, summary: Summary) -> str:
     """The page as HTML."""
-    charts, left_out = run_charts(recording, summary)
+    charts, left_out = run_charts(recording)
     thinned = f'<p class="quiet">{escape(left_out)}</p>' if left_out else ""
     checks = "".join(f"<li>{escape(text)}</li>" for text in summary.checks)
     before = f"<h2>Before the touch</h2><ul>{checks}</ul>" if checks else ""
     phases = pairs((name, quantity(value, 1, ".2f", "s")) for name, value in summary.phases_s.items())
     body = f"""{_head(recording, summary)}
+<div class="columns"><section>{pairs(identity_rows(recording, summary), "facts")}</section>
+<section><h2>Figures of merit</h2>{rows(merit_rows(summary))}</section></div>
 <h2>Course</h2>
 {room("run", charts)}{thinned}
 {steps_section(recording, summary)}
-<div class="columns"><section><h2>Figures of merit</h2>{rows(merit_rows(summary))}
-<h3>Phases</h3>{phases}{before}</section><section><h2>Run</h2>{rows(run_rows(summary)[len(NAMED) :])}</section></div>
+<div class="columns"><section><h2>Run</h2>{rows(run_rows(summary)[len(NAMED) :])}</section>
+<section><h2>Phases</h2>{phases}{before}</section></div>
 {surface_section(recording)}{latency_section(recording)}
 {stability_section(recording, summary)}{controller_section(recording)}
 <h2>Events</h2>{_events(recording)}
@@ -83,15 +89,19 @@ def _head(recording: Recording, summary: Summary) -> str:
         f"<h1>Force control run: {escape(summary.controller or 'no controller named')}</h1>",
         f'<p><span class="badge {_LOOKS.get(summary.outcome, "")}">{escape(summary.outcome)}</span>',
         f' <span class="badge {"bad" if which == REAL else "plain"}">{escape(which)}</span>' if which else "",
+        ' <span class="badge bad">NOT retracted</span>' if summary.left.startswith(NOT_RETRACTED) else "",
         "</p>",
-        f"<p>{escape(why(recording))}</p>" if recording.cycles else "",
-        *(f"<p>then: {escape(text)}</p>" for text in summary.followed),
-        f"<p>left: <strong>{escape(summary.left)}</strong></p>" if summary.left else "",
+        f"<p>{_text(why(recording))}</p>" if recording.cycles else "",
+        *(f"<p>then: {_text(text)}</p>" for text in summary.followed),
+        f"<p>left: <strong>{_text(summary.left)}</strong></p>" if summary.left else "",
         criteria_paragraph(summary),
         "<p>The recording ends early; everything here covers what is there.</p>" if summary.truncated else "",
-        pairs(identity_rows(recording, summary), "facts"),
     ]
     return "\n".join(filter(None, parts))
+
+
+def _text(text: str) -> str:
+    return escape(without_queries(text))
 
 
 def _events(recording: Recording) -> str:

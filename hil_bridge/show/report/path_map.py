@@ -1,12 +1,16 @@
 """The path of a program from above, with the error of the force on it."""
 
+import math
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil_bridge.control.analysis.merit import RISE_FRACTION
+from hil_bridge.record.analysis.strokes import TRACK
 from hil_bridge.record.reader import Recording
+from hil_bridge.record.records import CycleRecord
+from hil_bridge.show.charts.sources import Array, column
 from hil_bridge.show.pages.svg import (
     COOLWARM,
     Frame,
@@ -18,8 +22,6 @@ from hil_bridge.show.pages.svg import (
     scale_colours,
     text,
 )
-from hil_bridge.show.report.program_charts import presses
-from hil_bridge.show.report.sources import Array, column
 
 WIDTH_PX = 1000
 _MAP_PX = (160, 620)
@@ -38,6 +40,11 @@ _CUT_MM = 2.0
 """Chosen: samples farther apart than this are not joined."""
 _PIECES_MOST = 3000
 """Coloured pieces; of a longer path only some samples are joined. Chosen: three to a pixel."""
+
+
+def presses(cycle: CycleRecord) -> bool:
+    """Whether the force was controlled."""
+    return cycle.phase == TRACK and math.isfinite(cycle.force)
 
 
 def path_map(recording: Recording) -> str:

@@ -7,9 +7,9 @@ import numpy as np
 
 from hil_bridge.record.records import TruthRecord
 from hil_bridge.record.removed_map import RemovedMap
+from hil_bridge.show.charts.sources import Array
+from hil_bridge.show.charts.surface import touches
 from hil_bridge.show.pages.svg import VIRIDIS, Frame, drawing, image, scale_bar, scale_colours, text
-from hil_bridge.show.report.sources import Array
-from hil_bridge.show.report.surface_charts import TOUCH_N
 
 WIDTH_PX = 1000
 _MAP_PX = (120, 520)
@@ -40,9 +40,9 @@ def removed_drawing(removed: RemovedMap, truths: Sequence[TruthRecord]) -> str:
     frame.parts.append(text((_LEFT, 15), title, colour="text", bold=True))
     frame.parts.append(image(pixels, (_LEFT, _TOP, width, height)))
     if len(truths):
-        touches = np.array([math.hypot(*truth.force) > TOUCH_N for truth in truths])
+        touching = np.array([touches(truth) for truth in truths])
         places = _on_map(np.array([truth.position for truth in truths]), removed) * 1e3
-        places[:, ~touches] = math.nan  # what lies between two strokes is not drawn
+        places[:, ~touching] = math.nan  # what lies between two strokes is not drawn
         thin = places[:, :: max(1, -(-places.shape[1] // _PLACES_MOST))]
         frame.path(thin.T.tolist(), "#ffffff", 1.0)
     bar = scale_bar((_LEFT + width + 12, _TOP, height), VIRIDIS, (0.0, most), "µm")

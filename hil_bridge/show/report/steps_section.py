@@ -2,13 +2,12 @@
 
 from html import escape
 
+from hil_bridge.record.analysis.figures import quantity
 from hil_bridge.record.analysis.steps import StepOutcome, verdict_of
 from hil_bridge.record.analysis.summary import Summary
 from hil_bridge.record.reader import Recording
-from hil_bridge.show.report.figures import quantity
 from hil_bridge.show.report.markup import across, cells
 from hil_bridge.show.report.path_map import path_map
-from hil_bridge.show.report.program_charts import has_program
 
 _TITLES = "step", "time", "way", "mean force", "within", "wanted", "outcome", "found"
 _OPEN = 40
@@ -17,7 +16,7 @@ _OPEN = 40
 
 def steps_section(recording: Recording, summary: Summary) -> str:
     """Empty for a run without a program."""
-    if not has_program(recording.cycles):
+    if not any(cycle.step for cycle in recording.cycles):
         return ""
     steps = cells(_TITLES, (_line(step) for step in summary.steps), "wide")
     if len(summary.steps) > _OPEN:

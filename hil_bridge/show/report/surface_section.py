@@ -5,15 +5,16 @@ from html import escape
 import numpy as np
 
 from hil_bridge.record.reader import Recording
+from hil_bridge.show.charts.surface import tilt_deg, touches
 from hil_bridge.show.report.markup import across
 from hil_bridge.show.report.removed_drawing import removed_drawing
-from hil_bridge.show.report.surface_charts import orientation_of
 
 
 def surface_section(recording: Recording) -> str:
     """Empty for a real cell, and for a record that tells neither a normal nor a map."""
-    orientation, removed = orientation_of(recording.truths), recording.removed
-    if orientation is None and removed is None:
+    removed = recording.removed
+    tilts = [(truth, tilt) for truth in recording.truths if (tilt := tilt_deg(truth)) is not None]
+    if not tilts and removed is None:
         return ""
     sentences = []
     if removed is not None:
@@ -22,10 +23,10 @@ def surface_section(recording: Recording) -> str:
         sentences.append(
             f"The tool removed {volume_mm3:.3g} mm³, at the deepest place {float(depths.max()):.3g} µm."
         )
-    if orientation is not None and len(touched := orientation.touched_deg):
-        rms = float(np.sqrt(np.mean(touched**2)))
+    if touched := [tilt for truth, tilt in tilts if touches(truth)]:
+        rms = float(np.sqrt(np.mean(np.square(touched))))
         sentences.append(
-            f"While it touched, its axis stood {rms:.2f}° RMS from the normal, at most {float(touched.max()):.2f}°."
+            f"While it touched, its axis stood {rms:.2f}° RMS from the normal, at most {max(touched):.2f}°."
         )
     told = f'<p class="verdict">{escape(" ".join(sentences))}</p>\n' if sentences else ""
     drawn = "" if removed is None else across(removed_drawing(removed, recording.truths))

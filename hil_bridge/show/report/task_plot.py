@@ -7,8 +7,8 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from hil_bridge.control.words.paths import Place
+from hil_bridge.show.charts.painter import STYLE
 from hil_bridge.show.picture_files import drawing_library, saved
-from hil_bridge.show.report.plots import STYLE
 from hil_bridge.show.report.task_steps import Shown
 
 if TYPE_CHECKING:

@@ -3,14 +3,21 @@
 import itertools
 import math
 import operator
+from collections.abc import Mapping, Sequence
 
 from rich.text import Text
 
+from hil_bridge.show.charts.catalogue import catalogue
+from hil_bridge.show.charts.facts import facts_of_scene
+from hil_bridge.show.charts.painter import y_range
+from hil_bridge.show.pages.description import Chart
 from hil_bridge.show.terminal.model import Snapshot
 
 SCALE_WIDTH = 9
 """Columns of the labels and the axis beside the chart."""
 _EIGHTHS = " ▁▂▃▄▅▆▇█"
+_LIMIT = "┈"
+"""Of the line of a limit."""
 
 
 def error_style(force: float, reference: float) -> str:
@@ -20,19 +27,28 @@ def error_style(force: float, reference: float) -> str:
 
 
 def chart(snapshot: Snapshot, width: int, rows: int) -> list[Text]:
-    """So many rows of this width, the newest cycle at the right."""
+    """So many rows of this width, the newest cycle at the right. Its scale is that of the catalogue."""
     columns = max(1, width - SCALE_WIDTH)
     forces = [force if math.isfinite(force) else 0.0 for force in snapshot.forces_n[-columns:]]
     wanted = [*([snapshot.reference_n] * columns), *snapshot.references_n][-columns:]
-    top = _round_up(max([1.25 * abs(snapshot.reference_n), *map(abs, wanted), *forces, 1e-3]))
+    described = described_charts(snapshot)["force"]
+    greatest = max([1.25 * abs(snapshot.reference_n), *map(abs, wanted), *forces, 1e-3])
+    top = round_up(max(greatest, y_range(described, 0.0, max([*forces, *map(abs, wanted)]))[1]))
     targets = [min(rows - 1, math.floor(abs(force) / top * rows)) for force in wanted]
+    limits = {math.floor(limit.value / top * rows) for limit in described.limits}
     heights = [0.0] * (columns - len(forces)) + forces
     drawn = []
     for row in reversed(range(rows)):
-        label = {rows - 1: f"{top:g} N", targets[-1]: "target", 0: "0 N"}.get(row, "")
+        labels = {0: "0 N", targets[-1]: "target", rows - 1: f"{top:g} N"}
+        label = labels.get(row, "limit" if row in limits else "")
         line = Text(f"{label:>{SCALE_WIDTH - 2}} │", style="dim", no_wrap=True)
         cells = (
-            _cell(force / top * rows - row, force, reference, "┄" if row == target else " ")
+            _cell(
+                force / top * rows - row,
+                force,
+                reference,
+                "┄" if row == target else _LIMIT if row in limits else " ",
+            )
             for force, reference, target in zip(heights, wanted, targets, strict=True)
         )
         for style, run in itertools.groupby(cells, key=operator.itemgetter(1)):
@@ -41,13 +57,42 @@ def chart(snapshot: Snapshot, width: int, rows: int) -> list[Text]:
     return drawn
 
 
+def trend(snapshot: Snapshot, key: str, values: Sequence[float], size: tuple[int, int]) -> list[Text]:
+    """A chart of the catalogue as columns: a title, then rows; `size` is width and rows in all."""
+    width, rows = size[0], size[1] - 1
+    described = described_charts(snapshot)[key]
+    columns = max(1, width - SCALE_WIDTH)
+    shown = list(values[-columns:])
+    known = [value for value in shown if math.isfinite(value)]
+    title = Text(f"{described.title}, {described.unit}", style="dim", no_wrap=True, overflow="ellipsis")
+    low, high = y_range(described, min(known), max(known)) if known else (0.0, 1.0)
+    heights = [math.nan] * (columns - len(shown)) + shown
+    lines = [title]
+    for row in reversed(range(rows)):
+        label = {rows - 1: f"{high:.4g}", 0: f"{low:.4g}"}.get(row, "")
+        line = Text(f"{label:>{SCALE_WIDTH - 2}} │", style="dim", no_wrap=True)
+        filled = (
+            0.0 if math.isnan(value) else (value - low) / (high - low) * rows - row for value in heights
+        )
+        line.append("".join(_EIGHTHS[max(0, min(8, round(part * 8)))] for part in filled), "cyan")
+        lines.append(line)
+    return lines
+
+
+def described_charts(snapshot: Snapshot) -> Mapping[str, Chart]:
+    """The catalogue of the run, by the names of its charts."""
+    return {chart.id: chart for chart in catalogue(facts_of_scene(snapshot.scene))}
+
+
 def _cell(filled: float, force: float, reference: float, background: str) -> tuple[str, str]:
     """Character and style of one place of the chart; `filled` is the part of it that the column covers."""
     eighths = max(0, min(8, round(filled * 8)))
-    return (_EIGHTHS[eighths], error_style(force, reference)) if eighths else (background, "magenta")
+    if eighths:
+        return _EIGHTHS[eighths], error_style(force, reference)
+    return background, "red" if background == _LIMIT else "magenta"
 
 
-def _round_up(value: float) -> float:
+def round_up(value: float) -> float:
     """The next 1, 1.5, 2, 3, 5 or 7.5 times a power of ten: a scale that does not change at every refresh."""
     power = 10.0 ** math.floor(math.log10(value))
     return next((step * power for step in (1, 1.5, 2, 3, 5, 7.5) if step * power >= value), 10 * power)

@@ -9,8 +9,9 @@ from typing import NamedTuple
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.record.analysis.latency import Latency, latency_budget
+from hil_bridge.record.analysis.summary import cycle_times
 from hil_bridge.record.ending import ALARMS, CAUTIONS, PHASE_EVENT, STOP_EVENT
-from hil_bridge.record.records import CycleRecord, EventRecord
+from hil_bridge.record.records import CycleRecord, EventRecord, Vector
 
 REFRESH_SECONDS = 0.2
 """Shortest time between two drawings of the view."""
@@ -54,6 +55,8 @@ class Scene:
     limits: Limits = field(default_factory=Limits)
     record: str = ""
     """Where the run is recorded; empty where it is not."""
+    approach: Vector | None = None
+    """Unit vector of the approach in the robot base frame, where it is known."""
     keys: bool = False
     """Keys of the terminal are heard."""
 
@@ -104,6 +107,10 @@ class Snapshot:
     """Warning that a person should read at once, beside the run's own reactions."""
     period_s: float | None = None
     """Between the begins of the last two cycles."""
+    depths_mm: tuple[float, ...] = ()
+    """Reported depths of the last cycles, oldest first."""
+    cycle_times_ms: tuple[float, ...] = ()
+    """Times of the last cycles, oldest first."""
     references_n: tuple[float, ...] = ()
     """Forces that were wanted in the last cycles, oldest first."""
     step: int = 0
@@ -239,6 +246,8 @@ class ViewModel:
             link=health.link,
             warning=self._warning,
             check=self._check,
+            depths_mm=tuple(cycle.depth * 1e3 for cycle in cycles),
+            cycle_times_ms=tuple(1e3 * seconds for seconds in cycle_times(cycles, robot.cycle_s is not None)),
             references_n=tuple(cycle.force_reference for cycle in cycles),
             step=newest.step if newest else 0,
             period_s=cycles[-1].started_at - cycles[-2].started_at if len(cycles) > 1 else None,

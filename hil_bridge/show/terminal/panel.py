@@ -10,7 +10,7 @@ from rich.panel import Panel
 from rich.text import Text
 
 from hil_bridge.show.terminal import rows
-from hil_bridge.show.terminal.chart import chart
+from hil_bridge.show.terminal.chart import chart, trend
 from hil_bridge.show.terminal.model import Snapshot
 
 WIDE = 120
@@ -20,6 +20,8 @@ _CHART_SHARE = 4
 """The chart has this part of the rows at least. Chosen."""
 _EVENTS_MAX = 8
 """Most rows of events where the chart could use the room. Chosen."""
+_TREND_ROWS, _TREND_MOST = 6, 14
+"""Fewest and most rows of a chart beside the facts. Chosen: with fewer nothing is seen."""
 _PHASE_STYLES = {"approach": "yellow", "track": "green", "retract": "cyan"}
 
 
@@ -116,8 +118,21 @@ def _two_columns(snapshot: Snapshot, width: int, room: int) -> list[Text]:
         *rows.link(snapshot),
         Text(),
     ]
-    facts += rows.events(snapshot, high - len(facts))
+    newest = rows.events(snapshot, high - len(facts))
+    drawn = _trends(snapshot, right, high - len(facts) - min(len(newest), _EVENTS_MAX) - 1)
+    facts += [*drawn, *rows.events(snapshot, high - len(facts) - len(drawn))]
     return [*_beside(pressing, facts, left, right)[:high], *foot]
+
+
+def _trends(snapshot: Snapshot, width: int, room: int) -> list[Text]:
+    """Depth and times of the last cycles where the right column has room for them."""
+    values = {"depth": snapshot.depths_mm, "times": snapshot.cycle_times_ms}
+    count = min(len(values), room // (_TREND_ROWS + 1))
+    if not count or not snapshot.depths_mm:
+        return []
+    high = min(_TREND_MOST, room // count - 1)
+    drawn = [trend(snapshot, key, values[key], (width, high)) for key in list(values)[:count]]
+    return [line for lines in drawn for line in (*lines, Text())]
 
 
 def _beside(left: Sequence[Text], right: Sequence[Text], width: int, other: int) -> list[Text]:

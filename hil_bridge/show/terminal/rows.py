@@ -9,8 +9,10 @@ from rich.text import Text
 from hil_bridge.devices.facts import LATE, Pacing
 from hil_bridge.errors.text_files import harmless
 from hil_bridge.record.analysis.times import in_ms
+from hil_bridge.show.charts.catalogue import FORCE, MOMENT, PULL, RESULTANT
 from hil_bridge.show.terminal.chart import error_style
 from hil_bridge.show.terminal.model import Snapshot, Told
+from hil_bridge.show.texts import without_queries
 
 _LABEL = 11
 """Columns of a label at the left."""
@@ -63,11 +65,11 @@ def margins(snapshot: Snapshot, width: int) -> list[Text]:
     lateral = "–" if snapshot.lateral_n is None else f"{snapshot.lateral_n:.2f} N"
     travel = _mm(None if newest is None else newest.travel_commanded)
     return [
-        _margin("pull", -force, limits.pull_limit_n, "N", bar)
+        _margin(PULL.label, -force, limits.pull_limit_n, PULL.unit, bar)
         if pulls
-        else _margin("limit", abs(force), limits.force_limit_n, "N", bar),
-        _margin("resultant", snapshot.resultant_n, limits.resultant_limit_n, "N", bar),
-        _margin("moment", snapshot.moment_nm, limits.moment_limit_nm, "N·m", bar),
+        else _margin(FORCE.label, abs(force), limits.force_limit_n, FORCE.unit, bar),
+        _margin(RESULTANT.words, snapshot.resultant_n, limits.resultant_limit_n, RESULTANT.unit, bar),
+        _margin(MOMENT.words, snapshot.moment_nm, limits.moment_limit_nm, MOMENT.unit, bar),
         _row("lateral", f"{lateral}   travel {travel}   frames ", _count("lost ", snapshot.frames_lost)),
     ]
 
@@ -150,6 +152,8 @@ def _count(label: str, number: int, width: int = 0) -> Text:
 def verdict(snapshot: Snapshot) -> Text:
     """Verdict of the supervisor on the newest command."""
     newest = snapshot.newest
+    if snapshot.cause:  # the word on the last cycle stands no more
+        return _row("supervisor", ("the run is stopped", "bold red"))
     if newest is None:
         return _row("supervisor", "–")
     text = f"{newest.verdict}: {', '.join(newest.reasons)}" if newest.reasons else newest.verdict
@@ -187,7 +191,7 @@ def link(snapshot: Snapshot) -> list[Text]:
 
 def told(snapshot: Snapshot, width: int) -> list[Text]:
     """Texts that a person should read at once: why the run stops, a warning, the check of the sensor."""
-    rows = _wrapped("STOPPED", snapshot.cause, width) if snapshot.cause else []
+    rows = _wrapped("STOPPED", without_queries(snapshot.cause), width) if snapshot.cause else []
     if snapshot.warning:
         rows.append(_row("warning", (snapshot.warning, "bold red")))
     if snapshot.check and not snapshot.cause:
@@ -211,7 +215,7 @@ def events(snapshot: Snapshot, count: int) -> list[Text]:
 
 def _event(one: Told) -> Text:
     style = "red" if one.alarm else "yellow" if one.caution else ""
-    last = one.text.strip().rpartition("\n")[2]  # of a traceback
+    last = without_queries(one.text).strip().rpartition("\n")[2]  # of a traceback
     return _row(f"{one.elapsed_s:8.1f} s", (f"{one.kind}: {last}", style))
 
 

@@ -3,7 +3,7 @@
 import asyncio
 import json
 import time
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import suppress
 from importlib.resources import files
 from typing import Any, Protocol
@@ -12,7 +12,7 @@ import msgspec
 from aiohttp import WSCloseCode, WSMsgType, web
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.show.pages import chart_script, style
+from hil_bridge.show.pages import chart_script, skeleton, style
 from hil_bridge.show.web.admission import HEADERS, TOKEN_HEADER, Admission, Bucket
 
 CLIENTS = 12
@@ -37,15 +37,20 @@ PICTURE_S = 0.05
 BODY_BYTES = 1024
 END = "/end"
 
-_TYPES = {"js": "text/javascript", "css": "text/css", "html": "text/html", "svg": "image/svg+xml"}
+_TYPES = {"js": "text/javascript", "css": "text/css", "svg": "image/svg+xml"}
 _SHARED: Mapping[str, Callable[[], str]] = {"charts.js": chart_script, "charts.css": style}
 """Scripts and style of `hil_bridge.show.pages`, each in one."""
-_OWN = ("page.js", "page.css", "sketch.js", "table.js", "table.css", "icon.svg")
+_OWN = ("page.js", "page.css", "sketch.js", "table.js", "icon.svg")
+_STYLES: Mapping[str, Sequence[str]] = {
+    "page.html": ("charts.css", "page.css"),
+    "table.html": ("charts.css",),
+}
+"""Style sheets of a page."""
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
-class Teller(Protocol):
+class News(Protocol):
     """Gives a page its news, and hears what it asks."""
 
     def first(self) -> object:
@@ -65,7 +70,7 @@ class Teller(Protocol):
 class Server:
     """Serves one page to browsers."""
 
-    def __init__(self, teller: Teller, admission: Admission, page: str = "page.html") -> None:
+    def __init__(self, teller: News, admission: Admission, page: str = "page.html") -> None:
         self._teller = teller
         self._admission = admission
         self._page = page
@@ -125,7 +130,7 @@ class Server:
             if self.splice is None:
                 return _refused(404, "no run goes on here; open the recording in Foxglove instead")
             return await self.splice(request)
-        return _file(self._page)
+        return _page(self._page)
 
     async def _static(self, request: web.Request) -> web.StreamResponse:
         name = request.match_info["name"]
@@ -335,6 +340,16 @@ def _file(name: str) -> web.Response:
     except (ConfigError, OSError) as error:
         return _refused(500, str(error))
     return web.Response(text=text, content_type=kind, charset="utf-8")
+
+
+def _page(name: str) -> web.Response:
+    """A page: its body in the skeleton of every page."""
+    links = "\n".join(f'<link rel="stylesheet" href="/static/{sheet}">' for sheet in _STYLES[name])
+    body = files("hil_bridge.show.web").joinpath("static", name).read_text(encoding="utf-8")
+    icon = '<link rel="icon" href="/static/icon.svg" type="image/svg+xml">'
+    return web.Response(
+        text=skeleton("hil-bridge", f"{icon}\n{links}", body), content_type="text/html", charset="utf-8"
+    )
 
 
 def _refused(status: int, why: str) -> web.Response:

@@ -18,9 +18,9 @@ from hil_bridge.show.web import wire
 from hil_bridge.show.web.admission import Admission
 from hil_bridge.show.web.feed import LOOPBACK, listening
 from hil_bridge.show.web.panels import Panels
-from hil_bridge.show.web.picture import Cursor, Picture
-from hil_bridge.show.web.server import Server, Teller
+from hil_bridge.show.web.server import News, Server
 from hil_bridge.show.web.splicing import Splicing
+from hil_bridge.show.web.teller import Cursor, Teller
 
 NICE = 10
 """Lower priority than that of a run. Chosen."""
@@ -37,7 +37,7 @@ class Live:
 
     def __init__(self, run: socket.socket) -> None:
         self._run = run
-        self.picture: Picture | None = None
+        self.teller: Teller | None = None
         self.panels: Panels | None = None
         self.begun = asyncio.Event()
         self.over = False
@@ -49,7 +49,7 @@ class Live:
 
     def news(self, state: Any) -> Mapping[str, Any] | None:
         """News of the run."""
-        return None if self.picture is None else self.picture.told(state, time.monotonic())
+        return None if self.teller is None else self.teller.news(state)
 
     def asked(self, state: Any, message: Mapping[str, Any]) -> None:
         """A page of a run asks for nothing."""
@@ -70,8 +70,8 @@ class Live:
             except OSError:
                 data = b""
             if not data:
-                if self.picture is not None:
-                    self.picture.lost()
+                if self.teller is not None:
+                    self.teller.lost()
                 asyncio.get_running_loop().remove_reader(self._run)
                 self.over = True
                 return
@@ -80,23 +80,23 @@ class Live:
     def _take(self, message: wire.Message) -> None:
         present = time.monotonic()
         if isinstance(message, wire.Begin):
-            if self.picture is None:
-                self.picture = Picture(message, present)
+            if self.teller is None:
+                self.teller = Teller(message, present)
                 self.panels = Panels(message.unix_zero_ns)
                 self.begun.set()
             else:
-                self.picture.begin(message)
+                self.teller.begin(message)
             return
-        if self.picture is None or self.panels is None:
+        if self.teller is None or self.panels is None:
             return
         if isinstance(message, wire.Records):
             for record in wire.records_of(message):
-                self.picture.take(record)
+                self.teller.take(record)
                 self.panels.take(record)
         elif isinstance(message, wire.Pulse):
-            self.picture.pulse(message, present)
+            self.teller.pulse(message, present)
         else:
-            self.picture.end(message)
+            self.teller.end(message)
 
 
 async def serve(run: socket.socket, listener: socket.socket, admission: Admission) -> None:
@@ -124,7 +124,7 @@ async def _open(live: Live, server: Server, session: ClientSession) -> None:
     server.splice = Splicing(server, session, live.panels.url)
 
 
-def show(teller: Teller, page: str, port: int, say: Callable[[str], object]) -> None:
+def show(teller: News, page: str, port: int, say: Callable[[str], object]) -> None:
     """Serve a page that is not of a run, from this process, until Ctrl-C. `say` tells its address.
 
     Raises ConfigError.

@@ -1,34 +1,22 @@
-"""A snapshot of a run as plain values for its page, and the description of its charts."""
+"""A snapshot of a run as plain values for its page."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Mapping
 from typing import Any
-
-from msgspec.structs import replace
 
 from hil_bridge.devices.facts import LATE, Pacing
 from hil_bridge.errors.text_files import harmless
-from hil_bridge.record.ending import ALARMS, CAUTIONS, PHASE_EVENT, Check
-from hil_bridge.record.records import EventRecord
-from hil_bridge.show.pages.description import Axis, Band, Chart, Charts, Layer, Series, Span
-from hil_bridge.show.run_marks import (
-    DEPTH,
-    FORCE,
-    LATERAL,
-    MOMENTS,
-    STIFFNESS,
-    TIMES,
-    limits_of,
-    line_of,
-)
+from hil_bridge.record.ending import Check, words_of
+from hil_bridge.record.records import EventRecord, TruthRecord
+from hil_bridge.show.charts.columns import MILLI, tidy
+from hil_bridge.show.charts.events import line_of, weight_of
 from hil_bridge.show.terminal import Scene, Snapshot
-from hil_bridge.show.web.columns import MILLI, tidy
+from hil_bridge.show.texts import without_queries
 
 TEXT_LENGTH = 400
 """Characters of a text that the page shows at most."""
 
 
-def told_scene(scene: Scene) -> dict[str, Any]:
+def scene_values(scene: Scene) -> dict[str, Any]:
     """Facts of a run that stay the same."""
     limits = scene.limits
     return {
@@ -50,11 +38,11 @@ def told_scene(scene: Scene) -> dict[str, Any]:
     }
 
 
-def told_now(snapshot: Snapshot) -> dict[str, Any]:
+def now_values(snapshot: Snapshot) -> dict[str, Any]:
     """Values of a moment. Lengths are mm, times ms or s as their names tell, forces N, moments N·m."""
     newest = snapshot.newest
     latency = snapshot.latency
-    told: dict[str, Any] = {
+    values: dict[str, Any] = {
         "phase": snapshot.phase,
         "elapsed_s": tidy(snapshot.elapsed_s),
         "tracked_s": tidy(snapshot.tracked_s),
@@ -64,9 +52,9 @@ def told_now(snapshot: Snapshot) -> dict[str, Any]:
         "held": snapshot.held,
         "step": snapshot.step,
         "step_label": harmless(snapshot.step_label),
-        "cause": harmless(snapshot.cause)[:TEXT_LENGTH],
-        "check": harmless(snapshot.check)[:TEXT_LENGTH],
-        "warning": harmless(snapshot.warning)[:TEXT_LENGTH],
+        "cause": _text(snapshot.cause),
+        "check": _text(snapshot.check),
+        "warning": _text(snapshot.warning),
         "cycle_ms": _ms(snapshot.cycle_time_s),
         "age_ms": _ms(snapshot.sensor_age_s),
         "link_errors": snapshot.link_errors,
@@ -87,7 +75,7 @@ def told_now(snapshot: Snapshot) -> dict[str, Any]:
         },
     }
     if newest is not None:
-        told |= {
+        values |= {
             "cycle": newest.cycle,
             "force": tidy(newest.force),
             "in_contact": newest.in_contact,
@@ -107,18 +95,24 @@ def told_now(snapshot: Snapshot) -> dict[str, Any]:
             "answer_ms": _ms(newest.answer_s),
             "quaternion": [tidy(value) for value in newest.quaternion],
         }
-    return told
+    return values
 
 
-def told_event(event: EventRecord, began: float) -> dict[str, Any]:
+def event_values(event: EventRecord, began: float) -> dict[str, Any]:
     """An event as a row of the page."""
-    weight = "alarm" if event.kind in ALARMS else "caution" if event.kind in CAUTIONS else ""
     return {
         "at": tidy(event.at - began),
         "kind": event.kind,
         "text": line_of(event)[:TEXT_LENGTH],
-        "weight": weight,
+        "weight": weight_of(event),
     }
+
+
+def end_values(end: Mapping[str, str]) -> dict[str, Any]:
+    """How a run ended, by the metadata of its end."""
+    words: dict[str, Any] = words_of(end)
+    followed = [without_queries(text) for text in words["followed"]]
+    return words | {key: without_queries(words[key]) for key in ("cause", "left")} | {"followed": followed}
 
 
 def is_zero(event: EventRecord) -> bool:
@@ -126,104 +120,18 @@ def is_zero(event: EventRecord) -> bool:
     return event.check is Check.ZERO
 
 
-def spans_of(phases: Sequence[tuple[float, str]], until: float) -> list[Span]:
-    """The phases as stretches, from when each began; the last one lasts until now."""
-    ends = [begin for begin, _ in phases[1:]] + [until]
-    return [Span(begin, max(begin, end), name, name) for (begin, name), end in zip(phases, ends, strict=True)]
+def truth_values(truth: TruthRecord) -> dict[str, Any]:
+    """The truth of an emulated cell."""
+    return {
+        "quaternion": [tidy(value) for value in truth.quaternion],
+        "normal": [tidy(value) for value in truth.normal],
+        "force": [tidy(value) for value in truth.force],
+        "faults": list(truth.faults),
+    }
 
 
-def phases_in(events: Iterable[EventRecord], began: float) -> list[tuple[float, str]]:
-    """Begin and name of each phase that these events tell."""
-    return [(event.at - began, event.text) for event in events if event.kind == PHASE_EVENT]
-
-
-def charts_of(scene: Scene, wall_start_s: float | None) -> Charts:
-    """What `charts.js` draws of a run.
-
-    It makes room for the force limit, which a report does not: a person sees how near the force is.
-    """
-    limits, truth = asdict(scene.limits), "truth" if scene.robot.emulated else ""
-
-    def true(column: str) -> tuple[Series, ...]:
-        return (Series("truth", column, "true", "truth", layer="truth"),) if truth else ()
-
-    times = [
-        Series("cycle", "cycle", "cycle to cycle", "1"),
-        Series("cycle", "age", "age of the sensor frame", "3"),
-    ]
-    if scene.robot.pacing is Pacing.STREAMED:
-        times.insert(1, Series("cycle", "answer", "answer", "2"))
-    force = Chart(
-        "force",
-        "Force",
-        "N",
-        (
-            Series("cycle", "force", "force", "1", width=1.8),
-            Series("cycle", "target", "target", "target", "step", dashed=True),
-            *true("force"),
-        ),
-        (Band("cycle", "low", "high", "least and greatest", layer="range"),),
-        [replace(limit, shown=limit.value > 0.0) for limit in limits_of("force", limits)],
-        height_px=250,
-        **FORCE._asdict(),
-    )
-    charts = (
-        force,
-        Chart(
-            "lateral",
-            "Lateral force",
-            "N",
-            (Series("cycle", "lateral", "across the approach", "2"),),
-            limits=limits_of("lateral", limits),
-            height_px=110,
-            **LATERAL._asdict(),
-        ),
-        Chart(
-            "moments",
-            "Moments",
-            "N·m",
-            tuple(
-                Series("cycle", name, name, colour)
-                for name, colour in (("mx", "1"), ("my", "2"), ("mz", "3"))
-            ),
-            limits=limits_of("moments", limits),
-            height_px=110,
-            **MOMENTS._asdict(),
-        ),
-        Chart(
-            "depth",
-            "Depth from the start point",
-            "mm",
-            (
-                Series("cycle", "depth", "reported", "1"),
-                Series("cycle", "commanded", "commanded", "2", "step"),
-                *true("depth"),
-            ),
-            limits=limits_of("depth", limits),
-            height_px=150,
-            **DEPTH._asdict(),
-        ),
-        Chart(
-            "stiffness",
-            "Estimated stiffness",
-            "N/m",
-            (Series("cycle", "stiffness", "stiffness", "6"),),
-            height_px=100,
-            **STIFFNESS._asdict(),
-        ),
-        Chart(
-            "times",
-            "Times",
-            "ms",
-            tuple(times),
-            limits=limits_of("times", limits, scene.robot.line_floor_s),
-            height_px=120,
-            **TIMES._asdict(),
-        ),
-    )
-    layers = (Layer("range", "least and greatest"), *((Layer("truth", "truth"),) if truth else ()))
-    empty: Mapping[str, Any] = {"cycle": {"x": []}, "truth": {"x": []}}
-    return Charts({"time": Axis("time since the run began", "s", wall_start_s)}, charts, empty, layers=layers)
+def _text(text: str) -> str:
+    return harmless(without_queries(text))[:TEXT_LENGTH]
 
 
 def _ms(seconds: float | None) -> float | None:

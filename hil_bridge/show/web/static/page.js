@@ -78,6 +78,7 @@
     else if (!now.in_contact) { set(beside, "no contact"); beside.className = "away"; }
     else { set(beside, `off by ${signed(off, 2, "N")}`); beside.className = part < 0.1 ? "near" : part < 0.3 ? "away" : "far"; }
     const pulls = now.force < 0;
+    set(document.querySelector('[data-margin="force"] span'), pulls ? "pull limit" : "force limit");
     margin("force", now.force, pulls ? scene.limits.pull : scene.limits.force, "N");
     margin("resultant", now.resultant, scene.limits.resultant, "N");
     margin("moment", now.moment, scene.limits.moment, "N·m");
@@ -86,7 +87,8 @@
     list("motion", [["depth, reported", fixed(now.depth_mm, 3, "mm")], ["depth, commanded", fixed(now.commanded_mm, 3, "mm")],
       ["correction", signed(now.correction_mm, 3, "mm") + (now.resting ? " rests" : "")], ["travel", fixed(now.travel_mm, 1, "mm")],
       ["stiffness", Number.isFinite(now.stiffness) ? `${Math.round(now.stiffness).toLocaleString("en")} N/m` : "–"],
-      ["supervisor", now.verdict ? [now.verdict, ...(now.reasons || [])].join(": ") : "–", now.verdict === "stop" ? "bad" : now.verdict === "clamp" ? "warn" : now.verdict ? "good" : ""]]);
+      now.cause ? ["supervisor", "the run is stopped", "bad"]   // the last cycle's word stands no more
+        : ["supervisor", now.verdict ? [now.verdict, ...(now.reasons || [])].join(": ") : "–", now.verdict === "stop" ? "bad" : now.verdict === "clamp" ? "warn" : now.verdict ? "good" : ""]]);
     const latency = now.latency;
     list("times", [["cycle", fixed(now.cycle_ms, 1, "ms")],
       scene.streamed ? ["answer", `${fixed(now.answer_ms, 2, "ms")}, ${now.late} late`, now.late ? "warn" : ""] : ["line's least", fixed(scene.floor_ms, 1, "ms")],
@@ -121,7 +123,10 @@
 
   function ended(end, cause) {
     const words = {completed: "Completed", stopped: "Stopped", interrupted: "Ended by hand", gone: "The run has gone"};
-    const shown = $("outcome"), said = [end.cause, end.left && `Tool left: ${end.left}`, ...end.followed.map(text => `Then: ${text}`)];
+    const shown = $("outcome"), said = [end.cause, ...end.followed.map(text => `Then: ${text}`)];
+    const [place, why] = end.left.split(/: (.*)/s);   // "NOT retracted: left at …"
+    bar("left", end.left && (why || " "), end.left && `Tool ${place}`);
+    $("left").className = `bar ${end.left.startsWith("NOT") ? "alarm" : ""}`;
     bar("outcome", said.filter(Boolean).join("\n") || " ", words[end.outcome] || end.outcome);
     shown.className = `bar ${end.outcome === "completed" ? "good" : end.outcome === "interrupted" ? "caution" : "alarm"}`;
     if (!cause || end.cause === cause) $("cause").hidden = true;
@@ -159,7 +164,7 @@
       scene = null; over = false;
       set($("link"), "live"); $("link").className = "live"; $("cause").hidden = true;
       bar("cut", "", "");
-      $("outcome").hidden = true;
+      $("outcome").hidden = $("left").hidden = true;
       $("end").hidden = !token; $("end").disabled = false;
     };
     socket.onmessage = event => take(JSON.parse(event.data));

@@ -1,13 +1,15 @@
-"""Columns of records as a page holds them: rounded, in order of time, and no longer than a picture can show."""
+"""Columns as a page holds them: rounded, in order of time, and no longer than a picture can show."""
 
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from hil_bridge.record.reader import Recording
+from hil_bridge.show.charts.columns import Arrays
+from hil_bridge.show.pages.description import Chart
 
 Array: TypeAlias = NDArray[np.float64]
 
@@ -23,9 +25,25 @@ class Sources:
     """The sources of a page, by name."""
 
     def __init__(self) -> None:
-        self.found: dict[str, dict[str, list[float | None]]] = {}
+        self.held: dict[str, dict[str, list[float | None]]] = {}
         self.rows: dict[str, tuple[int, int]] = {}
         """Of each name that was thinned: rows that there were, and that are kept in one chart."""
+
+    def chart(self, chart: Chart, tables: Mapping[str, Arrays]) -> Chart:
+        """Take what a chart needs of the tables; the chart with the names of the sources that hold it."""
+        needed: dict[str, dict[str, Array]] = {}
+        lines = [(one.source, column) for one in chart.bands for column in (one.low, one.high)]
+        for table, column in [*((one.source, one.column) for one in chart.series), *lines]:
+            if table in tables:
+                needed.setdefault(table, {})[column] = tables[table][column]
+        names = {
+            table: self.add(table, chart.id, tables[table]["x"], columns) for table, columns in needed.items()
+        }
+        return replace(
+            chart,
+            series=[replace(one, source=names.get(one.source, one.source)) for one in chart.series],
+            bands=[replace(one, source=names.get(one.source, one.source)) for one in chart.bands],
+        )
 
     def add(self, name: str, chart: str, x: Array, columns: Mapping[str, Array]) -> str:
         """Columns over x of one chart; the name of the source that holds them. Rows without x are left out.
@@ -36,23 +54,24 @@ class Sources:
         known = np.flatnonzero(np.isfinite(x))
         order = known[np.argsort(x[known], kind="stable")]
         if len(order) <= ROWS_MOST:
-            source = self.found.setdefault(name, {"x": rounded_times(x[order])})
+            source = self.held.setdefault(name, {"x": rounded_times(x[order])})
         else:
             order = order[kept_rows([column[order] for column in columns.values()], len(order))]
             self.rows[name] = (len(known), max(len(order), self.rows.get(name, (0, 0))[1]))
             name = f"{name}/{chart}"
-            source = self.found.setdefault(name, {"x": rounded_times(x[order])})
+            source = self.held.setdefault(name, {"x": rounded_times(x[order])})
         for column, values in columns.items():
-            source[column] = rounded(values[order])
+            if column not in source:
+                source[column] = rounded(values[order])
         return name
 
     def sentence(self) -> str:
         """What was left out, in words; empty where nothing was."""
-        told = [f"{kept} of {rows} rows of {name}" for name, (rows, kept) in self.rows.items()]
-        if not told:
+        parts = [f"{kept} of {rows} rows of {name}" for name, (rows, kept) in self.rows.items()]
+        if not parts:
             return ""
         return (
-            f"The charts hold at most {', '.join(told)}: of each stretch its least and its greatest value, so no peak"
+            f"The charts hold at most {', '.join(parts)}: of each stretch its least and its greatest value, so no peak"
             " is lost. The recording holds every row."
         )
 
@@ -83,13 +102,3 @@ def rounded_times(values: Array) -> list[float | None]:
 def column(records: Sequence[Any], name: str) -> Array:
     """One column of records; None becomes NaN."""
     return np.array([getattr(record, name) for record in records], dtype=np.float64)
-
-
-def parts(records: Sequence[Any], name: str, width: int) -> Array:
-    """A column of vectors, (n, width)."""
-    return np.array([getattr(record, name) for record in records], dtype=np.float64).reshape(-1, width)
-
-
-def start_time(recording: Recording) -> float:
-    """Start of the page's times, s on the run's clock."""
-    return min([recording.cycles[0].started_at, *(event.at for event in recording.events)])

@@ -1,0 +1,290 @@
+"""The catalogue: every chart of a run over time, described once. Report, live page, `compare` and pictures read it.
+
+A chart without values is left out by what draws it, and so is one whose values never change where that tells nothing.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from msgspec.structs import replace
+
+from hil_bridge.devices.facts import Pacing
+from hil_bridge.show.charts.columns import FEED, LEVELS, NORMALS, SIGMA, Arrays
+from hil_bridge.show.charts.facts import ChartFacts
+from hil_bridge.show.pages.description import Axis, Band, Chart, Layer, Limit, Series
+
+CYCLE, TRUTH, STREAM = "cycle", "truth", "stream"
+"""Sources; the last two are layers too."""
+TIME = "time"
+_AXES = "xyz"
+
+
+class LimitLine(NamedTuple):
+    """A limit of a run, as every view names it."""
+
+    key: str
+    """Setting in `limits`."""
+    words: str
+    unit: str
+    sign: float = 1.0
+    column: str = ""
+    """Column that it is a limit of, where a chart has others."""
+
+    @property
+    def label(self) -> str:
+        """Label of its line."""
+        return f"{self.words} limit"
+
+
+FORCE = LimitLine("force_limit_n", "force", "N")
+PULL = LimitLine("pull_limit_n", "pull", "N", -1.0)
+RESULTANT = LimitLine("resultant_limit_n", "resultant", "N", column="resultant")
+MOMENT = LimitLine("moment_limit_nm", "moment", "N·m", column="moment")
+DEPTH = LimitLine("correction_total_mm", "depth", "mm")
+AGE = LimitLine("stale_after_ms", "age", "ms", column="age_ms")
+
+
+def time_axis(wall_start_s: float | None = None) -> Axis:
+    """The axis of time; `wall_start_s` is UTC at its 0."""
+    return Axis("time since the run began", "s", wall_start_s)
+
+
+def layers(truth: bool, stream: bool) -> list[Layer]:
+    """What a person can switch."""
+    switches = [Layer(TRUTH, "truth (emulated)")] if truth else []
+    return [*switches, Layer(STREAM, "sensor's whole stream")] if stream else switches
+
+
+def catalogue(facts: ChartFacts) -> list[Chart]:
+    """Every chart of a run, in the order in which they are shown."""
+    return [*_contact(facts), *_motion(facts), *_control(), *_times(facts), *_program()]
+
+
+def _contact(facts: ChartFacts) -> list[Chart]:
+    return [
+        Chart(
+            "force",
+            "Force along the approach, positive while pressing",
+            "N",
+            (
+                Series(CYCLE, "target", "target", "target", "step", dashed=True),
+                Series(TRUTH, "force", "true force", "truth", layer=TRUTH),
+                Series(CYCLE, "force", "force", width=1.8),
+                Series(CYCLE, "clamped", "clamped by the supervisor", "limit", "points"),
+            ),
+            (Band(STREAM, "low", "high", "whole stream", layer=STREAM),),
+            _limits(facts, FORCE, PULL),
+            height_px=250,
+            zero=True,
+            least_span=2.0,
+        ),
+        Chart(
+            "lateral",
+            "Force across the approach",
+            "N",
+            (
+                Series(CYCLE, "fx", "fx, tool frame", "1", width=1.0),
+                Series(CYCLE, "fy", "fy, tool frame", "3", width=1.0),
+                Series(CYCLE, "lateral", "across", "2"),
+                Series(CYCLE, "resultant", "resultant, along included", "7", width=1.0),
+            ),
+            limits=_limits(facts, RESULTANT),
+            height_px=150,
+            zero=True,
+            least_span=1.0,
+            quiet_span=0.0,
+        ),
+        Chart(
+            "moments",
+            "Moments about the tool frame's origin",
+            "N·m",
+            (
+                *(Series(CYCLE, f"m{axis}", f"m{axis}", f"{k + 1}") for k, axis in enumerate(_AXES)),
+                Series(CYCLE, "moment", "magnitude", "7", width=1.0),
+            ),
+            limits=_limits(facts, MOMENT),
+            height_px=150,
+            zero=True,
+            least_span=0.1,
+            quiet_span=0.0,
+        ),
+    ]
+
+
+def _motion(facts: ChartFacts) -> list[Chart]:
+    return [
+        Chart(
+            "depth",
+            "Depth along the approach from the start point",
+            "mm",
+            (
+                Series(CYCLE, "depth_commanded", "commanded", "2", "step"),
+                Series(CYCLE, "depth", "reported"),
+                Series(TRUTH, "depth", "true", "truth", layer=TRUTH),
+            ),
+            limits=_limits(facts, DEPTH),
+            height_px=220,
+            least_span=0.5,
+        ),
+        Chart(
+            "way",
+            "Way over the surface from the start point",
+            "mm",
+            (
+                Series(CYCLE, "along", "along, commanded", "2", "step"),
+                Series(CYCLE, "across", "across, commanded", "3", "step"),
+            ),
+            height_px=140,
+            quiet_span=0.0,
+        ),
+        Chart(
+            "correction",
+            "Correction of the depth per cycle",
+            "mm",
+            (
+                Series(CYCLE, "correction", "correction", "6", "bars"),
+                Series(CYCLE, "rests", "the controller rests", "3", "points"),
+            ),
+            height_px=150,
+            zero=True,
+            least_span=0.05,
+        ),
+    ]
+
+
+def _control() -> list[Chart]:
+    return [
+        Chart(
+            "levels",
+            "Levels of the fuzzy controller",
+            "",
+            tuple(
+                Series(CYCLE, key, f"level of {words}", f"{k + 1}", "step")
+                for k, (key, words) in enumerate(LEVELS.items())
+            ),
+            least_span=2.0,
+        ),
+        Chart(
+            "stiffness",
+            "Estimated stiffness of the contact",
+            "N/m",
+            (Series(CYCLE, "stiffness", "estimate", "3"),),
+            log=True,
+            height_px=150,
+        ),
+        Chart(
+            "gain",
+            "Factor of the adaptation on the feedback",
+            "",
+            (Series(CYCLE, "gain", "gain", "8"),),
+            zero=True,
+            height_px=120,
+            quiet_span=0.0,
+        ),
+    ]
+
+
+def _times(facts: ChartFacts) -> list[Chart]:
+    floor, cycle_s = facts.line_floor_s, facts.robot.cycle_s
+    floors = (
+        () if floor is None else (Limit(1e3 * floor, "line floor", "target", shown=True, column="cycle_ms"),)
+    )
+    charts = [
+        Chart(
+            "times",
+            "Times of the cycle",
+            "ms",
+            (
+                Series(CYCLE, "cycle_ms", "cycle"),
+                Series(CYCLE, "age_ms", "age of the force at the decision", "2"),
+            ),
+            limits=(*floors, *_limits(facts, AGE)),
+            zero=True,
+        )
+    ]
+    if facts.robot.pacing is Pacing.STREAMED:
+        charts.append(
+            Chart(
+                "answers",
+                "Answers to the robot's packets",
+                "ms",
+                (Series(CYCLE, "answer_ms", "answer", "4"),),
+                limits=() if cycle_s is None else (Limit(1e3 * cycle_s, "robot's cycle"),),
+                zero=True,
+                height_px=140,
+            )
+        )
+    return charts
+
+
+def _program() -> list[Chart]:
+    colours = dict(zip(NORMALS, ("1", "3"), strict=True))
+    return [
+        Chart(
+            "feed",
+            "Feed: share of the step's own speed along its path",
+            "%",
+            (Series(CYCLE, FEED, "feed", "6", "step"),),
+            limits=(Limit(100.0, "whole speed", "target", shown=True),),
+            zero=True,
+            height_px=130,
+            quiet_span=0.0,
+        ),
+        Chart(
+            "normal",
+            "Estimated fall of the surface, ± 2 standard deviations",
+            "°",
+            (
+                *(
+                    Series(CYCLE, name, f"along {axis}", colours[name])
+                    for name, axis in zip(NORMALS, _AXES, strict=False)
+                ),
+                Series(CYCLE, SIGMA, "standard deviation", "6", width=1.0),
+            ),
+            tuple(
+                Band(CYCLE, f"{name}_low", f"{name}_high", f"± 2σ along {axis}", colours[name])
+                for name, axis in zip(NORMALS, _AXES, strict=False)
+            ),
+            least_span=2.0,
+        ),
+        Chart(
+            "orientation",
+            "Tool axis against the inward normal of the surface (truth)",
+            "°",
+            (
+                Series(TRUTH, "tilt", "in free space", "faint", layer=TRUTH),
+                Series(TRUTH, "tilt_touching", "while it touched", "truth", layer=TRUTH),
+            ),
+            zero=True,
+            least_span=1.0,
+            height_px=140,
+        ),
+    ]
+
+
+def _limits(facts: ChartFacts, *lines: LimitLine) -> tuple[Limit, ...]:
+    return tuple(
+        Limit(line.sign * facts.limits[line.key], line.label, column=line.column)
+        for line in lines
+        if line.key in facts.limits
+    )
+
+
+def with_values(charts: Sequence[Chart], sources: Mapping[str, Arrays]) -> list[Chart]:
+    """The charts of which something is told, with the series and bands of which something is told. The first stays."""
+
+    def span(source: str, column: str) -> float | None:
+        values = sources.get(source, {}).get(column, np.empty(0))
+        known = values[np.isfinite(values)]
+        return float(np.ptp(known)) if known.size else None
+
+    kept = []
+    for chart in charts:
+        series = [one for one in chart.series if span(one.source, one.column) is not None]
+        bands = [one for one in chart.bands if span(one.source, one.low) is not None]
+        widest = max((span(one.source, one.column) or 0.0 for one in series), default=-1.0)
+        least = -1.0 if chart.quiet_span is None else chart.quiet_span
+        if chart is charts[0] or widest > least or bands:
+            kept.append(replace(chart, series=series, bands=bands))
+    return kept

@@ -1,0 +1,226 @@
+"""The columns of a run's charts. A run that goes on grows them record by record, and a recording fills them."""
+
+import math
+from collections import deque
+from collections.abc import Mapping, Sequence
+from typing import Any, Self, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_bridge.record.analysis.strokes import TRACK
+from hil_bridge.record.reader import Recording
+from hil_bridge.record.records import CycleRecord, TruthRecord
+from hil_bridge.show.charts.facts import ChartFacts
+from hil_bridge.show.charts.surface import tilt_deg, touches
+
+ROW_S = 0.04
+"""Time from which a row of a live page follows the one before. Chosen: a picture."""
+ROWS = 6000
+"""Rows that are kept of a live run: two minutes of a fast robot. Chosen."""
+MILLI = 1e3
+LEVELS = {"level_error": "error", "level_change": "change", "level_output": "output"}
+"""Names of a fuzzy controller's levels by their keys in a cycle's explanation."""
+FEED, SIGMA, NORMALS = "feed", "normal_sigma_deg", ("normal_x_deg", "normal_y_deg")
+"""Keys of a program in a cycle's explanation."""
+_LEAST_TILT_DEG = 0.01
+"""Tilt below which the tool's axis is the normal. Chosen: what rounding leaves."""
+
+CYCLE = (
+    *("x", "force", "target", "clamped", "fx", "fy", "lateral", "resultant", "mx", "my", "mz", "moment"),
+    *("depth", "depth_commanded", "along", "across", "correction", "rests", *LEVELS, "stiffness", "gain"),
+    *("cycle_ms", "age_ms", "answer_ms", FEED, SIGMA),
+    *(f"{name}{end}" for name in NORMALS for end in ("", "_low", "_high")),
+    *("px", "py", "pz", "touch"),
+)
+TRUTH = ("x", "force", "depth", "px", "py", "pz", "tilt", "tilt_touching")
+TABLES = {"cycle": CYCLE, "truth": TRUTH}
+_FORCE = CYCLE.index("force")
+Value: TypeAlias = float | None
+Row: TypeAlias = Sequence[Value]
+Rows: TypeAlias = Mapping[str, list[Value]]
+Arrays: TypeAlias = Mapping[str, NDArray[np.float64]]
+
+
+class Columns:
+    """Rows of cycles and of the truth. Their numbers rise by one, also when old rows are gone."""
+
+    def __init__(
+        self, began: float, facts: ChartFacts, row_s: float = ROW_S, most: int | None = ROWS
+    ) -> None:
+        """`began` is the time of the run's clock at x = 0. Rows are at least `row_s` apart but for the least and the
+        greatest force between them, so no peak is lost. `most` None keeps all rows.
+        """
+        self._began = began
+        self._facts = facts
+        self._row_s = row_s
+        self._rows: dict[str, deque[Row]] = {table: deque(maxlen=most) for table in TABLES}
+        self._counts = dict.fromkeys(TABLES, 0)
+        self._due = dict.fromkeys(TABLES, -math.inf)
+        self._skipped: list[Row] = []
+        self._before: float | None = None
+        self._start: Sequence[float] = (0.0, 0.0, 0.0)
+        self.approach: Sequence[float] | None = facts.approach
+        """Unit vector of the approach in the base frame, once it is known."""
+
+    @classmethod
+    def of(cls, recording: Recording, began: float, facts: ChartFacts, row_s: float = 0.0) -> Self:
+        """The columns of a whole recording."""
+        columns = cls(began, facts, row_s, None)
+        for cycle in recording.cycles:
+            columns.cycle(cycle)
+        for truth in recording.truths:
+            columns.truth(truth)
+        return columns
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """Number of rows so far, by table."""
+        return dict(self._counts)
+
+    def cycle(self, record: CycleRecord) -> None:
+        """Take a cycle."""
+        self._start = record.start
+        if self.approach is None:
+            self.approach = axis_z(record.quaternion)
+        before, self._before = self._before, record.started_at
+        at = record.controlled_at
+        if not math.isfinite(at):
+            return
+        seconds = (
+            record.answered_at - record.started_at
+            if self._facts.robot.cycle_s is None
+            else math.nan
+            if before is None
+            else record.started_at - before
+        )
+        row = self._cycle_row(record, seconds)
+        if at < self._due["cycle"]:
+            self._skipped.append(row)
+            return
+        for extreme in self._extremes(row):
+            self._add("cycle", extreme)
+        self._due["cycle"] = (
+            at + self._row_s * 0.999
+        )  # a time that is one row later may be so by its last digits less
+        self._skipped.clear()
+        self._add("cycle", row)
+
+    def _extremes(self, after: Row) -> list[Row]:
+        """Of the rows that were skipped: those with the least and the greatest force, where it was beyond the rows
+        that are kept.
+        """
+        forces = [value for row in self._skipped if math.isfinite(value := _number(row[_FORCE]))]
+        if not forces:
+            return []
+        kept = [_number(after[_FORCE])]
+        if self._rows["cycle"]:
+            kept.append(_number(self._rows["cycle"][-1][_FORCE]))
+        beyond = {value for value in (min(forces), max(forces)) if value < min(kept) or value > max(kept)}
+        extremes = []
+        for row in self._skipped:
+            if _number(row[_FORCE]) in beyond:
+                beyond.discard(_number(row[_FORCE]))
+                extremes.append(row)
+        return extremes
+
+    def _cycle_row(self, record: CycleRecord, seconds: float) -> Row:
+        force, explained = record.force, record.explanation
+        fx, fy, fz, mx, my, mz = record.wrench
+        resultant = math.hypot(fx, fy, fz)
+        wanted = not record.step or record.phase == TRACK  # a step that does not press wants no force
+        presses = record.phase == TRACK and math.isfinite(force)
+        sigma = explained.get(SIGMA, math.nan) if presses else math.nan
+        normals = [explained.get(name, math.nan) if presses else math.nan for name in NORMALS]
+        whole = 1.0 if record.phase == TRACK and record.step in self._facts.tracks else math.nan
+        return (
+            record.controlled_at - self._began,
+            force,
+            record.force_reference if wanted else None,
+            force if record.verdict == "clamp" else None,
+            fx,
+            fy,
+            math.sqrt(max(0.0, resultant**2 - force**2)),
+            resultant,
+            mx,
+            my,
+            mz,
+            math.hypot(mx, my, mz),
+            record.depth * MILLI,
+            record.depth_commanded * MILLI,
+            record.travel_commanded * MILLI,
+            record.across_commanded * MILLI,
+            record.correction * MILLI,
+            0.0 if record.held else None,
+            *(explained.get(key) for key in LEVELS),
+            record.stiffness if record.stiffness is not None and record.stiffness > 0.0 else None,
+            record.gain,
+            seconds * MILLI,
+            (record.controlled_at - record.sensor_at) * MILLI,
+            record.answer_s * MILLI,
+            100.0 * explained.get(FEED, whole),
+            sigma,
+            *(value for normal in normals for value in (normal, normal - 2 * sigma, normal + 2 * sigma)),
+            *self._place(record.position),
+            float(record.in_contact),
+        )
+
+    def truth(self, record: TruthRecord) -> None:
+        """Take the truth of a cycle."""
+        if self.approach is None or not math.isfinite(record.at) or record.at < self._due["truth"]:
+            return
+        place = self._place(record.position)
+        depth = sum(a * b for a, b in zip(place, self.approach, strict=True))
+        force = -sum(a * b for a, b in zip(record.force, self.approach, strict=True))
+        tilt = tilt_deg(record)
+        tipped = None if tilt is None or tilt <= _LEAST_TILT_DEG else tilt
+        self._due["truth"] = record.at + self._row_s * 0.999
+        self._add(
+            "truth",
+            (record.at - self._began, force, depth, *place, tipped, tipped if touches(record) else None),
+        )
+
+    def _place(self, position: Sequence[float]) -> list[float]:
+        """From the start point, base frame, mm."""
+        return [(one - start) * MILLI for one, start in zip(position, self._start, strict=True)]
+
+    def _add(self, table: str, row: Row) -> None:
+        self._rows[table].append(row)
+        self._counts[table] += 1
+
+    def since(self, counts: Mapping[str, int]) -> dict[str, Rows]:
+        """Rows after these numbers, as columns by table; tables without new rows are left out."""
+        tables: dict[str, Rows] = {}
+        for table, names in TABLES.items():
+            new = min(self._counts[table] - counts.get(table, 0), len(self._rows[table]))
+            if new > 0:
+                rows = self._rows[table]
+                chosen = [rows[k] for k in range(len(rows) - new, len(rows))]
+                columns = (
+                    [None if v is None else tidy(v) for v in values] for values in zip(*chosen, strict=True)
+                )
+                tables[table] = dict(zip(names, columns, strict=True))
+        return tables
+
+    def arrays(self) -> dict[str, Arrays]:
+        """All rows as arrays by table; NaN for what is not told. Tables without rows are left out."""
+        return {
+            table: dict(zip(names, np.array(self._rows[table], dtype=np.float64).T, strict=True))
+            for table, names in TABLES.items()
+            if self._rows[table]
+        }
+
+
+def _number(value: Value) -> float:
+    return math.nan if value is None else value
+
+
+def tidy(value: float) -> float | None:
+    """A number with six digits, which a page cannot tell from all of them; None for one that is not finite."""
+    return float(f"{value:.6g}") if math.isfinite(value) else None
+
+
+def axis_z(quaternion: Sequence[float]) -> Any:
+    """The third axis of a frame in its base: w x y z."""
+    w, x, y, z = quaternion
+    return 2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)

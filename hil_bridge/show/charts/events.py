@@ -1,0 +1,114 @@
+"""Marks and spans of a run's charts, from what is told beside its cycles."""
+
+import math
+from collections.abc import Iterable, Sequence
+
+from hil_bridge.errors.text_files import harmless
+from hil_bridge.record.ending import ALARMS, CAUTIONS, PHASE_EVENT, STOP_EVENT
+from hil_bridge.record.records import CycleRecord, EventRecord, StepRecord
+from hil_bridge.show.pages.description import Mark, Span
+from hil_bridge.show.texts import without_queries
+from protocol.faults import FaultStage
+
+MARKS_MOST = 400
+"""Marks of a page: stops and faults first. Chosen: more would cover the lines."""
+SPANS_MOST = 200
+"""Steps that are shaded. Chosen as the marks."""
+LONGEST = 160
+"""Letters of a mark's text. Chosen: a line of the page."""
+_STEP_EVENT = "step"
+Phase = tuple[float, str]
+"""Begin on the run's clock, and name."""
+
+
+def mark_of(event: EventRecord, began: float) -> Mark | None:
+    """The mark of an event; None where it has none. `began` is the time at x = 0."""
+    if event.kind in (PHASE_EVENT, _STEP_EVENT) or not math.isfinite(event.at):
+        return None
+    loud = event.fault is not None and event.fault.is_injected
+    kind = "stop" if event.kind == STOP_EVENT else "fault" if loud else "event"
+    return Mark(event.at - began, _lead(event.kind, line_of(event)), kind)
+
+
+def mark_of_step(step: StepRecord, began: float) -> Mark:
+    """The mark at the end of a program's step."""
+    return Mark(step.at - began, _lead(step.label, line_of(step)), "step")
+
+
+def marks_of(
+    events: Iterable[EventRecord],
+    steps: Iterable[StepRecord],
+    cycles: Sequence[CycleRecord],
+    began: float,
+) -> list[Mark]:
+    """The marks of a run; if there are too many, stops and faults before others. A run whose events tell no stop has
+    that of its cycles.
+    """
+    marks = [mark for event in events if (mark := mark_of(event, began)) is not None]
+    if not any(mark.kind == "stop" for mark in marks):
+        stops = [cycle for cycle in cycles if cycle.verdict == "stop"][:1]
+        marks += [
+            Mark(one.controlled_at - began, _lead(STOP_EVENT, harmless(", ".join(one.reasons))), "stop")
+            for one in stops
+        ]
+    marks += [mark_of_step(step, began) for step in steps]
+    marks.sort(key=lambda mark: mark.kind in ("event", "step"))
+    return sorted(marks[:MARKS_MOST], key=lambda mark: mark.x)
+
+
+def line_of(record: EventRecord | StepRecord) -> str:
+    """The line of a text that tells most, fit for a page: the last one of a traceback, else the first."""
+    text = record.text.strip()
+    last = isinstance(record, EventRecord) and record.kind in ("traceback", "bug")
+    return harmless(without_queries(text.rpartition("\n")[2] if last else text.partition("\n")[0]))
+
+
+def _lead(lead: str, line: str) -> str:
+    return (f"{lead}: {line}" if line else lead)[:LONGEST]
+
+
+def weight_of(event: EventRecord) -> str:
+    """How loud an event is in a list: `alarm`, `caution` or nothing."""
+    return "alarm" if event.kind in ALARMS else "caution" if event.kind in CAUTIONS else ""
+
+
+def phases_in(events: Iterable[EventRecord]) -> list[Phase]:
+    """Each phase that these events tell."""
+    return [(event.at, event.text) for event in events if event.kind == PHASE_EVENT]
+
+
+def spans_of(phases: Sequence[Phase], steps: Sequence[StepRecord], began: float, until: float) -> list[Span]:
+    """The steps of a program that have ended, and the phases before and after them; the last phase lasts until now.
+
+    `began` and `until` are on the run's clock.
+    """
+    ends = [*(begin for begin, _ in phases[1:]), until][: len(phases)]
+    first = steps[0].began_at if steps else math.inf
+    last = steps[-1].at if steps else math.inf
+    spans = []
+    for (begin, name), after in zip(phases, ends, strict=True):
+        end = max(begin, after)
+        if begin < first:
+            spans.append(Span(begin - began, min(end, first) - began, name, name))
+        if begin >= last or end > last:
+            spans.append(Span(max(begin, last) - began, end - began, name, name))
+    spans += [
+        Span(step.began_at - began, step.at - began, step.label, step.word) for step in steps[:SPANS_MOST]
+    ]
+    return sorted(spans, key=lambda span: span.begin)
+
+
+def fault_spans(events: Iterable[EventRecord], began: float, until: float) -> list[Span]:
+    """From the begin to the end of each injected fault; one that has not ended lasts until now."""
+    begun: dict[str, float] = {}
+    spans = []
+    for event in events:
+        if event.fault is None:
+            continue
+        name = event.fault.title
+        if event.fault.stage is FaultStage.BEGINS:
+            begun[name] = event.at
+        elif event.fault.stage is FaultStage.ENDS and name in begun:
+            spans.append(Span(begun.pop(name) - began, event.at - began, name, "fault"))
+    spans += [Span(at - began, max(until, at) - began, name, "fault") for name, at in begun.items()]
+    return spans[:SPANS_MOST]

@@ -1,0 +1,79 @@
+"""The facts of a run that its charts need, from a scene of a run that goes on or from a recording."""
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from hil_bridge.devices.facts import RobotFacts
+from hil_bridge.record.analysis.strokes import TRACK
+from hil_bridge.record.device_facts import devices_of, json_or_none, recorded_configuration
+from hil_bridge.record.reader import Recording
+from hil_bridge.record.records import Vector
+
+if TYPE_CHECKING:
+    from hil_bridge.show.terminal import Scene
+
+
+class ChartFacts(NamedTuple):
+    """What stays the same in a run."""
+
+    robot: RobotFacts
+    limits: Mapping[str, float]
+    """Limits by their settings; one that is not told is not drawn."""
+    tracks: frozenset[int] = frozenset()
+    """Numbers of a program's steps that follow a path."""
+    approach: Vector | None = None
+    """Unit vector of the approach in the base frame; None: the tool's axis at the start."""
+    line_floor_s: float | None = None
+
+
+def facts_of_scene(scene: "Scene") -> ChartFacts:
+    """Of a run that goes on."""
+    tracks = frozenset(number for number, label in enumerate(scene.steps, 1) if _tracks(label))
+    return ChartFacts(
+        scene.robot, _numbers(asdict(scene.limits)), tracks, scene.approach, scene.robot.line_floor_s
+    )
+
+
+def facts_of_recording(recording: Recording) -> ChartFacts:
+    """Of a recording."""
+    limits: Any = recorded_configuration(recording).get("limits")
+    floor = json_or_none(recording.end.get("line_floor_s"))
+    return ChartFacts(
+        devices_of(recording).robot,
+        _numbers(limits if isinstance(limits, dict) else {}),
+        frozenset(step.step for step in recording.steps if step.word == TRACK),
+        approach_of(recording),
+        float(floor) if isinstance(floor, (int, float)) else None,
+    )
+
+
+def approach_of(recording: Recording) -> Vector | None:
+    """Unit vector of the approach in the robot base frame; None where it is not told."""
+    frame: Any = recorded_configuration(recording).get("frame")
+    vector: Any = frame.get("approach") if isinstance(frame, dict) else None
+    try:
+        x, y, z = map(float, vector)
+    except (TypeError, ValueError):
+        return None
+    return (x, y, z) if np.isfinite((x, y, z)).all() else None
+
+
+def start_time(recording: Recording) -> float:
+    """Start of the times of pages and pictures, s on the run's clock."""
+    return min([recording.cycles[0].started_at, *(event.at for event in recording.events)])
+
+
+def _numbers(values: Mapping[str, Any]) -> dict[str, float]:
+    """Those that are a limit: numbers above 0."""
+    return {
+        key: float(value)
+        for key, value in values.items()
+        if isinstance(value, (int, float)) and not isinstance(value, bool) and value
+    }
+
+
+def _tracks(label: str) -> bool:
+    return "(track" in label

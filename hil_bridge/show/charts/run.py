@@ -1,0 +1,62 @@
+"""The charts of a recorded run, as one description that pages and pictures draw."""
+
+from collections.abc import Mapping, Sequence
+
+from hil_bridge.record.analysis.stream import stream_force
+from hil_bridge.record.analysis.summary import phases
+from hil_bridge.record.reader import Recording
+from hil_bridge.show.charts.catalogue import STREAM, TRUTH, catalogue, layers, time_axis, with_values
+from hil_bridge.show.charts.columns import Arrays, Columns
+from hil_bridge.show.charts.events import fault_spans, marks_of, spans_of
+from hil_bridge.show.charts.facts import ChartFacts, facts_of_recording, start_time
+from hil_bridge.show.charts.sources import Sources
+from hil_bridge.show.pages.description import Charts, Mark, Span
+
+
+def run_charts(recording: Recording) -> tuple[Charts, str]:
+    """The charts of a run, and what of a long one they leave out, in words."""
+    zero, facts = start_time(recording), facts_of_recording(recording)
+    tables = run_tables(recording, zero, facts)
+    sources = Sources()
+    charts = [sources.chart(chart, tables) for chart in with_values(catalogue(facts), tables)]
+    described = Charts(
+        axes={"time": time_axis(wall_start_s(recording, zero))},
+        charts=charts,
+        sources=sources.held,
+        marks=run_marks(recording, zero),
+        spans=run_spans(recording, zero),
+        layers=layers(TRUTH in tables, STREAM in tables),
+    )
+    return described, sources.sentence()
+
+
+def run_tables(recording: Recording, zero: float, facts: ChartFacts) -> Mapping[str, Arrays]:
+    """Columns of cycles, of the truth and of the sensor's whole stream, where it is known. `zero` is the time at
+    x = 0. Before the first cycle the stream is the raw weight, which is no force.
+    """
+    tables = dict(Columns.of(recording, zero, facts).arrays())
+    if (stream := stream_force(recording)) is not None:
+        at, low, high = stream
+        known = at >= recording.cycles[0].controlled_at
+        tables[STREAM] = {"x": at[known] - zero, "low": low[known], "high": high[known]}
+    return tables
+
+
+def run_marks(recording: Recording, zero: float) -> Sequence[Mark]:
+    """The marks of a recording."""
+    return marks_of(recording.events, recording.steps, recording.cycles, zero)
+
+
+def run_spans(recording: Recording, zero: float) -> Sequence[Span]:
+    """Steps or phases of a recording, and its faults."""
+    courses = phases(recording)
+    last = max([cycle.controlled_at for cycle in recording.cycles] + [event.at for event in recording.events])
+    until = courses[-1].end if courses else last
+    steps = spans_of([(span.begin, span.name) for span in courses], recording.steps, zero, until)
+    return [*steps, *fault_spans(recording.events, zero, last)]
+
+
+def wall_start_s(recording: Recording, zero: float) -> float | None:
+    """UTC at x = 0, s since 1970; None where the run's time was not real or is not courses."""
+    virtual = recording.metadata.get("time") == "virtual"
+    return None if virtual or not recording.unix_zero_ns else recording.unix_zero_ns * 1e-9 + zero

@@ -1,0 +1,10 @@
+"""Texts for people, as every view shows them."""
+
+import re
+
+_QUERY = re.compile(r"(\b[a-z][a-z0-9+.-]*:/{0,2}[^\s?]*)\?[^\s,;:]+")
+
+
+def without_queries(text: str) -> str:
+    """A text whose URLs are cut before their `?`: what follows drowns the rest, and the recording keeps it."""
+    return _QUERY.sub(r"\1", text)

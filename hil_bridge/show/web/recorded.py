@@ -1,0 +1,90 @@
+"""A recording for the page of a run: told as a run that has ended, at the moment that a slider names."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+from pydantic import ValidationError
+
+from hil_bridge.control.course.limits import Limits
+from hil_bridge.devices.facts import Devices
+from hil_bridge.errors import BridgeError, ConfigError
+from hil_bridge.record import Recording
+from hil_bridge.record.device_facts import devices_of, json_or_none, recorded_configuration
+from hil_bridge.settings.configuration import read_config
+from hil_bridge.settings.devices import cell_in_words, robot_in, sensor_in
+from hil_bridge.show.charts.facts import approach_of, facts_of_recording, start_time
+from hil_bridge.show.terminal import Health, Scene
+from hil_bridge.show.web.teller import Teller
+from hil_bridge.show.web.wire import Begin, End, Pulse
+
+
+def teller_of(recording: Recording, name: str) -> Teller:
+    """Tells pages of a recording. `name` stands for the file. Raises ConfigError for a recording without cycles."""
+    if not recording.cycles:
+        raise ConfigError(f"{name} holds no cycles: the run ended before it moved")
+    scene, began = _scene(recording, name), start_time(recording)
+    last = recording.cycles[-1]
+    ends = [last.controlled_at, last.answered_at, *(event.at for event in recording.events)]
+    length_s = max(at - began for at in ends if at == at)
+    teller = Teller(Begin(scene, recording.unix_zero_ns), 0.0, length_s, facts_of_recording(recording))
+    teller.pulse(Pulse(began, Health()), 0.0)
+    for records in (recording.cycles, recording.truths, recording.sensors, recording.events, recording.steps):
+        for record in records:
+            teller.take(record)
+    teller.counters = _counters(recording, scene)
+    if recording.truncated:
+        teller.lost("the recording was cut")
+    else:
+        teller.end(End(recording.end))
+    return teller
+
+
+def _counters(recording: Recording, scene: Scene) -> Mapping[str, Any]:
+    """Counters of the whole run; a recording has none of a moment."""
+    counters = json_or_none(recording.end.get("link"))
+    link = counters if isinstance(counters, dict) else {}
+    lost = json_or_none(recording.end.get("sensor_lost"))
+    return {
+        "link_errors": sum(link.get(name, 0) for name in scene.robot.errors) if link else None,
+        "frames_lost": lost if isinstance(lost, int) else None,
+        "traffic": [],
+    }
+
+
+def _scene(recording: Recording, name: str) -> Scene:
+    """Facts of a recorded run, as far as the recording tells them."""
+    devices = devices_of(recording)
+    recorded = recorded_configuration(recording)
+    try:
+        config = read_config(recorded)
+        real, cell = cell_in_words(robot_in(config), sensor_in(config))
+        limits, reference = config.limits, config.task.force_n
+        total = None if config.task.step else config.run.duration_s
+    except (BridgeError, ValidationError, TypeError, ValueError):  # of a plug-in that is not here
+        real, cell = _words(devices)
+        limits, reference, total = _limits(recorded), recording.cycles[0].force_reference, None
+    return Scene(
+        reference_n=reference,
+        robot=devices.robot,
+        total_s=total,
+        steps=tuple(step.label for step in recording.steps),
+        cell=cell,
+        real=real,
+        limits=limits,
+        record=name,
+        approach=approach_of(recording),
+    )
+
+
+def _words(devices: Devices) -> tuple[bool, str]:
+    robot, sensor = devices.robot, devices.sensor
+    word = "EMULATED" if robot.emulated else "REAL"
+    return not robot.emulated, f"{word}  {robot.kind}, {sensor.kind}"
+
+
+def _limits(recorded: Mapping[str, Any]) -> Limits:
+    try:
+        return msgspec.convert(recorded.get("limits", {}), Limits)
+    except (ValueError, TypeError):
+        return Limits()
