@@ -20,6 +20,7 @@ from emulators.devices.rtde.kinematics import (
     RANGE,
     USUAL,
     Joints,
+    ToolPoses,
     compose,
     flange,
     inverse,
@@ -90,8 +91,7 @@ class Controller:
             )
         self.arm = JointArm(joints, self.period, profile.servo_gain_scale, profile.stop_deceleration_rad_s2)
         self._flange = self._old_flange = self._next_flange = flange(self.lengths, joints)
-        self._tools: deque[tuple[Pose, Pose, Pose]] = deque(maxlen=2)
-        """The newest poses of the flange, the tools in it, and where these are."""
+        self._at = ToolPoses().at
         self._random = random.Random(seed)
         self.path = CycledPath(self._at(self._flange, self.tool), now, self.period, self._cycle)
         self._powered_at = now
@@ -172,15 +172,6 @@ class Controller:
         self.snapshots.append(self._snapshot(now))
         self._next_flange = flange(self.lengths, self.arm.joints)
         return self._at(self._next_flange, self.tool)
-
-    def _at(self, flange_pose: Pose, tool: Pose) -> Pose:
-        """Where a tool is at a pose of the flange. The same is asked for in the next two cycles."""
-        for known, in_it, pose in self._tools:
-            if known is flange_pose and in_it is tool:
-                return pose
-        pose = compose(flange_pose, tool)
-        self._tools.append((flange_pose, tool, pose))
-        return pose
 
     def later(self, seconds: float, change: Callable[[], None]) -> None:
         """Do this after a time."""

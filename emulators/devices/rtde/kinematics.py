@@ -7,6 +7,7 @@ Joints 2, 3 and 4 have parallel axes, so that they move in one plane. It stands 
 """
 
 import math
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from typing import NamedTuple, TypeAlias
@@ -73,6 +74,22 @@ def compose(first: Pose, second: Pose) -> Pose:
     (a, b, c), turned = second
     u, v, t = rotated(quaternion, (a, b, c))
     return Pose((x + u, y + v, z + t), product(quaternion, turned))
+
+
+class ToolPoses:
+    """Poses of tools at the flange. The newest are kept, since two further cycles ask for the same ones."""
+
+    def __init__(self) -> None:
+        self._newest: deque[tuple[Pose, Pose, Pose]] = deque(maxlen=2)
+
+    def at(self, flange_pose: Pose, tool: Pose) -> Pose:
+        """Where a tool is, base frame: from the pose of the flange and the tool in its frame."""
+        for known, in_it, pose in self._newest:
+            if known is flange_pose and in_it is tool:
+                return pose
+        pose = compose(flange_pose, tool)
+        self._newest.append((flange_pose, tool, pose))
+        return pose
 
 
 def inverse(pose: Pose) -> Pose:
