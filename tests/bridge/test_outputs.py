@@ -133,7 +133,7 @@ def test_other_commands_keep_what_is_there_too(hil: Command, monkeypatch: pytest
         ("config", "init", "kept"),
         ("identify-tool", "--virtual", "-o", "kept"),
         ("identify-tool", "--virtual", "--save", "kept"),
-        ("probe", "robot", "tcp://127.0.0.1:1", "-o", "kept"),
+        ("probe", "robot", "s3+tcp://127.0.0.1:1", "-o", "kept"),
         ("experiment", "rules", "--page", "kept"),
     ):
         assert "is there already; name another file, or give --overwrite" in refused(hil(*command)), command

@@ -409,7 +409,7 @@ def test_a_force_that_swings_has_its_gain_lowered_and_calms_down(bench: RunBench
 def test_a_force_that_swings_at_the_lowest_gain_ends_the_run(bench: RunBench) -> None:
     run = bench(
         run={"duration_s": 60.0},
-        cell={"surface": {"stiffness_n_m": 60_000.0, "damping_ns_m": 0.0}, "sensor": LARGE_SENSOR},
+        cell={"surface": {"stiffness_n_m": 60_000.0, "damping_ns_m": 0.0}, "jr3": {"sensor": LARGE_SENSOR}},
         controller={"name": "pi", "parameters": {"integral": 8.0}},
         task={"force_n": 40.0, "approach_speed_mm_s": 0.55, "zero_lift_mm": 0.0, "loss_limit": 100},
         limits={"force_limit_n": 600.0, "resultant_limit_n": 600.0},
@@ -488,7 +488,7 @@ def test_one_setting_serves_soft_and_hard_surfaces(
         limits={"force_limit_n": 150.0, "resultant_limit_n": 300.0},
         cell={
             "surface": {"stiffness_n_m": stiffness},
-            "sensor": LARGE_SENSOR,
+            "jr3": {"sensor": LARGE_SENSOR},
             "start_position_mm": (900.0, -100.0, start_mm),
         },
     )
