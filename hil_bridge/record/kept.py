@@ -1,7 +1,7 @@
 """The record of a run in memory: taken as a `Recorder` takes it, and written to a file only when that is wanted."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
@@ -17,10 +17,10 @@ from hil_bridge.record.records import (
     WireRecord,
 )
 from hil_bridge.record.removed_map import REMOVED_NAME, from_json
-from hil_bridge.record.topics import TOPICS, Record
+from hil_bridge.record.topics import RECORDS, TOPICS, Record
 
 _TIMES: Mapping[type, Callable[[Any], float]] = {topic.record: topic.time_of for topic in TOPICS}
-_READ = (CycleRecord, SensorRecord, TruthRecord, EventRecord, StepRecord)
+READ_RECORDS = (CycleRecord, SensorRecord, TruthRecord, EventRecord, StepRecord)
 """Records that `read` reads; the first of them dates the recording."""
 
 
@@ -37,8 +37,20 @@ _Step: TypeAlias = Record | _Attachment | Mapping[str, str]
 class KeptRecords:
     """Takes what a `Recorder` takes, and keeps it. Nothing is encoded before `save`."""
 
-    def __init__(self, wall_ns: Callable[[float], int], metadata: Mapping[str, str]) -> None:
-        """As of a `Recorder`: `wall_ns` turns a time of the run's clock into ns since the Unix epoch."""
+    def __init__(
+        self,
+        wall_ns: Callable[[float], int],
+        metadata: Mapping[str, str],
+        takes: Collection[type] = RECORDS,
+        most: int | None = None,
+    ) -> None:
+        """As of a `Recorder`: `wall_ns` turns a time of the run's clock into ns since the Unix epoch. `takes` are the
+        types of the records that are kept; of more than `most` none is, see `is_whole`.
+        """
+        self._most = most
+        self.is_whole = True
+        """No record has been forgotten."""
+        self.takes = takes
         self._wall_ns = wall_ns
         self._metadata = dict(sorted(metadata.items()))
         self._steps: list[_Step] = []
@@ -46,8 +58,10 @@ class KeptRecords:
 
     def put(self, record: Record) -> None:
         """Take a record; what comes after the end belongs to no recording."""
-        if self._end is None:
+        if self._end is None and self.is_whole:
             self._steps.append(record)
+            if self._most is not None and len(self._steps) > self._most:
+                self._steps, self.is_whole = [], False
 
     def devices(self, facts: Mapping[str, str]) -> None:
         """Take the facts of the devices, JSON by name."""
@@ -101,7 +115,7 @@ class KeptRecords:
 
     def _unix_zero_ns(self) -> int:
         """UNIX time at which the run's clock was 0, ns."""
-        first = next((step for step in self._steps if isinstance(step, _READ)), None)
+        first = next((step for step in self._steps if isinstance(step, READ_RECORDS)), None)
         if first is None:
             return 0
         at = _TIMES[type(first)](first)

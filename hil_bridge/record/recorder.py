@@ -25,7 +25,7 @@ from hil_bridge.errors import BridgeError
 from hil_bridge.record.files import open_record
 from hil_bridge.record.records import EventRecord
 from hil_bridge.record.scenes import SCENE_TOPICS, Scenes, SceneTopic, encode
-from hil_bridge.record.topics import TOPICS, Record, Topic
+from hil_bridge.record.topics import RECORDS, TOPICS, Record, Topic
 
 METADATA_NAME = "run"
 DEVICES_NAME = "devices"
@@ -106,6 +106,9 @@ class Recorder:
     `put`, `pause` and `close` belong to one thread, that of the event loop. A failing disk does not stop a run. The
     error is kept in `error` and told in `trouble`, later records are counted as dropped, and `close` raises it.
     """
+
+    takes = RECORDS
+    """Setting of a run's watcher: it takes all records."""
 
     def __init__(
         self,

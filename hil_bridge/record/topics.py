@@ -309,3 +309,5 @@ TRUTH = Topic("/truth", TruthRecord)
 EVENT = Topic("/event", EventRecord)
 STEP = Topic("/step", StepRecord)
 TOPICS = (CYCLE, SENSOR, LINK, WIRE, TRUTH, EVENT, STEP)
+RECORDS = frozenset(topic.record for topic in TOPICS)
+"""Types of all records."""

@@ -144,7 +144,7 @@ async def open_devices(
     async with AsyncExitStack() as stack:
         served = None
         if not (robot_url and sensor_url):
-            usual = cell_ports(config, clock.is_virtual)
+            usual = Ports(*setup.listen) if setup.listen else cell_ports(config, clock.is_virtual)
             ports = Ports(
                 None if robot_url else usual.robot,
                 None if sensor_url else usual.sensor,

@@ -4,7 +4,7 @@ import os
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from hil_bridge.clock import wall_time
 from hil_bridge.errors import BridgeError, ConfigError
-from hil_bridge.record import read
+from hil_bridge.record import Recording
 from hil_bridge.record.analysis.figures import FIGURES
 from hil_bridge.record.analysis.steps import step_lines
 from hil_bridge.record.analysis.summary import Summary, summarise, wanted_force
@@ -95,12 +95,16 @@ def record_path(outputs: Outputs) -> Iterator[Path]:
         yield Path(folder) / RECORD
 
 
-def write_outputs(outputs: Outputs, path: Path, end: "RunEnd") -> tuple[list[str], list[BridgeError]]:
-    """Write what is wanted beside the record at `path`: the lines to print, and what could not be written."""
+def write_outputs(
+    outputs: Outputs, recorded: Callable[[], Recording], end: "RunEnd"
+) -> tuple[list[str], list[BridgeError]]:
+    """Write what is wanted beside the record: the lines to print, and what could not be written. `recorded` gives the
+    recording, or raises BridgeError.
+    """
     lines: list[str] = []
     troubles: list[BridgeError] = []
     try:
-        recording = read(path)
+        recording = recorded()
     except BridgeError as error:
         return lines, [error]
     summary = summarise(recording, end if recording.truncated else None)

@@ -1,23 +1,14 @@
-"""Everything that a run and its devices tell, on its way into the record: cycles, events, frames, wires, the truth."""
+"""Everything that a run and its devices tell, on its way to the watchers: cycles, events, frames, wires, the truth."""
 
-import time
-from collections.abc import AsyncIterator, Callable, Mapping
-from contextlib import asynccontextmanager
+from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from platform import platform, python_version
 from socket import gethostname
-from typing import Any, Protocol
+from typing import Any
 
-from emulators.cell import Cell
 from hil_bridge.clock import Clock
-from hil_bridge.control.course.task import TARE
-from hil_bridge.devices.facts import Devices, Pacing, Sensor
-from hil_bridge.devices.robots.seam import RobotLink
-from hil_bridge.devices.sensors.stream import ForceSensor
-from hil_bridge.errors.causes import Cause, Reason
-from hil_bridge.errors.failures import FAILED_EVENT, RAISED, of_others, raise_if_asked, tell_failure
+from hil_bridge.errors import BridgeError
 from hil_bridge.record import (
-    PHASE_EVENT,
     CycleRecord,
     EventRecord,
     LinkLog,
@@ -27,48 +18,11 @@ from hil_bridge.record import (
     StepRecord,
     WireRecord,
 )
-from hil_bridge.record.removed_map import MEDIA_TYPE, REMOVED_NAME
 from hil_bridge.record.topics import Record
-from hil_bridge.runs import compose
-from hil_bridge.runs.cycle import Run, RunResult
-from hil_bridge.runs.faults.schedule import FaultSchedule
-from hil_bridge.runs.setup import Setup
-from hil_bridge.runs.truth import GroundTruth
+from hil_bridge.runs.watching import Watcher
 from hil_bridge.settings.configuration import Config, dump
 from hil_bridge.transports import Direction
 from protocol.wrench import WrenchFrame
-
-
-class Keeper(Protocol):
-    """Takes the records of a run in order, as `recording.Recorder` does."""
-
-    def put(self, record: Record) -> None:
-        """Take a record."""
-
-    def devices(self, facts: Mapping[str, str]) -> None:
-        """Take the facts of the devices, JSON by name."""
-
-    def attach(self, name: str, media_type: str, data: bytes) -> None:
-        """Take an attachment."""
-
-    def pause(self, seconds: float) -> None:
-        """The run awaits nothing for so long, s."""
-
-    def close(self, end: Mapping[str, str]) -> None:
-        """Take the end. Harmless when called again. Raises BridgeError for records that could not be kept."""
-
-
-class Watcher(Protocol):
-    """Told of a run after its record; must not block."""
-
-    def cycle(self, record: CycleRecord) -> None:
-        """A cycle has ended."""
-
-    def event(self, record: EventRecord) -> None:
-        """Something happened beside the cycles."""
-
-    def pause(self, seconds: float) -> None:
-        """A block is on the robot's line, and nothing can answer it before its last character, s."""
 
 
 def metadata_of(config: Config, virtual: bool) -> dict[str, str]:
@@ -89,162 +43,118 @@ def metadata_of(config: Config, virtual: bool) -> dict[str, str]:
 
 
 class RunLog:
-    """The log of one run and of its devices. It opens the devices, since their facts and the truth belong to it."""
+    """The log of one run and of its devices, for any number of watchers. It knows neither the run nor the devices.
 
-    verbose = True
-    """Setting of a `DeviceLog`: the record holds every event of a link."""
+    An exception of a watcher is raised once all of them have been told.
+    """
 
-    def __init__(self, setup: Setup, clock: Clock, keeper: Keeper, watcher: Watcher) -> None:
-        self._setup = setup
-        self._clock = clock
-        self._keeper = keeper
-        self._watcher = watcher
-        self._logs = {
-            "robot": LinkLog(lambda at, pieces: self._put(at, LinkRecord(at, pieces))),
-            "sensor": LinkLog(lambda at, pieces: self._put(at, WireRecord(at, "sensor", pieces))),
+    def __init__(self, clock: Clock, watchers: Sequence[Watcher]) -> None:
+        self.clock = clock
+        self._watchers: list[Watcher] = []
+        self._takers: dict[type, list[Callable[[Any], object]]] = {}
+        """Functions by the type of record that they take."""
+        for watcher in watchers:
+            self.join(watcher)
+        self.verbose = self.wants(LinkRecord)
+        """Setting of a `DeviceLog`: a record of the link holds its every event."""
+        self._wires = {
+            "robot": LinkLog(lambda at, pieces: self.put(at, LinkRecord(at, pieces))),
+            "sensor": LinkLog(lambda at, pieces: self.put(at, WireRecord(at, "sensor", pieces))),
         }
-        """Logs of the devices' wires, by device."""
-        self._truths: GroundTruth | None = None
-        self._faults: FaultSchedule | None = None
-        self.facts = setup.facts
-        """Facts of the robot; with the line of its URL once it is connected."""
-        self.robot: RobotLink | None = None
-        self.sensor: ForceSensor | None = None
-        self.run: Run | None = None
-        """The run over the devices, once they are open."""
-        self.steps: list[StepRecord] = []
-        """Steps of a program that have ended."""
-        self._failed: Reason | None = None
-        """Failure of the emulated cell."""
+        self._taken = {"robot": self.wants(LinkRecord), "sensor": self.wants(WireRecord)}
+        """Whether any watcher takes the traffic of a device's wire."""
+        self.byte_time_s = 0.0
+        """Time of a byte on the robot's line; 0 where it is too short to matter."""
 
-    # --- records and notices of the run and the devices
+    def join(self, watcher: Watcher) -> None:
+        """Tell this watcher too, after those that are there."""
+        self._watchers.append(watcher)
+        for kind in watcher.takes:
+            self._takers.setdefault(kind, []).append(watcher.put)
+
+    def wants(self, kind: type) -> bool:
+        """Whether any watcher takes records of this type."""
+        return kind in self._takers
+
+    def put(self, at: float, record: Record) -> None:
+        """Tell of something of this time, and before it what the wires hold for too long by then."""
+        for wire in self._wires.values():
+            wire.age(at)
+        self.hand_over(record)
+
+    def hand_over(self, record: Record) -> None:
+        """Tell of something now."""
+        failure: Exception | None = None
+        for take in self._takers.get(type(record), ()):
+            try:
+                take(record)
+            except Exception as error:
+                failure = failure or error
+        if failure is not None:
+            raise failure
+
+    def devices(self, facts: Mapping[str, str]) -> None:
+        """The devices are ready, and this is known of them."""
+        for watcher in self._watchers:
+            watcher.devices(facts)
+
+    def attach(self, name: str, media_type: str, data: bytes) -> None:
+        """Something that belongs to the record as a whole."""
+        for watcher in self._watchers:
+            watcher.attach(name, media_type, data)
+
+    # --- of the run
 
     def cycle(self, record: CycleRecord) -> None:
         """A cycle has ended."""
-        self._put(record.answered_at, record)
-        if self._truths is not None:
-            self._truth(self._truths, lambda truths: truths.cycle(record))
-        if self._faults is not None:
-            self._faults.cycle(record)
-        self._watcher.cycle(record)
+        self.put(record.answered_at, record)
 
     def event(self, record: EventRecord) -> None:
         """Something happened beside the cycles."""
-        self._put(record.at, record)
-        if record.kind == PHASE_EVENT and record.text == TARE:
-            self._keeper.devices(self._devices().as_metadata())
-        self._watcher.event(record)
-        if self._faults is not None:
-            self._faults.event(record)
-
-    def _truth(self, truths: GroundTruth, ask: Callable[[GroundTruth], object]) -> None:
-        """Ask for the truth, in which code of another package may have a part; no more once that has failed."""
-        try:
-            ask(truths)
-        except RAISED as error:
-            raise_if_asked(error)
-            if not of_others(error):
-                raise
-            self._truths = None
-            tell_failure("the truth of the emulated cell", error, self.notice)
+        self.put(record.at, record)
 
     def step(self, record: StepRecord) -> None:
         """A step of a program has ended."""
-        self._put(record.at, record)
-        self.steps.append(record)
+        self.put(record.at, record)
+
+    # --- of the devices
 
     def frame(self, frame: WrenchFrame) -> None:
         """A complete frame of the sensor has arrived."""
-        self._logs["robot"].age(frame.at)  # while the robot is silent, frames alone come
-        self._keeper.put(SensorRecord(frame.at, frame.sequence, frame.values))
+        self._wires["robot"].age(frame.at)  # while the robot is silent, frames alone come
+        if SensorRecord in self._takers:
+            self.hand_over(SensorRecord(frame.at, frame.sequence, frame.values))
 
     def notice(self, kind: str, text: str) -> None:
-        """A device tells something that is worth a line in the record."""
+        """A device, or what is around the run, tells something that is worth a line in the record."""
         self.tell(kind, text)
-        if kind == FAILED_EVENT:
-            self._failed = Reason(Cause.CELL_FAILED, text)
-            if self.run is not None:
-                self.run.fail(self._failed)
 
     def tell(self, kind: str, text: str, **values: Any) -> None:
         """Something beside the cycles happens now; `values` are further fields of its record."""
-        self.event(EventRecord(self._clock.now(), kind, text, **values))
+        self.event(EventRecord(self.clock.now(), kind, text, **values))
 
     def traffic(self, device: str, direction: Direction, data: Any) -> None:
         """Data have just gone over a device's wire."""
-        self._logs[device].take(self._clock.now(), direction, data)
+        if self._taken[device]:
+            self._wires[device].take(self.clock.now(), direction, data)
         if device == "robot" and direction is Direction.SENT and len(data) > 1:
-            seconds = len(data) * (self.facts.byte_time_s or 0.0)
-            self._keeper.pause(seconds)
-            self._watcher.pause(seconds)
+            for watcher in self._watchers:
+                watcher.pause(len(data) * self.byte_time_s)
 
     def link_event(self, device: str, text: str) -> None:
         """Something happened on a device's link."""
-        self._logs[device].note(self._clock.now(), text)
-
-    def _put(self, at: float, record: Record) -> None:
-        """Record something of this time, and before it what the devices' logs hold for too long by then."""
-        for log in self._logs.values():
-            log.age(at)
-        self._keeper.put(record)
-
-    def _devices(self) -> Devices:
-        """Facts of robot and sensor, both being ready."""
-        assert self.sensor is not None
-        return Devices(self.facts, Sensor(self._setup.sensor.kind.name, self.sensor.facts))
-
-    # --- begin and end
-
-    @asynccontextmanager
-    async def opened(self, cell: Cell[Any, Any] | None) -> AsyncIterator[compose.Devices]:
-        """The devices, started, and `run` over them; `cell` as of `compose.open_devices`, which raises too."""
-        setup, clock = self._setup, self._clock
-        async with compose.open_devices(setup, clock, self, cell=cell) as devices:
-            self.robot, self.sensor = devices.robot, devices.sensor
-            self.facts = setup.identified(devices.robot.facts)
-            if devices.served is not None:
-                self._emulated(devices.served)
-            self.run = Run(setup, clock, devices.robot, devices.sensor, self)
-            self.run.fail(self._failed)
-            yield devices
-
-    def _emulated(self, served: compose.ServedCell) -> None:
-        cell = served.cell
-        streamed = self._setup.facts.pacing is Pacing.STREAMED
-        self._truths = GroundTruth(cell, self._setup.sensor.is_emulated, self._keeper.put, streamed)
-        self._faults = FaultSchedule(self._setup.config.faults, cell, self._clock, self.event, self._pause)
-
-    def _pause(self, seconds: float) -> None:
-        """A fault of the computer: it stands still."""
-        if self.run is not None and self._clock.is_virtual:
-            self.run.stand_still(seconds)
-        else:
-            time.sleep(seconds)
-
-    def end(self, result: RunResult) -> RunEnd:
-        """The end of the run, for the record."""
-        sensor = self.sensor
-        return RunEnd(
-            result.outcome,
-            result.reason,
-            self.facts.line_floor_s,
-            dict(self.robot.counters) if self.robot else {},
-            sensor.lost if sensor else None,
-            sensor.delay if sensor and sensor.is_ready else None,
-            result.left,
-            result.followed,
-            {} if result.rest is None else result.rest.values,
-            "" if result.rest is None else result.rest.place,
-        )
+        if self._taken[device]:
+            self._wires[device].note(self.clock.now(), text)
 
     def close(self, end: RunEnd) -> None:
-        """Hand over what waits, then the end. Harmless when called again. Raises as `Keeper.close`."""
-        for log in self._logs.values():
-            log.flush()
-        if self._faults is not None:
-            self._faults.close()
-        if self._truths is not None:
-            self._truth(self._truths, GroundTruth.close)
-        if self._truths is not None and (removed := self._truths.removed_map()) is not None:
-            self._keeper.attach(REMOVED_NAME, MEDIA_TYPE, removed.as_json())
-        self._keeper.close(end.as_metadata())
+        """Hand over what waits, then the end. Harmless when called again. Raises the first error of a watcher."""
+        for wire in self._wires.values():
+            wire.flush()
+        failure: BridgeError | None = None
+        for watcher in self._watchers:
+            try:
+                watcher.close(end.as_metadata())
+            except BridgeError as error:
+                failure = failure or error
+        if failure is not None:
+            raise failure

@@ -18,8 +18,9 @@ class Setup:
     Each part is resolved when it is first asked for, and raises ConfigError then: a check can name each fault alone.
     """
 
-    def __init__(self, config: Config) -> None:
-        self._given = config
+    def __init__(self, config: Config, listen: tuple[str, str] | None = None) -> None:
+        """`listen` are URLs at which an emulated robot and sensor listen; None: the usual ones of their kinds."""
+        self._given, self.listen = config, listen
 
     @cached_property
     def robot(self) -> Robot:

@@ -1,12 +1,15 @@
 """Where a run is shown while it goes on: on the terminal, and on a page in the browser."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+from hil_bridge.console import keys
+from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.errors import ConfigError
-from hil_bridge.record.topics import Record
-from hil_bridge.runs.run_log import Keeper
+from hil_bridge.runs.running import Running
+from hil_bridge.runs.setup import Setup
+from hil_bridge.show.terminal import Health, Scene
 from hil_bridge.show.web.feed import Feed, WebOptions
 
 
@@ -36,29 +39,32 @@ def fed(views: Views, virtual: bool) -> Iterator[Feed | None]:
         feed.close()
 
 
-class Relay:
-    """Gives every record to a keeper, then to the page. Only the keeper holds them for long."""
+def scene_of(setup: Setup, facts: RobotFacts, steps: tuple[str, ...], record: str) -> Scene:
+    """Facts of a run for its views; `record` names the recording that is kept, empty for none."""
+    config = setup.config
+    real, cell = setup.in_words
+    return Scene(
+        reference_n=config.task.force_n,
+        robot=facts,
+        total_s=None if steps else config.run.duration_s,
+        steps=steps,
+        cell=cell,
+        real=real,
+        limits=config.limits,
+        approach=config.frame.approach,
+        record=record,
+        keys=keys.can_be_heard(),
+    )
 
-    def __init__(self, keeper: Keeper, feed: Feed) -> None:
-        self._keeper, self._feed = keeper, feed
 
-    def put(self, record: Record) -> None:
-        """Take a record."""
-        self._keeper.put(record)
-        self._feed.put(record)
-
-    def devices(self, facts: Mapping[str, str]) -> None:
-        """Take the facts of the devices."""
-        self._keeper.devices(facts)
-
-    def attach(self, name: str, media_type: str, data: bytes) -> None:
-        """Take an attachment."""
-        self._keeper.attach(name, media_type, data)
-
-    def pause(self, seconds: float) -> None:
-        """The run awaits nothing for so long, s."""
-        self._keeper.pause(seconds)
-
-    def close(self, end: Mapping[str, str]) -> None:
-        """Take the end."""
-        self._keeper.close(end)
+def health_of(run: Running | None) -> Health:
+    """State of the links of a run; None for devices that are not open yet."""
+    if run is None:
+        return Health()
+    counters, newest = run.robot.counters, run.sensor.newest
+    return Health(
+        link_errors=sum(counters.get(name, 0) for name in run.facts.errors),
+        frames_lost=run.sensor.lost,
+        sensor_at=None if newest is None else newest.at,
+        link=dict(counters),
+    )

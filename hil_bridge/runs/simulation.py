@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +33,9 @@ from hil_bridge.runs.checks import check, check_wires
 from hil_bridge.runs.cycle import Run, RunResult
 from hil_bridge.runs.faults.panel import FaultPanel
 from hil_bridge.runs.run_log import RunLog, metadata_of
+from hil_bridge.runs.running import Running, run_end, running
 from hil_bridge.runs.setup import Setup
+from hil_bridge.runs.watching import Listener
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.faults import refuse_faults
 
@@ -157,13 +159,11 @@ class OpenDevices:
 class Simulation(OpenDevices):
     """A run in its own task, and the devices that it uses."""
 
-    def __init__(
-        self, config: Config, devices: compose.Devices, clock: Clock, run: Run, reached: "_Reached"
-    ) -> None:
-        super().__init__(devices.robot, devices.sensor, clock, devices.cell)
-        self.config = config
+    def __init__(self, run: Running, reached: "_Reached") -> None:
+        super().__init__(run.robot, run.sensor, run.clock, run.cell)
+        self.config = run.setup.config
         """The configuration as it is run: period and tuning written out."""
-        self._run = run
+        self._running, self._run = run, run.run
         self._reached = reached
         self._task: asyncio.Task[RunResult] | None = None
         self._begun = self._ended_early = False
@@ -237,27 +237,28 @@ class _Reached:
             self._changed.clear()
             await self._changed.wait()
 
-    def enter(self, phase: str) -> None:
-        self.phases.append(phase)
-        self._changed.set()
+    def hear(self, run: Run, record: EventRecord) -> None:
+        """Something happened in the run."""
+        self.moved |= run.moving
+        if record.kind == PHASE_EVENT:
+            self.phases.append(record.text)
+            self._changed.set()
 
     def over(self, task: Any) -> None:
         self._over = True
         self._changed.set()
 
 
-class _Watcher:
+class _Observer(Listener):
     """Tells a program of the cycles. An error of the program ends the run, and then the simulation."""
 
-    def __init__(self, observe: Observe | None) -> None:
+    def __init__(self, observe: Observe) -> None:
+        super().__init__({CycleRecord: self._cycle})
         self._observe = observe
-        self.reached = _Reached()
-        self.is_moving: Callable[[], bool] = lambda: False
-        """Whether the run moves the robot now."""
         self.error: Exception | None = None
 
-    def cycle(self, record: CycleRecord) -> None:
-        if self._observe is None or self.error is not None:
+    def _cycle(self, record: CycleRecord) -> None:
+        if self.error is not None:
             return
         try:
             self._observe(record)
@@ -265,47 +266,38 @@ class _Watcher:
             self.error = error
             raise
 
-    def event(self, record: EventRecord) -> None:
-        self.reached.moved |= self.is_moving()
-        if record.kind == PHASE_EVENT:
-            self.reached.enter(record.text)
-
-    def pause(self, seconds: float) -> None:
-        """Nothing waits for that."""
-
 
 @asynccontextmanager
 async def opened_simulation(config: Config, observe: Observe | None) -> AsyncIterator[Simulation]:
     """A run that is under way while inside. See `api.simulation`."""
     clock = Clock.running()
+    observer = None if observe is None else _Observer(observe)
+    reached = _Reached()
     try:
         setup = Setup(config)
         cell = check(setup, clock.is_virtual, clock.now())
-        config = setup.config
-        keeper, watcher = KeptRecords(clock.wall_ns, metadata_of(config, clock.is_virtual)), _Watcher(observe)
-        log = RunLog(setup, clock, keeper, watcher)
+        keeper = KeptRecords(clock.wall_ns, metadata_of(setup.config, clock.is_virtual))
+        log = RunLog(clock, [keeper, *([] if observer is None else [observer])])
         simulation: Simulation | None = None
         try:
-            async with log.opened(cell) as devices:
-                run = log.run
-                assert run is not None
-                watcher.is_moving = lambda: run.moving
-                simulation = Simulation(config, devices, clock, run, watcher.reached)
+            async with running(setup, log, cell) as run:
+                log.join(Listener({EventRecord: partial(reached.hear, run.run)}))
+                simulation = Simulation(run, reached)
                 try:
                     yield simulation
                 finally:
                     await _end(simulation)
         finally:
             result = _how_ended(simulation)
-            log.close(log.end(result))
+            log.close(run_end(result, None if simulation is None else simulation._running, setup.facts))
             if simulation is not None:
                 simulation._result = Result(result, keeper)
         if simulation._task is not None and simulation._task.done() and not simulation._task.cancelled():
             simulation._task.result()  # raises what kept the run from moving
     finally:
         clock.close()
-    if watcher.error is not None:
-        raise watcher.error
+    if observer is not None and observer.error is not None:
+        raise observer.error
 
 
 async def _end(simulation: Simulation) -> None:

@@ -3,17 +3,18 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
-from unittest import mock
 
 import pytest
 
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.devices.device_log import LogTo
 from hil_bridge.devices.robots.seam import RobotLink
-from hil_bridge.record import CycleRecord, EventRecord, StepRecord
-from hil_bridge.runs.compose import make_cell, open_devices
+from hil_bridge.record import CycleRecord, EventRecord
+from hil_bridge.runs.compose import make_cell
 from hil_bridge.runs.cycle import Run, RunResult
+from hil_bridge.runs.run_log import RunLog
+from hil_bridge.runs.running import running
 from hil_bridge.runs.setup import Setup
+from hil_bridge.runs.watching import Listener
 from hil_bridge.settings.configuration import Config, read_config
 from hil_bridge.testing.wires import Faults, Faulty
 from hil_bridge.transports import Frames, Transport
@@ -37,7 +38,7 @@ class CutCan:
 
 @dataclass
 class Bench:
-    """One run and what it left; also the log that the run writes to."""
+    """One run and what it left."""
 
     config: Config
     cycles: list[CycleRecord] = field(default_factory=list)
@@ -58,15 +59,6 @@ class Bench:
         self.cycles.append(record)
         self.meddle(self, record)
 
-    def step(self, record: StepRecord) -> None:
-        pass
-
-    def event(self, record: EventRecord) -> None:
-        self.events.append(record)
-
-    def notice(self, kind: str, text: str) -> None:
-        self.events.append(EventRecord(self.clock.now(), kind, text))
-
     def texts(self, kind: str) -> list[str]:
         return [event.text for event in self.events if event.kind == kind]
 
@@ -80,21 +72,16 @@ class Bench:
 
     async def main(self) -> None:
         self.clock = clock = Clock.running()
-
-        def prepared(*arguments: Any) -> PaperCell:
-            self.cell = make_cell(*arguments)
-            self.prepare(self)
-            return self.cell
-
-        with mock.patch("hil_bridge.runs.compose.make_cell", prepared):
-            devices = open_devices(Setup(self.config), clock, LogTo(notice=self.notice), self.wrapped)
-            async with devices as opened:
-                self.robot = opened.robot
-                self.run = Run(Setup(self.config), clock, opened.robot, opened.sensor, self)
-                try:
-                    self.result = await self.run()
-                finally:
-                    self.ended_at = clock.now()
+        setup = Setup(self.config)
+        self.cell = make_cell(setup, setup.emulated, clock.now())
+        self.prepare(self)
+        log = RunLog(clock, [Listener({CycleRecord: self.cycle, EventRecord: self.events.append})])
+        async with running(setup, log, self.cell, self.wrapped) as run:
+            self.robot, self.run = run.robot, run.run
+            try:
+                self.result = await run()
+            finally:
+                self.ended_at = clock.now()
 
     def wrapped(self, device: str, wire: Transport[Any]) -> Transport[Any]:
         """The wires, with hands on them."""

@@ -16,8 +16,8 @@ import pytest
 import hil_bridge.cli
 from hil_bridge.errors import DeviceError
 from hil_bridge.record import CycleRecord, read
-from hil_bridge.runs import session
 from hil_bridge.runs.cycle import Run
+from hil_bridge.runs.notes import Notes
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.serve import client_of
 from hil_bridge.runs.session import execute
@@ -395,14 +395,14 @@ def test_no_output_overwrites_what_the_run_needs(hil: Command, tmp_path: Path) -
 
 
 def test_ctrl_c_in_virtual_time_retracts_too(hil: Command, monkeypatch: pytest.MonkeyPatch) -> None:
-    cycle = session._Session.cycle
+    cycle = Notes._cycle
 
-    def interrupt(self: session._Session, record: CycleRecord) -> None:
+    def interrupt(self: Notes, record: CycleRecord) -> None:
         cycle(self, record)
         if record.cycle == 30:
             signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr(session._Session, "cycle", interrupt)
+    monkeypatch.setattr(Notes, "_cycle", interrupt)
     before = signal.getsignal(signal.SIGINT)
     code, output, errors = hil(*VIRTUAL, "--record", "r.mcap", "--summary", "s.json")
     assert (code, errors) == (130, "")

@@ -112,7 +112,7 @@ def test_what_is_there_is_kept_unless_told_otherwise(
 ) -> None:
     Path(name).write_bytes(b"an hour of work")
     with monkeypatch.context() as patched:
-        patched.setattr("hil_bridge.runs.session._Session.main", lambda self: pytest.fail("it moved"))
+        patched.setattr("hil_bridge.runs.session.Session.main", lambda self: pytest.fail("it moved"))
         error = refused(hil(*VIRTUAL, *options))
     assert f"{name} is there already; name another file, or give --overwrite" in error
     assert everything(tmp_path) == [name], "no folder of a run either"
@@ -133,7 +133,7 @@ def test_other_commands_keep_what_is_there_too(hil: Command, monkeypatch: pytest
         ("config", "init", "kept"),
         ("identify-tool", "--virtual", "-o", "kept"),
         ("identify-tool", "--virtual", "--save", "kept"),
-        ("probe", "robot", "tcp://127.0.0.1:1", "-o", "kept"),
+        ("probe", "robot", "s3+tcp://127.0.0.1:1", "-o", "kept"),
         ("experiment", "rules", "--page", "kept"),
     ):
         assert "is there already; name another file, or give --overwrite" in refused(hil(*command)), command
@@ -264,11 +264,11 @@ def test_a_disk_that_fills_up_is_told_at_once_and_at_the_end(
 ) -> None:
     told: list[tuple[str, int]] = []
 
-    def tell(self: Any, text: str) -> None:
-        told.append((text, self.cycles))
-        self._trouble_told = True
+    def tell(self: Any, recorder: Any, log: Any, view: Any) -> None:
+        if recorder.trouble and not told:
+            told.append((recorder.trouble, self.notes.cycles))
 
-    monkeypatch.setattr("hil_bridge.runs.session._Session._tell_trouble", tell)
+    monkeypatch.setattr("hil_bridge.runs.session.Session._look_at", tell)
     fill(monkeypatch, 120_000)
     code, output, errors = hil("run", "--virtual", "--no-view", "--duration", "30", "--summary", "s.json")
     ((text, cycles),) = told

@@ -29,8 +29,8 @@ from hil_bridge.devices.robots.s3.panel import (
 from hil_bridge.errors import ConfigError, DeviceError, TransportUnavailable
 from hil_bridge.record import CycleRecord, Outcome, read
 from hil_bridge.record.analysis.summary import summarise
-from hil_bridge.runs import session
 from hil_bridge.runs.compose import Ports, emulated_cell, make_cell, open_devices
+from hil_bridge.runs.notes import Notes
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute
 from hil_bridge.runs.setup import Setup
@@ -450,16 +450,16 @@ def test_an_emergency_stop_ends_the_orders_and_is_latched(
         return cells[0]
 
     monkeypatch.setattr("hil_bridge.runs.compose.make_cell", made)
-    told = session._Session.cycle
+    told = Notes._cycle
 
     def cycle(self: Any, record: CycleRecord) -> None:
         told(self, record)
         if record.phase == "track" and not pressed:
             pressed.append(record.answered_at + 1.0 + offset_ms / 1000.0)
-            clock = self._clock
-            clock.call_at(pressed[0], lambda: cells[0].robot.press_emergency_stop(clock.now()))
+            loop = asyncio.get_running_loop()
+            loop.call_at(pressed[0], lambda: cells[0].robot.press_emergency_stop(loop.time()))
 
-    monkeypatch.setattr(session._Session, "cycle", cycle)
+    monkeypatch.setattr(Notes, "_cycle", cycle)
     record = tmp_path / "r.mcap"
     code = execute(Config(), True, Outputs(record, tmp_path / "s.json"), False)
     assert code == 3

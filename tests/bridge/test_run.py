@@ -96,7 +96,7 @@ def test_one_tuning_holds_over_more_than_two_decades_of_stiffness(bench: RunBenc
             limits={"force_limit_n": 150.0, "resultant_limit_n": 300.0, "correction_total_mm": 200.0},
             cell={
                 "surface": {"stiffness_n_m": stiffness},
-                "sensor": {"full_scales_n": (317.0, 314.0, 845.0)},
+                "jr3": {"sensor": {"full_scales_n": (317.0, 314.0, 845.0)}},
                 "start_position_mm": (900.0, -100.0, 592.0),
             },
         )
@@ -126,7 +126,7 @@ def test_waiting_for_the_force_spares_a_hard_contour_the_first_blow(bench: RunBe
             limits={"force_limit_n": 150.0, "resultant_limit_n": 300.0},
             cell={
                 "surface": surface,
-                "sensor": {"full_scales_n": (317.0, 314.0, 845.0)},
+                "jr3": {"sensor": {"full_scales_n": (317.0, 314.0, 845.0)}},
                 "start_position_mm": (900.0, -100.0, 602.0),
             },
         )
@@ -379,7 +379,9 @@ def test_a_run_completes_as_the_observed_client_spoke(bench: RunBench, block_end
     """Also with a controller that takes the first DLE ETX for a block's end, which is the likeliest of a real one."""
     link = {"profile": "observed-client"}
     run = bench(
-        run={"duration_s": 10.0}, robot={"link": link}, cell={"link": {**link, "block_end": block_end}}
+        run={"duration_s": 10.0},
+        robot={"s3": {"link": link}},
+        cell={"s3": {"link": {**link, "block_end": block_end}}},
     )
     assert run.result.outcome is Outcome.COMPLETED
     assert statistics.fmean(record.force for record in run.tracked()[-20:]) == pytest.approx(10.0, abs=0.6)
@@ -407,7 +409,7 @@ def test_a_force_that_swings_has_its_gain_lowered_and_calms_down(bench: RunBench
 def test_a_force_that_swings_at_the_lowest_gain_ends_the_run(bench: RunBench) -> None:
     run = bench(
         run={"duration_s": 60.0},
-        cell={"surface": {"stiffness_n_m": 60_000.0, "damping_ns_m": 0.0}, "sensor": LARGE_SENSOR},
+        cell={"surface": {"stiffness_n_m": 60_000.0, "damping_ns_m": 0.0}, "jr3": {"sensor": LARGE_SENSOR}},
         controller={"name": "pi", "parameters": {"integral": 8.0}},
         task={"force_n": 40.0, "approach_speed_mm_s": 0.55, "zero_lift_mm": 0.0, "loss_limit": 100},
         limits={"force_limit_n": 600.0, "resultant_limit_n": 600.0},
@@ -486,7 +488,7 @@ def test_one_setting_serves_soft_and_hard_surfaces(
         limits={"force_limit_n": 150.0, "resultant_limit_n": 300.0},
         cell={
             "surface": {"stiffness_n_m": stiffness},
-            "sensor": LARGE_SENSOR,
+            "jr3": {"sensor": LARGE_SENSOR},
             "start_position_mm": (900.0, -100.0, start_mm),
         },
     )
@@ -549,7 +551,7 @@ def test_a_sensor_at_the_end_of_its_range_behind_a_large_zero(bench: RunBench) -
     """
     small = {"full_scales_n": (20.0, 20.0, 20.0), "full_scales_nm": (5.6, 5.2, 6.1)}
     run = bench(
-        cell={"sensor": small, "tool": {"mass_kg": 3.0}, "surface": {"stiffness_n_m": 20_000.0}},
+        cell={"jr3": {"sensor": small}, "tool": {"mass_kg": 3.0}, "surface": {"stiffness_n_m": 20_000.0}},
         task={"force_n": 80.0, "approach_speed_mm_s": 1.1},
         limits={"force_limit_n": 500.0, "resultant_limit_n": 500.0},
     )

@@ -17,6 +17,7 @@ from hil_bridge.control import ControlLoop
 from hil_bridge.record import CycleRecord, read
 from hil_bridge.runs import outputs, session
 from hil_bridge.runs.leaving import WayOut
+from hil_bridge.runs.notes import Notes
 from hil_bridge.runs.signals import ENDING, Signals, as_ctrl_c
 
 Result = tuple[int, str, str]
@@ -44,14 +45,14 @@ def hil(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_
 
 def signalled(monkeypatch: pytest.MonkeyPatch, *numbers: signal.Signals) -> None:
     """Let these come from the middle of a run on, one with each cycle."""
-    told, coming = session._Session.cycle, list(numbers)
+    told, coming = Notes._cycle, list(numbers)
 
-    def cycle(self: session._Session, record: CycleRecord) -> None:
+    def cycle(self: Notes, record: CycleRecord) -> None:
         told(self, record)
         if record.phase in {"track", "retract"} and coming:
             signal.raise_signal(coming.pop(0))
 
-    monkeypatch.setattr(session._Session, "cycle", cycle)
+    monkeypatch.setattr(Notes, "_cycle", cycle)
 
 
 @pytest.mark.parametrize(
@@ -252,7 +253,7 @@ def ended(*arguments: str, cwd: Path) -> tuple[int, bytes]:
 def test_a_reader_that_left_does_not_change_the_exit_code(hil: Command, tmp_path: Path) -> None:
     assert hil(*VIRTUAL, "--duration", "0.5")[0] == 0
     Path("c.toml").write_text("[task]\napproach_depth_limit_mm = 1.0\n")
-    Path("site.toml").write_text('[robot]\nurl = "serial:///dev/there-is-none"\n')
+    Path("site.toml").write_text('[robot]\nurl = "s3+serial:///dev/there-is-none"\n')
     Path("limits.toml").write_text("[limits]\nforce_limit_n = 20.0\n")
     for expected, command in (
         (0, ("--help",)),

@@ -16,11 +16,7 @@ from hil_bridge.control import Limits
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.robots.s3.facts import robot_facts
 from hil_bridge.record import PHASE_EVENT, STOP_EVENT, CycleRecord, EventRecord
-from hil_bridge.runs.outputs import Outputs
-from hil_bridge.runs.session import _Session
-from hil_bridge.runs.setup import Setup
-from hil_bridge.runs.signals import Signals
-from hil_bridge.settings.configuration import Config
+from hil_bridge.runs.terminal_view import TerminalView
 from hil_bridge.show.terminal import Health, Scene, Snapshot, ViewModel
 from hil_bridge.show.terminal.chart import SCALE_WIDTH, chart
 from hil_bridge.show.terminal.live import LiveView, line
@@ -376,16 +372,16 @@ class Pauses(asyncio.Event):
 async def test_a_pause_that_comes_as_the_run_ends_does_not_keep_the_view(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    session = _Session(Setup(Config()), Outputs(tmp_path / "run.mcap"), True, screen.Terminal(), Signals())
-    session._clock = Clock.running()
-    monkeypatch.setattr(session, "_health", lambda: None)
+    shown = TerminalView(screen.Terminal(), wanted=True, virtual=False)
+    monkeypatch.setattr("hil_bridge.runs.terminal_view.health_of", lambda run: None)
+    run: Any = SimpleNamespace(clock=Clock.running())
     view: Any = SimpleNamespace(refresh=lambda now, health: None)
-    session._may_draw = pauses = Pauses()
-    drawing = asyncio.create_task(session._refresh(view))
+    shown._may_draw = pauses = Pauses()
+    drawing = asyncio.create_task(shown._refresh(view, run))
     await pauses.waited.wait()
     pauses.set()
     await asyncio.sleep(0)
     drawing.cancel()
     done, _ = await asyncio.wait({drawing}, timeout=5.0)
-    session._clock.close()
+    run.clock.close()
     assert done

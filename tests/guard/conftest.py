@@ -4,19 +4,18 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
-from unittest import mock
 
 import pytest
 
 from hil_bridge.clock import Clock, Timer, run_virtual
-from hil_bridge.devices.device_log import LogTo
 from hil_bridge.devices.robots.s3.link import S3Link
 from hil_bridge.errors import BridgeError, TransportClosed
-from hil_bridge.record import CycleRecord, EventRecord, Outcome, StepRecord
-from hil_bridge.runs.compose import make_cell, open_devices
+from hil_bridge.record import CycleRecord, EventRecord, Outcome
 from hil_bridge.runs.cycle import Run, RunResult
-from hil_bridge.runs.faults.schedule import FaultSchedule
+from hil_bridge.runs.run_log import RunLog
+from hil_bridge.runs.running import running
 from hil_bridge.runs.setup import Setup
+from hil_bridge.runs.watching import Listener
 from hil_bridge.settings.configuration import Config, read_config
 from tests.paper_cell import PaperCell
 
@@ -30,7 +29,7 @@ class Killed(BaseException):
 
 @dataclass
 class Guarded:
-    """One run, and what was true meanwhile. Also the run's log."""
+    """One run, and what was true meanwhile."""
 
     config: Config
     meddle: Callable[["Guarded", CycleRecord], None] = lambda run, record: None
@@ -44,7 +43,6 @@ class Guarded:
     clock: Clock = field(init=False)
     cell: PaperCell = field(init=False)
     run: Run = field(init=False)
-    schedule: FaultSchedule | None = None
 
     @property
     def largest(self) -> float:
@@ -66,20 +64,7 @@ class Guarded:
 
     def cycle(self, record: CycleRecord) -> None:
         self.cycles.append(record)
-        assert self.schedule is not None
-        self.schedule.cycle(record)
         self.meddle(self, record)
-
-    def step(self, record: StepRecord) -> None:
-        pass
-
-    def event(self, record: EventRecord) -> None:
-        self.events.append(record)
-        if self.schedule is not None:
-            self.schedule.event(record)
-
-    def notice(self, kind: str, text: str) -> None:
-        self.event(EventRecord(self.clock.now(), kind, text))
 
     def kill(self) -> None:
         """End the process in the middle of the run."""
@@ -102,29 +87,21 @@ class Guarded:
             self.truths.append((now, math.hypot(*self.cell.true_state(now).contact_force)))
             timers[:] = [clock.call_at(now + WATCH_S, watch)]
 
-        def same(*arguments: Any) -> PaperCell:
-            return make_cell(*arguments) if cell is None else cell
-
-        with mock.patch("hil_bridge.runs.compose.make_cell", same):
-            async with open_devices(Setup(self.config), clock, LogTo(notice=self.notice)) as devices:
-                assert devices.cell is not None
-                self.cell = devices.cell
+        log = RunLog(clock, [Listener({CycleRecord: self.cycle, EventRecord: self.events.append})])
+        try:
+            async with running(Setup(self.config), log, cell) as run:
+                assert run.cell is not None
+                self.cell, self.run = run.cell, run.run
                 watch()
                 try:
-                    self.run = Run(Setup(self.config), clock, devices.robot, devices.sensor, self)
-                    self.schedule = FaultSchedule(
-                        self.config.faults, self.cell, clock, self.event, self.run.stand_still
-                    )
-                    self.result = await self.run()
-                except BridgeError as error:
-                    self.error = error
+                    self.result = await run()
                 except Killed:
                     pass
                 finally:
                     watch()
                     timers[0].cancel()
-                    if self.schedule is not None:
-                        self.schedule.close()
+        except BridgeError as error:
+            self.error = error
         return self
 
 

@@ -13,7 +13,8 @@ import hil_bridge.cli
 from hil_bridge import api
 from hil_bridge.clock import run_real_on, run_virtual, run_virtual_on
 from hil_bridge.record import CycleRecord, Outcome, read
-from hil_bridge.runs import session
+from hil_bridge.runs import stopping
+from hil_bridge.runs.notes import Notes
 from hil_bridge.runs.signals import ASKING, BACKGROUND, ENDING, OTHERS, Signals, as_ctrl_c, signal_name
 
 NOT_TAKEN = {
@@ -123,14 +124,14 @@ def test_each_other_signal_retracts_and_is_named(
 
 def sending(monkeypatch: pytest.MonkeyPatch, *numbers: int) -> None:
     """Send the process these signals once its tool tracks the surface."""
-    cycle, waiting = session._Session.cycle, list(numbers)
+    cycle, waiting = Notes._cycle, list(numbers)
 
     def signalled(self: Any, record: CycleRecord) -> None:
         cycle(self, record)
         while record.phase == "track" and waiting:
             signal.raise_signal(waiting.pop())
 
-    monkeypatch.setattr(session._Session, "cycle", signalled)
+    monkeypatch.setattr(Notes, "_cycle", signalled)
 
 
 @pytest.mark.usefixtures("defaults")
@@ -141,7 +142,7 @@ def test_a_flood_of_signals_retracts_and_fills_no_record(
     code, output, _ = hil(*VIRTUAL)
     assert (code, output.splitlines()[-1]) == (130, "left: retracted, 0.0 N")
     events = read(Path("r.mcap")).events
-    assert len([event for event in events if event.kind == "signal"]) == session.SIGNALS_TOLD
+    assert len([event for event in events if event.kind == "signal"]) == stopping.SIGNALS_TOLD
 
 
 @pytest.mark.usefixtures("defaults")

@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 
 from emulators.cell import Cell, TrueState
 from hil_bridge.clock import Clock, Timer, run_virtual
-from hil_bridge.devices.device_log import LogTo
 from hil_bridge.errors import BridgeError
 from hil_bridge.record import CycleRecord, EventRecord, Outcome, Recording, StepRecord
-from hil_bridge.runs.compose import open_devices
 from hil_bridge.runs.cycle import Run, RunResult
-from hil_bridge.runs.faults.schedule import FaultSchedule
 from hil_bridge.runs.replay import replay
+from hil_bridge.runs.run_log import RunLog
+from hil_bridge.runs.running import running
 from hil_bridge.runs.setup import Setup
+from hil_bridge.runs.watching import Listener
 from hil_bridge.settings.configuration import Config, read_config
 
 Floats = NDArray[np.float64]
@@ -49,29 +49,13 @@ class Played:
     clock: Clock = field(init=False)
     cell: Cell[Any, Any] = field(init=False)
     run: Run = field(init=False)
-    schedule: FaultSchedule | None = None
     _times: list[Floats] = field(default_factory=list)
     _forces: list[Floats] = field(default_factory=list)
     _seen_until: float = 0.0
 
-    # --- as a log
-
     def cycle(self, record: CycleRecord) -> None:
         self.cycles.append(record)
-        if self.schedule is not None:
-            self.schedule.cycle(record)
         self.meddle(self, record)
-
-    def event(self, record: EventRecord) -> None:
-        self.events.append(record)
-        if self.schedule is not None:
-            self.schedule.event(record)
-
-    def step(self, record: StepRecord) -> None:
-        self.steps.append(record)
-
-    def notice(self, kind: str, text: str) -> None:
-        self.event(EventRecord(self.clock.now(), kind, text))
 
     # --- what a test asks
 
@@ -176,23 +160,21 @@ class Played:
             self._look(clock.now())
             timers[:] = [clock.call_at(clock.now() + WATCH_S, watch)]
 
-        async with open_devices(Setup(self.config), clock, LogTo(notice=self.notice)) as devices:
-            assert devices.cell is not None
-            self.cell, self._seen_until = devices.cell, clock.now()
-            watch()
-            try:
-                self.run = Run(Setup(self.config), clock, devices.robot, devices.sensor, self)
-                self.schedule = FaultSchedule(
-                    self.config.faults, self.cell, clock, self.event, self.run.stand_still
-                )
-                self.result = await self.run()
-            except BridgeError as error:
-                self.error = error
-            finally:
-                timers[0].cancel()
-                self._look(clock.now())
-                if self.schedule is not None:
-                    self.schedule.close()
+        listener = Listener(
+            {CycleRecord: self.cycle, EventRecord: self.events.append, StepRecord: self.steps.append}
+        )
+        try:
+            async with running(Setup(self.config), RunLog(clock, [listener])) as run:
+                assert run.cell is not None
+                self.cell, self.run, self._seen_until = run.cell, run.run, clock.now()
+                watch()
+                try:
+                    self.result = await run()
+                finally:
+                    timers[0].cancel()
+                    self._look(clock.now())
+        except BridgeError as error:
+            self.error = error
         return self
 
     def _look(self, now: float) -> None:

@@ -2,17 +2,15 @@
 
 import asyncio
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.devices.device_log import LogTo
-from hil_bridge.devices.wiring import Wiring
-from hil_bridge.record import CycleRecord, EventRecord, Outcome
-from hil_bridge.runs.compose import Ports, cell_ports, connect_robot, connect_sensor, emulated_cell
-from hil_bridge.runs.cycle import Run
+from hil_bridge.record import CycleRecord, EventRecord, Outcome, SensorRecord
+from hil_bridge.runs.run_log import RunLog
+from hil_bridge.runs.running import running
 from hil_bridge.runs.setup import Setup
+from hil_bridge.runs.watching import Listener
 from hil_bridge.settings.configuration import Config
-from protocol.wrench import WrenchFrame
 
 CAN, BOARD = "jr3+can+memory:sensor", "jr3-board+memory:sensor"
 """URLs at which a cell's sensor listens: behind its CAN gateway, or on a receiver board behind its registers."""
@@ -26,30 +24,24 @@ class RunFailed(Exception):
 
 @dataclass
 class CellRun:
-    """One cell, its bridge, and what they told. Also the run's log."""
+    """One cell, its bridge, and what they told."""
 
     config: Config
     number: int = 0
     sensor: str = CAN
     on_cycle: Callable[[CycleRecord], object] = lambda record: None
     on_event: Callable[[EventRecord], object] = lambda record: None
-    on_frame: Callable[[WrenchFrame], object] = lambda frame: None
+    on_frame: Callable[[SensorRecord], object] = lambda frame: None
     cycles: int = 0
     frames: int = 0
     simulated: float = 0.0
     """Time from power-up to the end, s of virtual time."""
-    faults: list[str] = field(default_factory=list)
 
-    def cycle(self, record: CycleRecord) -> None:
-        """A cycle has ended."""
+    def _cycle(self, record: CycleRecord) -> None:
         self.cycles += 1
         self.on_cycle(record)
 
-    def event(self, record: EventRecord) -> None:
-        """Something happened beside the cycles."""
-        self.on_event(record)
-
-    def _frame(self, frame: WrenchFrame) -> None:
+    def _frame(self, frame: SensorRecord) -> None:
         self.frames += 1
         self.on_frame(frame)
 
@@ -57,31 +49,16 @@ class CellRun:
         """Run to the end. Raises RunFailed when it is stopped before."""
         clock = Clock.running()
         began = clock.now()
-        if self.sensor == USUAL:
-            ports = cell_ports(self.config, virtual=True)
-        else:
-            ports = Ports(f"s3+memory:robot{self.number}", f"{self.sensor}{self.number}")
-
-        def notice(kind: str, text: str) -> None:
-            self.event(EventRecord(clock.now(), kind, text))
-
+        listen = None
+        if self.sensor != USUAL:
+            listen = f"s3+memory:robot{self.number}", f"{self.sensor}{self.number}"
         seeded = self.config.run.model_copy(update={"seed": self.config.run.seed + self.number})
-        config = self.config.model_copy(update={"run": seeded})
-        log = LogTo(self._frame, notice)
-        async with emulated_cell(
-            Setup(config), clock, ports, lambda cause: self.faults.append(repr(cause))
-        ) as at:
-            robot = await connect_robot(config, at.robot or "", Wiring("robot", clock, log))
-            sensor = await connect_sensor(config, at.sensor or "", Wiring("sensor", clock, log))
-            robot.start()
-            sensor.start()
-            try:
-                result = await Run(Setup(config), clock, robot, sensor, self)()
-            finally:
-                await sensor.aclose()
-                await robot.aclose()
-        if self.faults or result.outcome is not Outcome.COMPLETED:
-            raise RunFailed(", ".join((result.text, *self.faults)))
+        setup = Setup(self.config.model_copy(update={"run": seeded}), listen)
+        listener = Listener({CycleRecord: self._cycle, EventRecord: self.on_event, SensorRecord: self._frame})
+        async with running(setup, RunLog(clock, [listener])) as run:
+            result = await run()
+        if result.outcome is not Outcome.COMPLETED:
+            raise RunFailed(result.text)
         self.simulated = clock.now() - began
 
 

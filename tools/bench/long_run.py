@@ -78,7 +78,7 @@ async def track(record: Path, minutes: int, look: Callable[[], object]) -> dict[
         config,
         on_cycle=recorder.put,
         on_event=recorder.put,
-        on_frame=lambda frame: recorder.put(SensorRecord(frame.at, frame.sequence, frame.values)),
+        on_frame=recorder.put,
     )
 
     async def looking() -> None:

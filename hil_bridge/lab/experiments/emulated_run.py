@@ -3,17 +3,16 @@
 Paced wires, the emulated cell, and the bridge's own devices and run, joined by the composition root.
 """
 
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.devices.device_log import LogTo
 from hil_bridge.errors import ConfigError
-from hil_bridge.record import CycleRecord, EventRecord, StepRecord
-from hil_bridge.runs.compose import open_devices
-from hil_bridge.runs.cycle import Run, RunResult
-from hil_bridge.runs.faults.schedule import FaultSchedule
+from hil_bridge.record import CycleRecord, EventRecord
+from hil_bridge.runs.cycle import RunResult
+from hil_bridge.runs.run_log import RunLog
+from hil_bridge.runs.running import running
 from hil_bridge.runs.setup import Setup
+from hil_bridge.runs.watching import Listener
 from hil_bridge.settings.configuration import Config
 
 
@@ -33,46 +32,17 @@ def run_emulated(config: Config) -> EmulatedRun:
     """
     if config.robot.url or config.sensor.url:
         raise ConfigError("experiments run against the emulated cell alone: leave the URLs empty")
-    return run_virtual(_Bench(Setup(config)).main)
+    return run_virtual(lambda: _run(Setup(config)))
 
 
-@dataclass
-class _Bench:
-    """The cell, the wires and the run on one virtual loop. Also the run's log."""
-
-    setup: Setup
-    cycles: list[CycleRecord] = field(default_factory=list)
-    events: list[EventRecord] = field(default_factory=list)
-    faults: FaultSchedule | None = None
-
-    def cycle(self, record: CycleRecord) -> None:
-        """A cycle has ended."""
-        self.cycles.append(record)
-        if self.faults is not None:
-            self.faults.cycle(record)
-
-    def event(self, record: EventRecord) -> None:
-        """Something happened beside the cycles."""
-        self.events.append(record)
-        if self.faults is not None:
-            self.faults.event(record)
-
-    def step(self, record: StepRecord) -> None:
-        """A step of a program has ended."""
-
-    async def main(self) -> EmulatedRun:
-        clock, setup = Clock.running(), self.setup
-
-        def notice(kind: str, text: str) -> None:
-            self.event(EventRecord(clock.now(), kind, text))
-
-        try:
-            async with open_devices(setup, clock, LogTo(notice=notice)) as devices:
-                assert devices.cell is not None
-                self.faults = FaultSchedule(setup.config.faults, devices.cell, clock, self.event)
-                result = await Run(setup, clock, devices.robot, devices.sensor, self)()
-        finally:
-            if self.faults is not None:
-                self.faults.close()
-            clock.close()
-        return EmulatedRun(tuple(self.cycles), tuple(self.events), result)
+async def _run(setup: Setup) -> EmulatedRun:
+    """The cell, the wires and the run on one virtual loop."""
+    clock = Clock.running()
+    cycles, events = list[CycleRecord](), list[EventRecord]()
+    log = RunLog(clock, [Listener({CycleRecord: cycles.append, EventRecord: events.append})])
+    try:
+        async with running(setup, log) as run:
+            result = await run()
+    finally:
+        clock.close()
+    return EmulatedRun(tuple(cycles), tuple(events), result)

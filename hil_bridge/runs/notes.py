@@ -1,0 +1,41 @@
+"""What the end of a run is told with: its cycles, steps, faults and tracebacks, and the words for its views."""
+
+from hil_bridge.errors.failures import BUG_EVENT, TRACEBACK_EVENT
+from hil_bridge.record import CHECK_EVENT, CycleRecord, EventRecord, StepRecord
+from hil_bridge.runs.watching import Listener
+from protocol.faults import FaultStage
+
+
+class Notes(Listener):
+    """A watcher that keeps little of a run."""
+
+    def __init__(self) -> None:
+        super().__init__({CycleRecord: self._cycle, EventRecord: self._event, StepRecord: self._step})
+        self.cycles = 0
+        """Cycles so far; a record without any has no figures."""
+        self.steps: list[StepRecord] = []
+        """Steps of a program that have ended."""
+        self.faults: list[str] = []
+        """Outcome of each injected fault, in words."""
+        self.bugs: list[str] = []
+        """Tracebacks that the run told."""
+        self.traces: list[str] = []
+        """Tracebacks of failures of other packages' code."""
+        self.checked = self.warning = ""
+        """Words on the sensor, and on trouble, for a page."""
+
+    def _cycle(self, record: CycleRecord) -> None:
+        self.cycles += 1
+
+    def _step(self, record: StepRecord) -> None:
+        self.steps.append(record)
+
+    def _event(self, record: EventRecord) -> None:
+        if record.kind == BUG_EVENT:
+            self.bugs.append(record.text)
+        elif record.kind == TRACEBACK_EVENT:
+            self.traces.append(record.text)
+        elif record.kind == CHECK_EVENT:
+            self.checked = record.text
+        elif record.fault is not None and record.fault.stage in (FaultStage.STRUCK, FaultStage.NEVER):
+            self.faults.append(record.text)

@@ -1,0 +1,84 @@
+"""The page of a run in the browser: every record goes to its feed, and now and then what no record tells."""
+
+import asyncio
+from collections.abc import AsyncIterator, Collection, Mapping
+from contextlib import asynccontextmanager, suppress
+
+from hil_bridge.console.screen import Terminal
+from hil_bridge.errors.causes import Cause
+from hil_bridge.record import CycleRecord, RunEnd
+from hil_bridge.record.topics import RECORDS, Record
+from hil_bridge.runs.notes import Notes
+from hil_bridge.runs.run_log import RunLog
+from hil_bridge.runs.running import Running
+from hil_bridge.runs.setup import Setup
+from hil_bridge.runs.shown import health_of, scene_of
+from hil_bridge.runs.stopping import Stopping
+from hil_bridge.show.terminal import REFRESH_SECONDS
+from hil_bridge.show.web.feed import Feed
+
+
+class Page:
+    """A watcher that feeds the page. Nothing of the run waits for it."""
+
+    takes: Collection[type] = RECORDS
+
+    def __init__(self, feed: Feed, notes: Notes, record: str) -> None:
+        """`record` names the recording that is kept; empty for none."""
+        self._feed, self._notes, self._record = feed, notes, record
+        self._run: Running | None = None
+
+    def put(self, record: Record) -> None:
+        """Take a record."""
+        self._feed.put(record)
+        if type(record) is CycleRecord:
+            self._feed.cycle(record)
+
+    def devices(self, facts: Mapping[str, str]) -> None:
+        """The scene of a run tells them."""
+
+    def attach(self, name: str, media_type: str, data: bytes) -> None:
+        """A page shows no attachment."""
+
+    def pause(self, seconds: float) -> None:
+        """The page is sent by a thread of its own."""
+
+    def close(self, end: Mapping[str, str]) -> None:
+        """The session tells the end, which may be another than the record's."""
+
+    def begin(self, run: Running) -> None:
+        """The devices of the run are open."""
+        self._run = run
+        scene = scene_of(run.setup, run.facts, run.run.step_labels, self._record)
+        self._feed.begin(scene, run.clock.wall_ns(0.0))
+
+    @asynccontextmanager
+    async def served(
+        self, setup: Setup, log: RunLog, stopping: Stopping, terminal: Terminal
+    ) -> AsyncIterator[None]:
+        """The page while a run goes on."""
+        feed, clock = self._feed, log.clock
+        feed.listen(
+            lambda: stopping.end_by_hand(Cause.PAGE, "asked for the end on the page in the browser"),
+            lambda text: log.notice("web", f"{text}; the run goes on"),
+        )
+        feed.begin(scene_of(setup, setup.facts, (), self._record), clock.wall_ns(0.0))
+        terminal.out.say(f"page: {feed.url}")
+
+        async def pulses() -> None:
+            while True:
+                feed.pulse(clock.now(), health_of(self._run), self._notes.checked, self._notes.warning)
+                await asyncio.sleep(REFRESH_SECONDS)
+
+        task = asyncio.create_task(pulses(), name="page")
+        try:
+            yield
+        finally:
+            task.cancel()
+            with suppress(asyncio.CancelledError):
+                await task
+
+    def end(self, end: RunEnd) -> None:
+        """The run is over."""
+        self._feed.end(end)
+        self._feed.close()

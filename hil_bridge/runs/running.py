@@ -1,0 +1,161 @@
+"""The one harness of a run: devices, loop, faults and truth joined, with any number of watchers beside.
+
+    log = RunLog(clock, watchers)
+    async with running(setup, log) as run:
+        result = await run()
+    log.close(run_end(result, run))
+
+Command line, Python interface, experiments, benchmarks and tests are watchers of it.
+"""
+
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from typing import Any
+
+from emulators.cell import Cell
+from hil_bridge.clock import Clock
+from hil_bridge.control.course.task import TARE
+from hil_bridge.devices.facts import Devices, Pacing, RobotFacts, Sensor
+from hil_bridge.devices.wiring import Wrap, unwrapped
+from hil_bridge.errors.causes import Cause, Reason
+from hil_bridge.errors.failures import FAILED_EVENT, RAISED, of_others, raise_if_asked, tell_failure
+from hil_bridge.record import PHASE_EVENT, CycleRecord, EventRecord, RunEnd, TruthRecord
+from hil_bridge.record.removed_map import MEDIA_TYPE, REMOVED_NAME
+from hil_bridge.runs import compose
+from hil_bridge.runs.cycle import Run, RunResult
+from hil_bridge.runs.faults.schedule import FaultSchedule
+from hil_bridge.runs.run_log import RunLog
+from hil_bridge.runs.setup import Setup
+from hil_bridge.runs.truth import GroundTruth
+from hil_bridge.runs.watching import Listener
+
+
+class Running:
+    """A run over its open devices; call it once. What acts on a run holds this, what watches it does not."""
+
+    def __init__(self, setup: Setup, log: RunLog, devices: compose.Devices) -> None:
+        self.setup, self.log, self.devices = setup, log, devices
+        self.robot, self.sensor, self.cell = devices.robot, devices.sensor, devices.cell
+        self.clock: Clock = log.clock
+        self.facts: RobotFacts = setup.identified(devices.robot.facts)
+        """Facts of the robot, with the line of its URL."""
+        self.run = Run(setup, log.clock, devices.robot, devices.sensor, log)
+
+    async def __call__(self) -> RunResult:
+        """Run to the end. Raises BridgeError when a device fails before the movement has begun."""
+        return await self.run()
+
+    def hear(self, record: EventRecord) -> None:
+        """Tell of the devices once they are ready; end the run when the emulated cell has failed."""
+        if record.kind == PHASE_EVENT and record.text == TARE:
+            sensor = Sensor(self.setup.sensor.kind.name, self.sensor.facts)
+            self.log.devices(Devices(self.facts, sensor).as_metadata())
+        elif record.kind == FAILED_EVENT:
+            self.run.fail(Reason(Cause.CELL_FAILED, record.text))
+
+    def stand_still(self, seconds: float) -> None:
+        """A fault of the computer: it stands still."""
+        if self.clock.is_virtual:
+            self.run.stand_still(seconds)
+        else:
+            time.sleep(seconds)
+
+
+class _Truth:
+    """The truth of the emulated cell for the log, in which code of another package may have a part."""
+
+    def __init__(self, running: Running, cell: Cell[Any, Any]) -> None:
+        streamed = running.setup.facts.pacing is Pacing.STREAMED
+        self._log = running.log
+        self._truth: GroundTruth | None = GroundTruth(
+            cell, running.setup.sensor.is_emulated, self._log.hand_over, streamed
+        )
+
+    def cycle(self, record: CycleRecord) -> None:
+        """A cycle has ended."""
+        self._ask(lambda truth: truth.cycle(record))
+
+    def close(self) -> None:
+        """The run is over."""
+        self._ask(GroundTruth.close)
+        if self._truth is not None and (removed := self._truth.removed_map()) is not None:
+            self._log.attach(REMOVED_NAME, MEDIA_TYPE, removed.as_json())
+
+    def _ask(self, ask: Callable[[GroundTruth], object]) -> None:
+        """Ask for the truth; no more once that has failed."""
+        if self._truth is None:
+            return
+        try:
+            ask(self._truth)
+        except RAISED as error:
+            raise_if_asked(error)
+            if not of_others(error):
+                raise
+            self._truth = None
+            tell_failure("the truth of the emulated cell", error, self._log.notice)
+
+
+@asynccontextmanager
+async def running(
+    setup: Setup, log: RunLog, cell: Cell[Any, Any] | None = None, wrap: Wrap = unwrapped
+) -> AsyncIterator[Running]:
+    """A run over open devices, not begun; the devices are closed when the context is left.
+
+    `cell` is the emulated cell where a check has made it, `wrap` may put something between each wire and its client.
+    Faults of the configuration are injected, and the truth of an emulated cell is told where a watcher takes it. The
+    owner of the log closes it. Raises as `compose.open_devices`.
+    """
+    run: Running | None = None
+    failed: list[EventRecord] = []
+    closes: list[Callable[[], object]] = []
+
+    def hear(record: EventRecord) -> None:
+        if run is not None:
+            run.hear(record)
+        elif record.kind == FAILED_EVENT:  # while the devices are opened
+            failed.append(record)
+
+    log.join(Listener({EventRecord: hear}))
+    try:
+        async with compose.open_devices(setup, log.clock, log, wrap, cell) as devices:
+            run = Running(setup, log, devices)
+            log.byte_time_s = run.facts.byte_time_s or 0.0
+            for record in failed:
+                run.hear(record)
+            if devices.cell is not None:
+                closes += _with_cell(run, devices.cell)
+            yield run
+    finally:
+        for close in closes:
+            close()
+
+
+def _with_cell(run: Running, cell: Cell[Any, Any]) -> list[Callable[[], object]]:
+    """Let the truth be told, where a watcher takes it, and the faults happen; what to call when the run is over."""
+    log, closes = run.log, list[Callable[[], object]]()
+    faults = FaultSchedule(run.setup.config.faults, cell, log.clock, log.event, run.stand_still)
+    closes.append(faults.close)
+    if log.wants(TruthRecord):
+        truth = _Truth(run, cell)
+        log.join(Listener({CycleRecord: truth.cycle}))
+        closes.append(truth.close)
+    log.join(Listener({CycleRecord: faults.cycle, EventRecord: faults.event}))
+    return closes
+
+
+def run_end(result: RunResult, run: Running | None, facts: RobotFacts) -> RunEnd:
+    """The end of a run, for the record; `facts` are those of a robot that was never connected."""
+    sensor = None if run is None else run.sensor
+    return RunEnd(
+        result.outcome,
+        result.reason,
+        (facts if run is None else run.facts).line_floor_s,
+        {} if run is None else dict(run.robot.counters),
+        None if sensor is None else sensor.lost,
+        sensor.delay if sensor is not None and sensor.is_ready else None,
+        result.left,
+        result.followed,
+        {} if result.rest is None else result.rest.values,
+        "" if result.rest is None else result.rest.place,
+    )

@@ -1,0 +1,124 @@
+"""The live view of a run on the terminal, its keys, and the lines that a person is told meanwhile."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+from functools import partial
+from typing import TYPE_CHECKING
+
+from hil_bridge.console import keys
+from hil_bridge.console.screen import Terminal
+from hil_bridge.errors.causes import Cause
+from hil_bridge.record import CHECK_EVENT, CycleRecord, EventRecord
+from hil_bridge.record.ending import Check
+from hil_bridge.runs.running import Running
+from hil_bridge.runs.shown import health_of, scene_of
+from hil_bridge.runs.stopping import Stopping
+from hil_bridge.runs.watching import Listener
+from hil_bridge.show.terminal import REFRESH_SECONDS
+
+if TYPE_CHECKING:
+    from hil_bridge.show.terminal.live import LiveView
+
+_DRAWING_S = 0.015
+"""Time to draw the view: 8 ms as a rule, 12 ms at most in a run of 20 s. Chosen."""
+_ENDING_KEYS, _HOLD_KEY, _MARK_KEY = "rq", "p", "m"
+
+
+class TerminalView(Listener):
+    """A watcher that shows a run to a person at the terminal. In virtual time nothing is shown."""
+
+    def __init__(self, terminal: Terminal, wanted: bool, virtual: bool) -> None:
+        super().__init__({CycleRecord: self._cycle, EventRecord: self._event})
+        self._terminal = terminal
+        self._wanted = wanted and not virtual
+        self._virtual = virtual
+        self._view: LiveView | None = None
+        self._may_draw = asyncio.Event()
+        """Set when a pause of the loop is long enough for it."""
+
+    def _cycle(self, record: CycleRecord) -> None:
+        if self._view is not None:
+            self._view.update(record)
+
+    def _event(self, record: EventRecord) -> None:
+        if self._view is not None:
+            self._view.event(record)
+        if record.kind == CHECK_EVENT and not self._virtual:
+            self._tell_check(record)
+
+    def pause(self, seconds: float) -> None:
+        """A block is on the robot's line: draw meanwhile."""
+        if seconds >= _DRAWING_S:
+            self._may_draw.set()
+
+    def _tell_check(self, record: EventRecord) -> None:
+        """Findings about the sensor, while a person can still intervene."""
+        text = record.text
+        if self._view is None:
+            self._terminal.out.say(f"sensor: {text}")
+        elif record.check is Check.UNCHECKED:
+            self._view.warn(text)
+        else:
+            self._view.check(text)
+
+    def warn(self, text: str) -> None:
+        """Show trouble; a view has short lines."""
+        if self._view is not None:
+            self._view.warn(text)
+
+    @asynccontextmanager
+    async def shown(self, run: Running, stopping: Stopping, record: str) -> AsyncIterator[None]:
+        """The live view of a run, drawn by the screen's thread. `record` names the recording that is kept.
+
+        No part of it waits for the terminal: the loop goes on when that is paused or gone.
+        """
+        screen = self._terminal.out
+        if not self._wanted or screen.stream is None:
+            yield
+            return
+        from hil_bridge.show.terminal.live import LiveView
+
+        scene = scene_of(run.setup, run.facts, run.run.step_labels, record)
+        view = self._view = LiveView(scene, screen.stream)
+        task = asyncio.create_task(self._refresh(view, run), name="view")
+        loop, board = asyncio.get_running_loop(), Keys(run, stopping)
+        try:
+            with keys.heard(lambda key: loop.call_soon_threadsafe(board.press, key)):
+                yield
+        finally:
+            task.cancel()
+            with suppress(asyncio.CancelledError):
+                await task
+            screen.do(view.close)
+
+    async def _refresh(self, view: "LiveView", run: Running) -> None:
+        """Draw now and then, in a pause of the loop where one comes: a thread that draws holds it up."""
+        while True:
+            if not self._terminal.out.busy:
+                self._terminal.out.do(partial(view.refresh, run.clock.now(), health_of(run)))
+            await asyncio.sleep(REFRESH_SECONDS)
+            self._may_draw.clear()
+            # not wait_for, which swallows a cancellation that comes together with the event before Python 3.12
+            with suppress(TimeoutError):
+                async with asyncio.timeout(REFRESH_SECONDS):
+                    await self._may_draw.wait()
+
+
+class Keys:
+    """The keys of the terminal: the end in the same way as by Ctrl-C, a hold, or a mark in the record."""
+
+    def __init__(self, run: Running, stopping: Stopping) -> None:
+        self._run, self._stopping = run, stopping
+        self._marks = 0
+
+    def press(self, key: str) -> None:
+        """A key has been pressed; others than these do nothing."""
+        if key in _ENDING_KEYS:
+            self._stopping.end_by_hand(Cause.KEY, f"asked for the end with the key {key}", key)
+        elif key == _HOLD_KEY:
+            words = "holds the tool in its place" if self._run.run.hold() else "does not hold the tool"
+            self._run.log.notice("operator", words)
+        elif key == _MARK_KEY:
+            self._marks += 1
+            self._run.log.notice("mark", f"mark {self._marks}")
