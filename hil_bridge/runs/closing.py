@@ -6,7 +6,7 @@ from dataclasses import replace
 from hil_bridge.errors import BridgeError, Cause, DeviceError, Reason
 from hil_bridge.errors.failures import unexpected
 from hil_bridge.record import Outcome
-from hil_bridge.runs.cycle import RunResult
+from hil_bridge.runs.result import RunResult
 
 
 def ended_before(error: BaseException, by: Cause | None, stray: BaseException | None) -> RunResult:

@@ -6,8 +6,6 @@ nothing but the robot.
 
 import asyncio
 import math
-from dataclasses import dataclass
-from typing import Protocol
 
 from msgspec.structs import replace
 
@@ -17,12 +15,17 @@ from hil_bridge.control.course.task import CONNECT, TARE
 from hil_bridge.control.course.zero import main_axes
 from hil_bridge.control.geometry.turning import apart, unit
 from hil_bridge.control.program.program import Program
-from hil_bridge.devices.robots.seam import Motion, MotionLimits, RobotLink, RobotReport, orientation_fault
+from hil_bridge.devices.robots.seam import (
+    Motion,
+    MotionLimits,
+    RobotLink,
+    RobotReport,
+    fault_reason,
+    orientation_fault,
+)
 from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.errors import BridgeError, Cause, DeviceError, Reason
 from hil_bridge.errors.cancelling import is_asked
-from hil_bridge.errors.cause_row import COMPLETED
-from hil_bridge.errors.cause_table import ROWS
 from hil_bridge.errors.failures import (
     TRACEBACK_EVENT,
     CodeFailed,
@@ -35,10 +38,8 @@ from hil_bridge.record import (
     CHECK_EVENT,
     PHASE_EVENT,
     STOP_EVENT,
-    CycleRecord,
     EventRecord,
     Outcome,
-    StepRecord,
 )
 from hil_bridge.record.ending import Check
 from hil_bridge.runs.bounds import check_depth, run_bounds
@@ -46,11 +47,13 @@ from hil_bridge.runs.cycle_record import Course, cycle_record
 from hil_bridge.runs.leaving import ARRIVED_M, Left, WayOut, in_words, not_away, stand_still
 from hil_bridge.runs.pace import cycle_starts
 from hil_bridge.runs.reaction_times import usual_gap
+from hil_bridge.runs.result import RunResult
 from hil_bridge.runs.setup import Setup
 from hil_bridge.runs.slow_cycles import SlowCycles
 from hil_bridge.runs.small_steps import bring_up
 from hil_bridge.runs.starting import check_start
 from hil_bridge.runs.steps_told import StepTeller
+from hil_bridge.runs.watching import Log
 from hil_bridge.runs.zeroing import Zeroing, known_wrist, wrist
 from protocol.geometry import Pose, Quaternion, Vector
 from protocol.wrench import AXES, WrenchFrame
@@ -66,50 +69,6 @@ TURNED_RAD = math.radians(0.05)
 
 _APPROACH, _TRAVEL = 0, 1
 """Directions in which the contact force is taken, by their place in `WristAtOrientation.directions`."""
-
-
-class Log(Protocol):
-    """Log of a run for its records; must not block."""
-
-    def cycle(self, record: CycleRecord) -> None:
-        """A cycle has ended."""
-
-    def event(self, record: EventRecord) -> None:
-        """Something happened beside the cycles."""
-
-    def step(self, record: StepRecord) -> None:
-        """A step of a program has ended."""
-
-
-@dataclass(frozen=True, slots=True)
-class RunResult:
-    """Result of a run."""
-
-    outcome: Outcome
-    reason: Reason | None = None
-    """Why it ended; None for a program that went to its end. Without words where it went as it was meant to."""
-    left: str = ""
-    """Place at which the tool was left, in words; empty where it never moved."""
-    followed: tuple[Reason, ...] = ()
-    """Causes after the first one."""
-    rest: Left | None = None
-    """The same place as values; None where it never moved."""
-
-    @property
-    def cause(self) -> Cause | None:
-        """Row of the table of causes; None for a run that went to its end."""
-        return None if self.reason is None else self.reason.cause
-
-    @property
-    def text(self) -> str:
-        """The cause in words, in one line; empty without one."""
-        return "" if self.reason is None else str(self.reason)
-
-    @property
-    def exit_code(self) -> int:
-        """Exit code of a program that ends so, by the table of causes."""
-        code = None if self.cause is None else ROWS[self.cause].exit_code
-        return COMPLETED if code is None else code
 
 
 class Run:
@@ -410,7 +369,7 @@ class Run:
 
     def _sample(self, report: RobotReport, frame: WrenchFrame) -> Sample:
         """The newest of everything, now that the robot has told where it is."""
-        sensor, (position, quaternion), fault = self._sensor, report.pose, fault_of(report)
+        sensor, (position, quaternion), fault = self._sensor, report.pose, fault_reason(report)
         try:
             sensor.check()
         except BridgeError as error:
@@ -527,11 +486,3 @@ class Run:
             Exception
         ) as error:  # the next cycle tells it: nothing comes between a failure and its retraction
             self._log_error = error
-
-
-def fault_of(report: RobotReport) -> Reason | None:
-    """The fault that a robot reports; None while it reports none."""
-    if not report.fault:
-        return None
-    cause = Cause.ORIENTATION if orientation_fault(report.pose.quaternion) else Cause.ROBOT_STATE
-    return Reason(cause, report.fault)

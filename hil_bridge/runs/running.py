@@ -23,8 +23,9 @@ from hil_bridge.errors.failures import FAILED_EVENT, RAISED, of_others, raise_if
 from hil_bridge.record import PHASE_EVENT, CycleRecord, EventRecord, RunEnd, TruthRecord
 from hil_bridge.record.removed_map import MEDIA_TYPE, REMOVED_NAME
 from hil_bridge.runs import compose
-from hil_bridge.runs.cycle import Run, RunResult
+from hil_bridge.runs.cycle import Run
 from hil_bridge.runs.faults.schedule import FaultSchedule
+from hil_bridge.runs.result import RunResult
 from hil_bridge.runs.run_log import RunLog
 from hil_bridge.runs.setup import Setup
 from hil_bridge.runs.truth import GroundTruth

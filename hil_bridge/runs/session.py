@@ -23,10 +23,10 @@ from hil_bridge.record.kept import READ_RECORDS, KeptRecords
 from hil_bridge.record.reader import Recording, read
 from hil_bridge.record.recorder import REAL_TIME, VIRTUAL, map_buffers
 from hil_bridge.runs.checks import check
-from hil_bridge.runs.cycle import RunResult
 from hil_bridge.runs.notes import Notes
 from hil_bridge.runs.outputs import Outputs, record_path, settled, write_outputs
 from hil_bridge.runs.page import Page
+from hil_bridge.runs.result import RunResult
 from hil_bridge.runs.run_log import RunLog, metadata_of
 from hil_bridge.runs.running import Running, run_end, running
 from hil_bridge.runs.setup import Setup

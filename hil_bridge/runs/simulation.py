@@ -30,8 +30,9 @@ from hil_bridge.record.analysis.summary import Summary, summarise
 from hil_bridge.record.kept import KeptRecords
 from hil_bridge.runs import compose
 from hil_bridge.runs.checks import check, check_wires
-from hil_bridge.runs.cycle import Run, RunResult
+from hil_bridge.runs.cycle import Run
 from hil_bridge.runs.faults.panel import FaultPanel
+from hil_bridge.runs.result import RunResult
 from hil_bridge.runs.run_log import RunLog, metadata_of
 from hil_bridge.runs.running import Running, run_end, running
 from hil_bridge.runs.setup import Setup

@@ -13,7 +13,8 @@ from hil_bridge.errors.cancelling import is_asked
 from hil_bridge.errors.failures import failure_event, traceback_of, unexpected
 from hil_bridge.record import EventRecord
 from hil_bridge.runs.closing import ended_after, ended_before
-from hil_bridge.runs.cycle import Run, RunResult
+from hil_bridge.runs.cycle import Run
+from hil_bridge.runs.result import RunResult
 from hil_bridge.runs.run_log import RunLog
 from hil_bridge.runs.signals import Signals, signal_name
 

@@ -3,7 +3,21 @@
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, Protocol
 
+from hil_bridge.record import CycleRecord, EventRecord, StepRecord
 from hil_bridge.record.topics import Record
+
+
+class Log(Protocol):
+    """Log of a run for its records; must not block."""
+
+    def cycle(self, record: CycleRecord) -> None:
+        """A cycle has ended."""
+
+    def event(self, record: EventRecord) -> None:
+        """Something happened beside the cycles."""
+
+    def step(self, record: StepRecord) -> None:
+        """A step of a program has ended."""
 
 
 class Watcher(Protocol):

@@ -10,7 +10,8 @@ from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.devices.robots.seam import RobotLink
 from hil_bridge.record import CycleRecord, EventRecord
 from hil_bridge.runs.compose import make_cell
-from hil_bridge.runs.cycle import Run, RunResult
+from hil_bridge.runs.cycle import Run
+from hil_bridge.runs.result import RunResult
 from hil_bridge.runs.run_log import RunLog
 from hil_bridge.runs.running import running
 from hil_bridge.runs.setup import Setup

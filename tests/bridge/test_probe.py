@@ -16,7 +16,8 @@ from hil_bridge.errors import ConfigError, TransportUnavailable
 from hil_bridge.record import Outcome as RunOutcome
 from hil_bridge.runs.checks import problems
 from hil_bridge.runs.compose import Ports, emulated_cell, open_devices
-from hil_bridge.runs.cycle import Run, RunResult
+from hil_bridge.runs.cycle import Run
+from hil_bridge.runs.result import RunResult
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config, load_config
 from hil_bridge.settings.kinds import settings_of

@@ -12,7 +12,8 @@ from hil_bridge.devices.device_log import LogTo
 from hil_bridge.devices.wiring import Wiring
 from hil_bridge.record import CycleRecord, EventRecord, Outcome, StepRecord
 from hil_bridge.runs.compose import Ports, connect_robot, connect_sensor, emulated_cell, make_cell
-from hil_bridge.runs.cycle import Run, RunResult
+from hil_bridge.runs.cycle import Run
+from hil_bridge.runs.result import RunResult
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config
 from tests.paper_cell import PaperCell

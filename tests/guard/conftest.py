@@ -11,7 +11,8 @@ from hil_bridge.clock import Clock, Timer, run_virtual
 from hil_bridge.devices.robots.s3.link import S3Link
 from hil_bridge.errors import BridgeError, TransportClosed
 from hil_bridge.record import CycleRecord, EventRecord, Outcome
-from hil_bridge.runs.cycle import Run, RunResult
+from hil_bridge.runs.cycle import Run
+from hil_bridge.runs.result import RunResult
 from hil_bridge.runs.run_log import RunLog
 from hil_bridge.runs.running import running
 from hil_bridge.runs.setup import Setup

@@ -12,7 +12,7 @@ from hil_bridge.errors.cause_row import LOOK, PART_WORDS, Reaction, When
 from hil_bridge.errors.cause_table import AROUND, BEFORE, CLAMPS, ROWS, STOPS, TABLE
 from hil_bridge.record import Outcome, Recording, RunEnd
 from hil_bridge.record.analysis.why import why
-from hil_bridge.runs.cycle import RunResult
+from hil_bridge.runs.result import RunResult
 from hil_bridge.settings.configuration import read_config
 from hil_bridge.site.guard.conditions import as_text
 from hil_bridge.site.guard.explaining import LOOSE

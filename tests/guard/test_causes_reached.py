@@ -30,8 +30,9 @@ from hil_bridge.errors import (
 from hil_bridge.errors.failures import CodeFailed, code_failed, link_cause, unexpected
 from hil_bridge.record.analysis.summary import end_of
 from hil_bridge.runs.closing import ended_after, ended_before
-from hil_bridge.runs.cycle import RunResult, fault_of
+from hil_bridge.runs.cycle import fault_of
 from hil_bridge.runs.leaving import not_away
+from hil_bridge.runs.result import RunResult
 from hil_bridge.runs.small_steps import bring_up
 from hil_bridge.runs.zeroing import known_wrist
 from hil_bridge.settings.configuration import read_config

@@ -15,8 +15,9 @@ from emulators.cell import Cell, TrueState
 from hil_bridge.clock import Clock, Timer, run_virtual
 from hil_bridge.errors import BridgeError
 from hil_bridge.record import CycleRecord, EventRecord, Outcome, Recording, StepRecord
-from hil_bridge.runs.cycle import Run, RunResult
+from hil_bridge.runs.cycle import Run
 from hil_bridge.runs.replay import replay
+from hil_bridge.runs.result import RunResult
 from hil_bridge.runs.run_log import RunLog
 from hil_bridge.runs.running import running
 from hil_bridge.runs.setup import Setup

@@ -23,6 +23,7 @@ from typing import NamedTuple, Protocol
 
 from hil_bridge.devices.facts import Pacing, RobotFacts
 from hil_bridge.devices.robots.gate import Bounds
+from hil_bridge.errors import Cause, Reason
 from protocol.geometry import Pose, Vector
 from protocol.robot import UNIT_TOLERANCE, RobotReport, orientation_fault
 
@@ -36,6 +37,7 @@ __all__ = [
     "RobotLink",
     "RobotReport",
     "Sent",
+    "fault_reason",
     "orientation_fault",
 ]
 
@@ -49,6 +51,16 @@ HOLD_AFTER_S = 0.5
 """Chosen: what a movement has as `hold_after` where its user says nothing; the run's usual deadline of a decision."""
 GIVE_UP_AFTER_S = 60.0
 """Chosen: the same for `give_up_after`; longer than a run waits between two targets, which is for a zero of 20 s."""
+
+
+def fault_reason(report: RobotReport) -> Reason | None:
+    """The fault that a robot reports; None while it reports none."""
+    if not report.fault:
+        return None
+    cause = Cause.ORIENTATION if orientation_fault(report.pose.quaternion) else Cause.ROBOT_STATE
+    return Reason(cause, report.fault)
+
+
 TURN_SPEED_RAD_S = math.radians(20.0)
 """Chosen: the same for `turn_speed`; twice what a sweep of `identify-tool` turns on a slow link."""
 

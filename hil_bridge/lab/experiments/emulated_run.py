@@ -8,7 +8,7 @@ from typing import NamedTuple
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.errors import ConfigError
 from hil_bridge.record import CycleRecord, EventRecord
-from hil_bridge.runs.cycle import RunResult
+from hil_bridge.runs.result import RunResult
 from hil_bridge.runs.run_log import RunLog
 from hil_bridge.runs.running import running
 from hil_bridge.runs.setup import Setup

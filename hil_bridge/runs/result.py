@@ -1,0 +1,40 @@
+"""How a run ended, as values."""
+
+from dataclasses import dataclass
+
+from hil_bridge.errors import Cause, Reason
+from hil_bridge.errors.cause_row import COMPLETED
+from hil_bridge.errors.cause_table import ROWS
+from hil_bridge.record import Outcome
+from hil_bridge.runs.leaving import Left
+
+
+@dataclass(frozen=True, slots=True)
+class RunResult:
+    """Result of a run."""
+
+    outcome: Outcome
+    reason: Reason | None = None
+    """Why it ended; None for a program that went to its end. Without words where it went as it was meant to."""
+    left: str = ""
+    """Place at which the tool was left, in words; empty where it never moved."""
+    followed: tuple[Reason, ...] = ()
+    """Causes after the first one."""
+    rest: Left | None = None
+    """The same place as values; None where it never moved."""
+
+    @property
+    def cause(self) -> Cause | None:
+        """Row of the table of causes; None for a run that went to its end."""
+        return None if self.reason is None else self.reason.cause
+
+    @property
+    def text(self) -> str:
+        """The cause in words, in one line; empty without one."""
+        return "" if self.reason is None else str(self.reason)
+
+    @property
+    def exit_code(self) -> int:
+        """Exit code of a program that ends so, by the table of causes."""
+        code = None if self.cause is None else ROWS[self.cause].exit_code
+        return COMPLETED if code is None else code
