@@ -67,6 +67,9 @@ class Guarded:
         self.cycles.append(record)
         self.meddle(self, record)
 
+    def event(self, record: EventRecord) -> None:
+        self.events.append(record)
+
     def kill(self) -> None:
         """End the process in the middle of the run."""
 
@@ -88,7 +91,9 @@ class Guarded:
             self.truths.append((now, math.hypot(*self.cell.true_state(now).contact_force)))
             timers[:] = [clock.call_at(now + WATCH_S, watch)]
 
-        log = RunLog(clock, [Listener({CycleRecord: self.cycle, EventRecord: self.events.append})])
+        log = RunLog(
+            clock, [Listener({CycleRecord: self.cycle, EventRecord: lambda record: self.event(record)})]
+        )
         try:
             async with running(Setup(self.config), log, cell) as run:
                 assert run.cell is not None
