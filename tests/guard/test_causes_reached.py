@@ -16,7 +16,7 @@ from hil_bridge.control.course.answers import held_back
 from hil_bridge.control.course.touch import Doubt, Touch, TouchTest
 from hil_bridge.control.course.verdict import LEAVES, SLOWLY
 from hil_bridge.devices.robots.gate import Bounds
-from hil_bridge.devices.robots.seam import MotionLimits
+from hil_bridge.devices.robots.seam import MotionLimits, fault_reason
 from hil_bridge.errors import (
     BridgeError,
     Cause,
@@ -30,7 +30,6 @@ from hil_bridge.errors import (
 from hil_bridge.errors.failures import CodeFailed, code_failed, link_cause, unexpected
 from hil_bridge.record.analysis.summary import end_of
 from hil_bridge.runs.closing import ended_after, ended_before
-from hil_bridge.runs.cycle import fault_of
 from hil_bridge.runs.leaving import not_away
 from hil_bridge.runs.result import RunResult
 from hil_bridge.runs.small_steps import bring_up
@@ -137,8 +136,8 @@ def test_the_ends_around_a_movement_name_their_row() -> None:
 def test_an_orientation_that_is_none_is_no_state_of_the_robot() -> None:
     none, well = (Pose(ORIGIN, quaternion) for quaternion in ((0.0, 0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)))
     for pose, cause in ((none, Cause.ORIENTATION), (well, Cause.ROBOT_STATE)):
-        assert reason_cause(fault_of(RobotReport(1, pose, 0.0, 0.0, "it cannot move"))) is cause
-    assert fault_of(RobotReport(1, well, 0.0, 0.0)) is None
+        assert reason_cause(fault_reason(RobotReport(1, pose, 0.0, 0.0, "it cannot move"))) is cause
+    assert fault_reason(RobotReport(1, well, 0.0, 0.0)) is None
 
 
 def test_a_robot_that_was_moved_before_its_movement_is_refused() -> None:
