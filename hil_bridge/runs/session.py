@@ -84,10 +84,10 @@ def execute(
                 if outputs.record is not None:
                     error.add_note(f"record: {outputs.record}")
                 raise
-            return _told(session, result, outputs)
+            return _finish(session, result, outputs)
 
 
-def _told(session: "Session", result: RunResult, outputs: Outputs) -> int:
+def _finish(session: "Session", result: RunResult, outputs: Outputs) -> int:
     """Write the wanted outputs, then print how the run ended; returns the exit code.
 
     All files are written before the first line is printed, since the reader of the output may have gone. A signal

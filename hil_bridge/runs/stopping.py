@@ -35,7 +35,7 @@ class Stopping:
         self._moved = False
         """The movement has begun, and may have ended."""
         self._cancelled: Cause | None = None
-        """Who or what ended the run before it moved."""
+        """Cause by which the run ended before it moved."""
         self._asked: Cause | None = None
         """By which way a person has asked for the end, other than a signal."""
         self._task: asyncio.Task[Any] | None = None
