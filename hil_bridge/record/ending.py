@@ -105,6 +105,11 @@ class RunEnd:
         return None if self.reason is None else self.reason.cause
 
     @property
+    def retracted(self) -> bool | None:
+        """Whether the tool was left off the surface; None where it never moved, or where that is not known."""
+        return retracted_in(self.rest)
+
+    @property
     def text(self) -> str:
         """The cause in words, in one line; empty without one."""
         return "" if self.reason is None else str(self.reason)
@@ -128,6 +133,12 @@ class RunEnd:
         }
 
 
+def retracted_in(rest: Mapping[str, object]) -> bool | None:
+    """Whether a tool was left off the surface, by `RunEnd.rest`; None where that is not known."""
+    retracted = rest.get("retracted")
+    return retracted if isinstance(retracted, bool) else None
+
+
 def reason_of(end: Mapping[str, str]) -> Reason | None:
     """Why a recorded run ended, by the metadata of its end; None where it went to its end."""
     if end.get("cause", "") not in set(Cause):
@@ -144,11 +155,16 @@ def followed_of(end: Mapping[str, str]) -> tuple[Reason, ...]:
 
 
 def words_of(end: Mapping[str, str]) -> dict[str, object]:
-    """The end for a page: outcome, cause, place and what followed, in words."""
+    """The end for a page: outcome, cause, place and what followed, in words; and whether the tool was retracted."""
     reason = reason_of(end)
+    try:
+        rest = msgspec.json.decode(end.get("rest") or "{}", type=dict[str, object])
+    except msgspec.DecodeError:
+        rest = {}
     return {
         "outcome": end.get("outcome", ""),
         "cause": "" if reason is None else str(reason),
         "left": end.get("left", ""),
+        "retracted": retracted_in(rest),
         "followed": [str(followed) for followed in followed_of(end)],
     }

@@ -178,6 +178,13 @@ def test_the_charts_hold_what_the_recording_holds() -> None:
     assert [mark["kind"] for mark in found["marks"] if "kind" in mark] == ["fault", "stop"]
 
 
+@pytest.mark.parametrize(("retracted", "shown"), [(False, True), (True, False)])
+def test_a_tool_on_the_surface_has_its_badge_by_value_and_not_by_words(retracted: bool, shown: bool) -> None:
+    end = dataclasses.replace(END, left="somewhere", rest={"retracted": retracted})
+    recording = dataclasses.replace(run(), end=end.as_metadata())
+    assert (">NOT retracted</span>" in page(recording, summarise(recording))) is shown
+
+
 def test_a_long_run_is_thinned_to_a_bounded_page_without_losing_a_peak() -> None:
     recording = run()
     base = recording.cycles[0]

@@ -166,7 +166,7 @@ class _Ending:
             looks = []
         else:
             looks = [self._named(ROWS[reason.cause].look)]
-        if self._end.rest.get("retracted") is False:
+        if self._end.retracted is False:
             looks.append("lift the tool off with `hil-bridge free`")
         remedy = f"The message goes on: {reason.remedy}. " if reason is not None and reason.remedy else ""
         return remedy + (f"Look at: {'; '.join(looks)}." if looks else "")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from hil_bridge.errors import ConfigError
 from hil_bridge.record.analysis.figures import quantity
-from hil_bridge.record.analysis.summary import Summary
+from hil_bridge.record.analysis.summary import Summary, end_of
 from hil_bridge.record.analysis.why import why
 from hil_bridge.record.files import check_place, write_whole
 from hil_bridge.record.reader import Recording
@@ -27,8 +27,6 @@ PAGE = "report.html"
 PICTURES = {"png": "report.png", "pdf": "report.pdf"}
 """Files of the picture by its kind."""
 EVENTS_SHOWN = 500
-NOT_RETRACTED = "NOT retracted"
-"""Begin of the words for a tool that was left on the surface."""
 _LOOKS = {"completed": "good", "stopped": "bad", "interrupted": "warn"}
 
 
@@ -89,7 +87,7 @@ def _head(recording: Recording, summary: Summary) -> str:
         f"<h1>Force control run: {escape(summary.controller or 'no controller named')}</h1>",
         f'<p><span class="badge {_LOOKS.get(summary.outcome, "")}">{escape(summary.outcome)}</span>',
         f' <span class="badge {"bad" if which == REAL else "plain"}">{escape(which)}</span>' if which else "",
-        ' <span class="badge bad">NOT retracted</span>' if summary.left.startswith(NOT_RETRACTED) else "",
+        ' <span class="badge bad">NOT retracted</span>' if end_of(recording).retracted is False else "",
         "</p>",
         f"<p>{_text(why(recording))}</p>" if recording.cycles else "",
         *(f"<p>then: {_text(text)}</p>" for text in summary.followed),

@@ -197,7 +197,7 @@ class Teller:
     def lost(self, cause: str = "the run's process ended without a word") -> None:
         """The run has gone without a word."""
         if self._end is None:
-            self._end = {"outcome": GONE, "cause": cause, "left": "", "followed": []}
+            self._end = {"outcome": GONE, "cause": cause, "left": "", "retracted": None, "followed": []}
 
     # --- what pages ask
 

@@ -124,9 +124,8 @@
   function ended(end, cause) {
     const words = {completed: "Completed", stopped: "Stopped", interrupted: "Ended by hand", gone: "The run has gone"};
     const shown = $("outcome"), said = [end.cause, ...end.followed.map(text => `Then: ${text}`)];
-    const [place, why] = end.left.split(/: (.*)/s);   // "NOT retracted: left at …"
-    bar("left", end.left && (why || " "), end.left && `Tool ${place}`);
-    $("left").className = `bar ${end.left.startsWith("NOT") ? "alarm" : ""}`;
+    bar("left", end.left && " ", end.left && `Tool ${end.left}`);
+    $("left").className = `bar ${end.retracted === false ? "alarm" : ""}`;
     bar("outcome", said.filter(Boolean).join("\n") || " ", words[end.outcome] || end.outcome);
     shown.className = `bar ${end.outcome === "completed" ? "good" : end.outcome === "interrupted" ? "caution" : "alarm"}`;
     if (!cause || end.cause === cause) $("cause").hidden = true;
