@@ -27,7 +27,7 @@ class Sample(Struct, frozen=True):
     resultant: float
     """Length of the force vector, N."""
     sensor_at: float
-    """When the sensor frame arrived, s on the run's clock."""
+    """When the sensor frame arrived, s on the run's clock, less the lateness that its stream has shown."""
     sensor_sequence: int
     """Counter of the frame, unwrapped."""
     repeated_frames: int = 0

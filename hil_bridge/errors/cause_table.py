@@ -1,4 +1,5 @@
-"""The one table of causes: a row for each way in which a run is refused, held back, stopped or ended.
+"""The one table of causes: a row for each way in which a run is refused, held back, stopped or ended. Rows of the
+guard stand in `guard_rows`.
 
 `hil-bridge supervisor table`, the page of safety, `supervisor explain`, `why`, the report and the exit codes read it.
 Supervisor, task and shell alone decide; the table tells what their decisions mean.
@@ -20,7 +21,7 @@ from hil_bridge.errors.cause_row import (
     When,
 )
 from hil_bridge.errors.causes import Cause, Part
-from hil_bridge.errors.guard_causes import CLAMPS, STOPS
+from hil_bridge.errors.guard_rows import CLAMPS, STOPS
 
 _C, _P, _W, _R = Cause, Part, When, Reaction
 _PRESS = (

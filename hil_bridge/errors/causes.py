@@ -59,7 +59,7 @@ class Cause(StrEnum):
     ZERO = "zero"
     ZERO_CHANGED = "zero-changed"
     ZERO_SILENT = "zero-silent"
-    # --- the guard, in every cycle, in the order in which it looks
+    # --- the guard, in every cycle
     FORCE_NOT_A_NUMBER = "force-not-a-number"
     POSE_NOT_A_NUMBER = "pose-not-a-number"
     COMMAND_NOT_A_NUMBER = "command-not-a-number"

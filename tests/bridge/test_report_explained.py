@@ -28,7 +28,7 @@ from hil_bridge.devices.robots.s3.hops import robot_hops
 from hil_bridge.record import CycleRecord, Outcome, Recording, RunEnd
 from hil_bridge.record.analysis.summary import summarise
 from hil_bridge.show.report import write_report
-from hil_bridge.show.report.explanation import decisions, strongest_rules
+from hil_bridge.show.report.decision_tables import decisions, strongest_rules
 from hil_bridge.show.report.plots import draw
 from hil_bridge.show.report.sections import controller_section, cycle_sentence, stability_section
 from hil_bridge.show.report.stability import Analysis, LinearLoop, analyse, dominant_period

@@ -22,7 +22,7 @@ class Observation(Struct, frozen=True):
     resultant: float
     """Length of the force vector, N."""
     sensor_at: float
-    """When the newest sensor frame arrived, s on the run's clock."""
+    """When the newest sensor frame arrived, s on the run's clock, less the lateness that its stream has shown."""
     sensor_sequence: int
     """Counter of the frame, unwrapped."""
     unchanged: float = 0.0

@@ -57,6 +57,6 @@ def run_spans(recording: Recording, zero: float) -> Sequence[Span]:
 
 
 def wall_start_s(recording: Recording, zero: float) -> float | None:
-    """UTC at x = 0, s since 1970; None where the run's time was not real or is not courses."""
+    """UTC at x = 0, s since 1970; None where the run's time was not real or is not known."""
     virtual = recording.metadata.get("time") == "virtual"
     return None if virtual or not recording.unix_zero_ns else recording.unix_zero_ns * 1e-9 + zero

@@ -8,7 +8,7 @@ from hil_bridge.record.analysis.summary import Summary
 from hil_bridge.record.reader import Recording
 from hil_bridge.show.charts.facts import start_time
 from hil_bridge.show.pages import room
-from hil_bridge.show.report.explanation import decisions, strongest_rules, tracked
+from hil_bridge.show.report.decision_tables import decisions, strongest_rules, tracked
 from hil_bridge.show.report.figures import Row
 from hil_bridge.show.report.loop_charts import loop_charts
 from hil_bridge.show.report.markup import cells, rows

@@ -10,7 +10,9 @@ from protocol.marks import Mark
 
 _DELAY_CYCLES = 2.0
 """From an input package to the arm. Derived of measurements: two to three cycles there and back."""
-_LATE = "its program goes to the last target, brakes after hold_cycles without a new one, and goes on with the next"
+_LATE = (
+    "its program goes to the last target, brakes after hold_ms without a new one, and goes on with the next"
+)
 """Reaction of the program to a late target."""
 _ORDINARY_N, _ORDINARY_CB3_N = 12.0, 25.0
 """Derived of recordings of real arms. An e-Series: 4 N that its zero drifts by after power-up, three times its noise of

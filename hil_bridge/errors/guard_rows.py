@@ -1,4 +1,4 @@
-"""The causes of the guard: conditions for which the supervisor stops, and those for which it orders less."""
+"""Rows of the table of causes for the guard: why the supervisor stops, and why it orders less."""
 
 from typing import Any
 
