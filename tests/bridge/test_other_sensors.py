@@ -154,7 +154,8 @@ def test_a_signal_that_goes_wrong_ends_a_run_with_any_sensor(
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_fault_that_a_sensor_cannot_have_is_refused_at_once(kind: str, tried: Try) -> None:
     assert "known:" in tried(kind, fault("frames", "sleepy"))["error"]
-    assert "known:" in tried("jr3", fault("sensor", "power-cycle"))["error"]
+    refused = tried("jr3", fault("sensor", "power-cycle"))["error"]
+    assert "power-cycle needs sensor.emulated = netft or ft300 or ati-can, not jr3" in refused
 
 
 STREAMS = "[run]\nperiod_ms = 20\n[controller]\nsample_ms = 20\n"
@@ -247,7 +248,7 @@ def test_a_calibration_that_is_not_there_ends_the_run_with_words(tried: Try) -> 
 
 
 def test_bus_faults_are_refused_for_a_sensor_without_a_bus(tried: Try) -> None:
-    assert "needs sensor.emulated = gateway or ati-can" in tried("netft", fault("bus", "off"))["error"]
+    assert "needs sensor.emulated = jr3 or ati-can, not netft" in tried("netft", fault("bus", "off"))["error"]
 
 
 def test_gages_that_are_off_without_a_load_need_the_bias_that_is_identified(

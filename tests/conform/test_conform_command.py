@@ -59,7 +59,7 @@ def test_verdicts_do_not_overwrite_a_file(tmp_path: Path) -> None:
         ),
         ("rtde", "rtde+tcp://127.0.0.2", {"host": "127.0.0.2", "port": "30004"}),
         ("egm", "egm+udp-bind://127.0.0.1:6510", {"host": "127.0.0.1", "port": "6510"}),
-        ("s3", "serial:///dev/pts/0?baudrate=9600&parity=E", {"device": "/dev/pts/0"}),
+        ("s3", "s3+serial:///dev/pts/0?baudrate=9600&parity=E", {"device": "/dev/pts/0"}),
     ],
 )
 def test_a_client_is_told_where_the_robot_is(kind: str, url: str, names: dict[str, str]) -> None:

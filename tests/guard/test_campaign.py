@@ -5,7 +5,6 @@ run ends in time and with a cause that fits the injected faults. Its recording i
 that ends pressing has completed. Set HIL_BRIDGE_SEEDS to 10000 for a night.
 """
 
-import asyncio
 import contextlib
 import io
 import itertools
@@ -14,7 +13,7 @@ import os
 import random
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -24,14 +23,16 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from hil_bridge.clock import Clock
 from hil_bridge.control import CONTROLLERS
 from hil_bridge.errors import BridgeError
 from hil_bridge.lab.invariants import Evidence, Trace, broken_promises, violation_text
 from hil_bridge.record import Recording, read
 from hil_bridge.runs.compose import make_cell
 from hil_bridge.runs.outputs import Outputs
+from hil_bridge.runs.run_log import RunLog
+from hil_bridge.runs.running import Running, running
 from hil_bridge.runs.session import execute
+from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config, read_config
 from tests.paper_cell import CELL_FAULTS, PaperCell
 
@@ -158,9 +159,14 @@ class Drawn:
         for looks in (self.times, self.forces, self.positions):
             looks.clear()
 
-        def watched(*arguments: Any) -> PaperCell:
-            cell = self.cell = make_cell(*arguments)
-            clock = Clock(asyncio.get_running_loop())
+        def powered(*arguments: Any) -> PaperCell:
+            self.cell = make_cell(*arguments)
+            return self.cell
+
+        @contextlib.asynccontextmanager
+        async def watched(setup: Setup, log: RunLog, cell: PaperCell) -> AsyncIterator[Running]:
+            assert cell is self.cell
+            clock = log.clock
             self.began = clock.now()
 
             def look() -> None:
@@ -174,11 +180,13 @@ class Drawn:
                 clock.call_at(now + WATCH_S, look)
 
             look()
-            return cell
+            async with running(setup, log, cell) as run:
+                yield run
 
         output, errors = io.StringIO(), io.StringIO()
         with (
-            mock.patch("hil_bridge.runs.compose.make_cell", watched),
+            mock.patch("hil_bridge.runs.compose.make_cell", powered),
+            mock.patch("hil_bridge.runs.session.running", watched),
             contextlib.redirect_stdout(output),
             contextlib.redirect_stderr(errors),
         ):

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.configuration import read_config
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "explanation" / "safety.md").read_text(encoding="utf-8")
@@ -75,7 +75,7 @@ def test_every_setting_that_the_page_names_exists() -> None:
     named = set(re.findall(r"`((?:limits|task|sensor|robot|tool|run|oscillation)\.[a-z0-9_.]+)`", PAGE))
     assert len(named) > 30
     for key in named:
-        found: object = Config()
+        found: object = read_config({})
         for name in key.split("."):
             assert hasattr(found, name), key
             found = getattr(found, name)
