@@ -11,6 +11,9 @@ from hil_bridge.runs.pace import control_loop, paced
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.devices import Robot, Sensor, cell_in_words, emulated_in, robot_in, sensor_in
 
+_OF_THE_LINK = ("hops", "routine", "errors", "traffic")
+"""Facts that an open link adds for people. They decide nothing."""
+
 
 class Setup:
     """Everything that follows from a configuration before a wire is opened.
@@ -61,7 +64,9 @@ class Setup:
     def loop_for(self, facts: RobotFacts) -> ControlLoop:
         """All that decides over a robot that is connected and tells these facts."""
         facts = self.identified(facts)
-        return self.loop if facts == self.facts else control_loop(self.config, facts)
+        added = {name: getattr(facts, name) for name in _OF_THE_LINK}
+        known = msgspec.structs.replace(self.facts, **added)
+        return self.loop if facts == known else control_loop(self.config, facts)
 
     @property
     def in_words(self) -> tuple[bool, str]:

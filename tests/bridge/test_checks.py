@@ -51,8 +51,9 @@ def test_a_window_that_holds_no_oscillation_is_refused(tmp_path: Path) -> None:
     assert re.search(r"oscillation\.window_ms of 2000 ms must hold at least 12 samples .* 2160 or more", told)
 
 
+@pytest.mark.parametrize("robot", ["s3", "egm", "rtde", "rsi"])
 def test_a_run_makes_its_cell_its_pace_and_its_loop_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    robot: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     counts: dict[str, int] = {}
 
@@ -68,6 +69,6 @@ def test_a_run_makes_its_cell_its_pace_and_its_loop_once(
     counted(compose.__name__, "make_cell")
     counted("hil_bridge.runs.setup", "paced")
     counted("hil_bridge.runs.setup", "control_loop")
-    config = read_config({"run": {"duration_s": 1.0}})
+    config = read_config({"run": {"duration_s": 1.0}, "robot": {"emulated": robot}})
     assert execute(config, True, Outputs(record=tmp_path / "run.mcap"), view=False) == 0
     assert counts == {"make_cell": 1, "paced": 1, "control_loop": 1}
