@@ -112,7 +112,7 @@ def test_a_controller_behind_a_device_server_is_probed(tmp_path: Path) -> None:
         str(cell),
         "--json",
         "--robot-port",
-        "rfc2217-listen://127.0.0.1:0?baudrate=9600&parity=N",
+        "s3+rfc2217-listen://127.0.0.1:0?baudrate=9600&parity=N",
     )
     try:
         assert emulator.stdout is not None

@@ -34,7 +34,7 @@ def test_a_sensor_on_a_pseudo_terminal() -> None:
         try:
             async with emulated_cell(Setup(config), clock, Ports(None, "jr3-uart+pty:"), failed) as ports:
                 url = ports.sensor or ""
-                assert url.startswith("serial:///dev/pts/")
+                assert url.startswith("jr3-uart+serial:///dev/pts/")
                 assert url.endswith("?baudrate=115200&parity=N&stopbits=1")
                 sensor = await connect_sensor(config, url, Wiring("sensor", clock, LogTo(frames.append)))
                 sensor.start()

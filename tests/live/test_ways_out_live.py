@@ -29,10 +29,10 @@ HIL = "from hil_bridge.cli import main; main()"
 BUG = (
     "import hil_bridge.runs.cycle as run\n"
     "told = run.cycle_record\n"
-    "def broken(report, sample, decision, *more, **known):\n"
-    "    if known['cycle'] and decision.output.phase == 'track' and decision.output.command.stiffness:\n"
+    "def broken(report, sample, decision, course, task):\n"
+    "    if course.cycle and decision.output.phase == 'track' and decision.output.command.stiffness:\n"
     "        raise ZeroDivisionError('lost count')\n"
-    "    return told(report, sample, decision, *more, **known)\n"
+    "    return told(report, sample, decision, course, task)\n"
     "run.cycle_record = broken\n"
 )
 """A bug that strikes once the surface is tracked."""
