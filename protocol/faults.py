@@ -4,7 +4,7 @@ from enum import StrEnum
 
 
 class FaultStage(StrEnum):
-    """What has become of an injected fault."""
+    """Stage of an injected fault."""
 
     BEGINS = "begins"
     HAPPENS = "happens"

@@ -19,7 +19,7 @@ _ONCE_CALLED = {"seconds": _DURATION}
 
 
 class FaultNews(NamedTuple):
-    """What has become of a fault, when it becomes so."""
+    """Stages of an injected fault, in order."""
 
     stage: FaultStage
     target: str

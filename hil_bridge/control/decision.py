@@ -75,7 +75,7 @@ class Sample(Struct, frozen=True):
     fault_cause: Cause | None = None
     """Row of the table of causes for `fault`; None while there is none."""
     fault_remedy: str = ""
-    """What else is known of `fault`, and what a person can do, in words."""
+    """Further facts about `fault`, and its remedy, in words."""
 
 
 class LoopState(Struct, frozen=True):

@@ -94,13 +94,13 @@ class CauseRow:
     exit_code: int | None = STOPPED
     """None where the run goes on."""
     words: str = ""
-    """What it blames where that is not the words of its part alone."""
+    """Words for the part at fault, where those of the part alone do not say it."""
     where: str = ""
     """Where to look where that is not what its part tells."""
 
     @property
     def blames(self) -> str:
-        """What it blames, in words, with places for the kinds of robot and sensor."""
+        """Words for the part at fault, with places for the kinds of robot and sensor."""
         return self.words or PART_WORDS[self.part]
 
     @property
@@ -110,7 +110,7 @@ class CauseRow:
 
 
 SENSOR_OR_TOUCH = "the force sensor{sensor}, or what the tool touches"
-"""What is blamed where both can be."""
+"""Words for sensor and touch, where either can be at fault."""
 FREELY = f"whether the tool touches anything now; {_PROBE}the sensor"
 """Where to look then."""
 WORKSPACE = "limits.workspace_min_m", "limits.workspace_max_m"

@@ -161,7 +161,7 @@ class Reason(Struct, frozen=True):
     text: str = ""
     """The fact in words, with its figures."""
     remedy: str = ""
-    """What else is known of it, and what a person can do, in words."""
+    """Further facts, and what a person can do, in words."""
     step: str = ""
     """Label of a program's step in which it came; empty without one."""
 

@@ -53,7 +53,7 @@ CAUTIONS = ("fault", "gap", "signal", "operator")
 
 
 class Check(StrEnum):
-    """What a finding about the sensor before the touch is about."""
+    """Subjects of findings about the sensor before the touch."""
 
     FACTS = "facts"
     """Full scales and model."""

@@ -218,7 +218,7 @@ class TruthRecord(Struct, frozen=True):
 
 
 class FaultNote(Struct, frozen=True):
-    """What has become of an injected fault."""
+    """Stage of an injected fault."""
 
     target: str
     """Part of the cell that it is of."""
@@ -256,7 +256,7 @@ class EventRecord(Struct, frozen=True):
     cause: Cause | None = None
     """Row of the table of causes, of an event that ends the run or follows that; left out of all others."""
     check: Check | None = None
-    """What a finding about the sensor is about; left out of all other events."""
+    """Subject of a finding about the sensor; left out of all other events."""
     by: str = ""
     """The key, or the signal, by which a person asked; empty for all other events."""
     fault: FaultNote | None = None

@@ -45,7 +45,7 @@ class Form(NamedTuple):
     pack: Callable[[Any], Any]
     """A record to what is written."""
     unpack: Callable[[Any], Any]
-    """What was read to a record, which may be of this type."""
+    """Values that were read as a record, which may be of this type."""
 
 
 @dataclass(frozen=True)

@@ -101,7 +101,7 @@ class Run:
         """After the last order that the robot took; None before the first cycle."""
         self._turned_wrist: tuple[Quaternion, WristAtOrientation] | None = None
         self._interrupted: Cause | None = None
-        """Who or what asked for the end; None while it goes on."""
+        """Cause by which the end was asked for; None while the run goes on."""
         self._held = False
         self._phase = ""
         self._outcome = Outcome.COMPLETED

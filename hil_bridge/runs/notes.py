@@ -1,4 +1,4 @@
-"""What the end of a run is told with: its cycles, steps, faults and tracebacks, and the words for its views."""
+"""Facts for the end of a run: its cycles, steps, faults and tracebacks, and the words for its views."""
 
 from hil_bridge.errors.failures import BUG_EVENT, TRACEBACK_EVENT
 from hil_bridge.record import CHECK_EVENT, CycleRecord, EventRecord, StepRecord

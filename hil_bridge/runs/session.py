@@ -152,7 +152,7 @@ class Session:
         """Why the record is incomplete."""
         self._stopping: Stopping | None = None
         self._kept: KeptRecords | None = None
-        """What the figures of a run in virtual time are made of."""
+        """Records from which the figures of a run in virtual time are made."""
 
     @property
     def hurried(self) -> bool:
@@ -164,7 +164,7 @@ class Session:
         return self._stopping is not None and self._stopping.take_stray(error)
 
     def recording(self) -> Recording:
-        """What the run has recorded: from memory where it is whole, else read from its file. Raises ConfigError."""
+        """The recording of the run: from memory where it is whole, else read from its file. Raises ConfigError."""
         if self._kept is not None and self._kept.is_whole and self.record_error is None:
             return self._kept.recording()
         return read(self._path)

@@ -1,4 +1,4 @@
-"""What a configuration decides, resolved in one place and once: devices, facts, pace, loop."""
+"""A configuration resolved, in one place and once: devices, facts, pace, loop."""
 
 from functools import cached_property
 

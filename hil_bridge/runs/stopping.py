@@ -1,4 +1,4 @@
-"""What ends a run from outside: signals of the process, keys, the page, and exceptions that nothing takes."""
+"""Ends of a run from outside: signals of the process, keys, the page, and exceptions that nothing takes."""
 
 import asyncio
 import os

@@ -70,7 +70,7 @@ class Observation(Struct, frozen=True):
     fault_cause: Cause = Cause.ROBOT_STATE
     """Cause of `fault`, where there is one."""
     fault_remedy: str = ""
-    """What else is known of `fault`, and what a person can do, in words."""
+    """Further facts about `fault`, and its remedy, in words."""
 
 
 class Request(Struct, frozen=True):

@@ -21,14 +21,14 @@ class Good(StrEnum):
 
 
 class Group(StrEnum):
-    """What a figure belongs to."""
+    """Owners of a figure."""
 
     MERIT = "figures of merit"
     """Of the tracked force: `Summary.figures`, and the fields of `FiguresOfMerit`."""
     RUN = "run"
     """Other facts of a run: fields of `Summary`."""
     CAMPAIGN = "campaign"
-    """What a campaign adds, which looks at the truth of an emulated cell."""
+    """Figures that a campaign adds from the truth of an emulated cell."""
 
 
 @dataclass(frozen=True, slots=True)

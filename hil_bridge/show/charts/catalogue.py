@@ -51,7 +51,7 @@ def time_axis(wall_start_s: float | None = None) -> Axis:
 
 
 def layers(truth: bool, stream: bool) -> list[Layer]:
-    """What a person can switch."""
+    """Switches of a chart."""
     switches = [Layer(TRUTH, "truth (emulated)")] if truth else []
     return [*switches, Layer(STREAM, "sensor's whole stream")] if stream else switches
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class ChartFacts(NamedTuple):
-    """What stays the same in a run."""
+    """Facts that stay the same in a run."""
 
     robot: RobotFacts
     limits: Mapping[str, float]

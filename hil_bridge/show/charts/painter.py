@@ -43,7 +43,7 @@ _DOTS_MOST = 400
 
 
 def y_range(chart: Chart, low: float, high: float) -> tuple[float, float]:
-    """What a chart shows along y of values between two; `charts.js` has the same rule."""
+    """Range that a chart shows along y for values between two; `charts.js` has the same rule."""
     if chart.log:
         return 10.0 ** math.floor(math.log10(low)), 10.0 ** math.ceil(math.log10(high * 1.0001))
     for limit in chart.limits:

@@ -48,7 +48,7 @@ def document(title: str, body: str, charts: bool = True) -> str:
 
 
 def skeleton(title: str, head: str, body: str) -> str:
-    """What every page has around its head and its body, both HTML."""
+    """The skeleton of every page around its head and its body, both HTML."""
     return f"""<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>
 <meta name="viewport" content="width=device-width, initial-scale=1">

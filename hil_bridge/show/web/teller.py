@@ -1,4 +1,4 @@
-"""What a page shows of a run. A run that goes on is a recording that grows; both are told by the same words."""
+"""A run as a page shows it. A run that goes on is a recording that grows; both are told by the same words."""
 
 import math
 import time
