@@ -1,5 +1,6 @@
 """The paragraph on how a run ended: for every fault of the S3 and the JR3, and samples of the other devices."""
 
+import re
 from dataclasses import replace
 from html import unescape
 from pathlib import Path
@@ -17,6 +18,7 @@ from hil_bridge.record import Outcome, Recording, RunEnd
 from hil_bridge.record.analysis.why import why
 from hil_bridge.record.ending import reason_of
 from hil_bridge.record.records import EventRecord
+from hil_bridge.runs.faults.schedule import FAULT_EVENT
 from tests.near_surface import NEAR
 from tools.faults_doc import CELL, GIVEN, faults_of_device
 
@@ -109,8 +111,11 @@ def recorded(job: Job) -> Recording:
 
 
 @pytest.mark.parametrize("job", [*OURS, *SAMPLES], ids=lambda job: "-".join(job))
-def test_the_struck_part_is_named(job: Job) -> None:
+def test_a_fault_strikes_and_the_struck_part_is_named(job: Job) -> None:
     recording = recorded(job)
+    events = [event.text for event in recording.events if event.kind == FAULT_EVENT]
+    assert re.match(rf"{job.on}: {job.fault} (\(.*\) )?(begins|happens)", events[0])
+    assert re.match(rf"{job.on}: {job.fault} struck [1-9]", events[-1])
     text = why(recording)
     assert "\n" not in text
     assert "{" not in text
