@@ -9,6 +9,10 @@ NEAR: dict[str, Any] = {
 """Settings for a start 2 mm above a flat surface, and a short way back."""
 
 
+NEAR_TOML = "cell.start_position_mm = [900.0, -100.0, 592.0]\ntask.retract_mm = 4.0\n"
+"""The same for the head of a configuration file, before its first section."""
+
+
 def merged(settings: dict[str, Any], more: dict[str, Any]) -> dict[str, Any]:
     """Nested settings, with more of them laid over."""
     result = dict(settings)

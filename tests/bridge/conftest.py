@@ -19,6 +19,7 @@ from hil_bridge.runs.watching import Listener
 from hil_bridge.settings.configuration import Config, read_config
 from hil_bridge.testing.wires import Faults, Faulty
 from hil_bridge.transports import Frames, Transport
+from tests.near_surface import NEAR, merged
 from tests.paper_cell import PaperCell
 
 
@@ -95,15 +96,17 @@ class Bench:
 
 @pytest.fixture(scope="session")
 def bench() -> Callable[..., Bench]:
-    """Run the loop with a configuration as nested dictionaries; `meddle` is called after every cycle."""
+    """Run the loop from just above the surface, with more settings as nested dictionaries.
+
+    `meddle` is called after every cycle.
+    """
 
     def run(
         meddle: Callable[[Bench, CycleRecord], None] | None = None,
         prepare: Callable[[Bench], None] | None = None,
         **sections: Any,
     ) -> Bench:
-        sections.setdefault("run", {}).setdefault("duration_s", 5.0)
-        bench = Bench(read_config(sections))
+        bench = Bench(read_config(merged({**NEAR, "run": {"duration_s": 5.0}}, sections)))
         if meddle is not None:
             bench.meddle = meddle
         if prepare is not None:

@@ -58,7 +58,7 @@ def test_the_cause_names_what_happened_to_the_robot(
 
     def meddle(run: Bench, record: CycleRecord) -> None:
         if record.phase == "track" and not done:
-            done.append(run.clock.now() + 1.0 + offset_ms * 1e-3)
+            done.append(run.clock.now() + 0.3 + offset_ms * 1e-3)
             run.clock.call_at(done[0], lambda: act(run.cell.robot, run.clock.now()))
 
     run = bench(meddle)

@@ -12,6 +12,7 @@ from hil_bridge.cli import cli
 from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.record import read
 from hil_bridge.record.device_facts import devices_of
+from tests.near_surface import NEAR_TOML
 
 KINDS = ("netft", "ft300", "ati-can")
 
@@ -33,7 +34,8 @@ def tried(tmp_path: Path) -> Callable[..., dict[str, Any]]:
     def go(kind: str, configuration: str = "", duration: str = "2", *more: str) -> dict[str, Any]:
         file, record, told = tmp_path / "c.toml", tmp_path / f"{kind}.mcap", tmp_path / "s.json"
         quick = "" if kind != "netft" or "[cell.netft]" in configuration else QUICK
-        file.write_text(configuration + quick)
+        near = "" if "[cell.surface]" in configuration else NEAR_TOML
+        file.write_text(near + configuration + quick)
         arguments = (
             *("run", str(file), "--virtual", "--no-view", "--sensor", kind, "--duration", duration),
             *("--record", str(record), "--summary", str(told), "--overwrite", *more),
@@ -93,7 +95,7 @@ period_mm = 100.0
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_contour_is_followed(kind: str, tried: Try) -> None:
-    told = tried(kind, CONTOUR, duration="10")
+    told = tried(kind, CONTOUR, duration="7")
     assert told["outcome"] == "completed"
     heights = [truth.position[2] for truth in read(told["record"]).truths]
     assert max(heights[-40:]) - min(heights[-40:]) > 1e-3
@@ -137,7 +139,7 @@ def test_a_sensor_that_is_lost_ends_the_run(
 SIGNALS: Sequence[tuple[str, tuple[str, ...]]] = (
     ("stuck", ()),
     ("offset", ('axis = "fz"', "amount = -60.0")),
-    ("spike", ('axis = "fz"', "amount = -200.0")),
+    ("spike", ('axis = "fz"', "amount = -200.0", "for_s = 0.02")),  # longer than any sensor's frame
 )
 
 

@@ -30,17 +30,17 @@ STREAMED = [name for name in ROBOTS.built_in if name != "s3"]
 def test_any_robot_holds_ten_newtons_with_any_sensor(robot: str, sensor: str) -> None:
     config = read_config(
         {
-            "run": {"duration_s": 1.5, "seed": 7},
+            "run": {"duration_s": 1.0, "seed": 7},
             "robot": {"emulated": robot},
             "sensor": {"emulated": sensor},
             "task": {"retract_mm": 4.0},
-            "cell": {"surface": CONTOUR, "netft": NETFT, "start_position_mm": (900.0, -100.0, 594.0)},
+            "cell": {"surface": CONTOUR, "netft": NETFT, "start_position_mm": (900.0, -100.0, 592.0)},
         }
     )
     run = run_emulated(config)
     assert (run.result.outcome, run.result.text) == (Outcome.COMPLETED, "")
     tracked = [record for record in run.cycles if record.phase == "track"]
-    steady = [record.force for record in tracked if record.sensor_at > tracked[0].sensor_at + 0.75]
+    steady = [record.force for record in tracked if record.sensor_at > tracked[0].sensor_at + 0.5]
     assert statistics.fmean(steady) == pytest.approx(10.0, abs=0.5)
     assert max(abs(force - 10.0) for force in steady) < 2.0
     assert all(record.in_contact for record in tracked)
@@ -49,24 +49,23 @@ def test_any_robot_holds_ten_newtons_with_any_sensor(robot: str, sensor: str) ->
 
 @pytest.mark.parametrize("robot", STREAMED)
 def test_the_record_tells_how_soon_a_robot_was_answered(robot: str, tmp_path: Path) -> None:
-    """Two runs of one seed are the same to the byte, a replay is identical, and `latency` knows the answers."""
+    """A replay decides as another controller would, and `latency` knows the answers.
+
+    That two runs are the same to the byte, and a replay identical, is held for each robot in its own tests.
+    """
     near = tmp_path / "near.toml"
     near.write_text(
-        "[task]\nretract_mm = 4.0\n[cell]\nstart_position_mm = [900.0, -100.0, 593.0]\n[cell.netft]\nrate_hz = 1000\n"
+        "[task]\nretract_mm = 4.0\n[cell]\nstart_position_mm = [900.0, -100.0, 592.0]\n[cell.netft]\nrate_hz = 1000\n"
     )
-    records = [str(tmp_path / name) for name in ("a.mcap", "b.mcap")]
-    for record in records:
-        arguments = ["run", str(near), "--robot", robot, "--sensor", "netft", "--virtual", "--seed", "3"]
-        arguments += ["--duration", "0.5", "--no-view", "--record", record]
-        done = CliRunner().invoke(cli, arguments, catch_exceptions=False)
-        assert done.exit_code == 0, done.output
-    a, b = (Path(record).read_bytes() for record in records)
-    assert a == b
-    assert "every command identical" in CliRunner().invoke(cli, ["replay", records[0]]).output
+    record = str(tmp_path / "run.mcap")
+    arguments = ["run", str(near), "--robot", robot, "--sensor", "netft", "--virtual", "--seed", "3"]
+    arguments += ["--duration", "0.3", "--no-view", "--record", record]
+    done = CliRunner().invoke(cli, arguments, catch_exceptions=False)
+    assert done.exit_code == 0, done.output
     for other in ("pi", "fuzzy"):
-        asked = CliRunner().invoke(cli, ["replay", records[0], "--controller", other], catch_exceptions=False)
+        asked = CliRunner().invoke(cli, ["replay", record, "--controller", other], catch_exceptions=False)
         assert f"what {other} and these limits would have commanded" in asked.output
-    told = CliRunner().invoke(cli, ["latency", records[0]], catch_exceptions=False).output
+    told = CliRunner().invoke(cli, ["latency", record], catch_exceptions=False).output
     assert "answers: " in told
     assert "0 of " in told
     assert "of a late answer: " in told

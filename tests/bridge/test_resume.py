@@ -17,7 +17,7 @@ from hil_bridge.runs import resuming
 from hil_bridge.runs.replay import recorded_config, replay
 from hil_bridge.settings.faults import FaultConfig
 
-STROKES = 5
+STROKES = 4
 LENGTH_MM, GAP_MM = 8.0, 4.0
 """Strokes lie one behind the other along x."""
 OVERLAP_MM = 2.0
@@ -49,6 +49,8 @@ do = "retract"
 )
 THIRD_TRACK = 11
 """Number of the third stroke's track among the steps."""
+OFTEN = '\n[run]\nperiod_ms = 20\nseed = 5\n[controller]\nsample_ms = 20\n[sensor]\nemulated = "ft300"\n'
+"""Five cycles of a robot that streams are decided at once: here it is about places, not about its rate."""
 STOPS = {"s3": "emergency-stop", "egm": "motors-off"}
 
 
@@ -63,7 +65,8 @@ def cut_by(robot: str, folder: Path, depth: str = "travel_mm > 27") -> tuple[Pat
     """A run that is cut in the third stroke, and what it printed."""
     config, record = folder / "program.toml", folder / "cut.mcap"
     fault = f'\n[[faults]]\non = "robot"\nfault = "{STOPS[robot]}"\nphase = "track"\nwhen = "{depth}"\n'
-    config.write_text(PROGRAM + fault, encoding="utf-8")
+    pace = PROGRAM.replace("\n[run]\nseed = 5\n", OFTEN) if robot == "egm" else PROGRAM
+    config.write_text(pace + fault, encoding="utf-8")
     code, told = ran(config, "--robot", robot, "--record", record)
     assert code == 3, told
     return record, told

@@ -26,11 +26,14 @@ BASE = (
 ABSOLUTE = '[robot.rsi]\nmode = "absolute"\n[cell.rsi]\nmode = "absolute"\n'
 SLOW = "[robot.rsi]\ncycle_ms = 12\n[cell.rsi]\ncycle_ms = 12\n"
 PERIOD = {SLOW: 24}
+NEAR = "cell.start_position_mm = [900.0, -100.0, 592.0]\n"
+"""For the head of a file: a start just above the surface."""
 
 
 def written(place: Path, more: str = "") -> Path:
     file = place / "rsi.toml"
-    file.write_text(BASE.replace("= 20", f"= {PERIOD.get(more, 20)}") + more)
+    near = "" if "[cell]" in more else NEAR
+    file.write_text(near + BASE.replace("= 20", f"= {PERIOD.get(more, 20)}") + more)
     return file
 
 
@@ -80,7 +83,7 @@ def test_the_loop_closes_at_ten_newtons(more: str, tmp_path: Path) -> None:
 def test_the_force_holds_on_a_contour(tmp_path: Path) -> None:
     wave = '[cell]\nstart_position_mm = [900.0, -100.0, 605.0]\n[cell.surface]\nkind = "sinusoidal"\n'
     wave += "amplitude_mm = 5.0\nperiod_mm = 200.0\n"
-    run = emulated(tmp_path, wave, duration_s=4.0)
+    run = emulated(tmp_path, wave, duration_s=3.0)
     assert run.result.outcome is Outcome.COMPLETED
     tracked = [cycle for cycle in run.cycles if cycle.phase == "track"]
     assert all(cycle.in_contact for cycle in tracked)
