@@ -28,8 +28,8 @@ def read_programs(folder: Path, max_telegram: int) -> Mapping[int, bytes]:
                 raise ConfigError(f"{format_path(path)}: too long to be received, at most {room} bytes")
     except OSError as error:
         raise ConfigError(f"cannot read {error.filename or folder}: {error.strerror}") from error
-    except ValueError as error:  # a NUL in the path
-        raise ConfigError(f"cannot read {format_path(folder)}: {error}") from error
+    except ValueError as error:  # each version of Python says it in words of its own
+        raise ConfigError(f"cannot read {format_path(folder)}: its name holds a NUL") from error
     return found
 
 
