@@ -3,8 +3,16 @@
 Examples are the same in every run, so that a run that fails fails again; `--hypothesis-profile explore` draws others.
 """
 
+import gc
+
 from hypothesis import settings
 
 settings.register_profile("repeatable", deadline=None, derandomize=True)
 settings.register_profile("explore", deadline=None)
 settings.load_profile("repeatable")
+
+
+def pytest_collection_finish() -> None:
+    """Let the garbage collector pass over thousands of collected tests: it would look at all of them each time."""
+    gc.collect()
+    gc.freeze()
