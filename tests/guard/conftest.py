@@ -21,6 +21,7 @@ from hil_bridge.runs.running import running
 from hil_bridge.runs.setup import Setup
 from hil_bridge.runs.watching import Listener
 from hil_bridge.settings.configuration import Config, read_config
+from tests.near_surface import merged
 from tests.paper_cell import PaperCell
 
 WATCH_S = 0.01
@@ -115,15 +116,6 @@ class Guarded:
 
 
 Meddle = Callable[[Guarded, CycleRecord], None]
-
-
-def merged(one: dict[str, Any], other: dict[str, Any]) -> dict[str, Any]:
-    """Nested dictionaries laid over each other."""
-    result = dict(one)
-    for key, value in other.items():
-        both = isinstance(value, dict) and isinstance(result.get(key), dict)
-        result[key] = merged(result[key], value) if both else value
-    return result
 
 
 @pytest.fixture
