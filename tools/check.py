@@ -30,11 +30,6 @@ def tests(name: str, *arguments: str) -> tuple[str, ...]:
     return "python", "-m", "pytest", *slowest, *arguments
 
 
-def both(*steps: Callable[[], int]) -> Callable[[], int]:
-    """A step of several: each is taken, and the first that fails gives the exit code."""
-    return lambda: next(filter(None, [step() for step in steps]), 0)
-
-
 def told(command: Sequence[str]) -> tuple[int, str]:
     """Exit code of a command, and what it said."""
     done = subprocess.run(
@@ -66,14 +61,16 @@ REAL = ("-m", "live", "--reruns", "2")
 """Tests in real time. Where a busy machine made one late it has two more tries, and their number is shown."""
 QUICK = (
     "tests/clients",
-    *(f"tests/live/test_{name}_live.py" for name in ("bench", "cell", "clock", "egm", "program", "rtde")),
+    *(f"tests/live/test_{name}_live.py" for name in ("bench", "clock", "egm", "program", "rtde", "today")),
 )
-"""Tests in real time of devices that speak every few milliseconds: one at a time, and beside it one of a slow line."""
+"""Tests in real time of devices that speak every few milliseconds: one at a time."""
+SLOW = ("--numprocesses", "2", "--dist", "load", "--maxschedchunk", "1")
+"""Beside them two at a time of slow lines, which mostly wait."""
 
 STEPS: dict[str, Callable[[], int]] = {
     "format": tool("ruff", "format", "--check", "."),
     "lint": tool("ruff", "check", "."),
-    "types": both(tool("mypy"), tool("mypy", "--config-file", "tests/mypy.ini", "tests")),
+    "types": at_once(("mypy",), ("mypy", "--config-file", "tests/mypy.ini", "tests")),
     "imports": tool("lint-imports"),
     "protocol": tool(
         *tests("protocol", "tests/wire", "--numprocesses", "auto", "--dist", "loadfile"),
@@ -91,7 +88,8 @@ STEPS: dict[str, Callable[[], int]] = {
         *("--dist", "loadfile", "--no-loadscope-reorder"),
     ),
     "live": at_once(
-        tests("live-quick", *REAL, *QUICK), tests("live-slow", *REAL, *(f"--ignore={path}" for path in QUICK))
+        tests("live-quick", *REAL, *QUICK),
+        tests("live-slow", *REAL, *SLOW, *(f"--ignore={path}" for path in QUICK)),
     ),
 }
 BESIDE: dict[str, tuple[str, ...]] = {

@@ -7,14 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from tests.live.processes import HIL, PATIENCE_S, Growing, emulated, finish, start, wait_until
+from tests.live.processes import HIL, PATIENCE_S, PATIENT, Growing, emulated, finish, start, wait_until
 
 pytestmark = pytest.mark.live
 
-QUICK = """
+QUICK = f"""
+{PATIENT}
 [run]
 period_ms = 20
-duration_s = {seconds}
+duration_s = {{seconds}}
 [controller]
 sample_ms = 20
 [task]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.live.processes import HIL, PATIENCE_S
+from tests.live.processes import HIL, PATIENCE_S, PATIENT
 
 pytestmark = pytest.mark.live
 
@@ -37,7 +37,7 @@ do = "retract"
 
 def test_a_program_follows_a_curved_surface_in_real_time(tmp_path: Path) -> None:
     config, record, summary = (tmp_path / name for name in ("program.toml", "run.mcap", "summary.json"))
-    config.write_text(PROGRAM, encoding="utf-8")
+    config.write_text(PROGRAM + PATIENT, encoding="utf-8")
     command = (*HIL, "run", config, "--robot", "egm", "--sensor", "netft", "--no-view")
     outputs = ("--record", record, "--summary", summary)
     done = subprocess.run(

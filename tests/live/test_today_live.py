@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.live.processes import emulated, finish, start
+from tests.live.processes import PATIENT, emulated, finish, start
 
 pytestmark = pytest.mark.live
 
@@ -21,7 +21,7 @@ def test_two_processes_hold_ten_newtons_with_devices_of_today(
     """UDP, TCP and a pseudo-terminal in real time; the set points go over them every few milliseconds."""
     summary = tmp_path / "s.json"
     with Path(near).open("a") as config:
-        config.write(QUICK_BOARD)
+        config.write(QUICK_BOARD + PATIENT)
     with emulated("cell", near, "--robot", robot, "--sensor", sensor) as (_, options):
         options = [text for text in options if text not in ("--tool-mass-kg", "0.5")]
         if sensor == "jr3-board":
