@@ -14,6 +14,11 @@ from hil_bridge.errors import BridgeError
 from hil_bridge.lab.processes import as_completed, in_order, own_processes
 
 
+JOBS: tuple[Callable[[], Any], ...] = (os.getpid, partial(time.sleep, 60.0))
+"""The first ends at once, the second does not end in a test."""
+FAILING: tuple[Callable[[], Any], ...] = (partial(time.sleep, 60.0), partial(int, "x"))
+
+
 def perform(job: Callable[[], Any]) -> Any:
     return job()
 
@@ -54,19 +59,19 @@ def crash() -> list[Any]:
 
 def fail() -> list[Any]:
     with own_processes(2) as pool:
-        return in_order(pool, perform, [partial(time.sleep, 60.0), partial(int, "x")], chunk=1)
+        return in_order(pool, perform, FAILING, chunk=1)
 
 
 def interrupt() -> None:
     with own_processes(2) as pool:
-        for chunk in as_completed(pool, perform, [os.getpid, partial(time.sleep, 60.0)], 1):
+        for chunk in as_completed(pool, perform, JOBS, 1):
             assert chunk.first == 0
             raise KeyboardInterrupt
 
 
 def terminate() -> None:
     with own_processes(2) as pool:
-        for _ in as_completed(pool, perform, [os.getpid, partial(time.sleep, 60.0)], 1):
+        for _ in as_completed(pool, perform, JOBS, 1):
             os.kill(os.getpid(), signal.SIGTERM)
             time.sleep(10.0)
 
