@@ -13,7 +13,6 @@ import pytest
 from hil_bridge.errors import BridgeError
 from hil_bridge.lab.processes import as_completed, in_order, own_processes
 
-
 JOBS: tuple[Callable[[], Any], ...] = (os.getpid, partial(time.sleep, 60.0))
 """The first ends at once, the second does not end in a test."""
 FAILING: tuple[Callable[[], Any], ...] = (partial(time.sleep, 60.0), partial(int, "x"))
