@@ -1,8 +1,9 @@
 """Draw mutants by a seed, and tell which of them the tests kill.
 
 A mutant is the code with one small mistake: another comparison, `and` for `or`, a sign, a constant, a dropped call. It
-is made in a copy of the tree, and never in the checkout. The tests of its area run there, up to the first failure; those
-that name the module come first. A test that fails in the copy without the mistake too kills nothing, and is left out.
+is made in a copy of the tree, and never in the checkout. The tests of its area run there, up to the first failure;
+those that name the module come first. A test that fails in the copy without the mistake too kills nothing, and is left
+out.
 
     python -m tools.mutants --seed 1 --write drawn.json     draws 30 mutants and judges them
     python -m tools.mutants --again drawn.json              judges the same mutants in this tree

@@ -98,7 +98,7 @@ def _finish(session: "Session", result: RunResult, outputs: Outputs) -> int:
     code = result.exit_code
     text, left = without_queries(result.text), without_queries(result.left)
     ended = f": {text}" if text and result.outcome is not Outcome.STOPPED else ""
-    lines = [f"{result.outcome}{ended}", *(f"then: {without_queries(one)}" for one in result.followed)]
+    lines = [f"{result.outcome}{ended}", *(f"then: {without_queries(str(one))}" for one in result.followed)]
     errors = [f"stopped: {text}"] if result.outcome is Outcome.STOPPED else []
     if result.outcome is Outcome.COMPLETED and (unmet := failed_criteria(step_outcomes(notes.steps))):
         errors.append(unmet)
