@@ -97,9 +97,11 @@ BESIDE: dict[str, tuple[str, ...]] = {
     "wheels": ("python", "tools/wheels.py"),
     "kernel": ("python", "tools/vcan_vm.py", "--driver"),
 }
-"""Commands that wait for downloads or keep one processor busy: one by one beside the steps before REAL_TIME."""
+"""Commands that wait for downloads or keep one processor busy: one by one beside the steps."""
 REAL_TIME = "live"
-"""The step that has the machine to itself."""
+"""The step beside which nothing runs that others could notice."""
+IDLE = ("kernel",)
+"""What takes only time that no other wants, and so goes on beside REAL_TIME."""
 
 VERDICTS = {0: "ok     ", SKIPPED: "skipped"}
 """Meaning of an exit code of a step; every other one is a failure."""
@@ -127,14 +129,14 @@ def main() -> int:
     with ThreadPoolExecutor(1) as beside:
         others = {name: beside.submit(quietly, name) for name in BESIDE if only in (None, name)}
 
-        def show_others() -> None:
-            for name in tuple(others):
+        def show_others(but: tuple[str, ...] = ()) -> None:
+            for name in [name for name in others if name not in but]:
                 output = others.pop(name).result()
                 print(f"── {name}\n{output}", flush=True)
 
         for name, step in STEPS.items():
             if name == REAL_TIME:
-                show_others()
+                show_others(but=IDLE)
             if only in (None, name):
                 print(f"── {name}", flush=True)
                 timed(name, time.monotonic(), step())
