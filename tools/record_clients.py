@@ -1,8 +1,8 @@
 """Record transcripts of clients that other people wrote at our emulated devices: `python -m tools.record_clients`.
 
 Each client runs unmodified in an environment and a process of its own, over real wires of this computer; names choose
-some of `SESSIONS`. The device's time follows the computer's in steps of 0.1 ms, so that the file replays exactly. The text
-of a program for a robot is its author's: a line with its name stands in its place.
+some of `SESSIONS`. The device's time follows the computer's in steps of 0.1 ms, so that the file replays exactly. The
+text of a program for a robot is its author's: a line with its name stands in its place.
 """
 
 import argparse
