@@ -61,7 +61,10 @@ REAL = ("-m", "live", "--reruns", "2")
 """Tests in real time. Where a busy machine made one late it has two more tries, and their number is shown."""
 QUICK = (
     "tests/clients",
-    *(f"tests/live/test_{name}_live.py" for name in ("bench", "clock", "egm", "program", "rtde", "today")),
+    *(
+        f"tests/live/test_{name}_live.py"
+        for name in ("api", "bench", "clock", "egm", "program", "rtde", "today")
+    ),
 )
 """Tests in real time of devices that speak every few milliseconds: one at a time."""
 SLOW = ("--numprocesses", "2", "--dist", "load", "--maxschedchunk", "1")
