@@ -144,7 +144,7 @@ def _schema(kind: inspect.Type) -> dict[str, object]:
             return {**_schema(inner), **(extra or {})}
         case inspect.UnionType():
             return _schema(_of_union(kind))
-        case inspect.StructType(cls=cls, fields=fields):
+        case inspect.StructType(cls=cls, fields=fields) | inspect.DataclassType(cls=cls, fields=fields):
             texts = field_docstrings(cls)
             described = {
                 field.name: {
@@ -230,7 +230,7 @@ def _known(value: Any, kind: inspect.Type) -> Any:
     match kind, value:
         case inspect.UnionType(), _ if value is not None:
             return _known(value, _of_union(kind))
-        case inspect.StructType(fields=fields), dict():
+        case inspect.StructType(fields=fields) | inspect.DataclassType(fields=fields), dict():
             types = {field.name: field.type for field in fields}
             known = {name: _known(each, types[name]) for name, each in value.items() if each is not None}
             lost = [field.name for field in fields if _has_finite_default(field) and field.name not in known]
@@ -250,7 +250,7 @@ def _with_nan(value: Any, kind: inspect.Type) -> Any:
             return None if any(isinstance(one, inspect.NoneType) for one in kind.types) else math.nan
         case inspect.UnionType(), _:
             return _with_nan(value, _of_union(kind))
-        case inspect.StructType(fields=fields), dict():
+        case inspect.StructType(fields=fields) | inspect.DataclassType(fields=fields), dict():
             known = {field.name: field.type for field in fields}
             lost = value.get(NOT_FINITE)
             named = lost if isinstance(lost, list) else ()

@@ -9,6 +9,7 @@ from typing import Any
 
 from emulators.cell import Cell, Parts
 from emulators.seams import StartPose
+from emulators.unmodelled import TaggingDevice
 from hil_bridge.clock import VIRTUAL_EPOCH, Clock, Timer, device_clock
 from hil_bridge.devices.device_log import DeviceLog
 from hil_bridge.devices.kinds import (
@@ -33,6 +34,7 @@ from hil_bridge.settings.devices import emulated_in, robot_in, sensor_in
 from hil_bridge.settings.kinds import settings_of, surface_settings
 from hil_bridge.transports.can.memory import memory_can_bus
 from protocol.geometry import Vector
+from protocol.unmodelled import NotModelled
 
 _MEMORY_CAN = "can+memory:"
 
@@ -170,6 +172,13 @@ def _tell_failed(cause: BaseException, log: DeviceLog) -> None:
         log.notice("emulator", repr(cause))
         return
     tell_failure("the emulated cell", cause, log.notice)
+
+
+def follow_unmodelled(cell: Cell[Any, Any], listener: Callable[[NotModelled], object]) -> None:
+    """Tell the listener each thing that a client uses and a device of the cell does not model, once."""
+    for device in (cell.robot, cell.sensor):
+        if isinstance(device, TaggingDevice):
+            device.unmodelled.follow(listener)
 
 
 async def connect_robot(config: Config, url: str, wiring: Wiring) -> RobotLink:
