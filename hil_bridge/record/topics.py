@@ -21,20 +21,18 @@ from typing import Any, NamedTuple, TypeAlias
 import msgspec
 from msgspec import inspect, structs
 
+from hil_bridge.record import records
 from hil_bridge.record.field_docstrings import field_docstrings
-from hil_bridge.record.records import (
-    CycleRecord,
-    EventRecord,
-    LinkRecord,
-    SensorRecord,
-    StepRecord,
-    TruthRecord,
-    WireRecord,
-)
 from hil_bridge.record.stored_cycle import STORED, pack, unpack
 
 Record: TypeAlias = (
-    CycleRecord | SensorRecord | LinkRecord | WireRecord | TruthRecord | EventRecord | StepRecord
+    records.CycleRecord
+    | records.SensorRecord
+    | records.LinkRecord
+    | records.WireRecord
+    | records.TruthRecord
+    | records.EventRecord
+    | records.StepRecord
 )
 
 
@@ -301,13 +299,13 @@ _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 _NULL = b"null"
 _to_json = msgspec.json.Encoder(enc_hook=_plain).encode
 
-CYCLE = Topic("/cycle", CycleRecord, "controlled_at", Form(STORED, pack, unpack))
-SENSOR = Topic("/sensor", SensorRecord)
-LINK = Topic("/link", LinkRecord)
-WIRE = Topic("/wire", WireRecord)
-TRUTH = Topic("/truth", TruthRecord)
-EVENT = Topic("/event", EventRecord)
-STEP = Topic("/step", StepRecord)
+CYCLE = Topic("/cycle", records.CycleRecord, "controlled_at", Form(STORED, pack, unpack))
+SENSOR = Topic("/sensor", records.SensorRecord)
+LINK = Topic("/link", records.LinkRecord)
+WIRE = Topic("/wire", records.WireRecord)
+TRUTH = Topic("/truth", records.TruthRecord)
+EVENT = Topic("/event", records.EventRecord)
+STEP = Topic("/step", records.StepRecord)
 TOPICS = (CYCLE, SENSOR, LINK, WIRE, TRUTH, EVENT, STEP)
 RECORDS = frozenset(topic.record for topic in TOPICS)
 """Types of all records."""

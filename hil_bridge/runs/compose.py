@@ -21,12 +21,12 @@ from hil_bridge.devices.kinds import (
     robot_of,
     sensor_of,
 )
-from hil_bridge.devices.robots.of_others import LinkOfOthers
+from hil_bridge.devices.robots.of_others import link_of_others
 from hil_bridge.devices.robots.seam import RobotLink
 from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.devices.wiring import Serving, Wiring, Wrap, unwrapped
 from hil_bridge.errors import BridgeError, ConfigError
-from hil_bridge.errors.failures import tell_failure
+from hil_bridge.errors.failures import WrongAnswer, one_line, plugin_place, tell_failure
 from hil_bridge.runs.faults.bus import BusFaults
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config
@@ -115,7 +115,8 @@ def make_cell(setup: Setup, kinds: EmulatedKinds, now: float) -> Cell[Any, Any]:
     try:
         return Cell(config.cell, now, config.run.seed, parts)
     except ValueError as error:
-        raise ConfigError(f"cell: {error}") from error
+        place = plugin_place(error)
+        raise ConfigError(f"cell: {one_line(str(error))}{place and f' ({place})'}") from error
 
 
 def holds(setup: Setup, place: Vector) -> bool:
@@ -190,8 +191,9 @@ async def connect_robot(config: Config, url: str, wiring: Wiring) -> RobotLink:
     robot: RobotLink = await device.kind.connect(device.url, device.settings, wiring)
     if device.kind.name in ROBOTS.built_in:
         return robot
-    guarded: Any = LinkOfOthers(robot, wiring.clock)
-    return guarded  # type: ignore[no-any-return]
+    if not callable(getattr(robot, "motion", None)):
+        raise WrongAnswer(device.kind, "connect", robot, "a robot link")
+    return link_of_others(robot, device.url, wiring.clock)
 
 
 async def connect_sensor(config: Config, url: str, wiring: Wiring) -> ForceSensor:
@@ -200,7 +202,10 @@ async def connect_sensor(config: Config, url: str, wiring: Wiring) -> ForceSenso
     Raises ConfigError for the URL, TransportUnavailable for the wire.
     """
     device = sensor_in(config, url)
-    wire, client = await device.kind.connect(device.url, device.settings, wiring)
+    answer: Any = await device.kind.connect(device.url, device.settings, wiring)
+    if not (isinstance(answer, tuple) and len(answer) == 2):
+        raise WrongAnswer(device.kind, "connect", answer, "a wire and a client")
+    wire, client = answer
     return ForceSensor(wire, client, wiring.clock, wiring.log)
 
 
