@@ -6,13 +6,20 @@ import signal
 import time
 from collections.abc import Callable
 from functools import partial
-from operator import call
 from typing import Any
 
 import pytest
 
 from hil_bridge.errors import BridgeError
 from hil_bridge.lab.processes import as_completed, in_order, own_processes
+
+JOBS: tuple[Callable[[], Any], ...] = (os.getpid, partial(time.sleep, 60.0))
+"""The first ends at once, the second does not end in a test."""
+FAILING: tuple[Callable[[], Any], ...] = (partial(time.sleep, 60.0), partial(int, "x"))
+
+
+def perform(job: Callable[[], Any]) -> Any:
+    return job()
 
 
 def slow_square(number: int) -> int:
@@ -36,11 +43,11 @@ def test_results_come_in_the_order_of_the_jobs(workers: int, chunk: int) -> None
 def test_workers_stay_warm_between_calls_and_one_process_is_this_one() -> None:
     jobs = [os.getpid] * 6
     with own_processes(2) as pool:
-        first, second = (set(in_order(pool, call, jobs, chunk=1)) for _ in range(2))
+        first, second = (set(in_order(pool, perform, jobs, chunk=1)) for _ in range(2))
     assert os.getpid() not in first
     assert len(first | second) <= 2
     with own_processes(8, jobs=4) as pool:
-        assert set(in_order(pool, call, jobs)) == {os.getpid()}
+        assert set(in_order(pool, perform, jobs)) == {os.getpid()}
 
 
 def crash() -> list[Any]:
@@ -51,19 +58,19 @@ def crash() -> list[Any]:
 
 def fail() -> list[Any]:
     with own_processes(2) as pool:
-        return in_order(pool, call, [partial(time.sleep, 60.0), partial(int, "x")], chunk=1)
+        return in_order(pool, perform, FAILING, chunk=1)
 
 
 def interrupt() -> None:
     with own_processes(2) as pool:
-        for chunk in as_completed(pool, call, [os.getpid, partial(time.sleep, 60.0)], 1):
+        for chunk in as_completed(pool, perform, JOBS, 1):
             assert chunk.first == 0
             raise KeyboardInterrupt
 
 
 def terminate() -> None:
     with own_processes(2) as pool:
-        for _ in as_completed(pool, call, [os.getpid, partial(time.sleep, 60.0)], 1):
+        for _ in as_completed(pool, perform, JOBS, 1):
             os.kill(os.getpid(), signal.SIGTERM)
             time.sleep(10.0)
 

@@ -15,8 +15,8 @@ repeated `retries` times, then the session is FAILED; a full scale of 0 makes it
 session again, except in STOPPING and STOPPED. A stop goes out from every phase, FAILED too.
 
 Three sides drive it. The owner asks with `zero`, `set_filter` and `stop`. The client tells what it has read by
-`acknowledge`, `boot_up`, `sample` and `tell`, and encodes the order that `order_to_send` gives. Time comes with
-`handle_deadline`. What the owner is told waits in `next_event`.
+`acknowledge`, `boot_up`, `sample`, `notice` and `tell`, and encodes the order that `order_to_send` gives. Time comes
+with `handle_deadline`. What the owner is told waits in `next_event`.
 
 An acknowledge does not say what it answers. So one order is under way at a time, `_flight`; others wait in `_queue`.
 An order that ends a stream is acknowledged only after the rest of the stream's period: `joins`, `joined_s`.
@@ -36,15 +36,12 @@ from protocol.devices.jr3.counts import facts_of, full_scales_si
 from protocol.devices.jr3.firmware import HANGS, UNFILTERED, GatewayState, SampleCounter, first_order_delay
 from protocol.devices.jr3.range import Range
 from protocol.endpoint import LocalProtocolError
+from protocol.sensor_telling import SensorTelling
 from protocol.wrench import (
     AXES,
-    SensorEvent,
-    SensorFailed,
-    SensorNotice,
     SensorReady,
     SensorRestarted,
     SensorStatistics,
-    SensorStopped,
     WrenchFrame,
     Zeroed,
 )
@@ -148,7 +145,8 @@ class GatewaySession(Generic[Op]):
         self._new_at = now
         """When the newest sample with another counter than the one before came, s; not before READY."""
         self._still_timeout = max(profile.still_timeout_s, 5 * (dialect.period or 0.0))
-        self._events: deque[SensorEvent] = deque()
+        self._telling = telling = SensorTelling(f"{dialect.name}: ")
+        self.tell, self.notice, self.next_event = telling.tell, telling.notice, telling.next_event
         self._queue: deque[Op] = deque()
         self._zero_wanted = False
         self._begin(now)
@@ -224,10 +222,6 @@ class GatewaySession(Generic[Op]):
 
     # --- calls of the client
 
-    def tell(self, event: SensorEvent) -> None:
-        """Tell the owner, after all that waits."""
-        self._events.append(event)
-
     def sample(self, counts: tuple[int, int, int, int, int, int], counter: int, at: float) -> None:
         """A sample came, complete at this time; to be told only when READY."""
         if (sequence := self._counter.follow(counter)) is None:
@@ -241,19 +235,19 @@ class GatewaySession(Generic[Op]):
         if self._zeroing:
             self._zeroing = False
             self._range.zeroed(self._range.newest)
-            self._events.append(Zeroed(WrenchFrame(counts, counter, sequence, at)))
+            self.tell(Zeroed(WrenchFrame(counts, counter, sequence, at)))
             return
         saturated = self._range.saturated(counts)
-        if self._range.warnings:
-            self._events.extend(map(SensorNotice, self._range.warnings))
-        self._events.append(WrenchFrame(counts, counter, sequence, at, saturated))
+        for warning in self._range.warnings:
+            self.notice(warning)
+        self.tell(WrenchFrame(counts, counter, sequence, at, saturated))
 
     def boot_up(self, now: float) -> None:
         """The gateway has begun again and knows nothing of this session."""
         if self.phase in (Phase.STOPPING, Phase.STOPPED):
             return
         if self.phase is not Phase.ASKING:
-            self._events.append(SensorRestarted())
+            self.tell(SensorRestarted())
         self._begin(now)
 
     def acknowledge(self, state: int, words: Sequence[int] | None, now: float) -> None:
@@ -296,10 +290,6 @@ class GatewaySession(Generic[Op]):
 
     # --- endpoint
 
-    def next_event(self) -> SensorEvent | None:
-        """The oldest event not yet taken, or None."""
-        return self._events.popleft() if self._events else None
-
     def next_deadline(self) -> float | None:
         """The next time-out or end of a pause."""
         if self.phase is _READY and self._flight is None and not self._queue:
@@ -329,7 +319,7 @@ class GatewaySession(Generic[Op]):
             self.phase, self._new_at = _READY, now
             self._tell_facts()
             if not self.cutoff_hz:
-                self._events.append(SensorNotice(UNFILTERED))
+                self.notice(UNFILTERED)
             if self._zero_wanted:
                 self._zero_wanted = False
                 self._enqueue(self._dialect.zero)
@@ -350,7 +340,7 @@ class GatewaySession(Generic[Op]):
 
     def _fail(self, text: str) -> None:
         self._end(Phase.FAILED)
-        self._events.append(SensorFailed(f"{self._dialect.name}: {text}"))
+        self._telling.fail(text)
 
     def _on_timeout(self, flight: _Flight[Op]) -> None:
         name = flight.op.name.lower().replace("_", " ")
@@ -379,7 +369,7 @@ class GatewaySession(Generic[Op]):
             self._zeroing = True
         elif answered is self._dialect.stop:
             self.phase = Phase.STOPPED
-            self._events.append(SensorStopped())
+            self._telling.stop()
         elif answered is self._dialect.set_filter:
             if self.phase is _READY:
                 self._tell_facts()
@@ -390,7 +380,7 @@ class GatewaySession(Generic[Op]):
 
     def _tell_facts(self) -> None:
         delay = first_order_delay(self.cutoff_hz)
-        self._events.append(SensorReady(facts_of(self._full_scales, self._dialect.period, delay)))
+        self.tell(SensorReady(facts_of(self._full_scales, self._dialect.period, delay)))
 
     def _accept_scales(self, words: Sequence[int]) -> bool:
         for axis, word in zip(AXES[len(self._words) :], words, strict=False):

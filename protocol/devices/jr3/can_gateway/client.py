@@ -22,7 +22,6 @@ from protocol.devices.jr3.can_gateway.profile import GatewayClientProfile
 from protocol.devices.jr3.firmware import HANGS, TESTED_PERIOD_MS, check_cutoff
 from protocol.devices.jr3.gateway_session import Dialect, GatewaySession, Phase
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
-from protocol.wrench import SensorNotice
 
 STRAGGLER_S = 0.5
 """Chosen: a counter that steps back by less than this is an old frame; by more, it is a far step forward."""
@@ -46,11 +45,9 @@ class GatewayClient:
         self._session = session = GatewaySession(self._dialect(), profile, now)
         self.statistics = session.statistics
         if profile.mode == "async" and profile.period_ms < TESTED_PERIOD_MS:
-            session.tell(
-                SensorNotice(
-                    f"period_ms is {profile.period_ms:g}, but the gateway's firmware was tested from "
-                    f"{TESTED_PERIOD_MS:g} on: below it may leave itself no time for anything else"
-                )
+            session.notice(
+                f"period_ms is {profile.period_ms:g}, but the gateway's firmware was tested from "
+                f"{TESTED_PERIOD_MS:g} on: below it may leave itself no time for anything else"
             )
         # Requests of the owner, and the clock, concern the session alone.
         self.zero, self.set_filter, self.stop = session.zero, session.set_filter, session.stop
@@ -149,7 +146,7 @@ class GatewayClient:
 
     def _on_error_report(self, frame: CanFrame) -> None:
         try:
-            self._session.tell(SensorNotice(f"CAN bus: {decode_error(frame)}"))
+            self._session.notice(f"CAN bus: {decode_error(frame)}")
         except RemoteProtocolError:
             self.statistics.malformed += 1
 
