@@ -182,8 +182,7 @@ class Gateway(AnyGateway[Sequence[CanFrame]]):
             self._begin(Command(Op.BOOT_UP, self._profile.node), (Step.READ_CALIBRATION,), now)
 
     def _on_command(self, command: Command, now: float) -> None:
-        blocked = self._profile.blocks and command.op is Op.RESET
-        if not (self._firmware.initialised or blocked):
+        if self.refuses(command.op is Op.RESET):
             self._acknowledge(command.op)
             return
         match command.op:

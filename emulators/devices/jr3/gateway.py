@@ -18,6 +18,7 @@ class AnyGateway(Generic[Data]):
         self.jr3 = sensor
         """The sensor behind it."""
         self.unmodelled = Unmodelled("jr3")
+        self._blocks = profile.blocks
         self._firmware = Firmware(sensor, profile, seed)
         self._wire: FaultyWire[Data] = FaultyWire(pieces, f"{seed} frames")
 
@@ -43,6 +44,10 @@ class AnyGateway(Generic[Data]):
     def plug_in(self, now: float) -> None:
         """Put the sensor's plug in; harmless when it is in."""
         self._firmware.plug_in(now)
+
+    def refuses(self, resets: bool) -> bool:
+        """Whether it is not initialised, and answers a command at once; `resets` it may heed all the same."""
+        return not (self._firmware.initialised or (self._blocks and resets))
 
     def sampled_at(self, counter: int) -> float | None:
         """The truth: when the sensor measured the newest sample sent with this counter, s; None if there is none."""

@@ -179,8 +179,7 @@ class UartGateway(AnyGateway[bytes]):
         self._on_command(command, at)
 
     def _on_command(self, command: Command, now: float) -> None:
-        blocked = self._profile.blocks and command.op is Op.RESET
-        if not (self._firmware.initialised or blocked):
+        if self.refuses(command.op is Op.RESET):
             self._acknowledge(command.op)
             return
         match command.op:
