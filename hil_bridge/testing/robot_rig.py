@@ -18,7 +18,7 @@ from hil_bridge.testing.cases import RobotCase
 from hil_bridge.testing.meddling import Meddled
 from hil_bridge.testing.naming import Finding, orientation_mistake, position_mistake
 from hil_bridge.transports import Transport
-from protocol.geometry import Pose, Quaternion
+from protocol.geometry import Pose, normalise, product
 from protocol.robot import RobotReport
 
 SPEED_M_S = 0.05
@@ -132,12 +132,12 @@ class RobotRig:
     ) -> Pose:
         """A pose around the start: so many mm off, and turned by so many degrees about base x, y, z."""
         x, y, z = self.case.start.position
-        quaternion = _unit(self.case.start.quaternion)
+        quaternion = normalise(self.case.start.quaternion)
         for axis, degrees in enumerate(turn if self.case.turns else ()):
             half = math.radians(degrees) / 2.0
             parts = [math.cos(half), 0.0, 0.0, 0.0]
             parts[axis + 1] = math.sin(half)
-            quaternion = _product((parts[0], parts[1], parts[2], parts[3]), quaternion)
+            quaternion = product((parts[0], parts[1], parts[2], parts[3]), quaternion)
         return Pose((x + dx_mm * 1e-3, y + dy_mm * 1e-3, z + dz_mm * 1e-3), quaternion)
 
     def inject(self, target: str, fault: str) -> bool:
@@ -190,20 +190,3 @@ def run_robot(case: RobotCase, check: Callable[[RobotRig], Awaitable[None]]) -> 
                 rig.over = True
 
     run_virtual(main)
-
-
-def _unit(quaternion: Quaternion) -> Quaternion:
-    norm = math.hypot(*quaternion)
-    w, x, y, z = quaternion
-    return w / norm, x / norm, y / norm, z / norm
-
-
-def _product(p: Quaternion, q: Quaternion) -> Quaternion:
-    a, b, c, d = p
-    w, x, y, z = q
-    return (
-        a * w - b * x - c * y - d * z,
-        a * x + b * w + c * z - d * y,
-        a * y - b * z + c * w + d * x,
-        a * z + b * y - c * x + d * w,
-    )
