@@ -5,6 +5,7 @@ exit code is 0 only when none failed. `--only NAME` runs one step.
 """
 
 import argparse
+import os
 import subprocess
 import sys
 import time
@@ -21,6 +22,12 @@ BIN = Path(sys.executable).parent
 def tool(name: str, *arguments: str) -> Callable[[], int]:
     """A step that is one command of the environment, its output shown as it comes."""
     return lambda: subprocess.run([BIN / name, *arguments], cwd=ROOT, check=False).returncode
+
+
+def tests(name: str, *arguments: str) -> tuple[str, ...]:
+    """The command for tests; its forty slowest are printed, and `runs/tests/NAME.txt` keeps the time of each test."""
+    slowest = ("-p", "tools.slowest_tests", "--slowest-tests", f"runs/tests/{name}.txt")
+    return "python", "-m", "pytest", *slowest, *arguments
 
 
 def both(*steps: Callable[[], int]) -> Callable[[], int]:
@@ -55,7 +62,7 @@ def at_once(first: tuple[str, ...], second: tuple[str, ...]) -> Callable[[], int
     return step
 
 
-REAL = ("pytest", "-m", "live", "--reruns", "2")
+REAL = ("-m", "live", "--reruns", "2")
 """Tests in real time. Where a busy machine made one late it has two more tries, and their number is shown."""
 QUICK = (
     "tests/clients",
@@ -69,21 +76,23 @@ STEPS: dict[str, Callable[[], int]] = {
     "types": both(tool("mypy"), tool("mypy", "--config-file", "tests/mypy.ini", "tests")),
     "imports": tool("lint-imports"),
     "protocol": tool(
-        *("pytest", "tests/wire", "--numprocesses", "auto", "--dist", "loadfile"),
+        *tests("protocol", "tests/wire", "--numprocesses", "auto", "--dist", "loadfile"),
         *("--cov", "--cov-report=term"),
     ),
     # the tutorials first: their pages last the longest
     "pages": tool(
-        *("python", "-m", "pytest", "-p", "tools.page_examples", "docs/tutorial", "docs", "README.md"),
+        *tests("pages", "-p", "tools.page_examples", "docs/tutorial", "docs", "README.md"),
         *("--ignore", "docs/_build", "--numprocesses", "2", "--dist", "loadfile", "--no-loadscope-reorder"),
     ),
     # the campaign of faults first: it takes one process the longest
     "tests": tool(
-        *("pytest", "tests/guard/test_campaign.py", "tests", "--ignore", "tests/wire"),
+        *tests("tests", "tests/guard/test_campaign.py", "tests", "--ignore", "tests/wire"),
         *("-m", "not live and not vcan and not driver", "--numprocesses", "auto"),
         *("--dist", "loadfile", "--no-loadscope-reorder"),
     ),
-    "live": at_once((*REAL, *QUICK), (*REAL, *(f"--ignore={path}" for path in QUICK))),
+    "live": at_once(
+        tests("live-quick", *REAL, *QUICK), tests("live-slow", *REAL, *(f"--ignore={path}" for path in QUICK))
+    ),
 }
 BESIDE: dict[str, tuple[str, ...]] = {
     "docs": ("sphinx-build", "-E", "-W", "--keep-going", "-q", "docs", "docs/_build/html"),
@@ -103,6 +112,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", choices=[*STEPS, *BESIDE])
     only = parser.parse_args().only
+    # each process would compile each module again where the machine forbids to keep what was compiled
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
     results: dict[str, tuple[int, float]] = {}
 

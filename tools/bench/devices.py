@@ -164,6 +164,8 @@ class Cell:
     _noise: random.Random = field(default_factory=lambda: random.Random(1))
     _read_at: float = 0.0
     """When the robot's wire was read last."""
+    _sample_due: float = 0.0
+    """When the next sample that comes by itself is due."""
 
     def serve(self, enough: Callable[[int], bool]) -> None:
         """Answer until the wire ends. `enough` is asked after each turnaround with the number of them so far. Once it
@@ -245,6 +247,9 @@ class Cell:
             poll.register(self.sensor.fd, select.POLLIN)
         ends = time.perf_counter() + PATIENCE_S
         while time.perf_counter() < ends:
+            if not self.moving and self.sensor.streaming and time.perf_counter() >= self._sample_due:
+                self._sample_due = time.perf_counter() + PERIOD_MS / 1e3
+                self.sensor.send(self._counts())
             fds = [fd for fd, _ in poll.poll(LOOK_MS if self.moving else PERIOD_MS)]
             if self.robot in fds:
                 data = read_some(self.robot)
@@ -257,8 +262,6 @@ class Cell:
                     poll.unregister(self.sensor.fd)
             elif self.gone():
                 raise EOFError
-            elif self.sensor.streaming:
-                self.sensor.send(self._counts())
         raise PeerSilent(f"nothing came from the other side within {PATIENCE_S:g} s")
 
 
