@@ -14,7 +14,7 @@ from google.protobuf.message import DecodeError
 
 from protocol.devices.egm.schema import RobotWare, message_class
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
-from protocol.geometry import Quaternion, Vector
+from protocol.geometry import Quaternion, Vector, from_angles
 
 LARGEST_BYTES = 1500
 """A longer datagram is refused unread. Chosen: some hundred bytes are usual [O:flo], and an Ethernet frame holds it."""
@@ -133,6 +133,8 @@ class SensorMessage(NamedTuple):
     digital: bool | None = None
     """RAPIDtoRobot, with `dnum`."""
     dnum: tuple[float, ...] = ()
+    has_external: bool = False
+    """It names places or speeds of external axes."""
 
 
 class PathCorrection(NamedTuple):
@@ -284,26 +286,13 @@ def decode_answer(data: bytes) -> Answer:
     _trusted("EgmSensor", dnum, DNUM_MAX)
     if pose is not None:
         _trusted("EgmSensor", (*pose.position_mm, *pose.quaternion), 7)
+    digital = _optional(rapid, "digVal")
     return SensorMessage(
-        header.seqno, tm, pose, joints, cartesian, joint_speed, _optional(rapid, "digVal"), dnum
+        header.seqno, tm, pose, joints, cartesian, joint_speed, digital, dnum, any(map(len, external))
     )
 
 
 # --- parts
-
-
-def quaternion_of(x_deg: float, y_deg: float, z_deg: float) -> Quaternion:
-    """The orientation of ABB's Euler angles: about x, then y, then z of the fixed frame [O:lib]."""
-    (a, i), (b, j), (c, k) = (
-        (math.cos(half), math.sin(half))
-        for half in (math.radians(angle) / 2.0 for angle in (x_deg, y_deg, z_deg))
-    )
-    return (
-        c * b * a + k * j * i,
-        c * b * i - k * j * a,
-        c * j * a + k * b * i,
-        k * b * a - c * j * i,
-    )
 
 
 def _parsed(kind: Any, data: bytes) -> Any:
@@ -359,8 +348,8 @@ def _pose(field: Any) -> PoseMm | None:
         return None
     at = field.pos
     position = at.x, at.y, at.z
-    if field.HasField("euler"):  # it wins [M]
-        return PoseMm(position, quaternion_of(field.euler.x, field.euler.y, field.euler.z))
+    if field.HasField("euler"):  # it wins [M]; about x, then y, then z of the fixed frame [O:lib]
+        return PoseMm(position, from_angles(field.euler.z, field.euler.y, field.euler.x))
     if not field.HasField("orient"):
         return None
     orient = field.orient
