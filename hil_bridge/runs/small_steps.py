@@ -124,12 +124,5 @@ def numbers(values: Sequence[float]) -> str:
     return " ".join(f"{value:z.2f}" for value in values)
 
 
-def unit(quaternion: Quaternion) -> Quaternion:
-    """Device words are rounded; turns are calculated with unit length."""
-    length = math.hypot(*quaternion)
-    w, x, y, z = (part / length for part in quaternion)
-    return w, x, y, z
-
-
 def _mm(position: Vector) -> str:
     return " ".join(f"{part * 1e3:.3f}" for part in position)

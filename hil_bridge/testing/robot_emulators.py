@@ -22,9 +22,10 @@ import pytest
 
 from hil_bridge.errors import BridgeError
 from hil_bridge.testing.cases import RobotCase
-from hil_bridge.testing.naming import Finding, angle_between
+from hil_bridge.testing.naming import Finding
 from hil_bridge.testing.rig import DAMAGES
 from hil_bridge.testing.robot_rig import LIMITS, RobotRig, run_robot
+from protocol.geometry import angle_between
 
 __all__ = [
     "test_committed_path_never_changes",

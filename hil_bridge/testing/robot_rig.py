@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from emulators.arm.quaternions import normalised, product
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.devices.device_log import Silence
 from hil_bridge.devices.robots.seam import MotionLimits, RobotLink
@@ -16,7 +15,7 @@ from hil_bridge.errors import BridgeError
 from hil_bridge.testing.cases import RobotCase
 from hil_bridge.testing.naming import Finding, orientation_mistake, position_mistake
 from hil_bridge.testing.rig import Rig, serving_in_memory
-from protocol.geometry import Pose
+from protocol.geometry import Pose, normalise, product
 from protocol.robot import RobotReport
 
 SPEED_M_S = 0.05
@@ -107,7 +106,7 @@ class RobotRig(Rig):
     ) -> Pose:
         """A pose around the start: so many mm off, and turned by so many degrees about base x, y, z."""
         x, y, z = self.case.start.position
-        quaternion = normalised(self.case.start.quaternion)
+        quaternion = normalise(self.case.start.quaternion)
         for axis, degrees in enumerate(turn if self.case.turns else ()):
             half = math.radians(degrees) / 2.0
             parts = [math.cos(half), 0.0, 0.0, 0.0]

@@ -14,7 +14,6 @@ from enum import Enum
 
 from emulators.arm.followed import FollowedArm, FollowedProfile
 from emulators.arm.own_force import Errors, OwnForce
-from emulators.arm.quaternions import normalised
 from emulators.devices.egm.bad_link import BadLink
 from emulators.devices.egm.bad_pose import BadPose
 from emulators.devices.egm.guided import OUT_OF_BOUNDS, ArmJoints, GuidedMotion
@@ -39,9 +38,8 @@ from protocol.devices.egm import (
     from_wire,
     to_wire,
 )
-from protocol.devices.egm.units import rotated
 from protocol.endpoint import RemoteProtocolError
-from protocol.geometry import Pose
+from protocol.geometry import Pose, inverse, normalise, rotate
 
 _QUICK = 1e9
 """Speed of the arm's own interpolation, mm/s and degrees/s: it takes each set point as it is."""
@@ -81,7 +79,7 @@ class EgmController:
 
     def __init__(self, profile: EgmProfile, start: StartPose, now: float, seed: int) -> None:
         """Powered up at `now`, with its program running. Raises ValueError for a start that the arm cannot hold."""
-        pose = Pose(start.position, normalised(start.quaternion))
+        pose = Pose(start.position, normalise(start.quaternion))
         self._profile, self._powered_at = profile, now
         self._period = profile.cycle_ms * 1e-3
         self._every = round(profile.sample_ms / profile.cycle_ms)
@@ -426,8 +424,7 @@ class EgmController:
 
     def _force(self, measured: Pose, at: float) -> tuple[float, ...]:
         """The measured force along the tool's axes, N; it tells no moments."""
-        w, x, y, z = measured.quaternion
-        return *rotated((w, -x, -y, -z), self._own_force.at(at)), 0.0, 0.0, 0.0
+        return *rotate(inverse(measured.quaternion), self._own_force.at(at)), 0.0, 0.0, 0.0
 
     # --- faults
 

@@ -273,7 +273,7 @@ class NetBox:
         stream.next += step
         stream.sent += 1
         counts = self._counts_of(state)
-        stream.buffer.append(RECORD.pack(stream.sent % WRAP, ft, self.status(number, now), *counts))
+        stream.buffer.append(RECORD.struct.pack(stream.sent % WRAP, ft, self.status(number, now), *counts))
         over = stream.remaining == stream.sent
         if over or len(stream.buffer) >= stream.at_once:
             self._out.append(Datagram(b"".join(stream.buffer), side=stream.side))

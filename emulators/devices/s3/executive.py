@@ -12,7 +12,6 @@ from typing import TypeAlias
 import numpy as np
 
 from emulators.arm.kinematics import Joints
-from emulators.arm.quaternions import normalised
 from emulators.arm.waypoints import Waypoint, WaypointArm
 from emulators.arm.work_area import OutsideWorkArea, WorkArea
 from emulators.devices.s3.profile import S3Profile, S3Profiles
@@ -48,7 +47,7 @@ from protocol.devices.s3.arap import (
     response,
 )
 from protocol.endpoint import RemoteProtocolError
-from protocol.geometry import Pose, Quaternion, Vector
+from protocol.geometry import Pose, Quaternion, Vector, normalise
 
 _UNIT_TOLERANCE = 0.01
 """Assumed: how far a quaternion's norm may be from 1; words of 1/16384 alone make up 0.0001."""
@@ -103,7 +102,7 @@ class Executive:
         self._move_lengths = frozenset((*MOVE_LENGTHS, profiles.link.move_length))
         self._work_area = WorkArea(profile, start.tool_length)
         try:
-            joints = self._work_area.joints(start.position, normalised(start.quaternion))
+            joints = self._work_area.joints(start.position, normalise(start.quaternion))
         except OutsideWorkArea as error:
             raise ValueError(
                 f"the start position {start.position} m with the quaternion {start.quaternion} is outside the "
@@ -293,7 +292,7 @@ class Executive:
 
     def _waypoint(self, position: Vector, quaternion: Quaternion, speed: float, now: float) -> Waypoint:
         """A point with the line to it from the last point accepted. Raises OutsideWorkArea."""
-        route = self._work_area.route(*self.motion.goal(now), position, normalised(quaternion))
+        route = self._work_area.route(*self.motion.goal(now), position, normalise(quaternion))
         return Waypoint(position, quaternion, speed, route)
 
 

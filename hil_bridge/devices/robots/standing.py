@@ -2,8 +2,7 @@
 
 import math
 
-from hil_bridge.devices.robots.gate import turn_between
-from protocol.geometry import Pose
+from protocol.geometry import Pose, angle_between
 
 NEAR_M, NEAR_RAD = 0.5e-3, math.radians(0.5)
 """Chosen: how near to its set point a robot must report to stand to be led on after a fault, and how near to
@@ -16,7 +15,7 @@ def moved_since(seen: Pose, stands: Pose) -> str:
 
     A movement is planned from the pose that was seen. From another one, its first order would be a jump.
     """
-    way, turn = math.dist(seen.position, stands.position), turn_between(seen.quaternion, stands.quaternion)
+    way, turn = math.dist(seen.position, stands.position), angle_between(seen.quaternion, stands.quaternion)
     if way <= NEAR_M and turn <= NEAR_RAD:
         return ""
     return (
@@ -43,7 +42,7 @@ class Faults:
     def is_back(self, reported: Pose, setpoint: Pose) -> bool:
         """Whether a robot that reports no fault any more has come back to its set point, which ends the fault."""
         near = math.dist(reported.position, setpoint.position) <= NEAR_M
-        back = near and turn_between(reported.quaternion, setpoint.quaternion) <= NEAR_RAD
+        back = near and angle_between(reported.quaternion, setpoint.quaternion) <= NEAR_RAD
         if back:
             self.apart = False
             if self._told:

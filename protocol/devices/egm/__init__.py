@@ -19,7 +19,7 @@ from protocol.devices.egm.messages import (
     encode_robot,
 )
 from protocol.devices.egm.schema import RobotWare
-from protocol.devices.egm.units import from_wire, rotation_vector, to_wire, turned
+from protocol.devices.egm.units import from_wire, to_wire
 
 __all__ = [
     "Answer",
@@ -41,7 +41,5 @@ __all__ = [
     "encode_robot",
     "fault_of",
     "from_wire",
-    "rotation_vector",
     "to_wire",
-    "turned",
 ]

@@ -33,9 +33,9 @@ from protocol.devices.egm.messages import (
     decode_robot,
     encode_answer,
 )
-from protocol.devices.egm.units import from_wire, rotated, rotation_vector, to_wire
+from protocol.devices.egm.units import from_wire, to_wire
 from protocol.endpoint import RemoteProtocolError
-from protocol.geometry import Pose, Vector
+from protocol.geometry import Pose, Vector, rotate, rotation_vector, turn_between
 from protocol.robot import ReportReceived, RobotReport, StreamEvent, StreamLost, StreamNotice
 
 _NUMBERS = 2**32
@@ -236,7 +236,7 @@ class EgmClient:
         if self._force_axes == "none" or len(told) < 3 or not any(told):
             return None
         a, b, c = told[:3]
-        force = (a, b, c) if self._force_axes == "base" else rotated(pose.quaternion, (a, b, c))
+        force = (a, b, c) if self._force_axes == "base" else rotate(pose.quaternion, (a, b, c))
         return force if all(map(math.isfinite, force)) else None
 
     def _misplaced(self, measured: PoseMm | None, planned: PoseMm | None, at: float) -> str:
@@ -310,7 +310,7 @@ class EgmClient:
             return _STILL
         time = max(self._number - self._sent_number, 1) * self._cycle
         (x, y, z), (a, b, c) = before.position_mm, reference.position_mm
-        u, v, w = map(math.degrees, rotation_vector(before.quaternion, reference.quaternion))
+        u, v, w = map(math.degrees, rotation_vector(turn_between(before.quaternion, reference.quaternion)))
         return (a - x) / time, (b - y) / time, (c - z) / time, u / time, v / time, w / time
 
 

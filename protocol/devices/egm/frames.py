@@ -8,7 +8,7 @@ the origin. A robot whose set point leaves an answer that stands is seen to take
 import math
 
 from protocol.devices.egm.messages import PoseMm
-from protocol.devices.egm.units import rotation_vector
+from protocol.geometry import angle_between
 
 APART_MM, APART_RAD = 1.0, math.radians(1.0)
 """Chosen: a measured pose that is farther from a set point that stands is told in another frame; some times what a
@@ -51,7 +51,7 @@ class Frames:
             )
             return self.refused
         off = math.dist(measured.position_mm, planned.position_mm)
-        turned = math.hypot(*rotation_vector(planned.quaternion, measured.quaternion))
+        turned = angle_between(planned.quaternion, measured.quaternion)
         if stood and (off > APART_MM or turned > APART_RAD):
             return (
                 f"it tells to stand {off:.1f} mm and {math.degrees(turned):.1f}° from its own set point, which stands; "

@@ -11,7 +11,6 @@ from protocol.devices.netft.http import Page
 from protocol.devices.netft.page import Configuration, parse_page
 from protocol.devices.netft.profile import NetFtClientProfile
 from protocol.devices.netft.records import (
-    RECORD,
     RECORD_SIZE,
     SATURATED,
     WRAP,
@@ -19,6 +18,7 @@ from protocol.devices.netft.records import (
     encode_request,
     is_warning,
     status_words,
+    unpack_record,
 )
 from protocol.endpoint import RemoteProtocolError
 from protocol.outbox import Outbox
@@ -148,7 +148,7 @@ class NetFtClient(Outbox[bytes]):
         self._due = now + self._profile.silence_s
 
     def _take_record(self, datagram: bytes, now: float) -> None:
-        rdt, ft, status, fx, fy, fz, tx, ty, tz = RECORD.unpack(datagram)
+        rdt, ft, status, fx, fy, fz, tx, ty, tz = unpack_record(datagram)
         self._due = now + self._profile.silence_s
         saturated, telling = 0, self._telling
         if status and not telling.knows_status(status):

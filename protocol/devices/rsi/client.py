@@ -18,11 +18,11 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from protocol.datagram import arrived_at
-from protocol.devices.rsi.angles import angles_of, inverse, nearest, pose_of, quaternion_of, times
+from protocol.devices.rsi.angles import nearest, pose_of
 from protocol.devices.rsi.profile import RsiLink
 from protocol.devices.rsi.telegram import ROBOT, SENSOR, Telegram, decode, encode, fixed, number, pose_tags
 from protocol.endpoint import RemoteProtocolError
-from protocol.geometry import Pose
+from protocol.geometry import Pose, angles_of, from_angles, inverse, product
 from protocol.robot import ReportReceived, RobotReport, StreamEvent, StreamLost, StreamNotice
 
 DECIMALS = 6
@@ -300,7 +300,7 @@ class RsiClient:
         (position, quaternion), total = self._began
         (x, y, z), (u, v, w) = pose.position, position
         x0, y0, z0, a0, b0, c0 = total
-        turn = times(times(pose.quaternion, inverse(quaternion)), quaternion_of((a0, b0, c0)))
+        turn = product(product(pose.quaternion, inverse(quaternion)), from_angles(a0, b0, c0))
         (a, b, c), (_, _, _, a0, b0, c0) = angles_of(turn), self._total
         x, y, z = x0 + (x - u) * 1e3, y0 + (y - v) * 1e3, z0 + (z - w) * 1e3
         return x, y, z, nearest(a, a0), nearest(b, b0), nearest(c, c0)
@@ -390,4 +390,4 @@ def _pose_in(texts: tuple[str, ...]) -> Pose | None:
 def _offset(actual: Pose, planned: Pose) -> Correction:
     """The correction between two poses."""
     x, y, z = ((there - here) * 1e3 for there, here in zip(actual.position, planned.position, strict=True))
-    return (x, y, z, *angles_of(times(actual.quaternion, inverse(planned.quaternion))))
+    return (x, y, z, *angles_of(product(actual.quaternion, inverse(planned.quaternion))))

@@ -14,11 +14,11 @@ from protocol.devices.rtde.fields import IN_USE, NOT_FOUND, Recipe
 from protocol.devices.rtde.packets import Kind, Packet, Reader
 from protocol.devices.rtde.profile import ClientProfile
 from protocol.devices.rtde.program import INPUT_NAMES, Command, State, program_text
-from protocol.devices.rtde.rotation import pose_of, quaternion_of, six_of, turn_between
+from protocol.devices.rtde.rotation import pose_of, six_of
 from protocol.devices.rtde.states import RobotMode, Runtime, SafetyBits, name_of
 from protocol.devices.rtde.wires import Piece, Pieces, Port
 from protocol.endpoint import RemoteProtocolError
-from protocol.geometry import Pose
+from protocol.geometry import Pose, angle_between, turn_by
 from protocol.outbox import Mailbox
 from protocol.robot import ReportReceived, RobotReport, StreamEvent, StreamLost, StreamNotice, pose_fault
 
@@ -421,7 +421,7 @@ def _misplaced(values: tuple[float, ...]) -> str:
     if not math.hypot(*values[_SPEED : _SPEED + 3]) <= STANDS_M_S:
         return ""
     off = math.dist(actual[:3], target[:3])
-    turned = turn_between(quaternion_of(actual[3:]), quaternion_of(target[3:]))
+    turned = angle_between(turn_by(actual[3:]), turn_by(target[3:]))
     if off <= APART_M and turned <= APART_RAD:
         return ""
     return (
