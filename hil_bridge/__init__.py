@@ -9,50 +9,13 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from hil_bridge.api import *  # noqa: F403
 
-_NAMES = frozenset(
-    [
-        "BridgeError",
-        "Cause",
-        "Command",
-        "Config",
-        "ConfigError",
-        "Configuration",
-        "Controller",
-        "CycleRecord",
-        "DeviceError",
-        "Measurement",
-        "OpenDevices",
-        "OrderRefused",
-        "Outcome",
-        "Part",
-        "Reason",
-        "Recording",
-        "Result",
-        "SafetyStop",
-        "Simulation",
-        "TransportBroken",
-        "TransportClosed",
-        "TransportEnded",
-        "TransportError",
-        "TransportUnavailable",
-        "load",
-        "open_devices",
-        "read",
-        "run_real",
-        "run_virtual",
-        "simulate",
-        "simulation",
-    ]
-)
-"""Those of `hil_bridge.api.__all__`."""
-
 
 def __getattr__(name: str) -> Any:
     """A name of `hil_bridge.api`. Raises AttributeError for another."""
-    if name in _NAMES:
-        return getattr(import_module("hil_bridge.api"), name)
+    if not name.startswith("_") and name in (api := import_module("hil_bridge.api")).__all__:
+        return getattr(api, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_NAMES})
+    return sorted({*globals(), *import_module("hil_bridge.api").__all__})

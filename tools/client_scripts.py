@@ -107,6 +107,23 @@ reads.append({"robotmode": board.robotmode(), "safetymode": board.safetymode(), 
 board.disconnect()
 print(json.dumps({"reads": reads, "sends": sends}))
 """
+_UR_CONTROL = """
+import json, sys, time
+from rtde_control import RTDEControlInterface
+
+control = RTDEControlInterface(sys.argv[1], 50.0)
+start, sends = [0.9, -0.1, 0.6, 3.141592653589793, 0.0, 0.0], []
+for step in range(4):
+    target = [start[0], start[1], start[2] - 0.0005 * step, *start[3:]]
+    assert control.servoL(target, 0.0, 0.0, 0.02, 0.1, 300.0)
+    sends.append({"servoL": target})
+    time.sleep(0.02)
+control.servoStop()
+reads = [{"offset": control.getTCPOffset()}]
+control.stopScript()
+control.disconnect()
+print(json.dumps({"reads": reads, "sends": sends}))
+"""
 _PYNETFT = """
 import json, sys, time
 from pynetft import Client, Config
@@ -202,6 +219,9 @@ SESSIONS: dict[str, Session] = {
         ("abb_robot_client==0.4.0",), "egm", {"rw": "6.10"}, {"egm": 0}, _RPI, waits=True
     ),
     "rtde-ur-rtde": Session(("ur_rtde==1.6.5",), "rtde", {}, _RTDE_PORTS, _UR),
+    "rtde-ur-rtde-control": Session(
+        ("ur_rtde==1.6.5",), "rtde", {}, {**_RTDE_PORTS, "script": 30003}, _UR_CONTROL
+    ),
     "netft-pynetft": Session(
         ("pynetft==2.1.3",), "netft", {"boot_s": 0.0, "rate_hz": 100}, {"rdt": 0, "page": 0}, _PYNETFT
     ),

@@ -1,7 +1,8 @@
 """Record transcripts of clients that other people wrote at our emulated devices: `python -m tools.record_clients`.
 
 Each client runs unmodified in an environment and a process of its own, over real wires of this computer; names choose
-some of `SESSIONS`. The device's time follows the computer's in steps of 0.1 ms, so that the file replays exactly.
+some of `SESSIONS`. The device's time follows the computer's in steps of 0.1 ms, so that the file replays exactly. The
+text of a program for a robot is its author's: a line with its name stands in its place.
 """
 
 import argparse
@@ -9,6 +10,7 @@ import datetime
 import json
 import os
 import pty
+import re
 import selectors
 import socket
 import subprocess
@@ -20,6 +22,7 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from emulators.devices.rtde.ur_rtde import register_offset
 from tools.client_environments import interpreter
 from tools.client_scripts import SESSIONS, Session
 from tools.client_transcripts import CLIENT, CLOSES, EPOCH, FOLDER, OPENS, Stage, Step, Transcript, write
@@ -31,6 +34,11 @@ TAIL = 3
 """Steps of the device that are kept behind the client's last one. Chosen: as many as show that it goes on."""
 TICK_S = 0.02
 """Longest wait before the client is looked at."""
+
+_PROGRAM_NAME, _PROGRAM_END = (
+    re.compile(rb"^def\s+(\w+)\s*\(", re.MULTILINE),
+    re.compile(rb"^end\r?\n", re.MULTILINE),
+)
 
 
 class Wire(NamedTuple):
@@ -50,6 +58,7 @@ class Recorder:
         self._stage = Stage(session.device, session.settings)
         self._selector = stack.enter_context(selectors.DefaultSelector())
         self._wires: dict[str, Wire] = {}
+        self._programs: dict[str, bytes] = {}
         self._opened = 0
         self.steps: list[Step] = []
         self.began = time.monotonic()
@@ -131,13 +140,25 @@ class Recorder:
             data = b""
         except ConnectionRefusedError:  # a client over UDP that has gone, or is not there yet
             return
-        if data:
-            self._take(Step(at_ms, CLIENT, wire.name, data))
+        taken = self._without_program(wire.name, data) if wire.name.startswith("script") else data
+        if taken:
+            self._take(Step(at_ms, CLIENT, wire.name, taken))
         if not data or (wire.name.startswith("page") and self.steps[-1].who != CLIENT):
             self._take(Step(at_ms, CLIENT, wire.name, event=CLOSES))
             self._selector.unregister(wire.file)
             del self._wires[wire.name]
             wire.file.close()
+
+    def _without_program(self, wire: str, data: bytes) -> bytes:
+        """What is recorded of a script port: in place of each whole program one that the device knows by the same name
+        and registers, for the text is its author's.
+        """
+        text = self._programs[wire] = self._programs.get(wire, b"") + data
+        if (end := _PROGRAM_END.search(text)) is None:
+            return b""
+        self._programs[wire] = text[end.end() :]
+        name = next(iter(_PROGRAM_NAME.findall(text)), b"unknown")
+        return b"def %s():\n# float register offset\n%d\nend\n" % (name, register_offset(text))
 
     def _take(self, step: Step) -> None:
         self.steps.append(step)

@@ -9,6 +9,7 @@ from typing import Any
 
 from emulators.cell import Cell, Parts
 from emulators.seams import StartPose
+from emulators.unmodelled import TaggingDevice
 from hil_bridge.clock import VIRTUAL_EPOCH, Clock, Timer, device_clock
 from hil_bridge.devices.device_log import DeviceLog
 from hil_bridge.devices.kinds import (
@@ -20,12 +21,12 @@ from hil_bridge.devices.kinds import (
     robot_of,
     sensor_of,
 )
-from hil_bridge.devices.robots.of_others import LinkOfOthers
+from hil_bridge.devices.robots.of_others import link_of_others
 from hil_bridge.devices.robots.seam import RobotLink
 from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.devices.wiring import Serving, Wiring, Wrap, unwrapped
 from hil_bridge.errors import BridgeError, ConfigError
-from hil_bridge.errors.failures import tell_failure
+from hil_bridge.errors.failures import WrongAnswer, one_line, plugin_place, tell_failure
 from hil_bridge.runs.faults.bus import BusFaults
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config
@@ -33,6 +34,7 @@ from hil_bridge.settings.devices import emulated_in, robot_in, sensor_in
 from hil_bridge.settings.kinds import settings_of, surface_settings
 from hil_bridge.transports.can.memory import memory_can_bus
 from protocol.geometry import Vector
+from protocol.unmodelled import NotModelled
 
 _MEMORY_CAN = "can+memory:"
 
@@ -113,7 +115,8 @@ def make_cell(setup: Setup, kinds: EmulatedKinds, now: float) -> Cell[Any, Any]:
     try:
         return Cell(config.cell, now, config.run.seed, parts)
     except ValueError as error:
-        raise ConfigError(f"cell: {error}") from error
+        place = plugin_place(error)
+        raise ConfigError(f"cell: {one_line(str(error))}{place and f' ({place})'}") from error
 
 
 def holds(setup: Setup, place: Vector) -> bool:
@@ -172,6 +175,13 @@ def _tell_failed(cause: BaseException, log: DeviceLog) -> None:
     tell_failure("the emulated cell", cause, log.notice)
 
 
+def follow_unmodelled(cell: Cell[Any, Any], listener: Callable[[NotModelled], object]) -> None:
+    """Tell the listener each thing that a client uses and a device of the cell does not model, once."""
+    for device in (cell.robot, cell.sensor):
+        if isinstance(device, TaggingDevice):
+            device.unmodelled.follow(listener)
+
+
 async def connect_robot(config: Config, url: str, wiring: Wiring) -> RobotLink:
     """The robot behind a URL, not started yet.
 
@@ -181,8 +191,9 @@ async def connect_robot(config: Config, url: str, wiring: Wiring) -> RobotLink:
     robot: RobotLink = await device.kind.connect(device.url, device.settings, wiring)
     if device.kind.name in ROBOTS.built_in:
         return robot
-    guarded: Any = LinkOfOthers(robot, wiring.clock)
-    return guarded  # type: ignore[no-any-return]
+    if not callable(getattr(robot, "motion", None)):
+        raise WrongAnswer(device.kind, "connect", robot, "a robot link")
+    return link_of_others(robot, device.url, wiring.clock)
 
 
 async def connect_sensor(config: Config, url: str, wiring: Wiring) -> ForceSensor:
@@ -191,7 +202,10 @@ async def connect_sensor(config: Config, url: str, wiring: Wiring) -> ForceSenso
     Raises ConfigError for the URL, TransportUnavailable for the wire.
     """
     device = sensor_in(config, url)
-    wire, client = await device.kind.connect(device.url, device.settings, wiring)
+    answer: Any = await device.kind.connect(device.url, device.settings, wiring)
+    if not (isinstance(answer, tuple) and len(answer) == 2):
+        raise WrongAnswer(device.kind, "connect", answer, "a wire and a client")
+    wire, client = answer
     return ForceSensor(wire, client, wiring.clock, wiring.log)
 
 

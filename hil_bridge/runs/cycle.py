@@ -176,8 +176,7 @@ class Run:
                 try:
                     await self._guarded(motion, start)
                 finally:
-                    moved, commanded = motion.ordered, motion.commanded or commanded
-                    answers = not motion.abandoned
+                    moved, commanded, answers = self._read_end(motion, commanded)
         except BridgeError as error:
             self._blame(error.reason(Cause.ROBOT_FAILED))
         except asyncio.CancelledError as error:
@@ -194,6 +193,15 @@ class Run:
         if cancelled is not None:
             raise cancelled
         return self.result
+
+    def _read_end(self, motion: Motion, start: Vector) -> tuple[bool, Vector, bool]:
+        """Whether the movement took a point, the last one, and whether the robot answers, as far as it tells that."""
+        try:
+            return motion.ordered, motion.commanded or start, not motion.abandoned
+        except BridgeError as error:
+            self._trace(error)
+            self._blame(error.reason(Cause.ROBOT_FAILED))
+            return True, start, False
 
     def _limits(self, start: RobotReport) -> MotionLimits:
         """Limits of the movement from here: a stream holds when no decision comes for longer than one may last."""

@@ -21,6 +21,7 @@ from hil_bridge.devices.wiring import Wrap, unwrapped
 from hil_bridge.errors.causes import Cause, Reason
 from hil_bridge.errors.failures import FAILED_EVENT, RAISED, of_others, raise_if_asked, tell_failure
 from hil_bridge.record import PHASE_EVENT, CycleRecord, EventRecord, RunEnd, TruthRecord
+from hil_bridge.record.ending import NOT_MODELLED_EVENT
 from hil_bridge.record.removed_map import MEDIA_TYPE, REMOVED_NAME
 from hil_bridge.runs import compose
 from hil_bridge.runs.cycle import Run
@@ -30,6 +31,7 @@ from hil_bridge.runs.run_log import RunLog
 from hil_bridge.runs.setup import Setup
 from hil_bridge.runs.truth import GroundTruth
 from hil_bridge.runs.watching import Listener
+from protocol.unmodelled import NotModelled
 
 
 class Running:
@@ -142,6 +144,11 @@ def _with_cell(run: Running, cell: Cell[Any, Any]) -> list[Callable[[], object]]
         log.join(Listener({CycleRecord: truth.cycle}))
         closes.append(truth.close)
     log.join(Listener({CycleRecord: faults.cycle, EventRecord: faults.event}))
+
+    def tell(thing: NotModelled) -> None:
+        log.tell(NOT_MODELLED_EVENT, str(thing), not_modelled=thing)
+
+    compose.follow_unmodelled(cell, tell)
     return closes
 
 

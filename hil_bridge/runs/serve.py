@@ -12,9 +12,10 @@ import click
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.clock.realtime import real_time_thread
 from hil_bridge.errors import BridgeError, DeviceError
-from hil_bridge.runs.compose import Ports, emulated_cell
+from hil_bridge.runs.compose import Ports, emulated_cell, follow_unmodelled
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config
+from protocol.unmodelled import NotModelled, relied_on
 
 
 def serve(config: Config, ports: Ports, as_json: bool) -> None:
@@ -29,6 +30,11 @@ async def _serve(config: Config, ports: Ports, as_json: bool, executor: ThreadPo
         loop.set_default_executor(executor)
     stopped = asyncio.Event()
     causes: list[BaseException] = []
+    things: list[NotModelled] = []
+
+    def tell(thing: NotModelled) -> None:
+        things.append(thing)
+        _log(str(thing))
 
     def failed(cause: BaseException) -> None:
         causes.append(cause)
@@ -39,6 +45,7 @@ async def _serve(config: Config, ports: Ports, as_json: bool, executor: ThreadPo
             loop.add_signal_handler(number, stopped.set)
     try:
         async with emulated_cell(Setup(config), clock, ports, failed, _log) as served:
+            follow_unmodelled(served.cell, tell)
             devices = {"robot": served.robot, "sensor": served.sensor, "panel": served.panel}
             where = {device: url for device, url in devices.items() if url is not None}
             if served.sensor is not None:
@@ -56,6 +63,8 @@ async def _serve(config: Config, ports: Ports, as_json: bool, executor: ThreadPo
                 raise DeviceError(f"an emulated device failed: {causes[0]!r}") from causes[0]
     finally:
         clock.close()
+        if things:
+            _log(relied_on(things))
 
 
 def _log(text: str) -> None:

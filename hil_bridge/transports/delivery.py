@@ -96,6 +96,16 @@ class Delivery(Generic[Data]):
         self._closing = True
         return True
 
+    async def close(self, drained: Callable[[], Awaitable[None]], close: Callable[[], object]) -> None:
+        """Hand over what is queued, then close. Harmless when it has ended."""
+        if not self.begin_close():
+            return
+        try:
+            await flush(drained())
+        finally:
+            close()
+            self.closed()
+
     def closed(self) -> None:
         """End because we wanted it."""
         self.end(TransportClosed(f"{self.name}: closed"))

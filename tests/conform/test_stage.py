@@ -86,6 +86,7 @@ def played(kind: str, scenario: str) -> Played:
 def test_our_own_link_passes(kind: str, scenario: str) -> None:
     one = played(kind, scenario)
     assert one.verdict.outcome is Outcome.PASSED, one.verdict.reason
+    assert one.not_modelled == ()
     if scenario != "refused":
         assert one.seen.moved_m > 0.5e-3
         assert one.seen.taken > 5

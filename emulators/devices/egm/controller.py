@@ -22,6 +22,7 @@ from emulators.faults.ledger import Handler, Injection
 from emulators.faults.own import OwnFaults
 from emulators.orders import Act, HeardOrder, Hindrance, Orders
 from emulators.seams import ArmPath, Handlers, Joints, StartPose
+from emulators.unmodelled import Unmodelled
 from protocol.devices.egm import (
     Answer,
     Guidance,
@@ -90,7 +91,7 @@ class EgmController:
         """The pose that was measured last, and the joints that hold it."""
         self.path: ArmPath = self._arm.path
         self.endpoint = self
-        self.orders = Orders()
+        self.orders, self.unmodelled = Orders(), Unmodelled("egm")
         self.state = State.SET_UP
         self.error = ""
         """Words of the last error, with the number of its event where that is known."""
@@ -211,8 +212,13 @@ class EgmController:
             return
         self._newest, self._heard_at = message.seqno, now
         self.counters["messages"] += 1
-        if isinstance(message, SensorMessage) and not _says_something(message):
-            return
+        if isinstance(message, SensorMessage):
+            if message.has_external:
+                self.unmodelled.touch("externalJoints", "this arm has no external axes")
+            if message.dnum:
+                self.unmodelled.touch("RAPIDtoRobot.dnum", "no RAPID program reads it")
+            if not _says_something(message):
+                return
         if self._profile.rx_queue == "latest":
             self._drop(len(self._queue))
             self._queue.clear()

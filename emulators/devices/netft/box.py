@@ -21,6 +21,7 @@ from emulators.faults.own import OwnFaults
 from emulators.faults.wire import DATAGRAMS, FaultyWire
 from emulators.seams import Floats, WrenchSource
 from emulators.sensing import Converter, MeasuredWrench
+from emulators.unmodelled import Unmodelled
 from protocol.datagram import Datagram, side_of
 from protocol.devices.netft.page import FILTERS_HZ, filter_weight
 from protocol.devices.netft.records import (
@@ -98,6 +99,7 @@ class NetBox:
         self._stream: _Stream | None = None
         self._power_up(powered_at)
         self._faults = OwnFaults()
+        self.unmodelled = Unmodelled("netft")
         held, striking = self._faults.held, self._faults.striking
         self.handlers: Mapping[str, Mapping[str, Handler]] = {
             "signal": self._measured.signal.handlers,
@@ -188,7 +190,8 @@ class NetBox:
             except RemoteProtocolError:
                 continue  # assumed: dropped without an answer
             if request.extended:
-                continue  # records go to the asking address alone
+                self.unmodelled.touch("extended request", "dropped: records go to the asking address alone")
+                continue
             own = self._stream is None or side_of(datagram) == self._stream.side
             if request.command == Command.STOP:
                 if own or self.profile.stranger_may_stop:
@@ -201,6 +204,8 @@ class NetBox:
                 self._take_bias(now)
                 if self.profile.bias_stops_stream:
                     self._stop(now)
+            else:
+                self.unmodelled.touch(f"command {request.command:#06x}", "dropped")
 
     def _start(self, command: Command, records: int, now: float, side: Hashable) -> None:
         newest, step = self._measured.number_at(now), self.step

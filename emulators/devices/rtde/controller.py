@@ -29,6 +29,7 @@ from emulators.devices.rtde.profile import RtdeProfile
 from emulators.devices.rtde.state import Registers, Snapshot
 from emulators.orders import Act, HeardOrder, Hindrance, Orders
 from emulators.seams import StartPose
+from emulators.unmodelled import Unmodelled
 from protocol.devices.rtde.fields import Value
 from protocol.devices.rtde.packets import Version
 from protocol.devices.rtde.states import RobotMode, Runtime, SafetyMode
@@ -121,7 +122,7 @@ class Controller:
         self._powered = 0
         """How often the power has gone."""
         self._wanted = joints
-        self.orders = Orders()
+        self.orders, self.unmodelled = Orders(), Unmodelled("rtde")
         """Orders of its clients, for a judge of them."""
         self.intent: Callable[[tuple[str, ...]], HeardOrder | None] = lambda names: None
         """The order of a package of these inputs, by the program that came last; None for nothing that moves."""

@@ -104,6 +104,28 @@ FIELDS: Mapping[str, Callable[[Snapshot], Value]] = {
 """Outputs that are more than 0; temperatures, voltages and the like are plausible constants."""
 
 
+_CONSTANT = (
+    "joint_temperatures",
+    "actual_joint_voltage",
+    "actual_main_voltage",
+    "actual_robot_voltage",
+    "actual_robot_current",
+    "actual_execution_time",
+    "actual_tool_accelerometer",
+)
+_HEEDED = ("speed_slider_mask", "speed_slider_fraction", "external_force_torque")
+"""Inputs that act, beside registers."""
+
+
+def not_modelled(name: str) -> str:
+    """The treatment of a variable that has no meaning here; empty for one that has."""
+    if name in _CONSTANT:
+        return "always the same"
+    if "_register" in name or name in FIELDS or name in _HEEDED:
+        return ""
+    return "taken without effect" if name in INPUTS else "always 0"
+
+
 def getter(name: str) -> Callable[[Snapshot], tuple[float, ...]]:
     """A function for the laid-out numbers of an output."""
     kind = OUTPUTS[name].type

@@ -28,6 +28,7 @@ from emulators.devices.s3.state import (
     status_flags,
 )
 from emulators.seams import StartPose
+from emulators.unmodelled import Unmodelled
 from protocol.devices.s3.arap import (
     MOVE_LENGTHS,
     FunctionCode,
@@ -56,6 +57,8 @@ _LOOK_AHEAD_S = 0.14
 the path is committed anyway. Ticks computed beyond an order are wasted.
 """
 
+_REAL = frozenset(FunctionCode)
+"""Functions of a real controller."""
 Answer: TypeAlias = Telegram | int | None
 """A response, a refusal code, or None: not yet."""
 
@@ -92,6 +95,7 @@ class Executive:
         site: S3Site,
     ) -> None:
         self._profile = profile = profiles.robot
+        self.unmodelled = Unmodelled("s3")
         self._site = site
         self._site_orders = SiteOrders(site.orders)
         self._programs = _read_programs(profile, site)
@@ -192,6 +196,11 @@ class Executive:
         if telegram is None:
             return RefusalCode.TELEGRAM_INCOMPLETE
         definition = self._site.orders.of_function(telegram.function)
+        if definition is None and telegram.function in _REAL:
+            text = FunctionCode(telegram.function).text
+            self.unmodelled.touch(
+                f"function {telegram.function}, {text}", "refused; an orders file can define it"
+            )
         if definition is None or telegram.type != TelegramType.ORDER:
             return RefusalCode.WRONG_FUNCTION_CODE
         if telegram.suffix not in definition.suffixes:
@@ -259,6 +268,8 @@ class Executive:
             if move.kind is MoveKind.START:
                 self.happen(Stimulus.SEQUENCE_START, now)
                 return response(telegram)
+            if move.robot_coordinates:
+                self.unmodelled.touch("points in robot coordinates", "refused")
             if not _usable(move):
                 return self._profile.unusable_move_refusal
             if order.waypoint is None:

@@ -16,7 +16,7 @@ from hil_bridge.devices.robots.seam import MotionLimits, RobotFacts, RobotReport
 from hil_bridge.devices.robots.standing import moved_since
 from hil_bridge.devices.robots.streamed_motion import Stream, StreamedMotion
 from hil_bridge.errors import BridgeError, Cause, DeviceError, OrderRefused, TransportClosed
-from hil_bridge.errors.failures import code_failed, link_cause
+from hil_bridge.errors.failures import blame, code_failed, link_cause
 from hil_bridge.transports import Transport
 from hil_bridge.transports.pump import Data, Pump
 from protocol.robot import ReportReceived, StreamClient, StreamEvent, StreamLost, StreamNotice
@@ -75,6 +75,7 @@ class StreamedLink(Generic[Data]):
         )
         self._fresh = FRESH_CYCLES * facts.cycle_s
         self._wire, self._clock, self._log = wire, clock, log
+        self._client = client
         self._answering = Answering(client, facts.cycle_s)
         self._pump: Pump[Data, StreamEvent] = Pump(self._answering, wire, clock, self._take, self._ended)
         self._newest: RobotReport | None = None
@@ -202,6 +203,7 @@ class StreamedLink(Generic[Data]):
         return f"robot on {self.name} cannot move: {words}"
 
     def _ended(self, cause: BaseException) -> None:
+        blame(cause, self._client, "receive")
         self._failure = code_failed(f"robot link {self.name}", cause, link_cause(cause))
         if not isinstance(cause, TransportClosed):
             self._log.notice("link", str(self._failure))

@@ -26,11 +26,12 @@ from hil_bridge.lab.conform.scenarios import (
     Rules,
 )
 from hil_bridge.lab.conform.watching import Seen, Watch
-from hil_bridge.runs.compose import Ports, emulated_cell
+from hil_bridge.runs.compose import Ports, emulated_cell, follow_unmodelled
 from hil_bridge.runs.faults.panel import FaultPanel
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.devices import robot_in
+from protocol.unmodelled import NotModelled
 
 _LOOK_S = 0.01
 """Chosen: time between two looks at the robot and the client."""
@@ -46,6 +47,8 @@ class Played:
     output: str
     """The end of what the client wrote."""
     seconds: float
+    not_modelled: tuple[NotModelled, ...] = ()
+    """Things that the client used and the emulated robot does not model."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,10 +88,12 @@ async def play(name: str, trial: Trial) -> Played:
     clock = Clock.running()
     client = trial.make_client()
     failures: list[BaseException] = []
+    things: list[NotModelled] = []
     begun = clock.now()
     try:
         ports = Ports(trial.port, None)
         async with emulated_cell(Setup(trial.config), clock, ports, failures.append) as served:
+            follow_unmodelled(served.cell, things.append)
             scene = _Scene(name, trial, _ServedCell(served.cell, clock, failures), client)
             await scene.play(where_of(trial.config, served.robot or ""))
             seen = scene.watch.seen
@@ -96,7 +101,7 @@ async def play(name: str, trial: Trial) -> Played:
         client.kill()
         clock.close()
     seconds = clock.now() - begun
-    return Played(name, judge(name, seen, trial.rules), seen, client.output, seconds)
+    return Played(name, judge(name, seen, trial.rules), seen, client.output, seconds, tuple(things))
 
 
 def unplayed(name: str) -> Played:

@@ -28,6 +28,7 @@ from protocol.devices.ati_can.messages import (
 )
 from protocol.devices.ati_can.profile import AtiCanClientProfile
 from protocol.endpoint import RemoteProtocolError
+from protocol.outbox import Outbox
 from protocol.sensor_telling import SensorTelling
 from protocol.wrench import AXES, SensorFacts, SensorRestarted, SensorStatistics
 
@@ -39,7 +40,7 @@ _ROW_OPS = (Op.ROW, Op.ROW_MIDDLE, Op.ROW_END)
 _ALL_AXES = 0b111111
 
 
-class AtiCanClient:
+class AtiCanClient(Outbox[CanFrame]):
     """Endpoint of CAN frames: a `SensorClient`."""
 
     stop_patience = 0.0
@@ -51,7 +52,7 @@ class AtiCanClient:
             zero_samples=max(1, round(profile.zero_s / (profile.period_ms * 1e-3)))
         )
         self.next_event, self.zero = telling.next_event, telling.zero
-        self._out: list[CanFrame] = []
+        super().__init__()
         self._given_up_at = now + profile.ready_timeout_s
         self._others = False
         self._op, self._axis = Op.FIRMWARE, 0
@@ -90,15 +91,6 @@ class AtiCanClient:
                 self.statistics.malformed += 1
                 if not (self._telling.ready or frame.error) and op != Op.SAMPLE:
                     self._fail(f"{error}; look at its calibration")
-
-    def data_to_send(self, now: float) -> Sequence[CanFrame]:
-        """The question that is due."""
-        out, self._out = self._out, []
-        return out
-
-    def next_deadline(self) -> float | None:
-        """When the next question is due, or an answer is overdue, s."""
-        return self._due
 
     def handle_deadline(self, now: float) -> None:
         """Ask, ask again, or give up."""

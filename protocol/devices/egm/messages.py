@@ -133,6 +133,8 @@ class SensorMessage(NamedTuple):
     digital: bool | None = None
     """RAPIDtoRobot, with `dnum`."""
     dnum: tuple[float, ...] = ()
+    has_external: bool = False
+    """It names places or speeds of external axes."""
 
 
 class PathCorrection(NamedTuple):
@@ -284,8 +286,9 @@ def decode_answer(data: bytes) -> Answer:
     _trusted("EgmSensor", dnum, DNUM_MAX)
     if pose is not None:
         _trusted("EgmSensor", (*pose.position_mm, *pose.quaternion), 7)
+    digital = _optional(rapid, "digVal")
     return SensorMessage(
-        header.seqno, tm, pose, joints, cartesian, joint_speed, _optional(rapid, "digVal"), dnum
+        header.seqno, tm, pose, joints, cartesian, joint_speed, digital, dnum, any(map(len, external))
     )
 
 

@@ -28,6 +28,7 @@ from protocol.devices.ft300.messages import (
 from protocol.devices.ft300.profile import Ft300ClientProfile
 from protocol.endpoint import RemoteProtocolError
 from protocol.geometry import Wrench
+from protocol.outbox import Due
 from protocol.sensor_telling import SensorTelling
 from protocol.wrench import SensorFacts, SensorStatistics
 
@@ -41,7 +42,7 @@ _READS = ((VERSION_REGISTER, 3), (SERIAL_REGISTER, 4))
 _VERSION, _SERIAL, _START, _WRENCH = range(4)
 
 
-class Ft300Client:
+class Ft300Client(Due):
     """Endpoint of bytes: a `SensorClient`."""
 
     def __init__(self, profile: Ft300ClientProfile, now: float) -> None:
@@ -89,10 +90,6 @@ class Ft300Client:
         out = bytes(self._out)
         self._out.clear()
         return out
-
-    def next_deadline(self) -> float | None:
-        """When the patience ends with that which is waited for, s."""
-        return self._due
 
     def handle_deadline(self, now: float) -> None:
         """Ask, ask again, or give up."""

@@ -399,3 +399,24 @@ class GatewaySession(Generic[Op]):
                 self._enqueue(order)
                 return
         self.phase, self._settled_at = Phase.SETTLING, now + self._profile.settle_s
+
+
+class OfSession(Generic[Op]):
+    """A client of a gateway without its wire: requests of the owner, and the clock, concern the session alone."""
+
+    def __init__(self, session: GatewaySession[Op]) -> None:
+        self._session = session
+        self.statistics = session.statistics
+        self.zero, self.set_filter, self.stop = session.zero, session.set_filter, session.stop
+        self.next_event = session.next_event
+        self.next_deadline, self.handle_deadline = session.next_deadline, session.handle_deadline
+
+    @property
+    def phase(self) -> Phase:
+        """Where the session is."""
+        return self._session.phase
+
+    @property
+    def stop_patience(self) -> float:
+        """How long SensorStopped may take when the first stop was lost, s: a stop and its repetition."""
+        return self._session.stop_patience

@@ -21,6 +21,7 @@ from protocol.devices.netft.records import (
     unpack_record,
 )
 from protocol.endpoint import RemoteProtocolError
+from protocol.outbox import Outbox
 from protocol.sensor_telling import SensorTelling
 from protocol.wrench import SensorFacts, SensorRestarted, SensorStatistics
 
@@ -39,7 +40,7 @@ way, and is as much older. So a delay that grows in small steps does not pass fo
 _ALL_AXES = 0b111111
 
 
-class NetFtClient:
+class NetFtClient(Outbox[bytes]):
     """Endpoint of datagrams: a `SensorClient`."""
 
     stop_patience = _STOPS * _STOP_AGAIN_S
@@ -49,7 +50,7 @@ class NetFtClient:
         self._profile = profile
         self._telling = telling = SensorTelling()
         self.next_event, self.zero = telling.next_event, telling.zero
-        self._out: list[bytes] = []
+        super().__init__()
         self._configuration: Configuration | None = None
         self._page_failure = "no answer"
         self._due: float | None = now + profile.page_patience_s
@@ -82,15 +83,6 @@ class NetFtClient:
                 self._heard = True
             elif self._configuration is not None and not self._telling.ended:
                 self._take_record(datagram, now)
-
-    def data_to_send(self, now: float) -> Sequence[bytes]:
-        """Requests that are due."""
-        out, self._out = self._out, []
-        return out
-
-    def next_deadline(self) -> float | None:
-        """When the patience ends with that which is waited for, s."""
-        return self._due
 
     def handle_deadline(self, now: float) -> None:
         """Ask again, or give up."""

@@ -19,6 +19,7 @@ from protocol.devices.rtde.states import RobotMode, Runtime, SafetyBits, name_of
 from protocol.devices.rtde.wires import Piece, Pieces, Port
 from protocol.endpoint import RemoteProtocolError
 from protocol.geometry import Pose, angle_between, turn_by
+from protocol.outbox import Mailbox
 from protocol.robot import ReportReceived, RobotReport, StreamEvent, StreamLost, StreamNotice, pose_fault
 
 OUTPUT_NAMES = (
@@ -92,16 +93,15 @@ _LATE = {
 """Words for a stage that takes too long."""
 
 
-class RtdeClient:
+class RtdeClient(Mailbox[Piece, StreamEvent]):
     """A controller's client; see `protocol.robot.StreamClient`."""
 
     def __init__(self, profile: ClientProfile, now: float) -> None:
         self._profile = profile
         self._reader, self._lines = Reader(), Lines()
-        self._events: deque[StreamEvent] = deque()
-        self._out: list[Piece] = []
+        super().__init__()
         self._now = now
-        self._deadline: float | None = now + ANSWER_S
+        self._due: float | None = now + ANSWER_S
         self._play_by = now
         self._lost = ""
         self._tries = TRIES
@@ -142,18 +142,8 @@ class RtdeClient:
                 self._reader.feed(piece.data)
                 self._take_packets(now)
 
-    def next_event(self) -> StreamEvent | None:
-        return self._events.popleft() if self._events else None
-
-    def data_to_send(self, now: float) -> Pieces:
-        out, self._out = self._out, []
-        return out
-
-    def next_deadline(self) -> float | None:
-        return self._deadline
-
     def handle_deadline(self, now: float) -> None:
-        if self._deadline is None or now < self._deadline:
+        if self._due is None or now < self._due:
             return
         self._now = now
         if self._stage is _Stage.LOST:
@@ -161,7 +151,7 @@ class RtdeClient:
         elif self._stage is _Stage.WAITING:
             self._ask_inputs(now)
         elif self._stage is _Stage.STREAMING:
-            self._deadline = None
+            self._due = None
             if self._moving:
                 self._latched = True
                 silent = (
@@ -230,13 +220,13 @@ class RtdeClient:
                 self._negotiate(now)
                 return
         self._out.append(Piece(Port.DASHBOARD, f"{self._questions[0]}\n".encode()))
-        self._deadline = now + ANSWER_S
+        self._due = now + ANSWER_S
 
     def _negotiate(self, now: float) -> None:
         self._ask(_Stage.VERSION, packets.version_request(), now)
 
     def _ask(self, stage: _Stage, packet: bytes, now: float, patience: float = ANSWER_S) -> None:
-        self._stage, self._deadline = stage, now + patience
+        self._stage, self._due = stage, now + patience
         self._out.append(Piece(Port.RTDE, packet))
 
     def _ask_inputs(self, now: float) -> None:
@@ -276,7 +266,7 @@ class RtdeClient:
             if not packets.read_accepted(payload):
                 self._lose("it refuses to start its data; look at its log")
                 return
-            self._stage, self._deadline = _Stage.FIRST, now + ANSWER_S
+            self._stage, self._due = _Stage.FIRST, now + ANSWER_S
 
     def _take_inputs(self, answer: packets.Types, now: float) -> None:
         if IN_USE in answer.types:
@@ -284,7 +274,7 @@ class RtdeClient:
             if not self._tries:
                 self._lose("another client holds its input registers from 24 on; close that one")
                 return
-            self._stage, self._deadline = _Stage.WAITING, now + AGAIN_S
+            self._stage, self._due = _Stage.WAITING, now + AGAIN_S
             return
         self._inputs = self._recipe(INPUT_NAMES, answer)
         if self._inputs is not None:
@@ -307,7 +297,7 @@ class RtdeClient:
     def _take_data(self, payload: bytes, now: float) -> None:
         assert self._outputs is not None, "there is no data without a recipe"
         values = self._outputs.unpack(payload)
-        stage, self._deadline = self._stage, now + self._profile.silent_ms / 1000.0
+        stage, self._due = self._stage, now + self._profile.silent_ms / 1000.0
         self._count(values[0])
         if stage is _Stage.STREAMING:
             report = self._report(values, now)
@@ -334,7 +324,7 @@ class RtdeClient:
         elif now >= self._play_by:
             self._lose(_faults(values, False) or _LATE[_Stage.UPLOADED])
             return
-        self._deadline = min(self._play_by, now + ANSWER_S)
+        self._due = min(self._play_by, now + ANSWER_S)
 
     def _count(self, stamp: float) -> None:
         """Number the packet, by the controller's clock where that goes on."""
@@ -380,7 +370,7 @@ class RtdeClient:
 
     def _lose(self, words: str) -> None:
         """End; the words are told again and again, for those that begin to wait later."""
-        self._stage, self._deadline, self._lost = _Stage.LOST, self._now + ANSWER_S / 2.0, words
+        self._stage, self._due, self._lost = _Stage.LOST, self._now + ANSWER_S / 2.0, words
         self._events.append(StreamLost(words))
 
 

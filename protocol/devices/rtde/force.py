@@ -4,7 +4,6 @@ Source: Universal Robots' guides and its C++ client library, which has an exampl
 """
 
 import math
-from collections import deque
 from typing import NamedTuple, TypeAlias
 
 from protocol.devices.rtde import packets
@@ -15,6 +14,7 @@ from protocol.devices.rtde.rotation import pose_of
 from protocol.devices.rtde.wires import Piece, Pieces, Port
 from protocol.endpoint import RemoteProtocolError
 from protocol.geometry import Pose, Vector, Wrench
+from protocol.outbox import Mailbox
 
 OUTPUTS = ("timestamp", "actual_TCP_pose", "actual_TCP_speed", "tcp_offset")
 INPUTS = ("external_force_torque",)
@@ -46,18 +46,17 @@ class Lost(NamedTuple):
 Event: TypeAlias = Seen | Lost
 
 
-class ForceClient:
+class ForceClient(Mailbox[Piece, Event]):
     """An endpoint of pieces. Each `Seen` is answered with `give`."""
 
     def __init__(self, frequency_hz: float, enable: bool, now: float) -> None:
         """`enable` uploads the program that lets the controller take the force; it ends a program that plays."""
         self._frequency, self._enable = frequency_hz, enable
         self._reader = Reader()
-        self._events: deque[Event] = deque()
-        self._out: list[Piece] = []
+        super().__init__()
         self._recipes: dict[tuple[str, ...], Recipe] = {}
         self._expected: Kind | None = Kind.VERSION
-        self._deadline: float | None = now + PATIENCE_S
+        self._due: float | None = now + PATIENCE_S
         self._lost = False
         self._put(packets.version_request())
 
@@ -72,18 +71,8 @@ class ForceClient:
             except RemoteProtocolError as error:
                 self._lose(f"it speaks no RTDE: {error}")
 
-    def next_event(self) -> Event | None:
-        return self._events.popleft() if self._events else None
-
-    def data_to_send(self, now: float) -> Pieces:
-        out, self._out = self._out, []
-        return out
-
-    def next_deadline(self) -> float | None:
-        return self._deadline
-
     def handle_deadline(self, now: float) -> None:
-        if self._deadline is not None and now >= self._deadline:
+        if self._due is not None and now >= self._due:
             self._lose(f"nothing came for {PATIENCE_S:g} s; look at its cable, and whether it is powered")
 
     def give(self, wrench: Wrench) -> None:
@@ -106,10 +95,10 @@ class ForceClient:
         if self._lost:
             return
         if packet.kind == Kind.DATA and self._expected is None:
-            self._deadline = now + PATIENCE_S
+            self._due = now + PATIENCE_S
             self._see(packet.payload)
         elif packet.kind == self._expected:
-            self._deadline = now + PATIENCE_S
+            self._due = now + PATIENCE_S
             self._go_on(packet)
 
     def _go_on(self, packet: Packet) -> None:
@@ -154,5 +143,5 @@ class ForceClient:
         self._events.append(Seen(values[0], pose_of(values[1:7]), (x, y, z), pose_of(values[13:19])))
 
     def _lose(self, words: str) -> None:
-        self._lost, self._deadline = True, None
+        self._lost, self._due = True, None
         self._events.append(Lost(words))

@@ -138,9 +138,9 @@ def test_ur_rtde_asks_for_what_we_read_and_reads_what_we_say():
         assert list(read_there.values()) in rows
 
 
-def test_what_ur_rtde_sets_is_understood():
-    transcript = TRANSCRIPTS["rtde-ur-rtde"]
-    asked, told = (packets(transcript, who, "rtde-2") for who in (CLIENT, DEVICE))
+def inputs(transcript, wire):
+    """The inputs that the client has set, each package as values by name."""
+    asked, told = (packets(transcript, who, wire) for who in (CLIENT, DEVICE))
     requests = [split_names(packet.payload) for packet in asked if packet.kind == Kind.INPUTS]
     types = [read_types(packet.payload) for packet in told if packet.kind == Kind.INPUTS]
     recipes = {
@@ -148,10 +148,27 @@ def test_what_ur_rtde_sets_is_understood():
         for names, answer in zip(requests, types, strict=True)
     }
     data = [packet.payload for packet in asked if packet.kind == Kind.DATA]
-    values = [recipes[payload[0]].values(recipes[payload[0]].unpack(payload)) for payload in data]
+    return [recipes[payload[0]].values(recipes[payload[0]].unpack(payload)) for payload in data]
+
+
+def test_what_ur_rtde_sets_is_understood():
+    transcript = TRANSCRIPTS["rtde-ur-rtde"]
+    values = inputs(transcript, "rtde-2")
     slider, output = transcript.sends
     assert any(row.items() >= {**slider, "speed_slider_mask": 1}.items() for row in values)
     assert any(row.items() >= {**output, "standard_digital_output_mask": 2}.items() for row in values)
+
+
+def test_a_servoing_ur_rtde_is_understood_and_its_text_is_not_kept():
+    transcript = TRANSCRIPTS["rtde-ur-rtde-control"]
+    values = inputs(transcript, "rtde-1")
+    numbers = [f"input_double_register_{number}" for number in range(6)]
+    ordered = [[row[name] for name in numbers] for row in values if numbers[-1] in row]
+    for sent in transcript.sends:
+        assert sent["servoL"] in ordered
+    assert transcript.reads == [{"offset": [0.0, 0.0, 0.2, 0.0, 0.0, 0.0]}]
+    program = b"def rtde_control():\n# float register offset\n0\nend\n"
+    assert set(transcript.made_by(CLIENT, "script")) == {program}
 
 
 def test_ur_rtde_reads_the_dashboard():

@@ -20,7 +20,7 @@ from protocol.devices.jr3.can_gateway.messages import (
 )
 from protocol.devices.jr3.can_gateway.profile import GatewayClientProfile
 from protocol.devices.jr3.firmware import HANGS, TESTED_PERIOD_MS, check_cutoff
-from protocol.devices.jr3.gateway_session import Dialect, GatewaySession, Phase
+from protocol.devices.jr3.gateway_session import Dialect, GatewaySession, OfSession, Phase
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 
 STRAGGLER_S = 0.5
@@ -30,7 +30,7 @@ _READY = Phase.READY
 _SYNC = CanFrame(Op.SYNC)
 
 
-class GatewayClient:
+class GatewayClient(OfSession[Op]):
     """Endpoint of the client: takes and gives sequences of CAN frames, tells SensorEvents."""
 
     def __init__(self, profile: GatewayClientProfile, now: float) -> None:
@@ -42,17 +42,12 @@ class GatewayClient:
         self._syncs = 0
         self._others_heard = False
         self._forces: bytes | None = None
-        self._session = session = GatewaySession(self._dialect(), profile, now)
-        self.statistics = session.statistics
+        super().__init__(session := GatewaySession(self._dialect(), profile, now))
         if profile.mode == "async" and profile.period_ms < TESTED_PERIOD_MS:
             session.notice(
                 f"period_ms is {profile.period_ms:g}, but the gateway's firmware was tested from "
                 f"{TESTED_PERIOD_MS:g} on: below it may leave itself no time for anything else"
             )
-        # Requests of the owner, and the clock, concern the session alone.
-        self.zero, self.set_filter, self.stop = session.zero, session.set_filter, session.stop
-        self.next_event = session.next_event
-        self.next_deadline, self.handle_deadline = session.next_deadline, session.handle_deadline
 
     def _dialect(self) -> Dialect[Op]:
         streamed = self._profile.mode == "async"
@@ -83,16 +78,6 @@ class GatewayClient:
         if self._others_heard:
             return f"silent for {waited} while others are on the bus: wrong node number?"
         return f"silent: nothing of a gateway on the bus in {waited}: power, bit rate, wiring? {HANGS}"
-
-    @property
-    def phase(self) -> Phase:
-        """Where the session is."""
-        return self._session.phase
-
-    @property
-    def stop_patience(self) -> float:
-        """How long SensorStopped may take when the first stop was lost, s: a stop and its repetition."""
-        return self._session.stop_patience
 
     def sync(self) -> None:
         """Ask for one sample. Raises LocalProtocolError unless the session is ready."""

@@ -7,7 +7,7 @@ repeated only after more than that second.
 """
 
 from protocol.devices.jr3.firmware import HANGS
-from protocol.devices.jr3.gateway_session import Dialect, GatewaySession, Phase
+from protocol.devices.jr3.gateway_session import Dialect, GatewaySession, OfSession, Phase
 from protocol.devices.jr3.uart_gateway.messages import (
     FROM_GATEWAY,
     UART_BAUDRATE,
@@ -30,19 +30,14 @@ _STEPS = (
 )
 
 
-class UartGatewayClient:
+class UartGatewayClient(OfSession[Op]):
     """Endpoint of the client: takes and gives bytes, tells SensorEvents."""
 
     def __init__(self, profile: UartGatewayClientProfile, now: float) -> None:
         self._profile = profile
         self._reader = Reader(FROM_GATEWAY)
         self._frame_heard = False
-        self._session = session = GatewaySession(self._dialect(), profile, now)
-        self.statistics = session.statistics
-        # The owner's requests, and the clock, concern the session alone.
-        self.zero, self.set_filter, self.stop = session.zero, session.set_filter, session.stop
-        self.next_event = session.next_event
-        self.next_deadline, self.handle_deadline = session.next_deadline, session.handle_deadline
+        super().__init__(GatewaySession(self._dialect(), profile, now))
 
     def _dialect(self) -> Dialect[Op]:
         return Dialect(
@@ -69,16 +64,6 @@ class UartGatewayClient:
                 f"bytes but no frame of a gateway in {waited}: not {UART_BAUDRATE} baud, or another device?"
             )
         return f"silent for {waited}: power, cable, port? {HANGS}"
-
-    @property
-    def phase(self) -> Phase:
-        """Where the session is."""
-        return self._session.phase
-
-    @property
-    def stop_patience(self) -> float:
-        """Longest time that SensorStopped may take when the first stop was lost, s: a stop and its repetition."""
-        return self._session.stop_patience
 
     # --- the wire
 

@@ -12,8 +12,6 @@ from hil_bridge.show.report import write_report
 from tools.chromium import Page
 from tools.web_run import Serving
 
-pytestmark = pytest.mark.live
-
 FAILED = 4
 """Exit code of a campaign in which a run did not meet its criteria."""
 STOP = {"on": "robot", "fault": "emergency-stop", "phase": "track", "after_s": 1.0}
@@ -33,7 +31,7 @@ emulated = "ft300"
 [config.task]
 retract_mm = 2.0
 [config.cell]
-start_position_mm = [900.0, -100.0, 601.0]
+start_position_mm = [900.0, -100.0, 592.0]
 """
 
 
