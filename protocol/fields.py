@@ -32,7 +32,7 @@ class Field:
     scale: float = 1.0
     """SI or display value of one raw unit."""
     unit: str = ""
-    bits: Mapping[int, str] = dataclasses.field(default_factory=dict)
+    bits: Mapping[int, str] = dataclasses.field(default_factory=dict, hash=False)
     """Words for each bit that may be set, of a status."""
 
     def value(self, raw: float) -> float:

@@ -27,7 +27,6 @@ from protocol.devices.netft.page import FILTERS_HZ, filter_weight
 from protocol.devices.netft.records import (
     INTERNAL_RATE_HZ,
     MONITOR,
-    RECORD,
     SATURATED,
     SUMMARY,
     UNPLUGGED,
@@ -35,6 +34,7 @@ from protocol.devices.netft.records import (
     Command,
     decode_request,
     output_step,
+    pack_record,
 )
 from protocol.endpoint import RemoteProtocolError
 
@@ -273,7 +273,7 @@ class NetBox:
         stream.next += step
         stream.sent += 1
         counts = self._counts_of(state)
-        stream.buffer.append(RECORD.struct.pack(stream.sent % WRAP, ft, self.status(number, now), *counts))
+        stream.buffer.append(pack_record(stream.sent % WRAP, ft, self.status(number, now), *counts))
         over = stream.remaining == stream.sent
         if over or len(stream.buffer) >= stream.at_once:
             self._out.append(Datagram(b"".join(stream.buffer), side=stream.side))

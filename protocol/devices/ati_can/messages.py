@@ -7,10 +7,11 @@ client that drove a board (ati-netcanoem-cpp), read for facts only.
 
 import math
 import struct
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from enum import IntEnum
 from typing import NamedTuple
 
+from protocol.can.dbc import CanMessage
 from protocol.can.frame import CanFilter, CanFrame
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.fields import Field, Layout, bit_words
@@ -129,6 +130,14 @@ LAYOUTS: Mapping[Op, Layout] = {
     Op.FIRMWARE: FIRMWARE,
 }
 """Answers of the board, by operation. A question has at most two bytes of its own."""
+
+
+def can_messages(identifiers: Iterable[int]) -> Sequence[CanMessage]:
+    """The answers of the board whose frames have these identifiers, or of one with the default base. Its questions have
+    the same identifiers, and at most a byte.
+    """
+    base = next((each >> 4 for each in identifiers), BASE)
+    return [CanMessage(identifier(base, op), op.name, layout, True) for op, layout in LAYOUTS.items()]
 
 
 _unpack_sample, _unpack_rest = SAMPLE.struct.unpack, SAMPLE_REST.struct.unpack

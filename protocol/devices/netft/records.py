@@ -147,7 +147,7 @@ def decode_request(data: bytes) -> Request:
 def encode_record(record: Record) -> bytes:
     """Raises LocalProtocolError for values that do not fit."""
     try:
-        return _PACK_RECORD(record[0], record[1], record[2], *record[3])
+        return pack_record(record[0], record[1], record[2], *record[3])
     except struct.error as error:
         raise LocalProtocolError(f"{RECORD.name}: {error}") from error
 
@@ -160,7 +160,7 @@ def decode_record(data: bytes) -> Record:
     return Record(rdt, ft, status, (fx, fy, fz, tx, ty, tz))
 
 
-_PACK_RECORD, unpack_record = RECORD.struct.pack, RECORD.struct.unpack
+pack_record, unpack_record = RECORD.struct.pack, RECORD.struct.unpack
 """Records come 7000 times a second: by the table's struct itself, and by names of this module."""
 
 

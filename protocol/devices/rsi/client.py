@@ -19,8 +19,9 @@ from typing import NamedTuple
 
 from protocol.datagram import arrived_at
 from protocol.devices.rsi.angles import nearest, pose_of
+from protocol.devices.rsi.elements import pose_tags
 from protocol.devices.rsi.profile import RsiLink
-from protocol.devices.rsi.telegram import ROBOT, SENSOR, Telegram, decode, encode, fixed, number, pose_tags
+from protocol.devices.rsi.telegram import ROBOT, SENSOR, Telegram, decode, encode, fixed, number
 from protocol.endpoint import RemoteProtocolError
 from protocol.geometry import Pose, angles_of, from_angles, inverse, product
 from protocol.robot import ReportReceived, RobotReport, StreamEvent, StreamLost, StreamNotice
