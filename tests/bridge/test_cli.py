@@ -307,7 +307,7 @@ def test_an_interruption_before_the_movement_ends_at_once(
     def interrupted(*arguments: object, **options: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("hil_bridge.devices.wiring.connect_bytes", interrupted)
+    monkeypatch.setattr("hil_bridge.devices.wiring.opening.connect_bytes", interrupted)
     code, output, errors = hil(*VIRTUAL, "--report", "rep")
     assert (code, output, errors.strip()) == (130, "", "")
 
