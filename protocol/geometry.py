@@ -164,7 +164,10 @@ def angles_of(quaternion: Sequence[float]) -> Vector:
     """The angles of `from_angles`, degrees: the first and the last in ±180, the second in ±90. Where that is ±90, the
     first is 0 and the last has the whole turn.
     """
-    (r11, r12, r13), (r21, r22, r23), (r31, _, _) = rotation_rows(quaternion)
+    w, x, y, z = quaternion  # seven of nine elements of the matrix, for it is asked for with every packet
+    r11, r21, r31 = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)
+    r12, r22 = 2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z)
+    r13, r23 = 2.0 * (x * z + w * y), 2.0 * (y * z - w * x)
     a = 0.0 if abs(r11) < _NO_COSINE and abs(r21) < _NO_COSINE else math.atan2(r21, r11)
     ca, sa = math.cos(a), math.sin(a)
     b = math.atan2(-r31, ca * r11 + sa * r21)
