@@ -101,12 +101,13 @@ class NetFtClient:
         elif self._configuration is None:
             self._fail(
                 f"its configuration page did not come within {self._profile.page_patience_s:g} s: "
-                f"{self._page_failure}; look at its supply, its address and the port of its page"
+                f"{self._page_failure}",
+                "look at its supply, its address and the port of its page",
             )
         elif self._asked >= self._profile.starts:
             self._fail(
-                f"no record came after {self._asked} requests; look at its supply and its cable, and whether "
-                "another program reads it"
+                f"no record came after {self._asked} requests",
+                "look at its supply and its cable, and whether another program reads it",
             )
         else:
             if self._telling.ready and not self._asked:
@@ -135,11 +136,11 @@ class NetFtClient:
         try:
             configuration = parse_page(page)
         except RemoteProtocolError as error:
-            self._fail(f"{error}; look at the address and at the sensor's own pages")
+            self._fail(str(error), "look at the address and at the sensor's own pages")
             return
         if not configuration.streams:
             self._fail(
-                "its raw data transfer (RDT) is switched off; enable it on its page Communication Settings"
+                "its raw data transfer (RDT) is switched off", "enable it on its page Communication Settings"
             )
             return
         self._configuration = configuration
@@ -162,7 +163,7 @@ class NetFtClient:
         if status and not telling.knows_status(status):
             words = f"status {status:08X}: {status_words(status)}"
             if not (telling.ready or status & SATURATED or is_warning(status)):
-                self._fail(f"it reports {words}; look at its own pages")
+                self._fail(f"it reports {words}", "look at its own pages")
                 return
             telling.notice_status(status, words)
         if status and not is_warning(status):
@@ -228,7 +229,7 @@ class NetFtClient:
         self._due = None
         self._telling.stop()
 
-    def _fail(self, text: str) -> None:
+    def _fail(self, text: str, remedy: str = "") -> None:
         self._due = None
         self._out.append(encode_request(Command.STOP))
-        self._telling.fail(text)
+        self._telling.fail(text, remedy)
