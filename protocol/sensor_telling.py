@@ -72,10 +72,10 @@ class SensorTelling:
         self.ended = True
         self._events.append(SensorStopped())
 
-    def fail(self, text: str) -> None:
-        """Tell that the session is over, with the fault and the place to look at."""
+    def fail(self, text: str, remedy: str = "") -> None:
+        """Tell that the session is over, with the fault and the advice for a person."""
         self.ended = True
-        self._events.append(SensorFailed(f"{self._prefix}{text}"))
+        self._events.append(SensorFailed(f"{self._prefix}{text}", remedy))
 
     def zero(self) -> None:
         """Take the mean of the next samples as zero. Raises LocalProtocolError after the end."""

@@ -121,8 +121,8 @@ async def feed(
 
     def take(event: Event) -> None:
         match event:
-            case Lost(text=text):
-                fail(DeviceError(f"robot on {url}: {text}"))
+            case Lost(text=text, remedy=remedy):
+                fail(DeviceError(f"robot on {url}: {text}", remedy=remedy))
             case Seen() if not failures:
                 try:
                     client.give(source.wrench(event))

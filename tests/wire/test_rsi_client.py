@@ -20,6 +20,7 @@ from protocol.devices.rsi import (
     pose_tags,
 )
 from protocol.devices.rsi.angles import values_of
+from protocol.endpoint import Trouble
 from protocol.geometry import Pose, from_angles, product
 from protocol.robot import ReportReceived, RobotReport, StreamLost, StreamNotice
 
@@ -73,8 +74,8 @@ class Driver:
                         client.hold(self.now)
                     else:
                         client.target(to, self.now)
-                case StreamLost(text=text):
-                    self.lost.append(text)
+                case StreamLost(text=text, remedy=remedy):
+                    self.lost.append(str(Trouble(text, remedy)))
                     to = None
                 case StreamNotice(text=text):
                     self.notices.append(text)

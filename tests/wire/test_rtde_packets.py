@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from protocol.devices.rtde import packets
 from protocol.devices.rtde.client import EXPECTED
-from protocol.devices.rtde.dashboard import LINE_MAX, Lines, refusal
+from protocol.devices.rtde.dashboard import LINE_MAX, Lines, find_refusal
 from protocol.devices.rtde.describe import describe
 from protocol.devices.rtde.fields import CODES, INPUTS, NOT_FOUND, OUTPUTS, Recipe, type_of
 from protocol.devices.rtde.packets import Kind, Level, Packet, Reader, Text, Types, Version
@@ -308,7 +308,7 @@ def test_our_programs_text_has_the_settings_and_the_shape_that_the_script_manual
 def test_answers_of_the_dashboard_say_whether_a_program_may_start(
     question: str, answer: str, words: str
 ) -> None:
-    told = refusal(question, answer)
+    told = str(find_refusal(question, answer))
     assert words in told
     assert bool(told) == bool(words)
 

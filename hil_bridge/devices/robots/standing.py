@@ -2,6 +2,7 @@
 
 import math
 
+from protocol.endpoint import NO_TROUBLE, Trouble
 from protocol.geometry import Pose, angle_between
 
 NEAR_M, NEAR_RAD = 0.5e-3, math.radians(0.5)
@@ -28,15 +29,15 @@ class Faults:
     """A fault is told at least once, and as long as it stands."""
 
     def __init__(self) -> None:
-        self.text = ""
-        """The first fault that stands or has not been told, in words; empty without any."""
+        self.first = NO_TROUBLE
+        """The first fault that stands or has not been told."""
         self._told = False
         self.apart = False
         """The robot has reported a fault, and has not come back to its set point since."""
 
-    def note(self, text: str, apart: bool) -> None:
+    def note(self, fault: Trouble, apart: bool) -> None:
         """A fault; `apart` as the field."""
-        self.text = self.text or text
+        self.first = self.first or fault
         self.apart = self.apart or apart
 
     def is_back(self, reported: Pose, setpoint: Pose) -> bool:
@@ -46,13 +47,13 @@ class Faults:
         if back:
             self.apart = False
             if self._told:
-                self.text, self._told = "", False
+                self.first, self._told = NO_TROUBLE, False
         return back
 
-    def tell(self) -> str:
-        """The fault in words, which is told by that; empty without any."""
-        text = self.text
-        self._told = bool(text) and self.apart
+    def tell(self) -> Trouble:
+        """The fault, which is told by that."""
+        fault = self.first
+        self._told = bool(fault) and self.apart
         if not self.apart:
-            self.text = ""
-        return text
+            self.first = NO_TROUBLE
+        return fault

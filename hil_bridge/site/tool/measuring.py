@@ -201,6 +201,7 @@ class _Measuring:
             unchanged=max(frame.at - judged_from, 0.0),
             saturated=bool(self._sensor.saturated),
             fault=report.fault,
+            fault_remedy=report.remedy,
         )
         self._state, verdict = self._supervisor.step(
             self._state, observation, Request(depth, target, approach)

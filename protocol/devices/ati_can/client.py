@@ -90,7 +90,7 @@ class AtiCanClient(Outbox[CanFrame]):
             except RemoteProtocolError as error:
                 self.statistics.malformed += 1
                 if not (self._telling.ready or frame.error) and op != Op.SAMPLE:
-                    self._fail(f"{error}; look at its calibration")
+                    self._fail(str(error), "look at its calibration")
 
     def handle_deadline(self, now: float) -> None:
         """Ask, ask again, or give up."""
@@ -104,8 +104,8 @@ class AtiCanClient(Outbox[CanFrame]):
             self._ask(now)
         else:
             self._fail(
-                f"it does not answer; asked {self._tries} times for {self._op.name.lower()}. Look at its supply, "
-                f"the bus, its rate, and base {self._profile.base:02X}"
+                f"it does not answer; asked {self._tries} times for {self._op.name.lower()}",
+                f"look at its supply, the bus, its rate, and base {self._profile.base:02X}",
             )
 
     def stop(self) -> None:
@@ -139,7 +139,7 @@ class AtiCanClient(Outbox[CanFrame]):
         if op in (Op.SAMPLE, Op.SAMPLE_REST):
             self._take_sample(op, frame, now)
         elif op == Op.RESET or (op == Op.SLOT and self._op is not Op.SLOT):
-            self._fail("another host resets the board or chooses a calibration; let one host alone use it")
+            self._fail("another host resets the board or chooses a calibration", "let one host alone use it")
         elif not self._under_way or (op != self._op and not (self._op is Op.ROW and op in _ROW_OPS)):
             self._tell_others()
         elif op == Op.FIRMWARE and data:
@@ -212,7 +212,7 @@ class AtiCanClient(Outbox[CanFrame]):
         if not telling.ready:
             if status & CRITICAL:
                 self._fail(
-                    f"it reports status {status:04X}: {status_words(status)}; look at its supply and cable"
+                    f"it reports status {status:04X}: {status_words(status)}", "look at its supply and cable"
                 )
                 return
             telling.begin(self._facts())
@@ -239,7 +239,7 @@ class AtiCanClient(Outbox[CanFrame]):
             self._bus = text
             self._telling.notice(text)
 
-    def _fail(self, text: str) -> None:
+    def _fail(self, text: str, remedy: str = "") -> None:
         if not self._telling.ended:
             self._due = None
-            self._telling.fail(text)
+            self._telling.fail(text, remedy)

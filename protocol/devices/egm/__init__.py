@@ -1,6 +1,6 @@
 """Externally Guided Motion of an ABB robot: its datagrams, and the client that guides it."""
 
-from protocol.devices.egm.client import EgmClient, fault_of
+from protocol.devices.egm.client import EgmClient, find_trouble
 from protocol.devices.egm.describe import describe
 from protocol.devices.egm.messages import (
     Answer,
@@ -40,7 +40,7 @@ __all__ = [
     "describe",
     "encode_answer",
     "encode_robot",
-    "fault_of",
+    "find_trouble",
     "from_wire",
     "names_external_axes",
     "to_wire",

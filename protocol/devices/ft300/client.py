@@ -99,13 +99,13 @@ class Ft300Client(Due):
         if self._stops:
             self._stop_again(now)
         elif self._streaming:
-            self._fail(f"no message came for {profile.silence_s:g} s; look at its supply and its cable")
+            self._fail(f"no message came for {profile.silence_s:g} s", "look at its supply and its cable")
         elif self._step is None:
             self._ask(self._next, now)
         elif self._tries >= profile.tries:
             self._fail(
-                f"it does not answer; asked {self._tries} times. Look at its supply, its cable and the line: "
-                "19200 baud, 8 data bits, no parity"
+                f"it does not answer; asked {self._tries} times",
+                "look at its supply, its cable and the line: 19200 baud, 8 data bits, no parity",
             )
         else:
             if self._step != _WRENCH:
@@ -225,6 +225,6 @@ class Ft300Client(Due):
         self._due = None
         self._telling.stop()
 
-    def _fail(self, text: str) -> None:
+    def _fail(self, text: str, remedy: str = "") -> None:
         self._due = None
-        self._telling.fail(text)
+        self._telling.fail(text, remedy)

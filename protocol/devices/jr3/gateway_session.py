@@ -35,7 +35,7 @@ from typing import Generic, Protocol, TypeVar
 from protocol.devices.jr3.counts import facts_of, full_scales_si
 from protocol.devices.jr3.firmware import HANGS, UNFILTERED, GatewayState, SampleCounter, first_order_delay
 from protocol.devices.jr3.range import Range
-from protocol.endpoint import LocalProtocolError
+from protocol.endpoint import LocalProtocolError, Trouble
 from protocol.sensor_telling import SensorTelling
 from protocol.wrench import (
     AXES,
@@ -116,7 +116,7 @@ class Dialect(Generic[Op]):
     """See SampleCounter."""
     check_cutoff: Callable[[float], None]
     """Raises ValueError for a cut-off in Hz that cannot be sent."""
-    why_silent: Callable[[str], str]
+    explain_silence: Callable[[str], Trouble]
     """Words for a gateway that acknowledged nothing for a time, which is given as text."""
 
 
@@ -229,7 +229,7 @@ class GatewaySession(Generic[Op]):
                 stood = (
                     f"its counter has stood at {counter} for {at - self._new_at:.1f} s while samples go on"
                 )
-                self._fail(f"{stood}: sensor unplugged? plug it in, then switch the gateway off and on")
+                self._fail(stood, "sensor unplugged? plug it in, then switch the gateway off and on")
             return
         self._new_at = at
         if self._zeroing:
@@ -311,8 +311,8 @@ class GatewaySession(Generic[Op]):
             self._quiet_until = None
         if self.phase is _ASKING and now >= self._ready_by:
             waited = f"{self._profile.ready_timeout_s:g} s"
-            answered = f"acknowledges but not ready after {waited}: sensor unplugged?"
-            self._fail(answered if self._answered else self._dialect.why_silent(waited))
+            answered = Trouble(f"acknowledges but not ready after {waited}", "sensor unplugged?")
+            self._fail(*(answered if self._answered else self._dialect.explain_silence(waited)))
         elif self._flight is not None and not self._flight.resend and now >= self._flight.due:
             self._on_timeout(self._flight)
         if self.phase is _SETTLING and now >= self._settled_at:
@@ -338,23 +338,23 @@ class GatewaySession(Generic[Op]):
         self.phase, self._flight, self._quiet_until = phase, None, None
         self._queue.clear()
 
-    def _fail(self, text: str) -> None:
+    def _fail(self, text: str, remedy: str = "") -> None:
         self._end(Phase.FAILED)
-        self._telling.fail(text)
+        self._telling.fail(text, remedy)
 
     def _on_timeout(self, flight: _Flight[Op]) -> None:
         name = flight.op.name.lower().replace("_", " ")
         if flight.op is self._dialect.stop and self.statistics.stands:
-            self._fail(f"no acknowledge of {name}, and its counter stood still before; {HANGS}")
+            self._fail(f"no acknowledge of {name}, and its counter stood still before", HANGS)
         elif self.phase is Phase.ASKING or flight.tries <= self._profile.retries:
             flight.resend = True
         else:
-            self._fail(f"no acknowledge of {name} after {flight.tries} tries; {HANGS}")
+            self._fail(f"no acknowledge of {name} after {flight.tries} tries", HANGS)
 
     def _on_not_ready(self, flight: _Flight[Op], now: float) -> None:
         self._answered = True
         if self.phase is Phase.READY:
-            self._fail("acknowledges but not ready any more: sensor unplugged?")
+            self._fail("acknowledges but not ready any more", "sensor unplugged?")
             return
         order = self._first_step()
         if self._dialect.pause_s is not None:
@@ -385,7 +385,7 @@ class GatewaySession(Generic[Op]):
     def _accept_scales(self, words: Sequence[int]) -> bool:
         for axis, word in zip(AXES[len(self._words) :], words, strict=False):
             if word == 0:
-                self._fail(f"full scale of {axis} is 0: calibration not read?")
+                self._fail(f"full scale of {axis} is 0", "calibration not read?")
                 return False
         self._words += tuple(words)
         if len(self._words) == len(AXES):

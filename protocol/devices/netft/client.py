@@ -93,12 +93,13 @@ class NetFtClient(Outbox[bytes]):
         elif self._configuration is None:
             self._fail(
                 f"its configuration page did not come within {self._profile.page_patience_s:g} s: "
-                f"{self._page_failure}; look at its supply, its address and the port of its page"
+                f"{self._page_failure}",
+                "look at its supply, its address and the port of its page",
             )
         elif self._asked >= self._profile.starts:
             self._fail(
-                f"no record came after {self._asked} requests; look at its supply and its cable, and whether "
-                "another program reads it"
+                f"no record came after {self._asked} requests",
+                "look at its supply and its cable, and whether another program reads it",
             )
         else:
             if self._telling.ready and not self._asked:
@@ -127,11 +128,11 @@ class NetFtClient(Outbox[bytes]):
         try:
             configuration = parse_page(page)
         except RemoteProtocolError as error:
-            self._fail(f"{error}; look at the address and at the sensor's own pages")
+            self._fail(str(error), "look at the address and at the sensor's own pages")
             return
         if not configuration.streams:
             self._fail(
-                "its raw data transfer (RDT) is switched off; enable it on its page Communication Settings"
+                "its raw data transfer (RDT) is switched off", "enable it on its page Communication Settings"
             )
             return
         self._configuration = configuration
@@ -154,7 +155,7 @@ class NetFtClient(Outbox[bytes]):
         if status and not telling.knows_status(status):
             words = f"status {status:08X}: {status_words(status)}"
             if not (telling.ready or status & SATURATED or is_warning(status)):
-                self._fail(f"it reports {words}; look at its own pages")
+                self._fail(f"it reports {words}", "look at its own pages")
                 return
             telling.notice_status(status, words)
         if status and not is_warning(status):
@@ -220,7 +221,7 @@ class NetFtClient(Outbox[bytes]):
         self._due = None
         self._telling.stop()
 
-    def _fail(self, text: str) -> None:
+    def _fail(self, text: str, remedy: str = "") -> None:
         self._due = None
         self._out.append(encode_request(Command.STOP))
-        self._telling.fail(text)
+        self._telling.fail(text, remedy)

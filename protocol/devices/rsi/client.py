@@ -22,7 +22,7 @@ from protocol.devices.rsi.angles import nearest, pose_of
 from protocol.devices.rsi.elements import pose_tags
 from protocol.devices.rsi.profile import RsiLink
 from protocol.devices.rsi.telegram import ROBOT, SENSOR, Telegram, decode, encode, fixed, number
-from protocol.endpoint import RemoteProtocolError
+from protocol.endpoint import NO_TROUBLE, RemoteProtocolError, Trouble
 from protocol.geometry import Pose, angles_of, from_angles, inverse, product
 from protocol.robot import ReportReceived, RobotReport, StreamEvent, StreamLost, StreamNotice
 
@@ -201,10 +201,12 @@ class RsiClient:
         self._report(told, at, self._sequence)
 
     def _report(self, told: _Told, at: float, sequence: int) -> None:
-        fault = self._fault(told)
-        self._halted = self._halted or bool(fault)
+        trouble = self._find_trouble(told)
+        self._halted = self._halted or bool(trouble)
         self._asked.append(told.ipoc)
-        self._events.append(ReportReceived(RobotReport(sequence, told.pose, at, at, fault)))
+        self._events.append(
+            ReportReceived(RobotReport(sequence, told.pose, at, at, trouble.fact, remedy=trouble.remedy))
+        )
 
     def _is_other_program(self, told: _Told) -> bool:
         """Whether the count of late answers begins anew, or the set position is another."""
@@ -276,22 +278,23 @@ class RsiClient:
         self._trail.clear()
         self._trail.append(correction)
 
-    def _fault(self, told: _Told) -> str:
+    def _find_trouble(self, told: _Told) -> Trouble:
         if told.status is not None and told.status != RUNNING:
-            return (
-                f"its program does not run (ProgStatus {told.status:g}); release its stops and start it again"
+            return Trouble(
+                f"its program does not run (ProgStatus {told.status:g})",
+                "release its stops and start it again",
             )
         if self._ran_away:
-            return (
-                "it runs away from a correction that stands, and gets no more answers; give robot.rsi.mode what its "
-                "program gives to RSI_ON, then start it again"
+            return Trouble(
+                "it runs away from a correction that stands, and gets no more answers",
+                "give robot.rsi.mode what its program gives to RSI_ON, then start it again",
             )
         if self._missed >= self._link.late_max:
-            return (
-                f"it has not taken {self._missed} answers in a row (late so far: {told.late}); look at the network, at "
-                "this computer's load, and at SENTYPE"
+            return Trouble(
+                f"it has not taken {self._missed} answers in a row (late so far: {told.late})",
+                "look at the network, at this computer's load, and at SENTYPE",
             )
-        return ""
+        return NO_TROUBLE
 
     # --- corrections
 

@@ -38,9 +38,12 @@ class Seen(NamedTuple):
 
 
 class Lost(NamedTuple):
-    """The connection is of no use any more; the words say why, and what to do."""
+    """The connection is of no use any more."""
 
     text: str
+    """The reason."""
+    remedy: str = ""
+    """Advice for a person; empty where none is known."""
 
 
 Event: TypeAlias = Seen | Lost
@@ -73,7 +76,7 @@ class ForceClient(Mailbox[Piece, Event]):
 
     def handle_deadline(self, now: float) -> None:
         if self._due is not None and now >= self._due:
-            self._lose(f"nothing came for {PATIENCE_S:g} s; look at its cable, and whether it is powered")
+            self._lose(f"nothing came for {PATIENCE_S:g} s", "look at its cable, and whether it is powered")
 
     def give(self, wrench: Wrench) -> None:
         """Tell the controller this wrench along the tool's axes, N and N·m; nothing before it streams."""
@@ -109,7 +112,7 @@ class ForceClient(Mailbox[Piece, Event]):
             if self._agree(INPUTS, packet.payload):
                 self._ask(Kind.START, packets.encode(Kind.START))
         elif not packets.read_accepted(packet.payload):
-            self._lose("it refuses to speak version 2 of RTDE, or to start; update its software")
+            self._lose("it refuses to speak version 2 of RTDE, or to start", "update its software")
         elif packet.kind == Kind.VERSION:
             self._ask(Kind.OUTPUTS, packets.outputs_request(OUTPUTS, self._frequency))
         else:
@@ -125,10 +128,11 @@ class ForceClient(Mailbox[Piece, Event]):
         answer = packets.read_types(payload)
         if IN_USE in answer.types:
             self._lose(
-                "another client holds external_force_torque; close it (ur_rtde: make it with FLAG_NO_EXT_FT)"
+                "another client holds external_force_torque",
+                "close it (ur_rtde: make it with FLAG_NO_EXT_FT)",
             )
         elif NOT_FOUND in answer.types or not answer.recipe or answer.types != _TYPES[names]:
-            self._lose(f"its software has not all of {', '.join(names)}; update it")
+            self._lose(f"its software has not all of {', '.join(names)}", "update it")
         else:
             self._recipes[names] = Recipe(answer.recipe, names, answer.types)
             return True
@@ -137,11 +141,11 @@ class ForceClient(Mailbox[Piece, Event]):
     def _see(self, payload: bytes) -> None:
         values = self._recipes[OUTPUTS].unpack(payload)
         if not all(map(math.isfinite, values)):
-            self._lose("it reports values that are no numbers; see its log")
+            self._lose("it reports values that are no numbers", "see its log")
             return
         x, y, z = values[7:10]
         self._events.append(Seen(values[0], pose_of(values[1:7]), (x, y, z), pose_of(values[13:19])))
 
-    def _lose(self, words: str) -> None:
+    def _lose(self, fact: str, remedy: str = "") -> None:
         self._lost, self._due = True, None
-        self._events.append(Lost(words))
+        self._events.append(Lost(fact, remedy))

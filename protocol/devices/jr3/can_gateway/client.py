@@ -21,7 +21,7 @@ from protocol.devices.jr3.can_gateway.messages import (
 from protocol.devices.jr3.can_gateway.profile import GatewayClientProfile
 from protocol.devices.jr3.firmware import HANGS, TESTED_PERIOD_MS, check_cutoff
 from protocol.devices.jr3.gateway_session import Dialect, GatewaySession, OfSession, Phase
-from protocol.endpoint import LocalProtocolError, RemoteProtocolError
+from protocol.endpoint import LocalProtocolError, RemoteProtocolError, Trouble
 
 STRAGGLER_S = 0.5
 """Chosen: a counter that steps back by less than this is an old frame; by more, it is a far step forward."""
@@ -71,13 +71,15 @@ class GatewayClient(OfSession[Op]):
             # Answers to SYNC come in order and after any time: there only the same counter is an old sample.
             counter_behind=int(STRAGGLER_S * samples_per_second) if streamed else 0,
             check_cutoff=check_cutoff,
-            why_silent=self._why_silent,
+            explain_silence=self._explain_silence,
         )
 
-    def _why_silent(self, waited: str) -> str:
+    def _explain_silence(self, waited: str) -> Trouble:
         if self._others_heard:
-            return f"silent for {waited} while others are on the bus: wrong node number?"
-        return f"silent: nothing of a gateway on the bus in {waited}: power, bit rate, wiring? {HANGS}"
+            return Trouble(f"silent for {waited} while others are on the bus", "wrong node number?")
+        return Trouble(
+            f"silent: nothing of a gateway on the bus in {waited}", f"power, bit rate, wiring? {HANGS}"
+        )
 
     def sync(self) -> None:
         """Ask for one sample. Raises LocalProtocolError unless the session is ready."""

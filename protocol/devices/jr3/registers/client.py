@@ -263,7 +263,7 @@ class BoardClient:
             self._on_done(end.value, now)
             return
         except RemoteProtocolError as error:
-            self._fail(str(error))
+            self._fail(str(error), error.remedy)
             return
         self._step = step
         match step:
@@ -346,12 +346,12 @@ class BoardClient:
         self._data_tag = tag
         self._delivery_head = encode_head(Response(op, Status.OK, tag, self._first, self._words), bursts)
 
-    def _fail(self, text: str) -> None:
+    def _fail(self, text: str, remedy: str = "") -> None:
         self._phase = BoardPhase.FAILED
         self._drop_steps()
         self._settled_at = self._data_by = self._data_tag = self._delivery_head = None
         self._out = b""
-        self._telling.fail(text)
+        self._telling.fail(text, remedy)
 
     # --- samples
 
@@ -373,10 +373,11 @@ class BoardClient:
             self._data_by = self._sampled_at + self._data_timeout
         elif now < self._heard_at + self._data_timeout:
             self._fail(
-                f"its counter has stood at {self._counter} for {self._data_timeout:g} s: does its program run?"
+                f"its counter has stood at {self._counter} for {self._data_timeout:g} s",
+                "does its program run?",
             )
         else:
-            self._fail(f"no data for {self._data_timeout:g} s: server or network stuck?")
+            self._fail(f"no data for {self._data_timeout:g} s", "server or network stuck?")
 
     def _on_data(self, response: Response, now: float) -> None:
         """Take a delivery that came in parts, or a response without samples."""
@@ -462,7 +463,7 @@ class BoardClient:
 
     def _on_sensor_trouble(self, errors: int, now: float) -> None:
         if errors & DEAF:
-            self._fail(f"it hears no sensor ({errors_text(errors)}): check the sensor's plug and cable")
+            self._fail(f"it hears no sensor ({errors_text(errors)})", "check the sensor's plug and cable")
             return
         self._begin_again(now)
 

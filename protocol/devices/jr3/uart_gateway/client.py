@@ -19,6 +19,7 @@ from protocol.devices.jr3.uart_gateway.messages import (
 )
 from protocol.devices.jr3.uart_gateway.profile import UartGatewayClientProfile, check_uart_cutoff
 from protocol.devices.jr3.uart_gateway.reader import Reader
+from protocol.endpoint import Trouble
 
 # Asked for with every sample, by names of this module: until Python 3.12 an enum's own name costs five times that.
 _READY, _DATA, _ACKNOWLEDGE = Phase.READY, Op.DATA, Op.ACKNOWLEDGE
@@ -53,17 +54,18 @@ class UartGatewayClient(OfSession[Op]):
             counter_step=self._profile.period_ms * 1e3 / self._profile.sample_period_us,
             counter_behind=0,  # bytes do not overtake each other: only the same counter is an old sample
             check_cutoff=check_uart_cutoff,
-            why_silent=self._why_silent,
+            explain_silence=self._explain_silence,
         )
 
-    def _why_silent(self, waited: str) -> str:
+    def _explain_silence(self, waited: str) -> Trouble:
         if self._frame_heard:
-            return f"sends but acknowledges nothing in {waited}: is the line to it open?"
+            return Trouble(f"sends but acknowledges nothing in {waited}", "is the line to it open?")
         if self._reader.skipped:
-            return (
-                f"bytes but no frame of a gateway in {waited}: not {UART_BAUDRATE} baud, or another device?"
+            return Trouble(
+                f"bytes but no frame of a gateway in {waited}",
+                f"not {UART_BAUDRATE} baud, or another device?",
             )
-        return f"silent for {waited}: power, cable, port? {HANGS}"
+        return Trouble(f"silent for {waited}", f"power, cable, port? {HANGS}")
 
     # --- the wire
 
