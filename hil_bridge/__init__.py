@@ -4,6 +4,7 @@ Every name of `hil_bridge.api` is here too. It is imported when it is used first
 """
 
 from importlib import import_module
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -12,8 +13,11 @@ if TYPE_CHECKING:
 
 def __getattr__(name: str) -> Any:
     """A name of `hil_bridge.api`. Raises AttributeError for another."""
-    if not name.startswith("_") and name in (api := import_module("hil_bridge.api")).__all__:
-        return getattr(api, name)
+    # `from hil_bridge import MODULE` asks here first. To load the interface for that could go round in a circle.
+    if not name.startswith("_") and find_spec(f"{__name__}.{name}") is None:
+        api = import_module("hil_bridge.api")
+        if name in api.__all__:
+            return getattr(api, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

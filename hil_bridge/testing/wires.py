@@ -10,7 +10,7 @@ from hil_bridge.clock import Clock
 from hil_bridge.errors import TransportBroken, TransportClosed, TransportError
 from hil_bridge.transports.around import Around
 from hil_bridge.transports.base import Transport
-from hil_bridge.transports.delivery import QUEUE_BYTES, Delivery, TimedQueue, flush
+from hil_bridge.transports.delivery import QUEUE_BYTES, Delivery, TimedQueue
 
 Data = TypeVar("Data", bound=Sized)
 
@@ -33,13 +33,7 @@ class Delayed(Around[Data]):
         self._out.put(partial(self._leave, data), len(data), self._latency)
 
     async def aclose(self) -> None:
-        if not self._delivery.begin_close():
-            return
-        try:
-            await flush(self._out.drained())
-        finally:
-            await self._inner.aclose()
-            self._delivery.closed()
+        await self._delivery.close(self._out.drained, self._inner.aclose)
 
     def _arrived(self, data: Data) -> None:
         self._in.put(partial(self._delivery.data, data), len(data), self._latency)

@@ -15,17 +15,19 @@ import pytest
 
 import hil_bridge.cli
 from hil_bridge.errors import DeviceError
-from hil_bridge.record import CycleRecord, read
+from hil_bridge.record import CycleRecord, read, read_with_traffic
 from hil_bridge.runs.cycle import Run
 from hil_bridge.runs.notes import Notes
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.serve import client_of
 from hil_bridge.runs.session import execute
 from hil_bridge.settings.configuration import read_config
+from protocol.devices.s3.adlp import HEADER_SIZE
 
 Result: TypeAlias = tuple[int, str, str]
 Command: TypeAlias = Callable[..., Result]
 
+RECORDED = ("--no-view", "--record", "r.mcap")
 STATUS_ORDER = "10 02 00 08 01 00 13 01 00 00 10 03"
 
 
@@ -248,6 +250,17 @@ def test_a_run_prints_its_figures_and_leaves_what_report_makes_again(hil: Comman
     Path("empty.mcap").touch()
     assert "before the first control cycle" in refused(hil("report", "cut.mcap"))
     assert "empty.mcap is empty" in refused(hil("report", "empty.mcap"))
+
+
+def test_a_run_speaks_as_the_observed_client_and_its_cell_understands(hil: Command) -> None:
+    """Its telegrams tell the length of their data alone, and a move has 60 bytes."""
+    assert hil("run", "--virtual", "--link-profile", "observed-client", "--duration", "1", *RECORDED)[0] == 0
+    recording, traffic = read_with_traffic(Path("r.mcap"))
+    said = [piece for link in traffic.robot for piece in link.pieces if " tx 1002" in piece]
+    moves = [piece.partition(" tx ")[2] for piece in said if "0100180" in piece]
+    framed = 60 + 5  # DLE STX before it, DLE ETX and the check behind it
+    assert {(move[4:8], len(move) // 2) for move in moves} == {(f"{60 - HEADER_SIZE:04x}", framed)}
+    assert recording.end["outcome"] == "completed"
 
 
 def test_the_emulators_own_end_is_no_event_of_a_run(hil: Command) -> None:

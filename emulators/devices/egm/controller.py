@@ -36,6 +36,7 @@ from protocol.devices.egm import (
     decode_answer,
     encode_robot,
     from_wire,
+    names_external_axes,
     to_wire,
 )
 from protocol.endpoint import RemoteProtocolError
@@ -213,7 +214,7 @@ class EgmController:
         self._newest, self._heard_at = message.seqno, now
         self.counters["messages"] += 1
         if isinstance(message, SensorMessage):
-            if message.has_external:
+            if names_external_axes(datagram):
                 self.unmodelled.touch("externalJoints", "this arm has no external axes")
             if message.dnum:
                 self.unmodelled.touch("RAPIDtoRobot.dnum", "no RAPID program reads it")

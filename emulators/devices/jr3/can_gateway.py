@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
-from emulators.devices.jr3.firmware import RESET, START, STOP, Step
+from emulators.devices.jr3.firmware import Step
 from emulators.devices.jr3.firmware_profile import FirmwareProfile
 from emulators.devices.jr3.gateway import AnyGateway
 from emulators.devices.jr3.late import Sample
@@ -182,20 +182,10 @@ class Gateway(AnyGateway[Sequence[CanFrame]]):
             self._begin(Command(Op.BOOT_UP, self._profile.node), (Step.READ_CALIBRATION,), now)
 
     def _on_command(self, command: Command, now: float) -> None:
-        if self.refuses(command.op is Op.RESET):
+        steps = self.steps_of(command.op.name)
+        if steps is None:
             self._acknowledge(command.op)
             return
-        match command.op:
-            case Op.START_SYNC:
-                steps: tuple[Step, ...] = START
-            case Op.START_ASYNC:
-                steps = self._firmware.before_stream
-            case Op.STOP:
-                steps = STOP
-            case Op.RESET:
-                steps = RESET
-            case _:
-                steps = ()
         self._begin(command, steps, now)
 
     def _begin(self, command: Command, steps: tuple[Step, ...], now: float) -> None:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Generic, Self
 
-from emulators.devices.jr3.firmware import Firmware
+from emulators.devices.jr3.firmware import RESET, START, STOP, Firmware, Step
 from emulators.devices.jr3.firmware_profile import FirmwareProfile
 from emulators.devices.jr3.sensor import Jr3Sensor
 from emulators.faults.ledger import Handler
@@ -45,9 +45,13 @@ class AnyGateway(Generic[Data]):
         """Put the sensor's plug in; harmless when it is in."""
         self._firmware.plug_in(now)
 
-    def refuses(self, resets: bool) -> bool:
-        """Whether it is not initialised, and answers a command at once; `resets` it may heed all the same."""
-        return not (self._firmware.initialised or (self._blocks and resets))
+    def steps_of(self, order: str) -> tuple[Step, ...] | None:
+        """Steps of a command of this name; None where it is answered at once, since the gateway is not initialised."""
+        if not (self._firmware.initialised or (self._blocks and order == "RESET")):
+            return None
+        before = self._firmware.before_stream
+        steps = {"START": before, "START_ASYNC": before, "START_SYNC": START, "STOP": STOP, "RESET": RESET}
+        return steps.get(order, ())
 
     def sampled_at(self, counter: int) -> float | None:
         """The truth: when the sensor measured the newest sample sent with this counter, s; None if there is none."""

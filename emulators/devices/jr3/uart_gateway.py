@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any, ClassVar
 
-from emulators.devices.jr3.firmware import RESET, STOP, Step
+from emulators.devices.jr3.firmware import Step
 from emulators.devices.jr3.firmware_profile import FirmwareProfile
 from emulators.devices.jr3.gateway import AnyGateway
 from emulators.devices.jr3.sensor import Jr3Sensor
@@ -179,18 +179,10 @@ class UartGateway(AnyGateway[bytes]):
         self._on_command(command, at)
 
     def _on_command(self, command: Command, now: float) -> None:
-        if self.refuses(command.op is Op.RESET):
+        steps = self.steps_of(command.op.name)
+        if steps is None:
             self._acknowledge(command.op)
             return
-        match command.op:
-            case Op.START:
-                steps = self._firmware.before_stream
-            case Op.STOP:
-                steps = STOP
-            case Op.RESET:
-                steps = RESET
-            case _:
-                steps = ()
         self._begin(command, steps, now)
 
     def _begin(self, command: Command | None, steps: tuple[Step, ...], now: float) -> None:

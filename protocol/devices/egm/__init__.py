@@ -17,6 +17,7 @@ from protocol.devices.egm.messages import (
     decode_robot,
     encode_answer,
     encode_robot,
+    names_external_axes,
 )
 from protocol.devices.egm.schema import RobotWare
 from protocol.devices.egm.units import from_wire, to_wire
@@ -41,5 +42,6 @@ __all__ = [
     "encode_robot",
     "fault_of",
     "from_wire",
+    "names_external_axes",
     "to_wire",
 ]

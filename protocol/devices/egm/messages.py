@@ -133,8 +133,6 @@ class SensorMessage(NamedTuple):
     digital: bool | None = None
     """RAPIDtoRobot, with `dnum`."""
     dnum: tuple[float, ...] = ()
-    has_external: bool = False
-    """It names places or speeds of external axes."""
 
 
 class PathCorrection(NamedTuple):
@@ -287,9 +285,13 @@ def decode_answer(data: bytes) -> Answer:
     if pose is not None:
         _trusted("EgmSensor", (*pose.position_mm, *pose.quaternion), 7)
     digital = _optional(rapid, "digVal")
-    return SensorMessage(
-        header.seqno, tm, pose, joints, cartesian, joint_speed, digital, dnum, any(map(len, external))
-    )
+    return SensorMessage(header.seqno, tm, pose, joints, cartesian, joint_speed, digital, dnum)
+
+
+def names_external_axes(data: bytes) -> bool:
+    """Whether an answer that can be read has places or speeds of external axes."""
+    parsed = _parsed(_SENSOR, data)
+    return bool(parsed.planned.externalJoints.joints or parsed.speedRef.externalJoints.joints)
 
 
 # --- parts
