@@ -21,7 +21,8 @@ from protocol.devices.netft.http import read_answer, read_get
 from protocol.devices.netft.page import parse_page
 from protocol.devices.netft.records import Command, decode_record
 from protocol.devices.netft.records import decode_request as decode_rdt
-from protocol.devices.rsi import decode, pose_tags
+from protocol.devices.rsi.elements import pose_tags
+from protocol.devices.rsi.telegram import decode
 from protocol.devices.rtde.fields import Recipe
 from protocol.devices.rtde.packets import (
     Kind,

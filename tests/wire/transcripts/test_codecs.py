@@ -1,8 +1,7 @@
 """Every codec reads random, broken and whole bytes as it did before its fields stood in a table.
 
 `codecs.jsonl` was written by the codecs of then: name, bytes, and the values or the words of the refusal. Among its
-bytes are whole messages, such with one bit or letter changed, such that were cut, and random ones. A field that a
-message got since stands at the end of its lines.
+bytes are whole messages, such with one bit or letter changed, such that were cut, and random ones.
 """
 
 import enum
