@@ -72,14 +72,14 @@ def on_bytes(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_dbc_file_decodes_the_frames_of_its_recording(sensor: str, tmp_path: Path) -> None:
     path = made(tmp_path, sensor)
     export(path, ["candump", "dbc"], tmp_path)
-    database = cantools.database.load_file(tmp_path / "run.dbc")
+    database: Any = cantools.database.load_file(tmp_path / "run.dbc")
     known = {message.frame_id for message in database.messages}
     samples = [
         message
         for message in can.CanutilsLogReader(tmp_path / "run.log")
         if message.is_rx and len(message.data) >= 6 and message.arbitration_id in known
     ]
-    counted = [database.decode_message(one.arbitration_id, one.data) for one in samples]
+    counted = [database.decode_message(one.arbitration_id, bytes(one.data)) for one in samples]
     name = "fz" if sensor == "jr3" else "sg0"
     values = {values[name] for values in counted if name in values}
     assert len(values) > 10
