@@ -38,6 +38,11 @@ _BRAKE = re.compile(rb"stopl\(([0-9.]{1,12})\)")
 _NEAR = re.compile(rb"norm\(n\[j\] - q\[j\]\) > ([0-9.]{1,12})")
 _ENABLES = re.compile(rb"ft_rtde_input_enable\(\s*(True|False)")
 _WRITES = re.compile(rb"write_output_integer_register\(\s*(?:0\s*\+\s*)?(0|24)\s*,\s*2\s*\)")
+_COMMENT = re.compile(rb"#[^\n]*")
+_DEFINED = re.compile(rb"\b(?:def|sec|thread)\s+(\w{1,64})\s*\(")
+_CALLED = re.compile(rb"\b([A-Za-z_]\w{0,63})\s*\(")
+_WORDS = frozenset((b"if", b"elif", b"while", b"return", b"and", b"or", b"not", b"xor", b"in"))
+"""Words of the language before a parenthesis, which call nothing."""
 _COMMAND, _SEQUENCE = f"input_int_register_{COMMAND}", f"input_int_register_{SEQUENCE}"
 _PLACE = tuple(f"input_double_register_{number}" for number in range(POSE, POSE + 6))
 _TUNING = tuple(f"input_double_register_{number}" for number in (TIME, LOOKAHEAD, GAIN))
@@ -111,9 +116,19 @@ def _force(controller: Controller, text: bytes) -> Turns:
         yield
 
 
+def tag_calls(controller: Controller, text: bytes) -> None:
+    """Tell the functions that a text calls which nothing here carries out."""
+    plain = _COMMENT.sub(b"", text)
+    own = set(_DEFINED.findall(plain))
+    for name in dict.fromkeys(_CALLED.findall(plain)):
+        if name not in own and name not in _WORDS:
+            controller.unmodelled.touch(f"URScript {name.decode()}()", "its program is not carried out")
+
+
 def _unknown(controller: Controller, text: bytes) -> Turns:
     """Counts; ur_rtde's custom scripts tell their begin and end in a register."""
     controller.counts["unknown programs"] += 1
+    tag_calls(controller, text)
     found = _WRITES.search(text)
     register = None if found is None else f"output_int_register_{int(found[1])}"
     if register is not None:

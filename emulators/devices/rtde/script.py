@@ -7,7 +7,7 @@ Rule, laxer than the script manual because ur_rtde's text breaks it: a program b
 import re
 
 from emulators.devices.rtde.controller import Controller
-from emulators.devices.rtde.programs import intent, is_known, program
+from emulators.devices.rtde.programs import intent, is_known, program, tag_calls
 from emulators.orders import Act
 
 _BEGIN = re.compile(rb"^(def|sec)\s+(\w{1,64})\s*\(")
@@ -50,6 +50,7 @@ class ScriptPort:
             controller, text = self._controller, b"\n".join(self._lines)
             if self._secondary:  # runs beside a program and cannot move the arm
                 controller.counts["secondary programs"] += 1
+                tag_calls(controller, text)
             else:
                 known = is_known(self._name)
                 controller.told(Act.PROGRAM, f"program {self._name}", controller.takes_programs, not known)
