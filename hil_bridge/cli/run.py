@@ -123,7 +123,7 @@ def run(
 
     A file that exists is overwritten only with --overwrite.
     """
-    from hil_bridge.errors import ConfigError
+    from hil_bridge.errors import StepError
     from hil_bridge.record import read
     from hil_bridge.runs.outputs import Outputs
     from hil_bridge.runs.resuming import resumed_config, told_resume
@@ -169,6 +169,6 @@ def run(
     )
     try:
         code = execute(config, virtual, outputs, views, config_file or resume)
-    except ConfigError as error:
+    except StepError as error:
         raise in_file(error, str(config_file or resume or ""), config.task.file) from error
     sys.exit(code)

@@ -65,7 +65,7 @@ def _row(config: "Config", file: Path) -> "Row":
     from dataclasses import replace
 
     from hil_bridge.control.program.program import Program
-    from hil_bridge.errors import ConfigError
+    from hil_bridge.errors import ConfigError, StepError
     from hil_bridge.runs.checks import check_program
     from hil_bridge.runs.setup import Setup
     from hil_bridge.settings.program import in_file
@@ -77,7 +77,7 @@ def _row(config: "Config", file: Path) -> "Row":
         setup = Setup(config)
         program = setup.loop.task
         check_program(setup)
-    except ConfigError as error:
+    except StepError as error:
         raise in_file(error, str(file), config.task.file) from error
     assert isinstance(program, Program)
     return program.row

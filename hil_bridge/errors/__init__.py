@@ -14,6 +14,7 @@ __all__ = [
     "Part",
     "Reason",
     "SafetyStop",
+    "StepError",
     "TransportBroken",
     "TransportClosed",
     "TransportEnded",
@@ -66,6 +67,26 @@ class ConfigError(BridgeError):
 
     exit_code = CONFIGURATION
     cause = Cause.CONFIGURATION
+
+
+class StepError(ConfigError):
+    """A step of a program cannot be carried out."""
+
+    def __init__(self, problem: str, label: str = "") -> None:
+        """`label` is its number and its word, as "2 (track)"; without one the program as a whole is wrong."""
+        super().__init__(_in_table("task.step", label, problem))
+        self.label, self.problem = label, problem
+
+    def in_table(self, key: str) -> str:
+        """The message for a file whose table of steps has this name."""
+        return _in_table(key, self.label, self.problem)
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return (type(self), (self.problem, self.label), self.__dict__)
+
+
+def _in_table(key: str, label: str, problem: str) -> str:
+    return f"{key}{label and f' {label}'}: {problem}"
 
 
 class TransportError(BridgeError):

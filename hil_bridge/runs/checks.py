@@ -11,7 +11,7 @@ from hil_bridge.clock import VIRTUAL_EPOCH
 from hil_bridge.clock.realtime import real_time_thread
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.reach import check_workspace, outermost
-from hil_bridge.errors import ConfigError
+from hil_bridge.errors import ConfigError, StepError
 from hil_bridge.runs import compose
 from hil_bridge.runs.pace import metres
 from hil_bridge.runs.setup import Setup
@@ -108,9 +108,10 @@ def check_program(setup: Setup, start: Start | None = None) -> None:
     for label, place in outermost(program.row, program.frame, metres(cell.start_position_mm)):
         if not compose.can_hold(setup, place):
             x, y, z = (part * 1e3 for part in place)
-            raise ConfigError(
-                f"task.step {label}: the robot does not reach {x:.0f} {y:.0f} {z:.0f} mm in its base frame, "
-                "at the depth of the start, at the safe height or behind a retract"
+            raise StepError(
+                f"the robot does not reach {x:.0f} {y:.0f} {z:.0f} mm in its base frame, "
+                "at the depth of the start, at the safe height or behind a retract",
+                label,
             )
 
 

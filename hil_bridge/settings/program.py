@@ -6,6 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from hil_bridge.control.checks import SettingError
 from hil_bridge.control.words.paths import Arc, Line, Polyline, Raster, Spiral
 from hil_bridge.control.words.steps import (
     Approach,
@@ -19,7 +20,7 @@ from hil_bridge.control.words.steps import (
     Track,
     Zero,
 )
-from hil_bridge.errors import ConfigError
+from hil_bridge.errors import ConfigError, StepError
 from hil_bridge.errors.text_files import format_path, format_value, read_toml
 
 
@@ -80,12 +81,11 @@ def with_program(values: dict[str, Any], source: str) -> dict[str, Path]:
     return found
 
 
-def in_file(error: ConfigError, source: str, program: str) -> ConfigError:
+def in_file(error: StepError, source: str, program: str) -> ConfigError:
     """The same with the file that a wrong step stands in: `source`, or `program` where the steps have their own."""
-    text = str(error)
-    if program and text.startswith("task.step"):
-        return ConfigError(f"{program}: {text.removeprefix('task.')}")
-    return ConfigError(f"{source}: {text}") if source and text.startswith("task.step") else error
+    if program:
+        return ConfigError(f"{program}: {error.in_table('step')}")
+    return ConfigError(f"{source}: {error}") if source else error
 
 
 def is_program(values: Mapping[str, Any]) -> bool:
@@ -161,9 +161,8 @@ def _words(error: Mapping[str, Any], keys: Sequence[str], section: type | None) 
         case "unexpected_keyword_argument":
             return f"{begin} is no setting{instead_of(_names(section), keys[-1])}"
         case "value_error":
-            cause = str(error["ctx"]["error"])
-            blamed = cause.partition(" ")[0] in _names(section)
-            return f"{begin}.{cause}" if begin and blamed else f"{begin}: {cause}"
+            cause = error["ctx"]["error"]
+            return f"{begin}.{cause}" if begin and isinstance(cause, SettingError) else f"{begin}: {cause}"
         case "missing" if error["loc"][-1] == "step":
             return f"{begin} is missing: its steps are tables [[task.step.step]], in a file of its own [[step.step]]"
         case "missing" if isinstance(error["loc"][-1], str):

@@ -23,7 +23,7 @@ from hil_bridge.control.words.steps import (
     Track,
     Zero,
 )
-from hil_bridge.errors import ConfigError
+from hil_bridge.errors import StepError
 
 LEGS_MAX = 5000
 """Chosen: most steps of a program, passes counted."""
@@ -98,12 +98,12 @@ def legs_of(
     presses, back_mm = False, 0.0
     for label, step, more in _flat(steps):
         if len(legs) >= LEGS_MAX:
-            raise ConfigError(f"task.step: more than {LEGS_MAX} steps, with the passes of a repeat")
+            raise StepError(f"more than {LEGS_MAX} steps, with the passes of a repeat")
         try:
             _check(step, presses, limits, speed_mm_s)
             leg = _leg(label, step, task, limits, place)
         except ValueError as error:
-            raise ConfigError(f"task.step {label}: {error}") from error
+            raise StepError(str(error), label) from error
         if isinstance(step, Approach) and step.at_most_mm is None:
             leg = _reaching(leg, back_mm)
         back_mm = _backed(leg, back_mm)
@@ -113,7 +113,7 @@ def legs_of(
         presses = leg.presses
         place = _end(leg, place)
     if presses or not legs:
-        raise ConfigError("task.step: the last step must be a retract, so that no program ends pressing")
+        raise StepError("the last step must be a retract, so that no program ends pressing")
     return Row(tuple(legs), tuple(places))
 
 
@@ -323,6 +323,6 @@ def seconds(row: Row) -> list[float]:
             case _:
                 time = task.approach_depth_limit_mm / task.approach_speed_mm_s / 4
         if not math.isfinite(time):
-            raise ConfigError(f"task.step {leg.label}: it never ends; give speed_mm_s above 0, or for_s")
+            raise StepError("it never ends; give speed_mm_s above 0, or for_s", leg.label)
         taken.append(time)
     return taken

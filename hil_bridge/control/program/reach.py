@@ -7,7 +7,7 @@ from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.program.felt import WorkFrame
 from hil_bridge.control.program.legs import Row
 from hil_bridge.control.words.steps import Approach, Move, Retract
-from hil_bridge.errors import ConfigError
+from hil_bridge.errors import StepError
 from protocol.geometry import Vector
 
 
@@ -50,9 +50,10 @@ def check_workspace(row: Row, frame: WorkFrame, start: Vector, limits: Limits) -
             "xyz", (x, y, z), limits.workspace_min_m, limits.workspace_max_m, strict=True
         ):
             if not low <= value <= high:
-                raise ConfigError(
-                    f"task.step {label}: it leads to {x:.3f} {y:.3f} {z:.3f} m in the base frame, outside the box of "
-                    f"limits.workspace_…_m: {axis} may be {low:g} … {high:g}"
+                raise StepError(
+                    f"it leads to {x:.3f} {y:.3f} {z:.3f} m in the base frame, outside the box of "
+                    f"limits.workspace_…_m: {axis} may be {low:g} … {high:g}",
+                    label,
                 )
 
 

@@ -12,7 +12,7 @@ from typing import Annotated, ClassVar, Literal, TypeAlias
 
 from pydantic import Discriminator
 
-from hil_bridge.control.checks import FORBID_EXTRA, require_above_zero
+from hil_bridge.control.checks import FORBID_EXTRA, SettingError, require_above_zero
 
 Place: TypeAlias = tuple[float, float]
 """x and y in the work frame's plane; mm in settings, m elsewhere."""
@@ -29,7 +29,7 @@ def check_finite(where: str, *places: Place) -> None:
     """Raise ValueError for a place, mm, that is no number or too far away."""
     for x, y in places:
         if not (abs(x) <= LONGEST_MM and abs(y) <= LONGEST_MM):
-            raise ValueError(f"{where} must be finite places in mm, got {x:g}, {y:g}")
+            raise SettingError(where, f"must be finite places in mm, got {x:g}, {y:g}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ class Line:
         if self.to_mm is not None:
             check_finite("to_mm", self.to_mm)
         if not math.isfinite(self.direction_deg):
-            raise ValueError("direction_deg must be a number")
+            raise SettingError("direction_deg", "must be a number")
 
     def corners(self, begin: Place | None) -> list[Place]:
         """Corners of the way in the work frame, mm; `begin` is where the tool is, None where that is not known."""
@@ -83,7 +83,9 @@ class Arc:
     def __post_init__(self) -> None:
         check_finite("centre_mm", self.centre_mm)
         if not (math.isfinite(self.angle_deg) and 0 < abs(self.angle_deg) <= 36000):
-            raise ValueError(f"angle_deg must be a number up to ±36000 and not 0, got {self.angle_deg:g}")
+            raise SettingError(
+                "angle_deg", f"must be a number up to ±36000 and not 0, got {self.angle_deg:g}"
+            )
 
     def corners(self, begin: Place | None) -> list[Place]:
         x, y = _known(begin)
@@ -117,7 +119,7 @@ class Polyline:
 
     def __post_init__(self) -> None:
         if len(self.points_mm) < 2:
-            raise ValueError("points_mm must hold at least two places")
+            raise SettingError("points_mm", "must hold at least two places")
         check_finite("points_mm", *self.points_mm)
 
     def corners(self, begin: Place | None) -> list[Place]:
@@ -146,10 +148,10 @@ class Raster:
         require_above_zero(self, "spacing_mm")
         check_finite("corner_mm", self.corner_mm, self.size_mm, *self.polygon_mm)
         if self.polygon_mm and len(self.polygon_mm) < 3:
-            raise ValueError("polygon_mm must hold at least three places")
+            raise SettingError("polygon_mm", "must hold at least three places")
         if not self.polygon_mm and not min(self.size_mm) > 0:
-            raise ValueError(
-                f"size_mm must be above 0 both ways, got {self.size_mm[0]:g}, {self.size_mm[1]:g}"
+            raise SettingError(
+                "size_mm", f"must be above 0 both ways, got {self.size_mm[0]:g}, {self.size_mm[1]:g}"
             )
 
     def corners(self, begin: Place | None) -> list[Place]:

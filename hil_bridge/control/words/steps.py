@@ -11,7 +11,7 @@ from typing import Annotated, ClassVar, Literal, TypeAlias
 
 from pydantic import Discriminator
 
-from hil_bridge.control.checks import FORBID_EXTRA, require_above_zero, require_not_negative
+from hil_bridge.control.checks import FORBID_EXTRA, SettingError, require_above_zero, require_not_negative
 from hil_bridge.control.words.paths import Path, Place, check_finite
 from protocol.geometry import Quaternion, Vector
 
@@ -54,7 +54,7 @@ class Criterion:
     def __post_init__(self) -> None:
         require_above_zero(self, "within_n", "for_percent")
         if self.for_percent > 100:
-            raise ValueError(f"for_percent must be at most 100, got {self.for_percent:g}")
+            raise SettingError("for_percent", f"must be at most 100, got {self.for_percent:g}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,9 +112,9 @@ class Track:
         _above_zero(self, *names)
         check_profile(self.force_n)
         if self.across == "force" and not (math.isfinite(self.across_n) and self.across_n):
-            raise ValueError('across_n must be a force that is not 0 for across = "force"')
+            raise SettingError("across_n", 'must be a force that is not 0 for across = "force"')
         if self.across_n and self.across != "force":
-            raise ValueError(f'across_n needs across = "force", now "{self.across}"')
+            raise SettingError("across_n", f'needs across = "force", now "{self.across}"')
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,7 +162,7 @@ class Seek:
         _above_zero(self, "at_most_mm", "speed_mm_s", "contact_n")
         require_not_negative(self, "back_off_mm")
         if not math.isfinite(self.direction_deg):
-            raise ValueError("direction_deg must be a number")
+            raise SettingError("direction_deg", "must be a number")
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,14 +243,14 @@ class Repeat:
 
     def __post_init__(self) -> None:
         if not 1 <= self.times <= 1000:
-            raise ValueError(f"times must be 1 … 1000, got {self.times}")
+            raise SettingError("times", f"must be 1 … 1000, got {self.times}")
         if not self.step:
-            raise ValueError("step must hold at least one step")
+            raise SettingError("step", "must hold at least one step")
         if self.limits != StepLimits():
-            raise ValueError("limits must stand in the steps of the repeat")
+            raise SettingError("limits", "must stand in the steps of the repeat")
         _above_zero(self, "until_removed_mm")
         if self.until_removed_mm is not None and not any(step.do == "track" for step in self.step):
-            raise ValueError("until_removed_mm needs a track among the steps")
+            raise SettingError("until_removed_mm", "needs a track among the steps")
 
 
 Step: TypeAlias = Annotated[
@@ -290,10 +290,12 @@ def check_profile(force: ForceProfile | None) -> None:
         return
     pairs = ((0.0, force),) if isinstance(force, (int, float)) else force
     if not pairs or pairs[0][0] != 0.0:
-        raise ValueError("force_n must begin at 0 mm of the way")
+        raise SettingError("force_n", "must begin at 0 mm of the way")
     for (before, _), (after, _) in pairwise(pairs):
         if not after > before:
-            raise ValueError(f"force_n must ascend along the way, but {after:g} mm follows {before:g} mm")
+            raise SettingError(
+                "force_n", f"must ascend along the way, but {after:g} mm follows {before:g} mm"
+            )
     for _, value in pairs:
         if not (math.isfinite(value) and value > 0):
-            raise ValueError(f"force_n must be above 0 N everywhere, got {value:g}")
+            raise SettingError("force_n", f"must be above 0 N everywhere, got {value:g}")
