@@ -1,6 +1,7 @@
 """Programs that the emulated controller knows by their names, as generators: one turn a cycle.
 
-URScript is not interpreted. Our own program is followed statement by statement; see `protocol.devices.rtde.program`.
+Any other one is run as it stands, by `urscript`. Our own program is followed statement by statement; see
+`protocol.devices.rtde.program`.
 """
 
 import math
@@ -11,7 +12,17 @@ from typing import TypeAlias
 
 from emulators.devices.rtde.arm import Brake, Servo
 from emulators.devices.rtde.controller import Controller
+from emulators.devices.rtde.running import Program
+from emulators.devices.rtde.script_host import ControllerHost
 from emulators.devices.rtde.ur_rtde import UrRtde, register_offset
+from emulators.devices.rtde.urscript import (
+    FUNCTIONS,
+    CompiledProgram,
+    Machine,
+    RuntimeFailure,
+    ScriptSyntaxError,
+    compile_program,
+)
 from emulators.orders import Act, HeardOrder
 from protocol.devices.rtde.program import (
     AGE,
@@ -37,7 +48,6 @@ _HOLD = re.compile(rb"age > (\d{1,9})")
 _BRAKE = re.compile(rb"stopl\(([0-9.]{1,12})\)")
 _NEAR = re.compile(rb"norm\(n\[j\] - q\[j\]\) > ([0-9.]{1,12})")
 _ENABLES = re.compile(rb"ft_rtde_input_enable\(\s*(True|False)")
-_WRITES = re.compile(rb"write_output_integer_register\(\s*(?:0\s*\+\s*)?(0|24)\s*,\s*2\s*\)")
 _COMMAND, _SEQUENCE = f"input_int_register_{COMMAND}", f"input_int_register_{SEQUENCE}"
 _PLACE = tuple(f"input_double_register_{number}" for number in range(POSE, POSE + 6))
 _TUNING = tuple(f"input_double_register_{number}" for number in (TIME, LOOKAHEAD, GAIN))
@@ -87,14 +97,48 @@ def _our_intent(controller: Controller, names: tuple[str, ...]) -> HeardOrder | 
     return HeardOrder(controller.now, Act.MOTION, words, controller.plays, (x, y, z), reach_m=reach_m)
 
 
-def program(controller: Controller, name: str, text: bytes) -> Callable[[], Turning]:
-    """Makes the program of a text when its time comes. An unknown one plays for a while, without effect."""
+def program(controller: Controller, name: str, text: bytes) -> Callable[[], Program] | None:
+    """Makes the program of a text when its time comes. None for a text that is no program, which is told."""
     known: dict[str, Callable[[Controller, bytes], Turns]] = {
         NAME: _ours,
         "rtde_control": _ur_rtde,
         FORCE_NAME: _force,
     }
-    return lambda: Turning(name, known.get(name, _unknown)(controller, text))
+    if name in known:
+        return lambda: Turning(name, known[name](controller, text))
+    compiled = compiled_or_told(controller, text)
+    return None if compiled is None else lambda: Script(controller, compiled)
+
+
+def compiled_or_told(controller: Controller, text: bytes) -> CompiledProgram | None:
+    """The program of a text; None for one that is none, which is told."""
+    try:
+        return compile_program(text.decode("utf-8", "replace"), FUNCTIONS)
+    except ScriptSyntaxError as error:
+        ControllerHost(controller).tell_failure(error.failure)
+        return None
+
+
+class Script:
+    """A program in URScript that plays."""
+
+    def __init__(self, controller: Controller, compiled: CompiledProgram) -> None:
+        self._machine = Machine(compiled, ControllerHost(controller), controller.profile.script_steps)
+        self.name = compiled.name
+        self.cycle = self._machine.cycle
+
+
+def run_secondary(controller: Controller, text: bytes) -> None:
+    """A program that runs beside another one, within this cycle, and cannot move the arm."""
+    controller.counts["secondary programs"] += 1
+    compiled = compiled_or_told(controller, text)
+    if compiled is None:
+        return
+    if compiled.main.waits:
+        failure = RuntimeFailure(1, "a secondary program must not move the arm, or wait")
+        ControllerHost(controller).tell_failure(failure)
+        return
+    Script(controller, compiled).cycle()
 
 
 def _ur_rtde(controller: Controller, text: bytes) -> Turns:
@@ -109,19 +153,6 @@ def _force(controller: Controller, text: bytes) -> Turns:
     yield
     while b"while True" in text:
         yield
-
-
-def _unknown(controller: Controller, text: bytes) -> Turns:
-    """Counts; ur_rtde's custom scripts tell their begin and end in a register."""
-    controller.counts["unknown programs"] += 1
-    found = _WRITES.search(text)
-    register = None if found is None else f"output_int_register_{int(found[1])}"
-    if register is not None:
-        controller.write_output(register, 1)
-    for _ in range(math.ceil(controller.profile.unknown_program_ms / controller.profile.cycle_ms)):
-        yield
-    if register is not None:
-        controller.write_output(register, 2)
 
 
 def braking(controller: Controller, deceleration: float) -> Generator[None, None, None]:
