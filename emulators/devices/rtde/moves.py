@@ -95,7 +95,7 @@ def _circle(start: Vector, via: Vector, goal: Vector) -> tuple[Vector, Vector, V
     if square < _LEAST**4:
         return None
     to_centre = _scaled(
-        _minus(_scaled(_cross(b, normal), -_dot(a, a)), _scaled(_cross(a, normal), -_dot(b, b))),
+        _minus(_scaled(_cross(b, normal), _dot(a, a)), _scaled(_cross(a, normal), _dot(b, b))),
         0.5 / square,
     )
     centre = _minus(start, _scaled(to_centre, -1.0))

@@ -28,6 +28,8 @@ class ControllerHost:
         self._random = random.Random(controller.now)
         self._servoing: Servo | None = None
         """The newest servoj, while no other motion has come since."""
+        self._inputs = controller.inputs
+        """Inputs at the newest servoj: a target that came again is another one."""
         self.period = controller.period
 
     # --- messages
@@ -143,8 +145,9 @@ class ControllerHost:
             controller.protective_stop("a servo's setting that is no number")
             return 1
         cycles = max(1, round(min(max(time, 0.0), 1.0) / controller.period))
-        if self._servoing is None or joints != self._servoing.target:
+        if self._servoing is None or joints != self._servoing.target or controller.inputs is not self._inputs:
             controller.target_taken()
+        self._inputs = controller.inputs
         servo = Servo(joints, min(max(lookahead, 0.03), 0.2), min(max(gain, 100.0), 2000.0), cycles)
         self._servoing = servo
         controller.order(servo)
