@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: run test docs test-lowest release-check bench kernel-driver clean
+.PHONY: run test docs test-lowest test-newest release-check bench kernel-driver clean
 
 # ROBOT=egm SENSOR=netft takes other emulated devices; `hil-bridge run --help` names them
 run: $(STAMP)
@@ -21,7 +21,11 @@ docs: $(STAMP)
 
 # the tests with the lowest versions that pyproject.toml names; ONLY="tests/wire" runs those alone
 test-lowest: $(STAMP)
-	$(BIN)/python tools/lowest.py $(ONLY)
+	$(BIN)/python tools/versions.py lowest $(ONLY)
+
+# the same on Python 3.12 and 3.13, with the newest versions there are
+test-newest: $(STAMP)
+	$(BIN)/python tools/versions.py newest $(ONLY)
 
 # before a release: source distribution, wheel, clean installation, upgrade from the first version
 release-check: $(STAMP)

@@ -31,7 +31,7 @@ from emulators.surface.contact import Contact, SurfaceProfile
 from emulators.surface.face import ONE_POINT_REMEMBERED, Face, Pushed, joined, turning_of
 from emulators.surface.faults import OBSTACLE_FAULTS, SURFACE_FAULTS, ObstacleProfile, Obstacles
 from emulators.surface.removal import Removed
-from protocol.geometry import Pose, Quaternion, Vector
+from protocol.geometry import Pose, Quaternion, Vector, rotation_rows
 from protocol.marks import Mark, between, check_settings, setting
 
 _GRAVITY = np.array([0.0, 0.0, -9.80665])
@@ -367,14 +367,7 @@ class Cell(Generic[Robot, Sensor]):
 
 def rotation_matrix(quaternion: Quaternion) -> Floats:
     """Matrix (3, 3) whose columns are the rotated frame's axes, of a unit quaternion w x y z."""
-    w, x, y, z = quaternion
-    return np.array(
-        [
-            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-        ]
-    )
+    return np.array(rotation_rows(quaternion))
 
 
 def moment_matrix(arm: Vector) -> Floats:

@@ -4,55 +4,22 @@ Every name of `hil_bridge.api` is here too. It is imported when it is used first
 """
 
 from importlib import import_module
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from hil_bridge.api import *  # noqa: F403
 
-_NAMES = frozenset(
-    [
-        "BridgeError",
-        "Cause",
-        "Command",
-        "Config",
-        "ConfigError",
-        "Configuration",
-        "Controller",
-        "CycleRecord",
-        "DeviceError",
-        "Measurement",
-        "OpenDevices",
-        "OrderRefused",
-        "Outcome",
-        "Part",
-        "Reason",
-        "Recording",
-        "Result",
-        "SafetyStop",
-        "Simulation",
-        "TransportBroken",
-        "TransportClosed",
-        "TransportEnded",
-        "TransportError",
-        "TransportUnavailable",
-        "load",
-        "open_devices",
-        "read",
-        "run_real",
-        "run_virtual",
-        "simulate",
-        "simulation",
-    ]
-)
-"""Those of `hil_bridge.api.__all__`."""
-
 
 def __getattr__(name: str) -> Any:
     """A name of `hil_bridge.api`. Raises AttributeError for another."""
-    if name in _NAMES:
-        return getattr(import_module("hil_bridge.api"), name)
+    # `from hil_bridge import MODULE` asks here first. To load the interface for that could go round in a circle.
+    if not name.startswith("_") and find_spec(f"{__name__}.{name}") is None:
+        api = import_module("hil_bridge.api")
+        if name in api.__all__:
+            return getattr(api, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_NAMES})
+    return sorted({*globals(), *import_module("hil_bridge.api").__all__})

@@ -4,15 +4,38 @@ A client and a device emulator have the same five calls. So one pump drives eith
 wire a client to an emulator without any transport at all.
 """
 
-from typing import Protocol, TypeVar
+from typing import NamedTuple, Protocol, TypeVar
 
 DataIn = TypeVar("DataIn", contravariant=True)
 DataOut = TypeVar("DataOut", covariant=True)
 Event = TypeVar("Event", covariant=True)
 
 
+class Trouble(NamedTuple):
+    """A reason for which a device cannot do its work; false for none."""
+
+    fact: str = ""
+    remedy: str = ""
+    """Advice for a person; empty where none is known."""
+
+    def __bool__(self) -> bool:
+        return bool(self.fact)
+
+    def __str__(self) -> str:
+        """Both in one line, for people."""
+        return f"{self.fact}; {self.remedy}" if self.remedy else self.fact
+
+
+NO_TROUBLE = Trouble()
+
+
 class ProtocolError(Exception):
     """Something is wrong with what was said on the wire; the subclass says whose fault it is."""
+
+    def __init__(self, fact: str = "", remedy: str = "") -> None:
+        """`remedy` is advice for a person; empty where none is known."""
+        super().__init__(fact)
+        self.remedy = remedy
 
 
 class LocalProtocolError(ProtocolError):

@@ -4,6 +4,7 @@ A table holds raw integers (or floats) as they lie on the wire; `scale` and `uni
 and are applied only where a person or the control side reads it.
 """
 
+import dataclasses
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -31,6 +32,8 @@ class Field:
     scale: float = 1.0
     """SI or display value of one raw unit."""
     unit: str = ""
+    bits: Mapping[int, str] = dataclasses.field(default_factory=dict, hash=False)
+    """Words for each bit that may be set, of a status."""
 
     def value(self, raw: float) -> float:
         """A raw value in the field's unit; it stays whole where one raw unit is 1.
@@ -101,17 +104,36 @@ class Layout:
             raise RemoteProtocolError(f"{self.name} needs {self.size} bytes of data, got {len(data)}")
         return self._packed[0].unpack_from(data)
 
+    @property
+    def struct(self) -> struct.Struct:
+        """The whole payload as one struct, values by offset: for what is read or written every millisecond."""
+        return self._packed[0]
+
+    def unpack_exact(self, data: bytes) -> tuple[Any, ...]:
+        """As `unpack_row`, where the length tells what a payload is. Raises RemoteProtocolError for another length."""
+        if len(data) != self.size:
+            raise RemoteProtocolError(f"{self.name} has {self.size} bytes, got {len(data)}")
+        return self._packed[0].unpack(data)
+
     def describe(self, data: bytes) -> list[dict[str, object]]:
         """Every field as name, raw value, value in its unit, mark and meaning: for people to read."""
         raw = self.unpack(data)
-        return [
-            {
-                "name": field.name,
-                "raw": raw[field.name],
-                "value": field.value(raw[field.name]),
-                "unit": field.unit,
-                "mark": field.mark.value,
-                "meaning": field.meaning,
-            }
-            for field in self.fields
-        ]
+        return [describe_field(field, raw[field.name]) for field in self.fields]
+
+
+def describe_field(field: Field, raw: float) -> dict[str, object]:
+    """A raw value of a field for people to read."""
+    return {
+        "name": field.name,
+        "raw": raw,
+        "value": field.value(raw),
+        "unit": field.unit,
+        "mark": field.mark.value,
+        "meaning": (bit_words(int(raw), field.bits) or "no error") if field.bits else field.meaning,
+    }
+
+
+def bit_words(status: int, bits: Mapping[int, str]) -> str:
+    """The bits of a status in words; empty for none of them."""
+    words = ", ".join(text for bit, text in bits.items() if status >> bit & 1)
+    return words or ("an error without a name" if status else "")

@@ -22,13 +22,15 @@ class RobotReport(NamedTuple):
     received_at: float
     """When the report was complete."""
     fault: str = ""
-    """Reasons that forbid to move, in words with a remedy: emergency stop, program stopped; empty without any."""
+    """Reasons that forbid to move, in words: emergency stop, program stopped; empty without any."""
     stamps: tuple[tuple[str, float], ...] = ()
     """More times of the way to this report, by name."""
     force: Vector | None = None
     """Force of the surroundings on the tool as the robot itself feels it, base frame, N; None where it tells none. It
     is coarse, and may have an offset: its user counts from a zero of its own.
     """
+    remedy: str = ""
+    """Advice against the fault, for a person; empty where none is known."""
 
 
 def orientation_fault(quaternion: Quaternion) -> str:
@@ -54,9 +56,12 @@ class ReportReceived(NamedTuple):
 
 
 class StreamLost(NamedTuple):
-    """The robot, or this side, has ended the movement; the words say why, and what to do."""
+    """The robot, or this side, has ended the movement."""
 
     text: str
+    """The reason."""
+    remedy: str = ""
+    """Advice for a person; empty where none is known."""
 
 
 class StreamNotice(NamedTuple):

@@ -121,7 +121,9 @@ class SensorFailed:
     """The session is over."""
 
     text: str
-    """Fault and place to look at, one line."""
+    """The fault, one line."""
+    remedy: str = ""
+    """Advice for a person, one line; empty where none is known."""
 
 
 SensorEvent: TypeAlias = (

@@ -3,8 +3,21 @@
 Examples are the same in every run, so that a run that fails fails again; `--hypothesis-profile explore` draws others.
 """
 
+import gc
+import signal
+
 from hypothesis import settings
 
 settings.register_profile("repeatable", deadline=None, derandomize=True)
 settings.register_profile("explore", deadline=None)
 settings.load_profile("repeatable")
+
+# A shell that starts these tests behind `&` lets them ignore Ctrl-C, and the programs that they start would inherit it.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_collection_finish() -> None:
+    """Let the garbage collector pass over thousands of collected tests: it would look at all of them each time."""
+    gc.collect()
+    gc.freeze()

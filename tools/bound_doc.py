@@ -10,13 +10,13 @@ import json
 import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import hil_bridge
 from hil_bridge.control.types import SAMPLE_MS, Command, Measurement
+from hil_bridge.lab.processes import in_order, own_processes
 from hil_bridge.record.device_facts import devices_of
 from hil_bridge.runs.force_bound import force_bound_n
 from hil_bridge.settings.configuration import read_config
@@ -121,11 +121,11 @@ def measure_touches() -> dict[str, Any]:
     """By robot and what is late: a row of stiffnesses and speeds, each with the largest force and its outcome."""
     cells = [(robot, late, k, v) for robot in LINKS for late in LATE for k in TOUCH_KN_M for v in TOUCH_MM_S]
     figures: dict[str, Any] = {}
-    with ProcessPoolExecutor() as pool:
-        runs = pool.map(touched, [(*cell, seed) for cell in cells for seed in TOUCH_SEEDS], chunksize=4)
-        for robot, late, _, _ in cells:
-            row = figures.setdefault(robot, {}).setdefault(late, [])
-            row.append(max(next(runs) for _ in TOUCH_SEEDS))
+    with own_processes() as pool:
+        runs = iter(in_order(pool, touched, [(*cell, seed) for cell in cells for seed in TOUCH_SEEDS]))
+    for robot, late, _, _ in cells:
+        row = figures.setdefault(robot, {}).setdefault(late, [])
+        row.append(max(next(runs) for _ in TOUCH_SEEDS))
     return figures
 
 
@@ -139,10 +139,11 @@ def measure() -> dict[str, Any]:
         for sensor in SENSORS
     ]
     figures: dict[str, Any] = {}
-    with ProcessPoolExecutor() as pool:
-        for (robot, sensor, period, case), pair in zip(jobs, pool.map(measured, jobs), strict=True):
-            cell = figures.setdefault(robot, {}).setdefault(str(period), {}).setdefault(case, {})
-            cell[sensor] = pair
+    with own_processes() as pool:
+        pairs = in_order(pool, measured, jobs, chunk=1)
+    for (robot, sensor, period, case), pair in zip(jobs, pairs, strict=True):
+        cell = figures.setdefault(robot, {}).setdefault(str(period), {}).setdefault(case, {})
+        cell[sensor] = pair
     return figures
 
 

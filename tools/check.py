@@ -5,6 +5,7 @@ exit code is 0 only when none failed. `--only NAME` runs one step.
 """
 
 import argparse
+import os
 import subprocess
 import sys
 import time
@@ -23,9 +24,10 @@ def tool(name: str, *arguments: str) -> Callable[[], int]:
     return lambda: subprocess.run([BIN / name, *arguments], cwd=ROOT, check=False).returncode
 
 
-def both(*steps: Callable[[], int]) -> Callable[[], int]:
-    """A step of several: each is taken, and the first that fails gives the exit code."""
-    return lambda: next(filter(None, [step() for step in steps]), 0)
+def tests(name: str, *arguments: str) -> tuple[str, ...]:
+    """The command for tests; its forty slowest are printed, and `runs/tests/NAME.txt` keeps the time of each test."""
+    slowest = ("-p", "tools.slowest_tests", "--slowest-tests", f"runs/tests/{name}.txt")
+    return "python", "-m", "pytest", *slowest, *arguments
 
 
 def told(command: Sequence[str]) -> tuple[int, str]:
@@ -55,44 +57,54 @@ def at_once(first: tuple[str, ...], second: tuple[str, ...]) -> Callable[[], int
     return step
 
 
-REAL = ("pytest", "-m", "live", "--reruns", "2")
+REAL = ("-m", "live", "--reruns", "2")
 """Tests in real time. Where a busy machine made one late it has two more tries, and their number is shown."""
 QUICK = (
     "tests/clients",
-    *(f"tests/live/test_{name}_live.py" for name in ("bench", "cell", "clock", "egm", "program", "rtde")),
+    *(
+        f"tests/live/test_{name}_live.py"
+        for name in ("api", "bench", "clock", "egm", "program", "rtde", "today")
+    ),
 )
-"""Tests in real time of devices that speak every few milliseconds: one at a time, and beside it one of a slow line."""
+"""Tests in real time of devices that speak every few milliseconds: one at a time."""
+SLOW = ("--numprocesses", "2", "--dist", "load", "--maxschedchunk", "1")
+"""Beside them two at a time of slow lines, which mostly wait."""
 
 STEPS: dict[str, Callable[[], int]] = {
     "format": tool("ruff", "format", "--check", "."),
     "lint": tool("ruff", "check", "."),
-    "types": both(tool("mypy"), tool("mypy", "--config-file", "tests/mypy.ini", "tests")),
+    "types": at_once(("mypy",), ("mypy", "--config-file", "tests/mypy.ini", "tests")),
     "imports": tool("lint-imports"),
     "protocol": tool(
-        *("pytest", "tests/wire", "--numprocesses", "auto", "--dist", "loadfile"),
+        *tests("protocol", "tests/wire", "--numprocesses", "auto", "--dist", "loadfile"),
         *("--cov", "--cov-report=term"),
     ),
     # the tutorials first: their pages last the longest
     "pages": tool(
-        *("python", "-m", "pytest", "-p", "tools.page_examples", "docs/tutorial", "docs", "README.md"),
+        *tests("pages", "-p", "tools.page_examples", "docs/tutorial", "docs", "README.md"),
         *("--ignore", "docs/_build", "--numprocesses", "2", "--dist", "loadfile", "--no-loadscope-reorder"),
     ),
     # the campaign of faults first: it takes one process the longest
     "tests": tool(
-        *("pytest", "tests/guard/test_campaign.py", "tests", "--ignore", "tests/wire"),
+        *tests("tests", "tests/guard/test_campaign.py", "tests", "--ignore", "tests/wire"),
         *("-m", "not live and not vcan and not driver", "--numprocesses", "auto"),
         *("--dist", "loadfile", "--no-loadscope-reorder"),
     ),
-    "live": at_once((*REAL, *QUICK), (*REAL, *(f"--ignore={path}" for path in QUICK))),
+    "live": at_once(
+        tests("live-quick", *REAL, *QUICK),
+        tests("live-slow", *REAL, *SLOW, *(f"--ignore={path}" for path in QUICK)),
+    ),
 }
 BESIDE: dict[str, tuple[str, ...]] = {
     "docs": ("sphinx-build", "-E", "-W", "--keep-going", "-q", "docs", "docs/_build/html"),
     "wheels": ("python", "tools/wheels.py"),
     "kernel": ("python", "tools/vcan_vm.py", "--driver"),
 }
-"""Commands that wait for downloads or keep one processor busy: one by one beside the steps before REAL_TIME."""
+"""Commands that wait for downloads or keep one processor busy: one by one beside the steps."""
 REAL_TIME = "live"
-"""The step that has the machine to itself."""
+"""The step beside which nothing runs that others could notice."""
+IDLE = ("kernel",)
+"""What takes only time that no other wants, and so goes on beside REAL_TIME."""
 
 VERDICTS = {0: "ok     ", SKIPPED: "skipped"}
 """Meaning of an exit code of a step; every other one is a failure."""
@@ -103,6 +115,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", choices=[*STEPS, *BESIDE])
     only = parser.parse_args().only
+    # each process would compile each module again where the machine forbids to keep what was compiled
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
     results: dict[str, tuple[int, float]] = {}
 
@@ -118,14 +132,14 @@ def main() -> int:
     with ThreadPoolExecutor(1) as beside:
         others = {name: beside.submit(quietly, name) for name in BESIDE if only in (None, name)}
 
-        def show_others() -> None:
-            for name in tuple(others):
+        def show_others(but: tuple[str, ...] = ()) -> None:
+            for name in [name for name in others if name not in but]:
                 output = others.pop(name).result()
                 print(f"── {name}\n{output}", flush=True)
 
         for name, step in STEPS.items():
             if name == REAL_TIME:
-                show_others()
+                show_others(but=IDLE)
             if only in (None, name):
                 print(f"── {name}", flush=True)
                 timed(name, time.monotonic(), step())

@@ -35,6 +35,8 @@ from protocol.fields import Field, Layout
 from protocol.marks import settings
 from tools.pages import parser, placed, table, write
 
+_TYPES = {**TYPE_NAMES, "d": "f64"}
+"""An orders file has no type of eight bytes."""
 DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "reference" / "computer-link.md"
 
 
@@ -127,11 +129,11 @@ def field_table(layout: Layout, shift: int) -> str:
             (
                 span(field.offset + shift, field_size(field)),
                 f"`{field.name}`",
-                TYPE_NAMES[field.format],
+                _TYPES[field.format],
                 step(field),
                 ends(field),
                 field.mark,
-                field.meaning,
+                field.meaning or ", ".join(f"bit {bit}: {words}" for bit, words in field.bits.items()),
             )
             for field in layout.fields
         ),

@@ -9,8 +9,6 @@ import gc
 import json
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,6 +17,7 @@ from emulators.faults import FOREVER, Fault
 from hil_bridge.devices.kinds import ROBOTS, SENSORS
 from hil_bridge.errors import BridgeError
 from hil_bridge.lab.experiments.emulated_run import run_emulated
+from hil_bridge.lab.processes import in_order, own_processes
 from hil_bridge.settings.configuration import load_config
 from tools.pages import parser, placed, table, write
 
@@ -114,8 +113,8 @@ def measure(devices: Sequence[str], before: Mapping[str, Any]) -> Mapping[str, A
     """The ends of all runs by the name of each, those of these devices measured anew; of all where none is named."""
     wanted = list(jobs())
     anew = [job for job in wanted if not devices or job.device in devices or job.key not in before]
-    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
-        found = {job.key: end for job, end in zip(anew, pool.map(measured, anew), strict=True)}
+    with own_processes() as pool:
+        found = {job.key: end for job, end in zip(anew, in_order(pool, measured, anew, chunk=1), strict=True)}
     return {job.key: found.get(job.key) or before[job.key] for job in wanted}
 
 

@@ -49,6 +49,8 @@ INSTRUCTION_TIME = " -icount shift=0"
 So it is always a computer of 1 GIPS to its programs, however slow it is emulated. Programs that need real time work
 there, and a busy host makes it longer, never late.
 """
+YIELDING = ("nice", "-n", "19")
+"""So an emulated computer takes only the time that no other process of this one wants: its own clock does not mind."""
 PLAIN_MEMORY = " -device bochs-display"
 """A PCI device of 16 MiB of memory that does nothing by itself."""
 KERNEL_SETTINGS = ("modprobe.blacklist=bochs", "iomem=relaxed")
@@ -164,6 +166,7 @@ def machine_command(image: Path, share: Path, kvm: bool) -> list[str]:
         " -device virtio-9p-pci,fsdev=cached,mount_tag=cached"
     )
     return [
+        *(() if kvm else YIELDING),
         *(str(BIN / "vng"), "--run", str(image), "--force-9p", "--disable-microvm", "--verbose"),
         *([] if kvm else ["--disable-kvm"]),
         *("--cpus", "2" if kvm else "1", "--memory", "2G", "--rwdir", str(share)),

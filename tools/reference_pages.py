@@ -21,6 +21,15 @@ from hil_bridge.record.scenes import SCENE_TOPICS
 from hil_bridge.record.topics import TOPICS
 from hil_bridge.settings.template import setting_rows
 from hil_bridge.transports import urls
+from protocol.devices.ati_can import messages as ati_can
+from protocol.devices.ft300 import messages as ft300
+from protocol.devices.jr3.can_gateway import messages as can_gateway
+from protocol.devices.netft import records as netft
+from protocol.devices.rsi.elements import ELEMENTS, POSE_AXES, Element
+from protocol.devices.rtde import packets
+from protocol.devices.rtde.fields import INPUTS, OUTPUTS, Variable
+from protocol.fields import Layout
+from tools.computer_link_doc import field_table
 from tools.pages import table
 
 FOLDER = Path(__file__).resolve().parent.parent / "docs" / "reference" / "generated"
@@ -223,6 +232,64 @@ def _cell(text: str) -> str:
     return " ".join(text.split()).replace("[", "\\[").replace("<", "&lt;")
 
 
+def fields() -> str:
+    """Every field of every device's frames, datagrams and messages that stands in a table."""
+    parts = [
+        "# Fields on the wires",
+        "The tables by which the bridge reads and writes, from which `hil-bridge decode`, `monitor` and "
+        "`hil-bridge export --to dbc` tell their meaning too. Bytes count from the first one of the payload. "
+        "[The S3's computer link](../computer-link.md) has its own page.",
+    ]
+    for device, layouts in FIELD_TABLES.items():
+        parts.append(f"## {device}")
+        for layout in dict.fromkeys(layouts):
+            if layout.fields:
+                order = "low byte first" if layout.byte_order == "<" else "high byte first"
+                parts += [
+                    f"### {device}: {layout.name}",
+                    f"{layout.size} bytes, {order}.",
+                    field_table(layout, 0),
+                ]
+    parts += [
+        "## RSI",
+        "Elements of a usual configuration; another one may name any channel.",
+        table(
+            ("element", "content", "unit", "meaning"),
+            (
+                (f"`{name}`", element.content.value, ", ".join(_units(element)), element.meaning)
+                for name, element in ELEMENTS.items()
+            ),
+        ),
+        "## RTDE: outputs",
+        _variables(OUTPUTS),
+        "## RTDE: inputs",
+        _variables(INPUTS),
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def _units(element: Element) -> list[str]:
+    return list(dict.fromkeys(unit for axis in POSE_AXES if (unit := element.unit(axis))))
+
+
+def _variables(variables: Mapping[str, Variable]) -> str:
+    rows = []
+    for name, one in variables.items():
+        if "_register" not in name:
+            since = ".".join(map(str, one.since)) if any(one.since) else ""
+            rows.append((f"`{name}`", one.type, one.unit, since, one.mark, one.meaning))
+    return table(("variable", "type", "unit", "since", "mark", "meaning"), rows)
+
+
+FIELD_TABLES: Mapping[str, tuple[Layout, ...]] = {
+    "JR3 CAN gateway": (can_gateway.FULL_SCALES, *can_gateway.LAYOUTS.values()),
+    "ATI NETCANOEM": tuple(ati_can.LAYOUTS.values()),
+    "ATI Net F/T": (netft.REQUEST, netft.RECORD),
+    "Robotiq FT 300": (ft300.MESSAGE,),
+    "RTDE": (packets.VERSION_REQUEST, packets.CONTROLLER_VERSION, packets.OUTPUTS_HEAD),
+}
+"""Payloads by device."""
+
 PAGES: Mapping[str, Callable[[], str]] = {
     "command-line": command_line,
     "configuration": configuration,
@@ -230,6 +297,7 @@ PAGES: Mapping[str, Callable[[], str]] = {
     "events": events,
     "topics": topics,
     "controllers": controllers,
+    "fields": fields,
     "names": names,
 }
 """Pages by their file's name."""

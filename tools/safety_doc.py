@@ -13,7 +13,6 @@ import random
 import statistics
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -22,6 +21,7 @@ from hil_bridge.api import Config, Simulation, load, run_virtual, simulation
 from hil_bridge.errors.cause_row import When
 from hil_bridge.errors.cause_table import TABLE
 from hil_bridge.lab.campaign.watching import Watch
+from hil_bridge.lab.processes import in_order, own_processes
 from hil_bridge.record import PHASE_EVENT, STOP_EVENT
 from hil_bridge.record.analysis.strokes import TRACK
 from hil_bridge.record.analysis.summary import RETRACT
@@ -257,15 +257,14 @@ def measure(robots: Sequence[str], before: Mapping[str, Any]) -> dict[str, Any]:
     anew = [place for place in places() if not robots or place[1] in robots]
     jobs = [job for place in anew for job in columns_of(*place)]
     figures: dict[str, Any] = {}
-    with ProcessPoolExecutor() as pool:
-        runs = pool.map(_row, jobs, chunksize=4)
-        for case, robot, stiffness in places():
-            by_stiffness = figures.setdefault(case.name, {}).setdefault(robot, {})
-            if (case, robot, stiffness) in anew:
-                by_stiffness[f"{stiffness:g}"] = columns([next(runs) for _ in range(SEEDS[robot])])
-                print(f"{case.name}, {robot}, {stiffness:g} N/m", file=sys.stderr, flush=True)
-            else:
-                by_stiffness[f"{stiffness:g}"] = before[case.name][robot][f"{stiffness:g}"]
+    with own_processes() as pool:
+        runs = iter(in_order(pool, _row, jobs, lambda count: print(".", end="", file=sys.stderr, flush=True)))
+    for case, robot, stiffness in places():
+        by_stiffness = figures.setdefault(case.name, {}).setdefault(robot, {})
+        if (case, robot, stiffness) in anew:
+            by_stiffness[f"{stiffness:g}"] = columns([next(runs) for _ in range(SEEDS[robot])])
+        else:
+            by_stiffness[f"{stiffness:g}"] = before[case.name][robot][f"{stiffness:g}"]
     return figures
 
 

@@ -9,13 +9,13 @@ import math
 import statistics
 import sys
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
 
 from hil_bridge.control import CONTROLLERS
 from hil_bridge.lab.experiments.emulated_run import run_emulated
+from hil_bridge.lab.processes import in_order, own_processes
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import read_config
 from tools.pages import parser, placed, table, write
@@ -73,12 +73,8 @@ def figures_of(case: tuple[str, str, str]) -> Mapping[str, Any]:
 def measured() -> list[Mapping[str, Any]]:
     """All runs, one a core at a time."""
     cases = list(product(ROBOTS, CONTROLLERS, SURFACES))
-    with ProcessPoolExecutor() as workers:
-        found = []
-        for row in workers.map(figures_of, cases):
-            found.append(row)
-            print(f"{len(found)} of {len(cases)}: {row}", flush=True)
-    return found
+    with own_processes() as pool:
+        return in_order(pool, figures_of, cases, lambda count: print(".", end="", flush=True), chunk=1)
 
 
 def _cell(row: Mapping[str, Any]) -> str:

@@ -34,9 +34,9 @@ class Elsewhere:
         return ran(self.place, self._scripts / name, *arguments)
 
     def install(self, *wheels: str | Path) -> None:
-        """Install wheels with all that they depend on; what is imported is compiled then, and the rest not at all."""
-        options = ("--quiet", "--disable-pip-version-check", "--no-compile")
-        self.run("python", "-m", "pip", "install", *options, *wheels)
+        """Install wheels with all that they depend on, by uv, which keeps what it has had before."""
+        python = self._scripts / "python"
+        ran(self.place, sys.executable, "-m", "uv", "pip", "install", "--quiet", "--python", python, *wheels)
 
     def closes_the_loop(self, name: str, *options: str | Path) -> Path:
         """The recording of a run that comes to its force. Raises RuntimeError for one that does not."""

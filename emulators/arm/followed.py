@@ -12,8 +12,7 @@ from typing import Any, ClassVar
 
 from emulators.arm.history import History
 from emulators.arm.loops import REST_M, PositionLoop, Ticks
-from emulators.arm.quaternions import angle_between, normalised, slerp
-from protocol.geometry import Pose
+from protocol.geometry import Pose, angle_between, normalise, slerp
 from protocol.marks import Mark, above, at_least, between, check_settings, setting
 
 
@@ -156,13 +155,13 @@ class FollowedArm:
         is useless for a stream whose next target comes within a cycle or two.
         """
         mechanics = _Mechanics(profile, powered_at)
-        servo = _FollowedServo(mechanics, Pose(start.position, normalised(start.quaternion)))
+        servo = _FollowedServo(mechanics, Pose(start.position, normalise(start.quaternion)))
         self.path: History[_FollowedServo] = History(servo, mechanics.ticks, mechanics.loop, look_ahead)
         """Where the arm was, is, and will be unless the target changes."""
 
     def follow(self, target: Pose, now: float) -> None:
         """Take another target; the first tick after `now` sees it. Raises ValueError for a zero quaternion."""
-        target = Pose(target.position, normalised(target.quaternion))
+        target = Pose(target.position, normalise(target.quaternion))
         servo = self.path.changing(now)
         servo.target = target
         servo.waiting += 1

@@ -19,8 +19,7 @@ from itertools import accumulate
 from typing import TypeAlias
 
 from emulators.arm.profile import ArmSize
-from emulators.arm.quaternions import product
-from protocol.geometry import Pose, Quaternion, Vector
+from protocol.geometry import Pose, Quaternion, Vector, inverse, product, tool_axis
 
 Joints: TypeAlias = tuple[float, float, float, float, float, float]
 """Angles of axes 1 to 6, rad."""
@@ -107,7 +106,7 @@ class Arm:
             math.sin(b) * math.sin(a - c),
         )
         quaternion = product(product(_forearm_frame(turn, pitch), wrist), _TOOL_AT_ZERO)
-        along = _tool_axis(quaternion)
+        along = tool_axis(quaternion)
         x, y, z = radius * math.cos(turn), radius * math.sin(turn), self._axis_2_height + height
         reach = self._wrist_to_tip
         return Pose((x + reach * along[0], y + reach * along[1], z + reach * along[2]), quaternion)
@@ -119,7 +118,7 @@ class Arm:
         Of angles a whole turn apart, the one next to `near` is taken. An angle that a singularity leaves open, axis 1
         or axis 4, stays as in `near`.
         """
-        along = _tool_axis(quaternion)
+        along = tool_axis(quaternion)
         (x, y, z), (u, v, w), reach = position, along, self._wrist_to_tip
         x, y, z = x - reach * u, y - reach * v, z - reach * w
         radius, height = math.hypot(x, y), z - self._axis_2_height
@@ -148,7 +147,7 @@ class Arm:
                 third = self._wound(2, pitch - lean if self._rides else pitch, near)
                 if third is None:
                     continue
-                wrist = product(_conjugate(_forearm_frame(turn, pitch)), tool)
+                wrist = product(inverse(_forearm_frame(turn, pitch)), tool)
                 for a4, a5, a6 in _wrist_angles(wrist, near[3]):
                     a, b, c = self._wound(3, a4, near), self._wound(4, a5, near), self._wound(5, a6, near)
                     if a is not None and b is not None and c is not None:
@@ -228,15 +227,4 @@ def _forearm_frame(turn: float, pitch: float) -> Quaternion:
     return c * p, -s * r, c * r, s * p
 
 
-def _tool_axis(quaternion: Quaternion) -> Vector:
-    """The tool's z axis, out of the flange, in the base frame."""
-    w, x, y, z = quaternion
-    return 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)
-
-
-def _conjugate(q: Quaternion) -> Quaternion:
-    w, x, y, z = q
-    return w, -x, -y, -z
-
-
-_TO_ZERO = _conjugate(_TOOL_AT_ZERO)
+_TO_ZERO = inverse(_TOOL_AT_ZERO)

@@ -15,8 +15,7 @@ from dataclasses import dataclass
 from emulators.arm.history import ROUNDING_S, History
 from emulators.arm.kinematics import Joints, Route
 from emulators.arm.loops import NOTHING, Loops, Mechanics, ServoProfile
-from emulators.arm.quaternions import angle_between, normalised, slerp
-from protocol.geometry import Pose, Quaternion, Vector
+from protocol.geometry import Pose, Quaternion, Vector, angle_between, normalise, slerp
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +68,7 @@ class _WaypointServo:
         self._leg_elapsed = 0.0
         self.begins: tuple[float, ...] = ()
         self.at: Vector = start.position
-        self.turned = normalised(start.quaternion)
+        self.turned = normalise(start.quaternion)
         self.joints = joints
         self.loops = Loops(mechanics, start.position)
         self.encoder_jump = NOTHING
@@ -138,7 +137,7 @@ class _WaypointServo:
             self._leg = None
 
     def _leg_to(self, waypoint: Waypoint) -> _Leg:
-        end = normalised(waypoint.quaternion)
+        end = normalise(waypoint.quaternion)
         travel = math.dist(self.at, waypoint.position) / waypoint.speed
         turn = angle_between(self.turned, end) / self.mechanics.turn_rate
         duration = max(travel, turn)
@@ -215,7 +214,7 @@ class WaypointArm:
         last = servo.queue[-1]
         return (
             last.position,
-            normalised(last.quaternion),
+            normalise(last.quaternion),
             last.route.joints[-1] if last.route else servo.joints,
         )
 

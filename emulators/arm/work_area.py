@@ -4,8 +4,7 @@ import math
 
 from emulators.arm.kinematics import Arm, Joints, Route
 from emulators.arm.profile import ArmSize
-from emulators.arm.quaternions import angle_between, slerp
-from protocol.geometry import Quaternion, Vector
+from protocol.geometry import Quaternion, Vector, angle_between, slerp
 
 _SPACING_M = 0.02
 """Chosen, as the angle below: places on a line are at most this far apart."""

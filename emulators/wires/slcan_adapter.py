@@ -4,7 +4,6 @@ Source: LAWICEL CAN232 version 3 manual, February 2010. Frames are answered `z` 
 CR, refused ones BELL.
 """
 
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -12,6 +11,7 @@ from typing import Any, ClassVar
 
 from protocol.can import slcan
 from protocol.can.frame import CanFrame
+from protocol.can.slcan import TextEnd
 from protocol.endpoint import RemoteProtocolError
 from protocol.marks import Mark, at_least, check_settings, setting
 
@@ -64,14 +64,13 @@ class SlcanProfile:
         check_settings(self)
 
 
-class SlcanAdapter:
+class SlcanAdapter(TextEnd):
     """Endpoint of bytes whose events are the frames that the host sends to the bus."""
 
     def __init__(self, profile: SlcanProfile) -> None:
         self._profile = profile
         self._lines = slcan.LineDecoder()
-        self._text = bytearray()
-        self._frames: deque[CanFrame] = deque()
+        super().__init__()
         self._channel = Channel.CLOSED
         self._bit_rate: float | None = None
         self._timestamps = False
@@ -88,23 +87,6 @@ class SlcanAdapter:
         """Commands of the host; each is answered."""
         for line in self._lines.feed(data):
             self._say(self._answer(line, now))
-
-    def next_event(self) -> CanFrame | None:
-        """The oldest frame that the host put on the bus and that was not taken yet."""
-        return self._frames.popleft() if self._frames else None
-
-    def data_to_send(self, now: float) -> bytes:
-        """Answers and received frames as text."""
-        text = bytes(self._text)
-        self._text.clear()
-        return text
-
-    def next_deadline(self) -> float | None:
-        """Nothing here happens by time."""
-        return None
-
-    def handle_deadline(self, now: float) -> None:
-        """Nothing here happens by time."""
 
     # --- CAN side
 

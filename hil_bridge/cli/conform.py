@@ -83,7 +83,7 @@ def conform(
     trial = Trial(config, port, rules, partial(ProcessClient, command))
     names = chosen(trial, only)
     from hil_bridge.lab.conform.judging import Outcome
-    from hil_bridge.lab.conform.reports import as_json, as_junit, table, totals
+    from hil_bridge.lab.conform.reports import as_json, as_junit, not_modelled, table, totals
 
     with as_ctrl_c():
         played = play_all(trial, names, lambda text: click.echo(text, err=True))
@@ -91,6 +91,6 @@ def conform(
         write_whole(junit, as_junit(kind, played), overwrite)
     if json_file is not None:
         write_whole(json_file, as_json(kind, command, rules, played).encode(), overwrite)
-    tell([*table(played), totals(played)])
+    tell([*table(played), totals(played), *not_modelled(played)])
     if any(one.verdict.outcome is Outcome.FAILED for one in played):
         click.get_current_context().exit(FAILED)

@@ -49,8 +49,8 @@ def emulate(
               jr3-uart+tcp-listen://127.0.0.1:0
               jr3-board+tcp-listen://127.0.0.1:0
     """
-    from hil_bridge.runs.compose import Ports, cell_ports
     from hil_bridge.runs.serve import serve
+    from hil_bridge.runs.setup import Listen, Setup
     from hil_bridge.settings.configuration import load_config
     from hil_bridge.settings.faults import refuse_faults
 
@@ -68,10 +68,9 @@ def emulate(
     if what == "sensor" and panel:
         raise click.UsageError("--panel is the robot controller's; leave it out where there is none")
     refuse_faults(config.faults, "hil-bridge emulate")
-    usual = cell_ports(config, virtual=False)
-    ports = Ports(
-        None if what == "sensor" else robot_port or usual.robot,
-        None if what == "robot" else sensor_port or usual.sensor,
-        config.run.panel_url or None,
+    listen = Listen(
+        None if what == "sensor" else robot_port or "",
+        None if what == "robot" else sensor_port or "",
+        config.run.panel_url,
     )
-    serve(config, ports, as_json)
+    serve(Setup(config, listen), as_json)

@@ -7,7 +7,7 @@ import click
 from hil_bridge.cli.options import overwrite_option
 from hil_bridge.cli.paths import FILE
 
-FORMAT_NAMES = ("candump", "blf", "asc", "bytes", "csv", "parquet")
+FORMAT_NAMES = ("candump", "blf", "asc", "dbc", "bytes", "csv", "parquet")
 
 
 def _formats(_context: click.Context, _parameter: click.Parameter, given: str) -> tuple[str, ...]:
@@ -27,7 +27,7 @@ def _formats(_context: click.Context, _parameter: click.Parameter, given: str) -
     callback=_formats,
     default="",
     metavar="FORMAT,…",
-    help=f"{', '.join(FORMAT_NAMES)}.  [default: all but parquet that the recording has something for]",
+    help=f"{', '.join(FORMAT_NAMES)}.  [default: all but dbc and parquet that the recording has something for]",
 )
 @click.option(
     "--out", type=FILE, metavar="DIR", help="Where to put the files.  [default: beside the recording]"
@@ -45,6 +45,7 @@ def export(
     candump  .log          frames of a CAN sensor, for can-utils; UNIX time
     blf      .blf          the same for Vector's tools; UNIX time
     asc      .asc          the same as text; seconds since the first frame
+    dbc      .dbc          what the bytes of these frames mean, for tools that decode them
     bytes    .robot.txt    bytes of the robot's wire, for `hil-bridge monitor`; run's clock
              .sensor.txt   bytes of the sensor's wire, where that is not CAN; run's clock
     csv      .cycle.csv    every control cycle; run's clock

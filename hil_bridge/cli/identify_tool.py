@@ -112,14 +112,14 @@ def identify_tool(
         poses = read_poses(table)
     else:
         from hil_bridge.console.screen import Screen
-        from hil_bridge.runs.checks import check_wires
+        from hil_bridge.runs.checks import Start, check_wires
         from hil_bridge.runs.setup import Setup
         from hil_bridge.runs.signals import as_ctrl_c
         from hil_bridge.settings.faults import refuse_faults
         from hil_bridge.site.tool.measuring import Sweep, measure
 
         refuse_faults(config.faults, "hil-bridge identify-tool")
-        check_wires(Setup(config), virtual)
+        check_wires(Setup(config), Start(virtual))
         sweep = Sweep(angle_deg, lift_mm, settle_s, average_s)
         with as_ctrl_c(), Screen(sys.stderr) as screen:
             poses = measure(config, virtual, sweep, screen.say)

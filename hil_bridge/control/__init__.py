@@ -25,14 +25,11 @@ from hil_bridge.control.course.zero import Reading, lift_fault, reading, weight_
 from hil_bridge.control.decision import Decision, LoopState, Proposal, Sample
 from hil_bridge.control.geometry.frames import (
     force_along,
-    quaternion_about,
     quaternion_of,
-    quaternion_product,
     rotate,
     rotation_matrix,
     tool_gravity_wrench,
     transform_wrench,
-    turn_between,
 )
 from hil_bridge.control.geometry.wrist import Wrist, WristAtOrientation
 from hil_bridge.control.laws.estimate import Gates, StiffnessEstimate
@@ -131,9 +128,7 @@ __all__ = [
     "numeric_explanation",
     "parse_rules",
     "quantise",
-    "quaternion_about",
     "quaternion_of",
-    "quaternion_product",
     "read_rules",
     "reading",
     "rotate",
@@ -142,7 +137,6 @@ __all__ = [
     "scheduled_gain",
     "tool_gravity_wrench",
     "transform_wrench",
-    "turn_between",
     "weight_fault",
     "weight_reading",
 ]

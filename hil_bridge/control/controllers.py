@@ -16,7 +16,7 @@ from hil_bridge.control.laws.linear import Admittance, Pi
 from hil_bridge.control.laws.predictive import Predictive
 from hil_bridge.control.types import SAMPLE_MS, Controller, Measurement, as_command
 from hil_bridge.errors import ConfigError
-from hil_bridge.errors.failures import failure, place_of_method
+from hil_bridge.errors.failures import failure, one_line, place_of_method, plugin_place
 from hil_bridge.errors.plugins import Found, find_plugin, plugin_names
 
 GROUP = "hil_bridge.controllers"
@@ -52,7 +52,8 @@ def make_controller(name: str, **parameters: Any) -> Controller[Any]:
     try:
         return kind(**parameters)
     except (TypeError, ValueError) as error:
-        raise ConfigError(f"controller {name}: {error}") from error
+        place = plugin_place(error)
+        raise ConfigError(f"controller {name}: {one_line(str(error))}{place and f' ({place})'}") from error
     except (Exception, SystemExit) as error:
         raise ConfigError(f"controller {name} cannot be made: {failure(error)}") from error
 

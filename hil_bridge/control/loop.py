@@ -27,13 +27,12 @@ from hil_bridge.control.course.verdict import (
 )
 from hil_bridge.control.decision import Decision, LoopState, Proposal, Sample
 from hil_bridge.control.failing import Failed, failed_by, failed_to_answer, farthest_answer
-from hil_bridge.control.geometry.turning import rotated
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.state import Felt
 from hil_bridge.control.types import SAMPLE_MS, Measurement
 from hil_bridge.errors.causes import Cause, Reason
 from hil_bridge.errors.failures import RAISED, raise_if_asked
-from protocol.geometry import Vector
+from protocol.geometry import Vector, rotate
 
 # Asked for in every cycle, by names of this module: until Python 3.12 an enum's own name costs ten times that.
 _APPROACH, _TRACK, _RETRACT, _END = Phase.APPROACH, Phase.TRACK, Phase.RETRACT, Phase.END
@@ -244,7 +243,7 @@ class ControlLoop:
             quaternion = sample.quaternion
             if len(sample.wrench) == 6:
                 across = -sum(
-                    f * n for f, n in zip(rotated(quaternion, sample.wrench[:3]), self.across, strict=True)
+                    f * n for f, n in zip(rotate(quaternion, sample.wrench[:3]), self.across, strict=True)
                 )
         return Felt(
             sample.now,

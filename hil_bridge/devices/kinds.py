@@ -13,7 +13,7 @@ stand in the configuration's sections `[robot.NAME]` or `[sensor.NAME]`, and `[c
 Kinds of one device behind several receivers may share their sections.
 """
 
-from collections.abc import Awaitable, Callable, Collection, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, suppress
 from dataclasses import dataclass, field, fields
 from importlib import import_module
@@ -36,6 +36,7 @@ from hil_bridge.transports.urls import (
     WireUrl,
     parse_url,
 )
+from protocol.can.dbc import CanMessage
 from protocol.marks import Mark, setting
 from protocol.wrench import SensorClient
 
@@ -163,6 +164,8 @@ class CanBus(NamedTuple):
     """For people."""
     bitrate: int
     """bit/s"""
+    messages: Callable[[Iterable[int]], Sequence[CanMessage]] | None = None
+    """Its frames as field tables, for a DBC file, from identifiers of frames of this device; None without tables."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,19 +12,7 @@ from typing import Any, TypeVar
 from hil_bridge.clock import Clock
 from hil_bridge.devices.device_log import DeviceLog
 from hil_bridge.errors import TransportClosed
-from hil_bridge.transports import (
-    Datagrams,
-    Frames,
-    Listening,
-    Tap,
-    Transport,
-    connect_bytes,
-    connect_can,
-    connect_datagrams,
-    listen_bytes,
-    listen_can,
-    listen_datagrams,
-)
+from hil_bridge.transports import Datagrams, Frames, Listening, Tap, Transport, opening
 from hil_bridge.transports.pump import Pump
 from protocol.can.frame import CanFilter
 
@@ -50,17 +38,17 @@ class Wiring:
 
     async def bytes(self, url: str) -> Transport[bytes]:
         """A byte wire. Raises ConfigError for the URL, TransportUnavailable for the wire."""
-        return self.tap(await connect_bytes(url, self.clock, self.log.notice))
+        return self.tap(await opening.connect_bytes(url, self.clock, self.log.notice))
 
     async def can(self, url: str, accept: Sequence[CanFilter] = ()) -> Transport[Frames]:
         """A wire of CAN frames, of those that one of the filters accepts; of all without filters. Errors as `bytes`."""
-        return self.tap(await connect_can(url, self.clock, accept))
+        return self.tap(await opening.connect_can(url, self.clock, accept))
 
     async def datagrams(self, url: str, speak_first: bool = True) -> Transport[Datagrams]:
         """A wire of datagrams, on which the client speaks first, or the device does. Errors as `bytes`."""
         if speak_first:
-            return self.tap(await connect_datagrams(url, self.clock, self.log.notice))
-        return self.tap((await listen_datagrams(url, self.clock, self.log.notice)).transport)
+            return self.tap(await opening.connect_datagrams(url, self.clock, self.log.notice))
+        return self.tap((await opening.listen_datagrams(url, self.clock, self.log.notice)).transport)
 
     def tap(self, wire: Transport[_Data]) -> Transport[_Data]:
         """A wire that the room has opened itself, shown to the log like every other."""
@@ -92,20 +80,20 @@ class Serving:
         """A byte wire that listens, for a room that puts something between the wire and its device. Errors as
         `serve_bytes`.
         """
-        return await listen_bytes(url, self.clock)
+        return await opening.listen_bytes(url, self.clock)
 
     async def serve_can(self, url: str, endpoint: Any, accept: Sequence[CanFilter] = ()) -> str:
         """The same with CAN frames, of those that one of the filters accepts; of all without filters."""
-        listening = await listen_can(url, self.clock, accept)
+        listening = await opening.listen_can(url, self.clock, accept)
         self.attach(endpoint, listening.transport)
         return listening.address
 
     async def serve_datagrams(self, url: str, endpoint: Any, speak_first: bool = False) -> str:
         """The same with datagrams, on which the client speaks first, or the device does."""
         if speak_first:
-            self.attach(endpoint, await connect_datagrams(url, self.clock))
+            self.attach(endpoint, await opening.connect_datagrams(url, self.clock))
             return url.replace("udp://", "udp-bind://", 1)
-        listening = await listen_datagrams(url, self.clock)
+        listening = await opening.listen_datagrams(url, self.clock)
         self.attach(endpoint, listening.transport)
         return listening.address
 

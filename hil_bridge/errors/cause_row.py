@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 from hil_bridge.errors.causes import Cause, Part
 
@@ -114,3 +115,8 @@ SENSOR_OR_TOUCH = "the force sensor{sensor}, or what the tool touches"
 FREELY = f"whether the tool touches anything now; {_PROBE}the sensor"
 """Where to look then."""
 WORKSPACE = "limits.workspace_min_m", "limits.workspace_max_m"
+
+
+def stop(cause: Cause, condition: str, part: Part, *settings: str, **more: Any) -> CauseRow:
+    """A row of a cause that retracts and ends."""
+    return CauseRow(cause, condition, settings, part, **more)

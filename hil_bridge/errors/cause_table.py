@@ -19,6 +19,7 @@ from hil_bridge.errors.cause_row import (
     CauseRow,
     Reaction,
     When,
+    stop,
 )
 from hil_bridge.errors.causes import Cause, Part
 from hil_bridge.errors.guard_rows import CLAMPS, STOPS
@@ -145,20 +146,16 @@ BEFORE: tuple[CauseRow, ...] = (
 """Looked at before the first cycle."""
 
 
-def _stop(cause: Cause, condition: str, part: Part, *settings: str, **more: Any) -> CauseRow:
-    return CauseRow(cause, condition, settings, part, **more)
-
-
 ENDS: tuple[CauseRow, ...] = (
-    _stop(
+    stop(
         _C.HELD_APPROACH,
         "a clamp holds the approach, or a touch that is tested, in place",
         _P.PATH,
         words="the path, or a limit that holds it",
         where="the setting that held it, which the first symptom names, and the start of the run",
     ),
-    _stop(_C.NO_CONTACT, "no contact found on the way", _P.SURFACE, "task.approach_depth_limit_mm"),
-    _stop(
+    stop(_C.NO_CONTACT, "no contact found on the way", _P.SURFACE, "task.approach_depth_limit_mm"),
+    stop(
         _C.UNANSWERED_TOUCH,
         "a touch that the tool's weight could not vouch for: the force does not rise as the tool goes deeper",
         _P.SENSOR,
@@ -167,20 +164,20 @@ ENDS: tuple[CauseRow, ...] = (
         words=SENSOR_OR_TOUCH,
         where=_PRESS,
     ),
-    _stop(
+    stop(
         _C.UNTESTED_TOUCH,
         "a touch cannot be tested, since the robot does not come to the depth ordered",
         _P.POSE,
         words=f"the position that {_ROBOT} reports, or {_SENSOR}",
         where=_PRESS,
     ),
-    _stop(
+    stop(
         _C.SURFACE_ENDED,
         "no contact found again after it was lost",
         _P.SURFACE,
         "task.search_depth_limit_mm",
     ),
-    _stop(_C.CONTACT_LOST, "contact was lost too often", _P.SURFACE, "task.loss_limit", "task.loss_ms"),
+    stop(_C.CONTACT_LOST, "contact was lost too often", _P.SURFACE, "task.loss_limit", "task.loss_ms"),
     CauseRow(
         _C.RETRACT_BORDER,
         "the workspace ends before the tool is retracted",
@@ -197,24 +194,24 @@ ENDS: tuple[CauseRow, ...] = (
         _W.RETRACTION,
         _R.STANDS,
     ),
-    _stop(
+    stop(
         _C.TOUCH, "a program's tool touches something on its way through free space", _P.OBSTACLE, "task.step"
     ),
-    _stop(_C.LEAVES_WORKSPACE, "a move or a search of a program leaves the workspace", _P.PATH, *WORKSPACE),
-    _stop(
+    stop(_C.LEAVES_WORKSPACE, "a move or a search of a program leaves the workspace", _P.PATH, *WORKSPACE),
+    stop(
         _C.STEP_WALL,
         "a lateral force beyond the limit of a program's step",
         _P.OBSTACLE,
         "task.step",
     ),
-    _stop(
+    stop(
         _C.NO_PROGRESS,
         "a lateral force holds the feed of a program's step",
         _P.OBSTACLE,
         "task.step",
     ),
-    _stop(_C.NOT_FOUND, "a program's step finds nothing to touch", _P.SURFACE, "task.step"),
-    _stop(
+    stop(_C.NOT_FOUND, "a program's step finds nothing to touch", _P.SURFACE, "task.step"),
+    stop(
         _C.NO_EDGE,
         "a program's step finds no edge",
         _P.SURFACE,
@@ -222,8 +219,8 @@ ENDS: tuple[CauseRow, ...] = (
         words=f"the surface, which goes on, or {_SENSOR} that does not feel its end",
         where="how far the surface reaches from where the search began, and at_most_mm of the step",
     ),
-    _stop(_C.NOT_THERE, "a program's tool does not come to its place", _P.POSE),
-    _stop(
+    stop(_C.NOT_THERE, "a program's tool does not come to its place", _P.POSE),
+    stop(
         _C.DRIFT,
         "more force would be taken for zero between a program's strokes",
         _P.SENSOR,
@@ -231,7 +228,7 @@ ENDS: tuple[CauseRow, ...] = (
         words=SENSOR_OR_TOUCH,
         where=FREELY,
     ),
-    _stop(_C.NO_READING, "a program's zero has no force to take", _P.SENSOR, "task.step"),
+    stop(_C.NO_READING, "a program's zero has no force to take", _P.SENSOR, "task.step"),
     CauseRow(
         _C.TRAVELLED,
         "the way along the surface is done",

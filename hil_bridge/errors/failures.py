@@ -4,10 +4,12 @@ A controller, a robot, a sensor or a surface may come from anywhere, and raise a
 which package it was and in which line; its author wants the traceback, which goes into the record.
 """
 
+import inspect
 import sys
 import sysconfig
 import traceback
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from types import CodeType
 from typing import Any
@@ -29,6 +31,15 @@ _PYTHON = tuple({sysconfig.get_path(name) for name in ("stdlib", "purelib", "pla
 
 class CodeFailed(DeviceError):
     """The code that speaks for a device has failed; `__cause__` is what it raised."""
+
+
+class WrongAnswer(Exception):
+    """Code of another package answered with what cannot be used. `blamed` is the object and its method."""
+
+    def __init__(self, thing: Any, method: str, answer: Any, wanted: str) -> None:
+        """`wanted` is what it was to be, in words."""
+        super().__init__(f"{method} answers {type(answer).__name__}, not {wanted}")
+        self.blamed = thing, method
 
 
 def one_line(text: str) -> str:
@@ -89,6 +100,17 @@ def is_keyboard(error: BaseException) -> bool:
     return not frames or frames[-1][0].partition(".")[0] not in packages_of_modules()
 
 
+def blame(error: BaseException, thing: Any, method: str) -> None:
+    """Name the method of an object by whose answer an exception was raised, where it is of another package.
+
+    An exception in which code of another package had a part tells that by itself.
+    """
+    if isinstance(error, BridgeError) or of_others(error) or not place_of_method(thing, method):
+        return
+    with suppress(Exception):  # one that takes no attribute stays as it is
+        error.blamed = thing, method  # type: ignore[attr-defined]
+
+
 def of_others(error: BaseException) -> bool:
     """Whether code of another package had a part in an exception."""
     return bool(getattr(error, "blamed", None) or plugin_place(error))
@@ -136,13 +158,22 @@ def plugin_place(error: BaseException) -> str:
 def place_of_method(thing: Any, name: str) -> str:
     """Package, file and line where another package defines a method of an object; empty where it is ours or unknown."""
     kind = type(thing)
-    code = getattr(getattr(kind, name, None), "__code__", None)
-    module = str(getattr(kind, "__module__", ""))
+    found = inspect.getattr_static(thing, name, None)
+    if inspect.ismemberdescriptor(found):  # a function in a slot
+        found = getattr(thing, name, None)
+    function = inspect.unwrap(_function(found))
+    code = getattr(function, "__code__", None)
+    module = str(getattr(function if isinstance(code, CodeType) else kind, "__module__", ""))
     if not isinstance(code, CodeType) or module.partition(".")[0] in OWN:
         return ""
     package = packages_of_modules().get(module.partition(".")[0])
     place = f"{_short(module, code.co_filename)}:{code.co_firstlineno}"
     return f"{package}, {place}" if package else place
+
+
+def _function(found: Any) -> Any:
+    """The function behind an attribute of a class."""
+    return getattr(found, "fget", None) or getattr(found, "__func__", None) or found
 
 
 def _foreign_place(error: BaseException) -> str:

@@ -1,24 +1,11 @@
 """Rows of the table of causes for the guard: why the supervisor stops, and why it orders less."""
 
-from typing import Any
-
-from hil_bridge.errors.cause_row import (
-    FREELY,
-    PART_WORDS,
-    SENSOR_OR_TOUCH,
-    WORKSPACE,
-    CauseRow,
-    Reaction,
-    When,
-)
+from hil_bridge.errors import cause_row as rows
+from hil_bridge.errors.cause_row import CauseRow, Reaction, When
 from hil_bridge.errors.causes import Cause, Part
 
 _C, _P, _W, _R = Cause, Part, When, Reaction
-_ROBOT, _SENSOR = PART_WORDS[_P.ROBOT], PART_WORDS[_P.SENSOR]
-
-
-def _stop(cause: Cause, condition: str, part: Part, *settings: str, **more: Any) -> CauseRow:
-    return CauseRow(cause, condition, settings, part, **more)
+_ROBOT, _SENSOR = rows.PART_WORDS[_P.ROBOT], rows.PART_WORDS[_P.SENSOR]
 
 
 def _stands(cause: Cause, condition: str, *settings: str) -> CauseRow:
@@ -32,44 +19,46 @@ def _clamp(
 
 
 STOPS: tuple[CauseRow, ...] = (
-    _stop(_C.FORCE_NOT_A_NUMBER, "a force, or the time of one, is no number", _P.SENSOR),
-    _stop(_C.POSE_NOT_A_NUMBER, "the reported pose is no number", _P.POSE),
-    _stop(_C.COMMAND_NOT_A_NUMBER, "what the controller or the task commands is no number", _P.CONTROLLER),
-    _stop(
+    rows.stop(_C.FORCE_NOT_A_NUMBER, "a force, or the time of one, is no number", _P.SENSOR),
+    rows.stop(_C.POSE_NOT_A_NUMBER, "the reported pose is no number", _P.POSE),
+    rows.stop(
+        _C.COMMAND_NOT_A_NUMBER, "what the controller or the task commands is no number", _P.CONTROLLER
+    ),
+    rows.stop(
         _C.ROBOT_STATE,
         "the robot's status shows emergency stop, standby, a key not in AUTO, or link control taken back",
         _P.ROBOT,
         "robot.s3.link.check_flags",
     ),
-    _stop(_C.ORIENTATION, "the robot reports an orientation that is none", _P.POSE),
-    _stop(_C.SENSOR_FAILED, "the sensor failed, began anew, or its wire ended", _P.SENSOR),
-    _stop(
+    rows.stop(_C.ORIENTATION, "the robot reports an orientation that is none", _P.POSE),
+    rows.stop(_C.SENSOR_FAILED, "the sensor failed, began anew, or its wire ended", _P.SENSOR),
+    rows.stop(
         _C.FORCE,
         "force along the approach, of any frame since the decision before, either sign, with and without the zero",
         _P.CONTACT,
         "limits.force_limit_n",
     ),
-    _stop(
+    rows.stop(
         _C.RESULTANT_FORCE,
         "length of the force vector, of any frame since the decision before, with and without the zero",
         _P.CONTACT,
         "limits.resultant_limit_n",
     ),
-    _stop(
+    rows.stop(
         _C.MOMENT,
         "length of the moment vector about the tool frame's origin, of any frame since the decision before",
         _P.CONTACT,
         "limits.moment_limit_nm",
     ),
-    _stop(
+    rows.stop(
         _C.WALL,
         "force against the travel of a plain run, beyond the friction of the contact force: something is in the way",
         _P.OBSTACLE,
         "limits.against_travel_n",
         "limits.friction_share",
     ),
-    _stop(_C.SATURATED, "an axis of the sensor was at the end of its range", _P.SENSOR),
-    _stop(
+    rows.stop(_C.SATURATED, "an axis of the sensor was at the end of its range", _P.SENSOR),
+    rows.stop(
         _C.PULL,
         "force along the approach away from the surface, from the zero",
         _P.SENSOR,
@@ -77,62 +66,65 @@ STOPS: tuple[CauseRow, ...] = (
         words=f"{_SENSOR} or its zero, or a tool that hangs on to something",
         where="whether the sensor reads 0 when the tool touches nothing, and whether the tool sticks",
     ),
-    _stop(
+    rows.stop(
         _C.STALE,
         "age of the newest frame, with the time by which a stream came to be later than its quickest frames were",
         _P.SENSOR,
         "limits.stale_after_ms",
     ),
-    _stop(
+    rows.stop(
         _C.FROZEN, "how long frames carry identical counts on all axes", _P.SENSOR, "limits.frozen_after_ms"
     ),
-    _stop(_C.STILL, "time of the cycles without a new frame", _P.SENSOR, "limits.still_after_ms"),
-    _stop(
+    rows.stop(_C.STILL, "time of the cycles without a new frame", _P.SENSOR, "limits.still_after_ms"),
+    rows.stop(
         _C.DEAD_AXIS,
         "an axis that the controlled force mainly lies on did not change since the zero while another moved by a "
         "tenth of its range",
         _P.SENSOR,
     ),
-    _stop(
+    rows.stop(
         _C.JUMP,
         "the reported position moved faster than half again the path velocity, beyond 1 mm",
         _P.POSE,
         "robot.velocity_mm_s",
     ),
-    _stop(
+    rows.stop(
         _C.FOLLOWING,
         "distance of the reported from the commanded position",
         _P.POSE,
         "limits.following_error_mm",
     ),
-    _stop(
+    rows.stop(
         _C.TILT,
         "turn of the reported orientation from the ordered one, beside what a robot may not have followed yet",
         _P.POSE,
         "limits.tilt_deg",
     ),
-    _stop(
-        _C.OUTSIDE, "the reported position is outside the workspace by more than 1 mm", _P.POSE, *WORKSPACE
+    rows.stop(
+        _C.OUTSIDE,
+        "the reported position is outside the workspace by more than 1 mm",
+        _P.POSE,
+        *rows.WORKSPACE,
     ),
-    _stop(
+    rows.stop(
         _C.UNANSWERED,
         "how far a pressing tool went deeper without the force changing, by one count or by 2 mN",
         _P.SENSOR,
         "limits.unanswered_mm",
-        words=SENSOR_OR_TOUCH,
-        where=FREELY,
+        words=rows.SENSOR_OR_TOUCH,
+        where=rows.FREELY,
     ),
-    _stop(_C.SEQUENCE, "the sensor's frame counter went back", _P.SENSOR),
-    _stop(
+    rows.stop(_C.SEQUENCE, "the sensor's frame counter went back", _P.SENSOR),
+    rows.stop(
         _C.DEADLINE,
         "how long the computer stood still, or a decision lasted",
         _P.COMPUTER,
         "limits.cycle_deadline_ms",
     ),
-    _stop(
+    rows.stop(
         _C.INCONSISTENT, "depth and position of a command contradict each other, which is a bug", _P.PROGRAM
     ),
-    _stop(
+    rows.stop(
         _C.WITNESS,
         "difference between the force sensor and the force that the robot itself feels, for a time, where it tells one",
         _P.SENSOR,
@@ -142,34 +134,34 @@ STOPS: tuple[CauseRow, ...] = (
         where="what the sensor reads when the tool is pressed by hand; hoses and cables of the tool; then the robot's "
         "own force, with its axes and its zero",
     ),
-    _stop(
+    rows.stop(
         _C.LOST_WEIGHT,
         "a pull that lasts while the tool moves through free space: the sensor lost the tool's weight",
         _P.SENSOR,
         "limits.weight_tolerance_n",
-        where=FREELY,
+        where=rows.FREELY,
     ),
-    _stop(
+    rows.stop(
         _C.UNCHANGED,
         "how far the tool moved through free space while frames carry identical counts on all axes",
         _P.SENSOR,
         "limits.unchanged_mm",
         "limits.stale_after_ms",
     ),
-    _stop(
+    rows.stop(
         _C.OFF_PATH,
         "distance along the approach of the reported position from all that was ordered in the time that the robot "
         "takes for an order, half of it added",
         _P.POSE,
         "limits.path_error_mm",
     ),
-    _stop(
+    rows.stop(
         _C.CONTROLLER,
         "the controller raised an exception, or answered with what is no number, or with a place farther than the "
         "workspace and the whole correction together",
         _P.CONTROLLER,
     ),
-    _stop(
+    rows.stop(
         _C.OSCILLATION,
         "the force goes on swinging although the gain is at its least",
         _P.CONTACT,
@@ -228,7 +220,7 @@ CLAMPS: tuple[CauseRow, ...] = (
     _clamp(_C.DEEPER, "deeper faster than allowed", "limits.correction_mm_s"),
     _clamp(_C.TOTAL, "deeper than the start by more in all", "limits.correction_total_mm"),
     _clamp(_C.ACROSS, "across the approach faster than allowed", "limits.travel_mm_s"),
-    _clamp(_C.WORKSPACE, "out of the workspace", *WORKSPACE),
+    _clamp(_C.WORKSPACE, "out of the workspace", *rows.WORKSPACE),
     _clamp(_C.TURN, "a program turns the tool faster than allowed", "limits.turn_deg_s"),
     _clamp(_C.TIP, "a program tips the tool's axis farther than allowed", "limits.turn_total_deg"),
     _clamp(

@@ -60,6 +60,7 @@ def open_ordinary(path: Path, what: str = "") -> Iterator[BinaryIO]:
     `what` says what it is, as "the recording". Raises ConfigError naming the file, also for an error while inside.
     """
     name = f"{what} {format_path(path)}".lstrip()
+    refuse_nul(path, name)
     try:
         # a pipe without a writer must not keep us waiting
         with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
@@ -67,8 +68,14 @@ def open_ordinary(path: Path, what: str = "") -> Iterator[BinaryIO]:
             yield file
     except OSError as error:
         raise ConfigError(f"cannot read {name}: {error.strerror or error}") from error
-    except ValueError as error:  # a NUL in the path
+    except ValueError as error:
         raise ConfigError(f"cannot read {name}: {error}") from error
+
+
+def refuse_nul(path: Path, name: str) -> None:
+    """Raise ConfigError for a path that no file can have. Each version of Python answers it in words of its own."""
+    if "\0" in str(path):
+        raise ConfigError(f"cannot read {name}: a NUL stands in it")
 
 
 def refuse_other_kinds(mode: int, name: str) -> None:

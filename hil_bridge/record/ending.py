@@ -15,6 +15,8 @@ STOP_EVENT = "stop"
 """Kind of the event whose text is the cause of a stop."""
 CHECK_EVENT = "check"
 """Kind of the events that tell what was found of the sensor before the touch: full scales, model, weight, zero."""
+NOT_MODELLED_EVENT = "not-modelled"
+"""Kind of the events that tell of a thing which the client uses and the emulated device does not model."""
 
 EVENT_KINDS: Mapping[str, str] = {
     PHASE_EVENT: "A phase of the run begins; the text is its name.",
@@ -32,6 +34,7 @@ EVENT_KINDS: Mapping[str, str] = {
     "link": "The robot's link failed, or tells of a trouble.",
     "sensor": "A device event of the sensor, or its failure.",
     "emulator": "An emulated device tells of a client's mistake.",
+    NOT_MODELLED_EVENT: "The client uses something that the emulated device does not model; once for each thing.",
     "line_error": "Characters with a parity or framing error.",
     "telnet_error": "A malformed request or answer of RFC 2217.",
     "wire_lost": "A connection broke and is tried again.",

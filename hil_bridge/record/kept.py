@@ -5,22 +5,20 @@ from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
+from hil_bridge.record import records
 from hil_bridge.record.reader import RawTraffic, Recording
 from hil_bridge.record.recorder import DROPPED_PREFIX, VIRTUAL, Recorder
-from hil_bridge.record.records import (
-    CycleRecord,
-    EventRecord,
-    LinkRecord,
-    SensorRecord,
-    StepRecord,
-    TruthRecord,
-    WireRecord,
-)
 from hil_bridge.record.removed_map import REMOVED_NAME, from_json
 from hil_bridge.record.topics import RECORDS, TOPICS, Record
 
 _TIMES: Mapping[type, Callable[[Any], float]] = {topic.record: topic.time_of for topic in TOPICS}
-READ_RECORDS = (CycleRecord, SensorRecord, TruthRecord, EventRecord, StepRecord)
+READ_RECORDS = (
+    records.CycleRecord,
+    records.SensorRecord,
+    records.TruthRecord,
+    records.EventRecord,
+    records.StepRecord,
+)
 """Records that `read` reads; the first of them dates the recording."""
 
 
@@ -84,8 +82,8 @@ class KeptRecords:
     def traffic(self) -> RawTraffic:
         """Data that went over the wires."""
         return RawTraffic(
-            tuple(step for step in self._steps if type(step) is LinkRecord),
-            tuple(step for step in self._steps if type(step) is WireRecord),
+            tuple(step for step in self._steps if type(step) is records.LinkRecord),
+            tuple(step for step in self._steps if type(step) is records.WireRecord),
         )
 
     def recording(self) -> Recording:
@@ -101,15 +99,15 @@ class KeptRecords:
                 removed = from_json(step.data)
         drops = {f"{DROPPED_PREFIX}{topic.name}": "0" for topic in TOPICS}
         return Recording(
-            tuple(step for step in steps if type(step) is CycleRecord),
-            tuple(step for step in steps if type(step) is SensorRecord),
-            tuple(step for step in steps if type(step) is EventRecord),
+            tuple(step for step in steps if type(step) is records.CycleRecord),
+            tuple(step for step in steps if type(step) is records.SensorRecord),
+            tuple(step for step in steps if type(step) is records.EventRecord),
             self._metadata,
             dict(sorted({**self._end, **drops}.items())),
-            truths=tuple(step for step in steps if type(step) is TruthRecord),
+            truths=tuple(step for step in steps if type(step) is records.TruthRecord),
             devices=devices,
             unix_zero_ns=self._unix_zero_ns(),
-            steps=tuple(step for step in steps if type(step) is StepRecord),
+            steps=tuple(step for step in steps if type(step) is records.StepRecord),
             removed=removed,
         )
 

@@ -16,16 +16,8 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.text_files import format_path, open_ordinary, read_up_to
+from hil_bridge.record import records
 from hil_bridge.record.recorder import DEVICES_NAME, END_NAME, METADATA_NAME
-from hil_bridge.record.records import (
-    CycleRecord,
-    EventRecord,
-    LinkRecord,
-    SensorRecord,
-    StepRecord,
-    TruthRecord,
-    WireRecord,
-)
 from hil_bridge.record.removed_map import REMOVED_NAME, RemovedMap, from_json
 from hil_bridge.record.topics import CYCLE, EVENT, LINK, SENSOR, STEP, TRUTH, WIRE, Record, Topic
 
@@ -61,22 +53,22 @@ _CHUNK = struct.Struct("<QQQ")
 class Recording:
     """Records of a run."""
 
-    cycles: tuple[CycleRecord, ...]
-    sensors: tuple[SensorRecord, ...] = ()
-    events: tuple[EventRecord, ...] = ()
+    cycles: tuple[records.CycleRecord, ...]
+    sensors: tuple[records.SensorRecord, ...] = ()
+    events: tuple[records.EventRecord, ...] = ()
     metadata: Mapping[str, str] = field(default_factory=dict)
     """Metadata from before the run: configuration, versions, seed."""
     end: Mapping[str, str] = field(default_factory=dict)
     """Metadata from after an orderly end; empty when the run was cut off."""
     truncated: bool = False
     """The file ends early or is damaged; what came before the damage is here."""
-    truths: tuple[TruthRecord, ...] = ()
+    truths: tuple[records.TruthRecord, ...] = ()
     """Ground truth from the emulated cell; empty for a real one."""
     devices: Mapping[str, str] = field(default_factory=dict)
     """Facts of the devices once they were ready, see `device_facts`; empty before that."""
     unix_zero_ns: int = 0
     """UNIX time at which the run's clock was 0, ns."""
-    steps: tuple[StepRecord, ...] = ()
+    steps: tuple[records.StepRecord, ...] = ()
     """Steps of a program that have ended."""
     removed: RemovedMap | None = None
     """Depths that the tool removed from an emulated surface; None where it removed nothing."""
@@ -86,8 +78,8 @@ class Recording:
 class RawTraffic:
     """Data that went over the wires of a run."""
 
-    robot: tuple[LinkRecord, ...]
-    sensor: tuple[WireRecord, ...]
+    robot: tuple[records.LinkRecord, ...]
+    sensor: tuple[records.WireRecord, ...]
 
 
 def read(path: Path) -> Recording:
@@ -129,7 +121,7 @@ def _recording(found: "_Contents") -> Recording:
     )
 
 
-def read_link(path: Path) -> tuple[tuple[LinkRecord, ...], Mapping[str, str]]:
+def read_link(path: Path) -> tuple[tuple[records.LinkRecord, ...], Mapping[str, str]]:
     """The raw traffic of the computer link in a recording as far as it can be read, and what was known before the
     run. A run that never came to a cycle has it too.
 

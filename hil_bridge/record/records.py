@@ -13,6 +13,7 @@ from hil_bridge.control.decision import Sample
 from hil_bridge.errors.causes import Cause
 from hil_bridge.record.ending import Check
 from protocol.faults import FaultStage
+from protocol.unmodelled import NotModelled
 
 Vector: TypeAlias = Annotated[tuple[float, ...], Meta(min_length=3, max_length=3)]
 Quaternion: TypeAlias = Annotated[tuple[float, ...], Meta(min_length=4, max_length=4)]
@@ -261,3 +262,5 @@ class EventRecord(Struct, frozen=True):
     """The key, or the signal, by which a person asked; empty for all other events."""
     fault: FaultNote | None = None
     """The injected fault that the event tells of; left out of all others."""
+    not_modelled: NotModelled | None = None
+    """The thing that the emulated device does not model; left out of all other events."""

@@ -21,20 +21,18 @@ from typing import Any, NamedTuple, TypeAlias
 import msgspec
 from msgspec import inspect, structs
 
+from hil_bridge.record import records
 from hil_bridge.record.field_docstrings import field_docstrings
-from hil_bridge.record.records import (
-    CycleRecord,
-    EventRecord,
-    LinkRecord,
-    SensorRecord,
-    StepRecord,
-    TruthRecord,
-    WireRecord,
-)
 from hil_bridge.record.stored_cycle import STORED, pack, unpack
 
 Record: TypeAlias = (
-    CycleRecord | SensorRecord | LinkRecord | WireRecord | TruthRecord | EventRecord | StepRecord
+    records.CycleRecord
+    | records.SensorRecord
+    | records.LinkRecord
+    | records.WireRecord
+    | records.TruthRecord
+    | records.EventRecord
+    | records.StepRecord
 )
 
 
@@ -144,7 +142,7 @@ def _schema(kind: inspect.Type) -> dict[str, object]:
             return {**_schema(inner), **(extra or {})}
         case inspect.UnionType():
             return _schema(_of_union(kind))
-        case inspect.StructType(cls=cls, fields=fields):
+        case inspect.StructType(cls=cls, fields=fields) | inspect.DataclassType(cls=cls, fields=fields):
             texts = field_docstrings(cls)
             described = {
                 field.name: {
@@ -230,7 +228,7 @@ def _known(value: Any, kind: inspect.Type) -> Any:
     match kind, value:
         case inspect.UnionType(), _ if value is not None:
             return _known(value, _of_union(kind))
-        case inspect.StructType(fields=fields), dict():
+        case inspect.StructType(fields=fields) | inspect.DataclassType(fields=fields), dict():
             types = {field.name: field.type for field in fields}
             known = {name: _known(each, types[name]) for name, each in value.items() if each is not None}
             lost = [field.name for field in fields if _has_finite_default(field) and field.name not in known]
@@ -250,7 +248,7 @@ def _with_nan(value: Any, kind: inspect.Type) -> Any:
             return None if any(isinstance(one, inspect.NoneType) for one in kind.types) else math.nan
         case inspect.UnionType(), _:
             return _with_nan(value, _of_union(kind))
-        case inspect.StructType(fields=fields), dict():
+        case inspect.StructType(fields=fields) | inspect.DataclassType(fields=fields), dict():
             known = {field.name: field.type for field in fields}
             lost = value.get(NOT_FINITE)
             named = lost if isinstance(lost, list) else ()
@@ -301,13 +299,13 @@ _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 _NULL = b"null"
 _to_json = msgspec.json.Encoder(enc_hook=_plain).encode
 
-CYCLE = Topic("/cycle", CycleRecord, "controlled_at", Form(STORED, pack, unpack))
-SENSOR = Topic("/sensor", SensorRecord)
-LINK = Topic("/link", LinkRecord)
-WIRE = Topic("/wire", WireRecord)
-TRUTH = Topic("/truth", TruthRecord)
-EVENT = Topic("/event", EventRecord)
-STEP = Topic("/step", StepRecord)
+CYCLE = Topic("/cycle", records.CycleRecord, "controlled_at", Form(STORED, pack, unpack))
+SENSOR = Topic("/sensor", records.SensorRecord)
+LINK = Topic("/link", records.LinkRecord)
+WIRE = Topic("/wire", records.WireRecord)
+TRUTH = Topic("/truth", records.TruthRecord)
+EVENT = Topic("/event", records.EventRecord)
+STEP = Topic("/step", records.StepRecord)
 TOPICS = (CYCLE, SENSOR, LINK, WIRE, TRUTH, EVENT, STEP)
 RECORDS = frozenset(topic.record for topic in TOPICS)
 """Types of all records."""

@@ -4,7 +4,7 @@
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 from emulators.cell import Cell
 from hil_bridge.clock import VIRTUAL_EPOCH
@@ -18,17 +18,22 @@ from hil_bridge.runs.setup import Setup
 from hil_bridge.runs.zeroing import known_wrist
 
 
+class Start(NamedTuple):
+    """How a run would begin."""
+
+    virtual: bool
+    """In virtual time."""
+    now: float = VIRTUAL_EPOCH
+    """When the emulated cell is powered up, s."""
+
+
 def check(setup: Setup, virtual: bool, now: float) -> Cell[Any, Any] | None:
     """Raise the first of the problems as ConfigError. Gives the emulated cell, powered up `now`, s, for the run to use;
     None where both devices are real.
     """
-    cell = None
     for check_one in CHECKS.values():
-        if check_one is _cell:
-            cell = powered_cell(setup, now)
-        else:
-            check_one(setup, virtual)
-    return cell
+        check_one(setup, Start(virtual, now))
+    return setup.cell
 
 
 def problems(setup: Setup, virtual: bool) -> Iterator[tuple[str, ConfigError]]:
@@ -38,16 +43,16 @@ def problems(setup: Setup, virtual: bool) -> Iterator[tuple[str, ConfigError]]:
     texts: set[str] = set()
     for name, check_one in CHECKS.items():
         try:
-            check_one(setup, virtual)
+            check_one(setup, Start(virtual))
         except ConfigError as error:
             if str(error) not in texts:
                 yield name, error
             texts.add(str(error))
 
 
-def check_wires(setup: Setup, virtual: bool) -> None:
+def check_wires(setup: Setup, start: Start) -> None:
     """Raise ConfigError for URLs that make no cell together, or that virtual time cannot wait for."""
-    if virtual and not (setup.robot.is_emulated and setup.sensor.is_emulated):
+    if start.virtual and not (setup.robot.is_emulated and setup.sensor.is_emulated):
         raise ConfigError("--virtual runs against the emulated cell alone; leave it out to use real ports")
     if setup.sensor.is_emulated and not setup.robot.is_emulated:
         raise ConfigError(
@@ -56,7 +61,11 @@ def check_wires(setup: Setup, virtual: bool) -> None:
         )
 
 
-def _force(setup: Setup, virtual: bool) -> None:
+def _panel(setup: Setup, start: Start) -> None:
+    compose.check_panel(setup, start.virtual)
+
+
+def _force(setup: Setup, start: Start) -> None:
     config = setup.config
     if config.task.force_n >= config.limits.force_limit_n:
         raise ConfigError(
@@ -65,21 +74,17 @@ def _force(setup: Setup, virtual: bool) -> None:
         )
 
 
-def _tool(setup: Setup, virtual: bool) -> None:
+def _tool(setup: Setup, start: Start) -> None:
     known_wrist(setup.config)
 
 
-def _controller(setup: Setup, virtual: bool) -> None:
+def _controller(setup: Setup, start: Start) -> None:
     """The controller's parameters, and that it is tuned for the control period."""
     _ = setup.loop
 
 
-def _cell(setup: Setup, virtual: bool) -> None:
-    powered_cell(setup, VIRTUAL_EPOCH)
-
-
-def powered_cell(setup: Setup, now: float) -> Cell[Any, Any] | None:
-    """The emulated cell, powered up `now`, s; None where both devices are real.
+def _power_up(setup: Setup, start: Start) -> None:
+    """Power the emulated cell up, where a device is emulated.
 
     Raises ConfigError for the files of the robot's kind, for what the cell holds, and for one that cannot be.
     """
@@ -87,11 +92,10 @@ def powered_cell(setup: Setup, now: float) -> Cell[Any, Any] | None:
     if robot.kind.check is not None:
         robot.kind.check(robot.settings)
     if robot.is_emulated or setup.sensor.is_emulated:
-        return compose.make_cell(setup, setup.emulated, now)
-    return None
+        setup.cell = compose.make_cell(setup, start.now)
 
 
-def check_program(setup: Setup, virtual: bool = False) -> None:
+def check_program(setup: Setup, start: Start | None = None) -> None:
     """Raise ConfigError with the step's number for a program that cannot be carried out.
 
     Where the robot is emulated, its start is known, and so whether it reaches the corners of each path.
@@ -102,7 +106,7 @@ def check_program(setup: Setup, virtual: bool = False) -> None:
     config, cell = setup.config, setup.config.cell
     check_workspace(program.row, program.frame, metres(cell.start_position_mm), config.limits)
     for label, place in outermost(program.row, program.frame, metres(cell.start_position_mm)):
-        if not compose.holds(setup, place):
+        if not compose.can_hold(setup, place):
             x, y, z = (part * 1e3 for part in place)
             raise ConfigError(
                 f"task.step {label}: the robot does not reach {x:.0f} {y:.0f} {z:.0f} mm in its base frame, "
@@ -110,20 +114,20 @@ def check_program(setup: Setup, virtual: bool = False) -> None:
             )
 
 
-def _thread(setup: Setup, virtual: bool) -> None:
-    if not virtual:
+def _thread(setup: Setup, start: Start) -> None:
+    if not start.virtual:
         with real_time_thread(setup.config.realtime):
             pass
 
 
-CHECKS: Mapping[str, Callable[[Setup, bool], None]] = {
+CHECKS: Mapping[str, Callable[[Setup, Start], None]] = {
     "wires": check_wires,
     "force": _force,
-    "panel": compose.check_panel,
+    "panel": _panel,
     "controller": _controller,
-    "cell": _cell,
+    "cell": _power_up,
     "program": check_program,
     "realtime": _thread,
     "tool": _tool,
 }
-"""Each raises ConfigError for a configuration that cannot be run; the second argument says whether in virtual time."""
+"""Each raises ConfigError for a configuration that cannot be run."""

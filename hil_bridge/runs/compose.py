@@ -4,59 +4,40 @@ configuration names.
 
 from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
 
 from emulators.cell import Cell, Parts
 from emulators.seams import StartPose
+from emulators.unmodelled import TaggingDevice
 from hil_bridge.clock import VIRTUAL_EPOCH, Clock, Timer, device_clock
 from hil_bridge.devices.device_log import DeviceLog
-from hil_bridge.devices.kinds import (
-    ROBOTS,
-    DeviceKind,
-    EmulatedKinds,
-    RobotEmulation,
-    SensorEmulation,
-    robot_of,
-    sensor_of,
-)
-from hil_bridge.devices.robots.of_others import LinkOfOthers
+from hil_bridge.devices.kinds import ROBOTS, RobotEmulation, SensorEmulation
+from hil_bridge.devices.robots.of_others import link_of_others
 from hil_bridge.devices.robots.seam import RobotLink
 from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.devices.wiring import Serving, Wiring, Wrap, unwrapped
 from hil_bridge.errors import BridgeError, ConfigError
-from hil_bridge.errors.failures import tell_failure
+from hil_bridge.errors.failures import WrongAnswer, one_line, plugin_place, tell_failure
 from hil_bridge.runs.faults.bus import BusFaults
 from hil_bridge.runs.setup import Setup
-from hil_bridge.settings.configuration import Config
-from hil_bridge.settings.devices import emulated_in, robot_in, sensor_in
-from hil_bridge.settings.kinds import settings_of, surface_settings
+from hil_bridge.settings.devices import Robot, Sensor
 from hil_bridge.transports.can.memory import memory_can_bus
 from protocol.geometry import Vector
+from protocol.unmodelled import NotModelled
 
-_MEMORY_CAN = "can+memory:"
-
-
-@dataclass(frozen=True, slots=True)
-class Ports:
-    """One URL each for robot, sensor and panel of a cell to listen on; None for what is not served."""
-
-    robot: str | None
-    sensor: str | None
-    panel: str | None = None
-    """URL of the emulated controller's panel, for people."""
-    cell: Cell[Any, Any] | None = None
-    """The cell where it has been made already, of the kinds that the configuration names."""
+_MEMORY_CAN = "can+memory"
 
 
 @dataclass(frozen=True, slots=True)
 class ServedCell:
-    """An emulated cell, and the URLs at which its devices are reached; None for what is not served."""
+    """An emulated cell, and its devices with the URLs at which they are reached; None for what is not served."""
 
     cell: Cell[Any, Any]
-    robot: str | None
-    sensor: str | None
+    robot: Robot | None
+    sensor: Sensor | None
     panel: str | None
+    """URL of the emulated controller's panel, for people."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,14 +54,12 @@ class Devices:
         return None if self.served is None else self.served.cell
 
 
-def cell_ports(config: Config, virtual: bool) -> Ports:
-    """URLs at which the cell of a configuration listens, without a panel."""
-    kinds = emulated_in(config)
-    return Ports(_usual(config, kinds.robot, virtual), _usual(config, kinds.sensor, virtual))
+_Device = TypeVar("_Device", Robot, Sensor)
 
 
-def _usual(config: Config, kind: DeviceKind, virtual: bool) -> str:
-    return f"{kind.name}+{_emulation(kind).usual(settings_of(config, kind), virtual)}"
+def choose_port(device: _Device, virtual: bool) -> _Device:
+    """An emulated device with the URL at which it listens: its own, or the kind's usual one. Raises ConfigError."""
+    return replace(device, url=device.url or _emulation(device.kind).usual(device.settings, virtual))
 
 
 def check_panel(setup: Setup, virtual: bool) -> None:
@@ -101,28 +80,32 @@ def check_panel(setup: Setup, virtual: bool) -> None:
     check(url)
 
 
-def make_cell(setup: Setup, kinds: EmulatedKinds, now: float) -> Cell[Any, Any]:
-    """The emulated cell of a configuration with devices of these kinds. Raises ConfigError for one that cannot be."""
-    config, surface = setup.config, kinds.surface
+def make_cell(setup: Setup, now: float) -> Cell[Any, Any]:
+    """The emulated cell of a setup, powered up `now`, s. Raises ConfigError for one that cannot be."""
+    config, surface = setup.config, setup.cell_surface
     parts = Parts(
-        _emulation(kinds.robot).make(settings_of(config, kinds.robot)),
-        _emulation(kinds.sensor).make(settings_of(config, kinds.sensor)),
-        None if surface is None else surface.make(surface_settings(config, surface)),
-        kinds.faults,
+        _make(setup.cell_robot),
+        _make(setup.cell_sensor),
+        None if surface is None else surface[0].make(surface[1]),
+        setup.emulated.faults,
     )
     try:
         return Cell(config.cell, now, config.run.seed, parts)
     except ValueError as error:
-        raise ConfigError(f"cell: {error}") from error
+        place = plugin_place(error)
+        raise ConfigError(f"cell: {one_line(str(error))}{place and f' ({place})'}") from error
 
 
-def holds(setup: Setup, place: Vector) -> bool:
+def _make(device: Robot | Sensor) -> Any:
+    return _emulation(device.kind).make(device.settings)
+
+
+def can_hold(setup: Setup, place: Vector) -> bool:
     """Whether the emulated robot can hold its tool there in the orientation of the start; base frame, m."""
-    config, kind = setup.config, setup.emulated.robot
-    make = _emulation(kind).make(settings_of(config, kind))
+    config = setup.config
     start = StartPose(place, config.cell.start_quaternion, config.cell.tool.length_mm * 1e-3)
     try:
-        make(start, VIRTUAL_EPOCH, config.run.seed)
+        _make(setup.cell_robot)(start, VIRTUAL_EPOCH, config.run.seed)
     except ValueError:
         return False
     return True
@@ -138,26 +121,17 @@ async def open_devices(
     already. Raises ConfigError for a URL, TransportUnavailable for
     a wire.
     """
-    config = setup.config
     check_panel(setup, clock.is_virtual)
-    robot_url, sensor_url = config.robot.url, config.sensor.url
+    robot_wiring, sensor_wiring = (Wiring(name, clock, log, wrap) for name in ("robot", "sensor"))
     async with AsyncExitStack() as stack:
-        served = None
-        if not (robot_url and sensor_url):
-            usual = Ports(*setup.listen) if setup.listen else cell_ports(config, clock.is_virtual)
-            ports = Ports(
-                None if robot_url else usual.robot,
-                None if sensor_url else usual.sensor,
-                config.run.panel_url or None,
-                cell,
-            )
-            served = await stack.enter_async_context(
-                emulated_cell(setup, clock, ports, lambda cause: _tell_failed(cause, log))
-            )
-            robot_url, sensor_url = robot_url or served.robot or "", sensor_url or served.sensor or ""
-        robot = await connect_robot(config, robot_url, Wiring("robot", clock, log, wrap))
+        served, chosen_robot, chosen_sensor = None, setup.robot, setup.sensor
+        if chosen_robot.is_emulated or chosen_sensor.is_emulated:
+            emulated = emulated_cell(setup, clock, lambda cause: _tell_failed(cause, log), cell=cell)
+            served = await stack.enter_async_context(emulated)
+            chosen_robot, chosen_sensor = served.robot or chosen_robot, served.sensor or chosen_sensor
+        robot = await connect_robot(chosen_robot, robot_wiring)
         stack.push_async_callback(robot.aclose)
-        sensor = await connect_sensor(config, sensor_url, Wiring("sensor", clock, log, wrap))
+        sensor = await connect_sensor(chosen_sensor, sensor_wiring)
         stack.push_async_callback(sensor.aclose)
         robot.start()
         sensor.start()
@@ -172,26 +146,35 @@ def _tell_failed(cause: BaseException, log: DeviceLog) -> None:
     tell_failure("the emulated cell", cause, log.notice)
 
 
-async def connect_robot(config: Config, url: str, wiring: Wiring) -> RobotLink:
-    """The robot behind a URL, not started yet.
+def follow_unmodelled(cell: Cell[Any, Any], listener: Callable[[NotModelled], object]) -> None:
+    """Tell the listener each thing that a client uses and a device of the cell does not model, once."""
+    for device in (cell.robot, cell.sensor):
+        if isinstance(device, TaggingDevice):
+            device.unmodelled.follow(listener)
+
+
+async def connect_robot(robot: Robot, wiring: Wiring) -> RobotLink:
+    """The robot behind its wire, not started yet.
 
     Raises ConfigError for the URL, TransportUnavailable for the wire.
     """
-    device = robot_in(config, url)
-    robot: RobotLink = await device.kind.connect(device.url, device.settings, wiring)
-    if device.kind.name in ROBOTS.built_in:
-        return robot
-    guarded: Any = LinkOfOthers(robot, wiring.clock)
-    return guarded  # type: ignore[no-any-return]
+    link: RobotLink = await robot.kind.connect(robot.url, robot.settings, wiring)
+    if robot.kind.name in ROBOTS.built_in:
+        return link
+    if not callable(getattr(link, "motion", None)):
+        raise WrongAnswer(robot.kind, "connect", link, "a robot link")
+    return link_of_others(link, robot.url, wiring.clock)
 
 
-async def connect_sensor(config: Config, url: str, wiring: Wiring) -> ForceSensor:
-    """The sensor behind a URL, not started yet: the URL says which device stands between.
+async def connect_sensor(sensor: Sensor, wiring: Wiring) -> ForceSensor:
+    """The sensor behind its wire, not started yet: the kind says which device stands between.
 
     Raises ConfigError for the URL, TransportUnavailable for the wire.
     """
-    device = sensor_in(config, url)
-    wire, client = await device.kind.connect(device.url, device.settings, wiring)
+    answer: Any = await sensor.kind.connect(sensor.url, sensor.settings, wiring)
+    if not (isinstance(answer, tuple) and len(answer) == 2):
+        raise WrongAnswer(sensor.kind, "connect", answer, "a wire and a client")
+    wire, client = answer
     return ForceSensor(wire, client, wiring.clock, wiring.log)
 
 
@@ -199,46 +182,51 @@ async def connect_sensor(config: Config, url: str, wiring: Wiring) -> ForceSenso
 async def emulated_cell(
     setup: Setup,
     clock: Clock,
-    ports: Ports,
     on_failure: Callable[[BaseException], object],
     say: Callable[[str], None] = lambda text: None,
+    cell: Cell[Any, Any] | None = None,
 ) -> AsyncIterator[ServedCell]:
-    """Serve the cell's devices on the given listening URLs (None: not served) until the context is left.
+    """Serve the cell's devices where the setup lets them listen, until the context is left.
 
     `on_failure` is told when a device can no longer be served, `say` a line for every connection that ends badly.
-    Raises ConfigError for a URL and for a cell that cannot be, TransportUnavailable for a wire.
+    `cell` is the cell where it has been made already. Raises ConfigError for a URL and for a cell that cannot be,
+    TransportUnavailable for a wire.
     """
     clock = device_clock(clock)
-    kinds, config = setup.emulated, setup.config
-    robot_url = sensor_url = ""
-    if ports.robot is not None:
-        robot, robot_url = robot_of(ports.robot)
-        kinds = kinds._replace(robot=robot)
-    if ports.sensor is not None:
-        sensor, sensor_url = sensor_of(ports.sensor)
-        kinds = kinds._replace(sensor=sensor)
-    cell = ports.cell or make_cell(setup, kinds, clock.now())
+    cell = cell or make_cell(setup, clock.now())
     async with AsyncExitStack() as stack:
         serving = Serving(clock, stack, on_failure, say)
         _follow_faults(cell, serving)
-        robot_at = sensor_at = panel_at = None
-        if ports.robot is not None:
-            emulation = _emulation(kinds.robot)
-            wire_at = await emulation.serve(robot_url, cell.robot, settings_of(config, kinds.robot), serving)
-            robot_at = f"{kinds.robot.name}+{wire_at}"
-            if ports.panel is not None and emulation.panel is not None:
-                panel = emulation.panel(cell, ports.panel, clock, serving.wake)
+        robot: Robot | None = None
+        sensor: Sensor | None = None
+        panel_at = None
+        if setup.listen.robot is not None:
+            robot = await _serve(setup.cell_robot, cell.robot, serving)
+            make_panel = _emulation(robot.kind).panel
+            if setup.listen.panel and make_panel is not None:
+                panel = make_panel(cell, setup.listen.panel, clock, serving.wake)
                 panel_at = await stack.enter_async_context(panel)
-        if ports.sensor is not None:
-            serve = _emulation(kinds.sensor).serve
-            wire_at = await serve(sensor_url, cell.sensor, settings_of(config, kinds.sensor), serving)
-            sensor_at = f"{kinds.sensor.name}+{wire_at}"
-            if wire_at.startswith(_MEMORY_CAN):
-                name = wire_at.removeprefix(_MEMORY_CAN).partition("?")[0]
-                bus = BusFaults(memory_can_bus(name, clock), clock, config.run.seed)
-                cell.ledger.attach("bus", bus.handlers)
-                stack.callback(bus.close)
-        yield ServedCell(cell, robot_at, sensor_at, panel_at)
+        if setup.listen.sensor is not None:
+            sensor = await _serve(setup.cell_sensor, cell.sensor, serving)
+            if sensor.kind.bus is not None:
+                _serve_bus_faults(sensor, cell, serving, setup.config.run.seed)
+        yield ServedCell(cell, robot, sensor, panel_at)
+
+
+async def _serve(device: _Device, emulator: Any, serving: Serving) -> _Device:
+    """The device where its client reaches it."""
+    device = choose_port(device, serving.clock.is_virtual)
+    wire_at = await _emulation(device.kind).serve(device.url, emulator, device.settings, serving)
+    return replace(device, url=wire_at)
+
+
+def _serve_bus_faults(sensor: Sensor, cell: Cell[Any, Any], serving: Serving, seed: int) -> None:
+    """Let the sensor's CAN bus have faults, where it is one in memory."""
+    wire = sensor.kind.parse(sensor.url, sensor.settings)
+    if wire.scheme == _MEMORY_CAN:
+        bus = BusFaults(memory_can_bus(wire.target, serving.clock), serving.clock, seed)
+        cell.ledger.attach("bus", bus.handlers)
+        serving.stack.callback(bus.close)
 
 
 def _follow_faults(cell: Cell[Any, Any], serving: Serving) -> None:
@@ -274,7 +262,7 @@ class _FaultEnd:
 
 def _emulation(kind: Any) -> Any:
     """Emulation of a kind of device. Raises ConfigError for a kind without one."""
-    found: RobotEmulation[Any, Any] | SensorEmulation[Any, Any] | None = kind.emulation
-    if found is None:
+    emulation: RobotEmulation[Any, Any] | SensorEmulation[Any, Any] | None = kind.emulation
+    if emulation is None:
         raise ConfigError(f"{kind.name} has no emulator; give the URL of a real one")
-    return found
+    return emulation

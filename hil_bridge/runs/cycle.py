@@ -10,10 +10,9 @@ import math
 from msgspec.structs import replace
 
 from hil_bridge.clock import Clock, Heartbeat
-from hil_bridge.control import LoopState, Peaks, Phase, Sample, WristAtOrientation, turn_between
+from hil_bridge.control import LoopState, Peaks, Phase, Sample, WristAtOrientation
 from hil_bridge.control.course.task import CONNECT, TARE
 from hil_bridge.control.course.zero import main_axes
-from hil_bridge.control.geometry.turning import apart, unit
 from hil_bridge.control.program.program import Program
 from hil_bridge.devices.robots.seam import (
     Motion,
@@ -55,7 +54,7 @@ from hil_bridge.runs.starting import check_start
 from hil_bridge.runs.steps_told import StepTeller
 from hil_bridge.runs.watching import Log
 from hil_bridge.runs.zeroing import Zeroing, known_wrist, wrist
-from protocol.geometry import Pose, Quaternion, Vector
+from protocol.geometry import Pose, Quaternion, Vector, angle_between
 from protocol.wrench import AXES, WrenchFrame
 
 THEN_EVENT = "then"
@@ -177,8 +176,7 @@ class Run:
                 try:
                     await self._guarded(motion, start)
                 finally:
-                    moved, commanded = motion.ordered, motion.commanded or commanded
-                    answers = not motion.abandoned
+                    moved, commanded, answers = self._read_end(motion, commanded)
         except BridgeError as error:
             self._blame(error.reason(Cause.ROBOT_FAILED))
         except asyncio.CancelledError as error:
@@ -195,6 +193,15 @@ class Run:
         if cancelled is not None:
             raise cancelled
         return self.result
+
+    def _read_end(self, motion: Motion, start: Vector) -> tuple[bool, Vector, bool]:
+        """Whether the movement took a point, the last one, and whether the robot answers, as far as it tells that."""
+        try:
+            return motion.ordered, motion.commanded or start, not motion.abandoned
+        except BridgeError as error:
+            self._trace(error)
+            self._blame(error.reason(Cause.ROBOT_FAILED))
+            return True, start, False
 
     def _limits(self, start: RobotReport) -> MotionLimits:
         """Limits of the movement from here: a stream holds when no decision comes for longer than one may last."""
@@ -380,7 +387,7 @@ class Run:
         if orientation_fault(quaternion):
             quaternion = self._start.pose.quaternion  # the fault says so
         ordered = self._orientation
-        tilt = 0.0 if quaternion == ordered else turn_between(ordered, quaternion)[1]
+        tilt = 0.0 if quaternion == ordered else angle_between(ordered, quaternion)
         now = self._clock.now()
         wrist = self._wrist_at(quaternion)
         wrench = wrist.contact_wrench(sensor.wrench(frame))
@@ -444,7 +451,7 @@ class Run:
 
     def _is_another(self, known: Quaternion, quaternion: Quaternion) -> bool:
         """Whether the wrist is to be made again: while a program turns the tool, not for every hair."""
-        near = self._turns and apart(unit(known), unit(quaternion)) <= TURNED_RAD
+        near = self._turns and angle_between(known, quaternion) <= TURNED_RAD
         return known != quaternion and not near
 
     def _blame(self, reason: Reason) -> None:

@@ -3,7 +3,6 @@
 from dataclasses import replace
 from typing import Any
 
-from hil_bridge.control.geometry.turning import unit
 from hil_bridge.control.program.legs import Leg
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.resume import FIRST, OVERLAP_MM, good_until
@@ -13,6 +12,7 @@ from hil_bridge.record import CycleRecord, Recording
 from hil_bridge.runs.replay import recorded_config
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config
+from protocol.geometry import normalise
 
 _BAND_SHARE = 0.1
 """Chosen: as far as the force may be off, of the wanted one, where a step has no criterion."""
@@ -102,7 +102,7 @@ def _start(recording: Recording) -> tuple[float, float, float]:
 
 
 def _quaternion(recording: Recording) -> tuple[float, float, float, float]:
-    return unit(recording.cycles[0].quaternion)
+    return normalise(recording.cycles[0].quaternion)
 
 
 def told_resume(config: Config) -> str:

@@ -10,7 +10,7 @@ Command line, Python interface, experiments, benchmarks and tests are watchers o
 
 import time
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager
 from typing import Any
 
 from emulators.cell import Cell
@@ -21,6 +21,7 @@ from hil_bridge.devices.wiring import Wrap, unwrapped
 from hil_bridge.errors.causes import Cause, Reason
 from hil_bridge.errors.failures import FAILED_EVENT, RAISED, of_others, raise_if_asked, tell_failure
 from hil_bridge.record import PHASE_EVENT, CycleRecord, EventRecord, RunEnd, TruthRecord
+from hil_bridge.record.ending import NOT_MODELLED_EVENT
 from hil_bridge.record.removed_map import MEDIA_TYPE, REMOVED_NAME
 from hil_bridge.runs import compose
 from hil_bridge.runs.cycle import Run
@@ -30,6 +31,7 @@ from hil_bridge.runs.run_log import RunLog
 from hil_bridge.runs.setup import Setup
 from hil_bridge.runs.truth import GroundTruth
 from hil_bridge.runs.watching import Listener
+from protocol.unmodelled import NotModelled
 
 
 class Running:
@@ -109,7 +111,6 @@ async def running(
     """
     run: Running | None = None
     failed: list[EventRecord] = []
-    closes: list[Callable[[], object]] = []
 
     def hear(record: EventRecord) -> None:
         if run is not None:
@@ -118,31 +119,31 @@ async def running(
             failed.append(record)
 
     log.join(Listener({EventRecord: hear}))
-    try:
-        async with compose.open_devices(setup, log.clock, log, wrap, cell) as devices:
-            run = Running(setup, log, devices)
-            log.byte_time_s = run.facts.byte_time_s or 0.0
-            for record in failed:
-                run.hear(record)
-            if devices.cell is not None:
-                closes += _with_cell(run, devices.cell)
-            yield run
-    finally:
-        for close in closes:
-            close()
+    async with AsyncExitStack() as after, compose.open_devices(setup, log.clock, log, wrap, cell) as devices:
+        run = Running(setup, log, devices)
+        log.byte_time_s = run.facts.byte_time_s or 0.0
+        for record in failed:
+            run.hear(record)
+        if devices.cell is not None:
+            _join_cell(run, devices.cell, after)
+        yield run
 
 
-def _with_cell(run: Running, cell: Cell[Any, Any]) -> list[Callable[[], object]]:
-    """Let the truth be told, where a watcher takes it, and the faults happen; what to call when the run is over."""
-    log, closes = run.log, list[Callable[[], object]]()
+def _join_cell(run: Running, cell: Cell[Any, Any], after: AsyncExitStack) -> None:
+    """Let the faults happen, and the truth be told where a watcher takes it; both end with the stack."""
+    log = run.log
     faults = FaultSchedule(run.setup.config.faults, cell, log.clock, log.event, run.stand_still)
-    closes.append(faults.close)
     if log.wants(TruthRecord):
         truth = _Truth(run, cell)
         log.join(Listener({CycleRecord: truth.cycle}))
-        closes.append(truth.close)
+        after.callback(truth.close)
     log.join(Listener({CycleRecord: faults.cycle, EventRecord: faults.event}))
-    return closes
+    after.callback(faults.close)
+
+    def tell(thing: NotModelled) -> None:
+        log.tell(NOT_MODELLED_EVENT, str(thing), not_modelled=thing)
+
+    compose.follow_unmodelled(cell, tell)
 
 
 def run_end(result: RunResult, run: Running | None, facts: RobotFacts) -> RunEnd:

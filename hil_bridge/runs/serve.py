@@ -12,23 +12,29 @@ import click
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.clock.realtime import real_time_thread
 from hil_bridge.errors import BridgeError, DeviceError
-from hil_bridge.runs.compose import Ports, emulated_cell
+from hil_bridge.runs.compose import ServedCell, emulated_cell, follow_unmodelled
 from hil_bridge.runs.setup import Setup
-from hil_bridge.settings.configuration import Config
+from protocol.unmodelled import NotModelled, relied_on
 
 
-def serve(config: Config, ports: Ports, as_json: bool) -> None:
-    """Serve on these ports and print where, until SIGINT or SIGTERM. Raises BridgeError when a port fails."""
-    with real_time_thread(config.realtime) as executor:
-        run_real(lambda: _serve(config, ports, as_json, executor), config.realtime.busy_poll_ms * 1e-3)
+def serve(setup: Setup, as_json: bool) -> None:
+    """Serve the emulated devices of a setup and print where, until SIGINT or SIGTERM."""
+    realtime = setup.config.realtime
+    with real_time_thread(realtime) as executor:
+        run_real(lambda: _serve(setup, as_json, executor), realtime.busy_poll_ms * 1e-3)
 
 
-async def _serve(config: Config, ports: Ports, as_json: bool, executor: ThreadPoolExecutor | None) -> None:
+async def _serve(setup: Setup, as_json: bool, executor: ThreadPoolExecutor | None) -> None:
     loop, clock = asyncio.get_running_loop(), Clock.running()
     if executor is not None:
         loop.set_default_executor(executor)
     stopped = asyncio.Event()
     causes: list[BaseException] = []
+    things: list[NotModelled] = []
+
+    def tell(thing: NotModelled) -> None:
+        things.append(thing)
+        _log(str(thing))
 
     def failed(cause: BaseException) -> None:
         causes.append(cause)
@@ -38,17 +44,18 @@ async def _serve(config: Config, ports: Ports, as_json: bool, executor: ThreadPo
         for number in (signal.SIGINT, signal.SIGTERM):
             loop.add_signal_handler(number, stopped.set)
     try:
-        async with emulated_cell(Setup(config), clock, ports, failed, _log) as served:
-            devices = {"robot": served.robot, "sensor": served.sensor, "panel": served.panel}
-            where = {device: url for device, url in devices.items() if url is not None}
+        async with emulated_cell(setup, clock, failed, _log) as served:
+            follow_unmodelled(served.cell, tell)
+            where = _where(served)
             if served.sensor is not None:
-                where["tool-mass-kg"] = f"{config.cell.tool.mass_kg:g}"
+                where["tool-mass-kg"] = f"{setup.config.cell.tool.mass_kg:g}"
             if as_json:
                 click.echo(json.dumps(where))
             else:
                 for device, url in where.items():
                     click.echo(f"{device}: {url}")
-                click.echo(f"Connect with: {client_of(where)}\nStop with Ctrl-C.")
+                can_probe = served.robot is not None and served.robot.kind.name == "s3"
+                click.echo(f"Connect with: {client_of(where, can_probe)}\nStop with Ctrl-C.")
             await stopped.wait()
             if causes:
                 if isinstance(causes[0], BridgeError):
@@ -56,18 +63,27 @@ async def _serve(config: Config, ports: Ports, as_json: bool, executor: ThreadPo
                 raise DeviceError(f"an emulated device failed: {causes[0]!r}") from causes[0]
     finally:
         clock.close()
+        if things:
+            _log(relied_on(things))
 
 
 def _log(text: str) -> None:
     click.echo(text, err=True)
 
 
-def client_of(where: Mapping[str, str]) -> str:
-    """A command that talks to what is served; no run takes a robot without a sensor."""
+def _where(served: ServedCell) -> dict[str, str]:
+    """URLs of what is served, by its name."""
+    devices = {"robot": served.robot, "sensor": served.sensor}
+    where = {name: device.named_url for name, device in devices.items() if device is not None}
+    return where if served.panel is None else {**where, "panel": served.panel}
+
+
+def client_of(where: Mapping[str, str], can_probe: bool) -> str:
+    """A command that talks to the devices that are served; no run takes a robot without a sensor."""
     match where:
         case {"robot": robot, "sensor": sensor, "tool-mass-kg": mass}:
             return f"hil-bridge run --robot '{robot}' --sensor '{sensor}' --tool-mass-kg {mass}"
-        case {"robot": robot} if not robot.startswith("s3+"):
+        case {"robot": robot} if not can_probe:
             return f"hil-bridge run --robot '{robot}' --sensor URL, with a sensor that feels what the robot touches"
         case {"robot": robot}:
             return f"hil-bridge probe robot '{robot}'"

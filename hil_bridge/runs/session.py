@@ -36,6 +36,7 @@ from hil_bridge.runs.stopping import Stopping
 from hil_bridge.runs.terminal_view import TerminalView
 from hil_bridge.runs.watching import Listener, Watcher
 from hil_bridge.settings.configuration import Config
+from hil_bridge.show.texts import without_queries
 from hil_bridge.show.web.feed import Feed
 
 TELL_SECONDS = 5.0
@@ -95,9 +96,10 @@ def _finish(session: "Session", result: RunResult, outputs: Outputs) -> int:
     """
     signals, notes = session.signals, session.notes
     code = result.exit_code
-    ended = f": {result.text}" if result.text and result.outcome is not Outcome.STOPPED else ""
-    lines = [f"{result.outcome}{ended}", *(f"then: {text}" for text in result.followed)]
-    errors = [f"stopped: {result.text}"] if result.outcome is Outcome.STOPPED else []
+    text, left = without_queries(result.text), without_queries(result.left)
+    ended = f": {text}" if text and result.outcome is not Outcome.STOPPED else ""
+    lines = [f"{result.outcome}{ended}", *(f"then: {without_queries(str(one))}" for one in result.followed)]
+    errors = [f"stopped: {text}"] if result.outcome is Outcome.STOPPED else []
     if result.outcome is Outcome.COMPLETED and (unmet := failed_criteria(step_outcomes(notes.steps))):
         errors.append(unmet)
         code = CRITERION
@@ -123,8 +125,8 @@ def _finish(session: "Session", result: RunResult, outputs: Outputs) -> int:
     else:
         lines += record
     lines += [f"fault: {text}" for text in notes.faults]
-    if result.left:
-        lines.append(f"left: {result.left}")
+    if left:
+        lines.append(f"left: {left}")
     if result.outcome is Outcome.STOPPED and notes.traces:
         errors[0] += "" if debug_wanted() else "; --debug shows the traceback"
         errors = [*(text.rstrip() for text in notes.traces if debug_wanted()), *errors]

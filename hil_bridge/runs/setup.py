@@ -1,18 +1,40 @@
 """A configuration resolved, in one place and once: devices, facts, pace, loop."""
 
 from functools import cached_property
+from typing import Any, NamedTuple
 
 import msgspec
 
+from emulators.cell import Cell
 from hil_bridge.control import ControlLoop
 from hil_bridge.devices.facts import RobotFacts
-from hil_bridge.devices.kinds import EmulatedKinds
+from hil_bridge.devices.kinds import SURFACES, EmulatedKinds, SurfaceKind
 from hil_bridge.runs.pace import control_loop, paced
 from hil_bridge.settings.configuration import Config
-from hil_bridge.settings.devices import Robot, Sensor, cell_in_words, emulated_in, robot_in, sensor_in
+from hil_bridge.settings.devices import (
+    Robot,
+    Sensor,
+    cell_in_words,
+    robot_at,
+    robot_in,
+    sensor_at,
+    sensor_in,
+)
+from hil_bridge.settings.kinds import surface_settings
 
 _OF_THE_LINK = ("hops", "routine", "errors", "traffic")
 """Facts that an open link adds for people. They decide nothing."""
+
+
+class Listen(NamedTuple):
+    """URLs at which the devices of an emulated cell listen: "" for the usual one of the kind, None for a device that is
+    not served.
+    """
+
+    robot: str | None = ""
+    sensor: str | None = ""
+    panel: str = ""
+    """URL of the emulated controller's panel, for people; empty without one."""
 
 
 class Setup:
@@ -21,9 +43,14 @@ class Setup:
     Each part is resolved when it is first asked for, and raises ConfigError then: a check can name each fault alone.
     """
 
-    def __init__(self, config: Config, listen: tuple[str, str] | None = None) -> None:
-        """`listen` are URLs at which an emulated robot and sensor listen; None: the usual ones of their kinds."""
-        self._given, self.listen = config, listen
+    def __init__(self, config: Config, listen: Listen | None = None) -> None:
+        """`listen` tells where the emulated devices listen; None: each that has no URL listens at the usual one."""
+        self._given = config
+        self.cell: Cell[Any, Any] | None = None
+        """The emulated cell, once the checks have powered it up; None before, and where both devices are real."""
+        self.listen = listen or Listen(
+            None if config.robot.url else "", None if config.sensor.url else "", config.run.panel_url
+        )
 
     @cached_property
     def robot(self) -> Robot:
@@ -36,9 +63,29 @@ class Setup:
         return sensor_in(self._given)
 
     @cached_property
+    def cell_robot(self) -> Robot:
+        """The robot of the emulated cell, with the URL at which it listens; "" for the usual one of its kind."""
+        return robot_at(self._given, self.listen.robot or "")
+
+    @cached_property
+    def cell_sensor(self) -> Sensor:
+        """The sensor of the emulated cell, with the URL as of `cell_robot`."""
+        return sensor_at(self._given, self.listen.sensor or "")
+
+    @cached_property
+    def cell_surface(self) -> tuple[SurfaceKind, Any] | None:
+        """The surface of the emulated cell with its settings, where it is another package's."""
+        name = self._given.cell.surface_kind
+        if not name:
+            return None
+        kind = SURFACES.kind(name)
+        return kind, surface_settings(self._given, kind)
+
+    @property
     def emulated(self) -> EmulatedKinds:
         """The kinds of which the emulated cell is made."""
-        return emulated_in(self._given)
+        surface = self.cell_surface
+        return EmulatedKinds(self.cell_robot.kind, self.cell_sensor.kind, surface and surface[0])
 
     @cached_property
     def facts(self) -> RobotFacts:

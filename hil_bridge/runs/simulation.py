@@ -29,7 +29,7 @@ from hil_bridge.record.analysis.columns import Columns
 from hil_bridge.record.analysis.summary import Summary, summarise
 from hil_bridge.record.kept import KeptRecords
 from hil_bridge.runs import compose
-from hil_bridge.runs.checks import check, check_wires
+from hil_bridge.runs.checks import Start, check, check_wires
 from hil_bridge.runs.cycle import Run
 from hil_bridge.runs.faults.panel import FaultPanel
 from hil_bridge.runs.result import RunResult
@@ -339,7 +339,7 @@ async def opened_devices(config: Config) -> AsyncIterator[OpenDevices]:
     clock = Clock.running()
     try:
         setup = Setup(config)
-        check_wires(setup, clock.is_virtual)
+        check_wires(setup, Start(clock.is_virtual))
         async with compose.open_devices(setup, clock, Silence()) as devices:
             yield OpenDevices(devices.robot, devices.sensor, clock, devices.cell)
     finally:

@@ -67,7 +67,7 @@ class SmallSteps:
         while True:
             report = await self._robot.report()
             if report.fault:
-                raise SafetyStop(report.fault, cause=Cause.LIFT_STATE)
+                raise SafetyStop(report.fault, remedy=report.remedy, cause=Cause.LIFT_STATE)
             position = report.pose.position
             apart = math.dist(position, target)
             if apart <= FOLLOWS_M:
@@ -122,13 +122,6 @@ class SmallSteps:
 def numbers(values: Sequence[float]) -> str:
     """Values for people to read, with two digits."""
     return " ".join(f"{value:z.2f}" for value in values)
-
-
-def unit(quaternion: Quaternion) -> Quaternion:
-    """Device words are rounded; turns are calculated with unit length."""
-    length = math.hypot(*quaternion)
-    w, x, y, z = (part / length for part in quaternion)
-    return w, x, y, z
 
 
 def _mm(position: Vector) -> str:

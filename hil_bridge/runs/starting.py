@@ -3,12 +3,12 @@
 import math
 
 from hil_bridge.control import ControlLoop
-from hil_bridge.control.geometry.turning import apart, unit
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.reach import check_workspace
 from hil_bridge.devices.robots.seam import RobotReport
 from hil_bridge.errors import Cause, ConfigError
 from hil_bridge.settings.configuration import Config
+from protocol.geometry import angle_between
 
 
 def check_start(config: Config, loop: ControlLoop, start: RobotReport) -> None:
@@ -19,7 +19,7 @@ def check_start(config: Config, loop: ControlLoop, start: RobotReport) -> None:
     point = config.task.resume
     if point is None:
         return
-    turned = math.degrees(apart(unit(start.pose.quaternion), point.quaternion))
+    turned = math.degrees(angle_between(start.pose.quaternion, point.quaternion))
     if turned > config.limits.tilt_deg:
         raise ConfigError(
             f"the tool is turned by {turned:.1f}° from the start of the recorded run, allowed are "

@@ -15,8 +15,6 @@ from hil_bridge.control import (
     Reading,
     Wrist,
     lift_fault,
-    quaternion_about,
-    quaternion_product,
     weight_fault,
     weight_reading,
 )
@@ -27,10 +25,10 @@ from hil_bridge.devices.robots.seam import Motion, RobotLink, RobotReport
 from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.errors import Cause, ConfigError, DeviceError, SafetyStop
 from hil_bridge.record.ending import Check
-from hil_bridge.runs.small_steps import LIFT_SPEED_M_S, SmallSteps, numbers, unit
+from hil_bridge.runs.small_steps import LIFT_SPEED_M_S, SmallSteps, numbers
 from hil_bridge.runs.witness import OwnForce
 from hil_bridge.settings.configuration import Config
-from protocol.geometry import Quaternion, Vector
+from protocol.geometry import Quaternion, Vector, normalise, product, turn_about
 
 ZERO_PATIENCE_S = 20.0
 """Chosen: how long a zero may take; a UART gateway is deaf for a second after every command, and repeats some."""
@@ -54,9 +52,9 @@ class Zero:
 def wrist(config: Config) -> Wrist:
     """Mounting of the sensor by this configuration, and the load below it."""
     sensor, tool = config.sensor, config.tool
-    mounting = quaternion_about((0.0, 0.0, 1.0), math.radians(sensor.mounting_deg))
+    mounting = turn_about((0.0, 0.0, 1.0), math.radians(sensor.mounting_deg))
     return Wrist(
-        quaternion_product(sensor.quaternion, mounting),
+        product(sensor.quaternion, mounting),
         _metres(sensor.position_mm),
         sensor.flip_fx_mx,
         (*sensor.bias_n, *sensor.bias_nm),
@@ -129,7 +127,7 @@ class Zeroing:
         Raises DeviceError with the axis and what it looks like.
         """
         self._say(self._told_facts(), Check.FACTS)
-        self._quaternion = unit(start.pose.quaternion)
+        self._quaternion = normalise(start.pose.quaternion)
         self._first = self._before = await self._steps.steady(self._config.task.zero_change_n)
         limits, approach = self._config.limits, self._config.frame.approach
         quaternion = start.pose.quaternion
@@ -215,7 +213,7 @@ class Zeroing:
         if interrupted():
             return None
         before = self._before
-        quaternion = unit(start.pose.quaternion)
+        quaternion = normalise(start.pose.quaternion)
         contact = (0.0,) * 6
         if self._config.sensor.tare:
             reference = self._known or self._wrist
@@ -280,7 +278,7 @@ class Zeroing:
 
     def _judge(self, after: Reading, start: RobotReport, away: float) -> None:
         """Raise SafetyStop when the force has changed on the way."""
-        quaternion, known = unit(start.pose.quaternion), self._known
+        quaternion, known = normalise(start.pose.quaternion), self._known
         forces = [
             (known or self._wrist).contact_wrench(seen.mean, quaternion, None)[:3].tolist()
             for seen in (self._first, after)

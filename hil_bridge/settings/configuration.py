@@ -45,7 +45,7 @@ from hil_bridge.settings.program import (
     with_program,
 )
 from hil_bridge.settings.upgrade import older_setting
-from protocol.geometry import Quaternion, Vector
+from protocol.geometry import Quaternion, Vector, normalise
 
 OPTIONS = {
     "run.duration_s": "--duration",
@@ -157,11 +157,9 @@ class SensorConfig(_Section):
     @field_validator("quaternion")
     @classmethod
     def _unit(cls, quaternion: Quaternion) -> Quaternion:
-        length = math.hypot(*quaternion)
-        if length < 1e-6:
+        if math.hypot(*quaternion) < 1e-6:
             raise ValueError("must not be the zero quaternion")
-        w, x, y, z = (part / length for part in quaternion)
-        return w, x, y, z
+        return normalise(quaternion)
 
 
 class ToolConfig(_Section):

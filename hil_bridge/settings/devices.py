@@ -6,7 +6,6 @@ from typing import Any, Generic, TypeVar
 from hil_bridge.devices.kinds import (
     ROBOTS,
     SENSORS,
-    EmulatedKinds,
     KindSettings,
     RobotKind,
     SensorKind,
@@ -29,6 +28,11 @@ class Device(Generic[_Kind]):
     settings: KindSettings[Any, Any]
 
     @property
+    def named_url(self) -> str:
+        """URL of its wire with the kind before it, as a configuration has it."""
+        return f"{self.kind.name}+{self.url}"
+
+    @property
     def is_emulated(self) -> bool:
         """Whether this program emulates it; a URL may lead to an emulator elsewhere."""
         return not self.url
@@ -38,23 +42,26 @@ Robot = Device[RobotKind[Any, Any]]
 Sensor = Device[SensorKind[Any, Any]]
 
 
-def robot_in(config: Config, url: str = "") -> Robot:
-    """The robot of a configuration, or the one behind this URL with its settings. Raises ConfigError."""
-    url = url or config.robot.url
+def robot_in(config: Config) -> Robot:
+    """The robot of a configuration. Raises ConfigError."""
+    return robot_at(config, config.robot.url)
+
+
+def robot_at(config: Config, url: str) -> Robot:
+    """The robot behind this URL with its settings; "" for the emulated one. Raises ConfigError."""
     kind, wire = robot_of(url) if url else (ROBOTS.kind(config.robot.emulated), "")
     return Device(kind, wire, settings_of(config, kind))
 
 
-def sensor_in(config: Config, url: str = "") -> Sensor:
-    """The sensor of a configuration, or the one behind this URL with its settings. Raises ConfigError."""
-    url = url or config.sensor.url
+def sensor_in(config: Config) -> Sensor:
+    """The sensor of a configuration. Raises ConfigError."""
+    return sensor_at(config, config.sensor.url)
+
+
+def sensor_at(config: Config, url: str) -> Sensor:
+    """The sensor behind this URL with its settings; "" for the emulated one. Raises ConfigError."""
     kind, wire = sensor_of(url) if url else (SENSORS.kind(config.sensor.emulated), "")
     return Device(kind, wire, settings_of(config, kind))
-
-
-def emulated_in(config: Config) -> EmulatedKinds:
-    """The kinds of which the emulated cell of a configuration is made. Raises ConfigError."""
-    return EmulatedKinds.named(config.robot.emulated, config.sensor.emulated, config.cell.surface_kind)
 
 
 def cell_in_words(robot: Robot, sensor: Sensor) -> tuple[bool, str]:

@@ -80,14 +80,18 @@ class FaultConfig(BaseModel):
         return phase
 
     @property
+    def condition(self) -> Condition | None:
+        """The condition of `when`, read from its text; None without one. Raises ValueError."""
+        return Condition.read(self.when) if self.when else None
+
+    @property
     def given(self) -> dict[str, Any]:
         """Parameters and duration."""
         return self.parameters if self.for_s is None else {**self.parameters, "for_s": self.for_s}
 
     @model_validator(mode="after")
     def _fits(self) -> Self:
-        if self.when:
-            Condition.read(self.when)
+        _ = self.condition
         return self
 
     def check_cell(self, robot_url: str, sensor_url: str, cell: EmulatedKinds) -> None:

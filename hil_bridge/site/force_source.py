@@ -25,7 +25,7 @@ from hil_bridge.settings.kinds import settings_of, surface_settings
 from hil_bridge.transports.pump import Pump
 from protocol.devices.rtde.force import Event, ForceClient, Lost, Seen
 from protocol.devices.rtde.wires import Pieces
-from protocol.geometry import Quaternion, Vector, Wrench
+from protocol.geometry import Wrench, inverse, rotate
 
 _RATE_HZ = 8000
 """A surface with memory is shown at least so many samples a second."""
@@ -92,8 +92,8 @@ class ForceSource:
                 f"the surface pushes with {self.newest_n:.0f} N, allowed are {self._limit:g} N: "
                 "lift the tool, or give --limit-n"
             )
-        force = _turned_back(seen.pose.quaternion, (x, y, z))
-        force = _turned(seen.tip.quaternion, force)
+        force = rotate(inverse(seen.pose.quaternion), (x, y, z))
+        force = rotate(seen.tip.quaternion, force)
         a, b, c = seen.tip.position
         u, v, w = force
         return u, v, w, b * w - c * v, c * u - a * w, a * v - b * u
@@ -121,8 +121,8 @@ async def feed(
 
     def take(event: Event) -> None:
         match event:
-            case Lost(text=text):
-                fail(DeviceError(f"robot on {url}: {text}"))
+            case Lost(text=text, remedy=remedy):
+                fail(DeviceError(f"robot on {url}: {text}", remedy=remedy))
             case Seen() if not failures:
                 try:
                     client.give(source.wrench(event))
@@ -139,15 +139,3 @@ async def feed(
     if ended:
         raise ended[0]
     return source
-
-
-def _turned(quaternion: Quaternion, vector: Vector) -> Vector:
-    w, x, y, z = quaternion
-    a, b, c = vector
-    p, q, r = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
-    return a + w * p + y * r - z * q, b + w * q + z * p - x * r, c + w * r + x * q - y * p
-
-
-def _turned_back(quaternion: Quaternion, vector: Vector) -> Vector:
-    w, x, y, z = quaternion
-    return _turned((w, -x, -y, -z), vector)

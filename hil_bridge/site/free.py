@@ -17,10 +17,10 @@ from hil_bridge.errors import SafetyStop
 from hil_bridge.runs.bounds import free_bounds
 from hil_bridge.runs.compose import open_devices
 from hil_bridge.runs.setup import Setup
-from hil_bridge.runs.small_steps import LIFT_SPEED_M_S, SmallSteps, bring_up, unit
+from hil_bridge.runs.small_steps import LIFT_SPEED_M_S, SmallSteps, bring_up
 from hil_bridge.runs.zeroing import known_wrist, wrist
 from hil_bridge.settings.configuration import Config
-from protocol.geometry import Quaternion
+from protocol.geometry import Quaternion, normalise
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +144,7 @@ class _Watch:
         pressed = length
         if not self._known:
             pressed = force_along(
-                self._config.frame.approach, unit(self._orientation), (*force, 0.0, 0.0, 0.0)
+                self._config.frame.approach, normalise(self._orientation), (*force, 0.0, 0.0, 0.0)
             )
         if self._lowest == math.inf:
             self._lowest, self._most = pressed, max(length, limits.force_limit_n)
@@ -160,5 +160,5 @@ class _Watch:
 
 def _force(seen: Wrist, orientation: Quaternion, mean: tuple[float, ...]) -> tuple[float, ...]:
     """Contact force of a reading in the tool frame, N, as far as weight and bias are known."""
-    x, y, z = seen.contact_wrench(mean, unit(orientation), None)[:3].tolist()
+    x, y, z = seen.contact_wrench(mean, normalise(orientation), None)[:3].tolist()
     return x, y, z

@@ -25,6 +25,7 @@ from hil_bridge.errors import DeviceError
 from hil_bridge.runs.compose import connect_sensor
 from hil_bridge.runs.zeroing import wrist
 from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.devices import sensor_at
 from hil_bridge.site.push import (
     RIGHT_ANGLE_DEG,
     Answer,
@@ -149,7 +150,7 @@ async def probe(url: str, config: Config, clock: Clock, session: Session) -> Non
     def note(kind: str, text: str) -> None:
         screen.say(f"{kind}: {text}")
 
-    sensor = await connect_sensor(config, url, Wiring("sensor", clock, LogTo(take, note)))
+    sensor = await connect_sensor(sensor_at(config, url), Wiring("sensor", clock, LogTo(take, note)))
     sensor.start()
     try:
         look = _Look(sensor, frames, clock)

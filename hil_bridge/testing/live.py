@@ -14,7 +14,8 @@ from hil_bridge.devices.robots.seam import RobotLink
 from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.devices.wiring import Wiring
 from hil_bridge.testing.cases import RobotCase, SensorCase
-from hil_bridge.testing.naming import Finding, angle_between
+from hil_bridge.testing.naming import Finding
+from protocol.geometry import angle_between
 from protocol.wrench import AXES, WrenchFrame
 
 WATCHED_S = 2.0

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from protocol.geometry import Quaternion, Vector
+from protocol.geometry import Quaternion, Vector, angle_between
 from protocol.wrench import AXES
 
 
@@ -33,13 +33,6 @@ def position_mistake(told: Vector, true: Vector, allowed: float) -> str:
         if math.dist(told, mirrored) <= allowed:
             return f"{words}: the sign of {'xyz'[axis]} is wrong"
     return words
-
-
-def angle_between(p: Quaternion, q: Quaternion) -> float:
-    """Angle of the rotation from one orientation to another, rad; nan where one is none."""
-    norm = math.hypot(*p) * math.hypot(*q)
-    dot = abs(sum(a * b for a, b in zip(p, q, strict=True)))
-    return 2.0 * math.acos(min(1.0, dot / norm)) if norm > 0.0 else math.nan
 
 
 def orientation_mistake(told: Quaternion, true: Quaternion, allowed: float) -> str:

@@ -13,7 +13,6 @@ The client is the link that `ROBOT.connect` makes. It speaks with the emulated r
 and is judged by where that robot truly is. `--hil-live KIND+URL` runs `test_live_robot_reports` on a real one.
 """
 
-import asyncio
 import math
 from collections.abc import Callable
 from contextlib import suppress
@@ -22,11 +21,11 @@ from typing import Any
 import pytest
 
 from hil_bridge.errors import BridgeError
-from hil_bridge.testing.cancelling import MOST, cancelled_at
 from hil_bridge.testing.cases import RobotCase, declared
 from hil_bridge.testing.live import check_live_robot
 from hil_bridge.testing.meddling import flipped, garbage, lengthened, shortened
 from hil_bridge.testing.naming import Finding
+from hil_bridge.testing.rig import try_each_fault
 from hil_bridge.testing.robot_model import check_any_order
 from hil_bridge.testing.robot_rig import LIMITS, SPEED_M_S, RobotRig, run_robot
 from protocol.endpoint import ProtocolError
@@ -356,21 +355,11 @@ def test_robot_client_cancelled_at_any_await_leaves_nothing(robot_client: RobotC
             finally:
                 await link.aclose()
 
-        before = asyncio.all_tasks()
-        for number in range(MOST):
-            rig.wires.clear()
-            went_on = await cancelled_at(number, session)
-            where = f"cancelled at its await number {number}"
-            if left := [wire.name for wire in rig.wires if not wire.closed]:
-                raise Finding(f"{where}, the client leaks a wire: {left[0]} is not closed")
-            await rig.wait(0.3)
-            tasks = asyncio.all_tasks() - before
-            if tasks:
-                raise Finding(f"{where}, the client leaves a task behind: {tasks.pop().get_name()}")
+        async def stands(number: int, where: str) -> None:
             if number % 5 == 0:
                 await rig.check_stands(f"{where}, the client has gone, and")
-            if not went_on:
-                return
+
+        await rig.cancel_everywhere(session, stands)
 
     run_robot(robot_client, check)
 
@@ -379,12 +368,9 @@ def test_robot_client_cancelled_at_any_await_leaves_nothing(robot_client: RobotC
 def test_robot_client_stands_every_fault_in_every_phase(robot_client: RobotCase, phase: str) -> None:
     """Each fault of the emulator: nothing but a BridgeError is raised, no call waits for ever, and the robot stands."""
     assert robot_client.kind.emulation is not None
-    faults = [(on, name) for on, table in robot_client.kind.emulation.faults.items() for name in table]
-    if not faults:
-        pytest.skip(f"the emulator of {robot_client.kind.name} has no faults")
-    for target, fault in faults:
 
-        async def check(rig: RobotRig, target: str = target, fault: str = fault) -> None:
+    def attempt(target: str, fault: str) -> None:
+        async def check(rig: RobotRig) -> None:
             with suppress(BridgeError):
                 async with rig.started() as link:
                     await _through(rig, link, (target, fault), phase)
@@ -392,11 +378,9 @@ def test_robot_client_stands_every_fault_in_every_phase(robot_client: RobotCase,
             await rig.wait(0.5)
             await rig.check_stands("the client has gone, and")
 
-        try:
-            run_robot(robot_client, check)
-        except BaseException as error:
-            error.add_note(f"the fault was {target}: {fault}, while {phase}")
-            raise
+        run_robot(robot_client, check)
+
+    try_each_fault(robot_client.kind, phase, attempt)
 
 
 def _check_numbers(report: RobotReport) -> None:

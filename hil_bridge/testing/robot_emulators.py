@@ -13,7 +13,7 @@ They know it by `emulators.seams.EmulatedRobot`, and order it about through the 
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
@@ -22,9 +22,10 @@ import pytest
 
 from hil_bridge.errors import BridgeError
 from hil_bridge.testing.cases import RobotCase
-from hil_bridge.testing.meddling import flipped, garbage, lengthened, shortened
-from hil_bridge.testing.naming import Finding, angle_between
+from hil_bridge.testing.naming import Finding
+from hil_bridge.testing.rig import DAMAGES
 from hil_bridge.testing.robot_rig import LIMITS, RobotRig, run_robot
+from protocol.geometry import angle_between
 
 __all__ = [
     "test_committed_path_never_changes",
@@ -188,29 +189,15 @@ def test_targets_are_counted_and_begin_after_their_order(robot_emulator: RobotCa
     run_robot(robot_emulator, check)
 
 
-@pytest.mark.parametrize("damage", ["flipped", "shortened", "lengthened", "garbage"])
+@pytest.mark.parametrize("damage", DAMAGES)
 def test_hostile_bytes_neither_break_nor_move_it(robot_emulator: RobotCase, damage: str) -> None:
     """The client's bytes arrive damaged. The emulator raises nothing, goes nowhere far, and stands in the end."""
-    alter: Callable[[Any, int], Sequence[Any]] = {
-        "flipped": lambda data, count: (flipped(data, 11 * count),),
-        "shortened": lambda data, count: (shortened(data),),
-        "lengthened": lambda data, count: (lengthened(data),),
-        "garbage": lambda data, count: (garbage(data), data),
-    }[damage]
 
     async def check(rig: RobotRig) -> None:
-        count = 0
-
-        def meddle(data: Any) -> Sequence[Any]:
-            nonlocal count
-            count += 1
-            return alter(data, count) if count % 3 == 0 else (data,)
-
         with suppress(BridgeError):
             link = await rig.connect()
             try:
-                for wire in rig.wires:
-                    wire.alter_sent = meddle
+                rig.damage_sent(damage, 3, 3)
                 link.start()
                 await rig.within(link.ready(), "ready")
                 for _ in range(5):
@@ -228,23 +215,8 @@ def test_hostile_bytes_neither_break_nor_move_it(robot_emulator: RobotCase, dama
 
 def test_every_fault_of_the_robot_can_begin(robot_emulator: RobotCase) -> None:
     async def check(rig: RobotRig) -> None:
-        emulation = rig.case.kind.emulation
-        assert emulation is not None
-        told = {(on, name) for on, table in emulation.faults.items() for name in table}
-        handled = {(on, name) for on, table in rig.robot.handlers.items() for name in table}
-        if extra := handled - told:
-            raise Finding(
-                f"the robot handles {sorted(extra)[0]}, which the table of its faults does not tell"
-            )
         async with rig.started():
-            begun = 0
-            for on, name in sorted(told):
-                begun += rig.inject(on, name)
-                await rig.wait(0.05)
-            if told and not begun:
-                raise Finding("none of the faults can begin with its defaults")
-            rig.mend()
-            await rig.wait(0.1)
+            await rig.begin_each(rig.robot.handlers, "robot")
 
     with suppress(BridgeError):
         run_robot(robot_emulator, check)

@@ -1,18 +1,17 @@
 """A model of a robot, and any sequence of orders against it: the client must tell the same."""
 
-import asyncio
 from collections.abc import Awaitable, Callable
 from contextlib import AsyncExitStack, suppress
 from typing import Any
 
-from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, precondition, rule, run_state_machine_as_test
+from hypothesis.stateful import precondition, rule
 
-from hil_bridge.clock import Clock, VirtualLoop
+from hil_bridge.clock import Clock
 from hil_bridge.devices.robots.seam import Motion, RobotLink
 from hil_bridge.errors import BridgeError
 from hil_bridge.testing.cases import RobotCase
+from hil_bridge.testing.model import Model, try_sequences
 from hil_bridge.testing.naming import Finding
 from hil_bridge.testing.robot_rig import LIMITS, SPEED_M_S, RobotRig, robot_rig
 
@@ -24,17 +23,14 @@ _BOX_MM = 15
 _offsets = st.tuples(*[st.integers(-_BOX_MM, _BOX_MM)] * 3)
 
 
-class _Model(RuleBasedStateMachine):
+class RobotModel(Model):
     """The model is small: where the tool may be is the box of all orders, and it stands unless one is under way."""
 
     case: RobotCase
 
     def __init__(self) -> None:
         super().__init__()
-        self._runner = asyncio.Runner(loop_factory=VirtualLoop)
-        self._unhandled: list[dict[str, Any]] = []
-        self._runner.get_loop().set_exception_handler(lambda _, context: self._unhandled.append(context))
-        self._stack, self._moving = AsyncExitStack(), AsyncExitStack()
+        self._moving = AsyncExitStack()
         self.motion: Motion | None = None
         self.ended = False
         """The movement has been halted or abandoned."""
@@ -43,15 +39,6 @@ class _Model(RuleBasedStateMachine):
         self.low: tuple[float, ...] = (0.0, 0.0, 0.0)
         self.high: tuple[float, ...] = (0.0, 0.0, 0.0)
         self.run(self._begin())
-
-    def run(self, act: Awaitable[Any]) -> Any:
-        async def main() -> Any:
-            return await act
-
-        result = self._runner.run(main())
-        for context in self._unhandled:
-            raise Finding(f"a callback of the client has failed: {context.get('exception')!r}")
-        return result
 
     async def _begin(self) -> None:
         self.rig: RobotRig = await self._stack.enter_async_context(robot_rig(self.case, Clock.running()))
@@ -206,23 +193,9 @@ class _Model(RuleBasedStateMachine):
             await self.link.aclose()
             await self._stack.aclose()
 
-        try:
-            self._runner.run(end())
-        finally:
-            self._runner.close()
+        self.end(end())
 
 
 def check_any_order(case: RobotCase) -> None:
     """Try sequences of orders. The one that fails is told, as short as it can be made."""
-    machine = type("RobotModel", (_Model,), {"case": case})
-    run_state_machine_as_test(
-        machine,
-        settings=settings(
-            max_examples=EXAMPLES,
-            stateful_step_count=STEPS,
-            deadline=None,
-            derandomize=True,
-            database=None,
-            suppress_health_check=list(HealthCheck),
-        ),
-    )
+    try_sequences(RobotModel, case, EXAMPLES, STEPS)

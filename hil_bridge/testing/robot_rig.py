@@ -1,24 +1,21 @@
 """An emulated robot behind its wire in virtual time, with its client, its truth, and hands on both."""
 
-import asyncio
 import math
 from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import AsyncExitStack, asynccontextmanager
+from contextlib import asynccontextmanager
 from typing import Any
 
 import numpy as np
 
-from emulators.faults import Ledger
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.devices.device_log import Silence
 from hil_bridge.devices.robots.seam import MotionLimits, RobotLink
-from hil_bridge.devices.wiring import Serving, Wiring
+from hil_bridge.devices.wiring import Wiring
 from hil_bridge.errors import BridgeError
 from hil_bridge.testing.cases import RobotCase
-from hil_bridge.testing.meddling import Meddled
 from hil_bridge.testing.naming import Finding, orientation_mistake, position_mistake
-from hil_bridge.transports import Transport
-from protocol.geometry import Pose, Quaternion
+from hil_bridge.testing.rig import Rig, serving_in_memory
+from protocol.geometry import Pose, normalise, product
 from protocol.robot import RobotReport
 
 SPEED_M_S = 0.05
@@ -31,24 +28,24 @@ CHECKED_S = 0.3
 """Chosen: for so long it is watched whether a robot stands."""
 
 
-class RobotRig:
+class RobotRig(Rig):
     """One emulated robot. Its client is made by `connect`, as often as wanted."""
 
+    patience_s = PATIENCE_S
+
     def __init__(self, case: RobotCase, clock: Clock, robot: Any, url: str) -> None:
-        self.case, self.clock, self.robot, self._url = case, clock, robot, url
         emulation = case.kind.emulation
         assert emulation is not None
-        self.ledger = Ledger(emulation.faults)
+        super().__init__(clock, emulation.faults)
+        self.case, self.robot, self._url = case, robot, url
         for target, handlers in robot.handlers.items():
             self.ledger.attach(target, handlers)
-        self.wires: list[Meddled] = []
-        """Wires of the clients, in the order in which they were opened."""
         self.over = False
         """The check has ended."""
 
     async def connect(self) -> RobotLink:
         """A client for the robot, not started yet."""
-        wiring = Wiring("robot", self.clock, Silence(), self._wrap)
+        wiring = Wiring("robot", self.clock, Silence(), self.wrap)
         link: RobotLink = await self.case.kind.connect(self._url, self.case.given, wiring)
         return link
 
@@ -63,21 +60,6 @@ class RobotRig:
         finally:
             await link.aclose()
 
-    def _wrap(self, device: str, wire: Transport[Any]) -> Transport[Any]:
-        meddled = Meddled(wire)
-        self.wires.append(meddled)
-        return meddled
-
-    async def within(self, answer: Awaitable[Any], name: str) -> Any:
-        """The answer, which must come, or fail, some time."""
-        try:
-            async with asyncio.timeout(PATIENCE_S):
-                return await answer
-        except TimeoutError:
-            raise Finding(
-                f"`{name}` waits for ever: no answer and no error within {PATIENCE_S:g} s"
-            ) from None
-
     async def refused(
         self,
         answer: Awaitable[Any],
@@ -91,14 +73,6 @@ class RobotRig:
         except errors:
             return
         raise Finding(words)
-
-    async def wait(self, seconds: float) -> None:
-        """Let time pass; faults end at their times."""
-        ends = self.clock.now() + seconds
-        while (due := self.ledger.next_deadline()) is not None and due < ends:
-            await self.clock.sleep_until(due)
-            self.ledger.handle_deadline(due)
-        await self.clock.sleep_until(ends)
 
     # --- truth
 
@@ -132,30 +106,13 @@ class RobotRig:
     ) -> Pose:
         """A pose around the start: so many mm off, and turned by so many degrees about base x, y, z."""
         x, y, z = self.case.start.position
-        quaternion = _unit(self.case.start.quaternion)
+        quaternion = normalise(self.case.start.quaternion)
         for axis, degrees in enumerate(turn if self.case.turns else ()):
             half = math.radians(degrees) / 2.0
             parts = [math.cos(half), 0.0, 0.0, 0.0]
             parts[axis + 1] = math.sin(half)
-            quaternion = _product((parts[0], parts[1], parts[2], parts[3]), quaternion)
+            quaternion = product((parts[0], parts[1], parts[2], parts[3]), quaternion)
         return Pose((x + dx_mm * 1e-3, y + dy_mm * 1e-3, z + dz_mm * 1e-3), quaternion)
-
-    def inject(self, target: str, fault: str) -> bool:
-        """Let a fault happen, with its defaults; False for one that this robot cannot have now."""
-        try:
-            self.ledger.inject(target, fault, self.clock.now(), self._amounts(target, fault))
-        except ValueError:
-            return False
-        return True
-
-    def _amounts(self, target: str, fault: str) -> dict[str, object]:
-        """Values for parameters of which one must not be 0."""
-        found = self.ledger.table[target][fault]
-        return {name: max(found.parameters[name].maximum / 100.0, 1e-3) for name in found.amounts[:1]}
-
-    def mend(self) -> None:
-        """End the faults that last."""
-        self.ledger.mend(self.clock.now())
 
 
 LIMITS = MotionLimits(SPEED_M_S)
@@ -167,16 +124,12 @@ async def robot_rig(case: RobotCase, clock: Clock) -> AsyncIterator[RobotRig]:
     given = case.given
     emulation = case.kind.emulation
     assert emulation is not None
-    failed: list[BaseException] = []
-    async with AsyncExitStack() as stack:
-        serving = Serving(clock, stack, failed.append, lambda text: None)
+    async with serving_in_memory(clock) as serving:
         robot = emulation.make(given)(case.start, clock.now(), 1)
         url = await emulation.serve(emulation.usual(given, True), robot, given, serving)
         rig = RobotRig(case, clock, robot, url)
         rig.ledger.on_change.append(serving.wake)
         yield rig
-        if failed and not isinstance(failed[0], BridgeError):
-            raise failed[0]
 
 
 def run_robot(case: RobotCase, check: Callable[[RobotRig], Awaitable[None]]) -> None:
@@ -190,20 +143,3 @@ def run_robot(case: RobotCase, check: Callable[[RobotRig], Awaitable[None]]) -> 
                 rig.over = True
 
     run_virtual(main)
-
-
-def _unit(quaternion: Quaternion) -> Quaternion:
-    norm = math.hypot(*quaternion)
-    w, x, y, z = quaternion
-    return w / norm, x / norm, y / norm, z / norm
-
-
-def _product(p: Quaternion, q: Quaternion) -> Quaternion:
-    a, b, c, d = p
-    w, x, y, z = q
-    return (
-        a * w - b * x - c * y - d * z,
-        a * x + b * w + c * z - d * y,
-        a * y - b * z + c * w + d * x,
-        a * z + b * y - c * x + d * w,
-    )

@@ -13,7 +13,6 @@ The client is the one that `SENSOR.connect` makes. It reads the emulated sensor 
 which the tests push. `--hil-live KIND+URL` runs `test_live_sensor_frames` on a real one.
 """
 
-import asyncio
 import itertools
 import math
 from collections.abc import Callable, Sequence
@@ -24,11 +23,11 @@ import pytest
 
 from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.errors import BridgeError
-from hil_bridge.testing.cancelling import MOST, cancelled_at
 from hil_bridge.testing.cases import SensorCase, declared
 from hil_bridge.testing.live import check_live_sensor
 from hil_bridge.testing.meddling import flipped, garbage, lengthened, shortened
 from hil_bridge.testing.naming import Finding, wrench_mistake
+from hil_bridge.testing.rig import try_each_fault
 from hil_bridge.testing.sensor_model import check_any_push
 from hil_bridge.testing.sensor_rig import NOTHING, SensorRig, full_scales, run_sensor
 from protocol.wrench import AXES, WrenchFrame
@@ -327,18 +326,7 @@ def test_sensor_client_cancelled_at_any_await_leaves_nothing(sensor_client: Sens
             finally:
                 await sensor.aclose()
 
-        before = asyncio.all_tasks()
-        for number in range(MOST):
-            rig.wires.clear()
-            went_on = await cancelled_at(number, session)
-            where = f"cancelled at its await number {number}"
-            if left := [wire.name for wire in rig.wires if not wire.closed]:
-                raise Finding(f"{where}, the client leaks a wire: {left[0]} is not closed")
-            await rig.wait(0.3)
-            if tasks := asyncio.all_tasks() - before:
-                raise Finding(f"{where}, the client leaves a task behind: {tasks.pop().get_name()}")
-            if not went_on:
-                return
+        await rig.cancel_everywhere(session)
 
     run_sensor(sensor_client, check)
 
@@ -347,12 +335,9 @@ def test_sensor_client_cancelled_at_any_await_leaves_nothing(sensor_client: Sens
 def test_sensor_client_stands_every_fault_in_every_phase(sensor_client: SensorCase, phase: str) -> None:
     """Each fault of the emulator: nothing but a BridgeError is raised, no call waits for ever, frames are numbers."""
     assert sensor_client.kind.emulation is not None
-    faults = [(on, name) for on, table in sensor_client.kind.emulation.faults.items() for name in table]
-    if not faults:
-        pytest.skip(f"the emulator of {sensor_client.kind.name} has no faults")
-    for target, fault in faults:
 
-        async def check(rig: SensorRig, target: str = target, fault: str = fault) -> None:
+    def attempt(target: str, fault: str) -> None:
+        async def check(rig: SensorRig) -> None:
             if phase == "start":
                 rig.inject(target, fault)
             with suppress(BridgeError):
@@ -364,11 +349,9 @@ def test_sensor_client_stands_every_fault_in_every_phase(sensor_client: SensorCa
                             raise Finding(f"a frame tells {frame.values}, which is no number")
                     sensor.check()
 
-        try:
-            run_sensor(sensor_client, check)
-        except BaseException as error:
-            error.add_note(f"the fault was {target}: {fault}, phase {phase}")
-            raise
+        run_sensor(sensor_client, check)
+
+    try_each_fault(sensor_client.kind, phase, attempt)
 
 
 def test_any_sequence_of_pushes_and_zeros(sensor_client: SensorCase) -> None:

@@ -12,16 +12,14 @@
 They know it by `emulators.seams.EmulatedSensor`, and read it through the client of the same kind.
 """
 
-from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import Any
 
 import pytest
 
 from hil_bridge.errors import BridgeError
 from hil_bridge.testing.cases import SensorCase
-from hil_bridge.testing.meddling import flipped, garbage, lengthened, shortened
 from hil_bridge.testing.naming import Finding, wrench_mistake
+from hil_bridge.testing.rig import DAMAGES
 from hil_bridge.testing.sensor_rig import NOTHING, SensorRig, full_scales, run_sensor
 from protocol.wrench import AXES, wrench_of
 
@@ -151,29 +149,15 @@ def test_overload_stays_at_the_end_of_the_range(sensor_emulator: SensorCase) -> 
     run_sensor(sensor_emulator, check)
 
 
-@pytest.mark.parametrize("damage", ["flipped", "shortened", "lengthened", "garbage"])
+@pytest.mark.parametrize("damage", DAMAGES)
 def test_hostile_bytes_do_not_break_it(sensor_emulator: SensorCase, damage: str) -> None:
     """Each second thing that the client sends is damaged. The emulator raises nothing."""
-    alter: Callable[[Any, int], Sequence[Any]] = {
-        "flipped": lambda data, count: (flipped(data, 11 * count),),
-        "shortened": lambda data, count: (shortened(data),),
-        "lengthened": lambda data, count: (lengthened(data),),
-        "garbage": lambda data, count: (garbage(data), data),
-    }[damage]
 
     async def check(rig: SensorRig) -> None:
-        count = 0
-
-        def meddle(data: Any) -> Sequence[Any]:
-            nonlocal count
-            count += 1
-            return alter(data, count) if count % 2 else (data,)
-
         with suppress(BridgeError):
             sensor = await rig.connect()
             try:
-                for wire in rig.wires:
-                    wire.alter_sent = meddle
+                rig.damage_sent(damage, 1, 2)
                 sensor.start()
                 with suppress(BridgeError):
                     await rig.within(sensor.ready(), "ready")
@@ -186,23 +170,8 @@ def test_hostile_bytes_do_not_break_it(sensor_emulator: SensorCase, damage: str)
 
 def test_every_fault_of_the_sensor_can_begin(sensor_emulator: SensorCase) -> None:
     async def check(rig: SensorRig) -> None:
-        emulation = rig.case.kind.emulation
-        assert emulation is not None
-        told = {(on, name) for on, table in emulation.faults.items() for name in table}
-        handled = {(on, name) for on, table in rig.sensor.handlers.items() for name in table}
-        if extra := handled - told:
-            raise Finding(
-                f"the sensor handles {sorted(extra)[0]}, which the table of its faults does not tell"
-            )
         async with rig.started():
-            begun = 0
-            for on, name in sorted(told):
-                begun += rig.inject(on, name)
-                await rig.wait(0.05)
-            if told and not begun:
-                raise Finding("none of the faults can begin with its defaults")
-            rig.ledger.mend(rig.clock.now())
-            await rig.wait(0.1)
+            await rig.begin_each(rig.sensor.handlers, "sensor")
 
     with suppress(BridgeError):
         run_sensor(sensor_emulator, check)

@@ -1,16 +1,11 @@
 """A model of a force sensor, and any sequence of pushes and zeros against it: the client must tell the same."""
 
-import asyncio
-from collections.abc import Awaitable
-from contextlib import AsyncExitStack
-from typing import Any
-
-from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
-from hypothesis.stateful import RuleBasedStateMachine, rule, run_state_machine_as_test
+from hypothesis.stateful import rule
 
-from hil_bridge.clock import Clock, VirtualLoop
+from hil_bridge.clock import Clock
 from hil_bridge.testing.cases import SensorCase
+from hil_bridge.testing.model import Model, try_sequences
 from hil_bridge.testing.naming import Finding, wrench_mistake
 from hil_bridge.testing.sensor_rig import NOTHING, SensorRig, full_scales, sensor_rig
 
@@ -22,28 +17,15 @@ _shares = st.tuples(*[st.integers(-30, 30)] * 6)
 """Percent of each axis' range."""
 
 
-class _Model(RuleBasedStateMachine):
+class SensorModel(Model):
     """The model: frames tell what is pushed now, less what was pushed when the zero was taken."""
 
     case: SensorCase
 
     def __init__(self) -> None:
         super().__init__()
-        self._runner = asyncio.Runner(loop_factory=VirtualLoop)
-        self._unhandled: list[dict[str, Any]] = []
-        self._runner.get_loop().set_exception_handler(lambda _, context: self._unhandled.append(context))
-        self._stack = AsyncExitStack()
         self.pushed: tuple[float, ...] = NOTHING
         self.run(self._begin())
-
-    def run(self, act: Awaitable[Any]) -> Any:
-        async def main() -> Any:
-            return await act
-
-        result = self._runner.run(main())
-        for context in self._unhandled:
-            raise Finding(f"a callback of the client has failed: {context.get('exception')!r}")
-        return result
 
     async def _begin(self) -> None:
         self.rig: SensorRig = await self._stack.enter_async_context(sensor_rig(self.case, Clock.running()))
@@ -83,23 +65,9 @@ class _Model(RuleBasedStateMachine):
             raise Finding(words)
 
     def teardown(self) -> None:
-        try:
-            self._runner.run(self._stack.aclose())
-        finally:
-            self._runner.close()
+        self.end(self._stack.aclose())
 
 
 def check_any_push(case: SensorCase) -> None:
     """Try sequences of pushes. The one that fails is told, as short as it can be made."""
-    machine = type("SensorModel", (_Model,), {"case": case})
-    run_state_machine_as_test(
-        machine,
-        settings=settings(
-            max_examples=EXAMPLES,
-            stateful_step_count=STEPS,
-            deadline=None,
-            derandomize=True,
-            database=None,
-            suppress_health_check=list(HealthCheck),
-        ),
-    )
+    try_sequences(SensorModel, case, EXAMPLES, STEPS)

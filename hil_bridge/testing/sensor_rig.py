@@ -1,25 +1,21 @@
 """An emulated force sensor behind its wire in virtual time, on which a suite pushes, with its client."""
 
-import asyncio
 import math
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
-from contextlib import AsyncExitStack, asynccontextmanager
+from contextlib import asynccontextmanager
 from typing import Any
 
 import numpy as np
 
-from emulators.faults import Ledger
 from emulators.seams import Floats
 from emulators.sensing import KnownWrench
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.devices.device_log import LogTo
 from hil_bridge.devices.sensors.stream import ForceSensor
-from hil_bridge.devices.wiring import Serving, Wiring
-from hil_bridge.errors import BridgeError
+from hil_bridge.devices.wiring import Wiring
 from hil_bridge.testing.cases import SensorCase
-from hil_bridge.testing.meddling import Meddled
 from hil_bridge.testing.naming import Finding
-from hil_bridge.transports import Transport
+from hil_bridge.testing.rig import Rig, serving_in_memory
 from protocol.geometry import Wrench
 from protocol.wrench import SensorFacts, WrenchFrame, wrench_of
 
@@ -30,21 +26,21 @@ MEAN_OF = 20
 NOTHING: Wrench = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-class SensorRig:
+class SensorRig(Rig):
     """One emulated sensor. Its client is made by `connect`, as often as wanted."""
 
+    patience_s = PATIENCE_S
+
     def __init__(self, case: SensorCase, clock: Clock) -> None:
-        self.case, self.clock = case, clock
+        super().__init__(clock, case.kind.emulation.faults if case.kind.emulation else {})
+        self.case = case
         self._times: list[float] = [-math.inf]
         self._wrenches: list[Wrench] = [NOTHING]
         self._rows = np.array(self._wrenches)
         self.source = KnownWrench(self._felt)
-        self.wires: list[Meddled] = []
-        """Wires of the clients, in the order in which they were opened."""
         self.frames: list[WrenchFrame] = []
         """Frames that the clients have told, oldest first."""
         self.sensor: Any = None
-        self.ledger = Ledger(case.kind.emulation.faults if case.kind.emulation else {})
         self.url = ""
 
     def _felt(self, times: Floats) -> Floats:
@@ -63,7 +59,7 @@ class SensorRig:
     async def connect(self) -> ForceSensor:
         """A client for the sensor as a run has it, not started yet."""
         log = LogTo(frame=self.frames.append)
-        wiring = Wiring("sensor", self.clock, log, self._wrap)
+        wiring = Wiring("sensor", self.clock, log, self.wrap)
         wire, client = await self.case.kind.connect(self.url, self.case.given, wiring)
         return ForceSensor(wire, client, self.clock, log)
 
@@ -77,29 +73,6 @@ class SensorRig:
             yield sensor
         finally:
             await self.within(sensor.aclose(), "stop")
-
-    def _wrap(self, device: str, wire: Transport[Any]) -> Transport[Any]:
-        meddled = Meddled(wire)
-        self.wires.append(meddled)
-        return meddled
-
-    async def within(self, answer: Awaitable[Any], name: str) -> Any:
-        """The answer, which must come, or fail, some time."""
-        try:
-            async with asyncio.timeout(PATIENCE_S):
-                return await answer
-        except TimeoutError:
-            raise Finding(
-                f"`{name}` waits for ever: no answer and no error within {PATIENCE_S:g} s"
-            ) from None
-
-    async def wait(self, seconds: float) -> None:
-        """Let time pass; faults end at their times."""
-        ends = self.clock.now() + seconds
-        while (due := self.ledger.next_deadline()) is not None and due < ends:
-            await self.clock.sleep_until(due)
-            self.ledger.handle_deadline(due)
-        await self.clock.sleep_until(ends)
 
     # --- frames
 
@@ -119,18 +92,6 @@ class SensorRig:
         wrenches = [wrench_of(frame.values, sensor.facts.scales) for frame in newest]
         return [math.fsum(one[k] for one in wrenches) / MEAN_OF for k in range(6)]
 
-    def inject(self, target: str, fault: str) -> bool:
-        """Let a fault happen, with its defaults; False for one that this sensor cannot have now."""
-        found = self.ledger.table[target][fault]
-        amounts: dict[str, object] = {
-            name: max(found.parameters[name].maximum / 100.0, 1e-3) for name in found.amounts[:1]
-        }
-        try:
-            self.ledger.inject(target, fault, self.clock.now(), amounts)
-        except ValueError:
-            return False
-        return True
-
 
 def full_scales(case: SensorCase, facts: SensorFacts) -> Wrench:
     """The range of each axis, N and N·m, of the case, or the one that the device tells; else a usual one."""
@@ -143,9 +104,7 @@ async def sensor_rig(case: SensorCase, clock: Clock) -> AsyncIterator[SensorRig]
     given = case.given
     emulation = case.kind.emulation
     assert emulation is not None
-    failed: list[BaseException] = []
-    async with AsyncExitStack() as stack:
-        serving = Serving(clock, stack, failed.append, lambda text: None)
+    async with serving_in_memory(clock) as serving:
         rig = SensorRig(case, clock)
         rig.sensor = emulation.make(given)(rig.source, clock.now(), 1)
         for target, handlers in rig.sensor.handlers.items():
@@ -153,8 +112,6 @@ async def sensor_rig(case: SensorCase, clock: Clock) -> AsyncIterator[SensorRig]
         rig.url = await emulation.serve(emulation.usual(given, True), rig.sensor, given, serving)
         rig.ledger.on_change.append(serving.wake)
         yield rig
-        if failed and not isinstance(failed[0], BridgeError):
-            raise failed[0]
 
 
 def run_sensor(case: SensorCase, check: Callable[[SensorRig], Awaitable[None]]) -> None:

@@ -4,36 +4,27 @@ import random
 from collections.abc import Callable, Sized
 from dataclasses import dataclass
 from functools import partial
-from typing import Generic, TypeVar
+from typing import TypeVar
 
 from hil_bridge.clock import Clock
 from hil_bridge.errors import TransportBroken, TransportClosed, TransportError
+from hil_bridge.transports.around import Around
 from hil_bridge.transports.base import Transport
-from hil_bridge.transports.delivery import QUEUE_BYTES, Delivery, TimedQueue, flush
+from hil_bridge.transports.delivery import QUEUE_BYTES, Delivery, TimedQueue
 
 Data = TypeVar("Data", bound=Sized)
 
 
-class Delayed(Generic[Data]):
+class Delayed(Around[Data]):
     """Everything, the end too, takes `latency_s` longer, in both directions."""
 
-    __slots__ = ("_delivery", "_in", "_inner", "_latency", "_out")
+    __slots__ = ("_in", "_latency", "_out")
 
     def __init__(self, transport: Transport[Data], latency_s: float, clock: Clock) -> None:
-        self._inner = transport
+        super().__init__(transport)
         self._latency = latency_s
-        self._delivery: Delivery[Data] = Delivery(transport.name, QUEUE_BYTES)
         self._in = TimedQueue(clock)
         self._out = TimedQueue(clock)
-
-    @property
-    def name(self) -> str:
-        """That of the wire."""
-        return self._inner.name
-
-    def start(self, on_data: Callable[[Data], None], on_end: Callable[[TransportError], None]) -> None:
-        self._delivery.start(on_data, on_end)
-        self._inner.start(self._arrived, self._inner_ended)
 
     def send(self, data: Data) -> None:
         self._delivery.check()
@@ -42,22 +33,10 @@ class Delayed(Generic[Data]):
         self._out.put(partial(self._leave, data), len(data), self._latency)
 
     async def aclose(self) -> None:
-        if not self._delivery.begin_close():
-            return
-        try:
-            await flush(self._out.drained())
-        finally:
-            await self._inner.aclose()
-            self._delivery.closed()
+        await self._delivery.close(self._out.drained, self._inner.aclose)
 
     def _arrived(self, data: Data) -> None:
         self._in.put(partial(self._delivery.data, data), len(data), self._latency)
-
-    def _leave(self, data: Data) -> None:
-        try:
-            self._inner.send(data)
-        except TransportError as error:
-            self._inner_ended(error)
 
     def _inner_ended(self, error: TransportError) -> None:
         if isinstance(error, TransportClosed):

@@ -1,6 +1,7 @@
 """Parts that every transport needs inside: a place for arrivals until the client listens, and a queue with times."""
 
 import asyncio
+import inspect
 from collections import deque
 from collections.abc import Awaitable, Callable, Sized
 from contextlib import suppress
@@ -95,6 +96,17 @@ class Delivery(Generic[Data]):
             return False
         self._closing = True
         return True
+
+    async def close(self, drained: Callable[[], Awaitable[None]], close: Callable[[], object]) -> None:
+        """Hand over what is queued, then close, which may take time. Harmless when it has ended."""
+        if not self.begin_close():
+            return
+        try:
+            await flush(drained())
+        finally:
+            if inspect.isawaitable(closing := close()):
+                await closing
+            self.closed()
 
     def closed(self) -> None:
         """End because we wanted it."""

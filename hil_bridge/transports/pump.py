@@ -4,7 +4,7 @@ from collections.abc import Callable, Sized
 from typing import Generic, TypeVar
 
 from hil_bridge.clock import Clock, Timer
-from hil_bridge.errors.failures import RAISED, raise_if_asked
+from hil_bridge.errors.failures import RAISED, blame, raise_if_asked
 from hil_bridge.transports.base import Transport
 from protocol.endpoint import Endpoint
 
@@ -68,6 +68,7 @@ class Pump(Generic[Data, Event]):
             self._turn()
         except RAISED as error:
             raise_if_asked(error)
+            blame(error, self._endpoint, "data_to_send")
             self._end(error)
         finally:
             self._turning = False

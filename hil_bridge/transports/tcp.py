@@ -73,13 +73,18 @@ async def listen_tcp(
     `around` makes the transport of a client out of its connection. Gives the transport, and the address and port
     that it really has. Raises TransportUnavailable.
     """
+    server, here = await _listen(host, port, clock, name)
+    return _Server(server, name, clock, around).exchange, here[0], here[1]
+
+
+async def _listen(host: str, port: int, clock: Clock, name: str) -> tuple[socket.socket, Any]:
+    """The socket on which clients are waited for, and its address. Raises TransportUnavailable."""
     try:
         found = await clock.loop.getaddrinfo(host, port, type=socket.SOCK_STREAM)
         server = _listening(found[0])
     except OSError as error:
         raise reasons.unavailable("tcp-listen", name, f"{host}:{port}", error) from error
-    here = server.getsockname()
-    return _Server(server, name, clock, around).exchange, here[0], here[1]
+    return server, server.getsockname()
 
 
 async def listen_tcp_clients(
@@ -89,12 +94,7 @@ async def listen_tcp_clients(
 
     Gives a function that ends the waiting, and the address and port that it really has. Raises TransportUnavailable.
     """
-    try:
-        found = await clock.loop.getaddrinfo(host, port, type=socket.SOCK_STREAM)
-        server = _listening(found[0])
-    except OSError as error:
-        raise reasons.unavailable("tcp-listen", name, f"{host}:{port}", error) from error
-    here = server.getsockname()
+    server, here = await _listen(host, port, clock, name)
 
     def accept() -> None:
         try:

@@ -91,7 +91,32 @@ class LineDecoder:
         return [line[: LONGEST_LINE + 1] for line in lines]
 
 
-class SlcanClient:
+class TextEnd:
+    """One end of the text of an adapter: text that waits to be sent, frames that wait to be taken, and no deadline."""
+
+    def __init__(self, text: bytes = b"") -> None:
+        self._text = bytearray(text)
+        self._frames: deque[CanFrame] = deque()
+
+    def next_event(self) -> CanFrame | None:
+        """The oldest frame that came from the other end and was not taken yet, or None."""
+        return self._frames.popleft() if self._frames else None
+
+    def data_to_send(self, now: float) -> bytes:
+        """Text for the other end."""
+        text = bytes(self._text)
+        self._text.clear()
+        return text
+
+    def next_deadline(self) -> float | None:
+        """Nothing here happens by time."""
+        return None
+
+    def handle_deadline(self, now: float) -> None:
+        """Nothing here happens by time."""
+
+
+class SlcanClient(TextEnd):
     """The host's side of an adapter: an endpoint of bytes whose events are the frames from the bus.
 
     It opens the channel with its first bytes. Answers to commands are passed over, refusals too, for not every
@@ -101,9 +126,8 @@ class SlcanClient:
     def __init__(self, bitrate: int | None = None) -> None:
         # Empty lines end a command that an earlier host left incomplete. Source: CAN232 manual.
         rate = b"" if bitrate is None else BIT_RATE_COMMANDS[bitrate]
-        self._text = bytearray(b"\r\r\rC\r" + rate + b"O\r")
+        super().__init__(b"\r\r\rC\r" + rate + b"O\r")
         self._lines = LineDecoder()
-        self._frames: deque[CanFrame] = deque()
         self.malformed = 0
         """Lines that were neither a frame nor an answer."""
 
@@ -131,20 +155,3 @@ class SlcanClient:
             except RemoteProtocolError:
                 continue
         self.malformed += 1
-
-    def next_event(self) -> CanFrame | None:
-        """The oldest frame not yet taken, or None."""
-        return self._frames.popleft() if self._frames else None
-
-    def data_to_send(self, now: float) -> bytes:
-        """Commands and frames as text."""
-        text = bytes(self._text)
-        self._text.clear()
-        return text
-
-    def next_deadline(self) -> float | None:
-        """Nothing here happens by time."""
-        return None
-
-    def handle_deadline(self, now: float) -> None:
-        """Nothing here happens by time."""

@@ -380,3 +380,11 @@ def test_devices_without_a_run() -> None:
                 cell.panel.inject("frames", "tired")
 
     api.run_virtual(main)
+
+
+def test_a_module_of_the_package_is_had_without_the_interface() -> None:
+    """Modules of the interface ask for others so: to load it for them would go round in a circle."""
+    code = "import sys; from hil_bridge import transports; sys.exit('hil_bridge.api' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+    with pytest.raises(ImportError, match="cannot import name 'nonsense' from 'hil_bridge'"):
+        exec("from hil_bridge import nonsense")

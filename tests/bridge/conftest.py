@@ -74,7 +74,7 @@ class Bench:
     async def main(self) -> None:
         self.clock = clock = Clock.running()
         setup = Setup(self.config)
-        self.cell = make_cell(setup, setup.emulated, clock.now())
+        self.cell = make_cell(setup, clock.now())
         self.prepare(self)
         log = RunLog(clock, [Listener({CycleRecord: self.cycle, EventRecord: self.events.append})])
         async with running(setup, log, self.cell, self.wrapped) as run:

@@ -2,7 +2,9 @@
 
 import asyncio
 import dataclasses
+import inspect
 import math
+from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -18,6 +20,7 @@ from toy_surface.surface import Spring
 
 from hil_bridge import Command, Measurement
 from hil_bridge.devices.robots.streamed import StreamedLink
+from hil_bridge.devices.robots.streamed_motion import StreamedMotion
 
 FAILS: dict[str, Any] = {"part": "", "how": "", "after": 0}
 
@@ -33,7 +36,10 @@ RAISES: dict[str, BaseException] = {
     "own": OfItsOwn("all is over"),
     "generator": GeneratorExit(),
     "cancelled": asyncio.CancelledError(),
+    "group": BaseExceptionGroup("two at once", [KeyboardInterrupt(), KeyError("other")]),
 }
+ANSWERS: dict[str, Any] = {"nothing": None, "nan": math.nan}
+"""Answers in place of the right one."""
 calls: dict[str, int] = {}
 
 
@@ -117,13 +123,66 @@ class FailingSpring(Spring):
         return answers[how("spring")]
 
 
+def weave(kind: Any, part: str) -> None:
+    """Let each method and property of a class fail as the part `part.method`."""
+    for name in dir(kind):
+        found, key = inspect.getattr_static(kind, name), f"{part}.{name}"
+        if name.startswith("_") and name != "__init__":
+            continue
+        if isinstance(found, property):
+            setattr(kind, name, property(woven(found.fget, key), found.fset))
+        elif inspect.isfunction(found):
+            setattr(kind, name, woven(found, key))
+
+
+def woven(function: Any, key: str) -> Any:
+    """A function that may fail."""
+
+    def call(*values: Any, **options: Any) -> Any:
+        said = how(key)
+        return function(*values, **options) if not said else ANSWERS[said]
+
+    async def wait(*values: Any, **options: Any) -> Any:
+        said = how(key)
+        return await function(*values, **options) if not said else ANSWERS[said]
+
+    return wait if inspect.iscoroutinefunction(function) else call
+
+
+class FailingMotion(StreamedMotion[Any]):
+    """The movement of the failing link."""
+
+
+weave(Law, "Law")
+weave(FailingArmClient, "ArmClient")
+weave(FailingArm, "Arm")
+weave(FailingLoadClient, "LoadClient")
+weave(FailingLink, "Link")
+weave(FailingMotion, "Motion")
+
+
+class MovingLink(FailingLink):
+    """The failing link with a movement that fails."""
+
+    @asynccontextmanager
+    async def motion(self, limits: Any) -> Any:
+        async with super().motion(limits) as motion:
+            how("Link.enter")
+            motion.__class__ = FailingMotion
+            yield motion
+        how("Link.leave")
+
+
 async def connect_arm(url: str, settings: Any, wiring: Any) -> Any:
-    how("connect")
+    if how("connect"):
+        return None
     wire = await wiring.datagrams(url)
-    return FailingLink(wire, FailingArmClient(wiring.clock.now()), FACTS, wiring.clock, wiring.log)
+    return MovingLink(wire, FailingArmClient(wiring.clock.now()), FACTS, wiring.clock, wiring.log)
 
 
 async def connect_load(url: str, settings: Any, wiring: Any) -> Any:
+    if how("connect-load"):
+        return None
     return await wiring.datagrams(url), FailingLoadClient(wiring.clock.now())
 
 

@@ -15,17 +15,19 @@ import pytest
 
 import hil_bridge.cli
 from hil_bridge.errors import DeviceError
-from hil_bridge.record import CycleRecord, read
+from hil_bridge.record import CycleRecord, read, read_with_traffic
 from hil_bridge.runs.cycle import Run
 from hil_bridge.runs.notes import Notes
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.serve import client_of
 from hil_bridge.runs.session import execute
 from hil_bridge.settings.configuration import read_config
+from protocol.devices.s3.adlp import HEADER_SIZE
 
 Result: TypeAlias = tuple[int, str, str]
 Command: TypeAlias = Callable[..., Result]
 
+RECORDED = ("--no-view", "--record", "r.mcap")
 STATUS_ORDER = "10 02 00 08 01 00 13 01 00 00 10 03"
 
 
@@ -250,6 +252,17 @@ def test_a_run_prints_its_figures_and_leaves_what_report_makes_again(hil: Comman
     assert "empty.mcap is empty" in refused(hil("report", "empty.mcap"))
 
 
+def test_a_run_speaks_as_the_observed_client_and_its_cell_understands(hil: Command) -> None:
+    """Its telegrams tell the length of their data alone, and a move has 60 bytes."""
+    assert hil("run", "--virtual", "--link-profile", "observed-client", "--duration", "1", *RECORDED)[0] == 0
+    recording, traffic = read_with_traffic(Path("r.mcap"))
+    said = [piece for link in traffic.robot for piece in link.pieces if " tx 1002" in piece]
+    moves = [piece.partition(" tx ")[2] for piece in said if "0100180" in piece]
+    framed = 60 + 5  # DLE STX before it, DLE ETX and the check behind it
+    assert {(move[4:8], len(move) // 2) for move in moves} == {(f"{60 - HEADER_SIZE:04x}", framed)}
+    assert recording.end["outcome"] == "completed"
+
+
 def test_the_emulators_own_end_is_no_event_of_a_run(hil: Command) -> None:
     assert hil(*VIRTUAL, "--duration", "0.3", "--record", "r.mcap")[0] == 0
     assert not [event for event in read(Path("r.mcap")).events if event.kind == "emulator"]
@@ -294,7 +307,7 @@ def test_an_interruption_before_the_movement_ends_at_once(
     def interrupted(*arguments: object, **options: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("hil_bridge.devices.wiring.connect_bytes", interrupted)
+    monkeypatch.setattr("hil_bridge.devices.wiring.opening.connect_bytes", interrupted)
     code, output, errors = hil(*VIRTUAL, "--report", "rep")
     assert (code, output, errors.strip()) == (130, "", "")
 
@@ -374,7 +387,7 @@ def test_no_summary_of_a_command_is_cut_in_a_terminal_of_80_columns(
     ],
 )
 def test_what_is_served_names_a_command_that_can_reach_it(where: dict[str, str], command: str) -> None:
-    assert client_of(where) == command
+    assert client_of(where, where.get("robot", "").startswith("s3+")) == command
 
 
 def test_without_a_command_there_is_help(hil: Command) -> None:

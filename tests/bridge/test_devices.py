@@ -90,8 +90,8 @@ def test_a_sensor_tells_its_full_scales_and_scales_counts_by_them() -> None:
 @pytest.mark.parametrize(
     ("question", "answer", "message"),
     [
-        ("481#", "101#00730000000000", "full scale of fy is 0: calibration not read?"),
-        ("501#", "101#00000034003D00", "full scale of mx is 0: calibration not read?"),
+        ("481#", "101#00730000000000", "full scale of fy is 0; calibration not read?"),
+        ("501#", "101#00000034003D00", "full scale of mx is 0; calibration not read?"),
     ],
 )
 def test_a_full_scale_of_zero_is_refused_by_name(question: str, answer: str, message: str) -> None:
@@ -110,9 +110,9 @@ def test_a_full_scale_of_zero_is_refused_by_name(question: str, answer: str, mes
 @pytest.mark.parametrize(
     ("default", "message"),
     [
-        ("", "silent: nothing of a gateway on the bus in 10 s: power, bit rate, wiring? " + HANGS),
-        ("102#00", "silent for 10 s while others are on the bus: wrong node number?"),
-        ("101#01", "acknowledges but not ready after 10 s: sensor unplugged?"),
+        ("", "silent: nothing of a gateway on the bus in 10 s; power, bit rate, wiring? " + HANGS),
+        ("102#00", "silent for 10 s while others are on the bus; wrong node number?"),
+        ("101#01", "acknowledges but not ready after 10 s; sensor unplugged?"),
     ],
 )
 def test_a_gateway_that_does_not_come_up_says_what_to_look_at(default: str, message: str) -> None:
@@ -183,14 +183,14 @@ def robot_failure(answer: Callable[[bytes], bytes], hang_up_at: float | None = N
 
 def test_a_silent_robot_says_what_to_check_after_three_bids() -> None:
     text, took = robot_failure(lambda data: b"")
-    assert text.startswith("robot on memory:s3: nothing came after 3 bids (ENQ): check cable and power, ")
+    assert text.startswith("robot on memory:s3: nothing came after 3 bids (ENQ); check cable and power, ")
     assert text.endswith("; this end is set to 9600 8E1")
     assert took == pytest.approx(6.0, abs=0.1)
 
 
 def test_nothing_but_noise_says_to_check_parity_and_rate() -> None:
     text, _ = robot_failure(lambda data: bytes(byte ^ 0xFF for byte in data))
-    assert "bytes without meaning: check the rate and the parity on both sides" in text
+    assert "bytes without meaning; check the rate and the parity on both sides" in text
     assert text.endswith("; this end is set to 9600 8E1")
 
 

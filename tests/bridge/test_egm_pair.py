@@ -109,7 +109,7 @@ def test_a_stop_by_people_is_left_standing_also_when_the_guidance_goes_on(fault:
     pair.cycles(500)
     assert pair.robot.state is State.GUIDING
     assert pair.true() == pytest.approx(stood, abs=1e-6)
-    assert pair.bridge.faults.text
+    assert pair.bridge.faults.first
     pair.bridge.end()
     newest = pair.bridge.newest
     assert newest is not None

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import can
+import cantools
 import pytest
 from click.testing import CliRunner
 
@@ -62,6 +63,27 @@ def on_can(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def on_bytes(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made(tmp_path_factory.mktemp("uart"), "jr3-uart")
+
+
+# --- DBC
+
+
+@pytest.mark.parametrize("sensor", ["jr3", "ati-can"])
+def test_the_dbc_file_decodes_the_frames_of_its_recording(sensor: str, tmp_path: Path) -> None:
+    path = made(tmp_path, sensor)
+    export(path, ["candump", "dbc"], tmp_path)
+    database: Any = cantools.database.load_file(tmp_path / "run.dbc")
+    known = {message.frame_id for message in database.messages}
+    samples = [
+        message
+        for message in can.CanutilsLogReader(tmp_path / "run.log")
+        if message.is_rx and len(message.data) >= 6 and message.arbitration_id in known
+    ]
+    counted = [database.decode_message(one.arbitration_id, bytes(one.data)) for one in samples]
+    name = "fz" if sensor == "jr3" else "sg0"
+    values = {values[name] for values in counted if name in values}
+    assert len(values) > 10
+    assert all(math.isfinite(value) for value in values)
 
 
 # --- CAN logs
@@ -346,7 +368,7 @@ def test_a_wire_that_makes_no_sense_is_refused_in_one_line(piece: str) -> None:
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        (["--to", "candump,xls"], "'xls' is no format; choose from candump,blf,asc,bytes,csv,parquet"),
+        (["--to", "candump,xls"], "'xls' is no format; choose from candump,blf,asc,dbc,bytes,csv,parquet"),
         (["--channel", "a b"], "is no name of a CAN interface"),
         (["--out", "\0"], "a path must not hold a NUL character"),
     ],

@@ -1,4 +1,4 @@
-"""Faults as configuration: every fault of the vocabulary is injected into a run in virtual time and has an effect."""
+"""Faults as configuration: when they come, what they lead to, how a run records them, and which are refused."""
 
 import json
 import re
@@ -21,12 +21,10 @@ from hil_bridge.runs.session import Outputs, execute
 from hil_bridge.settings.configuration import Config, load_config, read_config
 from hil_bridge.settings.faults import PHASES, FaultConfig
 from hil_bridge.settings.template import schema
+from tests.near_surface import NEAR
 from tests.paper_cell import CELL_FAULTS, PaperCellProfile, s3_jr3_cell
 
 NEEDED: dict[tuple[str, str], dict[str, Any]] = {
-    ("pose", "encoder-offset"): {"with": {"z_mm": 1.0}},
-    ("pose", "offset"): {"with": {"x_mm": 1000.0}},
-    ("pose", "drift"): {"with": {"z_mm_s": 1.0}},
     ("signal", "stuck"): {"phase": "approach", "after_s": 0.2},
     ("scales", "wrong"): {"phase": "connect", "after_s": 0.0},
     ("obstacle", "above"): {"phase": "retract", "after_s": 0.0},
@@ -53,12 +51,15 @@ def struck(run: EmulatedRun, target: str, fault: str) -> int:
     return count
 
 
-@pytest.mark.parametrize(("target", "fault"), [name for name in EVERY if name[0] != "computer"])
-def test_every_fault_is_injected_and_has_an_effect(target: str, fault: str) -> None:
-    # wrong scales are found before the touch, unless a person wants them unchecked
-    sensor = {"emulated": "jr3-board"} if fault == "unplugged" else {"unchecked": target == "scales"}
-    row = {"on": target, "fault": fault, "phase": "track", "after_s": 1.0, **NEEDED.get((target, fault), {})}
-    run = run_with(row, sensor=sensor)
+@pytest.mark.parametrize(
+    ("target", "fault"), [name for name in EVERY if name[0] in ("surface", "obstacle", "bus")]
+)
+def test_a_fault_of_the_cell_is_injected_and_has_an_effect(target: str, fault: str) -> None:
+    """Those of the devices are in tests/bridge/test_why.py."""
+    row = {"on": target, "fault": fault, "phase": "track", "after_s": 0.5, **NEEDED.get((target, fault), {})}
+    run = run_with(
+        row, **(NEAR if target != "obstacle" else {})
+    )  # the way back must be long enough to meet one
     assert struck(run, target, fault) > 0
     assert re.match(rf"{target}: {fault} (\(.*\) )?(begins|happens)", texts(run)[0])
 
@@ -74,10 +75,10 @@ def test_other_receivers_have_their_faults_too(receiver: str, target: str, fault
         with pytest.raises(
             ValueError, match=r"frames: loss needs sensor.emulated = jr3 or jr3-uart or .*, not jr3-board"
         ):
-            run_with(row, sensor={"emulated": receiver})
+            run_with(row, **NEAR, sensor={"emulated": receiver})
     else:
         sensor = {"emulated": receiver, "unchecked": target == "scales"}
-        assert struck(run_with(row, sensor=sensor), target, fault) > 0
+        assert struck(run_with(row, **NEAR, sensor=sensor), target, fault) > 0
 
 
 def test_the_computer_stands_still_where_the_bridge_lets_it() -> None:

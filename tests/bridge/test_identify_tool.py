@@ -10,13 +10,13 @@ from typing import Any
 import pytest
 
 import hil_bridge.cli
-from hil_bridge.control import rotation_matrix, turn_between
+from hil_bridge.control import rotation_matrix
 from hil_bridge.devices.robots.s3.motion import S3Motion
 from hil_bridge.devices.robots.seam import Sent
 from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.record import Outcome
 from hil_bridge.settings.configuration import load_config
-from protocol.geometry import Pose
+from protocol.geometry import Pose, angle_between
 
 MASS_TOLERANCE_KG = 0.002
 CENTRE_TOLERANCE_MM = 0.3
@@ -100,12 +100,12 @@ def test_the_tool_turns_in_small_steps_and_comes_back(
     assert min(heights) >= START[2]
     assert max(heights) == pytest.approx(START[2] + 0.030)
     assert ordered[-1][0] == pytest.approx(START)
-    tilts = [math.degrees(turn_between((0.0, 1.0, 0.0, 0.0), turned)[1]) for _, turned in ordered]
+    tilts = [math.degrees(angle_between((0.0, 1.0, 0.0, 0.0), turned)) for _, turned in ordered]
     assert max(tilts) == pytest.approx(20.0)
     assert tilts[-1] == pytest.approx(0.0, abs=0.01)
     for (before, old), (after, new) in itertools.pairwise(ordered):
         assert math.dist(before, after) <= 1.2e-3
-        assert math.degrees(turn_between(old, new)[1]) <= 2.001
+        assert math.degrees(angle_between(old, new)) <= 2.001
         if rotation_matrix(new)[2, 2] > -0.9999:
             assert after[2] == pytest.approx(START[2] + 0.030)
 

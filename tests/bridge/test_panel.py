@@ -29,11 +29,11 @@ from hil_bridge.devices.robots.s3.panel import (
 from hil_bridge.errors import ConfigError, DeviceError, TransportUnavailable
 from hil_bridge.record import CycleRecord, Outcome, read
 from hil_bridge.record.analysis.summary import summarise
-from hil_bridge.runs.compose import Ports, emulated_cell, make_cell, open_devices
+from hil_bridge.runs.compose import emulated_cell, make_cell, open_devices
 from hil_bridge.runs.notes import Notes
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute
-from hil_bridge.runs.setup import Setup
+from hil_bridge.runs.setup import Listen, Setup
 from hil_bridge.settings.configuration import Config, read_config
 from hil_bridge.transports.pump import Pump
 from tests.paper_cell import CELL_FAULTS, PaperCell, PaperCellProfile, s3_jr3_cell
@@ -271,10 +271,10 @@ def test_each_act_at_the_panel_wakes_robot_and_sensor(monkeypatch: pytest.Monkey
 
     async def main() -> None:
         clock = Clock.running()
-        ports = Ports("s3+memory:robot", "jr3+can+memory:sensor", LOOPBACK)
+        listen = Listen("s3+memory:robot", "jr3+can+memory:sensor", LOOPBACK)
         try:
             async with emulated_cell(
-                Setup(Config()), clock, ports, lambda cause: pytest.fail(repr(cause))
+                Setup(Config(), listen), clock, lambda cause: pytest.fail(repr(cause))
             ) as served:
                 assert served.panel is not None
                 for request in (b'{"do": "key", "to": "manual"}\n', b'{"do": "key", "to": "auto"}\n'):
@@ -295,9 +295,8 @@ def on_a_cell(use: Callable[[str, PaperCell], Awaitable[None]], **sections: Any)
         clock = Clock.running()
         try:
             async with emulated_cell(
-                Setup(config),
+                Setup(config, Listen("s3+memory:robot", None, LOOPBACK)),
                 clock,
-                Ports("s3+memory:robot", None, LOOPBACK),
                 lambda cause: pytest.fail(repr(cause)),
             ) as served:
                 assert served.panel is not None

@@ -183,6 +183,85 @@ def test_the_command_ends_in_order_whatever_is_raised(
     assert text.splitlines()[-1].startswith(left), text
 
 
+ARM = "hil-bridge: stopped: robot link udp+memory:toyarm stopped: "
+BEFORE = "hil-bridge: robot link udp+memory:toyarm stopped: "
+OTHERS = "hil-bridge: code of another package failed: "
+ATTACKS = [
+    ("connect", "nothing", 1, 2, f"{OTHERS}WrongAnswer: connect answers NoneType, not a robot link", ""),
+    ("connect-load", "nothing", 1, 2, f"{OTHERS}WrongAnswer: connect answers NoneType, not a wire and", ""),
+    ("Law.__init__", "raise", 1, 2, "hil-bridge: controller failing: it is broken (", ""),
+    ("Arm.__init__", "raise", 1, 2, "hil-bridge: cell: it is broken (", ""),
+    ("Link.ready", "nothing", 1, 3, f"{BEFORE}WrongAnswer: ready answers NoneType, not a RobotReport (", ""),
+    ("Link.report", "nan", 100, 3, f"{ARM}WrongAnswer: report answers float, not a RobotReport (", "left: "),
+    ("Link.enter", "group", 1, 3, f"{ARM}BaseExceptionGroup: two at once (2 sub-exceptions) (", ""),
+    ("Link.leave", "keyboard", 1, 3, f"{ARM}KeyboardInterrupt (", "left: retracted, "),
+    (
+        "Motion.to",
+        "nothing",
+        40,
+        3,
+        f"{ARM}WrongAnswer: to answers NoneType, not a Sent (",
+        "left: NOT retracted",
+    ),
+    (
+        "Motion.to",
+        "group",
+        40,
+        3,
+        f"{ARM}BaseExceptionGroup: two at once (2 sub-exceptions) (",
+        "left: NOT retracted",
+    ),
+    ("Motion.ordered", "raise", 1, 3, f"{ARM}ValueError: it is broken (", "left: "),
+    (
+        "ArmClient.data_to_send",
+        "nothing",
+        600,
+        3,
+        f"{ARM}TypeError: object of type 'NoneType' has no len() (",
+        "",
+    ),
+    ("LoadClient.data_to_send", "nan", 1300, 3, "object of type 'float' has no len() (", "left: "),
+    (
+        "Arm.data_to_send",
+        "nothing",
+        600,
+        3,
+        "the emulated cell failed: TypeError: object of type 'NoneType'",
+        "",
+    ),
+    (
+        "Law.step",
+        "group",
+        40,
+        3,
+        "controller failing failed: BaseExceptionGroup: two at once",
+        "left: retracted, ",
+    ),
+]
+
+
+@pytest.mark.parametrize(("part", "how", "after", "code", "cause", "left"), ATTACKS)
+def test_a_wrong_answer_and_a_failing_method_name_their_package(
+    fails: dict[str, Any],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    part: str,
+    how: str,
+    after: int,
+    code: int,
+    cause: str,
+    left: str,
+) -> None:
+    fails.update(part=part, how=how, after=after)
+    ended, text = told(monkeypatch, capsys, "--no-record")
+    assert ended == code, text
+    assert cause in text.splitlines()[0]
+    assert "failing-toys 2.0" in text.splitlines()[0]
+    assert "Traceback" not in text
+    assert "bug" not in text.replace("--debug", "")
+    assert text.splitlines()[-1].startswith(left), text
+
+
 def test_nothing_fails_where_nothing_is_to_fail(fails: dict[str, Any]) -> None:
     result = hil_bridge.simulate("site.toml", seed=7)
     assert result.outcome == "completed", result.text

@@ -4,21 +4,20 @@ import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.devices.device_log import LogTo
 from hil_bridge.devices.robots.s3.room import ROBOT as S3
 from hil_bridge.errors import ConfigError, TransportUnavailable
 from hil_bridge.record import Outcome as RunOutcome
 from hil_bridge.runs.checks import problems
-from hil_bridge.runs.compose import Ports, emulated_cell, open_devices
-from hil_bridge.runs.cycle import Run
+from hil_bridge.runs.compose import emulated_cell
 from hil_bridge.runs.result import RunResult
-from hil_bridge.runs.setup import Setup
+from hil_bridge.runs.run_log import RunLog
+from hil_bridge.runs.running import running
+from hil_bridge.runs.setup import Listen, Setup
 from hil_bridge.settings.configuration import Config, load_config
 from hil_bridge.settings.kinds import settings_of
 from hil_bridge.site.s3.probe import (
@@ -161,7 +160,6 @@ def test_what_the_probe_writes_is_run_once_the_hints_are_filled_in(tmp_path: Pat
     assert config.limits == Config().limits
     assert config.frame == Config().frame
     assert list(problems(Setup(config), virtual=False)) == []
-    log = SimpleNamespace(cycle=lambda record: None, event=lambda record: None)
 
     async def main() -> RunResult:
         clock = Clock.running()
@@ -170,14 +168,16 @@ def test_what_the_probe_writes_is_run_once_the_hints_are_filled_in(tmp_path: Pat
         own = replace(settings_of(config, S3).emulated, link=link)
         async with (
             emulated_cell(
-                Setup(config.model_copy(update={"cell": replace(cell, s3=own)})),
+                Setup(
+                    config.model_copy(update={"cell": replace(cell, s3=own)}),
+                    Listen(listen, "jr3+can+memory:sensor"),
+                ),
                 clock,
-                Ports(listen, "jr3+can+memory:sensor"),
                 lambda cause: pytest.fail(repr(cause)),
             ),
-            open_devices(Setup(config), clock, LogTo()) as devices,
+            running(Setup(config), RunLog(clock, [])) as run,
         ):
-            return await Run(Setup(config), clock, devices.robot, devices.sensor, log)()
+            return await run()
 
     result = run_virtual(main)
     assert (result.outcome, result.left) == (RunOutcome.COMPLETED, "retracted, 0.0 N")

@@ -58,11 +58,11 @@ def record(
 
 
 def test_a_step_is_told_with_its_seconds_way_force_and_criterion() -> None:
-    record_ = record(2, "2 (track)", 0.95, text="force within ±1 N: 95.0% of the way, wanted 90 %")
+    record_ = record(2, "2 (track)", 0.95, text="force within ±1 N: 95.0 % of the way, wanted 90 %")
     (line,) = step_lines(step_outcomes([record_]))
     assert line == (
         "  step 2 (track)  2.0 s, 50.0 mm, 9.88 N mean, "
-        "criterion passed: force within ±1 N: 95.0% of the way, wanted 90 %"
+        "criterion passed: force within ±1 N: 95.0 % of the way, wanted 90 %"
     )
 
 

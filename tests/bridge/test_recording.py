@@ -480,7 +480,7 @@ def test_a_file_that_hides_its_chunks_is_stopped_on_the_way(
 def test_a_file_without_an_end_is_no_recording() -> None:
     with pytest.raises(ConfigError, match="it is a device; name an ordinary file"):
         read(Path("/dev/zero"))
-    with pytest.raises(ConfigError, match="null byte"):
+    with pytest.raises(ConfigError, match=r"a NUL stands in it$"):
         read(Path("a\0b"))
 
 

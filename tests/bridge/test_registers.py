@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 from unittest import mock
 
 import numpy as np
@@ -27,10 +28,12 @@ from hil_bridge.devices.sensors.jr3.registers import (
 )
 from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.errors import BridgeError, ConfigError, DeviceError, TransportUnavailable
-from hil_bridge.record import CycleRecord, EventRecord, Outcome, StepRecord
-from hil_bridge.runs.compose import Ports, emulated_cell, open_devices
-from hil_bridge.runs.cycle import Run
-from hil_bridge.runs.setup import Setup
+from hil_bridge.record import CycleRecord, EventRecord, Outcome, SensorRecord
+from hil_bridge.runs.compose import emulated_cell
+from hil_bridge.runs.run_log import RunLog
+from hil_bridge.runs.running import running
+from hil_bridge.runs.setup import Listen, Setup
+from hil_bridge.runs.watching import Listener
 from hil_bridge.settings.configuration import read_config
 from protocol.devices.jr3.board import REGISTERS, Registers, check_range, pack_words, to_signed
 from protocol.devices.jr3.registers import (
@@ -506,40 +509,37 @@ def test_the_start_up_as_written_brings_the_emulated_board_up(reach: Callable[[B
     assert fz == pytest.approx(-50.0, abs=0.05)
 
 
-def closed_loop(**board: object) -> tuple[list[CycleRecord], list[str], list[WrenchFrame]]:
+def closed_loop(**board: object) -> tuple[list[CycleRecord], list[str], list[SensorRecord]]:
     """A run of five seconds in virtual time whose sensor is the emulated cell's receiver board."""
-    cycles, notices, frames = list[CycleRecord](), list[str](), list[WrenchFrame]()
-
-    class Log:
-        def cycle(self, record: CycleRecord) -> None:
-            cycles.append(record)
-
-        def step(self, record: StepRecord) -> None:
-            pass
-
-        def event(self, record: EventRecord) -> None:
-            notices.append(record.text)
+    cycles, events, frames = list[CycleRecord](), list[EventRecord](), list[SensorRecord]()
 
     async def main() -> None:
         clock = Clock.running()
-        config = read_config(
-            {"run": {"duration_s": 5.0}, "sensor": {"jr3": {"board": board}}, "tool": {"mass_kg": 0.5}}
-        )
-        ports = Ports("s3+memory:robot", "jr3-board+memory:sensor")
-        async with emulated_cell(Setup(config), clock, ports, lambda cause: None) as at:
-            sections = {
-                "robot": config.robot.model_copy(update={"url": at.robot}),
-                "sensor": config.sensor.model_copy(update={"url": f"{at.sensor}?filter=2"}),
+        sections: dict[str, dict[str, object]] = {
+            "run": {"duration_s": 5.0},
+            "sensor": {"jr3": {"board": board}},
+            "tool": {"mass_kg": 0.5},
+        }
+        config = read_config(sections)
+        listen = Listen("s3+memory:robot", "jr3-board+memory:sensor")
+        async with emulated_cell(Setup(config, listen), clock, lambda cause: None) as served:
+            assert served.robot is not None
+            assert served.sensor is not None
+            sections["robot"] = {"url": served.robot.named_url}
+            sections["sensor"] |= {"url": f"{served.sensor.named_url}?filter=2"}
+            takes: dict[type, Any] = {
+                CycleRecord: cycles.append,
+                EventRecord: events.append,
+                SensorRecord: frames.append,
             }
-            connected = config.model_copy(update=sections)
-            log = LogTo(frames.append, lambda kind, text: notices.append(text))
-            async with open_devices(Setup(connected), clock, log) as devices:
-                result = await Run(Setup(connected), clock, devices.robot, devices.sensor, Log())()
+            setup = Setup(read_config(sections))
+            async with running(setup, RunLog(clock, [Listener(takes)])) as run:
+                result = await run()
                 assert result.outcome is Outcome.COMPLETED, result.text
-                assert devices.sensor.lost == 0
+                assert run.sensor.lost == 0
 
     run_virtual(main)
-    return cycles, notices, frames
+    return cycles, [event.text for event in events], frames
 
 
 @pytest.mark.parametrize("mode", ["stream", "poll"])

@@ -82,6 +82,7 @@ def test_it_holds_ten_newtons_and_two_runs_of_a_seed_and_a_replay_are_the_same(r
     summary = summary_of(first)
     assert summary["outcome"] == "completed"
     assert summary["force_mean_steady_n"] == pytest.approx(10.0, abs=0.5)
+    assert summary["link"]["answers"] == summary["link"]["packets"] > 1000
     assert "left: retracted" in told
     _, _, second = runs()
     assert first.read_bytes() == second.read_bytes()

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from hil_bridge.control import CONTROLLERS, Command, ControlLoop, Measurement, turn_between
+from hil_bridge.control import CONTROLLERS, Command, ControlLoop, Measurement
 from hil_bridge.devices.robots.s3.room import ROBOT as S3
 from hil_bridge.errors import Cause, DeviceError
 from hil_bridge.record import CycleRecord, Outcome
@@ -19,6 +19,7 @@ from protocol.can.frame import CanFrame
 from protocol.devices.jr3 import GatewayClientProfile
 from protocol.devices.s3.adlp import LinkProfile
 from protocol.devices.s3.timing import answer_time, line_floor
+from protocol.geometry import angle_between
 
 Bench = Any
 RunBench = Callable[..., Bench]
@@ -575,5 +576,5 @@ def test_the_orientation_of_the_start_is_ordered_not_the_reported_one(bench: Run
     turn = after(3, lambda bench: bench.cell.inject("pose", "turned", bench.clock.now(), degrees=1.0))
     run = bench(turn)
     reported = [record.quaternion for record in run.tracked()]
-    assert math.degrees(turn_between(reported[0], reported[-1])[1]) == pytest.approx(1.0, abs=0.02)
+    assert math.degrees(angle_between(reported[0], reported[-1])) == pytest.approx(1.0, abs=0.02)
     assert run.result.outcome is Outcome.COMPLETED

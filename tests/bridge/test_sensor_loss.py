@@ -1,22 +1,19 @@
 """A sensor that is lost in mid-run, whichever of the three devices stands before it."""
 
 from collections.abc import Callable
-from contextlib import AsyncExitStack
 from typing import Any
-from unittest import mock
 
 import pytest
 
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.devices.device_log import LogTo
-from hil_bridge.devices.wiring import Wiring
-from hil_bridge.record import CycleRecord, EventRecord, Outcome, StepRecord
-from hil_bridge.runs.compose import Ports, connect_robot, connect_sensor, emulated_cell, make_cell
-from hil_bridge.runs.cycle import Run
+from hil_bridge.record import CycleRecord, Outcome
+from hil_bridge.runs.compose import make_cell
 from hil_bridge.runs.result import RunResult
-from hil_bridge.runs.setup import Setup
+from hil_bridge.runs.run_log import RunLog
+from hil_bridge.runs.running import running
+from hil_bridge.runs.setup import Listen, Setup
+from hil_bridge.runs.watching import Listener
 from hil_bridge.settings.configuration import Config
-from tests.paper_cell import PaperCell
 
 URLS = {
     "CAN gateway": "jr3+can+memory:sensor",
@@ -57,46 +54,20 @@ def run_until_lost(url: str, lose: Callable[[Any, float], None]) -> tuple[RunRes
 
     async def main() -> None:
         clock, config, tracked = Clock.running(), Config(), list[CycleRecord]()
-        cells: list[PaperCell] = []
-        stack = AsyncExitStack()
+        setup = Setup(config, Listen("s3+memory:robot", url))
+        cell = make_cell(setup, clock.now())
+        if lose is silence:
+            cell.sensor = Silenced(cell.sensor)
 
-        class Log:
-            def cycle(self, record: CycleRecord) -> None:
-                if record.phase == "track":
-                    tracked.append(record)
-                    if len(tracked) == 10:
-                        lose(cells[0], clock.now())
+        def cycle(record: CycleRecord) -> None:
+            if record.phase == "track":
+                tracked.append(record)
+                if len(tracked) == 10:
+                    lose(cell, clock.now())
 
-            def step(self, record: StepRecord) -> None:
-                pass
-
-            def event(self, record: EventRecord) -> None:
-                pass
-
-        def prepared(*arguments: Any) -> PaperCell:
-            cell = make_cell(*arguments)
-            if lose is silence:
-                cell.sensor = Silenced(cell.sensor)
-            cells.append(cell)
-            return cell
-
-        ports = Ports("s3+memory:robot", url)
-        with mock.patch("hil_bridge.runs.compose.make_cell", prepared):
-            cell = emulated_cell(Setup(config), clock, ports, lambda cause: None)
-            at = await stack.enter_async_context(cell)
-        async with stack:
-            assert at.robot is not None
-            assert at.sensor is not None
-            robot = await connect_robot(config, at.robot, Wiring("robot", clock, LogTo()))
-            sensor = await connect_sensor(config, at.sensor, Wiring("sensor", clock, LogTo()))
-            robot.start()
-            sensor.start()
-            try:
-                kept.append(await Run(Setup(config), clock, robot, sensor, Log())())
-                kept.append(cells[0].true_state(clock.now()).contact_force[2])
-            finally:
-                await sensor.aclose()
-                await robot.aclose()
+        async with running(setup, RunLog(clock, [Listener({CycleRecord: cycle})]), cell) as run:
+            kept.append(await run())
+            kept.append(cell.true_state(clock.now()).contact_force[2])
 
     run_virtual(main)
     result, force = kept

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from emulators.devices.jr3 import Gateway, SensorProfile
 from hil_bridge.clock import VIRTUAL_EPOCH, Clock, run_virtual
 from hil_bridge.errors import DeviceError
-from hil_bridge.runs.compose import Ports, emulated_cell, make_cell
+from hil_bridge.runs.compose import emulated_cell, make_cell
 from hil_bridge.runs.cycle import wrist
-from hil_bridge.runs.setup import Setup
+from hil_bridge.runs.setup import Listen, Setup
 from hil_bridge.settings.configuration import read_config
 from hil_bridge.site.sensor_probe import Screen, Session, probe
 from tests.paper_cell import PaperCell
@@ -60,10 +60,10 @@ def probed(
 
     async def main() -> None:
         clock = Clock.running()
-        ports = Ports(None, URLS[before])
+        listen = Listen(None, URLS[before])
         monkeypatch = pytest.MonkeyPatch()
         monkeypatch.setattr("hil_bridge.runs.compose.make_cell", laid_on)
-        async with emulated_cell(Setup(config), clock, ports, lambda cause: pytest.fail(repr(cause))):
+        async with emulated_cell(Setup(config, listen), clock, lambda cause: pytest.fail(repr(cause))):
             monkeypatch.undo()
             entered = asyncio.Event()
             for at in enter_at:

@@ -9,8 +9,8 @@ import pytest
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.devices.sensors.jr3.room import slcan_address
 from hil_bridge.errors import ConfigError
-from hil_bridge.runs.compose import Ports, emulated_cell
-from hil_bridge.runs.setup import Setup
+from hil_bridge.runs.compose import emulated_cell
+from hil_bridge.runs.setup import Listen, Setup
 from hil_bridge.settings.configuration import load_config
 from hil_bridge.transports import (
     LineSettings,
@@ -208,12 +208,12 @@ def test_an_emulated_slcan_adapter_has_a_readable_address(port: str, address: st
 
 def test_an_slcan_adapter_is_a_serial_port() -> None:
     async def main() -> None:
-        ports = Ports(None, "jr3+can+slcan+tcp-listen://127.0.0.1:0")
+        listen = Listen(None, "jr3+can+slcan+tcp-listen://127.0.0.1:0")
         with pytest.raises(
             ConfigError, match=r"an slcan adapter is a serial port; for example can\+slcan\+pty:"
         ):
             async with emulated_cell(
-                Setup(load_config(None, {})), Clock.running(), ports, lambda cause: None
+                Setup(load_config(None, {}), listen), Clock.running(), lambda cause: None
             ):
                 pass
 

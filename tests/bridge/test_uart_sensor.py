@@ -3,7 +3,7 @@
 import json
 import statistics
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import pytest
@@ -12,18 +12,19 @@ from click.testing import CliRunner
 from hil_bridge.cli.decode import decode
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.devices.device_log import LogTo
-from hil_bridge.devices.robots.seam import RobotLink
 from hil_bridge.devices.sensors.jr3.room import uart_line
 from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.devices.wiring import Wiring
 from hil_bridge.errors import ConfigError, DeviceError, TransportUnavailable
-from hil_bridge.record import CycleRecord, EventRecord, Outcome, StepRecord
-from hil_bridge.runs.compose import Ports, connect_robot, connect_sensor, emulated_cell
-from hil_bridge.runs.cycle import Run
+from hil_bridge.record import CycleRecord, EventRecord, Outcome, SensorRecord
+from hil_bridge.runs.compose import connect_sensor
+from hil_bridge.runs.run_log import RunLog
+from hil_bridge.runs.running import Running, running
 from hil_bridge.runs.setup import Setup
+from hil_bridge.runs.watching import Listener
 from hil_bridge.settings.configuration import Config, load_config, read_config
+from hil_bridge.settings.devices import sensor_at
 from hil_bridge.transports.urls import CONNECT_BYTES, LISTEN_BYTES
-from protocol.wrench import WrenchFrame
 
 URL = "jr3-uart+memory:sensor"
 
@@ -62,7 +63,7 @@ def test_a_listening_url_gets_the_gateways_line(url: str, wire: str) -> None:
 def refuse(url: str, error: type[Exception]) -> str:
     async def main() -> None:
         clock = Clock.running()
-        await connect_sensor(Config(), url, Wiring("sensor", clock, LogTo()))
+        await connect_sensor(sensor_at(Config(), url), Wiring("sensor", clock, LogTo()))
 
     with pytest.raises(error) as caught:
         run_virtual(main)
@@ -116,62 +117,37 @@ def test_pasted_bytes_of_the_line_are_decoded() -> None:
 
 
 @dataclass
-class Log:
-    """Messages of a run."""
-
-    cycles: list[CycleRecord] = field(default_factory=list)
-    events: list[EventRecord] = field(default_factory=list)
-
-    def cycle(self, record: CycleRecord) -> None:
-        self.cycles.append(record)
-
-    def step(self, record: StepRecord) -> None:
-        pass
-
-    def event(self, record: EventRecord) -> None:
-        self.events.append(record)
-
-
 @dataclass
 class Served:
-    """A cell whose sensor is behind a UART gateway, and its two devices."""
+    """A run over the emulated cell with a UART gateway, not begun, and all that it told."""
 
     clock: Clock
-    robot: RobotLink
-    sensor: ForceSensor
-    frames: list[WrenchFrame]
-    notices: list[tuple[str, str]]
+    run: Running
+    frames: list[SensorRecord]
+    cycles: list[CycleRecord]
+    events: list[EventRecord]
+
+    @property
+    def sensor(self) -> ForceSensor:
+        return self.run.sensor
 
 
 def with_cell(script: Callable[[Served], Awaitable[None]], **sections: Any) -> Served:
-    config = read_config(sections)
+    sections.setdefault("sensor", {})["emulated"] = "jr3-uart"
+    setup = Setup(read_config(sections))
     kept: list[Served] = []
 
     async def main() -> None:
         clock = Clock.running()
-        frames: list[WrenchFrame] = []
-        notices: list[tuple[str, str]] = []
-
-        def notice(kind: str, text: str) -> None:
-            notices.append((kind, text))
-
-        def failed(cause: BaseException) -> None:
-            raise cause
-
-        async with emulated_cell(Setup(config), clock, Ports("s3+memory:robot", URL), failed) as ports:
-            assert ports.robot is not None
-            assert ports.sensor == URL
-            log = LogTo(frames.append, notice)
-            robot = await connect_robot(config, ports.robot, Wiring("robot", clock, log))
-            sensor = await connect_sensor(config, ports.sensor, Wiring("sensor", clock, log))
-            kept.append(Served(clock, robot, sensor, frames, notices))
-            robot.start()
-            sensor.start()
-            try:
-                await script(kept[0])
-            finally:
-                await sensor.aclose()
-                await robot.aclose()
+        frames, cycles, events = list[SensorRecord](), list[CycleRecord](), list[EventRecord]()
+        takes: dict[type, Any] = {
+            SensorRecord: frames.append,
+            CycleRecord: cycles.append,
+            EventRecord: events.append,
+        }
+        async with running(setup, RunLog(clock, [Listener(takes)])) as run:
+            kept.append(Served(clock, run, frames, cycles, events))
+            await script(kept[0])
 
     run_virtual(main)
     return kept[0]
@@ -187,14 +163,14 @@ def test_ready_tare_and_stop() -> None:
         await served.sensor.tare()
         times.append(served.clock.now() - begun)
         await served.clock.sleep_until(served.clock.now() + 10.0)
-        assert max(map(abs, served.frames[-1].values)) <= 4
+        assert max(map(abs, served.frames[-1].counts)) <= 4
 
     served = with_cell(script, sensor={"jr3": {"uart": {"period_ms": 2.0}}})
     # Boot 5.033 s, then two pauses of 1.1 s until the start, one more until the zero.
     assert times == [pytest.approx(7.34, abs=0.02), pytest.approx(8.35, abs=0.02)]
     assert len(served.frames) > 5000
     assert served.sensor.lost == 0
-    assert served.notices == []
+    assert served.events == []
 
 
 @pytest.mark.parametrize(("kept_bytes", "seconds"), [(0, 1.25), (256, 0.99)])
@@ -230,14 +206,14 @@ def test_an_unfiltered_sensor_is_said_once() -> None:
         await served.sensor.tare()
 
     served = with_cell(script, sensor={"jr3": {"uart": {"cutoff_hz": 0.0}}})
-    ((kind, text),) = served.notices
-    assert kind == "sensor"
-    assert "filter is off (cut-off 0)" in text
+    (event,) = served.events
+    assert event.kind == "sensor"
+    assert "filter is off (cut-off 0)" in event.text
 
 
 def test_a_sensor_that_is_not_plugged_in_is_one_clear_line() -> None:
     async def script(served: Served) -> None:
-        with pytest.raises(DeviceError, match=r"acknowledges but not ready after 12 s: sensor unplugged\?"):
+        with pytest.raises(DeviceError, match=r"acknowledges but not ready after 12 s; sensor unplugged\?"):
             await served.sensor.ready()
 
     with_cell(script, cell={"jr3": {"sensor": {"connected": False}}})
@@ -245,17 +221,15 @@ def test_a_sensor_that_is_not_plugged_in_is_one_clear_line() -> None:
 
 @pytest.mark.parametrize("kept_bytes", [0, 256])
 def test_the_closed_loop_holds_ten_newtons(kept_bytes: int) -> None:
-    log = Log()
     sections: dict[str, Any] = {
         "run": {"duration_s": 10.0},
         "cell": {"jr3": {"uart": {"kept_bytes": kept_bytes}}},
     }
 
     async def script(served: Served) -> None:
-        run = Run(Setup(read_config(sections)), served.clock, served.robot, served.sensor, log)
-        assert (await run()).outcome is Outcome.COMPLETED
+        assert (await served.run()).outcome is Outcome.COMPLETED
 
     served = with_cell(script, **sections)
-    steady = [record.force for record in log.cycles if record.phase == "track"][-20:]
+    steady = [record.force for record in served.cycles if record.phase == "track"][-20:]
     assert statistics.fmean(steady) == pytest.approx(10.0, abs=0.5)
     assert served.sensor.lost == 0

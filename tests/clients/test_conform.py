@@ -112,7 +112,7 @@ def test_ur_rtde_that_leaves_the_tool_moving_is_found(client_python: Callable[..
     )
     assert found["nominal"].verdict.outcome == "failed"
     assert found["nominal"].verdict.reason.startswith("left the tool moving at ")
-    assert found["nominal"].seen.left_m_s == pytest.approx(0.01, abs=2e-3)
+    assert 0.004 < found["nominal"].seen.left_m_s < 0.012  # a busy machine looks at it rarely
 
 
 def mistaken(mistake: str) -> list[str]:
@@ -147,11 +147,12 @@ def test_a_client_that_keeps_sending_after_a_protective_stop_is_found(tmp_path: 
 )
 def test_a_mistake_is_named(mistake: str, words: str) -> None:
     start_s = 3.0 if mistake == "garbage" else 10.0  # it is waited for to the end
-    (one,) = played(mistaken(mistake), ["nominal"], start_s=start_s).values()
+    run_s = 3.0 if mistake in ("crash", "leap") else 0.6  # until it has made its mistake, which ends the run
+    (one,) = played(mistaken(mistake), ["nominal"], start_s=start_s, run_s=run_s).values()
     assert one.verdict.outcome == "failed"
     assert words in one.verdict.reason
     if mistake == "crash":
-        assert one.verdict.reason.endswith("by SIGSEGV")
+        assert "by SIGSEGV" in one.verdict.reason
     if mistake == "deaf":
         assert "this client does not want to end" in one.output
 

@@ -163,7 +163,7 @@ def test_rsipi_that_stalls_is_counted_late_and_stops_the_robot_at_its_limit(
     client_python: Callable[..., Path], tmp_path: Path
 ) -> None:
     python = client_python(RSIPI)
-    with emulated(tmp_path, "timeout = 100\nrestart_s = 30.0\n") as port:
+    with emulated(tmp_path, "timeout = 100\nrestart_s = 6.0\n") as port:
         told = ran(python, tmp_path, port, STALL, "relative", 0.0)
     before, once, twice, after = (told[moment] for moment in ("before", "once", "twice", "after"))
     assert once["late"] - before["late"] == pytest.approx(50, abs=30)  # 0.2 s of 4 ms, and it goes on

@@ -10,6 +10,7 @@ from hil_bridge.errors import BridgeError
 from hil_bridge.lab.conform.stage import where_of
 from hil_bridge.lab.conform.trying import usual_port
 from hil_bridge.settings.configuration import load_config
+from hil_bridge.settings.devices import robot_at
 
 
 def conform(*arguments: str) -> "tuple[int, str]":
@@ -63,7 +64,7 @@ def test_verdicts_do_not_overwrite_a_file(tmp_path: Path) -> None:
     ],
 )
 def test_a_client_is_told_where_the_robot_is(kind: str, url: str, names: dict[str, str]) -> None:
-    found = where_of(load_config(None, {"robot.emulated": kind}), url).names
+    found = where_of(robot_at(load_config(None, {"robot.emulated": kind}), url)).names
     assert {key: found.get(key) for key in names} == names
     assert found["url"] == url
 

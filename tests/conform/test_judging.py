@@ -10,11 +10,12 @@ from emulators.orders import Act, HeardOrder, Hindrance
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.conform.client import Where
 from hil_bridge.lab.conform.judging import Outcome, Verdict, judge
-from hil_bridge.lab.conform.reports import as_json, as_junit, table, totals
+from hil_bridge.lab.conform.reports import as_json, as_junit, not_modelled, table, totals
 from hil_bridge.lab.conform.rules import read_rules
 from hil_bridge.lab.conform.scenarios import Rules
 from hil_bridge.lab.conform.stage import Played
 from hil_bridge.lab.conform.watching import Seen, Watch
+from protocol.unmodelled import NotModelled
 
 RULES = Rules()
 WELL = Seen(
@@ -200,6 +201,31 @@ def test_json_and_table_tell_the_same() -> None:
     assert lines[1].split(maxsplit=2) == ["stopped", "failed", "sent <7> & more"]
     assert "  bad \ufffd[2J\ufffd" in lines
     assert totals(PLAYED) == "1 passed, 1 failed, 1 skipped"
+
+
+def test_what_is_not_modelled_stands_in_every_report() -> None:
+    play, tool = (
+        NotModelled("rtde", "URScript <rg_grip>()", "its program is not carried out"),
+        NotModelled("rtde", "dashboard command load", "answered as one that is not understood"),
+    )
+    played = [
+        replace(PLAYED[0], not_modelled=(play, tool)),
+        replace(PLAYED[1], not_modelled=(play,)),
+        PLAYED[2],
+    ]
+    (line,) = not_modelled(played)
+    assert line.startswith(
+        "your client relied on 2 things that are not modelled: URScript <rg_grip>() (its program"
+    )
+    assert list(not_modelled(PLAYED)) == []
+    found = json.loads(as_json("rtde", ["./client"], RULES, played))
+    assert [len(one["not_modelled"]) for one in found["scenarios"]] == [2, 1, 0]
+    assert found["scenarios"][1]["not_modelled"] == [
+        {"device": "rtde", "thing": "URScript <rg_grip>()", "detail": "its program is not carried out"}
+    ]
+    case = ElementTree.fromstring(as_junit("rtde", played))[0][0]
+    values = [one.get("value") for one in case.iter("property") if one.get("name") == "not_modelled"]
+    assert values == [str(play), str(tool)]
 
 
 def test_a_wrong_rule_and_a_wrong_placeholder_are_refused() -> None:

@@ -14,8 +14,9 @@ from hil_bridge.lab.conform.client import Where
 from hil_bridge.lab.conform.judging import Outcome
 from hil_bridge.lab.conform.scenarios import SCENARIOS, Rules
 from hil_bridge.lab.conform.stage import Played, Trial, play
-from hil_bridge.runs.compose import cell_ports, connect_robot
+from hil_bridge.runs.compose import choose_port, connect_robot
 from hil_bridge.settings.configuration import Config, load_config
+from hil_bridge.settings.devices import robot_at
 from protocol.geometry import Pose
 
 KINDS = ("s3", "egm", "rtde", "rsi")
@@ -37,7 +38,7 @@ class Linked:
 
     async def _go(self, url: str) -> None:
         clock = Clock.running()
-        robot = await connect_robot(self.config, url, Wiring("robot", clock, Silence()))
+        robot = await connect_robot(robot_at(self.config, url), Wiring("robot", clock, Silence()))
         try:
             robot.start()
             (x, y, z), quaternion = (await robot.ready()).pose
@@ -67,9 +68,9 @@ class Linked:
 
 def trial(kind: str) -> Trial:
     config = load_config(None, {"robot.emulated": kind})
-    port = cell_ports(config, virtual=True).robot
-    assert port is not None
-    return Trial(config, port, RULES, lambda: Linked(config))
+    return Trial(
+        config, choose_port(robot_at(config, ""), virtual=True).named_url, RULES, lambda: Linked(config)
+    )
 
 
 def played(kind: str, scenario: str) -> Played:
@@ -86,6 +87,7 @@ def played(kind: str, scenario: str) -> Played:
 def test_our_own_link_passes(kind: str, scenario: str) -> None:
     one = played(kind, scenario)
     assert one.verdict.outcome is Outcome.PASSED, one.verdict.reason
+    assert one.not_modelled == ()
     if scenario != "refused":
         assert one.seen.moved_m > 0.5e-3
         assert one.seen.taken > 5

@@ -9,7 +9,6 @@ from msgspec.structs import replace
 from hil_bridge.control import Command, Measurement, Phase, Task, TaskParameters
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.task import TaskState
-from hil_bridge.control.geometry.turning import apart, rotated
 from hil_bridge.control.program import free_steps
 from hil_bridge.control.program.facing import FacingState, inward
 from hil_bridge.control.program.felt import WorkFrame
@@ -20,6 +19,7 @@ from hil_bridge.control.program.state import CourseState, Felt
 from hil_bridge.control.words.paths import Line, Polyline
 from hil_bridge.control.words.steps import Approach, Criterion, Hold, Move, Repeat, Retract, Seek, Track
 from hil_bridge.errors import Cause
+from protocol.geometry import angle_between, rotate
 
 DT = 0.1
 DOWN = 0.0, 1.0, 0.0, 0.0
@@ -237,7 +237,7 @@ def test_the_tool_turns_until_it_is_perpendicular_to_a_slope(slope, friction):
     surface, push = sloped(slope, friction)
     told = drive(normal_program(), surface, push=push)
     turned = [output.turned for _, output, _ in told if output.phase is Phase.TRACK][-1] or DOWN
-    x, _, z = rotated(turned, (0.0, 0.0, 1.0))
+    x, _, z = rotate(turned, (0.0, 0.0, 1.0))
     assert math.degrees(math.atan2(-x, -z)) == pytest.approx(math.degrees(math.atan(slope)), abs=1.0)
 
 
@@ -245,7 +245,7 @@ def test_it_turns_no_faster_than_its_limit():
     surface, push = sloped(0.2)
     told = drive(normal_program(), surface, push=push)
     ordered = [output.turned or DOWN for _, output, _ in told]
-    most = max(apart(a, b) for a, b in itertools.pairwise(ordered))
+    most = max(angle_between(a, b) for a, b in itertools.pairwise(ordered))
     assert 0.0 < most <= math.radians(10.0) * DT
 
 
@@ -268,7 +268,7 @@ def test_an_uncertain_normal_turns_no_tool(sigma_deg, turns):
     after = turned(course, leg, program.frame, program.facing, DT)
     assert (after.turned is not None) == turns
     if turns:
-        found = rotated(after.turned, (0.0, 0.0, 1.0))
+        found = rotate(after.turned, (0.0, 0.0, 1.0))
         wanted = inward((0.2, 0.0))
         assert found[0] < 0.0
         assert abs(found[0]) < abs(wanted[1])

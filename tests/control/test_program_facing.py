@@ -7,11 +7,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from hil_bridge.control.geometry.turning import rotated, unit
 from hil_bridge.control.program.facing import Facing, FacingState, Look, inward
 from hil_bridge.control.program.felt import Face, WorkFrame, lateral_of, skewed
 from hil_bridge.control.program.state import Felt
-from protocol.geometry import Quaternion
+from protocol.geometry import Quaternion, normalise, rotate
 
 DT = 0.012
 FORCE = 10.0
@@ -180,7 +179,7 @@ def tool_at(about_x: float, about_y: float) -> Quaternion:
     half_x, half_y = math.radians(about_x) / 2.0, math.radians(about_y) / 2.0
     turn = np.array([1.0, math.tan(half_x), math.tan(half_y), 0.0])
     w, x, y, z = turn / np.linalg.norm(turn)
-    return unit((-x, w, z, -y))  # the turn after half a turn about x
+    return normalise((-x, w, z, -y))  # the turn after half a turn about x
 
 
 def disc_wrench(quaternion: Quaternion, centre: tuple[float, ...] = (0.0, 0.0, 0.0)) -> tuple[float, ...]:
@@ -193,7 +192,7 @@ def disc_wrench(quaternion: Quaternion, centre: tuple[float, ...] = (0.0, 0.0, 0
     y = np.outer(radii, np.sin(angles)).ravel()
     arms = np.stack([x + centre[0], y + centre[1], np.full_like(x, centre[2])], axis=1)
     down = np.array(
-        [-rotated(quaternion, axis)[2] for axis in np.eye(3).tolist()]
+        [-rotate(quaternion, axis)[2] for axis in np.eye(3).tolist()]
     )  # base −z in the tool frame
     depths = FORCE / STIFFNESS + (arms - np.array(centre)) @ down
     assert depths.min() > 0.0, "the whole face must touch"

@@ -10,8 +10,9 @@ from scipy.spatial.transform import Rotation
 
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.orientation import allowed, behind, tilt
-from hil_bridge.control.geometry.turning import apart, brought, moment_at, rotated, tipped, unit, yawed
+from hil_bridge.control.geometry.turning import brought, moment_at, tipped, yawed
 from hil_bridge.errors import Cause, Reason
+from protocol.geometry import angle_between, normalise, rotate
 
 COMPONENT = st.floats(-1.0, 1.0)
 VECTORS = st.tuples(COMPONENT, COMPONENT, COMPONENT)
@@ -19,7 +20,9 @@ UNIT_VECTORS = VECTORS.filter(lambda v: math.hypot(*v) > 0.1).map(
     lambda v: tuple(part / math.hypot(*v) for part in v)
 )
 QUATERNIONS = (
-    st.tuples(COMPONENT, COMPONENT, COMPONENT, COMPONENT).filter(lambda q: math.hypot(*q) > 0.1).map(unit)
+    st.tuples(COMPONENT, COMPONENT, COMPONENT, COMPONENT)
+    .filter(lambda q: math.hypot(*q) > 0.1)
+    .map(normalise)
 )
 ANGLES = st.floats(1e-6, math.pi)
 DOWN = 0.0, 1.0, 0.0, 0.0
@@ -42,37 +45,39 @@ def about(axis, angle, home=DOWN):
 
 @given(QUATERNIONS, VECTORS)
 def test_a_vector_is_rotated_as_scipy_does(quaternion, vector):
-    assert rotated(quaternion, vector) == pytest.approx(scipy_of(quaternion).apply(vector), abs=1e-12)
+    assert rotate(quaternion, vector) == pytest.approx(scipy_of(quaternion).apply(vector), abs=1e-12)
 
 
 @given(QUATERNIONS, QUATERNIONS)
 def test_the_angle_between_orientations_is_that_of_scipy(a, b):
     expected = (scipy_of(a).inv() * scipy_of(b)).magnitude()
-    assert apart(a, b) == pytest.approx(expected, abs=1e-7)
-    assert apart(a, tuple(-part for part in b)) == pytest.approx(apart(a, b), abs=1e-9)
+    assert angle_between(a, b) == pytest.approx(expected, abs=1e-7)
+    assert angle_between(a, tuple(-part for part in b)) == pytest.approx(angle_between(a, b), abs=1e-9)
 
 
 @given(QUATERNIONS, st.floats(1e-9, 1e-3))
 def test_small_angles_are_exact(home, angle):
-    assert apart(home, about((1.0, 0.0, 0.0), angle, home)) == pytest.approx(angle, rel=1e-5, abs=1e-15)
+    assert angle_between(home, about((1.0, 0.0, 0.0), angle, home)) == pytest.approx(
+        angle, rel=1e-5, abs=1e-15
+    )
 
 
 @given(QUATERNIONS, UNIT_VECTORS)
-@example(unit((0.0, 0.0, 1.0, 1e-5)), (0.0, 0.0, 1.0))  # nearly opposite
-@example(unit((0.0, 0.0, 1.0, 1e-8)), (0.0, 0.0, 1.0))
+@example(normalise((0.0, 0.0, 1.0, 1e-5)), (0.0, 0.0, 1.0))  # nearly opposite
+@example(normalise((0.0, 0.0, 1.0, 1e-8)), (0.0, 0.0, 1.0))
 def test_a_tipped_tool_has_the_wanted_axis_by_the_smallest_turn(home, axis):
     found = tipped(home, axis)
     assert math.hypot(*found) == pytest.approx(1.0)
-    assert rotated(found, (0.0, 0.0, 1.0)) == pytest.approx(axis, abs=1e-7)
-    before = np.array(rotated(home, (0.0, 0.0, 1.0)))
+    assert rotate(found, (0.0, 0.0, 1.0)) == pytest.approx(axis, abs=1e-7)
+    before = np.array(rotate(home, (0.0, 0.0, 1.0)))
     angle = math.atan2(float(np.linalg.norm(np.cross(before, axis))), float(before @ axis))
-    assert apart(home, found) == pytest.approx(angle, abs=1e-6)
+    assert angle_between(home, found) == pytest.approx(angle, abs=1e-6)
 
 
-@pytest.mark.parametrize("home", [DOWN, (1.0, 0.0, 0.0, 0.0), unit((1.0, 0.0, 1.0, 0.0))])
+@pytest.mark.parametrize("home", [DOWN, (1.0, 0.0, 0.0, 0.0), normalise((1.0, 0.0, 1.0, 0.0))])
 def test_a_tool_tips_over_to_the_opposite_axis_too(home):
-    axis = tuple(-part for part in rotated(home, (0.0, 0.0, 1.0)))
-    assert rotated(tipped(home, axis), (0.0, 0.0, 1.0)) == pytest.approx(axis, abs=1e-9)
+    axis = tuple(-part for part in rotate(home, (0.0, 0.0, 1.0)))
+    assert rotate(tipped(home, axis), (0.0, 0.0, 1.0)) == pytest.approx(axis, abs=1e-9)
 
 
 @given(st.floats(-math.pi, math.pi), st.floats(-math.pi, math.pi), QUATERNIONS)
@@ -81,17 +86,17 @@ def test_a_yawed_tool_looks_along_the_path_as_at_its_begin(before, after, home):
     headings = [(math.cos(angle), math.sin(angle)) for angle in (before, after)]
     found = yawed(home, (0.0, 0.0, -1.0), *headings)
     expected = Rotation.from_rotvec((0.0, 0.0, after - before)) * scipy_of(home)
-    assert rotated(found, (1.0, 2.0, 3.0)) == pytest.approx(expected.apply((1.0, 2.0, 3.0)), abs=1e-9)
+    assert rotate(found, (1.0, 2.0, 3.0)) == pytest.approx(expected.apply((1.0, 2.0, 3.0)), abs=1e-9)
 
 
 @given(QUATERNIONS, QUATERNIONS, ANGLES)
 def test_an_orientation_is_brought_nearer_by_the_shortest_way_and_no_faster(before, wanted, angle):
-    whole = apart(before, wanted)
+    whole = angle_between(before, wanted)
     assume(whole < math.pi - 1e-3)  # half a turn has two shortest ways
     found = brought(before, wanted, angle)
-    assert apart(before, found) <= angle * (1 + 1e-6) + 1e-9
+    assert angle_between(before, found) <= angle * (1 + 1e-6) + 1e-9
     if whole > math.radians(0.02):
-        assert apart(found, wanted) == pytest.approx(max(whole - angle, 0.0), abs=1e-6)
+        assert angle_between(found, wanted) == pytest.approx(max(whole - angle, 0.0), abs=1e-6)
     else:
         assert found == before, "an orientation as near as this is not ordered anew"
 
@@ -104,7 +109,7 @@ def test_a_moment_about_another_point_is_that_of_numpy(wrench, point):
 
 @given(QUATERNIONS, st.floats(0.9, 1.1))
 def test_rounded_words_become_an_orientation_again(quaternion, scale):
-    assert unit([part * scale for part in quaternion]) == pytest.approx(quaternion)
+    assert normalise([part * scale for part in quaternion]) == pytest.approx(quaternion)
 
 
 # --- the guard
@@ -115,7 +120,7 @@ LIMITS = Limits(turn_deg_s=10.0, turn_total_deg=30.0)
 @given(QUATERNIONS, QUATERNIONS, QUATERNIONS, st.floats(1e-3, 0.5))
 def test_whatever_is_wanted_the_guard_lets_neither_turn_too_fast_nor_tip_too_far(home, before, wanted, dt):
     given_, reasons = allowed(LIMITS, home, before, wanted, dt)
-    assert apart(before, given_) <= math.radians(10.0) * dt + 1e-6
+    assert angle_between(before, given_) <= math.radians(10.0) * dt + 1e-6
     assert tilt(home, given_) <= max(math.radians(30.0), tilt(home, before)) + 1e-6
     assert bool(reasons) == (given_ != wanted)
 
@@ -129,8 +134,8 @@ def test_a_turn_that_is_too_fast_goes_as_far_as_it_may():
     wanted = about((1.0, 0.0, 0.0), math.radians(5.0))
     given_, reasons = allowed(LIMITS, DOWN, DOWN, wanted, 0.1)
     assert reasons == (Reason(Cause.TURN, "turned faster than 10°/s"),)
-    assert apart(DOWN, given_) == pytest.approx(math.radians(1.0))
-    assert apart(given_, wanted) == pytest.approx(math.radians(4.0))
+    assert angle_between(DOWN, given_) == pytest.approx(math.radians(1.0))
+    assert angle_between(given_, wanted) == pytest.approx(math.radians(4.0))
 
 
 def test_a_tool_that_would_tip_too_far_stays_as_it_is():

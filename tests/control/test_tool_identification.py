@@ -13,11 +13,10 @@ from hil_bridge.control import (
     ToolPose,
     Wrist,
     identify_tool,
-    quaternion_about,
-    quaternion_product,
     tool_gravity_wrench,
 )
 from hil_bridge.errors import ConfigError
+from protocol.geometry import product, turn_about
 
 DOWN = (0.0, 1.0, 0.0, 0.0)
 X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
@@ -27,7 +26,7 @@ CENTRE = (0.01, -0.02, 0.08)
 
 def turned(axis, degrees):
     """The tool that points down, turned about an axis of the base."""
-    return quaternion_product(quaternion_about(axis, math.radians(degrees)), DOWN)
+    return product(turn_about(axis, math.radians(degrees)), DOWN)
 
 
 CROSS = (DOWN, turned(X, 30), turned(X, -30), turned(Y, 30), turned(Y, -30))
@@ -57,7 +56,7 @@ def refusal(*poses, wrist=Wrist()):  # noqa: B008
 def test_exact_readings_give_the_exact_tool_however_the_sensor_sits(
     mounting, flip, mass, centre, bias
 ) -> None:
-    wrist = Wrist(quaternion_product(quaternion_about(X, 0.3), quaternion_about(Z, mounting)), flip=flip)
+    wrist = Wrist(product(turn_about(X, 0.3), turn_about(Z, mounting)), flip=flip)
     found = identify_tool([pose(q, wrist, mass, centre, bias) for q in CROSS], wrist)
     assert found.mass == pytest.approx(mass, abs=1e-9)
     assert found.centre_of_gravity == pytest.approx(centre, abs=1e-8)

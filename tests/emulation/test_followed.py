@@ -9,8 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from emulators.arm.followed import FollowedArm, FollowedProfile
-from emulators.arm.quaternions import angle_between
-from protocol.geometry import Pose
+from protocol.geometry import Pose, angle_between
 
 T0 = 1234.5
 CYCLE, DELAY = 0.004, 0.008

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from emulators.arm.loops import ServoProfile
-from emulators.arm.quaternions import angle_between, slerp
 from emulators.arm.waypoints import Waypoint, WaypointArm
-from protocol.geometry import Pose
+from protocol.geometry import Pose, angle_between, slerp
 
 T0 = 1234.5
 TICK = 0.02

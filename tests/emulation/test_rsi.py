@@ -17,9 +17,8 @@ from emulators.devices.rsi.ethernet import TIMED_OUT
 from emulators.faults import Ledger
 from emulators.seams import StartPose
 from protocol.devices.rsi import SENSOR, Telegram, decode, encode, fixed, numbers, pose_tags
-from protocol.devices.rsi.angles import quaternion_of
 from protocol.endpoint import RemoteProtocolError
-from protocol.geometry import Pose
+from protocol.geometry import Pose, from_angles
 
 T0 = 1000.0
 DOWN = (0.0, 1.0, 0.0, 0.0)
@@ -314,7 +313,7 @@ def test_relative_turns_may_be_composed() -> None:
 
 
 def test_corrections_in_the_tool_are_turned_with_it() -> None:
-    down = Pose((0.6, 0.0, 0.5), quaternion_of((0.0, 0.0, 180.0)))
+    down = Pose((0.6, 0.0, 0.5), from_angles(0.0, 0.0, 180.0))
     for frame in ("start", "current"):
         correction = Correction(RsiProfile(ref="tool", tool_frame=frame), down)
         assert correction.take((0.0, 0.0, 0.5, 0.0, 0.2, 0.0)) == ""

@@ -26,6 +26,7 @@ from protocol.devices.rtde.program import INPUT_NAMES, force_program_text, progr
 from protocol.devices.rtde.rotation import six_of
 from protocol.devices.rtde.states import RobotMode, Runtime, SafetyMode
 from protocol.devices.rtde.wires import Piece, Port
+from protocol.endpoint import Trouble
 from protocol.geometry import Pose, towards
 from protocol.robot import ReportReceived, RobotReport, StreamLost
 
@@ -420,8 +421,8 @@ class Pair(Desk):
                     else:
                         self.set_point = towards(self.set_point, self.goal, self.speed * DT, 0.35 * DT)
                         self.client.target(self.set_point, self.now)
-                case StreamLost(text=text):
-                    self.lost.append(text)
+                case StreamLost(text=text, remedy=remedy):
+                    self.lost.append(str(Trouble(text, remedy)))
 
     def step(self) -> None:
         due = self.client.next_deadline()
@@ -446,7 +447,8 @@ class Pair(Desk):
 
     @property
     def fault(self) -> str:
-        return self.reports[-1].fault
+        report = self.reports[-1]
+        return str(Trouble(report.fault, report.remedy))
 
 
 def ready(profile: RtdeProfile = EXACT, client: ClientProfile | None = None) -> Pair:

@@ -300,7 +300,16 @@ def test_a_function_without_effect_is_told_once() -> None:
         program("i = 0\nwhile i < 5:\n  set_gravity([0, 0, 9])\n  teach_mode()\n  i = i + 1\n  sync()\nend")
     )
     assert played.play(20) == 5
-    assert played.said(Message.TAGGED) == ["set_gravity", "teach_mode"]
+    counts = {"URScript set_gravity()": 1, "URScript teach_mode()": 1}
+    assert played.controller.unmodelled.counts == counts
+
+
+def test_an_unknown_function_is_told_beside_the_error() -> None:
+    played = Played(program("rg_grip(1)"))
+    assert played.play(2) == 0
+    assert [(told.thing, told.detail) for told in played.controller.unmodelled.things] == [
+        ("URScript rg_grip()", "not known: the program ends")
+    ]
 
 
 def test_our_own_programs_are_programs() -> None:

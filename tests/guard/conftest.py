@@ -1,12 +1,15 @@
 """Whole runs against an emulated cell that goes wrong, in virtual time, with the truth looked at from beside."""
 
 import math
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+import hil_bridge.cli
 from hil_bridge.clock import Clock, Timer, run_virtual
 from hil_bridge.devices.robots.s3.link import S3Link
 from hil_bridge.errors import BridgeError, TransportClosed
@@ -18,6 +21,7 @@ from hil_bridge.runs.running import running
 from hil_bridge.runs.setup import Setup
 from hil_bridge.runs.watching import Listener
 from hil_bridge.settings.configuration import Config, read_config
+from tests.near_surface import merged
 from tests.paper_cell import PaperCell
 
 WATCH_S = 0.01
@@ -114,15 +118,6 @@ class Guarded:
 Meddle = Callable[[Guarded, CycleRecord], None]
 
 
-def merged(one: dict[str, Any], other: dict[str, Any]) -> dict[str, Any]:
-    """Nested dictionaries laid over each other."""
-    result = dict(one)
-    for key, value in other.items():
-        both = isinstance(value, dict) and isinstance(result.get(key), dict)
-        result[key] = merged(result[key], value) if both else value
-    return result
-
-
 @pytest.fixture
 def configured() -> Callable[..., Config]:
     """A run of three seconds of tracking on a surface of this stiffness, N/m, with more settings laid over it."""
@@ -167,3 +162,20 @@ def in_one_cell() -> Callable[..., list[Guarded]]:
         return run_virtual(main)
 
     return run
+
+
+@pytest.fixture
+def hil(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path
+) -> Callable[..., tuple[int, str, str]]:
+    """Run `hil-bridge` with these arguments in an empty folder: exit code, standard output, standard error."""
+    monkeypatch.chdir(tmp_path)
+
+    def command(*arguments: str) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["hil-bridge", *arguments])
+        with pytest.raises(SystemExit) as ended:
+            hil_bridge.cli.main()
+        output, errors = capfd.readouterr()
+        return int(ended.value.code or 0), output, errors
+
+    return command

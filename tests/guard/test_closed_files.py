@@ -142,7 +142,7 @@ retract_patience_s = 2.0
 [cell]
 start_position_mm = [900.0, -100.0, 592.0]
 """
-RUN = ("--no-view", "--duration", "3", "--record", "run.mcap")
+RUN = ("--no-view", "--duration", "1.5", "--record", "run.mcap")
 NAMED = "os.readlink('/proc/self/fd/' + name)"
 CLOSED = "broke: other code of this process has closed its file"
 CASES = {

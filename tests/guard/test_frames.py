@@ -10,8 +10,8 @@ from emulators.devices.egm import controller
 from hil_bridge.settings.configuration import Config, read_config
 from protocol.devices.egm import PoseMm, to_wire
 from protocol.devices.egm.frames import STOOD_S, Frames
-from protocol.devices.rtde.rotation import pose_of, turn_between
-from protocol.geometry import Pose
+from protocol.devices.rtde.rotation import pose_of
+from protocol.geometry import Pose, angle_between
 from protocol.robot import pose_fault
 
 Guarded = Any
@@ -137,8 +137,8 @@ def test_a_set_point_that_leaves_its_answer_ends_the_answers() -> None:
 def test_a_rotation_that_is_too_long_is_no_orientation() -> None:
     pose = pose_of((0.9, -0.1, 0.59, 1.7e308, 1.7e308, 0.0))
     assert "which is none" in pose_fault(pose)
-    assert turn_between(UPRIGHT, (0.0, -1.0, 0.0, 0.0)) == 0.0
-    assert turn_between(UPRIGHT, (1.0, 0.0, 0.0, 0.0)) == pytest.approx(math.pi)
+    assert angle_between(UPRIGHT, (0.0, -1.0, 0.0, 0.0)) == 0.0
+    assert angle_between(UPRIGHT, (1.0, 0.0, 0.0, 0.0)) == pytest.approx(math.pi)
 
 
 MOMENTS: dict[str, tuple[str, dict[str, Any]]] = {

@@ -2,14 +2,13 @@
 
 import asyncio
 import signal
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-import hil_bridge.cli
+import hil_bridge
 from hil_bridge import api
 from hil_bridge.clock import run_real_on, run_virtual, run_virtual_on
 from hil_bridge.record import CycleRecord, Outcome, read
@@ -24,8 +23,8 @@ NOT_TAKEN = {
     *("SIGCHLD", "SIGCLD", "SIGCONT", "SIGURG", "SIGWINCH"),  # the system ignores them
     *BACKGROUND,
 }
-VIRTUAL = ("run", "--virtual", "--no-view", "--duration", "2", "--record", "r.mcap")
 Command = Callable[..., tuple[int, str, str]]
+VIRTUAL = ("run", "--virtual", "--no-view", "--duration", "2", "--record", "r.mcap")
 
 
 @pytest.fixture
@@ -36,21 +35,6 @@ def defaults() -> Iterator[None]:
     yield
     for number, handler in before.items():
         signal.signal(number, signal.SIG_DFL if handler is None else handler)
-
-
-@pytest.fixture
-def hil(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path) -> Command:
-    """Run `hil-bridge` with these arguments in an empty folder: exit code, standard output, standard error."""
-    monkeypatch.chdir(tmp_path)
-
-    def command(*arguments: str) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["hil-bridge", *arguments])
-        with pytest.raises(SystemExit) as ended:
-            hil_bridge.cli.main()
-        output, errors = capfd.readouterr()
-        return int(ended.value.code or 0), output, errors
-
-    return command
 
 
 def number_of(name: str) -> signal.Signals:

@@ -11,6 +11,7 @@ pytestmark = pytest.mark.live
 CELL: dict[str, Any] = {
     "robot": {"emulated": "egm"},
     "sensor": {"emulated": "ft300"},
+    "limits": {"path_error_mm": 3.0},
     "run": {"period_ms": 20.0, "duration_s": 30.0},
     "controller": {"sample_ms": 20.0},
     "task": {"approach_speed_mm_s": 5.0, "retract_speed_mm_s": 20.0, "retract_mm": 5.0},

@@ -1,25 +1,21 @@
 """A robot guided by EGM and its sensor in one process, the bridge in another, in real time over UDP."""
 
 import json
-import signal
 import socket
 import subprocess
-import sys
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
+from tests.live.processes import HIL, PATIENCE_S, PATIENT, Growing, emulated, finish, start, wait_until
+
 pytestmark = pytest.mark.live
 
-HIL = (sys.executable, "-c", "from hil_bridge.cli import main; main()")
-PATIENCE_S = 60.0
-QUICK = """
+QUICK = f"""
+{PATIENT}
 [run]
 period_ms = 20
-duration_s = {seconds}
+duration_s = {{seconds}}
 [controller]
 sample_ms = 20
 [task]
@@ -33,26 +29,10 @@ retry_s = 0.5
 """
 
 
-@contextmanager
-def emulated_cell(config: Path) -> Iterator[list[str]]:
-    """Options of a run that reaches an emulated cell in another process."""
+def free_url() -> str:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
-        url = f"egm+udp://127.0.0.1:{probe.getsockname()[1]}"
-    command = [*HIL, "emulate", "cell", str(config), "--robot-port", url, "--json"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout is not None
-            where = json.loads(process.stdout.readline())
-            yield [text for device, at in where.items() for text in (f"--{device}", at)]
-            process.send_signal(signal.SIGTERM)
-            assert process.communicate(timeout=PATIENCE_S) == ("", "")
-        finally:
-            process.kill()
-
-
-def command(config: Path, options: list[str], *more: str) -> list[str]:
-    return [*HIL, "run", str(config), *options, "--no-view", *more]
+        return f"egm+udp://127.0.0.1:{probe.getsockname()[1]}"
 
 
 def test_a_run_over_udp_and_another_one_behind_one_that_was_killed(tmp_path: Path) -> None:
@@ -60,29 +40,20 @@ def test_a_run_over_udp_and_another_one_behind_one_that_was_killed(tmp_path: Pat
     short, long = tmp_path / "short.toml", tmp_path / "long.toml"
     short.write_text(QUICK.format(seconds=1.0))
     long.write_text(QUICK.format(seconds=60.0))
-    with emulated_cell(short) as options:
-        with subprocess.Popen(
-            command(long, options, "--record", str(tmp_path / "killed.mcap")), stderr=subprocess.DEVNULL
-        ) as killed:
-            time.sleep(7.0)  # in the midst of it
+    with emulated("cell", str(short), "--robot-port", free_url()) as (_, options):
+        record, summary = tmp_path / "killed.mcap", tmp_path / "run.json"
+        killed = start("run", str(long), *options, "--no-view", "--record", str(record))
+        try:
+            wait_until(Growing(record).tracks, killed)
+        finally:
             killed.kill()
-        lifted = subprocess.run(
-            [*HIL, "free", str(short), *options, "--distance-mm", "5"],
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=PATIENCE_S,
-        )
+            killed.communicate()
+        free = [*HIL, "free", str(short), *options, "--distance-mm", "5"]
+        lifted = subprocess.run(free, capture_output=True, text=True, check=False, timeout=PATIENCE_S)
         assert lifted.returncode == 0, lifted.stderr
-        summary = tmp_path / "run.json"
-        done = subprocess.run(
-            command(short, options, "--record", str(tmp_path / "run.mcap"), "--summary", str(summary)),
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=PATIENCE_S,
-        )
-    assert done.returncode == 0, done.stderr
+        outputs = ("--no-record", "--summary", str(summary))
+        code, _, errors = finish(start("run", str(short), *options, "--no-view", *outputs))
+    assert (code, errors) == (0, "")
     found = json.loads(summary.read_text())
     assert found["outcome"] == "completed"
     assert found["left"].startswith("retracted")

@@ -1,6 +1,7 @@
 """Ways out of a run that come from outside: signals, and terminals and pipes that close or stand still.
 
-Every one of them finds the tool on the surface, in real time, and must leave it retracted with a whole record.
+Every one of them finds the tool on the surface, in real time, and must leave it retracted with a whole record. What
+each signal leads to is held in virtual time, in `tests/bridge/test_signals_and_screens.py`.
 """
 
 import fcntl
@@ -14,26 +15,23 @@ import sys
 import termios
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
 
-from hil_bridge.errors import ConfigError
-from hil_bridge.record import Recording, read
+from hil_bridge.record import read
+from tests.live.processes import HIL, NEAR, PATIENCE_S, Growing, wait_until
 
 pytestmark = pytest.mark.live
 
-HIL = (sys.executable, "-c", "from hil_bridge.cli import main; main()")
 OWN_TERMINAL = (
     *(sys.executable, "-c"),
     "import fcntl, os, termios; os.setsid(); fcntl.ioctl(0, termios.TIOCSCTTY, 0); "
     "from hil_bridge.cli import main; main()",
 )
 """The same as the leader of a session whose terminal is its standard input, so that its closing is a SIGHUP."""
-PATIENCE = 60.0
-"""Longest wait for a whole process on a busy machine, s."""
 LEFT_N = 1.0
 """Largest force that counts as a tool off the surface."""
 CTRL_S, CTRL_Z = b"\x13", b"\x1a"
@@ -72,39 +70,34 @@ def terminal() -> Iterator[Terminal]:
     made.close()
 
 
-def configured(folder: Path, duration_s: float = 120.0) -> str:
-    """A configuration that retracts by little, to save time."""
-    path = folder / "c.toml"
-    path.write_text(f"[run]\nduration_s = {duration_s}\n[task]\nretract_mm = 3.0\n")
-    return str(path)
-
-
-def wait_until(happened: Callable[[], bool]) -> None:
-    ends = time.monotonic() + PATIENCE
-    while not happened():
-        assert time.monotonic() < ends
-        time.sleep(0.05)
-
-
-def record_in(folder: Path) -> Recording:
+def record_in(folder: Path) -> Path:
+    """The one recording in a folder; waited for."""
+    wait_until(lambda: any((folder / "runs").glob("*-c/run.mcap")))
     (path,) = (folder / "runs").glob("*-c/run.mcap")
-    return read(path)
+    return path
 
 
 def wait_for_tracking(folder: Path) -> None:
-    def tracks() -> bool:
-        try:
-            return any(cycle.phase == "track" and cycle.in_contact for cycle in record_in(folder).cycles)
-        except (ConfigError, ValueError):  # not there yet
-            return False
+    wait_until(Growing(record_in(folder)).tracks)
 
-    wait_until(tracks)
+
+def wait_for_cycles(folder: Path, more: int) -> None:
+    """Until the run has made so many more cycles."""
+    growing = Growing(record_in(folder))
+    before = len(read(growing.path).cycles)
+
+    def come() -> bool:
+        recording = growing.news()
+        return recording is not None and len(recording.cycles) > before + more
+
+    wait_until(come)
 
 
 @contextmanager
 def running(command: tuple[str, ...], folder: Path, **streams: object) -> Iterator["subprocess.Popen[bytes]"]:
+    (folder / "c.toml").write_text(f"[run]\nduration_s = 120.0\n{NEAR}")
     process: subprocess.Popen[bytes] = subprocess.Popen(
-        [*command, "run", configured(folder)],
+        [*command, "run", "c.toml"],
         cwd=folder,
         env={**os.environ, "TERM": "xterm"},
         **streams,  # type: ignore[call-overload]
@@ -119,8 +112,8 @@ def running(command: tuple[str, ...], folder: Path, **streams: object) -> Iterat
 def ended_well(process: "subprocess.Popen[bytes]", folder: Path, outcome: str = "interrupted") -> None:
     """The process ends by itself, and its record says that the tool was retracted."""
     codes = {"interrupted": 130, "completed": 0, "stopped": 3}
-    assert process.wait(PATIENCE) == codes[outcome]
-    recording = record_in(folder)
+    assert process.wait(PATIENCE_S) == codes[outcome]
+    recording = read(record_in(folder))
     assert not recording.truncated
     assert recording.end["outcome"] == outcome
     assert recording.cycles[-1].phase == "retract"
@@ -129,22 +122,6 @@ def ended_well(process: "subprocess.Popen[bytes]", folder: Path, outcome: str = 
     told = json.loads(summary.read_text())
     assert told["outcome"] == outcome
     assert told["left"].startswith("retracted, ")
-
-
-@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGQUIT])
-def test_a_signal_retracts_and_is_named_in_the_record(tmp_path: Path, number: signal.Signals) -> None:
-    with running(HIL, tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-        wait_for_tracking(tmp_path)
-        process.send_signal(number)
-        output, errors = process.communicate(timeout=PATIENCE)
-        ended_well(process, tmp_path)
-    assert errors == b""
-    lines = output.decode().splitlines()
-    assert lines[0].startswith("recording into runs/")
-    assert "interrupted" in lines
-    assert any(line.startswith("record: runs/") for line in lines)
-    assert lines[-1].startswith("left: retracted, ")
-    assert [event.text for event in record_in(tmp_path).events if event.kind == "signal"] == [number.name]
 
 
 def test_a_key_that_would_halt_the_process_retracts(tmp_path: Path, terminal: Terminal) -> None:
@@ -163,6 +140,7 @@ def test_a_terminal_that_closes_retracts(tmp_path: Path, terminal: Terminal) -> 
         wait_until(lambda: b"TRACK" in terminal.shown)
         terminal.close()
         ended_well(process, tmp_path)
+    assert "SIGHUP" in [event.text for event in read(record_in(tmp_path)).events if event.kind == "signal"]
 
 
 def test_a_terminal_that_closes_unheard_does_not_end_the_run(tmp_path: Path, terminal: Terminal) -> None:
@@ -171,8 +149,7 @@ def test_a_terminal_that_closes_unheard_does_not_end_the_run(tmp_path: Path, ter
     with running(HIL, tmp_path, stdin=on, stdout=on, stderr=on) as process:
         wait_for_tracking(tmp_path)
         terminal.close()
-        cycles = len(record_in(tmp_path).cycles)
-        wait_until(lambda: len(record_in(tmp_path).cycles) > cycles + 10)
+        wait_for_cycles(tmp_path, 10)
         process.send_signal(signal.SIGINT)
         ended_well(process, tmp_path)
 
@@ -183,12 +160,12 @@ def test_a_paused_terminal_holds_up_neither_run_nor_ctrl_c(tmp_path: Path, termi
     with running(OWN_TERMINAL, tmp_path, stdin=on, stdout=on, stderr=on) as process:
         wait_for_tracking(tmp_path)
         terminal.press(CTRL_S)
-        time.sleep(1.0)
-        shown, cycles = terminal.shown, len(record_in(tmp_path).cycles)
-        wait_until(lambda: len(record_in(tmp_path).cycles) > cycles + 20)
+        time.sleep(0.5)  # until what was on its way is shown
+        shown = terminal.shown
+        wait_for_cycles(tmp_path, 10)
         process.send_signal(signal.SIGINT)
         wait_until(lambda: any((tmp_path / "runs").glob("*-c/summary.json")))
-        time.sleep(3.0)
+        time.sleep(1.0)
         assert process.poll() is None, "it waits for a person to let the terminal go on"
         assert terminal.shown == shown, "the terminal is paused"
         process.send_signal(signal.SIGINT)

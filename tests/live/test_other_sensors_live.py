@@ -10,9 +10,10 @@ from hil_bridge.clock import Clock, run_real
 from hil_bridge.devices.device_log import Silence
 from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.devices.wiring import Wiring
-from hil_bridge.runs.compose import Ports, connect_sensor, emulated_cell
-from hil_bridge.runs.setup import Setup
+from hil_bridge.runs.compose import connect_sensor, emulated_cell
+from hil_bridge.runs.setup import Listen, Setup
 from hil_bridge.settings.configuration import read_config
+from hil_bridge.settings.devices import sensor_at
 from protocol.devices.netft import Command, encode_request
 
 pytestmark = pytest.mark.live
@@ -38,9 +39,9 @@ def test_a_sensor_streams_over_its_wire_and_takes_a_zero(
         clock = Clock.running()
         config = read_config({"sensor": {"emulated": kind}, "cell": cell})
         try:
-            async with emulated_cell(Setup(config), clock, Ports(None, port), lambda cause: None) as served:
+            async with emulated_cell(Setup(config, Listen(None, port)), clock, lambda cause: None) as served:
                 assert served.sensor is not None
-                sensor = await connect_sensor(config, served.sensor, Wiring("sensor", clock, Silence()))
+                sensor = await connect_sensor(served.sensor, Wiring("sensor", clock, Silence()))
                 sensor.start()
                 await sensor.ready()
                 told.append(sensor)
@@ -69,9 +70,9 @@ def test_the_pages_of_a_box_outlive_hostile_browsers() -> None:
         config = read_config({"sensor": {"emulated": "netft"}, "cell": {"netft": {"boot_s": 0.0}}})
         port = "netft+udp-bind://127.0.0.1:0?http_port=0"
         try:
-            async with emulated_cell(Setup(config), clock, Ports(None, port), lambda cause: None) as served:
+            async with emulated_cell(Setup(config, Listen(None, port)), clock, lambda cause: None) as served:
                 assert served.sensor is not None
-                page = int(served.sensor.rpartition("=")[2])
+                page = int(served.sensor.url.rpartition("=")[2])
                 silent = [await asyncio.open_connection("127.0.0.1", page) for _ in range(12)]
                 for text in (b"\xff\x00\r\n\r\n", b"POST / HTTP/1.1\r\n\r\n", b"x" * 20_000):
                     for _, writer in silent:
@@ -102,7 +103,7 @@ def test_a_page_without_a_server_is_told_in_one_line() -> None:
         config = read_config({"sensor": {"netft": {"page_patience_s": 0.6}}})
         try:
             url = "netft+udp://127.0.0.1:9?http_port=9"
-            sensor = await connect_sensor(config, url, Wiring("sensor", clock, Silence()))
+            sensor = await connect_sensor(sensor_at(config, url), Wiring("sensor", clock, Silence()))
             sensor.start()
             try:
                 await sensor.ready()
@@ -128,9 +129,9 @@ def test_a_stranger_that_biases_gets_no_records_and_one_that_starts_gets_them() 
         mine, other = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
         try:
             port = "netft+udp-bind://127.0.0.1:0"
-            async with emulated_cell(Setup(config), clock, Ports(None, port), lambda cause: None) as served:
+            async with emulated_cell(Setup(config, Listen(None, port)), clock, lambda cause: None) as served:
                 assert served.sensor is not None
-                there = int(served.sensor.partition("?")[0].rpartition(":")[2])
+                there = int(served.sensor.url.partition("?")[0].rpartition(":")[2])
                 for end in (mine, other):
                     end.setblocking(False)
                     end.connect(("127.0.0.1", there))

@@ -1,11 +1,9 @@
 """The register server on TCP, and a board served by one process to another."""
 
 import asyncio
-import json
 import signal
 import socket
 import subprocess
-import sys
 from collections.abc import Awaitable, Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -27,11 +25,9 @@ from protocol.devices.jr3.registers import (
     response_reader,
 )
 from protocol.endpoint import RemoteProtocolError
+from tests.live.processes import PATIENCE_S, start
 
 pytestmark = pytest.mark.live
-
-PATIENCE = 60.0
-"""Longest wait on a busy machine, s."""
 
 
 class Memory:
@@ -111,7 +107,7 @@ def on_tcp(
             return clients[-1]
 
         try:
-            async with asyncio.timeout(PATIENCE):
+            async with asyncio.timeout(PATIENCE_S):
                 await test(connect, logged)
         finally:
             await served.aclose()
@@ -269,18 +265,10 @@ def test_a_taken_port_is_one_clear_line() -> None:
 
 # --- processes
 
-HIL = (sys.executable, "-c", "from hil_bridge.cli import main; main()")
-
-
-def start(*arguments: str) -> "subprocess.Popen[str]":
-    return subprocess.Popen(
-        [*HIL, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, bufsize=1
-    )
-
 
 def stop(process: "subprocess.Popen[str]") -> tuple[int, str, str]:
     process.send_signal(signal.SIGINT)
-    output, errors = process.communicate(timeout=PATIENCE)
+    output, errors = process.communicate(timeout=PATIENCE_S)
     return process.returncode, output, errors
 
 
@@ -311,7 +299,7 @@ def test_a_pci_board_is_served_to_another_process(tmp_path: Path) -> None:
         url = server.stdout.readline().strip()
         assert url.startswith("sensor: jr3-board+tcp://127.0.0.1:")
         assert server.stdout.readline() == "Stop with Ctrl-C.\n"
-        with socket.create_connection(("127.0.0.1", int(url.rpartition(":")[2])), PATIENCE) as client:
+        with socket.create_connection(("127.0.0.1", int(url.rpartition(":")[2])), PATIENCE_S) as client:
             client.sendall(encode_request(Request(Op.WRITE, 2, 0x80, 1, (400,))) + encode_request(SERIAL))
             found: list[Response | Garbage] = []
             reader = response_reader()
@@ -325,47 +313,3 @@ def test_a_pci_board_is_served_to_another_process(tmp_path: Path) -> None:
         server.kill()
         server.communicate()
     assert (folder / "resource0").read_bytes()[0x10000 + 4 * 0x80 :][:4] == (400).to_bytes(4, "little")
-
-
-def test_a_run_reads_the_emulated_board_over_tcp(tmp_path: Path) -> None:
-    path = tmp_path / "c.toml"
-    path.write_text(
-        "[task]\nretract_mm = 3.0\n[sensor.jr3.board]\noffset_polls = 1\npoll_s = 0.2\n"
-        "[cell.jr3.board]\noffsets_zeroed_s = 0.05\n"
-    )
-    emulator = start(
-        "emulate", "cell", str(path), "--sensor-port", "jr3-board+tcp-listen://127.0.0.1:0", "--json"
-    )
-    try:
-        assert emulator.stdout is not None
-        where = json.loads(emulator.stdout.readline())
-        assert where["sensor"].startswith("jr3-board+tcp://127.0.0.1:")
-        summary = tmp_path / "s.json"
-        run = start(
-            "run",
-            str(path),
-            "--robot",
-            where["robot"],
-            "--sensor",
-            where["sensor"] + "?filter=2",
-            "--tool-mass-kg",
-            where["tool-mass-kg"],
-            "--duration",
-            "5",
-            "--unchecked",
-            "--no-view",
-            "--no-record",
-            "--summary",
-            str(summary),
-        )
-        try:
-            output, errors = run.communicate(timeout=PATIENCE)
-        finally:
-            run.kill()
-            run.communicate()
-        assert (run.returncode, errors) == (0, "")
-        assert "completed" in output.splitlines()
-        assert stop(emulator) == (0, "", "")
-    finally:
-        emulator.kill()
-        emulator.communicate()

@@ -1,30 +1,20 @@
 """The site tools as processes of their own: two tapped lines, and a controller behind RFC 2217."""
 
-import json
 import os
 import pty
 import re
 import select
 import signal
 import subprocess
-import sys
 import time
 import tty
 from pathlib import Path
 
 import pytest
 
+from tests.live.processes import HIL, PATIENCE_S, start, told_first
+
 pytestmark = pytest.mark.live
-
-HIL = (sys.executable, "-c", "from hil_bridge.cli import main; main()")
-PATIENCE = 60.0
-"""Longest wait for a whole process on a busy machine, s."""
-
-
-def start(*arguments: str) -> "subprocess.Popen[str]":
-    return subprocess.Popen(
-        [*HIL, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, bufsize=1
-    )
 
 
 def test_two_tapped_lines_are_put_into_words_and_kept(tmp_path: Path) -> None:
@@ -38,7 +28,7 @@ def test_two_tapped_lines_are_put_into_words_and_kept(tmp_path: Path) -> None:
         "monitor", *(f"s3+serial://{os.ttyname(slave)}" for _, slave in ports), "--save", str(capture)
     )
     try:
-        ends = time.monotonic() + PATIENCE
+        ends = time.monotonic() + PATIENCE_S
         while not (capture.exists() and "PC 05" in capture.read_text()):
             assert time.monotonic() < ends
             os.write(pc, b"\x05")  # until it listens
@@ -54,7 +44,7 @@ def test_two_tapped_lines_are_put_into_words_and_kept(tmp_path: Path) -> None:
         assert "PC→S3" in first
         assert "ACK" in first
         process.send_signal(signal.SIGINT)
-        out, errors = process.communicate(timeout=PATIENCE)
+        out, errors = process.communicate(timeout=PATIENCE_S)
         assert (process.returncode, errors) == (0, "")
         assert out.startswith("1 blocks")
         assert not select.select([pc, robot], [], [], 0.0)[0], "a monitor sends nothing"
@@ -66,7 +56,7 @@ def test_two_tapped_lines_are_put_into_words_and_kept(tmp_path: Path) -> None:
                 os.close(end)
     assert "10 02 00 08 01 00 13 01 00 00 10 03 18" in capture.read_text()
     again = subprocess.run(
-        [*HIL, "monitor", str(capture)], capture_output=True, text=True, check=True, timeout=PATIENCE
+        [*HIL, "monitor", str(capture)], capture_output=True, text=True, check=True, timeout=PATIENCE_S
     )
     assert "read status, order" in again.stdout
 
@@ -75,10 +65,9 @@ def test_a_sensor_is_probed_on_a_terminal_and_left_with_ctrl_c() -> None:
     emulator = start("emulate", "cell", "--json")
     mine, its = pty.openpty()
     try:
-        assert emulator.stdout is not None
-        url = json.loads(emulator.stdout.readline())["sensor"]
+        url = told_first(emulator)["sensor"]
         process = subprocess.Popen([*HIL, "probe", "sensor", url], stdin=its, stdout=its, stderr=its)
-        said, asked, ends = "", 0, time.monotonic() + PATIENCE
+        said, asked, ends = "", 0, time.monotonic() + PATIENCE_S
         while said.partition("+Z: left out")[2].count("Fz") < 2:
             assert time.monotonic() < ends, said
             assert process.poll() is None, said
@@ -97,7 +86,7 @@ def test_a_sensor_is_probed_on_a_terminal_and_left_with_ctrl_c() -> None:
         assert "Traceback" not in said
     finally:
         emulator.terminate()
-        emulator.communicate(timeout=PATIENCE)
+        emulator.communicate(timeout=PATIENCE_S)
         os.close(mine)
         os.close(its)
 
@@ -115,14 +104,13 @@ def test_a_controller_behind_a_device_server_is_probed(tmp_path: Path) -> None:
         "s3+rfc2217-listen://127.0.0.1:0?baudrate=9600&parity=N",
     )
     try:
-        assert emulator.stdout is not None
-        url = json.loads(emulator.stdout.readline())["robot"].partition("?")[0]
+        url = told_first(emulator)["robot"].partition("?")[0]
         site = tmp_path / "site.toml"
         probe = subprocess.run(
             [*HIL, "probe", "robot", url, "-o", str(site)],
             capture_output=True,
             text=True,
-            timeout=PATIENCE,
+            timeout=PATIENCE_S,
             check=False,
         )
         assert (probe.returncode, probe.stderr) == (0, "")
@@ -130,11 +118,11 @@ def test_a_controller_behind_a_device_server_is_probed(tmp_path: Path) -> None:
         for line in ('parity = "N"', 'dle_stuffing = "double"', 'length_style = "data"'):
             assert line in site.read_text().splitlines()
         doctor = subprocess.run(
-            [*HIL, "doctor", str(site)], capture_output=True, text=True, timeout=PATIENCE, check=False
+            [*HIL, "doctor", str(site)], capture_output=True, text=True, timeout=PATIENCE_S, check=False
         )
         assert "ok    robot.url: 127.0.0.1 port" in doctor.stdout
         assert "fail  wires: a robot without a sensor" in doctor.stdout
         assert doctor.returncode == 3, "`run` would refuse it too, until a sensor is named"
     finally:
         emulator.terminate()
-        emulator.communicate(timeout=PATIENCE)
+        emulator.communicate(timeout=PATIENCE_S)

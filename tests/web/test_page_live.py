@@ -33,8 +33,6 @@ fault = "emergency-stop"
 phase = "track"
 after_s = {}
 """
-PICTURES = os.environ.get("HIL_BRIDGE_PICTURES", "")
-"""Folder for the pictures of the documentation: `HIL_BRIDGE_PICTURES=docs/pictures pytest tests/web -k alarm`."""
 NEAR = """
 [cell]
 start_position_mm = [900.0, -100.0, 591.0]
@@ -103,7 +101,7 @@ async def test_a_browser_sees_a_run_a_cut_and_an_alarm(
         "40",
         "--record",
         "run.mcap",
-        config=NEAR + LIMIT + FAULT.format(18.0 if PICTURES else 2.5),
+        config=NEAR + LIMIT + FAULT.format(2.5),
     )
     async with cuttable(run.port) as way:
         await page.open(f"http://127.0.0.1:{way.port}/")
@@ -130,9 +128,6 @@ async def test_a_browser_sees_a_run_a_cut_and_an_alarm(
           for (let k = 0; k < row.length; k += 4) if (row[k] > 150 && row[k + 1] < 90 && row[k + 2] < 90) count++;
           return count > width / 3; })()"""
         await page.until(red)
-        if PICTURES:
-            await asyncio.sleep(12.0)
-            await page.screenshot(Path(PICTURES) / "web-live.png")
         await way.cut()
         await page.until("!document.getElementById('cut').hidden")
         assert "trying again" in await page.value(text("cut"))
@@ -144,13 +139,11 @@ async def test_a_browser_sees_a_run_a_cut_and_an_alarm(
         await page.until("document.querySelector('#list .alarm')")
         await page.until("!document.getElementById('outcome').hidden")
         outcome = await page.value(text("outcome"))
-        if PICTURES:
-            await asyncio.sleep(1.0)
-            await page.screenshot(Path(PICTURES) / "web-fault.png")
-            await page.size(390, 1500, phone=True)
-            await page.scheme("dark")
-            await asyncio.sleep(1.0)
-            await page.screenshot(Path(PICTURES) / "web-phone.png")
+        motion = await page.value("document.getElementById('motion').innerText")
+        assert motion.split("\n")[-1] == "the run is stopped"  # the last cycle's word stands no more
+        assert outcome.startswith("Stopped:")
+        titles = "[...document.querySelectorAll('.hil-title')].map(one => one.textContent)"
+        assert (await page.value(titles))[0].endswith("N · force limit 15 · pull limit −10")
     assert run.ended() == 3
     cause = read(tmp_path / "0" / "run.mcap").end["text"]
     assert cause

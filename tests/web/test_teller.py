@@ -15,7 +15,6 @@ from hil_bridge.record.records import StepRecord
 from hil_bridge.record.topics import TOPICS, Record
 from hil_bridge.runs.setup import Setup
 from hil_bridge.show.charts.columns import ROWS, Columns
-from hil_bridge.show.charts.facts import facts_of_scene
 from hil_bridge.show.charts.run import run_charts
 from hil_bridge.show.terminal import Health, Scene
 from hil_bridge.show.web import wire
@@ -153,7 +152,7 @@ def test_silence_is_told_and_an_end_without_a_word(stopped: tuple[Scene, Recordi
 def test_a_fast_and_long_run_stays_within_its_bounds(stopped: tuple[Scene, Recording]) -> None:
     scene, recording = stopped
     cycle = next(cycle for cycle in recording.cycles if cycle.phase == "track")
-    columns, teller = Columns(0.0, facts_of_scene(scene)), Teller(wire.Begin(scene, 0), 0.0)
+    columns, teller = Columns(0.0, scene.chart_facts), Teller(wire.Begin(scene, 0), 0.0)
     for number in range(4 * ROWS):
         at, force = number * 0.01, 50.0 if number % 4 == 1 else 1.0
         record = msgspec.structs.replace(cycle, controlled_at=at, started_at=at, force=force)
@@ -175,6 +174,6 @@ def test_a_number_that_is_none_becomes_a_gap(stopped: tuple[Scene, Recording]) -
     scene, recording = stopped
     cycle = msgspec.structs.replace(recording.cycles[0], force=float("nan"))
     assert isinstance(cycle, CycleRecord)
-    columns = Columns(0.0, facts_of_scene(scene))
+    columns = Columns(0.0, scene.chart_facts)
     columns.cycle(cycle)
     assert columns.since({})["cycle"]["force"] == [None]

@@ -205,7 +205,7 @@ def test_early_deadline_call_is_harmless():
 
 
 def test_texts_tell_people_what_to_check():
-    texts = {}
+    remedies = {}
     for name, noise in (("no answer", b""), ("only noise", b"\xff")):
         link = Link(HOST, LinkProfile(bid_limit=1))
         link.send([ASK])
@@ -214,6 +214,6 @@ def test_texts_tell_people_what_to_check():
         link.handle_deadline(9.0)
         (event,) = (event for event in told(link) if isinstance(event, LinkFailed))
         assert event.reason == name
-        texts[name] = event.text
-    assert "cable" in texts["no answer"]
-    assert "parity" in texts["only noise"]
+        remedies[name] = event.remedy
+    assert "cable" in remedies["no answer"]
+    assert "parity" in remedies["only noise"]

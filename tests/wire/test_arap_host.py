@@ -346,7 +346,8 @@ def test_link_failure_fails_the_order_and_says_why():
     event = cell.run(20.0)[-1]
     assert isinstance(event, OrderFailed)
     assert event.reason == "no answer"
-    assert "cable" in event.text
+    assert "cable" in event.remedy
+    assert "cable" not in event.text
 
 
 def test_lost_acknowledgement_does_not_lose_the_order():

@@ -348,7 +348,8 @@ def test_a_robot_with_another_cycle_is_told_so() -> None:
     for number in range(30):
         talk.hears(told(number, tm_ms=1000 + 8 * number))
     assert [bool(report.fault) for report in talk.reports] == [False] * 25 + [True] * 5
-    assert "it sends every 8.0 ms and not every 4 ms; set robot.egm.sample_ms" in talk.reports[-1].fault
+    assert talk.reports[-1].fault == "it sends every 8.0 ms and not every 4 ms"
+    assert "set robot.egm.sample_ms" in talk.reports[-1].remedy
 
 
 # --- sessions

@@ -24,12 +24,11 @@ from protocol.devices.egm import (
     describe,
     encode_answer,
     encode_robot,
-    rotation_vector,
-    turned,
 )
-from protocol.devices.egm.messages import LARGEST_BYTES, quaternion_of
+from protocol.devices.egm.messages import LARGEST_BYTES
 from protocol.devices.egm.schema import message_class
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
+from protocol.geometry import angle_between, product, turn_by
 
 # Golden datagrams: specification of EGM, section 10. They were made by hand, and both public clients read them.
 R1 = bytes.fromhex(
@@ -219,8 +218,15 @@ def test_euler_angles_turn_about_x_then_y_then_z(angles: tuple[float, float, flo
     x, y, z = (math.radians(angle) for angle in angles)
     quaternion = (1.0, 0.0, 0.0, 0.0)
     for by in ((x, 0.0, 0.0), (0.0, y, 0.0), (0.0, 0.0, z)):
-        quaternion = turned(quaternion, by)
-    assert math.dist(rotation_vector(quaternion, quaternion_of(*angles)), (0.0, 0.0, 0.0)) < 1e-6
+        quaternion = product(turn_by(by), quaternion)
+    parsed = message_class("EgmSensor")()
+    parsed.ParseFromString(S1)
+    euler = parsed.planned.cartesian.euler
+    euler.x, euler.y, euler.z = angles
+    read = decode_answer(parsed.SerializeToString())
+    assert isinstance(read, SensorMessage)
+    assert read.pose is not None
+    assert angle_between(quaternion, read.pose.quaternion) < 1e-6
 
 
 def test_the_messages_stay_out_of_the_pool_that_other_packages_share() -> None:

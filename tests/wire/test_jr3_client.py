@@ -43,21 +43,22 @@ def test_synchronous_session_with_known_full_scales(can: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    ("heard", "text"),
+    ("heard", "fact", "remedy"),
     [
-        ("", f"silent: nothing of a gateway on the bus in 1 s: power, bit rate, wiring? {HANGS}"),
+        ("", "silent: nothing of a gateway on the bus in 1 s", f"power, bit rate, wiring? {HANGS}"),
         (
             "102#00 601#R 00000101#00",
-            "silent for 1 s while others are on the bus: wrong node number?",
+            "silent for 1 s while others are on the bus",
+            "wrong node number?",
         ),
     ],
 )
-def test_why_it_is_not_ready_is_told(can: Any, heard: str, text: str) -> None:
+def test_why_it_is_not_ready_is_told(can: Any, heard: str, fact: str, remedy: str) -> None:
     client = can.begin(ready_timeout_s=1.0)
     client.receive(can.data(heard), T0)
     assert client.phase is Phase.ASKING
     client.handle_deadline(T0 + 1)
-    assert can.events(client) == [SensorFailed(f"gateway node 1: {text}")]
+    assert can.events(client) == [SensorFailed(f"gateway node 1: {fact}", remedy)]
 
 
 def test_a_period_that_the_firmware_was_not_tested_with_warns(can: Any) -> None:

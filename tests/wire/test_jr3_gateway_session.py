@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from protocol.devices.jr3.counts import facts_of
 from protocol.devices.jr3.firmware import HANGS, first_order_delay
 from protocol.devices.jr3.gateway_session import Phase
-from protocol.endpoint import LocalProtocolError
+from protocol.endpoint import LocalProtocolError, Trouble
 from protocol.wrench import SensorFailed, SensorNotice, SensorReady, SensorRestarted, SensorStopped, Zeroed
 
 T0 = 1000.25
@@ -29,7 +29,7 @@ def failure(wire: Any, client: Any) -> str:
     assert client.phase is Phase.FAILED
     (failed,) = wire.events(client)
     assert isinstance(failed, SensorFailed)
-    return failed.text
+    return str(Trouble(failed.text, failed.remedy))
 
 
 # --- from the beginning to the end
@@ -135,7 +135,7 @@ def test_a_sensor_that_never_gets_ready_is_told(wire: Any) -> None:
     client = wire.begin(ready_timeout_s=3.0)
     wire.exchange(client, T0, wire.not_ready, expect=wire.state)
     client.handle_deadline(T0 + 3)
-    assert failure(wire, client) == f"{wire.name}: acknowledges but not ready after 3 s: sensor unplugged?"
+    assert failure(wire, client) == f"{wire.name}: acknowledges but not ready after 3 s; sensor unplugged?"
 
 
 def test_not_ready_on_the_way_goes_back_to_asking(wire: Any) -> None:
@@ -154,7 +154,7 @@ def test_not_ready_after_ready_fails(wire: Any) -> None:
     client = wire.ready()
     client.zero()
     wire.exchange(client, T0 + 10, wire.not_ready, expect=wire.zero)
-    assert failure(wire, client) == f"{wire.name}: acknowledges but not ready any more: sensor unplugged?"
+    assert failure(wire, client) == f"{wire.name}: acknowledges but not ready any more; sensor unplugged?"
 
 
 @pytest.mark.parametrize(("place", "axis"), list(enumerate(["fx", "fy", "fz", "mx", "my", "mz"])))
@@ -167,7 +167,7 @@ def test_full_scale_0_is_named(wire: Any, place: int, axis: str) -> None:
         (order,) = wire.orders(client, now)
         client.receive(wire.data(answers[order]), now)
         now += wire.step
-    assert failure(wire, client) == f"{wire.name}: full scale of {axis} is 0: calibration not read?"
+    assert failure(wire, client) == f"{wire.name}: full scale of {axis} is 0; calibration not read?"
 
 
 def test_a_command_without_acknowledge_fails_after_its_retries(wire: Any) -> None:
@@ -223,7 +223,7 @@ def test_a_counter_that_stands_still_for_long_fails(wire: Any) -> None:
         assert client.statistics.standing == k + 1
     client.receive(wire.sample(83), T0 + 12)
     assert failure(wire, client) == (
-        f"{wire.name}: its counter has stood at 83 for 2.0 s while samples go on: "
+        f"{wire.name}: its counter has stood at 83 for 2.0 s while samples go on; "
         "sensor unplugged? plug it in, then switch the gateway off and on"
     )
 

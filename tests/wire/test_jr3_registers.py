@@ -54,7 +54,7 @@ from protocol.devices.jr3.registers import (
     response_reader,
     start_up,
 )
-from protocol.endpoint import LocalProtocolError, RemoteProtocolError
+from protocol.endpoint import LocalProtocolError, RemoteProtocolError, Trouble
 from protocol.fields import Layout
 from protocol.wrench import (
     SensorEvent,
@@ -372,22 +372,23 @@ def test_a_changed_sensor_is_acknowledged_and_waited_for() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "text"),
+    ("name", "value", "text", "remedy"),
     [
-        ("errors", 0x8000, "no sensor after 10 s .watch dog.: is it plugged in"),
-        ("errors", 0x4000, "no sensor after 10 s .watch dog2.: is it plugged in"),
-        ("serial_no", 0, "calibration is not read after 10 s: is it plugged in"),
-        ("model_no", 0, "calibration is not read after 10 s"),
-        ("max_full_scale", 0, "full scale of fx is 0"),
-        ("max_full_scale", -3, "full scale of fx is -3"),
-        ("units", 4, "counts in unit 4"),
+        ("errors", 0x8000, "no sensor after 10 s .watch dog.", "is it plugged in?"),
+        ("errors", 0x4000, "no sensor after 10 s .watch dog2.", "is it plugged in?"),
+        ("serial_no", 0, "calibration is not read after 10 s", "is it plugged in?"),
+        ("model_no", 0, "calibration is not read after 10 s", "is it plugged in?"),
+        ("max_full_scale", 0, "full scale of fx is 0", "calibration not read?"),
+        ("max_full_scale", -3, "full scale of fx is -3", "calibration not read?"),
+        ("units", 4, "counts in unit 4", ""),
     ],
 )
-def test_start_up_that_cannot_be(name: str, value: int, text: str) -> None:
+def test_start_up_that_cannot_be(name: str, value: int, text: str, remedy: str) -> None:
     board = Words()
     board.poke(name, value)
-    with pytest.raises(RemoteProtocolError, match=text):
+    with pytest.raises(RemoteProtocolError, match=text) as raised:
         perform(board, start_up(replace(PROFILE, offset_polls=0)))
+    assert raised.value.remedy == remedy
 
 
 def test_a_command_that_fails_or_never_ends() -> None:
@@ -768,14 +769,14 @@ def test_a_second_client_takes_the_board_as_it_is() -> None:
 
 
 def failure(events: list[SensorEvent]) -> str:
-    (text,) = [event.text for event in events if isinstance(event, SensorFailed)]
-    return text
+    (failed,) = [event for event in events if isinstance(event, SensorFailed)]
+    return str(Trouble(failed.text, failed.remedy))
 
 
 def test_an_unplugged_sensor_ends_the_session(pair: Pair) -> None:
     pair.board.poke("errors", 0xC000)
     assert failure(pair.run(1.0)) == (
-        "board: it hears no sensor (watch dog2, watch dog): check the sensor's plug and cable"
+        "board: it hears no sensor (watch dog2, watch dog); check the sensor's plug and cable"
     )
     assert pair.client.phase is BoardPhase.FAILED
     assert pair.run(100.0) == []
@@ -855,7 +856,7 @@ def test_a_counter_that_stands_still(pair: Pair) -> None:
 def test_silence_has_an_end(pair: Pair) -> None:
     pair.run(0.9)
     pair.cut = True
-    assert failure(pair.run(5.0)) == "board: no data for 1 s: server or network stuck?"
+    assert failure(pair.run(5.0)) == "board: no data for 1 s; server or network stuck?"
     silent = Pair(Words(), FAST)
     silent.cut = True
     assert failure(silent.run(5.0)) == "board: the server has not answered for 1 s"
@@ -864,7 +865,7 @@ def test_silence_has_an_end(pair: Pair) -> None:
 def test_start_up_failures_become_the_end() -> None:
     board = Words()
     board.poke("max_full_scale", 0, 5)
-    assert failure(Pair(board, FAST).run(5.0)) == "board: full scale of mz is 0: calibration not read?"
+    assert failure(Pair(board, FAST).run(5.0)) == "board: full scale of mz is 0; calibration not read?"
 
 
 @pytest.mark.parametrize(

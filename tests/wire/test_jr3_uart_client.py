@@ -59,18 +59,18 @@ def test_a_client_tells_which_axes_are_saturated(uart: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    ("heard", "text"),
+    ("heard", "fact", "remedy"),
     [
-        (b"", f"silent for 3 s: power, cable, port? {HANGS}"),
-        (b"\xf8\x00\x80", "bytes but no frame of a gateway in 3 s: not 115200 baud, or another device?"),
-        (encode_data([7] * 6, 1), "sends but acknowledges nothing in 3 s: is the line to it open?"),
+        (b"", "silent for 3 s", f"power, cable, port? {HANGS}"),
+        (b"\xf8\x00\x80", "bytes but no frame of a gateway in 3 s", "not 115200 baud, or another device?"),
+        (encode_data([7] * 6, 1), "sends but acknowledges nothing in 3 s", "is the line to it open?"),
     ],
 )
-def test_why_it_is_not_ready_is_told(uart: Any, heard: bytes, text: str) -> None:
+def test_why_it_is_not_ready_is_told(uart: Any, heard: bytes, fact: str, remedy: str) -> None:
     client = uart.begin(ready_timeout_s=3.0)
     client.receive(heard, T0)
     client.handle_deadline(T0 + 3)
-    assert uart.events(client) == [SensorFailed(f"UART gateway: {text}")]
+    assert uart.events(client) == [SensorFailed(f"UART gateway: {fact}", remedy)]
 
 
 def test_a_cut_off_before_the_start_goes_out_with_it_alone(uart: Any) -> None:

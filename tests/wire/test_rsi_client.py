@@ -19,8 +19,9 @@ from protocol.devices.rsi import (
     numbers,
     pose_tags,
 )
-from protocol.devices.rsi.angles import quaternion_of, times, values_of
-from protocol.geometry import Pose
+from protocol.devices.rsi.angles import values_of
+from protocol.endpoint import Trouble
+from protocol.geometry import Pose, from_angles, product
 from protocol.robot import ReportReceived, RobotReport, StreamLost, StreamNotice
 
 CYCLE_MS = 4
@@ -73,8 +74,8 @@ class Driver:
                         client.hold(self.now)
                     else:
                         client.target(to, self.now)
-                case StreamLost(text=text):
-                    self.lost.append(text)
+                case StreamLost(text=text, remedy=remedy):
+                    self.lost.append(str(Trouble(text, remedy)))
                     to = None
                 case StreamNotice(text=text):
                     self.notices.append(text)
@@ -148,9 +149,9 @@ def test_a_turn_is_told_in_angles_about_the_base() -> None:
     driver = absolute(fastest_deg_s=1e6)
     driver.give(telegram(0))
     driver.client.begin(START)
-    turned = Pose(START.position, times(quaternion_of((3.0, -2.0, 1.0)), DOWN))
+    turned = Pose(START.position, product(from_angles(3.0, -2.0, 1.0), DOWN))
     assert driver.value(telegram(4), to=turned)[3:] == pytest.approx([3.0, -2.0, 1.0], abs=1e-5)
-    further = Pose(START.position, times(quaternion_of((4.0, -2.0, 1.0)), DOWN))
+    further = Pose(START.position, product(from_angles(4.0, -2.0, 1.0), DOWN))
     assert driver.value(telegram(8), to=further)[3:] == pytest.approx([4.0, -2.0, 1.0], abs=1e-5)
 
 
@@ -160,7 +161,7 @@ def test_relative_turns_add_up_to_the_whole_turn() -> None:
     driver.client.begin(START)
     total = [0.0] * 3
     for step in range(1, 101):
-        turned = Pose(START.position, times(quaternion_of((0.03 * step, -0.02 * step, 0.01 * step)), DOWN))
+        turned = Pose(START.position, product(from_angles(0.03 * step, -0.02 * step, 0.01 * step), DOWN))
         for axis, value in enumerate(driver.value(telegram(4 * step), to=turned)[3:]):
             total[axis] += value
     assert total == pytest.approx([3.0, -2.0, 1.0], abs=1e-4)

@@ -20,19 +20,10 @@ from protocol.devices.rsi import (
     numbers,
     pose_tags,
 )
-from protocol.devices.rsi.angles import (
-    angles_of,
-    inverse,
-    nearest,
-    pose_of,
-    quaternion_of,
-    times,
-    turned,
-    values_of,
-)
+from protocol.devices.rsi.angles import nearest, pose_of, values_of
 from protocol.devices.rsi.telegram import LARGEST_BYTES, _parsed
 from protocol.endpoint import RemoteProtocolError
-from protocol.geometry import Pose
+from protocol.geometry import Pose, angles_of, from_angles, inverse, product, rotate
 
 # The telegrams K1 … K7 of the specification, with their lengths and check sums.
 GOLDEN = {
@@ -269,27 +260,27 @@ def test_a_number_keeps_its_value_and_has_no_minus_before_zero(value: float, dec
 
 
 def test_the_worked_example_of_the_angles() -> None:
-    q = quaternion_of((30.0, -20.0, 10.0))
+    q = from_angles(30.0, -20.0, 10.0)
     assert q == pytest.approx((0.943714, 0.127679, -0.144878, 0.268536), abs=1e-6)
     assert angles_of(q) == pytest.approx((30.0, -20.0, 10.0))
-    assert turned(q, (0.0, 0.0, 10.0)) == pytest.approx((-2.048741, -3.187958, 9.254166), abs=1e-6)
-    columns = [turned(q, axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))]
+    assert rotate(q, (0.0, 0.0, 10.0)) == pytest.approx((-2.048741, -3.187958, 9.254166), abs=1e-6)
+    columns = [rotate(q, axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))]
     assert columns[0] == pytest.approx((0.813798, 0.469846, 0.342020), abs=1e-6)
     assert columns[1] == pytest.approx((-0.543838, 0.823173, 0.163176), abs=1e-6)
 
 
 def test_a_tool_that_points_down_and_its_corrections() -> None:
-    down = quaternion_of((0.0, 0.0, 180.0))
+    down = from_angles(0.0, 0.0, 180.0)
     assert down == pytest.approx((0.0, 1.0, 0.0, 0.0), abs=1e-12)
-    tilt, roll = quaternion_of((0.0, 5.0, 0.0)), quaternion_of((0.0, 0.0, 5.0))
+    tilt, roll = from_angles(0.0, 5.0, 0.0), from_angles(0.0, 0.0, 5.0)
     # the same turns as (0, 5, 180), (0, -5, 180) and (0, 0, -175)
     for found, same in [
-        (times(tilt, down), (0.0, 5.0, 180.0)),
-        (times(down, tilt), (0.0, -5.0, 180.0)),
-        (times(roll, down), (0.0, 0.0, -175.0)),
-        (times(down, roll), (0.0, 0.0, -175.0)),
+        (product(tilt, down), (0.0, 5.0, 180.0)),
+        (product(down, tilt), (0.0, -5.0, 180.0)),
+        (product(roll, down), (0.0, 0.0, -175.0)),
+        (product(down, roll), (0.0, 0.0, -175.0)),
     ]:
-        assert abs(sum(a * b for a, b in zip(found, quaternion_of(same), strict=True))) == pytest.approx(1.0)
+        assert abs(sum(a * b for a, b in zip(found, from_angles(*same), strict=True))) == pytest.approx(1.0)
     assert nearest(-175.0, 180.0) == pytest.approx(185.0)
     assert nearest(179.0, -540.0) == pytest.approx(-541.0)
 
@@ -299,18 +290,16 @@ ANGLES = st.floats(-180.0, 180.0)
 
 @given(st.tuples(ANGLES, st.floats(-90.0, 90.0), ANGLES))
 def test_angles_and_quaternion_mean_the_same_turn(angles: tuple[float, float, float]) -> None:
-    q = quaternion_of(angles)
+    q = from_angles(*angles)
     assert math.hypot(*q) == pytest.approx(1.0)
     back = angles_of(q)
     assert -90.0 <= back[1] <= 90.0
-    assert abs(sum(a * b for a, b in zip(q, quaternion_of(back), strict=True))) == pytest.approx(
-        1.0, abs=1e-9
-    )
-    assert times(q, inverse(q)) == pytest.approx((1.0, 0.0, 0.0, 0.0), abs=1e-9)
+    assert abs(sum(a * b for a, b in zip(q, from_angles(*back), strict=True))) == pytest.approx(1.0, abs=1e-9)
+    assert product(q, inverse(q)) == pytest.approx((1.0, 0.0, 0.0, 0.0), abs=1e-9)
 
 
 def test_upright_angles_have_no_turn_about_the_base_axis() -> None:
-    a, b, c = angles_of(quaternion_of((40.0, 90.0, 10.0)))
+    a, b, c = angles_of(from_angles(40.0, 90.0, 10.0))
     assert (a, b, c) == pytest.approx((0.0, 90.0, -30.0), abs=1e-5)
 
 

@@ -18,6 +18,7 @@ from protocol.devices.rtde.profile import ClientProfile
 from protocol.devices.rtde.program import INPUT_NAMES
 from protocol.devices.rtde.states import Runtime, SafetyBits
 from protocol.devices.rtde.wires import Piece, Pieces, Port
+from protocol.endpoint import Trouble
 from protocol.geometry import Pose
 from protocol.robot import ReportReceived, StreamLost, StreamNotice
 
@@ -81,12 +82,12 @@ class Talk:
     def take(self) -> None:
         while (event := self.client.next_event()) is not None:
             match event:
-                case StreamLost(text=text):
-                    self.lost.append(text)
+                case StreamLost(text=text, remedy=remedy):
+                    self.lost.append(str(Trouble(text, remedy)))
                 case StreamNotice(text=text):
                     self.notices.append(text)
                 case ReportReceived(report=report):
-                    self.reports.append(report.fault)
+                    self.reports.append(str(Trouble(report.fault, report.remedy)))
                     self.client.hold(self.now)
         self.said += self.client.data_to_send(self.now)
 
@@ -364,7 +365,7 @@ def test_a_program_that_takes_no_targets_is_a_fault() -> None:
         talk.client.receive((Piece(Port.RTDE, data(100.004 + 0.002 * number, state=2)),), talk.now)
         event = talk.client.next_event()
         assert isinstance(event, ReportReceived)
-        faults.append(event.report.fault)
+        faults.append(str(Trouble(event.report.fault, event.report.remedy)))
         talk.client.target(pose, talk.now)
     assert [bool(fault) for fault in faults] == [False] * 51 + [True] * 9
     assert "see whether another client's program plays" in faults[-1]

@@ -24,6 +24,7 @@ from hil_bridge.errors import ConfigError
 from tools.bench import exchanges, machine
 from tools.bench.exchanges import Chunk, Exchange, Message
 from tools.bench.figures import Figure, Report, Spread
+from tools.bench.slow_tool import SLOW_TOOL
 
 HERE = Path(__file__).parent
 TRACK_S = 60.0
@@ -37,17 +38,6 @@ NO_COMPILER = (
     "there is no C compiler here (`cc`), so the program that stamps packets from outside is missing, and with it the "
     "echoes; what the bridge stamps itself is left"
 )
-CONFIG = """\
-[run]
-duration_s = %g
-[task]
-speed_mm_s = 1.0
-approach_speed_mm_s = 10.0
-retract_mm = 5.0
-[robot]
-emulated = "%s"
-"""
-"""The tool goes so slowly that a minute of it stays on the surface and in the robot's reach."""
 HIL_BRIDGE = (sys.executable, "-m", "hil_bridge")
 
 
@@ -181,7 +171,7 @@ def tracked(relay: Path | None, way: Way, place: Path, seconds: float, how: How 
     file, config, recording, told = (
         place / name for name in ("seen", "run.toml", "run.mcap", "summary.json")
     )
-    text = CONFIG % (seconds, way.kind)
+    text = SLOW_TOOL % (seconds, way.kind)
     config.write_text(text, encoding="utf-8")
     for old in (file, recording):
         old.unlink(missing_ok=True)

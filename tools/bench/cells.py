@@ -8,7 +8,7 @@ from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.record import CycleRecord, EventRecord, Outcome, SensorRecord
 from hil_bridge.runs.run_log import RunLog
 from hil_bridge.runs.running import running
-from hil_bridge.runs.setup import Setup
+from hil_bridge.runs.setup import Listen, Setup
 from hil_bridge.runs.watching import Listener
 from hil_bridge.settings.configuration import Config
 
@@ -51,7 +51,7 @@ class CellRun:
         began = clock.now()
         listen = None
         if self.sensor != USUAL:
-            listen = f"s3+memory:robot{self.number}", f"{self.sensor}{self.number}"
+            listen = Listen(f"s3+memory:robot{self.number}", f"{self.sensor}{self.number}")
         seeded = self.config.run.model_copy(update={"seed": self.config.run.seed + self.number})
         setup = Setup(self.config.model_copy(update={"run": seeded}), listen)
         listener = Listener({CycleRecord: self._cycle, EventRecord: self.on_event, SensorRecord: self._frame})

@@ -23,6 +23,7 @@ import aiohttp
 from hil_bridge.errors import BridgeError
 from hil_bridge.record import CycleRecord, Recording, read
 from tools.bench.figures import Figure, Report, Spread, Target
+from tools.bench.slow_tool import SLOW_TOOL
 from tools.web_run import WebRun
 
 TRACK_S = 120.0
@@ -31,15 +32,8 @@ TURN_S = 6.0
 SETTLE_S = 2.0
 """Begin of each turn that does not count."""
 TARGET = Target("ratio", 1.1)
-CONFIG = """\
-[run]
-duration_s = %g
-[task]
-speed_mm_s = 1.0
-approach_speed_mm_s = 10.0
-retract_mm = 5.0
-[robot]
-emulated = "%s"
+CONFIG = f"""\
+{SLOW_TOOL}\
 [sensor]
 emulated = "%s"
 [limits]

@@ -13,6 +13,7 @@ from emulators.faults.own import OwnFaults
 from emulators.faults.wire import FRAMES, FaultyWire
 from emulators.seams import WrenchSource
 from emulators.sensing import Converter, MeasuredWrench
+from emulators.unmodelled import Unmodelled
 from protocol.can.frame import CanFrame
 from protocol.devices.ati_can.messages import (
     ANY_ERROR,
@@ -58,6 +59,7 @@ class AtiCanBoard:
         self._count = 0
         self._told_at: deque[tuple[int, float]] = deque(maxlen=_REMEMBERED)
         """Samples that were told, by their number since power-up, and when each was measured, s."""
+        self.unmodelled = Unmodelled("ati-can")
         self._stored_base = self._base = profile.base
         self._boot(powered_at, watchdog=False)
         held, striking = self._faults.held, self._faults.striking
@@ -166,7 +168,8 @@ class AtiCanBoard:
             self._stored_base = first
             return self._plain(op)
         if op == Op.SET_RATE and first is not None:
-            return self._plain(op)  # the bus in memory keeps its rate
+            self.unmodelled.touch("operation set rate", "answered as done; the bus keeps its rate")
+            return self._plain(op)
         if op == Op.RESET:
             if profile.reset_applies:
                 self._base = self._stored_base

@@ -14,7 +14,6 @@ from enum import Enum
 
 from emulators.arm.followed import FollowedArm, FollowedProfile
 from emulators.arm.own_force import Errors, OwnForce
-from emulators.arm.quaternions import normalised
 from emulators.devices.egm.bad_link import BadLink
 from emulators.devices.egm.bad_pose import BadPose
 from emulators.devices.egm.guided import OUT_OF_BOUNDS, ArmJoints, GuidedMotion
@@ -23,6 +22,7 @@ from emulators.faults.ledger import Handler, Injection
 from emulators.faults.own import OwnFaults
 from emulators.orders import Act, HeardOrder, Hindrance, Orders
 from emulators.seams import ArmPath, Handlers, Joints, StartPose
+from emulators.unmodelled import Unmodelled
 from protocol.devices.egm import (
     Answer,
     Guidance,
@@ -36,11 +36,11 @@ from protocol.devices.egm import (
     decode_answer,
     encode_robot,
     from_wire,
+    names_external_axes,
     to_wire,
 )
-from protocol.devices.egm.units import rotated
 from protocol.endpoint import RemoteProtocolError
-from protocol.geometry import Pose
+from protocol.geometry import Pose, inverse, normalise, rotate
 
 _QUICK = 1e9
 """Speed of the arm's own interpolation, mm/s and degrees/s: it takes each set point as it is."""
@@ -80,7 +80,7 @@ class EgmController:
 
     def __init__(self, profile: EgmProfile, start: StartPose, now: float, seed: int) -> None:
         """Powered up at `now`, with its program running. Raises ValueError for a start that the arm cannot hold."""
-        pose = Pose(start.position, normalised(start.quaternion))
+        pose = Pose(start.position, normalise(start.quaternion))
         self._profile, self._powered_at = profile, now
         self._period = profile.cycle_ms * 1e-3
         self._every = round(profile.sample_ms / profile.cycle_ms)
@@ -92,7 +92,7 @@ class EgmController:
         """The pose that was measured last, and the joints that hold it."""
         self.path: ArmPath = self._arm.path
         self.endpoint = self
-        self.orders = Orders()
+        self.orders, self.unmodelled = Orders(), Unmodelled("egm")
         self.state = State.SET_UP
         self.error = ""
         """Words of the last error, with the number of its event where that is known."""
@@ -213,8 +213,13 @@ class EgmController:
             return
         self._newest, self._heard_at = message.seqno, now
         self.counters["messages"] += 1
-        if isinstance(message, SensorMessage) and not _says_something(message):
-            return
+        if isinstance(message, SensorMessage):
+            if names_external_axes(datagram):
+                self.unmodelled.touch("externalJoints", "this arm has no external axes")
+            if message.dnum:
+                self.unmodelled.touch("RAPIDtoRobot.dnum", "no RAPID program reads it")
+            if not _says_something(message):
+                return
         if self._profile.rx_queue == "latest":
             self._drop(len(self._queue))
             self._queue.clear()
@@ -420,8 +425,7 @@ class EgmController:
 
     def _force(self, measured: Pose, at: float) -> tuple[float, ...]:
         """The measured force along the tool's axes, N; it tells no moments."""
-        w, x, y, z = measured.quaternion
-        return *rotated((w, -x, -y, -z), self._own_force.at(at)), 0.0, 0.0, 0.0
+        return *rotate(inverse(measured.quaternion), self._own_force.at(at)), 0.0, 0.0, 0.0
 
     # --- faults
 

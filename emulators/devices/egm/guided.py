@@ -4,11 +4,21 @@ import math
 from collections.abc import Callable
 
 from emulators.arm.kinematics import Arm, Joints
-from emulators.arm.quaternions import product, slerp
 from emulators.devices.egm.law import STILL, Axes, MotionLaw, joint_load, pose_load
 from emulators.devices.egm.profile import EgmProfile
-from protocol.devices.egm import Answer, PathCorrection, SensorMessage, from_wire, rotation_vector, turned
-from protocol.geometry import Pose, Quaternion, Vector
+from protocol.devices.egm import Answer, PathCorrection, SensorMessage, from_wire
+from protocol.geometry import (
+    Pose,
+    Quaternion,
+    Vector,
+    normalise,
+    product,
+    rotation_vector,
+    slerp,
+    tool_axis,
+    turn_between,
+    turn_by,
+)
 
 _HALF_TURN: Quaternion = (0.0, 0.0, 0.0, 1.0)
 """About the tool's z axis: with all joints at zero the tool's x axis points down, against that of the kinematics.
@@ -102,9 +112,7 @@ class GuidedMotion:
         else:
             if message.pose is not None:
                 position, quaternion = from_wire(message.pose)
-                w, x, y, z = quaternion
-                norm = math.hypot(w, x, y, z)
-                self._reference = Pose(position, (w / norm, x / norm, y / norm, z / norm))
+                self._reference = Pose(position, normalise(quaternion))
             along = tuple([part * 1e-3 for part in message.speed[:3]])
             about = tuple(map(math.radians, message.speed[3:])) or STILL[:3]
             speed = (*along, *about) if along else ()
@@ -162,7 +170,12 @@ class GuidedMotion:
             return STILL
         if isinstance(reference, Pose):
             (x, y, z), (a, b, c) = self.pose.position, reference.position
-            return a - x, b - y, c - z, *rotation_vector(self.pose.quaternion, reference.quaternion)
+            return (
+                a - x,
+                b - y,
+                c - z,
+                *rotation_vector(turn_between(self.pose.quaternion, reference.quaternion)),
+            )
         return tuple([q - p for p, q in zip(self.joints, reference, strict=True)])
 
     def _by_pose(self, since: float) -> tuple[Pose, Joints | None]:
@@ -177,7 +190,7 @@ class GuidedMotion:
         length = math.hypot(dx, dy, dz)
         tangent = (dx / length, dy / length, dz / length) if length else (1.0, 0.0, 0.0)
         self._gone = min(self._gone + profile.path_speed_mm_s * self._period, length)
-        y = _unit(_cross(tangent, _tool_axis(self.start.quaternion)))
+        y = _unit(_cross(tangent, tool_axis(self.start.quaternion)))
         z = _cross(tangent, y)
         most = profile.path_corr_mm_s * self._period
         for axis, wanted in enumerate(self._offset[1:]):
@@ -206,8 +219,7 @@ class GuidedMotion:
                 max(s - window, min(s + window, p))
                 for p, s in zip((x, y, z), self.start.position, strict=True)
             )
-        u, v, w = turn
-        pose = Pose((x, y, z), turned(self.pose.quaternion, (u, v, w)))
+        pose = Pose((x, y, z), normalise(product(turn_by(turn), self.pose.quaternion)))
         return pose, self._kinematics.holding(pose, self.joints)
 
     def _go(self, pose: Pose, joints: Joints | None) -> str:
@@ -231,11 +243,6 @@ class GuidedMotion:
         self.moves = pose != self.pose
         self.pose, self.joints = pose, joints
         return ""
-
-
-def _tool_axis(q: Quaternion) -> Vector:
-    w, x, y, z = q
-    return 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)
 
 
 def _cross(a: Vector, b: Vector) -> Vector:

@@ -13,6 +13,7 @@ from emulators.faults.own import OwnFaults
 from emulators.faults.wire import BYTES, FaultyWire
 from emulators.seams import WrenchSource
 from emulators.sensing import Converter, MeasuredWrench
+from emulators.unmodelled import Unmodelled
 from protocol.devices.ft300.messages import (
     ACCELERATION_REGISTER,
     COUNT_END,
@@ -68,6 +69,7 @@ class Ft300:
         self._wire: FaultyWire[bytes] = FaultyWire(BYTES, f"{seed} frames")
         self._seed = seed
         self._faults = OwnFaults()
+        self.unmodelled = Unmodelled("ft300")
         self._told_at: deque[tuple[int, float]] = deque(maxlen=_REMEMBERED)
         """Counters of the samples that were told, and when each was measured, s."""
         self._read = self._measured.number_at(powered_at) - 1
@@ -228,6 +230,7 @@ class Ft300:
         elif function == WRITE or (function == WRITE_ONE and self.profile.fc06):
             answer = self._write_words(request, at)
         else:
+            self.unmodelled.touch(f"Modbus function {function}", "refused as an illegal function")
             answer = encode_exception(function, ILLEGAL_FUNCTION)
         self._answers.append((at, answer))
 
@@ -248,13 +251,15 @@ class Ft300:
         if any(WRENCH_REGISTER <= register < WRENCH_REGISTER + 6 for register in registers):
             newest = self._measured.number_at(now - profile.latency_s)
             known.update(enumerate((count & 0xFFFF for count in self._sample(newest)), WRENCH_REGISTER))
-        if any(register not in known for register in registers):
+        if unknown := [register for register in registers if register not in known]:
+            self.unmodelled.touch(f"register {unknown[0]}", "refused as an illegal address")
             return encode_exception(request.function, ILLEGAL_ADDRESS)
         return encode_words(request.function, [known[register] for register in registers])
 
     def _write_words(self, request: Request, at: float) -> bytes:
         if request.register != MODE_REGISTER or request.words != 1:
             wrong = ILLEGAL_ADDRESS if request.words else ILLEGAL_VALUE
+            self.unmodelled.touch(f"writing register {request.register}", "refused")
             return encode_exception(request.function, wrong)
         if request.values[0] == STREAM_MODE:  # assumed: any other value is taken and does nothing
             self._stream(at + self.profile.stream_start_s)

@@ -6,16 +6,16 @@ looks for a SYNC, then for commands, then sleeps; an interrupt takes what the bu
 
 import math
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal
 
-from emulators.devices.jr3.firmware import RESET, START, STOP, Firmware, Step
+from emulators.devices.jr3.firmware import Step
 from emulators.devices.jr3.firmware_profile import FirmwareProfile
+from emulators.devices.jr3.gateway import AnyGateway
 from emulators.devices.jr3.late import Sample
 from emulators.devices.jr3.sensor import Jr3Sensor
-from emulators.faults.ledger import Handler
-from emulators.faults.wire import FRAMES, FaultyWire
+from emulators.faults.wire import FRAMES
 from protocol.can.frame import CanFrame
 from protocol.devices.jr3 import (
     Acknowledge,
@@ -25,6 +25,7 @@ from protocol.devices.jr3 import (
     encode_acknowledge,
     encode_sample,
     identifier,
+    split,
 )
 from protocol.endpoint import RemoteProtocolError
 from protocol.marks import Mark, above, at_least, between, setting
@@ -67,16 +68,13 @@ class GatewayProfile(FirmwareProfile):
             raise ValueError(f"buffer_loses must be oldest or newest, got {self.buffer_loses}")
 
 
-class Gateway:
+class Gateway(AnyGateway[Sequence[CanFrame]]):
     """Endpoint of the gateway: takes and gives sequences of CAN frames, tells no events."""
 
     def __init__(self, profile: GatewayProfile, sensor: Jr3Sensor, powered_at: float, seed: int = 0) -> None:
-        self.jr3 = sensor
-        """The sensor behind it."""
+        super().__init__(FRAMES, profile, sensor, seed)
         self._profile = profile
-        self._firmware = Firmware(sensor, profile, seed)
         self._hears_from = powered_at + profile.boot_s
-        self._wire: FaultyWire[Sequence[CanFrame]] = FaultyWire(FRAMES, f"{seed} frames")
         self._out: list[CanFrame] = []
         self._waiting: deque[Command] = deque()
         self._synced = False
@@ -86,29 +84,6 @@ class Gateway:
         self._booting = True
         self._under_way: Command | None = None
         """The command that takes time; the main program looks at nothing else meanwhile."""
-
-    @property
-    def handlers(self) -> Mapping[str, Mapping[str, Handler]]:
-        """Faults of the receiver and the sensor, by target, for a ledger."""
-        own = self._firmware.handlers
-        return {
-            **own,
-            "frames": {**self._wire.handlers, **own["frames"]},
-            "signal": self.jr3.signal.handlers,
-        }
-
-    @property
-    def endpoint(self) -> Self:
-        """The gateway itself is the end of its wire."""
-        return self
-
-    def unplug(self, now: float) -> None:
-        """Pull the sensor's plug; harmless when it is out."""
-        self._firmware.unplug(now)
-
-    def plug_in(self, now: float) -> None:
-        """Put the sensor's plug in; harmless when it is in."""
-        self._firmware.plug_in(now)
 
     # --- endpoint
 
@@ -129,6 +104,8 @@ class Gateway:
             try:
                 command = decode_command(frame)
             except RemoteProtocolError:
+                if split(frame.identifier) == (Op.GRIPPER, self._profile.node):
+                    self.unmodelled.touch("operation gripper", "dropped: no motor is connected")
                 continue
             if command.op is Op.SYNC:
                 self._synced = True
@@ -145,9 +122,6 @@ class Gateway:
                 return
             self._waiting.popleft()
         self._waiting.append(command)
-
-    def next_event(self) -> None:
-        """A gateway tells nothing."""
 
     def data_to_send(self, now: float) -> Sequence[CanFrame]:
         """Frames whose time has come."""
@@ -168,10 +142,6 @@ class Gateway:
         self._work(now)
         self._send_due(now)
         self._firmware.catch_up(now)
-
-    def sampled_at(self, counter: int) -> float | None:
-        """The truth: when the sensor measured the newest sample sent with this counter, s; None if there is none."""
-        return self._firmware.sampled_at(counter)
 
     # --- the main program
 
@@ -212,21 +182,10 @@ class Gateway:
             self._begin(Command(Op.BOOT_UP, self._profile.node), (Step.READ_CALIBRATION,), now)
 
     def _on_command(self, command: Command, now: float) -> None:
-        blocked = self._profile.blocks and command.op is Op.RESET
-        if not (self._firmware.initialised or blocked):
+        steps = self.steps_of(command.op.name)
+        if steps is None:
             self._acknowledge(command.op)
             return
-        match command.op:
-            case Op.START_SYNC:
-                steps: tuple[Step, ...] = START
-            case Op.START_ASYNC:
-                steps = self._firmware.before_stream
-            case Op.STOP:
-                steps = STOP
-            case Op.RESET:
-                steps = RESET
-            case _:
-                steps = ()
         self._begin(command, steps, now)
 
     def _begin(self, command: Command, steps: tuple[Step, ...], now: float) -> None:

@@ -6,16 +6,15 @@ read before, takes the first frame in it and sleeps for a second, whatever that 
 """
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
-from emulators.devices.jr3.firmware import RESET, STOP, Firmware, Step
+from emulators.devices.jr3.firmware import Step
 from emulators.devices.jr3.firmware_profile import FirmwareProfile
+from emulators.devices.jr3.gateway import AnyGateway
 from emulators.devices.jr3.sensor import Jr3Sensor
-from emulators.faults.ledger import Handler
-from emulators.faults.wire import BYTES, FaultyWire
+from emulators.faults.wire import BYTES
 from protocol.devices.jr3.uart_gateway import (
     DATA_FRAME_S,
     Acknowledge,
@@ -65,17 +64,14 @@ class _State(Enum):
     DEAF = "asleep after a read"
 
 
-class UartGateway:
+class UartGateway(AnyGateway[bytes]):
     """Endpoint of the gateway: takes and gives bytes, tells no events."""
 
     def __init__(
         self, profile: UartGatewayProfile, sensor: Jr3Sensor, powered_at: float, seed: int = 0
     ) -> None:
-        self.jr3 = sensor
-        """The sensor behind it."""
+        super().__init__(BYTES, profile, sensor, seed)
         self._profile = profile
-        self._firmware = Firmware(sensor, profile, seed)
-        self._wire: FaultyWire[bytes] = FaultyWire(BYTES, f"{seed} frames")
         self._out = bytearray()
         self._kept = bytearray()
         self._read_over = bytearray(_READ_SIZE)
@@ -84,29 +80,6 @@ class UartGateway:
         self._until = powered_at + profile.boot_s
         self._under_way: Command | None = None
         """The command that takes time; None of it for the calibration read at power-up."""
-
-    @property
-    def handlers(self) -> Mapping[str, Mapping[str, Handler]]:
-        """Faults of the receiver and the sensor, by target, for a ledger."""
-        own = self._firmware.handlers
-        return {
-            **own,
-            "frames": {**self._wire.handlers, **own["frames"]},
-            "signal": self.jr3.signal.handlers,
-        }
-
-    @property
-    def endpoint(self) -> Self:
-        """The gateway itself is the end of its wire."""
-        return self
-
-    def unplug(self, now: float) -> None:
-        """Pull the sensor's plug; harmless when it is out."""
-        self._firmware.unplug(now)
-
-    def plug_in(self, now: float) -> None:
-        """Put the sensor's plug in; harmless when it is in."""
-        self._firmware.plug_in(now)
 
     # --- endpoint
 
@@ -126,9 +99,6 @@ class UartGateway:
             data = data[_READ_SIZE:]
         if self._state is not _State.BOOTING:
             self._kept += data[: self._profile.kept_bytes - len(self._kept)]
-
-    def next_event(self) -> None:
-        """A gateway tells nothing."""
 
     def data_to_send(self, now: float) -> bytes:
         """Frames whose time has come."""
@@ -152,10 +122,6 @@ class UartGateway:
             self._go_on(at)
         self._send_due(now)
         self._firmware.catch_up(now)
-
-    def sampled_at(self, counter: int) -> float | None:
-        """The truth: when the sensor measured the newest sample sent with this counter, s; None if there is none."""
-        return self._firmware.sampled_at(counter)
 
     # --- its states one after another
 
@@ -213,19 +179,10 @@ class UartGateway:
         self._on_command(command, at)
 
     def _on_command(self, command: Command, now: float) -> None:
-        blocked = self._profile.blocks and command.op is Op.RESET
-        if not (self._firmware.initialised or blocked):
+        steps = self.steps_of(command.op.name)
+        if steps is None:
             self._acknowledge(command.op)
             return
-        match command.op:
-            case Op.START:
-                steps = self._firmware.before_stream
-            case Op.STOP:
-                steps = STOP
-            case Op.RESET:
-                steps = RESET
-            case _:
-                steps = ()
         self._begin(command, steps, now)
 
     def _begin(self, command: Command | None, steps: tuple[Step, ...], now: float) -> None:

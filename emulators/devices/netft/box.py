@@ -21,12 +21,12 @@ from emulators.faults.own import OwnFaults
 from emulators.faults.wire import DATAGRAMS, FaultyWire
 from emulators.seams import Floats, WrenchSource
 from emulators.sensing import Converter, MeasuredWrench
+from emulators.unmodelled import Unmodelled
 from protocol.datagram import Datagram, side_of
 from protocol.devices.netft.page import FILTERS_HZ, filter_weight
 from protocol.devices.netft.records import (
     INTERNAL_RATE_HZ,
     MONITOR,
-    RECORD,
     SATURATED,
     SUMMARY,
     UNPLUGGED,
@@ -34,6 +34,7 @@ from protocol.devices.netft.records import (
     Command,
     decode_request,
     output_step,
+    pack_record,
 )
 from protocol.endpoint import RemoteProtocolError
 
@@ -98,6 +99,7 @@ class NetBox:
         self._stream: _Stream | None = None
         self._power_up(powered_at)
         self._faults = OwnFaults()
+        self.unmodelled = Unmodelled("netft")
         held, striking = self._faults.held, self._faults.striking
         self.handlers: Mapping[str, Mapping[str, Handler]] = {
             "signal": self._measured.signal.handlers,
@@ -188,7 +190,8 @@ class NetBox:
             except RemoteProtocolError:
                 continue  # assumed: dropped without an answer
             if request.extended:
-                continue  # records go to the asking address alone
+                self.unmodelled.touch("extended request", "dropped: records go to the asking address alone")
+                continue
             own = self._stream is None or side_of(datagram) == self._stream.side
             if request.command == Command.STOP:
                 if own or self.profile.stranger_may_stop:
@@ -201,6 +204,8 @@ class NetBox:
                 self._take_bias(now)
                 if self.profile.bias_stops_stream:
                     self._stop(now)
+            else:
+                self.unmodelled.touch(f"command {request.command:#06x}", "dropped")
 
     def _start(self, command: Command, records: int, now: float, side: Hashable) -> None:
         newest, step = self._measured.number_at(now), self.step
@@ -268,7 +273,7 @@ class NetBox:
         stream.next += step
         stream.sent += 1
         counts = self._counts_of(state)
-        stream.buffer.append(RECORD.pack(stream.sent % WRAP, ft, self.status(number, now), *counts))
+        stream.buffer.append(pack_record(stream.sent % WRAP, ft, self.status(number, now), *counts))
         over = stream.remaining == stream.sent
         if over or len(stream.buffer) >= stream.at_once:
             self._out.append(Datagram(b"".join(stream.buffer), side=stream.side))

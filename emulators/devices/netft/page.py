@@ -14,6 +14,8 @@ from protocol.endpoint import RemoteProtocolError
 CALIBRATION_PAGE = "/netftcalapi.xml"
 """Source: manual."""
 _FORMS = ("/setting.cgi", "/comm.cgi", "/config.cgi", "/moncon.cgi")
+_VARIABLES = ("setuserfilter", "setbias", "comrdte", "comrdtrate", "comrdtbsiz")
+"""Variables that are heeded, without the number of a gage."""
 _GAGE_END = 2.0**31 - 1.0
 
 
@@ -94,6 +96,8 @@ def _row(values: object) -> str:
 
 def _set(box: NetBox, form: str, name: str, text: str) -> None:
     """Change a variable; one of another form, an unknown one, and a value that cannot be are ignored. Mark: assumed."""
+    if name.rstrip("0123456789") not in _VARIABLES:
+        box.unmodelled.touch(f"variable {name} of {form}", "answered as done, without effect")
     value = _number(text)
     if value is None:
         return

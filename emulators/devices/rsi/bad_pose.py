@@ -3,9 +3,8 @@
 import math
 from collections.abc import Iterable
 
-from emulators.arm.quaternions import product
 from emulators.faults import Handler, Injection
-from protocol.geometry import Pose, Quaternion, Vector
+from protocol.geometry import Pose, Vector, product, turn_about
 
 _TURNS: dict[str, Vector] = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
@@ -39,7 +38,9 @@ class BadPose:
             case "drift":
                 return _moved(pose, injection, "mm_s", now - injection.injected_at)
             case "turned":
-                turn = _turn(math.radians(injection.number("degrees")), _TURNS[str(injection.values["axis"])])
+                turn = turn_about(
+                    _TURNS[str(injection.values["axis"])], math.radians(injection.number("degrees"))
+                )
                 return Pose(pose.position, product(turn, pose.quaternion))
             case _:  # frozen
                 self._shown = self._shown or pose
@@ -52,9 +53,3 @@ def _moved(pose: Pose, injection: Injection, unit: str, times: float) -> Pose:
         for axis, place in zip("xyz", pose.position, strict=True)
     )
     return Pose((x, y, z), pose.quaternion)
-
-
-def _turn(angle: float, axis: Vector) -> Quaternion:
-    x, y, z = axis
-    sine = math.sin(angle / 2.0)
-    return math.cos(angle / 2.0), x * sine, y * sine, z * sine

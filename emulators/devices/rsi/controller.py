@@ -24,6 +24,7 @@ from emulators.faults import Handler, Injection
 from emulators.faults.wire import DATAGRAMS, FaultyWire
 from emulators.orders import Act, HeardOrder, Hindrance, Orders
 from emulators.seams import ArmPath, Handlers, Joints, StartPose
+from emulators.unmodelled import Unmodelled
 from protocol.devices.rsi import ROBOT, Telegram, decode, encode, fixed, number, pose_tags
 from protocol.devices.rsi.angles import values_of
 from protocol.devices.rsi.telegram import LARGEST_IPOC
@@ -96,6 +97,7 @@ class RsiController:
         """Answers that were looked at in this cycle."""
         self.endpoint = self
         self.orders = Orders()
+        self.unmodelled = Unmodelled("rsi")
         self._ordered = NOTHING
         """Sum of the relative corrections that were ordered, taken or not."""
         self.path: ArmPath = self._arm.path
@@ -270,9 +272,8 @@ class RsiController:
     def _begun(self, now: float) -> _Session:
         """A session that corrects from where the robot stands."""
         programmed = self._arm.set_point(now)
-        return _Session(
-            now, Ethernet(self.profile), Correction(self.profile, programmed), self._lasting(programmed)
-        )
+        ethernet = Ethernet(self.profile, self.unmodelled)
+        return _Session(now, ethernet, Correction(self.profile, programmed), self._lasting(programmed))
 
     def _fail(self, error: str, now: float) -> None:
         """An error ends RSI: the robot stops on its path."""

@@ -6,8 +6,7 @@ Source: project specification of RSI, section 5.
 import math
 
 from emulators.devices.rsi.profile import RsiProfile
-from protocol.devices.rsi.angles import angles_of, quaternion_of, times, turned
-from protocol.geometry import Pose
+from protocol.geometry import Pose, angles_of, from_angles, product, rotate
 
 TOO_FAR = "KSS29000: POSCORR: permissible overall correction exceeded: RSI is stopped"
 TOO_FAST = "Stop by $CORRECTION function"
@@ -62,19 +61,19 @@ class Correction:
         (x, y, z), start = self.programmed
         dx, dy, dz, *angles = self.total
         a, b, c = angles
-        turn = quaternion_of((a, b, c))
+        turn = from_angles(a, b, c)
         way = dx / 1e3, dy / 1e3, dz / 1e3
         if self._profile.ref == "base":
-            return Pose((x + way[0], y + way[1], z + way[2]), times(turn, start))
-        now = times(start, turn)
-        wx, wy, wz = turned(start if self._profile.tool_frame == "start" else now, way)
+            return Pose((x + way[0], y + way[1], z + way[2]), product(turn, start))
+        now = product(start, turn)
+        wx, wy, wz = rotate(start if self._profile.tool_frame == "start" else now, way)
         return Pose((x + wx, y + wy, z + wz), now)
 
     def _summed(self, value: tuple[float, ...]) -> Total:
         total = [here + more for here, more in zip(self.total, value, strict=True)]
         if self._profile.rel_rot == "compose":
             (a, b, c), (da, db, dc) = self.total[3:], value[3:]
-            total[3:] = angles_of(times(quaternion_of((da, db, dc)), quaternion_of((a, b, c))))
+            total[3:] = angles_of(product(from_angles(da, db, dc), from_angles(a, b, c)))
         return tuple(total)
 
     def _clamped(self, wanted: Total) -> Total:
@@ -100,5 +99,5 @@ def _angle(angles: tuple[float, ...] | list[float]) -> float:
     a, b, c = angles
     if a == b == c == 0.0:  # as while the tool keeps its orientation
         return 0.0
-    w, x, y, z = quaternion_of((a, b, c))
+    w, x, y, z = from_angles(a, b, c)
     return math.degrees(2.0 * math.atan2(math.hypot(x, y, z), abs(w)))

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from emulators.devices.rsi.profile import RsiProfile
+from emulators.unmodelled import Unmodelled
 from protocol.devices.rsi import SENSOR, decode, number, pose_tags
 from protocol.endpoint import RemoteProtocolError
 
@@ -29,8 +30,8 @@ class Inputs(NamedTuple):
 class Ethernet:
     """The object, from one RSI_ON to the next."""
 
-    def __init__(self, profile: RsiProfile) -> None:
-        self._profile = profile
+    def __init__(self, profile: RsiProfile, unmodelled: Unmodelled) -> None:
+        self._profile, self._unmodelled = profile, unmodelled
         self._tags = (*pose_tags(profile.correction_tag), profile.stop_tag)
         self._channels = dict.fromkeys(self._tags, 0.0)
         """Values of the cycle before."""
@@ -58,6 +59,10 @@ class Ethernet:
         if self._answer is not None and self._profile.double_reply == "first":
             return "the second in a cycle"
         self._answer = found
+        if len(found) < len(telegram.values):
+            for tag in telegram.values:
+                if tag not in found:
+                    self._unmodelled.touch(f"tag {tag}", "read, and nothing is connected to its channel")
         return ""
 
     def close(self) -> Inputs:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from emulators.devices.rtde.controller import Controller
 from emulators.devices.rtde.disturbance import Disturbance
-from emulators.devices.rtde.state import Snapshot, getter
+from emulators.devices.rtde.state import Snapshot, getter, not_modelled
 from emulators.orders import Act
 from protocol.devices.rtde import packets
 from protocol.devices.rtde.fields import IN_USE, INPUTS, NOT_FOUND, OUTPUTS, Recipe, type_of
@@ -163,6 +163,7 @@ class Connection:
                 found, types = False, (NOT_FOUND,)
             else:
                 self._outputs, self._getters = recipe, [getter(name) for name in names]
+                self._tag(names)
                 rate = 1.0 / controller.period
                 wanted = frequency if math.isfinite(frequency) else rate
                 self._every = max(1, math.floor(rate / min(max(wanted, 1.0), rate) + 1e-6))
@@ -178,8 +179,15 @@ class Connection:
             number = len(self._inputs) + 1
             self._inputs[number] = Recipe(number, names, types)
             self._claimed.update(names)
+            self._tag(names)
             controller.claims.update(dict.fromkeys(names, self))
         self._out.append(packets.types_answer(Kind.INPUTS, Types(number, types)))
+
+    def _tag(self, names: tuple[str, ...]) -> None:
+        """Tell the variables of a recipe that have no meaning here."""
+        for name in names:
+            if detail := not_modelled(name):
+                self._controller.unmodelled.touch(f"variable {name}", detail)
 
     def _input_type(self, name: str) -> str:
         found = type_of(INPUTS, name, self._controller.version)

@@ -12,7 +12,6 @@ from operator import sub
 
 from emulators.arm.cycled import CycledPath
 from emulators.arm.own_force import Errors, OwnForce
-from emulators.arm.quaternions import angle_between, normalised, product
 from emulators.devices.rtde.arm import ZERO, Brake, Hold, JointArm, Order, Place, Servo
 from emulators.devices.rtde.kinematics import (
     ARMS,
@@ -22,19 +21,19 @@ from emulators.devices.rtde.kinematics import (
     ToolPoses,
     compose,
     flange,
-    inverse,
+    invert,
     nearest,
-    rotated,
 )
 from emulators.devices.rtde.profile import RtdeProfile
 from emulators.devices.rtde.running import Console, Program, Watchdog
 from emulators.devices.rtde.state import Registers, Snapshot
 from emulators.orders import Act, HeardOrder, Hindrance, Orders
 from emulators.seams import StartPose
+from emulators.unmodelled import Unmodelled
 from protocol.devices.rtde.fields import Value
 from protocol.devices.rtde.packets import Version
 from protocol.devices.rtde.states import RobotMode, Runtime, SafetyMode
-from protocol.geometry import Pose, Wrench
+from protocol.geometry import Pose, Wrench, angle_between, normalise, product, rotate
 
 _LEVEL: Pose = Pose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
 _NO_FORCE: Wrench = (0.0,) * 6
@@ -65,8 +64,8 @@ class Controller:
         self.tcp = self.tool
         """The tool as the controller takes it to be."""
         self.payload: tuple[float, ...] = (0.0,) * 4
-        pose = Pose(start.position, normalised(start.quaternion))
-        joints = nearest(self.lengths, compose(pose, inverse(self.tool)), USUAL)
+        pose = Pose(start.position, normalise(start.quaternion))
+        joints = nearest(self.lengths, compose(pose, invert(self.tool)), USUAL)
         if joints is None:
             raise ValueError(
                 f"a {profile.model} cannot hold its tool at the start; choose another start_position_mm or model"
@@ -107,7 +106,7 @@ class Controller:
         self._powered = 0
         """How often the power has gone."""
         self._wanted = joints
-        self.orders = Orders()
+        self.orders, self.unmodelled = Orders(), Unmodelled("rtde")
         """Orders of its clients, for a judge of them."""
         self.intent: Callable[[tuple[str, ...]], HeardOrder | None] = lambda names: None
         """The order of a package of these inputs, by the program that came last; None for nothing that moves."""
@@ -130,7 +129,7 @@ class Controller:
         return self.path.begun_at(target)
 
     def joints_holding(self, pose: Pose, at: float) -> Joints | None:
-        return nearest(self.lengths, compose(pose, inverse(self.tool)), self.arm.joints)
+        return nearest(self.lengths, compose(pose, invert(self.tool)), self.arm.joints)
 
     # --- time
 
@@ -175,7 +174,7 @@ class Controller:
             x, y, z = pose.position
             x, y, z = x + gauss(0.0, noise_m), y + gauss(0.0, noise_m), z + gauss(0.0, noise_m)
             i, j, k = gauss(0.0, half_rad), gauss(0.0, half_rad), gauss(0.0, half_rad)
-            pose = Pose((x, y, z), normalised(product(pose.quaternion, (1.0, i, j, k))))
+            pose = Pose((x, y, z), normalise(product(pose.quaternion, (1.0, i, j, k))))
         arm = self.arm
         wanted = exact if arm.target == arm.joints else compose(flange(self.lengths, arm.target), self.tcp)
         raw = self.inputs.get("external_force_torque", _NO_FORCE) if self.external_force else _NO_FORCE
@@ -208,10 +207,10 @@ class Controller:
         given = self.inputs.get("external_force_torque") if self.external_force else None
         if not isinstance(given, tuple):
             return _NO_FORCE if self.external_force else (*self.own_force.at(self.now), 0.0, 0.0, 0.0)
-        force = rotated(self._flange.quaternion, given[:3])
-        u, v, w = rotated(self._flange.quaternion, given[3:])
+        force = rotate(self._flange.quaternion, given[:3])
+        u, v, w = rotate(self._flange.quaternion, given[3:])
         if self.profile.force_point == "tcp":
-            (a, b, c), (x, y, z) = force, rotated(self._flange.quaternion, self.tcp.position)
+            (a, b, c), (x, y, z) = force, rotate(self._flange.quaternion, self.tcp.position)
             u, v, w = u - (y * c - z * b), v - (z * a - x * c), w - (x * b - y * a)
         return (*force, u, v, w)
 
@@ -352,7 +351,7 @@ class Controller:
 
     def solve(self, pose: Pose, near: Joints | None = None) -> Joints | None:
         """Joints that hold the controller's tool in a pose; None where there are none."""
-        return nearest(self.lengths, compose(pose, inverse(self.tcp)), near or self.arm.target)
+        return nearest(self.lengths, compose(pose, invert(self.tcp)), near or self.arm.target)
 
     def forward(self, joints: Joints, tcp: Pose | None = None) -> Pose:
         """Pose of the controller's tool at these joints."""

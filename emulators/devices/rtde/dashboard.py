@@ -39,6 +39,25 @@ _E_SERIES = 5
 """Major version of the first e-Series."""
 _OF_E_SERIES = ("is in remote control",)
 """Commands that a CB3 does not understand: it has no remote control."""
+_OF_THE_MAKER = (
+    "load",
+    "shutdown",
+    "addtolog",
+    "log",
+    "version",
+    "isprogramsaved",
+    "setuserrole",
+    "getuserrole",
+    "set operational mode",
+    "get operational mode",
+    "clear operational mode",
+    "load installation",
+    "get variable",
+    "generate flight report",
+    "generate support file",
+    "savelog",
+)
+"""Begins of commands that a real dashboard understands beside those that are answered here."""
 _PLAYS = {Runtime.PLAYING: "PLAYING", Runtime.PAUSED: "PAUSED"}
 
 
@@ -135,6 +154,10 @@ class Dashboard:
             return _LOCAL
         cb3 = self._controller.version.major < _E_SERIES
         answer = None if cb3 and command in _OF_E_SERIES else _ANSWERS.get(command)
+        if answer is None and (real := next(filter(command.startswith, _OF_THE_MAKER), "")):
+            self._controller.unmodelled.touch(
+                f"dashboard command {real}", "answered as one that is not understood"
+            )
         return f"could not understand: '{line[:80]}'" if answer is None else answer(self._controller)
 
     def next_event(self) -> None:

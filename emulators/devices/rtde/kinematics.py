@@ -8,12 +8,11 @@ Joints 2, 3 and 4 have parallel axes, so that they move in one plane. It stands 
 
 import math
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from typing import NamedTuple, TypeAlias
 
-from emulators.arm.quaternions import product
-from protocol.geometry import Pose, Quaternion, Vector
+from protocol.geometry import Pose, Quaternion, inverse, product, rotate, turn_about
 
 Joints: TypeAlias = tuple[float, float, float, float, float, float]
 """Base, shoulder, elbow, wrist 1 to 3, rad."""
@@ -50,29 +49,11 @@ USUAL: Joints = (0.0, -math.pi / 2, -math.pi / 2, -math.pi / 2, math.pi / 2, 0.0
 """Chosen: the posture next to which one is looked for at the start, elbow up and the tool down."""
 
 
-def rotated(quaternion: Quaternion, vector: Sequence[float]) -> Vector:
-    """A vector turned by a unit quaternion."""
-    w, x, y, z = quaternion
-    a, b, c = vector
-    tx, ty, tz = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
-    return (
-        a + w * tx + y * tz - z * ty,
-        b + w * ty + z * tx - x * tz,
-        c + w * tz + x * ty - y * tx,
-    )
-
-
-def conjugate(quaternion: Quaternion) -> Quaternion:
-    """The turn back."""
-    w, x, y, z = quaternion
-    return w, -x, -y, -z
-
-
 def compose(first: Pose, second: Pose) -> Pose:
     """The second pose, given in the frame of the first, in the first one's own frame."""
     (x, y, z), quaternion = first
     (a, b, c), turned = second
-    u, v, t = rotated(quaternion, (a, b, c))
+    u, v, t = rotate(quaternion, (a, b, c))
     return Pose((x + u, y + v, z + t), product(quaternion, turned))
 
 
@@ -92,15 +73,15 @@ class ToolPoses:
         return pose
 
 
-def inverse(pose: Pose) -> Pose:
+def invert(pose: Pose) -> Pose:
     """The outer frame in the frame of the pose."""
-    back = conjugate(pose.quaternion)
-    x, y, z = rotated(back, pose.position)
+    back = inverse(pose.quaternion)
+    x, y, z = rotate(back, pose.position)
     return Pose((-x, -y, -z), back)
 
 
 def _about_z(angle: float) -> Quaternion:
-    return math.cos(angle / 2.0), 0.0, 0.0, math.sin(angle / 2.0)
+    return turn_about((0.0, 0.0, 1.0), angle)
 
 
 @lru_cache(maxsize=8)
@@ -114,7 +95,7 @@ def flange(arm: Arm, joints: Joints) -> Pose:
     up = arm.a2 * math.sin(shoulder) + arm.a3 * math.sin(fore) - arm.d5 * math.cos(total)
     turn = product(product(_about_z(base), _FORWARD), product(_about_z(total), _FORWARD))
     turn = product(product(turn, _about_z(wrist_2)), product(_BACKWARD, _about_z(wrist_3)))
-    tx, ty, tz = rotated(turn, (0.0, 0.0, arm.d6))
+    tx, ty, tz = rotate(turn, (0.0, 0.0, arm.d6))
     return Pose((out * c + arm.d4 * s + tx, out * s - arm.d4 * c + ty, arm.d1 + up + tz), turn)
 
 
@@ -124,7 +105,7 @@ def solutions(arm: Arm, pose: Pose, near: Joints) -> Iterator[Joints]:
     Of angles a whole turn apart it takes the one next to `near`.
     """
     turn = pose.quaternion
-    tool = rotated(turn, (0.0, 0.0, 1.0))
+    tool = rotate(turn, (0.0, 0.0, 1.0))
     (x, y, z), (u, v, w) = pose.position, tool
     x, y, z = x - arm.d6 * u, y - arm.d6 * v, z - arm.d6 * w
     radius = math.hypot(x, y)
@@ -134,12 +115,12 @@ def solutions(arm: Arm, pose: Pose, near: Joints) -> Iterator[Joints]:
     bases = bearing + beside, bearing + math.pi - beside
     for base in bases if math.cos(near[0] - bases[0]) >= math.cos(near[0] - bases[1]) else bases[::-1]:
         c, s = math.cos(base), math.sin(base)
-        along = rotated(conjugate(turn), (s, -c, 0.0))
+        along = rotate(inverse(turn), (s, -c, 0.0))
         tilt = math.acos(max(-1.0, min(1.0, tool[0] * s - tool[1] * c)))
         for wrist_2 in (tilt, -tilt) if math.sin(near[4]) >= 0.0 else (-tilt, tilt):
             sine = math.sin(wrist_2)
             wrist_3 = near[5] if abs(sine) < _SINGULAR else math.atan2(-along[1] / sine, along[0] / sine)
-            axis = rotated(turn, (-math.sin(wrist_3), -math.cos(wrist_3), 0.0))
+            axis = rotate(turn, (-math.sin(wrist_3), -math.cos(wrist_3), 0.0))
             out = (x - arm.d5 * axis[0]) * c + (y - arm.d5 * axis[1]) * s
             up = z - arm.d5 * axis[2] - arm.d1
             total = math.atan2(axis[0] * c + axis[1] * s, -axis[2])

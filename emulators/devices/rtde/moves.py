@@ -4,11 +4,10 @@ import math
 from collections.abc import Callable, Iterator
 from typing import TypeAlias
 
-from emulators.arm.quaternions import angle_between, slerp
 from emulators.devices.rtde.arm import Place
 from emulators.devices.rtde.controller import Controller
 from emulators.devices.rtde.kinematics import Joints
-from protocol.geometry import Pose, Vector
+from protocol.geometry import Pose, Vector, angle_between, slerp
 
 Walk: TypeAlias = Iterator[Place]
 _LEAST = 1e-6

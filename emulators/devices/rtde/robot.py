@@ -29,6 +29,7 @@ class RtdeRobot:
         self.handlers: Handlers = {**self._disturbance.handlers, "link": self._wires.handlers}
         self.begun_at = controller.begun_at
         self.orders, self.hindrance = controller.orders, controller.hindrance
+        self.unmodelled = controller.unmodelled
         self.feel = controller.own_force.feel
         self._open = dict.fromkeys(Port, 0)
 

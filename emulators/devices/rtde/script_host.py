@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from emulators.devices.rtde.arm import Brake, Servo, Speed
 from emulators.devices.rtde.controller import Controller
-from emulators.devices.rtde.kinematics import Joints, compose, inverse, nearest
+from emulators.devices.rtde.kinematics import Joints, compose, invert, nearest
 from emulators.devices.rtde.moves import Walk, arc_walk, joint_walk, line_walk
 from emulators.devices.rtde.state import getter
 from emulators.devices.rtde.urscript import Message, Profile, RuntimeFailure, Socket, SyntaxFailure
@@ -43,7 +43,10 @@ class ControllerHost:
         self.tell(kind, str(failure))
 
     def tell_tagged(self, function: str) -> None:
-        self.tell(Message.TAGGED, function)
+        self._controller.unmodelled.touch(f"URScript {function}()", "accepted without effect")
+
+    def tell_unknown(self, function: str) -> None:
+        self._controller.unmodelled.touch(f"URScript {function}()", "not known: the program ends")
 
     # --- time and registers
 
@@ -136,7 +139,7 @@ class ControllerHost:
         controller = self._controller
         if tcp is None:
             return controller.solve(pose, near)
-        return nearest(controller.lengths, compose(pose, inverse(tcp)), near or controller.arm.target)
+        return nearest(controller.lengths, compose(pose, invert(tcp)), near or controller.arm.target)
 
     def servo(self, joints: Joints, time: float, lookahead: float, gain: float) -> int:
         """Values outside the ranges of the manual are taken as the nearest end (assumed)."""

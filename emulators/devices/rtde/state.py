@@ -4,12 +4,11 @@ import math
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
-from emulators.arm.quaternions import product
-from emulators.devices.rtde.kinematics import Joints, conjugate
+from emulators.devices.rtde.kinematics import Joints
 from protocol.devices.rtde.fields import INPUTS, OUTPUTS, Value
-from protocol.devices.rtde.rotation import rotation_vector, six_of
+from protocol.devices.rtde.rotation import six_of
 from protocol.devices.rtde.states import BITS, RobotMode, Runtime, SafetyMode, StatusBits
-from protocol.geometry import Pose, Wrench
+from protocol.geometry import Pose, Wrench, inverse, product, rotation_vector
 
 Registers = Mapping[str, Value]
 """Values by name; one that is missing is 0. Never changed, but replaced."""
@@ -54,7 +53,7 @@ _POWERED, _PLAYING = int(StatusBits.POWER_ON), int(StatusBits.PROGRAM_RUNNING)
 
 def _speed(state: Snapshot) -> Value:
     """Velocity of the tool from its last two poses."""
-    turned = product(state.now.quaternion, conjugate(state.before.quaternion))
+    turned = product(state.now.quaternion, inverse(state.before.quaternion))
     (x, y, z), (u, v, w), (i, j, k) = state.before.position, state.now.position, rotation_vector(turned)
     time = state.period
     return (u - x) / time, (v - y) / time, (w - z) / time, i / time, j / time, k / time
@@ -103,6 +102,28 @@ FIELDS: Mapping[str, Callable[[Snapshot], Value]] = {
     "actual_tool_accelerometer": lambda state: (0.0, 0.0, -9.82),
 }
 """Outputs that are more than 0; temperatures, voltages and the like are plausible constants."""
+
+
+_CONSTANT = (
+    "joint_temperatures",
+    "actual_joint_voltage",
+    "actual_main_voltage",
+    "actual_robot_voltage",
+    "actual_robot_current",
+    "actual_execution_time",
+    "actual_tool_accelerometer",
+)
+_HEEDED = ("speed_slider_mask", "speed_slider_fraction", "external_force_torque")
+"""Inputs that act, beside registers."""
+
+
+def not_modelled(name: str) -> str:
+    """The treatment of a variable that has no meaning here; empty for one that has."""
+    if name in _CONSTANT:
+        return "always the same"
+    if "_register" in name or name in FIELDS or name in _HEEDED:
+        return ""
+    return "taken without effect" if name in INPUTS else "always 0"
 
 
 def getter(name: str) -> Callable[[Snapshot], tuple[float, ...]]:

@@ -131,11 +131,18 @@ class UrRtde:
         action = _AT_ONCE.get(command)
         if action is not None:
             action(self)
+        else:
+            self._tag(command)
 
     def _once(self, command: int) -> Turns:
         action = _ONCE.get(command)
         if action is not None:
             yield from action(self) or ()
+        else:
+            self._tag(command)
+
+    def _tag(self, command: int) -> None:
+        self._controller.unmodelled.touch(f"ur_rtde command {command}", "told as done, without effect")
 
     # --- servo and speed
 

@@ -71,6 +71,7 @@ class S3Controller:
     ) -> None:
         self.profile = profile = profiles.robot
         self._executive = Executive(profiles, start, powered_at, site)
+        self.unmodelled = self._executive.unmodelled
         self.motion = self._executive.motion
         """True and reported place of the tool centre point."""
         self.orders = Orders()

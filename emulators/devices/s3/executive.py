@@ -12,7 +12,6 @@ from typing import TypeAlias
 import numpy as np
 
 from emulators.arm.kinematics import Joints
-from emulators.arm.quaternions import normalised
 from emulators.arm.waypoints import Waypoint, WaypointArm
 from emulators.arm.work_area import OutsideWorkArea, WorkArea
 from emulators.devices.s3.profile import S3Profile, S3Profiles
@@ -29,6 +28,7 @@ from emulators.devices.s3.state import (
     status_flags,
 )
 from emulators.seams import StartPose
+from emulators.unmodelled import Unmodelled
 from protocol.devices.s3.arap import (
     MOVE_LENGTHS,
     FunctionCode,
@@ -47,7 +47,7 @@ from protocol.devices.s3.arap import (
     response,
 )
 from protocol.endpoint import RemoteProtocolError
-from protocol.geometry import Pose, Quaternion, Vector
+from protocol.geometry import Pose, Quaternion, Vector, normalise
 
 _UNIT_TOLERANCE = 0.01
 """Assumed: how far a quaternion's norm may be from 1; words of 1/16384 alone make up 0.0001."""
@@ -57,6 +57,8 @@ _LOOK_AHEAD_S = 0.14
 the path is committed anyway. Ticks computed beyond an order are wasted.
 """
 
+_REAL = frozenset(FunctionCode)
+"""Functions of a real controller."""
 Answer: TypeAlias = Telegram | int | None
 """A response, a refusal code, or None: not yet."""
 
@@ -93,13 +95,14 @@ class Executive:
         site: S3Site,
     ) -> None:
         self._profile = profile = profiles.robot
+        self.unmodelled = Unmodelled("s3")
         self._site = site
         self._site_orders = SiteOrders(site.orders)
         self._programs = _read_programs(profile, site)
         self._move_lengths = frozenset((*MOVE_LENGTHS, profiles.link.move_length))
         self._work_area = WorkArea(profile, start.tool_length)
         try:
-            joints = self._work_area.joints(start.position, normalised(start.quaternion))
+            joints = self._work_area.joints(start.position, normalise(start.quaternion))
         except OutsideWorkArea as error:
             raise ValueError(
                 f"the start position {start.position} m with the quaternion {start.quaternion} is outside the "
@@ -193,6 +196,11 @@ class Executive:
         if telegram is None:
             return RefusalCode.TELEGRAM_INCOMPLETE
         definition = self._site.orders.of_function(telegram.function)
+        if definition is None and telegram.function in _REAL:
+            text = FunctionCode(telegram.function).text
+            self.unmodelled.touch(
+                f"function {telegram.function}, {text}", "refused; an orders file can define it"
+            )
         if definition is None or telegram.type != TelegramType.ORDER:
             return RefusalCode.WRONG_FUNCTION_CODE
         if telegram.suffix not in definition.suffixes:
@@ -260,6 +268,8 @@ class Executive:
             if move.kind is MoveKind.START:
                 self.happen(Stimulus.SEQUENCE_START, now)
                 return response(telegram)
+            if move.robot_coordinates:
+                self.unmodelled.touch("points in robot coordinates", "refused")
             if not _usable(move):
                 return self._profile.unusable_move_refusal
             if order.waypoint is None:
@@ -282,7 +292,7 @@ class Executive:
 
     def _waypoint(self, position: Vector, quaternion: Quaternion, speed: float, now: float) -> Waypoint:
         """A point with the line to it from the last point accepted. Raises OutsideWorkArea."""
-        route = self._work_area.route(*self.motion.goal(now), position, normalised(quaternion))
+        route = self._work_area.route(*self.motion.goal(now), position, normalise(quaternion))
         return Waypoint(position, quaternion, speed, route)
 
 

@@ -4,11 +4,10 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
-from emulators.arm.quaternions import product
 from emulators.arm.waypoints import WaypointArm
 from emulators.faults.ledger import Handler, Injection
 from protocol.devices.s3.arap import Status, position_words, quaternion_words
-from protocol.geometry import Quaternion, Vector
+from protocol.geometry import Quaternion, Vector, product
 
 _AXES = "xyz"
 _LIMIT = 4.095875

@@ -92,7 +92,7 @@ class LoadClient:
         if self._hello_at is not None and now >= self._hello_at:
             if not self._hellos:
                 self._hello_at = None
-                self._events.append(SensorFailed("no sample came; look at its supply and its address"))
+                self._events.append(SensorFailed("no sample came", "look at its supply and its address"))
                 return
             self._hellos -= 1
             self._out.append(HELLO)

@@ -3,16 +3,14 @@
 import math
 
 from hil_bridge.control.course.limits import Limits
-from hil_bridge.control.geometry.turning import apart, brought, rotated
+from hil_bridge.control.geometry.turning import brought
 from hil_bridge.errors.causes import Cause, Reason
-from protocol.geometry import Quaternion
+from protocol.geometry import Quaternion, angle_between, angle_of_vectors, tool_axis
 
 _FOLLOWS_S = 0.5
 """Chosen: time within which a robot follows an order to turn: two cycles of the slowest line, and the servo."""
 _ROUNDING = 1e-9
 """Slack for arithmetic, rad."""
-_AXIS = 0.0, 0.0, 1.0
-"""The tool's own axis, tool frame."""
 
 
 def allowed(
@@ -24,7 +22,7 @@ def allowed(
     """
     reasons: tuple[Reason, ...] = ()
     given, most = wanted, math.radians(limits.turn_deg_s) * dt
-    if apart(before, wanted) > most + _ROUNDING:
+    if angle_between(before, wanted) > most + _ROUNDING:
         given = brought(before, wanted, most)
         reasons = (Reason(Cause.TURN, f"turned faster than {limits.turn_deg_s:g}°/s"),)
     if tilt(home, given) > max(math.radians(limits.turn_total_deg), tilt(home, before)) + _ROUNDING:
@@ -34,8 +32,7 @@ def allowed(
 
 def tilt(a: Quaternion, b: Quaternion) -> float:
     """Angle between the tool's axes at two orientations, rad: a turn about the axis itself does not count."""
-    (x, y, z), (u, v, w) = rotated(a, _AXIS), rotated(b, _AXIS)
-    return math.atan2(math.hypot(y * w - z * v, z * u - x * w, x * v - y * u), x * u + y * v + z * w)
+    return angle_of_vectors(tool_axis(a), tool_axis(b))
 
 
 def behind(lag: float, turned: float, dt: float) -> float:

@@ -32,9 +32,8 @@ from hil_bridge.control.course.verdict import (
 )
 from hil_bridge.control.course.wall import beyond_friction
 from hil_bridge.control.course.witness import Witness
-from hil_bridge.control.geometry.turning import apart, unit
 from hil_bridge.errors import Cause, ConfigError, Reason
-from protocol.geometry import Quaternion, Vector
+from protocol.geometry import Quaternion, Vector, angle_between, normalise
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,10 +120,10 @@ class Supervisor:
         self, state: SupervisorState, seen: Observation, wanted: Quaternion, verdict: Allow | Clamp
     ) -> tuple[Allow | Clamp, Quaternion, Quaternion, float]:
         """The verdict with that on the orientation; the orientation allowed, that of the start, and the new lag."""
-        before = state.quaternion or unit(seen.quaternion or wanted)
+        before = state.quaternion or normalise(seen.quaternion or wanted)
         home = state.home or before
         given, reasons = orientation.allowed(self.limits, home, before, wanted, seen.dt)
-        lag = orientation.behind(state.lag, apart(before, given), seen.dt)
+        lag = orientation.behind(state.lag, angle_between(before, given), seen.dt)
         if reasons:
             told = verdict.holds if isinstance(verdict, Clamp) else ()
             verdict = Clamp(verdict.depth, verdict.position, (*told, *reasons))

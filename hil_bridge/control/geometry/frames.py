@@ -5,13 +5,12 @@ stands in the base, so they turn tool vectors into base vectors. Source: textboo
 the transpose of the adjoint that moves a twist, so that force times velocity is the same number in every frame.
 """
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from protocol.geometry import Quaternion, Vector
+from protocol.geometry import Quaternion, rotation_rows
 
 Array = NDArray[np.float64]
 
@@ -31,14 +30,7 @@ def rotation_matrix(quaternion: Sequence[float]) -> Array:
     length = float(np.linalg.norm(wxyz))
     if wxyz.shape != (4,) or not np.isfinite(length) or length < 1e-6:
         raise ValueError(f"not a rotation: quaternion {tuple(quaternion)}")
-    w, x, y, z = wxyz / length
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    return np.array(rotation_rows((wxyz / length).tolist()))
 
 
 def quaternion_of(rotation: Array) -> Quaternion:
@@ -56,37 +48,6 @@ def quaternion_of(rotation: Array) -> Quaternion:
     longest = rows[np.diag(rows).argmax()]
     w, x, y, z = (longest / np.linalg.norm(longest)).tolist()
     return w, x, y, z
-
-
-def quaternion_about(axis: Sequence[float], angle: float) -> Quaternion:
-    """Turn by `angle`, rad, about a unit vector."""
-    x, y, z = (math.sin(angle / 2.0) * part for part in axis)
-    return math.cos(angle / 2.0), x, y, z
-
-
-def quaternion_product(a: Sequence[float], b: Sequence[float]) -> Quaternion:
-    """First the turn `b`, then the turn `a`, both about the axes of the frame that `a` leads to."""
-    w, x, y, z = a
-    p, q, r, s = b
-    return (
-        w * p - x * q - y * r - z * s,
-        w * q + x * p + y * s - z * r,
-        w * r - x * s + y * p + z * q,
-        w * s + x * r - y * q + z * p,
-    )
-
-
-def turn_between(a: Sequence[float], b: Sequence[float]) -> tuple[Vector, float]:
-    """Unit axis in the base frame and angle, 0 … π rad, of the shorter turn from orientation `a` to `b`.
-
-    Both must have unit length. The axis of no turn at all is z.
-    """
-    w, x, y, z = quaternion_product(b, (a[0], -a[1], -a[2], -a[3]))
-    sine = math.hypot(x, y, z)
-    if sine < 1e-12:
-        return (0.0, 0.0, 1.0), 0.0
-    sign = math.copysign(1.0, w)
-    return (sign * x / sine, sign * y / sine, sign * z / sine), 2.0 * math.atan2(sine, abs(w))
 
 
 def rotate(quaternion: Sequence[float], vector: ArrayLike) -> Array:

@@ -3,26 +3,17 @@
 import math
 from collections.abc import Sequence
 
-from hil_bridge.control.geometry.frames import quaternion_product
 from hil_bridge.control.words.paths import Place
-from protocol.geometry import Pose, Quaternion, Vector, towards
+from protocol.geometry import Pose, Quaternion, Vector, angle_between, product, rotate, towards, turn_about
 
 _NOWHERE: Vector = (0.0, 0.0, 0.0)
 _ALIGNED = math.radians(0.02)
 """Chosen: an orientation that is nearer than this is not ordered anew, rad."""
 
 
-def rotated(quaternion: Sequence[float], vector: Sequence[float]) -> Vector:
-    """A vector of the tool frame in the base frame, in plain numbers; the quaternion has unit length."""
-    w, x, y, z = quaternion
-    a, b, c = vector
-    u, v, s = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
-    return a + w * u + y * s - z * v, b + w * v + z * u - x * s, c + w * s + x * v - y * u
-
-
 def tipped(home: Quaternion, axis: Vector) -> Quaternion:
     """The orientation nearest to `home` whose tool z axis is this unit vector of the base frame."""
-    return quaternion_product(_shortest(rotated(home, (0.0, 0.0, 1.0)), axis), home)
+    return product(_shortest(rotate(home, (0.0, 0.0, 1.0)), axis), home)
 
 
 def yawed(home: Quaternion, approach: Vector, before: Place, heading: Place) -> Quaternion:
@@ -30,34 +21,14 @@ def yawed(home: Quaternion, approach: Vector, before: Place, heading: Place) -> 
     sine = before[0] * heading[1] - before[1] * heading[0]
     angle = math.atan2(sine, before[0] * heading[0] + before[1] * heading[1])
     # x towards y turns about the work frame's z axis, which points against the approach
-    half = -angle / 2.0
-    a, b, c = (math.sin(half) * part for part in approach)
-    return quaternion_product((math.cos(half), a, b, c), home)
+    return product(turn_about(approach, -angle), home)
 
 
 def brought(before: Quaternion, wanted: Quaternion, angle: float) -> Quaternion:
     """The next orientation on the way to the wanted one, at most `angle`, rad, from the one before."""
-    if apart(before, wanted) < _ALIGNED:
+    if angle_between(before, wanted) < _ALIGNED:
         return before
     return towards(Pose(_NOWHERE, before), Pose(_NOWHERE, wanted), 0.0, angle).quaternion
-
-
-def apart(a: Quaternion, b: Quaternion) -> float:
-    """Angle between two orientations, rad."""
-    w, x, y, z = a
-    p, q, r, s = b
-    cosine = abs(w * p + x * q + y * r + z * s)
-    sine = math.hypot(
-        w * q - x * p - y * s + z * r, w * r - y * p - z * q + x * s, w * s - z * p - x * r + y * q
-    )
-    return 2.0 * math.atan2(sine, cosine)
-
-
-def unit(quaternion: Sequence[float]) -> Quaternion:
-    """The same with unit length: device words are rounded."""
-    w, x, y, z = quaternion
-    length = math.sqrt(w * w + x * x + y * y + z * z)
-    return w / length, x / length, y / length, z / length
 
 
 def moment_at(wrench: Sequence[float], point: Vector) -> Vector:

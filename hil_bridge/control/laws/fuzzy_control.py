@@ -42,18 +42,15 @@ class AdaptiveState(Struct, frozen=True):
 
 
 @dataclass(frozen=True, slots=True)
-class FuzzyPi:
-    """Fixed gains: x(k+1) = x_commanded(k) + K · G(f_e/f_d, f_ce/f_d). Source: the paper's Fig. 2 and
-    Table 3.
-    """
+class _Fuzzy:
+    """Settings of every controller with a rule base."""
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
-    name: ClassVar[str] = "fuzzy"
     sample_ms: ClassVar[float] = SAMPLE_MS
 
     ranges: ClassVar[Mapping[str, Range]] = OUTPUT_STEPS
     output_step_mm: float = POSITION_STEP_MM
-    """K: correction of one output level. The paper takes one resolution step of the robot."""
+    """K: correction of one output level of the fuzzy PI. The paper takes one resolution step of the robot."""
     surface: Surface = Surface.PAPER
     """Printed matrix, matrix computed from the rules, or the rules without quantisation."""
     rules_file: str = ""
@@ -63,6 +60,36 @@ class FuzzyPi:
     def __post_init__(self) -> None:
         require_above_zero(self, "output_step_mm")
         object.__setattr__(self, "_system", _ready(self.surface, self.rules_file))
+
+    def _infer(self, before: float | None, error: float, reference: float) -> dict[str, float]:
+        """Levels of both inputs and of the answer, and the rules behind it with their weights."""
+        change = 0.0 if before is None else error - before
+        percents = 100.0 * error / reference, 100.0 * change / reference
+        inference, explanation = self._system.explain(*percents)
+        explanation["level_error"] = inference.level_error
+        explanation["level_change"] = inference.level_change
+        explanation["level_output"] = inference.level_output
+        return explanation
+
+    def _correct(
+        self,
+        measurement: Measurement,
+        explanation: dict[str, float],
+        gain: float = 1.0,
+        stiffness: float | None = None,
+    ) -> Command:
+        """The answer of the fuzzy PI."""
+        correction = gain * explanation["level_output"] * self.output_step_mm * 1e-3
+        return Command(measurement.commanded + correction, correction, stiffness, gain, False, explanation)
+
+
+@dataclass(frozen=True, slots=True)
+class FuzzyPi(_Fuzzy):
+    """Fixed gains: x(k+1) = x_commanded(k) + K · G(f_e/f_d, f_ce/f_d). Source: the paper's Fig. 2 and
+    Table 3.
+    """
+
+    name: ClassVar[str] = "fuzzy"
 
     def initial(self) -> FuzzyState:
         """State before the first sample in contact."""
@@ -79,44 +106,26 @@ class FuzzyPi:
         if not measurement.is_finite:
             return state, _stay(measurement)
         error = measurement.force - reference
-        explanation = _infer(self._system, state.error, error, reference)
-        return FuzzyState(error), _correct(measurement, explanation, self.output_step_mm)
+        return FuzzyState(error), self._correct(measurement, self._infer(state.error, error, reference))
 
 
 @dataclass(frozen=True, slots=True)
-class FuzzyAdaptive:
-    """The paper's adaptation: x(k+1) = x_est(k) + g · K · G(f_e/f_d, f_ce/f_d).
+class _Adaptive(_Fuzzy):
+    """The fuzzy PI beside an estimate of the stiffness. Without an estimate the fuzzy PI works alone."""
 
-    x_est = x(k) − (f(k) − f_d)/k_est is eq. (5), k_est is eq. (4), and g is 1, for log10 k_est in (4, 5)
-    one half, above 5 one quarter (k in N/m). Assumed: at exactly 5, which the paper leaves out, one half.
-    Without an estimate, and without contact, the fuzzy PI works alone.
-    """
-
-    __pydantic_config__: ClassVar = FORBID_EXTRA
-    name: ClassVar[str] = "fuzzy-adaptive"
-    sample_ms: ClassVar[float] = SAMPLE_MS
-
-    ranges: ClassVar[Mapping[str, Range]] = OUTPUT_STEPS
-    output_step_mm: float = POSITION_STEP_MM
-    """K: correction of one output level."""
-    surface: Surface = Surface.PAPER
-    """Printed matrix, matrix computed from the rules, or the rules without quantisation."""
-    rules_file: str = ""
-    """TOML file with a rule base; empty takes the paper's."""
-    _system: InferenceSystem = field(init=False, repr=False, compare=False)
     resolution_mm: float = POSITION_STEP_MM
-    """Smallest step of the reported position."""
+    """Smallest step of the robot's position."""
     force_uncertainty_n: float = 0.5
-    """Half-width of the force noise, as the paper assumes it."""
+    """Half-width of the force noise."""
     feedforward_limit_mm: float | None = None
-    """Farthest that the feedforward may move the command in a sample, either way. The paper has no such
-    limit.
-    """
+    """Farthest that the feedforward may move the command in a sample, either way; the paper has no such limit."""
 
     def __post_init__(self) -> None:
-        require_above_zero(self, "output_step_mm")
-        object.__setattr__(self, "_system", _ready(self.surface, self.rules_file))
-        _check_adaptation(self)
+        _Fuzzy.__post_init__(self)
+        require_above_zero(self, "resolution_mm")
+        require_not_negative(self, "force_uncertainty_n")
+        if self.feedforward_limit_mm is not None:
+            require_above_zero(self, "feedforward_limit_mm")
 
     def initial(self) -> AdaptiveState:
         """State before the first sample in contact."""
@@ -133,22 +142,68 @@ class FuzzyAdaptive:
         if not measurement.is_finite:
             return state, _stay(measurement, state.estimate.stiffness)
         error = measurement.force - reference
-        state, explanation = _observed(self, state, measurement, measurement.force, reference)
-        stiffness = state.estimate.stiffness
-        if stiffness is None:
-            return state, _correct(measurement, explanation, self.output_step_mm)
-        gain = scheduled_gain(stiffness)
-        command = _correct(measurement, explanation, self.output_step_mm, gain, stiffness)
+        explanation = self._infer(state.error, error, reference)
+        estimate = self._observe(state.estimate, measurement)
+        if estimate.stiffness is None:
+            command = self._correct(measurement, explanation)
+        else:
+            command = self._answer(measurement, reference, explanation, estimate.stiffness)
+        return AdaptiveState(error, estimate), command
+
+    def _observe(self, estimate: StiffnessEstimate, measurement: Measurement) -> StiffnessEstimate:
+        """The estimate behind a sample."""
         if not measurement.in_contact:
-            return state, command
-        feedforward = _feedforward(self.feedforward_limit_mm, measurement, error, stiffness)
-        command.explanation["feedforward_m"] = feedforward
-        position = feedforward + command.correction
-        return state, Command(position, command.correction, stiffness, gain, False, command.explanation)
+            return contact_lost(estimate)
+        gates = Gates(
+            position_change=self.resolution_mm * 1e-3 / 2, force_change=2 * self.force_uncertainty_n
+        )
+        return update(estimate, gates, measurement.position, self._force(measurement))
+
+    def _force(self, measurement: Measurement) -> float:
+        """Force of the reported position, N."""
+        return measurement.force
+
+    def _answer(
+        self, measurement: Measurement, reference: float, explanation: dict[str, float], stiffness: float
+    ) -> Command:
+        """The answer where the stiffness is known, N/m."""
+        raise NotImplementedError
+
+    def _feedforward(self, measurement: Measurement, reference: float, stiffness: float) -> float:
+        """Place where the force is expected to be the wanted one, m."""
+        expected = measurement.position - (self._force(measurement) - reference) / stiffness
+        if self.feedforward_limit_mm is None:
+            return expected
+        limit = self.feedforward_limit_mm * 1e-3
+        return min(max(expected, measurement.commanded - limit), measurement.commanded + limit)
 
 
 @dataclass(frozen=True, slots=True)
-class ResolutionAware:
+class FuzzyAdaptive(_Adaptive):
+    """The paper's adaptation: x(k+1) = x_est(k) + g · K · G(f_e/f_d, f_ce/f_d).
+
+    x_est = x(k) − (f(k) − f_d)/k_est is eq. (5), k_est is eq. (4), and g is 1, for log10 k_est in (4, 5)
+    one half, above 5 one quarter (k in N/m). Assumed: at exactly 5, which the paper leaves out, one half.
+    Without an estimate, and without contact, the fuzzy PI works alone.
+    """
+
+    name: ClassVar[str] = "fuzzy-adaptive"
+
+    def _answer(
+        self, measurement: Measurement, reference: float, explanation: dict[str, float], stiffness: float
+    ) -> Command:
+        gain = scheduled_gain(stiffness)
+        command = self._correct(measurement, explanation, gain, stiffness)
+        if not measurement.in_contact:
+            return command
+        feedforward = self._feedforward(measurement, reference, stiffness)
+        explanation["feedforward_m"] = feedforward
+        position = feedforward + command.correction
+        return Command(position, command.correction, stiffness, gain, False, explanation)
+
+
+@dataclass(frozen=True, slots=True)
+class ResolutionAware(_Adaptive):
     """Feedforward alone, and rest where no reachable position is nearer.
 
     x(k+1) = x_est(k) of eq. (5) while |f_e| > k_est · Δx_res/2 + uncertainty, else the command stays. Derived:
@@ -158,59 +213,28 @@ class ResolutionAware:
     fuzzy PI works alone.
     """
 
-    __pydantic_config__: ClassVar = FORBID_EXTRA
     name: ClassVar[str] = "resolution-aware"
-    sample_ms: ClassVar[float] = SAMPLE_MS
 
-    ranges: ClassVar[Mapping[str, Range]] = OUTPUT_STEPS
-    output_step_mm: float = POSITION_STEP_MM
-    """K: correction of one output level of the fuzzy PI."""
-    surface: Surface = Surface.PAPER
-    """Printed matrix, matrix computed from the rules, or the rules without quantisation."""
-    rules_file: str = ""
-    """TOML file with a rule base; empty takes the paper's."""
-    _system: InferenceSystem = field(init=False, repr=False, compare=False)
-    resolution_mm: float = POSITION_STEP_MM
-    """Smallest step of the robot's position."""
-    force_uncertainty_n: float = 0.5
-    """Half-width of the force noise; widens the band of rest."""
     feedforward_limit_mm: float | None = 2.0
     """Farthest that the feedforward may move the command in a sample, either way, whatever the estimate.
     Chosen.
     """
 
-    def __post_init__(self) -> None:
-        require_above_zero(self, "output_step_mm")
-        object.__setattr__(self, "_system", _ready(self.surface, self.rules_file))
-        _check_adaptation(self)
+    def _force(self, measurement: Measurement) -> float:
+        return measurement.force_at_position
 
-    def initial(self) -> AdaptiveState:
-        """State before the first sample in contact."""
-        return AdaptiveState()
-
-    def step(
-        self, state: AdaptiveState, measurement: Measurement, reference: float
-    ) -> tuple[AdaptiveState, Command]:
-        """One sample. A measurement that is not finite moves nothing and is forgotten.
-
-        Raises ValueError for a reference that is not above 0.
-        """
-        check_reference(reference)
-        if not measurement.is_finite:
-            return state, _stay(measurement, state.estimate.stiffness)
-        error = measurement.force - reference
-        aligned = measurement.force_at_position
-        state, explanation = _observed(self, state, measurement, aligned, reference)
-        stiffness = state.estimate.stiffness
-        if stiffness is None or not measurement.in_contact:
-            return state, _correct(measurement, explanation, self.output_step_mm, 1.0, stiffness)
+    def _answer(
+        self, measurement: Measurement, reference: float, explanation: dict[str, float], stiffness: float
+    ) -> Command:
+        if not measurement.in_contact:
+            return self._correct(measurement, explanation, 1.0, stiffness)
         band = stiffness * self.resolution_mm * 1e-3 / 2 + self.force_uncertainty_n
         explanation["band_n"] = band
-        if abs(error) <= band:
-            return state, Command(measurement.commanded, 0.0, stiffness, 1.0, True, explanation)
-        feedforward = _feedforward(self.feedforward_limit_mm, measurement, aligned - reference, stiffness)
+        if abs(measurement.force - reference) <= band:
+            return Command(measurement.commanded, 0.0, stiffness, 1.0, True, explanation)
+        feedforward = self._feedforward(measurement, reference, stiffness)
         explanation["feedforward_m"] = feedforward
-        return state, Command(feedforward, 0.0, stiffness, 1.0, False, explanation)
+        return Command(feedforward, 0.0, stiffness, 1.0, False, explanation)
 
 
 def scheduled_gain(stiffness: float) -> float:
@@ -228,59 +252,5 @@ def _ready(surface: str, rules_file: str) -> InferenceSystem:
     return InferenceSystem(read_rules(rules_file), chosen) if rules_file else paper_system(chosen)
 
 
-def _check_adaptation(model: FuzzyAdaptive | ResolutionAware) -> None:
-    require_above_zero(model, "resolution_mm")
-    require_not_negative(model, "force_uncertainty_n")
-    if model.feedforward_limit_mm is not None:
-        require_above_zero(model, "feedforward_limit_mm")
-
-
-def _infer(system: InferenceSystem, before: float | None, error: float, reference: float) -> dict[str, float]:
-    """Levels of both inputs and of the answer, and the rules behind it with their weights."""
-    change = 0.0 if before is None else error - before
-    percents = 100.0 * error / reference, 100.0 * change / reference
-    inference, explanation = system.explain(*percents)
-    explanation["level_error"] = inference.level_error
-    explanation["level_change"] = inference.level_change
-    explanation["level_output"] = inference.level_output
-    return explanation
-
-
 def _stay(measurement: Measurement, stiffness: float | None = None) -> Command:
     return Command(measurement.commanded, 0.0, stiffness)
-
-
-def _correct(
-    measurement: Measurement,
-    explanation: dict[str, float],
-    output_step_mm: float,
-    gain: float = 1.0,
-    stiffness: float | None = None,
-) -> Command:
-    correction = gain * explanation["level_output"] * output_step_mm * 1e-3
-    return Command(measurement.commanded + correction, correction, stiffness, gain, False, explanation)
-
-
-def _observed(
-    model: FuzzyAdaptive | ResolutionAware,
-    state: AdaptiveState,
-    measurement: Measurement,
-    force: float,
-    reference: float,
-) -> tuple[AdaptiveState, dict[str, float]]:
-    """The state behind a sample, and what the fuzzy PI makes of it. `force` (N) is that of the reported position."""
-    error = measurement.force - reference
-    explanation = _infer(model._system, state.error, error, reference)
-    if not measurement.in_contact:
-        return AdaptiveState(error, contact_lost(state.estimate)), explanation
-    gates = Gates(position_change=model.resolution_mm * 1e-3 / 2, force_change=2 * model.force_uncertainty_n)
-    estimate = update(state.estimate, gates, measurement.position, force)
-    return AdaptiveState(error, estimate), explanation
-
-
-def _feedforward(limit_mm: float | None, measurement: Measurement, error: float, stiffness: float) -> float:
-    expected = measurement.position - error / stiffness
-    if limit_mm is None:
-        return expected
-    limit = limit_mm * 1e-3
-    return min(max(expected, measurement.commanded - limit), measurement.commanded + limit)

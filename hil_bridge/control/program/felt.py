@@ -3,11 +3,11 @@
 import math
 from typing import NamedTuple
 
-from hil_bridge.control.geometry.turning import moment_at, rotated, unit
+from hil_bridge.control.geometry.turning import moment_at
 from hil_bridge.control.program.facing import inward
 from hil_bridge.control.program.state import CourseState, Felt
 from hil_bridge.control.words.paths import Place
-from protocol.geometry import Vector
+from protocol.geometry import Vector, normalise, rotate
 
 
 class WorkFrame(NamedTuple):
@@ -45,7 +45,7 @@ def zeroed(felt: Felt, course: CourseState, frame: WorkFrame) -> Felt:
     quaternion = felt.quaternion or course.home
     if quaternion is None or len(felt.wrench) != 6:
         return felt
-    x, y, z = rotated(unit(quaternion), course.zero[:3])
+    x, y, z = rotate(normalise(quaternion), course.zero[:3])
     a, t, b = (along((x, y, z), way) for way in (frame.approach, frame.x, frame.y))
     force = felt.force[0] + a, felt.force[1] + t, felt.force[2] + b
     wrench = tuple(value - zero for value, zero in zip(felt.wrench, course.zero, strict=True))
@@ -56,11 +56,11 @@ def skewed(frame: WorkFrame, face: Face, felt: Felt, per_angle: float) -> tuple[
     """The tool's axis, and how its face's moments say that it must tip, in the task frame."""
     if felt.quaternion is None or not per_angle or len(felt.wrench) != 6:
         return (1.0, 0.0, 0.0), None
-    quaternion = unit(felt.quaternion)
-    axis = rotated(quaternion, (0.0, 0.0, 1.0))
+    quaternion = normalise(felt.quaternion)
+    axis = rotate(quaternion, (0.0, 0.0, 1.0))
     u, v, _ = moment_at(felt.wrench, face.centre)
     # the tool yields to the moment: a turn about it by moment / stiffness tips the axis
-    x, y, z = rotated(quaternion, (v / per_angle, -u / per_angle, 0.0))
+    x, y, z = rotate(quaternion, (v / per_angle, -u / per_angle, 0.0))
     a, t, b = (along(axis, way) for way in (frame.approach, frame.x, frame.y))
     return (a, t, b), (along((x, y, z), frame.x), along((x, y, z), frame.y))
 

@@ -9,11 +9,11 @@ from typing import TypeAlias
 from msgspec.structs import replace
 
 from hil_bridge.control.course.task import TaskState
-from hil_bridge.control.geometry.turning import apart
 from hil_bridge.control.program.legs import Leg
 from hil_bridge.control.program.state import CourseState, Felt
 from hil_bridge.control.types import Measurement
 from hil_bridge.errors.causes import Cause, Reason
+from protocol.geometry import angle_between
 
 Taken: TypeAlias = tuple[TaskState, float, bool, Reason | None]
 
@@ -48,7 +48,11 @@ def move(leg: Leg, state: TaskState, measurement: Measurement, felt: Felt) -> Ta
     there = (
         arrived and math.dist(felt.place, course.at) <= _THERE and abs(measurement.position - depth) <= _THERE
     )
-    turned = course.home is None or course.turned is None or apart(course.turned, course.home) < _AS_AT_HOME
+    turned = (
+        course.home is None
+        or course.turned is None
+        or angle_between(course.turned, course.home) < _AS_AT_HOME
+    )
     if not (arrived and turned):
         course = replace(course, since=felt.now)
     return replace(state, course=course), depth, there and turned, _absent(course, felt)

@@ -55,7 +55,7 @@ def done(course: CourseState, leg: Leg, now: float, at: Vector | None = None) ->
         kept = (
             "never in contact"
             if share is None
-            else f"{share:.1%} of the {'time' if leg.way is None else 'way'}"
+            else f"{100 * share:.1f} % of the {'time' if leg.way is None else 'way'}"
         )
         text = f"force within ±{criterion.within_n:g} N: {kept}, wanted {criterion.for_percent:g} %"
     (x, y, z), count = course.found

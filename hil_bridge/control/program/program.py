@@ -16,7 +16,6 @@ from msgspec.structs import replace
 
 from hil_bridge.control.course.parameters import TaskParameters
 from hil_bridge.control.course.task import Phase, Stride, Target, Task, TaskOutput, TaskState
-from hil_bridge.control.geometry.turning import unit
 from hil_bridge.control.program import free_steps
 from hil_bridge.control.program.across import beside
 from hil_bridge.control.program.facing import Facing, Look, elsewhere, inward
@@ -31,6 +30,7 @@ from hil_bridge.control.types import Controller, Measurement
 from hil_bridge.control.words.paths import Place
 from hil_bridge.control.words.steps import Hold, Move, Seek, Track, Zero
 from hil_bridge.errors.causes import Cause, Reason
+from protocol.geometry import normalise
 
 _TRACK, _RETRACT, _END, _APPROACH = Phase.TRACK, Phase.RETRACT, Phase.END, Phase.APPROACH
 _ROUNDING = 1e-9
@@ -145,7 +145,7 @@ class Program:
             )
         plane = frame.plane or felt.position
         deep = sum((p - q) * n for p, q, n in zip(plane, felt.position, frame.approach, strict=True))
-        home = None if felt.quaternion is None else unit(felt.quaternion)
+        home = None if felt.quaternion is None else normalise(felt.quaternion)
         return CourseState(start=(x, y), safe=min(deep - self.safe_height, 0.0), home=home)
 
     def _follows(self, leg: Leg) -> bool:

@@ -28,6 +28,7 @@ from hil_bridge.devices.robots.ramp import Pace, Ramp
 from hil_bridge.devices.robots.seam import ANSWER, PACKET, MotionLimits
 from hil_bridge.devices.robots.standing import Faults
 from hil_bridge.transports.pump import Data
+from protocol.endpoint import NO_TROUBLE, Trouble
 from protocol.geometry import Pose
 from protocol.robot import (
     ReportReceived,
@@ -65,7 +66,7 @@ class Answering(Generic[Data]):
         """Speed of the set point, m/s; may be set at any time."""
         self.faults = Faults()
         """Those of the robot in this movement, and of this side."""
-        self.lost = ""
+        self.lost = NO_TROUBLE
         """Reason for which the other side, or a lack of targets, ended the movement."""
         self._limits = MotionLimits(0.0)
         self._ramp = Ramp(cycle)
@@ -95,7 +96,7 @@ class Answering(Generic[Data]):
         self._setpoint = self._goal = pose
         self._limits, self.speed = limits, limits.speed
         self._aimed_at = self._stepped_at = now
-        self._held, self._given, self.lost, self.faults = False, 0, "", Faults()
+        self._held, self._given, self.lost, self.faults = False, 0, NO_TROUBLE, Faults()
         self._ramp.rest()
         self._open_gate(pose, now)
         self._client.begin(pose)
@@ -165,7 +166,7 @@ class Answering(Generic[Data]):
                 continue
             self._events.append(event)
             if isinstance(event, StreamLost):
-                self.lost = self.lost or event.text
+                self.lost = self.lost or Trouble(event.text, event.remedy)
                 self.end()
 
     def _note(self, report: RobotReport, now: float) -> bool:
@@ -192,13 +193,15 @@ class Answering(Generic[Data]):
         """A report of this movement, with the fault that has yet to be told. A fault gives up the way to the target."""
         faults = self.faults
         if report.fault:
-            faults.note(report.fault, apart=True)
+            faults.note(Trouble(report.fault, report.remedy), apart=True)
             self.stay()
         elif faults.apart and faults.is_back(report.pose, setpoint):
             self._setpoint = self._goal = report.pose  # a stop by people is left standing where it is
             self._open_gate(report.pose, now)
             self._client.begin(report.pose)
-        return report if report.fault or not faults.text else report._replace(fault=faults.text)
+        if report.fault or not faults.first:
+            return report
+        return report._replace(fault=faults.first.fact, remedy=faults.first.remedy)
 
     def _answer(self, report: RobotReport, fresh: bool, now: float) -> None:
         self.counters[ANSWERS] += 1
@@ -230,7 +233,7 @@ class Answering(Generic[Data]):
         pace = Pace(self.speed, limits.turn_speed, limits.acceleration, limits.turn_acceleration)
         after = self._ramp.step(setpoint, self._goal, pace, passed)
         if stopped := self._gate.judge(after, now, self._deepest):
-            self.faults.note(stopped, apart=False)
+            self.faults.note(Trouble(stopped), apart=False)
             self.stay()
             self._tell(stopped)
             return
@@ -252,9 +255,9 @@ class Answering(Generic[Data]):
     def _watch(self, now: float) -> None:
         """End a movement for which no target comes any more."""
         if self.moving and now - self._aimed_at >= self._limits.give_up_after:
-            self.lost = f"no new target for {self._limits.give_up_after:g} s: the movement was ended"
+            self.lost = Trouble(f"no new target for {self._limits.give_up_after:g} s: the movement was ended")
             self.end()
-            self._events.append(StreamLost(self.lost))
+            self._events.append(StreamLost(*self.lost))
 
     def _tell(self, text: str) -> None:
         self._events.append(StreamNotice("motion", text))

@@ -10,7 +10,7 @@ of it. Deciding takes another time in every cycle, so two orders may come sooner
 import math
 from dataclasses import dataclass
 
-from protocol.geometry import Pose, Quaternion, Vector
+from protocol.geometry import Pose, Quaternion, Vector, angle_between, angle_of_vectors
 
 REPORT = "this is a bug of the program: report it with the recording"
 """Words at the end of each sentence of the gate."""
@@ -127,7 +127,7 @@ class Gate:
         if (over := away - bounds.away * time - slack) > 0.0:
             return _beyond(over * 1e3, "mm off the surface faster than may be ordered")
         if turned:
-            turn = turn_between(last.quaternion, pose.quaternion)
+            turn = angle_between(last.quaternion, pose.quaternion)
             turn += max(self._turned - bounds.turn * (now - self._turned_at), 0.0)
             over = turn - bounds.turn * time - TURN_SLACK_RAD
             if over > 0.0:
@@ -176,20 +176,9 @@ def contradiction(position: Vector, origin: Vector, approach: Vector, depth: flo
     return f"the last gate stopped an order that is {apart * 1e3:.1f} mm from the depth that was decided; {REPORT}"
 
 
-def turn_between(start: Quaternion, goal: Quaternion) -> float:
-    """The shorter turn between two orientations, rad."""
-    (w, x, y, z), (a, b, c, d) = start, goal
-    cosine = w * a + x * b + y * c + z * d
-    sine = math.hypot(
-        w * b - x * a - y * d + z * c, w * c + x * d - y * a - z * b, w * d - x * c + y * b - z * a
-    )
-    return 2.0 * math.atan2(sine, abs(cosine))
-
-
 def _tilt(start: Quaternion, goal: Quaternion) -> float:
     """Angle between the tool's axes of two orientations, rad."""
-    (a, b, c), (u, v, w) = _axis(start), _axis(goal)
-    return math.atan2(math.hypot(b * w - c * v, c * u - a * w, a * v - b * u), a * u + b * v + c * w)
+    return angle_of_vectors(_axis(start), _axis(goal))
 
 
 def _axis(q: Quaternion) -> Vector:

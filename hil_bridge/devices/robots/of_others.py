@@ -1,121 +1,164 @@
-"""The link of another package's robot: whatever its code raises becomes an error that a run knows how to end by.
+"""The link of another package's robot: whatever its code raises, or answers, becomes an error that a run ends by.
 
-The last gate stands before each of its targets.
+One object stands around the link, and one around its movement. Each hands on every attribute of the thing behind it.
+The last gate stands before each target of the movement.
 """
 
-from collections.abc import AsyncIterator, Iterator
+import inspect
+from collections.abc import AsyncIterator, Iterator, Mapping
 from contextlib import asynccontextmanager, contextmanager
-from typing import Any
+from types import NoneType
+from typing import Any, cast
 
 from hil_bridge.clock import Clock
 from hil_bridge.devices.robots.gate import Bounds, Gate
-from hil_bridge.devices.robots.seam import Motion, MotionLimits, RobotLink, RobotReport, Sent
+from hil_bridge.devices.robots.seam import Motion, MotionLimits, RobotFacts, RobotLink, RobotReport, Sent
 from hil_bridge.errors import BridgeError, GateStop
 from hil_bridge.errors.cancelling import raise_if_asked
-from hil_bridge.errors.failures import RAISED, code_failed, link_cause
+from hil_bridge.errors.failures import RAISED, WrongAnswer, blame, code_failed, link_cause, of_others
 from protocol.geometry import Pose
 
+_AWAITED: Mapping[str, type | None] = {
+    "ready": RobotReport,
+    "report": RobotReport,
+    "release": None,
+    "aclose": None,
+    "to": Sent,
+    "settled": None,
+    "halt": Sent,
+}
+"""Methods of a link and of a movement that are awaited, with the type of their answers; None where nothing reads it."""
 
-@contextmanager
-def _told(name: str) -> Iterator[None]:
-    """Raises BridgeError alone, and what cancels the task."""
-    try:
-        yield
-    except RAISED as error:
+_TOLD: Mapping[str, tuple[type, ...]] = {
+    "facts": (RobotFacts,),
+    "counters": (Mapping,),
+    "ordered": (bool,),
+    "halted": (bool,),
+    "abandoned": (bool,),
+    "commanded": (tuple, NoneType),
+}
+"""Attributes that a run reads, with their types."""
+
+
+class _OfOthers:
+    """A thing of another package."""
+
+    def __init__(self, thing: Any, name: str) -> None:
+        """`name` is that of the robot's wire."""
+        self.__dict__.update(_thing=thing, _name=name)
+
+    def __getattr__(self, attribute: str) -> Any:
+        """The attribute of the thing. A method is one that raises BridgeErrors alone, and what cancels the task."""
+        with self._told(attribute):
+            value = getattr(self._thing, attribute)
+            kinds = _TOLD.get(attribute)
+            if kinds is not None and not isinstance(value, kinds):
+                raise WrongAnswer(self._thing, attribute, value, kinds[0].__name__)
+        if attribute in _AWAITED:
+            value = self._awaited(attribute, value)
+        elif inspect.isroutine(value):
+            value = self._called(attribute, value)
+        else:
+            return value
+        self.__dict__[attribute] = value
+        return value
+
+    def __setattr__(self, attribute: str, value: Any) -> None:
+        with self._told(attribute):
+            setattr(self._thing, attribute, value)
+
+    def _awaited(self, attribute: str, method: Any) -> Any:
+        kind = _AWAITED[attribute]
+
+        async def ask(*values: Any, **options: Any) -> Any:
+            with self._told(attribute):
+                answer = method(*values, **options)
+                if inspect.isawaitable(answer):
+                    answer = await answer
+                elif kind is None:
+                    raise WrongAnswer(self._thing, attribute, answer, "something to wait for")
+                if kind is not None and not (isinstance(answer, kind) and _has_pose(answer)):
+                    raise WrongAnswer(self._thing, attribute, answer, f"a {kind.__name__}")
+                return answer
+
+        return ask
+
+    def _called(self, attribute: str, method: Any) -> Any:
+        def call(*values: Any, **options: Any) -> Any:
+            with self._told(attribute):
+                return method(*values, **options)
+
+        return call
+
+    @contextmanager
+    def _told(self, attribute: str) -> Iterator[None]:
+        """Raises BridgeError alone, what cancels the task, and AttributeError for what the thing does not have."""
+        try:
+            yield
+        except RAISED as error:
+            if (
+                isinstance(error, AttributeError)
+                and not of_others(error)
+                and not hasattr(type(self._thing), attribute)
+            ):
+                raise
+            self._raise(error, attribute)
+
+    def _raise(self, error: BaseException, attribute: str) -> None:
         raise_if_asked(error)
-        raise code_failed(f"robot link {name}", error, link_cause(error)) from error
+        blame(error, self._thing, attribute)
+        raise code_failed(f"robot link {self._name}", error, link_cause(error)) from error
 
 
-class LinkOfOthers:
-    """A `RobotLink` around one of another package; all that is not here is the link's own."""
+class _LinkOfOthers(_OfOthers):
+    """A link."""
 
-    def __init__(self, link: RobotLink, clock: Clock) -> None:
-        self._link, self._clock = link, clock
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._link, name)
-
-    def start(self) -> None:
-        """As of the link."""
-        with _told(self._link.name):
-            self._link.start()
-
-    async def ready(self) -> RobotReport:
-        """As of the link."""
-        with _told(self._link.name):
-            return await self._link.ready()
-
-    async def report(self, *, soon: bool = False) -> RobotReport:
-        """As of the link."""
-        with _told(self._link.name):
-            return await self._link.report(soon=soon)
-
-    async def release(self, report: RobotReport) -> None:
-        """As of the link."""
-        with _told(self._link.name):
-            await self._link.release(report)
+    def __init__(self, link: RobotLink, name: str, clock: Clock) -> None:
+        super().__init__(link, name)
+        self.__dict__["_clock"] = clock
 
     @asynccontextmanager
-    async def motion(self, limits: MotionLimits) -> AsyncIterator["MotionOfOthers"]:
+    async def motion(self, limits: MotionLimits) -> AsyncIterator["_MotionOfOthers"]:
         """As of the link."""
         inside: BaseException | None = None
         try:
-            async with self._link.motion(limits) as motion:
+            async with self._thing.motion(limits) as motion:
                 try:
-                    gate = Gate(limits.bounds or Bounds(), self._clock.now())
-                    yield MotionOfOthers(motion, self._link.name, gate, self._clock)
+                    yield _MotionOfOthers(motion, self._name, limits, self._clock)
                 except BaseException as error:
                     inside = error
                     raise
         except RAISED as error:
             if error is inside:  # the run's own, on its way out
                 raise
-            raise_if_asked(error)
-            raise code_failed(f"robot link {self._link.name}", error, link_cause(error)) from error
-
-    async def aclose(self) -> None:
-        """As of the link."""
-        with _told(self._link.name):
-            await self._link.aclose()
+            self._raise(error, "motion")
 
 
-class MotionOfOthers:
-    """A `Motion` around one of another package; all that is not here is the movement's own."""
+class _MotionOfOthers(_OfOthers):
+    """A movement."""
 
-    _motion: Motion
-    _name: str
-    _gate: Gate
-    _clock: Clock
+    def __init__(self, motion: Motion, name: str, limits: MotionLimits, clock: Clock) -> None:
+        super().__init__(motion, name)
+        ask, gate = self._awaited("to", motion.to), Gate(limits.bounds or Bounds(), clock.now())
 
-    def __init__(self, motion: Motion, name: str, gate: Gate, clock: Clock) -> None:
-        object.__setattr__(self, "_motion", motion)
-        object.__setattr__(self, "_name", name)
-        object.__setattr__(self, "_gate", gate)
-        object.__setattr__(self, "_clock", clock)
+        async def to(target: Pose, *, soon: bool = False) -> Sent:
+            """As of the movement. Raises GateStop for a target that the last gate stops."""
+            if stopped := gate.judge(target, clock.now()):
+                raise GateStop(stopped)
+            try:
+                return cast(Sent, await ask(target, soon=soon))
+            except BridgeError:
+                gate.take_back()
+                raise
 
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._motion, name)
+        self.__dict__["to"] = to
 
-    def __setattr__(self, name: str, value: Any) -> None:
-        setattr(self._motion, name, value)
 
-    async def to(self, target: Pose, *, soon: bool = False) -> Sent:
-        """As of the movement. Raises GateStop for a target that the last gate stops."""
-        if stopped := self._gate.judge(target, self._clock.now()):
-            raise GateStop(stopped)
-        try:
-            with _told(self._name):
-                return await self._motion.to(target, soon=soon)
-        except BridgeError:
-            self._gate.take_back()
-            raise
+def _has_pose(answer: Any) -> bool:
+    """Whether a report tells a pose, numbers or not, or the answer is none."""
+    return not isinstance(answer, RobotReport) or isinstance(answer.pose, Pose)
 
-    async def settled(self) -> None:
-        """As of the movement."""
-        with _told(self._name):
-            await self._motion.settled()
 
-    async def halt(self) -> Sent:
-        """As of the movement."""
-        with _told(self._name):
-            return await self._motion.halt()
+def link_of_others(link: RobotLink, url: str, clock: Clock) -> RobotLink:
+    """The link of another package's robot on the wire of this URL."""
+    return cast(RobotLink, _LinkOfOthers(link, url, clock))

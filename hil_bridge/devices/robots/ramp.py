@@ -8,7 +8,7 @@ Only gaining speed is bounded, and coming to rest at a goal that is known.
 import math
 from dataclasses import dataclass
 
-from protocol.geometry import Pose, Quaternion, Vector, towards
+from protocol.geometry import Pose, Quaternion, Vector, rotation_vector, towards, turn_between
 
 GAP_CYCLES = 2.5
 """Chosen: after as many cycles without a step the robot has stood, so that the way begins anew."""
@@ -82,16 +82,4 @@ def _per(way: Vector, time: float) -> Vector:
 
 def _turn(start: Quaternion, goal: Quaternion) -> Vector:
     """The shorter turn from one orientation to another, as axis times angle, rad, base frame."""
-    if start == goal:
-        return _NOTHING
-    w, x, y, z = start
-    a, b, c, d = goal
-    real = a * w + b * x + c * y + d * z
-    i = b * w - a * x - c * z + d * y
-    j = c * w - a * y - d * x + b * z
-    k = d * w - a * z - b * y + c * x
-    sine = math.hypot(i, j, k)
-    if not sine:
-        return _NOTHING
-    part = math.copysign(2.0 * math.atan2(sine, abs(real)), real) / sine
-    return i * part, j * part, k * part
+    return _NOTHING if start == goal else rotation_vector(turn_between(start, goal))

@@ -2,8 +2,8 @@
 
 import math
 
-from hil_bridge.devices.robots.gate import turn_between
-from protocol.geometry import Pose
+from protocol.endpoint import NO_TROUBLE, Trouble
+from protocol.geometry import Pose, angle_between
 
 NEAR_M, NEAR_RAD = 0.5e-3, math.radians(0.5)
 """Chosen: how near to its set point a robot must report to stand to be led on after a fault, and how near to
@@ -16,7 +16,7 @@ def moved_since(seen: Pose, stands: Pose) -> str:
 
     A movement is planned from the pose that was seen. From another one, its first order would be a jump.
     """
-    way, turn = math.dist(seen.position, stands.position), turn_between(seen.quaternion, stands.quaternion)
+    way, turn = math.dist(seen.position, stands.position), angle_between(seen.quaternion, stands.quaternion)
     if way <= NEAR_M and turn <= NEAR_RAD:
         return ""
     return (
@@ -29,31 +29,31 @@ class Faults:
     """A fault is told at least once, and as long as it stands."""
 
     def __init__(self) -> None:
-        self.text = ""
-        """The first fault that stands or has not been told, in words; empty without any."""
+        self.first = NO_TROUBLE
+        """The first fault that stands or has not been told."""
         self._told = False
         self.apart = False
         """The robot has reported a fault, and has not come back to its set point since."""
 
-    def note(self, text: str, apart: bool) -> None:
+    def note(self, fault: Trouble, apart: bool) -> None:
         """A fault; `apart` as the field."""
-        self.text = self.text or text
+        self.first = self.first or fault
         self.apart = self.apart or apart
 
     def is_back(self, reported: Pose, setpoint: Pose) -> bool:
         """Whether a robot that reports no fault any more has come back to its set point, which ends the fault."""
         near = math.dist(reported.position, setpoint.position) <= NEAR_M
-        back = near and turn_between(reported.quaternion, setpoint.quaternion) <= NEAR_RAD
+        back = near and angle_between(reported.quaternion, setpoint.quaternion) <= NEAR_RAD
         if back:
             self.apart = False
             if self._told:
-                self.text, self._told = "", False
+                self.first, self._told = NO_TROUBLE, False
         return back
 
-    def tell(self) -> str:
-        """The fault in words, which is told by that; empty without any."""
-        text = self.text
-        self._told = bool(text) and self.apart
+    def tell(self) -> Trouble:
+        """The fault, which is told by that."""
+        fault = self.first
+        self._told = bool(fault) and self.apart
         if not self.apart:
-            self.text = ""
-        return text
+            self.first = NO_TROUBLE
+        return fault

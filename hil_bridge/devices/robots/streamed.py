@@ -16,9 +16,10 @@ from hil_bridge.devices.robots.seam import MotionLimits, RobotFacts, RobotReport
 from hil_bridge.devices.robots.standing import moved_since
 from hil_bridge.devices.robots.streamed_motion import Stream, StreamedMotion
 from hil_bridge.errors import BridgeError, Cause, DeviceError, OrderRefused, TransportClosed
-from hil_bridge.errors.failures import code_failed, link_cause
+from hil_bridge.errors.failures import blame, code_failed, link_cause
 from hil_bridge.transports import Transport
 from hil_bridge.transports.pump import Data, Pump
+from protocol.endpoint import Trouble
 from protocol.robot import ReportReceived, StreamClient, StreamEvent, StreamLost, StreamNotice
 
 READY_S = 10.0
@@ -75,6 +76,7 @@ class StreamedLink(Generic[Data]):
         )
         self._fresh = FRESH_CYCLES * facts.cycle_s
         self._wire, self._clock, self._log = wire, clock, log
+        self._client = client
         self._answering = Answering(client, facts.cycle_s)
         self._pump: Pump[Data, StreamEvent] = Pump(self._answering, wire, clock, self._take, self._ended)
         self._newest: RobotReport | None = None
@@ -98,7 +100,7 @@ class StreamedLink(Generic[Data]):
     async def ready(self) -> RobotReport:
         report = await self._next(READY_S, _START)
         if report.fault:
-            raise DeviceError(report.fault, cause=Cause.ROBOT_NOT_READY)
+            raise DeviceError(report.fault, remedy=report.remedy, cause=Cause.ROBOT_NOT_READY)
         return report
 
     async def report(self, *, soon: bool = False) -> RobotReport:
@@ -121,7 +123,7 @@ class StreamedLink(Generic[Data]):
             )
         report = await self._next_packet()
         if report.fault:
-            raise OrderRefused(report.fault, cause=Cause.ROBOT_STATE)
+            raise OrderRefused(report.fault, remedy=report.remedy, cause=Cause.ROBOT_STATE)
         bounds = limits.bounds or Bounds(report.pose)
         if moved := moved_since(bounds.start, report.pose):
             raise OrderRefused(f"robot on {self.name} {moved}", cause=Cause.MOVED_BEFORE)
@@ -150,12 +152,11 @@ class StreamedLink(Generic[Data]):
             raise self._failure
         answering = self._answering
         if fault := answering.faults.tell():
-            raise OrderRefused(self._faulty(fault), cause=Cause.ROBOT_STATE)
+            raise OrderRefused(self._faulty(fault.fact), remedy=fault.remedy, cause=Cause.ROBOT_STATE)
         if not answering.moving:
-            why = answering.lost or "the movement has ended"
-            raise DeviceError(
-                f"robot on {self.name}: {why}", remedy="begin another movement", cause=Cause.DEAD_LINK
-            )
+            why = answering.lost or Trouble("the movement has ended")
+            remedy = "; ".join(filter(None, (why.remedy, "begin another movement")))
+            raise DeviceError(f"robot on {self.name}: {why.fact}", remedy=remedy, cause=Cause.DEAD_LINK)
         assert self._newest is not None, "a movement begins with a report"
         if self._clock.now() - self._newest.received_at > SILENT_S:
             raise self._silent(SILENT_S, _WENT_ON)
@@ -185,8 +186,8 @@ class StreamedLink(Generic[Data]):
                 for waiting in self._waiting:
                     if not waiting.done():
                         waiting.set_result(report)
-            case StreamLost(text=text):
-                lost = DeviceError(f"robot on {self.name}: {text}", cause=Cause.DEAD_LINK)
+            case StreamLost(text=text, remedy=remedy):
+                lost = DeviceError(f"robot on {self.name}: {text}", remedy=remedy, cause=Cause.DEAD_LINK)
                 self._log.notice("link", str(lost))
                 self._fail(lost)
             case StreamNotice(kind=kind, text=text):
@@ -194,7 +195,11 @@ class StreamedLink(Generic[Data]):
 
     def _silent(self, seconds: float, remedy: str) -> DeviceError:
         newest = self._newest
-        before = f"; before that, {newest.fault}" if newest is not None and newest.fault else ""
+        before = (
+            f"; before that, {Trouble(newest.fault, newest.remedy)}"
+            if newest is not None and newest.fault
+            else ""
+        )
         text = f"robot on {self.name} sent nothing for {seconds:g} s"
         return DeviceError(text, remedy=f"{remedy}{before}", cause=Cause.DEAD_LINK)
 
@@ -202,6 +207,7 @@ class StreamedLink(Generic[Data]):
         return f"robot on {self.name} cannot move: {words}"
 
     def _ended(self, cause: BaseException) -> None:
+        blame(cause, self._client, "receive")
         self._failure = code_failed(f"robot link {self.name}", cause, link_cause(cause))
         if not isinstance(cause, TransportClosed):
             self._log.notice("link", str(self._failure))

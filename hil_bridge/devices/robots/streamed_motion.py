@@ -6,10 +6,11 @@ from typing import Generic, NamedTuple
 from hil_bridge.clock import Clock
 from hil_bridge.devices.robots.answering import Answering
 from hil_bridge.devices.robots.gate import Gate
+from hil_bridge.devices.robots.last_order import LastOrder
 from hil_bridge.devices.robots.seam import Sent
 from hil_bridge.errors import GateStop, OrderRefused
 from hil_bridge.transports.pump import Data
-from protocol.geometry import Pose, Vector
+from protocol.geometry import Pose
 from protocol.robot import pose_fault
 
 
@@ -24,16 +25,14 @@ class Stream(NamedTuple):
     """Waits for a packet, and raises where none comes."""
 
 
-class StreamedMotion(Generic[Data]):
+class StreamedMotion(LastOrder, Generic[Data]):
     """A movement under way, as `hil_bridge.devices.robots.seam.Motion` says."""
 
     def __init__(self, stream: Stream, answering: Answering[Data], clock: Clock, gate: Gate) -> None:
         """`gate` judges the targets."""
         self._name, self._check_link, self._next_packet = stream
         self._answering, self._clock, self._gate = answering, clock, gate
-        self._last: Pose | None = None
-        self.halted = False
-        self.abandoned = False
+        super().__init__()
 
     @property
     def speed(self) -> float:
@@ -43,14 +42,6 @@ class StreamedMotion(Generic[Data]):
     @speed.setter
     def speed(self, speed: float) -> None:
         self._answering.speed = speed
-
-    @property
-    def ordered(self) -> bool:
-        return self._last is not None
-
-    @property
-    def commanded(self) -> Vector | None:
-        return None if self._last is None else self._last.position
 
     async def to(self, target: Pose, *, soon: bool = False) -> Sent:
         self._check()

@@ -293,8 +293,8 @@ class ForceSensor:
                 self._history.clear()
             case SensorNotice(text=text):
                 self._log.notice("sensor", text)
-            case SensorFailed(text=text):
-                self._fail(DeviceError(f"force sensor on {self.name}: {text}"))
+            case SensorFailed(text=text, remedy=remedy):
+                self._fail(DeviceError(f"force sensor on {self.name}: {text}", remedy=remedy))
             case SensorRestarted():
                 if self._facts is None:
                     self._log.notice("sensor", "the device booted")

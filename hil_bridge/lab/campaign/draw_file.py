@@ -10,7 +10,7 @@ from hil_bridge.errors.text_files import format_value
 from hil_bridge.lab.campaign.drawing import EVERY, Draw, Setting, between_of, possible_faults
 from hil_bridge.lab.campaign.overlay import config_with
 from hil_bridge.runs.checks import check
-from hil_bridge.runs.compose import holds
+from hil_bridge.runs.compose import can_hold
 from hil_bridge.runs.setup import Setup
 
 MOST_FAULTS = 9
@@ -75,7 +75,7 @@ def _refusal(config: str, values: Mapping[str, Any]) -> str:
         one = Setup(config_with(config, json.dumps({"config": dict(values), "faults": []}), 0))
         check(one, True, VIRTUAL_EPOCH)
         x, y, z = one.config.cell.start_position_mm
-        if not holds(one, (x * 1e-3, y * 1e-3, z * 1e-3)):
+        if not can_hold(one, (x * 1e-3, y * 1e-3, z * 1e-3)):
             return "cell.start_quaternion: the robot cannot hold its tool so at the start"
     except BridgeError as error:
         return str(error).removeprefix("configuration: ")

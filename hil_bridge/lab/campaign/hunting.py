@@ -20,7 +20,7 @@ from hil_bridge.lab.campaign.judging import Job, carry_out
 from hil_bridge.lab.campaign.plan import Case, Plan, code_version
 from hil_bridge.lab.campaign.store import Done, Store, now
 from hil_bridge.lab.optimiser import optimiser
-from hil_bridge.lab.processes import as_completed, in_chunks, own_processes
+from hil_bridge.lab.processes import Chunk, as_completed, own_processes
 
 SEED = 1
 """Seed of every run of a hunt: the optimiser varies all else."""
@@ -91,7 +91,7 @@ class Runner:
     until: float
     """When the time is over, s on the monotonic clock."""
     advance: Advance
-    chunks: Callable[[list[Job]], Iterator[list[Done]]]
+    run: Callable[[list[Job]], Iterator[Chunk[Job, Done]]]
     """Does jobs, some at a time."""
     known: dict[str, Done] = field(default_factory=dict)
     """All runs that are kept, by key."""
@@ -105,10 +105,10 @@ class Runner:
         """The runs of these jobs, in their order. Raises Spent when the time is over before all are done."""
         fresh = {job.key: job for job in jobs if job.key not in self.known}
         if fresh:
-            for some in self.chunks(list(fresh.values())):
-                self.store.put(some, self.plan.cases)
-                self.known.update((one.key, one) for one in some)
-                self.advance(len(some), sum(map(is_broken, some)))
+            for chunk in self.run(list(fresh.values())):
+                self.store.put(chunk.results, self.plan.cases)
+                self.known.update((run.key, run) for run in chunk.results)
+                self.advance(len(chunk.results), sum(map(is_broken, chunk.results)))
                 if time.monotonic() > self.until:
                     raise Spent
         return [self.known[job.key] for job in jobs]
@@ -120,26 +120,16 @@ def running(
 ) -> Iterator[Runner]:
     """Does runs for a hunt in so many processes. Inside, Ctrl-C ends them at once; the runs that are kept stay."""
     began, clock = now(), time.monotonic()
-    todo = partial(_carry_out, criteria=plan.criteria, folder=store.folder)
+    work = partial(carry_out, criteria=plan.criteria, folder=store.folder)
     known = {done.key: done for done in store.runs()}
     before = len(known)
-    runner = Runner(
-        plan, store, clock + minutes * 60.0, advance, lambda jobs: map(todo, in_chunks(jobs)), known
-    )
     try:
-        if workers == 1:
-            yield runner
-        else:
-            with own_processes(workers) as pool:
-                runner.chunks = lambda jobs: (some for _, some in as_completed(pool, todo, in_chunks(jobs)))
-                yield runner
+        with own_processes(workers) as pool:
+            until = clock + minutes * 60.0
+            yield Runner(plan, store, until, advance, lambda jobs: as_completed(pool, work, jobs), known)
     finally:
         if len(known) > before:
             store.sat(began, time.monotonic() - clock, len(known) - before, workers)
-
-
-def _carry_out(jobs: list[Job], criteria: Any, folder: Any) -> list[Done]:
-    return [carry_out(job, criteria, folder) for job in jobs]
 
 
 def hunt(runner: Runner, worth: Callable[[Done], float] = badness) -> Done | None:

@@ -15,7 +15,7 @@ from hil_bridge.lab.campaign.telling import describe_run, fault_of, faults_of_ru
 from hil_bridge.record import read
 from hil_bridge.record.analysis.why import why
 from hil_bridge.show.pages import document
-from hil_bridge.show.report.markup import cells, pairs
+from hil_bridge.show.report.markup import cells, pairs, prose
 
 WORST, OPEN = 30, 5
 """Failing runs that are told one by one, worst first, and those that need no click. Chosen: a person reads no more."""
@@ -123,10 +123,10 @@ def _failing(store: Store, plan: Plan, run: Done) -> str:
     case = plan.cases[run.number]
     ended = f"{run.outcome}: {run.cause}" if run.cause else run.outcome
     return (
-        f"<article><p><strong>{escape('; '.join(run.failed))}</strong><br>"
+        f"<article><p><strong>Not met: {escape('; '.join(run.failed))}</strong><br>"
         f"{escape(case.cell)}; {escape(faults_of_run(case, run))}; seed {run.seed}</p>"
         f"{_drawn(run)}"
-        f"<p>{escape(_why(store, run) or ended)}</p>"
+        f"<p>{prose(_why(store, run) or ended)}</p>"
         f'<p class="quiet">Largest true force {_force(run):.1f} N. Repeat it with {_command(store, run.key)}</p>'
         "</article>"
     )

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -12,7 +12,7 @@ from hil_bridge.lab.campaign.criteria import Criterion
 from hil_bridge.lab.campaign.judging import Job, carry_out
 from hil_bridge.lab.campaign.plan import Plan, code_version
 from hil_bridge.lab.campaign.store import Done, Store, now
-from hil_bridge.lab.processes import CHUNK, Workers, as_completed, in_chunks, own_processes
+from hil_bridge.lab.processes import Workers, as_completed, own_processes
 
 Advance = Callable[[int, int], object]
 """Told how many runs have ended since, and how many of them failed."""
@@ -44,29 +44,18 @@ def work(
     process was ended from outside, and for a worker with another version of the code.
     """
     began, clock, count, most = now(), time.monotonic(), 0, 1
-    chunks, here = in_chunks(jobs), isinstance(workers, int)
-    where: AbstractContextManager[Workers | None]
-    if isinstance(workers, int):
-        workers = max(1, min(workers, -(-len(jobs) // CHUNK)))
-        where = own_processes(workers) if workers > 1 else nullcontext()
-    else:
-        where = workers
+    here = isinstance(workers, int)
     todo = partial(
         _carry_out, criteria=plan.criteria, folder=store.folder if here else None, code=code_version()
     )
     try:
-        with where as found:
-            done_chunks = (
-                ((chunk, todo(chunk)) for chunk in chunks)
-                if found is None
-                else as_completed(found, todo, chunks)
-            )
-            for chunk, done in done_chunks:
-                most = max(most, 1 if found is None else found.count())
+        with own_processes(workers, len(jobs)) if isinstance(workers, int) else workers as pool:
+            for chunk in as_completed(pool, todo, jobs):
+                most, done = max(most, pool.count()), chunk.results
                 if not here:
                     done = [
-                        _with_recording(job, one, plan.criteria, store.folder)
-                        for job, one in zip(chunk, done, strict=True)
+                        _with_recording(job, run, plan.criteria, store.folder)
+                        for job, run in zip(chunk.items, done, strict=True)
                     ]
                 store.put(done, plan.cases)
                 count += len(done)
@@ -76,14 +65,12 @@ def work(
             store.sat(began, time.monotonic() - clock, count, most)
 
 
-def _carry_out(
-    jobs: list[Job], criteria: tuple[Criterion, ...], folder: Path | None, code: str
-) -> list[Done]:
+def _carry_out(job: Job, criteria: tuple[Criterion, ...], folder: Path | None, code: str) -> Done:
     if code_version() != code:
         raise BridgeError(
             f"a worker has version {code_version()} of hil-bridge, this computer {code}; install the same one there"
         )
-    return [carry_out(job, criteria, folder) for job in jobs]
+    return carry_out(job, criteria, folder)
 
 
 def _with_recording(job: Job, done: Done, criteria: tuple[Criterion, ...], folder: Path) -> Done:

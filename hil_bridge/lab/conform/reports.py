@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 from hil_bridge.lab.conform.judging import Outcome
 from hil_bridge.lab.conform.scenarios import SCENARIOS, SUITE_VERSION, Rules
 from hil_bridge.lab.conform.stage import Played
+from protocol.unmodelled import relied_on
 
 _NOT_XML = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 _OUTPUT_LINES = 20
@@ -36,6 +37,13 @@ def table(played: Sequence[Played]) -> Iterator[str]:
             yield f"output of the client in {one.name}, its end:"
             for line in one.output.rstrip().splitlines()[-_OUTPUT_LINES:]:
                 yield f"  {_plain(line)}"
+
+
+def not_modelled(played: Sequence[Played]) -> Iterator[str]:
+    """One line with all things that the client relied on and the emulated robot does not model; none without any."""
+    things = dict.fromkeys(thing for one in played for thing in one.not_modelled)
+    if things:
+        yield relied_on(list(things))
 
 
 def totals(played: Sequence[Played]) -> str:
@@ -66,6 +74,7 @@ def as_json(kind: str, command: Sequence[str], rules: Rules, played: Sequence[Pl
                 "reason": one.verdict.reason,
                 "seconds": round(one.seconds, 3),
                 "evidence": evidence(one),
+                "not_modelled": [asdict(thing) for thing in one.not_modelled],
                 "output": one.output,
             }
             for one in played
@@ -94,6 +103,10 @@ def as_junit(kind: str, played: Sequence[Played]) -> bytes:
         for key, value in evidence(one).items():
             text = _xml(json.dumps(value) if isinstance(value, list | tuple) else str(value))
             ElementTree.SubElement(properties, "property", {"name": key, "value": text})
+        for thing in one.not_modelled:
+            ElementTree.SubElement(
+                properties, "property", {"name": "not_modelled", "value": _xml(str(thing))}
+            )
         reason = _xml(one.verdict.reason)
         if one.verdict.outcome is Outcome.FAILED:
             ElementTree.SubElement(case, "failure", {"message": reason}).text = reason

@@ -26,11 +26,12 @@ from hil_bridge.lab.conform.scenarios import (
     Rules,
 )
 from hil_bridge.lab.conform.watching import Seen, Watch
-from hil_bridge.runs.compose import Ports, emulated_cell
+from hil_bridge.runs.compose import emulated_cell, follow_unmodelled
 from hil_bridge.runs.faults.panel import FaultPanel
-from hil_bridge.runs.setup import Setup
+from hil_bridge.runs.setup import Listen, Setup
 from hil_bridge.settings.configuration import Config
-from hil_bridge.settings.devices import robot_in
+from hil_bridge.settings.devices import Robot
+from protocol.unmodelled import NotModelled
 
 _LOOK_S = 0.01
 """Chosen: time between two looks at the robot and the client."""
@@ -46,6 +47,8 @@ class Played:
     output: str
     """The end of what the client wrote."""
     seconds: float
+    not_modelled: tuple[NotModelled, ...] = ()
+    """Things that the client used and the emulated robot does not model."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,18 +88,21 @@ async def play(name: str, trial: Trial) -> Played:
     clock = Clock.running()
     client = trial.make_client()
     failures: list[BaseException] = []
+    things: list[NotModelled] = []
     begun = clock.now()
     try:
-        ports = Ports(trial.port, None)
-        async with emulated_cell(Setup(trial.config), clock, ports, failures.append) as served:
+        setup = Setup(trial.config, Listen(trial.port, None))
+        async with emulated_cell(setup, clock, failures.append) as served:
+            assert served.robot is not None
+            follow_unmodelled(served.cell, things.append)
             scene = _Scene(name, trial, _ServedCell(served.cell, clock, failures), client)
-            await scene.play(where_of(trial.config, served.robot or ""))
+            await scene.play(where_of(served.robot))
             seen = scene.watch.seen
     finally:
         client.kill()
         clock.close()
     seconds = clock.now() - begun
-    return Played(name, judge(name, seen, trial.rules), seen, client.output, seconds)
+    return Played(name, judge(name, seen, trial.rules), seen, client.output, seconds, tuple(things))
 
 
 def unplayed(name: str) -> Played:
@@ -227,15 +233,14 @@ class _Scene:
         return iter(range(max(1, math.ceil(seconds / STILL_S))))
 
 
-def where_of(config: Config, url: str) -> Where:
-    """How a client finds the robot at this URL."""
-    robot = robot_in(config, url)
+def where_of(robot: Robot) -> Where:
+    """How a client finds a robot that is served."""
     wire = robot.kind.parse(robot.url, robot.settings)
-    names = {"url": url}
+    names = {"url": robot.named_url}
     host, mark, port = wire.target.rpartition(":")
     if mark and port.isdigit():
         names |= {"host": host.strip("[]"), "port": port}
     elif wire.scheme == "serial":
         names["device"] = wire.target
     names |= {key: value for key, value in parse_qsl(urlsplit(robot.url).query) if value.isalnum()}
-    return Where(url, names)
+    return Where(robot.named_url, names)

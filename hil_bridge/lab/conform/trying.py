@@ -2,13 +2,15 @@
 
 import socket
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from hil_bridge.clock import run_real
 from hil_bridge.lab.conform.judging import Outcome
 from hil_bridge.lab.conform.scenarios import NOMINAL
 from hil_bridge.lab.conform.stage import Played, Trial, play, unplayed
-from hil_bridge.runs.compose import cell_ports
+from hil_bridge.runs.compose import choose_port
 from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.devices import robot_at
 
 _BOUND_BY_CLIENT = "udp://"
 """The robot speaks first, to a port on which its client listens."""
@@ -22,15 +24,14 @@ def usual_port(config: Config, listen: str | None, command: Sequence[str]) -> st
     """
     if listen is not None:
         return listen
-    usual = cell_ports(config, virtual=False).robot or ""
-    kind, plus, wire = usual.partition("+")
+    usual = choose_port(robot_at(config, ""), virtual=False)
     told = any("{port}" in word or "{url}" in word for word in command)
-    if plus and wire.startswith(_BOUND_BY_CLIENT) and told:
-        host, _, _ = wire.removeprefix(_BOUND_BY_CLIENT).rpartition(":")
+    if usual.url.startswith(_BOUND_BY_CLIENT) and told:
+        host, _, _ = usual.url.removeprefix(_BOUND_BY_CLIENT).rpartition(":")
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             probe.bind((host, 0))
-            return f"{kind}+{_BOUND_BY_CLIENT}{host}:{probe.getsockname()[1]}"
-    return usual
+            return replace(usual, url=f"{_BOUND_BY_CLIENT}{host}:{probe.getsockname()[1]}").named_url
+    return usual.named_url
 
 
 def play_all(trial: Trial, names: Sequence[str], say: Callable[[str], None]) -> list[Played]:

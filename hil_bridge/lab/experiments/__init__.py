@@ -4,9 +4,8 @@ from hil_bridge.lab.experiments.comparison import COMPARISON
 from hil_bridge.lab.experiments.emulated_run import EmulatedRun, run_emulated
 from hil_bridge.lab.experiments.files import write_findings, write_page
 from hil_bridge.lab.experiments.page import html_page
-from hil_bridge.lab.experiments.pool import run_jobs
 from hil_bridge.lab.experiments.resolution import RESOLUTION
-from hil_bridge.lab.experiments.results import Experiment, Findings
+from hil_bridge.lab.experiments.results import Experiment, Findings, run_jobs
 from hil_bridge.lab.experiments.rules import RULES
 from hil_bridge.lab.experiments.simulation import FIG3, FIG5
 from hil_bridge.lab.experiments.tracking import TRACKING

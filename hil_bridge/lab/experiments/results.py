@@ -2,10 +2,12 @@
 
 import csv
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from operator import call
 from typing import Any, Protocol, TypeAlias
 
+from hil_bridge.lab.processes import in_order, own_processes
 from hil_bridge.record.analysis.figures import title_of
 
 Value: TypeAlias = str | int | float | None
@@ -60,6 +62,19 @@ class Experiment:
     """
     page_columns: tuple[str, ...] = ()
     """Columns of the table that a page shows; none for a table too long for it."""
+
+
+def run_jobs(
+    jobs: Iterable[Job], workers: int | None = None, advance: Callable[[int], object] = lambda count: None
+) -> dict[Job, Any]:
+    """Results by job, in the order of the jobs; a job that occurs twice runs once.
+
+    `workers` processes, by default one a core; with 1 everything runs in this one. `advance` is told how many have
+    ended since.
+    """
+    todo = list(dict.fromkeys(jobs))
+    with own_processes(workers, len(todo)) as pool:
+        return dict(zip(todo, in_order(pool, call, todo, advance), strict=True))
 
 
 def rounded(value: float | None) -> float | None:

@@ -2,19 +2,16 @@
 
 import json
 import math
-import multiprocessing
 import statistics
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from hil_bridge.errors import BridgeError, ConfigError
+from hil_bridge.errors import ConfigError
 from hil_bridge.lab.campaign.criteria import Figures
 from hil_bridge.lab.campaign.judging import run
-from hil_bridge.lab.processes import begin_worker, one_thread_each
+from hil_bridge.lab.processes import in_order, own_processes
 from hil_bridge.lab.tuning.space import Point
 from hil_bridge.record.analysis.figures import FIGURES, TUNED
 from hil_bridge.settings.configuration import read_config
@@ -172,38 +169,6 @@ def running(workers: int, advance: Callable[[], object]) -> Iterator[Runs]:
 
     Leaving it early ends the processes. What comes back does not depend on their number.
     """
-    if workers == 1:
-
-        def here(jobs: Sequence[Job]) -> list[Figures]:
-            found = []
-            for job in jobs:
-                found.append(figures_of(job))
-                advance()
-            return found
-
-        yield here
-        return
-    context = multiprocessing.get_context("spawn")
-    with one_thread_each(), ProcessPoolExecutor(workers, context, begin_worker) as pool:
-
-        def there(jobs: Sequence[Job]) -> list[Figures]:
-            waiting = {pool.submit(figures_of, job): number for number, job in enumerate(jobs)}
-            found: dict[int, Figures] = {}
-            for future in as_completed(waiting):
-                found[waiting[future]] = future.result()
-                advance()
-            return [found[number] for number in range(len(jobs))]
-
-        before = {child.pid for child in multiprocessing.active_children()}
-        try:
-            yield there
-        except BaseException as error:
-            pool.shutdown(wait=False, cancel_futures=True)
-            for (
-                child
-            ) in multiprocessing.active_children():  # else leaving the pool waits for their present runs
-                if child.pid not in before:
-                    child.terminate()
-            if isinstance(error, BrokenProcessPool):
-                raise BridgeError("a process of the tuning was ended from outside") from error
-            raise
+    with own_processes(workers) as pool:
+        # One at a time: a generation is as slow as the last of its runs.
+        yield lambda jobs: in_order(pool, figures_of, jobs, lambda count: advance(), chunk=1)

@@ -9,11 +9,11 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from hil_bridge.control.geometry.frames import quaternion_about, quaternion_product
 from hil_bridge.control.geometry.wrist import Wrist
 from hil_bridge.record.device_facts import devices_of, recorded_configuration
 from hil_bridge.record.reader import Recording
 from hil_bridge.record.records import Quaternion, Vector
+from protocol.geometry import product, turn_about
 
 Floats: TypeAlias = NDArray[np.float64]
 
@@ -81,8 +81,8 @@ def _along(recording: Recording) -> Floats | None:
     if facts is None:
         return None
     sensor = told.sensor
-    turned = quaternion_about((0.0, 0.0, 1.0), math.radians(sensor.mounting_deg))
-    wrist = Wrist(quaternion_product(sensor.quaternion, turned), flip=sensor.flip_fx_mx)
+    turned = turn_about((0.0, 0.0, 1.0), math.radians(sensor.mounting_deg))
+    wrist = Wrist(product(sensor.quaternion, turned), flip=sensor.flip_fx_mx)
     seen = wrist.seen_by_sensor(told.frame.approach, recording.cycles[0].quaternion)
     along: Floats = -seen * np.array(facts.scales[:3])
     return along

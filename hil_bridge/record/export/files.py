@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
+from hil_bridge.devices.kinds import SENSORS
 from hil_bridge.errors import ConfigError
 from hil_bridge.record import RawTraffic, Recording, read_with_traffic
 from hil_bridge.record.device_facts import devices_of
@@ -12,6 +13,7 @@ from hil_bridge.record.export.can_logs import asc, blf, candump
 from hil_bridge.record.export.tables import Table, as_csv, as_parquet, cycle_table, sensor_table
 from hil_bridge.record.export.traffic import WireFrame, can_frames, is_can, wire_text
 from hil_bridge.record.files import check_place, write_whole
+from protocol.can.dbc import database
 
 CHANNEL = "can0"
 """Chosen: what a single interface is called nearly everywhere."""
@@ -93,6 +95,15 @@ def _asc(source: Source) -> Sequence[Export]:
     return [Export(".asc", data, f"{len(source.frames)} CAN frames, seconds since the first")]
 
 
+def _dbc(source: Source) -> Sequence[Export]:
+    identifiers = [one.frame.identifier for one in source.frames if not one.frame.error]
+    kind = SENSORS.kind(devices_of(source.recording).sensor.kind)
+    if kind.bus is None or kind.bus.messages is None:
+        raise ConfigError(f"its sensor ({kind.name}) has no tables of its frames; give --to candump")
+    messages = kind.bus.messages(identifiers)
+    return [Export(".dbc", database(kind.name, messages), f"{len(messages)} CAN messages with their signals")]
+
+
 def _bytes(source: Source) -> Sequence[Export]:
     traffic, found = source.traffic, []
     texts = {"robot": wire_text(traffic.robot, f"the robot's wire in {source.name}")}
@@ -128,6 +139,7 @@ FORMATS: Mapping[str, Format] = {
     "candump": Format("CAN frames as candump writes them", _candump, lambda source: source.has_can),
     "blf": Format("CAN frames for Vector's tools", _blf, lambda source: source.has_can),
     "asc": Format("CAN frames for Vector's tools, as text", _asc, lambda source: source.has_can),
+    "dbc": Format("signals of the CAN frames, for tools that decode them", _dbc, lambda source: False),
     "bytes": Format("bytes of the other wires, as text", _bytes, lambda source: bool(source.traffic.robot)),
     "csv": Format("cycles and sensor as tables", lambda source: _tables(source, "csv", as_csv)),
     "parquet": Format(

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 from emulators.cell import Cell
 from emulators.faults import FaultNews, Handler, Injection
@@ -16,6 +16,14 @@ from protocol.faults import FaultStage
 
 FAULT_EVENT = "fault"
 """Kind of the events that tell of injected faults."""
+
+
+class _Planned(NamedTuple):
+    """A fault that has not come yet."""
+
+    fault: FaultConfig
+    condition: Condition | None
+    """Condition at the end of a cycle at which it comes; None for a fault that a phase alone brings."""
 
 
 class FaultSchedule:
@@ -36,7 +44,7 @@ class FaultSchedule:
         self._cell = cell
         self._clock = clock
         self._tell = tell
-        self._waiting = list(faults)
+        self._waiting = [_Planned(fault, fault.condition) for fault in faults]
         self._timers: list[Timer] = []
         self._phase = ""
         self._told = 0
@@ -58,7 +66,11 @@ class FaultSchedule:
             return
         self._phase = record.text
         self._arm(
-            [fault for fault in self._waiting if not fault.when and (fault.phase or CONNECT) == record.text]
+            [
+                planned
+                for planned in self._waiting
+                if planned.condition is None and (planned.fault.phase or CONNECT) == record.text
+            ]
         )
 
     def cycle(self, record: CycleRecord) -> None:
@@ -67,11 +79,11 @@ class FaultSchedule:
             return
         self._arm(
             [
-                fault
-                for fault in self._waiting
-                if fault.when
-                and fault.phase in ("", record.phase)
-                and Condition.read(fault.when).holds(record)
+                planned
+                for planned in self._waiting
+                if planned.condition is not None
+                and planned.fault.phase in ("", record.phase)
+                and planned.condition.holds(record)
             ]
         )
 
@@ -82,7 +94,7 @@ class FaultSchedule:
         """
         for timer in self._timers:
             timer.cancel()
-        for fault in self._waiting:
+        for fault, _ in self._waiting:
             text = f"{fault.on}: {fault.fault} never came: its phase or condition did not"
             self._say(FaultNews(FaultStage.NEVER, fault.on, fault.fault, text))
         self._waiting.clear()
@@ -93,9 +105,10 @@ class FaultSchedule:
             text = f"{injection.name} struck {times}{lasting}"
             self._say(FaultNews(FaultStage.STRUCK, injection.target, injection.fault, text), injection.struck)
 
-    def _arm(self, faults: Sequence[FaultConfig]) -> None:
-        for fault in faults:
-            self._waiting.remove(fault)
+    def _arm(self, due: Sequence[_Planned]) -> None:
+        for planned in due:
+            self._waiting.remove(planned)
+            fault = planned.fault
             if fault.after_s:
                 at = self._clock.now() + fault.after_s
                 self._timers.append(self._clock.call_at(at, partial(self._inject, fault)))

@@ -3,7 +3,7 @@
 import math
 from collections import deque
 from collections.abc import Mapping, Sequence
-from typing import Any, Self, TypeAlias
+from typing import Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from hil_bridge.record.reader import Recording
 from hil_bridge.record.records import CycleRecord, TruthRecord
 from hil_bridge.show.charts.facts import ChartFacts
 from hil_bridge.show.charts.surface import tilt_deg, touches
+from protocol.geometry import tool_axis
 
 ROW_S = 0.04
 """Time from which a row of a live page follows the one before. Chosen: a picture."""
@@ -82,7 +83,7 @@ class Columns:
         """Take a cycle."""
         self._start = record.start
         if self.approach is None:
-            self.approach = axis_z(record.quaternion)
+            self.approach = tool_axis(record.quaternion)
         before, self._before = self._before, record.started_at
         at = record.controlled_at
         if not math.isfinite(at):
@@ -218,9 +219,3 @@ def _number(value: Value) -> float:
 def tidy(value: float) -> float | None:
     """A number with six digits, which a page cannot tell from all of them; None for one that is not finite."""
     return float(f"{value:.6g}") if math.isfinite(value) else None
-
-
-def axis_z(quaternion: Sequence[float]) -> Any:
-    """The third axis of a frame in its base: w x y z."""
-    w, x, y, z = quaternion
-    return 2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)

@@ -1,8 +1,7 @@
-"""The facts of a run that its charts need, from a scene of a run that goes on or from a recording."""
+"""The facts of a run that its charts need; `show.terminal` has those of a run that goes on."""
 
 from collections.abc import Mapping
-from dataclasses import asdict
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -11,9 +10,6 @@ from hil_bridge.record.analysis.strokes import TRACK
 from hil_bridge.record.device_facts import devices_of, json_or_none, recorded_configuration
 from hil_bridge.record.reader import Recording
 from hil_bridge.record.records import Vector
-
-if TYPE_CHECKING:
-    from hil_bridge.show.terminal import Scene
 
 
 class ChartFacts(NamedTuple):
@@ -29,21 +25,13 @@ class ChartFacts(NamedTuple):
     line_floor_s: float | None = None
 
 
-def facts_of_scene(scene: "Scene") -> ChartFacts:
-    """Of a run that goes on."""
-    tracks = frozenset(number for number, label in enumerate(scene.steps, 1) if _tracks(label))
-    return ChartFacts(
-        scene.robot, _numbers(asdict(scene.limits)), tracks, scene.approach, scene.robot.line_floor_s
-    )
-
-
 def facts_of_recording(recording: Recording) -> ChartFacts:
     """Of a recording."""
     limits: Any = recorded_configuration(recording).get("limits")
     floor = json_or_none(recording.end.get("line_floor_s"))
     return ChartFacts(
         devices_of(recording).robot,
-        _numbers(limits if isinstance(limits, dict) else {}),
+        limit_numbers(limits if isinstance(limits, dict) else {}),
         frozenset(step.step for step in recording.steps if step.word == TRACK),
         approach_of(recording),
         float(floor) if isinstance(floor, (int, float)) else None,
@@ -66,14 +54,10 @@ def start_time(recording: Recording) -> float:
     return min([recording.cycles[0].started_at, *(event.at for event in recording.events)])
 
 
-def _numbers(values: Mapping[str, Any]) -> dict[str, float]:
+def limit_numbers(values: Mapping[str, Any]) -> dict[str, float]:
     """Those that are a limit: numbers above 0."""
     return {
         key: float(value)
         for key, value in values.items()
         if isinstance(value, (int, float)) and not isinstance(value, bool) and value
     }
-
-
-def _tracks(label: str) -> bool:
-    return "(track" in label

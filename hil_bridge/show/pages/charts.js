@@ -16,8 +16,8 @@
 "use strict";
 var HilCharts = (() => {
   const BARS_MOST = 1500, ROOM_FROM = 0.5, MARK_REACH_PX = 7, TEXT_LENGTH = 60, LEFT_PX = 58, PALETTE = /^[1-8]$/;
-  const HINT = matchMedia("(pointer: coarse)").matches ? "one finger: move · two fingers: zoom"
-    : "drag: zoom · shift+drag: move · ctrl+wheel: zoom · double click: all";
+  const hint = () => (matchMedia("(pointer: coarse)").matches ? "one finger: move · two fingers: zoom"
+    : "drag: zoom · shift+drag: move · ctrl+wheel: zoom · double click: all");
   let drawn = 0;
 
   const element = (tag, name, text) => {
@@ -27,10 +27,11 @@ var HilCharts = (() => {
     return made;
   };
   const short = text => (text.length > TEXT_LENGTH ? text.slice(0, TEXT_LENGTH - 1) + "…" : text);
+  const minus = value => String(value).replace(/^-/, "−");
   const number = value => {
     const size = Math.abs(value);
-    if (size !== 0 && (size < 1e-3 || size >= 1e7)) return value.toExponential(3);
-    return value.toFixed(size >= 1000 ? 0 : size >= 100 ? 1 : size >= 10 ? 2 : 3);
+    if (size !== 0 && (size < 1e-3 || size >= 1e7)) return minus(value.toExponential(3));
+    return minus(value.toFixed(size >= 1000 ? 0 : size >= 100 ? 1 : size >= 10 ? 2 : 3));
   };
   const lowest = (values, from, until) => {   // index of the first value that is not below
     let low = 0, high = values.length;
@@ -210,7 +211,7 @@ var HilCharts = (() => {
         label.append(box, layer.label);
         bar.append(label);
       }
-      this.note = element("div", "hil-note", HINT);
+      this.note = element("div", "hil-note", hint());
       bar.append(this.note);
       return bar;
     }
@@ -339,6 +340,7 @@ var HilCharts = (() => {
 
     resize() {
       const width = this.width();
+      if (!this.place.classList.contains("hil-over")) this.note.textContent = hint();
       for (const chart of this.charts) {
         if (chart.plot.width !== width) chart.plot.setSize({width, height: chart.told.height_px || 180});
       }
@@ -364,6 +366,7 @@ var HilCharts = (() => {
       this.stack.append(box);
       const options = {
         width: this.width(), height: told.height_px || 180, padding: [6, 10, 0, 0],
+        legend: {markers: {dash: (u, k) => (k === 0 ? "solid" : lines[k - 1].dashed ? "dashed" : lines[k - 1].style === "points" ? "dotted" : "solid")}},
         cursor: this.cursor(chart), bands, hooks: this.hooks(chart), focus: {alpha: 1},
         scales: {x: {time: false, auto: false, distr: this.told.axes[axis].log ? 3 : 1}, y: {distr: told.log ? 3 : 1, range: (u, low, high) => this.range(chart, low, high)}},
         axes: [this.xAxis(chart), this.yAxis()],
@@ -373,14 +376,14 @@ var HilCharts = (() => {
       chart.plot = new uPlot(options, this.data(chart), box);
       HilPointer.attach(this, chart);
       chart.plot.root.querySelectorAll(".u-series").forEach((row, k) => {
-        if (k === 0) row.classList.add("hil-none");   // the bar tells x
+        if (k === 0 || lines[k - 1].edge === "least") row.classList.add("hil-none");   // the bar tells x; a band is one entry
       });
       this.dress(chart);
       return chart;
     }
 
     dress(chart) {   // a series of a layer that is off leaves the legend; the title tells every limit
-      const limits = (chart.told.limits || []).map(one => `${one.label} ${Number(one.value.toPrecision(5))}`);
+      const limits = (chart.told.limits || []).map(one => `${one.label} ${minus(Number(one.value.toPrecision(5)))}`);
       chart.subtitle.textContent = [chart.told.unit, ...limits].filter(Boolean).join(" · ");
       chart.plot.root.querySelectorAll(".u-series").forEach((row, k) => {
         const line = chart.lines[k - 1];
@@ -394,9 +397,10 @@ var HilCharts = (() => {
       const unit = chart.told.unit ? " " + chart.told.unit : "";
       const points = {show: style === "points" ? true : undefined, size: 4, stroke, fill: stroke};
       const made = {
-        label: line.edge === "least" ? `${line.label}: least` : line.edge || line.label, stroke, width: line.width || 1.5, spanGaps: false,
+        label: line.label, stroke, width: line.width || 1.5, spanGaps: false,
         show: this.isOn(chart, line), points,
-        value: (u, value) => value === null || value === undefined ? "–"
+        value: (u, value, k, row) => value === null || value === undefined ? "–"
+          : line.edge && row !== null && Number.isFinite(u.data[k - 1][row]) ? `${number(u.data[k - 1][row])} … ${number(value)}${unit}`
           : line.values && line.values.length ? line.values[value] ?? number(value) : number(value) + unit,
       };
       if (line.dashed) made.dash = [6, 4];
@@ -452,14 +456,17 @@ var HilCharts = (() => {
       return {
         stroke: this.css.getPropertyValue("--quiet").trim(), font: "11px system-ui, sans-serif", size: 22,
         labelFont: "11px system-ui, sans-serif", labelSize: 18, gap: 3,
-        label: chart.last ? `${axis.label}, ${axis.unit}` : undefined, ...this.lines(),
+        label: chart.last ? `${axis.label}, ${axis.unit}` : undefined,
+        values: (u, splits) => splits.map((value, k) => value === null ? ""   // above the label of the last chart the unit is told once more
+          : minus(Number(value.toPrecision(6))) + (k === splits.length - 1 && !chart.last ? ` ${axis.unit}` : "")),
+        ...this.lines(),
       };
     }
 
     yAxis() {
       return {stroke: this.css.getPropertyValue("--quiet").trim(), font: "11px system-ui, sans-serif", size: LEFT_PX, gap: 4,
         values: (u, splits) => splits.map(value => value === null ? "" : Math.abs(value) >= 1e5 || (value !== 0 && Math.abs(value) < 1e-3)
-          ? value.toExponential(0) : String(Number(value.toPrecision(6)))), ...this.lines()};
+          ? minus(value.toExponential(0)) : minus(Number(value.toPrecision(6)))), ...this.lines()};
     }
 
     lines() {
@@ -505,6 +512,8 @@ var HilCharts = (() => {
           if (index === null || !("show" in set) || !chart.plot) return;
           const line = chart.lines[index - 1];
           if (line.layer && this.layers.get(line.layer) === false) return;
+          const other = line.edge === "least" ? index + 1 : line.edge ? index - 1 : index;   // both edges of a band
+          if (u.series[other].show !== set.show) u.setSeries(other, {show: set.show});
           this.hidden[set.show ? "delete" : "add"](`${chart.told.id}/${line.label}`);
         }],
         setCursor: [u => this.tell(chart, u)],
@@ -517,7 +526,7 @@ var HilCharts = (() => {
       const here = u.cursor.left !== undefined && u.cursor.left >= 0;
       const over = here || this.charts.some(other => other.plot.cursor.left >= 0);
       this.place.classList.toggle("hil-over", over);
-      if (!over) this.note.textContent = HINT;
+      if (!over) this.note.textContent = hint();
       if (!here) return;
       const near = this.told.marks.filter(mark => (mark.axis || "time") === chart.axis
         && (!mark.layer || this.layers.get(mark.layer) !== false)

@@ -1,8 +1,13 @@
 /* What lies behind and before the lines of a chart: spans, limits, marks. Used by `charts.js`, drawn with canvas. */
 "use strict";
 var HilMarks = (() => {
-  const FONT_PX = 11, LONGEST = 46;
-  const cut = text => (text.length > LONGEST ? text.slice(0, LONGEST - 1) + "…" : text);
+  const FONT_PX = 11, LONGEST = 70;
+  const cut = (ctx, text, room) => {   // as much of a text as finds room
+    let end = Math.min(text.length, LONGEST);
+    const shown = () => (end < text.length ? text.slice(0, end - 1) + "…" : text);
+    while (end > 8 && ctx.measureText(shown()).width > room) end--;
+    return shown();
+  };
 
   function inside(u, draw) {
     const {ctx, bbox} = u;
@@ -48,7 +53,7 @@ var HilMarks = (() => {
     for (const {span, left, right} of places(charts, chart, u, box)) {
       if (span.kind === "fault") continue;
       const from = Math.max(left, box.left), to = Math.min(right, box.left + box.width);
-      const text = cut(span.text), width = ctx.measureText(text).width, at = (from + to - width) / 2;
+      const text = cut(ctx, span.text, Infinity), width = ctx.measureText(text).width, at = (from + to - width) / 2;
       if (width > to - from - 4 * ratio || at < free) continue;
       ctx.fillText(text, at, box.top + 3 * ratio);
       free = at + width + 4 * ratio;
@@ -67,11 +72,11 @@ var HilMarks = (() => {
   function limit(charts, u, one, scene) {
     const {ctx, box, ratio} = scene;
     const {min, max} = u.scales.y;
-    const text = `${one.label} ${Number(one.value.toPrecision(5))}`;
+    const text = `${one.label} ${String(Number(one.value.toPrecision(5))).replace("-", "−")}`, width = ctx.measureText(text).width;
     const colour = charts.css.getPropertyValue(one.kind === "target" ? "--c-target" : "--c-limit").trim();
     ctx.fillStyle = ctx.strokeStyle = colour;
     ctx.textAlign = "right";
-    const right = box.left + box.width - 4 * ratio;
+    let right = box.left + box.width - 4 * ratio;
     if (one.value > max || one.value < min) return;   // the title tells it
     const y = u.valToPos(one.value, "y", true);
     ctx.lineWidth = 1.2 * ratio;
@@ -82,7 +87,9 @@ var HilMarks = (() => {
     ctx.stroke();
     ctx.setLineDash([]);
     const top = y - 14 * ratio < box.top ? y + 2 * ratio : y - 14 * ratio;
-    plate(charts, scene, [right - ctx.measureText(text).width, top, ctx.measureText(text).width]);
+    for (const other of scene.labels) if (Math.abs(other.top - top) < 13 * ratio) right = Math.min(right, other.left - 8 * ratio);
+    scene.labels.push({top, left: right - width});
+    plate(charts, scene, [right - width, top, width]);
     ctx.fillText(text, right, top);
   }
 
@@ -102,7 +109,7 @@ var HilMarks = (() => {
     ctx.setLineDash([]);
     ctx.globalAlpha = 1;
     if (!chart.first || !loud) return;
-    const text = cut(one.text), width = ctx.measureText(text).width, gap = 5 * ratio;
+    const gap = 5 * ratio, text = cut(ctx, one.text, box.width - 2 * gap), width = ctx.measureText(text).width;
     const leftwards = x + width + 2 * gap > box.left + box.width;
     const from = Math.max(leftwards ? x - width - gap : x + gap, box.left + 2 * ratio);
     let row = 0;   // at the foot, where a pressing force leaves room, and above each other where they would overlap
@@ -127,7 +134,7 @@ var HilMarks = (() => {
 
   function before(charts, chart, u) {
     inside(u, (ctx, box, ratio) => {
-      const scene = {ctx, box, ratio, taken: []};
+      const scene = {ctx, box, ratio, taken: [], labels: []};
       if (chart.first) names(charts, chart, u, scene);
       if (Number.isFinite(charts.moment)) moment(charts, u, scene);
       for (const one of chart.told.limits || []) limit(charts, u, one, scene);

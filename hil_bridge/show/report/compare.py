@@ -21,7 +21,7 @@ from hil_bridge.show.pages import Axis, Chart, Charts, Layer, Limit, Mark, Serie
 from hil_bridge.show.report.differences import between
 from hil_bridge.show.report.figures import merit_rows, run_rows
 from hil_bridge.show.report.identity import identity_rows
-from hil_bridge.show.report.markup import across, cells
+from hil_bridge.show.report.markup import across, cells, prose
 
 RUNS_MOST = 8
 """As many colours as are told apart."""
@@ -47,7 +47,7 @@ def compare_page(runs: Mapping[str, Recording], align: str = TOUCH) -> str:
     charts, left_out = _charts(runs, align)
     names = list(runs)
     ends = "".join(
-        f"<dt><strong>{escape(name)}</strong>: {escape(summaries[name].outcome)}</dt><dd>{escape(why(runs[name]))}</dd>"
+        f"<dt><strong>{escape(name)}</strong>: {escape(summaries[name].outcome)}</dt><dd>{prose(why(runs[name]))}</dd>"
         for name in names
     )
     settings = between(list(runs.values()))

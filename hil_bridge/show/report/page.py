@@ -17,11 +17,10 @@ from hil_bridge.show.report.differences import from_defaults
 from hil_bridge.show.report.figures import NAMED, merit_rows, run_rows
 from hil_bridge.show.report.identity import REAL, identity_rows, reality
 from hil_bridge.show.report.latency_section import latency_section
-from hil_bridge.show.report.markup import cells, pairs, rows, table
+from hil_bridge.show.report.markup import cells, pairs, prose, rows, table
 from hil_bridge.show.report.sections import controller_section, stability_section
 from hil_bridge.show.report.steps_section import criteria_paragraph, steps_section
 from hil_bridge.show.report.surface_section import surface_section
-from hil_bridge.show.texts import without_queries
 
 PAGE = "report.html"
 PICTURES = {"png": "report.png", "pdf": "report.pdf"}
@@ -65,7 +64,7 @@ def page(recording: Recording, summary: Summary) -> str:
     before = f"<h2>Before the touch</h2><ul>{checks}</ul>" if checks else ""
     phases = pairs((name, quantity(value, 1, ".2f", "s")) for name, value in summary.phases_s.items())
     body = f"""{_head(recording, summary)}
-<div class="columns"><section>{pairs(identity_rows(recording, summary), "facts")}</section>
+<div class="columns head"><section>{pairs(identity_rows(recording, summary), "facts")}</section>
 <section><h2>Figures of merit</h2>{rows(merit_rows(summary))}</section></div>
 <h2>Course</h2>
 {room("run", charts)}{thinned}
@@ -89,17 +88,13 @@ def _head(recording: Recording, summary: Summary) -> str:
         f' <span class="badge {"bad" if which == REAL else "plain"}">{escape(which)}</span>' if which else "",
         ' <span class="badge bad">NOT retracted</span>' if end_of(recording).retracted is False else "",
         "</p>",
-        f"<p>{_text(why(recording))}</p>" if recording.cycles else "",
-        *(f"<p>then: {_text(text)}</p>" for text in summary.followed),
-        f"<p>left: <strong>{_text(summary.left)}</strong></p>" if summary.left else "",
+        f"<p>{prose(why(recording))}</p>" if recording.cycles else "",
+        *(f"<p>then: {prose(text)}</p>" for text in summary.followed),
+        f"<p>left: <strong>{prose(summary.left)}</strong></p>" if summary.left else "",
         criteria_paragraph(summary),
         "<p>The recording ends early; everything here covers what is there.</p>" if summary.truncated else "",
     ]
     return "\n".join(filter(None, parts))
-
-
-def _text(text: str) -> str:
-    return escape(without_queries(text))
 
 
 def _events(recording: Recording) -> str:

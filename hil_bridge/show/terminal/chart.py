@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from rich.text import Text
 
 from hil_bridge.show.charts.catalogue import catalogue
-from hil_bridge.show.charts.facts import facts_of_scene
 from hil_bridge.show.charts.painter import y_range
 from hil_bridge.show.pages.description import Chart
 from hil_bridge.show.terminal.model import Snapshot
@@ -81,7 +80,7 @@ def trend(snapshot: Snapshot, key: str, values: Sequence[float], size: tuple[int
 
 def described_charts(snapshot: Snapshot) -> Mapping[str, Chart]:
     """The catalogue of the run, by the names of its charts."""
-    return {chart.id: chart for chart in catalogue(facts_of_scene(snapshot.scene))}
+    return {chart.id: chart for chart in catalogue(snapshot.scene.chart_facts)}
 
 
 def _cell(filled: float, force: float, reference: float, background: str) -> tuple[str, str]:

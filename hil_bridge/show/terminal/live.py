@@ -1,8 +1,9 @@
 """The view on a terminal: a panel that is redrawn, or plain lines where nothing can be redrawn."""
 
 import math
+from contextlib import AbstractContextManager
 from types import TracebackType
-from typing import Self, TextIO
+from typing import TextIO
 
 from rich.console import Console, ConsoleDimensions
 from rich.live import Live
@@ -15,7 +16,7 @@ from hil_bridge.show.terminal.panel import panel
 LINE_SECONDS = 1.0
 
 
-class LiveView:
+class LiveView(AbstractContextManager["LiveView"]):
     """Shows a run while it goes on.
 
     `update` and `event` only store and belong to the control path. `refresh` draws, which takes milliseconds and waits
@@ -97,9 +98,6 @@ class LiveView:
             self._live.stop()
         except (OSError, ValueError):
             self._gone = True
-
-    def __enter__(self) -> Self:
-        return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None

@@ -3,7 +3,7 @@
 import math
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import NamedTuple
 
 from hil_bridge.control.course.limits import Limits
@@ -12,6 +12,7 @@ from hil_bridge.record.analysis.latency import Latency, latency_budget
 from hil_bridge.record.analysis.summary import cycle_times
 from hil_bridge.record.ending import ALARMS, CAUTIONS, PHASE_EVENT, STOP_EVENT
 from hil_bridge.record.records import CycleRecord, EventRecord, Vector
+from hil_bridge.show.charts.facts import ChartFacts, limit_numbers
 
 REFRESH_SECONDS = 0.2
 """Shortest time between two drawings of the view."""
@@ -59,6 +60,13 @@ class Scene:
     """Unit vector of the approach in the robot base frame, where it is known."""
     keys: bool = False
     """Keys of the terminal are heard."""
+
+    @property
+    def chart_facts(self) -> ChartFacts:
+        """Facts that its charts need."""
+        tracks = frozenset(number for number, label in enumerate(self.steps, 1) if "(track" in label)
+        limits = limit_numbers(asdict(self.limits))
+        return ChartFacts(self.robot, limits, tracks, self.approach, self.robot.line_floor_s)
 
 
 class Told(NamedTuple):

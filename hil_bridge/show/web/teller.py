@@ -17,7 +17,7 @@ from hil_bridge.record.topics import Record
 from hil_bridge.show.charts.catalogue import catalogue, layers, time_axis
 from hil_bridge.show.charts.columns import ROW_S, TABLES, Columns, tidy
 from hil_bridge.show.charts.events import fault_spans, mark_of, mark_of_step, phases_in, spans_of
-from hil_bridge.show.charts.facts import ChartFacts, facts_of_scene
+from hil_bridge.show.charts.facts import ChartFacts
 from hil_bridge.show.pages.description import Charts, Mark
 from hil_bridge.show.terminal import Health, Scene, ViewModel
 from hil_bridge.show.terminal.model import HISTORY_CYCLES
@@ -141,7 +141,7 @@ class Teller:
         """`heard_at` is the present time of this process's own clock, s. `length_s` is that of a whole recording, whose
         moments a page may ask for; its memory is not bounded.
         """
-        self._begin, self._facts = begin, facts or facts_of_scene(begin.scene)
+        self._begin, self._facts = begin, facts or begin.scene.chart_facts
         self._length_s = length_s
         self._version = 0
         self._grown = Grown(bounded=length_s is None)
@@ -159,7 +159,7 @@ class Teller:
 
     def begin(self, begin: Begin) -> None:
         """More is known of the run: every page begins anew."""
-        self._begin, self._facts = begin, facts_of_scene(begin.scene)
+        self._begin, self._facts = begin, begin.scene.chart_facts
         self._version += 1
 
     def take(self, record: Record) -> None:

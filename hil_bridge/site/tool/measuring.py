@@ -18,9 +18,6 @@ from hil_bridge.control import (
     SupervisorState,
     ToolPose,
     force_along,
-    quaternion_about,
-    quaternion_product,
-    turn_between,
 )
 from hil_bridge.devices.device_log import LogTo
 from hil_bridge.devices.robots.seam import GIVE_UP_AFTER_S, Motion, MotionLimits, RobotReport
@@ -31,7 +28,7 @@ from hil_bridge.runs.setup import Setup
 from hil_bridge.runs.small_steps import bring_up
 from hil_bridge.runs.zeroing import wrist
 from hil_bridge.settings.configuration import Config
-from protocol.geometry import Pose, Quaternion, Vector
+from protocol.geometry import Pose, Quaternion, Vector, angle_between, normalise, product, towards, turn_about
 from protocol.wrench import WrenchFrame
 
 Tell = Callable[[str], None]
@@ -68,7 +65,7 @@ class Sweep:
     def orientations(self, start: Quaternion) -> tuple[Quaternion, ...]:
         """The start orientation, to either side about two level axes, and the start again, which shows drift."""
         tilts = [
-            quaternion_product(quaternion_about(axis, math.radians(angle)), start)
+            product(turn_about(axis, math.radians(angle)), start)
             for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
             for angle in (self.angle_deg, -self.angle_deg)
         ]
@@ -204,6 +201,7 @@ class _Measuring:
             unchanged=max(frame.at - judged_from, 0.0),
             saturated=bool(self._sensor.saturated),
             fault=report.fault,
+            fault_remedy=report.remedy,
         )
         self._state, verdict = self._supervisor.step(
             self._state, observation, Request(depth, target, approach)
@@ -232,15 +230,13 @@ class _Measuring:
 
 def _unit(quaternion: Quaternion) -> Quaternion:
     """Device words are rounded; turns are calculated with unit length."""
-    length = math.hypot(*quaternion)
-    if length < 0.5:
+    if math.hypot(*quaternion) < 0.5:
         raise DeviceError(f"the robot reports the orientation {quaternion}, which is none")
-    w, x, y, z = (part / length for part in quaternion)
-    return w, x, y, z
+    return normalise(quaternion)
 
 
 def _is_there(pose: Pose, position: Vector, orientation: Quaternion) -> bool:
-    _, angle = turn_between(_unit(pose.quaternion), orientation)
+    angle = angle_between(_unit(pose.quaternion), orientation)
     return angle <= ANGLE_TOLERANCE and math.dist(pose.position, position) <= POSITION_TOLERANCE_M
 
 
@@ -255,6 +251,5 @@ def _moved(at: Vector, position: Vector) -> Vector:
 
 def _turned(at: Quaternion, orientation: Quaternion) -> Quaternion:
     """The next orientation on the shortest way to `orientation`."""
-    axis, angle = turn_between(at, orientation)
-    step = math.radians(Sweep.turn_step_deg)
-    return orientation if angle <= step else _unit(quaternion_product(quaternion_about(axis, step), at))
+    here, there = Pose((0.0, 0.0, 0.0), at), Pose((0.0, 0.0, 0.0), orientation)
+    return towards(here, there, 0.0, math.radians(Sweep.turn_step_deg)).quaternion

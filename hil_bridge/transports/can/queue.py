@@ -33,6 +33,16 @@ class CanStatistics:
     """Arrivals lost because the client did not take them in time."""
 
 
+@dataclass(slots=True)
+class Arrived:
+    """Counts of the receiving side of a node."""
+
+    frames: int = 0
+    reports: int = 0
+    """Reports of trouble."""
+    bus_off: int = 0
+
+
 class SendQueue:
     """Frames that wait for the bus, in order.
 
@@ -54,6 +64,12 @@ class SendQueue:
 
     def __len__(self) -> int:
         return len(self.frames)
+
+    def statistics(self, arrived: "Arrived", overruns: int, malformed: int = 0) -> CanStatistics:
+        """Counts of the node that sends from here."""
+        return CanStatistics(
+            self.sent, arrived.frames, self.dropped, arrived.reports, arrived.bus_off, malformed, overruns
+        )
 
     @property
     def head(self) -> CanFrame:

@@ -13,7 +13,7 @@ from hil_bridge.errors import TransportError
 from hil_bridge.transports import reasons
 from hil_bridge.transports.base import Frames
 from hil_bridge.transports.can.message import file_descriptor, from_message, is_full, to_message
-from hil_bridge.transports.can.queue import SEND_DEADLINE_S, CanStatistics, SendQueue
+from hil_bridge.transports.can.queue import SEND_DEADLINE_S, Arrived, CanStatistics, SendQueue
 from hil_bridge.transports.can.reader import ReaderThread
 from hil_bridge.transports.can.socketcan import LINK_LOST, Link
 from hil_bridge.transports.delivery import QUEUE_FRAMES, Delivery, flush
@@ -91,7 +91,7 @@ class CanWire:
         self._outage: _Outage | None = None
         self._timer: Timer | None = None
         self._kernel_stamps = place.interface in _STAMPED_BY_KERNEL
-        self._received = self._reports = self._bus_off = 0
+        self._counts = Arrived()
         self.malformed = 0
         """Arrivals that were no classical CAN frame."""
         self._thread: ReaderThread | None = None
@@ -104,15 +104,8 @@ class CanWire:
     @property
     def statistics(self) -> CanStatistics:
         """Counts since it was opened."""
-        return CanStatistics(
-            sent=self._queue.sent,
-            received=self._received,
-            dropped=self._queue.dropped,
-            error_frames=self._reports,
-            bus_off=self._bus_off,
-            malformed=self.malformed,
-            overruns=self._delivery.overruns + (0 if self._thread is None else self._thread.overruns),
-        )
+        overruns = self._delivery.overruns + (0 if self._thread is None else self._thread.overruns)
+        return self._queue.statistics(self._counts, overruns, self.malformed)
 
     def start(self, on_data: Callable[[Frames], None], on_end: Callable[[TransportError], None]) -> None:
         self._delivery.start(on_data, on_end)
@@ -237,10 +230,10 @@ class CanWire:
             return
         for frame in frames:
             if frame.error:
-                self._reports += 1
+                self._counts.reports += 1
                 self._judge(frame)
             else:
-                self._received += 1
+                self._counts.frames += 1
                 self._back_on_bus()
         self._delivery.data(frames)
         self._arm()
@@ -251,7 +244,7 @@ class CanWire:
         """Follow the controller's error state."""
         report = decode_error(frame)
         if report.state is ErrorState.BUS_OFF:
-            self._bus_off += 1
+            self._counts.bus_off += 1
             if self._outage is None:
                 self._outage = _Outage(self._clock.now(), reasons.BusOff(), link=False)
         elif report.state is not None:
@@ -301,7 +294,7 @@ class CanWire:
         self._report(ErrorClass.RESTARTED)
 
     def _report(self, matter: ErrorClass) -> None:
-        self._reports += 1
+        self._counts.reports += 1
         self._delivery.data([encode_error(CanErrorReport(matter), self._clock.now())])
 
     def _break(self, error: BaseException) -> None:

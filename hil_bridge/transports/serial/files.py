@@ -8,7 +8,7 @@ from typing import Protocol
 
 from hil_bridge.clock import Clock
 from hil_bridge.errors import TransportError
-from hil_bridge.transports.delivery import QUEUE_BYTES, Delivery, flush
+from hil_bridge.transports.delivery import QUEUE_BYTES, Delivery
 
 _READ_BYTES = 65536
 
@@ -83,13 +83,7 @@ class FileWire:
             self._clock.loop.add_writer(self._fd, self._writable)
 
     async def aclose(self) -> None:
-        if not self._delivery.begin_close():
-            return
-        try:
-            await flush(self._drained())
-        finally:
-            self._close()
-            self._delivery.closed()
+        await self._delivery.close(self._drained, self._close)
 
     async def _drained(self) -> None:
         # the operating system does not tell when the last byte has left

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 from hil_bridge.clock import Clock
 from hil_bridge.errors import TransportBroken, TransportClosed, TransportError
+from hil_bridge.transports.around import Around
 from hil_bridge.transports.base import Transport
-from hil_bridge.transports.delivery import QUEUE_BYTES, Delivery, flush
+from hil_bridge.transports.delivery import QUEUE_BYTES, flush
 from hil_bridge.transports.serial.direction import ReceivingEnd, SerialDirection
 from hil_bridge.transports.serial.uart import COUNTED_AS, Damaged, Flaw, LineErrors, LineSettings
 from hil_bridge.transports.wrappers import Direction
@@ -61,7 +62,7 @@ class LineNotices:
             )
 
 
-class PacedLine:
+class PacedLine(Around[bytes]):
     """A byte wire at the pace of a serial line, in both directions, with a UART at each end.
 
     A byte passes when its last bit would have passed on a real line. A byte sent then goes to the wrapped transport;
@@ -73,7 +74,7 @@ class PacedLine:
     read from such a line. No end learns that the other is gone or has other settings: a serial line does not tell.
     """
 
-    __slots__ = ("_clock", "_delivery", "_end_cause", "_in", "_inner", "_out", "overruns")
+    __slots__ = ("_clock", "_end_cause", "_in", "_out", "overruns")
 
     def __init__(
         self,
@@ -88,9 +89,8 @@ class PacedLine:
         """
         near = line if isinstance(line, Uart) else Uart(lambda: line)
         far = far or Uart(near.settings)
-        self._inner = transport
+        super().__init__(transport)
         self._clock = clock
-        self._delivery: Delivery[bytes] = Delivery(transport.name, QUEUE_BYTES)
         here = ReceivingEnd(near.settings, near.damaged, self._pass_in, near.on_flaw)
         there = ReceivingEnd(far.settings, far.damaged, self._pass_out, far.on_flaw)
         self._in = SerialDirection(clock, fifo, far.settings, here)
@@ -98,10 +98,6 @@ class PacedLine:
         self._end_cause: TransportError | None = None
         self.overruns = 0
         """Received bytes that were lost because more came than the line could carry."""
-
-    @property
-    def name(self) -> str:
-        return self._inner.name
 
     @property
     def line_errors(self) -> LineErrors:
@@ -112,10 +108,6 @@ class PacedLine:
     def far_line_errors(self) -> LineErrors:
         """Damaged characters that the other end has received."""
         return self._out.errors
-
-    def start(self, on_data: Callable[[bytes], None], on_end: Callable[[TransportError], None]) -> None:
-        self._delivery.start(on_data, on_end)
-        self._inner.start(self._arrived, self._inner_ended)
 
     def send(self, data: bytes) -> None:
         self._delivery.check()

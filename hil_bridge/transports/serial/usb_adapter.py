@@ -10,8 +10,9 @@ from functools import partial
 
 from hil_bridge.clock import Clock, Timer
 from hil_bridge.errors import TransportClosed, TransportError
+from hil_bridge.transports.around import Around
 from hil_bridge.transports.base import Transport
-from hil_bridge.transports.delivery import QUEUE_BYTES, Delivery, TimedQueue, flush
+from hil_bridge.transports.delivery import QUEUE_BYTES, TimedQueue, flush
 from hil_bridge.transports.wrappers import Direction
 from protocol.marks import Mark, above, at_least, between, check_settings, setting
 
@@ -46,12 +47,12 @@ class UsbAdapterProfile:
         check_settings(self)
 
 
-class UsbAdapter:
+class UsbAdapter(Around[bytes]):
     """A byte wire with a USB adapter on it. `to_host` is the direction in which bytes go to the adapter's computer. For
     a client these are received bytes, for the device at the other end of the cable sent ones.
     """
 
-    __slots__ = ("_delivery", "_inner", "_to_host", "_to_line", "_towards")
+    __slots__ = ("_to_host", "_to_line", "_towards")
 
     def __init__(
         self,
@@ -60,21 +61,12 @@ class UsbAdapter:
         clock: Clock,
         to_host: Direction = Direction.RECEIVED,
     ) -> None:
-        self._inner = transport
+        super().__init__(transport)
         self._towards = to_host
-        self._delivery: Delivery[bytes] = Delivery(transport.name, QUEUE_BYTES)
         here, there = self._delivery.data, self._leave
         receives = to_host is Direction.RECEIVED
         self._to_host = _ToHost(profile, clock, here if receives else there)
         self._to_line = _ToLine(profile, clock, there if receives else here)
-
-    @property
-    def name(self) -> str:
-        return self._inner.name
-
-    def start(self, on_data: Callable[[bytes], None], on_end: Callable[[TransportError], None]) -> None:
-        self._delivery.start(on_data, on_end)
-        self._inner.start(partial(self._take, Direction.RECEIVED), self._inner_ended)
 
     def send(self, data: bytes) -> None:
         self._delivery.check()
@@ -100,11 +92,8 @@ class UsbAdapter:
         if data:
             (self._to_host if direction is self._towards else self._to_line).put(data)
 
-    def _leave(self, data: bytes) -> None:
-        try:
-            self._inner.send(data)
-        except TransportError as error:
-            self._inner_ended(error)
+    def _arrived(self, data: bytes) -> None:
+        self._take(Direction.RECEIVED, data)
 
     def _inner_ended(self, error: TransportError) -> None:
         if isinstance(error, TransportClosed):

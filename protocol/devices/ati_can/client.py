@@ -4,7 +4,6 @@ One question is under way at a time. The zero is the host's. A slot that another
 wrong without a sign, so that it ends the session.
 """
 
-from collections import deque
 from collections.abc import Sequence
 
 from protocol.can.error import decode_error
@@ -28,33 +27,20 @@ from protocol.devices.ati_can.messages import (
     status_words,
 )
 from protocol.devices.ati_can.profile import AtiCanClientProfile
-from protocol.endpoint import LocalProtocolError, RemoteProtocolError
-from protocol.wrench import (
-    AXES,
-    HostTare,
-    SensorEvent,
-    SensorFacts,
-    SensorFailed,
-    SensorNotice,
-    SensorReady,
-    SensorRestarted,
-    SensorStatistics,
-    SensorStopped,
-    WrenchFrame,
-    Zeroed,
-)
+from protocol.endpoint import RemoteProtocolError
+from protocol.outbox import Outbox
+from protocol.sensor_telling import SensorTelling
+from protocol.wrench import AXES, SensorFacts, SensorRestarted, SensorStatistics
 
 _UNITS_FROM = (3, 7)
 """Firmware from which on the board tells its units. Source: manual."""
 _OLDER_UNITS = (FORCE_UNITS[2], TORQUE_UNITS[3])
 """Assumed of an older one: N and N·m."""
 _ROW_OPS = (Op.ROW, Op.ROW_MIDDLE, Op.ROW_END)
-_TOLD_LIMIT = 16
-"""Chosen: most statuses that are told, so that a status which changes with every sample fills no recording."""
 _ALL_AXES = 0b111111
 
 
-class AtiCanClient:
+class AtiCanClient(Outbox[CanFrame]):
     """Endpoint of CAN frames: a `SensorClient`."""
 
     stop_patience = 0.0
@@ -62,11 +48,13 @@ class AtiCanClient:
     def __init__(self, profile: AtiCanClientProfile, now: float) -> None:
         self.statistics = SensorStatistics()
         self._profile = profile
-        self._events: deque[SensorEvent] = deque()
-        self._out: list[CanFrame] = []
-        self._tare = HostTare(max(1, round(profile.zero_s / (profile.period_ms * 1e-3))))
+        self._telling = telling = SensorTelling(
+            zero_samples=max(1, round(profile.zero_s / (profile.period_ms * 1e-3)))
+        )
+        self.next_event, self.zero = telling.next_event, telling.zero
+        super().__init__()
         self._given_up_at = now + profile.ready_timeout_s
-        self._ended = self._ready = self._others = False
+        self._others = False
         self._op, self._axis = Op.FIRMWARE, 0
         """The question under way, or the next one."""
         self._tries = 0
@@ -81,9 +69,6 @@ class AtiCanClient:
         self._matrix: list[list[float]] = []
         self._start: SampleStart | None = None
         self._status = 0
-        self._told: set[int] = set()
-        """Statuses that were told, each once."""
-        self._count = 0
         self._bus = ""
         """The newest report of the interface about the bus."""
 
@@ -92,7 +77,7 @@ class AtiCanClient:
     def receive(self, data: Sequence[CanFrame], now: float) -> None:
         """Take frames; those of other boards and of interfaces are passed over."""
         for frame in data:
-            if self._ended:
+            if self._telling.ended:
                 return
             op = frame.identifier & 0xF
             try:
@@ -104,21 +89,8 @@ class AtiCanClient:
                 self._take(op, frame, now)
             except RemoteProtocolError as error:
                 self.statistics.malformed += 1
-                if not (self._ready or frame.error) and op != Op.SAMPLE:
-                    self._fail(f"{error}; look at its calibration")
-
-    def next_event(self) -> SensorEvent | None:
-        """The oldest event."""
-        return self._events.popleft() if self._events else None
-
-    def data_to_send(self, now: float) -> Sequence[CanFrame]:
-        """The question that is due."""
-        out, self._out = self._out, []
-        return out
-
-    def next_deadline(self) -> float | None:
-        """When the next question is due, or an answer is overdue, s."""
-        return self._due
+                if not (self._telling.ready or frame.error) and op != Op.SAMPLE:
+                    self._fail(str(error), "look at its calibration")
 
     def handle_deadline(self, now: float) -> None:
         """Ask, ask again, or give up."""
@@ -132,21 +104,15 @@ class AtiCanClient:
             self._ask(now)
         else:
             self._fail(
-                f"it does not answer; asked {self._tries} times for {self._op.name.lower()}. Look at its supply, "
-                f"the bus, its rate, and base {self._profile.base:02X}"
+                f"it does not answer; asked {self._tries} times for {self._op.name.lower()}",
+                f"look at its supply, the bus, its rate, and base {self._profile.base:02X}",
             )
-
-    def zero(self) -> None:
-        """Take the mean of the next samples as zero. Raises LocalProtocolError after the end."""
-        if self._ended:
-            raise LocalProtocolError("the session with the sensor is over")
-        self._tare.zero()
 
     def stop(self) -> None:
         """Ask for nothing more: the board says nothing by itself."""
-        if not self._ended:
-            self._ended, self._due = True, None
-            self._events.append(SensorStopped())
+        if not self._telling.ended:
+            self._due = None
+            self._telling.stop()
 
     # --- questions
 
@@ -173,7 +139,7 @@ class AtiCanClient:
         if op in (Op.SAMPLE, Op.SAMPLE_REST):
             self._take_sample(op, frame, now)
         elif op == Op.RESET or (op == Op.SLOT and self._op is not Op.SLOT):
-            self._fail("another host resets the board or chooses a calibration; let one host alone use it")
+            self._fail("another host resets the board or chooses a calibration", "let one host alone use it")
         elif not self._under_way or (op != self._op and not (self._op is Op.ROW and op in _ROW_OPS)):
             self._tell_others()
         elif op == Op.FIRMWARE and data:
@@ -230,36 +196,31 @@ class AtiCanClient:
         at = now if frame.received_at is None else frame.received_at
         self._tell(start.status, (zero, one, two, three, four, five), at)
         self._under_way, self._tries = False, 0
-        if not self._ended:
+        if not self._telling.ended:
             self._due = max(now, self._asked_at + self._profile.period_ms * 1e-3)
 
     def _tell(self, status: int, gages: tuple[int, ...], at: float) -> None:
+        telling = self._telling
         if status != self._status:
-            if status and status not in self._told and len(self._told) < _TOLD_LIMIT:
-                self._told.add(status)
-                self._events.append(SensorNotice(f"status {status:04X}: {status_words(status)}"))
-            if self._ready and status & WATCHDOG and not self._status & WATCHDOG:
-                self._events.append(SensorRestarted())  # its slot is 0 again
+            words = f"status {status:04X}: {status_words(status)}"
+            if status:
+                telling.notice_status(status, words)
+            if telling.ready and status & WATCHDOG and not self._status & WATCHDOG:
+                telling.tell(SensorRestarted())  # its slot is 0 again
                 self._op = Op.SLOT
             self._status = status
-        if not self._ready:
+        if not telling.ready:
             if status & CRITICAL:
                 self._fail(
-                    f"it reports status {status:04X}: {status_words(status)}; look at its supply and cable"
+                    f"it reports status {status:04X}: {status_words(status)}", "look at its supply and cable"
                 )
                 return
-            self._ready = True
-            self._events.append(SensorReady(self._facts()))
-        self._count += 1
+            telling.begin(self._facts())
         # A gage at its end changes every axis.
         lost = status & CRITICAL or max(gages) >= GAGE_HIGH or min(gages) <= GAGE_LOW
         g, h, i, j, k, m = gages
-        values = self._tare.values(
-            [0.0 + a * g + b * h + c * i + d * j + e * k + f * m for a, b, c, d, e, f in self._matrix]
-        )
-        self._events.append(WrenchFrame(values, self._count, self._count, at, _ALL_AXES if lost else 0))
-        if self._tare.took:
-            self._events.append(Zeroed())
+        raw = [0.0 + a * g + b * h + c * i + d * j + e * k + f * m for a, b, c, d, e, f in self._matrix]
+        telling.sample(raw, at, _ALL_AXES if lost else 0)
 
     def _facts(self) -> SensorFacts:
         force, torque = (unit / counts for unit, counts in zip(self._units, self._per_unit, strict=True))
@@ -271,14 +232,14 @@ class AtiCanClient:
     def _tell_others(self) -> None:
         if not self._others:
             self._others = True
-            self._events.append(SensorNotice("another host asks on this bus, or an answer came late"))
+            self._telling.notice("another host asks on this bus, or an answer came late")
 
     def _tell_bus(self, text: str) -> None:
         if text != self._bus:
             self._bus = text
-            self._events.append(SensorNotice(text))
+            self._telling.notice(text)
 
-    def _fail(self, text: str) -> None:
-        if not self._ended:
-            self._ended, self._due = True, None
-            self._events.append(SensorFailed(text))
+    def _fail(self, text: str, remedy: str = "") -> None:
+        if not self._telling.ended:
+            self._due = None
+            self._telling.fail(text, remedy)

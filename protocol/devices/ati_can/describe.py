@@ -1,17 +1,12 @@
 """Frames of a NETCANOEM board as plain values, for people to read."""
 
 from protocol.can.text import parse_frame
-from protocol.devices.ati_can.messages import (
-    Op,
-    decode_counts,
-    decode_firmware,
-    decode_pair,
-    decode_sample,
-    decode_sample_rest,
-    decode_units,
-    status_words,
-)
+from protocol.devices.ati_can.messages import LAYOUTS, Op, decode_counts, decode_pair, decode_units
 from protocol.endpoint import RemoteProtocolError
+
+_ANSWERS_ALONE = {Op.SAMPLE_REST, Op.ROW_MIDDLE, Op.ROW_END}
+_CHECKED = {**dict.fromkeys((Op.ROW, Op.ROW_MIDDLE, Op.ROW_END), decode_pair), Op.COUNTS: decode_counts}
+"""Answers of which some values are refused."""
 
 
 def describe(raw: bytes) -> list[dict[str, object]]:
@@ -40,34 +35,17 @@ def describe(raw: bytes) -> list[dict[str, object]]:
 
 def _fields(op: Op, data: bytes) -> list[dict[str, object]]:
     """Fields of an answer; of a question its bytes."""
-    if op is Op.SAMPLE and data:
-        start = decode_sample(data)
-        gages = zip((0, 2, 4), start.gages, strict=True)
-        status = _field("status", start.status, start.status, status_words(start.status) or "no error")
-        return [status, *(_field(f"sg{k}", gage, gage, "strain gage") for k, gage in gages)]
-    if op is Op.SAMPLE_REST:
-        gages = zip((1, 3, 5), decode_sample_rest(data), strict=True)
-        return [_field(f"sg{k}", gage, gage, "strain gage") for k, gage in gages]
-    if op in (Op.ROW_MIDDLE, Op.ROW_END) or (op is Op.ROW and len(data) > 1):
-        first = 2 * (op - Op.ROW)
-        return [
-            _field(f"sg{first + k}", value, value, "coefficient") for k, value in enumerate(decode_pair(data))
-        ]
-    if op is Op.COUNTS and data:
-        force, torque = decode_counts(data)
-        return [_field("per force", force, force, "counts"), _field("per torque", torque, torque, "counts")]
-    if op is Op.UNITS and data:
-        units = decode_units(data)
-        return [
-            _field("force", data[0], units[0], "N for one"),
-            _field("torque", data[1], units[1], "N·m for one"),
-        ]
-    if op is Op.FIRMWARE and data:
-        return [
-            _field(name, part, part, "")
-            for name, part in zip(("major", "minor", "build"), decode_firmware(data), strict=True)
-        ]
-    return [_field("byte", byte, byte, "") for byte in data]
+    layout = LAYOUTS.get(op)
+    longest_question = -1 if op in _ANSWERS_ALONE else 1 if op is Op.ROW else 0
+    if layout is None or len(data) <= longest_question:
+        return [_field("byte", byte, byte, "") for byte in data]
+    if op is Op.UNITS:
+        units = zip(("force", "torque"), data, decode_units(data), ("N", "N·m"), strict=True)
+        return [_field(name, code, unit, f"{si} for one") for name, code, unit, si in units]
+    if read := _CHECKED.get(op):
+        read(data)
+    layout.unpack_exact(data)
+    return layout.describe(data)
 
 
 def _made(

@@ -7,12 +7,15 @@ client that drove a board (ati-netcanoem-cpp), read for facts only.
 
 import math
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from enum import IntEnum
 from typing import NamedTuple
 
+from protocol.can.dbc import CanMessage
 from protocol.can.frame import CanFilter, CanFrame
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
+from protocol.fields import Field, Layout, bit_words
+from protocol.marks import Mark
 
 BITRATE = 250_000
 """With the default switch on. Source: manual."""
@@ -43,10 +46,6 @@ class Op(IntEnum):
     FIRMWARE = 0xF
 
 
-_SAMPLE, _SAMPLE_REST = struct.Struct(">H3h"), struct.Struct(">3h")
-_PAIR = struct.Struct(">2f")
-_COUNTS = struct.Struct(">2I")
-
 ANY_ERROR = 1 << 15
 STATUS_BITS = {
     0: "watchdog reset",
@@ -61,9 +60,8 @@ STATUS_BITS = {
     11: "temperature too high",
     12: "temperature too low",
     14: "CAN bus error",
-    15: "any error",
 }
-"""Meaning of each bit. Source: manual."""
+"""Meaning of each bit but the summary, 15. Source: manual."""
 WATCHDOG = 1
 CRITICAL = 0b0001_1000_1111_1110
 """Bits with which no sample can be trusted: 1 … 7, 11 and 12. Source: manual."""
@@ -79,6 +77,71 @@ TORQUE_UNITS = {
     6: 1000.0,
 }
 """N·m for one, by the board's code. Source: manual."""
+
+
+def _layout(name: str, *fields: Field) -> Layout:
+    end = max(field.offset + struct.calcsize(f">{field.format}") for field in fields)
+    return Layout(name, end, ">", fields)
+
+
+def _gages(first: int, offset: int) -> Iterator[Field]:
+    for place, gage in enumerate(range(first, GAGES, 2)):
+        yield Field(f"sg{gage}", offset + 2 * place, "h", Mark.OBSERVED, "strain gage", unit="counts")
+
+
+def _coefficients(first: int) -> Layout:
+    fields = (
+        Field(
+            f"sg{first + place}", 4 * place, "f", Mark.OBSERVED, "coefficient of the matrix, counts for one"
+        )
+        for place in range(2)
+    )
+    return _layout("a part of the matrix", *fields)
+
+
+STATUS = Field("status", 0, "H", Mark.OBSERVED, "0 without an error", bits=STATUS_BITS)
+SAMPLE = _layout("the first half of a sample", STATUS, *_gages(0, 2))
+SAMPLE_REST = _layout("the second half of a sample", *_gages(1, 0))
+ROW, ROW_MIDDLE, ROW_END = _coefficients(0), _coefficients(2), _coefficients(4)
+COUNTS = _layout(
+    "the counts",
+    Field("per force", 0, "I", Mark.OBSERVED, "of the matrix for one unit of force", unit="counts"),
+    Field("per torque", 4, "I", Mark.OBSERVED, "of the matrix for one unit of torque", unit="counts"),
+)
+UNITS = _layout(
+    "the units",
+    Field("force", 0, "B", Mark.OBSERVED, "code of the unit"),
+    Field("torque", 1, "B", Mark.OBSERVED, "code of the unit"),
+)
+FIRMWARE = _layout(
+    "the firmware",
+    Field("major", 0, "B", Mark.OBSERVED),
+    Field("minor", 1, "B", Mark.OBSERVED),
+    Field("build", 2, "H", Mark.OBSERVED),
+)
+LAYOUTS: Mapping[Op, Layout] = {
+    Op.SAMPLE: SAMPLE,
+    Op.SAMPLE_REST: SAMPLE_REST,
+    Op.ROW: ROW,
+    Op.ROW_MIDDLE: ROW_MIDDLE,
+    Op.ROW_END: ROW_END,
+    Op.COUNTS: COUNTS,
+    Op.UNITS: UNITS,
+    Op.FIRMWARE: FIRMWARE,
+}
+"""Answers of the board, by operation. A question has at most two bytes of its own."""
+
+
+def can_messages(identifiers: Iterable[int]) -> Sequence[CanMessage]:
+    """The answers of the board whose frames have these identifiers, or of one with the default base. Its questions have
+    the same identifiers, and at most a byte.
+    """
+    base = next((each >> 4 for each in identifiers), BASE)
+    return [CanMessage(identifier(base, op), op.name, layout, True) for op, layout in LAYOUTS.items()]
+
+
+_unpack_sample, _unpack_rest = SAMPLE.struct.unpack, SAMPLE_REST.struct.unpack
+"""Samples come in every few milliseconds: by the tables' structs themselves."""
 
 
 class SampleStart(NamedTuple):
@@ -109,41 +172,39 @@ def question(base: int, op: Op, *data: int) -> CanFrame:
 
 def encode_sample(base: int, status: int, gages: Sequence[int]) -> tuple[CanFrame, CanFrame]:
     """Both frames of a sample. Raises LocalProtocolError for values that do not fit."""
-    try:
-        return (
-            CanFrame(identifier(base, Op.SAMPLE), _SAMPLE.pack(status, *gages[0::2])),
-            CanFrame(identifier(base, Op.SAMPLE_REST), _SAMPLE_REST.pack(*gages[1::2])),
-        )
-    except struct.error as error:
-        raise LocalProtocolError(f"sample: {error}") from error
+    return (
+        CanFrame(identifier(base, Op.SAMPLE), SAMPLE.pack_row(status, *gages[0::2])),
+        CanFrame(identifier(base, Op.SAMPLE_REST), SAMPLE_REST.pack_row(*gages[1::2])),
+    )
 
 
 def decode_sample(data: bytes) -> SampleStart:
     """First half of a sample. Raises RemoteProtocolError for another length."""
-    _sized(data, _SAMPLE.size, "the first half of a sample")
-    status, a, b, c = _SAMPLE.unpack(data)
+    if len(data) != 8:
+        raise RemoteProtocolError(f"{SAMPLE.name} has 8 bytes, got {len(data)}")
+    status, a, b, c = _unpack_sample(data)
     return SampleStart(status, (a, b, c))
 
 
 def decode_sample_rest(data: bytes) -> tuple[int, int, int]:
     """Gages 1, 3 and 5. Raises RemoteProtocolError for another length."""
-    _sized(data, _SAMPLE_REST.size, "the second half of a sample")
-    a, b, c = _SAMPLE_REST.unpack(data)
+    if len(data) != 6:
+        raise RemoteProtocolError(f"{SAMPLE_REST.name} has 6 bytes, got {len(data)}")
+    a, b, c = _unpack_rest(data)
     return a, b, c
 
 
 def encode_row(base: int, row: Sequence[float]) -> tuple[CanFrame, ...]:
     """The three frames of a row of the matrix."""
     return tuple(
-        CanFrame(identifier(base, op), _PAIR.pack(*row[2 * k : 2 * k + 2]))
+        CanFrame(identifier(base, op), LAYOUTS[op].pack_row(*row[2 * k : 2 * k + 2]))
         for k, op in enumerate((Op.ROW, Op.ROW_MIDDLE, Op.ROW_END))
     )
 
 
 def decode_pair(data: bytes) -> tuple[float, float]:
     """Two coefficients of a row. Raises RemoteProtocolError for another length, and for what is no number."""
-    _sized(data, _PAIR.size, "a part of the matrix")
-    a, b = _PAIR.unpack(data)
+    a, b = ROW.unpack_exact(data)
     if not (math.isfinite(a) and math.isfinite(b)):
         raise RemoteProtocolError("the matrix holds what is no number")
     return a, b
@@ -151,13 +212,12 @@ def decode_pair(data: bytes) -> tuple[float, float]:
 
 def encode_counts(base: int, per_force: int, per_torque: int) -> CanFrame:
     """Counts for a unit of force and of torque."""
-    return CanFrame(identifier(base, Op.COUNTS), _COUNTS.pack(per_force, per_torque))
+    return CanFrame(identifier(base, Op.COUNTS), COUNTS.pack_row(per_force, per_torque))
 
 
 def decode_counts(data: bytes) -> tuple[int, int]:
     """Raises RemoteProtocolError for another length, and for 0."""
-    _sized(data, _COUNTS.size, "the counts")
-    per_force, per_torque = _COUNTS.unpack(data)
+    per_force, per_torque = COUNTS.unpack_exact(data)
     if not (per_force and per_torque):
         raise RemoteProtocolError("the board tells 0 counts for a unit")
     return per_force, per_torque
@@ -165,26 +225,19 @@ def decode_counts(data: bytes) -> tuple[int, int]:
 
 def decode_units(data: bytes) -> tuple[float, float]:
     """N and N·m for one unit. Raises RemoteProtocolError for another length, and for a unit that is not known."""
-    _sized(data, 2, "the units")
-    force, torque = FORCE_UNITS.get(data[0]), TORQUE_UNITS.get(data[1])
+    codes = UNITS.unpack_exact(data)
+    force, torque = FORCE_UNITS.get(codes[0]), TORQUE_UNITS.get(codes[1])
     if force is None or torque is None:
-        raise RemoteProtocolError(f"the board tells the units {data[0]} and {data[1]}, which are not known")
+        raise RemoteProtocolError(f"the board tells the units {codes[0]} and {codes[1]}, which are not known")
     return force, torque
 
 
 def decode_firmware(data: bytes) -> tuple[int, int, int]:
     """Major, minor and build. Raises RemoteProtocolError for another length."""
-    _sized(data, 4, "the firmware")
-    major, minor, build = struct.unpack(">BBH", data)
+    major, minor, build = FIRMWARE.unpack_exact(data)
     return major, minor, build
 
 
 def status_words(status: int) -> str:
     """The bits of a status in words, without the summary where another says more."""
-    words = [text for bit, text in STATUS_BITS.items() if status >> bit & 1 and bit < 15]
-    return ", ".join(words) or ("an error without a name" if status else "")
-
-
-def _sized(data: bytes, size: int, what: str) -> None:
-    if len(data) != size:
-        raise RemoteProtocolError(f"{what} has {size} bytes, got {len(data)}")
+    return bit_words(status, STATUS_BITS)

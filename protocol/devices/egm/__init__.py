@@ -1,6 +1,6 @@
 """Externally Guided Motion of an ABB robot: its datagrams, and the client that guides it."""
 
-from protocol.devices.egm.client import EgmClient, fault_of
+from protocol.devices.egm.client import EgmClient, find_trouble
 from protocol.devices.egm.describe import describe
 from protocol.devices.egm.messages import (
     Answer,
@@ -17,9 +17,10 @@ from protocol.devices.egm.messages import (
     decode_robot,
     encode_answer,
     encode_robot,
+    names_external_axes,
 )
 from protocol.devices.egm.schema import RobotWare
-from protocol.devices.egm.units import from_wire, rotation_vector, to_wire, turned
+from protocol.devices.egm.units import from_wire, to_wire
 
 __all__ = [
     "Answer",
@@ -39,9 +40,8 @@ __all__ = [
     "describe",
     "encode_answer",
     "encode_robot",
-    "fault_of",
+    "find_trouble",
     "from_wire",
-    "rotation_vector",
+    "names_external_axes",
     "to_wire",
-    "turned",
 ]

@@ -33,9 +33,9 @@ from protocol.devices.egm.messages import (
     decode_robot,
     encode_answer,
 )
-from protocol.devices.egm.units import from_wire, rotated, rotation_vector, to_wire
-from protocol.endpoint import RemoteProtocolError
-from protocol.geometry import Pose, Vector
+from protocol.devices.egm.units import from_wire, to_wire
+from protocol.endpoint import NO_TROUBLE, RemoteProtocolError, Trouble
+from protocol.geometry import Pose, Vector, rotate, rotation_vector, turn_between
 from protocol.robot import ReportReceived, RobotReport, StreamEvent, StreamLost, StreamNotice
 
 _NUMBERS = 2**32
@@ -58,36 +58,47 @@ _EVENTS_MAX = 1024
 _NOWHERE = Pose((math.nan, math.nan, math.nan), (1.0, 0.0, 0.0, 0.0))
 _STILL = (0.0,) * 6
 
-_FAULTS: tuple[tuple[str, frozenset[int], str], ...] = (
-    ("motors", frozenset({Motors.ON}), "the motors are off; switch them on and start the RAPID program"),
+_FAULTS: tuple[tuple[str, frozenset[int], Trouble], ...] = (
+    (
+        "motors",
+        frozenset({Motors.ON}),
+        Trouble("the motors are off", "switch them on and start the RAPID program"),
+    ),
     (
         "rapid",
         frozenset({Rapid.RUNNING, Rapid.UNDEFINED}),  # it may stay undefined after a restart [O:lib]
-        "the RAPID program is stopped; start it",
+        Trouble("the RAPID program is stopped", "start it"),
     ),
     (
         "guidance",
         frozenset({Guidance.RUNNING}),
-        "it is not guided (mciState STOPPED): EGMRunPose has not begun or has ended; start the RAPID program, and give "
-        "EGMRunPose a CondTime that does not end it",
+        Trouble(
+            "it is not guided (mciState STOPPED): EGMRunPose has not begun or has ended",
+            "start the RAPID program, and give EGMRunPose a CondTime that does not end it",
+        ),
     ),
 )
-"""Field of a robot's message, values with which it moves, and what to do about any other one [O:lib]."""
-_ERROR = "EGM has ended with an error (mciState ERROR); read the controller's event log, then start the RAPID program"
-_NO_POSE = "it tells no pose; guide it by EGMActPose"
+"""Field of a robot's message, values with which it moves, and the trouble of any other one [O:lib]."""
+_ERROR = Trouble(
+    "EGM has ended with an error (mciState ERROR)",
+    "read the controller's event log, then start the RAPID program",
+)
+_NO_POSE = Trouble("it tells no pose", "guide it by EGMActPose")
 
 
 _HEALTHY = frozenset(product(*(good for _, good, _ in _FAULTS)))
 """Values of these fields, in their order, of a robot that moves."""
 
 
-def fault_of(message: RobotMessage) -> str:
-    """Reason for which a robot that tells this cannot move, in words; empty without any."""
+def find_trouble(message: RobotMessage) -> Trouble:
+    """Reason for which a robot that tells this cannot move."""
     if (message.motors, message.rapid, message.guidance) in _HEALTHY:
-        return ""
+        return NO_TROUBLE
     if message.guidance == Guidance.ERROR:
         return _ERROR
-    return next((words for field, good, words in _FAULTS if getattr(message, field) not in good), "")
+    return next(
+        (trouble for field, good, trouble in _FAULTS if getattr(message, field) not in good), NO_TROUBLE
+    )
 
 
 class EgmClient:
@@ -127,8 +138,8 @@ class EgmClient:
         """When a session came whose guidance has not begun, s; None once it has."""
         self._first: tuple[int, int] | None = None
         """Number and tm of a session's first datagram until its cycle has been measured."""
-        self._wrong_cycle = ""
-        """Words for a cycle that is not as expected."""
+        self._wrong_cycle = NO_TROUBLE
+        """A cycle that is not as expected."""
         self._guided = False
         """The newest datagram told no fault."""
         self._moving = False
@@ -200,26 +211,32 @@ class EgmClient:
         distance = self._distance(message, at)
         if distance is None:
             if self._seqno is not None:
-                self._lost("the controller began another EGM session; the tool stands where it was stopped")
+                self._lose("the controller began another EGM session", "the tool stands where it was stopped")
             distance = 1
             self._session_at = at
-            self._first, self._wrong_cycle, self._frames = (message.seqno, message.tm_ms), "", Frames()
+            self._first, self._wrong_cycle, self._frames = (
+                (message.seqno, message.tm_ms),
+                NO_TROUBLE,
+                Frames(),
+            )
         number = self._number + distance
         measured = message.feedback.pose if message.feedback is not None else None
         self._time_cycle(message)
         planned = message.planned.pose if message.planned is not None else None
-        fault = fault_of(message) or ("" if measured is not None else _NO_POSE) or self._wrong_cycle
+        trouble = (
+            find_trouble(message) or (NO_TROUBLE if measured is not None else _NO_POSE) or self._wrong_cycle
+        )
         if distance > 0:
             misplaced = self._misplaced(measured, planned, at)
-            fault = self._frames.refused or fault or misplaced
+            trouble = self._frames.refused or trouble or misplaced
         if self._waiting_since is not None and at - self._waiting_since >= _ON_THE_WAY * self._cycle:
             self._waiting_since = None  # the robot has looked for it by now
         begins = self._begins(message, at)
         if distance > 0:
             self._number, self._seqno, self._tm, self._arrived_at = number, message.seqno, message.tm_ms, at
-            self._guided = not fault
-            self._stopped |= self._moving and bool(fault)
-            if fault or self._reference is None:
+            self._guided = not trouble
+            self._stopped |= self._moving and bool(trouble)
+            if trouble or self._reference is None:
                 self._stay_at(planned or measured)
         if begins and not self._frames.refused:
             self._due |= distance != 0
@@ -227,7 +244,9 @@ class EgmClient:
         self._again.append(distance == 0)
         pose = _NOWHERE if measured is None else from_wire(measured)
         force = self._measured_force(message.force, pose) if message.force else None
-        self._events.append(ReportReceived(RobotReport(number, pose, at, at, fault, (), force)))
+        self._events.append(
+            ReportReceived(RobotReport(number, pose, at, at, trouble.fact, (), force, trouble.remedy))
+        )
 
     def _measured_force(self, told: tuple[float, ...], pose: Pose) -> Vector | None:
         """The robot's own force in the base frame, N; None where it tells none. Six zeros are none: no sensor is so
@@ -236,13 +255,13 @@ class EgmClient:
         if self._force_axes == "none" or len(told) < 3 or not any(told):
             return None
         a, b, c = told[:3]
-        force = (a, b, c) if self._force_axes == "base" else rotated(pose.quaternion, (a, b, c))
+        force = (a, b, c) if self._force_axes == "base" else rotate(pose.quaternion, (a, b, c))
         return force if all(map(math.isfinite, force)) else None
 
-    def _misplaced(self, measured: PoseMm | None, planned: PoseMm | None, at: float) -> str:
-        """Why the pose that is told outside of a movement is none to begin one at; empty where it is."""
+    def _misplaced(self, measured: PoseMm | None, planned: PoseMm | None, at: float) -> Trouble:
+        """Reason for which the pose that is told outside of a movement is none to begin one at."""
         if self._moving:
-            return ""
+            return NO_TROUBLE
         frames = self._frames
         return frames.fault(measured, planned, at) or frames.leaves(self._reference, planned, at)
 
@@ -282,9 +301,9 @@ class EgmClient:
         self._first = None
         cycle = _signed(message.tm_ms - tm) * 1e-3 / count
         if abs(cycle - self._cycle) > _CYCLE_TOLERANCE * self._cycle:
-            self._wrong_cycle = (
-                f"it sends every {cycle * 1e3:.1f} ms and not every {self._cycle * 1e3:g} ms; set "
-                "robot.egm.sample_ms to the SampleRate of its program"
+            self._wrong_cycle = Trouble(
+                f"it sends every {cycle * 1e3:.1f} ms and not every {self._cycle * 1e3:g} ms",
+                "set robot.egm.sample_ms to the SampleRate of its program",
             )
 
     def _stay_at(self, pose: PoseMm | None) -> None:
@@ -292,10 +311,11 @@ class EgmClient:
         if pose is not None and all(map(math.isfinite, (*pose.position_mm, *pose.quaternion))):
             self._reference = pose
 
-    def _lost(self, text: str) -> None:
+    def _lose(self, fact: str, remedy: str) -> None:
         self._reference = self._sent = None
         self._stopped = self._moving
-        self._events.append(StreamLost(text) if self._moving else StreamNotice("link", text))
+        notice = StreamNotice("link", str(Trouble(fact, remedy)))
+        self._events.append(StreamLost(fact, remedy) if self._moving else notice)
 
     def _notice(self, kind: str, text: str, now: float) -> None:
         """Tell it, once a second of a kind at most."""
@@ -310,7 +330,7 @@ class EgmClient:
             return _STILL
         time = max(self._number - self._sent_number, 1) * self._cycle
         (x, y, z), (a, b, c) = before.position_mm, reference.position_mm
-        u, v, w = map(math.degrees, rotation_vector(before.quaternion, reference.quaternion))
+        u, v, w = map(math.degrees, rotation_vector(turn_between(before.quaternion, reference.quaternion)))
         return (a - x) / time, (b - y) / time, (c - z) / time, u / time, v / time, w / time
 
 

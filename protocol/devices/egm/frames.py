@@ -8,7 +8,8 @@ the origin. A robot whose set point leaves an answer that stands is seen to take
 import math
 
 from protocol.devices.egm.messages import PoseMm
-from protocol.devices.egm.units import rotation_vector
+from protocol.endpoint import NO_TROUBLE, Trouble
+from protocol.geometry import angle_between
 
 APART_MM, APART_RAD = 1.0, math.radians(1.0)
 """Chosen: a measured pose that is farther from a set point that stands is told in another frame; some times what a
@@ -36,31 +37,31 @@ class Frames:
         self._answer: PoseMm | None = None
         self._answered_since = -math.inf
         self._nearest = math.inf
-        self.refused = ""
-        """Why this robot must get no more answers in this session, in words; empty while it may."""
+        self.refused = NO_TROUBLE
+        """Reason for which this robot must get no more answers in this session."""
 
-    def fault(self, measured: PoseMm | None, planned: PoseMm | None, at: float) -> str:
-        """Why the pose that a robot tells at a time, s, while nothing moves it is not to be used; empty where it is."""
+    def fault(self, measured: PoseMm | None, planned: PoseMm | None, at: float) -> Trouble:
+        """Reason for which the pose that a robot tells at a time, s, while nothing moves it is not to be used."""
         stood = self._stands(planned, at)
         if self.refused or measured is None or planned is None:
             return self.refused
         if math.hypot(*measured.position_mm) < LEAST_MM and math.hypot(*planned.position_mm) < LEAST_MM:
-            self.refused = (
-                f"it tells to stand {math.hypot(*measured.position_mm):.1f} mm from the origin of its base, where no "
-                f"tool can be; {_OTHER}"
+            off = math.hypot(*measured.position_mm)
+            self.refused = Trouble(
+                f"it tells to stand {off:.1f} mm from the origin of its base, where no tool can be", _OTHER
             )
             return self.refused
         off = math.dist(measured.position_mm, planned.position_mm)
-        turned = math.hypot(*rotation_vector(planned.quaternion, measured.quaternion))
+        turned = angle_between(planned.quaternion, measured.quaternion)
         if stood and (off > APART_MM or turned > APART_RAD):
-            return (
-                f"it tells to stand {off:.1f} mm and {math.degrees(turned):.1f}° from its own set point, which stands; "
-                f"{_OTHER}"
+            return Trouble(
+                f"it tells to stand {off:.1f} mm and {math.degrees(turned):.1f}° from its own set point, which stands",
+                _OTHER,
             )
-        return ""
+        return NO_TROUBLE
 
-    def leaves(self, answer: PoseMm | None, planned: PoseMm | None, at: float) -> str:
-        """Why a robot seems to take poses in another frame than it tells them in; empty while it does not."""
+    def leaves(self, answer: PoseMm | None, planned: PoseMm | None, at: float) -> Trouble:
+        """Reason to think that a robot takes poses in another frame than it tells them in."""
         if answer != self._answer:
             first = self._answer is None
             self._answer, self._nearest = answer, math.inf
@@ -70,8 +71,8 @@ class Frames:
         off = math.dist(answer.position_mm, planned.position_mm)
         self._nearest = min(self._nearest, off)
         if off > self._nearest + APART_MM:
-            self.refused = (
-                f"its set point went {off - self._nearest:.1f} mm away from an answer that stands; {_OTHER}"
+            self.refused = Trouble(
+                f"its set point went {off - self._nearest:.1f} mm away from an answer that stands", _OTHER
             )
         return self.refused
 

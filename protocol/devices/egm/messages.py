@@ -14,7 +14,7 @@ from google.protobuf.message import DecodeError
 
 from protocol.devices.egm.schema import RobotWare, message_class
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
-from protocol.geometry import Quaternion, Vector
+from protocol.geometry import Quaternion, Vector, from_angles
 
 LARGEST_BYTES = 1500
 """A longer datagram is refused unread. Chosen: some hundred bytes are usual [O:flo], and an Ethernet frame holds it."""
@@ -284,26 +284,17 @@ def decode_answer(data: bytes) -> Answer:
     _trusted("EgmSensor", dnum, DNUM_MAX)
     if pose is not None:
         _trusted("EgmSensor", (*pose.position_mm, *pose.quaternion), 7)
-    return SensorMessage(
-        header.seqno, tm, pose, joints, cartesian, joint_speed, _optional(rapid, "digVal"), dnum
-    )
+    digital = _optional(rapid, "digVal")
+    return SensorMessage(header.seqno, tm, pose, joints, cartesian, joint_speed, digital, dnum)
+
+
+def names_external_axes(data: bytes) -> bool:
+    """Whether an answer that can be read has places or speeds of external axes."""
+    parsed = _parsed(_SENSOR, data)
+    return bool(parsed.planned.externalJoints.joints or parsed.speedRef.externalJoints.joints)
 
 
 # --- parts
-
-
-def quaternion_of(x_deg: float, y_deg: float, z_deg: float) -> Quaternion:
-    """The orientation of ABB's Euler angles: about x, then y, then z of the fixed frame [O:lib]."""
-    (a, i), (b, j), (c, k) = (
-        (math.cos(half), math.sin(half))
-        for half in (math.radians(angle) / 2.0 for angle in (x_deg, y_deg, z_deg))
-    )
-    return (
-        c * b * a + k * j * i,
-        c * b * i - k * j * a,
-        c * j * a + k * b * i,
-        k * b * a - c * j * i,
-    )
 
 
 def _parsed(kind: Any, data: bytes) -> Any:
@@ -359,8 +350,8 @@ def _pose(field: Any) -> PoseMm | None:
         return None
     at = field.pos
     position = at.x, at.y, at.z
-    if field.HasField("euler"):  # it wins [M]
-        return PoseMm(position, quaternion_of(field.euler.x, field.euler.y, field.euler.z))
+    if field.HasField("euler"):  # it wins [M]; about x, then y, then z of the fixed frame [O:lib]
+        return PoseMm(position, from_angles(field.euler.z, field.euler.y, field.euler.x))
     if not field.HasField("orient"):
         return None
     orient = field.orient

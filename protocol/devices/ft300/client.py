@@ -3,7 +3,6 @@
 The sensor numbers nothing and has no zero: the client counts the messages, and the zero is the host's.
 """
 
-from collections import deque
 from collections.abc import Sequence
 
 from protocol.devices.ft300.messages import (
@@ -27,19 +26,11 @@ from protocol.devices.ft300.messages import (
     words_of,
 )
 from protocol.devices.ft300.profile import Ft300ClientProfile
-from protocol.endpoint import LocalProtocolError, RemoteProtocolError
+from protocol.endpoint import RemoteProtocolError
 from protocol.geometry import Wrench
-from protocol.wrench import (
-    HostTare,
-    SensorEvent,
-    SensorFacts,
-    SensorFailed,
-    SensorReady,
-    SensorStatistics,
-    SensorStopped,
-    WrenchFrame,
-    Zeroed,
-)
+from protocol.outbox import Due
+from protocol.sensor_telling import SensorTelling
+from protocol.wrench import SensorFacts, SensorStatistics
 
 _ASKED_PERIOD_S = 0.017
 """Derived: a question and its answer on the line, and the turnaround, for the length of a zero."""
@@ -51,7 +42,7 @@ _READS = ((VERSION_REGISTER, 3), (SERIAL_REGISTER, 4))
 _VERSION, _SERIAL, _START, _WRENCH = range(4)
 
 
-class Ft300Client:
+class Ft300Client(Due):
     """Endpoint of bytes: a `SensorClient`."""
 
     def __init__(self, profile: Ft300ClientProfile, now: float) -> None:
@@ -62,8 +53,9 @@ class Ft300Client:
         self._ends = [min(rated / scale, COUNT_END) for rated, scale in zip(self._rated, SCALES, strict=True)]
         streams = profile.mode == "stream"
         self._period = PERIOD_S if streams else None
-        self._tare = HostTare(max(1, round(profile.zero_s / (PERIOD_S if streams else _ASKED_PERIOD_S))))
-        self._events: deque[SensorEvent] = deque()
+        period = PERIOD_S if streams else _ASKED_PERIOD_S
+        self._telling = telling = SensorTelling(zero_samples=max(1, round(profile.zero_s / period)))
+        self.next_event, self.zero = telling.next_event, telling.zero
         self._out = bytearray(STOP)
         self._due: float | None = now + profile.rest_s
         self._step: int | None = None
@@ -72,16 +64,15 @@ class Ft300Client:
         self._tries = 0
         self._answer = b""
         self._reader = StreamReader()
-        self._streaming = self._ready = self._ended = False
+        self._streaming = self._heard = False
         self._model = ""
-        self._count = self._stops = 0
-        self._heard = False
+        self._stops = 0
 
     # --- endpoint
 
     def receive(self, data: bytes, now: float) -> None:
         """Take bytes."""
-        if self._ended:
+        if self._telling.ended:
             return
         if self._stops:
             self._heard = True
@@ -94,19 +85,11 @@ class Ft300Client:
                 self._begin_stream(now)  # its answer was lost, the stream runs
                 self._tell_all(messages, now)
 
-    def next_event(self) -> SensorEvent | None:
-        """The oldest event."""
-        return self._events.popleft() if self._events else None
-
     def data_to_send(self, now: float) -> bytes:
         """Bytes that are due."""
         out = bytes(self._out)
         self._out.clear()
         return out
-
-    def next_deadline(self) -> float | None:
-        """When the patience ends with that which is waited for, s."""
-        return self._due
 
     def handle_deadline(self, now: float) -> None:
         """Ask, ask again, or give up."""
@@ -116,13 +99,13 @@ class Ft300Client:
         if self._stops:
             self._stop_again(now)
         elif self._streaming:
-            self._fail(f"no message came for {profile.silence_s:g} s; look at its supply and its cable")
+            self._fail(f"no message came for {profile.silence_s:g} s", "look at its supply and its cable")
         elif self._step is None:
             self._ask(self._next, now)
         elif self._tries >= profile.tries:
             self._fail(
-                f"it does not answer; asked {self._tries} times. Look at its supply, its cable and the line: "
-                "19200 baud, 8 data bits, no parity"
+                f"it does not answer; asked {self._tries} times",
+                "look at its supply, its cable and the line: 19200 baud, 8 data bits, no parity",
             )
         else:
             if self._step != _WRENCH:
@@ -131,15 +114,9 @@ class Ft300Client:
             else:
                 self._ask(_WRENCH, now)
 
-    def zero(self) -> None:
-        """Take the mean of the next samples as zero. Raises LocalProtocolError after the end."""
-        if self._ended:
-            raise LocalProtocolError("the session with the sensor is over")
-        self._tare.zero()
-
     def stop(self) -> None:
         """End the stream; repeated while messages still come."""
-        if self._ended or self._stops:
+        if self._telling.ended or self._stops:
             return
         if not self._streaming:
             self._finish()
@@ -220,18 +197,13 @@ class Ft300Client:
             self._tell(counts, now)
 
     def _tell(self, counts: Sequence[int], now: float) -> None:
-        if not self._ready:
-            self._ready = True
-            self._events.append(SensorReady(self._facts()))
-        self._count += 1
+        if not self._telling.ready:
+            self._telling.begin(self._facts())
         saturated = 0
         for axis, (count, end) in enumerate(zip(counts, self._ends, strict=True)):
             if not -end < count < end:
                 saturated |= 1 << axis
-        values = self._tare.values(counts)
-        self._events.append(WrenchFrame(values, self._count, self._count, now, saturated))
-        if self._tare.took:
-            self._events.append(Zeroed())
+        self._telling.sample(counts, now, saturated)
 
     def _facts(self) -> SensorFacts:
         a, b, c, d, e, f = self._rated
@@ -250,9 +222,9 @@ class Ft300Client:
         self._due = now + self._profile.rest_s
 
     def _finish(self) -> None:
-        self._ended, self._due = True, None
-        self._events.append(SensorStopped())
+        self._due = None
+        self._telling.stop()
 
-    def _fail(self, text: str) -> None:
-        self._ended, self._due = True, None
-        self._events.append(SensorFailed(text))
+    def _fail(self, text: str, remedy: str = "") -> None:
+        self._due = None
+        self._telling.fail(text, remedy)

@@ -4,10 +4,10 @@ from protocol.devices.ft300.messages import (
     EXCEPTION_BIT,
     EXCEPTIONS,
     HEADER,
+    MESSAGE,
     MESSAGE_SIZE,
     READ,
     READ_INPUT,
-    SCALES,
     SLAVE,
     WRITE,
     WRITE_ONE,
@@ -18,7 +18,6 @@ from protocol.devices.ft300.messages import (
     words_of,
 )
 from protocol.endpoint import RemoteProtocolError
-from protocol.wrench import AXES
 
 _FUNCTIONS = {READ: "read", READ_INPUT: "read", WRITE_ONE: "write", WRITE: "write"}
 
@@ -57,15 +56,10 @@ def _item(raw: bytes, at: int) -> dict[str, object] | None:
     message = raw[at : at + MESSAGE_SIZE]
     if message.startswith(HEADER):
         try:
-            counts = decode_message(message)
+            decode_message(message)
         except RemoteProtocolError:
             return None
-        units = ("N",) * 3 + ("N·m",) * 3
-        fields = [
-            _field(name, count, count * scale, unit)
-            for name, count, scale, unit in zip(AXES, counts, SCALES, units, strict=True)
-        ]
-        return _made(at, MESSAGE_SIZE, "message", fields)
+        return _made(at, MESSAGE_SIZE, "message", MESSAGE.describe(message))
     if raw[at] != SLAVE or len(raw) < at + 5:
         return None
     function = raw[at + 1]

@@ -9,7 +9,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
+from protocol.fields import Field, Layout
 from protocol.geometry import Wrench
+from protocol.marks import Mark
+from protocol.wrench import AXES
 
 BAUDRATE = 19_200
 """Source: manual."""
@@ -17,8 +20,6 @@ SLAVE = 9
 """Source: manual."""
 PERIOD_S = 0.01
 """Between two messages of the stream. Source: manual."""
-SCALES: Wrench = (0.01, 0.01, 0.01, 0.001, 0.001, 0.001)
-"""N and N·m for one count. Source: manual."""
 COUNT_END = 32767
 """Largest count; the least is one less than its negative."""
 
@@ -26,7 +27,20 @@ HEADER = b"\x20\x4e"
 MESSAGE_SIZE = 16
 STOP = b"\xff" * 50
 """Ends the stream. Source: manual."""
-_MESSAGE = struct.Struct("<6h")
+MESSAGE = Layout(
+    "stream message",
+    MESSAGE_SIZE - 2,
+    "<",
+    tuple(
+        Field(axis, len(HEADER) + 2 * place, "h", Mark.OBSERVED, "", 0.01 if place < 3 else 0.001, unit)
+        for place, (axis, unit) in enumerate(zip(AXES, ("N",) * 3 + ("N·m",) * 3, strict=True))
+    ),
+)
+"""Behind its header, and before its check of two bytes, low byte first. Source: manual."""
+_fx, _fy, _fz, _mx, _my, _mz = (field.scale for field in MESSAGE.fields)
+_unpack_message = MESSAGE.struct.unpack_from
+SCALES: Wrench = (_fx, _fy, _fz, _mx, _my, _mz)
+"""N and N·m for one count."""
 
 READ, READ_INPUT, WRITE_ONE, WRITE = 0x03, 0x04, 0x06, 0x10
 EXCEPTION_BIT = 0x80
@@ -78,10 +92,7 @@ def crc_fits(frame: bytes) -> bool:
 
 def encode_message(counts: Sequence[int]) -> bytes:
     """The message of six counts. Raises LocalProtocolError for counts that do not fit."""
-    try:
-        return with_crc(HEADER + _MESSAGE.pack(*counts))
-    except struct.error as error:
-        raise LocalProtocolError(f"stream message: {error}") from error
+    return with_crc(HEADER + MESSAGE.pack_row(*counts)[len(HEADER) :])
 
 
 def decode_message(data: bytes) -> tuple[int, ...]:
@@ -90,7 +101,7 @@ def decode_message(data: bytes) -> tuple[int, ...]:
         raise RemoteProtocolError("a stream message has 16 bytes and begins with 20 4E")
     if not crc_fits(data):
         raise RemoteProtocolError("the check of the stream message is wrong")
-    return _MESSAGE.unpack(data[2:14])
+    return _unpack_message(data)
 
 
 class StreamReader:
@@ -108,7 +119,7 @@ class StreamReader:
         while len(waiting) - at >= MESSAGE_SIZE:
             message = waiting[at : at + MESSAGE_SIZE]
             if message.startswith(HEADER) and crc_fits(message):
-                found.append(_MESSAGE.unpack(message[2:14]))
+                found.append(_unpack_message(message))
                 at += MESSAGE_SIZE
                 self._in_noise = False
                 continue

@@ -15,8 +15,8 @@ repeated `retries` times, then the session is FAILED; a full scale of 0 makes it
 session again, except in STOPPING and STOPPED. A stop goes out from every phase, FAILED too.
 
 Three sides drive it. The owner asks with `zero`, `set_filter` and `stop`. The client tells what it has read by
-`acknowledge`, `boot_up`, `sample` and `tell`, and encodes the order that `order_to_send` gives. Time comes with
-`handle_deadline`. What the owner is told waits in `next_event`.
+`acknowledge`, `boot_up`, `sample`, `notice` and `tell`, and encodes the order that `order_to_send` gives. Time comes
+with `handle_deadline`. What the owner is told waits in `next_event`.
 
 An acknowledge does not say what it answers. So one order is under way at a time, `_flight`; others wait in `_queue`.
 An order that ends a stream is acknowledged only after the rest of the stream's period: `joins`, `joined_s`.
@@ -35,16 +35,13 @@ from typing import Generic, Protocol, TypeVar
 from protocol.devices.jr3.counts import facts_of, full_scales_si
 from protocol.devices.jr3.firmware import HANGS, UNFILTERED, GatewayState, SampleCounter, first_order_delay
 from protocol.devices.jr3.range import Range
-from protocol.endpoint import LocalProtocolError
+from protocol.endpoint import LocalProtocolError, Trouble
+from protocol.sensor_telling import SensorTelling
 from protocol.wrench import (
     AXES,
-    SensorEvent,
-    SensorFailed,
-    SensorNotice,
     SensorReady,
     SensorRestarted,
     SensorStatistics,
-    SensorStopped,
     WrenchFrame,
     Zeroed,
 )
@@ -119,7 +116,7 @@ class Dialect(Generic[Op]):
     """See SampleCounter."""
     check_cutoff: Callable[[float], None]
     """Raises ValueError for a cut-off in Hz that cannot be sent."""
-    why_silent: Callable[[str], str]
+    explain_silence: Callable[[str], Trouble]
     """Words for a gateway that acknowledged nothing for a time, which is given as text."""
 
 
@@ -148,7 +145,8 @@ class GatewaySession(Generic[Op]):
         self._new_at = now
         """When the newest sample with another counter than the one before came, s; not before READY."""
         self._still_timeout = max(profile.still_timeout_s, 5 * (dialect.period or 0.0))
-        self._events: deque[SensorEvent] = deque()
+        self._telling = telling = SensorTelling(f"{dialect.name}: ")
+        self.tell, self.notice, self.next_event = telling.tell, telling.notice, telling.next_event
         self._queue: deque[Op] = deque()
         self._zero_wanted = False
         self._begin(now)
@@ -224,10 +222,6 @@ class GatewaySession(Generic[Op]):
 
     # --- calls of the client
 
-    def tell(self, event: SensorEvent) -> None:
-        """Tell the owner, after all that waits."""
-        self._events.append(event)
-
     def sample(self, counts: tuple[int, int, int, int, int, int], counter: int, at: float) -> None:
         """A sample came, complete at this time; to be told only when READY."""
         if (sequence := self._counter.follow(counter)) is None:
@@ -235,25 +229,25 @@ class GatewaySession(Generic[Op]):
                 stood = (
                     f"its counter has stood at {counter} for {at - self._new_at:.1f} s while samples go on"
                 )
-                self._fail(f"{stood}: sensor unplugged? plug it in, then switch the gateway off and on")
+                self._fail(stood, "sensor unplugged? plug it in, then switch the gateway off and on")
             return
         self._new_at = at
         if self._zeroing:
             self._zeroing = False
             self._range.zeroed(self._range.newest)
-            self._events.append(Zeroed(WrenchFrame(counts, counter, sequence, at)))
+            self.tell(Zeroed(WrenchFrame(counts, counter, sequence, at)))
             return
         saturated = self._range.saturated(counts)
-        if self._range.warnings:
-            self._events.extend(map(SensorNotice, self._range.warnings))
-        self._events.append(WrenchFrame(counts, counter, sequence, at, saturated))
+        for warning in self._range.warnings:
+            self.notice(warning)
+        self.tell(WrenchFrame(counts, counter, sequence, at, saturated))
 
     def boot_up(self, now: float) -> None:
         """The gateway has begun again and knows nothing of this session."""
         if self.phase in (Phase.STOPPING, Phase.STOPPED):
             return
         if self.phase is not Phase.ASKING:
-            self._events.append(SensorRestarted())
+            self.tell(SensorRestarted())
         self._begin(now)
 
     def acknowledge(self, state: int, words: Sequence[int] | None, now: float) -> None:
@@ -296,10 +290,6 @@ class GatewaySession(Generic[Op]):
 
     # --- endpoint
 
-    def next_event(self) -> SensorEvent | None:
-        """The oldest event not yet taken, or None."""
-        return self._events.popleft() if self._events else None
-
     def next_deadline(self) -> float | None:
         """The next time-out or end of a pause."""
         if self.phase is _READY and self._flight is None and not self._queue:
@@ -321,15 +311,15 @@ class GatewaySession(Generic[Op]):
             self._quiet_until = None
         if self.phase is _ASKING and now >= self._ready_by:
             waited = f"{self._profile.ready_timeout_s:g} s"
-            answered = f"acknowledges but not ready after {waited}: sensor unplugged?"
-            self._fail(answered if self._answered else self._dialect.why_silent(waited))
+            answered = Trouble(f"acknowledges but not ready after {waited}", "sensor unplugged?")
+            self._fail(*(answered if self._answered else self._dialect.explain_silence(waited)))
         elif self._flight is not None and not self._flight.resend and now >= self._flight.due:
             self._on_timeout(self._flight)
         if self.phase is _SETTLING and now >= self._settled_at:
             self.phase, self._new_at = _READY, now
             self._tell_facts()
             if not self.cutoff_hz:
-                self._events.append(SensorNotice(UNFILTERED))
+                self.notice(UNFILTERED)
             if self._zero_wanted:
                 self._zero_wanted = False
                 self._enqueue(self._dialect.zero)
@@ -348,23 +338,23 @@ class GatewaySession(Generic[Op]):
         self.phase, self._flight, self._quiet_until = phase, None, None
         self._queue.clear()
 
-    def _fail(self, text: str) -> None:
+    def _fail(self, text: str, remedy: str = "") -> None:
         self._end(Phase.FAILED)
-        self._events.append(SensorFailed(f"{self._dialect.name}: {text}"))
+        self._telling.fail(text, remedy)
 
     def _on_timeout(self, flight: _Flight[Op]) -> None:
         name = flight.op.name.lower().replace("_", " ")
         if flight.op is self._dialect.stop and self.statistics.stands:
-            self._fail(f"no acknowledge of {name}, and its counter stood still before; {HANGS}")
+            self._fail(f"no acknowledge of {name}, and its counter stood still before", HANGS)
         elif self.phase is Phase.ASKING or flight.tries <= self._profile.retries:
             flight.resend = True
         else:
-            self._fail(f"no acknowledge of {name} after {flight.tries} tries; {HANGS}")
+            self._fail(f"no acknowledge of {name} after {flight.tries} tries", HANGS)
 
     def _on_not_ready(self, flight: _Flight[Op], now: float) -> None:
         self._answered = True
         if self.phase is Phase.READY:
-            self._fail("acknowledges but not ready any more: sensor unplugged?")
+            self._fail("acknowledges but not ready any more", "sensor unplugged?")
             return
         order = self._first_step()
         if self._dialect.pause_s is not None:
@@ -379,7 +369,7 @@ class GatewaySession(Generic[Op]):
             self._zeroing = True
         elif answered is self._dialect.stop:
             self.phase = Phase.STOPPED
-            self._events.append(SensorStopped())
+            self._telling.stop()
         elif answered is self._dialect.set_filter:
             if self.phase is _READY:
                 self._tell_facts()
@@ -390,12 +380,12 @@ class GatewaySession(Generic[Op]):
 
     def _tell_facts(self) -> None:
         delay = first_order_delay(self.cutoff_hz)
-        self._events.append(SensorReady(facts_of(self._full_scales, self._dialect.period, delay)))
+        self.tell(SensorReady(facts_of(self._full_scales, self._dialect.period, delay)))
 
     def _accept_scales(self, words: Sequence[int]) -> bool:
         for axis, word in zip(AXES[len(self._words) :], words, strict=False):
             if word == 0:
-                self._fail(f"full scale of {axis} is 0: calibration not read?")
+                self._fail(f"full scale of {axis} is 0", "calibration not read?")
                 return False
         self._words += tuple(words)
         if len(self._words) == len(AXES):
@@ -409,3 +399,24 @@ class GatewaySession(Generic[Op]):
                 self._enqueue(order)
                 return
         self.phase, self._settled_at = Phase.SETTLING, now + self._profile.settle_s
+
+
+class OfSession(Generic[Op]):
+    """A client of a gateway without its wire: requests of the owner, and the clock, concern the session alone."""
+
+    def __init__(self, session: GatewaySession[Op]) -> None:
+        self._session = session
+        self.statistics = session.statistics
+        self.zero, self.set_filter, self.stop = session.zero, session.set_filter, session.stop
+        self.next_event = session.next_event
+        self.next_deadline, self.handle_deadline = session.next_deadline, session.handle_deadline
+
+    @property
+    def phase(self) -> Phase:
+        """Where the session is."""
+        return self._session.phase
+
+    @property
+    def stop_patience(self) -> float:
+        """How long SensorStopped may take when the first stop was lost, s: a stop and its repetition."""
+        return self._session.stop_patience

@@ -4,7 +4,6 @@ It never biases the sensor: the zero is the host's. The page comes to it as a `P
 """
 
 import math
-from collections import deque
 from collections.abc import Sequence
 
 from protocol.datagram import arrived_at
@@ -12,7 +11,6 @@ from protocol.devices.netft.http import Page
 from protocol.devices.netft.page import Configuration, parse_page
 from protocol.devices.netft.profile import NetFtClientProfile
 from protocol.devices.netft.records import (
-    RECORD,
     RECORD_SIZE,
     SATURATED,
     WRAP,
@@ -20,21 +18,12 @@ from protocol.devices.netft.records import (
     encode_request,
     is_warning,
     status_words,
+    unpack_record,
 )
-from protocol.endpoint import LocalProtocolError, RemoteProtocolError
-from protocol.wrench import (
-    HostTare,
-    SensorEvent,
-    SensorFacts,
-    SensorFailed,
-    SensorNotice,
-    SensorReady,
-    SensorRestarted,
-    SensorStatistics,
-    SensorStopped,
-    WrenchFrame,
-    Zeroed,
-)
+from protocol.endpoint import RemoteProtocolError
+from protocol.outbox import Outbox
+from protocol.sensor_telling import SensorTelling
+from protocol.wrench import SensorFacts, SensorRestarted, SensorStatistics
 
 _STOP_AGAIN_S = 0.02
 """Chosen: a stop is repeated while records still come."""
@@ -43,8 +32,6 @@ _USUAL_PERIOD_S = 0.001
 """Assumed period of a box whose page tells none, for the length of a zero."""
 _BEHIND_LIMIT = 10
 """Chosen: so many records in a row that are older than the newest are no stragglers but a sensor that restarted."""
-_TOLD_LIMIT = 16
-"""Chosen: most statuses that are told, so that a status which changes with every record fills no recording."""
 _BACKWARD = WRAP // 2
 _CLOCKS_APART = 0.02
 """Chosen: part by which the clocks of box and receiver may differ. What a record is later than that was held up on its
@@ -53,7 +40,7 @@ way, and is as much older. So a delay that grows in small steps does not pass fo
 _ALL_AXES = 0b111111
 
 
-class NetFtClient:
+class NetFtClient(Outbox[bytes]):
     """Endpoint of datagrams: a `SensorClient`."""
 
     stop_patience = _STOPS * _STOP_AGAIN_S
@@ -61,20 +48,17 @@ class NetFtClient:
     def __init__(self, profile: NetFtClientProfile, now: float) -> None:
         self.statistics = SensorStatistics()
         self._profile = profile
-        self._events: deque[SensorEvent] = deque()
-        self._out: list[bytes] = []
+        self._telling = telling = SensorTelling()
+        self.next_event, self.zero = telling.next_event, telling.zero
+        super().__init__()
         self._configuration: Configuration | None = None
         self._page_failure = "no answer"
         self._due: float | None = now + profile.page_patience_s
         """When the patience ends with that which is waited for."""
-        self._tare = HostTare()
         self._step = 1
         """Samples from one record to the next."""
         self._asked = 0
         """Requests for the stream since the last record."""
-        self._ready = self._ended = False
-        self._told: set[int] = set()
-        """Statuses that were told, each once."""
         self._rdt = self._ft = self._sequence = 0
         """Numbers of the newest record, and the second unwrapped."""
         self._behind = 0
@@ -97,21 +81,8 @@ class NetFtClient:
                 self.statistics.malformed += 1
             elif self._stops:
                 self._heard = True
-            elif self._configuration is not None and not self._ended:
+            elif self._configuration is not None and not self._telling.ended:
                 self._take_record(datagram, now)
-
-    def next_event(self) -> SensorEvent | None:
-        """The oldest event."""
-        return self._events.popleft() if self._events else None
-
-    def data_to_send(self, now: float) -> Sequence[bytes]:
-        """Requests that are due."""
-        out, self._out = self._out, []
-        return out
-
-    def next_deadline(self) -> float | None:
-        """When the patience ends with that which is waited for, s."""
-        return self._due
 
     def handle_deadline(self, now: float) -> None:
         """Ask again, or give up."""
@@ -122,29 +93,22 @@ class NetFtClient:
         elif self._configuration is None:
             self._fail(
                 f"its configuration page did not come within {self._profile.page_patience_s:g} s: "
-                f"{self._page_failure}; look at its supply, its address and the port of its page"
+                f"{self._page_failure}",
+                "look at its supply, its address and the port of its page",
             )
         elif self._asked >= self._profile.starts:
             self._fail(
-                f"no record came after {self._asked} requests; look at its supply and its cable, and whether "
-                "another program reads it"
+                f"no record came after {self._asked} requests",
+                "look at its supply and its cable, and whether another program reads it",
             )
         else:
-            if self._ready and not self._asked:
-                self._events.append(
-                    SensorNotice(f"no record for {self._profile.silence_s * 1e3:g} ms; asked again")
-                )
+            if self._telling.ready and not self._asked:
+                self._telling.notice(f"no record for {self._profile.silence_s * 1e3:g} ms; asked again")
             self._start(now)
-
-    def zero(self) -> None:
-        """Take the mean of the next samples as zero. Raises LocalProtocolError after the end."""
-        if self._ended:
-            raise LocalProtocolError("the session with the sensor is over")
-        self._tare.zero()
 
     def stop(self) -> None:
         """Stop the stream; repeated while records still come."""
-        if self._ended or self._stops:
+        if self._telling.ended or self._stops:
             return
         if self._configuration is None:
             self._finish()
@@ -156,7 +120,7 @@ class NetFtClient:
     # --- page
 
     def _take_page(self, page: Page, now: float) -> None:
-        if self._configuration is not None or self._ended:
+        if self._configuration is not None or self._telling.ended:
             return
         if page.failure:
             self._page_failure = page.failure
@@ -164,17 +128,17 @@ class NetFtClient:
         try:
             configuration = parse_page(page)
         except RemoteProtocolError as error:
-            self._fail(f"{error}; look at the address and at the sensor's own pages")
+            self._fail(str(error), "look at the address and at the sensor's own pages")
             return
         if not configuration.streams:
             self._fail(
-                "its raw data transfer (RDT) is switched off; enable it on its page Communication Settings"
+                "its raw data transfer (RDT) is switched off", "enable it on its page Communication Settings"
             )
             return
         self._configuration = configuration
         period = configuration.period or _USUAL_PERIOD_S
         self._step = max(1, round(period * self._profile.internal_rate_hz))
-        self._tare = HostTare(max(1, round(self._profile.zero_s / period)))
+        self._telling.set_zero_samples(max(1, round(self._profile.zero_s / period)))
         self._start(now)
 
     # --- stream
@@ -185,30 +149,25 @@ class NetFtClient:
         self._due = now + self._profile.silence_s
 
     def _take_record(self, datagram: bytes, now: float) -> None:
-        rdt, ft, status, fx, fy, fz, tx, ty, tz = RECORD.unpack(datagram)
+        rdt, ft, status, fx, fy, fz, tx, ty, tz = unpack_record(datagram)
         self._due = now + self._profile.silence_s
-        saturated = 0
-        if status and status not in self._told:
-            if not (self._ready or status & SATURATED or is_warning(status)):
-                self._fail(f"it reports status {status:08X}: {status_words(status)}; look at its own pages")
+        saturated, telling = 0, self._telling
+        if status and not telling.knows_status(status):
+            words = f"status {status:08X}: {status_words(status)}"
+            if not (telling.ready or status & SATURATED or is_warning(status)):
+                self._fail(f"it reports {words}", "look at its own pages")
                 return
-            if len(self._told) < _TOLD_LIMIT:
-                self._told.add(status)
-                self._events.append(SensorNotice(f"status {status:08X}: {status_words(status)}"))
+            telling.notice_status(status, words)
         if status and not is_warning(status):
             saturated = _ALL_AXES  # the values may be anything: a run retracts
-        if not self._ready:
-            self._ready = True
+        if not telling.ready:
             self._rdt, self._ft, self._sequence = rdt, ft, ft
-            self._events.append(SensorReady(self._facts()))
+            telling.begin(self._facts())
         elif not self._is_next(rdt, ft):
             return
         self._asked = self._behind = self.statistics.standing = 0
-        values = self._tare.values((fx, fy, fz, tx, ty, tz))
         at = self._measured_at(arrived_at(datagram, now))
-        self._events.append(WrenchFrame(values, ft, self._sequence, at, saturated))
-        if self._tare.took:
-            self._events.append(Zeroed())
+        telling.numbered_sample((fx, fy, fz, tx, ty, tz), ft, self._sequence, at, saturated)
 
     def _is_next(self, rdt: int, ft: int) -> bool:
         """Whether a record is newer than the newest; counts what is missing, and what is not newer."""
@@ -222,7 +181,7 @@ class NetFtClient:
             self._behind += 1
             if not self._asked and self._behind < _BEHIND_LIMIT:
                 return False
-            self._events.append(SensorRestarted())
+            self._telling.tell(SensorRestarted())
             step = 1
         else:
             missing = (rdt - self._rdt) % WRAP - 1
@@ -259,10 +218,10 @@ class NetFtClient:
         self._due = now + _STOP_AGAIN_S
 
     def _finish(self) -> None:
-        self._ended, self._due = True, None
-        self._events.append(SensorStopped())
+        self._due = None
+        self._telling.stop()
 
-    def _fail(self, text: str) -> None:
-        self._ended, self._due = True, None
+    def _fail(self, text: str, remedy: str = "") -> None:
+        self._due = None
         self._out.append(encode_request(Command.STOP))
-        self._events.append(SensorFailed(text))
+        self._telling.fail(text, remedy)

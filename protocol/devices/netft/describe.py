@@ -3,11 +3,11 @@
 from protocol.devices.netft.page import parse_page
 from protocol.devices.netft.records import (
     BUFFER_LIMIT,
+    RECORD,
     RECORD_SIZE,
+    REQUEST,
     Command,
-    decode_record,
     decode_request,
-    status_words,
 )
 from protocol.endpoint import RemoteProtocolError
 from protocol.wrench import AXES
@@ -36,10 +36,8 @@ def describe(raw: bytes) -> list[dict[str, object]]:
             item["op"] = Command(request.command).name.lower().replace("_", " ")
         except ValueError:
             problems.append(f"{request.command:04X} is no command")
-        fields = [
-            _field("command", request.command, "", "high bit: names where the records shall go"),
-            _field("count", request.records, "", "records to send; 0: until a stop"),
-        ]
+        fields = REQUEST.describe(raw)[1:]
+        fields[0] |= {"raw": request.command, "value": request.command}
     return [item | {"fields": fields, "problems": problems}]
 
 
@@ -64,22 +62,11 @@ def _page(raw: bytes) -> dict[str, object]:
 
 
 def _record(raw: bytes, at: int) -> dict[str, object]:
-    record = decode_record(raw)
-    fields = [
-        _field("rdt_sequence", record.rdt_sequence, "", "place in this stream"),
-        _field("ft_sequence", record.ft_sequence, "", "number of the internal sample"),
-        _field("status", record.status, "", status_words(record.status) or "no error"),
-        *(_field(name, count, "counts", "") for name, count in zip(AXES, record.counts, strict=True)),
-    ]
     return {
         "offset": at,
         "size": RECORD_SIZE,
         "kind": "record",
         "direction": "from sensor",
-        "fields": fields,
+        "fields": RECORD.describe(raw),
         "problems": [],
     }
-
-
-def _field(name: str, value: int, unit: str, meaning: str) -> dict[str, object]:
-    return {"name": name, "raw": value, "value": value, "unit": unit, "mark": "observed", "meaning": meaning}

@@ -9,6 +9,9 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
+from protocol.fields import Field, Layout, bit_words
+from protocol.marks import Mark
+from protocol.wrench import AXES
 
 RDT_PORT = 49152
 """Source: manual."""
@@ -20,12 +23,6 @@ WRAP = 1 << 32
 """Both sequence numbers begin again at 0 behind this many. Source: manual of the Axia."""
 BUFFER_LIMIT = 40
 """Most records in one datagram. Source: clients."""
-
-REQUEST = struct.Struct(">HHI")
-EXTENDED = struct.Struct(">HHI4sH")
-"""A request that names the address and the port to which the records shall go."""
-RECORD = struct.Struct(">III6i")
-RECORD_SIZE = RECORD.size
 
 
 class Command(IntEnum):
@@ -84,6 +81,29 @@ STATUS_BITS = {
 """Meaning of each bit but the summary, of a Net Box. Source: netft-cpp and the manual of the Axia."""
 
 
+_REQUEST = (
+    Field("header", 0, "H", Mark.OBSERVED, "1234"),
+    Field("command", 2, "H", Mark.OBSERVED, "high bit: names where the records shall go"),
+    Field("count", 4, "I", Mark.OBSERVED, "records to send; 0: until a stop"),
+)
+REQUEST = Layout("a request", 8, ">", _REQUEST)
+EXTENDED = Layout("an extended request", 14, ">", _REQUEST)
+"""A request that names the address and the port to which the records shall go, in its last six bytes."""
+RECORD = Layout(
+    "a record",
+    36,
+    ">",
+    (
+        Field("rdt_sequence", 0, "I", Mark.OBSERVED, "place in this stream"),
+        Field("ft_sequence", 4, "I", Mark.OBSERVED, "number of the internal sample"),
+        Field("status", 8, "I", Mark.OBSERVED, bits=STATUS_BITS),
+        *(Field(axis, 12 + 4 * place, "i", Mark.OBSERVED, unit="counts") for place, axis in enumerate(AXES)),
+    ),
+)
+"""Its counts, divided by the page's counts per unit, are forces and torques."""
+RECORD_SIZE = RECORD.size
+
+
 class Request(NamedTuple):
     """One request."""
 
@@ -108,22 +128,15 @@ class Record(NamedTuple):
 
 def encode_request(command: Command, count: int = 0) -> bytes:
     """Raises LocalProtocolError for a count that does not fit."""
-    try:
-        return REQUEST.pack(HEADER, command, count)
-    except struct.error as error:
-        raise LocalProtocolError(f"request: {error}") from error
+    return REQUEST.pack_row(HEADER, command, count)
 
 
 def decode_request(data: bytes) -> Request:
     """Raises RemoteProtocolError for another length or header."""
-    if len(data) == REQUEST.size:
-        header, command, count = REQUEST.unpack(data)
-        extended = False
-    elif len(data) == EXTENDED.size:
-        header, command, count, _, _ = EXTENDED.unpack(data)
-        extended = True
-    else:
+    extended = len(data) == EXTENDED.size
+    if not extended and len(data) != REQUEST.size:
         raise RemoteProtocolError(f"a request has {REQUEST.size} or {EXTENDED.size} bytes, got {len(data)}")
+    header, command, count = (EXTENDED if extended else REQUEST).unpack_row(data)
     if header != HEADER:
         raise RemoteProtocolError(f"a request begins with {HEADER:04X}, got {header:04X}")
     if extended != bool(command & EXTENDED_BIT):
@@ -134,26 +147,26 @@ def decode_request(data: bytes) -> Request:
 def encode_record(record: Record) -> bytes:
     """Raises LocalProtocolError for values that do not fit."""
     try:
-        return RECORD.pack(*record[:3], *record.counts)
+        return pack_record(record[0], record[1], record[2], *record[3])
     except struct.error as error:
-        raise LocalProtocolError(f"record: {error}") from error
+        raise LocalProtocolError(f"{RECORD.name}: {error}") from error
 
 
 def decode_record(data: bytes) -> Record:
     """Raises RemoteProtocolError for another length."""
     if len(data) != RECORD_SIZE:
-        raise RemoteProtocolError(f"a record has {RECORD_SIZE} bytes, got {len(data)}")
-    rdt, ft, status, *counts = RECORD.unpack(data)
-    fx, fy, fz, tx, ty, tz = counts
+        raise RemoteProtocolError(f"{RECORD.name} has {RECORD_SIZE} bytes, got {len(data)}")
+    rdt, ft, status, fx, fy, fz, tx, ty, tz = unpack_record(data)
     return Record(rdt, ft, status, (fx, fy, fz, tx, ty, tz))
+
+
+pack_record, unpack_record = RECORD.struct.pack, RECORD.struct.unpack
+"""Records come 7000 times a second: by the table's struct itself, and by names of this module."""
 
 
 def status_words(status: int) -> str:
     """The bits of a status in words, without the summary; empty for none."""
-    words = [text for bit, text in STATUS_BITS.items() if status >> bit & 1]
-    if not words and status:
-        words = ["an error without a name"]
-    return ", ".join(words)
+    return bit_words(status, STATUS_BITS)
 
 
 def is_warning(status: int) -> bool:

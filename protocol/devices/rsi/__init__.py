@@ -2,6 +2,7 @@
 
 from protocol.devices.rsi.client import RsiClient
 from protocol.devices.rsi.describe import describe
+from protocol.devices.rsi.elements import pose_tags
 from protocol.devices.rsi.profile import RsiLink
 from protocol.devices.rsi.telegram import (
     ROBOT,
@@ -12,7 +13,6 @@ from protocol.devices.rsi.telegram import (
     fixed,
     number,
     numbers,
-    pose_tags,
 )
 
 __all__ = [

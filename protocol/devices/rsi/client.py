@@ -18,11 +18,12 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from protocol.datagram import arrived_at
-from protocol.devices.rsi.angles import angles_of, inverse, nearest, pose_of, quaternion_of, times
+from protocol.devices.rsi.angles import nearest, pose_of
+from protocol.devices.rsi.elements import pose_tags
 from protocol.devices.rsi.profile import RsiLink
-from protocol.devices.rsi.telegram import ROBOT, SENSOR, Telegram, decode, encode, fixed, number, pose_tags
-from protocol.endpoint import RemoteProtocolError
-from protocol.geometry import Pose
+from protocol.devices.rsi.telegram import ROBOT, SENSOR, Telegram, decode, encode, fixed, number
+from protocol.endpoint import NO_TROUBLE, RemoteProtocolError, Trouble
+from protocol.geometry import Pose, angles_of, from_angles, inverse, product
 from protocol.robot import ReportReceived, RobotReport, StreamEvent, StreamLost, StreamNotice
 
 DECIMALS = 6
@@ -200,10 +201,12 @@ class RsiClient:
         self._report(told, at, self._sequence)
 
     def _report(self, told: _Told, at: float, sequence: int) -> None:
-        fault = self._fault(told)
-        self._halted = self._halted or bool(fault)
+        trouble = self._find_trouble(told)
+        self._halted = self._halted or bool(trouble)
         self._asked.append(told.ipoc)
-        self._events.append(ReportReceived(RobotReport(sequence, told.pose, at, at, fault)))
+        self._events.append(
+            ReportReceived(RobotReport(sequence, told.pose, at, at, trouble.fact, remedy=trouble.remedy))
+        )
 
     def _is_other_program(self, told: _Told) -> bool:
         """Whether the count of late answers begins anew, or the set position is another."""
@@ -275,22 +278,23 @@ class RsiClient:
         self._trail.clear()
         self._trail.append(correction)
 
-    def _fault(self, told: _Told) -> str:
+    def _find_trouble(self, told: _Told) -> Trouble:
         if told.status is not None and told.status != RUNNING:
-            return (
-                f"its program does not run (ProgStatus {told.status:g}); release its stops and start it again"
+            return Trouble(
+                f"its program does not run (ProgStatus {told.status:g})",
+                "release its stops and start it again",
             )
         if self._ran_away:
-            return (
-                "it runs away from a correction that stands, and gets no more answers; give robot.rsi.mode what its "
-                "program gives to RSI_ON, then start it again"
+            return Trouble(
+                "it runs away from a correction that stands, and gets no more answers",
+                "give robot.rsi.mode what its program gives to RSI_ON, then start it again",
             )
         if self._missed >= self._link.late_max:
-            return (
-                f"it has not taken {self._missed} answers in a row (late so far: {told.late}); look at the network, at "
-                "this computer's load, and at SENTYPE"
+            return Trouble(
+                f"it has not taken {self._missed} answers in a row (late so far: {told.late})",
+                "look at the network, at this computer's load, and at SENTYPE",
             )
-        return ""
+        return NO_TROUBLE
 
     # --- corrections
 
@@ -300,7 +304,7 @@ class RsiClient:
         (position, quaternion), total = self._began
         (x, y, z), (u, v, w) = pose.position, position
         x0, y0, z0, a0, b0, c0 = total
-        turn = times(times(pose.quaternion, inverse(quaternion)), quaternion_of((a0, b0, c0)))
+        turn = product(product(pose.quaternion, inverse(quaternion)), from_angles(a0, b0, c0))
         (a, b, c), (_, _, _, a0, b0, c0) = angles_of(turn), self._total
         x, y, z = x0 + (x - u) * 1e3, y0 + (y - v) * 1e3, z0 + (z - w) * 1e3
         return x, y, z, nearest(a, a0), nearest(b, b0), nearest(c, c0)
@@ -390,4 +394,4 @@ def _pose_in(texts: tuple[str, ...]) -> Pose | None:
 def _offset(actual: Pose, planned: Pose) -> Correction:
     """The correction between two poses."""
     x, y, z = ((there - here) * 1e3 for there, here in zip(actual.position, planned.position, strict=True))
-    return (x, y, z, *angles_of(times(actual.quaternion, inverse(planned.quaternion))))
+    return (x, y, z, *angles_of(product(actual.quaternion, inverse(planned.quaternion))))

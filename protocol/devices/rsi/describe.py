@@ -2,33 +2,12 @@
 
 import re
 
-from protocol.devices.rsi.telegram import CLOCK, POSE_AXES, ROBOT, SENSOR, Telegram, decode, number
+from protocol.devices.rsi.elements import CHANNEL, ELEMENTS, Content
+from protocol.devices.rsi.telegram import CLOCK, ROBOT, SENSOR, Telegram, decode, number
 from protocol.endpoint import RemoteProtocolError
 
 _END = re.compile(rb"</(?:Rob|Sen)\s*>")
 _BLANK = b" \t\r\n"
-_MEANINGS = {
-    "RIst": "actual pose of the tool",
-    "RSol": "set pose, without correction",
-    "RKorr": "Cartesian correction: added, or the whole of it, by the mode of RSI_ON",
-    "AIPos": "actual axes",
-    "ASPos": "set axes",
-    "EIPos": "actual external axes",
-    "ESPos": "set external axes",
-    "AK": "correction of the axes",
-    "AKorr": "correction of the axes",
-    "EK": "correction of external axes",
-    "EKorr": "correction of external axes",
-    "MACur": "motor current",
-    "MECur": "motor current of an external axis",
-    "Delay": "late cycles since RSI_ON",
-    "EStr": "message for the controller's panel",
-    "ProgStatus": "state of the program: 3 runs, 4 stopped",
-}
-"""Meanings by element; the names of corrections and of further channels are those of a usual configuration."""
-_ANGLES = {"AIPos", "ASPos", "AK", "AKorr"}
-_CARTESIAN = {"RIst", "RSol", "RKorr"}
-_TEXTS = {"EStr"}
 
 
 def describe(raw: bytes) -> list[dict[str, object]]:
@@ -69,9 +48,10 @@ def _item(raw: bytes, at: int) -> dict[str, object]:
 
 
 def _field(tag: str, text: str) -> dict[str, object]:
-    element, _, attribute = tag.partition(".")
+    name, _, attribute = tag.partition(".")
+    element = ELEMENTS.get(name, CHANNEL)
     value: float | str | None = text
-    if element not in _TEXTS:
+    if element.content is not Content.TEXT:
         try:
             value = number(text)
         except RemoteProtocolError:
@@ -80,15 +60,9 @@ def _field(tag: str, text: str) -> dict[str, object]:
         "name": tag,
         "raw": text,
         "value": value,
-        "unit": _unit(element, attribute),
-        "meaning": _MEANINGS.get(element, "channel of the configuration"),
+        "unit": element.unit(attribute),
+        "meaning": element.meaning,
     }
-
-
-def _unit(element: str, attribute: str) -> str:
-    if element in _CARTESIAN and attribute in POSE_AXES:
-        return "mm" if attribute in POSE_AXES[:3] else "°"
-    return "°" if element in _ANGLES else ""
 
 
 def _problems(telegram: Telegram) -> list[str]:

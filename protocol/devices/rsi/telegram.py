@@ -26,8 +26,6 @@ ROBOT, SENSOR = "Rob", "Sen"
 """Roots: from the robot, and to it."""
 ROOT_TYPES = ("Type", "TYPE")
 """Spellings of the root's attribute; both were observed."""
-POSE_AXES = ("X", "Y", "Z", "A", "B", "C")
-"""Attributes of a Cartesian value in the vendor's order: mm, then degrees."""
 CLOCK = "IPOC"
 _NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]{1,3})?")
 _CLOCK = re.compile(r"[0-9]{1,19}")
@@ -185,11 +183,6 @@ def fixed(value: float, decimals: int) -> str:
         raise ValueError(f"{value} cannot be sent")
     text = f"{value:.{decimals}f}"
     return text[1:] if text.startswith("-") and not text.strip("-0.") else text
-
-
-def pose_tags(element: str) -> tuple[str, ...]:
-    """Tags of a Cartesian element, as `RIst` or `RKorr`, in the vendor's order."""
-    return tuple(f"{element}.{axis}" for axis in POSE_AXES)
 
 
 def _escaped(text: str) -> str:

@@ -9,16 +9,17 @@ from collections import deque
 from enum import Enum, auto
 
 from protocol.devices.rtde import packets
-from protocol.devices.rtde.dashboard import GREETING, QUESTIONS, Lines, refusal
+from protocol.devices.rtde.dashboard import GREETING, QUESTIONS, Lines, find_refusal
 from protocol.devices.rtde.fields import IN_USE, NOT_FOUND, Recipe
 from protocol.devices.rtde.packets import Kind, Packet, Reader
 from protocol.devices.rtde.profile import ClientProfile
 from protocol.devices.rtde.program import INPUT_NAMES, Command, State, program_text
-from protocol.devices.rtde.rotation import pose_of, quaternion_of, six_of, turn_between
+from protocol.devices.rtde.rotation import pose_of, six_of
 from protocol.devices.rtde.states import RobotMode, Runtime, SafetyBits, name_of
 from protocol.devices.rtde.wires import Piece, Pieces, Port
-from protocol.endpoint import RemoteProtocolError
-from protocol.geometry import Pose
+from protocol.endpoint import NO_TROUBLE, RemoteProtocolError, Trouble
+from protocol.geometry import Pose, angle_between, turn_by
+from protocol.outbox import Mailbox
 from protocol.robot import ReportReceived, RobotReport, StreamEvent, StreamLost, StreamNotice, pose_fault
 
 OUTPUT_NAMES = (
@@ -81,29 +82,32 @@ class _Stage(Enum):
 
 
 _LATE = {
-    _Stage.DASHBOARD: "its dashboard does not answer; look at the port, or set dashboard_port to 0",
-    _Stage.VERSION: "it does not answer over RTDE; look at the address and the port",
-    _Stage.OUTPUTS: "it does not answer over RTDE; look at the address and the port",
-    _Stage.INPUTS: "it does not answer over RTDE; look at the address and the port",
-    _Stage.START: "it does not start to send; look at its log",
-    _Stage.FIRST: "it sends no data; look at its log",
-    _Stage.UPLOADED: "the program does not play; look at its log, and whether it is in remote control",
+    _Stage.DASHBOARD: Trouble(
+        "its dashboard does not answer", "look at the port, or set dashboard_port to 0"
+    ),
+    _Stage.VERSION: Trouble("it does not answer over RTDE", "look at the address and the port"),
+    _Stage.OUTPUTS: Trouble("it does not answer over RTDE", "look at the address and the port"),
+    _Stage.INPUTS: Trouble("it does not answer over RTDE", "look at the address and the port"),
+    _Stage.START: Trouble("it does not start to send", "look at its log"),
+    _Stage.FIRST: Trouble("it sends no data", "look at its log"),
+    _Stage.UPLOADED: Trouble(
+        "the program does not play", "look at its log, and whether it is in remote control"
+    ),
 }
 """Words for a stage that takes too long."""
 
 
-class RtdeClient:
+class RtdeClient(Mailbox[Piece, StreamEvent]):
     """A controller's client; see `protocol.robot.StreamClient`."""
 
     def __init__(self, profile: ClientProfile, now: float) -> None:
         self._profile = profile
         self._reader, self._lines = Reader(), Lines()
-        self._events: deque[StreamEvent] = deque()
-        self._out: list[Piece] = []
+        super().__init__()
         self._now = now
-        self._deadline: float | None = now + ANSWER_S
+        self._due: float | None = now + ANSWER_S
         self._play_by = now
-        self._lost = ""
+        self._lost = NO_TROUBLE
         self._tries = TRIES
         self._questions = deque(QUESTIONS if profile.dashboard_port else ())
         self._greeted = False
@@ -142,18 +146,8 @@ class RtdeClient:
                 self._reader.feed(piece.data)
                 self._take_packets(now)
 
-    def next_event(self) -> StreamEvent | None:
-        return self._events.popleft() if self._events else None
-
-    def data_to_send(self, now: float) -> Pieces:
-        out, self._out = self._out, []
-        return out
-
-    def next_deadline(self) -> float | None:
-        return self._deadline
-
     def handle_deadline(self, now: float) -> None:
-        if self._deadline is None or now < self._deadline:
+        if self._due is None or now < self._due:
             return
         self._now = now
         if self._stage is _Stage.LOST:
@@ -161,13 +155,11 @@ class RtdeClient:
         elif self._stage is _Stage.WAITING:
             self._ask_inputs(now)
         elif self._stage is _Stage.STREAMING:
-            self._deadline = None
+            self._due = None
             if self._moving:
                 self._latched = True
-                silent = (
-                    f"nothing came for {self._profile.silent_ms:g} ms; look at its cable, then begin again"
-                )
-                self._events.append(StreamLost(silent))
+                silent = f"nothing came for {self._profile.silent_ms:g} ms"
+                self._events.append(StreamLost(silent, "look at its cable, then begin again"))
         elif self._stage in _LATE:
             self._lose(_LATE[self._stage])
 
@@ -220,23 +212,27 @@ class RtdeClient:
         if not self._greeted:
             self._greeted = True
             if not line.startswith(GREETING.partition(":")[0]):
-                self._lose("no dashboard answers on its port; look at the port, or set dashboard_port to 0")
+                self._lose(
+                    Trouble(
+                        "no dashboard answers on its port", "look at the port, or set dashboard_port to 0"
+                    )
+                )
                 return
         else:
-            if words := refusal(self._questions.popleft(), line):
-                self._lose(words)
+            if trouble := find_refusal(self._questions.popleft(), line):
+                self._lose(trouble)
                 return
             if not self._questions:
                 self._negotiate(now)
                 return
         self._out.append(Piece(Port.DASHBOARD, f"{self._questions[0]}\n".encode()))
-        self._deadline = now + ANSWER_S
+        self._due = now + ANSWER_S
 
     def _negotiate(self, now: float) -> None:
         self._ask(_Stage.VERSION, packets.version_request(), now)
 
     def _ask(self, stage: _Stage, packet: bytes, now: float, patience: float = ANSWER_S) -> None:
-        self._stage, self._deadline = stage, now + patience
+        self._stage, self._due = stage, now + patience
         self._out.append(Piece(Port.RTDE, packet))
 
     def _ask_inputs(self, now: float) -> None:
@@ -250,7 +246,7 @@ class RtdeClient:
                     return
                 self._take_packet(packet, now)
             except RemoteProtocolError as error:
-                self._lose(f"it speaks no RTDE: {error}")
+                self._lose(Trouble(f"it speaks no RTDE: {error}"))
 
     def _take_packet(self, packet: Packet, now: float) -> None:
         stage, kind, payload = self._stage, packet.kind, packet.payload
@@ -262,7 +258,7 @@ class RtdeClient:
                 self._take_data(payload, now)
         elif kind == Kind.VERSION and stage is _Stage.VERSION:
             if not packets.read_accepted(payload):
-                self._lose("it does not speak version 2 of RTDE; update its software")
+                self._lose(Trouble("it does not speak version 2 of RTDE", "update its software"))
                 return
             rate = 1.0 / self._profile.cycle_s
             self._ask(_Stage.OUTPUTS, packets.outputs_request(OUTPUT_NAMES, rate), now)
@@ -274,17 +270,17 @@ class RtdeClient:
             self._take_inputs(packets.read_types(payload), now)
         elif kind == Kind.START and stage is _Stage.START:
             if not packets.read_accepted(payload):
-                self._lose("it refuses to start its data; look at its log")
+                self._lose(Trouble("it refuses to start its data", "look at its log"))
                 return
-            self._stage, self._deadline = _Stage.FIRST, now + ANSWER_S
+            self._stage, self._due = _Stage.FIRST, now + ANSWER_S
 
     def _take_inputs(self, answer: packets.Types, now: float) -> None:
         if IN_USE in answer.types:
             self._tries -= 1
             if not self._tries:
-                self._lose("another client holds its input registers from 24 on; close that one")
+                self._lose(Trouble("another client holds its input registers from 24 on", "close that one"))
                 return
-            self._stage, self._deadline = _Stage.WAITING, now + AGAIN_S
+            self._stage, self._due = _Stage.WAITING, now + AGAIN_S
             return
         self._inputs = self._recipe(INPUT_NAMES, answer)
         if self._inputs is not None:
@@ -294,11 +290,13 @@ class RtdeClient:
         """The recipe that the controller has agreed to; None where it has not, which ends the connection."""
         missing = [name for name, kind in zip(names, answer.types, strict=False) if kind == NOT_FOUND]
         if missing:
-            self._lose(f"its software has no {missing[0]}; update it")
+            self._lose(Trouble(f"its software has no {missing[0]}", "update it"))
             return None
         expected = EXPECTED[names]
         if not answer.recipe or answer.types != expected:
-            self._lose("it answers a list of variables with other types than its maker's guide; update it")
+            self._lose(
+                Trouble("it answers a list of variables with other types than its maker's guide", "update it")
+            )
             return None
         return Recipe(answer.recipe, names, answer.types)
 
@@ -307,7 +305,7 @@ class RtdeClient:
     def _take_data(self, payload: bytes, now: float) -> None:
         assert self._outputs is not None, "there is no data without a recipe"
         values = self._outputs.unpack(payload)
-        stage, self._deadline = self._stage, now + self._profile.silent_ms / 1000.0
+        stage, self._due = self._stage, now + self._profile.silent_ms / 1000.0
         self._count(values[0])
         if stage is _Stage.STREAMING:
             report = self._report(values, now)
@@ -332,9 +330,9 @@ class RtdeClient:
             self._stage = _Stage.STREAMING
             return
         elif now >= self._play_by:
-            self._lose(_faults(values, False) or _LATE[_Stage.UPLOADED])
+            self._lose(_find_trouble(values, False) or _LATE[_Stage.UPLOADED])
             return
-        self._deadline = min(self._play_by, now + ANSWER_S)
+        self._due = min(self._play_by, now + ANSWER_S)
 
     def _count(self, stamp: float) -> None:
         """Number the packet, by the controller's clock where that goes on."""
@@ -346,14 +344,14 @@ class RtdeClient:
 
     def _report(self, values: tuple[float, ...], now: float) -> RobotReport:
         active = self._moving or self._settling > 0
-        fault = _faults(values, active)
+        trouble = _find_trouble(values, active)
         self._gone = self._gone or values[_STATES] == Runtime.STOPPED
-        if self._gone and not fault:
-            fault = "our program was stopped, and another may play; begin again"
+        if self._gone and not trouble:
+            trouble = Trouble("our program was stopped, and another may play", "begin again")
         waiting = (self._sequence - int(values[_STATES + 5])) % _SEQUENCE_MAX
-        if active and not fault and waiting > self._profile.hold_cycles:
-            fault = (
-                "our program takes no targets; see whether another client's program plays, and begin again"
+        if active and not trouble and waiting > self._profile.hold_cycles:
+            trouble = Trouble(
+                "our program takes no targets", "see whether another client's program plays, and begin again"
             )
         at = now - self._profile.report_age_cycles * self._profile.cycle_s
         if all(map(math.isfinite, values[1:7])):
@@ -361,13 +359,16 @@ class RtdeClient:
         else:
             pose = Pose((math.nan,) * 3, (1.0, 0.0, 0.0, 0.0))
         if wrong := pose_fault(pose):
-            fault = f"{fault}; it reports {wrong}" if fault else f"it reports {wrong}"
-        elif not (active or fault):
-            fault = _misplaced(values)
+            told = f"it reports {wrong}"
+            trouble = trouble._replace(fact=f"{trouble.fact}; {told}" if trouble else told)
+        elif not (active or trouble):
+            trouble = _misplaced(values)
         a, b, c = force = values[_FORCE]
         # an arm that has no idea tells zeros
         known = math.isfinite(a + b + c) and any(force)
-        return RobotReport(self._number, pose, at, now, fault, (), (a, b, c) if known else None)
+        return RobotReport(
+            self._number, pose, at, now, trouble.fact, (), (a, b, c) if known else None, trouble.remedy
+        )
 
     def _send(self, command: Command) -> None:
         if self._inputs is None or self._stage is _Stage.LOST:
@@ -378,10 +379,10 @@ class RtdeClient:
         )
         self._out.append(Piece(Port.RTDE, package))
 
-    def _lose(self, words: str) -> None:
-        """End; the words are told again and again, for those that begin to wait later."""
-        self._stage, self._deadline, self._lost = _Stage.LOST, self._now + ANSWER_S / 2.0, words
-        self._events.append(StreamLost(words))
+    def _lose(self, trouble: Trouble) -> None:
+        """End; the reason is told again and again, for those that begin to wait later."""
+        self._stage, self._due, self._lost = _Stage.LOST, self._now + ANSWER_S / 2.0, trouble
+        self._events.append(StreamLost(*trouble))
 
 
 EXPECTED = {
@@ -399,64 +400,73 @@ EXPECTED = {
 """Types of the client's variables, by its lists of names."""
 
 
-def _faults(values: tuple[float, ...], moving: bool) -> str:
-    """Reasons why nothing can be ordered, in words with a remedy; empty without any."""
+def _find_trouble(values: tuple[float, ...], moving: bool) -> Trouble:
+    """Reason for which nothing can be ordered."""
     runtime, mode, safety, _, state, _, _, scaling = values[_STATES:]
     bits = int(safety)
-    for bit, words in _STOPS:
+    for bit, trouble in _STOPS:
         if bits & bit:
-            return words
+            return trouble
     if mode != RobotMode.RUNNING:
-        return f"it is in the mode {name_of(RobotMode, mode)!r}; power it on and release its brakes"
+        return Trouble(
+            f"it is in the mode {name_of(RobotMode, mode)!r}", "power it on and release its brakes"
+        )
     if not bits & _RUNS:
-        return "it is stopped for safety; see the pendant, and begin again"
+        return Trouble("it is stopped for safety", "see the pendant, and begin again")
     if runtime != Runtime.PLAYING:
-        return f"our program is {name_of(Runtime, runtime)}; begin again"
+        return Trouble(f"our program is {name_of(Runtime, runtime)}", "begin again")
     if state == State.REFUSED:
-        return "no joints near the present ones hold the pose that was ordered; choose another place or orientation"
+        return Trouble(
+            "no joints near the present ones hold the pose that was ordered",
+            "choose another place or orientation",
+        )
     if moving and state == State.STARVED:
-        return (
-            "our program had no new target for too long and has braked; look at the network, and begin again"
+        return Trouble(
+            "our program had no new target for too long and has braked",
+            "look at the network, and begin again",
         )
     if state == State.ENDED:
-        return "our program has ended; begin again"
+        return Trouble("our program has ended", "begin again")
     if not scaling >= FULL_SPEED:
-        return f"its speed slider stands at {100.0 * scaling:.0f} %; put it to 100 %"
-    return ""
+        return Trouble(f"its speed slider stands at {100.0 * scaling:.0f} %", "put it to 100 %")
+    return NO_TROUBLE
 
 
-def _misplaced(values: tuple[float, ...]) -> str:
-    """Why a pose that is told while the arm stands is none to begin a movement at; empty where it is."""
+def _misplaced(values: tuple[float, ...]) -> Trouble:
+    """Reason for which a pose that is told while the arm stands is none to begin a movement at."""
     actual, target = values[1:7], values[_TARGET : _TARGET + 6]
     if not math.hypot(*values[_SPEED : _SPEED + 3]) <= STANDS_M_S:
-        return ""
+        return NO_TROUBLE
     off = math.dist(actual[:3], target[:3])
-    turned = turn_between(quaternion_of(actual[3:]), quaternion_of(target[3:]))
+    turned = angle_between(turn_by(actual[3:]), turn_by(target[3:]))
     if off <= APART_M and turned <= APART_RAD:
-        return ""
-    return (
-        f"it tells to stand {off * 1e3:.1f} mm and {math.degrees(turned):.1f}° from its own target; look at its tool "
-        "centre point and payload, and begin again"
+        return NO_TROUBLE
+    return Trouble(
+        f"it tells to stand {off * 1e3:.1f} mm and {math.degrees(turned):.1f}° from its own target",
+        "look at its tool centre point and payload, and begin again",
     )
 
 
 _RUNS = int(SafetyBits.NORMAL | SafetyBits.REDUCED)
 _STOPS = tuple(
-    (int(bits), words)
-    for bits, words in (
+    (int(bits), trouble)
+    for bits, trouble in (
         (
             SafetyBits.ROBOT_EMERGENCY_STOPPED
             | SafetyBits.SYSTEM_EMERGENCY_STOPPED
             | SafetyBits.EMERGENCY_STOPPED,
-            "emergency stop; release it, power the robot on, and begin again",
+            Trouble("emergency stop", "release it, power the robot on, and begin again"),
         ),
-        (SafetyBits.VIOLATION | SafetyBits.FAULT, "safety violation or fault; restart its safety system"),
+        (
+            SafetyBits.VIOLATION | SafetyBits.FAULT,
+            Trouble("safety violation or fault", "restart its safety system"),
+        ),
         (
             SafetyBits.PROTECTIVE_STOPPED,
-            "protective stop; see its cause, unlock it after 5 s at the pendant, and begin again",
+            Trouble("protective stop", "see its cause, unlock it after 5 s at the pendant, and begin again"),
         ),
-        (SafetyBits.SAFEGUARD_STOPPED, "safeguard stop; close the safeguard, and begin again"),
-        (SafetyBits.RECOVERY, "recovery mode; move it back inside its safety limits by hand"),
+        (SafetyBits.SAFEGUARD_STOPPED, Trouble("safeguard stop", "close the safeguard, and begin again")),
+        (SafetyBits.RECOVERY, Trouble("recovery mode", "move it back inside its safety limits by hand")),
     )
 )
 """Bits of stops, the gravest first, in words. Plain numbers, for flags are slow to join."""

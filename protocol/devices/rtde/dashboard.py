@@ -6,6 +6,8 @@ Source: ur_rtde 1.6.5, `dashboard_client.cpp`; Universal Robots' C++ client libr
 
 from collections.abc import Mapping
 
+from protocol.endpoint import NO_TROUBLE, Trouble
+
 GREETING = "Connected: Universal Robots Dashboard Server"
 LINE_MAX = 1024
 """Chosen: a longer line is none of a dashboard."""
@@ -19,18 +21,22 @@ _READY: Mapping[str, tuple[str, str]] = {
 }
 
 
-def refusal(question: str, answer: str) -> str:
-    """Words for an answer that forbids a program to start; empty for one that allows it.
+def find_refusal(question: str, answer: str) -> Trouble:
+    """Trouble for an answer that forbids a program to start.
 
     A CB3 has no remote control and does not understand the question.
     """
     if question == REMOTE:
         local = answer.strip().lower() == "false"
-        return "it is in local control; switch it to Remote Control at the pendant" if local else ""
+        return (
+            Trouble("it is in local control", "switch it to Remote Control at the pendant")
+            if local
+            else NO_TROUBLE
+        )
     ready, remedy = _READY[question]
     if answer.strip().lower() == ready.lower():
-        return ""
-    return f"its dashboard says {answer.strip()[:80]!r}; {remedy}"
+        return NO_TROUBLE
+    return Trouble(f"its dashboard says {answer.strip()[:80]!r}", remedy)
 
 
 class Lines:

@@ -96,7 +96,7 @@ class _Reading:
             self.answer(payload, fields, problems)
             return
         version = packets.read_version_request(payload)
-        fields.append(_field("version", version, version))
+        fields += packets.VERSION_REQUEST.describe(payload)
         if version != packets.PROTOCOL_VERSION:
             problems.append("only version 2 is known here")
 
@@ -123,8 +123,8 @@ class _Reading:
         if self._is_answer(payload):
             self._take_types(Kind.OUTPUTS, payload, fields, problems)
             return
-        frequency, names = packets.read_outputs_request(payload)
-        fields.append(_field("frequency", frequency, frequency, "Hz"))
+        _, names = packets.read_outputs_request(payload)
+        fields += packets.OUTPUTS_HEAD.describe(payload)
         self._take_names(Kind.OUTPUTS, names, fields, problems)
 
     def inputs(self, payload: bytes, fields: list[dict[str, Any]], problems: list[str]) -> None:

@@ -4,7 +4,6 @@ Source: Universal Robots' guides and its C++ client library, which has an exampl
 """
 
 import math
-from collections import deque
 from typing import NamedTuple, TypeAlias
 
 from protocol.devices.rtde import packets
@@ -15,6 +14,7 @@ from protocol.devices.rtde.rotation import pose_of
 from protocol.devices.rtde.wires import Piece, Pieces, Port
 from protocol.endpoint import RemoteProtocolError
 from protocol.geometry import Pose, Vector, Wrench
+from protocol.outbox import Mailbox
 
 OUTPUTS = ("timestamp", "actual_TCP_pose", "actual_TCP_speed", "tcp_offset")
 INPUTS = ("external_force_torque",)
@@ -38,26 +38,28 @@ class Seen(NamedTuple):
 
 
 class Lost(NamedTuple):
-    """The connection is of no use any more; the words say why, and what to do."""
+    """The connection is of no use any more."""
 
     text: str
+    """The reason."""
+    remedy: str = ""
+    """Advice for a person; empty where none is known."""
 
 
 Event: TypeAlias = Seen | Lost
 
 
-class ForceClient:
+class ForceClient(Mailbox[Piece, Event]):
     """An endpoint of pieces. Each `Seen` is answered with `give`."""
 
     def __init__(self, frequency_hz: float, enable: bool, now: float) -> None:
         """`enable` uploads the program that lets the controller take the force; it ends a program that plays."""
         self._frequency, self._enable = frequency_hz, enable
         self._reader = Reader()
-        self._events: deque[Event] = deque()
-        self._out: list[Piece] = []
+        super().__init__()
         self._recipes: dict[tuple[str, ...], Recipe] = {}
         self._expected: Kind | None = Kind.VERSION
-        self._deadline: float | None = now + PATIENCE_S
+        self._due: float | None = now + PATIENCE_S
         self._lost = False
         self._put(packets.version_request())
 
@@ -72,19 +74,9 @@ class ForceClient:
             except RemoteProtocolError as error:
                 self._lose(f"it speaks no RTDE: {error}")
 
-    def next_event(self) -> Event | None:
-        return self._events.popleft() if self._events else None
-
-    def data_to_send(self, now: float) -> Pieces:
-        out, self._out = self._out, []
-        return out
-
-    def next_deadline(self) -> float | None:
-        return self._deadline
-
     def handle_deadline(self, now: float) -> None:
-        if self._deadline is not None and now >= self._deadline:
-            self._lose(f"nothing came for {PATIENCE_S:g} s; look at its cable, and whether it is powered")
+        if self._due is not None and now >= self._due:
+            self._lose(f"nothing came for {PATIENCE_S:g} s", "look at its cable, and whether it is powered")
 
     def give(self, wrench: Wrench) -> None:
         """Tell the controller this wrench along the tool's axes, N and N·m; nothing before it streams."""
@@ -106,10 +98,10 @@ class ForceClient:
         if self._lost:
             return
         if packet.kind == Kind.DATA and self._expected is None:
-            self._deadline = now + PATIENCE_S
+            self._due = now + PATIENCE_S
             self._see(packet.payload)
         elif packet.kind == self._expected:
-            self._deadline = now + PATIENCE_S
+            self._due = now + PATIENCE_S
             self._go_on(packet)
 
     def _go_on(self, packet: Packet) -> None:
@@ -120,7 +112,7 @@ class ForceClient:
             if self._agree(INPUTS, packet.payload):
                 self._ask(Kind.START, packets.encode(Kind.START))
         elif not packets.read_accepted(packet.payload):
-            self._lose("it refuses to speak version 2 of RTDE, or to start; update its software")
+            self._lose("it refuses to speak version 2 of RTDE, or to start", "update its software")
         elif packet.kind == Kind.VERSION:
             self._ask(Kind.OUTPUTS, packets.outputs_request(OUTPUTS, self._frequency))
         else:
@@ -136,10 +128,11 @@ class ForceClient:
         answer = packets.read_types(payload)
         if IN_USE in answer.types:
             self._lose(
-                "another client holds external_force_torque; close it (ur_rtde: make it with FLAG_NO_EXT_FT)"
+                "another client holds external_force_torque",
+                "close it (ur_rtde: make it with FLAG_NO_EXT_FT)",
             )
         elif NOT_FOUND in answer.types or not answer.recipe or answer.types != _TYPES[names]:
-            self._lose(f"its software has not all of {', '.join(names)}; update it")
+            self._lose(f"its software has not all of {', '.join(names)}", "update it")
         else:
             self._recipes[names] = Recipe(answer.recipe, names, answer.types)
             return True
@@ -148,11 +141,11 @@ class ForceClient:
     def _see(self, payload: bytes) -> None:
         values = self._recipes[OUTPUTS].unpack(payload)
         if not all(map(math.isfinite, values)):
-            self._lose("it reports values that are no numbers; see its log")
+            self._lose("it reports values that are no numbers", "see its log")
             return
         x, y, z = values[7:10]
         self._events.append(Seen(values[0], pose_of(values[1:7]), (x, y, z), pose_of(values[13:19])))
 
-    def _lose(self, words: str) -> None:
-        self._lost, self._deadline = True, None
-        self._events.append(Lost(words))
+    def _lose(self, fact: str, remedy: str = "") -> None:
+        self._lost, self._due = True, None
+        self._events.append(Lost(fact, remedy))

@@ -9,6 +9,8 @@ from enum import IntEnum
 from typing import NamedTuple
 
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
+from protocol.fields import Field, Layout
+from protocol.marks import Mark
 
 HEADER = struct.Struct(">HB")
 """Size of the packet with its header, bytes, and its type."""
@@ -121,54 +123,67 @@ class Reader:
 
 # --- payloads
 
-_U16, _U32 = struct.Struct(">H"), struct.Struct(">4I")
-_FREQUENCY = struct.Struct(">d")
+VERSION_REQUEST = Layout(
+    "a request for a protocol version", 2, ">", (Field("version", 0, "H", Mark.OBSERVED),)
+)
+ACCEPTED = Layout("an answer of yes or no", 1, ">", (Field("accepted", 0, "B", Mark.OBSERVED),))
+CONTROLLER_VERSION = Layout(
+    "a controller's version",
+    16,
+    ">",
+    tuple(
+        Field(name, 4 * place, "I", Mark.OBSERVED)
+        for place, name in enumerate(("major", "minor", "bugfix", "build"))
+    ),
+)
+OUTPUTS_HEAD = Layout("a list of outputs", 8, ">", (Field("frequency", 0, "d", Mark.OBSERVED, unit="Hz"),))
+"""Names follow, with commas between them."""
 
 
 def version_request(version: int = PROTOCOL_VERSION) -> bytes:
     """The client asks for a protocol version."""
-    return encode(Kind.VERSION, _U16.pack(version))
+    return encode(Kind.VERSION, VERSION_REQUEST.pack_row(version))
 
 
 def read_version_request(payload: bytes) -> int:
     """The version that is asked for. Raises RemoteProtocolError."""
-    (version,) = _exactly(_U16, payload, "a request for a protocol version")
+    (version,) = _exactly(VERSION_REQUEST, payload)
     return int(version)
 
 
 def accepted(kind: Kind, yes: bool) -> bytes:
     """The robot's answer to a version, a start or a pause."""
-    return encode(kind, bytes((yes,)))
+    return encode(kind, ACCEPTED.pack_row(yes))
 
 
 def read_accepted(payload: bytes) -> bool:
     """Whether the robot takes it. Raises RemoteProtocolError."""
     if len(payload) != 1:
         raise RemoteProtocolError(f"an answer of yes or no has {len(payload)} bytes instead of one")
-    return payload[0] == 1
+    return bool(ACCEPTED.unpack_row(payload)[0] == 1)
 
 
 def controller_version(version: Version) -> bytes:
     """The robot tells its version."""
-    return encode(Kind.CONTROLLER_VERSION, _U32.pack(*version))
+    return encode(Kind.CONTROLLER_VERSION, CONTROLLER_VERSION.pack_row(*version))
 
 
 def read_controller_version(payload: bytes) -> Version:
     """Raises RemoteProtocolError."""
-    return Version(*_exactly(_U32, payload, "a controller's version"))
+    return Version(*_exactly(CONTROLLER_VERSION, payload))
 
 
 def outputs_request(names: tuple[str, ...], frequency_hz: float) -> bytes:
     """The client asks for outputs at a rate."""
-    return encode(Kind.OUTPUTS, _FREQUENCY.pack(frequency_hz) + _joined(names))
+    return encode(Kind.OUTPUTS, OUTPUTS_HEAD.pack_row(frequency_hz) + _joined(names))
 
 
 def read_outputs_request(payload: bytes) -> tuple[float, tuple[str, ...]]:
     """Rate, Hz, and names. Raises RemoteProtocolError."""
-    if len(payload) < _FREQUENCY.size:
+    if len(payload) < OUTPUTS_HEAD.size:
         raise RemoteProtocolError(f"a list of outputs has {len(payload)} bytes; its rate alone has 8")
-    (frequency,) = _FREQUENCY.unpack_from(payload)
-    return frequency, split_names(payload[_FREQUENCY.size :])
+    (frequency,) = OUTPUTS_HEAD.unpack_row(payload)
+    return frequency, split_names(payload[OUTPUTS_HEAD.size :])
 
 
 def inputs_request(names: tuple[str, ...]) -> bytes:
@@ -221,7 +236,7 @@ def _ascii(raw: bytes) -> str:
     return raw.decode("ascii", "replace").replace("�", "?")
 
 
-def _exactly(layout: struct.Struct, payload: bytes, what: str) -> tuple[int, ...]:
+def _exactly(layout: Layout, payload: bytes) -> tuple[int, ...]:
     if len(payload) != layout.size:
-        raise RemoteProtocolError(f"{what} has {len(payload)} bytes instead of {layout.size}")
-    return layout.unpack(payload)
+        raise RemoteProtocolError(f"{layout.name} has {len(payload)} bytes instead of {layout.size}")
+    return layout.unpack_row(payload)

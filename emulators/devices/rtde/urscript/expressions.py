@@ -14,7 +14,7 @@ from emulators.devices.rtde.urscript import values
 from emulators.devices.rtde.urscript.failures import ScriptError, ScriptSyntaxError, SyntaxFailure
 from emulators.devices.rtde.urscript.limits import CALLS_MAX, DEPTH_MAX
 from emulators.devices.rtde.urscript.lists import METHODS
-from emulators.devices.rtde.urscript.names import Code
+from emulators.devices.rtde.urscript.names import Code, is_pose, line_of
 from emulators.devices.rtde.urscript.table import Functions
 from emulators.devices.rtde.urscript.values import PoseValue, Struct, Value
 
@@ -289,7 +289,12 @@ class Expressions:
             return self._struct(node)
         function = self._functions.get(name)
         if function is None:
-            return Part(False, _failing(f"{name} is not a function that the emulator knows"))
+
+            def refuse(frame: Frame) -> Any:
+                frame[1].host.tell_unknown(name)
+                raise ScriptError(f"{name} is not a function that the emulator knows")
+
+            return Part(False, refuse)
         parts = self.arguments(name, node, function.parameters, function.defaults)
         if isinstance(parts, str):
             return Part(False, _failing(parts))
@@ -438,19 +443,6 @@ class Expressions:
             return values.checked(Struct(dict(zip(names, given, strict=True))))
 
         return combined(parts, make)
-
-
-def line_of(node: Any) -> int:
-    """Where a node begins; 1 where it is empty."""
-    return getattr(node.meta, "line", 1)
-
-
-def is_pose(node: Tree[Token]) -> bool:
-    """Whether a place begins with a literal such as `p[x, y, z, rx, ry, rz]`."""
-    first, trailer, *_ = node.children
-    assert isinstance(first, Tree), "an atom"
-    assert isinstance(trailer, Tree), "a place has trailers"
-    return first.data == "name" and first.children[0] == "p" and len(trailer.children) == 6
 
 
 def _failing(text: str) -> Run:

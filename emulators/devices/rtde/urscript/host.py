@@ -21,7 +21,6 @@ class Message(StrEnum):
     POPUP = "popup"
     SYNTAX = "syntax error"
     RUNTIME = "runtime error"
-    TAGGED = "without effect"
 
 
 class Profile(NamedTuple):
@@ -64,6 +63,9 @@ class Host(Protocol):
 
     def tell_tagged(self, function: str) -> None:
         """The program calls a function that has no effect here."""
+
+    def tell_unknown(self, function: str) -> None:
+        """The program calls a function that is not there, and ends."""
 
     # --- time and registers
 

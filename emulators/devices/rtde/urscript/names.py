@@ -147,6 +147,19 @@ def assigned(node: Tree[Token]) -> str | None:
     return str(place.children[0]) if isinstance(place, Tree) and place.data == "name" else None
 
 
+def line_of(node: Any) -> int:
+    """Where a node begins; 1 where it is empty."""
+    return getattr(node.meta, "line", 1)
+
+
+def is_pose(node: Tree[Token]) -> bool:
+    """Whether a place begins with a literal such as `p[x, y, z, rx, ry, rz]`."""
+    first, trailer, *_ = node.children
+    assert isinstance(first, Tree), "an atom"
+    assert isinstance(trailer, Tree), "a place has trailers"
+    return first.data == "name" and first.children[0] == "p" and len(trailer.children) == 6
+
+
 def _find_waiting(codes: list[Code], functions: Functions) -> None:
     """Mark what waits: by a function of the table, or by one of the program that waits."""
     for code in codes:

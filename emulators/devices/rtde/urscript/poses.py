@@ -2,13 +2,12 @@
 
 import math
 
-from emulators.arm.quaternions import product, slerp
-from emulators.devices.rtde.kinematics import compose, conjugate, inverse, rotated
+from emulators.devices.rtde.kinematics import compose, invert
 from emulators.devices.rtde.urscript.failures import ScriptError
 from emulators.devices.rtde.urscript.table import Function, pure
 from emulators.devices.rtde.urscript.values import PoseValue, Value, number, vector
-from protocol.devices.rtde.rotation import pose_of, quaternion_of, rotation_vector, six_of
-from protocol.geometry import Pose, Quaternion
+from protocol.devices.rtde.rotation import pose_of, six_of
+from protocol.geometry import Pose, Quaternion, inverse, product, rotate, rotation_vector, slerp, turn_by
 
 
 def pose(value: Value) -> Pose:
@@ -25,7 +24,7 @@ def value_of(given: Pose) -> PoseValue:
 
 
 def inverse_pose(value: Value) -> Value:
-    return value_of(inverse(pose(value)))
+    return value_of(invert(pose(value)))
 
 
 def _trans(outer: Value, inner: Value) -> Value:
@@ -42,7 +41,7 @@ def _add(first: Value, second: Value) -> Value:
 def _sub(to: Value, start: Value) -> Value:
     one, other = pose(to), pose(start)
     x, y, z = (a - b for a, b in zip(one.position, other.position, strict=True))
-    return value_of(Pose((x, y, z), product(one.quaternion, conjugate(other.quaternion))))
+    return value_of(Pose((x, y, z), product(one.quaternion, inverse(other.quaternion))))
 
 
 def _interpolate(start: Value, end: Value, share: Value) -> Value:
@@ -63,13 +62,13 @@ def _distance(start: Value, end: Value) -> Value:
 def _wrench_trans(frame: Value, wrench: Value) -> Value:
     """A wrench of the outer frame in the inner one: the force turns, and the moment loses its lever arm."""
     at, (f1, f2, f3, m1, m2, m3) = pose(frame), vector(wrench, 6)
-    (x, y, z), back = at.position, conjugate(at.quaternion)
+    (x, y, z), back = at.position, inverse(at.quaternion)
     moment = m1 - (y * f3 - z * f2), m2 - (z * f1 - x * f3), m3 - (x * f2 - y * f1)
-    return (*rotated(back, (f1, f2, f3)), *rotated(back, moment))
+    return (*rotate(back, (f1, f2, f3)), *rotate(back, moment))
 
 
 def _to_rpy(value: Value) -> Value:
-    w, x, y, z = quaternion_of(vector(value, 3))
+    w, x, y, z = turn_by(vector(value, 3))
     roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
     pitch = math.asin(max(-1.0, min(1.0, 2.0 * (w * y - z * x))))
     return roll, pitch, math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

@@ -18,8 +18,6 @@ from emulators.devices.rtde.urscript.expressions import (
     Returned,
     Run,
     combined,
-    is_pose,
-    line_of,
 )
 from emulators.devices.rtde.urscript.failures import (
     Halted,
@@ -28,7 +26,7 @@ from emulators.devices.rtde.urscript.failures import (
     SyntaxFailure,
 )
 from emulators.devices.rtde.urscript.lists import METHODS
-from emulators.devices.rtde.urscript.names import Code, analyse, assigned, nodes
+from emulators.devices.rtde.urscript.names import Code, analyse, assigned, is_pose, line_of, nodes
 from emulators.devices.rtde.urscript.parser import parse
 from emulators.devices.rtde.urscript.table import Functions
 from emulators.devices.rtde.urscript.values import Value

@@ -46,7 +46,6 @@ from protocol.devices.s3.arap import (
     MoveKind,
     OrderBook,
     OrderFailed,
-    OrderFailure,
     ProgramAnswer,
     Refusal,
     RefusalCode,
@@ -62,7 +61,7 @@ from protocol.devices.s3.arap import (
     write_mode,
 )
 from protocol.devices.s3.timing import answer_time
-from protocol.endpoint import RemoteProtocolError
+from protocol.endpoint import RemoteProtocolError, Trouble
 from protocol.geometry import Pose
 
 _Raw = TypeVar("_Raw")
@@ -170,7 +169,7 @@ class S3Link:
             status = await self.read_status()
         report = self._reported(status)
         if report.fault:
-            raise DeviceError(report.fault, cause=Cause.ROBOT_NOT_READY)
+            raise DeviceError(report.fault, remedy=report.remedy, cause=Cause.ROBOT_NOT_READY)
         return report
 
     async def report(self, *, soon: bool = False) -> RobotReport:
@@ -376,8 +375,8 @@ class S3Link:
                     self._host.announce()
             case Refused(order=order, refusal=refusal):
                 self._asking.resolve(self._refused(order, refusal))
-            case OrderFailed(reason=reason, text=text):
-                self._asking.resolve(self._unanswered(reason, text))
+            case OrderFailed():
+                self._asking.resolve(self._explain_silence(event))
             case SpontaneousReceived(spontaneous=spontaneous):
                 self._said.append((self._clock.now(), spontaneous.text))
                 self._log.notice("robot", spontaneous.text)
@@ -389,8 +388,8 @@ class S3Link:
                         return
                     self._trailer_told_at = self._clock.now()
                 self._tell_link_event(kind + ": " + text, routine=kind in ROUTINE)
-            case LinkFailed(reason=reason, text=text):
-                self._tell_link_event(f"{reason}: {text}")
+            case LinkFailed(reason=reason, text=text, remedy=remedy):
+                self._tell_link_event(f"{reason}: {Trouble(text, remedy)}")
             case UnexpectedReceived():
                 self._tell_link_event(event.text)
 
@@ -404,17 +403,16 @@ class S3Link:
         remedy = refusal_remedy(refusal.code)
         return OrderRefused(text, refusal.code, remedy=remedy)
 
-    def _unanswered(self, reason: LinkFailure | OrderFailure, text: str) -> DeviceError:
+    def _explain_silence(self, failed: OrderFailed) -> DeviceError:
         line = f"{self.profile.baudrate} 8{self.profile.parity}{self.profile.stop_bits}"
-        match reason:
+        match failed.reason:
             case LinkFailure.NO_ANSWER | LinkFailure.ONLY_NOISE if self._status is not None:
-                text = text.partition(":")[0]
                 advice = "it has answered before, so the line is set right: is it off, or a cable out?"
             case LinkFailure.NO_ANSWER | LinkFailure.ONLY_NOISE:
-                advice = f"this end is set to {line}"
+                advice = f"{failed.remedy}; this end is set to {line}"
             case _ if self._troubles:
                 counts = ", ".join(f"{kind} {count}" for kind, count in self._troubles.items())
                 advice = f"on the link meanwhile: {counts}"
             case _:
                 advice = "see the record for what went over the link"
-        return DeviceError(f"robot on {self.name}: {text}", remedy=advice, cause=Cause.DEAD_LINK)
+        return DeviceError(f"robot on {self.name}: {failed.text}", remedy=advice, cause=Cause.DEAD_LINK)

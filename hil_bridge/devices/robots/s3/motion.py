@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import Protocol
 
+from hil_bridge.devices.robots.last_order import LastOrder
 from hil_bridge.devices.robots.seam import Sent
 from hil_bridge.errors import BridgeError, GateStop, OrderRefused
 from protocol.devices.s3.adlp import HEADER_SIZE
@@ -29,7 +30,7 @@ class Orders(Protocol):
         """When the newest order went out."""
 
 
-class S3Motion:
+class S3Motion(LastOrder):
     """A movement sequence under way, as `hil_bridge.devices.robots.seam.Motion` says.
 
     The controller has the whole way with each point, so `settled` returns at once and `hold` has nothing to take back.
@@ -52,17 +53,7 @@ class S3Motion:
         self._stands = stands
         self.speed = speed
         """Along the path for the orders to come, m/s."""
-        self._last: Pose | None = None
-        self.halted = False
-        self.abandoned = False
-
-    @property
-    def ordered(self) -> bool:
-        return self._last is not None
-
-    @property
-    def commanded(self) -> Vector | None:
-        return None if self._last is None else self._last.position
+        super().__init__()
 
     def telegram(
         self, kind: MoveKind, position: Vector = _ZEROS, quaternion: Quaternion = (*_ZEROS, 0.0)

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.errors.text_files import format_path, open_ordinary, read_up_to
+from hil_bridge.errors.text_files import format_path, open_ordinary, read_up_to, refuse_nul
 from protocol.devices.s3.adlp import HEADER_SIZE, MESSAGE_LIMIT
 
 NUMBER_LIMIT = 0xFFFF
@@ -15,6 +15,7 @@ def read_programs(folder: Path, max_telegram: int) -> Mapping[int, bytes]:
     """Contents by program number; hidden files are passed over. Raises ConfigError that names the file."""
     room = MESSAGE_LIMIT * (max_telegram - HEADER_SIZE) - 4
     found: dict[int, bytes] = {}
+    refuse_nul(folder, format_path(folder))
     try:
         for path in sorted(folder.iterdir()):
             if path.name.startswith("."):
@@ -28,8 +29,6 @@ def read_programs(folder: Path, max_telegram: int) -> Mapping[int, bytes]:
                 raise ConfigError(f"{format_path(path)}: too long to be received, at most {room} bytes")
     except OSError as error:
         raise ConfigError(f"cannot read {error.filename or folder}: {error.strerror}") from error
-    except ValueError as error:  # a NUL in the path
-        raise ConfigError(f"cannot read {format_path(folder)}: {error}") from error
     return found
 
 

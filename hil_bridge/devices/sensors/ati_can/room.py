@@ -11,7 +11,7 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.transports import Transport
 from hil_bridge.transports.can.slcan_device import SlcanDevice
 from hil_bridge.transports.urls import CONNECT_BYTES, CONNECT_CAN, parse_url
-from protocol.devices.ati_can import BITRATE, AtiCanClient, AtiCanClientProfile, describe, heard
+from protocol.devices.ati_can import BITRATE, AtiCanClient, AtiCanClientProfile, can_messages, describe, heard
 
 _SLCAN = "can+slcan+"
 """Before a listening byte URL: an emulated slcan adapter on that wire."""
@@ -58,5 +58,5 @@ SENSOR = SensorKind(
     ),
     parse=lambda url, settings: parse_url(url, CONNECT_CAN),
     describe=describe,
-    bus=CanBus("an ATI NETCANOEM board", BITRATE),
+    bus=CanBus("an ATI NETCANOEM board", BITRATE, can_messages),
 )

@@ -28,6 +28,7 @@ from protocol.devices.jr3 import (
     UART_BAUDRATE,
     GatewayClient,
     UartGatewayClient,
+    can_messages,
     describe,
     heard_by_client,
     heard_by_gateway,
@@ -173,7 +174,7 @@ CAN_GATEWAY = SensorKind(
     ),
     parse=lambda url, settings: _parse_can(url),
     describe=_describe_frame,
-    bus=CanBus("a JR3 gateway", GATEWAY_BITRATE),
+    bus=CanBus("a JR3 gateway", GATEWAY_BITRATE, can_messages),
     section=_SECTION,
     period=lambda settings: settings.client.gateway.period_ms * 1e-3,
 )

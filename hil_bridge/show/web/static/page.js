@@ -7,7 +7,11 @@
   let charts = null, sketch = null, scene = null, socket = null, tries = 0, heard = 0, over = false, playback = null;
 
   const fixed = (value, digits, unit) => (Number.isFinite(value) ? `${value.toFixed(digits)}${unit ? ` ${unit}` : ""}` : "–");
-  const signed = (value, digits, unit) => (Number.isFinite(value) ? `${value < 0 ? "−" : "+"}${Math.abs(value).toFixed(digits)} ${unit}` : "–");
+  const signed = (value, digits, unit) => {   // a value that rounds to 0 has no sign
+    if (!Number.isFinite(value)) return "–";
+    const size = Math.abs(value).toFixed(digits);
+    return `${Number(size) === 0 ? "" : value < 0 ? "−" : "+"}${size} ${unit}`;
+  };
   const set = (element, text) => { if (element.textContent !== text) element.textContent = text; };
   const bar = (id, text, lead) => {
     const element = $(id);
@@ -71,7 +75,7 @@
     set($("elapsed"), fixed(now.elapsed_s, 1, "s"));
     set($("remaining"), now.remaining_s === null || now.cause ? "" : `${fixed(now.remaining_s, 0, "s")} to track`);
     set($("force"), fixed(now.force, 2));
-    set($("target"), now.wants_force ? fixed(now.target, 2) : "none: free space, 0");
+    set($("target"), now.wants_force ? fixed(now.target, 2, "N") : "none, in free space");
     const off = now.force - now.target, part = Math.abs(off) / Math.max(Math.abs(now.target), 1e-9);
     const beside = $("off");
     if (!Number.isFinite(now.force)) { set(beside, "–"); beside.className = ""; }
@@ -88,6 +92,7 @@
       ["correction", signed(now.correction_mm, 3, "mm") + (now.resting ? " rests" : "")], ["travel", fixed(now.travel_mm, 1, "mm")],
       ["stiffness", Number.isFinite(now.stiffness) ? `${Math.round(now.stiffness).toLocaleString("en")} N/m` : "–"],
       now.cause ? ["supervisor", "the run is stopped", "bad"]   // the last cycle's word stands no more
+        : now.phase === "end" ? ["supervisor", "the run has ended"]
         : ["supervisor", now.verdict ? [now.verdict, ...(now.reasons || [])].join(": ") : "–", now.verdict === "stop" ? "bad" : now.verdict === "clamp" ? "warn" : now.verdict ? "good" : ""]]);
     const latency = now.latency;
     list("times", [["cycle", fixed(now.cycle_ms, 1, "ms")],
@@ -113,7 +118,7 @@
       const item = document.createElement("li"), time = document.createElement("time"), text = document.createElement("span"), kind = document.createElement("b");
       time.textContent = fixed(row.at, 1, "s");
       kind.textContent = row.kind;
-      text.append(kind, ` ${row.text}`);
+      text.append(kind, row.text.startsWith(`${row.kind} `) ? row.text.slice(row.kind.length) : ` ${row.text}`);
       item.className = row.weight;
       item.append(time, text);
       place.prepend(item);
@@ -126,7 +131,8 @@
     const shown = $("outcome"), said = [end.cause, ...end.followed.map(text => `Then: ${text}`)];
     bar("left", end.left && " ", end.left && `Tool ${end.left}`);
     $("left").className = `bar ${end.retracted === false ? "alarm" : ""}`;
-    bar("outcome", said.filter(Boolean).join("\n") || " ", words[end.outcome] || end.outcome);
+    const why = said.filter(Boolean).join("\n");
+    bar("outcome", why || " ", (words[end.outcome] || end.outcome) + (why && ":"));
     shown.className = `bar ${end.outcome === "completed" ? "good" : end.outcome === "interrupted" ? "caution" : "alarm"}`;
     if (!cause || end.cause === cause) $("cause").hidden = true;
     set($("link"), playback ? "recording" : "the run has ended");

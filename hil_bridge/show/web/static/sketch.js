@@ -162,7 +162,8 @@ var HilSketch = (() => {
         arrow(ctx, place, to, this.colour("c3"));
         ctx.fillStyle = this.colour("text");
         const label = `${size(force).toFixed(1)} N`;
-        ctx.fillText(label, Math.min(place[0] + 14, width - 46), Math.max(place[1] - 20, 12));
+        const left = place[0] - 12 - ctx.measureText(label).width;   // at the right the truth has its tool
+        ctx.fillText(label, left > 2 ? left : Math.min(place[0] + 24, width - 46), Math.max(place[1] - 20, 12));
       }
       this.ruler(ctx, sx, height, this.colour("quiet"));
     }

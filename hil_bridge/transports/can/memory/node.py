@@ -7,8 +7,8 @@ from typing import Protocol
 from hil_bridge.errors import TransportError
 from hil_bridge.transports.base import Frames
 from hil_bridge.transports.can.memory.confinement import RECOVERY_SEQUENCES, ErrorCounters, state_report
-from hil_bridge.transports.can.queue import CanStatistics, SendQueue
-from hil_bridge.transports.delivery import QUEUE_FRAMES, Delivery, flush
+from hil_bridge.transports.can.queue import Arrived, CanStatistics, SendQueue
+from hil_bridge.transports.delivery import QUEUE_FRAMES, Delivery
 from protocol.can.error import CanErrorReport, ErrorClass, ErrorState, encode_error
 from protocol.can.frame import CanFilter, CanFrame
 
@@ -38,11 +38,9 @@ class MemoryCanNode:
     __slots__ = (
         "_accept",
         "_bus",
-        "_bus_off",
+        "_counts",
         "_delivery",
         "_drained",
-        "_received",
-        "_reports",
         "counters",
         "on_bus",
         "queue",
@@ -55,7 +53,7 @@ class MemoryCanNode:
         self._accept = tuple(accept)
         self._delivery: Delivery[Frames] = Delivery(bus.name, QUEUE_FRAMES)
         self._drained: asyncio.Future[None] | None = None
-        self._received = self._reports = self._bus_off = 0
+        self._counts = Arrived()
         self.queue = SendQueue(bus.name)
         self.counters = ErrorCounters()
         self.state = self.counters.state
@@ -72,14 +70,7 @@ class MemoryCanNode:
     @property
     def statistics(self) -> CanStatistics:
         """Counts since it was connected."""
-        return CanStatistics(
-            sent=self.queue.sent,
-            received=self._received,
-            dropped=self.queue.dropped,
-            error_frames=self._reports,
-            bus_off=self._bus_off,
-            overruns=self._delivery.overruns,
-        )
+        return self.queue.statistics(self._counts, self._delivery.overruns)
 
     def start(self, on_data: Callable[[Frames], None], on_end: Callable[[TransportError], None]) -> None:
         self._delivery.start(on_data, on_end)
@@ -91,14 +82,11 @@ class MemoryCanNode:
             self._bus.wake(self)
 
     async def aclose(self) -> None:
-        if not self._delivery.begin_close():
-            return
-        try:
-            await flush(self._until_drained())
-        finally:
-            self.queue.clear()
-            self._bus.disconnect(self)
-            self._delivery.closed()
+        await self._delivery.close(self._until_drained, self._leave)
+
+    def _leave(self) -> None:
+        self.queue.clear()
+        self._bus.disconnect(self)
 
     async def _until_drained(self) -> None:
         if len(self.queue):
@@ -125,7 +113,7 @@ class MemoryCanNode:
                     break
             else:
                 return
-        self._received += 1
+        self._counts.frames += 1
         self._delivery.data((frame,))
 
     def send_failed(self, acknowledge_missing: bool, at: float, times: int) -> None:
@@ -159,11 +147,11 @@ class MemoryCanNode:
         if self.state is not before:
             if self.state is ErrorState.BUS_OFF:
                 self.on_bus, self.recovery = False, RECOVERY_SEQUENCES
-                self._bus_off += 1
+                self._counts.bus_off += 1
             self._report(state_report(counters, cause), at)
 
     def _report(self, report: CanErrorReport, at: float) -> None:
-        self._reports += 1
+        self._counts.reports += 1
         self._delivery.data((encode_error(report, at),))
 
     def _settle(self) -> None:

@@ -20,9 +20,8 @@ from protocol.devices.jr3.can_gateway.messages import (
 )
 from protocol.devices.jr3.can_gateway.profile import GatewayClientProfile
 from protocol.devices.jr3.firmware import HANGS, TESTED_PERIOD_MS, check_cutoff
-from protocol.devices.jr3.gateway_session import Dialect, GatewaySession, Phase
-from protocol.endpoint import LocalProtocolError, RemoteProtocolError
-from protocol.wrench import SensorNotice
+from protocol.devices.jr3.gateway_session import Dialect, GatewaySession, OfSession, Phase
+from protocol.endpoint import LocalProtocolError, RemoteProtocolError, Trouble
 
 STRAGGLER_S = 0.5
 """Chosen: a counter that steps back by less than this is an old frame; by more, it is a far step forward."""
@@ -31,7 +30,7 @@ _READY = Phase.READY
 _SYNC = CanFrame(Op.SYNC)
 
 
-class GatewayClient:
+class GatewayClient(OfSession[Op]):
     """Endpoint of the client: takes and gives sequences of CAN frames, tells SensorEvents."""
 
     def __init__(self, profile: GatewayClientProfile, now: float) -> None:
@@ -43,19 +42,12 @@ class GatewayClient:
         self._syncs = 0
         self._others_heard = False
         self._forces: bytes | None = None
-        self._session = session = GatewaySession(self._dialect(), profile, now)
-        self.statistics = session.statistics
+        super().__init__(session := GatewaySession(self._dialect(), profile, now))
         if profile.mode == "async" and profile.period_ms < TESTED_PERIOD_MS:
-            session.tell(
-                SensorNotice(
-                    f"period_ms is {profile.period_ms:g}, but the gateway's firmware was tested from "
-                    f"{TESTED_PERIOD_MS:g} on: below it may leave itself no time for anything else"
-                )
+            session.notice(
+                f"period_ms is {profile.period_ms:g}, but the gateway's firmware was tested from "
+                f"{TESTED_PERIOD_MS:g} on: below it may leave itself no time for anything else"
             )
-        # Requests of the owner, and the clock, concern the session alone.
-        self.zero, self.set_filter, self.stop = session.zero, session.set_filter, session.stop
-        self.next_event = session.next_event
-        self.next_deadline, self.handle_deadline = session.next_deadline, session.handle_deadline
 
     def _dialect(self) -> Dialect[Op]:
         streamed = self._profile.mode == "async"
@@ -79,23 +71,15 @@ class GatewayClient:
             # Answers to SYNC come in order and after any time: there only the same counter is an old sample.
             counter_behind=int(STRAGGLER_S * samples_per_second) if streamed else 0,
             check_cutoff=check_cutoff,
-            why_silent=self._why_silent,
+            explain_silence=self._explain_silence,
         )
 
-    def _why_silent(self, waited: str) -> str:
+    def _explain_silence(self, waited: str) -> Trouble:
         if self._others_heard:
-            return f"silent for {waited} while others are on the bus: wrong node number?"
-        return f"silent: nothing of a gateway on the bus in {waited}: power, bit rate, wiring? {HANGS}"
-
-    @property
-    def phase(self) -> Phase:
-        """Where the session is."""
-        return self._session.phase
-
-    @property
-    def stop_patience(self) -> float:
-        """How long SensorStopped may take when the first stop was lost, s: a stop and its repetition."""
-        return self._session.stop_patience
+            return Trouble(f"silent for {waited} while others are on the bus", "wrong node number?")
+        return Trouble(
+            f"silent: nothing of a gateway on the bus in {waited}", f"power, bit rate, wiring? {HANGS}"
+        )
 
     def sync(self) -> None:
         """Ask for one sample. Raises LocalProtocolError unless the session is ready."""
@@ -149,7 +133,7 @@ class GatewayClient:
 
     def _on_error_report(self, frame: CanFrame) -> None:
         try:
-            self._session.tell(SensorNotice(f"CAN bus: {decode_error(frame)}"))
+            self._session.notice(f"CAN bus: {decode_error(frame)}")
         except RemoteProtocolError:
             self.statistics.malformed += 1
 

@@ -4,11 +4,12 @@ Source: firmware roboticslab-uc3m/jr3-mbed-firmware-can, read for facts. 1 Mbit/
 an op and a node, little-endian payloads.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cache
 
+from protocol.can.dbc import CanMessage
 from protocol.can.frame import CanFilter, CanFrame
 from protocol.devices.jr3.counts import FULL_SCALE_COUNTS
 from protocol.devices.jr3.firmware import (
@@ -98,6 +99,18 @@ LAYOUTS: Mapping[Op, Layout] = dict.fromkeys(Op, EMPTY) | {
     Op.GRIPPER: GRIPPER,
 }
 """Payload of every op; an acknowledge of seven bytes or more is read by FULL_SCALES instead."""
+
+
+def can_messages(identifiers: Iterable[int]) -> Sequence[CanMessage]:
+    """The frames of the gateway whose frames have these identifiers, or of node 1. An acknowledge has the length of one
+    that tells full scales.
+    """
+    node = next((node for node in (each & _NODE_MASK for each in identifiers) if node), 1)
+    layouts = {**LAYOUTS, Op.ACKNOWLEDGE: FULL_SCALES}
+    return [
+        CanMessage(op if op is Op.SYNC else op | node, op.name, layout, op in FROM_GATEWAY)
+        for op, layout in layouts.items()
+    ]
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,6 @@ First the kernel driver's start-up, then samples. Each is one burst from the fil
 """
 
 import struct
-from collections import deque
 from collections.abc import Sequence
 from enum import Enum
 
@@ -45,16 +44,13 @@ from protocol.devices.jr3.registers.telegrams import (
     response_reader,
 )
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
+from protocol.sensor_telling import SensorTelling
 from protocol.wrench import (
     AXES,
-    SensorEvent,
     SensorFacts,
-    SensorFailed,
-    SensorNotice,
     SensorReady,
     SensorRestarted,
     SensorStatistics,
-    SensorStopped,
     WrenchFrame,
     Zeroed,
 )
@@ -111,7 +107,8 @@ class BoardClient:
         self._data_timeout = max(profile.data_timeout_s, 5 * profile.period * profile.bursts)
         self.statistics = SensorStatistics()
         self._reader = response_reader()
-        self._events: deque[SensorEvent] = deque()
+        self._telling = telling = SensorTelling("board: ")
+        self.next_event = telling.next_event
         self._out = b""
         self._tag = 0
 
@@ -179,7 +176,7 @@ class BoardClient:
             self._step_tag = self._request(Op.STREAM)
         else:
             self._phase = BoardPhase.STOPPED
-            self._events.append(SensorStopped())
+            self._telling.stop()
 
     # --- endpoint
 
@@ -202,10 +199,6 @@ class BoardClient:
             elif item.tag == self._data_tag:
                 self._on_data(item, now)
             # else: an answer that was under way before a restart or a stop
-
-    def next_event(self) -> SensorEvent | None:
-        """The oldest event not yet taken, or None."""
-        return self._events.popleft() if self._events else None
 
     def data_to_send(self, now: float) -> bytes:
         """The request whose turn it is."""
@@ -270,7 +263,7 @@ class BoardClient:
             self._on_done(end.value, now)
             return
         except RemoteProtocolError as error:
-            self._fail(str(error))
+            self._fail(str(error), error.remedy)
             return
         self._step = step
         match step:
@@ -305,13 +298,11 @@ class BoardClient:
         self._step_tag = self._answer_by = None
         if self._phase is BoardPhase.STOPPING:
             self._phase = BoardPhase.STOPPED
-            self._events.append(SensorStopped())
+            self._telling.stop()
             return
         step = self._step
         if response.status is Status.REFUSED and isinstance(step, Reset):
-            self._events.append(
-                SensorNotice("board: its server does not reset it; started up without a reset")
-            )
+            self._telling.notice("board: its server does not reset it; started up without a reset")
         elif response.status is not Status.OK:
             self._fail(f"the server refuses {step_name(step)}: {response.status.meaning}")
             return
@@ -331,20 +322,20 @@ class BoardClient:
             self._phase = BoardPhase.SETTLING
             model = f"sensor model {result.model_no}, serial number {result.serial_no}"
             self._facts = facts_of(result.full_scales, self._profile.period, self._profile.delay, model)
-            self._events.append(SensorNotice(f"board: {model}"))
+            self._telling.notice(f"board: {model}")
         self._settled_at = now + self._profile.settling
 
     def _on_settled(self, now: float) -> None:
         if self._phase is BoardPhase.READY:
             self._range.zeroed(self._zero_from)
-            self._events.append(Zeroed())
+            self._telling.tell(Zeroed())
             return
         self._phase = BoardPhase.READY
         self._counter = self._stamp_ns = None
         self._asked_at = self._sampled_at = self._heard_at = now
         self._polls = 0
         self._data_by = now + self._data_timeout
-        self._events.append(SensorReady(self._facts))
+        self._telling.tell(SensorReady(self._facts))
         if not self._by_poll:
             period_us = round(self._profile.period * 1e6)
             self._ask(Op.STREAM, period_us, self._profile.bursts)
@@ -355,12 +346,12 @@ class BoardClient:
         self._data_tag = tag
         self._delivery_head = encode_head(Response(op, Status.OK, tag, self._first, self._words), bursts)
 
-    def _fail(self, text: str) -> None:
+    def _fail(self, text: str, remedy: str = "") -> None:
         self._phase = BoardPhase.FAILED
         self._drop_steps()
         self._settled_at = self._data_by = self._data_tag = self._delivery_head = None
         self._out = b""
-        self._events.append(SensorFailed(f"board: {text}"))
+        self._telling.fail(text, remedy)
 
     # --- samples
 
@@ -382,10 +373,11 @@ class BoardClient:
             self._data_by = self._sampled_at + self._data_timeout
         elif now < self._heard_at + self._data_timeout:
             self._fail(
-                f"its counter has stood at {self._counter} for {self._data_timeout:g} s: does its program run?"
+                f"its counter has stood at {self._counter} for {self._data_timeout:g} s",
+                "does its program run?",
             )
         else:
-            self._fail(f"no data for {self._data_timeout:g} s: server or network stuck?")
+            self._fail(f"no data for {self._data_timeout:g} s", "server or network stuck?")
 
     def _on_data(self, response: Response, now: float) -> None:
         """Take a delivery that came in parts, or a response without samples."""
@@ -456,9 +448,9 @@ class BoardClient:
             self._counted_ns = time_ns
             counts = fx, fy, fz, mx, my, mz
             saturated = self._range.saturated(counts)
-            if self._range.warnings:
-                self._events.extend(map(SensorNotice, self._range.warnings))
-            self._events.append(WrenchFrame(counts, counter, sequence, self._dated, saturated))
+            for warning in self._range.warnings:
+                self._telling.notice(warning)
+            self._telling.tell(WrenchFrame(counts, counter, sequence, self._dated, saturated))
 
     def _usable(self, errors: int, warnings: int, now: float) -> bool:
         """Whether the data of a burst with these bits are of its moment; tell what is to be told of the bits."""
@@ -471,12 +463,12 @@ class BoardClient:
 
     def _on_sensor_trouble(self, errors: int, now: float) -> None:
         if errors & DEAF:
-            self._fail(f"it hears no sensor ({errors_text(errors)}): check the sensor's plug and cable")
+            self._fail(f"it hears no sensor ({errors_text(errors)})", "check the sensor's plug and cable")
             return
         self._begin_again(now)
 
     def _begin_again(self, now: float) -> None:
-        self._events.append(SensorRestarted())
+        self._telling.tell(SensorRestarted())
         self._begin(configure(self._profile), now)
 
     def _stood(self, elapsed: float, step: int) -> bool:
@@ -496,4 +488,4 @@ class BoardClient:
             self._saturated |= new
             texts = [f"{axis} saturated" for i, axis in enumerate(AXES) if new >> (len(AXES) + i) & 1]
             texts += [f"{axis} near saturation" for i, axis in enumerate(AXES) if new >> i & 1]
-            self._events.append(SensorNotice(f"board: raw {', '.join(texts)}"))
+            self._telling.notice(f"board: raw {', '.join(texts)}")

@@ -180,7 +180,7 @@ def command(
         if answer < 0:
             raise RemoteProtocolError(f"{_name(code)} failed with {answer}")
         pause = profile.command_ms * 1e-3
-    raise RemoteProtocolError(f"{_name(code)} has no end after {waited:g} s: does the board's program run?")
+    raise RemoteProtocolError(f"{_name(code)} has no end after {waited:g} s", "does the board's program run?")
 
 
 def errors_text(word: int) -> str:
@@ -202,7 +202,7 @@ def _sensor(profile: BoardClientProfile, further: int) -> Steps[None]:
             if waited >= profile.ready_timeout_s:
                 why = f" ({errors_text(errors)})" if errors else ""
                 what = "no sensor" if errors & DEAF else "the sensor's calibration is not read"
-                raise RemoteProtocolError(f"{what} after {waited:g} s{why}: is it plugged in?")
+                raise RemoteProtocolError(f"{what} after {waited:g} s{why}", "is it plugged in?")
             waited += profile.poll_s
         elif good == further:
             return
@@ -229,7 +229,7 @@ def _identity() -> Steps[BoardIdentity]:
 def _check_scales(words: Sequence[int]) -> None:
     for axis, word in zip(AXES, words, strict=True):
         if to_signed(word) <= 0:
-            raise RemoteProtocolError(f"full scale of {axis} is {to_signed(word)}: calibration not read?")
+            raise RemoteProtocolError(f"full scale of {axis} is {to_signed(word)}", "calibration not read?")
 
 
 def _name(code: int) -> str:

@@ -7,7 +7,7 @@ repeated only after more than that second.
 """
 
 from protocol.devices.jr3.firmware import HANGS
-from protocol.devices.jr3.gateway_session import Dialect, GatewaySession, Phase
+from protocol.devices.jr3.gateway_session import Dialect, GatewaySession, OfSession, Phase
 from protocol.devices.jr3.uart_gateway.messages import (
     FROM_GATEWAY,
     UART_BAUDRATE,
@@ -19,6 +19,7 @@ from protocol.devices.jr3.uart_gateway.messages import (
 )
 from protocol.devices.jr3.uart_gateway.profile import UartGatewayClientProfile, check_uart_cutoff
 from protocol.devices.jr3.uart_gateway.reader import Reader
+from protocol.endpoint import Trouble
 
 # Asked for with every sample, by names of this module: until Python 3.12 an enum's own name costs five times that.
 _READY, _DATA, _ACKNOWLEDGE = Phase.READY, Op.DATA, Op.ACKNOWLEDGE
@@ -30,19 +31,14 @@ _STEPS = (
 )
 
 
-class UartGatewayClient:
+class UartGatewayClient(OfSession[Op]):
     """Endpoint of the client: takes and gives bytes, tells SensorEvents."""
 
     def __init__(self, profile: UartGatewayClientProfile, now: float) -> None:
         self._profile = profile
         self._reader = Reader(FROM_GATEWAY)
         self._frame_heard = False
-        self._session = session = GatewaySession(self._dialect(), profile, now)
-        self.statistics = session.statistics
-        # The owner's requests, and the clock, concern the session alone.
-        self.zero, self.set_filter, self.stop = session.zero, session.set_filter, session.stop
-        self.next_event = session.next_event
-        self.next_deadline, self.handle_deadline = session.next_deadline, session.handle_deadline
+        super().__init__(GatewaySession(self._dialect(), profile, now))
 
     def _dialect(self) -> Dialect[Op]:
         return Dialect(
@@ -58,27 +54,18 @@ class UartGatewayClient:
             counter_step=self._profile.period_ms * 1e3 / self._profile.sample_period_us,
             counter_behind=0,  # bytes do not overtake each other: only the same counter is an old sample
             check_cutoff=check_uart_cutoff,
-            why_silent=self._why_silent,
+            explain_silence=self._explain_silence,
         )
 
-    def _why_silent(self, waited: str) -> str:
+    def _explain_silence(self, waited: str) -> Trouble:
         if self._frame_heard:
-            return f"sends but acknowledges nothing in {waited}: is the line to it open?"
+            return Trouble(f"sends but acknowledges nothing in {waited}", "is the line to it open?")
         if self._reader.skipped:
-            return (
-                f"bytes but no frame of a gateway in {waited}: not {UART_BAUDRATE} baud, or another device?"
+            return Trouble(
+                f"bytes but no frame of a gateway in {waited}",
+                f"not {UART_BAUDRATE} baud, or another device?",
             )
-        return f"silent for {waited}: power, cable, port? {HANGS}"
-
-    @property
-    def phase(self) -> Phase:
-        """Where the session is."""
-        return self._session.phase
-
-    @property
-    def stop_patience(self) -> float:
-        """Longest time that SensorStopped may take when the first stop was lost, s: a stop and its repetition."""
-        return self._session.stop_patience
+        return Trouble(f"silent for {waited}", f"power, cable, port? {HANGS}")
 
     # --- the wire
 

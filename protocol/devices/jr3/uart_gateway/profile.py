@@ -1,27 +1,17 @@
 """Settings and assumptions of a client about its UART gateway."""
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
 
-from protocol.devices.jr3.firmware import MAX_CUTOFF_HZ, check_cutoff, first_order_delay
+from protocol.devices.jr3.firmware import check_cutoff
+from protocol.devices.jr3.gateway_profile import AnyGatewayClientProfile
 from protocol.devices.jr3.uart_gateway.messages import DATA_FRAME_S, UART_BAUDRATE, sendable_near
-from protocol.marks import Mark, above, at_least, between, check_settings, setting
-from protocol.wrench import AXES
+from protocol.marks import Mark, above, at_least, setting
 
 
 @dataclass(frozen=True)
-class UartGatewayClientProfile:
+class UartGatewayClientProfile(AnyGatewayClientProfile):
     """Settings of a client about its gateway."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
-
-    cutoff_hz: float = setting(
-        10.0,
-        Mark.CHOSEN,
-        "cut-off of the gateway's first-order filter, 0 = unfiltered",
-        between(0.0, MAX_CUTOFF_HZ),
-        unit="Hz",
-    )
     period_ms: float = setting(
         10.0,
         Mark.CHOSEN,
@@ -44,7 +34,6 @@ class UartGatewayClientProfile:
         above(0.0),
         unit="s",
     )
-    retries: int = setting(3, Mark.CHOSEN, "repetitions of a command without acknowledge", at_least(0))
     ready_timeout_s: float = setting(
         12.0,
         Mark.CHOSEN,
@@ -52,25 +41,12 @@ class UartGatewayClientProfile:
         above(0.0),
         unit="s",
     )
-    still_timeout_s: float = setting(
-        1.0,
-        Mark.CHOSEN,
-        "patience with samples whose counter stands still, beside five periods: a gateway without its sensor",
-        above(0.0),
-        unit="s",
-    )
     settle_s: float = setting(
         0.1, Mark.OBSERVED, "between start and first use, for the filter", at_least(0.0), unit="s"
     )
-    sample_period_us: float = setting(
-        128.5, Mark.OBSERVED, "the gateway's sampling, one step of its frame counter", above(0.0), unit="µs"
-    )
-    full_scales: tuple[float, ...] = setting(
-        (), Mark.CHOSEN, "fx fy fz mx my mz, empty = ask the gateway", above(0.0), unit="N, N·m"
-    )
 
     def __post_init__(self) -> None:
-        check_settings(self)
+        super().__post_init__()
         check_uart_cutoff(self.cutoff_hz)
         if self.period_ms < DATA_FRAME_S * 1e3:
             raise ValueError(
@@ -78,13 +54,6 @@ class UartGatewayClientProfile:
                 f"got {self.period_ms:g}"
             )
         _check_sendable("period_ms", self.period_ms, 1000, 4)
-        if len(self.full_scales) not in (0, len(AXES)):
-            raise ValueError(f"full_scales must be six values or none, got {len(self.full_scales)}")
-
-    @property
-    def delay(self) -> float:
-        """Delay of a sample with this cut-off behind the force itself, s."""
-        return first_order_delay(self.cutoff_hz)
 
 
 def check_uart_cutoff(cutoff_hz: float) -> None:

@@ -107,6 +107,8 @@ class LinkFailed:
 
     reason: LinkFailure
     text: str
+    remedy: str = ""
+    """Checks for a person; empty where none is known."""
 
 
 class LinkNotice(NamedTuple):

@@ -96,7 +96,7 @@ class SendingHalf:
         """No answer to a bid came in time."""
         message = self._message
         if message.bids >= self._profile.bid_limit:
-            return self._give_up(*_why_unanswered(message))
+            return self._give_up(*_explain_silence(message))
         message.bids += 1
         self._notice(NoticeKind.TIME_OUT, "no answer to ENQ")
         self._notice(NoticeKind.BID_REPEAT, f"ENQ sent {message.bids} times")
@@ -251,9 +251,9 @@ class SendingHalf:
             self.announced = False
         self._blocks = []
 
-    def _give_up(self, reason: LinkFailure, text: str) -> State:
+    def _give_up(self, reason: LinkFailure, text: str, remedy: str = "") -> State:
         self._drop_oldest()
-        self._shared.journal.tell(LinkFailed(reason, text), Count.MESSAGES_FAILED)
+        self._shared.journal.tell(LinkFailed(reason, text, remedy), Count.MESSAGES_FAILED)
         return _IDLE
 
 
@@ -275,16 +275,15 @@ def _check_telegram(telegram: bytes, max_telegram: int) -> None:
         )
 
 
-def _why_unanswered(message: _Message) -> tuple[LinkFailure, str]:
-    """Why no bid for a message was acknowledged, by what came instead, and what a person can check."""
+def _explain_silence(message: _Message) -> tuple[LinkFailure, str, str]:
+    """Why no bid for a message was acknowledged: the failure, its text, and checks for a person."""
     if message.bid_refused:
-        return LinkFailure.BID_REFUSED, f"{message.bids} bids (ENQ) were refused by NAK"
+        return LinkFailure.BID_REFUSED, f"{message.bids} bids (ENQ) were refused by NAK", ""
     if message.heard:
-        return LinkFailure.ONLY_NOISE, (
-            f"{message.bids} bids (ENQ) were answered by {message.heard} bytes without meaning: "
-            "check the rate and the parity on both sides"
-        )
-    return LinkFailure.NO_ANSWER, (
-        f"nothing came after {message.bids} bids (ENQ): check cable and power, rate and parity, "
-        "and that the robot has given the link control"
+        text = f"{message.bids} bids (ENQ) were answered by {message.heard} bytes without meaning"
+        return LinkFailure.ONLY_NOISE, text, "check the rate and the parity on both sides"
+    return (
+        LinkFailure.NO_ANSWER,
+        f"nothing came after {message.bids} bids (ENQ)",
+        "check cable and power, rate and parity, and that the robot has given the link control",
     )

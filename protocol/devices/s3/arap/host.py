@@ -63,6 +63,8 @@ class OrderFailed:
     order: Telegram
     reason: LinkFailure | OrderFailure
     text: str
+    remedy: str = ""
+    """Checks for a person; empty where none is known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,13 +182,15 @@ class ArapHost:
                         self._take_telegram(raw, now)
                 case MessageSent():
                     self._deadline = now + self._profile.order_timeout_s
-                case LinkFailed(reason, text) if reason not in INCOMING_FAILURES and self._order is not None:
+                case LinkFailed(reason, text, remedy) if (
+                    reason not in INCOMING_FAILURES and self._order is not None
+                ):
                     if reason is LinkFailure.INTERRUPTED:
                         # The bid that interrupted is most likely that of the answer.
                         self._deadline = now + self._profile.order_timeout_s
                         self._keep(event)
                     else:
-                        self._fail(self._order, reason, text)
+                        self._fail(self._order, reason, text, remedy)
                 case _:
                     self._keep(event)
 
@@ -234,8 +238,8 @@ class ArapHost:
         else:
             self._fail(order, OrderFailure.UNFIT_ANSWER, f"{text} (order: {order})")
 
-    def _fail(self, order: Telegram, reason: LinkFailure | OrderFailure, text: str) -> None:
-        self._end(OrderFailed(order, reason, text))
+    def _fail(self, order: Telegram, reason: LinkFailure | OrderFailure, text: str, remedy: str = "") -> None:
+        self._end(OrderFailed(order, reason, text, remedy))
 
     def _end(self, event: Answered | Refused | OrderFailed) -> None:
         self._order = None

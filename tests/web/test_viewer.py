@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from hil_bridge.api import load, simulate
+from hil_bridge.record.analysis.summary import summarise
+from hil_bridge.show.report import write_report
 from tools.chromium import Page
 from tools.web_run import Serving
-
-pytestmark = pytest.mark.live
 
 FAILED = 4
 """Exit code of a campaign in which a run did not meet its criteria."""
@@ -31,7 +31,7 @@ emulated = "ft300"
 [config.task]
 retract_mm = 2.0
 [config.cell]
-start_position_mm = [900.0, -100.0, 601.0]
+start_position_mm = [900.0, -100.0, 592.0]
 """
 
 
@@ -83,6 +83,24 @@ async def test_a_browser_walks_through_a_recording(
     assert float(await page.value("document.getElementById('at').value")) == pytest.approx(stands, abs=1e-6)
     await page.value(slide(length_s))
     await page.until(f"{text('phase')} === 'stopped' && document.querySelector('#list .alarm')")
+    assert page.errors == []
+
+
+async def test_a_band_of_a_report_is_one_entry_of_the_legend(page: Page, tmp_path: Path) -> None:
+    """Its entry tells both edges, and switches both. Times have their unit at every chart; minus signs are such."""
+    recording = simulate(load({"run": {"duration_s": 2.0}}, seed=3)).recording
+    report = write_report(recording, summarise(recording), tmp_path)
+    await page.open(report.as_uri())
+    await page.until("document.querySelectorAll('.uplot canvas').length > 3")
+    legend = """[...document.querySelector('[data-chart=force]').querySelectorAll('.u-series')]
+      .filter(one => one.offsetParent).map(one => one.querySelector('.u-label').textContent)"""
+    assert await page.value(legend) == ["target", "true force", "force", "whole stream"]
+    shown = "document.querySelector('[data-chart=force] .u-series:last-child').classList.contains('u-off')"
+    edge = "document.querySelectorAll('[data-chart=force] .u-series')[{}].classList.contains('u-off')"
+    count = await page.value("document.querySelectorAll('[data-chart=force] .u-series').length")
+    await page.value("document.querySelector('[data-chart=force] .u-series:last-child th').click()")
+    assert await page.value(shown)
+    assert await page.value(edge.format(count - 2))
     assert page.errors == []
 
 

@@ -1,0 +1,61 @@
+"""The part of a gateway of a JR3 sensor that does not depend on its wire: the sensor, the firmware, their faults."""
+
+from collections.abc import Mapping
+from typing import Generic, Self
+
+from emulators.devices.jr3.firmware import RESET, START, STOP, Firmware, Step
+from emulators.devices.jr3.firmware_profile import FirmwareProfile
+from emulators.devices.jr3.sensor import Jr3Sensor
+from emulators.faults.ledger import Handler
+from emulators.faults.wire import Data, FaultyWire, Pieces
+from emulators.unmodelled import Unmodelled
+
+
+class AnyGateway(Generic[Data]):
+    """A gateway without what it hears and says."""
+
+    def __init__(self, pieces: Pieces[Data], profile: FirmwareProfile, sensor: Jr3Sensor, seed: int) -> None:
+        self.jr3 = sensor
+        """The sensor behind it."""
+        self.unmodelled = Unmodelled("jr3")
+        self._blocks = profile.blocks
+        self._firmware = Firmware(sensor, profile, seed)
+        self._wire: FaultyWire[Data] = FaultyWire(pieces, f"{seed} frames")
+
+    @property
+    def handlers(self) -> Mapping[str, Mapping[str, Handler]]:
+        """Faults of the receiver and the sensor, by target, for a ledger."""
+        own = self._firmware.handlers
+        return {
+            **own,
+            "frames": {**self._wire.handlers, **own["frames"]},
+            "signal": self.jr3.signal.handlers,
+        }
+
+    @property
+    def endpoint(self) -> Self:
+        """The gateway itself is the end of its wire."""
+        return self
+
+    def unplug(self, now: float) -> None:
+        """Pull the sensor's plug; harmless when it is out."""
+        self._firmware.unplug(now)
+
+    def plug_in(self, now: float) -> None:
+        """Put the sensor's plug in; harmless when it is in."""
+        self._firmware.plug_in(now)
+
+    def steps_of(self, order: str) -> tuple[Step, ...] | None:
+        """Steps of a command of this name; None where it is answered at once, since the gateway is not initialised."""
+        if not (self._firmware.initialised or (self._blocks and order == "RESET")):
+            return None
+        before = self._firmware.before_stream
+        steps = {"START": before, "START_ASYNC": before, "START_SYNC": START, "STOP": STOP, "RESET": RESET}
+        return steps.get(order, ())
+
+    def sampled_at(self, counter: int) -> float | None:
+        """The truth: when the sensor measured the newest sample sent with this counter, s; None if there is none."""
+        return self._firmware.sampled_at(counter)
+
+    def next_event(self) -> None:
+        """A gateway tells nothing."""

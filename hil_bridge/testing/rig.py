@@ -1,0 +1,158 @@
+"""The parts that the rigs of emulated robots and sensors share: wires with hands on them, patience, time and faults."""
+
+import asyncio
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Mapping, Sequence
+from contextlib import AsyncExitStack, asynccontextmanager
+from typing import Any
+
+import pytest
+
+from emulators.faults import Fault, Ledger
+from hil_bridge.clock import Clock
+from hil_bridge.devices.wiring import Serving
+from hil_bridge.errors import BridgeError
+from hil_bridge.testing.cancelling import MOST, cancelled_at
+from hil_bridge.testing.meddling import Meddled, flipped, garbage, lengthened, shortened
+from hil_bridge.testing.naming import Finding
+from hil_bridge.transports import Transport
+
+DAMAGES: Mapping[str, Callable[[Any, int], Sequence[Any]]] = {
+    "flipped": lambda data, count: (flipped(data, 11 * count),),
+    "shortened": lambda data, count: (shortened(data),),
+    "lengthened": lambda data, count: (lengthened(data),),
+    "garbage": lambda data, count: (garbage(data), data),
+}
+"""Damages of what a client sends, by name; each is told the number of the piece."""
+
+
+class Rig:
+    """An emulated device and the wires of its clients."""
+
+    patience_s: float
+    """Chosen: longer than any client may wait for the device."""
+
+    def __init__(self, clock: Clock, faults: Mapping[str, Mapping[str, Fault]]) -> None:
+        self.clock = clock
+        self.ledger = Ledger(faults)
+        self.wires: list[Meddled] = []
+        """Wires of the clients, in the order in which they were opened."""
+
+    def wrap(self, device: str, wire: Transport[Any]) -> Transport[Any]:
+        """Put a hand on a wire that a client opens."""
+        meddled = Meddled(wire)
+        self.wires.append(meddled)
+        return meddled
+
+    async def within(self, answer: Awaitable[Any], name: str) -> Any:
+        """The answer, which must come, or fail, some time."""
+        try:
+            async with asyncio.timeout(self.patience_s):
+                return await answer
+        except TimeoutError:
+            raise Finding(
+                f"`{name}` waits for ever: no answer and no error within {self.patience_s:g} s"
+            ) from None
+
+    async def wait(self, seconds: float) -> None:
+        """Let time pass; faults end at their times."""
+        ends = self.clock.now() + seconds
+        while (due := self.ledger.next_deadline()) is not None and due < ends:
+            await self.clock.sleep_until(due)
+            self.ledger.handle_deadline(due)
+        await self.clock.sleep_until(ends)
+
+    # --- faults
+
+    def inject(self, target: str, fault: str) -> bool:
+        """Let a fault happen, with its defaults; False for one that this device cannot have now."""
+        found = self.ledger.table[target][fault]
+        # One of them must not be 0.
+        amounts: dict[str, object] = {
+            name: max(found.parameters[name].maximum / 100.0, 1e-3) for name in found.amounts[:1]
+        }
+        try:
+            self.ledger.inject(target, fault, self.clock.now(), amounts)
+        except ValueError:
+            return False
+        return True
+
+    def mend(self) -> None:
+        """End the faults that last."""
+        self.ledger.mend(self.clock.now())
+
+    async def begin_each(self, handlers: Mapping[str, Mapping[str, Any]], word: str) -> None:
+        """Let each fault of the table begin, for a moment. `word` is that for the device."""
+        told = {(on, name) for on, table in self.ledger.table.items() for name in table}
+        handled = {(on, name) for on, table in handlers.items() for name in table}
+        if extra := handled - told:
+            raise Finding(
+                f"the {word} handles {sorted(extra)[0]}, which the table of its faults does not tell"
+            )
+        begun = 0
+        for on, name in sorted(told):
+            begun += self.inject(on, name)
+            await self.wait(0.05)
+        if told and not begun:
+            raise Finding("none of the faults can begin with its defaults")
+        self.mend()
+        await self.wait(0.1)
+
+    # --- hostile or cancelled clients
+
+    def damage_sent(self, damage: str, first: int, every: int) -> None:
+        """The first piece of this number that the clients send, and each so-manieth after it, arrives damaged."""
+        alter, count = DAMAGES[damage], 0
+
+        def meddle(data: Any) -> Sequence[Any]:
+            nonlocal count
+            count += 1
+            return alter(data, count) if count >= first and not (count - first) % every else (data,)
+
+        for wire in self.wires:
+            wire.alter_sent = meddle
+
+    async def cancel_everywhere(
+        self,
+        session: Callable[[], Coroutine[Any, Any, None]],
+        check: Callable[[int, str], Awaitable[None]] | None = None,
+    ) -> None:
+        """Cancel a session where it waits for the first time, the second time, and so on to its end. Then its wires are
+        closed and no task is left. `check` is called with the number of the await, and with words for it.
+        """
+        before = asyncio.all_tasks()
+        for number in range(MOST):
+            self.wires.clear()
+            went_on = await cancelled_at(number, session)
+            where = f"cancelled at its await number {number}"
+            if left := [wire.name for wire in self.wires if not wire.closed]:
+                raise Finding(f"{where}, the client leaks a wire: {left[0]} is not closed")
+            await self.wait(0.3)
+            if tasks := asyncio.all_tasks() - before:
+                raise Finding(f"{where}, the client leaves a task behind: {tasks.pop().get_name()}")
+            if check is not None:
+                await check(number, where)
+            if not went_on:
+                return
+
+
+@asynccontextmanager
+async def serving_in_memory(clock: Clock) -> AsyncIterator[Serving]:
+    """What an emulated device is served by. Raises what its code raised meanwhile, but for errors of wires."""
+    failed: list[BaseException] = []
+    async with AsyncExitStack() as stack:
+        yield Serving(clock, stack, failed.append, lambda text: None)
+        if failed and not isinstance(failed[0], BridgeError):
+            raise failed[0]
+
+
+def try_each_fault(kind: Any, phase: str, attempt: Callable[[str, str], None]) -> None:
+    """Try each fault of a kind's emulator; the one that fails is named."""
+    faults = [(on, name) for on, table in kind.emulation.faults.items() for name in table]
+    if not faults:
+        pytest.skip(f"the emulator of {kind.name} has no faults")
+    for target, fault in faults:
+        try:
+            attempt(target, fault)
+        except BaseException as error:
+            error.add_note(f"the fault was {target}: {fault}, phase {phase}")
+            raise

@@ -1,0 +1,43 @@
+"""The base of transports that keep data for a while on their way to and from the transport that they hold."""
+
+from collections.abc import Callable
+from typing import Generic
+
+from hil_bridge.errors import TransportError
+from hil_bridge.transports.base import Transport
+from hil_bridge.transports.delivery import QUEUE_BYTES, Data, Delivery
+
+
+class Around(Generic[Data]):
+    """A transport around another one."""
+
+    __slots__ = ("_delivery", "_inner")
+
+    def __init__(self, transport: Transport[Data]) -> None:
+        self._inner = transport
+        self._delivery: Delivery[Data] = Delivery(transport.name, QUEUE_BYTES)
+
+    @property
+    def name(self) -> str:
+        """That of the wire."""
+        return self._inner.name
+
+    def start(self, on_data: Callable[[Data], None], on_end: Callable[[TransportError], None]) -> None:
+        """Listen, at both."""
+        self._delivery.start(on_data, on_end)
+        self._inner.start(self._arrived, self._inner_ended)
+
+    def _arrived(self, data: Data) -> None:
+        """The inner transport has data."""
+        raise NotImplementedError
+
+    def _inner_ended(self, error: TransportError) -> None:
+        """The inner transport has ended."""
+        raise NotImplementedError
+
+    def _leave(self, data: Data) -> None:
+        """Hand data to the inner transport, whose failure ends it."""
+        try:
+            self._inner.send(data)
+        except TransportError as error:
+            self._inner_ended(error)

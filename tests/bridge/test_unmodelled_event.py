@@ -1,0 +1,45 @@
+"""A run records what its client uses and the emulated device does not model."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+import hil_bridge
+from emulators.devices.rsi import RsiController
+from protocol.unmodelled import NotModelled
+
+RSI = {"robot": {"emulated": "rsi"}, "sensor": {"emulated": "ft300"}, "run": {"duration_s": 0.5}}
+
+
+def events(result: Any) -> list[Any]:
+    return [event for event in result.recording.events if event.kind == "not-modelled"]
+
+
+@pytest.mark.parametrize("sensor", ["netft", "ft300", "ati-can", "jr3", "jr3-uart", "jr3-board"])
+@pytest.mark.parametrize("robot", ["rsi", "rtde"])
+def test_a_run_with_our_own_clients_tells_nothing(robot: str, sensor: str) -> None:
+    if robot == "rtde" and sensor != "jr3":
+        pytest.skip("each device once is enough")
+    values = {"robot": {"emulated": robot}, "sensor": {"emulated": sensor}, "run": {"duration_s": 0.2}}
+    assert events(hil_bridge.simulate(values)) == []
+
+
+def test_a_thing_stands_in_the_record_with_its_fields(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
+    heard: Callable[..., None] = RsiController._receive
+
+    def with_text(robot: RsiController, data: Any, now: float) -> None:
+        """Each answer shows a text on the robot's display, too."""
+        heard(robot, [raw.replace(b"<RKorr", b"<EStr>ready</EStr><RKorr") for raw in data], now)
+
+    monkeypatch.setattr(RsiController, "_receive", with_text)
+    result = hil_bridge.simulate(RSI)
+    assert result.outcome == "completed", result.text
+    (event,) = events(result)
+    thing = NotModelled("rsi", "tag EStr", "read, and nothing is connected to its channel")
+    assert event.not_modelled == thing
+    assert event.text == str(thing)
+    place = tmp_path / "run.mcap"
+    result.save(place)
+    (read,) = [event for event in hil_bridge.read(place).events if event.kind == "not-modelled"]
+    assert read.not_modelled == thing

@@ -1,0 +1,45 @@
+"""Environments of clients that other people wrote: unmodified, from the package index, each beside the project's own.
+
+Tests run these clients in processes of their own, and tools/client_transcripts.py records what they say.
+"""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+ENVIRONMENTS = Path(sys.prefix) / "cache" / "clients"
+INSTALL_S = 240
+UV = (sys.executable, "-m", "uv")
+
+
+class ClientMissing(Exception):
+    """The package index does not give the client; the text says why, in one line."""
+
+
+def interpreter(*requirements: str) -> Path:
+    """The Python of an environment with these pinned packages, made once; anew where an earlier try was cut short.
+
+    Raises ClientMissing.
+    """
+    place = ENVIRONMENTS / "+".join(requirement.replace("==", "-") for requirement in requirements)
+    python, done = place / "bin" / "python", place / "complete"
+    if not done.exists():
+        shutil.rmtree(place, ignore_errors=True)
+        for step in (
+            ("venv", "--quiet", "--python", sys.executable, str(place)),
+            ("pip", "install", "--quiet", "--python", str(python), *requirements),
+        ):
+            _run_uv(step, ", ".join(requirements))
+        done.touch()
+    return python
+
+
+def _run_uv(step: tuple[str, ...], names: str) -> None:
+    try:
+        done = subprocess.run((*UV, *step), capture_output=True, text=True, check=False, timeout=INSTALL_S)
+    except subprocess.TimeoutExpired as error:
+        raise ClientMissing(f"{names} did not come from the package index in {INSTALL_S} s") from error
+    if done.returncode:
+        why = (done.stderr.strip().splitlines() or ["no reason given"])[-1].strip()
+        raise ClientMissing(f"{names} cannot be had from the package index: {why}")

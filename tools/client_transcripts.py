@@ -1,0 +1,199 @@
+"""Transcripts of clients that other people wrote at our emulated devices: their form, and the device that replays them.
+
+`python -m tools.record_clients` makes the files anew, in tests/wire/transcripts/clients; tests replay them. The device
+stands at a time that only the steps move, so that it says every byte again. A file begins with `key: value` lines, and
+every other line is a step: time, ms, who speaks, the wire, and the data. `opens` and `closes` stand for a connection.
+Data of printable characters are a JSON string, others are hexadecimal. At the end stand `reads` and `sends`, in JSON:
+values as the client read them, and as its program was told to send them.
+"""
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from emulators.devices.egm import EgmController, EgmProfile
+from emulators.devices.ft300 import Ft300, Ft300Profile
+from emulators.devices.netft import NetBox, NetFtProfile
+from emulators.devices.netft.page import PageEndpoint
+from emulators.devices.rsi import RsiController, RsiProfile
+from emulators.devices.rtde import RtdeProfile, RtdeRobot
+from emulators.seams import Floats, StartPose
+from emulators.sensing import KnownWrench
+from protocol.datagram import Datagram
+from protocol.devices.rtde.wires import Port
+from protocol.endpoint import Endpoint
+
+FOLDER = Path(__file__).resolve().parent.parent / "tests" / "wire" / "transcripts" / "clients"
+EPOCH = 4321.0
+"""Chosen: time of a device's power-up, s; a device that counts from 0 would fail."""
+SEED = 1
+START = StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2)
+WRENCH = (1.5, -2.5, 10.0, 0.1, -0.2, 0.3)
+"""What a sensor feels all the time, N and N·m."""
+OPENS, CLOSES = "opens", "closes"
+CLIENT, DEVICE = "client", "device"
+DATAGRAMS = ("egm", "rsi", "rdt")
+"""Wires on which each step is one datagram; others carry bytes."""
+
+
+class Step(NamedTuple):
+    """Something happens on a wire."""
+
+    at_ms: float
+    """Time since the power-up, ms."""
+    who: str
+    """`CLIENT` or `DEVICE`."""
+    wire: str
+    """`egm`, `rsi`, `rdt` and `serial`, or a TCP port with the number of its connection, as `rtde-1`."""
+    data: bytes = b""
+    event: str = ""
+    """`OPENS` or `CLOSES`, without data."""
+
+    @property
+    def now(self) -> float:
+        """The same time as the device's clock tells it, s."""
+        return EPOCH + self.at_ms / 1e3
+
+
+@dataclass
+class Transcript:
+    """One session of a client."""
+
+    head: dict[str, str]
+    """`client` with its version, `recorded`, the day, `device`, and its `settings` in JSON."""
+    steps: list[Step] = field(default_factory=list)
+    reads: list[Any] = field(default_factory=list)
+    sends: list[Any] = field(default_factory=list)
+
+    def made_by(self, who: str, wire: str) -> list[bytes]:
+        """All data from one end of a wire; `rtde` is that of all its connections."""
+        return [
+            step.data
+            for step in self.steps
+            if step.data and (step.who, step.wire.split("-")[0]) == (who, wire)
+        ]
+
+
+def write(transcript: Transcript, path: Path) -> None:
+    """Write a file."""
+    lines = [f"{key}: {value}" for key, value in transcript.head.items()]
+    lines += (
+        f"{step.at_ms:10.3f} {step.who} {step.wire} {step.event or written(step.data)}"
+        for step in transcript.steps
+    )
+    for key, values in (("reads", transcript.reads), ("sends", transcript.sends)):
+        lines += (f"{key}: {json.dumps(value)}" for value in values)
+    path.write_text("\n".join(lines) + "\n", encoding="ascii")
+
+
+def read(path: Path) -> Transcript:
+    """The transcript of a file."""
+    transcript = Transcript({})
+    for line in path.read_text(encoding="ascii").splitlines():
+        if line[0] == " ":
+            at, who, wire, what = line.split(maxsplit=3)
+            event = what if what in (OPENS, CLOSES) else ""
+            transcript.steps.append(Step(float(at), who, wire, b"" if event else octets(what), event))
+            continue
+        key, _, value = line.partition(": ")
+        if key == "reads":
+            transcript.reads.append(json.loads(value))
+        elif key == "sends":
+            transcript.sends.append(json.loads(value))
+        else:
+            transcript.head[key] = value
+    return transcript
+
+
+def written(data: bytes) -> str:
+    """Data as they stand in a file."""
+    is_text = all(byte in b"\r\n\t" or 32 <= byte < 127 for byte in data)
+    return json.dumps(data.decode("ascii")) if is_text else data.hex()
+
+
+def octets(text: str) -> bytes:
+    """The data that stand in a file as this text."""
+    return json.loads(text).encode("ascii") if text.startswith('"') else bytes.fromhex(text)
+
+
+class Stage:
+    """An emulated device and the ends of its wires, at a time that its caller moves."""
+
+    def __init__(self, device: str, settings: Mapping[str, Any]) -> None:
+        self._ends: dict[str, Endpoint[Any, Any, Any]] = {}
+        self._device: Any
+        match device:
+            case "egm":
+                self._device = EgmController(EgmProfile(**settings), START, EPOCH, SEED)
+                self._ends["egm"] = self._device.endpoint
+            case "rsi":
+                self._device = RsiController(RsiProfile(**settings), START, EPOCH, SEED)
+                self._ends["rsi"] = self._device.endpoint
+            case "netft":
+                self._device = NetBox(NetFtProfile(**settings), KnownWrench(_wrench_at), EPOCH, SEED)
+                self._ends["rdt"] = self._device.endpoint
+            case "ft300":
+                self._device = Ft300(Ft300Profile(**settings), KnownWrench(_wrench_at), EPOCH, SEED)
+                self._ends["serial"] = self._device.endpoint
+            case "rtde":
+                self._device = RtdeRobot(RtdeProfile(**settings), START, EPOCH, SEED)
+            case _:
+                raise ValueError(f"no stage for {device}")
+
+    def next_deadline(self) -> float | None:
+        """When the device wants to act, s on its clock."""
+        return min(
+            (due for end in self._ends.values() if (due := end.next_deadline()) is not None), default=None
+        )
+
+    def advance(self, until: float) -> Iterator[Step]:
+        """Let everything up to this time happen, s; what the device says."""
+        while (due := self.next_deadline()) is not None and due <= until:
+            for end in tuple(self._ends.values()):
+                if end.next_deadline() == due:
+                    end.handle_deadline(due)
+            yield from self._said(due)
+
+    def take(self, step: Step) -> Iterator[Step]:
+        """A step of the client; what the device answers at once. Whatever is due before must have happened."""
+        port = step.wire.partition("-")[0]
+        if step.event == OPENS:
+            self._ends[step.wire] = (
+                PageEndpoint(self._device) if port == "page" else self._device.connect(Port(port), step.now)
+            )
+        elif step.event == CLOSES:
+            end = self._ends.pop(step.wire)
+            if port != "page":
+                self._device.leave(Port(port), end, step.now)
+        elif port in DATAGRAMS:
+            self._ends[step.wire].receive([Datagram(step.data, step.now, CLIENT)], step.now)
+        else:
+            self._ends[step.wire].receive(step.data, step.now)
+        yield from self._said(step.now)
+
+    def _said(self, now: float) -> Iterator[Step]:
+        at_ms = round((now - EPOCH) * 1e3, 3)
+        for wire, end in self._ends.items():
+            if not (data := end.data_to_send(now)):
+                continue
+            for part in data if wire in DATAGRAMS else [data]:
+                yield Step(at_ms, DEVICE, wire, bytes(part))
+
+
+def _wrench_at(times: Floats) -> Floats:
+    return np.tile(np.array(WRENCH), (len(times), 1))
+
+
+def replayed(transcript: Transcript) -> list[Step]:
+    """What the device says now to the steps of the client."""
+    stage = Stage(transcript.head["device"], json.loads(transcript.head["settings"]))
+    said: list[Step] = []
+    for step in transcript.steps:
+        if step.who == CLIENT:
+            said += stage.advance(step.now)
+            said += stage.take(step)
+    return said + list(stage.advance(transcript.steps[-1].now))

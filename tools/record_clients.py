@@ -1,0 +1,226 @@
+"""Record transcripts of clients that other people wrote at our emulated devices: `python -m tools.record_clients`.
+
+Each client runs unmodified in an environment and a process of its own, over real wires of this computer; names choose
+some of `SESSIONS`. The device's time follows the computer's in steps of 0.1 ms, so that the file replays exactly. The
+text of a program for a robot is its author's: a line with its name stands in its place.
+"""
+
+import argparse
+import datetime
+import json
+import os
+import pty
+import re
+import selectors
+import socket
+import subprocess
+import tempfile
+import time
+import tty
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from emulators.devices.rtde.ur_rtde import register_offset
+from tools.client_environments import interpreter
+from tools.client_scripts import SESSIONS, Session
+from tools.client_transcripts import CLIENT, CLOSES, EPOCH, FOLDER, OPENS, Stage, Step, Transcript, write
+
+HOST = "127.0.0.77"
+"""An address of its own, for a client whose ports are constants."""
+PATIENCE_S = 60.0
+TAIL = 3
+"""Steps of the device that are kept behind the client's last one. Chosen: as many as show that it goes on."""
+TICK_S = 0.02
+"""Longest wait before the client is looked at."""
+
+_PROGRAM_NAME, _PROGRAM_END = (
+    re.compile(rb"^def\s+(\w+)\s*\(", re.MULTILINE),
+    re.compile(rb"^end\r?\n", re.MULTILINE),
+)
+
+
+class Wire(NamedTuple):
+    """An open end of this computer."""
+
+    name: str
+    file: Any
+    receive: Callable[[], bytes]
+    send: Callable[[bytes], object]
+
+
+class Recorder:
+    """A stage with its wires, and what went over them."""
+
+    def __init__(self, session: Session, stack: ExitStack) -> None:
+        self._stack = stack
+        self._stage = Stage(session.device, session.settings)
+        self._selector = stack.enter_context(selectors.DefaultSelector())
+        self._wires: dict[str, Wire] = {}
+        self._programs: dict[str, bytes] = {}
+        self._opened = 0
+        self.steps: list[Step] = []
+        self.began = time.monotonic()
+        self.arguments: dict[str, str] = {"host": HOST}
+        """Words that the client's program is given, by name."""
+        for wire, port in session.wires.items():
+            self._open(wire, port)
+
+    def _open(self, wire: str, port: int) -> None:
+        match wire:
+            case "egm" | "rsi":
+                here = self._datagrams((HOST, 0))
+                with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+                    probe.bind((HOST, 0))
+                    there = probe.getsockname()
+                self._watch(Wire(wire, here, lambda: here.recv(4096), lambda data: here.sendto(data, there)))
+                self.arguments["port"] = str(there[1])
+            case "rdt":
+                box, side = self._datagrams((HOST, port)), [("", 0)]
+
+                def receive() -> bytes:
+                    data, side[0] = box.recvfrom(4096)
+                    return data
+
+                self._watch(Wire(wire, box, receive, lambda data: box.sendto(data, side[0])))
+                self.arguments["port"] = str(box.getsockname()[1])
+            case "serial":
+                master, slave = pty.openpty()
+                tty.setraw(slave)
+                self._watch(
+                    Wire(wire, master, lambda: os.read(master, 4096), lambda data: os.write(master, data))
+                )
+                self.arguments["port"] = os.ttyname(slave)
+            case _:
+                listening = self._stack.enter_context(socket.create_server((HOST, port)))
+                self._selector.register(listening, selectors.EVENT_READ, (wire, listening))
+                self.arguments[wire] = str(listening.getsockname()[1])
+
+    def _datagrams(self, address: tuple[str, int]) -> socket.socket:
+        made = self._stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+        made.bind(address)
+        return made
+
+    def _watch(self, wire: Wire) -> None:
+        self._wires[wire.name] = wire
+        self._selector.register(wire.file, selectors.EVENT_READ, wire)
+
+    def start(self) -> None:
+        """The device is powered up now."""
+        self.began = time.monotonic()
+
+    def turn(self) -> None:
+        """Wait for the device or the client, and let them act."""
+        due = self._stage.next_deadline()
+        wait = TICK_S if due is None else min(due - EPOCH + self.began - time.monotonic(), TICK_S)
+        ready = self._selector.select(max(wait, 0.0))
+        at_ms = round((time.monotonic() - self.began) * 1e3, 1)
+        now = Step(at_ms, CLIENT, "").now
+        for step in self._stage.advance(now):
+            self._say(step)
+        for key, _ in ready:
+            if isinstance(key.data, Wire):
+                self._hear(key.data, at_ms)
+            else:
+                self._accept(*key.data, at_ms)
+
+    def _accept(self, port: str, listening: socket.socket, at_ms: float) -> None:
+        self._opened += 1
+        connection = self._stack.enter_context(listening.accept()[0])
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        wire = Wire(f"{port}-{self._opened}", connection, lambda: connection.recv(65536), connection.sendall)
+        self._watch(wire)
+        self._take(Step(at_ms, CLIENT, wire.name, event=OPENS))
+
+    def _hear(self, wire: Wire, at_ms: float) -> None:
+        try:
+            data = wire.receive()
+        except ConnectionResetError:
+            data = b""
+        except ConnectionRefusedError:  # a client over UDP that has gone, or is not there yet
+            return
+        taken = self._without_program(wire.name, data) if wire.name.startswith("script") else data
+        if taken:
+            self._take(Step(at_ms, CLIENT, wire.name, taken))
+        if not data or (wire.name.startswith("page") and self.steps[-1].who != CLIENT):
+            self._take(Step(at_ms, CLIENT, wire.name, event=CLOSES))
+            self._selector.unregister(wire.file)
+            del self._wires[wire.name]
+            wire.file.close()
+
+    def _without_program(self, wire: str, data: bytes) -> bytes:
+        """What is recorded of a script port: in place of each whole program one that the device knows by the same name
+        and registers, for the text is its author's.
+        """
+        text = self._programs[wire] = self._programs.get(wire, b"") + data
+        if (end := _PROGRAM_END.search(text)) is None:
+            return b""
+        self._programs[wire] = text[end.end() :]
+        name = next(iter(_PROGRAM_NAME.findall(text)), b"unknown")
+        return b"def %s():\n# float register offset\n%d\nend\n" % (name, register_offset(text))
+
+    def _take(self, step: Step) -> None:
+        self.steps.append(step)
+        for answer in self._stage.take(step):
+            self._say(answer)
+
+    def _say(self, step: Step) -> None:
+        self.steps.append(step)
+        with suppress(ConnectionError):  # the client has left
+            self._wires[step.wire].send(step.data)
+
+
+def record(session: Session) -> Transcript:
+    """One session. Raises RuntimeError for a client that fails."""
+    head = {
+        "client": session.client[0].replace("==", " "),
+        "recorded": f"{datetime.datetime.now(datetime.UTC):%Y-%m-%d}",
+        "device": session.device,
+        "settings": json.dumps(session.settings),
+    }
+    with ExitStack() as stack:
+        recorder = Recorder(session, stack)
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        for name, text in session.files.items():
+            (folder / name).write_text(text.format(**recorder.arguments), encoding="utf-8")
+        process = stack.enter_context(
+            subprocess.Popen(
+                [interpreter(*session.client), "-c", session.script, *recorder.arguments.values()],
+                cwd=folder,
+                stdout=subprocess.PIPE,
+                text=True,
+            )
+        )
+        stack.callback(process.kill)
+        assert process.stdout is not None
+        if session.waits:
+            line = process.stdout.readline()
+            while line and line != "ready\n":
+                line = process.stdout.readline()
+        recorder.start()
+        ends = time.monotonic() + PATIENCE_S
+        while process.poll() is None and time.monotonic() < ends:
+            recorder.turn()
+        output = process.stdout.read()
+    if process.returncode:
+        raise RuntimeError(f"{session.client[0]} ended with {process.returncode}\n{output}")
+    values = json.loads(output.splitlines()[-1])
+    last = max(number for number, step in enumerate(recorder.steps) if step.who == CLIENT)
+    return Transcript(
+        head, recorder.steps[: last + 1 + TAIL], values.get("reads", []), values.get("sends", [])
+    )
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Record all sessions, or those that are named."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(SESSIONS)}; by default all")
+    for name in parser.parse_args(arguments).names or SESSIONS:
+        path = FOLDER / f"{name}.txt"
+        write(record(SESSIONS[name]), path)
+        print(f"{path.relative_to(Path.cwd())}: {path.stat().st_size} bytes")
+
+
+if __name__ == "__main__":
+    main()
