@@ -69,13 +69,15 @@ def _walk(task: Any, walk: Iterator[object] | None, radius: Value) -> Wait:
         yield
 
 
-def _movej(task: Any, q: Value, a: Value, v: Value, t: Value, r: Value) -> Wait:
-    host = task.host
+def _movej(task: Any, q: Value, *given: Value) -> Wait:
+    """`given` are a, v, t and r."""
+    host, (a, v, t, r) = task.host, given
     return _walk(task, host.swing(_joints(host, q), _profile(a, v, t)), r)
 
 
-def _movel(task: Any, goal: Value, a: Value, v: Value, t: Value, r: Value) -> Wait:
-    host = task.host
+def _movel(task: Any, goal: Value, *given: Value) -> Wait:
+    """`given` are a, v, t and r."""
+    host, (a, v, t, r) = task.host, given
     return _walk(task, host.line(_pose(host, goal), _profile(a, v, t)), r)
 
 
