@@ -360,10 +360,10 @@ def test_a_program_is_found_however_its_text_comes() -> None:
 
 
 @pytest.mark.parametrize("register", ["0", "0 +0"])
-def test_a_program_that_nobody_knows_plays_for_a_while(register: str) -> None:
+def test_a_program_of_a_user_runs(register: str) -> None:
     desk = Desk()
     desk.upload(
-        f"def mine():\n  write_output_integer_register({register}, 1)\n"
+        f"def mine():\n  write_output_integer_register({register}, 1)\n  sleep(0.1)\n"
         f"  write_output_integer_register({register}, 2)\nend\n"
     )
     desk.run(0.1)
@@ -371,7 +371,7 @@ def test_a_program_that_nobody_knows_plays_for_a_while(register: str) -> None:
         Runtime.PLAYING,
         {"output_int_register_0": 1},
     )
-    desk.run(0.2)
+    desk.run(0.1)
     assert (desk.controller.runtime, desk.controller.outputs) == (
         Runtime.STOPPED,
         {"output_int_register_0": 2},

@@ -104,13 +104,14 @@ def test_egm_fields_of_axes_and_programs_that_are_not_there() -> None:
 SCRIPT = b"""def gripper():
   # open_gripper(1) is no call
   set_tool_digital_out(0, True)
-  rg_grip(width=30)
-  def rg_grip(width):
-    sleep(0.5)
+  close(width=30)
+  def close(width):
+    teach_mode()
+    sleep(0.1)
+    teach_mode()
   end
-  while (True):
-    movel(p[0, 0, 0, 0, 0, 0], a=1.2)
-  end
+  rg_grip(1)
+  set_gravity([0, 0, 9.82])
 end
 """
 
@@ -131,11 +132,11 @@ def test_rtde_scripts_dashboard_commands_and_variables() -> None:
         "variable target_current",
         "variable actual_main_voltage",
     ]
-    script.receive(b"sec light():\n  set_digital_out(1, True)\nend\n", T0)
-    assert told[4:] == ["URScript set_digital_out()"]
+    script.receive(b"sec light():\n  set_digital_out(1, True)\n  set_baselight_off()\nend\n", T0)
+    assert told[4:] == ["URScript set_baselight_off()"]
     script.receive(SCRIPT, T0)
     robot.controller.advance(T0 + 1.0)
-    assert told[5:] == ["URScript set_tool_digital_out()", "URScript sleep()", "URScript movel()"]
+    assert told[5:] == ["URScript teach_mode()", "URScript rg_grip()"]
 
 
 def test_s3_functions_of_which_no_payload_is_known() -> None:

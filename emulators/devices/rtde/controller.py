@@ -9,7 +9,6 @@ import random
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from operator import sub
-from typing import Protocol
 
 from emulators.arm.cycled import CycledPath
 from emulators.arm.own_force import Errors, OwnForce
@@ -26,6 +25,7 @@ from emulators.devices.rtde.kinematics import (
     nearest,
 )
 from emulators.devices.rtde.profile import RtdeProfile
+from emulators.devices.rtde.running import Console, Program, Watchdog
 from emulators.devices.rtde.state import Registers, Snapshot
 from emulators.orders import Act, HeardOrder, Hindrance, Orders
 from emulators.seams import StartPose
@@ -47,24 +47,6 @@ _STOPPED = (
     SafetyMode.VIOLATION,
     SafetyMode.FAULT,
 )
-
-
-class Program(Protocol):
-    """A program that plays."""
-
-    name: str
-
-    def cycle(self) -> bool:
-        """Act for one cycle; False once it has ended."""
-
-
-class Watchdog:
-    """A program's demand that an input comes often enough."""
-
-    def __init__(self, name: str, period: float, action: str, now: float) -> None:
-        """`period` is the longest time between two packages with the input, s; `action` is pause or stop."""
-        self.name, self.period, self.action = name, period, action
-        self.last = now
 
 
 class Controller:
@@ -115,6 +97,8 @@ class Controller:
         self.measured: Wrench = _NO_FORCE
         """actual_TCP_force without noise and zero, N and N·m, base axes."""
         self.program: Program | None = None
+        self.console = Console()
+        """What programs say."""
         self.watchdogs: list[Watchdog] = []
         self._starting: tuple[float, Callable[[], Program]] | None = None
         self._pending: list[tuple[float, Callable[[], None]]] = []

@@ -1,13 +1,13 @@
 """Moves that are planned before they begin: along a line, or in joints, with even acceleration at both ends."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TypeAlias
 
 from emulators.devices.rtde.arm import Place
 from emulators.devices.rtde.controller import Controller
 from emulators.devices.rtde.kinematics import Joints
-from protocol.geometry import Pose, angle_between, slerp
+from protocol.geometry import Pose, Vector, angle_between, slerp
 
 Walk: TypeAlias = Iterator[Place]
 _LEAST = 1e-6
@@ -38,19 +38,95 @@ def shares(length: float, speed: float, acceleration: float, dt: float) -> Itera
     yield 1.0
 
 
-def line_walk(controller: Controller, goal: Pose, speed: float, acceleration: float) -> Walk | None:
-    """Along a straight line, m/s and m/s²; None where no joints hold the goal, or the values are no numbers."""
+def rates_in_time(length: float, acceleration: float, time: float) -> tuple[float, float]:
+    """Speed and acceleration by which a way takes just a time, s; the acceleration grows where it is too small."""
+    least = 4.0 * length / (time * time)
+    acceleration = max(acceleration, least, _LEAST)
+    root = math.sqrt(max(0.0, (acceleration * time) ** 2 - 4.0 * length * acceleration))
+    return (acceleration * time - root) / 2.0, acceleration
+
+
+def line_walk(
+    controller: Controller, goal: Pose, speed: float, acceleration: float, time: float = 0.0
+) -> Walk | None:
+    """Along a straight line, m/s and m/s², or in a time, s; None where no joints hold the goal, or the values are no
+    numbers.
+    """
     if not all(map(math.isfinite, (speed, acceleration))) or controller.solve(goal) is None:
         return None
     start = controller.forward(controller.arm.joints)
     turn = angle_between(start.quaternion, goal.quaternion)
     length = max(math.dist(start.position, goal.position), turn * _TURN_LENGTH)
+    if time > 0.0:
+        speed, acceleration = rates_in_time(length, acceleration, time)
+
+    def at(share: float) -> Pose:
+        x, y, z = (a + (b - a) * share for a, b in zip(start.position, goal.position, strict=True))
+        return Pose((x, y, z), slerp(start.quaternion, goal.quaternion, share))
+
+    return _along(controller, at, shares(length, speed, acceleration, controller.period))
+
+
+def arc_walk(controller: Controller, via: Pose, goal: Pose, speed: float, acceleration: float) -> Walk | None:
+    """Along the circle through three places, m/s and m/s²; a line where they lie on one. None as of `line_walk`."""
+    start = controller.forward(controller.arm.joints)
+    circle = _circle(start.position, via.position, goal.position)
+    if circle is None:
+        return line_walk(controller, goal, speed, acceleration)
+    if not all(map(math.isfinite, (speed, acceleration))) or controller.solve(goal) is None:
+        return None
+    centre, first, second, angle = circle
+    length = max(math.hypot(*first) * angle, angle_between(start.quaternion, goal.quaternion) * _TURN_LENGTH)
+
+    def at(share: float) -> Pose:
+        cosine, sine = math.cos(angle * share), math.sin(angle * share)
+        x, y, z = (c + u * cosine + v * sine for c, u, v in zip(centre, first, second, strict=True))
+        return Pose((x, y, z), slerp(start.quaternion, goal.quaternion, share))
+
+    return _along(controller, at, shares(length, speed, acceleration, controller.period))
+
+
+def _circle(start: Vector, via: Vector, goal: Vector) -> tuple[Vector, Vector, Vector, float] | None:
+    """Centre, the radius to the start, the one a quarter turn on, and the angle to the goal by way of `via`."""
+    a, b = _minus(via, start), _minus(goal, start)
+    normal = _cross(a, b)
+    square = _dot(normal, normal)
+    if square < _LEAST**4:
+        return None
+    to_centre = _scaled(
+        _minus(_scaled(_cross(b, normal), _dot(a, a)), _scaled(_cross(a, normal), _dot(b, b))),
+        0.5 / square,
+    )
+    centre = _minus(start, _scaled(to_centre, -1.0))
+    first = _minus(start, centre)
+    second = _cross(_scaled(normal, 1.0 / math.sqrt(square)), first)
+    end = _minus(goal, centre)
+    angle = math.atan2(_dot(end, second), _dot(end, first)) % (2.0 * math.pi)
+    return centre, first, second, angle
+
+
+def _minus(a: Vector, b: Vector) -> Vector:
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+def _scaled(a: Vector, factor: float) -> Vector:
+    return a[0] * factor, a[1] * factor, a[2] * factor
+
+
+def _cross(a: Vector, b: Vector) -> Vector:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def _dot(a: Vector, b: Vector) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _along(controller: Controller, at: Callable[[float], Pose], way: Iterator[float]) -> Walk:
+    """The joints of a path's poses."""
 
     def places() -> Walk:
-        for share in shares(length, speed, acceleration, controller.period):
-            x, y, z = (a + (b - a) * share for a, b in zip(start.position, goal.position, strict=True))
-            pose = Pose((x, y, z), slerp(start.quaternion, goal.quaternion, share))
-            joints = controller.solve(pose, controller.arm.joints)
+        for share in way:
+            joints = controller.solve(at(share), controller.arm.joints)
             if joints is None:
                 controller.protective_stop("a line leaves the workspace")
                 return
@@ -59,12 +135,18 @@ def line_walk(controller: Controller, goal: Pose, speed: float, acceleration: fl
     return places()
 
 
-def joint_walk(controller: Controller, goal: Joints, speed: float, acceleration: float) -> Walk | None:
-    """Straight in joints, rad/s and rad/s² of the one that goes farthest; None where a value is no number."""
+def joint_walk(
+    controller: Controller, goal: Joints, speed: float, acceleration: float, time: float = 0.0
+) -> Walk | None:
+    """Straight in joints, rad/s and rad/s² of the one that goes farthest, or in a time, s; None where a value is no
+    number.
+    """
     if not all(map(math.isfinite, (*goal, speed, acceleration))):
         return None
     start = controller.arm.joints
     length = max(abs(b - a) for a, b in zip(start, goal, strict=True))
+    if time > 0.0:
+        speed, acceleration = rates_in_time(length, acceleration, time)
 
     def places() -> Walk:
         for share in shares(length, speed, acceleration, controller.period):

@@ -33,8 +33,11 @@ class RtdeProfile:
     start_delay_ms: float = setting(
         50.0, _A, "from a program's last line until it plays", between(0.0, 5000.0), unit="ms"
     )
-    unknown_program_ms: float = setting(
-        200.0, _A, "how long a program plays that the emulator does not know", at_least(0.0), unit="ms"
+    script_steps: int = setting(
+        100_000,
+        _A,
+        "steps of a program's thread in one cycle, for the 2 ms of it; more without waiting stop the program",
+        between(100, 10_000_000),
     )
     power_s: float = setting(2.0, _A, "from power on to idle, and for the brakes", at_least(0.0), unit="s")
     unlock_s: float = setting(

@@ -1,54 +1,37 @@
 """Programs that the emulated controller knows by their names, as generators: one turn a cycle.
 
-URScript is not interpreted. Our own program is followed statement by statement; see `protocol.devices.rtde.program`.
+Any other one is run as it stands, by `urscript`: our own, too, whose registers are known for a judge of clients.
 """
 
-import math
-import re
-from collections.abc import Callable, Generator, Iterator
-from operator import sub
+from collections.abc import Callable, Iterator
 from typing import TypeAlias
 
-from emulators.devices.rtde.arm import Brake, Servo
 from emulators.devices.rtde.controller import Controller
+from emulators.devices.rtde.running import Program
+from emulators.devices.rtde.script_host import ControllerHost
 from emulators.devices.rtde.ur_rtde import UrRtde, register_offset
+from emulators.devices.rtde.urscript import (
+    FUNCTIONS,
+    CompiledProgram,
+    Machine,
+    RuntimeFailure,
+    ScriptSyntaxError,
+    compile_program,
+)
 from emulators.orders import Act, HeardOrder
 from protocol.devices.rtde.program import (
-    AGE,
     COMMAND,
     FORCE_NAME,
-    GAIN,
-    LOOKAHEAD,
     NAME,
     POSE,
     SEQUENCE,
-    STATE,
-    TAKEN,
-    TIME,
     Command,
-    State,
 )
-from protocol.devices.rtde.rotation import pose_of
 
 Turns: TypeAlias = Iterator[None]
 
-_WATCHDOG = re.compile(rb'rtde_set_watchdog\("(\w{1,64})", ([0-9.]{1,12}), "(\w{1,8})"\)')
-_HOLD = re.compile(rb"age > (\d{1,9})")
-_BRAKE = re.compile(rb"stopl\(([0-9.]{1,12})\)")
-_NEAR = re.compile(rb"norm\(n\[j\] - q\[j\]\) > ([0-9.]{1,12})")
-_ENABLES = re.compile(rb"ft_rtde_input_enable\(\s*(True|False)")
-_WRITES = re.compile(rb"write_output_integer_register\(\s*(?:0\s*\+\s*)?(0|24)\s*,\s*2\s*\)")
-_COMMENT = re.compile(rb"#[^\n]*")
-_DEFINED = re.compile(rb"\b(?:def|sec|thread)\s+(\w{1,64})\s*\(")
-_CALLED = re.compile(rb"\b([A-Za-z_]\w{0,63})\s*\(")
-_WORDS = frozenset((b"if", b"elif", b"while", b"return", b"and", b"or", b"not", b"xor", b"in"))
-"""Words of the language before a parenthesis, which call nothing."""
 _COMMAND, _SEQUENCE = f"input_int_register_{COMMAND}", f"input_int_register_{SEQUENCE}"
 _PLACE = tuple(f"input_double_register_{number}" for number in range(POSE, POSE + 6))
-_TUNING = tuple(f"input_double_register_{number}" for number in (TIME, LOOKAHEAD, GAIN))
-_TAKEN, _STATE, _AGE = (f"output_int_register_{number}" for number in (TAKEN, STATE, AGE))
-_JOINT_PER_METRE = 2.0
-"""Assumed: joint deceleration of stopl, rad/s² for each m/s²; that of an arm of half a metre."""
 
 
 _END = object()
@@ -92,130 +75,47 @@ def _our_intent(controller: Controller, names: tuple[str, ...]) -> HeardOrder | 
     return HeardOrder(controller.now, Act.MOTION, words, controller.plays, (x, y, z), reach_m=reach_m)
 
 
-def program(controller: Controller, name: str, text: bytes) -> Callable[[], Turning]:
-    """Makes the program of a text when its time comes. An unknown one plays for a while, without effect."""
+def program(controller: Controller, name: str, text: bytes) -> Callable[[], Program] | None:
+    """Makes the program of a text when its time comes. None for a text that is no program, which is told."""
     known: dict[str, Callable[[Controller, bytes], Turns]] = {
-        NAME: _ours,
         "rtde_control": _ur_rtde,
-        FORCE_NAME: _force,
     }
-    return lambda: Turning(name, known.get(name, _unknown)(controller, text))
+    if name in known:
+        return lambda: Turning(name, known[name](controller, text))
+    compiled = compiled_or_told(controller, text)
+    return None if compiled is None else lambda: Script(controller, compiled)
+
+
+def compiled_or_told(controller: Controller, text: bytes) -> CompiledProgram | None:
+    """The program of a text; None for one that is none, which is told."""
+    try:
+        return compile_program(text.decode("utf-8", "replace"), FUNCTIONS)
+    except ScriptSyntaxError as error:
+        ControllerHost(controller).tell_failure(error.failure)
+        return None
+
+
+class Script:
+    """A program in URScript that plays."""
+
+    def __init__(self, controller: Controller, compiled: CompiledProgram) -> None:
+        self._machine = Machine(compiled, ControllerHost(controller), controller.profile.script_steps)
+        self.name = compiled.name
+        self.cycle = self._machine.cycle
+
+
+def run_secondary(controller: Controller, text: bytes) -> None:
+    """A program that runs beside another one, within this cycle, and cannot move the arm."""
+    controller.counts["secondary programs"] += 1
+    compiled = compiled_or_told(controller, text)
+    if compiled is None:
+        return
+    if compiled.main.waits:
+        failure = RuntimeFailure(1, "a secondary program must not move the arm, or wait")
+        ControllerHost(controller).tell_failure(failure)
+        return
+    Script(controller, compiled).cycle()
 
 
 def _ur_rtde(controller: Controller, text: bytes) -> Turns:
     return UrRtde(controller, register_offset(text)).turns()
-
-
-def _force(controller: Controller, text: bytes) -> Turns:
-    """Takes `external_force_torque` for its sensor. It stays so when the program ends (assumed)."""
-    found = _ENABLES.search(text)
-    enable = found is not None and found[1] == b"True"
-    controller.enable_external_force(enable)
-    yield
-    while b"while True" in text:
-        yield
-
-
-def tag_calls(controller: Controller, text: bytes) -> None:
-    """Tell the functions that a text calls which nothing here carries out."""
-    plain = _COMMENT.sub(b"", text)
-    own = set(_DEFINED.findall(plain))
-    for name in dict.fromkeys(_CALLED.findall(plain)):
-        if name not in own and name not in _WORDS:
-            controller.unmodelled.touch(f"URScript {name.decode()}()", "its program is not carried out")
-
-
-def _unknown(controller: Controller, text: bytes) -> Turns:
-    """Counts; ur_rtde's custom scripts tell their begin and end in a register."""
-    controller.counts["unknown programs"] += 1
-    tag_calls(controller, text)
-    found = _WRITES.search(text)
-    register = None if found is None else f"output_int_register_{int(found[1])}"
-    if register is not None:
-        controller.write_output(register, 1)
-    for _ in range(math.ceil(controller.profile.unknown_program_ms / controller.profile.cycle_ms)):
-        yield
-    if register is not None:
-        controller.write_output(register, 2)
-
-
-def braking(controller: Controller, deceleration: float) -> Generator[None, None, None]:
-    """Brake, rad/s², until the arm stands."""
-    while not controller.still:
-        controller.order(Brake(deceleration))
-        yield
-
-
-def _ours(controller: Controller, text: bytes) -> Turns:
-    """Our own program, statement by statement."""
-    read, write = controller.number, controller.write_output
-    if watch := _WATCHDOG.search(text):
-        controller.watch_input(watch[1].decode(), float(watch[2]), watch[3].decode())
-    hold = int(held[1]) if (held := _HOLD.search(text)) else 50
-    brake = _JOINT_PER_METRE * (float(braked[1]) if (braked := _BRAKE.search(text)) else 2.0)
-    near = float(nearest[1]) if (nearest := _NEAR.search(text)) else math.inf
-    last = read(_SEQUENCE)
-    joints = controller.arm.target
-    on, age = False, 0
-    write(_TAKEN, last)
-    write(_STATE, State.READY)
-    while (command := read(_COMMAND)) != Command.END:
-        sequence = read(_SEQUENCE)
-        age += 1
-        if command == Command.SERVO and sequence != last:
-            last, age = sequence, 0
-            write(_TAKEN, sequence)
-            six = [*map(read, _PLACE)]
-            if not all(map(math.isfinite, six)):
-                controller.protective_stop("a target that is no number")
-                yield
-                continue
-            solved = controller.solve(pose_of(six), joints)
-            if solved is not None and _farthest(solved, joints) <= near:
-                joints, on = solved, True
-                controller.target_taken()
-                write(_STATE, State.SERVOING)
-            else:
-                write(_STATE, State.REFUSED)
-                if on:
-                    yield from braking(controller, brake)
-                on = False
-        write(_AGE, age)
-        if on and (command != Command.SERVO or age > hold):
-            yield from braking(controller, brake)
-            on = False
-            write(_STATE, State.STARVED)
-        if command != Command.SERVO:
-            write(_STATE, State.READY)
-        if not on:
-            yield
-            continue
-        servo = servo_order(controller, joints, *map(read, _TUNING))
-        if servo is None:
-            return
-        controller.order(servo)
-        for _ in range(servo.cycles):
-            yield
-    if on:
-        yield from braking(controller, brake)
-    write(_STATE, State.ENDED)
-
-
-def _farthest(one: tuple[float, ...], other: tuple[float, ...]) -> float:
-    """The largest difference of a joint, rad."""
-    largest: float = max(map(abs, map(sub, one, other)))
-    return largest
-
-
-def servo_order(controller: Controller, joints: tuple[float, ...], *tuning: float) -> Servo | None:
-    """servoj with t, lookahead and gain; None where the controller takes none of it, which ends a program.
-
-    Source of the ranges: the script manual. Values outside are taken as the nearest end (assumed).
-    """
-    time, lookahead, gain = tuning
-    if not all(map(math.isfinite, (*joints, *tuning))):
-        controller.protective_stop("a servo's setting that is no number")
-        return None
-    a, b, c, d, e, f = joints
-    cycles = max(1, round(min(max(time, 0.0), 1.0) / controller.period))
-    return Servo((a, b, c, d, e, f), min(max(lookahead, 0.03), 0.2), min(max(gain, 100.0), 2000.0), cycles)

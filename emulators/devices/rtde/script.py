@@ -1,18 +1,35 @@
-"""The script port: text that may hold programs, in any pieces.
+"""The script port: text that holds programs, in any pieces.
 
-Rule, laxer than the script manual because ur_rtde's text breaks it: a program begins at a line `def name(` or
-`sec name(`, and ends at the first later line that is exactly `end`.
+A program begins at a line `def name(` or `sec name(`. Where all lines behind are indented, as the script manual
+asks, it ends at the first `end` in column 1. A text that begins other lines there ends where its blocks are closed.
+Any other line is a program of one statement. Comments, and numbers, may begin in column 1: ur_rtde's text does so.
 """
 
 import re
+from collections.abc import Callable, Mapping
 
 from emulators.devices.rtde.controller import Controller
-from emulators.devices.rtde.programs import intent, is_known, program, tag_calls
+from emulators.devices.rtde.programs import intent, is_known, program, run_secondary
+from emulators.devices.rtde.urscript.limits import TEXT_MAX
 from emulators.orders import Act
 
 _BEGIN = re.compile(rb"^(def|sec)\s+(\w{1,64})\s*\(")
-TEXT_MAX = 1 << 20
-"""Chosen: a longer program is thrown away; ur_rtde's has 50 kB."""
+_OPENS = re.compile(rb"^\s*(def|sec|thread|if|while)\b")
+_ENDS = re.compile(rb"^\s*end\b")
+_FREE = re.compile(rb"^[A-Za-z_]")
+
+_ORDERS: Mapping[bytes, tuple[Act, Callable[[Controller], object]]] = {
+    b"stop program": (Act.CONTACT, Controller.stop_program),
+    b"pause program": (Act.CONTACT, Controller.pause),
+    b"resume program": (Act.PROGRAM, Controller.play),
+    b"power on": (Act.RELEASE, Controller.power_on),
+    b"power off": (Act.CONTACT, Controller.power_off),
+    b"set robotmode run": (Act.RELEASE, Controller.release_brakes),
+    b"set unlock protective stop": (Act.RELEASE, Controller.unlock_protective_stop),
+}
+"""Lines that are no script, which clients send on the same ports."""
+_PROGRAMS_MAX = 16
+"""Chosen: programs that one connection brings at one time; more are dropped, for each takes time to read."""
 
 
 class ScriptPort:
@@ -23,10 +40,16 @@ class ScriptPort:
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
         self._rest = b""
+        self._at, self._count = -1.0, 0
+        """When the newest program came, and how many at that time."""
+        self._forget()
+
+    def _forget(self) -> None:
+        """Before a program."""
         self._lines: list[bytes] = []
-        self._size = 0
+        self._size = self._depth = 0
         self._name = ""
-        self._secondary = False
+        self._secondary = self._free = False
 
     def receive(self, data: bytes, now: float) -> None:
         self._controller.advance(now)
@@ -38,25 +61,53 @@ class ScriptPort:
 
     def _take(self, line: bytes) -> None:
         if not self._name:
-            if begin := _BEGIN.match(line):
-                self._secondary = begin[1] == b"sec"
-                self._name, self._lines, self._size = begin[2].decode(), [line], len(line)
-            return
+            begin = _BEGIN.match(line)
+            if begin is None:
+                self._take_statement(line.strip())
+                return
+            self._secondary, self._name = begin[1] == b"sec", begin[2].decode()
+        elif _FREE.match(line) and line != b"end":
+            self._free = True
         self._lines.append(line)
-        self._size += len(line)
+        self._size += len(line) + 1
+        self._depth += bool(_OPENS.match(line)) - bool(_ENDS.match(line))
+        closed = self._depth <= 0 and bool(_ENDS.match(line))
         if self._size > TEXT_MAX:
-            self._name, self._lines = "", []
-        elif line == b"end":
-            controller, text = self._controller, b"\n".join(self._lines)
-            if self._secondary:  # runs beside a program and cannot move the arm
-                controller.counts["secondary programs"] += 1
-                tag_calls(controller, text)
-            else:
-                known = is_known(self._name)
-                controller.told(Act.PROGRAM, f"program {self._name}", controller.takes_programs, not known)
-                controller.intent = intent(controller, self._name, text)
-                controller.start_program(program(controller, self._name, text))
-            self._name, self._lines = "", []
+            self._forget()
+        elif closed or (line == b"end" and not self._free):
+            name, text, secondary = self._name, b"\n".join(self._lines), self._secondary
+            self._forget()
+            self._start(name, text, secondary)
+
+    def _take_statement(self, line: bytes) -> None:
+        """A program of one statement, or an order that is none."""
+        if not line or line.startswith(b"#"):
+            return
+        controller = self._controller
+        if known := _ORDERS.get(line.lower()):
+            if controller.remote:
+                act, order = known
+                controller.told(act, line.decode(), True)
+                order(controller)
+            return
+        self._start("", line)
+
+    def _start(self, name: str, text: bytes, secondary: bool = False) -> None:
+        controller = self._controller
+        self._count = self._count + 1 if self._at == controller.now else 1
+        self._at = controller.now
+        if self._count > _PROGRAMS_MAX:
+            controller.counts["programs dropped"] += 1
+            return
+        if secondary:
+            run_secondary(controller, text)
+            return
+        words = f"program {name}" if name else f"script {text[:64].decode('utf-8', 'replace')}"
+        controller.told(Act.PROGRAM, words, controller.takes_programs, not is_known(name))
+        make = program(controller, name, text)
+        if make is not None:
+            controller.intent = intent(controller, name, text)
+            controller.start_program(make)
 
     def next_event(self) -> None:
         return None

@@ -1,0 +1,234 @@
+"""The controller as a program in URScript knows it: `urscript.Host`."""
+
+import math
+import random
+from collections.abc import Iterator
+
+from emulators.devices.rtde.arm import Brake, Servo, Speed
+from emulators.devices.rtde.controller import Controller
+from emulators.devices.rtde.kinematics import Joints, compose, invert, nearest
+from emulators.devices.rtde.moves import Walk, arc_walk, joint_walk, line_walk
+from emulators.devices.rtde.state import getter
+from emulators.devices.rtde.urscript import Message, Profile, RuntimeFailure, Socket, SyntaxFailure
+from emulators.devices.rtde.urscript.failures import ScriptError
+from protocol.devices.rtde.fields import INPUTS, OUTPUTS
+from protocol.devices.rtde.rotation import pose_of
+from protocol.geometry import Pose
+
+_JOINT_PER_METRE = 2.0
+"""Assumed: joint acceleration of a speed along a line, rad/s² for each m/s²; that of an arm of half a metre."""
+_WORDS = {"int": "int_register_", "double": "double_register_"}
+
+
+class ControllerHost:
+    """The robot of one program."""
+
+    def __init__(self, controller: Controller) -> None:
+        self._controller = controller
+        self._random = random.Random(controller.now)
+        self._servoing: Servo | None = None
+        """The newest servoj, while no other motion has come since."""
+        self._inputs = controller.inputs
+        """Inputs at the newest servoj: a target that came again is another one."""
+        self.period = controller.period
+
+    # --- messages
+
+    def tell(self, message: Message, text: str) -> None:
+        self._controller.console.tell(self._controller.now, message, text)
+
+    def tell_failure(self, failure: RuntimeFailure | SyntaxFailure) -> None:
+        kind = Message.SYNTAX if isinstance(failure, SyntaxFailure) else Message.RUNTIME
+        self._controller.counts[str(kind)] += 1
+        self.tell(kind, str(failure))
+
+    def tell_tagged(self, function: str) -> None:
+        self._controller.unmodelled.touch(f"URScript {function}()", "accepted without effect")
+
+    def tell_unknown(self, function: str) -> None:
+        self._controller.unmodelled.touch(f"URScript {function}()", "not known: the program ends")
+
+    # --- time and registers
+
+    def clock(self) -> float:
+        controller = self._controller
+        return controller.snapshots[-1].time + controller.period
+
+    def random(self) -> float:
+        return self._random.random()
+
+    def read_register(self, direction: str, kind: str, number: int) -> float:
+        name, shift = _register(direction, kind, number)
+        controller = self._controller
+        value = (controller.inputs if direction == "input" else controller.outputs).get(name, 0)
+        assert not isinstance(value, tuple), "a number"
+        return value if shift is None else int(value) >> shift & 1
+
+    def write_register(self, kind: str, number: int, value: float) -> None:
+        name, shift = _register("output", kind, number)
+        if shift is not None:
+            bits = int(self.read_whole(name))
+            value = bits | 1 << shift if value else bits & ~(1 << shift)
+        elif kind == "int" and not -(2**31) <= value < 2**31:
+            raise ScriptError("an integer register has 32 bits")
+        self._controller.write_output(name, value)
+
+    def read_whole(self, name: str) -> float:
+        """An output that is a number, 0 where nothing was written."""
+        value = self._controller.outputs.get(name, 0)
+        assert not isinstance(value, tuple), "a number"
+        return value
+
+    def watch_input(self, name: str, frequency_hz: float, action: str) -> None:
+        self._controller.watch_input(name, frequency_hz, action)
+
+    def read_digital(self, direction: str, number: int) -> bool:
+        """No input is wired (assumed)."""
+        name = "actual_digital_output_bits"
+        return direction == "output" and bool(int(self.read_whole(name)) >> number & 1)
+
+    def write_digital(self, number: int, on: bool) -> None:
+        bits = int(self.read_whole("actual_digital_output_bits"))
+        bits = bits | 1 << number if on else bits & ~(1 << number)
+        self._controller.write_output("actual_digital_output_bits", bits)
+
+    def read_analog(self, direction: str, number: int) -> float:
+        return self.read_whole(f"standard_analog_output{number}") if direction == "output" else 0.0
+
+    def write_analog(self, number: int, share: float) -> None:
+        self._controller.write_output(f"standard_analog_output{number}", share)
+
+    def open_socket(self, address: str, port: int) -> Socket | None:
+        return self._controller.console.open_socket(address, port)
+
+    def output(self, name: str) -> tuple[float, ...]:
+        if name not in OUTPUTS and name not in INPUTS:
+            raise ScriptError(f"there is no output {name[:40]}")
+        return getter(name)(self._controller.snapshots[-1])
+
+    # --- the arm
+
+    @property
+    def joints(self) -> Joints:
+        return self._controller.arm.joints
+
+    @property
+    def target(self) -> Joints:
+        return self._controller.arm.target
+
+    @property
+    def speeds(self) -> Joints:
+        return self._controller.arm.speeds
+
+    @property
+    def tcp(self) -> Pose:
+        return self._controller.tcp
+
+    @property
+    def payload(self) -> tuple[float, ...]:
+        return self._controller.payload
+
+    @property
+    def still(self) -> bool:
+        return self._controller.still
+
+    def forward(self, joints: Joints, tcp: Pose | None = None) -> Pose:
+        return self._controller.forward(joints, tcp)
+
+    def solve(self, pose: Pose, near: Joints | None = None, tcp: Pose | None = None) -> Joints | None:
+        controller = self._controller
+        if tcp is None:
+            return controller.solve(pose, near)
+        return nearest(controller.lengths, compose(pose, invert(tcp)), near or controller.arm.target)
+
+    def servo(self, joints: Joints, time: float, lookahead: float, gain: float) -> int:
+        """Values outside the ranges of the manual are taken as the nearest end (assumed)."""
+        controller = self._controller
+        if not all(map(math.isfinite, (*joints, time, lookahead, gain))):
+            controller.protective_stop("a servo's setting that is no number")
+            return 1
+        cycles = max(1, round(min(max(time, 0.0), 1.0) / controller.period))
+        if self._servoing is None or joints != self._servoing.target or controller.inputs is not self._inputs:
+            controller.target_taken()
+        self._inputs = controller.inputs
+        servo = Servo(joints, min(max(lookahead, 0.03), 0.2), min(max(gain, 100.0), 2000.0), cycles)
+        self._servoing = servo
+        controller.order(servo)
+        return cycles
+
+    def speed(self, speeds: Joints, acceleration: float) -> None:
+        self._servoing = None
+        self._controller.order(Speed(speeds, max(acceleration, 0.01)))
+
+    def speed_line(self, velocity: Joints, acceleration: float) -> bool:
+        controller = self._controller
+        dt, joints = controller.period, controller.arm.joints
+        here = controller.forward(joints)
+        turn = pose_of((0.0, 0.0, 0.0, *(part * dt for part in velocity[3:])))
+        x, y, z = (p + v * dt for p, v in zip(here.position, velocity[:3], strict=True))
+        there = Pose((x, y, z), compose(turn, Pose((0.0, 0.0, 0.0), here.quaternion)).quaternion)
+        found = controller.solve(there, joints)
+        if found is None:
+            return False
+        a, b, c, d, e, f = ((new - old) / dt for old, new in zip(joints, found, strict=True))
+        self.speed((a, b, c, d, e, f), acceleration * _JOINT_PER_METRE)
+        return True
+
+    def brake(self, deceleration: float) -> None:
+        self._servoing = None
+        self._controller.order(Brake(deceleration))
+
+    def brake_line(self, deceleration: float) -> None:
+        self.brake(deceleration * _JOINT_PER_METRE)
+
+    def line(self, goal: Pose, profile: Profile) -> Iterator[object] | None:
+        walk = line_walk(self._controller, goal, *profile)
+        return None if walk is None else self._walk(walk)
+
+    def swing(self, goal: Joints, profile: Profile) -> Iterator[object] | None:
+        walk = joint_walk(self._controller, goal, *profile)
+        return None if walk is None else self._walk(walk)
+
+    def arc(self, via: Pose, goal: Pose, profile: Profile) -> Iterator[object] | None:
+        walk = arc_walk(self._controller, via, goal, profile.speed, profile.acceleration)
+        return None if walk is None else self._walk(walk)
+
+    def _walk(self, walk: Walk) -> Iterator[None]:
+        self._servoing = None
+        for place in walk:
+            self._controller.order(place)
+            yield None
+
+    def set_tcp(self, tcp: Pose) -> None:
+        self._controller.set_tcp(tcp)
+
+    def set_payload(self, mass: float, centre: tuple[float, ...]) -> None:
+        self._controller.payload = (mass, *centre)
+
+    # --- force and stops
+
+    def zero_force(self) -> None:
+        self._controller.force_zero = self._controller.measured
+
+    def enable_external_force(self, enable: bool) -> None:
+        self._controller.enable_external_force(enable)
+
+    def protective_stop(self, why: str) -> None:
+        self._controller.protective_stop(why)
+
+    def power_off(self) -> None:
+        self._controller.power_off()
+
+
+def _register(direction: str, kind: str, number: int) -> tuple[str, int | None]:
+    """The name of a register among the fields of RTDE, and the bit in it; None for a whole one."""
+    if kind == "bit":
+        if not 0 <= number < 128:
+            raise ScriptError(f"there is no boolean register {number}")
+        if number >= 64:
+            return f"{direction}_bit_register_{number}", None
+        group = "0_to_31" if number < 32 else "32_to_63"
+        return f"{direction}_bit_registers{group}", number % 32
+    if not 0 <= number < 48:
+        raise ScriptError(f"there is no {kind} register {number}")
+    return f"{direction}_{_WORDS[kind]}{number}", None

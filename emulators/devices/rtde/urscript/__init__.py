@@ -1,0 +1,21 @@
+"""URScript: parsed, compiled and run, cycle by cycle, on a robot that `host.Host` describes."""
+
+from emulators.devices.rtde.urscript.catalogue import FUNCTIONS
+from emulators.devices.rtde.urscript.failures import RuntimeFailure, ScriptSyntaxError, SyntaxFailure
+from emulators.devices.rtde.urscript.host import Host, Message, Profile, Socket
+from emulators.devices.rtde.urscript.machine import Machine
+from emulators.devices.rtde.urscript.statements import CompiledProgram, compile_program
+
+__all__ = [
+    "FUNCTIONS",
+    "CompiledProgram",
+    "Host",
+    "Machine",
+    "Message",
+    "Profile",
+    "RuntimeFailure",
+    "ScriptSyntaxError",
+    "Socket",
+    "SyntaxFailure",
+    "compile_program",
+]

@@ -1,0 +1,489 @@
+"""Expressions of a program, compiled into closures: `run(frame)` gives the value.
+
+A frame is a list: the enclosing frame, the task, then the variables. An expression that calls what may wait is a
+generator instead, and `Part.waits` says so. Nothing of a text is evaluated by Python itself.
+"""
+
+import operator
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple, TypeAlias
+
+from lark import Token, Tree
+
+from emulators.devices.rtde.urscript import values
+from emulators.devices.rtde.urscript.failures import ScriptError, ScriptSyntaxError, SyntaxFailure
+from emulators.devices.rtde.urscript.limits import CALLS_MAX, DEPTH_MAX
+from emulators.devices.rtde.urscript.lists import METHODS
+from emulators.devices.rtde.urscript.names import Code, is_pose, line_of
+from emulators.devices.rtde.urscript.table import Functions
+from emulators.devices.rtde.urscript.values import PoseValue, Struct, Value
+
+Frame: TypeAlias = list[Any]
+Run: TypeAlias = Callable[[Frame], Any]
+
+
+class Part(NamedTuple):
+    """A compiled expression or statement."""
+
+    waits: bool
+    run: Run
+
+
+class Unset:
+    """The value of a variable that was not assigned yet."""
+
+
+UNSET = Unset()
+
+
+class Returned:
+    """A function returns a value."""
+
+    __slots__ = ("value",)
+
+    def __init__(self, value: Value) -> None:
+        self.value = value
+
+
+_COMPARISONS: Mapping[str, Callable[[Value, Value], Value]] = {
+    "==": operator.eq,
+    "!=": operator.ne,
+    "<": lambda a, b: values.compare(operator.lt, a, b),
+    ">": lambda a, b: values.compare(operator.gt, a, b),
+    "<=": lambda a, b: values.compare(operator.le, a, b),
+    ">=": lambda a, b: values.compare(operator.ge, a, b),
+}
+_OPERATIONS: Mapping[str, Callable[[Value, Value], Value]] = {
+    "+": values.add,
+    "-": values.subtract,
+    "*": values.multiply,
+    "/": values.divide,
+    "%": values.modulo,
+    **_COMPARISONS,
+}
+_SIZED = (tuple, PoseValue, str)
+
+
+def combined(parts: Sequence[Part], apply: Callable[..., Any]) -> Part:
+    """An expression of others: `apply(frame, *values)`."""
+    runs = tuple(part.run for part in parts)
+    if any(part.waits for part in parts):
+
+        def wait(frame: Frame) -> Any:
+            found = yield from found_by(parts, frame)
+            return apply(frame, *found)
+
+        return Part(True, wait)
+    if len(runs) == 1:
+        (only,) = runs
+        return Part(False, lambda frame: apply(frame, only(frame)))
+    if len(runs) == 2:
+        first, second = runs
+        return Part(False, lambda frame: apply(frame, first(frame), second(frame)))
+    return Part(False, lambda frame: apply(frame, *[run(frame) for run in runs]))
+
+
+def found_by(parts: Sequence[Part], frame: Frame) -> Any:
+    """The values of parts that may wait, in order."""
+    found: list[Any] = [None] * len(parts)
+    for at, part in enumerate(parts):
+        found[at] = (yield from part.run(frame)) if part.waits else part.run(frame)
+    return found
+
+
+def charge(frame: Frame, given: Sequence[Value]) -> None:
+    """Take steps for values that are long."""
+    for value in given:
+        if value.__class__ in _SIZED:
+            frame[1].spend(len(value))
+
+
+class Expressions:
+    """Compiles the expressions of one function."""
+
+    def __init__(self, code: Code, functions: Functions) -> None:
+        self._code, self._functions = code, functions
+        self._depth = 0
+
+    def value(self, node: Any) -> Part:
+        """The expression of a node. Raises ScriptSyntaxError for one that means nothing."""
+        self._depth += 1
+        if self._depth > DEPTH_MAX:
+            raise ScriptSyntaxError(SyntaxFailure(line_of(node), 1, "the program is nested too deeply"))
+        compiled: Part = getattr(self, f"_{node.data}")(node)
+        self._depth -= 1
+        return compiled
+
+    # --- literals
+
+    def _number(self, node: Tree[Token]) -> Part:
+        text = str(node.children[0])
+        if text[:2] in ("0x", "0X"):
+            number: float = float(int(text, 16)) if len(text) > 9 else int(text, 16)
+        else:
+            number = int(text) if text.isdecimal() and len(text) < 10 else float(text)
+        return Part(False, lambda frame: number)
+
+    def _string(self, node: Tree[Token]) -> Part:
+        text = values.checked_string(str(node.children[0])[1:-1])
+        return Part(False, lambda frame: text)
+
+    def _true(self, node: Tree[Token]) -> Part:
+        return Part(False, lambda frame: True)
+
+    def _false(self, node: Tree[Token]) -> Part:
+        return Part(False, lambda frame: False)
+
+    def _none(self, node: Tree[Token]) -> Part:
+        return Part(False, lambda frame: None)
+
+    def _list(self, node: Tree[Token]) -> Part:
+        def make(frame: Frame, *parts: Value) -> Value:
+            for part in parts:
+                if isinstance(part, (tuple, Struct)):
+                    charge(frame, parts)
+                    return values.checked(parts)
+            return parts
+
+        if len(node.children) == 6 and all(child.data == "number" for child in node.children):  # type: ignore[union-attr]
+            constant = tuple(self.value(child).run([]) for child in node.children)
+            return Part(False, lambda frame: constant)
+        return combined([self.value(child) for child in node.children], make)
+
+    # --- variables and their parts
+
+    def _name(self, node: Tree[Token]) -> Part:
+        name = str(node.children[0])
+        found = self._code.find(name)
+        if found is None:
+            return Part(False, _failing(f"{name} is not defined"))
+        hops, slot = found
+
+        def read_own(frame: Frame) -> Any:
+            value = frame[slot]
+            if value is UNSET:
+                raise ScriptError(f"{name} has no value yet")
+            return value
+
+        def read_outer(frame: Frame) -> Any:
+            for _ in range(hops):
+                frame = frame[0]
+            value = frame[slot]
+            if value is UNSET:
+                raise ScriptError(f"{name} has no value yet")
+            return value
+
+        def read_next(frame: Frame) -> Any:
+            value = frame[0][slot]
+            if value is UNSET:
+                raise ScriptError(f"{name} has no value yet")
+            return value
+
+        return Part(False, (read_own, read_next)[hops] if hops < 2 else read_outer)
+
+    def _place(self, node: Tree[Token]) -> Part:
+        first, *trailers = node.children
+        assert isinstance(first, Tree), "an atom"
+        if is_pose(node):
+            literal, *trailers = trailers
+            assert isinstance(literal, Tree), "an index"
+            part = combined([self.value(child) for child in literal.children], _pose)
+        else:
+            part = self.value(first)
+        for trailer in trailers:
+            assert isinstance(trailer, Tree), "a trailer"
+            part = self._trailer(part, trailer)
+        return part
+
+    def _trailer(self, part: Part, trailer: Tree[Token]) -> Part:
+        if trailer.data == "index":
+            for child in trailer.children:
+                part = combined([part, self.value(child)], _element)
+            return part
+        name = str(trailer.children[0])
+        if trailer.data == "member":
+            return combined([part], lambda frame, value: values.member(value, name))
+        if name not in METHODS:
+            return Part(False, _failing(f"there is no method {name}"))
+        arguments = [self.value(child) for child in trailer.children[1].children]  # type: ignore[union-attr]
+        question = METHODS[name].ask
+
+        def ask(frame: Frame, value: Value, *given: Value) -> Value:
+            charge(frame, (value, *given))
+            return question(values.array(value), *given)
+
+        if METHODS[name].arguments != len(arguments):
+            return Part(False, _failing(f"{name} takes {METHODS[name].arguments} arguments"))
+        return combined([part, *arguments], ask)
+
+    # --- operators
+
+    def _sum(self, node: Tree[Token]) -> Part:
+        first, *rest = node.children
+        part = self.value(first)
+        for sign, other in zip(rest[::2], rest[1::2], strict=True):
+            part = combined([part, self.value(other)], _binary(_OPERATIONS[str(sign)]))
+        return part
+
+    _product = _comparison = _sum
+
+    def _sign(self, node: Tree[Token]) -> Part:
+        sign, operand = node.children
+        negative = sign == "-"
+        if negative and isinstance(operand, Tree) and operand.data == "number":
+            number = -self.value(operand).run([])
+            return Part(False, lambda frame: number)
+        return combined(
+            [self.value(operand)], lambda frame, value: values.negate(value) if negative else value
+        )
+
+    def _not_(self, node: Tree[Token]) -> Part:
+        return combined([self.value(node.children[0])], lambda frame, value: not values.truth(value))
+
+    def _conjunction(self, node: Tree[Token]) -> Part:
+        parts = [self.value(child) for child in node.children]
+        return self._shortened(parts, False)
+
+    def _disjunction(self, node: Tree[Token]) -> Part:
+        first, *rest = node.children
+        if all(word == "or" for word in rest[::2]):
+            return self._shortened([self.value(child) for child in (first, *rest[1::2])], True)
+        part = self.value(first)
+        for word, other in zip(rest[::2], rest[1::2], strict=True):
+            pair = [part, self.value(other)]
+            part = self._shortened(pair, True) if word == "or" else combined(pair, _differ)
+        return part
+
+    def _shortened(self, parts: Sequence[Part], until: bool) -> Part:
+        """`or` and `and`: the rest is left out once the answer is known."""
+        if len(parts) == 1:
+            return parts[0]
+        if any(part.waits for part in parts):
+
+            def wait(frame: Frame) -> Any:
+                for part in parts:
+                    value = (yield from part.run(frame)) if part.waits else part.run(frame)
+                    if values.truth(value) is until:
+                        return until
+                return not until
+
+            return Part(True, wait)
+        runs = [part.run for part in parts]
+
+        def run(frame: Frame) -> bool:
+            for part in runs:
+                if values.truth(part(frame)) is until:
+                    return until
+            return not until
+
+        return Part(False, run)
+
+    # --- calls
+
+    def _call(self, node: Tree[Token]) -> Part:
+        name = str(node.children[0])
+        code = self._code.find_function(name)
+        if code is not None:
+            return self._own_call(code, node)
+        if name == "struct":
+            return self._struct(node)
+        function = self._functions.get(name)
+        if function is None:
+
+            def refuse(frame: Frame) -> Any:
+                frame[1].host.tell_unknown(name)
+                raise ScriptError(f"{name} is not a function that the emulator knows")
+
+            return Part(False, refuse)
+        parts = self.arguments(name, node, function.parameters, function.defaults)
+        if isinstance(parts, str):
+            return Part(False, _failing(parts))
+        call = function.call
+        if not function.waits:
+
+            def answer(frame: Frame, *given: Value) -> Any:
+                charge(frame, given)
+                return call(frame[1], *given)
+
+            return combined(parts, answer)
+
+        def wait(frame: Frame) -> Any:
+            given = yield from found_by(parts, frame)
+            return (yield from call(frame[1], *given))
+
+        return Part(True, wait)
+
+    def arguments(
+        self,
+        name: str,
+        node: Tree[Token],
+        parameters: Sequence[str],
+        defaults: Mapping[str, Any],
+    ) -> list[Part] | str:
+        """The arguments of a call in the order of the parameters, or what is wrong with them."""
+        given: dict[str, Part] = {}
+        positions = iter(parameters)
+        for child in node.children[1].children:  # type: ignore[union-attr]
+            if child.data == "named":  # type: ignore[union-attr]
+                parameter = str(child.children[0])  # type: ignore[union-attr]
+                part = self.value(child.children[1])  # type: ignore[union-attr]
+            else:
+                parameter = next(positions, "")
+                part = self.value(child)
+            if parameter not in parameters or parameter in given:
+                return (
+                    f"{name} takes {len(parameters)} arguments"
+                    if not parameter
+                    else (f"{name} has no argument {parameter} to give")
+                )
+            given[parameter] = part
+        for parameter in parameters:
+            if parameter not in given:
+                if parameter not in defaults:
+                    return f"{name} needs the argument {parameter}"
+                given[parameter] = _default(defaults[parameter])
+        return [given[parameter] for parameter in parameters]
+
+    def _own_arguments(self, code: Code, node: Tree[Token]) -> list[Part] | str:
+        """The arguments of a call of the program's own function; its defaults are seen from where it stands."""
+        assert code.parent is not None, "a function is inside something"
+        hops = self._code.hops_to(code.parent)
+
+        def outwards(run: Run) -> Run:
+            def read(frame: Frame) -> Any:
+                for _ in range(hops):
+                    frame = frame[0]
+                return run(frame)
+
+            return read
+
+        defaults = {name: Part(False, outwards(run)) for name, run in code.defaults.items()}
+        return self.arguments(code.name, node, code.parameters, defaults)
+
+    def _own_call(self, code: Code, node: Tree[Token]) -> Part:
+        parts = self._own_arguments(code, node)
+        if isinstance(parts, str):
+            return Part(False, _failing(parts))
+        enter = self._entering(code)
+
+        def run(frame: Frame, *given: Value) -> Any:
+            inside = enter(frame, given)
+            task = frame[1]
+            try:
+                signal = code.run(inside)
+            finally:
+                task.depth -= 1
+            return signal.value if signal.__class__ is Returned else None
+
+        if not code.waits:
+            return combined(parts, run)
+
+        def wait(frame: Frame) -> Any:
+            given = yield from found_by(parts, frame)
+            inside = enter(frame, given)
+            task = frame[1]
+            try:
+                signal = yield from code.run(inside)
+            finally:
+                task.depth -= 1
+            return signal.value if signal.__class__ is Returned else None
+
+        return Part(True, wait)
+
+    def _entering(self, code: Code) -> Callable[[Frame, Sequence[Value]], Frame]:
+        """Makes the frame of a call, and takes its steps."""
+        assert code.parent is not None, "a function is inside something"
+        hops, count, outer = self._code.hops_to(code.parent), len(code.parameters), code
+
+        def enter(frame: Frame, given: Sequence[Value]) -> Frame:
+            task = frame[1]
+            task.spend(outer.weight)
+            task.depth += 1
+            if task.depth > CALLS_MAX:
+                task.depth -= 1
+                raise ScriptError("too many functions have called each other")
+            for _ in range(hops):
+                frame = frame[0]
+            return [frame, task, *given, *[UNSET] * (len(outer.slots) - count)]
+
+        return enter
+
+    def _run(self, node: Tree[Token]) -> Part:
+        """A thread begins; its handle is the value."""
+        name = str(node.children[0])
+        code = self._code.find_function(name)
+        if code is None:
+            return Part(False, _failing(f"{name} is not a thread"))
+        parts = self._own_arguments(code, node)
+        if isinstance(parts, str):
+            return Part(False, _failing(parts))
+        assert code.parent is not None, "a thread is inside something"
+        hops, thread = self._code.hops_to(code.parent), code
+
+        def start(frame: Frame, *given: Value) -> int:
+            task = frame[1]
+            for _ in range(hops):
+                frame = frame[0]
+            rest = [UNSET] * (len(thread.slots) - len(given))
+            handle: int = task.machine.start(thread, frame, [*given, *rest])
+            return handle
+
+        return combined(parts, start)
+
+    def _struct(self, node: Tree[Token]) -> Part:
+        names, parts = [], []
+        for child in node.children[1].children:  # type: ignore[union-attr]
+            if child.data != "named":  # type: ignore[union-attr]
+                return Part(False, _failing("a struct's members have names"))
+            names.append(str(child.children[0]))  # type: ignore[union-attr]
+            parts.append(self.value(child.children[1]))  # type: ignore[union-attr]
+
+        def make(frame: Frame, *given: Value) -> Value:
+            charge(frame, given)
+            return values.checked(Struct(dict(zip(names, given, strict=True))))
+
+        return combined(parts, make)
+
+
+def _failing(text: str) -> Run:
+    def fail(frame: Frame) -> Any:
+        raise ScriptError(text)
+
+    return fail
+
+
+def _default(value: Any) -> Part:
+    """A value of the table, or a compiled expression of the program's own function."""
+    return value if isinstance(value, Part) else Part(False, lambda frame: value)
+
+
+def _pose(frame: Frame, *parts: Value) -> Value:
+    return PoseValue(values.vector(parts, 6))
+
+
+def _element(frame: Frame, value: Value, place: Value) -> Value:
+    return values.element(value, place)
+
+
+def _differ(frame: Frame, a: Value, b: Value) -> bool:
+    return values.truth(a) is not values.truth(b)
+
+
+def _binary(operation: Callable[[Value, Value], Value]) -> Callable[[Frame, Value, Value], Value]:
+    def apply(frame: Frame, a: Value, b: Value) -> Value:
+        if isinstance(a, tuple) or isinstance(b, tuple):
+            frame[1].spend(_work(a, b))
+        return operation(a, b)
+
+    return apply
+
+
+def _work(a: Value, b: Value) -> int:
+    """Steps of an operation on lists or matrices."""
+    size = 1
+    for value in (a, b):
+        if isinstance(value, tuple):
+            size *= max(len(value), 1)
+            if values.is_matrix(value):
+                size *= max(len(values.array(value[0])), 1)
+    return size if values.is_matrix(a) else max(len(value) for value in (a, b) if isinstance(value, tuple))

@@ -1,0 +1,47 @@
+"""What is wrong with a program: values that a controller reports, and the exception that carries one."""
+
+from typing import NamedTuple
+
+
+class SyntaxFailure(NamedTuple):
+    """The text is no program."""
+
+    line: int
+    """1 is the first one."""
+    column: int
+    text: str
+
+    def __str__(self) -> str:
+        return f"Syntax error in line {self.line}, column {self.column}: {self.text}"
+
+
+class RuntimeFailure(NamedTuple):
+    """A statement cannot be done; the program ends."""
+
+    line: int
+    text: str
+
+    def __str__(self) -> str:
+        return f"Runtime error in line {self.line}: {self.text}"
+
+
+class ScriptSyntaxError(Exception):
+    """The text is no program."""
+
+    def __init__(self, failure: SyntaxFailure) -> None:
+        super().__init__(str(failure))
+        self.failure = failure
+
+
+class ScriptError(Exception):
+    """A statement cannot be done. The statement that was under way adds its line."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self.text = text
+        self.line = 0
+        """0 until the statement is known."""
+
+
+class Halted(Exception):
+    """The program has ended itself."""

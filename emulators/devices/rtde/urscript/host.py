@@ -1,0 +1,179 @@
+"""The robot as a program knows it: all that functions of the table ask and order. The controller implements it.
+
+Lengths are m, angles rad, times s, forces N, moments N·m. Poses are the tool's in the base frame, by the tool
+centre point that the program has set, unless a word says otherwise.
+"""
+
+from collections.abc import Iterator
+from enum import StrEnum
+from typing import NamedTuple, Protocol
+
+from emulators.devices.rtde.urscript.failures import RuntimeFailure, SyntaxFailure
+from protocol.geometry import Pose
+
+Six = tuple[float, float, float, float, float, float]
+
+
+class Message(StrEnum):
+    """Kinds of messages of a program."""
+
+    TEXT = "text"
+    POPUP = "popup"
+    SYNTAX = "syntax error"
+    RUNTIME = "runtime error"
+
+
+class Profile(NamedTuple):
+    """How fast a move goes."""
+
+    speed: float
+    """m/s along a path, rad/s in joints."""
+    acceleration: float
+    time: float = 0.0
+    """Of the whole move, s; it rules where it is not 0."""
+
+
+class Socket(Protocol):
+    """A connection that a program has opened."""
+
+    def take(self, count: int) -> bytes | None:
+        """So many bytes that have come; None while there are fewer."""
+
+    def take_until(self, end: bytes) -> bytes | None:
+        """Bytes up to an end, that included; all that is there for an empty end. None while it has not come."""
+
+    def send(self, data: bytes) -> bool:
+        """Send; False where the other end has gone."""
+
+
+class Host(Protocol):
+    """The robot."""
+
+    @property
+    def period(self) -> float:
+        """Of a cycle, s."""
+
+    # --- messages
+
+    def tell(self, message: Message, text: str) -> None:
+        """The program says something."""
+
+    def tell_failure(self, failure: RuntimeFailure | SyntaxFailure) -> None:
+        """The program has ended, or did not begin."""
+
+    def tell_tagged(self, function: str) -> None:
+        """The program calls a function that has no effect here."""
+
+    def tell_unknown(self, function: str) -> None:
+        """The program calls a function that is not there, and ends."""
+
+    # --- time and registers
+
+    def clock(self) -> float:
+        """Since the controller started, s."""
+
+    def random(self) -> float:
+        """A number, 0 … 1."""
+
+    def read_register(self, direction: str, kind: str, number: int) -> float:
+        """`direction` is input or output, `kind` int, double or bit. Raises ScriptError for a number of none."""
+
+    def write_register(self, kind: str, number: int, value: float) -> None:
+        """An output. Raises ScriptError for a number of none."""
+
+    def watch_input(self, name: str, frequency_hz: float, action: str) -> None:
+        """An input must come so often."""
+
+    def read_digital(self, direction: str, number: int) -> bool:
+        """0 to 7 standard, 8 to 15 configurable, 16 and 17 the tool's."""
+
+    def write_digital(self, number: int, on: bool) -> None:
+        """An output, numbered as `read_digital`."""
+
+    def read_analog(self, direction: str, number: int) -> float:
+        """0 or 1; a share of its range, 0 … 1."""
+
+    def write_analog(self, number: int, share: float) -> None:
+        """An output."""
+
+    def open_socket(self, address: str, port: int) -> Socket | None:
+        """A connection to a server; None where none is to be had."""
+
+    # --- the arm
+
+    @property
+    def joints(self) -> Six:
+        """As they are."""
+
+    @property
+    def target(self) -> Six:
+        """Joints that are wanted."""
+
+    @property
+    def speeds(self) -> Six:
+        """Of the joints, rad/s."""
+
+    @property
+    def tcp(self) -> Pose:
+        """Tool in the flange."""
+
+    @property
+    def payload(self) -> tuple[float, ...]:
+        """Mass, kg, and its centre in the flange, m."""
+
+    @property
+    def still(self) -> bool:
+        """Whether the arm stands."""
+
+    def forward(self, joints: Six, tcp: Pose | None = None) -> Pose:
+        """Pose of a tool at these joints."""
+
+    def solve(self, pose: Pose, near: Six | None = None, tcp: Pose | None = None) -> Six | None:
+        """Joints that hold a tool in a pose; None where there are none."""
+
+    def output(self, name: str) -> tuple[float, ...]:
+        """An output of RTDE as it is told now. Raises ScriptError for a name of none."""
+
+    def servo(self, joints: Six, time: float, lookahead: float, gain: float) -> int:
+        """servoj; for how many cycles it holds. It may be refused by a protective stop."""
+
+    def speed(self, speeds: Six, acceleration: float) -> None:
+        """Joint speeds for this cycle."""
+
+    def brake(self, deceleration: float) -> None:
+        """Joints slow down in this cycle, rad/s²."""
+
+    def brake_line(self, deceleration: float) -> None:
+        """The same by the tool's deceleration, m/s²."""
+
+    def speed_line(self, velocity: Six, acceleration: float) -> bool:
+        """The tool's velocity, base axes, for this cycle; False where no joints follow."""
+
+    def line(self, goal: Pose, profile: Profile) -> Iterator[object] | None:
+        """A move along a line: one turn a cycle. None where no joints hold its end."""
+
+    def swing(self, goal: Six, profile: Profile) -> Iterator[object] | None:
+        """The same straight in joints."""
+
+    def arc(self, via: Pose, goal: Pose, profile: Profile) -> Iterator[object] | None:
+        """The same along a circle through three places."""
+
+    def set_tcp(self, tcp: Pose) -> None:
+        """The tool in the flange from now on."""
+
+    def set_payload(self, mass: float, centre: tuple[float, ...]) -> None:
+        """The payload from now on."""
+
+    # --- force and stops
+
+    def zero_force(self) -> None:
+        """The force of now is the zero from now on."""
+
+    def enable_external_force(self, enable: bool) -> None:
+        """Take `external_force_torque` for the force sensor, or the arm's own."""
+
+    def protective_stop(self, why: str) -> None:
+        """The arm stands at once."""
+
+    def power_off(self) -> None:
+        """The arm loses its power."""

@@ -1,0 +1,165 @@
+"""A program that runs: its threads, cycle by cycle.
+
+In each cycle every thread runs, in the order of their beginning, until it waits: for the next cycle, or for another
+thread. Universal Robots' manual gives a thread 2 ms of a cycle; here a bound on steps stands for them.
+"""
+
+from collections.abc import Generator
+from typing import Any, TypeAlias
+
+from emulators.devices.rtde.urscript.failures import Halted, RuntimeFailure, ScriptError
+from emulators.devices.rtde.urscript.host import Host, Socket
+from emulators.devices.rtde.urscript.limits import THREADS_MAX
+from emulators.devices.rtde.urscript.names import Code
+from emulators.devices.rtde.urscript.statements import CompiledProgram, frame_of
+from emulators.devices.rtde.urscript.values import Value
+
+Turns: TypeAlias = Generator[Any, None, Any]
+_MAIN = 1
+"""Handle of the program itself."""
+
+
+class Task:
+    """One thread."""
+
+    def __init__(self, machine: "Machine", name: str, handle: int) -> None:
+        self.machine, self.name, self.handle = machine, name, handle
+        self.turns: Turns = _nothing()
+        self.left = 0
+        """Steps that it may still take in this cycle."""
+        self.depth = 0
+        """Functions that have called each other."""
+        self.waits_for: Any = None
+        """Handle of the thread whose end it waits for."""
+        self.rests = False
+        """Whether it waits for the next cycle."""
+
+    @property
+    def host(self) -> Host:
+        """The robot, as functions of the table know it."""
+        return self.machine.host
+
+    def spend(self, steps: int) -> None:
+        """Take steps of this cycle. Raises ScriptError where none is left."""
+        self.left -= steps
+        if self.left < 0:
+            raise ScriptError("a thread runs too long without waiting: an infinite loop?")
+
+    def tell_tagged(self, function: str) -> None:
+        """The program calls a function that has no effect here."""
+        self.machine.tell_tagged(function)
+
+
+def _nothing() -> Turns:
+    yield from ()
+
+
+class Machine:
+    """One program that runs."""
+
+    def __init__(self, program: CompiledProgram, host: Host, steps: int) -> None:
+        """`steps` is how many a thread may take in a cycle."""
+        self.host, self.name = host, program.name
+        self._steps = steps
+        self._tasks: list[Task] = []
+        self._tagged: set[str] = set()
+        self._started = 0
+        self.sockets: dict[str, Socket] = {}
+        """Connections that the program has opened, by name."""
+        root, main = frame_of(program.root, None, None), program.main
+        task = self._add(main.name)
+        root[1] = task
+        if main.parameters:
+            task.turns = _refuse("a program has no parameters")
+        else:
+            task.turns = _turns(main, root if main is program.root else frame_of(main, root, task))
+
+    # --- threads
+
+    def _add(self, name: str) -> Task:
+        if len(self._tasks) >= THREADS_MAX:
+            raise ScriptError("there are too many threads")
+        self._started += 1
+        task = Task(self, name, self._started)
+        task.left = self._steps
+        self._tasks.append(task)
+        return task
+
+    def start(self, code: Code, outer: Any, given: list[Any]) -> int:
+        """A thread begins in this cycle, with its variables; its handle."""
+        task = self._add(code.name)
+        task.turns = _turns(code, [outer, task, *given])
+        return task.handle
+
+    def lives(self, handle: Value) -> bool:
+        """Whether this is a thread that has not ended."""
+        return any(task.handle == handle for task in self._tasks)
+
+    def kill(self, handle: Value) -> None:
+        """A thread ends; nothing happens for a handle of none."""
+        for task in self._tasks:
+            if task.handle == handle:
+                if task.handle == _MAIN:
+                    raise Halted
+                self._tasks.remove(task)
+                return
+
+    def tell_tagged(self, function: str) -> None:
+        """Told once a program."""
+        if function not in self._tagged:
+            self._tagged.add(function)
+            self.host.tell_tagged(function)
+
+    # --- time
+
+    def cycle(self) -> bool:
+        """One cycle of all threads; False once the program has ended."""
+        for task in self._tasks:
+            task.rests, task.left = False, self._steps
+        try:
+            while self._pass():
+                pass
+        except Halted:
+            self._tasks.clear()
+        except ScriptError as error:
+            self._tasks.clear()
+            self.host.tell_failure(RuntimeFailure(error.line, error.text))
+        return bool(self._tasks)
+
+    def _pass(self) -> bool:
+        """Each thread that can runs once; whether any did."""
+        ran = False
+        for task in tuple(self._tasks):
+            waits = task.waits_for is not None and self.lives(task.waits_for)
+            if task.rests or waits or task not in self._tasks:
+                continue
+            ran, task.waits_for = True, None
+            self._run(task)
+        return ran
+
+    def _run(self, task: Task) -> None:
+        try:
+            waits_for = next(task.turns)
+        except StopIteration:
+            if task.handle == _MAIN:
+                raise Halted from None
+            if task in self._tasks:
+                self._tasks.remove(task)
+            return
+        if waits_for is None:
+            task.rests = True
+        else:
+            task.waits_for = waits_for
+
+
+def _turns(code: Code, frame: Any) -> Turns:
+    """A thread of this code; one that never waits runs at once."""
+    frame[1].spend(code.weight)
+    signal = code.run(frame)
+    if code.waits:
+        yield from signal
+
+
+def _refuse(text: str) -> Turns:
+    yield from ()
+    raise ScriptError(text)

@@ -1,0 +1,288 @@
+"""Functions that move the arm, and those of force, kinematics, tool and payload."""
+
+import math
+from collections.abc import Generator, Iterator
+from typing import Any, TypeAlias
+
+from emulators.devices.rtde.kinematics import RANGE
+from emulators.devices.rtde.urscript.failures import ScriptError
+from emulators.devices.rtde.urscript.host import Host, Profile, Six
+from emulators.devices.rtde.urscript.poses import pose, value_of
+from emulators.devices.rtde.urscript.table import Function, modelled, waiting
+from emulators.devices.rtde.urscript.values import PoseValue, Value, integer, number, string, truth, vector
+from protocol.devices.rtde.rotation import six_of
+from protocol.geometry import Pose
+
+Wait: TypeAlias = Generator[None, None, None]
+_SPEED_REACHED = 1e-3
+"""Chosen: a speed within this of what was asked, rad/s, is reached."""
+
+
+def _six(value: Value) -> Six:
+    a, b, c, d, e, f = vector(value, 6)
+    return a, b, c, d, e, f
+
+
+def _finite_six(value: Value) -> Six:
+    six = _six(value)
+    if not all(map(math.isfinite, six)):
+        raise ScriptError("a value that is no number")
+    return six
+
+
+def _finite(*given: Value) -> list[float]:
+    found = [number(value) for value in given]
+    if not all(map(math.isfinite, found)):
+        raise ScriptError("a value that is no number")
+    return found
+
+
+def _joints(host: Host, value: Value, near: Six | None = None) -> Six:
+    """Joints, or those that hold a pose."""
+    if not isinstance(value, PoseValue):
+        return _finite_six(value)
+    found = host.solve(pose(value), near)
+    if found is None:
+        raise ScriptError("no joints hold this pose")
+    return found
+
+
+def _pose(host: Host, value: Value) -> Pose:
+    """A pose, or that of joints."""
+    return pose(value) if isinstance(value, PoseValue) else host.forward(_finite_six(value))
+
+
+def _profile(acceleration: Value, speed: Value, time: Value = 0.0) -> Profile:
+    a, v, t = _finite(acceleration, speed, time)
+    return Profile(v, a, t)
+
+
+# --- moves
+
+
+def _walk(task: Any, walk: Iterator[object] | None, radius: Value) -> Wait:
+    if walk is None:
+        raise ScriptError("no joints hold the end of this move")
+    if number(radius) > 0.0:
+        task.tell_tagged("blend radius")
+    for _ in walk:
+        yield
+
+
+def _movej(task: Any, q: Value, *given: Value) -> Wait:
+    """`given` are a, v, t and r."""
+    host, (a, v, t, r) = task.host, given
+    return _walk(task, host.swing(_joints(host, q), _profile(a, v, t)), r)
+
+
+def _movel(task: Any, goal: Value, *given: Value) -> Wait:
+    """`given` are a, v, t and r."""
+    host, (a, v, t, r) = task.host, given
+    return _walk(task, host.line(_pose(host, goal), _profile(a, v, t)), r)
+
+
+def _movep(task: Any, goal: Value, a: Value, v: Value, r: Value) -> Wait:
+    return _movel(task, goal, a, v, 0.0, r)
+
+
+def _movec(task: Any, via: Value, goal: Value, *given: Value) -> Wait:
+    """`given` are a, v, r and mode; the tool turns evenly towards the goal in every mode (assumed)."""
+    host, (a, v, r, _) = task.host, given
+    return _walk(task, host.arc(_pose(host, via), _pose(host, goal), _profile(a, v)), r)
+
+
+def _servoj(task: Any, q: Value, *given: Value) -> Wait:
+    """`given` are a and v, which a controller does not use, t, lookahead_time and gain."""
+    t, lookahead, gain = map(number, given[2:])
+    for _ in range(task.host.servo(_six(q), t, lookahead, gain)):
+        yield
+
+
+def _servoc(task: Any, goal: Value, *given: Value) -> Wait:
+    """As movel, a, v and r given (assumed: the circular way is not modelled)."""
+    a, v, r = given
+    return _movel(task, goal, a, v, 0.0, r)
+
+
+def _speedj(task: Any, speeds: Value, acceleration: Value, time: Value) -> Wait:
+    host, wanted = task.host, _finite_six(speeds)
+    (a,) = _finite(acceleration)
+    for _ in _turns(host, time, wanted):
+        host.speed(wanted, a)
+        yield
+
+
+def _speedl(task: Any, velocity: Value, acceleration: Value, time: Value, turning: Value) -> Wait:
+    """`turning` is the acceleration of the turn, which follows the other one (assumed)."""
+    host, wanted = task.host, _finite_six(velocity)
+    (a,) = _finite(acceleration)
+    for _ in _turns(host, time, None):
+        if not host.speed_line(wanted, a):
+            raise ScriptError("no joints follow this speed")
+        yield
+
+
+def _turns(host: Host, time: Value, wanted: Six | None) -> Iterator[int]:
+    """Cycles of a speed: for a time, or until it is reached; at least one."""
+    seconds = 0.0 if time is None else _finite(time)[0]
+    count = max(1, math.ceil(seconds / host.period - 1e-6))
+    yield from range(count)
+    while seconds <= 0.0 and wanted is not None and not _reached(host.speeds, wanted):
+        yield 0
+
+
+def _reached(speeds: Six, wanted: Six) -> bool:
+    return max(abs(a - b) for a, b in zip(speeds, wanted, strict=True)) < _SPEED_REACHED
+
+
+def _stopj(task: Any, deceleration: Value) -> Wait:
+    (rate,) = _finite(deceleration)
+    while not task.host.still:
+        task.host.brake(rate if rate > 0.0 else 1.0)
+        yield
+
+
+def _stopl(task: Any, deceleration: Value, turning: Value) -> Wait:
+    (rate,) = _finite(deceleration)
+    while not task.host.still:
+        task.host.brake_line(rate if rate > 0.0 else 1.0)
+        yield
+
+
+# --- kinematics
+
+
+def _inverse(task: Any, x: Value, near: Value, *given: Value) -> Value:
+    return _solved(task.host, x, near, given[2]) or _no_joints()
+
+
+def _no_joints() -> Value:
+    raise ScriptError("no joints hold this pose")
+
+
+def _has_inverse(task: Any, x: Value, near: Value, *given: Value) -> Value:
+    return _solved(task.host, x, near, given[2]) is not None
+
+
+def _solved(host: Host, x: Value, near: Value, tcp: Value) -> Six | None:
+    """The joints of a pose, by another tool where one is given."""
+    wanted, start = _numbers_or_stop(host, x), None if near is None else _finite_six(near)
+    if wanted is None:
+        return None
+    return host.solve(wanted, start, None if tcp is None else pose(tcp))
+
+
+def _numbers_or_stop(host: Host, x: Value) -> Pose | None:
+    """The pose; a value that is no number makes a protective stop."""
+    if all(map(math.isfinite, vector(x, 6))):
+        return pose(x)
+    host.protective_stop("a target that is no number")
+    return None
+
+
+def _forward(task: Any, q: Value, tcp: Value) -> Value:
+    host = task.host
+    joints = host.joints if q is None else _finite_six(q)
+    return value_of(host.forward(joints, None if tcp is None else pose(tcp)))
+
+
+def _inside(task: Any, place: Value) -> Value:
+    host = task.host
+    joints = host.solve(pose(place)) if isinstance(place, PoseValue) else _six(place)
+    return joints is not None and all(abs(angle) <= RANGE for angle in joints)
+
+
+# --- force, tool, payload
+
+
+def _enable_force(task: Any, enable: Value, *given: Value) -> None:
+    task.host.enable_external_force(truth(enable))
+
+
+def _set_payload(task: Any, mass: Value, centre: Value, *given: Value) -> None:
+    (kilograms,) = _finite(mass)
+    host: Host = task.host
+    host.set_payload(kilograms, host.payload[1:] if centre is None else vector(centre, 3))
+
+
+def _set_tcp(task: Any, tcp: Value, *given: Value) -> None:
+    task.host.set_tcp(pose(tcp))
+
+
+def _output(name: str) -> Any:
+    return lambda task: _shaped(task.host.output(name))
+
+
+def _shaped(found: tuple[float, ...]) -> Value:
+    return found if len(found) > 1 else found[0]
+
+
+def _history(task: Any, steps: Value) -> Value:
+    """Joints of so many cycles ago; the emulator keeps those of now."""
+    integer(steps)
+    task.tell_tagged("steps of get_actual_joint_positions_history")
+    return tuple(task.host.joints)
+
+
+MOTION: tuple[Function, ...] = (
+    waiting("movej(q, a=1.4, v=1.05, t=0, r=0)", _movej),
+    waiting("movel(pose, a=1.2, v=0.25, t=0, r=0)", _movel),
+    waiting("movep(pose, a=1.2, v=0.25, r=0)", _movep),
+    waiting("movec(pose_via, pose_to, a=1.2, v=0.25, r=0, mode=0)", _movec),
+    waiting("optimovej(goal, a=0.3, v=0.3, r=0)", lambda task, q, a, v, r: _movej(task, q, a, v, 0.0, r)),
+    waiting("optimovel(goal, a=0.3, v=0.3, r=0)", lambda task, q, a, v, r: _movel(task, q, a, v, 0.0, r)),
+    waiting("servoj(q, a=0, v=0, t=0.002, lookahead_time=0.1, gain=300)", _servoj),
+    waiting("servoc(pose, a=1.2, v=0.25, r=0)", _servoc),
+    waiting("speedj(qd, a=1.4, t=None)", _speedj),
+    waiting("speedl(xd, a=1.2, t=None, aRot=None)", _speedl),
+    waiting("stopj(a=2)", _stopj),
+    waiting("stopl(a=2, aRot=None)", _stopl),
+    modelled(
+        "get_inverse_kin(x, qnear=None, maxPositionError=1e-10, maxOrientationError=1e-10, tcp=None)",
+        _inverse,
+    ),
+    modelled(
+        "get_inverse_kin_has_solution(pose, qnear=None, maxPositionError=1e-10, maxOrientationError=1e-10, tcp=None)",
+        _has_inverse,
+    ),
+    modelled("get_forward_kin(q=None, tcp=None)", _forward),
+    modelled("is_within_safety_limits(pose)", _inside),
+    modelled("is_steady()", lambda task: task.host.still),
+    modelled("get_actual_joint_positions()", lambda task: task.host.joints),
+    modelled("get_joint_positions()", lambda task: task.host.joints),
+    modelled("get_actual_joint_positions_history(steps=0)", _history),
+    modelled("get_actual_joint_speeds()", lambda task: task.host.speeds),
+    modelled("get_target_joint_positions()", lambda task: task.host.target),
+    modelled("get_target_joint_speeds()", lambda task: task.host.speeds),
+    modelled("get_actual_tcp_pose()", lambda task: value_of(task.host.forward(task.host.joints))),
+    modelled("get_target_tcp_pose()", lambda task: value_of(task.host.forward(task.host.target))),
+    modelled("get_target_waypoint()", lambda task: value_of(task.host.forward(task.host.target))),
+    modelled(
+        "get_actual_tool_flange_pose()",
+        lambda task: value_of(task.host.forward(task.host.joints, Pose((0.0,) * 3, (1.0, 0.0, 0.0, 0.0)))),
+    ),
+    modelled("get_actual_tcp_speed()", _output("actual_TCP_speed")),
+    modelled("get_target_tcp_speed()", _output("target_TCP_speed")),
+    modelled("get_rtde_value(key)", lambda task, key: _shaped(task.host.output(string(key)))),
+    modelled("get_tcp_offset()", lambda task: PoseValue(six_of(task.host.tcp))),
+    modelled("set_tcp(pose, tcp_name=None)", _set_tcp),
+    modelled("get_target_payload()", lambda task: task.host.payload[0]),
+    modelled("get_target_payload_cog()", lambda task: tuple(task.host.payload[1:])),
+    modelled("set_payload(m, cog=None)", _set_payload),
+    modelled("set_payload_mass(m)", lambda task, mass: _set_payload(task, mass, None)),
+    modelled("set_payload_cog(cog)", lambda task, cog: _set_payload(task, task.host.payload[0], cog)),
+    modelled("set_target_payload(m, cog=None, inertia=None, transition_time=0)", _set_payload),
+    modelled("get_tcp_force()", _output("actual_TCP_force")),
+    modelled("force()", lambda task: math.hypot(*task.host.output("actual_TCP_force")[:3])),
+    modelled("zero_ftsensor()", lambda task: task.host.zero_force()),
+    modelled(
+        "ft_rtde_input_enable(enable, sensor_mass=0, sensor_measuring_offset=None, sensor_cog=None)",
+        _enable_force,
+    ),
+    modelled(
+        "enable_external_ft_sensor(enable, sensor_mass=0, sensor_measuring_offset=None, sensor_cog=None)",
+        _enable_force,
+    ),
+    modelled("protective_stop()", lambda task: task.host.protective_stop("ordered by a program")),
+    modelled("powerdown()", lambda task: task.host.power_off()),
+)

@@ -1,0 +1,103 @@
+"""Functions that a program may call: name, signature, and whether the emulator models them."""
+
+import ast
+from collections.abc import Callable, Iterable, Mapping
+from enum import StrEnum
+from typing import Any, NamedTuple
+
+from emulators.devices.rtde.urscript.values import Value
+
+
+class Support(StrEnum):
+    """How far the emulator goes with a function."""
+
+    MODELLED = "modelled"
+    """It has the effect, or the answer, of the emulated robot."""
+    TAGGED = "tagged"
+    """It is accepted without effect, and told once a program."""
+
+
+class Function(NamedTuple):
+    """One function."""
+
+    name: str
+    parameters: tuple[str, ...]
+    defaults: Mapping[str, Value]
+    """Values of parameters that may be left out."""
+    call: Callable[..., Any]
+    """Called with the task and the values of all parameters; a generator where it waits."""
+    support: Support
+    waits: bool
+    """Whether it may let cycles pass."""
+
+    @property
+    def signature(self) -> str:
+        """As a manual writes it."""
+        parts = (
+            f"{name}={self.defaults[name]!r}" if name in self.defaults else name for name in self.parameters
+        )
+        return f"{self.name}({', '.join(parts)})"
+
+
+Functions = Mapping[str, Function]
+
+
+def pure(signature: str, call: Callable[..., Value]) -> Function:
+    """A function of its values alone."""
+    return _made(signature, lambda task, *values: call(*values), Support.MODELLED, False)
+
+
+def modelled(signature: str, call: Callable[..., Value]) -> Function:
+    """A function of its task, for one cycle."""
+    return _made(signature, call, Support.MODELLED, False)
+
+
+def waiting(signature: str, call: Callable[..., Any]) -> Function:
+    """A function that may let cycles pass: a generator function of its task."""
+    return _made(signature, call, Support.MODELLED, True)
+
+
+def tagged(signature: str, answer: Value = None) -> Function:
+    """A function that is accepted, has no effect, and answers always the same."""
+    name = signature.partition("(")[0]
+
+    def call(task: Any, *values: Value) -> Value:
+        task.tell_tagged(name)
+        return answer
+
+    return _made(signature, call, Support.TAGGED, False)
+
+
+def by_name(functions: Iterable[Function]) -> Functions:
+    """A table of functions, each name once."""
+    table: dict[str, Function] = {}
+    for function in functions:
+        assert function.name not in table, function.name
+        table[function.name] = function
+    return table
+
+
+def _made(signature: str, call: Callable[..., Any], support: Support, waits: bool) -> Function:
+    name, _, rest = signature.removesuffix(")").partition("(")
+    parameters: list[str] = []
+    defaults: dict[str, Value] = {}
+    for part in _parts(rest):
+        parameter, has_default, default = part.partition("=")
+        parameters.append(parameter.strip())
+        if has_default:
+            value = ast.literal_eval(default)
+            defaults[parameter.strip()] = tuple(value) if isinstance(value, list) else value
+    return Function(name, tuple(parameters), defaults, call, support, waits)
+
+
+def _parts(text: str) -> list[str]:
+    """A list's parts; commas in brackets separate none."""
+    parts, depth, part = [], 0, ""
+    for character in text:
+        depth += (character in "[(") - (character in "])")
+        if character == "," and depth == 0:
+            parts.append(part)
+            part = ""
+        else:
+            part += character
+    return [*parts, part] if part.strip() else parts

@@ -1,0 +1,313 @@
+"""Values of a program and their arithmetic.
+
+A list is a tuple, for a program hands lists by value. A pose is a list of six with a name of its own.
+A number beyond 32 bits is a float.
+"""
+
+import math
+import operator
+from collections.abc import Callable, Sequence
+from typing import TypeAlias
+
+from emulators.devices.rtde.urscript.failures import ScriptError
+from emulators.devices.rtde.urscript.limits import LENGTH_MAX, NESTING_MAX, STRING_MAX
+
+Value: TypeAlias = "int | float | str | tuple[Value, ...] | Struct | None"
+"""A boolean is an integer to Python. A thread is the number of its handle."""
+_LARGEST = 2**31
+
+
+class PoseValue(tuple[Value, ...]):
+    """x y z, m, and a rotation vector, rad."""
+
+    __slots__ = ()
+
+
+class Struct:
+    """Named values. Never changed, but replaced."""
+
+    __slots__ = ("members",)
+
+    def __init__(self, members: dict[str, Value]) -> None:
+        self.members = members
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Struct) and self.members == other.members
+
+    def __hash__(self) -> int:
+        return hash(tuple(self.members))
+
+
+def kind(value: Value) -> str:
+    """The name of a value's type, for messages."""
+    match value:
+        case bool():
+            return "a boolean"
+        case int() | float():
+            return "a number"
+        case str():
+            return "a string"
+        case PoseValue():
+            return "a pose"
+        case tuple():
+            return "a list"
+        case None:
+            return "None"
+        case _:
+            return "a struct"
+
+
+# --- bounds
+
+
+def checked(value: Value) -> Value:
+    """A new list or struct, if it is small enough."""
+    _measure(value, 0, 0)
+    return value
+
+
+def _measure(value: Value, count: int, depth: int) -> int:
+    if isinstance(value, Struct):
+        parts: Sequence[Value] = tuple(value.members.values())
+    elif isinstance(value, tuple):
+        parts = value
+    else:
+        return count
+    count += len(parts)
+    if count > LENGTH_MAX or depth >= NESTING_MAX:
+        raise ScriptError("a list is too large")
+    for part in parts:
+        if isinstance(part, (tuple, Struct)):
+            count = _measure(part, count, depth + 1)
+    return count
+
+
+def checked_string(text: str) -> str:
+    """A new string, if it is short enough."""
+    if len(text) > STRING_MAX:
+        raise ScriptError("a string is too long")
+    return text
+
+
+# --- conversions
+
+
+def number(value: Value) -> int | float:
+    """A number; a boolean is none."""
+    if isinstance(value, (int, float)) and value.__class__ is not bool:
+        return value
+    raise ScriptError(f"a number is needed, not {kind(value)}")
+
+
+def integer(value: Value) -> int:
+    """A whole number; a float without a fraction is one."""
+    found = number(value)
+    if isinstance(found, int):
+        return found
+    if found.is_integer():
+        return int(found)
+    raise ScriptError("a whole number is needed")
+
+
+def string(value: Value) -> str:
+    if isinstance(value, str):
+        return value
+    raise ScriptError(f"a string is needed, not {kind(value)}")
+
+
+def array(value: Value) -> tuple[Value, ...]:
+    """A list or a pose."""
+    if isinstance(value, tuple):
+        return value
+    raise ScriptError(f"a list is needed, not {kind(value)}")
+
+
+def vector(value: Value, size: int) -> tuple[float, ...]:
+    """A list of so many numbers."""
+    found = array(value)
+    if len(found) != size:
+        raise ScriptError(f"a list of {size} numbers is needed, not of {len(found)}")
+    return tuple(number(part) for part in found)
+
+
+def truth(value: Value) -> bool:
+    """Of a condition. A number is true unless it is 0."""
+    if isinstance(value, (int, float)):
+        return bool(value)
+    raise ScriptError(f"a condition must be a boolean, not {kind(value)}")
+
+
+def text_of(value: Value) -> str:
+    """As `to_str` and `textmsg` write it. Assumed: six digits of a float."""
+    return checked_string(_text(value))
+
+
+def _text(value: Value) -> str:
+    if isinstance(value, float):
+        return format(value + 0.0, ".6g")  # without the sign of a zero
+    if isinstance(value, tuple):
+        return f"{'p' * isinstance(value, PoseValue)}[{', '.join(map(_text, value))}]"
+    if isinstance(value, Struct):
+        return f"struct({', '.join(f'{name}={_text(part)}' for name, part in value.members.items())})"
+    return str(value)
+
+
+# --- arithmetic
+
+_NUMBERS = (float, int)
+
+
+def _bounded(result: int | float) -> int | float:
+    if isinstance(result, int) and not -_LARGEST <= result < _LARGEST:
+        return float(result)
+    return result
+
+
+def add(a: Value, b: Value) -> Value:
+    if a.__class__ in _NUMBERS and b.__class__ in _NUMBERS:
+        return _bounded(a + b)
+    return _each(operator.add, a, b)
+
+
+def subtract(a: Value, b: Value) -> Value:
+    if a.__class__ in _NUMBERS and b.__class__ in _NUMBERS:
+        return _bounded(a - b)
+    return _each(operator.sub, a, b)
+
+
+def multiply(a: Value, b: Value) -> Value:
+    """Matrices as matrices do, lists element by element."""
+    if a.__class__ in _NUMBERS and b.__class__ in _NUMBERS:
+        return _bounded(a * b)
+    if is_matrix(a) and isinstance(b, tuple):
+        return _matrix_product(array(a), b)
+    return _each(operator.mul, a, b)
+
+
+def divide(a: Value, b: Value) -> Value:
+    if a.__class__ in _NUMBERS and b.__class__ in _NUMBERS:
+        return _quotient(number(a), number(b))
+    return _each(_quotient, a, b)
+
+
+def modulo(a: Value, b: Value) -> Value:
+    return _each(_remainder, a, b)
+
+
+def _quotient(a: float, b: float) -> float:
+    if b == 0:
+        raise ScriptError("a division by zero")
+    return a / b
+
+
+def _remainder(a: int | float, b: int | float) -> int | float:
+    """With the sign of the first, as in C (assumed)."""
+    if b == 0:
+        raise ScriptError("a division by zero")
+    result = math.fmod(a, b)
+    return int(result) if isinstance(a, int) and isinstance(b, int) else result
+
+
+def negate(a: Value) -> Value:
+    if isinstance(a, tuple):
+        return _like(a, tuple(negate(part) for part in a))
+    return _bounded(-number(a))
+
+
+def _each(operation: Callable[[float, float], float], a: Value, b: Value) -> Value:
+    """An operation on numbers, on lists of one length element by element, and on a list and a number."""
+    if isinstance(a, tuple):
+        if isinstance(b, tuple):
+            if len(a) != len(b):
+                raise ScriptError(f"lists of {len(a)} and {len(b)} elements do not fit")
+            parts = tuple(_each(operation, p, q) for p, q in zip(a, b, strict=True))
+            return PoseValue(parts) if isinstance(b, PoseValue) else _like(a, parts)
+        return _like(a, tuple(_each(operation, p, b) for p in a))
+    if isinstance(b, tuple):
+        return _like(b, tuple(_each(operation, a, q) for q in b))
+    return _bounded(operation(number(a), number(b)))
+
+
+def _like(model: tuple[Value, ...], parts: tuple[Value, ...]) -> tuple[Value, ...]:
+    return PoseValue(parts) if isinstance(model, PoseValue) else parts
+
+
+# --- matrices
+
+
+def is_matrix(value: Value) -> bool:
+    """Whether it is a list of lists."""
+    return isinstance(value, tuple) and bool(value) and isinstance(value[0], tuple)
+
+
+def rows(value: Value) -> list[list[float]]:
+    """The numbers of a matrix."""
+    found = [[number(part) for part in array(row)] for row in array(value)]
+    if not found or any(len(row) != len(found[0]) for row in found):
+        raise ScriptError("a matrix has rows of one length")
+    return found
+
+
+def _matrix_product(a: tuple[Value, ...], b: tuple[Value, ...]) -> Value:
+    left = rows(a)
+    if is_matrix(b):
+        right = rows(b)
+        _fit(len(left[0]), len(right))
+        columns = list(zip(*right, strict=True))
+        return tuple(tuple(_dot(row, column) for column in columns) for row in left)
+    other = vector(b, len(b))
+    _fit(len(left[0]), len(other))
+    return tuple(_dot(row, other) for row in left)
+
+
+def _fit(columns: int, count: int) -> None:
+    if columns != count:
+        raise ScriptError(f"a matrix of {columns} columns does not fit {count} rows")
+
+
+def _dot(a: Sequence[float], b: Sequence[float]) -> float:
+    return _bounded(sum(p * q for p, q in zip(a, b, strict=True)))
+
+
+# --- comparisons
+
+
+def compare(operation: Callable[[float, float], bool], a: Value, b: Value) -> bool:
+    """Whether one number is less than another, and the like."""
+    return operation(number(a), number(b))
+
+
+# --- parts
+
+
+def element(value: Value, place: Value) -> Value:
+    """An element of a list, a pose or a string."""
+    found = array(value)
+    at = integer(place)
+    if not 0 <= at < len(found):
+        raise ScriptError(f"there is no element {at} in a list of {len(found)}")
+    return found[at]
+
+
+def with_element(value: Value, place: Value, new: Value) -> Value:
+    """The list with another element. A list keeps its length."""
+    found = array(value)
+    at = integer(place)
+    if not 0 <= at < len(found):
+        raise ScriptError(f"there is no element {at} in a list of {len(found)}")
+    parts = _like(found, (*found[:at], new, *found[at + 1 :]))
+    return checked(parts) if isinstance(new, (tuple, Struct)) else parts
+
+
+def member(value: Value, name: str) -> Value:
+    """A member of a struct."""
+    if not isinstance(value, Struct) or name not in value.members:
+        raise ScriptError(f"there is no member {name} in {kind(value)}")
+    return value.members[name]
+
+
+def with_member(value: Value, name: str, new: Value) -> Value:
+    """The struct with another value of a member that it has."""
+    member(value, name)
+    assert isinstance(value, Struct), "it has a member"
+    return checked(Struct({**value.members, name: new}))

@@ -1,0 +1,392 @@
+"""URScript: texts and what they do, without an arm that moves."""
+
+import math
+from collections.abc import Callable
+
+import pytest
+
+from emulators.devices.rtde import RtdeProfile
+from emulators.devices.rtde.controller import Controller
+from emulators.devices.rtde.script_host import ControllerHost
+from emulators.devices.rtde.urscript import FUNCTIONS, Machine, Message, ScriptSyntaxError, compile_program
+from emulators.devices.rtde.urscript.table import Support
+from emulators.seams import StartPose
+from protocol.devices.rtde.program import force_program_text, program_text
+
+START = StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2)
+EXACT = RtdeProfile(noise_um=0.0, noise_urad=0.0, force_noise_n=0.0, force_offset_n=0.0)
+
+
+class Played:
+    """A program, and the controller on which it plays."""
+
+    def __init__(self, text: str, steps: int = 20_000) -> None:
+        self.controller = Controller(EXACT, START, 100.25, 7)
+        self.machine = Machine(compile_program(text, FUNCTIONS), ControllerHost(self.controller), steps)
+
+    def play(self, cycles: int) -> int:
+        """The cycle in which it ends, or -1."""
+        return next((number for number in range(cycles) if not self.machine.cycle()), -1)
+
+    def said(self, kind: Message = Message.TEXT) -> list[str]:
+        return [saying.text for saying in self.controller.console.sayings if saying.message == kind]
+
+
+def said(text: str, cycles: int = 50) -> list[str]:
+    played = Played(text)
+    assert played.play(cycles) >= 0
+    assert played.said(Message.RUNTIME) == []
+    return played.said()
+
+
+def failure(text: str, cycles: int = 50) -> str:
+    played = Played(text)
+    assert played.play(cycles) >= 0
+    (words,) = played.said(Message.RUNTIME)
+    return words
+
+
+def program(body: str) -> str:
+    return "def mine():\n" + "".join(f"  {line}\n" for line in body.splitlines()) + "end\n"
+
+
+VALUES = {
+    "1 + 2 * 3": "7",
+    "7 / 2": "3.5",
+    "-7 % 3": "-1",
+    "2 - -2": "4",
+    "0x1F": "31",
+    "1.5e2": "150",
+    ".5": "0.5",
+    "2147483647 + 1": "2.14748e+09",
+    "True and not False": "True",
+    "True xor True": "False",
+    "False or 1 < 2": "True",
+    "1 == 1.0": "True",
+    "None": "None",
+    "[1, 2, 3] * 2": "[2, 4, 6]",
+    "[1, 2] + [3, 4]": "[4, 6]",
+    "[1, 2] * [3, 4]": "[3, 8]",
+    "-[1, 2]": "[-1, -2]",
+    "[[1, 2], [3, 4]] * [1, 1]": "[3, 7]",
+    "[[1, 2], [3, 4]] * [[0, 1], [1, 0]]": "[[2, 1], [4, 3]]",
+    "inv([[2, 0], [0, 4]])": "[[0.5, 0], [0, 0.25]]",
+    "transpose([[1, 2], [3, 4]])": "[[1, 3], [2, 4]]",
+    "size([[1, 2, 3], [4, 5, 6]])": "[2, 3]",
+    "[[1, 2], [3, 4]][1, 0]": "3",
+    "p[1, 2, 3, 0, 0, 0][2]": "3",
+    "p[1, 2, 3, 0, 0, 0]": "p[1, 2, 3, 0, 0, 0]",
+    "pose_trans(p[1, 0, 0, 0, 0, d2r(90)], p[1, 0, 0, 0, 0, 0])": "p[1, 1, 0, 0, 0, 1.5708]",
+    "pose_inv(p[1, 2, 3, 0, 0, 0])": "p[-1, -2, -3, 0, 0, 0]",
+    "pose_sub(p[3, 2, 1, 0, 0, 0.5], p[1, 1, 1, 0, 0, 0.2])": "p[2, 1, 0, 0, 0, 0.3]",
+    "pose_add(p[3, 2, 1, 0, 0, 0.5], p[1, 1, 1, 0, 0, 0.2])": "p[4, 3, 2, 0, 0, 0.7]",
+    "interpolate_pose(p[0, 0, 0, 0, 0, 0], p[2, 0, 0, 0, 0, 1], 0.5)": "p[1, 0, 0, 0, 0, 0.5]",
+    "point_dist(p[0, 0, 0, 1, 0, 0], p[3, 4, 0, 0, 0, 0])": "5",
+    "wrench_trans(p[0, 1, 0, 0, 0, 0], [0, 0, 10, 0, 0, 0])": "[0, 0, 10, -10, 0, 0]",
+    "rpy2rotvec([0, 0, 0.5])": "[0, 0, 0.5]",
+    "rotvec2rpy([0.3, 0, 0])": "[0.3, 0, 0]",
+    "norm([3, 4])": "5",
+    "norm(-2)": "2",
+    "normalize([0, 5])": "[0, 1]",
+    "floor(2.7) + ceil(2.1)": "5",
+    "pow(2, 10)": "1024",
+    "log(10, 1000)": "3",
+    "atan2(1, 1)": "0.785398",
+    "r2d(d2r(30))": "30",
+    "binary_list_to_integer([True, False, True])": "5",
+    "integer_to_binary_list(5)[2]": "True",
+    "get_list_length([1, 2])": "2",
+    "make_list(3, 0)": "[0, 0, 0]",
+    'str_cat("a", 2.5)': "a2.5",
+    'str_at("abc", 1)': "b",
+    'str_sub("abcdef", 2, 3)': "cde",
+    'str_find("hello", "l")': "2",
+    'str_len("four")': "4",
+    'str_empty("")': "True",
+    'to_num("2.5") + 1': "3.5",
+    "to_str([1, True])": "[1, True]",
+    "struct(a=1, b=[2, 3]).b[1]": "3",
+    "[1, 2, 3, 4].slice(1, 3)": "[2, 3]",
+    "time().sec": "100",
+    "get_steptime()": "0.002",
+    "get_tcp_offset()": "p[0, 0, 0.2, 0, 0, 0]",
+    "get_inverse_kin_has_solution(p[9, 9, 9, 0, 0, 0])": "False",
+    "get_digital_in(3)": "False",
+    "read_input_boolean_register(64)": "False",
+    'get_rtde_value("robot_mode")': "7",
+}
+
+
+@pytest.mark.parametrize("expression", VALUES)
+def test_a_value_is_worked_out(expression: str) -> None:
+    assert said(program(f"textmsg({expression})")) == [VALUES[expression]]
+
+
+PROGRAMS = {
+    "a list is handed by value": (
+        "a = [1, 2]\nb = a\nb[0] = 9\ndef change(list):\n  list[1] = 7\n  return list\nend\n"
+        "textmsg(a, change(a))",
+        ["[1, 2][1, 7]"],
+    ),
+    "p is a variable, too": (
+        "def scale(p):\n  p[0] = p[0] * 2\n  return p\nend\ntextmsg(scale([1, 2]))",
+        ["[2, 2]"],
+    ),
+    "a function assigns what encloses it": (
+        "x = 1\ndef up():\n  x = x + 1\nend\nup()\nup()\ntextmsg(x)",
+        ["3"],
+    ),
+    "local hides it": ("x = 1\ndef up():\n  local x = 5\n  x = 6\nend\nup()\ntextmsg(x)", ["1"]),
+    "global from inside": ("def make():\n  global y = 4\nend\nmake()\ntextmsg(y)", ["4"]),
+    "defaults and names": (
+        "def f(a, b=2, c=[1]):\n  return a * 100 + b * 10 + c[0]\nend\ntextmsg(f(1), to_str(f(c=[9], a=3)))",
+        ["121329"],
+    ),
+    "a default sees where it stands": ("k = 3\ndef f(a=k + 1):\n  return a\nend\ntextmsg(f())", ["4"]),
+    "recursion": (
+        "def f(n):\n  if n < 2:\n    return 1\n  end\n  return n * f(n - 1)\nend\ntextmsg(f(6))",
+        ["720"],
+    ),
+    "elif and else": (
+        'def f(n):\n  if n == 1:\n    return "one"\n  elif n == 2:\n    return "two"\n  else:\n    return "more"\n'
+        "  end\nend\ntextmsg(f(1), f(2))\ntextmsg(f(3))",
+        ["onetwo", "more"],
+    ),
+    "break and continue": (
+        "i = 0\nwhile True:\n  i = i + 1\n  if i == 2:\n    continue\n  end\n  if i == 4:\n    break\n  end\n"
+        "  textmsg(i)\nend",
+        ["1", "3"],
+    ),
+    "a statement goes on": (
+        "x = 1 +\n2\nif (x == 3) and\n  not (x == 4):\n  textmsg([1,\n 2])\nend",
+        ["[1, 2]"],
+    ),
+    "comments and labels": ('# one\n$ 2 "Label" "noBreak"\ntextmsg("#2") # three', ["#2"]),
+    "on one line": ("x = 0 while x < 2: x = x + 1 end textmsg(x)", ["2"]),
+    "structs change": (
+        "s = struct(a=1, b=[1, 2])\ns.a = 5\ns.b[1] = 7\ntextmsg(s)",
+        ["struct(a=5, b=[1, 7])"],
+    ),
+    "matrices change": ("m = [[1, 2], [3, 4]]\nm[0, 1] = 9\nm[1][0] = 8\ntextmsg(m)", ["[[1, 9], [8, 4]]"]),
+    "lists change": (
+        "l = [1]\nl.append(2)\nl.insert(0, 0)\nl.extend([5, 6])\nl.remove(1)\nl.pop()\ntextmsg(l)",
+        ["[0, 2, 5]"],
+    ),
+    "halt ends all": ('textmsg("a")\ndef f():\n  halt\nend\nf()\ntextmsg("b")', ["a"]),
+    "or leaves the rest out": (
+        'def f():\n  textmsg("called")\n  return True\nend\nif True or f():\n  textmsg("in")\nend',
+        ["in"],
+    ),
+    "registers": (
+        "write_output_integer_register(3, 5)\nwrite_output_boolean_register(40, True)\n"
+        "textmsg(read_output_integer_register(3), read_output_boolean_register(40))",
+        ["5True"],
+    ),
+    "outputs": (
+        "set_digital_out(2, True)\nset_tool_digital_out(1, True)\ntextmsg(get_digital_out(2), get_tool_digital_out(1))",
+        ["TrueTrue"],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_a_program_says(name: str) -> None:
+    body, words = PROGRAMS[name]
+    assert said(program(body)) == words
+
+
+def test_blocks_need_no_indentation_and_a_text_no_function() -> None:
+    assert said("x = 2\nif x > 1:\ntextmsg(x)\nend\n") == ["2"]
+    assert said('textmsg("alone")') == ["alone"]
+
+
+def test_a_number_may_stand_in_the_next_line() -> None:
+    """As ur_rtde writes its register offset."""
+    assert said("def mine():\nglobal offset = # float register offset\n24\n  textmsg(offset)\nend\n") == [
+        "24"
+    ]
+
+
+# --- threads and time
+
+
+def test_threads_take_turns_in_order() -> None:
+    text = program(
+        'thread a():\n  while True:\n    textmsg("a")\n    sync()\n  end\nend\n'
+        'thread b():\n  textmsg("b")\nend\n'
+        'h = run a()\nk = run b()\njoin k\ntextmsg("joined")\nsync()\nsync()\nkill h\ntextmsg("killed")\nsync()'
+    )
+    assert said(text) == ["a", "b", "joined", "a", "killed"]
+
+
+def test_a_sleep_lasts_its_time() -> None:
+    assert Played(program("sleep(0.1)")).play(100) == 50
+    assert Played(program("sync()\nsync()")).play(100) == 2
+    assert Played(program("x = 1")).play(100) == 0
+
+
+def test_a_function_that_waits_may_stand_in_an_expression() -> None:
+    text = program(
+        "def f(x):\n  sync()\n  return x\nend\nif not (f(False) or f(2) < 1):\n  textmsg(f(1) + f(2) * f(3))\nend"
+    )
+    assert said(text) == ["7"]
+    assert Played(text).play(50) == 5
+
+
+def test_a_program_ends_with_its_threads() -> None:
+    text = program("thread a():\n  while True:\n    sync()\n  end\nend\nrun a()\nsync()")
+    assert Played(text).play(10) == 1
+
+
+def test_killing_none_and_joining_none_do_nothing() -> None:
+    assert said(program("h = 0\nkill h\njoin h\ntextmsg(1)")) == ["1"]
+
+
+# --- errors
+
+
+ERRORS = {
+    "while True:\n  x = 1\nend": (2, "infinite loop"),
+    "x = 1\ny = x / 0": (3, "division by zero"),
+    "textmsg(nothing)": (2, "nothing is not defined"),
+    "x = [1, 2]\nx[2] = 1": (3, "no element 2"),
+    "x = [1, 2][1.5]": (2, "whole number"),
+    "unheard_of(1)": (2, "unheard_of is not a function"),
+    "sin(1, 2)": (2, "sin takes 1 arguments"),
+    "movej()": (2, "movej needs the argument q"),
+    'sin("a")': (2, "a number is needed, not a string"),
+    "sqrt(-1)": (2, "arithmetic"),
+    "if [1]:\n  x = 1\nend": (2, "condition"),
+    "def f():\n  return f()\nend\nf()": (3, "called each other"),
+    "thread f():\n  sync()\nend\nwhile True:\n  run f()\nend": (6, "too many threads"),
+    "s = struct(a=1)\ns.b = 2": (3, "no member b"),
+    "assert(1 == 2)": (2, "assertion"),
+    "get_inverse_kin(p[9, 9, 9, 0, 0, 0])": (2, "no joints hold"),
+    "write_output_integer_register(48, 1)": (2, "no int register 48"),
+    "x = [1] + [1, 2]": (2, "do not fit"),
+    "x = x + 1": (2, "no value yet"),
+    "inv([[1, 1], [1, 1]])": (2, "no inverse"),
+}
+
+
+@pytest.mark.parametrize("body", ERRORS)
+def test_an_error_tells_its_line(body: str) -> None:
+    line, words = ERRORS[body]
+    found = failure(program(body))
+    assert found.startswith(f"Runtime error in line {line}: ")
+    assert words in found
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "column"),
+    [
+        ("def mine():\n  x = = 1\nend", 2, 7),
+        ("def mine():\n  x = 1\n", 2, 8),
+        ("def mine():\n  ?\nend", 2, 3),
+        ("def mine():\n  break\nend", 2, 1),
+        ("def mine():\n  f() = 1\nend", 2, 1),
+        ("x = (1", 1, 6),
+        ("end", 1, 1),
+    ],
+)
+def test_a_syntax_error_tells_line_and_column(text: str, line: int, column: int) -> None:
+    with pytest.raises(ScriptSyntaxError) as caught:
+        compile_program(text, FUNCTIONS)
+    assert caught.value.failure[:2] == (line, column)
+
+
+def test_a_function_without_effect_is_told_once() -> None:
+    played = Played(
+        program("i = 0\nwhile i < 5:\n  set_gravity([0, 0, 9])\n  teach_mode()\n  i = i + 1\n  sync()\nend")
+    )
+    assert played.play(20) == 5
+    counts = {"URScript set_gravity()": 1, "URScript teach_mode()": 1}
+    assert played.controller.unmodelled.counts == counts
+
+
+def test_an_unknown_function_is_told_beside_the_error() -> None:
+    played = Played(program("rg_grip(1)"))
+    assert played.play(2) == 0
+    assert [(told.thing, told.detail) for told in played.controller.unmodelled.things] == [
+        ("URScript rg_grip()", "not known: the program ends")
+    ]
+
+
+def test_our_own_programs_are_programs() -> None:
+    assert compile_program(program_text(50, 10.0, 2.0, 0.3), FUNCTIONS).name == "hil_bridge"
+    assert compile_program(force_program_text(True), FUNCTIONS).name == "hil_ft"
+
+
+def test_every_function_answers_any_call_with_a_value_or_an_error() -> None:
+    """Nothing but an error of the program leaves a function, whatever it is given."""
+    given: tuple[str, ...] = ("1", '"a"', "[1, 2]", "None", "True", "p[0, 0, 0, 0, 0, 0]", "[[1]]", "1e308")
+    for name, function in FUNCTIONS.items():
+        for value in given:
+            played = Played(program(f"{name}({', '.join([value] * len(function.parameters))})"))
+            played.play(3)
+
+
+def test_tables_say_how_far_a_function_goes() -> None:
+    supports = [function.support for function in FUNCTIONS.values()]
+    assert supports.count(Support.MODELLED) > 100
+    assert supports.count(Support.TAGGED) > 50
+    assert FUNCTIONS["movel"].signature == "movel(pose, a=1.2, v=0.25, t=0, r=0)"
+
+
+# --- sockets
+
+
+class Line:
+    """A connection whose other end is a test."""
+
+    def __init__(self) -> None:
+        self.came, self.sent = b"", b""
+
+    def take(self, count: int) -> bytes | None:
+        if len(self.came) < count:
+            return None
+        data, self.came = self.came[:count], self.came[count:]
+        return data
+
+    def take_until(self, end: bytes) -> bytes | None:
+        at = self.came.find(end)
+        if at < 0 or not self.came:
+            return None
+        return self.take(at + len(end) if end else len(self.came))
+
+    def send(self, data: bytes) -> bool:
+        self.sent += data
+        return True
+
+
+def test_a_program_reads_and_writes_a_socket() -> None:
+    played = Played(
+        program(
+            'textmsg(socket_open("10.0.0.1", 50001, "pc"))\nsocket_send_string("hello", "pc")\n'
+            'socket_send_int(7, "pc")\ntextmsg(socket_read_binary_integer(2, "pc", 0.01))\n'
+            'textmsg(socket_read_binary_integer(1, "pc", 0.01))\ntextmsg(socket_read_line("pc"))\n'
+            'textmsg(socket_read_ascii_float(2, "pc"))\nsocket_close("pc")\ntextmsg(socket_send_int(1, "pc"))'
+        )
+    )
+    line = Line()
+    opened: list[tuple[str, int]] = []
+    serve: Callable[[str, int], Line] = lambda address, port: opened.append((address, port)) or line  # type: ignore[func-returns-value] # noqa: E731
+    played.controller.console.open_socket = serve
+    line.came = b"\x00\x00\x00\x01\xff\xff\xff\xff"
+    assert played.play(6) == -1
+    line.came += b"word\n(1.5, -2)"
+    assert played.play(50) >= 0
+    assert opened == [("10.0.0.1", 50001)]
+    assert line.sent == b"hello\x00\x00\x00\x07"
+    assert played.said() == ["True", "[2, 1, -1]", "[0, -1]", "word", "[2, 1.5, -2]", "False"]
+
+
+def test_without_a_network_no_socket_opens() -> None:
+    assert said(program('textmsg(socket_open("10.0.0.1", 50001))')) == ["False"]
+
+
+def test_numbers_that_are_none_stay_out_of_the_arm() -> None:
+    played = Played(program("x = 1e308 * 10\nmovel(p[x, 0, 0, 0, 0, 0])"))
+    assert played.play(5) >= 0
+    assert math.isfinite(max(played.controller.arm.joints))
+    assert "no number" in played.said(Message.RUNTIME)[0]

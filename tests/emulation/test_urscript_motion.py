@@ -1,0 +1,153 @@
+"""URScript on the emulated arm: motion in virtual time, contact, and hostile texts."""
+
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from emulators.devices.rtde import RtdeProfile, RtdeRobot
+from emulators.devices.rtde.urscript import Message
+from emulators.seams import StartPose
+from protocol.devices.rtde.states import Runtime
+from protocol.devices.rtde.wires import Port
+
+START = StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2)
+EXACT = RtdeProfile(noise_um=0.0, noise_urad=0.0, force_noise_n=0.0, force_offset_n=0.0)
+T0 = 1000.25
+
+
+class Bench:
+    """A robot, a client of its script port, and the time."""
+
+    def __init__(self, profile: RtdeProfile = EXACT) -> None:
+        self.now = T0
+        self.robot = RtdeRobot(profile, START, T0, 7)
+        self.controller = self.robot.controller
+        server = self.robot.connect(Port.SCRIPT, T0)
+        assert server is not None
+        self.port = server
+
+    def send(self, text: str) -> None:
+        self.port.receive(text.encode(), self.now)
+
+    def run(self, seconds: float) -> None:
+        for _ in range(round(seconds / self.controller.period)):
+            self.now += self.controller.period
+            self.controller.advance(self.now)
+
+    def said(self, kind: Message) -> list[str]:
+        return [saying.text for saying in self.controller.console.sayings if saying.message == kind]
+
+    @property
+    def place(self) -> tuple[float, float, float]:
+        return self.controller.path.pose.position
+
+
+def test_a_single_statement_moves_the_arm() -> None:
+    bench = Bench()
+    bench.send("movel(pose_add(get_actual_tcp_pose(), p[0, 0.05, 0, 0, 0, 0]), a=1, v=0.1)\n")
+    bench.run(1.0)
+    assert bench.place == pytest.approx((0.9, -0.05, 0.6), abs=1e-6)
+    assert bench.controller.runtime == Runtime.STOPPED
+
+
+def test_a_move_takes_the_time_that_it_is_given() -> None:
+    bench = Bench()
+    bench.send("movel(pose_add(get_actual_tcp_pose(), p[0, 0.05, 0, 0, 0, 0]), t=1)\n")
+    bench.run(0.95)
+    assert bench.controller.runtime == Runtime.PLAYING
+    bench.run(0.15)
+    assert bench.controller.runtime == Runtime.STOPPED
+    assert bench.place[1] == pytest.approx(-0.05, abs=1e-6)
+
+
+def test_an_arc_leads_through_its_third_place() -> None:
+    bench = Bench()
+    bench.send(
+        "def mine():\n  h = get_actual_tcp_pose()\n"
+        "  movec(pose_add(h, p[0, 0.05, 0.05, 0, 0, 0]), pose_add(h, p[0, 0.1, 0, 0, 0, 0]), a=1, v=0.1)\nend\n"
+    )
+    distances = []
+    for _ in range(200):
+        bench.run(0.01)
+        distances.append(math.dist(bench.place, (0.9, -0.05, 0.65)))
+    assert min(distances) < 2e-3
+    assert bench.place == pytest.approx((0.9, 0.0, 0.6), abs=1e-6)
+
+
+def test_a_speed_holds_for_its_time_and_stops() -> None:
+    bench = Bench()
+    bench.send("def mine():\n  speedl([0, 0, 0.05, 0, 0, 0], a=2, t=0.5)\n  stopl(2)\nend\n")
+    bench.run(1.0)
+    assert bench.place[2] == pytest.approx(0.625, abs=3e-3)
+    assert bench.controller.still
+
+
+def test_a_pose_out_of_reach_ends_the_program_and_moves_nothing() -> None:
+    bench = Bench()
+    bench.send("movel(p[9, 9, 9, 0, 0, 0])\n")
+    bench.run(0.2)
+    assert bench.place == pytest.approx((0.9, -0.1, 0.6), abs=1e-9)
+    assert bench.said(Message.RUNTIME) == ["Runtime error in line 1: no joints hold the end of this move"]
+
+
+def test_a_program_that_never_waits_is_stopped() -> None:
+    bench = Bench()
+    bench.send("def mine():\n  while True:\n    x = 1\n  end\nend\n")
+    bench.run(0.1)
+    assert bench.controller.runtime == Runtime.STOPPED
+    assert "infinite loop" in bench.said(Message.RUNTIME)[0]
+
+
+def test_a_secondary_program_runs_beside_one_and_does_not_move() -> None:
+    bench = Bench()
+    bench.send("def mine():\n  sleep(1)\nend\n")
+    bench.run(0.1)
+    bench.send("sec side():\n  set_digital_out(1, True)\nend\nsec moves():\n  stopl(1)\nend\n")
+    assert bench.controller.outputs["actual_digital_output_bits"] == 2
+    assert bench.controller.runtime == Runtime.PLAYING
+    assert "must not move" in bench.said(Message.RUNTIME)[0]
+
+
+def test_a_move_goes_on_until_the_contact_is_felt() -> None:
+    """A surface of 20 kN/m at 0.58 m; the program stops at 10 N by the force that it feels."""
+    bench = Bench()
+
+    def contact(at: float) -> tuple[float, float, float]:
+        return 0.0, 0.0, max(0.0, (0.58 - bench.place[2]) * 20e3)
+
+    bench.robot.feel(contact)
+    bench.send(
+        "def touch():\n  zero_ftsensor()\n"
+        "  thread down():\n    movel(pose_add(get_actual_tcp_pose(), p[0, 0, -0.1, 0, 0, 0]), a=1, v=0.005)\n  end\n"
+        "  h = run down()\n  while get_tcp_force()[2] < 10:\n    sync()\n  end\n  kill h\n  stopl(5)\n"
+        '  textmsg("contact")\nend\n'
+    )
+    bench.run(6.0)
+    assert bench.said(Message.TEXT) == ["contact"]
+    assert 0.5793 < bench.place[2] < 0.5795
+
+
+WORDS = (
+    "def f():", "thread t():", "end", "while True:", "if x:", "else:", "x = 1", "x = [x, x]", "x[0] = x", "run t()",
+    "join 1", "kill 2", "f()", "return f()", "x = make_list(4000, 1.5)", "x = x * x", "s = str_cat(s, s)", "s = \"a\"",
+    "sync()", "movel(x)", "textmsg(x)", "x = pow(9, 999)", "(" * 80, "halt", "x.append(x)", "$", "p[1,2,3,4,5,6]",
+)  # fmt: skip
+
+
+@settings(max_examples=60, deadline=4000)
+@given(st.lists(st.sampled_from(WORDS), max_size=25))
+def test_no_text_upsets_the_controller(words: list[str]) -> None:
+    bench = Bench(RtdeProfile(script_steps=2000, start_delay_ms=2.0))
+    bench.send("def mine():\n  x = 1\n  " + "\n  ".join(words) + "\nend\n")
+    bench.run(0.02)
+    assert all(map(math.isfinite, bench.controller.arm.joints))
+
+
+@settings(max_examples=60, deadline=4000)
+@given(st.binary(max_size=200))
+def test_no_bytes_upset_the_script_port(data: bytes) -> None:
+    bench = Bench()
+    bench.port.receive(data + b"\n", bench.now)
+    bench.run(0.01)
