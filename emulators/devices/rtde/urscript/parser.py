@@ -55,8 +55,8 @@ class _LineEnds:
 
 
 @lru_cache(maxsize=1)
-def _parser() -> Lark:
-    """Made at the first text; it takes some tenths of a second."""
+def make_parser() -> Lark:
+    """Made once, which takes some tenths of a second: at the first text, or before where no time may be lost then."""
     return Lark.open(
         "urscript.lark",
         rel_to=__file__,
@@ -73,7 +73,7 @@ def parse(text: str) -> Tree[Token]:
     if len(text) > TEXT_MAX:
         raise ScriptSyntaxError(SyntaxFailure(1, 1, "the program is too long"))
     try:
-        return _parser().parse(text)
+        return make_parser().parse(text)
     except UnexpectedToken as error:
         raise ScriptSyntaxError(_failure(error.token, _unexpected(error.token))) from None
     except UnexpectedCharacters as error:

@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable
 from typing import Any
 
-from emulators.devices.rtde import RtdeRobot, Server
+from emulators.devices.rtde import RtdeRobot, Server, make_parser
 from hil_bridge.devices.robots.rtde.addresses import PORTS, Address, parse_address
 from hil_bridge.devices.wiring import Serving
 from hil_bridge.errors import TransportError
@@ -47,6 +47,7 @@ class Ports:
 
     async def listen(self, address: Address) -> str:
         """Listen on an address; the URL for a client. Raises TransportUnavailable."""
+        make_parser()  # not at a client's first program, when a robot moves
         if address.name:
             for port in PORTS:
                 name = address.memory_url(port).removeprefix("memory:").partition("?")[0]
