@@ -43,13 +43,8 @@ OWN_MS = 4
 TOUCH_KN_M, TOUCH_MM_S, TOUCH_SEEDS = (5, 20, 50), (2, 5, 10), (1, 2, 3)
 TOUCH_MS: Mapping[str, int] = {"s3": 0, "egm": 20, "rtde": 20, "rsi": 20}
 """Period of each robot's runs."""
-LINKS: Mapping[str, tuple[str, str]] = {
-    "s3": ("link", "delay"),
-    "egm": ("link", "delay"),
-    "rtde": ("connection", "late"),
-    "rsi": ("packets", "late"),
-}
-"""Fault by which each robot's link comes late."""
+WAYS: Mapping[str, str] = {"s3": "both", "egm": "both", "rtde": "from", "rsi": "from"}
+"""What comes late on each robot's wire."""
 LATE: Mapping[str, float] = {"nothing": 0.0, "link": 20.0, "forces": 50.0, "forces, much": 150.0}
 """What comes late from the connection on, and by how many ms."""
 
@@ -109,8 +104,9 @@ def touched(job: tuple[str, str, int, int, int]) -> tuple[float, str]:
     robot, late, stiffness_kn_m, speed_mm_s, seed = job
     values = settings(robot, "netft" if TOUCH_MS[robot] else "jr3", TOUCH_MS[robot], stiffness_kn_m)
     values["task"]["approach_speed_mm_s"] = speed_mm_s
-    on, fault = LINKS[robot] if late == "link" else ("frames", "delay")
-    struck = {"on": on, "fault": fault, "phase": "connect", "for_s": 600.0, "with": {"ms": LATE[late]}}
+    on, way = ("wire", WAYS[robot]) if late == "link" else ("sensor-wire", "both")
+    given = {"ms": LATE[late], "way": way}
+    struck = {"on": on, "fault": "late", "phase": "connect", "for_s": 600.0, "with": given}
     faults = [struck] if LATE[late] else []
     recording = hil_bridge.simulate(values, faults=faults, seed=seed).recording
     largest = max((math.hypot(*truth.force) for truth in recording.truths), default=0.0)
@@ -119,7 +115,7 @@ def touched(job: tuple[str, str, int, int, int]) -> tuple[float, str]:
 
 def measure_touches() -> dict[str, Any]:
     """By robot and what is late: a row of stiffnesses and speeds, each with the largest force and its outcome."""
-    cells = [(robot, late, k, v) for robot in LINKS for late in LATE for k in TOUCH_KN_M for v in TOUCH_MM_S]
+    cells = [(robot, late, k, v) for robot in WAYS for late in LATE for k in TOUCH_KN_M for v in TOUCH_MM_S]
     figures: dict[str, Any] = {}
     with own_processes() as pool:
         runs = iter(in_order(pool, touched, [(*cell, seed) for cell in cells for seed in TOUCH_SEEDS]))

@@ -80,7 +80,7 @@ def settings(job: Job) -> Mapping[str, object]:
     robot = job.device if job.device in ROBOT_NAMES else PARTNER_ROBOT
     sensor = job.device if job.device in SENSOR_NAMES else BUS_SENSOR if job.on == "bus" else PARTNER_SENSOR
     given = GIVEN.get((job.on, job.fault), {})
-    when = {"phase": "connect"} if job.on == "scales" else {"phase": "track", "after_s": AFTER_S}
+    when = {"phase": "connect"} if job.fault == "wrong-scales" else {"phase": "track", "after_s": AFTER_S}
     own_force = {"cell.egm.measured_force": True} if (robot, job.on) == ("egm", "witness") else {}
     return {
         **own_force,

@@ -35,7 +35,7 @@ after_s = 18.0
 """
 """The run of the page: a short way to the surface, and a stop that the robot refuses to retract from."""
 TRACKED = "hilPage.charts.sources.cycle.x.at(-1) - hilPage.charts.sources.cycle.x[0] > 14"
-LOST = [{"on": "frames", "fault": "off", "phase": "track", "after_s": 2.0}]
+LOST = [{"on": "sensor-wire", "fault": "off", "phase": "track", "after_s": 2.0}]
 """The fault of docs/how-to/why-a-run-stopped.md."""
 REPORTS = {
     "report": (SCREEN, {"run": {"duration_s": 30.0}}, []),

@@ -91,28 +91,21 @@ CASES = (
     Case("the surface rises by what makes 80 N, in 100 ms", _all("surface", "step"), True, {"mm": 80.0}),
     Case("an inclusion ten times as hard, over 100 ms", _all("surface", "hard"), True),
     Case("the sensor reads 60 N more", _all("signal", "offset", amount=-60.0)),
-    Case("the sensor falls silent", _all("frames", "off", FOR_GOOD_S)),
-    Case("the sensor's frames come 500 ms late", _all("frames", "delay", ms=500.0)),
+    Case("the sensor falls silent", _all("sensor-wire", "off", FOR_GOOD_S)),
+    Case("the sensor's frames come 500 ms late", _all("sensor-wire", "late", ms=500.0)),
     Case("the sensor repeats one sample", _all("signal", "stuck")),
     Case("the reported position jumps by 20 mm", _all("pose", "offset", z_mm=20.0)),
     Case("the reported orientation turns by 30°", dict.fromkeys(("s3", "rsi"), _fault("pose", "turned"))),
     Case("the computer stands still for 0.8 s", _all("computer", "pause", seconds=0.8)),
     Case(
-        "the robot refuses one point", {"s3": _fault("robot", "refuse", code=31, function=FunctionCode.MOVE)}
+        "the robot refuses one point", {"s3": _fault("robot", "refuses", code=31, function=FunctionCode.MOVE)}
     ),
-    Case(
-        "the robot's emergency stop is pressed",
-        {
-            **dict.fromkeys(("s3", "rtde", "rsi"), _fault("robot", "emergency-stop")),
-            "egm": _fault("robot", "motors-off"),
-        },
-    ),
+    Case("the robot's emergency stop is pressed", _all("robot", "emergency-stop")),
     Case(
         "the robot's link is dead for 8 s",
         {
-            **dict.fromkeys(("s3", "egm"), _fault("link", "off", 8.0)),
-            "rtde": _fault("connection", "mute", 8.0),
-            "rsi": _fault("packets", "mute", 8.0),
+            **dict.fromkeys(("s3", "egm"), _fault("wire", "off", 8.0)),
+            **dict.fromkeys(("rtde", "rsi"), _fault("wire", "mute", 8.0)),
         },
     ),
 )

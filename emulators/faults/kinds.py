@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple, TypeAlias
 
+from emulators.faults.renamed import RENAMED_PARAMETERS
 from protocol.faults import FaultStage
 
 FaultValue: TypeAlias = float | str
@@ -14,8 +15,6 @@ FOREVER = math.inf
 _LONGEST_S = 3600.0
 """Chosen: longer than any run."""
 _DURATION = "for_s"
-_ONCE_CALLED = {"seconds": _DURATION}
-"""Names of the duration that panels knew before there was one for all."""
 
 
 class FaultNews(NamedTuple):
@@ -102,11 +101,10 @@ class Fault:
         `name` is the fault's, for the error. Raises ValueError in one line.
         """
         known = self.all_parameters
-        if self.lasts_s is not None:
-            given = {_ONCE_CALLED.get(key, key): value for key, value in given.items()}
         if unknown := [key for key in given if key not in known]:
+            now = RENAMED_PARAMETERS.get((name.rpartition(" ")[2], unknown[0]), "")
             raise ValueError(
-                f"{name} has no parameter {unknown[0]!r}; known: {', '.join(known)}"
+                f"{name} has no parameter {unknown[0]!r}; known: {', '.join(known)}{now and f'; {now}'}"
                 if known
                 else f"{name} has no parameters, got {unknown[0]!r}"
             )

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from emulators.faults.kinds import Fault, FaultNews, FaultValue
+from emulators.faults.renamed import tell_new_name
 from protocol.faults import FaultStage
 
 INJECTION_LIMIT = 1000
@@ -50,9 +51,25 @@ class Injection:
         end = self.ended_at if self.ended_at is not None else self.ends_at
         return self.injected_at <= now and (end is None or now < end)
 
+    @property
+    def waits(self) -> bool:
+        """Whether it waits for so many of its moments, and not for a time alone."""
+        return self.ends_at is None or self._count > 0
+
+    @property
+    def _count(self) -> float:
+        """Number of effects after which it is over; 0 for any number."""
+        return float(self.values.get("count", 0))
+
     def number(self, key: str) -> float:
         """A parameter that is a number."""
         return float(self.values[key])
+
+    def strike(self, now: float) -> None:
+        """It has an effect, s; the last of its `count` ends it."""
+        self.struck += 1
+        if 0 < self._count <= self.struck:
+            self.finish(now)
 
     def finish(self, now: float) -> None:
         """It is over; harmless when it was before."""
@@ -117,12 +134,12 @@ class Ledger:
     def disarm(self, now: float) -> None:
         """End the faults that wait for their moment; the devices have forgotten them."""
         for injection in self.injections:
-            if injection.ends_at is None:
+            if injection.waits:
                 injection.finish(now)
 
     def mend(self, now: float) -> None:
         """End the faults that last."""
-        self._end([injection for injection in self.injections if injection.ends_at is not None], now)
+        self._end([injection for injection in self.injections if not injection.waits], now)
 
     def active(self, now: float) -> tuple[str, ...]:
         """Names of those under way at a time, in the order in which they began."""
@@ -131,9 +148,7 @@ class Ledger:
     def lasting(self, now: float) -> tuple[str, ...]:
         """Names of those under way at a time that last, and do not only wait for their moment."""
         return tuple(
-            injection.name
-            for injection in self.injections
-            if injection.ends_at is not None and injection.holds(now)
+            injection.name for injection in self.injections if not injection.waits and injection.holds(now)
         )
 
     def next_deadline(self) -> float | None:
@@ -175,12 +190,15 @@ class Ledger:
 
 
 def find(table: Mapping[str, Mapping[str, Fault]], target: str, fault: str) -> Fault:
-    """The fault of a table. Raises ValueError with the names that there are."""
+    """The fault of a table. Raises ValueError with the new name of an old one, else with the names that there are."""
+    there = table.get(target, {})
+    if now := tell_new_name(target, fault, table):
+        raise ValueError(now)
     if target not in table:
         raise ValueError(f"no target is called {target!r}; known: {', '.join(table)}")
-    if fault not in table[target]:
-        raise ValueError(f"no fault of {target} is called {fault!r}; known: {', '.join(table[target])}")
-    return table[target][fault]
+    if fault not in there:
+        raise ValueError(f"this {target} cannot have {fault!r}; it can have {', '.join(there)}")
+    return there[fault]
 
 
 def _text(value: FaultValue) -> str:

@@ -34,8 +34,13 @@ class OwnFaults:
         injection = self._newest.get(name)
         if injection is None or not injection.holds(now):
             return None
-        injection.struck += 1
+        injection.strike(now)
         return injection
+
+    def holds(self, name: str, now: float) -> bool:
+        """Whether a fault holds now, without an effect of it."""
+        injection = self._newest.get(name)
+        return injection is not None and injection.holds(now)
 
     def _begin(self, name: str, injection: Injection) -> None:
         self._newest[name] = injection

@@ -64,8 +64,8 @@ SIGNAL_FAULTS: Mapping[str, Fault] = {
     ),
 }
 
-SCALES_FAULTS: Mapping[str, Fault] = {
-    "wrong": Fault(
+WRONG_SCALES: Mapping[str, Fault] = {
+    "wrong-scales": Fault(
         "the device tells wrong full scales",
         {
             "factor": Parameter(0.5, "of what they are", 0.0, 100.0),

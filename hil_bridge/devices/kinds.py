@@ -21,6 +21,7 @@ from typing import Any, Generic, NamedTuple, Self, TypeAlias, TypeVar
 
 from emulators.cell import OWN_FAULTS, CellProfile
 from emulators.faults import Fault, find
+from emulators.faults.renamed import RENAMED, tell_new_name
 from emulators.seams import RobotFactory, SensorFactory, SurfaceFactory
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.kind_checks import fault_of
@@ -78,14 +79,6 @@ def _not_known(settings: KindSettings[Any, Any]) -> float | None:
     return None
 
 
-class Mishap(NamedTuple):
-    """A fault by which a client of an emulated robot is tried."""
-
-    on: str
-    fault: str
-    parameters: Mapping[str, object] = {}
-
-
 @dataclass(frozen=True, slots=True)
 class RobotEmulation(Generic[_Client, _Emulated]):
     """The emulated robot of a kind."""
@@ -106,10 +99,12 @@ class RobotEmulation(Generic[_Client, _Emulated]):
     """The panel of the emulated controller, for people; None for a kind without one."""
     check_panel: Callable[[str], object] | None = None
     """Raises ConfigError for a URL at which no panel can listen."""
-    mishaps: Mapping[str, Sequence[Mishap]] = field(default_factory=dict)
-    """Faults that `hil-bridge conform` injects, by scenario: late, refused, stopped, emergency, cut. Those of `cut` are
-    given their duration.
+    mishaps: Mapping[str, str] = field(default_factory=dict)
+    """Faults of its target `robot` by which it refuses to move, by scenario of `hil-bridge conform`: refused, stopped.
+    The other scenarios inject faults that have the same name for every robot.
     """
+    late_ms: float = 20.0
+    """How late what it says comes in the scenario `late`, ms."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -410,9 +405,25 @@ class EmulatedKinds(NamedTuple):
 
 
 def fault_targets() -> Collection[str]:
-    """Targets of the faults of every cell of our own devices."""
-    kinds: list[DeviceKind] = [*map(ROBOTS.kind, ROBOTS.built_in), *map(SENSORS.kind, SENSORS.built_in)]
-    return {*OWN_FAULTS, *(on for kind in kinds for on in _own_faults(kind))}
+    """Targets of faults, and those that there were before version 0.7: their faults are answered with the new names."""
+    return {*_faults_of_all(), *(target for target, _ in RENAMED)}
+
+
+def new_fault_name(on: str, fault: str) -> str:
+    """One line on the name that a fault has now; empty where it has its old one."""
+    return tell_new_name(on, fault, _faults_of_all())
+
+
+def _faults_of_all() -> Faults:
+    """The faults of all devices and of every cell, by target and name. A kind that is broken has none."""
+    table: dict[str, dict[str, Fault]] = {on: dict(faults) for on, faults in OWN_FAULTS.items()}
+    registries: Sequence[Registry[Any]] = (ROBOTS, SENSORS)
+    for registry in registries:
+        for name in registry.names:
+            with suppress(ConfigError):
+                for on, faults in _own_faults(registry.kind(name)).items():
+                    table.setdefault(on, {}).update(faults)
+    return table
 
 
 def _own_faults(kind: DeviceKind) -> Faults:

@@ -103,7 +103,8 @@ class FaultConfig(BaseModel):
             if other := cell.others_with(self.on, self.fault, self.given):
                 known = self.fault in cell.faults.get(self.on, {})
                 given = ", ".join(f"{key} = {value}" for key, value in self.given.items()) if known else ""
-                raise ValueError(f"{name}{given and f' with {given}'} needs {other}") from error
+                rest = "" if known or self.on not in cell.faults else f"; {error}"
+                raise ValueError(f"{name}{given and f' with {given}'} needs {other}{rest}") from error
             raise
         if robot_url:
             raise ValueError(f"{name} needs the emulated cell, but robot.url names a real robot")

@@ -325,7 +325,7 @@ def test_a_device_that_fails_before_the_movement_raises_and_leaves_a_recording()
     kept: list[api.Simulation] = []
 
     async def main() -> None:
-        fault = {"on": "scales", "fault": "wrong", "phase": "connect"}
+        fault = {"on": "sensor", "fault": "wrong-scales", "phase": "connect"}
         async with api.simulation(SHORT, faults=[fault]) as running:
             kept.append(running)
             await running.finished()
@@ -369,15 +369,15 @@ def test_devices_without_a_run() -> None:
             first = await cell.sensor.frame()
             assert len(cell.sensor.wrench(first)) == 6
             assert report.pose.position == pytest.approx(cell.truth().position, abs=1e-3)
-            cell.panel.inject("frames", "unplugged")
+            cell.panel.inject("sensor", "unplugged")
             before = cell.sensor.newest
             assert before is not None
             await cell.clock.sleep_until(cell.clock.now() + 0.1)
             after = cell.sensor.newest
             assert after is not None
             assert after.at - before.at < 0.05
-            with pytest.raises(api.ConfigError, match="no fault"):
-                cell.panel.inject("frames", "tired")
+            with pytest.raises(api.ConfigError, match="this sensor-wire cannot have"):
+                cell.panel.inject("sensor-wire", "tired")
 
     api.run_virtual(main)
 

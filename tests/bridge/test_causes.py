@@ -41,7 +41,7 @@ HANDS: dict[str, tuple[Callable[[Any, float], object], str]] = {
         "on the link meanwhile: bad checksum 4, NAK sent 3",
     ),
     "a break of the line": (
-        lambda robot, now: robot.inject("line-break", now, seconds=5.0),
+        lambda robot, now: robot.inject("line-break", now, for_s=5.0),
         "now it answers again, and its status shows no stop",
     ),
 }
@@ -73,7 +73,7 @@ def test_a_robot_that_fell_silent_is_not_told_to_have_a_wrong_line(bench: Callab
 
     def silence(run: Bench, record: CycleRecord) -> None:
         if len(run.tracked()) == 3:
-            run.cell.robot.inject("silence", run.clock.now(), seconds=60.0)
+            run.cell.robot.inject("off", run.clock.now(), for_s=60.0)
 
     cause = bench(silence, run={"period_ms": 250.0}).result.text
     assert "nothing came after 3 bids (ENQ); it has answered before, so the line is set right" in cause

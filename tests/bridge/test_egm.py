@@ -107,19 +107,19 @@ ERROR = "EGM has ended with an error (mciState ERROR); read the controller's eve
 SESSION = "the controller began another EGM session"
 REFUSALS: dict[str, tuple[str, str, str]] = {
     "motors off": (fault("robot", "motors-off"), "", "the motors are off; switch them on"),
-    "program stopped": (fault("robot", "rapid-stop"), "", "the RAPID program is stopped; start it"),
-    "program started anew": (fault("robot", "restart"), "", SESSION),
-    "EGMStop": (fault("robot", "egm-stop"), "", NOT_GUIDED),
+    "program stopped": (fault("robot", "program-stopped"), "", "the RAPID program is stopped; start it"),
+    "program started anew": (fault("robot", "program-restarted"), "", SESSION),
+    "EGMStop": (fault("robot", "guidance-ended"), "", NOT_GUIDED),
     "a CondTime that ends the run": ("", "cond_time_s = 1.0", NOT_GUIDED),
     "out of limits": (fault("robot", "out-of-limits"), "", ERROR),
     "out of the workspace": ("", "workspace_min_mm = [0.0, -1000.0, 595.0]", ERROR),
-    "time-out": (fault("link", "deaf"), "comm_timeout_s = 0.3", ERROR),
+    "time-out": (fault("wire", "deaf"), "comm_timeout_s = 0.3", ERROR),
     "nothing comes": (
-        fault("link", "mute"),
+        fault("wire", "mute"),
         "",
         "sent nothing for 0.5 s; see whether its program still runs",
     ),
-    "another number": (fault("link", "wrong-seqno"), "", SESSION),
+    "another number": (fault("wire", "wrong-seqno"), "", SESSION),
     "no number": (fault("pose", "nan"), "", "reports the position (nan, nan, nan), which is none"),
     "no pose": (fault("pose", "missing"), "", "it tells no pose; guide it by EGMActPose"),
     "a pose that jumps": (fault("pose", "offset", "with = {z_mm = 5.0}"), "", "the reported position jumped"),
@@ -144,13 +144,13 @@ def test_a_refusal_ends_the_run_with_one_plain_line(
 @pytest.mark.parametrize(
     "faults",
     [
-        fault("link", "loss", "with = {probability = 0.05}"),
-        fault("link", "duplication", "with = {probability = 0.05, way = \"from\"}"),
-        fault("link", "delay", "with = {ms = 8.0}"),
-        fault("link", "corruption", "for_s = 0.3"),
-        fault("link", "mute", "for_s = 0.2"),
-        fault("link", "malformed", "with = {count = 3}"),
-        fault("link", "no-force"),
+        fault("wire", "lost", "with = {probability = 0.05}"),
+        fault("wire", "twice", "with = {probability = 0.05, way = \"from\"}"),
+        fault("wire", "late", "with = {ms = 8.0}"),
+        fault("wire", "corrupted", "for_s = 0.3"),
+        fault("wire", "mute", "for_s = 0.2"),
+        fault("wire", "malformed", "with = {count = 3}"),
+        fault("witness", "missing"),
     ],
 )  # fmt: skip
 def test_a_bad_network_is_lived_with_and_the_tool_retracted(faults: str, tmp_path: Path) -> None:

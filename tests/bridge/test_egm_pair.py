@@ -48,19 +48,19 @@ class Pair:
     def cycles(self, count: int, network: Callable[[list[bytes]], list[bytes]] = lambda data: data) -> "Pair":
         end = self.now + (count - 0.5) * CYCLE
         while self.now < end:
-            deadline = self.robot.next_deadline()
+            deadline = self.robot.endpoint.next_deadline()
             assert deadline is not None
             self.now = deadline
             self.ledger.handle_deadline(self.now)
-            self.robot.handle_deadline(self.now)
+            self.robot.endpoint.handle_deadline(self.now)
             self.queued.append(len(self.robot._queue))
-            told = network(list(self.robot.data_to_send(self.now)))
+            told = network(list(self.robot.endpoint.data_to_send(self.now)))
             if told:
                 self.bridge.receive(told, self.now)
             while (event := self.bridge.next_event()) is not None:
                 if isinstance(event, StreamLost):
                     self.lost.append(event.text)
-            self.robot.receive(self.bridge.data_to_send(self.now), self.now)
+            self.robot.endpoint.receive(self.bridge.data_to_send(self.now), self.now)
         return self
 
     def moves_down(self) -> "Pair":
@@ -99,7 +99,7 @@ def test_behind_a_movement_the_tool_stands_at_its_last_point_for_good() -> None:
     assert pair.robot.state is State.GUIDING
 
 
-@pytest.mark.parametrize("fault", ["motors-off", "rapid-stop"])
+@pytest.mark.parametrize("fault", ["motors-off", "program-stopped"])
 def test_a_stop_by_people_is_left_standing_also_when_the_guidance_goes_on(fault: str) -> None:
     """The target is still below; the controller would go there with the last reference."""
     pair = Pair().moves_down()
@@ -118,11 +118,11 @@ def test_a_stop_by_people_is_left_standing_also_when_the_guidance_goes_on(fault:
     assert pair.cycles(125).true()[2] < stood[2] - 2e-3
 
 
-@pytest.mark.parametrize("fault", ["restart", "deaf"])
+@pytest.mark.parametrize("fault", ["program-restarted", "deaf"])
 def test_another_session_ends_the_movement_and_moves_nothing(fault: str) -> None:
     pair = Pair().moves_down()
     pair.ledger.inject(
-        "link" if fault == "deaf" else "robot", fault, pair.now, {"for_s": 1.5} if fault == "deaf" else {}
+        "wire" if fault == "deaf" else "robot", fault, pair.now, {"for_s": 1.5} if fault == "deaf" else {}
     )
     pair.cycles(500)
     stood = pair.true()
@@ -144,7 +144,7 @@ def test_a_bridge_that_ends_its_movement_and_is_gone_leaves_the_tool_at_the_last
     last = pair.bridge._setpoint
     assert last is not None
     pair.bridge.end()
-    pair.robot.receive(pair.bridge.data_to_send(pair.now), pair.now)
+    pair.robot.endpoint.receive(pair.bridge.data_to_send(pair.now), pair.now)
     pair.cycles(1000, lambda data: [])
     assert pair.true() == pytest.approx(last.position, abs=1e-4)
 
@@ -173,14 +173,14 @@ def test_the_queue_of_the_controller_stays_short_whatever_the_network_does(way: 
 @pytest.mark.parametrize(
     ("fault", "given"),
     [
-        ("loss", {"probability": 0.1}),
-        ("duplication", {"probability": 0.3, "way": "from"}),
-        ("delay", {"ms": 10.0}),
+        ("lost", {"probability": 0.1}),
+        ("twice", {"probability": 0.3, "way": "from"}),
+        ("late", {"ms": 10.0}),
     ],
 )
 def test_a_bad_network_bends_the_way_but_does_not_break_it(fault: str, given: dict[str, Any]) -> None:
     good, bad = Pair(), Pair()
-    bad.ledger.inject("link", fault, T0, given)
+    bad.ledger.inject("wire", fault, T0, given)
     heights = [pair.moves_down().true()[2] for pair in (good, bad)]
     assert heights[1] == pytest.approx(heights[0], abs=1.5e-3)
 
@@ -188,7 +188,7 @@ def test_a_bad_network_bends_the_way_but_does_not_break_it(fault: str, given: di
 def test_answers_that_a_network_doubles_fill_the_queue_and_delay_all_that_follow() -> None:
     """The controller takes one a cycle: 64 messages are a quarter of a second."""
     good, bad = Pair().moves_down(), Pair()
-    bad.ledger.inject("link", "duplication", T0, {"probability": 1.0, "way": "to"})
+    bad.ledger.inject("wire", "twice", T0, {"probability": 1.0, "way": "to"})
     bad.moves_down()
     assert max(bad.queued) == 63  # 64, of which the cycle has taken one
     assert bad.true()[2] - good.true()[2] == pytest.approx(0.02 * 64 * CYCLE, abs=5e-4)
@@ -205,7 +205,7 @@ def test_feed_forward_takes_the_lag_of_the_gain_away() -> None:
 
 def test_reports_tell_the_measured_pose_of_their_moment() -> None:
     pair = Pair().moves_down()
-    pair.bridge.receive(list(pair.robot.data_to_send(pair.now)), pair.now)
+    pair.bridge.receive(list(pair.robot.endpoint.data_to_send(pair.now)), pair.now)
     newest = pair.bridge.newest
     assert newest is not None
     assert newest.pose.position == pytest.approx(pair.true(), abs=1e-12)

@@ -26,7 +26,7 @@ from tests.paper_cell import CELL_FAULTS, PaperCellProfile, s3_jr3_cell
 
 NEEDED: dict[tuple[str, str], dict[str, Any]] = {
     ("signal", "stuck"): {"phase": "approach", "after_s": 0.2},
-    ("scales", "wrong"): {"phase": "connect", "after_s": 0.0},
+    ("sensor", "wrong-scales"): {"phase": "connect", "after_s": 0.0},
     ("obstacle", "above"): {"phase": "retract", "after_s": 0.0},
 }
 """Settings of a fault beyond its defaults for an effect one second after the tracking has begun."""
@@ -67,17 +67,24 @@ def test_a_fault_of_the_cell_is_injected_and_has_an_effect(target: str, fault: s
 @pytest.mark.parametrize("receiver", ["jr3-uart", "jr3-board"])
 @pytest.mark.parametrize(
     ("target", "fault"),
-    [("signal", "scale"), ("signal", "noise"), ("signal", "stuck"), ("scales", "wrong"), ("frames", "loss")],
+    [
+        ("signal", "scale"),
+        ("signal", "noise"),
+        ("signal", "stuck"),
+        ("sensor", "wrong-scales"),
+        ("sensor-wire", "lost"),
+    ],
 )
 def test_other_receivers_have_their_faults_too(receiver: str, target: str, fault: str) -> None:
     row = {"on": target, "fault": fault, "phase": "track", "after_s": 1.0, **NEEDED.get((target, fault), {})}
     if (receiver, target) == ("jr3-board", "frames"):
         with pytest.raises(
-            ValueError, match=r"frames: loss needs sensor.emulated = jr3 or jr3-uart or .*, not jr3-board"
+            ValueError,
+            match=r"sensor-wire: lost needs sensor.emulated = jr3 or jr3-uart or .*, not jr3-board",
         ):
             run_with(row, **NEAR, sensor={"emulated": receiver})
     else:
-        sensor = {"emulated": receiver, "unchecked": target == "scales"}
+        sensor = {"emulated": receiver, "unchecked": fault == "wrong-scales"}
         assert struck(run_with(row, **NEAR, sensor=sensor), target, fault) > 0
 
 
@@ -163,7 +170,7 @@ def test_nothing_differs_before_a_fault_begins() -> None:
 
 
 def test_the_same_fault_gives_the_same_run() -> None:
-    row = {"on": "link", "fault": "loss", "phase": "track", "with": {"probability": 0.01}}
+    row = {"on": "wire", "fault": "lost", "phase": "track", "with": {"probability": 0.01}}
     assert run_with(row) == run_with(row)
 
 
@@ -171,9 +178,9 @@ def test_the_same_fault_gives_the_same_run() -> None:
 
 
 def test_a_lever_is_put_back_at_the_end() -> None:
-    run = run_with({"on": "robot", "fault": "work-stop", "phase": "connect", "for_s": 0.5})
+    run = run_with({"on": "robot", "fault": "safeguard-stop", "phase": "connect", "for_s": 0.5})
     assert run.result.outcome == "completed"
-    assert texts(run)[1] == "robot: work-stop ends"
+    assert texts(run)[1] == "robot: safeguard-stop ends"
 
 
 def test_an_obstacle_of_the_cell_pushes_back() -> None:
@@ -184,7 +191,7 @@ def test_an_obstacle_of_the_cell_pushes_back() -> None:
 
 
 def test_a_wrong_scale_is_what_the_bridge_reads() -> None:
-    row = {"on": "scales", "fault": "wrong", "with": {"factor": 0.5}}
+    row = {"on": "sensor", "fault": "wrong-scales", "with": {"factor": 0.5}}
     run = run_with(row, duration_s=6.0, sensor={"unchecked": True})
     right = run_with(duration_s=6.0)
     wrong_depth, right_depth = (
@@ -230,10 +237,10 @@ def test_the_record_holds_the_faults(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("row", "text"),
     [
-        ({}, "faults.0: no target is called ''; known: robot, pose, link, signal"),
+        ({}, "faults.0: no target is called ''; known: robot, pose, wire, signal"),
         (
             {"on": "signal", "fault": "melted"},
-            "faults.0: no fault of signal is called 'melted'; known: stuck",
+            "faults.0: this signal cannot have 'melted'; it can have stuck",
         ),
         (
             {"on": "signal", "fault": "scale", "with": {"axes": "fz"}},
@@ -249,8 +256,8 @@ def test_the_record_holds_the_faults(tmp_path: Path) -> None:
             "faults.0: signal: swapped: axis and other must differ",
         ),
         (
-            {"on": "robot", "fault": "standby", "for_s": 1.0},
-            "faults.0: robot: standby has no parameters, got 'for_s'",
+            {"on": "robot", "fault": "motors-off", "for_s": 1.0},
+            "faults.0: robot: motors-off has no parameters, got 'for_s'",
         ),
         (
             {"on": "signal", "fault": "dead", "for_s": -1.0},
@@ -268,8 +275,8 @@ def test_the_record_holds_the_faults(tmp_path: Path) -> None:
         ({"on": "signal", "fault": "dead", "why": 1}, "faults.0.why is no setting"),
         (3, "faults.0 must be a table of settings"),
         (
-            {"on": "frames", "fault": "unplugged", "with": {"sensor": "second"}},
-            "faults.0: frames: unplugged with sensor = second needs sensor.emulated = jr3-board, not jr3",
+            {"on": "sensor", "fault": "unplugged", "with": {"sensor": "second"}},
+            "faults.0: sensor: unplugged with sensor = second needs sensor.emulated = jr3-board, not jr3",
         ),
     ],
 )
@@ -289,8 +296,8 @@ def test_a_fault_can_come_in_every_phase_of_a_run_but_its_end() -> None:
 
 def test_the_index_of_a_wrong_fault_is_told(tmp_path: Path) -> None:
     good = {"on": "signal", "fault": "dead"}
-    with pytest.raises(ConfigError, match=r"faults\.1: no fault of link"):
-        _read(tmp_path, {"faults": [good, {"on": "link", "fault": "tired"}]})
+    with pytest.raises(ConfigError, match=r"faults\.1: this wire cannot have 'tired'; it can have off"):
+        _read(tmp_path, {"faults": [good, {"on": "wire", "fault": "tired"}]})
 
 
 @pytest.mark.parametrize(

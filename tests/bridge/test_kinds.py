@@ -10,7 +10,8 @@ import pytest
 from click.testing import CliRunner
 from msgspec.structs import asdict, replace
 
-from emulators.faults.wire import WIRE_FAULTS
+from emulators.arm.told_pose import POSE_FAULTS
+from emulators.faults.packets import BYTES, DATAGRAMS, SENSOR_WIRE, WIRE
 from hil_bridge.cli import cli
 from hil_bridge.devices.facts import RobotFacts, ServoFacts
 from hil_bridge.devices.kinds import (
@@ -24,7 +25,8 @@ from hil_bridge.devices.kinds import (
 )
 from hil_bridge.devices.sensors.jr3.room import CAN_GATEWAY, UART_GATEWAY
 from hil_bridge.errors import ConfigError
-from hil_bridge.lab.conform.scenarios import NOMINAL, SCENARIOS
+from hil_bridge.lab.conform.scenarios import NOMINAL, SCENARIOS, Rules
+from hil_bridge.lab.conform.stage import Trial
 from hil_bridge.record import read
 from hil_bridge.record.device_facts import devices_of
 from hil_bridge.runs.checks import problems
@@ -270,8 +272,8 @@ def test_settings_of_a_kind_stand_in_sections_of_its_name(tmp_path: Path) -> Non
     file.write_text("[cell.toyspring]\nstiffness_n_mm = -1\n")
     with pytest.raises(ConfigError, match=r"cell\.toyspring: stiffness_n_mm must be more than 0, got -1"):
         load_config(file, {})
-    file.write_text('[robot]\nemulated = "toyarm"\n[[faults]]\non = "link"\nfault = "cut"\n')
-    with pytest.raises(ConfigError, match=r"no target is called 'link'; known: arm, signal"):
+    file.write_text('[robot]\nemulated = "toyarm"\n[[faults]]\non = "cable"\nfault = "cut"\n')
+    with pytest.raises(ConfigError, match=r"no target is called 'cable'; known: arm, signal"):
         load_config(file, {})
 
 
@@ -329,11 +331,11 @@ def test_a_can_sensor_of_others_has_the_faults_of_its_bus(
 
 def test_a_receiver_of_a_jr3_has_the_faults_that_its_room_tells() -> None:
     faults = {
-        name: set(EmulatedKinds.named("s3", name).faults["frames"])
+        name: set(EmulatedKinds.named("s3", name).faults["sensor"])
         for name in ("jr3", "jr3-uart", "jr3-board")
     }
-    assert faults["jr3"] == faults["jr3-uart"] > faults["jr3-board"] == {"unplugged"}
-    second = {"on": "frames", "fault": "unplugged", "with": {"sensor": "second"}}
+    assert faults["jr3"] == faults["jr3-uart"] > faults["jr3-board"] == {"unplugged", "wrong-scales"}
+    second = {"on": "sensor", "fault": "unplugged", "with": {"sensor": "second"}}
     read_config({"sensor": {"emulated": "jr3-board"}, "faults": [second]})
     with pytest.raises(ValueError, match="unplugged with sensor = second needs sensor"):
         read_config({"sensor": {"emulated": "jr3-uart"}, "faults": [second]})
@@ -390,15 +392,33 @@ def test_controllers_tell_their_parameters() -> None:
 @pytest.mark.parametrize("name", [name for name in (*ROBOT_NAMES, *SENSOR_NAMES) if name != "jr3-board"])
 def test_every_device_of_ours_has_every_fault_of_a_wire(name: str) -> None:
     """But for the receiver board: its registers are read, and no frames come."""
-    faults = faults_of_device(name)["link" if name in ROBOT_NAMES else "frames"]
-    assert {fault: faults.get(fault) for fault in WIRE_FAULTS} == WIRE_FAULTS
+    faults = faults_of_device(name)[WIRE if name in ROBOT_NAMES else SENSOR_WIRE]
+    line = name in ("s3", "jr3-uart", "ft300")
+    assert {*faults} >= {*(BYTES if line else DATAGRAMS).faults}
+    assert ("reordered" in faults, "malformed" in faults) == (not line, not line)
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_every_robot_of_ours_has_every_fault_of_a_pose_that_it_can_tell(name: str) -> None:
+    without = {"s3": {"nan", "missing"}, "rtde": {"missing"}}.get(name, set())
+    faults = faults_of_device(name)["pose"]
+    assert {*POSE_FAULTS} - {*faults} == without
+    assert all(faults[fault] is POSE_FAULTS[fault] for fault in {*POSE_FAULTS} - without)
+    assert "emergency-stop" in faults_of_device(name)["robot"]
+
+
+@pytest.mark.parametrize("name", [*ROBOT_NAMES, *SENSOR_NAMES])
+def test_the_targets_are_the_same_for_every_device(name: str) -> None:
+    own = {"robot", "pose", WIRE, "witness"} if name in ROBOT_NAMES else {"signal", "sensor", SENSOR_WIRE}
+    assert {*faults_of_device(name)} <= own
 
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_every_robot_of_ours_can_try_a_client_in_every_scenario(name: str) -> None:
-    emulation = ROBOTS.kind(name).emulation
-    assert emulation is not None
-    assert {*emulation.mishaps} == {*SCENARIOS} - {NOMINAL}
+    config = load_config(None, {"robot.emulated": name})
+    trial = Trial(config, "", Rules(), lambda: pytest.fail("no client is tried"))
+    assert [*trial.mishaps] == [*SCENARIOS]
+    assert [name for name, mishap in trial.mishaps.items() if mishap is None] == [NOMINAL]
 
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)

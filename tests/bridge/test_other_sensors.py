@@ -102,16 +102,16 @@ def test_a_contour_is_followed(kind: str, tried: Try) -> None:
 
 
 ENDS: Sequence[tuple[str, str, str, tuple[str, ...], bool]] = (
-    ("netft", "frames", "unplugged", (), True),
+    ("netft", "sensor", "unplugged", (), True),
     ("netft", "sensor", "status", ("bit = 8",), True),
     ("netft", "sensor", "saturated", (), True),
-    ("netft", "frames", "off", (), False),
-    ("netft", "frames", "frozen-counter", (), False),
+    ("netft", "sensor-wire", "off", (), False),
+    ("netft", "sensor", "frozen-counter", (), False),
     ("netft", "sensor", "power-cycle", (), False),
-    ("ft300", "frames", "unplugged", (), False),
-    ("ft300", "frames", "off", (), False),
+    ("ft300", "sensor", "unplugged", (), False),
+    ("ft300", "sensor-wire", "off", (), False),
     ("ft300", "sensor", "power-cycle", (), False),
-    ("ati-can", "frames", "unplugged", (), True),
+    ("ati-can", "sensor", "unplugged", (), True),
     ("ati-can", "sensor", "status", ("bit = 5",), True),
     ("ati-can", "sensor", "watchdog", (), False),
     ("ati-can", "sensor", "other-host", (), False),
@@ -155,7 +155,7 @@ def test_a_signal_that_goes_wrong_ends_a_run_with_any_sensor(
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_fault_that_a_sensor_cannot_have_is_refused_at_once(kind: str, tried: Try) -> None:
-    assert "known:" in tried(kind, fault("frames", "sleepy"))["error"]
+    assert "it can have" in tried(kind, fault("sensor-wire", "sleepy"))["error"]
     refused = tried("jr3", fault("sensor", "power-cycle"))["error"]
     assert "power-cycle needs sensor.emulated = netft or ft300 or ati-can, not jr3" in refused
 
@@ -165,7 +165,7 @@ STREAMS = "[run]\nperiod_ms = 20\n[controller]\nsample_ms = 20\n"
 
 @pytest.mark.parametrize(("robot", "kind"), [("egm", "netft"), ("rtde", "ft300"), ("rsi", "ati-can")])
 def test_other_sensors_go_with_other_robots(robot: str, kind: str, tried: Try) -> None:
-    lost = fault("frames", "unplugged" if kind != "ft300" else "off", after_s=0.3)
+    lost = fault(*(("sensor-wire", "off") if kind == "ft300" else ("sensor", "unplugged")), after_s=0.3)
     told = tried(kind, STREAMS + lost, "3", "--robot", robot)
     assert (told["code"], told["outcome"]) == (3, "stopped")
     assert true_force(told) < 11.0
@@ -235,7 +235,7 @@ def test_a_force_beyond_the_rating_is_no_value(tried: Try) -> None:
 
 
 def test_a_sensor_that_refuses_questions_ends_the_run_with_words(tried: Try) -> None:
-    told = tried("ft300", fault("sensor", "refusal", phase="connect", after_s=0.0))
+    told = tried("ft300", fault("sensor", "refuses", phase="connect", after_s=0.0))
     assert told["code"] == 3
     assert "it refuses a question: device failure (4)" in told["error"]
 

@@ -349,8 +349,8 @@ def test_every_command_reaches_the_controller() -> None:
         assert "signal: scale" in await do("inject", "signal", "scale", "axis=fz", "factor=0.5")
         assert cell.faults[-1].values == {"axis": "fz", "factor": 0.5}
         assert "lasting       none" in await do("mend")
-        await do("inject", "line-break", "seconds=0.001")
-        assert cell.faults[-1].name == "link: line-break"
+        await do("inject", "line-break", "for_s=0.001")
+        assert cell.faults[-1].name == "wire: line-break"
         listed = await do("faults")
         for target, faults in CELL_FAULTS.items():
             assert f"\n{target}\n" in f"\n{listed}"
@@ -358,7 +358,10 @@ def test_every_command_reaches_the_controller() -> None:
         for arguments, text in (
             (("inject", "drop-ack", "off=bid"), "drop-ack has no parameter 'off'"),
             (("inject", "flood"), "no fault is called 'flood'"),
-            (("inject", "signal", "flood"), "no fault of signal is called 'flood'"),
+            (("inject", "loss"), "link: loss is called wire: lost now"),
+            (("inject", "link", "loss"), "link: loss is called wire: lost now"),
+            (("inject", "frames", "slow"), "frames: slow is called sensor: slow now"),
+            (("inject", "signal", "flood"), "this signal cannot have 'flood'"),
             (("inject", "bus", "off"), "this cell cannot have bus: off"),
         ):
             with pytest.raises(ConfigError, match=text):
@@ -374,7 +377,7 @@ def ask_as_cli(url: str, *arguments: str) -> None:
 
 
 def test_a_parameter_without_a_value_is_a_usage_error() -> None:
-    result = CliRunner().invoke(cli, ["panel", "tcp://127.0.0.1:1", "inject", "silence", "seconds"])
+    result = CliRunner().invoke(cli, ["panel", "tcp://127.0.0.1:1", "inject", "stands", "for_s"])
     assert result.exit_code == 2
     assert "NAME=VALUE" in result.output
 

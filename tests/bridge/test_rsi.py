@@ -43,6 +43,10 @@ def invoke(place: Path, more: str = "", *arguments: str) -> tuple[int, str]:
     return result.exit_code, result.output
 
 
+NEXT = "with = { probability = 1.0, "
+"""Begin of the parameters of a fault that strikes every telegram."""
+
+
 def emulated(place: Path, more: str, duration_s: float = 2.0) -> EmulatedRun:
     text = BASE.replace("period_ms", f"duration_s = {duration_s}\nperiod_ms") + more
     file = place / "rsi.toml"
@@ -131,21 +135,21 @@ def test_urls_name_the_kind_and_settings_stand_in_its_sections(tmp_path: Path) -
     ("on", "fault", "words"),
     [
         ("robot", "emergency-stop", "its program does not run (ProgStatus 4); release its stops"),
-        ("robot", "stand", "mm from the commanded one, allowed are 2 mm"),
+        ("robot", "stands", "mm from the commanded one, allowed are 2 mm"),
         ("robot", "limit", "mm from the commanded one, allowed are 2 mm"),
-        ("robot", "program-end", "sent nothing for 0.5 s"),
-        ("robot", "program-reset", "its program has begun anew, or moves by itself"),
+        ("robot", "guidance-ended", "sent nothing for 0.5 s"),
+        ("robot", "program-restarted", "its program has begun anew, or moves by itself"),
         ("robot", "drives-stop", "sent nothing for 0.5 s"),
-        ("robot", "monitor", "sent nothing for 0.5 s"),
-        ("link", "off", "sent nothing for 0.5 s"),
-        ("link", "garbage", "sent nothing for 0.5 s"),
-        ("link", "delay", "answers in a row"),
-        ("packets", "mute", "sent nothing for 0.5 s"),
-        ("packets", "late", "answers in a row"),
-        ("packets", "malformed", "sent nothing for 0.5 s"),
-        ("packets", "not-a-number", "no number"),
-        ("packets", "clock-jump", "its program has begun anew, or moves by itself"),
-        ("answers", "refused", "answers in a row"),
+        ("robot", "out-of-limits", "sent nothing for 0.5 s"),
+        ("wire", "off", "sent nothing for 0.5 s"),
+        ("wire", "garbled", "sent nothing for 0.5 s"),
+        ("wire", "late", "answers in a row"),
+        ("wire", "mute", "sent nothing for 0.5 s"),
+        ("wire", "malformed", "sent nothing for 0.5 s"),
+        ("pose", "nan", "no number"),
+        ("pose", "missing", "sent nothing for 0.5 s"),
+        ("robot", "clock-jump", "its program has begun anew, or moves by itself"),
+        ("wire", "deaf", "answers in a row"),
     ],
 )
 def test_each_refusal_ends_a_run_in_one_plain_line(on: str, fault: str, words: str, tmp_path: Path) -> None:
@@ -158,23 +162,23 @@ def test_each_refusal_ends_a_run_in_one_plain_line(on: str, fault: str, words: s
 
 
 @pytest.mark.parametrize(
-    ("on", "fault", "more"),
+    ("fault", "given", "more"),
     [
-        ("link", "loss", ABSOLUTE),
-        ("link", "corruption", ABSOLUTE),
-        ("link", "duplication", ""),
-        ("link", "lose-next", ABSOLUTE),
-        ("packets", "lost", ""),
-        ("packets", "duplicated", ""),
-        ("packets", "reordered", ABSOLUTE),
-        ("answers", "lost", ""),
-        ("answers", "lost", ABSOLUTE),
+        ("lost", "", ABSOLUTE),
+        ("corrupted", "", ABSOLUTE),
+        ("twice", "", ""),
+        ("lost", NEXT + 'count = 20, way = "from" }\n', ABSOLUTE),
+        ("lost", NEXT + 'count = 3, way = "from" }\n', ""),
+        ("twice", NEXT + 'way = "from" }\n', ""),
+        ("reordered", 'with = { way = "from" }\n', ABSOLUTE),
+        ("lost", NEXT + 'count = 3, way = "to" }\n', ""),
+        ("lost", NEXT + 'count = 3, way = "to" }\n', ABSOLUTE),
     ],
 )
 def test_a_network_that_loses_and_repeats_a_little_is_borne(
-    on: str, fault: str, more: str, tmp_path: Path
+    fault: str, given: str, more: str, tmp_path: Path
 ) -> None:
-    run = with_fault(tmp_path, on, fault, more)
+    run = with_fault(tmp_path, "wire", fault, more, given)
     assert struck(run) > 0
     assert run.result.outcome is Outcome.COMPLETED
     forces = [cycle.force for cycle in run.cycles if cycle.phase == "track"][-10:]
@@ -190,6 +194,8 @@ def test_a_network_that_loses_and_repeats_a_little_is_borne(
         ("turned", "degrees = 2.5", "a tool turned by 2.5° from the start, allowed are 2°"),
         ("offset", "x_mm = 5.0", "the reported position jumped by 5.0 mm"),
         ("drift", "z_mm_s = 20.0", "mm behind all that was ordered in the last "),
+        ("mirrored", 'axis = "y"', "mm ahead of all that was ordered in the last "),
+        ("late", "ms = 500.0", "mm"),
         ("frozen", "", "mm from the commanded one, allowed are 2 mm"),
     ],
 )
@@ -205,15 +211,14 @@ def test_the_guard_holds_tilt_speed_and_following_of_a_robot_that_streams(
 
 def test_every_fault_is_in_one_of_the_tables_above() -> None:
     assert {name for faults in RSI_FAULTS.values() for name in faults} == {
-        "emergency-stop", "stand", "limit", "program-end", "program-reset", "drives-stop", "monitor", "mute", "late",
-        "offset", "drift", "turned", "frozen", "malformed", "not-a-number",
-        "clock-jump", "refused", "lost", "duplicated", "reordered",
-        "off", "loss", "corruption", "garbage", "duplication", "delay", "lose-next",
+        "emergency-stop", "stands", "limit", "guidance-ended", "program-restarted", "drives-stop", "out-of-limits",
+        "clock-jump", "offset", "drift", "turned", "mirrored", "late", "frozen", "nan", "missing",
+        "off", "mute", "deaf", "lost", "twice", "corrupted", "garbled", "malformed", "reordered",
     }  # fmt: skip
 
 
 def test_a_run_that_a_refusal_ends_has_exit_code_three(tmp_path: Path) -> None:
-    row = '[[faults]]\non = "answers"\nfault = "refused"\nphase = "track"\nafter_s = 0.2\n'
+    row = '[[faults]]\non = "wire"\nfault = "deaf"\nphase = "track"\nafter_s = 0.2\n'
     code, said = invoke(tmp_path, row, "--duration", "1", "--no-record")
     assert code == 3
     assert "it has not taken" in said
@@ -239,7 +244,9 @@ def test_a_robot_that_is_set_up_otherwise_is_refused_before_it_goes_far(
 
 
 def test_the_fault_table_is_that_of_the_emulated_robot(tmp_path: Path) -> None:
-    row = '[[faults]]\non = "packets"\nfault = "unheard"\n'
-    with pytest.raises(ConfigError, match="no fault of packets is called 'unheard'; known: mute, lost, late"):
+    row = '[[faults]]\non = "wire"\nfault = "unheard"\n'
+    with pytest.raises(
+        ConfigError, match="this wire cannot have 'unheard'; it can have off, mute, deaf, lost"
+    ):
         load_config(written(tmp_path, row), {})
     assert any("rsi" in kind for kind in ROBOTS.names)

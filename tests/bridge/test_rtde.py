@@ -118,8 +118,8 @@ def test_a_cb3_at_eight_milliseconds_holds_them_too(runs: Runs) -> None:
         ("robot", "protective-stop", "protective stop"),
         ("robot", "emergency-stop", "emergency stop"),
         ("robot", "program-stopped", "our program is stopped"),
-        ("connection", "dropped", "the peer closed"),
-        ("connection", "mute", "nothing came for 100 ms"),
+        ("wire", "dropped", "the peer closed"),
+        ("wire", "mute", "nothing came for 100 ms"),
         ("pose", "nan", "(nan, nan, nan)"),
     ],
 )

@@ -26,13 +26,13 @@ def test_a_run_with_our_own_clients_tells_nothing(robot: str, sensor: str) -> No
 
 
 def test_a_thing_stands_in_the_record_with_its_fields(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
-    heard: Callable[..., None] = RsiController._receive
+    heard: Callable[..., None] = RsiController.receive
 
     def with_text(robot: RsiController, data: Any, now: float) -> None:
         """Each answer shows a text on the robot's display, too."""
         heard(robot, [raw.replace(b"<RKorr", b"<EStr>ready</EStr><RKorr") for raw in data], now)
 
-    monkeypatch.setattr(RsiController, "_receive", with_text)
+    monkeypatch.setattr(RsiController, "receive", with_text)
     result = hil_bridge.simulate(RSI)
     assert result.outcome == "completed", result.text
     (event,) = events(result)

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import pytest
 from click.testing import CliRunner
 
-from emulators.faults.wire import WIRE_FAULTS
+from emulators.devices.rtde.packages import PACKAGES
 from hil_bridge import api
 from hil_bridge.cli import cli
 from hil_bridge.errors import Cause, Part, Reason
@@ -23,8 +23,8 @@ from tests.near_surface import NEAR
 from tools.faults_doc import CELL, GIVEN, faults_of_device
 
 BLAMED = {
-    **dict.fromkeys(("robot", "pose", "link", "connection", "packets", "answers"), "robot"),
-    **dict.fromkeys(("signal", "scales", "frames", "sensor", "bus"), "force sensor"),
+    **dict.fromkeys(("robot", "pose", "wire"), "robot"),
+    **dict.fromkeys(("signal", "sensor-wire", "sensor", "bus"), "force sensor"),
     "surface": "surface",
     "obstacle": "what the tool touches",
     "computer": "computer",
@@ -57,18 +57,17 @@ OURS = [
 ]
 SAMPLES = [
     Job("egm", "robot", "motors-off"),
-    Job("egm", "link", "off"),
+    Job("egm", "wire", "off"),
     Job("rtde", "robot", "slider"),
-    Job("rtde", "connection", "dropped"),
-    *(Job("rtde", "link", fault) for fault in WIRE_FAULTS),
+    Job("rtde", "wire", "dropped"),
+    *(Job("rtde", "wire", fault) for fault in PACKAGES.faults),
     Job("rtde", "pose", "nan"),
-    Job("rsi", "packets", "late"),
-    *(Job("rsi", "link", fault) for fault in ("off", "corruption", "garbage", "delay")),
+    *(Job("rsi", "wire", fault) for fault in ("off", "corrupted", "garbled", "late")),
     Job("netft", "sensor", "saturated"),
-    Job("netft", "scales", "wrong"),
+    Job("netft", "sensor", "wrong-scales"),
     Job("ati-can", "sensor", "other-host"),
     Job("ati-can", "bus", "off"),
-    Job("ft300", "frames", "unplugged"),
+    Job("ft300", "sensor", "unplugged"),
     Job(CELL, "surface", "hole"),
     Job(CELL, "surface", "hard"),
     Job(CELL, "obstacle", "above"),
@@ -94,7 +93,7 @@ def settings(job: Job) -> dict[str, Any]:
 
 def recorded(job: Job) -> Recording:
     """The recording of the run, whether it came to move or not."""
-    when = {"phase": "connect"} if job.on == "scales" else {"phase": "track", "after_s": 0.3}
+    when = {"phase": "connect"} if job.fault == "wrong-scales" else {"phase": "track", "after_s": 0.3}
     fault = {"on": job.on, "fault": job.fault, "with": PARAMETERS.get((job.on, job.fault), {}), **when}
     kept = []
 
@@ -106,7 +105,7 @@ def recorded(job: Job) -> Recording:
     try:
         api.run_virtual(main)
     except api.BridgeError:
-        assert job.on == "scales"  # found before the tool moves
+        assert job.fault == "wrong-scales"  # found before the tool moves
     return kept[0].result.recording
 
 
@@ -142,7 +141,7 @@ def test_a_fault_strikes_and_the_struck_part_is_named(job: Job) -> None:
 
 @pytest.fixture(scope="module")
 def unplugged(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    fault = {"on": "frames", "fault": "off", "phase": "track", "after_s": 0.3}
+    fault = {"on": "sensor-wire", "fault": "off", "phase": "track", "after_s": 0.3}
     result = api.simulate(ASKED, faults=[fault], seed=7)
     return result.save(tmp_path_factory.mktemp("why") / "run.mcap")
 
@@ -211,7 +210,7 @@ def test_an_interrupted_run_was_not_stopped_by_a_device() -> None:
 def test_the_step_of_a_program_is_told_and_is_no_symptom() -> None:
     path = {"kind": "line", "to_mm": [20.0, 0.0]}
     steps = [{"do": "approach"}, {"do": "track", "path": path, "speed_mm_s": 10.0}, {"do": "retract"}]
-    off = {"on": "frames", "fault": "off", "phase": "track", "after_s": 0.3}
+    off = {"on": "sensor-wire", "fault": "off", "phase": "track", "after_s": 0.3}
     text = why(api.simulate({"task": {"step": steps}}, faults=[off], seed=3).recording)
     assert "the last frame of the force sensor" in text
     assert "in step 2 (track)" in text

@@ -119,8 +119,8 @@ def test_a_receiver_board_has_no_faults_of_frames() -> None:
 
 @pytest.mark.parametrize("name", ["jr3", "jr3-uart"])
 def test_a_gateway_s_sensor_has_the_faults_of_a_stream(name: str) -> None:
-    fault = {"on": "frames", "fault": "loss"}
-    assert load_config(None, {"sensor.emulated": name, "faults": [fault]}).faults[0].fault == "loss"
+    fault = {"on": "sensor-wire", "fault": "lost"}
+    assert load_config(None, {"sensor.emulated": name, "faults": [fault]}).faults[0].fault == "lost"
 
 
 @pytest.mark.parametrize(("option", "thing"), [("--robot", "robot"), ("--sensor", "sensor")])

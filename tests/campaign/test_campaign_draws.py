@@ -207,7 +207,10 @@ def test_a_hunt_draws_no_fault_that_voids_the_bound(tmp_path: Path) -> None:
 
 
 HOLE = (
-    STUDY.replace('on = "*"\nfault = "*"', 'on = "frames"\nfault = "lose-next"')
+    STUDY.replace(
+        'on = "*"\nfault = "*"',
+        'on = "sensor-wire"\nfault = "lost"\nwith = { probability = 1.0, count = 20, way = "from" }',
+    )
     .replace("{ from = 1, to = 3 }", "{ from = 1, to = 2 }")
     .replace(
         'on = "controller"\nfault = "*"',

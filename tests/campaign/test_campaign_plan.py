@@ -50,7 +50,7 @@ def test_axis_of_tables_sets_several_settings(tmp_path: Path) -> None:
 
 def test_seeds_take_cases_in_turn_each_equally_often(tmp_path: Path) -> None:
     matrix = '[campaign.matrix]\ntask.force_n = [8.0, 9.0, 10.0]\n"robot.emulated" = ["s3", "rtde"]\n'
-    drop = '[[campaign.fault]]\non = "link"\nfault = "drop-ack"\n'  # nine cases of twelve can be
+    drop = '[[campaign.fault]]\non = "wire"\nfault = "drop-ack"\n'  # nine cases of twelve can be
     head = HEAD.replace("seeds = [1, 2]", "seeds = { from = 5, to = 24 }\ncases_per_seed = 2")
     plan = read_plan(written(tmp_path, head + matrix + drop))
     runs = list(plan.runs())
@@ -82,7 +82,7 @@ def test_configuration_of_a_file_and_of_the_plan_itself(tmp_path: Path) -> None:
 
 def test_fault_that_some_cells_cannot_have_is_kept_as_impossible(tmp_path: Path) -> None:
     matrix = '[campaign.matrix]\n"robot.emulated" = ["s3", "rtde"]\n'
-    drop = '[[campaign.fault]]\non = "link"\nfault = "drop-ack"\n'
+    drop = '[[campaign.fault]]\non = "wire"\nfault = "drop-ack"\n'
     plan = read_plan(written(tmp_path, HEAD + matrix + drop))
     assert [bool(case.impossible) for case in plan.cases] == [False, False, False, True]
     assert len(plan.possible) == 3
@@ -152,7 +152,7 @@ def test_plan_of_the_document_is_one(tmp_path: Path) -> None:
     (tmp_path / "cell.toml").write_text("[task]\nspeed_mm_s = 4.0\n")
     plan = read_plan(written(tmp_path, text.partition("```toml\n")[2].partition("```")[0]))
     assert plan.name == "two forces"
-    assert (len(plan.cases), len(plan.possible), len(plan.seeds)) == (12, 8, 50)
+    assert (len(plan.cases), len(plan.possible), len(plan.seeds)) == (12, 12, 50)
     assert placed(text, {"figures": table(("figure", "words", "meaning", "good"), meaning_rows())}) == text
 
 

@@ -67,7 +67,7 @@ def test_end_of_a_fault() -> None:
     faults = [
         Injection("surface", "step", {}, 0.0, ends_at=2.0),
         Injection("surface", "step", {}, 0.0, ends_at=2.0, ended_at=1.5),
-        Injection("robot", "refuse", {}, 0.0, ends_at=None),
+        Injection("robot", "refuses", {}, 0.0, ends_at=None),
         Injection("computer", "pause", {"seconds": 0.5}, 3.0, None, ended_at=3.0),
     ]
     running: Any = SimpleNamespace(cell=SimpleNamespace(faults=faults), clock=SimpleNamespace(now=float))

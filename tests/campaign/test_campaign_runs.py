@@ -366,7 +366,7 @@ def test_page_tells_cells_worst_runs_and_what_was_never_exercised(results: Path,
     assert text.count("<article>") == 4
     assert "The run was stopped" in text
     assert "Look at: " in text  # the paragraph of `why`
-    assert "and that the plan does not inject: robot: work-stop" in text
+    assert "and that the plan does not inject: robot: safeguard-stop" in text
     assert f"hil-bridge campaign rerun study.sqlite {worst}" in text
     assert "this criterion concerned no run" in text
     out = tmp_path / "page.html"

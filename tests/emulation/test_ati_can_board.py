@@ -33,11 +33,11 @@ def ledger(device: AtiCanBoard) -> Ledger:
 
 
 def answers(device: AtiCanBoard, question: str, now: float = T0) -> list[str]:
-    device.receive([parse_frame(question)], now)
+    device.endpoint.receive([parse_frame(question)], now)
     found: list[str] = []
-    while (due := device.next_deadline()) is not None:
-        device.handle_deadline(due)
-        found += [str(frame) for frame in device.data_to_send(due)]
+    while (due := device.endpoint.next_deadline()) is not None:
+        device.endpoint.handle_deadline(due)
+        found += [str(frame) for frame in device.endpoint.data_to_send(due)]
     return found
 
 
@@ -76,10 +76,10 @@ def test_questions_and_their_answers(question: str, answer: list[str]) -> None:
 
 def test_the_answer_takes_its_time() -> None:
     device = board(turnaround_s=0.001)
-    device.receive([CanFrame(0x200)], T0)
-    assert device.data_to_send(T0 + 0.0009) == []
-    assert device.next_deadline() == T0 + 0.001
-    assert len(device.data_to_send(T0 + 0.001)) == 2
+    device.endpoint.receive([CanFrame(0x200)], T0)
+    assert device.endpoint.data_to_send(T0 + 0.0009) == []
+    assert device.endpoint.next_deadline() == T0 + 0.001
+    assert len(device.endpoint.data_to_send(T0 + 0.001)) == 2
 
 
 def test_the_gages_carry_the_wrench() -> None:
@@ -142,21 +142,22 @@ def test_each_fault_has_its_effect() -> None:
         assert injection.struck
         return found
 
-    assert told(*with_fault("frames", "unplugged", for_s=5.0)) == (0, [32767] * 6)
+    assert told(*with_fault("sensor", "unplugged", for_s=5.0)) == (0, [32767] * 6)
     assert told(*with_fault("sensor", "status", bit=5))[0] == 0x8020
     assert told(*with_fault("sensor", "watchdog"))[0] == 0x8001
     device, injection = with_fault("signal", "sign", axis="fz")
     wrench = device.profile.coefficients @ np.array(told(device, injection)[1]) * 1e-6
     assert wrench[2] == pytest.approx(-10.0, abs=2e-3)
-    device, _ = with_fault("scales", "wrong", factor=0.5, of="forces")
+    device, _ = with_fault("sensor", "wrong-scales", factor=0.5, of="forces")
     assert answers(device, "207#", T0 + 2.0) == ["207#001E8480000F4240"]
-    device, _ = with_fault("frames", "slow", ms=50.0)
-    device.receive([CanFrame(0x20F)], T0 + 2.0)
-    assert device.next_deadline() == pytest.approx(T0 + 2.0502)
-    device, _ = with_fault("frames", "off")
+    device, _ = with_fault("sensor-wire", "late", ms=50.0, way="from")
+    device.endpoint.receive([CanFrame(0x20F)], T0 + 2.0)
+    assert device.endpoint.data_to_send(T0 + 2.001) == []
+    assert device.endpoint.next_deadline() == pytest.approx(T0 + 2.051)
+    device, _ = with_fault("sensor-wire", "off")
     assert answers(device, "20F#", T0 + 2.0) == []
     device, _ = with_fault("sensor", "other-host", slot=1)
-    assert [str(frame) for frame in device.data_to_send(T0 + 1.0)] == ["206#01"] * 2
+    assert [str(frame) for frame in device.endpoint.data_to_send(T0 + 1.0)] == ["206#01"] * 2
     device = board()
     with pytest.raises(ValueError, match=r"no noise; set cell\.ati_can\.noise_gages"):
         ledger(device).inject("signal", "noise", T0, {})

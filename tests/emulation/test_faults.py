@@ -14,11 +14,12 @@ from emulators.devices.jr3 import BoardProfile, SensorProfile
 from emulators.devices.jr3.sensor import SENSOR_RATE_HZ
 from emulators.faults import Ledger
 from emulators.faults.ledger import INJECTION_LIMIT
-from emulators.faults.wire import BYTES, FRAMES, WIRE_FAULTS, FaultyWire
+from emulators.faults.packets import BYTES, DATAGRAMS, FRAMES, WIRE
 from emulators.surface.contact import SurfaceProfile
 from emulators.surface.faults import ObstacleProfile
 from emulators.surface.materials import MaterialKind, MaterialProfile
 from protocol.can.frame import CanFrame
+from tests.emulation.bad_wire import BadWire
 from tests.paper_cell import BOARD, GATEWAY, UART, PaperCell, PaperCellProfile, Receiver, s3_jr3_cell
 
 T0 = 4000.375
@@ -244,18 +245,18 @@ def test_mirrored_frozen_late_and_turned() -> None:
     cell.inject("pose", "turned", T0 + 2.0, degrees=90.0, axis="x", for_s=0.5)
     half = math.sqrt(0.5)
     assert told(cell, 2.1).quaternion == pytest.approx((-half, half, 0.0, 0.0), abs=1e-4)
-    cell.inject("pose", "standby", T0 + 2.5)
+    cell.inject("robot", "false-standby", T0 + 2.5)
     assert (told(cell, 2.6).standby, told(cell, 2.6).operation) == (True, False)
 
 
 # --- wires
 
 
-def wire(pieces: Any, fault: str, **parameters: object) -> tuple[FaultyWire[Any], Any]:
-    filter_: FaultyWire[Any] = FaultyWire(pieces, 5)
-    ledger = Ledger({"link": WIRE_FAULTS})
-    ledger.attach("link", filter_.handlers)
-    return filter_, ledger.inject("link", fault, T0, parameters)
+def wire(pieces: Any, *faults: str, **parameters: object) -> tuple[BadWire, Any]:
+    bad = BadWire(pieces, 5)
+    ledger = Ledger({WIRE: pieces.faults})
+    ledger.attach(WIRE, bad.handlers)
+    return bad, next(iter([ledger.inject(WIRE, fault, T0, parameters) for fault in faults]))
 
 
 DATA = bytes(range(256)) * 4
@@ -263,7 +264,7 @@ DATA = bytes(range(256)) * 4
 
 @pytest.mark.parametrize(
     ("fault", "left"),
-    [("off", 0), ("loss", 512), ("duplication", 1536), ("corruption", 1024), ("garbage", 1024)],
+    [("off", 0), ("lost", 512), ("twice", 1536), ("corrupted", 1024), ("garbled", 1024)],
 )
 def test_what_a_bad_wire_does_to_bytes(fault: str, left: int) -> None:
     parameters = {} if fault == "off" else {"probability": 0.5, "for_s": 2.0}
@@ -277,26 +278,52 @@ def test_what_a_bad_wire_does_to_bytes(fault: str, left: int) -> None:
 
 
 def test_a_delay_keeps_the_order_and_has_a_deadline() -> None:
-    bad, _ = wire(BYTES, "delay", ms=250.0, for_s=0.1)
+    bad, _ = wire(BYTES, "late", ms=250.0, for_s=0.1)
     assert bad.outgoing(b"a", T0) == b""
     assert bad.outgoing(b"b", T0 + 0.2) == b"", "never before what went out earlier"
-    assert bad.next_deadline(None) == T0 + 0.25
+    assert bad.endpoint.next_deadline() == T0 + 0.25
     assert bad.outgoing(b"", T0 + 0.25) == b"ab"
-    assert bad.next_deadline(T0 + 9.0) == T0 + 9.0
+    assert bad.endpoint.next_deadline() is None
 
 
 def test_one_way_alone_and_the_next_frames() -> None:
     frames = [CanFrame(0x100 + k, bytes([k])) for k in range(5)]
-    bad, _ = wire(FRAMES, "off", way="to")
+    bad, _ = wire(FRAMES, "deaf")
     assert (list(bad.incoming(frames, T0)), list(bad.outgoing(frames, T0))) == ([], frames)
-    bad, injection = wire(FRAMES, "lose-next", count=7)
+    bad, _ = wire(FRAMES, "mute")
+    assert (list(bad.incoming(frames, T0)), list(bad.outgoing(frames, T0))) == (frames, [])
+    bad, injection = wire(FRAMES, "lost", probability=1.0, count=7, way="from")
     assert list(bad.outgoing(frames, T0)) == []
     assert list(bad.outgoing(frames, T0 + 1.0)) == frames[2:]
     assert (injection.struck, injection.ended_at) == (7, T0 + 1.0)
-    bad, _ = wire(FRAMES, "corruption", probability=1.0)
+    bad, _ = wire(FRAMES, "corrupted", probability=1.0)
     for sent, come in zip(frames, bad.outgoing(frames, T0), strict=True):
         assert sent.identifier == come.identifier
         assert (sent.data[0] ^ come.data[0]).bit_count() == 1
+
+
+def test_a_line_of_bytes_has_no_packets_to_cut_or_to_exchange() -> None:
+    for fault in ("malformed", "reordered"):
+        with pytest.raises(
+            ValueError, match=f"^this wire cannot have '{fault}'; it can have off, mute, [^\n]+$"
+        ):
+            wire(BYTES, fault)
+        assert wire(FRAMES, fault)
+
+
+def test_two_faults_of_one_wire_strike_one_after_the_other() -> None:
+    sent = [bytes([k]) * 4 for k in range(4)]
+    bad, _ = wire(DATAGRAMS, "twice", "reordered", probability=1.0, way="from")
+    assert bad.outgoing(sent[:1], T0) == [sent[0], sent[0]]
+    bad, _ = wire(DATAGRAMS, "reordered", "malformed", way="from")
+    assert bad.outgoing(sent, T0) == [one[:2] for one in (sent[1], sent[0], sent[3], sent[2])]
+
+
+def test_a_packet_that_was_kept_back_comes_when_the_fault_is_over() -> None:
+    sent = [bytes([k]) * 4 for k in range(3)]
+    bad, _ = wire(DATAGRAMS, "reordered", way="from", for_s=0.1)
+    assert bad.outgoing(sent[:1], T0) == []
+    assert bad.outgoing(sent[1:], T0 + 0.1) == [sent[1], sent[0], sent[2]]
 
 
 # --- the ledger
@@ -307,21 +334,21 @@ def test_the_ledger_tells_what_was_when_and_how_often() -> None:
     said: list[str] = []
     cell.ledger.on_fault = lambda news: said.append(news.text)
     cell.inject("signal", "dead", T0 + 1.0, axis="fx", for_s=0.5)
-    cell.inject("robot", "standby", T0 + 1.1)
-    cell.inject("link", "drop-ack", T0 + 1.2)
+    cell.inject("robot", "motors-off", T0 + 1.1)
+    cell.inject("wire", "drop-ack", T0 + 1.2)
     assert cell.ledger.next_deadline() == T0 + 1.5
-    assert cell.ledger.active(T0 + 1.4) == ("signal: dead", "link: drop-ack")
+    assert cell.ledger.active(T0 + 1.4) == ("signal: dead", "wire: drop-ack")
     cell.ledger.handle_deadline(T0 + 1.6)
     assert cell.ledger.next_deadline() is None
     assert [(item.target, item.fault, item.injected_at, item.ended_at) for item in cell.faults] == [
         ("signal", "dead", T0 + 1.0, T0 + 1.5),
-        ("robot", "standby", T0 + 1.1, T0 + 1.1),
-        ("link", "drop-ack", T0 + 1.2, None),
+        ("robot", "motors-off", T0 + 1.1, T0 + 1.1),
+        ("wire", "drop-ack", T0 + 1.2, None),
     ]
     assert said == [
         "signal: dead (axis fx) begins for 0.5 s",
-        "robot: standby happens",
-        "link: drop-ack (of block, count 1) begins",
+        "robot: motors-off happens",
+        "wire: drop-ack (of block, count 1) begins",
         "signal: dead ends",
     ]
 
@@ -339,21 +366,21 @@ def test_a_fault_that_no_device_of_the_cell_has_is_refused(
     cell = s3_jr3_cell(PaperCellProfile(), T0, 1, receiver=receiver)
     with pytest.raises(ValueError, match=f"^this cell cannot have {target}: {fault}; [^\n]+$"):
         cell.inject(target, fault, T0)
-    cell.inject("scales", "wrong", T0)
+    cell.inject("sensor", "wrong-scales", T0)
 
 
 def test_a_board_that_is_read_has_no_faults_of_a_stream() -> None:
     cell = s3_jr3_cell(PaperCellProfile(), T0, 1, receiver=BOARD)
-    with pytest.raises(ValueError, match=r"^no fault of frames is called 'loss'; known: unplugged$"):
-        cell.inject("frames", "loss", T0)
+    with pytest.raises(ValueError, match=r"^no target is called 'sensor-wire'; known: robot, [^\n]+$"):
+        cell.inject("sensor-wire", "lost", T0)
 
 
 @pytest.mark.parametrize("receiver", [GATEWAY, UART])
 def test_a_gateway_has_no_second_sensor(receiver: Receiver) -> None:
     cell = s3_jr3_cell(PaperCellProfile(), T0, 1, receiver=receiver)
     with pytest.raises(ValueError, match=r"^unplugged: sensor must be first, got 'second'$"):
-        cell.inject("frames", "unplugged", T0, sensor="second")
-    cell.inject("frames", "unplugged", T0)
+        cell.inject("sensor", "unplugged", T0, sensor="second")
+    cell.inject("sensor", "unplugged", T0)
 
 
 def test_a_second_sensor_that_the_board_s_words_cannot_hold_is_refused() -> None:
@@ -361,13 +388,13 @@ def test_a_second_sensor_that_the_board_s_words_cannot_hold_is_refused() -> None
     profile = PaperCellProfile(sensor=sensor, board=BoardProfile(units=3))
     cell = s3_jr3_cell(profile, T0, 1, receiver=BOARD)
     with pytest.raises(ValueError, match=r"^full scale of fx is 0\.07[^\n]+: choose other units$"):
-        cell.inject("frames", "unplugged", T0, sensor="second")
+        cell.inject("sensor", "unplugged", T0, sensor="second")
 
 
 def test_a_cell_takes_so_many_faults_and_no_more() -> None:
     cell = moving_cell()
     for _ in range(INJECTION_LIMIT):
-        cell.inject("link", "babble", T0, count=1)
+        cell.inject("wire", "babble", T0, count=1)
     with pytest.raises(ValueError, match=r"^this cell has had 1000 faults; start it anew$"):
-        cell.inject("link", "babble", T0)
+        cell.inject("wire", "babble", T0)
     assert len(cell.faults) == INJECTION_LIMIT

@@ -46,15 +46,15 @@ def ledger(device: Ft300) -> Ledger:
 def told(device: Ft300, until: float) -> list[tuple[float, bytes]]:
     """What it sends up to a time, each with its time."""
     found = []
-    while (due := device.next_deadline()) is not None and due <= until:
-        device.handle_deadline(due)
-        if data := device.data_to_send(due):
+    while (due := device.endpoint.next_deadline()) is not None and due <= until:
+        device.endpoint.handle_deadline(due)
+        if data := device.endpoint.data_to_send(due):
             found.append((due, data))
     return found
 
 
 def answered(device: Ft300, question: bytes, now: float = T0) -> bytes:
-    device.receive(question, now)
+    device.endpoint.receive(question, now)
     return b"".join(data for _, data in told(device, now + 0.02))
 
 
@@ -119,15 +119,15 @@ def test_other_slaves_and_damaged_questions_get_silence(question: bytes) -> None
 
 def test_a_question_in_pieces_is_answered_and_an_old_piece_is_forgotten() -> None:
     device, ask = sensor(), encode_read(514, 1)
-    device.receive(ask[:3], T0)
+    device.endpoint.receive(ask[:3], T0)
     assert answered(device, ask[3:], T0 + 0.03) == encode_words(READ, [2021])
-    device.receive(ask[:3], T0 + 1.0)
+    device.endpoint.receive(ask[:3], T0 + 1.0)
     assert answered(device, ask, T0 + 1.1) == encode_words(READ, [2021])
 
 
 def test_a_stream_runs_at_its_period_with_its_jitter() -> None:
     device = sensor(lambda times: np.outer(times - T0, np.ones(6)))
-    device.receive(START, T0)
+    device.endpoint.receive(START, T0)
     (at, answer), *pieces = told(device, T0 + 1.0)
     assert (answer, at) == (STARTED, pytest.approx(T0 + 0.004))
     times = [at for at, _ in pieces]
@@ -143,22 +143,22 @@ def test_a_stream_runs_at_its_period_with_its_jitter() -> None:
 
 def test_a_stream_hears_nothing_but_its_end() -> None:
     device = sensor()
-    device.receive(START, T0)
-    device.receive(encode_read(180, 6), T0 + 0.1)
+    device.endpoint.receive(START, T0)
+    device.endpoint.receive(encode_read(180, 6), T0 + 0.1)
     assert set(messages(told(device, T0 + 0.2)[1:])) == {COUNTS}
-    device.receive(b"\xff", T0 + 0.2)
+    device.endpoint.receive(b"\xff", T0 + 0.2)
     assert told(device, T0 + 0.5) == []
-    device.receive(STOP[1:], T0 + 0.2)
+    device.endpoint.receive(STOP[1:], T0 + 0.2)
     assert answered(device, encode_read(514, 1), T0 + 0.3) == encode_words(READ, [2021])
 
 
 def test_more_bytes_may_be_needed_to_end_it() -> None:
     device = sensor(stop_after_ff=10)
-    device.receive(START, T0)
+    device.endpoint.receive(START, T0)
     told(device, T0 + 0.1)
-    device.receive(b"\xff" * 9 + b"\0" + b"\xff" * 9, T0 + 0.1)
+    device.endpoint.receive(b"\xff" * 9 + b"\0" + b"\xff" * 9, T0 + 0.1)
     assert told(device, T0 + 0.2)
-    device.receive(b"\xff", T0 + 0.2)
+    device.endpoint.receive(b"\xff", T0 + 0.2)
     assert told(device, T0 + 0.5) == []
 
 
@@ -169,14 +169,14 @@ def test_it_may_stream_from_its_power_up_on() -> None:
 
 def test_it_clips_at_the_end_of_its_words() -> None:
     device = sensor(lambda times: np.tile([400.0, -400.0, 0.0, 40.0, 0.0, 0.0], (len(times), 1)))
-    device.receive(START, T0)
+    device.endpoint.receive(START, T0)
     assert set(messages(told(device, T0 + 0.1)[1:])) == {(32767, -32768, 0, 32767, 0, 0)}
 
 
 def test_each_fault_has_its_effect() -> None:
     def with_fault(target: str, fault: str, **parameters: object) -> list[tuple[int, ...]]:
         device = sensor()
-        device.receive(START, T0)
+        device.endpoint.receive(START, T0)
         told(device, T0 + 0.2)
         injection = ledger(device).inject(target, fault, T0 + 0.2, parameters)
         found = messages(told(device, T0 + 1.2))
@@ -184,25 +184,25 @@ def test_each_fault_has_its_effect() -> None:
         return found
 
     assert {counts[2] for counts in with_fault("signal", "scale", axis="fz", factor=0.5)[1:]} == {-4905}
-    assert len(with_fault("frames", "slow", factor=10.0)) in (10, 11)
-    assert with_fault("frames", "unplugged") == []
-    assert with_fault("frames", "off") == []
+    assert len(with_fault("sensor", "slow", factor=10.0)) in (10, 11)
+    assert with_fault("sensor", "unplugged") == []
+    assert with_fault("sensor-wire", "off") == []
     assert with_fault("sensor", "power-cycle") == []
-    assert 10 < len(with_fault("frames", "corruption", probability=0.02)) < 95
+    assert 10 < len(with_fault("sensor-wire", "corrupted", probability=0.02)) < 95
     device = sensor()
     book = ledger(device)
-    book.inject("sensor", "refusal", T0, {"code": 4})
+    book.inject("sensor", "refuses", T0, {"code": 4})
     assert answered(device, encode_read(514, 1)) == encode_exception(READ, 4)
-    book.inject("sensor", "deaf", T0 + 1.0, {})
+    book.inject("sensor-wire", "deaf", T0 + 1.0, {})
     assert answered(device, encode_read(514, 1), T0 + 1.0) == b""
 
 
 def test_a_sensor_that_is_plugged_in_again_boots() -> None:
     device = sensor(boot_s=0.5)
-    device.receive(START, T0 + 1.0)
+    device.endpoint.receive(START, T0 + 1.0)
     told(device, T0 + 1.1)
     book = ledger(device)
-    book.inject("frames", "unplugged", T0 + 1.1, {"for_s": 0.4})
+    book.inject("sensor", "unplugged", T0 + 1.1, {"for_s": 0.4})
     told(device, T0 + 1.5)
     book.handle_deadline(T0 + 1.5)
     assert answered(device, encode_read(514, 1), T0 + 1.9) == b""
@@ -213,8 +213,8 @@ def test_a_sensor_that_is_plugged_in_again_boots() -> None:
 def test_no_bytes_raise(data: list[bytes], streams: bool) -> None:
     device = sensor(power_up="stream" if streams else "modbus")
     for k, piece in enumerate(data):
-        device.receive(piece, T0 + 0.01 * k)
-        device.receive(with_crc(b"\x09" + piece), T0 + 0.01 * k)
+        device.endpoint.receive(piece, T0 + 0.01 * k)
+        device.endpoint.receive(with_crc(b"\x09" + piece), T0 + 0.01 * k)
         told(device, T0 + 0.01 * k)
 
 

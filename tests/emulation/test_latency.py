@@ -98,18 +98,18 @@ def turnarounds(profile: S3Profile, order: bytes, count: int, seed: int = 1) -> 
     now, waits = T0 + 1.0, []
     for _ in range(count):
         for piece, reply in ((b"\x05", b"\x06"), (order, b"\x06"), (b"\x04", b"")):
-            robot.receive(piece, now)
-            assert robot.data_to_send(now) == reply
-        due = robot.next_deadline()
+            robot.endpoint.receive(piece, now)
+            assert robot.endpoint.data_to_send(now) == reply
+        due = robot.endpoint.next_deadline()
         assert due is not None
-        robot.handle_deadline(due)
-        assert robot.data_to_send(due) == b"\x05"
+        robot.endpoint.handle_deadline(due)
+        assert robot.endpoint.data_to_send(due) == b"\x05"
         waits.append(due - now)
         now = due
-        robot.receive(b"\x06", now)
-        assert robot.data_to_send(now)
-        robot.receive(b"\x06", now)
-        assert robot.data_to_send(now) == b"\x04"
+        robot.endpoint.receive(b"\x06", now)
+        assert robot.endpoint.data_to_send(now)
+        robot.endpoint.receive(b"\x06", now)
+        assert robot.endpoint.data_to_send(now) == b"\x04"
         now += 0.01
     return waits
 
@@ -155,14 +155,14 @@ def can_frames(
     """Time, counts of fx and counter of each force frame of an unfiltered 10 ms stream."""
     gateway = Gateway(profile, sensor(), T0, seed)
     now = T0 + 2.5
-    gateway.handle_deadline(now)
-    gateway.receive([CanFrame(0x201, bytes.fromhex("000010270000"))], now)
+    gateway.endpoint.handle_deadline(now)
+    gateway.endpoint.receive([CanFrame(0x201, bytes.fromhex("000010270000"))], now)
     told = []
-    while (due := gateway.next_deadline()) is not None and due < now + seconds:
-        gateway.handle_deadline(due)
+    while (due := gateway.endpoint.next_deadline()) is not None and due < now + seconds:
+        gateway.endpoint.handle_deadline(due)
         told += [
             (due, *struct.unpack("<h4xH", frame.data))
-            for frame in gateway.data_to_send(due)
+            for frame in gateway.endpoint.data_to_send(due)
             if frame.identifier == FORCES_ID
         ]
     return gateway, told
@@ -173,14 +173,14 @@ def uart_frames(
 ) -> tuple[UartGateway, list[tuple[float, int, int]]]:
     gateway = UartGateway(profile, sensor(), T0)
     now = T0 + 5.1
-    gateway.handle_deadline(now)
-    gateway.data_to_send(now)
-    gateway.receive(bytes.fromhex("3C30320000102700003E"), now)
-    gateway.data_to_send(now)
+    gateway.endpoint.handle_deadline(now)
+    gateway.endpoint.data_to_send(now)
+    gateway.endpoint.receive(bytes.fromhex("3C30320000102700003E"), now)
+    gateway.endpoint.data_to_send(now)
     told = []
-    while (due := gateway.next_deadline()) is not None and due < now + seconds:
-        gateway.handle_deadline(due)
-        data = gateway.data_to_send(due)
+    while (due := gateway.endpoint.next_deadline()) is not None and due < now + seconds:
+        gateway.endpoint.handle_deadline(due)
+        data = gateway.endpoint.data_to_send(due)
         if len(data) == 18:
             told.append((due, *struct.unpack("<h10xH", data[3:17])))
     return gateway, told

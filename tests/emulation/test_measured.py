@@ -11,9 +11,10 @@ from emulators.faults import Ledger
 from emulators.faults.kinds import FOREVER, Fault
 from emulators.faults.ledger import Handler
 from emulators.faults.own import OwnFaults
-from emulators.faults.wire import DATAGRAMS, WIRE_FAULTS, FaultyWire
+from emulators.faults.packets import DATAGRAMS, SENSOR_WIRE
 from emulators.sensing import Converter, KnownWrench, MeasuredWrench
 from emulators.sensing.faults import SIGNAL_FAULTS
+from tests.emulation.bad_wire import BadWire
 
 RATE = 100.0
 
@@ -115,10 +116,10 @@ SENT = [bytes([k]) * 20 for k in range(100)]
 
 def damaged(fault: str, **parameters: object) -> list[bytes]:
     """What comes through at once of a hundred datagrams."""
-    wire = FaultyWire(DATAGRAMS, 7)
-    book = Ledger({"frames": WIRE_FAULTS})
-    book.attach("frames", wire.handlers)
-    book.inject("frames", fault, 0.0, parameters)
+    wire = BadWire(DATAGRAMS, 7)
+    book = Ledger({SENSOR_WIRE: DATAGRAMS.faults})
+    book.attach(SENSOR_WIRE, wire.handlers)
+    book.inject(SENSOR_WIRE, fault, 0.0, parameters)
     return list(wire.outgoing(SENT, 0.5))
 
 
@@ -126,13 +127,13 @@ def damaged(fault: str, **parameters: object) -> list[bytes]:
     ("fault", "parameters", "holds"),
     [
         ("off", {}, lambda came: came == []),
-        ("loss", {"probability": 0.5}, lambda came: 30 < len(came) < 70 and set(came) < set(SENT)),
-        ("duplication", {"probability": 1.0}, lambda came: len(came) == 200),
-        ("delay", {"ms": 100.0}, lambda came: came == []),
-        ("lose-next", {"count": 3}, lambda came: came == SENT[3:]),
-        ("garbage", {}, lambda came: [len(one) for one in came] == [20] * 100 and came != SENT),
+        ("lost", {"probability": 0.5}, lambda came: 30 < len(came) < 70 and set(came) < set(SENT)),
+        ("twice", {"probability": 1.0}, lambda came: len(came) == 200),
+        ("late", {"ms": 100.0}, lambda came: came == []),
+        ("lost", {"probability": 1.0, "count": 3}, lambda came: came == SENT[3:]),
+        ("garbled", {}, lambda came: [len(one) for one in came] == [20] * 100 and came != SENT),
         (
-            "corruption",
+            "corrupted",
             {"probability": 1.0},
             lambda came: (
                 [
@@ -142,6 +143,12 @@ def damaged(fault: str, **parameters: object) -> list[bytes]:
                 == [1] * 100
             ),
         ),
+        ("malformed", {}, lambda came: came == [one[:10] for one in SENT]),
+        ("malformed", {"count": 2}, lambda came: [len(one) for one in came[:3]] == [10, 10, 20]),
+        ("reordered", {}, lambda came: came[:4] == [SENT[1], SENT[0], SENT[3], SENT[2]]),
+        ("reordered", {"count": 1}, lambda came: came == [SENT[1], SENT[0], *SENT[2:]]),
+        ("mute", {}, lambda came: came == []),
+        ("deaf", {}, lambda came: came == SENT),
     ],
 )
 def test_a_bad_wire_damages_datagrams(
@@ -151,8 +158,8 @@ def test_a_bad_wire_damages_datagrams(
 
 
 def test_an_empty_datagram_cannot_be_damaged() -> None:
-    wire = FaultyWire(DATAGRAMS, 7)
-    book = Ledger({"frames": WIRE_FAULTS})
-    book.attach("frames", wire.handlers)
-    book.inject("frames", "corruption", 0.0, {"probability": 1.0})
+    wire = BadWire(DATAGRAMS, 7)
+    book = Ledger({SENSOR_WIRE: DATAGRAMS.faults})
+    book.attach(SENSOR_WIRE, wire.handlers)
+    book.inject("sensor-wire", "corrupted", 0.0, {"probability": 1.0})
     assert list(wire.incoming([b""], 0.5)) == [b""]

@@ -39,15 +39,15 @@ def ledger(device: NetBox) -> Ledger:
 
 
 def ask(device: NetBox, command: Command, now: float, count: int = 0) -> None:
-    device.receive([encode_request(command, count)], now)
+    device.endpoint.receive([encode_request(command, count)], now)
 
 
 def told(device: NetBox, until: float) -> list[Record]:
     """Records up to a time, each sent when it is due."""
     found = []
-    while (due := device.next_deadline()) is not None and due <= until:
-        device.handle_deadline(due)
-        for datagram in device.data_to_send(due):
+    while (due := device.endpoint.next_deadline()) is not None and due <= until:
+        device.endpoint.handle_deadline(due)
+        for datagram in device.endpoint.data_to_send(due):
             found += [decode_record(datagram[at : at + 36]) for at in range(0, len(datagram), 36)]
     return found
 
@@ -86,7 +86,7 @@ def test_a_finite_request_ends_by_itself() -> None:
     device = box()
     ask(device, Command.START, T0, count=3)
     assert len(told(device, T0 + 1.0)) == 3
-    assert device.next_deadline() is None
+    assert device.endpoint.next_deadline() is None
     ask(device, Command.START, T0 + 1.0, count=1)
     (record,) = told(device, T0 + 2.0)
     assert (record.rdt_sequence, record.ft_sequence) == (1, 7000)
@@ -105,9 +105,9 @@ def test_buffered_records_come_together() -> None:
     device = box(buffered_records=5)
     ask(device, Command.START_BUFFERED, T0, count=12)
     sizes = []
-    while (due := device.next_deadline()) is not None:
-        device.handle_deadline(due)
-        sizes += [len(datagram) // 36 for datagram in device.data_to_send(due)]
+    while (due := device.endpoint.next_deadline()) is not None:
+        device.endpoint.handle_deadline(due)
+        sizes += [len(datagram) // 36 for datagram in device.endpoint.data_to_send(due)]
     assert sizes == [5, 5, 2]
 
 
@@ -124,8 +124,8 @@ def test_a_bias_makes_the_present_load_zero_and_the_stream_goes_on() -> None:
 def test_a_bias_between_two_late_records_disturbs_neither() -> None:
     device = box(lambda times: np.outer(times - T0, np.ones(6)))
     ask(device, Command.START, T0)
-    device.receive([encode_request(Command.BIAS)], T0 + 0.0105)  # nothing was sent for ten periods
-    records = [decode_record(datagram) for datagram in device.data_to_send(T0 + 0.0105)]
+    device.endpoint.receive([encode_request(Command.BIAS)], T0 + 0.0105)  # nothing was sent for ten periods
+    records = [decode_record(datagram) for datagram in device.endpoint.data_to_send(T0 + 0.0105)]
     assert [record.rdt_sequence for record in records] == list(range(1, 12))
     assert records[-1].counts[0] > 0
     assert told(device, T0 + 0.0115)[0].counts[0] == pytest.approx(1000, abs=500)
@@ -141,14 +141,16 @@ def test_a_bias_may_end_the_stream() -> None:
 @given(st.lists(st.binary(max_size=20), max_size=10))
 def test_what_is_no_request_gets_no_answer(data: list[bytes]) -> None:
     device = box()
-    device.receive([one for one in data if one[:4] not in (b"\x12\x34\x00\x02", b"\x12\x34\x00\x03")], T0)
+    device.endpoint.receive(
+        [one for one in data if one[:4] not in (b"\x12\x34\x00\x02", b"\x12\x34\x00\x03")], T0
+    )
     assert told(device, T0 + 0.1) == []
 
 
 @pytest.mark.parametrize("told_", ["1234000200000000ff", "123480020000000000000000", "1234000400000000"])
 def test_refused_requests_leave_it_silent(told_: str) -> None:
     device = box()
-    device.receive([bytes.fromhex(told_)], T0)
+    device.endpoint.receive([bytes.fromhex(told_)], T0)
     assert told(device, T0 + 0.1) == []
 
 
@@ -187,14 +189,14 @@ MINE, OTHER = ("10.0.0.1", 5000), ("10.0.0.2", 5000)
 
 
 def ask_from(side: tuple[str, int], device: NetBox, command: Command, now: float) -> None:
-    device.receive([Datagram(encode_request(command), side=side)], now)
+    device.endpoint.receive([Datagram(encode_request(command), side=side)], now)
 
 
 def sides(device: NetBox, until: float) -> list[object]:
     found: list[object] = []
-    while (due := device.next_deadline()) is not None and due <= until:
-        device.handle_deadline(due)
-        found += [side_of(datagram) for datagram in device.data_to_send(due)]
+    while (due := device.endpoint.next_deadline()) is not None and due <= until:
+        device.endpoint.handle_deadline(due)
+        found += [side_of(datagram) for datagram in device.endpoint.data_to_send(due)]
     return found
 
 
@@ -203,7 +205,7 @@ def test_a_start_of_a_stranger_takes_the_stream() -> None:
     ask_from(MINE, device, Command.START, T0)
     assert set(sides(device, T0 + 0.02)) == {MINE}
     ask_from(OTHER, device, Command.START, T0 + 0.02)
-    device.data_to_send(T0 + 0.02)
+    device.endpoint.data_to_send(T0 + 0.02)
     assert set(sides(device, T0 + 0.04)) == {OTHER}
 
 
@@ -212,7 +214,7 @@ def test_a_bias_of_a_stranger_is_taken_and_the_stream_stays() -> None:
     ask_from(MINE, device, Command.START, T0)
     sides(device, T0 + 0.02)
     ask_from(OTHER, device, Command.BIAS, T0 + 0.02)
-    device.receive([Datagram(b"nonsense", side=OTHER)], T0 + 0.02)
+    device.endpoint.receive([Datagram(b"nonsense", side=OTHER)], T0 + 0.02)
     assert set(sides(device, T0 + 0.04)) == {MINE}
     assert device.bias.tolist() == pytest.approx(np.array(LOAD) * 1e6)
 
@@ -223,10 +225,10 @@ def test_a_stop_of_a_stranger_ends_the_stream_or_not(may_stop: bool) -> None:
     ask_from(MINE, device, Command.START, T0)
     sides(device, T0 + 0.02)
     ask_from(OTHER, device, Command.STOP, T0 + 0.02)
-    device.data_to_send(T0 + 0.02)
+    device.endpoint.data_to_send(T0 + 0.02)
     assert bool(sides(device, T0 + 0.04)) is not may_stop
     ask_from(MINE, device, Command.STOP, T0 + 0.05)
-    device.data_to_send(T0 + 0.05)
+    device.endpoint.data_to_send(T0 + 0.05)
     assert sides(device, T0 + 0.1) == []
 
 
@@ -249,7 +251,7 @@ def test_a_saturated_gage_is_told_for_some_samples_more() -> None:
 def test_an_unplugged_transducer_freezes_the_counts_and_says_so() -> None:
     device = box(lambda times: np.outer(times - T0, np.ones(6)))
     streamed(device)
-    injection = ledger(device).inject("frames", "unplugged", T0 + 0.02, {})
+    injection = ledger(device).inject("sensor", "unplugged", T0 + 0.02, {})
     records = told(device, T0 + 0.03)
     assert {record.status for record in records} == {0x88000010}
     assert len({record.counts for record in records}) == 1
@@ -262,7 +264,7 @@ def test_each_fault_has_its_effect() -> None:
         streamed(device)
         injection = ledger(device).inject(target, fault, T0 + 0.02, parameters)
         records = told(device, T0 + 0.2)
-        device.data_to_send(T0 + 0.2)
+        device.endpoint.data_to_send(T0 + 0.2)
         assert injection.struck or fault in ("wrong", "noise"), fault
         return records
 
@@ -270,16 +272,16 @@ def test_each_fault_has_its_effect() -> None:
         1500000
     }
     assert {record.counts[2] for record in with_fault("signal", "dead", axis="fz")[1:]} == {0}
-    assert len(with_fault("frames", "slow", factor=10.0)) == 18
-    assert len({record.ft_sequence for record in with_fault("frames", "frozen-counter")}) == 1
+    assert len(with_fault("sensor", "slow", factor=10.0)) == 18
+    assert len({record.ft_sequence for record in with_fault("sensor", "frozen-counter")}) == 1
     assert {record.status for record in with_fault("sensor", "status", bit=8)[1:]} == {0x80000100}
     assert {record.status for record in with_fault("sensor", "threshold")[1:]} == {0x80010000}
     assert with_fault("sensor", "taken") == []
     assert with_fault("sensor", "power-cycle") == []
-    assert with_fault("frames", "off") == []
+    assert with_fault("sensor-wire", "off") == []
     assert {record.counts for record in with_fault("sensor", "biased")[1:]} == {(0,) * 6}
     assert len([record for record in with_fault("sensor", "saturated") if record.status]) in range(48, 53)
-    assert len(with_fault("frames", "duplication", probability=1.0)) == 360
+    assert len(with_fault("sensor-wire", "twice", probability=1.0)) == 360
     with pytest.raises(ValueError, match=r"no noise; set cell\.netft\.noise_n"):
         with_fault("signal", "noise")
 
@@ -325,7 +327,7 @@ def test_its_page_tells_what_its_counts_mean() -> None:
 
 def test_a_wrong_scale_is_told_by_the_page_alone() -> None:
     device = box()
-    ledger(device).inject("scales", "wrong", T0, {"factor": 0.5, "of": "forces"})
+    ledger(device).inject("sensor", "wrong-scales", T0, {"factor": 0.5, "of": "forces"})
     found = parse_page(read_answer(get(device, "/netftapi2.xml")) or b"")
     assert found.scales == pytest.approx((0.5e-6,) * 3 + (1e-6,) * 3)
 

@@ -75,8 +75,8 @@ class Bench:
         while True:
             to_robot = self.host.data_to_send(self.now)
             if to_robot:
-                self.robot.receive(to_robot, self.now)
-            to_host = self.robot.data_to_send(self.now)
+                self.robot.endpoint.receive(to_robot, self.now)
+            to_host = self.robot.endpoint.data_to_send(self.now)
             if to_host:
                 self.to_host += to_host
                 self.host.receive(to_host, self.now)
@@ -91,12 +91,16 @@ class Bench:
         self.exchange()
         yield
         while True:
-            due = [at for at in (self.robot.next_deadline(), self.host.next_deadline()) if at is not None]
+            due = [
+                at
+                for at in (self.robot.endpoint.next_deadline(), self.host.next_deadline())
+                if at is not None
+            ]
             if not due or min(due) > end:
                 self.now = end
                 return
             self.now = max(self.now, min(due))
-            self.robot.handle_deadline(self.now)
+            self.robot.endpoint.handle_deadline(self.now)
             self.host.handle_deadline(self.now)
             self.exchange()
             yield
@@ -394,10 +398,13 @@ def test_every_fault_has_a_hand_that_takes_its_parameters() -> None:
     bench = Bench()
     handled = {target: set(handlers) for target, handlers in bench.robot.handlers.items()}
     assert handled == {target: set(faults) for target, faults in S3_FAULTS.items()}
-    for name, fault in FAULTS.items():
-        for parameter in fault.parameters.values():
-            assert parameter.check(parameter.default) == parameter.default
-        bench.robot.inject(name, bench.now, **dict.fromkeys(fault.amounts, 1.0))
+    for target, faults in S3_FAULTS.items():
+        for name, fault in faults.items():
+            for parameter in fault.parameters.values():
+                assert parameter.check(parameter.default) == parameter.default
+            bench.robot.faults.inject(target, name, bench.now, dict.fromkeys(fault.amounts, 1.0))
+    with pytest.raises(ValueError, match=r"^late is a fault of pose and of wire; name its target$"):
+        bench.robot.inject("late", bench.now)
 
 
 LIVED_THROUGH: dict[str, tuple[dict[str, object], str, float]] = {
@@ -408,8 +415,8 @@ LIVED_THROUGH: dict[str, tuple[dict[str, object], str, float]] = {
     "lose-eot": ({}, "missing EOT", 0.22),
     "late-answer": ({"seconds": 4.0}, "", 4.0),
     "babble": ({"count": 30}, "noise", 2.0),
-    "silence": ({"seconds": 1.0}, "bid repeated", 2.0),
-    "line-break": ({"seconds": 1.0}, "noise bytes", 2.0),
+    "off": ({"for_s": 1.0}, "bid repeated", 2.0),
+    "line-break": ({"for_s": 1.0}, "noise bytes", 2.0),
 }
 
 
@@ -435,8 +442,8 @@ def test_a_fault_is_lived_through_counted_and_over(name: str) -> None:
 
 def test_what_waits_for_its_moment_can_be_called_off() -> None:
     bench = Bench()
-    for fault, row in (*LIVED_THROUGH.items(), ("refuse", ({}, "", 0.0))):
-        if fault not in ("babble", "silence", "line-break"):
+    for fault, row in (*LIVED_THROUGH.items(), ("refuses", ({}, "", 0.0))):
+        if fault not in ("babble", "off", "line-break"):
             bench.robot.inject(fault.partition(" ")[0], bench.now, **row[0])
     bench.robot.inject("power-cycle", bench.now, after_bytes=1)
     assert len(bench.robot.armed) == 8
@@ -458,28 +465,28 @@ def test_a_fault_of_several_strikes_as_often() -> None:
 def test_a_block_is_damaged_from_the_next_message_on() -> None:
     bench = Bench()
     order = bytes.fromhex("10 02 00 08 01 00 13 01 00 00 10 03 18")
-    bench.robot.receive(b"\x05" + order[:4], T0)
-    assert bench.robot.data_to_send(T0) == b"\x06"
+    bench.robot.endpoint.receive(b"\x05" + order[:4], T0)
+    assert bench.robot.endpoint.data_to_send(T0) == b"\x06"
     bench.robot.inject("nak-block", T0)
-    bench.robot.receive(order[4:], T0)
-    assert bench.robot.data_to_send(T0) == b"\x06", "it was under way"
-    bench.robot.receive(b"\x04", T0)
+    bench.robot.endpoint.receive(order[4:], T0)
+    assert bench.robot.endpoint.data_to_send(T0) == b"\x06", "it was under way"
+    bench.robot.endpoint.receive(b"\x04", T0)
     assert bench.robot.armed
     for byte in b"\x05" + order:
-        bench.robot.receive(bytes((byte,)), T0 + 0.001)
-    bench.robot.handle_deadline(T0 + 0.001)
-    assert bench.robot.data_to_send(T0 + 0.001) == b"\x06"
-    bench.robot.handle_deadline(T0 + 0.3)
-    assert bench.robot.data_to_send(T0 + 0.3) == b"\x15"
+        bench.robot.endpoint.receive(bytes((byte,)), T0 + 0.001)
+    bench.robot.endpoint.handle_deadline(T0 + 0.001)
+    assert bench.robot.endpoint.data_to_send(T0 + 0.001) == b"\x06"
+    bench.robot.endpoint.handle_deadline(T0 + 0.3)
+    assert bench.robot.endpoint.data_to_send(T0 + 0.3) == b"\x15"
 
 
 def test_the_next_order_of_a_function_is_refused_with_the_code() -> None:
     bench = Bench().operation()
-    bench.robot.inject("refuse", bench.now, code=12, function=20)
+    bench.robot.inject("refuses", bench.now, code=12, function=20)
     assert bench.status()
     assert bench.code(OPERATION) == 12
     assert bench.accepts(OPERATION)
-    bench.robot.inject("refuse", bench.now)
+    bench.robot.inject("refuses", bench.now)
     assert bench.code(read_status()) == 31
     assert bench.panel.state(bench.now).last_refusal == "read status: 31 not possible to proceed"
 
@@ -541,11 +548,11 @@ def test_an_order_without_answer_is_dropped_at_a_power_cycle() -> None:
 def test_a_block_is_damaged_after_a_power_cycle_in_the_middle_of_one() -> None:
     bench = Bench(S3Profile(start_up_s=0.001))
     bench.robot.inject("nak-block", T0)
-    bench.robot.receive(bytes.fromhex("05 10 02 00 08 01"), T0)
-    assert bench.robot.data_to_send(T0) == b"\x06"
+    bench.robot.endpoint.receive(bytes.fromhex("05 10 02 00 08 01"), T0)
+    assert bench.robot.endpoint.data_to_send(T0) == b"\x06"
     bench.robot.inject("power-cycle", T0)
     bench.now = T0 + 1.0
-    bench.robot.handle_deadline(bench.now)
+    bench.robot.endpoint.handle_deadline(bench.now)
     bench.status()
     assert bench.count("NAK received") == 1
 
@@ -570,9 +577,9 @@ def test_half_a_message_at_the_end_of_the_start_up_is_noise() -> None:
     bench = Bench(S3Profile(start_up_s=1.0))
     bench.robot.inject("power-cycle", bench.now)
     order = bytes.fromhex("05 10 02 00 08 01 00 13 01 00 00 10 03 18 04")
-    bench.robot.receive(order[:7], T0 + 0.5)
+    bench.robot.endpoint.receive(order[:7], T0 + 0.5)
     bench.now = T0 + 1.0
-    bench.robot.receive(order[7:], bench.now)
+    bench.robot.endpoint.receive(order[7:], bench.now)
     bench.wait(3.0)
     assert bench.to_host == b""
     assert bench.status().standby
@@ -581,7 +588,7 @@ def test_half_a_message_at_the_end_of_the_start_up_is_noise() -> None:
 def test_a_frozen_interpolator_takes_points_and_goes_on_later() -> None:
     bench = Bench().moving(0.0)
     bench.wait(0.5)
-    bench.robot.inject("freeze", bench.now, seconds=3.0)
+    bench.robot.inject("stands", bench.now, for_s=3.0)
     bench.wait(0.5)
     stood = bench.true_position
     for y in (0.01, 0.02, 0.03):
@@ -622,7 +629,7 @@ def test_a_certain_path_stays_as_it_was_told() -> None:
     times = np.linspace(bench.now, certain, 50)
     before = bench.robot.motion.path.trajectory(times)[0]
     bench.robot.inject("encoder-offset", bench.now, y_mm=50.0)
-    bench.robot.inject("freeze", bench.now)
+    bench.robot.inject("stands", bench.now)
     bench.wait(1.0)
     assert np.array_equal(bench.robot.motion.path.trajectory(times)[0], before)
 
@@ -667,20 +674,23 @@ def test_looking_changes_nothing() -> None:
         ({"do": "key"}, "key goes to auto or manual, not None"),
         ({"do": "key", "to": {}}, "key goes to"),
         ({"do": "inject"}, "needs the name of a fault"),
-        ({"do": "inject", "fault": "refuse", "with": 3}, "table of parameters"),
+        ({"do": "inject", "fault": "refuses", "with": 3}, "table of parameters"),
         ({"do": "inject", "fault": "flood"}, "no fault is called 'flood'; known: emergency-stop"),
         (
-            {"do": "inject", "fault": "refuse", "with": {"cod": 1}},
-            "refuse has no parameter 'cod'; known: code",
+            {"do": "inject", "fault": "refuses", "with": {"cod": 1}},
+            "refuses has no parameter 'cod'; known: code",
         ),
         (
-            {"do": "inject", "fault": "refuse", "with": {"code": 65536}},
-            "refuse: code must be a number of 0 … 65535",
+            {"do": "inject", "fault": "refuses", "with": {"code": 65536}},
+            "refuses: code must be a number of 0 … 65535",
         ),
-        ({"do": "inject", "fault": "refuse", "with": {"code": 1.5}}, "whole number"),
-        ({"do": "inject", "fault": "refuse", "with": {"code": True}}, "must be a number"),
-        ({"do": "inject", "fault": "silence", "with": {"seconds": "nan"}}, "must be a number of 0 … 3600 s"),
-        ({"do": "inject", "fault": "silence", "with": {"seconds": 10**400}}, "must be a number"),
+        ({"do": "inject", "fault": "refuses", "with": {"code": 1.5}}, "whole number"),
+        ({"do": "inject", "fault": "refuses", "with": {"code": True}}, "must be a number"),
+        (
+            {"do": "inject", "fault": "late-answer", "with": {"seconds": "nan"}},
+            "must be a number of 0 … ",
+        ),
+        ({"do": "inject", "fault": "late-answer", "with": {"seconds": 10**400}}, "must be a number"),
         ({"do": "inject", "fault": "drop-ack", "with": {"of": "all"}}, "must be block or bid"),
     ],
 )

@@ -40,21 +40,21 @@ class Pair:
 
     def cycle(self, telegrams: int = 1, answers: int = 1, late: bool = False) -> None:
         """One cycle, with so many copies of the telegram and of the answer; a late answer comes in the next cycle."""
-        due = self.robot.next_deadline()
+        due = self.robot.endpoint.next_deadline()
         assert due is not None
-        self.robot.handle_deadline(due)
+        self.robot.endpoint.handle_deadline(due)
         self.now = due
         self.corrections.append(self.robot.correction[2])
         replies: list[bytes] = []
-        for telegram in self.robot.data_to_send(due):
+        for telegram in self.robot.endpoint.data_to_send(due):
             for _ in range(telegrams):
                 replies += self.answered(telegram)
         if late:
-            self.robot.handle_deadline(due)  # not due: nothing happens
+            self.robot.endpoint.handle_deadline(due)  # not due: nothing happens
             self.late = replies
             return
         for reply in [*getattr(self, "late", []), *replies]:
-            self.robot.receive([reply] * answers, due + 0.001)
+            self.robot.endpoint.receive([reply] * answers, due + 0.001)
         self.late = []
 
     def answered(self, telegram: bytes) -> list[bytes]:

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from emulators.devices.rtde import RTDE_FAULTS, RtdeProfile, RtdeRobot
 from emulators.devices.rtde.arm import JointArm, Servo
+from emulators.devices.rtde.connection import Connection
 from emulators.devices.rtde.kinematics import ARMS, USUAL, flange, nearest, solutions
 from emulators.devices.rtde.robot import CLIENTS_MAX
 from emulators.faults import Ledger
@@ -570,7 +571,7 @@ STOPS = [
     ("robot", "safeguard-stop", {}, "safeguard stop; close"),
     ("robot", "program-stopped", {}, "our program is stopped"),
     ("robot", "program-paused", {}, "our program is paused"),
-    ("robot", "power-off", {}, "'power off'; power it on"),
+    ("robot", "motors-off", {}, "'power off'; power it on"),
     ("robot", "slider", {"percent": 40.0}, "speed slider stands at 40 %"),
     ("pose", "nan", {}, "it reports the position (nan, nan, nan)"),
 ]
@@ -603,7 +604,7 @@ SEEN = [
     ("protective-stop", (7, 3, 0x404, 1, 4)),
     ("safeguard-stop", (7, 5, 0x410, 1, 4)),
     ("emergency-stop", (3, 7, 0x4C0, 0, 1)),
-    ("power-off", (3, 1, 0x001, 0, 1)),
+    ("motors-off", (3, 1, 0x001, 0, 1)),
 ]
 
 
@@ -652,7 +653,7 @@ def test_the_drop_of_all_connections_closes_them_and_the_arm_brakes() -> None:
     pair = ready()
     pair.begin(dx=-0.1)
     pair.pass_time(0.1)
-    pair.inject("connection", "dropped")
+    pair.inject("wire", "dropped")
     assert pair.ports[Port.RTDE].server.closing
     pair.run(0.3)
     assert pair.controller.runtime == Runtime.STOPPED
@@ -663,7 +664,7 @@ def test_a_mute_robot_ends_the_movement_within_a_tenth_of_a_second() -> None:
     pair = ready()
     pair.begin(dx=-0.1)
     pair.pass_time(0.1)
-    pair.inject("connection", "mute", for_s=1.0)
+    pair.inject("wire", "mute", for_s=1.0)
     pair.pass_time(0.098)
     assert not pair.lost
     pair.pass_time(0.006)
@@ -674,15 +675,15 @@ def test_a_deaf_robot_stops_its_program() -> None:
     pair = ready()
     pair.begin(dx=-0.1)
     pair.pass_time(0.1)
-    pair.inject("connection", "deaf")
+    pair.inject("wire", "deaf")
     pair.pass_time(0.3)
     assert "our program is stopped" in pair.fault
 
 
 def test_late_and_lost_packets_keep_their_order_and_their_numbers() -> None:
     pair = ready()
-    pair.inject("connection", "late", ms=20.0, for_s=0.1)
-    pair.inject("connection", "lost", count=3)
+    pair.inject("wire", "late", ms=20.0, for_s=0.1, way="from")
+    pair.inject("wire", "lost", probability=1.0, count=3, way="from")
     count = len(pair.reports)
     pair.pass_time(0.3)
     new = pair.reports[count:]
@@ -715,10 +716,10 @@ def test_every_fault_has_a_handler() -> None:
     ("profile", "act", "words"),
     [
         (replace(EXACT, remote_control=False), None, "switch it to Remote Control"),
-        (EXACT, ("robot", "power-off"), "power it on"),
+        (EXACT, ("robot", "motors-off"), "power it on"),
         (EXACT, ("robot", "protective-stop"), "PROTECTIVE_STOP"),
-        (EXACT, ("connection", "in-use"), "another client holds its input registers"),
-        (EXACT, ("connection", "mute"), "it sends no data"),
+        (EXACT, ("robot", "in-use"), "another client holds its input registers"),
+        (EXACT, ("wire", "mute"), "its dashboard does not answer"),
     ],
 )
 def test_a_robot_that_is_not_ready_is_told_in_one_line(
@@ -736,6 +737,13 @@ def test_a_robot_that_is_not_ready_is_told_in_one_line(
     fresh.pass_time(3.0)
     assert words in fresh.lost[0]
     assert not fresh.reports
+
+
+def test_a_robot_that_answers_and_sends_no_data_is_told_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Connection, "_sends", False)
+    pair = Pair(EXACT)
+    pair.pass_time(3.0)
+    assert "it sends no data" in pair.lost[0]
 
 
 def test_a_jump_of_the_target_is_a_protective_stop() -> None:
@@ -1086,7 +1094,7 @@ def test_the_client_asks_for_nothing_that_the_controller_has_not() -> None:
 def test_a_cut_cable_carries_nothing_to_any_port_nor_to_a_connection_that_comes() -> None:
     desk = Desk()
     board = desk.plug(Port.DASHBOARD)
-    cut = desk.inject("link", "off", for_s=1.0)
+    cut = desk.inject("wire", "off", for_s=1.0)
     assert board.line("robotmode") == ""
     assert desk.plug(Port.DASHBOARD).got == b""
     assert cut.struck > 0
@@ -1097,7 +1105,7 @@ def test_a_cut_cable_carries_nothing_to_any_port_nor_to_a_connection_that_comes(
 def test_a_slow_cable_carries_everything_both_ways_late() -> None:
     desk = Desk()
     board = desk.plug(Port.DASHBOARD)
-    desk.inject("link", "delay", ms=100.0)
+    desk.inject("wire", "late", ms=100.0)
     assert board.line("robotmode") == ""
     before = len(board.got)
     desk.run(0.196)

@@ -149,7 +149,7 @@ def test_faults_are_those_of_the_parts_and_no_others() -> None:
     lower(cell, FLOOR, T0 + 1.5)
     assert cell.robot.accepted == 1
     with pytest.raises(ValueError, match=r"^no target is called 'robot'; known: stream, bus, surface[^\n]+$"):
-        cell.inject("robot", "standby", T0 + 2.0)
+        cell.inject("robot", "motors-off", T0 + 2.0)
     with pytest.raises(ValueError, match=r"^this cell cannot have surface: step; [^\n]+$"):
         cell.inject("surface", "step", T0 + 2.0)
 

@@ -86,7 +86,7 @@ def test_a_tool_that_is_to_stand_still_forgets_its_orders(guarded: Run, configur
         5e3,
         {
             "cell": {"obstacle": {"height_mm": 1.0, "stiffness_n_m": 5e4}},
-            "faults": [{"on": "robot", "fault": "freeze", "phase": "retract", "after_s": 2.6, "for_s": 2.0}],
+            "faults": [{"on": "robot", "fault": "stands", "phase": "retract", "after_s": 2.6, "for_s": 2.0}],
         },
     )
     run = guarded(config)
@@ -103,8 +103,8 @@ def test_above_the_start_a_pressing_tool_is_retracted_too(
 ) -> None:
     """The surface rises by 8°, so that the tool presses higher than it started."""
     faults = {
-        "refused": [{"on": "robot", "fault": "refuse", "when": "depth_mm < -1", "with": {"function": 24}}],
-        "silent sensor": [{"on": "frames", "fault": "off", "when": "depth_mm < -1", "for_s": 600.0}],
+        "refused": [{"on": "robot", "fault": "refuses", "when": "depth_mm < -1", "with": {"function": 24}}],
+        "silent sensor": [{"on": "sensor-wire", "fault": "off", "when": "depth_mm < -1", "for_s": 600.0}],
     }
 
     def break_down(run: Guarded, record: Any) -> None:

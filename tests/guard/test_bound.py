@@ -107,7 +107,7 @@ def test_the_true_force_stays_below_its_bound(robot: str, period_ms: float, stif
 @pytest.mark.parametrize("ms", [30.0, 200.0])
 def test_a_slow_line_ends_the_run_before_it_touches(ms: float) -> None:
     """Each byte comes so much later: a cycle takes 0.8 and 3.5 s."""
-    slow = {"on": "link", "fault": "delay", "phase": "connect", "for_s": 3600.0, "with": {"ms": ms}}
+    slow = {"on": "wire", "fault": "late", "phase": "connect", "for_s": 3600.0, "with": {"ms": ms}}
     recording = hil_bridge.simulate(hit("s3", "jr3", 0.0, 5e4), faults=[slow]).recording
     assert "the line to the robot is too slow" in recording.end["text"]
     assert recording.end["cause"] == Cause.SLOW_CYCLES

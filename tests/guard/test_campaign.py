@@ -49,10 +49,9 @@ PARAMETERS: dict[tuple[str, str], dict[str, Any]] = {
     ("pose", "encoder-offset"): {"z_mm": 2.0},
     ("pose", "offset"): {"z_mm": 200.0},
     ("pose", "drift"): {"z_mm_s": 20.0},
-    ("link", "off"): {"for_s": 60.0},
-    ("frames", "off"): {"for_s": 60.0},
-    ("frames", "unplugged"): {"for_s": 60.0},
-    ("robot", "silence"): {"for_s": 60.0},
+    ("wire", "off"): {"for_s": 60.0},
+    ("sensor-wire", "off"): {"for_s": 60.0},
+    ("sensor", "unplugged"): {"for_s": 60.0},
     ("computer", "pause"): {"seconds": 2.0},
     ("surface", "hard"): {"factor": 2.0},
 }
@@ -61,7 +60,7 @@ PARAMETERS: dict[tuple[str, str], dict[str, Any]] = {
 BEFORE = ("connect", "tare")
 SEEN_BY_WEIGHT = {
     ("signal", "dead"), ("signal", "scale"), ("signal", "offset"), ("signal", "sign"), ("signal", "swapped"),
-    ("scales", "wrong"),
+    ("sensor", "wrong-scales"),
 }  # fmt: skip
 """Faults of the axis that the tool's weight lies on: found before anything moves."""
 FITTING = {

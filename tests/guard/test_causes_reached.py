@@ -191,12 +191,12 @@ def fault(on: str, name: str, phase: str = "connect", after_s: float = 0.0, **va
 
 RUNS: dict[Cause, tuple[dict[str, Any], list[dict[str, Any]]]] = {
     Cause.ROBOT_NOT_READY: (S3, [fault("robot", "emergency-stop")]),
-    Cause.SENSOR_FAILED: (S3, [{**fault("frames", "off"), "for_s": 600.0}]),
+    Cause.SENSOR_FAILED: (S3, [{**fault("sensor-wire", "off"), "for_s": 600.0}]),
     Cause.UNSTEADY: (S3, [fault("signal", "drift", per_s=30.0)]),
     Cause.WEIGHT: (S3, [fault("signal", "dead")]),
     Cause.UNVERIFIED_AXIS: ({**S3, "cell": {"tool": {"mass_kg": 0.05}}}, []),
     Cause.LIFT_FOLLOW: (S3, [fault("pose", "frozen")]),
-    Cause.LIFT_STATE: (S3, [fault("pose", "standby", "tare", 1.0)]),
+    Cause.LIFT_STATE: (S3, [fault("robot", "false-standby", "tare", 1.0)]),
     Cause.ZERO: ({**S3, "limits": {"zero_max_n": 0.01}, "sensor": {"unchecked": True}}, []),
     Cause.ROBOT_STATE: (EGM, [fault("robot", "motors-off", "track", 0.1)]),
 }

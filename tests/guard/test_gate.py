@@ -383,7 +383,7 @@ def test_a_refused_way_back_does_not_keep_the_tool_on_the_surface(
     guarded: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The controller asks for a way far back, and the robot refuses that one order."""
-    refused = {"on": "robot", "fault": "refuse", "phase": "track", "after_s": 1.1, "with": {"code": 31}}
+    refused = {"on": "robot", "fault": "refuses", "phase": "track", "after_s": 1.1, "with": {"code": 31}}
     values = tracking("s3", 5e3).model_dump(exclude_unset=True)
     config = read_config({**values, "faults": [refused]})
     lie(monkeypatch, config, -0.02)

@@ -76,7 +76,7 @@ def test_no_moment_of_the_way_hides_a_pressing_tool(
 def test_a_force_that_is_not_told_is_unknown(guarded: Run, robot: str, stiffness: float) -> None:
     """The sensor falls silent on the way to the zero while the surface rises."""
     at_s = RISES_AT_S[robot]
-    silent = {"on": "frames", "fault": "off", "phase": "tare", "after_s": at_s + 0.05, "for_s": 600.0}
+    silent = {"on": "sensor-wire", "fault": "off", "phase": "tare", "after_s": at_s + 0.05, "for_s": 600.0}
     run = guarded(close(robot, stiffness, [rises(at_s, 1.0), silent]))
     assert run.last > 2.0
     assert "force unknown" in run.result.left
@@ -110,7 +110,9 @@ def test_a_tool_that_comes_to_rest_behind_the_last_order_is_told_there(guarded: 
     values = {
         "limits": {"correction_total_mm": 20.0},
         "task": {"retract_mm": 8.0, "retract_speed_mm_s": 50.0},
-        "faults": [{"on": "robot", "fault": "rapid-stop", "phase": "retract", "after_s": 0.1, "for_s": 0.1}],
+        "faults": [
+            {"on": "robot", "fault": "program-stopped", "phase": "retract", "after_s": 0.1, "for_s": 0.1}
+        ],
     }
     config = read_config({**config.model_dump(exclude_unset=True), **values})
     run = guarded(config)
@@ -123,7 +125,7 @@ def test_a_tool_that_comes_to_rest_behind_the_last_order_is_told_there(guarded: 
 @pytest.mark.parametrize("after_s", [0.02, 0.1, 0.2])
 def test_a_robot_that_tells_nothing_any_more_is_waited_for(guarded: Run, after_s: float) -> None:
     """The connection is dropped in the retraction: the robot comes to rest unseen, and the sensor tells on."""
-    dropped = {"on": "connection", "fault": "dropped", "phase": "retract", "after_s": after_s}
+    dropped = {"on": "wire", "fault": "dropped", "phase": "retract", "after_s": after_s}
     values = {
         "robot": {"emulated": "rtde"},
         "sensor": {"emulated": "netft"},

@@ -92,7 +92,7 @@ def test_a_retraction_above_the_limit_has_a_ceiling_at_once(
 @pytest.mark.parametrize("robot", ["s3", "egm"])
 @pytest.mark.parametrize("stiffness", [5e3, 5e4])
 def test_a_blind_retraction_is_short(guarded: Run, robot: str, stiffness: float) -> None:
-    silent = {"on": "frames", "fault": "off", "phase": "track", "after_s": 1.5, "for_s": 600.0}
+    silent = {"on": "sensor-wire", "fault": "off", "phase": "track", "after_s": 1.5, "for_s": 600.0}
     run = guarded(cell(robot, stiffness, silent, behind(0.2)))
     longest = max(3.0, max(cycle.depth for cycle in run.cycles) * 1e3)
     assert run.largest <= HARD * (longest - 0.2) * 1e-3 + 2.0

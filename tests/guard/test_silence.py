@@ -21,7 +21,7 @@ LONGEST_S = 1.5
 
 def silenced(period_ms: int, phase: str, after_s: float, **robot: Any) -> Config:
     """A run on a hard surface whose answers do not reach the robot from a moment on."""
-    lost = {"on": "link", "fault": "deaf", "phase": phase, "after_s": after_s, "for_s": 3.0}
+    lost = {"on": "wire", "fault": "deaf", "phase": phase, "after_s": after_s, "for_s": 3.0}
     return read_config(
         {
             "run": {"duration_s": 1.0, "period_ms": period_ms},

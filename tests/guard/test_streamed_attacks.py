@@ -46,7 +46,7 @@ def fault(on: str, name: str, **how: Any) -> dict[str, Any]:
 
 
 LATER = [
-    fault("frames", "delay", ms=150.0, way="from") | {"after_s": after_s}
+    fault("sensor-wire", "late", ms=150.0, way="from") | {"after_s": after_s}
     for after_s in (0.05, 0.35, 0.65, 0.95)
 ]
 
@@ -67,7 +67,7 @@ def test_a_tool_goes_no_deeper_while_the_next_force_is_late(guarded: Run, robot:
 
     With six of ten lost it pressed with up to 77 N, on a surface that was expected to be soft.
     """
-    lost = fault("frames", "loss", probability=0.6, way="from")
+    lost = fault("sensor-wire", "lost", probability=0.6, way="from")
     task = {"approach_speed_mm_s": 9.5, "expected_stiffness_n_m": 2e3}
     run = guarded(streamed(robot, sensor={"emulated": "jr3"}, task=task, faults=[lost]))
     assert any("next force is late" in reason for cycle in run.cycles for reason in cycle.reasons)
@@ -82,7 +82,7 @@ def test_a_sensor_that_falls_silent_on_the_way_leads_to_no_touch(guarded: Run) -
         "sensor": {"emulated": "ft300"},
         "cell": {"start_position_mm": start, "surface": {"stiffness_n_m": STIFFNESS}},
         "task": {"approach_speed_mm_s": 9.5, "expected_stiffness_n_m": 2e3},
-        "faults": [fault("frames", "off")],
+        "faults": [fault("sensor-wire", "off")],
     }
     run = guarded(read_config(config))
     assert "ms old" in run.cause
@@ -93,7 +93,7 @@ def test_a_sensor_that_falls_silent_on_the_way_leads_to_no_touch(guarded: Run) -
 @pytest.mark.parametrize("phase", ["approach", "track"])
 def test_one_delay_leaves_the_force_below_its_bound(guarded: Run, ms: float, phase: str) -> None:
     """It is shorter than `limits.stale_after_ms`, so that the run goes on, with the forces paired by their true age."""
-    late = fault("frames", "delay", ms=ms, way="from") | {"phase": phase, "after_s": 0.05}
+    late = fault("sensor-wire", "late", ms=ms, way="from") | {"phase": phase, "after_s": 0.05}
     config = streamed("egm", sensor={"emulated": "ft300"}, faults=[late])
     assert guarded(config).largest <= bound(config)
 
@@ -116,7 +116,7 @@ def test_a_robot_that_adds_whole_corrections_up_gets_no_more_of_them(guarded: Ru
 
 OFTEN = {"run": {"duration_s": 2.0, "period_ms": 4}, "controller": {"sample_ms": 4}}
 SOFT = {"task": {"expected_stiffness_n_m": 5e3}}
-DOUBLED = fault("link", "duplication", probability=1.0, way="to")
+DOUBLED = fault("wire", "twice", probability=1.0, way="to")
 STRAYS: dict[str, tuple[Config, str]] = {
     "EGM queues each answer that comes twice": (streamed("egm", **OFTEN, **SOFT, faults=[DOUBLED]), "behind"),
     "from the first contact on": (
@@ -127,7 +127,7 @@ STRAYS: dict[str, tuple[Config, str]] = {
         streamed(
             "rsi",
             cell={"rsi": {"mode": "relative", "holdon": "keep"}},
-            faults=[fault("packets", "reordered")],
+            faults=[fault("wire", "reordered")],
         ),
         "ahead of",
     ),

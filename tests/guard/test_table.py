@@ -149,8 +149,8 @@ SENSOR_FAULTS = {
     "gain 0.1": fault("signal", "scale", factor=0.1),
     "sign": fault("signal", "sign"),
     "offset": fault("signal", "offset", amount=20.0),
-    "full scale halved": fault("scales", "wrong", factor=0.5),
-    "full scale doubled": fault("scales", "wrong", factor=2.0),
+    "full scale halved": fault("sensor", "wrong-scales", factor=0.5),
+    "full scale doubled": fault("sensor", "wrong-scales", factor=2.0),
 }
 
 
@@ -209,7 +209,7 @@ POSE_FAULTS = {
     "1000 mm off": (fault("pose", "offset", z_mm=1000.0), "where the robot is"),
     "frozen": (fault("pose", "frozen"), "does not follow"),
     "mirrored": (fault("pose", "mirrored"), "does not follow"),
-    "standby": (fault("pose", "standby"), "in standby"),
+    "standby": (fault("robot", "false-standby"), "in standby"),
     "turned": (fault("pose", "turned"), "where the tool's weight is"),
 }
 
@@ -235,7 +235,7 @@ TRACK_POSE_FAULTS = {
     "1000 mm off": (fault("pose", "offset", z_mm=1000.0, phase="track", after_s=1.0), "jumped by"),
     "30 mm off": (fault("pose", "offset", z_mm=-30.0, phase="track", after_s=1.0), "jumped by"),
     "frozen": (fault("pose", "frozen", phase="track", after_s=1.0), "from the commanded one"),
-    "standby": (fault("pose", "standby", phase="track", after_s=1.0), "in standby"),
+    "standby": (fault("robot", "false-standby", phase="track", after_s=1.0), "in standby"),
     "turned": (fault("pose", "turned", phase="track", after_s=1.0), "turned by 30.0°"),
     "drifts": (fault("pose", "drift", z_mm_s=20.0, phase="track", after_s=1.0), "all that was ordered"),
 }
@@ -259,7 +259,7 @@ def test_a_pose_that_becomes_untrue_stops_and_retracts(
 def test_one_refused_move_ends_the_run_with_the_tool_retracted(
     guarded: Run, configured: Configured, stiffness: float
 ) -> None:
-    run = guarded(configured(stiffness, fault("robot", "refuse", function=24, phase="track", after_s=1.0)))
+    run = guarded(configured(stiffness, fault("robot", "refuses", function=24, phase="track", after_s=1.0)))
     assert run.result.outcome is Outcome.STOPPED
     assert "refused order 24: 31" in run.cause
     assert run.result.cause is Cause.REFUSED_ORDER
@@ -271,7 +271,7 @@ def test_one_refused_move_ends_the_run_with_the_tool_retracted(
 def test_a_line_that_is_cut_leaves_the_tool_and_says_so(
     guarded: Run, configured: Configured, stiffness: float
 ) -> None:
-    run = guarded(configured(stiffness, fault("link", "off", phase="track", after_s=1.0, for_s=600.0)))
+    run = guarded(configured(stiffness, fault("wire", "off", phase="track", after_s=1.0, for_s=600.0)))
     assert run.result.outcome is Outcome.STOPPED
     assert "robot on memory:robot" in run.cause
     assert run.result.cause is Cause.DEAD_LINK

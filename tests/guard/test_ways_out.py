@@ -46,14 +46,14 @@ class Way(NamedTuple):
 RETRACTED, NOT = "left: retracted, ", "left: NOT retracted: left at "
 WAYS: dict[str, Way] = {
     "refused move": Way(
-        'on = "robot"\nfault = "refuse"\nwith = { function = 24 }', RETRACTED, False, "refused order 24: 31"
+        'on = "robot"\nfault = "refuses"\nwith = { function = 24 }', RETRACTED, False, "refused order 24: 31"
     ),
     "emergency stop": Way('on = "robot"\nfault = "emergency-stop"', NOT, True, "emergency stop"),
-    "dead link": Way('on = "link"\nfault = "off"\nfor_s = 600.0', NOT, True, "robot on memory:robot"),
+    "dead link": Way('on = "wire"\nfault = "off"\nfor_s = 600.0', NOT, True, "robot on memory:robot"),
     "late answer": Way(
         'on = "robot"\nfault = "late-answer"\nwith = { seconds = 12.0 }', RETRACTED, False, "no answer"
     ),
-    "silent sensor": Way('on = "frames"\nfault = "off"\nfor_s = 600.0', NOT, False, "no new force"),
+    "silent sensor": Way('on = "sensor-wire"\nfault = "off"\nfor_s = 600.0', NOT, False, "no new force"),
 }
 
 

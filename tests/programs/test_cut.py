@@ -101,7 +101,7 @@ def test_an_emergency_stop_leaves_the_tool_where_it_is(play: Play, robot: str, w
 @EACH
 @ROBOTS
 def test_a_link_that_is_lost_leaves_the_tool_where_it_is(play: Play, robot: str, word: str) -> None:
-    run = cut(play, robot, word, lambda run: run.inject("link", "off", for_s=600.0))
+    run = cut(play, robot, word, lambda run: run.inject("wire", "off", for_s=600.0))
     assert run.stopped
     assert ("nothing came after 3 bids" if robot == "s3" else "sent nothing for 0.5 s") in run.cause
     stands(run)
@@ -113,7 +113,7 @@ def test_a_link_that_is_lost_leaves_the_tool_where_it_is(play: Play, robot: str,
 @ROBOTS
 def test_a_sensor_that_falls_silent_lets_the_tool_back_a_little(play: Play, robot: str, word: str) -> None:
     """It goes back to the depth of the start, or a little behind the contact, and no farther."""
-    run = cut(play, robot, word, lambda run: run.inject("frames", "off", for_s=600.0))
+    run = cut(play, robot, word, lambda run: run.inject("sensor-wire", "off", for_s=600.0))
     assert run.stopped
     number, _ = STEPS[word]
     told = "tells no force to retract the tool by" if word == "retract" else "the newest force is"

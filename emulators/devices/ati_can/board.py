@@ -3,14 +3,13 @@
 from collections import deque
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import Self
 
 import numpy as np
 
 from emulators.devices.ati_can.profile import AtiCanProfile
 from emulators.faults.ledger import Handler, Injection
 from emulators.faults.own import OwnFaults
-from emulators.faults.wire import FRAMES, FaultyWire
+from emulators.faults.packets import FRAMES, SENSOR_WIRE, Packets
 from emulators.seams import WrenchSource
 from emulators.sensing import Converter, MeasuredWrench
 from emulators.unmodelled import Unmodelled
@@ -43,7 +42,7 @@ _REMEMBERED = 4096
 
 
 class AtiCanBoard:
-    """Endpoint of the board: takes and gives CAN frames, tells no events. An `EmulatedSensor`."""
+    """The board behind its wire, which `endpoint` is: takes and gives CAN frames. An `EmulatedSensor`."""
 
     def __init__(self, profile: AtiCanProfile, source: WrenchSource, powered_at: float, seed: int) -> None:
         self.profile = profile
@@ -53,7 +52,8 @@ class AtiCanBoard:
         noise = np.full(GAGES, profile.noise_gages)
         converter = Converter(matrix, noise, *ends, offset=float(profile.offset_gages))
         self._measured = MeasuredWrench(source, RATE_HZ, converter, seed, "cell.ati_can.noise_gages")
-        self._wire: FaultyWire[Sequence[CanFrame]] = FaultyWire(FRAMES, f"{seed} frames")
+        self.endpoint: Packets[Sequence[CanFrame]] = Packets(self, FRAMES, f"{seed} frames")
+        """The end of its wire."""
         self._faults = OwnFaults()
         self._read = self._measured.number_at(powered_at)
         self._count = 0
@@ -65,21 +65,15 @@ class AtiCanBoard:
         held, striking = self._faults.held, self._faults.striking
         self.handlers: Mapping[str, Mapping[str, Handler]] = {
             "signal": self._measured.signal.handlers,
-            "scales": held(("wrong",)),
-            "frames": {**self._wire.handlers, **held(("unplugged", "slow"))},
+            SENSOR_WIRE: self.endpoint.handlers,
             "sensor": {
-                **held(("status",)),
+                **held(("wrong-scales", "unplugged", "status")),
                 **striking(
                     {"power-cycle": self._power_cycle, "watchdog": partial(self._boot, watchdog=True)}
                 ),
                 "other-host": Handler(self._other_host),
             },
         }
-
-    @property
-    def endpoint(self) -> Self:
-        """The board itself is the end of its wire."""
-        return self
 
     def sampled_at(self, counter: int) -> float | None:
         """When it measured the sample that it told as the one of this number, s."""
@@ -101,9 +95,13 @@ class AtiCanBoard:
 
     def receive(self, data: Sequence[CanFrame], now: float) -> None:
         """Take questions; what is none gets no answer."""
-        if self._wire.bad:
-            data = self._wire.incoming(data, now)
-        self._take(data, now)
+        for frame in data:
+            if now < self._hears_from or frame.extended or frame.remote or frame.error:
+                continue
+            if frame.identifier >> 4 != self._base:
+                continue
+            if answer := self._answer(frame.identifier & 0xF, frame.data, now):
+                self._answers.append((now + self.profile.turnaround_s, answer))
 
     def next_event(self) -> None:
         """A board tells nothing."""
@@ -113,30 +111,16 @@ class AtiCanBoard:
         out: list[CanFrame] = []
         while self._answers and self._answers[0][0] <= now:
             out += self._answers.popleft()[1]
-        return self._wire.outgoing(out, now) if self._wire.bad else out
+        return out
 
     def next_deadline(self) -> float | None:
         """When the next answer goes out, s."""
-        due = self._answers[0][0] if self._answers else None
-        return self._wire.next_deadline(due) if self._wire.bad else due
+        return self._answers[0][0] if self._answers else None
 
     def handle_deadline(self, now: float) -> None:
-        """Take the frames that were late on the wire and are due now."""
-        if self._wire.bad and (data := self._wire.arrived(now)):
-            self._take(data, now)
+        """Answers go out with `data_to_send`."""
 
     # --- questions
-
-    def _take(self, data: Sequence[CanFrame], now: float) -> None:
-        for frame in data:
-            if now < self._hears_from or frame.extended or frame.remote or frame.error:
-                continue
-            if frame.identifier >> 4 != self._base:
-                continue
-            if answer := self._answer(frame.identifier & 0xF, frame.data, now):
-                slow = self._faults.under_way("slow", now)
-                late = 0.0 if slow is None else slow.number("ms") * 1e-3
-                self._answers.append((now + self.profile.turnaround_s + late, answer))
 
     def _answer(self, op: int, data: bytes, now: float) -> Sequence[CanFrame]:
         """Frames of the answer; none for an operation that is not known, and for a byte that is missing or wrong."""
@@ -181,7 +165,7 @@ class AtiCanBoard:
 
     def _counts(self, kind: str, now: float) -> int:
         """Counts for a unit, as it tells them."""
-        counts, wrong = self.profile.counts_per_unit, self._faults.under_way("wrong", now)
+        counts, wrong = self.profile.counts_per_unit, self._faults.under_way("wrong-scales", now)
         if wrong is None or wrong.values["of"] not in ("all", kind):
             return counts
         return max(1, min(2**32 - 1, round(counts / (wrong.number("factor") or 1.0))))

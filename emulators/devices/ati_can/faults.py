@@ -3,22 +3,17 @@
 from collections.abc import Mapping
 
 from emulators.faults.kinds import FOREVER, Fault, Parameter
-from emulators.faults.wire import WIRE_FAULTS
-from emulators.sensing.faults import SCALES_FAULTS, SIGNAL_FAULTS
+from emulators.faults.packets import FRAMES, SENSOR_WIRE
+from emulators.sensing.faults import SIGNAL_FAULTS, WRONG_SCALES
 
 ATI_CAN_FAULTS: Mapping[str, Mapping[str, Fault]] = {
     "signal": SIGNAL_FAULTS,
-    "scales": SCALES_FAULTS,
-    "frames": {
-        **WIRE_FAULTS,
+    SENSOR_WIRE: FRAMES.faults,
+    "sensor": {
+        **WRONG_SCALES,
         "unplugged": Fault(
             "the transducer's plug is pulled: its gages go to an end, without a status", {}, 2.0
         ),
-        "slow": Fault(
-            "answers come later", {"ms": Parameter(50.0, "by how much", 0.0, 1000.0, "ms")}, FOREVER
-        ),
-    },
-    "sensor": {
         "power-cycle": Fault("it loses its supply, and boots", {}),
         "watchdog": Fault("its watchdog resets it: it boots, chooses slot 0, and tells it in its status", {}),
         "status": Fault(

@@ -14,12 +14,12 @@ from enum import Enum
 
 from emulators.arm.followed import FollowedArm, FollowedProfile
 from emulators.arm.own_force import Errors, OwnForce
-from emulators.devices.egm.bad_link import BadLink
-from emulators.devices.egm.bad_pose import BadPose
+from emulators.arm.told_pose import ToldPose
 from emulators.devices.egm.guided import OUT_OF_BOUNDS, ArmJoints, GuidedMotion
 from emulators.devices.egm.profile import EgmProfile
 from emulators.faults.ledger import Handler, Injection
 from emulators.faults.own import OwnFaults
+from emulators.faults.packets import DATAGRAMS, WIRE, Packets
 from emulators.orders import Act, HeardOrder, Hindrance, Orders
 from emulators.seams import ArmPath, Handlers, Joints, StartPose
 from emulators.unmodelled import Unmodelled
@@ -48,7 +48,10 @@ _EPOCH_S = 1_700_000_000
 """Chosen: the controller's calendar at power-up, s since 1970, so that a run of one seed repeats itself."""
 _BEGINS = 256
 """Chosen: begins of motion that are kept."""
-_MOTORS_OFF = "motors-off"
+_MOTORS_OFF, _EMERGENCY_STOP = "motors-off", "emergency-stop"
+_POWERLESS = (_EMERGENCY_STOP, _MOTORS_OFF)
+"""Stops by which the motors go off."""
+_NUMBER, _NO_OWN_FORCE = "wrong-seqno", "missing"
 _CANNOT_SEND = "event 41830: the message cannot be sent"
 _NO_FORCE = (0.0,) * 6
 _COUNTS = (0, 6)
@@ -76,7 +79,7 @@ _OVER = (State.ENDED, State.TIMED_OUT, State.FAILED)
 
 
 class EgmController:
-    """The controller and its arm: an `EmulatedRobot` whose endpoint is itself, over datagrams."""
+    """The controller and its arm: an `EmulatedRobot` over datagrams."""
 
     def __init__(self, profile: EgmProfile, start: StartPose, now: float, seed: int) -> None:
         """Powered up at `now`, with its program running. Raises ValueError for a start that the arm cannot hold."""
@@ -91,7 +94,7 @@ class EgmController:
         self._measured: tuple[Pose, Joints] = pose, self.motion.joints
         """The pose that was measured last, and the joints that hold it."""
         self.path: ArmPath = self._arm.path
-        self.endpoint = self
+        self.endpoint: Packets[Sequence[bytes]] = Packets(self, DATAGRAMS, f"{seed} egm")
         self.orders, self.unmodelled = Orders(), Unmodelled("egm")
         self.state = State.SET_UP
         self.error = ""
@@ -100,8 +103,8 @@ class EgmController:
         """Datagrams sent and taken, and those that were not used, by name."""
         self.unusable = ""
         """Why the newest message that could not be used could not."""
-        self._link = BadLink(seed)
-        self._bad_pose = BadPose()
+        self._told_pose = ToldPose(self._arm.pose)
+        self._own = own = OwnFaults()
         errors = Errors(profile.force_offset_n, profile.force_lag_ms * 1e-3, profile.force_noise_n)
         self._own_force = OwnForce(errors, seed)
         self.feel = self._own_force.feel
@@ -127,20 +130,21 @@ class EgmController:
         self._begin_session(now)
         self.handlers: Handlers = {
             "robot": {
-                _MOTORS_OFF: Handler(self._stop, self._start),
-                "rapid-stop": Handler(self._stop, self._start),
-                **OwnFaults().striking(
+                **dict.fromkeys(
+                    (_EMERGENCY_STOP, _MOTORS_OFF, "program-stopped"), Handler(self._stop, self._start)
+                ),
+                **own.striking(
                     {
-                        "egm-stop": self._end_run,
+                        "guidance-ended": self._end_run,
                         "out-of-limits": lambda at: self._fail(OUT_OF_BOUNDS, at),
                         "cannot-send": lambda at: self._fail(_CANNOT_SEND, at),
-                        "restart": self._begin_session,
+                        "program-restarted": self._begin_session,
                     }
                 ),
             },
-            "pose": self._bad_pose.handlers,
-            "link": self._link.handlers,
-            "witness": self._own_force.handlers,
+            "pose": self._told_pose.handlers,
+            WIRE: {**self.endpoint.handlers, **own.held((_NUMBER,))},
+            "witness": {**self._own_force.handlers, **own.held((_NO_OWN_FORCE,))},
         }
 
     # --- as an emulated robot
@@ -167,7 +171,7 @@ class EgmController:
     # --- as an endpoint
 
     def receive(self, data: Sequence[bytes], now: float) -> None:
-        for datagram in self._link.incoming(data, now):
+        for datagram in data:
             self._receive(datagram, now)
 
     def next_event(self) -> None:
@@ -175,14 +179,12 @@ class EgmController:
 
     def data_to_send(self, now: float) -> Sequence[bytes]:
         out, self._out = self._out, []
-        return self._link.outgoing(out, now)
+        return out
 
     def next_deadline(self) -> float | None:
-        return self._link.next_deadline(self._cycle_at(self._cycle))
+        return self._cycle_at(self._cycle)
 
     def handle_deadline(self, now: float) -> None:
-        for datagram in self._link.incoming((), now):
-            self._receive(datagram, now)
         while (at := self._cycle_at(self._cycle)) <= now:
             late = self._cycle_at(self._cycle + self._every) <= now
             self._run_cycle(at, silent=late)  # a cycle that this computer has missed is not told any more
@@ -399,12 +401,13 @@ class EgmController:
         motors, guidance, rapid = self.state.value[:3]
         microseconds = round((at - self._powered_at) * 1e6)
         time_us = _EPOCH_S * 1_000_000 + microseconds
-        feedback = Place(_degrees(self._measured[1]), to_wire(measured), (), time_us)
+        told = self._told_pose.told(measured, at)
+        feedback = Place(_degrees(self._measured[1]), None if told is None else to_wire(told), (), time_us)
         newer = profile.rw == "7"
         message = RobotMessage(
             self._seqno,
             profile.tm_start + microseconds // 1000,
-            self._bad_pose.told(feedback, at),
+            feedback,
             Place(_degrees(motion.joints), to_wire(motion.pose), (), time_us),
             motors,
             guidance,
@@ -419,9 +422,15 @@ class EgmController:
         )
         self._seqno += 1
         self.counters["datagrams"] += 1
-        sent = self._link.altered(message, at)
-        if sent is not None:
-            self._out.append(self._link.cut(encode_robot(sent, RobotWare(profile.rw)), at))
+        self._out.append(encode_robot(self._altered(message, at), RobotWare(profile.rw)))
+
+    def _altered(self, message: RobotMessage, at: float) -> RobotMessage:
+        """A message as faults let it be told."""
+        if (wrong := self._own.under_way(_NUMBER, at)) is not None:
+            message = message._replace(seqno=message.seqno + int(wrong.number("by")))
+        if self._own.under_way(_NO_OWN_FORCE, at) is not None:
+            message = message._replace(force=(), force_control=None)
+        return message
 
     def _force(self, measured: Pose, at: float) -> tuple[float, ...]:
         """The measured force along the tool's axes, N; it tells no moments."""
@@ -433,7 +442,7 @@ class EgmController:
         """People stop the robot."""
         injection.struck += 1
         self._stops.append(injection.fault)
-        if injection.fault == _MOTORS_OFF:
+        if injection.fault in _POWERLESS:
             self.motion.stand()
         if self.state not in _OVER:
             self._leave(self._stopped_state(), injection.injected_at)
@@ -443,14 +452,14 @@ class EgmController:
         self._stops.remove(injection.fault)
         if self.state not in _STOPPED:
             return
-        stays = injection.fault == _MOTORS_OFF and not self._profile.restart_after_motors_off
+        stays = injection.fault in _POWERLESS and not self._profile.restart_after_motors_off
         if self._stops or stays:
             self._leave(self._stopped_state(), now)
         else:
             self._go_on(now)
 
     def _stopped_state(self) -> State:
-        return State.MOTORS_OFF if _MOTORS_OFF in self._stops else State.RAPID_STOPPED
+        return State.MOTORS_OFF if set(_POWERLESS) & set(self._stops) else State.RAPID_STOPPED
 
     def _go_on(self, now: float) -> None:
         """The guidance goes on where the tool stands. Messages that came meanwhile have gone on being taken [A]."""

@@ -3,13 +3,13 @@
 from collections.abc import Mapping
 
 from emulators.faults.kinds import FOREVER, Fault, Parameter
-from emulators.faults.wire import WIRE_FAULTS
+from emulators.faults.packets import BYTES, SENSOR_WIRE
 from emulators.sensing.faults import SIGNAL_FAULTS
 
 FT300_FAULTS: Mapping[str, Mapping[str, Fault]] = {
     "signal": SIGNAL_FAULTS,
-    "frames": {
-        **WIRE_FAULTS,
+    SENSOR_WIRE: BYTES.faults,
+    "sensor": {
         "unplugged": Fault(
             "the sensor's plug is pulled: it says nothing, and boots when it is back", {}, 2.0
         ),
@@ -18,15 +18,12 @@ FT300_FAULTS: Mapping[str, Mapping[str, Fault]] = {
             {"factor": Parameter(10.0, "of their period", 1.0, 1000.0)},
             FOREVER,
         ),
-    },
-    "sensor": {
         "power-cycle": Fault("it loses its supply, and boots", {}),
-        "refusal": Fault(
+        "refuses": Fault(
             "it answers each question with an exception",
             {"code": Parameter(4, "the exception", 1, 11)},
             FOREVER,
         ),
-        "deaf": Fault("it does not hear: a stream goes on, questions are not answered", {}, FOREVER),
     },
 }
 """Faults by target."""

@@ -3,14 +3,13 @@
 import random
 from collections import deque
 from collections.abc import Mapping
-from typing import Self
 
 import numpy as np
 
 from emulators.devices.ft300.profile import Ft300Profile
 from emulators.faults.ledger import Handler
 from emulators.faults.own import OwnFaults
-from emulators.faults.wire import BYTES, FaultyWire
+from emulators.faults.packets import BYTES, SENSOR_WIRE, Packets
 from emulators.seams import WrenchSource
 from emulators.sensing import Converter, MeasuredWrench
 from emulators.unmodelled import Unmodelled
@@ -57,7 +56,7 @@ _REMEMBERED = 4096
 
 
 class Ft300:
-    """Endpoint of the sensor: takes and gives bytes, tells no events. An `EmulatedSensor`."""
+    """The sensor behind its wire, which `endpoint` is: takes and gives bytes, tells no events. An `EmulatedSensor`."""
 
     def __init__(self, profile: Ft300Profile, source: WrenchSource, powered_at: float, seed: int) -> None:
         self.profile = profile
@@ -66,7 +65,8 @@ class Ft300:
         high = np.full(6, float(COUNT_END))  # assumed: it clips
         converter = Converter(np.diag(per_unit), noise, -high - 1.0, high)
         self._measured = MeasuredWrench(source, RATE_HZ, converter, seed, "cell.ft300.noise_n")
-        self._wire: FaultyWire[bytes] = FaultyWire(BYTES, f"{seed} frames")
+        self.endpoint: Packets[bytes] = Packets(self, BYTES, f"{seed} frames")
+        """The end of its wire."""
         self._seed = seed
         self._faults = OwnFaults()
         self.unmodelled = Unmodelled("ft300")
@@ -77,59 +77,17 @@ class Ft300:
         faults = self._faults
         self.handlers: Mapping[str, Mapping[str, Handler]] = {
             "signal": self._measured.signal.handlers,
-            "frames": {
-                **self._wire.handlers,
-                **faults.ended_by("unplugged", self._power_up),
-                **faults.held(("slow",)),
-            },
+            SENSOR_WIRE: self.endpoint.handlers,
             "sensor": {
-                **faults.held(("refusal", "deaf")),
+                **faults.ended_by("unplugged", self._power_up),
+                **faults.held(("slow", "refuses")),
                 **faults.striking({"power-cycle": self._power_up}),
             },
         }
 
-    @property
-    def endpoint(self) -> Self:
-        """The sensor itself is the end of its wire."""
-        return self
-
     def sampled_at(self, counter: int) -> float | None:
         """When it measured the sample that it told as the one of this number since it was asked to, s."""
         return next((at for number, at in reversed(self._told_at) if number == counter), None)
-
-    # --- endpoint
-
-    def receive(self, data: bytes, now: float) -> None:
-        """Take bytes: a question, or the end of the stream."""
-        if self._wire.bad:
-            data = self._wire.incoming(data, now)
-        self._take(data, now)
-
-    def next_event(self) -> None:
-        """A sensor tells nothing."""
-
-    def data_to_send(self, now: float) -> bytes:
-        """Bytes whose time has come."""
-        out = bytes(self._out)
-        self._out.clear()
-        return self._wire.outgoing(out, now) if self._wire.bad else out
-
-    def next_deadline(self) -> float | None:
-        """When the next message or answer goes out, s."""
-        times = [at for at, _ in self._answers]
-        if self._next is not None:
-            times.append(self._due(self._next))
-        due = min(times, default=None)
-        return self._wire.next_deadline(due) if self._wire.bad else due
-
-    def handle_deadline(self, now: float) -> None:
-        """Send what is due."""
-        if self._wire.bad and (data := self._wire.arrived(now)):
-            self._take(data, now)
-        while self._answers and self._answers[0][0] <= now:
-            self._tell(self._answers.popleft()[1], now)
-        while self._next is not None and self._due(self._next) <= now:
-            self._message(self._next, now)
 
     # --- power
 
@@ -155,6 +113,48 @@ class Ft300:
         late = random.Random(f"{self._seed} {number}").random() * self.profile.jitter_s
         return number * PERIOD_S + self.profile.latency_s + late
 
+    # --- endpoint
+
+    def receive(self, data: bytes, now: float) -> None:
+        """Take bytes: a question, or the end of the stream."""
+        if now < self._hears_from or self._faults.under_way("unplugged", now):
+            return
+        if self._next is not None:
+            at = self._stopped_at(data)
+            if at is None:
+                return
+            self._next, self._mode, data = None, 0, data[at:]
+        if now - self._question_at > self.profile.frame_timeout_s:
+            self._question = b""
+        self._question_at = now
+        self._question = (self._question + data)[-_KEPT:]
+        while (frame := self._frame()) is not None:
+            if crc_fits(frame):
+                self._answer(frame, now)
+
+    def next_event(self) -> None:
+        """A sensor tells nothing."""
+
+    def data_to_send(self, now: float) -> bytes:
+        """Bytes whose time has come."""
+        out = bytes(self._out)
+        self._out.clear()
+        return out
+
+    def next_deadline(self) -> float | None:
+        """When the next message or answer goes out, s."""
+        times = [at for at, _ in self._answers]
+        if self._next is not None:
+            times.append(self._due(self._next))
+        return min(times, default=None)
+
+    def handle_deadline(self, now: float) -> None:
+        """Send what is due."""
+        while self._answers and self._answers[0][0] <= now:
+            self._tell(self._answers.popleft()[1], now)
+        while self._next is not None and self._due(self._next) <= now:
+            self._message(self._next, now)
+
     # --- stream
 
     def _message(self, number: int, now: float) -> None:
@@ -175,26 +175,6 @@ class Ft300:
             self._out += data
 
     # --- questions
-
-    def _take(self, data: bytes, now: float) -> None:
-        if (
-            now < self._hears_from
-            or self._faults.under_way("unplugged", now)
-            or self._faults.under_way("deaf", now)
-        ):
-            return
-        if self._next is not None:
-            at = self._stopped_at(data)
-            if at is None:
-                return
-            self._next, self._mode, data = None, 0, data[at:]
-        if now - self._question_at > self.profile.frame_timeout_s:
-            self._question = b""
-        self._question_at = now
-        self._question = (self._question + data)[-_KEPT:]
-        while (frame := self._frame()) is not None:
-            if crc_fits(frame):
-                self._answer(frame, now)
 
     def _stopped_at(self, data: bytes) -> int | None:
         """Where, in bytes that came during the stream, it is told to end; None where it is not."""
@@ -222,7 +202,7 @@ class Ft300:
         except RemoteProtocolError:
             self._answers.append((at, encode_exception(function, ILLEGAL_VALUE)))
             return
-        refusal = self._faults.under_way("refusal", now)
+        refusal = self._faults.under_way("refuses", now)
         if refusal is not None:
             answer = encode_exception(function, int(refusal.number("code")))
         elif function == READ or (function == READ_INPUT and self.profile.fc04):

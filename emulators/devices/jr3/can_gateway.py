@@ -15,7 +15,7 @@ from emulators.devices.jr3.firmware_profile import FirmwareProfile
 from emulators.devices.jr3.gateway import AnyGateway
 from emulators.devices.jr3.late import Sample
 from emulators.devices.jr3.sensor import Jr3Sensor
-from emulators.faults.wire import FRAMES
+from emulators.faults.packets import FRAMES, Packets
 from protocol.can.frame import CanFrame
 from protocol.devices.jr3 import (
     Acknowledge,
@@ -72,7 +72,8 @@ class Gateway(AnyGateway[Sequence[CanFrame]]):
     """Endpoint of the gateway: takes and gives sequences of CAN frames, tells no events."""
 
     def __init__(self, profile: GatewayProfile, sensor: Jr3Sensor, powered_at: float, seed: int = 0) -> None:
-        super().__init__(FRAMES, profile, sensor, seed)
+        super().__init__(profile, sensor, seed)
+        self.endpoint = Packets(self, FRAMES, f"{seed} frames")
         self._profile = profile
         self._hears_from = powered_at + profile.boot_s
         self._out: list[CanFrame] = []
@@ -89,13 +90,7 @@ class Gateway(AnyGateway[Sequence[CanFrame]]):
 
     def receive(self, data: Sequence[CanFrame], now: float) -> None:
         """Take frames; those of other nodes, unknown ops and anything during boot get no answer."""
-        if self._wire.bad:
-            data = self._wire.incoming(data, now)
         self.handle_deadline(now)
-        self._take(data, now)
-
-    def _take(self, data: Sequence[CanFrame], now: float) -> None:
-        """Take frames that have come through the wire."""
         if now < self._hears_from:
             return
         for frame in data:
@@ -126,19 +121,17 @@ class Gateway(AnyGateway[Sequence[CanFrame]]):
     def data_to_send(self, now: float) -> Sequence[CanFrame]:
         """Frames whose time has come."""
         frames, self._out = self._out, []
-        return self._wire.outgoing(frames, now) if self._wire.bad else frames
+        return frames
 
     def next_deadline(self) -> float | None:
         """Time of the main program's next step, the next frame of the stream, or the next block of samples."""
         due = self._firmware.next_deadline()
         if (works_at := self._works_at()) is not None:
             due = works_at if due is None else min(due, works_at)
-        return self._wire.next_deadline(due) if self._wire.bad else due
+        return due
 
     def handle_deadline(self, now: float) -> None:
         """Emit every frame that is due up to and including now."""
-        if self._wire.bad and (frames := self._wire.arrived(now)):
-            self._take(frames, now)
         self._work(now)
         self._send_due(now)
         self._firmware.catch_up(now)

@@ -1,10 +1,11 @@
 """Faults of a JR3 sensor and its receivers: one table a receiver, by target."""
 
 from collections.abc import Mapping
+from typing import Any
 
 from emulators.faults.kinds import FOREVER, Fault, Parameter
-from emulators.faults.wire import WIRE_FAULTS
-from emulators.sensing.faults import SCALES_FAULTS, SIGNAL_FAULTS
+from emulators.faults.packets import BYTES, FRAMES, SENSOR_WIRE, Pieces
+from emulators.sensing.faults import SIGNAL_FAULTS, WRONG_SCALES
 
 FIRST, SECOND = "first", "second"
 """The sensors that can be plugged in."""
@@ -18,25 +19,28 @@ def _unplugged(choices: tuple[str, ...], meaning: str) -> Fault:
     )
 
 
-GATEWAY_FAULTS: Mapping[str, Mapping[str, Fault]] = {
-    "signal": SIGNAL_FAULTS,
-    "scales": SCALES_FAULTS,
-    "frames": {
-        **WIRE_FAULTS,
-        "unplugged": _unplugged((FIRST,), "which is plugged in then"),
-        "slow": Fault(
-            "samples are sent less often",
-            {"factor": Parameter(10.0, "of their period", 1.0, 1000.0)},
-            FOREVER,
-        ),
-        "frozen-counter": Fault("samples go on with the counter of the first", {}, FOREVER),
-    },
-}
+def _of_gateway(pieces: Pieces[Any]) -> Mapping[str, Mapping[str, Fault]]:
+    return {
+        "signal": SIGNAL_FAULTS,
+        SENSOR_WIRE: pieces.faults,
+        "sensor": {
+            **WRONG_SCALES,
+            "unplugged": _unplugged((FIRST,), "which is plugged in then"),
+            "slow": Fault(
+                "samples are sent less often",
+                {"factor": Parameter(10.0, "of their period", 1.0, 1000.0)},
+                FOREVER,
+            ),
+            "frozen-counter": Fault("samples go on with the counter of the first", {}, FOREVER),
+        },
+    }
+
+
+CAN_GATEWAY_FAULTS, UART_GATEWAY_FAULTS = _of_gateway(FRAMES), _of_gateway(BYTES)
 """Faults of a sensor behind a gateway, by target."""
 
 BOARD_FAULTS: Mapping[str, Mapping[str, Fault]] = {
     "signal": SIGNAL_FAULTS,
-    "scales": SCALES_FAULTS,
-    "frames": {"unplugged": _unplugged((FIRST, SECOND), "which is plugged in then")},
+    "sensor": {**WRONG_SCALES, "unplugged": _unplugged((FIRST, SECOND), "which is plugged in then")},
 }
 """Faults of a sensor at a receiver board, by target: it is read and streams nothing."""

@@ -129,15 +129,13 @@ class Firmware:
         return self._scales.told(words) if self._scales.faulty else words
 
     @property
-    def handlers(self) -> Mapping[str, Mapping[str, Handler]]:
-        """Faults of the firmware, by target, for a ledger."""
+    def handlers(self) -> Mapping[str, Handler]:
+        """Handlers of the faults of its target `sensor`, for a ledger."""
         return {
-            "scales": self._scales.handlers,
-            "frames": {
-                "frozen-counter": Handler(self._frozen_counters.append),
-                "slow": Handler(self._slow.append),
-                "unplugged": Handler(self._pulled, self._put_back),
-            },
+            **self._scales.handlers,
+            "frozen-counter": Handler(self._frozen_counters.append),
+            "slow": Handler(self._slow.append),
+            "unplugged": Handler(self._pulled, self._put_back),
         }
 
     # --- the sensor's plug

@@ -1,41 +1,37 @@
 """The part of a gateway of a JR3 sensor that does not depend on its wire: the sensor, the firmware, their faults."""
 
 from collections.abc import Mapping
-from typing import Generic, Self
+from typing import Generic
 
 from emulators.devices.jr3.firmware import RESET, START, STOP, Firmware, Step
 from emulators.devices.jr3.firmware_profile import FirmwareProfile
 from emulators.devices.jr3.sensor import Jr3Sensor
 from emulators.faults.ledger import Handler
-from emulators.faults.wire import Data, FaultyWire, Pieces
+from emulators.faults.packets import SENSOR_WIRE, Data, Packets
 from emulators.unmodelled import Unmodelled
 
 
 class AnyGateway(Generic[Data]):
-    """A gateway without what it hears and says."""
+    """A gateway without its session on the wire."""
 
-    def __init__(self, pieces: Pieces[Data], profile: FirmwareProfile, sensor: Jr3Sensor, seed: int) -> None:
+    endpoint: Packets[Data]
+    """The end of its wire."""
+
+    def __init__(self, profile: FirmwareProfile, sensor: Jr3Sensor, seed: int) -> None:
         self.jr3 = sensor
         """The sensor behind it."""
         self.unmodelled = Unmodelled("jr3")
         self._blocks = profile.blocks
         self._firmware = Firmware(sensor, profile, seed)
-        self._wire: FaultyWire[Data] = FaultyWire(pieces, f"{seed} frames")
 
     @property
     def handlers(self) -> Mapping[str, Mapping[str, Handler]]:
         """Faults of the receiver and the sensor, by target, for a ledger."""
-        own = self._firmware.handlers
         return {
-            **own,
-            "frames": {**self._wire.handlers, **own["frames"]},
             "signal": self.jr3.signal.handlers,
+            SENSOR_WIRE: self.endpoint.handlers,
+            "sensor": self._firmware.handlers,
         }
-
-    @property
-    def endpoint(self) -> Self:
-        """The gateway itself is the end of its wire."""
-        return self
 
     def unplug(self, now: float) -> None:
         """Pull the sensor's plug; harmless when it is out."""

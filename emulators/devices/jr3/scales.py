@@ -13,7 +13,7 @@ class WrongScales:
 
     def __init__(self) -> None:
         self._faults: list[Injection] = []
-        self.handlers: Mapping[str, Handler] = {"wrong": Handler(self._faults.append)}
+        self.handlers: Mapping[str, Handler] = {"wrong-scales": Handler(self._faults.append)}
         """Handlers for a ledger."""
 
     @property

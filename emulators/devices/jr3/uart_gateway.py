@@ -14,7 +14,7 @@ from emulators.devices.jr3.firmware import Step
 from emulators.devices.jr3.firmware_profile import FirmwareProfile
 from emulators.devices.jr3.gateway import AnyGateway
 from emulators.devices.jr3.sensor import Jr3Sensor
-from emulators.faults.wire import BYTES
+from emulators.faults.packets import BYTES, Packets
 from protocol.devices.jr3.uart_gateway import (
     DATA_FRAME_S,
     Acknowledge,
@@ -70,7 +70,8 @@ class UartGateway(AnyGateway[bytes]):
     def __init__(
         self, profile: UartGatewayProfile, sensor: Jr3Sensor, powered_at: float, seed: int = 0
     ) -> None:
-        super().__init__(BYTES, profile, sensor, seed)
+        super().__init__(profile, sensor, seed)
+        self.endpoint = Packets(self, BYTES, f"{seed} frames")
         self._profile = profile
         self._out = bytearray()
         self._kept = bytearray()
@@ -85,13 +86,7 @@ class UartGateway(AnyGateway[bytes]):
 
     def receive(self, data: bytes, now: float) -> None:
         """Take bytes; what arrives while it is deaf is lost, or waits as far as there is room."""
-        if self._wire.bad:
-            data = self._wire.incoming(data, now)
         self.handle_deadline(now)
-        self._take(data, now)
-
-    def _take(self, data: bytes, now: float) -> None:
-        """Take bytes that have come through the wire."""
         if not data:
             return
         if self._state is _State.LISTENING:
@@ -103,20 +98,16 @@ class UartGateway(AnyGateway[bytes]):
     def data_to_send(self, now: float) -> bytes:
         """Frames whose time has come."""
         data, self._out = bytes(self._out), bytearray()
-        return self._wire.outgoing(data, now) if self._wire.bad else data
+        return data
 
     def next_deadline(self) -> float | None:
         """The end of what it does now, the next frame of the stream, or the next block of samples."""
         due = self._firmware.next_deadline()
-        if self._wire.bad:
-            due = self._wire.next_deadline(due)
         until = self._ends_at()
         return until if due is None else due if until is None else min(until, due)
 
     def handle_deadline(self, now: float) -> None:
         """Emit every frame that is due up to and including now."""
-        if self._wire.bad and (data := self._wire.arrived(now)):
-            self._take(data, now)
         while (at := self._ends_at()) is not None and at <= now:
             self._send_due(at)
             self._go_on(at)

@@ -11,14 +11,13 @@ from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from operator import sub
-from typing import Self
 
 import numpy as np
 
 from emulators.devices.netft.profile import NetFtProfile
 from emulators.faults.ledger import Handler
 from emulators.faults.own import OwnFaults
-from emulators.faults.wire import DATAGRAMS, FaultyWire
+from emulators.faults.packets import DATAGRAMS, SENSOR_WIRE, Packets
 from emulators.seams import Floats, WrenchSource
 from emulators.sensing import Converter, MeasuredWrench
 from emulators.unmodelled import Unmodelled
@@ -72,7 +71,7 @@ class _Stream:
 
 
 class NetBox:
-    """Endpoint of the box: takes and gives datagrams, tells no events. An `EmulatedSensor`."""
+    """The box behind its wire, which `endpoint` is: takes and gives datagrams. An `EmulatedSensor`."""
 
     def __init__(self, profile: NetFtProfile, source: WrenchSource, powered_at: float, seed: int) -> None:
         self.profile = profile
@@ -87,7 +86,8 @@ class NetBox:
         self._measured.on_invalidate.append(self._forget)
         self._ahead: deque[tuple[int, list[float]]] = deque()
         """Outputs that records will tell without a filter, by the numbers of their samples."""
-        self._wire: FaultyWire[Sequence[bytes]] = FaultyWire(DATAGRAMS, f"{seed} frames")
+        self.endpoint: Packets[Sequence[bytes]] = Packets(self, DATAGRAMS, f"{seed} frames")
+        """The end of its wire."""
         self._out: list[bytes] = []
         self.bias: Floats = np.zeros(6)
         """Counts that are taken off."""
@@ -103,10 +103,9 @@ class NetBox:
         held, striking = self._faults.held, self._faults.striking
         self.handlers: Mapping[str, Mapping[str, Handler]] = {
             "signal": self._measured.signal.handlers,
-            "scales": held(("wrong",)),
-            "frames": {**self._wire.handlers, **held(("unplugged", "slow", "frozen-counter"))},
+            SENSOR_WIRE: self.endpoint.handlers,
             "sensor": {
-                **held(("status", "saturated")),
+                **held(("wrong-scales", "unplugged", "slow", "frozen-counter", "status", "saturated")),
                 **striking(
                     {
                         "power-cycle": self._power_down,
@@ -117,11 +116,6 @@ class NetBox:
                 ),
             },
         }
-
-    @property
-    def endpoint(self) -> Self:
-        """The box itself is the end of its wire."""
-        return self
 
     # --- power
 
@@ -154,33 +148,6 @@ class NetBox:
 
     def receive(self, data: Sequence[bytes], now: float) -> None:
         """Take requests; what is none gets no answer."""
-        if self._wire.bad:
-            data = self._wire.incoming(data, now)
-        self._take(data, now)
-
-    def next_event(self) -> None:
-        """A box tells nothing."""
-
-    def data_to_send(self, now: float) -> Sequence[bytes]:
-        """Records whose time has come."""
-        out, self._out = self._out, []
-        return self._wire.outgoing(out, now) if self._wire.bad else out
-
-    def next_deadline(self) -> float | None:
-        """When the next record goes out, s."""
-        stream = self._stream
-        due = None if stream is None else stream.next / INTERNAL_RATE_HZ + self.profile.latency_s
-        return self._wire.next_deadline(due) if self._wire.bad else due
-
-    def handle_deadline(self, now: float) -> None:
-        """Send every record that is due."""
-        if self._wire.bad and (data := self._wire.arrived(now)):
-            self._take(data, now)
-        self._send_due(now, _MOST_AT_ONCE)
-
-    # --- requests
-
-    def _take(self, data: Sequence[bytes], now: float) -> None:
         self._send_due(now)
         if now < self.ready_at or not self.streams:
             return
@@ -206,6 +173,25 @@ class NetBox:
                     self._stop(now)
             else:
                 self.unmodelled.touch(f"command {request.command:#06x}", "dropped")
+
+    def next_event(self) -> None:
+        """A box tells nothing."""
+
+    def data_to_send(self, now: float) -> Sequence[bytes]:
+        """Records whose time has come."""
+        out, self._out = self._out, []
+        return out
+
+    def next_deadline(self) -> float | None:
+        """When the next record goes out, s."""
+        stream = self._stream
+        return None if stream is None else stream.next / INTERNAL_RATE_HZ + self.profile.latency_s
+
+    def handle_deadline(self, now: float) -> None:
+        """Send every record that is due."""
+        self._send_due(now, _MOST_AT_ONCE)
+
+    # --- requests
 
     def _start(self, command: Command, records: int, now: float, side: Hashable) -> None:
         newest, step = self._measured.number_at(now), self.step
@@ -327,5 +313,5 @@ class NetBox:
 
     def told_scale(self, kind: str, now: float) -> float:
         """Factor by which its page tells the counts for a unit of the forces or the moments wrongly."""
-        wrong = self._faults.under_way("wrong", now)
+        wrong = self._faults.under_way("wrong-scales", now)
         return 1.0 if wrong is None or wrong.values["of"] not in ("all", kind) else wrong.number("factor")

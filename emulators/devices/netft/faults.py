@@ -3,20 +3,17 @@
 from collections.abc import Mapping
 
 from emulators.faults.kinds import FOREVER, Fault, Parameter
-from emulators.faults.wire import WIRE_FAULTS
-from emulators.sensing.faults import SCALES_FAULTS, SIGNAL_FAULTS
+from emulators.faults.packets import DATAGRAMS, SENSOR_WIRE
+from emulators.sensing.faults import SIGNAL_FAULTS, WRONG_SCALES
 from protocol.devices.netft.records import STATUS_BITS
 
-FRAMES_FAULTS: Mapping[str, Fault] = {
-    **WIRE_FAULTS,
+SENSOR_FAULTS: Mapping[str, Fault] = {
+    **WRONG_SCALES,
     "unplugged": Fault("the transducer's plug is pulled: its status says so, its counts freeze", {}, 2.0),
     "slow": Fault(
         "records are sent less often", {"factor": Parameter(10.0, "of their period", 1.0, 1000.0)}, FOREVER
     ),
     "frozen-counter": Fault("records go on with the sample number of the first", {}, FOREVER),
-}
-
-SENSOR_FAULTS: Mapping[str, Fault] = {
     "power-cycle": Fault("it loses its supply, and boots", {}),
     "status": Fault(
         "it tells an error in its status",
@@ -31,8 +28,7 @@ SENSOR_FAULTS: Mapping[str, Fault] = {
 
 NETFT_FAULTS: Mapping[str, Mapping[str, Fault]] = {
     "signal": SIGNAL_FAULTS,
-    "scales": SCALES_FAULTS,
-    "frames": FRAMES_FAULTS,
+    SENSOR_WIRE: DATAGRAMS.faults,
     "sensor": SENSOR_FAULTS,
 }
 """Faults by target."""

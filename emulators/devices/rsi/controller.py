@@ -14,14 +14,13 @@ from dataclasses import dataclass
 from enum import Enum, auto
 
 from emulators.arm.followed import FollowedArm
-from emulators.devices.rsi.bad_pose import BadPose
+from emulators.arm.told_pose import ToldPose
 from emulators.devices.rsi.correction import NOTHING, TOO_FAR, TOO_FAST, Correction
 from emulators.devices.rsi.ethernet import Ethernet
-from emulators.devices.rsi.faults import RSI_FAULTS
 from emulators.devices.rsi.profile import RsiProfile
-from emulators.devices.rsi.spoiling import Injected, Line
 from emulators.faults import Handler, Injection
-from emulators.faults.wire import DATAGRAMS, FaultyWire
+from emulators.faults.own import OwnFaults
+from emulators.faults.packets import DATAGRAMS, WIRE, Packets
 from emulators.orders import Act, HeardOrder, Hindrance, Orders
 from emulators.seams import ArmPath, Handlers, Joints, StartPose
 from emulators.unmodelled import Unmodelled
@@ -40,6 +39,8 @@ _ANSWERS_A_CYCLE = 64
 """Chosen: answers of a cycle that are looked at. A peer that floods the port is not served."""
 
 _ROUNDING_S = 1e-9
+_EMERGENCY_STOP = "emergency-stop"
+_NO_NUMBER = "NaN"
 
 
 class State(Enum):
@@ -83,10 +84,9 @@ class RsiController:
         self._arm = FollowedArm(profile.arm, Pose(start.position, start.quaternion), now)
         self._powered_at, self._beats = now, 0
         self._ipoc = profile.ipoc_start - profile.cycle_ms
-        self._injected = Injected()
-        self._bad_pose = BadPose(RSI_FAULTS["pose"])
-        self._line = Line(self._injected, RSI_FAULTS["packets"])
-        self._wire: FaultyWire[Sequence[bytes]] = FaultyWire(DATAGRAMS, f"{seed} rsi")
+        self._own = OwnFaults()
+        self._told_pose = ToldPose(self._arm.pose)
+        self._out: list[bytes] = []
         self._restart_at = math.inf
         self._stopped_by_fault = False
         self.error = ""
@@ -95,7 +95,7 @@ class RsiController:
         """Answers that were not taken, by reason."""
         self._taken = 0
         """Answers that were looked at in this cycle."""
-        self.endpoint = self
+        self.endpoint: Packets[Sequence[bytes]] = Packets(self, DATAGRAMS, f"{seed} rsi")
         self.orders = Orders()
         self.unmodelled = Unmodelled("rsi")
         self._ordered = NOTHING
@@ -120,7 +120,7 @@ class RsiController:
             return Hindrance(self.error, self.error in (TOO_FAR, TOO_FAST) and not self._stopped_by_fault)
         if not self._sending:
             return Hindrance("RSI is off", False)
-        if self._session.standing or self._injected.holds("robot", "emergency-stop", now):
+        if self._session.standing or self._own.holds(_EMERGENCY_STOP, now):
             return Hindrance("the motion is stopped, telegrams go on", False)
         return None
 
@@ -137,10 +137,6 @@ class RsiController:
     # --- as an endpoint
 
     def receive(self, data: Sequence[bytes], now: float) -> None:
-        self._receive(self._wire.incoming(data, now) if self._wire.bad else data, now)
-
-    def _receive(self, data: Sequence[bytes], now: float) -> None:
-        """Answers that have come through the wire."""
         if self.orders.listener is not None:
             for datagram in data:
                 self.orders.tell(self._heard(datagram, now))
@@ -150,11 +146,7 @@ class RsiController:
             self._taken += 1
             if self._taken > _ANSWERS_A_CYCLE:
                 return
-            if self._strikes("answers", "lost", now):
-                continue
-            refused = self._strikes("answers", "refused", now)
-            why = "a fault" if refused else self._session.ethernet.take(datagram, self._ipoc)
-            if why:
+            if why := self._session.ethernet.take(datagram, self._ipoc):
                 self.discarded[why if len(self.discarded) < _ANSWERS_A_CYCLE else "others"] += 1
 
     def _heard(self, raw: bytes, now: float) -> HeardOrder:
@@ -179,18 +171,14 @@ class RsiController:
         return None
 
     def data_to_send(self, now: float) -> Sequence[bytes]:
-        out = self._line.take(now)
-        return self._wire.outgoing(out, now) if self._wire.bad else out
+        out, self._out = self._out, []
+        return out
 
     def next_deadline(self) -> float | None:
-        waiting = self._line.next_at()
-        due = self._next_beat() if waiting is None else min(waiting, self._next_beat())
-        return self._wire.next_deadline(due) if self._wire.bad else due
+        return self._next_beat()
 
     def handle_deadline(self, now: float) -> None:
         """Cycles that a stalled process has missed are skipped: a real controller would not have missed them."""
-        if self._wire.bad and (data := self._wire.arrived(now)):
-            self._receive(data, now)
         due = self._next_beat()
         if now < due:
             return
@@ -242,7 +230,7 @@ class RsiController:
     def _correct(self, value: tuple[float, ...], now: float) -> None:
         """Move by the values of a cycle, unless they are refused."""
         session = self._session
-        limit = self._strikes("robot", "limit", now)
+        limit = self._own.under_way("limit", now)
         session.correction.narrow(None if limit is None else limit.number("mm"))
         error = session.correction.take(value)
         if error:
@@ -253,7 +241,7 @@ class RsiController:
 
     def _stopped(self, now: float) -> bool:
         """Whether the motion is stopped while telegrams go on."""
-        if self._strikes("robot", "emergency-stop", now) or self._strikes("robot", "stand", now):
+        if self._own.under_way(_EMERGENCY_STOP, now) or self._own.under_way("stands", now):
             if not self._session.standing:
                 self._arm.hold(now)
             self._session.standing = True
@@ -287,24 +275,21 @@ class RsiController:
         empty = self.profile.empty_first and not self._session.sent
         self._session.sent += 1
         values = {} if empty else self._values(now)
-        telegram = encode(Telegram(ROBOT, MAKER, values, self._ipoc), self.profile.rob_type_attr)
-        self._line.put(telegram, now)
+        self._out.append(encode(Telegram(ROBOT, MAKER, values, self._ipoc), self.profile.rob_type_attr))
 
     def _values(self, now: float) -> dict[str, str]:
         """The values of the tags that the configuration sends."""
         values, session = dict(self._session.values), self._session
         if _ACTUAL[0] in values:
-            values.update(
-                zip(
-                    _ACTUAL,
-                    self._texts(values_of(self._bad_pose.told(self._arm.pose(now), now))),
-                    strict=True,
-                )
-            )
+            pose = self._told_pose.told(self._arm.pose(now), now)
+            if pose is None:
+                values = {tag: text for tag, text in values.items() if tag not in _ACTUAL}
+            else:
+                values.update(zip(_ACTUAL, self._texts(values_of(pose)), strict=True))
         if _LATE in values:
             values[_LATE] = str(session.ethernet.late)
         if _STATUS in values:
-            values[_STATUS] = STOPPED if self._injected.holds("robot", "emergency-stop", now) else RUNS
+            values[_STATUS] = STOPPED if self._own.holds(_EMERGENCY_STOP, now) else RUNS
         return values
 
     def _lasting(self, programmed: Pose) -> dict[str, str]:
@@ -328,54 +313,41 @@ class RsiController:
         return values
 
     def _texts(self, values: Sequence[float]) -> list[str]:
-        return [fixed(value, self.profile.precision) for value in values]
+        return [_NO_NUMBER if math.isnan(v) else fixed(v, self.profile.precision) for v in values]
 
     # --- faults
 
     def _handlers(self) -> Handlers:
+        own = self._own
         acts = {
-            "program-end": self._end_program,
-            "program-reset": self._reset_program,
-            "drives-stop": lambda injection: self._stop_by(injection, TOO_FAST),
-            "monitor": lambda injection: self._stop_by(injection, TOO_FAR),
+            "guidance-ended": self._end_program,
+            "program-restarted": self._reset_program,
+            "drives-stop": lambda now: self._stop_by(TOO_FAST, now),
+            "out-of-limits": lambda now: self._stop_by(TOO_FAR, now),
         }
-        robot = {
-            name: self._injected.handler("robot", name) for name in RSI_FAULTS["robot"] if name not in acts
-        }
-        robot |= {name: Handler(act) for name, act in acts.items()}
-        answers = {name: self._injected.handler("answers", name) for name in RSI_FAULTS["answers"]}
-        packets = {**self._line.handlers, "clock-jump": Handler(self._jump)}
         return {
-            "robot": robot,
-            "pose": self._bad_pose.handlers,
-            "link": self._wire.handlers,
-            "packets": packets,
-            "answers": answers,
+            "robot": {
+                **own.held((_EMERGENCY_STOP, "stands", "limit")),
+                **own.striking(acts),
+                "clock-jump": Handler(self._jump),
+            },
+            "pose": self._told_pose.handlers,
+            WIRE: self.endpoint.handlers,
         }
 
-    def _strikes(self, target: str, fault: str, now: float) -> Injection | None:
-        return self._injected.strikes(target, fault, now)
-
-    def _end_program(self, injection: Injection) -> None:
+    def _end_program(self, now: float) -> None:
         self.state = State.CREATED
-        self._arm.hold(injection.injected_at)
-        _over(injection)
+        self._arm.hold(now)
 
-    def _reset_program(self, injection: Injection) -> None:
-        self._arm.hold(injection.injected_at)
-        self._begin(injection.injected_at)
-        _over(injection)
+    def _reset_program(self, now: float) -> None:
+        self._arm.hold(now)
+        self._begin(now)
 
-    def _stop_by(self, injection: Injection, error: str) -> None:
-        self._fail(error, injection.injected_at)
+    def _stop_by(self, error: str, now: float) -> None:
+        self._fail(error, now)
         self._stopped_by_fault = True
-        _over(injection)
 
     def _jump(self, injection: Injection) -> None:
         self._ipoc = max(0, self._ipoc + int(injection.number("ms")))
-        _over(injection)
-
-
-def _over(injection: Injection) -> None:
-    injection.struck += 1
-    injection.finish(injection.injected_at)
+        injection.struck += 1
+        injection.finish(injection.injected_at)

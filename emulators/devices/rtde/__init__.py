@@ -1,6 +1,6 @@
 """A controller of Universal Robots, emulated: RTDE, dashboard and script port, with the arm behind them."""
 
-from emulators.devices.rtde.bad_wires import Server
+from emulators.devices.rtde.cable import Server
 from emulators.devices.rtde.faults import RTDE_FAULTS
 from emulators.devices.rtde.profile import RtdeProfile
 from emulators.devices.rtde.robot import RtdeRobot, make_robot

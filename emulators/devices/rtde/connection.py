@@ -30,8 +30,6 @@ class Connection:
         self._started = False
         self._due = 0
         """Number of the cycle in which data is sent next."""
-        self._late: list[tuple[float, bytes]] = []
-        """Packets that a fault keeps back, with their times."""
         self._inputs: dict[int, Recipe] = {}
         self._claimed: set[str] = set()
         self.closing = False
@@ -60,21 +58,14 @@ class Connection:
         return b"".join(out)
 
     def next_deadline(self) -> float | None:
-        due = self._controller.path.cycle_at(self._due) if self._sends else None
-        if not self._late:
-            return due
-        late = self._late[0][0]
-        return late if due is None else min(due, late)
+        return self._controller.path.cycle_at(self._due) if self._sends else None
 
     def handle_deadline(self, now: float) -> None:
         self._controller.advance(now)
         cycle = self._controller.path.cycle
         if self._sends and self._due <= cycle:
-            packet = self._data()
+            self._out.append(self._data())
             self._due = self._next(cycle)
-            self._out += self._disturbance.outgoing(packet, self._late, now)
-        while self._late and self._late[0][0] <= now + 1e-9:
-            self._out.append(self._late.pop(0)[1])
 
     def close(self, now: float) -> None:
         """The connection has ended: its inputs are free, at once or after a while."""
@@ -208,5 +199,4 @@ class Connection:
         except (RemoteProtocolError, LocalProtocolError):
             self._controller.counts["bad inputs"] += 1
             return
-        if not self._disturbance.deaf:
-            self._controller.write_inputs(recipe.names, values)
+        self._controller.write_inputs(recipe.names, values)

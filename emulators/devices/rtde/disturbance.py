@@ -1,22 +1,23 @@
 """Faults of the emulated controller carried out."""
 
-import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Protocol
 
+import numpy as np
+
+from emulators.arm.told_pose import ToldPose
 from emulators.devices.rtde.controller import BY_FAULT, Controller
-from emulators.devices.rtde.faults import CONNECTION_FAULTS, POSE_FAULTS
+from emulators.devices.rtde.faults import POSE_FAULTS
+from emulators.devices.rtde.kinematics import compose, invert
 from emulators.devices.rtde.state import Snapshot
 from emulators.faults.ledger import Handler, Injection
 from emulators.faults.own import OwnFaults
+from emulators.faults.packets import WIRE
 from emulators.seams import Handlers
 from protocol.devices.rtde.program import INPUT_NAMES
 from protocol.geometry import Pose
 
-_LATE_MAX = 4096
-"""Chosen: packets that are kept back at a time; eight seconds of them."""
-_DROPPED = "dropped"
-_AXES = "xyz"
+_IN_USE = "in-use"
 
 
 class Closable(Protocol):
@@ -28,18 +29,18 @@ class Closable(Protocol):
 class Disturbance:
     """Faults that are under way, or come next. Its `handlers` are those of `faults`."""
 
-    def __init__(self, controller: Controller) -> None:
+    def __init__(self, controller: Controller, wire: Mapping[str, Handler]) -> None:
+        """`wire` handles the faults of the cable."""
         self._controller = controller
         self.connections: list[Closable] = []
         """Connections to the RTDE port."""
         self._own = own = OwnFaults()
-        self._frozen: Pose | None = None
-        """Pose that is told while it stays as it is."""
+        self._told_pose = ToldPose(self._measured_at, POSE_FAULTS)
         acts = {
             "protective-stop": lambda: controller.protective_stop(BY_FAULT),
             "program-stopped": controller.stop_program,
             "program-paused": controller.pause,
-            "power-off": controller.power_off,
+            "motors-off": controller.power_off,
         }
         self.handlers: Handlers = {
             "robot": {
@@ -50,12 +51,10 @@ class Disturbance:
                 ),
                 "local-control": self._while(lambda: self._control(False), lambda: self._control(True)),
                 "slider": Handler(self._slide, lambda injection, now: self._slide_to(1.0, now)),
+                **own.held((_IN_USE,)),
             },
-            "connection": {
-                **own.striking({_DROPPED: self._at(self._drop)}),
-                **own.held(name for name in CONNECTION_FAULTS if name != _DROPPED),
-            },
-            "pose": {**own.held(POSE_FAULTS), **own.ended_by("frozen", self._thaw)},
+            "pose": self._told_pose.handlers,
+            WIRE: {**wire, **own.striking({"dropped": self._at(self._drop)})},
             "witness": controller.own_force.handlers,
         }
 
@@ -94,53 +93,21 @@ class Disturbance:
         for connection in self.connections:
             connection.closing = True
 
-    def _thaw(self, now: float) -> None:
-        self._frozen = None
-
     # --- effects
 
-    def _holds(self, name: str) -> Injection | None:
-        """The fault of this name that holds in this cycle, with one more effect; or None."""
-        return self._own.under_way(name, self._controller.now)
-
-    @property
-    def deaf(self) -> bool:
-        """Whether an input package is lost."""
-        return self._holds("deaf") is not None
+    def _measured_at(self, time: float) -> Pose:
+        """The pose that it told as of a time that has passed, s, without noise."""
+        controller, at = self._controller, np.array([time])
+        x, y, z = controller.path.trajectory(at)[0][0].tolist()
+        ((_, quaternion),) = controller.path.orientations(at)
+        return compose(compose(Pose((x, y, z), quaternion), invert(controller.tool)), controller.tcp)
 
     def in_use(self, name: str) -> bool:
         """Whether another client holds this input."""
-        return name in INPUT_NAMES and self._holds("in-use") is not None
-
-    def outgoing(self, packet: bytes, late: list[tuple[float, bytes]], now: float) -> list[bytes]:
-        """Packets to be sent now in the place of one; a late one is put to the others that are."""
-        if self._holds("mute"):
-            return []
-        if lost := self._holds("lost"):
-            if lost.struck >= lost.number("count"):
-                lost.finish(now)
-            return []
-        delay = self._holds("late")
-        if delay is not None or late:
-            at = now + (0.0 if delay is None else delay.number("ms") / 1000.0)
-            if len(late) < _LATE_MAX:
-                late.append((max([at, *(when for when, _ in late[-1:])]), packet))
-            return []
-        return [packet]
+        return name in INPUT_NAMES and self._own.under_way(_IN_USE, self._controller.now) is not None
 
     def shown(self, snapshot: Snapshot) -> Snapshot:
         """The state as it is told."""
-        pose = snapshot.pose
-        if self._holds("nan"):
-            pose = Pose((math.nan,) * 3, pose.quaternion)
-        elif self._holds("frozen"):
-            pose = self._frozen = self._frozen or pose
-        elif off := self._holds("offset"):
-            x, y, z = (
-                place + off.number(f"{axis}_mm") / 1000.0
-                for place, axis in zip(pose.position, _AXES, strict=True)
-            )
-            pose = Pose((x, y, z), pose.quaternion)
-        else:
-            return snapshot
-        return snapshot._replace(pose=pose)
+        pose = self._told_pose.told(snapshot.pose, self._controller.now)
+        assert pose is not None, "a recipe has it"
+        return snapshot if pose is snapshot.pose else snapshot._replace(pose=pose)

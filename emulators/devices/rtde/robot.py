@@ -1,6 +1,6 @@
 """The emulated robot as a cell and a room know it: the controller with its faults, and its three servers."""
 
-from emulators.devices.rtde.bad_wires import BadWires, Server
+from emulators.devices.rtde.cable import Cable, Server
 from emulators.devices.rtde.connection import Connection
 from emulators.devices.rtde.controller import Controller
 from emulators.devices.rtde.dashboard import Dashboard
@@ -23,10 +23,10 @@ class RtdeRobot:
     def __init__(self, profile: RtdeProfile, start: StartPose, now: float, seed: int) -> None:
         """Raises ValueError for a start that its arm cannot hold."""
         self.controller = controller = Controller(profile, start, now, seed)
-        self._disturbance = Disturbance(controller)
+        self._cable = Cable(seed)
+        self._disturbance = Disturbance(controller, self._cable.handlers)
         self.path: ArmPath = controller.path
-        self._wires = BadWires(seed)
-        self.handlers: Handlers = {**self._disturbance.handlers, "link": self._wires.handlers}
+        self.handlers: Handlers = self._disturbance.handlers
         self.begun_at = controller.begun_at
         self.orders, self.hindrance = controller.orders, controller.hindrance
         self.unmodelled = controller.unmodelled
@@ -69,7 +69,7 @@ class RtdeRobot:
                 inner = Dashboard(self.controller)
             case Port.SCRIPT:
                 inner = ScriptPort(self.controller)
-        return Server(inner, self._wires.open(now), self._wires)
+        return self._cable.open(inner, now)
 
 
 def make_robot(profile: RtdeProfile) -> RobotFactory:

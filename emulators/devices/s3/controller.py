@@ -8,7 +8,6 @@ import random
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Self
 
 from emulators.arm.kinematics import Joints
 from emulators.devices.s3.executive import Executive, Order
@@ -19,7 +18,7 @@ from emulators.devices.s3.programs import ProgramRun
 from emulators.devices.s3.site import EMPTY_SITE, S3Site
 from emulators.devices.s3.state import State, Stimulus
 from emulators.faults.ledger import Handler, Injection, Ledger
-from emulators.faults.wire import BYTES, FaultyWire
+from emulators.faults.packets import BYTES, WIRE, Packets
 from emulators.orders import Act, HeardOrder, Hindrance, Orders
 from emulators.quantiles import draw
 from emulators.seams import ArmPath, StartPose
@@ -56,7 +55,7 @@ class Tally:
 
 
 class S3Controller:
-    """Endpoint of the robot's end of the computer link; takes and gives bytes, tells no events.
+    """The controller behind its line, which `endpoint` is; takes and gives bytes, tells no events.
 
     Raises ValueError for a start outside the work area, or for a program that has a wrong line.
     """
@@ -84,7 +83,8 @@ class S3Controller:
         self._orders: deque[Order] = deque()
         self._ready_at: float | None = None
         """When a controller that is starting will be ready, s."""
-        self._wire = FaultyWire(BYTES, f"{seed} link")
+        self.endpoint: Packets[bytes] = Packets(self, BYTES, f"{seed} link")
+        """Its end of the computer link, behind the faults of the line."""
         self._late: Injection | None = None
         """The next order is answered late."""
         self._refuse: Injection | None = None
@@ -93,12 +93,12 @@ class S3Controller:
         self._restarts: Injection | None = None
         """The power is to fail in mid-message."""
         self.handlers: Mapping[str, Mapping[str, Handler]] = {
-            "robot": self._robot_handlers(),
+            "robot": {**self._robot_handlers(), **self._executive.reporting.mode_handlers},
             "pose": {
                 "encoder-offset": Handler(self._offset_encoders, self._mend_encoders),
-                **self._executive.reporting.handlers,
+                **self._executive.reporting.pose_handlers,
             },
-            "link": {**self._wire.handlers, **self._link_handlers()},
+            WIRE: {**self.endpoint.handlers, **self._line_handlers()},
         }
         """Faults of the controller, by target, for a ledger."""
         self.faults = Ledger(S3_FAULTS)
@@ -123,7 +123,7 @@ class S3Controller:
         if self._late is not None:
             waiting["late-answer"] = 1
         if self._refuse is not None:
-            waiting["refuse"] = int(self._refuse.number("count")) - self._refuse.struck
+            waiting["refuses"] = int(self._refuse.number("count")) - self._refuse.struck
         return waiting
 
     def joints(self, now: float) -> Joints:
@@ -133,11 +133,6 @@ class S3Controller:
         return self._executive.joints(now)
 
     # --- as a cell knows it, see `emulators.seams.EmulatedRobot`
-
-    @property
-    def endpoint(self) -> Self:
-        """The controller itself is the end of the computer link."""
-        return self
 
     @property
     def path(self) -> ArmPath:
@@ -174,8 +169,6 @@ class S3Controller:
 
     def receive(self, data: bytes, now: float) -> None:
         """Take bytes off the line."""
-        if self._wire.bad:
-            data = self._wire.incoming(data, now)
         self._line.receive(data, now)
         self._take_messages(now)
 
@@ -184,8 +177,7 @@ class S3Controller:
 
     def data_to_send(self, now: float) -> bytes:
         """Bytes for the line."""
-        data = self._line.data_to_send(now)
-        return self._wire.outgoing(data, now) if self._wire.bad else data
+        return self._line.data_to_send(now)
 
     def next_deadline(self) -> float | None:
         """The link's next time-out, when the oldest order or the program is next looked at, or the start-up ends."""
@@ -194,15 +186,13 @@ class S3Controller:
         for at in (order, self._executive.next_deadline(), self._ready_at):
             if at is not None and (due is None or at < due):
                 due = at
-        return self._wire.next_deadline(due) if self._wire.bad else due
+        return due
 
     def handle_deadline(self, now: float) -> None:
         """Act on the link's time-outs, carry the program on and answer the orders that are due."""
         if self._ready_at is not None and self._ready_at <= now:
             self._ready_at = None
             self._executive.happen(Stimulus.READY, now)
-        if self._wire.bad and (data := self._wire.arrived(now)):
-            self._line.receive(data, now)
         self._line.handle_deadline(now)
         self._take_messages(now)
         if (error := self._executive.handle_deadline(now)) is not None:
@@ -268,27 +258,26 @@ class S3Controller:
             "emergency-stop": self._lever(
                 S3Controller.press_emergency_stop, S3Controller.release_emergency_stop
             ),
-            "work-stop": self._lever(
+            "safeguard-stop": self._lever(
                 lambda robot, now: robot.set_work_stop(True, now),
                 lambda robot, now: robot.set_work_stop(False, now),
             ),
             "key-manual": self._lever(
                 lambda robot, now: robot.set_key(False, now), lambda robot, now: robot.set_key(True, now)
             ),
-            "link-control-taken": self._lever(
+            "local-control": self._lever(
                 lambda robot, now: robot.set_link_control(False, now),
                 lambda robot, now: robot.set_link_control(True, now),
             ),
-            "standby": self._lever(lambda robot, now: robot._executive.happen(Stimulus.STANDBY, now)),
-            "silence": Handler(self._line.switch_off, self._line.switch_on),
+            "motors-off": self._lever(lambda robot, now: robot._executive.happen(Stimulus.STANDBY, now)),
             "late-answer": Handler(self._answer_late),
-            "refuse": Handler(self._refuse_next),
+            "refuses": Handler(self._refuse_next),
             "spontaneous": Handler(self._tell_unasked),
             "power-cycle": Handler(self._power_cycle),
-            "freeze": Handler(self._freeze, lambda injection, now: self.motion.freeze(now, now)),
+            "stands": Handler(self._freeze, lambda injection, now: self.motion.freeze(now, now)),
         }
 
-    def _link_handlers(self) -> dict[str, Handler]:
+    def _line_handlers(self) -> dict[str, Handler]:
         line = self._line
         return {
             "drop-ack": Handler(self._drop_ack),
@@ -421,10 +410,9 @@ class S3Controller:
         refuse = self._refuse
         if refuse is not None and refuse.number("function") in (0, order.function):
             answer = int(refuse.number("code"))
-            refuse.struck += 1
-            if refuse.struck >= refuse.number("count"):
+            refuse.strike(now)
+            if refuse.ended_at is not None:
                 self._refuse = None
-                refuse.finish(now)
         else:
             answer = self._executive.judge(order, now)
         if answer is None:

@@ -113,7 +113,7 @@ class Executive:
         )
         """True and reported place of the tool centre point."""
         self.reporting = Reporting(self.motion)
-        """Faults of the reported place."""
+        """Faults of what is told."""
         self.state = initial(profile)
         """Everything that decides which orders are taken."""
         self.run: ProgramRun | None = None
@@ -162,7 +162,7 @@ class Executive:
             instruction=run.instruction if run is not None else 0,
             **status_flags(self.state, self.motion.waiting(now) > 0, self._profile),
         )
-        return self.reporting.falsified(status, now) if self.reporting.wrong else status
+        return self.reporting.falsified(status, now)
 
     # --- programs
 

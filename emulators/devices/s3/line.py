@@ -177,10 +177,9 @@ class FaultyLine:
         injection = self._armed.get(strike)
         if injection is None:
             return False
-        injection.struck += 1
-        if injection.struck >= injection.number("count"):
+        injection.strike(now)
+        if injection.ended_at is not None:
             del self._armed[strike]
-            injection.finish(now)
         return True
 
     def _damaged(self, data: bytes, now: float) -> bytes:

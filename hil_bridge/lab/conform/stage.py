@@ -1,22 +1,24 @@
 """One scenario after the other, each with a fresh emulated robot and a fresh client."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 from urllib.parse import parse_qsl, urlsplit
 
 from emulators.cell import Cell
+from emulators.faults.packets import WIRE
 from emulators.orders import TellingRobot
 from hil_bridge.clock import Clock
-from hil_bridge.devices.kinds import ROBOTS, Mishap
+from hil_bridge.devices.kinds import ROBOTS
 from hil_bridge.errors import BridgeError, ConfigError, DeviceError
 from hil_bridge.lab.conform.client import Client, Where
 from hil_bridge.lab.conform.judging import Outcome, Verdict, judge
 from hil_bridge.lab.conform.scenarios import (
     CUT,
     EMERGENCY,
+    LATE,
     NOMINAL,
     REFUSED,
     SCENARIOS,
@@ -35,6 +37,15 @@ from protocol.unmodelled import NotModelled
 
 _LOOK_S = 0.01
 """Chosen: time between two looks at the robot and the client."""
+
+
+class Mishap(NamedTuple):
+    """The fault of a scenario."""
+
+    on: str
+    fault: str
+    given: Mapping[str, Any] = {}
+    """Its parameters, and its duration."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,13 +74,24 @@ class Trial:
     make_client: Callable[[], Client]
 
     @property
-    def mishaps(self) -> dict[str, Sequence[Mishap]]:
-        """Faults by scenario, in the order of the scenarios. Raises ConfigError for a robot without any."""
+    def mishaps(self) -> dict[str, Mishap | None]:
+        """The fault of each scenario, in the order of the scenarios. Raises ConfigError for a robot without any."""
         kind = ROBOTS.kind(self.config.robot.emulated)
-        table = {} if kind.emulation is None else kind.emulation.mishaps
-        if not table:
+        if kind.emulation is None or not kind.emulation.mishaps:
             raise ConfigError(f"{kind.name}: its emulator says no mishaps by which a client can be judged")
-        return {name: table.get(name, ()) for name in SCENARIOS if name == NOMINAL or name in table}
+        emulation = kind.emulation
+        mishaps = {
+            LATE: Mishap(WIRE, "late", {"ms": emulation.late_ms, "way": "from"}),
+            EMERGENCY: Mishap("robot", "emergency-stop"),
+            CUT: Mishap(WIRE, "off", {"for_s": self.rules.cut_s}),
+            **{name: Mishap("robot", fault) for name, fault in emulation.mishaps.items()},
+        }
+        can_have = {
+            name: mishap
+            for name, mishap in mishaps.items()
+            if mishap.fault in emulation.faults.get(mishap.on, {})
+        }
+        return {name: can_have.get(name) for name in SCENARIOS if name == NOMINAL or name in can_have}
 
 
 def chosen(trial: Trial, only: Sequence[str]) -> list[str]:
@@ -178,10 +200,8 @@ class _Scene:
         return self._clock.now() - self._begun
 
     def _strike(self) -> None:
-        panel = FaultPanel(self._cell, self._clock)
-        for mishap in self._trial.mishaps[self._name]:
-            for_s = self._trial.rules.cut_s if self._name == CUT else None
-            panel.inject(mishap.on, mishap.fault, for_s=for_s, **mishap.parameters)
+        if (mishap := self._trial.mishaps[self._name]) is not None:
+            FaultPanel(self._cell, self._clock).inject(mishap.on, mishap.fault, **mishap.given)
 
     async def _until(self, done: Callable[[], bool] | None, seconds: float) -> None:
         """Watch until it is done, or the time is over. Raises _Ended when the client ends before."""

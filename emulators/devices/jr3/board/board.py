@@ -124,9 +124,8 @@ class Board:
     def handlers(self) -> Mapping[str, Mapping[str, Handler]]:
         """Faults of the receiver and the sensor, by target, for a ledger."""
         return {
-            "scales": self._scales.handlers,
-            "frames": {"unplugged": Handler(self._pulled, self._put_back)},
             "signal": self.jr3.signal.handlers,
+            "sensor": {**self._scales.handlers, "unplugged": Handler(self._pulled, self._put_back)},
         }
 
     @property

@@ -5,7 +5,7 @@ from typing import Any
 from emulators.devices.egm import EGM_FAULTS, EgmController, EgmProfile
 from emulators.seams import RobotFactory
 from hil_bridge.devices.facts import RobotFacts
-from hil_bridge.devices.kinds import KindSettings, Mishap, RobotEmulation, RobotKind
+from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
 from hil_bridge.devices.robots.egm.facts import robot_facts
 from hil_bridge.devices.robots.egm.settings import EgmSettings
 from hil_bridge.devices.robots.streamed import StreamedLink
@@ -60,13 +60,7 @@ def usual(settings: KindSettings[EgmSettings, EgmProfile], virtual: bool) -> str
     return "udp+memory:egm" if virtual else USUAL
 
 
-MISHAPS = {
-    "late": [Mishap("link", "delay", {"ms": 20.0, "way": "from"})],
-    "refused": [Mishap("robot", "motors-off")],
-    "stopped": [Mishap("robot", "rapid-stop")],
-    "emergency": [Mishap("robot", "motors-off")],
-    "cut": [Mishap("link", "off")],
-}
+MISHAPS = {"refused": "motors-off", "stopped": "program-stopped"}
 
 ROBOT = RobotKind(
     "egm",

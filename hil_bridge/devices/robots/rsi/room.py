@@ -5,7 +5,7 @@ from typing import Any
 from emulators.devices.rsi import RSI_FAULTS, RsiController, RsiProfile
 from emulators.seams import RobotFactory
 from hil_bridge.devices.facts import Pacing, RobotFacts, ServoFacts
-from hil_bridge.devices.kinds import KindSettings, Mishap, RobotEmulation, RobotKind
+from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
 from hil_bridge.devices.robots.streamed import StreamedLink
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.transports import Datagrams
@@ -76,15 +76,8 @@ def usual(settings: KindSettings[RsiLink, RsiProfile], virtual: bool) -> str:
     return "udp+memory:rsi" if virtual else f"udp://127.0.0.1:{PORT}"
 
 
-_STOP = Mishap("robot", "emergency-stop")
-"""The one stop that its telegrams tell."""
-MISHAPS = {
-    "late": [Mishap("packets", "late", {"ms": 6.0})],
-    "refused": [_STOP],
-    "stopped": [_STOP],
-    "emergency": [_STOP],
-    "cut": [Mishap("packets", "mute"), Mishap("answers", "refused")],
-}
+MISHAPS = {"refused": "emergency-stop", "stopped": "emergency-stop"}
+"""An emergency stop is the one stop that its telegrams tell."""
 
 ROBOT = RobotKind(
     "rsi",
@@ -92,7 +85,7 @@ ROBOT = RobotKind(
     RsiLink,
     connect,
     facts,
-    RobotEmulation(RsiProfile, make, serve, usual, RSI_FAULTS, mishaps=MISHAPS),
+    RobotEmulation(RsiProfile, make, serve, usual, RSI_FAULTS, mishaps=MISHAPS, late_ms=6.0),
     parse=lambda url, settings: parse_url(url, LISTEN_DATAGRAMS),
     describe=describe,
 )

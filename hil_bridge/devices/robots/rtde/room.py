@@ -5,7 +5,7 @@ from typing import Any
 from emulators.devices.rtde import RTDE_FAULTS, RtdeProfile, RtdeRobot, make_robot
 from emulators.seams import RobotFactory
 from hil_bridge.devices.facts import RobotFacts
-from hil_bridge.devices.kinds import KindSettings, Mishap, RobotEmulation, RobotKind
+from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
 from hil_bridge.devices.robots.rtde import serving as ports
 from hil_bridge.devices.robots.rtde.addresses import RTDE_PORT, parse_address
 from hil_bridge.devices.robots.rtde.bundle import Bundle
@@ -89,13 +89,7 @@ def check(settings: KindSettings[ClientProfile, RtdeProfile]) -> None:
         )
 
 
-MISHAPS = {
-    "late": [Mishap("connection", "late", {"ms": 20.0})],
-    "refused": [Mishap("robot", "power-off")],
-    "stopped": [Mishap("robot", "protective-stop")],
-    "emergency": [Mishap("robot", "emergency-stop")],
-    "cut": [Mishap("connection", "mute"), Mishap("connection", "deaf")],
-}
+MISHAPS = {"refused": "motors-off", "stopped": "protective-stop"}
 
 
 def _parse(url: str, settings: Any) -> WireUrl:

@@ -10,7 +10,7 @@ from emulators.devices.s3 import S3_FAULTS, Panel, S3Profiles, S3Site, make_robo
 from emulators.seams import RobotFactory
 from hil_bridge.clock import Clock
 from hil_bridge.devices.facts import RobotFacts
-from hil_bridge.devices.kinds import KindSettings, Mishap, RobotEmulation, RobotKind
+from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
 from hil_bridge.devices.robots.s3.facts import robot_facts
 from hil_bridge.devices.robots.s3.link import S3Link
 from hil_bridge.devices.robots.s3.orders_file import read_orders
@@ -115,13 +115,7 @@ async def panel(cell: Any, url: str, clock: Clock, kick: Callable[[], None]) -> 
         await server.aclose()
 
 
-MISHAPS = {
-    "late": [Mishap("link", "delay", {"ms": 200.0, "way": "from"})],
-    "refused": [Mishap("robot", "key-manual")],
-    "stopped": [Mishap("robot", "work-stop")],
-    "emergency": [Mishap("robot", "emergency-stop")],
-    "cut": [Mishap("link", "off")],
-}
+MISHAPS = {"refused": "key-manual", "stopped": "safeguard-stop"}
 
 ROBOT = RobotKind(
     "s3",
@@ -129,7 +123,7 @@ ROBOT = RobotKind(
     S3Settings,
     connect,
     facts,
-    RobotEmulation(S3Profiles, make, serve, usual, S3_FAULTS, panel, panel_address, MISHAPS),
+    RobotEmulation(S3Profiles, make, serve, usual, S3_FAULTS, panel, panel_address, MISHAPS, 200.0),
     check=robot_site,
     parse=lambda url, settings: parse_url(url, CONNECT_BYTES),
     describe=describe,

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from emulators.devices.jr3 import Jr3Profiles, make_board, make_gateway, make_uart
-from emulators.devices.jr3.faults import BOARD_FAULTS, GATEWAY_FAULTS
+from emulators.devices.jr3.faults import BOARD_FAULTS, CAN_GATEWAY_FAULTS, UART_GATEWAY_FAULTS
 from emulators.seams import SensorFactory
 from emulators.wires.slcan_adapter import SlcanAdapter, SlcanProfile
 from hil_bridge.devices.kinds import CanBus, KindSettings, SensorEmulation, SensorKind
@@ -170,7 +170,11 @@ CAN_GATEWAY = SensorKind(
     Jr3Settings,
     _connect_can,
     SensorEmulation(
-        Jr3Profiles, _make_gateway, _serve_can, _usual(f"{SLCAN}pty:", "can+memory:sensor"), GATEWAY_FAULTS
+        Jr3Profiles,
+        _make_gateway,
+        _serve_can,
+        _usual(f"{SLCAN}pty:", "can+memory:sensor"),
+        CAN_GATEWAY_FAULTS,
     ),
     parse=lambda url, settings: _parse_can(url),
     describe=_describe_frame,
@@ -188,7 +192,7 @@ UART_GATEWAY = SensorKind(
         _make_uart,
         _serve_uart,
         _usual("pty:", "memory:sensor"),
-        GATEWAY_FAULTS,
+        UART_GATEWAY_FAULTS,
     ),
     parse=lambda url, settings: parse_url(uart_line(url, CONNECT_BYTES), CONNECT_BYTES),
     describe=uart_gateway.describe,

@@ -1,0 +1,63 @@
+"""The one cable of a controller, which carries all connections to it, as faults let it."""
+
+from collections.abc import Mapping
+
+from emulators.devices.rtde.connection import Connection
+from emulators.devices.rtde.dashboard import Dashboard
+from emulators.devices.rtde.packages import MESSAGES, PACKAGES
+from emulators.devices.rtde.script import ScriptPort
+from emulators.faults.ledger import Handler, Injection
+from emulators.faults.packets import Packets, Pieces
+
+
+class Server:
+    """The controller's end of one connection: an endpoint of bytes that tells no events, behind its wire."""
+
+    def __init__(
+        self, inner: Connection | Dashboard | ScriptPort, wire: Packets[bytes], cable: "Cable"
+    ) -> None:
+        self._inner, self._wire, self._cable = inner, wire, cable
+        self.receive, self.data_to_send, self.next_event = wire.receive, wire.data_to_send, wire.next_event
+        self.next_deadline, self.handle_deadline = wire.next_deadline, wire.handle_deadline
+
+    @property
+    def closing(self) -> bool:
+        """Whether the controller is about to close the connection."""
+        return self._inner.closing
+
+    def close(self, now: float) -> None:
+        """The connection has ended."""
+        self._cable.close(self._wire)
+        self._inner.close(now)
+
+
+class Cable:
+    """The faults of the cable, for the connections that are open and for those to come."""
+
+    def __init__(self, seed: int) -> None:
+        self._seed = seed
+        self._injections: list[Injection] = []
+        self._wires: list[Packets[bytes]] = []
+        self._opened = 0
+        self.handlers: Mapping[str, Handler] = dict.fromkeys(PACKAGES.faults, Handler(self._begin))
+        """Handlers for a ledger."""
+
+    def open(self, inner: Connection | Dashboard | ScriptPort, now: float) -> Server:
+        """The controller's end of another connection, with the faults that hold now."""
+        self._opened += 1
+        pieces: Pieces[bytes] = PACKAGES if isinstance(inner, Connection) else MESSAGES
+        wire = Packets(inner, pieces, f"{self._seed} link {self._opened}")
+        for injection in self._injections:
+            if injection.holds(now):
+                wire.begin(injection)
+        self._wires.append(wire)
+        return Server(inner, wire, self)
+
+    def close(self, wire: Packets[bytes]) -> None:
+        """The connection has ended."""
+        self._wires.remove(wire)
+
+    def _begin(self, injection: Injection) -> None:
+        self._injections.append(injection)
+        for wire in self._wires:
+            wire.begin(injection)
