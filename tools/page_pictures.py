@@ -1,9 +1,9 @@
-"""Take the pictures of pages in docs/pictures: the page of a run, and reports. It takes about a minute.
+"""Take the pictures of pages and charts in docs/pictures. It takes about two minutes.
 
     python -m tools.page_pictures [FOLDER]
 
-The page is that of a run in real time with an emergency stop; the reports are of runs in virtual time. Chromium is the
-system's own.
+The page is that of a run in real time with an emergency stop. The reports, and the maps and charts of a program, are of
+runs in virtual time. Chromium is the system's own.
 """
 
 import argparse
@@ -13,14 +13,22 @@ import sys
 import tempfile
 from pathlib import Path
 
+import matplotlib
+from matplotlib.figure import Figure
+
 import hil_bridge
 from hil_bridge.record.analysis.summary import summarise
+from hil_bridge.show.charts.map_painter import paint_map
+from hil_bridge.show.charts.maps import path_map, removed_map
+from hil_bridge.show.charts.painter import STYLE, paint
+from hil_bridge.show.charts.run import run_charts
+from hil_bridge.show.picture_files import saved
 from hil_bridge.show.report import write_report
 from tools.chromium import Page, browser
 from tools.web_run import WebRun
 
 PLACE = Path(__file__).resolve().parent.parent / "docs" / "pictures"
-SCREEN, PHONE = (1440, 1000), (390, 1500)
+SCREEN, PAPER, PHONE = (1440, 1000), (1240, 1100), (390, 1700)
 """Width and height, px."""
 STOPPED = """
 [cell]
@@ -38,10 +46,16 @@ TRACKED = "hilPage.charts.sources.cycle.x.at(-1) - hilPage.charts.sources.cycle.
 LOST = [{"on": "sensor-wire", "fault": "off", "phase": "track", "after_s": 2.0}]
 """The fault of docs/how-to/why-a-run-stopped.md."""
 REPORTS = {
-    "report": (SCREEN, {"run": {"duration_s": 30.0}}, []),
+    "report": (PAPER, {"run": {"duration_s": 20.0}}, []),
     "report-phone": (PHONE, {"run": {"duration_s": 10.0}}, LOST),
 }
 """Size, settings and faults of each report."""
+DOME = PLACE.parents[1] / "examples" / "tasks" / "polish-dome.toml"
+MAPS = {
+    "dome-path": (path_map, "normal", (640, 260)),
+    "dome-removed": (removed_map, "orientation", (560, 220)),
+}
+"""A map and a chart of the program on the dome, and their heights, px."""
 _DRAWN_S = 0.5
 """Time for the charts to be drawn, s. Chosen."""
 
@@ -78,6 +92,23 @@ async def take_reports(page: Page, folder: Path, place: Path) -> None:
         await page.screenshot(place / f"{name}.png")
 
 
+def draw_maps(place: Path) -> None:
+    """The maps of a program, each above a chart of it."""
+    recording = hil_bridge.simulate(DOME).recording
+    charts, _ = run_charts(recording)
+    with matplotlib.rc_context(STYLE):
+        for name, (describe, chart_id, heights) in MAPS.items():
+            figure = Figure(figsize=(10.0, sum(heights) / 100.0), dpi=100)
+            figure.set_layout_engine("constrained")
+            above, below = figure.subplots(2, 1, height_ratios=heights)
+            described = describe(recording)
+            assert described is not None
+            paint_map(above, described, 1000.0)
+            paint(below, next(chart for chart in charts.charts if chart.id == chart_id), charts)
+            below.set_xlabel("time since the run began, s")
+            (place / f"{name}.png").write_bytes(saved(figure, "png"))
+
+
 async def take_all(place: Path) -> None:
     """All pictures."""
     with tempfile.TemporaryDirectory() as folder:
@@ -90,7 +121,9 @@ def main() -> int:
     """Take them."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", nargs="?", type=Path, default=PLACE)
-    asyncio.run(take_all(parser.parse_args().folder))
+    place = parser.parse_args().folder
+    draw_maps(place)
+    asyncio.run(take_all(place))
     return 0
 
 

@@ -137,6 +137,9 @@ def test_the_set_that_answers_is_named_and_written(
     finding = probed(LinkProfile(accepted_lengths=accepted, dle_stuffing=stuffing)).finding
     assert finding is not None
     assert (finding.profile, finding.length_style) == (profile, style)
+    moved = "" if profile == "default" else "; with this set a real S3 has been moved"
+    lengths = "whole and data" if accepted == "both" else accepted
+    assert profile_evidence(finding) == f"length {lengths} answered{moved}"
     assert ("profile", f"{profile} ({profile_evidence(finding)})") in finding_rows("memory:robot", finding)
     file = tmp_path / "site.toml"
     file.write_text(site_toml("memory:robot", finding))

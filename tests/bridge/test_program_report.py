@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from msgspec import structs
 
@@ -14,11 +15,13 @@ from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute
 from hil_bridge.settings.configuration import load_config
 from hil_bridge.show.charts.columns import FEED, NORMALS, SIGMA
+from hil_bridge.show.charts.maps import path_map
 from hil_bridge.show.charts.painter import paint
 from hil_bridge.show.charts.run import run_charts
 from hil_bridge.show.pages import Axis, Chart, Charts, Span
+from hil_bridge.show.pages.description import Map, Scale, room_of
+from hil_bridge.show.pages.maps import map_svg
 from hil_bridge.show.report import write_report
-from hil_bridge.show.report.path_map import path_map
 from hil_bridge.show.report.plots import draw
 from hil_bridge.show.report.steps_section import steps_section
 
@@ -94,9 +97,12 @@ def test_the_charts_tell_feed_and_normal_and_the_map_the_path(recording: Recordi
         assert force == (pytest.approx(at.force_reference, rel=1e-5) if at.phase == "track" else None)
     sigma = [c.explanation.get(SIGMA) if c.phase == "track" else None for c in recording.cycles]
     assert cycle[SIGMA] == [None if value is None else pytest.approx(value, rel=1e-5) for value in sigma]
-    drawn = path_map(recording)
+    path = path_map(recording)
+    assert path is not None
+    drawn = map_svg(path)
     assert drawn.count("<path ") > 20
     assert ">2</text>" in drawn, "the number of the step that tracks"
+    assert drawn in steps_section(recording, summarise(recording))
 
 
 def test_only_what_a_program_tells_is_drawn(recording: Recording) -> None:
@@ -113,7 +119,42 @@ def test_only_what_a_program_tells_is_drawn(recording: Recording) -> None:
     still = Recording(cycles, steps=recording.steps)
     charts, _ = run_charts(still)
     assert not {"feed", "normal", "way"} & {chart.id for chart in charts.charts}
-    assert path_map(still) == ""
+    assert path_map(still) is None
+    assert path_map(without_program(recording)) is None
+
+
+def test_page_and_picture_draw_the_same_map(recording: Recording, figures: list[Figure]) -> None:
+    """The pieces of the path that were pressed, in the colours of their errors, and the number of their step."""
+    path = path_map(recording)
+    assert path is not None
+    free, pressed = path.traces
+    pressing = [cycle for cycle in recording.cycles if cycle.phase == "track"]
+    errors = [cycle.force - cycle.force_reference for cycle in pressing]
+    assert list(pressed.values) == pytest.approx(errors)
+    assert list(pressed.x) == pytest.approx([1e3 * cycle.travel_commanded for cycle in pressing])
+    assert list(pressed.y) == pytest.approx([1e3 * cycle.across_commanded for cycle in pressing])
+    assert sum(x == x for x in free.x) == len(recording.cycles) - len(pressing)
+    assert [(spot.text, spot.x) for spot in path.spots] == [("2", pytest.approx(pressed.x[0]))]
+    draw(recording, summarise(recording))
+    (ax,) = (one for one in figures[-1].axes if one.get_title(loc="left") == path.title)
+    (drawn,) = (one for one in ax.collections if isinstance(one, LineCollection))
+    assert np.asarray(drawn.get_array()).tolist() == pytest.approx(errors[:-1])
+    assert [text.get_text() for text in ax.texts] == ["2"]
+    assert (ax.get_xlabel(), ax.get_ylabel()) == (path.x_label, path.y_label)
+    svg = map_svg(path)
+    assert svg.count('stroke-width="3.5"') == len(errors) - 1
+    assert f">{path.title}<" in svg
+
+
+def test_a_map_keeps_its_shape_in_any_room() -> None:
+    """Equal scales: a high map is made narrow, and a flat one shows more above and below."""
+
+    def map_of(x: float, y: float) -> Map:
+        return Map("m", "", "", "", (0.0, x), (0.0, y), Scale("sign", -1.0, 1.0, "N"), heights_px=(100, 500))
+
+    assert room_of(map_of(10.0, 5.0), 800.0) == (800.0, 400.0, (0.0, 5.0))
+    assert room_of(map_of(10.0, 20.0), 800.0) == (250.0, 500.0, (0.0, 20.0))
+    assert room_of(map_of(80.0, 4.0), 800.0) == (800.0, 100.0, (-3.0, 7.0))
 
 
 def test_the_picture_draws_the_wanted_force_of_each_sample_where_the_tool_presses(

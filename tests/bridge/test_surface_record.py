@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.figure import Figure
 from msgspec.structs import replace
 
 from hil_bridge.errors import ConfigError
@@ -27,6 +28,8 @@ from hil_bridge.record.topics import TRUTH
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute
 from hil_bridge.settings.configuration import load_config, read_config
+from hil_bridge.show.charts.map_painter import paint_map
+from hil_bridge.show.charts.maps import removed_map
 from hil_bridge.show.charts.surface import tilt_deg, touches
 from hil_bridge.show.report.surface_section import surface_section
 
@@ -220,6 +223,28 @@ def test_the_report_shows_the_map_and_the_angle(tmp_path: Path) -> None:
         surface_section(each) for each in (recording, dataclasses.replace(recording, removed=None))
     )
     assert "data:image/png;base64," in with_map
+    wear = removed_map(recording)
+    assert wear is not None
+    assert wear.grid is not None
+    assert list(map(tuple, wear.grid.rows)) == list(zip(*recording.removed.depths_um, strict=True))
+    assert wear.scale.high == pytest.approx(recording.removed.depths.max())
+    rows, columns = recording.removed.depths.shape
+    spacing_mm = recording.removed.spacing_m * 1e3
+    assert wear.x[1] - wear.x[0] == pytest.approx(rows * spacing_mm)
+    assert wear.y[1] - wear.y[0] == pytest.approx(columns * spacing_mm)
+    # where the tool touched, something is gone: the line lies on the map, at places with a depth
+    (line,) = wear.traces
+    places = [
+        (x, y) for x, y in zip(line.x, line.y, strict=True) if x is not None and y is not None and x == x
+    ]
+    assert len(places) == sum(touches(truth) for truth in recording.truths)
+    cells = [(int((x - wear.x[0]) / spacing_mm), int((y - wear.y[0]) / spacing_mm)) for x, y in places]
+    assert all(recording.removed.depths[cell] > 0.0 for cell in cells[5:-5])
+    figure = Figure()
+    paint_map(ax := figure.add_subplot(), wear, 600.0)
+    (drawn,) = ax.images
+    assert np.array_equal(np.asarray(drawn.get_array()), recording.removed.depths.T)
+    assert ax.get_title(loc="left") == wear.title
     assert "data:image" not in without
     assert "mm³" not in without
 

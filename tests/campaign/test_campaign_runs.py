@@ -19,6 +19,7 @@ from click.testing import CliRunner
 from hil_bridge.api import simulate
 from hil_bridge.cli.campaign import campaign
 from hil_bridge.errors import BridgeError, ConfigError
+from hil_bridge.lab.campaign.comparison import compared
 from hil_bridge.lab.campaign.judging import Job, configured, run
 from hil_bridge.lab.campaign.live import Results
 from hil_bridge.lab.campaign.page import page
@@ -333,6 +334,37 @@ def test_compare_tells_what_differs_for_equal_runs(results: Path, tmp_path: Path
     assert other.exit_code == 1
     assert "4 runs in both, 2 of them differ" in other.output
     assert re.search(r"task.force_n 8.0 \| none  \| seed 1: .*duration_s", other.output)
+
+
+def changed(results: Path, place: Path, sql: str) -> Path:
+    """A copy of the results in which something was changed."""
+    with sqlite3.connect(results) as source, sqlite3.connect(place) as target:
+        source.backup(target)
+        target.execute(sql)
+    source.close()
+    target.commit()
+    target.close()
+    return place
+
+
+def test_compare_counts_what_got_worse_and_better_and_how_far(results: Path, tmp_path: Path) -> None:
+    """A verdict is told also where it changed in one direction alone, and the shift over the runs that differ."""
+    failing = changed(
+        results,
+        tmp_path / "failing.sqlite",
+        "UPDATE runs SET failed = '[\"a criterion\"]', figures = json_set(figures, '$.force_true_max_n', "
+        "json_extract(figures, '$.force_true_max_n') + 2.0) WHERE rowid IN "
+        "(SELECT rowid FROM runs WHERE failed = '[]' LIMIT 1)",
+    )
+    with Store.open(results) as before, Store.open(failing) as after:
+        worse, better = compared(before, after), compared(after, before)
+        same = compared(before, before)
+    assert (worse.differing, better.differing, same.differing) == (1, 1, 0)
+    assert worse.lines[3] == "1 passed and fail now, 0 failed and pass now"
+    assert better.lines[3] == "0 passed and fail now, 1 failed and pass now"
+    assert worse.lines[4] == "force_true_max_n: moved in 1 runs, +2 … +2, median +2"
+    assert better.lines[4] == "force_true_max_n: moved in 1 runs, -2 … -2, median -2"
+    assert len(same.lines) == 3
 
 
 class _Tags(HTMLParser):

@@ -6,10 +6,11 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from hil_bridge.control.program.facing import Facing, FacingState, Look, inward
-from hil_bridge.control.program.felt import Face, WorkFrame, lateral_of, skewed
-from hil_bridge.control.program.state import Felt
+from hil_bridge.control.program.felt import Face, WorkFrame, lateral_of, skewed, zeroed
+from hil_bridge.control.program.state import CourseState, Felt
 from protocol.geometry import Quaternion, normalise, rotate
 
 DT = 0.012
@@ -219,6 +220,41 @@ def test_the_moments_at_a_face_tell_how_it_stands_to_a_flat_surface(tip, centre)
         state = FACING.after(state, look, PER_ANGLE)
     assert off(state, (0.0, 0.0)) < 0.05
     assert math.degrees(state.sigma) < FACING.uncertain_deg
+
+
+def test_the_zero_of_a_program_is_added_along_each_axis_of_the_frame():
+    """Against scipy: a turned tool, and a frame of which no axis is one of the base."""
+    axes = Rotation.from_rotvec((0.3, -0.8, 0.5)).as_matrix()
+    frame = WorkFrame(*(tuple(row) for row in axes.tolist()))
+    quaternion = normalise((0.2, 0.7, -0.5, 0.4))
+    zero = (1.0, 2.0, -4.0, 0.1, -0.2, 0.3)
+    felt = felt_of(quaternion, (3.0, -1.0, 7.0, 0.5, 0.6, 0.7))._replace(force=(10.0, 0.5, -0.25))
+    w, x, y, z = quaternion
+    added = axes @ Rotation.from_quat((x, y, z, w)).apply(zero[:3])
+    result = zeroed(felt, CourseState(zero=zero), frame)
+    assert result.force == pytest.approx(np.array(felt.force) + added, abs=1e-12)
+    assert result.wrench == pytest.approx(np.array(felt.wrench) - np.array(zero), abs=1e-12)
+    assert zeroed(felt._replace(quaternion=None), CourseState(zero=zero, home=quaternion), frame).force == (
+        pytest.approx(result.force)
+    )
+    for unknown in (felt._replace(quaternion=None), felt._replace(wrench=())):
+        assert zeroed(unknown, CourseState(zero=zero), frame) is unknown
+
+
+def test_a_face_is_judged_in_the_work_frame_whatever_its_axes():
+    """A frame that is turned with tool and moments tells the same axis and skew."""
+    quaternion = tool_at(0.7, -1.2)
+    felt = felt_of(quaternion, disc_wrench(quaternion))
+    face = Face(radius=RADIUS)
+    axis, skew = skewed(FRAME, face, felt, PER_ANGLE)
+    turn = Rotation.from_rotvec((0.3, -0.8, 0.5))
+    w, x, y, z = quaternion
+    x, y, z, w = (turn * Rotation.from_quat((x, y, z, w))).as_quat()
+    turned = WorkFrame(*(tuple(turn.apply(way)) for way in (FRAME.approach, FRAME.x, FRAME.y)))
+    assert skewed(turned, face, felt._replace(quaternion=(w, x, y, z)), PER_ANGLE) == (
+        pytest.approx(axis),
+        pytest.approx(skew),
+    )
 
 
 def test_a_tool_without_a_face_is_told_no_skew():

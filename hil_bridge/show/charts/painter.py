@@ -191,6 +191,11 @@ def colour(name: str) -> str:
     return _css().get(f"--c{name}" if name.isdecimal() else f"--c-{name}", _css()["--c1"])
 
 
+def sheet_colour(name: str) -> str:
+    """A colour of the style sheet for light pages by the name of its variable, or one that is given as `#rrggbb`."""
+    return name if name.startswith("#") else _css()[f"--{name}"]
+
+
 def _translucent(variable: str) -> tuple[str, float]:
     """A colour with its opacity."""
     shade = _css().get(variable, _css()["--span-other"])

@@ -1,4 +1,4 @@
-"""What a page tells `charts.js` to draw: stacked charts with linked axes, as plain values that become JSON.
+"""What is to be drawn, as plain values: stacked charts with linked axes, which become JSON for `charts.js`, and maps.
 
 A page puts the encoded `Charts` into the document and calls `HilCharts.draw(element, description)`. A page that lives
 appends with `append(rows)` of what `draw` gave. `charts.js` names all of its verbs.
@@ -132,3 +132,76 @@ class Charts(Struct, frozen=True, omit_defaults=True):
     marks: Sequence[Mark] = ()
     spans: Sequence[Span] = ()
     layers: Sequence[Layer] = ()
+
+
+Range: TypeAlias = tuple[float, float]
+"""Least and greatest value."""
+
+
+class Scale(Struct, frozen=True, omit_defaults=True):
+    """Which colour is which value."""
+
+    palette: str
+    """`amount`, from little to much, or `sign`, from below to above."""
+    low: float
+    high: float
+    unit: str
+
+
+class Trace(Struct, frozen=True, omit_defaults=True):
+    """A line on a map, through places in the map's unit. A place that is no number cuts it."""
+
+    x: Values
+    y: Values
+    colour: str = "text"
+    """A variable of `pages.css`, or `#rrggbb`."""
+    width: float = 1.0
+    """px"""
+    dashed: bool = False
+    values: Values = ()
+    """A value for each place, which colours the piece that begins there; none: the line has its own colour."""
+
+
+class Spot(Struct, frozen=True, omit_defaults=True):
+    """A dot with a text beside it."""
+
+    x: float
+    y: float
+    text: str
+
+
+class Grid(Struct, frozen=True, omit_defaults=True):
+    """Values on a grid that fills the map: rows from the least y to the greatest, in each the least x first."""
+
+    rows: Sequence[Values]
+
+
+class Map(Struct, frozen=True, omit_defaults=True):
+    """A picture of the surface from above, with equal scales along x and y."""
+
+    id: str
+    title: str
+    x_label: str
+    y_label: str
+    x: Range
+    y: Range
+    scale: Scale
+    traces: Sequence[Trace] = ()
+    spots: Sequence[Spot] = ()
+    grid: Grid | None = None
+    heights_px: tuple[int, int] = (160, 520)
+    """Least and greatest height."""
+
+
+def room_of(drawn: Map, width_px: float) -> tuple[float, float, Range]:
+    """Width and height of a map in px, where so much width is free, and the y that it shows: a flat map shows more."""
+    (left, right), (low, high) = drawn.x, drawn.y
+    least, most = drawn.heights_px
+    height = width_px * (high - low) / (right - left)
+    if height > most:
+        return width_px * most / height, float(most), drawn.y
+    if height >= least:
+        return width_px, height, drawn.y
+    half = least * (right - left) / width_px / 2
+    middle = (low + high) / 2
+    return width_px, float(least), (middle - half, middle + half)

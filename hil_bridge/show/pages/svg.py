@@ -10,17 +10,21 @@ from html import escape
 import numpy as np
 from numpy.typing import NDArray
 
+from hil_bridge.show.pages.description import Range
+
 VIRIDIS = ((68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37))
 """From little to much; told apart in grey, too. Source: the colour map viridis, at five places."""
 COOLWARM = ((59, 76, 192), (141, 176, 254), (221, 221, 221), (244, 152, 122), (180, 4, 38))
 """From below to above. Source: the colour map of K. Moreland, at five places."""
+PALETTES = {"amount": VIRIDIS, "sign": COOLWARM}
+"""By the names of `description.Scale`."""
 _LEAST_PX = 45.0
 
 
 class Frame:
     """A rectangle of a drawing with its own scales, and what is drawn in it."""
 
-    def __init__(self, place: tuple[float, float, float, float], x: "Range", y: "Range") -> None:
+    def __init__(self, place: tuple[float, float, float, float], x: Range, y: Range) -> None:
         """`place` is left, top, width and height, px; `x` and `y` are what is shown, y upwards."""
         self.left, self.top, self.width, self.height = place
         self.x_range, self.y_range = x, y
@@ -70,9 +74,6 @@ class Frame:
             f'<path d="{"".join(commands)}" fill="none" stroke-width="{width:g}" stroke-linecap="round"{dash}'
             f' style="stroke:{shade(colour)}"/>'
         )
-
-
-Range = tuple[float, float]
 
 
 def drawing(size: tuple[float, float], parts: Iterable[str], label: str) -> str:

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 from hil_bridge.record.analysis.summary import Summary, wanted_force
 from hil_bridge.record.reader import Recording
+from hil_bridge.show.charts.map_painter import paint_map
+from hil_bridge.show.charts.maps import maps_of
 from hil_bridge.show.charts.painter import GREY, STYLE, paint
 from hil_bridge.show.charts.run import run_charts
 from hil_bridge.show.picture_files import drawing_library, saved
@@ -15,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 WIDTH_PX = 1400
-_FIGURES_PX, _TITLE_PX = 330, 60
+_FIGURES_PX, _TITLE_PX, _MAPS_PX = 330, 60, 460
 _DPI = 100
 
 
@@ -29,14 +31,17 @@ def draw(recording: Recording, summary: Summary, kind: str = "png") -> bytes:
     from matplotlib.figure import Figure
 
     charts, _ = run_charts(recording)
+    maps = maps_of(recording)
     heights = [chart.height_px + 40 for chart in charts.charts]
     with matplotlib.rc_context(STYLE):
-        height = sum(heights) + _FIGURES_PX + _TITLE_PX
+        maps_px = [_MAPS_PX] if maps else []
+        height = sum(heights) + sum(maps_px) + _FIGURES_PX + _TITLE_PX
         figure = Figure(figsize=(WIDTH_PX / _DPI, height / _DPI), dpi=_DPI)
         figure.set_layout_engine("constrained", h_pad=0.05, w_pad=0.08)
         FigureCanvasAgg(figure)
         figure.suptitle(_title(summary), fontsize=15, fontweight="bold", parse_math=False)
-        grid = figure.add_gridspec(len(heights) + 1, 1, height_ratios=[*heights, _FIGURES_PX])
+        ratios = [*heights, *maps_px, _FIGURES_PX]
+        grid = figure.add_gridspec(len(ratios), 1, height_ratios=ratios)
         first = figure.add_subplot(grid[0])
         axes = [first, *(figure.add_subplot(grid[row], sharex=first) for row in range(1, len(heights)))]
         ends = [span.end for span in charts.spans]
@@ -51,6 +56,9 @@ def draw(recording: Recording, summary: Summary, kind: str = "png") -> bytes:
             ax.tick_params(labelbottom=ax is axes[-1])
         axis = charts.axes["time"]
         axes[-1].set_xlabel(f"{axis.label}, {axis.unit}")
+        for place, drawn in enumerate(maps):
+            beside = grid[len(heights)].subgridspec(1, len(maps))
+            paint_map(figure.add_subplot(beside[place]), drawn, WIDTH_PX / len(maps))
         _draw_table(figure.add_subplot(grid[-1]), merit_rows(summary), run_rows(summary))
         return saved(figure, kind)
 

@@ -6,8 +6,9 @@ from hil_bridge.record.analysis.figures import quantity
 from hil_bridge.record.analysis.steps import StepOutcome, verdict_of
 from hil_bridge.record.analysis.summary import Summary
 from hil_bridge.record.reader import Recording
+from hil_bridge.show.charts.maps import path_map
+from hil_bridge.show.pages.maps import map_svg
 from hil_bridge.show.report.markup import across, cells
-from hil_bridge.show.report.path_map import path_map
 
 _TITLES = "step", "time", "way", "mean force", "within", "wanted", "outcome", "found"
 _OPEN = 40
@@ -21,7 +22,9 @@ def steps_section(recording: Recording, summary: Summary) -> str:
     steps = cells(_TITLES, (_line(step) for step in summary.steps), "wide")
     if len(summary.steps) > _OPEN:
         steps = f'<div class="scroll">{steps}</div>'
-    return f"<h2>Steps</h2>\n{steps}\n{across(path_map(recording))}\n"
+    path = path_map(recording)
+    drawn = "" if path is None else across(map_svg(path))
+    return f"<h2>Steps</h2>\n{steps}\n{drawn}\n"
 
 
 def criteria_paragraph(summary: Summary) -> str:

@@ -5,9 +5,10 @@ from html import escape
 import numpy as np
 
 from hil_bridge.record.reader import Recording
+from hil_bridge.show.charts.maps import removed_map
 from hil_bridge.show.charts.surface import tilt_deg, touches
+from hil_bridge.show.pages.maps import map_svg
 from hil_bridge.show.report.markup import across
-from hil_bridge.show.report.removed_drawing import removed_drawing
 
 
 def surface_section(recording: Recording) -> str:
@@ -29,5 +30,5 @@ def surface_section(recording: Recording) -> str:
             f"While it touched, its axis stood {rms:.2f}° RMS from the normal, at most {max(touched):.2f}°."
         )
     told = f'<p class="verdict">{escape(" ".join(sentences))}</p>\n' if sentences else ""
-    drawn = "" if removed is None else across(removed_drawing(removed, recording.truths))
+    drawn = "" if (wear := removed_map(recording)) is None else across(map_svg(wear))
     return f"<h2>Emulated surface</h2>\n{told}{drawn}\n"

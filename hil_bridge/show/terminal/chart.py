@@ -68,7 +68,7 @@ def trend(snapshot: Snapshot, key: str, values: Sequence[float], size: tuple[int
     heights = [math.nan] * (columns - len(shown)) + shown
     lines = [title]
     for row in reversed(range(rows)):
-        label = {rows - 1: f"{high:.4g}", 0: f"{low:.4g}"}.get(row, "")
+        label = {rows - 1: _label(high, high - low), 0: _label(low, high - low)}.get(row, "")
         line = Text(f"{label:>{SCALE_WIDTH - 2}} │", style="dim", no_wrap=True)
         filled = (
             0.0 if math.isnan(value) else (value - low) / (high - low) * rows - row for value in heights
@@ -76,6 +76,12 @@ def trend(snapshot: Snapshot, key: str, values: Sequence[float], size: tuple[int
         line.append("".join(_EIGHTHS[max(0, min(8, round(part * 8)))] for part in filled), "cyan")
         lines.append(line)
     return lines
+
+
+def _label(value: float, span: float) -> str:
+    """An end of a scale, as fine as a hundredth of its span needs."""
+    digits = max(0, 1 - math.floor(math.log10(span)))
+    return f"{value:z.{digits}f}".replace("-", "−")
 
 
 def described_charts(snapshot: Snapshot) -> Mapping[str, Chart]:

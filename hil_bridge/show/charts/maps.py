@@ -1,0 +1,171 @@
+"""The maps of the catalogue: the path of a program from above, and what the tool removed from the surface."""
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_bridge.control.analysis.merit import RISE_FRACTION
+from hil_bridge.record.analysis.strokes import TRACK
+from hil_bridge.record.reader import Recording
+from hil_bridge.record.records import CycleRecord, TruthRecord
+from hil_bridge.record.removed_map import RemovedMap
+from hil_bridge.show.charts.sources import Array, column
+from hil_bridge.show.charts.surface import touches
+from hil_bridge.show.pages.description import Grid, Map, Range, Scale, Spot, Trace
+
+_LEAST_SPAN_MM = 4.0
+"""Chosen: no direction of the path is drawn with less room than this."""
+_ROOM = 0.06
+"""Chosen: share of the path that is left free around it."""
+_SHOWN_PERCENT = 95.0
+"""Chosen: share of the samples whose error lies within the colours. The rise after a touch does not count."""
+_LEAST_ERROR = 0.05
+"""Chosen: the colours reach at least so far, as a share of the wanted force."""
+_CUT_MM = 2.0
+"""Chosen: samples farther apart than this are not joined."""
+_PIECES_MOST = 3000
+"""Coloured pieces; of a longer path only some samples are joined. Chosen: three to a pixel."""
+_PLACES_MOST = 4000
+"""Places of the path on the map of what was removed. Chosen as the pieces."""
+
+
+def maps_of(recording: Recording) -> list[Map]:
+    """Every map of which something is told."""
+    return [one for one in (path_map(recording), removed_map(recording)) if one is not None]
+
+
+def path_map(recording: Recording) -> Map | None:
+    """The path of a program, coloured by the error of the force. None without a program, where nothing was pressed on,
+    and where the tool stayed in its place.
+    """
+    cycles = recording.cycles
+    pressing = np.array([_presses(cycle) for cycle in cycles])
+    if not (any(cycle.step for cycle in cycles) and pressing.any()):
+        return None
+    x, y = (1e3 * column(cycles, name) for name in ("travel_commanded", "across_commanded"))
+    if not (np.ptp(x) > 0.0 or np.ptp(y) > 0.0):
+        return None
+    most = _largest_error(cycles, pressing)
+    along, across = _box(x, y)
+    return Map(
+        "path",
+        "Path from above, and error of the force on it",
+        "x from the start point, mm",
+        "y, mm",
+        along,
+        across,
+        Scale("sign", -most, most, "N"),
+        (
+            Trace(np.where(pressing, np.nan, x).tolist(), y.tolist(), "quiet", dashed=True),
+            _pressed(cycles, (x, y)),
+        ),
+        _strokes(recording, (x, y)),
+    )
+
+
+def removed_map(recording: Recording) -> Map | None:
+    """The depth that the tool removed, and the path of the tool while it touched. None where no map was recorded."""
+    removed = recording.removed
+    if removed is None:
+        return None
+    depths, step = removed.depths, removed.spacing_m * 1e3
+    rows, columns = depths.shape
+    along, across = (1e3 * place for place in removed.corner_m)
+    return Map(
+        "removed",
+        "Removed depth, and path of the tool on it",
+        "path coordinate, mm",
+        "left of the path, mm",
+        (along - step / 2, along + (rows - 0.5) * step),
+        (across - step / 2, across + (columns - 0.5) * step),
+        Scale("amount", 0.0, max(float(depths.max()), 1e-9), "µm"),
+        _touched(recording.truths, removed),
+        grid=Grid(depths.T.tolist()),
+    )
+
+
+def _presses(cycle: CycleRecord) -> bool:
+    """Whether the force was controlled."""
+    return cycle.phase == TRACK and math.isfinite(cycle.force)
+
+
+def _pressed(cycles: Sequence[CycleRecord], places: tuple[Array, Array]) -> Trace:
+    """The path while the force was controlled, each piece with its error, N."""
+    error = column(cycles, "force") - column(cycles, "force_reference")
+    chosen = [k for k, cycle in enumerate(cycles) if _presses(cycle)]
+    chosen = chosen[:: max(1, -(-len(chosen) // _PIECES_MOST))]
+    apart = max(_CUT_MM, 3.0 * _spacing(places, chosen))
+    x, y = places
+    rows = []
+    for before, after in pairwise([*chosen, chosen[-1]]):
+        rows.append((x[before], y[before], error[before]))
+        if np.hypot(x[after] - x[before], y[after] - y[before]) >= apart:
+            rows.append((math.nan, math.nan, math.nan))
+    along, across, errors = np.array(rows).T.tolist()
+    return Trace(along, across, width=3.5, values=errors)
+
+
+def _spacing(places: tuple[Array, Array], chosen: list[int]) -> float:
+    """Usual distance between two samples, mm."""
+    if len(chosen) < 2:
+        return 0.0
+    x, y = (values[chosen] for values in places)
+    return float(np.median(np.hypot(np.diff(x), np.diff(y))))
+
+
+def _largest_error(cycles: Sequence[CycleRecord], pressing: NDArray[np.bool_]) -> float:
+    """Error at the end of the colours, N."""
+    risen = False
+    errors = []
+    for cycle in cycles:
+        risen = _presses(cycle) and (risen or cycle.force >= RISE_FRACTION * cycle.force_reference)
+        if risen:
+            errors.append(abs(cycle.force - cycle.force_reference))
+    wanted = float(np.max(np.abs(column(cycles, "force_reference")[pressing])))
+    shown = float(np.percentile(errors, _SHOWN_PERCENT)) if errors else 0.0
+    return max(shown, _LEAST_ERROR * wanted, 1e-3)
+
+
+def _box(x: Array, y: Array) -> tuple[Range, Range]:
+    """Least and greatest x, least and greatest y that are shown, mm."""
+    edges = []
+    widest = max(float(np.ptp(x)), float(np.ptp(y)))
+    for values in (x, y):
+        span = max(float(np.ptp(values)), _LEAST_SPAN_MM, 0.04 * widest)
+        middle = (float(values.min()) + float(values.max())) / 2
+        half = span / 2 + _ROOM * max(span, 0.25 * widest)
+        edges.append((middle - half, middle + half))
+    return edges[0], edges[1]
+
+
+def _strokes(recording: Recording, places: tuple[Array, Array]) -> list[Spot]:
+    """A spot with the step's number where each track and hold begins; of a repeat, at its first pass alone."""
+    spots: dict[str, Spot] = {}
+    first = {cycle.step: place for place, cycle in reversed(list(enumerate(recording.cycles)))}
+    for step in recording.steps:
+        label = step.label.split(" ", 1)[0]
+        if step.word in (TRACK, "hold") and step.step in first and label not in spots:
+            x, y = (float(values[first[step.step]]) for values in places)
+            spots[label] = Spot(x, y, label)
+    return list(spots.values())
+
+
+def _touched(truths: Sequence[TruthRecord], removed: RemovedMap) -> list[Trace]:
+    """The path of the tool while it touched, on the map, mm; what lies between two strokes is not drawn."""
+    if not truths:
+        return []
+    places = 1e3 * _on_map(np.array([truth.position for truth in truths]), removed)
+    places[:, ~np.array([touches(truth) for truth in truths])] = math.nan
+    along, across = places[:, :: max(1, -(-places.shape[1] // _PLACES_MOST))].tolist()
+    return [Trace(along, across, "#ffffff")]
+
+
+def _on_map(positions: Array, removed: RemovedMap) -> Array:
+    """Path coordinate and distance to the left (2, n), m, of positions (n, 3) in the base frame, m."""
+    from_corner = positions[:, :2] - np.array(removed.origin_m)
+    dx, dy = removed.direction
+    along, across = removed.corner_m
+    return np.stack((along + from_corner @ np.array([dx, dy]), across + from_corner @ np.array([-dy, dx])))
