@@ -34,6 +34,8 @@ ROOM_FROM = 0.5
 """Share of a limit from which a chart makes room for it. Chosen: a line far from all values presses them flat."""
 _ROOM = 0.08
 """Share of the span that is free above and below. The same in `charts.js`."""
+_BESIDE_TITLE = 3
+"""Entries of a legend that have room beside the title; the title of a longer one stands above it. Chosen."""
 _LOUD = ("stop", "fault", "note")
 _SPANS_MARKED = 200
 """Chosen: with more spans than this their borders would cover the curves."""
@@ -99,13 +101,15 @@ def paint(ax: "Axes", chart: Chart, charts: Charts) -> None:
         )
     _paint_marks(ax, [one for one in charts.marks if one.axis == chart.axis], named=first)
     limits = "".join(f" · {limit.label} {limit.value:.5g}" for limit in chart.limits)
-    title = ax.set_title(chart.title + limits.replace("-", "−"), loc="left", fontsize=10.5, fontweight="bold")
+    entries = len(chart.series) + len(chart.bands)
+    words, pad = chart.title + limits.replace("-", "−"), 20.0 if entries > _BESIDE_TITLE else 6.0
+    title = ax.set_title(words, loc="left", pad=pad, fontsize=10.5, fontweight="bold")
     title.set_parse_math(False)
     ax.set_ylabel(chart.unit)
     if chart.log:
         ax.set_yscale("log")
     _set_range(ax, chart, drawn)
-    if len(chart.series) + len(chart.bands) > 1:
+    if entries > 1:
         ax.legend(loc="lower right", bbox_to_anchor=(1.0, 0.985), borderaxespad=0.0, ncols=5, frameon=False)
 
 
