@@ -26,7 +26,7 @@ class UPlot(BuildHookInterface):  # type: ignore[type-arg]
     PLUGIN_NAME = "custom"
 
     def dependencies(self) -> list[str]:
-        """What the build needs: nothing where the files are there already, as in a source distribution."""
+        """The packages that the build needs: none where the files are there already, as in a source distribution."""
         return [] if all(self._there(name) for name in FILES) else [SOURCE]
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:

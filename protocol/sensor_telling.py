@@ -1,4 +1,4 @@
-"""What the client of a sensor tells its owner, once for all of them: events in order, statuses, samples, the end.
+"""The messages of a sensor's client to its owner, once for all of them: events in order, statuses, samples, the end.
 
 A client composes one `SensorTelling`. Of a device that has a zero and numbers its samples, the client tells frames
 itself; of another one it gives raw samples to `sample` or `numbered_sample`, which take the host's zero off.

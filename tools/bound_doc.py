@@ -44,9 +44,9 @@ TOUCH_KN_M, TOUCH_MM_S, TOUCH_SEEDS = (5, 20, 50), (2, 5, 10), (1, 2, 3)
 TOUCH_MS: Mapping[str, int] = {"s3": 0, "egm": 20, "rtde": 20, "rsi": 20}
 """Period of each robot's runs."""
 WAYS: Mapping[str, str] = {"s3": "both", "egm": "both", "rtde": "from", "rsi": "from"}
-"""What comes late on each robot's wire."""
+"""The packets that come late on each robot's wire."""
 LATE: Mapping[str, float] = {"nothing": 0.0, "link": 20.0, "forces": 50.0, "forces, much": 150.0}
-"""What comes late from the connection on, and by how many ms."""
+"""The wire that is late from the connection on, and by how many ms."""
 
 
 class Push:

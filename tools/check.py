@@ -104,7 +104,7 @@ BESIDE: dict[str, tuple[str, ...]] = {
 REAL_TIME = "live"
 """The step beside which nothing runs that others could notice."""
 IDLE = ("kernel",)
-"""What takes only time that no other wants, and so goes on beside REAL_TIME."""
+"""A command that takes only time that no other wants, and so goes on beside REAL_TIME."""
 
 VERDICTS = {0: "ok     ", SKIPPED: "skipped"}
 """Meaning of an exit code of a step; every other one is a failure."""

@@ -33,7 +33,7 @@ class Page:
         self._socket = socket
         self._numbers = itertools.count(1)
         self.errors: list[str] = []
-        """What the page's console told of errors and of refused scripts and styles."""
+        """The messages of the page's console on errors and of refused scripts and styles."""
 
     async def call(self, method: str, **parameters: object) -> Any:
         """A command of the DevTools protocol."""

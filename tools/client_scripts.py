@@ -1,4 +1,4 @@
-"""What clients of other people are told to do for a transcript. Each script ends with JSON: what it read, and sent."""
+"""Scripts by which clients of other people make a transcript. Each script ends with JSON: what it read, and sent."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple

@@ -33,7 +33,7 @@ EPOCH = 4321.0
 SEED = 1
 START = StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2)
 WRENCH = (1.5, -2.5, 10.0, 0.1, -0.2, 0.3)
-"""What a sensor feels all the time, N and N·m."""
+"""The wrench that a sensor feels all the time, N and N·m."""
 OPENS, CLOSES = "opens", "closes"
 CLIENT, DEVICE = "client", "device"
 DATAGRAMS = ("egm", "rsi", "rdt")
@@ -189,7 +189,7 @@ def _wrench_at(times: Floats) -> Floats:
 
 
 def replayed(transcript: Transcript) -> list[Step]:
-    """What the device says now to the steps of the client."""
+    """The answers of the device now to the steps of the client."""
     stage = Stage(transcript.head["device"], json.loads(transcript.head["settings"]))
     said: list[Step] = []
     for step in transcript.steps:

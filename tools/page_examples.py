@@ -79,7 +79,7 @@ def differs(command: Command, printed: str) -> str:
 
 
 class Page:
-    """What one page is run in: a folder, an environment, a shell, and at most one command beside it."""
+    """The place in which one page is run: a folder, an environment, a shell, and at most one command beside it."""
 
     def __init__(self) -> None:
         self._kept = contextlib.ExitStack()

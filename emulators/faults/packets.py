@@ -181,7 +181,7 @@ class _Way(Generic[Data]):
         return any(each.fault == "reordered" and each.holds(now) for each in self.faults)
 
     def _struck(self, packet: Any, injection: Injection, now: float) -> Sequence[Any]:
-        """What comes in the place of a packet."""
+        """The data that come in the place of a packet."""
         pieces, draw = self._pieces, self._draw
         if injection.fault == "reordered" and self._kept_back:
             before, self._kept_back = self._kept_back, []
@@ -232,7 +232,7 @@ class Packets(Generic[Data]):
         """A device tells no events."""
 
     def data_to_send(self, now: float) -> Data:
-        """What comes out of the wire now of all that the device sends and has sent."""
+        """The data that come out of the wire now, of all that the device sends and has sent."""
         data = self._inner.data_to_send(now)
         if not self._bad:
             return data

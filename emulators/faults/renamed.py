@@ -93,7 +93,7 @@ RENAMED: Mapping[tuple[str, str], tuple[NewName, ...]] = {
 RENAMED_PARAMETERS: Mapping[tuple[str, str], str] = {
     ("off", "way"): "from the device alone it is mute, to it alone deaf",
 }
-"""What became of a parameter, by fault and parameter."""
+"""The present form of a parameter that is gone, by fault and parameter."""
 
 
 def tell_new_name(target: str, fault: str, table: Mapping[str, Mapping[str, object]]) -> str:

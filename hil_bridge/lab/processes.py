@@ -110,7 +110,7 @@ def in_order(
     advance: Callable[[int], object] = lambda count: None,
     chunk: int = CHUNK,
 ) -> list[Made]:
-    """What `work` makes of each item, in the order of the items. `advance` is told how many have ended since."""
+    """The results of `work`, in the order of the items. `advance` is told how many have ended since."""
     results: dict[int, Made] = {}
     alone = workers.executor is None
     for ended in as_completed(workers, work, items, 1 if alone else chunk):

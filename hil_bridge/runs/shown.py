@@ -15,7 +15,7 @@ from hil_bridge.show.web.feed import Feed, WebOptions
 
 @dataclass(frozen=True, slots=True)
 class Views:
-    """What a person wants to see."""
+    """The views and outputs that a person asks for."""
 
     terminal: bool = True
     web: WebOptions | None = None

@@ -137,7 +137,7 @@ class Rig:
 
 @asynccontextmanager
 async def serving_in_memory(clock: Clock) -> AsyncIterator[Serving]:
-    """What an emulated device is served by. Raises what its code raised meanwhile, but for errors of wires."""
+    """The server of an emulated device. Raises the error that its code raised meanwhile, but for errors of wires."""
     failed: list[BaseException] = []
     async with AsyncExitStack() as stack:
         yield Serving(clock, stack, failed.append, lambda text: None)

@@ -98,7 +98,7 @@ class Controller:
         """actual_TCP_force without noise and zero, N and N·m, base axes."""
         self.program: Program | None = None
         self.console = Console()
-        """What programs say."""
+        """The messages of programs."""
         self.watchdogs: list[Watchdog] = []
         self._starting: tuple[float, Callable[[], Program]] | None = None
         self._pending: list[tuple[float, Callable[[], None]]] = []

@@ -1,4 +1,4 @@
-"""What the cable of a controller carries, as faults see it.
+"""The pieces on the cable of a controller, as faults see them.
 
 A stream over TCP loses and changes no bytes. So faults strike what one side says: a package of RTDE, or a message to
 and from the dashboard and the script port.

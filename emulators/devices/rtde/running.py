@@ -1,4 +1,4 @@
-"""What runs in the controller: programs, their watchdogs, and what they say."""
+"""Programs that run in the controller, their watchdogs, and their messages."""
 
 from collections import deque
 from collections.abc import Callable

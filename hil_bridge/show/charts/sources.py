@@ -66,7 +66,7 @@ class Sources:
         return name
 
     def sentence(self) -> str:
-        """What was left out, in words; empty where nothing was."""
+        """A sentence on the samples that were left out; empty where none was."""
         parts = [f"{kept} of {rows} rows of {name}" for name, (rows, kept) in self.rows.items()]
         if not parts:
             return ""

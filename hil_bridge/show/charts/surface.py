@@ -1,4 +1,4 @@
-"""What the emulated surface knows of the tool's axis. Nothing of it was measured."""
+"""The truth of the emulated surface along the tool's axis. Nothing of it was measured."""
 
 import math
 

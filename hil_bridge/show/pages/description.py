@@ -1,4 +1,4 @@
-"""What is to be drawn, as plain values: stacked charts with linked axes, which become JSON for `charts.js`, and maps.
+"""A drawing as plain values: stacked charts with linked axes, which become JSON for `charts.js`, and maps.
 
 A page puts the encoded `Charts` into the document and calls `HilCharts.draw(element, description)`. A page that lives
 appends with `append(rows)` of what `draw` gave. `charts.js` names all of its verbs.
@@ -16,7 +16,7 @@ Source: TypeAlias = Mapping[str, Values]
 
 
 class Axis(Struct, frozen=True, omit_defaults=True):
-    """What charts have in common along x. Charts of one axis zoom, pan and show their values together."""
+    """The axis that several charts have in common. Charts of one axis zoom, pan and show their values together."""
 
     label: str
     unit: str
@@ -116,7 +116,7 @@ class Span(Struct, frozen=True, omit_defaults=True):
 
 
 class Layer(Struct, frozen=True, omit_defaults=True):
-    """What a person can show and hide together."""
+    """Curves that a person shows and hides together."""
 
     id: str
     label: str

@@ -16,7 +16,7 @@ for (const place of document.querySelectorAll("[data-charts]")) {
 }
 """
 _ESCAPES = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", "\u2029": "\\u2029"}
-"""What could end a script element, or a line of one, as JSON says it otherwise."""
+"""Characters that could end a script element, or a line of one, and the way in which JSON writes them."""
 
 
 def in_script(value: object) -> str:

@@ -26,7 +26,7 @@ from hil_bridge.show.report.markup import across, cells, prose
 RUNS_MOST = 8
 """As many colours as are told apart."""
 TOUCH, BEGIN = "touch", "begin"
-"""What lies at 0 s: the start of the first tracking, or that of the run."""
+"""The moment at 0 s: the start of the first tracking, or that of the run."""
 COMPARED = {
     "force": "force",
     "lateral": "lateral",
@@ -125,7 +125,7 @@ def _same_limits(chart: Chart, runs: Mapping[str, Recording]) -> list[Limit]:
 
 
 def _zero(recording: Recording, align: str) -> float:
-    """What lies at 0, s on the run's clock; a run that never tracked begins there."""
+    """The moment at 0, s on the run's clock; a run that never tracked begins there."""
     touched = [span.begin for span in phases(recording) if span.name == TRACK]
     return touched[0] if touched and align == TOUCH else start_time(recording)
 

@@ -1,4 +1,4 @@
-"""What a run was: when, where, with which devices and versions."""
+"""The facts of a run: when, where, with which devices and versions."""
 
 from datetime import UTC, datetime
 from typing import Any

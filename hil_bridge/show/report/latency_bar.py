@@ -63,7 +63,7 @@ def by_owner(latency: Latency) -> dict[Owner, float]:
 
 
 def _owners(latency: Latency) -> list[str]:
-    """What each colour means, and its sum."""
+    """The meaning of each colour, and its sum."""
     parts, left = [], float(_LEFT)
     for owner, seconds in by_owner(latency).items():
         words = f"{owner} {seconds * 1e3:.1f} ms"

@@ -42,7 +42,7 @@ def cells(titles: Sequence[str], lines: Iterable[Sequence[str]], style: str) -> 
 
 
 def across(marked: str) -> str:
-    """What is wider than a phone, so that it can be moved sideways by itself."""
+    """A part that is wider than a phone, and moves sideways by itself."""
     return f'<div class="across">{marked}</div>'
 
 

@@ -80,7 +80,7 @@ def page(recording: Recording, summary: Summary) -> str:
 
 
 def _head(recording: Recording, summary: Summary) -> str:
-    """What the run was, and how it ended."""
+    """The facts of the run, and its end."""
     which = reality(recording)
     parts = [
         f"<h1>Force control run: {escape(summary.controller or 'no controller named')}</h1>",

@@ -46,7 +46,7 @@ def is_loopback(host: str) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Admission:
-    """What the server of a run takes."""
+    """The requests that the server of a run takes."""
 
     token: str
     """Needed to end the run."""

@@ -25,7 +25,7 @@ from hil_bridge.show.web.teller import Cursor, Teller
 NICE = 10
 """Lower priority than that of a run. Chosen."""
 LOG_BYTES = 1 << 20
-"""What the process may write to its log at most; it writes no other file."""
+"""The most that the process may write to its log; it writes no other file."""
 LAST_SECONDS = 5
 """Time to tell the pages that the run has gone, s. Chosen."""
 _PR_SET_PDEATHSIG = 1

@@ -1,4 +1,4 @@
-"""What is wrong with a program: values that a controller reports, and the exception that carries one."""
+"""The errors of a program: values that a controller reports, and the exception that carries one."""
 
 from typing import NamedTuple
 

@@ -186,7 +186,7 @@ def _whole(value: Value) -> int:
 
 
 def _wait_for(task: Any, name: Value, timeout: Value, ask: Any) -> Generator[None, None, bytes | None]:
-    """What a question to a socket answers, or None after a time. 0 or less waits for ever."""
+    """The answer to a question to a socket, or None after a time. 0 or less waits for ever."""
     seconds, waited = number(timeout), 0.0
     while True:
         found: Socket | None = task.machine.sockets.get(string(name))
