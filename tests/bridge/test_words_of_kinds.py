@@ -112,9 +112,11 @@ def test_the_faults_of_a_cell_are_those_of_its_devices(robot: str, sensor: str) 
     assert ("bus" in found) == (sensor == "ati-can")
 
 
-def test_a_receiver_board_has_no_faults_of_frames() -> None:
-    assert list(listed("--sensor", "jr3-board")["frames"]) == ["unplugged"]
-    assert len(listed("--sensor", "jr3")["frames"]) > 5
+def test_a_receiver_board_has_no_wire_of_its_own() -> None:
+    found = listed("--sensor", "jr3-board")
+    assert "sensor-wire" not in found
+    assert list(found["sensor"]) == ["wrong-scales", "unplugged"]
+    assert len(listed("--sensor", "jr3")["sensor-wire"]) > 5
 
 
 @pytest.mark.parametrize("name", ["jr3", "jr3-uart"])
@@ -159,3 +161,50 @@ def test_the_schema_knows_the_sections_of_all_our_kinds() -> None:
             assert definitions[section]["properties"][name]["description"]
             assert name in definitions["CellConfig"]["properties"]
     assert "counts for 1 N" in definitions["NetFtProfile"]["properties"]["counts_per_unit"]["description"]
+
+
+_OF_ONE_KIND = re.compile(r"\bS3\b|\bJR3\b|computer link")
+_SECTIONS = (("RobotConfig", "s3"), ("CellConfig", "s3"), ("SensorConfig", "jr3"), ("CellConfig", "jr3"))
+
+
+def _referred(node: object) -> set[str]:
+    """Names of the definitions that a part of a schema refers to."""
+    if isinstance(node, dict):
+        own = {str(node["$ref"]).rpartition("/")[2]} if "$ref" in node else set()
+        return own.union(*map(_referred, node.values()))
+    return set().union(*map(_referred, node)) if isinstance(node, list) else set()
+
+
+def test_settings_of_any_device_name_no_single_kind() -> None:
+    """A text on S3 or JR3 stands in the sections of these kinds alone; the schema is also the reference."""
+    definitions = schema()["$defs"]
+    own: set[str] = set()
+    waiting = _referred([definitions[name]["properties"][key] for name, key in _SECTIONS])
+    while waiting:
+        own |= waiting
+        waiting = _referred([definitions[name] for name in waiting]) - own
+    assert len(own) > 10
+    for name in definitions.keys() - own:
+        texts = {
+            key: value.get("description", "")
+            for key, value in definitions[name].get("properties", {}).items()
+        }
+        told = {key: text for key, text in texts.items() if _OF_ONE_KIND.search(text)}
+        assert not told.keys() - {key for section, key in _SECTIONS if section == name}, (name, told)
+
+
+def test_the_commented_file_names_a_single_kind_in_its_sections_alone() -> None:
+    section = ""
+    for line in commented_defaults().splitlines():
+        if found := re.match(r"#?\[([\w.]+)\]", line):
+            section = found[1]
+        if _OF_ONE_KIND.search(line):
+            assert re.search(r"\.(s3|jr3)\b", section), (section, line)
+
+
+def test_the_help_of_a_run_names_no_single_kind_but_where_it_is_of_one() -> None:
+    text = " ".join(CliRunner().invoke(cli, ["run", "--help"]).output.split())
+    assert [
+        found.start()
+        for found in _OF_ONE_KIND.finditer(text.replace("settings of an S3's computer link", ""))
+    ] == []

@@ -1,4 +1,4 @@
-"""The shared parts of pages in a browser: charts by uPlot, the look, and a document that needs nothing beside itself."""
+"""Parts that pages in a browser share: charts by uPlot, the look, and a document that needs nothing beside itself."""
 
 from hil_bridge.show.pages.assets import asset, chart_script, style
 from hil_bridge.show.pages.description import (
