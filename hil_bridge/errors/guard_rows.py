@@ -67,15 +67,18 @@ STOPS: tuple[CauseRow, ...] = (
         where="whether the sensor reads 0 when the tool touches nothing, and whether the tool sticks",
     ),
     rows.stop(
-        _C.STALE,
+        _C.FORCE_TOO_OLD,
         "age of the newest frame, with the time by which a stream came to be later than its quickest frames were",
         _P.SENSOR,
         "limits.stale_after_ms",
     ),
     rows.stop(
-        _C.FROZEN, "how long frames carry identical counts on all axes", _P.SENSOR, "limits.frozen_after_ms"
+        _C.SAME_COUNTS,
+        "how long frames carry identical counts on all axes",
+        _P.SENSOR,
+        "limits.frozen_after_ms",
     ),
-    rows.stop(_C.STILL, "time of the cycles without a new frame", _P.SENSOR, "limits.still_after_ms"),
+    rows.stop(_C.NO_NEW_FRAME, "time of the cycles without a new frame", _P.SENSOR, "limits.still_after_ms"),
     rows.stop(
         _C.DEAD_AXIS,
         "an axis that the controlled force mainly lies on did not change since the zero while another moved by a "

@@ -87,9 +87,9 @@ def test_start_outside_the_workspace_is_a_configuration_error():
         ({"force": math.nan}, Cause.FORCE_NOT_A_NUMBER),
         ({"resultant": 100.1}, Cause.RESULTANT_FORCE),
         ({"saturated": True}, Cause.SATURATED),
-        ({"now": 100.21}, Cause.STALE),
-        ({"sensor_at": 100.1}, Cause.STALE),
-        ({"unchanged": 4.0}, Cause.FROZEN),
+        ({"now": 100.21}, Cause.FORCE_TOO_OLD),
+        ({"sensor_at": 100.1}, Cause.FORCE_TOO_OLD),
+        ({"unchanged": 4.0}, Cause.SAME_COUNTS),
         ({"fault": "the sensor restarted"}, Cause.ROBOT_STATE),
         ({"dead_axis": "fz did not change"}, Cause.DEAD_AXIS),
         ({"depth": math.inf}, Cause.POSE_NOT_A_NUMBER),
@@ -116,7 +116,7 @@ def test_counter_that_stands_still_or_goes_back_stops():
         state, verdict = step(request(0.0), state)
         verdicts.append(verdict)
     assert [type(v) for v in verdicts] == [Allow, Allow, Allow, Stop]
-    assert verdicts[-1].cause is Cause.STILL
+    assert verdicts[-1].cause is Cause.NO_NEW_FRAME
     state, _ = step(request(0.0))
     assert step(request(0.0), state, sensor_sequence=6)[1].cause is Cause.SEQUENCE
 

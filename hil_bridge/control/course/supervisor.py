@@ -218,12 +218,12 @@ class Supervisor:
             age_ms = (seen.now - seen.sensor_at) * 1e3
             digits = 0 if age_ms - limits.stale_after_ms >= 1.0 else 2
             text = f"the newest force is {age_ms:.{digits}f} ms old, allowed are {limits.stale_after_ms:g} ms"
-            return Stop(Cause.STALE, text)
+            return Stop(Cause.FORCE_TOO_OLD, text)
         if seen.unchanged * 1e3 >= limits.frozen_after_ms:
             text = f"the force sensor repeated the same counts for {seen.unchanged:.1f} s"
-            return Stop(Cause.FROZEN, text)
+            return Stop(Cause.SAME_COUNTS, text)
         if still * 1e3 >= limits.still_after_ms:
-            return Stop(Cause.STILL, f"no new force for {still * 1e3:.0f} ms")
+            return Stop(Cause.NO_NEW_FRAME, f"no new force for {still * 1e3:.0f} ms")
         if seen.dead_axis:
             return Stop(Cause.DEAD_AXIS, seen.dead_axis)
         # before the checks that use the reported depth
