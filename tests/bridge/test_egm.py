@@ -120,8 +120,16 @@ REFUSALS: dict[str, tuple[str, str, str]] = {
         "sent nothing for 0.5 s; see whether its program still runs",
     ),
     "another number": (fault("wire", "wrong-seqno"), "", SESSION),
-    "no number": (fault("pose", "nan"), "", "reports the position (nan, nan, nan), which is none"),
-    "no pose": (fault("pose", "missing"), "", "it tells no pose; guide it by EGMActPose"),
+    "no number": (
+        fault("pose", "nan", "with = {count = 1}"),
+        "",
+        "reports the position (nan, nan, nan), which is none",
+    ),
+    "no pose": (
+        fault("pose", "missing", "with = {count = 1}"),
+        "",
+        "it tells no pose; guide it by EGMActPose",
+    ),
     "a pose that jumps": (fault("pose", "offset", "with = {z_mm = 5.0}"), "", "the reported position jumped"),
     "another cycle": (
         "",

@@ -77,7 +77,7 @@ def test_a_fault_of_the_cell_is_injected_and_has_an_effect(target: str, fault: s
 )
 def test_other_receivers_have_their_faults_too(receiver: str, target: str, fault: str) -> None:
     row = {"on": target, "fault": fault, "phase": "track", "after_s": 1.0, **NEEDED.get((target, fault), {})}
-    if (receiver, target) == ("jr3-board", "frames"):
+    if (receiver, target) == ("jr3-board", "sensor-wire"):
         with pytest.raises(
             ValueError,
             match=r"sensor-wire: lost needs sensor.emulated = jr3 or jr3-uart or .*, not jr3-board",
@@ -256,8 +256,8 @@ def test_the_record_holds_the_faults(tmp_path: Path) -> None:
             "faults.0: signal: swapped: axis and other must differ",
         ),
         (
-            {"on": "robot", "fault": "motors-off", "for_s": 1.0},
-            "faults.0: robot: motors-off has no parameters, got 'for_s'",
+            {"on": "robot", "fault": "power-cycle", "for_s": 1.0},
+            "faults.0: robot: power-cycle has no parameter 'for_s'; known: after_bytes",
         ),
         (
             {"on": "signal", "fault": "dead", "for_s": -1.0},

@@ -194,7 +194,7 @@ def test_a_network_that_loses_and_repeats_a_little_is_borne(
         ("turned", "degrees = 2.5", "a tool turned by 2.5° from the start, allowed are 2°"),
         ("offset", "x_mm = 5.0", "the reported position jumped by 5.0 mm"),
         ("drift", "z_mm_s = 20.0", "mm behind all that was ordered in the last "),
-        ("mirrored", 'axis = "y"', "mm ahead of all that was ordered in the last "),
+        ("mirrored", 'axis = "y"', "mm from the commanded one, allowed are 2 mm"),
         ("late", "ms = 500.0", "mm"),
         ("frozen", "", "mm from the commanded one, allowed are 2 mm"),
     ],

@@ -134,7 +134,7 @@ def test_a_refusal_ends_a_run_with_a_plain_line(runs: Runs, on: str, fault: str,
     ("more", "code", "words"),
     [
         ("[cell.rtde]\nremote_control = false\n", 3, "it is in local control; switch it to Remote Control"),
-        ("[[faults]]\non = 'connection'\nfault = 'in-use'\n", 3, "another client holds its input registers"),
+        ("[[faults]]\non = 'robot'\nfault = 'in-use'\n", 3, "another client holds its input registers"),
         ("[cell.rtde]\nmodel = 'ur5e'\n", 2, "a ur5e cannot hold its tool at the start"),
         ("[cell.rtde]\ncycle_ms = 8\n", 2, "set both to 2 for an e-Series, to 8 for a CB3"),
         ("[cell.rtde]\nversion = 'five'\n", 2, "version must be four numbers with dots"),
