@@ -370,13 +370,22 @@ class EmulatedKinds(NamedTuple):
 
     @property
     def faults(self) -> Faults:
-        """All faults that this cell can have, by target and name."""
+        """All faults that this cell can have, by target and name.
+
+        Raises ConfigError where both devices have faults of one target: a fault would be of the one or of the other.
+        """
+        robot, sensor = _own_faults(self.robot), _own_faults(self.sensor)
+        if shared := sorted(robot.keys() & sensor.keys()):
+            raise ConfigError(
+                f"the emulated {self.robot.name} and {self.sensor.name} both have faults of the target {shared[0]}: "
+                "one of the two packages must call its target otherwise"
+            )
         own = dict(OWN_FAULTS)
         if self.surface is not None:
             own["surface"] = self.surface.faults
         if self.sensor.bus is None:
             del own["bus"]
-        return {**_own_faults(self.robot), **_own_faults(self.sensor), **own}
+        return {**robot, **sensor, **own}
 
     @property
     def felt_by_sensor(self) -> Collection[str]:

@@ -1,5 +1,6 @@
 """Kinds of devices: ours and those of another package, by name and by URL, from the configuration to the record."""
 
+import dataclasses
 import json
 import sys
 from collections.abc import Iterator
@@ -439,3 +440,13 @@ def test_a_real_robot_names_the_mark_of_each_number_of_its_servo() -> None:
     assert robot.servo_source("natural_frequency_rad_s", "damping_ratio") == both
     emulated = replace(robot, emulated=True)
     assert emulated.servo_source("transport_delay_s") == "as configured for the emulated robot"
+
+
+def test_a_sensor_whose_faults_would_hide_the_robot_s_is_refused() -> None:
+    cell = EmulatedKinds.named("egm", "netft")
+    emulation = cell.sensor.emulation
+    assert emulation is not None
+    faults = {**emulation.faults, WIRE: DATAGRAMS.faults}
+    sensor = dataclasses.replace(cell.sensor, emulation=dataclasses.replace(emulation, faults=faults))
+    with pytest.raises(ConfigError, match="egm and netft both have faults of the target wire"):
+        _ = cell._replace(sensor=sensor).faults
