@@ -55,6 +55,8 @@ OURS = [
     for on, faults in faults_of_device(device).items()
     for fault in faults
 ]
+BORNE = ("lost", "twice", "reordered")
+"""Faults of a wire that a streamed robot bears with their defaults."""
 SAMPLES = [
     Job("egm", "robot", "motors-off"),
     Job("egm", "wire", "off"),
@@ -119,7 +121,7 @@ def test_a_fault_strikes_and_the_struck_part_is_named(job: Job) -> None:
     assert "\n" not in text
     assert "{" not in text
     if recording.end["outcome"] == "completed":
-        assert job in OURS, "a sample that goes on says nothing about the sentence"
+        assert job in OURS or job.fault in BORNE, "a sample that goes on says nothing about the sentence"
         assert text.startswith("The run completed after ")
         assert text.count(". ") == 0
         return

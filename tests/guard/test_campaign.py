@@ -66,10 +66,10 @@ SEEN_BY_WEIGHT = {
 FITTING = {
     "robot": r"robot on|refused|the reported position|computer",
     "pose": r"report|robot on|commanded|jumped|tool's weight|force stayed|no contact found|contact force|touching|away",
-    "link": r"robot on|cycles take",
+    "wire": r"robot on|cycles take",
     "signal": r"Fz|force|sensor|zero|contact|surface|moment|drifts|Fx",
-    "scales": r"tool's weight|force|zero",
-    "frames": r"sensor|force|frame|moment",
+    "sensor": r"tool's weight|zero|sensor|force|frame|moment",
+    "sensor-wire": r"sensor|force|frame|moment",
     "bus": r"sensor|force is|no new force|frame",
     "surface": r"force|contact|surface|moment|touching|away|pressing|left after|rest",
     "obstacle": r"force|contact|touching|away|left after|rest|weight",
@@ -106,7 +106,7 @@ class Drawn:
         kinds = [(target, name) for target, faults in CELL_FAULTS.items() for name in faults]
         target, fault = kinds[seed % len(kinds)]
         phase = draw.choice(PHASES)
-        if target == "scales":
+        if fault == "wrong-scales":
             phase = "connect"  # a sensor is asked for them once
         stiffness = 10 ** draw.uniform(math.log10(500.0), math.log10(80e3))
         parameters = dict(PARAMETERS.get((target, fault), {}))

@@ -109,27 +109,27 @@ def at(z_mm: float, quaternion: tuple[float, float, float, float] = UPRIGHT) -> 
 
 def test_a_set_point_that_moves_is_not_compared() -> None:
     frames = Frames()
-    assert frames.fault(at(0.0), at(0.0), 0.0) == ""
+    assert not frames.fault(at(0.0), at(0.0), 0.0)
     for number in range(1, 20):
-        assert frames.fault(at(number - 3.0), at(float(number)), number * 0.004) == "", "it lags"
-    assert frames.fault(at(16.0), at(19.0), 19 * 0.004 + STOOD_S / 2) == ""
-    assert "3.0 mm and 0.0°" in frames.fault(at(16.0), at(19.0), 19 * 0.004 + STOOD_S + 0.01)
-    assert frames.fault(at(19.0), at(19.0), 1.0) == "", "it has come"
+        assert not frames.fault(at(number - 3.0), at(float(number)), number * 0.004), "it lags"
+    assert not frames.fault(at(16.0), at(19.0), 19 * 0.004 + STOOD_S / 2)
+    assert "3.0 mm and 0.0°" in frames.fault(at(16.0), at(19.0), 19 * 0.004 + STOOD_S + 0.01).fact
+    assert not frames.fault(at(19.0), at(19.0), 1.0), "it has come"
 
 
 def test_a_turned_pose_is_compared_too() -> None:
     half = math.radians(5.0) / 2.0
     turned = (0.0, math.cos(half), math.sin(half), 0.0)
-    assert "0.0 mm and 5.0°" in Frames().fault(at(0.0, turned), at(0.0), 0.0)
+    assert "0.0 mm and 5.0°" in Frames().fault(at(0.0, turned), at(0.0), 0.0).fact
 
 
 def test_a_set_point_that_leaves_its_answer_ends_the_answers() -> None:
     """The robot takes poses in another work object than it tells them in."""
     frames = Frames()
-    assert frames.leaves(at(0.0), at(0.0), 0.0) == ""
-    assert frames.leaves(at(0.0), at(-0.9), 0.1) == ""
+    assert not frames.leaves(at(0.0), at(0.0), 0.0)
+    assert not frames.leaves(at(0.0), at(-0.9), 0.1)
     told = frames.leaves(at(0.0), at(-1.1), 0.104)
-    assert "went 1.1 mm away from an answer that stands" in told
+    assert "went 1.1 mm away from an answer that stands" in told.fact
     assert frames.leaves(at(0.0), at(0.0), 0.108) == told, "for the rest of the session"
     assert frames.fault(at(0.0), at(0.0), 0.108) == told
 
@@ -142,8 +142,8 @@ def test_a_rotation_that_is_too_long_is_no_orientation() -> None:
 
 
 MOMENTS: dict[str, tuple[str, dict[str, Any]]] = {
-    "EGM tells no number once": ("egm", {"on": "pose", "fault": "nan"}),
-    "EGM tells no pose once": ("egm", {"on": "pose", "fault": "missing"}),
+    "EGM tells no number once": ("egm", {"on": "pose", "fault": "nan", "with": {"count": 1}}),
+    "EGM tells no pose once": ("egm", {"on": "pose", "fault": "missing", "with": {"count": 1}}),
     "RTDE tells no number for 20 ms": ("rtde", {"on": "pose", "fault": "nan", "for_s": 0.02}),
 }
 
