@@ -227,7 +227,7 @@ class Controller:
             case ["take", "link", "control"]:
                 self.endpoint.set_link_control(False, now)
             case ["refuse", code]:
-                self.endpoint.inject("refuse", now, code=int(code))
+                self.endpoint.inject("refuses", now, code=int(code))
 
 
 class Player:
