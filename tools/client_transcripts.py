@@ -2,7 +2,7 @@
 
 `python -m tools.record_clients` makes the files anew, in tests/wire/transcripts/clients; tests replay them. The device
 stands at a time that only the steps move, so that it says every byte again. A file begins with `key: value` lines, and
-every other line is a step: time, ms, who speaks, the wire, and the data. `opens` and `closes` stand for a connection.
+every other line is a step: time, ms, side, wire, and data. `opens` and `closes` stand for a connection.
 Data of printable characters are a JSON string, others are hexadecimal. At the end stand `reads` and `sends`, in JSON:
 values as the client read them, and as its program was told to send them.
 """
@@ -45,7 +45,7 @@ class Step(NamedTuple):
 
     at_ms: float
     """Time since the power-up, ms."""
-    who: str
+    side: str
     """`CLIENT` or `DEVICE`."""
     wire: str
     """`egm`, `rsi`, `rdt` and `serial`, or a TCP port with the number of its connection, as `rtde-1`."""
@@ -69,12 +69,12 @@ class Transcript:
     reads: list[Any] = field(default_factory=list)
     sends: list[Any] = field(default_factory=list)
 
-    def made_by(self, who: str, wire: str) -> list[bytes]:
+    def made_by(self, side: str, wire: str) -> list[bytes]:
         """All data from one end of a wire; `rtde` is that of all its connections."""
         return [
             step.data
             for step in self.steps
-            if step.data and (step.who, step.wire.split("-")[0]) == (who, wire)
+            if step.data and (step.side, step.wire.split("-")[0]) == (side, wire)
         ]
 
 
@@ -82,7 +82,7 @@ def write(transcript: Transcript, path: Path) -> None:
     """Write a file."""
     lines = [f"{key}: {value}" for key, value in transcript.head.items()]
     lines += (
-        f"{step.at_ms:10.3f} {step.who} {step.wire} {step.event or written(step.data)}"
+        f"{step.at_ms:10.3f} {step.side} {step.wire} {step.event or written(step.data)}"
         for step in transcript.steps
     )
     for key, values in (("reads", transcript.reads), ("sends", transcript.sends)):
@@ -95,9 +95,9 @@ def read(path: Path) -> Transcript:
     transcript = Transcript({})
     for line in path.read_text(encoding="ascii").splitlines():
         if line[0] == " ":
-            at, who, wire, what = line.split(maxsplit=3)
+            at, side, wire, what = line.split(maxsplit=3)
             event = what if what in (OPENS, CLOSES) else ""
-            transcript.steps.append(Step(float(at), who, wire, b"" if event else octets(what), event))
+            transcript.steps.append(Step(float(at), side, wire, b"" if event else octets(what), event))
             continue
         key, _, value = line.partition(": ")
         if key == "reads":
@@ -193,7 +193,7 @@ def replayed(transcript: Transcript) -> list[Step]:
     stage = Stage(transcript.head["device"], json.loads(transcript.head["settings"]))
     said: list[Step] = []
     for step in transcript.steps:
-        if step.who == CLIENT:
+        if step.side == CLIENT:
             said += stage.advance(step.now)
             said += stage.take(step)
     return said + list(stage.advance(transcript.steps[-1].now))

@@ -143,14 +143,14 @@ class Recorder:
         taken = self._without_program(wire.name, data) if wire.name.startswith("script") else data
         if taken:
             self._take(Step(at_ms, CLIENT, wire.name, taken))
-        if not data or (wire.name.startswith("page") and self.steps[-1].who != CLIENT):
+        if not data or (wire.name.startswith("page") and self.steps[-1].side != CLIENT):
             self._take(Step(at_ms, CLIENT, wire.name, event=CLOSES))
             self._selector.unregister(wire.file)
             del self._wires[wire.name]
             wire.file.close()
 
     def _without_program(self, wire: str, data: bytes) -> bytes:
-        """What is recorded of a script port: in place of each whole program one that the device knows by the same name
+        """The recorded form of a script port: in place of each whole program one that the device knows by the same name
         and registers, for the text is its author's.
         """
         text = self._programs[wire] = self._programs.get(wire, b"") + data
@@ -206,7 +206,7 @@ def record(session: Session) -> Transcript:
     if process.returncode:
         raise RuntimeError(f"{session.client[0]} ended with {process.returncode}\n{output}")
     values = json.loads(output.splitlines()[-1])
-    last = max(number for number, step in enumerate(recorder.steps) if step.who == CLIENT)
+    last = max(number for number, step in enumerate(recorder.steps) if step.side == CLIENT)
     return Transcript(
         head, recorder.steps[: last + 1 + TAIL], values.get("reads", []), values.get("sends", [])
     )

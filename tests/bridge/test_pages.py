@@ -1,4 +1,4 @@
-"""What pages in a browser share: one document, no addresses, texts that stay texts."""
+"""The parts that pages in a browser share: one document, no addresses, texts that stay texts."""
 
 import json
 import math

@@ -125,12 +125,12 @@ def test_what_is_no_request_is_told_so_and_sent_away(line: bytes, text: str) -> 
 def test_what_cannot_be_done_is_told_and_the_connection_goes_on() -> None:
     def perform(request: dict[str, Any]) -> dict[str, Any]:
         if request["do"] == "dance":
-            raise ValueError("nobody dances")
+            raise ValueError("a robot cannot dance")
         return {}
 
     async def use(url: str) -> None:
         assert await said_to(url, encode({"do": "dance"}), encode({"do": "show"})) == [
-            {"error": "nobody dances"},
+            {"error": "a robot cannot dance"},
             {},
         ]
 

@@ -241,7 +241,7 @@ def test_spontaneous_messages_are_acknowledged_and_told() -> None:
     assert "emergency stop" in result.tries[0][1].text
 
 
-def test_a_wire_that_nobody_listens_on_is_told_at_once() -> None:
+def test_a_wire_without_a_listener_is_told_at_once() -> None:
     with pytest.raises(TransportUnavailable, match="no program listens"):
         probed(LinkProfile(), url="memory:other")
     with pytest.raises(ConfigError, match="unknown scheme"):

@@ -1,4 +1,4 @@
-"""What a person is told of the steps of a program, and the exit code that their criteria make."""
+"""The lines on the steps of a program, and the exit code that their criteria make."""
 
 import json
 import sys

@@ -163,7 +163,7 @@ def test_from_pause_to_pause_the_writer_lets_the_loop_be(
     before = path.stat().st_size
     recorder.put(cycle(0, 100.0))
     put()
-    assert grown(before, 10.0), "who tells no pauses is written all the same"
+    assert grown(before, 10.0), "a run that tells no pauses is written all the same"
     recorder.pause(0.0)  # over before the writer has woken; from now on it waits for another
     time.sleep(0.2)  # what had been put may be written in this time
     before = path.stat().st_size

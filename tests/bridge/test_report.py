@@ -100,7 +100,7 @@ def run(seconds: float = 8.0) -> Recording:
 
 
 def told(page: str) -> dict[str, Any]:
-    """What the page gives its charts."""
+    """The data that the page gives its charts."""
     (text,) = re.findall(r'<script type="application/json" id="data-run">(.*?)</script>', page, re.DOTALL)
     found: dict[str, Any] = json.loads(text)
     return found

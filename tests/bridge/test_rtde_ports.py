@@ -22,7 +22,7 @@ ALL = ("timestamp", *(f"output_double_register_{number}" for number in range(48)
 
 
 class Client:
-    """What came over a wire, and how it ended."""
+    """The data that came over a wire, and its end."""
 
     def __init__(self, wire: Any) -> None:
         self.wire = wire

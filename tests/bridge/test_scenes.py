@@ -1,4 +1,4 @@
-"""What a recording holds for Foxglove's own panels, and the layouts that name its fields."""
+"""The parts of a recording for Foxglove's own panels, and the layouts that name its fields."""
 
 import itertools
 import json

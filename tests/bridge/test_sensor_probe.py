@@ -169,7 +169,7 @@ def test_a_push_along_the_wrong_way_asks_for_all_three() -> None:
     assert any("a clear push along all three axes" in line for line in said)
 
 
-def test_a_push_that_nobody_makes_is_given_up() -> None:
+def test_a_push_that_does_not_come_is_given_up() -> None:
     said = probed(hand=lambda at: (0.0, 0.0, 0.0))
     assert [line for line in said if line.startswith("  +")] == [f"  +{name}: left out" for name in "XYZ"]
 

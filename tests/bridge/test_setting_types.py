@@ -32,7 +32,7 @@ WRONG = {
 
 @pytest.fixture(scope="module")
 def told(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """What the type check says of right and wrong settings, each wrong one in a line of its own."""
+    """The answer of the type check to right and wrong settings, each wrong one in a line of its own."""
     file = tmp_path_factory.mktemp("types") / "snippet.py"
     file.write_text(HEAD + RIGHT + "".join(f"print({text})\n" for text in WRONG))
     root = Path(__file__).parents[2]

@@ -1,4 +1,4 @@
-"""What the record of a run tells of the emulated surface."""
+"""The record of a run on the emulated surface."""
 
 import dataclasses
 import math

@@ -29,7 +29,7 @@ BLAMED = {
     "obstacle": "what the tool touches",
     "computer": "computer",
 }
-"""What the text names where a fault of this target ended the run."""
+"""The part that the text names where a fault of this target ended the run."""
 ASKED: dict[str, Any] = {**NEAR, "run": {"duration_s": 1.2}}
 STREAMED: dict[str, Any] = {
     **NEAR,

@@ -111,7 +111,7 @@ def dask(client_python: Callable[..., Path], tmp_path: Path) -> Dask:
 
 
 def rows(place: Path) -> dict[str, object]:
-    """What is kept of each run, by its key."""
+    """The kept results of each run, by its key."""
     try:
         with Store.open(place) as store:
             return {

@@ -15,13 +15,13 @@ class BadWire:
         self._heard = self._says = pieces.join([])
 
     def incoming(self, data: Any, now: float) -> Any:
-        """What the device hears now of what is sent to it."""
+        """The data that the device hears now, of those that are sent to it."""
         self._heard = self._pieces.join([])
         self.endpoint.receive(data, now)
         return self._heard
 
     def arrived(self, now: float) -> Any:
-        """What it hears now of what was sent earlier."""
+        """The data that it hears now, of those that were sent earlier."""
         self._heard = self._pieces.join([])
         self.endpoint.handle_deadline(now)
         return self._heard

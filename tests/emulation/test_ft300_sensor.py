@@ -44,7 +44,7 @@ def ledger(device: Ft300) -> Ledger:
 
 
 def told(device: Ft300, until: float) -> list[tuple[float, bytes]]:
-    """What it sends up to a time, each with its time."""
+    """The messages that it sends up to a time, each with its time."""
     found = []
     while (due := device.endpoint.next_deadline()) is not None and due <= until:
         device.endpoint.handle_deadline(due)

@@ -1,4 +1,4 @@
-"""What every emulated sensor shares: its converter, faults of its signal, its own faults, a bad wire of datagrams."""
+"""Parts of every emulated sensor: its converter, faults of its signal, its own faults, a bad wire of datagrams."""
 
 from collections.abc import Callable
 
@@ -115,7 +115,7 @@ SENT = [bytes([k]) * 20 for k in range(100)]
 
 
 def damaged(fault: str, **parameters: object) -> list[bytes]:
-    """What comes through at once of a hundred datagrams."""
+    """The datagrams of a hundred that come through at once."""
     wire = BadWire(DATAGRAMS, 7)
     book = Ledger({SENSOR_WIRE: DATAGRAMS.faults})
     book.attach(SENSOR_WIRE, wire.handlers)

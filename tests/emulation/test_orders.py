@@ -1,4 +1,4 @@
-"""What emulated robots tell of the orders that they hear, taken or not."""
+"""The telling of the orders that emulated robots hear, taken or not."""
 
 import math
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""What a client uses and an emulated device does not model is told once, counted, and bounded."""
+"""A thing that a client uses and an emulated device does not model is told once, counted, and bounded."""
 
 import numpy as np
 

@@ -314,6 +314,30 @@ def test_bounds_leave_room_for_each_step_of_a_run(robot: str) -> None:
         assert gate.judge(pose, 2.0 * sample * 1e-3 * number) == ""
 
 
+def test_the_last_gate_of_a_run_holds_the_limits_of_its_configuration() -> None:
+    limits = {
+        "correction_total_mm": 30.0,
+        "correction_mm_s": 11.0,
+        "travel_mm_s": 27.0,
+        "turn_total_deg": 6.0,
+        "turn_deg_s": 8.0,
+    }
+    config = tracking("egm", 5e3, limits=limits)
+    bounds = run_bounds(config, Setup(config).facts, 0.02, True, START)
+    assert (bounds.start, bounds.approach) == (START, (0.0, 0.0, -1.0))
+    assert (bounds.deepest, bounds.deeper, bounds.across) == pytest.approx((0.03, 0.011, 0.027))
+    assert (bounds.tilt, bounds.turn) == pytest.approx((math.radians(6.0), math.radians(8.0)))
+    lift = config.task.zero_lift_mm * 1e-3
+    assert bounds.low == pytest.approx(tuple(place - lift for place in config.limits.workspace_min_m))
+    assert bounds.high == pytest.approx(tuple(place + lift for place in config.limits.workspace_max_m))
+    gate = Gate(bounds, 0.0)
+    for number in range(1, 61):  # slowly, so that no speed is judged
+        assert gate.judge(deeper(0.5 * number), float(number)) == ""
+    assert "0.5 mm deeper than the deepest" in gate.judge(deeper(30.5), 61.0)
+    still = run_bounds(config, Setup(config).facts, 0.02, False, START)
+    assert (still.tilt, still.turn) == (0.0, 0.0), "a run without a program does not turn the tool"
+
+
 # --- it is silent while all is well
 
 

@@ -1,4 +1,4 @@
-"""What several of these tests begin with."""
+"""The begin that several of these tests share."""
 
 from pathlib import Path
 

@@ -48,7 +48,7 @@ def test_timers_run_in_order_and_not_before_their_time(busy_poll_s: float) -> No
     run_real(main, busy_poll_s)
 
 
-def test_many_cancelled_timers_and_one_that_fails_disturb_nobody() -> None:
+def test_many_cancelled_timers_and_one_that_fails_disturb_no_other() -> None:
     async def main() -> None:
         loop, errors = asyncio.get_running_loop(), []
         loop.set_exception_handler(lambda _, context: errors.append(context["exception"]))
@@ -67,7 +67,7 @@ def test_many_cancelled_timers_and_one_that_fails_disturb_nobody() -> None:
     run_real(main)
 
 
-def test_a_closed_clock_calls_nobody() -> None:
+def test_a_closed_clock_makes_no_call() -> None:
     async def main() -> None:
         clock, seen = Clock.running(), []
         clock.call_at(clock.now() + 0.005, lambda: seen.append(1))

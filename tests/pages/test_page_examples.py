@@ -41,7 +41,7 @@ def outcomes(tmp_path: Path, text: str) -> list[str]:
 
 
 def outcome(example: Example) -> str:
-    """What went wrong with one."""
+    """The failure of one."""
     try:
         example.evaluate()
     except SybilFailure as failure:

@@ -105,7 +105,7 @@ class Played:
         return self.texts("phase")
 
     def clamps(self) -> set[str]:
-        """What the guard shortened."""
+        """The orders that the guard shortened."""
         return {reason for record in self.cycles if record.verdict == "clamp" for reason in record.reasons}
 
     def rms(self, number: int, after_mm: float = 0.0) -> float:

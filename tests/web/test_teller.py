@@ -1,4 +1,4 @@
-"""What a page is told of a run: the values of its recording, and no more than a bounded part of them."""
+"""The values that a page gets of a run: those of its recording, and no more than a bounded part of them."""
 
 import dataclasses
 import json

@@ -159,7 +159,7 @@ def test_a_failed_bid_loop_counts_each_bid():
     assert (link.counters["bid sent"], link.counters["bid repeated"]) == (3, 2)
 
 
-def test_events_that_nobody_takes_are_bounded():
+def test_events_that_are_not_taken_are_bounded():
     link = Link(HOST, LinkProfile())
     link.receive(b"\x15" * 2000, 0.0)
     assert link.counters["events dropped"] == 2000 - 1024

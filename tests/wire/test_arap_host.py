@@ -283,7 +283,7 @@ def test_too_many_blocks_fail_the_order(monkeypatch):
     assert isinstance(late, UnexpectedReceived)
 
 
-def test_what_nobody_asked_for_is_told():
+def test_an_answer_without_a_question_is_told():
     cell = Cell()
     cell.say(STATUS.to_telegram())
     cell.say(Telegram(127, 3, 7, b"", True))

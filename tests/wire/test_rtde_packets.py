@@ -1,4 +1,4 @@
-"""Packets of RTDE: golden bytes both ways, recipes, rotation vectors, and bytes that nobody should have sent."""
+"""Packets of RTDE: golden bytes both ways, recipes, rotation vectors, and bytes that are no packet."""
 
 import contextlib
 import math

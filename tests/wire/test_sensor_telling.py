@@ -1,4 +1,4 @@
-"""What every sensor's client tells its owner: order, statuses told once, the host's zero, the end."""
+"""The messages of every sensor's client to its owner: order, statuses told once, the host's zero, the end."""
 
 import pytest
 

@@ -173,7 +173,7 @@ class _Reading:
         if answer.recipe and len(names) == len(answer.types):
             try:
                 recipe = Recipe(answer.recipe, names, answer.types)
-                recipe.size  # noqa: B018 - a type that nobody knows shows here
+                recipe.size  # noqa: B018 - an unknown type shows here
             except KeyError as error:
                 problems.append(f"unknown type {error.args[0]}")
                 return

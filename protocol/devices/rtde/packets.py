@@ -40,7 +40,7 @@ class Packet(NamedTuple):
     """One packet without its header."""
 
     kind: int
-    """A `Kind`, or another number that nobody knows."""
+    """A `Kind`, or a number without a meaning."""
     payload: bytes
 
 
@@ -223,7 +223,7 @@ def read_text(payload: bytes) -> Text:
 def split_names(payload: bytes) -> tuple[str, ...]:
     """Names or types of a list with commas; one at the end is no further name, as some clients send it.
 
-    Bytes that are no ASCII become question marks, and so names that nobody has.
+    Bytes that are no ASCII become question marks, and so names of no variable.
     """
     return tuple(name.strip() for name in _ascii(payload.removesuffix(b",")).split(",")) if payload else ()
 

@@ -45,7 +45,7 @@ def of(device):
 @pytest.mark.parametrize("name", TRANSCRIPTS)
 def test_the_emulated_device_says_every_byte_again(name):
     transcript = TRANSCRIPTS[name]
-    assert replayed(transcript) == [step for step in transcript.steps if step.who == DEVICE]
+    assert replayed(transcript) == [step for step in transcript.steps if step.side == DEVICE]
 
 
 def test_every_session_has_its_transcript_with_the_pinned_client():
@@ -73,7 +73,7 @@ def test_a_byte_that_the_client_did_not_send_is_noticed():
     transcript = TRANSCRIPTS["netft-netft"]
     steps = [step._replace(data=step.data[:-1] + b"\3") if step.data else step for step in transcript.steps]
     spoilt = type(transcript)(transcript.head, steps)
-    assert replayed(spoilt) != [step for step in transcript.steps if step.who == DEVICE]
+    assert replayed(spoilt) != [step for step in transcript.steps if step.side == DEVICE]
 
 
 # --- EGM
@@ -109,10 +109,10 @@ def test_egm_is_understood_as_the_client_meant_it(name):
 # --- RTDE
 
 
-def packets(transcript, who, wire):
+def packets(transcript, side, wire):
     reader = Reader()
     for step in transcript.steps:
-        if (step.who, step.wire) == (who, wire):
+        if (step.side, step.wire) == (side, wire):
             reader.feed(step.data)
     found = []
     while (packet := reader.next_packet()) is not None:
@@ -123,7 +123,7 @@ def packets(transcript, who, wire):
 
 def test_ur_rtde_asks_for_what_we_read_and_reads_what_we_say():
     transcript = TRANSCRIPTS["rtde-ur-rtde"]
-    asked, told = (packets(transcript, who, "rtde-1") for who in (CLIENT, DEVICE))
+    asked, told = (packets(transcript, side, "rtde-1") for side in (CLIENT, DEVICE))
     assert read_version_request(asked[0].payload) == 2
     (outputs,) = (packet for packet in asked if packet.kind == Kind.OUTPUTS)
     frequency, names = read_outputs_request(outputs.payload)
@@ -141,7 +141,7 @@ def test_ur_rtde_asks_for_what_we_read_and_reads_what_we_say():
 
 def inputs(transcript, wire):
     """The inputs that the client has set, each package as values by name."""
-    asked, told = (packets(transcript, who, wire) for who in (CLIENT, DEVICE))
+    asked, told = (packets(transcript, side, wire) for side in (CLIENT, DEVICE))
     requests = [split_names(packet.payload) for packet in asked if packet.kind == Kind.INPUTS]
     types = [read_types(packet.payload) for packet in told if packet.kind == Kind.INPUTS]
     recipes = {
@@ -246,12 +246,12 @@ def scaled(counts):
 
 
 def answers(transcript):
-    """What the client asked for by Modbus, with the words of our answers."""
+    """The questions of the client by Modbus, with the words of our answers."""
     steps = [step for step in transcript.steps if step.data]
     asked = [
         (step.data, after.data)
         for step, after in pairwise(steps)
-        if step.who == CLIENT and after.data[0] == 9
+        if step.side == CLIENT and after.data[0] == 9
     ]
     reads = [
         (decode_request(question), answer)

@@ -44,7 +44,7 @@ def _message(task: Any, first: Value, second: Value) -> None:
 
 
 def _popup(task: Any, text: Value, title: Value, *kinds: Value) -> Generator[None, None, None]:
-    """A pop-up that blocks waits for a person, who is not there: it is closed in the next cycle (assumed)."""
+    """A pop-up that blocks would wait for a person. None is there, so it is closed in the next cycle (assumed)."""
     task.host.tell(Message.POPUP, f"{_text(title)}: {_text(text)}"[:STRING_MAX])
     if truth(kinds[2]):
         yield
