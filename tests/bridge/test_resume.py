@@ -49,6 +49,8 @@ do = "retract"
 )
 THIRD_TRACK = 11
 """Number of the third stroke's track among the steps."""
+RETRACT = 4
+"""Number of the first stroke's retract."""
 OFTEN = '\n[run]\nperiod_ms = 20\nseed = 5\n[controller]\nsample_ms = 20\n[sensor]\nemulated = "ft300"\n'
 """Five cycles of a robot that streams are decided at once: here it is about places, not about its rate."""
 STOPS = {"s3": "emergency-stop", "egm": "motors-off"}
@@ -138,6 +140,19 @@ def test_a_resumed_run_that_is_cut_is_resumed_again(tmp_path: Path) -> None:
     assert again.task.resume == changed.task.resume
     code, told = ran("--resume", middle, "--record", tmp_path / "end.mcap")
     assert code == 0, told
+
+
+def test_a_run_that_is_cut_in_a_retract_goes_on_with_the_step_behind_it(tmp_path: Path) -> None:
+    """The run itself has retracted the tool, or a person has."""
+    config, record = tmp_path / "program.toml", tmp_path / "cut.mcap"
+    fault = '\n[[faults]]\non = "robot"\nfault = "motors-off"\nphase = "retract"\n'
+    config.write_text(PROGRAM.replace("\n[run]\nseed = 5\n", OFTEN) + fault, encoding="utf-8")
+    assert ran(config, "--robot", "egm", "--record", record)[0] == 3
+    cut = read(record)
+    assert cut.cycles[-1].step == RETRACT
+    point = resuming.resumed_config(cut, {}).task.resume
+    assert point is not None
+    assert (point.leg, point.way_mm) == (RETRACT, 0.0), "legs count from 0: it is the one behind the retract"
 
 
 def resumed_with_fault(record: Path, target: Path) -> tuple[int, str]:
