@@ -19,6 +19,7 @@ from click.testing import CliRunner
 from hil_bridge.api import simulate
 from hil_bridge.cli.campaign import campaign
 from hil_bridge.errors import BridgeError, ConfigError
+from hil_bridge.lab.campaign import comparison
 from hil_bridge.lab.campaign.comparison import compared
 from hil_bridge.lab.campaign.judging import Job, configured, run
 from hil_bridge.lab.campaign.live import Results
@@ -336,11 +337,12 @@ def test_compare_tells_what_differs_for_equal_runs(results: Path, tmp_path: Path
     assert re.search(r"task.force_n 8.0 \| none  \| seed 1: .*duration_s", other.output)
 
 
-def changed(results: Path, place: Path, sql: str) -> Path:
+def changed(results: Path, place: Path, *statements: str) -> Path:
     """A copy of the results in which something was changed."""
     with sqlite3.connect(results) as source, sqlite3.connect(place) as target:
         source.backup(target)
-        target.execute(sql)
+        for sql in statements:
+            target.execute(sql)
     source.close()
     target.commit()
     target.close()
@@ -365,6 +367,27 @@ def test_compare_counts_what_got_worse_and_better_and_how_far(results: Path, tmp
     assert worse.lines[4] == "force_true_max_n: moved in 1 runs, +2 … +2, median +2"
     assert better.lines[4] == "force_true_max_n: moved in 1 runs, -2 … -2, median -2"
     assert len(same.lines) == 3
+
+
+def test_compare_names_so_many_runs_and_those_with_another_outcome_first(
+    results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other = changed(
+        results,
+        tmp_path / "other.sqlite",
+        "UPDATE runs SET figures = json_set(figures, '$.force_true_max_n', "
+        "json_extract(figures, '$.force_true_max_n') + 2.0)",
+        "UPDATE runs SET outcome = 'refused' WHERE rowid = (SELECT max(rowid) FROM runs)",
+    )
+    monkeypatch.setattr(comparison, "LINES", 3)
+    with Store.open(results) as before, Store.open(other) as after:
+        found = compared(before, after)
+    named = [line for line in found.lines if " | seed " in line]
+    assert len(named) == 3
+    assert "refused" in named[0]
+    assert "refused" not in named[1]
+    assert found.lines[-1] == f"and {found.differing - 3} more"
+    assert found.differing == 8
 
 
 class _Tags(HTMLParser):

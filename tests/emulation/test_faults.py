@@ -15,6 +15,8 @@ from emulators.devices.jr3.sensor import SENSOR_RATE_HZ
 from emulators.faults import Ledger
 from emulators.faults.ledger import INJECTION_LIMIT
 from emulators.faults.packets import BYTES, DATAGRAMS, FRAMES, WIRE
+from emulators.sensing.faults import SIGNAL_FAULTS
+from emulators.sensing.signal import Signal
 from emulators.surface.contact import SurfaceProfile
 from emulators.surface.faults import ObstacleProfile
 from emulators.surface.materials import MaterialKind, MaterialProfile
@@ -398,3 +400,16 @@ def test_a_cell_takes_so_many_faults_and_no_more() -> None:
     with pytest.raises(ValueError, match=r"^this cell has had 1000 faults; start it anew$"):
         cell.inject("wire", "babble", T0)
     assert len(cell.faults) == INJECTION_LIMIT
+
+
+# --- the count of what a fault struck
+
+
+def test_a_stuck_signal_strikes_the_samples_that_were_others() -> None:
+    signal, ledger = Signal(100.0, "", lambda number: None), Ledger({"signal": SIGNAL_FAULTS})
+    ledger.attach("signal", signal.handlers)
+    injection = ledger.inject("signal", "stuck", 1.0, {"for_s": 0.06})
+    samples = np.tile(np.array([0.0, 5.0, 5.0, 5.0, 6.0, 7.0, 5.0, 8.0]), (6, 1))
+    signal.output(samples, 99)
+    assert samples[2].tolist() == [0.0, 5.0, 5.0, 5.0, 5.0, 5.0, 5.0, 8.0], "from number 100 to 105"
+    assert injection.struck == 2
