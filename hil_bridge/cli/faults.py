@@ -28,7 +28,7 @@ def faults(robot: str, sensor: str, surface: str, as_json: bool) -> None:
 
     from emulators.devices.s3.panel import fault_table
     from hil_bridge.devices.kinds import EmulatedKinds
-    from hil_bridge.devices.robots.s3.panel import faults_text
+    from hil_bridge.devices.panel import faults_text
 
     table = fault_table(EmulatedKinds.named(robot, sensor, surface).faults)
     click.echo(json.dumps(table, ensure_ascii=False, indent=2) if as_json else faults_text(table))

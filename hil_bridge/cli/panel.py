@@ -6,14 +6,14 @@ import click
 
 
 def _ask(context: click.Context, request: dict[str, Any]) -> dict[str, Any]:
-    from hil_bridge.devices.robots.s3.panel import ask
+    from hil_bridge.devices.panel import ask
 
     return ask(context.find_root().meta["panel"], request)
 
 
 def _do(context: click.Context, request: dict[str, Any]) -> None:
     """Ask, and show the state afterwards."""
-    from hil_bridge.devices.robots.s3.panel import state_text
+    from hil_bridge.devices.panel import state_text
 
     click.echo(state_text(_ask(context, request).get("state", {})))
 
@@ -86,6 +86,6 @@ def inject(context: click.Context, words: tuple[str, ...]) -> None:
 @click.pass_context
 def faults(context: click.Context) -> None:
     """List the faults that can be injected, with their parameters and defaults."""
-    from hil_bridge.devices.robots.s3.panel import faults_text
+    from hil_bridge.devices.panel import faults_text
 
     click.echo(faults_text(_ask(context, {"do": "faults"}).get("faults", {})))

@@ -15,7 +15,7 @@ from emulators.devices.s3 import Panel
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_real, run_virtual
 from hil_bridge.devices.device_log import LogTo
-from hil_bridge.devices.robots.s3.panel import (
+from hil_bridge.devices.panel import (
     CLIENT_LIMIT,
     REQUEST_LIMIT,
     PanelServer,

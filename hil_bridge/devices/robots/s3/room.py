@@ -11,10 +11,10 @@ from emulators.seams import RobotFactory
 from hil_bridge.clock import Clock
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
+from hil_bridge.devices.panel import PanelServer, panel_address
 from hil_bridge.devices.robots.s3.facts import robot_facts
 from hil_bridge.devices.robots.s3.link import S3Link
 from hil_bridge.devices.robots.s3.orders_file import read_orders
-from hil_bridge.devices.robots.s3.panel import PanelServer, panel_address
 from hil_bridge.devices.robots.s3.program_folder import read_programs
 from hil_bridge.devices.robots.s3.settings import S3Settings
 from hil_bridge.devices.wiring import Serving, Wiring
