@@ -81,6 +81,8 @@ class Controller:
         self.runtime = Runtime.STOPPED
         self.remote = profile.remote_control
         self.slider = 1.0
+        self._emergency_stops: set[str] = set()
+        """All that have pressed the emergency stop."""
         self.stopped_at = -math.inf
         """When the last protective stop came, s."""
         self.inputs: Registers = {}
@@ -415,15 +417,20 @@ class Controller:
         self.safety = SafetyMode.NORMAL
         return True
 
-    def emergency_stop(self, mode: SafetyMode = SafetyMode.ROBOT_EMERGENCY_STOP) -> None:
-        """The power goes, and the program."""
+    def emergency_stop(self, mode: SafetyMode = SafetyMode.ROBOT_EMERGENCY_STOP, by: str = "a fault") -> None:
+        """The power goes, and the program. It holds until all that have pressed it have released it."""
         self.counts["emergency stop"] += 1
+        self._emergency_stops.add(by)
         self.safety = mode
         self.power_off()
 
-    def release_emergency_stop(self) -> None:
+    def release_emergency_stop(self, by: str = "a fault") -> None:
         """The button is pulled; power and brakes stay as they are."""
-        if self.safety in (SafetyMode.ROBOT_EMERGENCY_STOP, SafetyMode.SYSTEM_EMERGENCY_STOP):
+        self._emergency_stops.discard(by)
+        if not self._emergency_stops and self.safety in (
+            SafetyMode.ROBOT_EMERGENCY_STOP,
+            SafetyMode.SYSTEM_EMERGENCY_STOP,
+        ):
             self.safety = SafetyMode.NORMAL
 
     def safeguard(self, is_open: bool) -> None:

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from emulators.devices.rtde import RTDE_FAULTS, RtdeProfile, RtdeRobot, make_robot
+from emulators.devices.rtde import RTDE_CONTROLS, RTDE_FAULTS, RtdeProfile, RtdeRobot, make_robot
 from emulators.seams import RobotFactory
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
@@ -102,7 +102,7 @@ ROBOT = RobotKind(
     ClientProfile,
     connect,
     facts,
-    RobotEmulation(RtdeProfile, make, serve, usual, RTDE_FAULTS, mishaps=MISHAPS),
+    RobotEmulation(RtdeProfile, make, serve, usual, RTDE_FAULTS, RTDE_CONTROLS, MISHAPS),
     check=check,
     parse=_parse,
     describe=describe,
