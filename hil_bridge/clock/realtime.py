@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from hil_bridge.errors import ConfigError
-from protocol.marks import Mark, at_least, between, check_settings, setting
+from protocol.marks import Mark, SettingError, at_least, between, check_settings, setting
 
 GIVE_WAY_S = 1e-4
 """Longest time for which a computing thread keeps the interpreter from one that was woken. Chosen: by itself
@@ -60,9 +60,10 @@ class RealTime:
     def __post_init__(self) -> None:
         check_settings(self)
         if self.fifo_priority and self.busy_poll_ms:
-            raise ValueError(
-                "fifo_priority and busy_poll_ms exclude each other: a thread that comes first and never sleeps is "
-                "stopped by the kernel for 50 ms of every second"
+            raise SettingError(
+                "fifo_priority",
+                "and busy_poll_ms exclude each other: a thread that comes first and never sleeps is "
+                "stopped by the kernel for 50 ms of every second",
             )
 
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from hil_bridge.clock import VIRTUAL_EPOCH
-from hil_bridge.errors import BridgeError, ConfigError
+from hil_bridge.errors import BridgeError, ConfigError, SettingRefused
 from hil_bridge.errors.text_files import format_path, format_value, read_toml
 from hil_bridge.lab.campaign.criteria import Criterion, problem_of
 from hil_bridge.lab.campaign.draw_file import draw_of, tried
@@ -26,6 +26,8 @@ from hil_bridge.settings.given import config_of
 CASES_LIMIT = 100_000
 """Most cells of the matrix times faults. Chosen: all are checked first, a few milliseconds each."""
 _SECTIONS = ("campaign", "config")
+_ONLY_FAULT = ("faults", "0")
+"""Key of a fault that is the only one of a configuration."""
 _KEYS = (
     "name",
     "seeds",
@@ -248,7 +250,7 @@ class _Reading:
                 _check_emulated(config)
                 check(Setup(config), True, VIRTUAL_EPOCH)
             except BridgeError as error:
-                told.setdefault(_plain(error), []).append(label)
+                told.setdefault(error.without_source, []).append(label)
                 continue
             text = dump(config)
             for number, table in enumerate(faults):
@@ -290,8 +292,14 @@ def _refusal(config: Config, table: Mapping[str, Any]) -> str:
         alike["cell"] = {"surface_kind": surface}
     try:  # with the same devices and no more: a thousand whole configurations take seconds
         config_of(alike, [table])
+    except SettingRefused as error:
+        return (
+            error.below(len(_ONLY_FAULT))
+            if error.key[: len(_ONLY_FAULT)] == _ONLY_FAULT
+            else error.without_source
+        )
     except ConfigError as error:
-        return _plain(error).removeprefix("faults.0").removeprefix(": ").removeprefix(".")
+        return str(error)
     return ""
 
 
@@ -299,10 +307,6 @@ def _check_emulated(config: Config) -> None:
     for key, url in (("robot.url", config.robot.url), ("sensor.url", config.sensor.url)):
         if url:
             raise ConfigError(f"{key}: a campaign runs against the emulated cell alone; leave the URL empty")
-
-
-def _plain(error: BridgeError) -> str:
-    return str(error).removeprefix("configuration: ")
 
 
 def _leaves(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
