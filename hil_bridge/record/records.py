@@ -151,6 +151,8 @@ class StepRecord(Struct, frozen=True):
     """Number of the repeat that it belongs to, as it stands in the program; 0 for none."""
     turn: int = 0
     """Its pass in that repeat, from 1; 0 for none."""
+    number: str = ""
+    """Its number alone, as it stands in the program: 3, or 3.1 within a repeat."""
 
 
 class SensorRecord(Struct, frozen=True):

@@ -79,7 +79,7 @@ class TerminalView(Listener):
             return
         from hil_bridge.show.terminal.live import LiveView
 
-        scene = scene_of(run.setup, run.facts, run.run.step_labels, record)
+        scene = scene_of(run.setup, run.facts, run.run.legs, record)
         view = self._view = LiveView(scene, screen.stream)
         task = asyncio.create_task(self._refresh(view, run), name="view")
         loop, board = asyncio.get_running_loop(), Keys(run, stopping)

@@ -405,8 +405,8 @@ def explain(
     source = str(path or "configuration")
     if (problem := told_problem(first)) is not None:
         program = (sources or {}).get("task.step")
-        key = ("task", "step") if program is None else ("step",)
-        return SettingRefused(str(program or source), key, "".join(problem), "", further)
+        table = ("task", "step") if program is None else ("step",)
+        return SettingRefused(str(program or source), table, "".join(problem), "", further)
     location, got = [str(part) for part in first["loc"]], f", got {format_value(first['input'])}"
     joint = " "
     match first["type"]:
@@ -419,14 +419,17 @@ def explain(
                 location.append(cause.setting)
                 text = cause.problem
             else:
-                joint, text = ": ", str(cause)
+                joint = ": "
+                text = str(cause)
         case "missing":  # only a vector can lack something
             location.pop()
-            joint, text = ": ", f"a value is missing{got}"
+            joint = ": "
+            text = f"a value is missing{got}"
         case kind if kind in ("dict_type", "model_type") or is_section(_at(location)):
             text = f"must be a table of settings{got}"
         case _:
-            joint, text = ": ", f"{first['msg'].replace('Input should', 'must', 1)}{got}"
+            joint = ": "
+            text = f"{first['msg'].replace('Input should', 'must', 1)}{got}"
     key = ".".join(location)
     if key in given:
         return SettingRefused(OPTIONS[key], (), text, joint, further)

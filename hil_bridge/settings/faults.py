@@ -100,7 +100,7 @@ class FaultConfig(BaseModel):
         """Raise ValueError where it concerns a real device, or is none of the faults that the cell can have."""
         name = f"{self.on}: {self.fault}"
         try:
-            find(cell.faults, self.on, self.fault).values(name, self.given)
+            find(cell.faults, self.on, self.fault).values(self.fault, self.given, self.on)
         except ValueError as error:
             if other := cell.others_with(self.on, self.fault, self.given):
                 known = self.fault in cell.faults.get(self.on, {})

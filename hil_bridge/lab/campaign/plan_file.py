@@ -54,6 +54,8 @@ class _Cell(NamedTuple):
     """A cell of the matrix, or one value of an axis."""
 
     label: str
+    head: str
+    """The label without its keys."""
     values: Mapping[str, Any]
     """By dotted key."""
 
@@ -241,7 +243,7 @@ class _Reading:
         cases: list[Case] = []
         refusals: dict[int, list[str]] = {number: [] for number, table in enumerate(faults) if table}
         told: dict[str, list[str]] = {}
-        for label, given in cells:
+        for label, head, given in cells:
             values = deepcopy(base)
             for key, value in given.items():
                 _put(values, key, value)
@@ -258,7 +260,9 @@ class _Reading:
                 if table and refusal:
                     refusals[number].append(refusal)
                 row = json.dumps(table, sort_keys=True, default=str)
-                cases.append(Case(label, fault_label(table), table.get("phase", ""), text, row, refusal))
+                cases.append(
+                    Case(label, head, fault_label(table), table.get("phase", ""), text, row, refusal)
+                )
         for problem, labels in told.items():
             more = f" and {len(labels) - 1} more" if len(labels) > 1 else ""
             self._problems.append(f"{self._source}: {problem} (with {labels[0]}{more})")
@@ -271,15 +275,20 @@ class _Reading:
 def _value(key: str, value: object) -> _Cell:
     """One value of an axis; a table may tell its own label."""
     if not isinstance(value, dict):
-        return _Cell(f"{key} {value}", {key: value})
+        return _Cell(f"{key} {value}", f"{value}", {key: value})
     values = dict(_leaves(value))
     label = values.pop("label", None) or ", ".join(f"{name} {one}" for name, one in values.items())
-    return _Cell(f"{key} {label}", values)
+    return _Cell(f"{key} {label}", label, values)
 
 
 def _joined(parts: Sequence[_Cell]) -> _Cell:
-    label = ", ".join(part.label for part in parts) or "the configuration"
-    return _Cell(label, {key: value for part in parts for key, value in part.values.items()})
+    plain = "the configuration"
+    label = ", ".join(part.label for part in parts) or plain
+    return _Cell(
+        label,
+        ", ".join(part.head for part in parts) or plain,
+        {key: value for part in parts for key, value in part.values.items()},
+    )
 
 
 def _refusal(config: Config, table: Mapping[str, Any]) -> str:

@@ -93,7 +93,8 @@ def spans_of(phases: Sequence[Phase], steps: Sequence[StepRecord], began: float,
         if begin >= last or end > last:
             spans.append(Span(max(begin, last) - began, end - began, name, name))
     spans += [
-        Span(step.began_at - began, step.at - began, step.label, step.word) for step in steps[:SPANS_MOST]
+        Span(step.began_at - began, step.at - began, step.label, step.word, short=step.number)
+        for step in steps[:SPANS_MOST]
     ]
     return sorted(spans, key=lambda span: span.begin)
 

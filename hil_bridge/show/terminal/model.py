@@ -49,6 +49,8 @@ class Scene:
     """How long the surface is to be tracked, s, where that is known."""
     steps: tuple[str, ...] = ()
     """Labels of a program's steps, passes counted; empty without a program."""
+    tracks: frozenset[int] = frozenset()
+    """Numbers of its steps that track, passes counted, from 1."""
     cell: str = ""
     """EMULATED or REAL, and the devices, in words."""
     real: bool = False
@@ -64,9 +66,8 @@ class Scene:
     @property
     def chart_facts(self) -> ChartFacts:
         """Facts that its charts need."""
-        tracks = frozenset(number for number, label in enumerate(self.steps, 1) if "(track" in label)
         limits = limit_numbers(asdict(self.limits))
-        return ChartFacts(self.robot, limits, tracks, self.approach, self.robot.line_floor_s)
+        return ChartFacts(self.robot, limits, self.tracks, self.approach, self.robot.line_floor_s)
 
 
 class Told(NamedTuple):

@@ -69,6 +69,7 @@ def _scene(recording: Recording, name: str) -> Scene:
         robot=devices.robot,
         total_s=total,
         steps=tuple(step.label for step in recording.steps),
+        tracks=facts_of_recording(recording).tracks,
         cell=cell,
         real=real,
         limits=limits,
