@@ -44,15 +44,16 @@ def fed(views: Views, virtual: bool) -> Iterator[Feed | None]:
 def scene_of(setup: Setup, facts: RobotFacts, legs: Sequence[Leg], record: str) -> Scene:
     """Facts of a run for its views; `record` names the recording that is kept, empty for none."""
     config = setup.config
-    real, cell = setup.in_words
+    cell = setup.cell_name
     return Scene(
         reference_n=config.task.force_n,
         robot=facts,
         total_s=None if legs else config.run.duration_s,
         steps=tuple(leg.label for leg in legs),
         tracks=frozenset(number for number, leg in enumerate(legs, 1) if isinstance(leg.step, Track)),
-        cell=cell,
-        real=real,
+        cell=cell.words,
+        devices=cell.devices,
+        real=cell.real,
         limits=config.limits,
         approach=config.frame.approach,
         record=record,

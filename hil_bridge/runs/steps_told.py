@@ -99,4 +99,4 @@ def told_step(leg: Leg, done: Done) -> str:
     if done.text:
         parts.append(done.text)
     verdict = "done" if done.passed else "FAILED"
-    return f"step {leg.label} {verdict}: {', '.join(parts)}"
+    return f"{leg.label} {verdict}: {', '.join(parts)}"

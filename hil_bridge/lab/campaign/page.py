@@ -153,10 +153,9 @@ def _why(store: Store, run: Done) -> str:
     """How the run ended, from the recording that it left; empty where that is not there any more."""
     place = store.folder / run.recording
     try:
-        text = why(read(place)) if run.recording else ""
+        return why(read(place), f"{store.folder.name}/{run.recording}") if run.recording else ""
     except BridgeError:
         return ""
-    return text.replace("monitor FILE`", f"monitor {store.folder.name}/{run.recording}`")
 
 
 def _injected(plan: Plan, runs: Sequence[Done]) -> str:

@@ -52,7 +52,9 @@ class Scene:
     tracks: frozenset[int] = frozenset()
     """Numbers of its steps that track, passes counted, from 1."""
     cell: str = ""
-    """EMULATED or REAL, and the devices, in words."""
+    """EMULATED or REAL, with the devices where the one is this and the other that; empty where it is not known."""
+    devices: str = ""
+    """Kinds of robot and sensor, where `cell` does not name them."""
     real: bool = False
     """A real robot may move."""
     limits: Limits = field(default_factory=Limits)
@@ -76,7 +78,7 @@ class Told(NamedTuple):
     elapsed_s: float
     kind: str
     text: str
-    """Its first line."""
+    """The line that tells most."""
 
     @property
     def alarm(self) -> bool:
@@ -261,7 +263,7 @@ class ViewModel:
             step=newest.step if newest else 0,
             period_s=cycles[-1].started_at - cycles[-2].started_at if len(cycles) > 1 else None,
             events=tuple(
-                Told(record.at - self._began, record.kind, record.text.partition("\n")[0])
+                Told(record.at - self._began, record.kind, record.line)
                 for record in sorted(told, key=lambda record: record.at)
             ),
         )
