@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 from emulators.faults.renamed import RENAMED_PARAMETERS
 from protocol.faults import FaultStage
@@ -123,3 +123,25 @@ class Fault:
             raise ValueError(f"{name}: {' and '.join(self.distinct)} must differ")
         duration = values.pop(_DURATION, None)
         return values, None if duration is None else float(duration)
+
+
+def describe_faults(table: Mapping[str, Mapping[str, Fault]]) -> dict[str, Any]:
+    """Every fault by target, with its meaning and its parameters' meanings, ranges and defaults, as JSON has it."""
+    return {
+        target: {
+            name: {
+                "meaning": fault.meaning,
+                "parameters": {
+                    key: {
+                        "meaning": parameter.meaning,
+                        "range": parameter.range_text,
+                        "unit": parameter.unit,
+                        "default": None if parameter.default == FOREVER else parameter.default,
+                    }
+                    for key, parameter in fault.all_parameters.items()
+                },
+            }
+            for name, fault in faults.items()
+        }
+        for target, faults in table.items()
+    }

@@ -13,6 +13,7 @@ from emulators.unmodelled import TaggingDevice
 from hil_bridge.clock import VIRTUAL_EPOCH, Clock, Timer, device_clock
 from hil_bridge.devices.device_log import DeviceLog
 from hil_bridge.devices.kinds import ROBOTS, RobotEmulation, SensorEmulation
+from hil_bridge.devices.panel import panel_address, serve_panel
 from hil_bridge.devices.robots.of_others import link_of_others
 from hil_bridge.devices.robots.seam import RobotLink
 from hil_bridge.devices.sensors.stream import ForceSensor
@@ -72,12 +73,11 @@ def check_panel(setup: Setup, virtual: bool) -> None:
             "run.panel_url (--panel) is the emulated controller's panel; leave it out "
             f"{'with a real robot' if real else 'in virtual time, where a person could not press in time'}"
         )
-    check = _emulation(setup.robot.kind).check_panel
-    if check is None:
+    if _emulation(setup.robot.kind).controls is None:
         raise ConfigError(
             f"an emulated {setup.robot.kind.name} has no panel; leave run.panel_url (--panel) out"
         )
-    check(url)
+    panel_address(url)
 
 
 def make_cell(setup: Setup, now: float) -> Cell[Any, Any]:
@@ -202,9 +202,9 @@ async def emulated_cell(
         panel_at = None
         if setup.listen.robot is not None:
             robot = await _serve(setup.cell_robot, cell.robot, serving)
-            make_panel = _emulation(robot.kind).panel
-            if setup.listen.panel and make_panel is not None:
-                panel = make_panel(cell, setup.listen.panel, clock, serving.wake)
+            controls = _emulation(robot.kind).controls
+            if setup.listen.panel and controls is not None:
+                panel = serve_panel(cell, controls, setup.listen.panel, clock, serving.wake)
                 panel_at = await stack.enter_async_context(panel)
         if setup.listen.sensor is not None:
             sensor = await _serve(setup.cell_sensor, cell.sensor, serving)

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from hil_bridge.devices.robots.s3.panel import ask
+from hil_bridge.devices.panel import ask
 from hil_bridge.record import read
 from tests.live.processes import HIL, NEAR, PATIENCE_S, Growing, start, told_first, wait_until
 
