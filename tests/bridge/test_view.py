@@ -13,10 +13,15 @@ from rich.console import Console
 from hil_bridge.clock import Clock
 from hil_bridge.console import screen
 from hil_bridge.control import Limits
+from hil_bridge.control.program.program import Program
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.robots.s3.facts import robot_facts
+from hil_bridge.errors.failures import TRACEBACK_EVENT
 from hil_bridge.record import PHASE_EVENT, STOP_EVENT, CycleRecord, EventRecord
+from hil_bridge.runs.setup import Setup
+from hil_bridge.runs.shown import scene_of
 from hil_bridge.runs.terminal_view import TerminalView
+from hil_bridge.settings.configuration import read_config
 from hil_bridge.show.terminal import Health, Scene, Snapshot, ViewModel
 from hil_bridge.show.terminal.chart import SCALE_WIDTH, chart
 from hil_bridge.show.terminal.live import LiveView, line
@@ -118,6 +123,29 @@ def test_the_view_of_a_program_tells_the_step_under_way_and_its_wanted_force() -
     told = line(snapshot)
     assert "step 3 of 4: 2.1 (track, pass 2)" in told
     assert "of 12.50 N" in told
+
+
+def test_the_scene_of_a_program_knows_the_steps_that_track() -> None:
+    path = {"kind": "line", "length_mm": 5.0}
+    steps = [{"do": "approach"}, {"do": "track", "path": path}, {"do": "retract"}]
+    setup = Setup(read_config({"task": {"step": steps}}))
+    assert isinstance(setup.loop.task, Program)
+    scene = scene_of(setup, ROBOT, setup.loop.task.row.legs, "")
+    assert scene.steps == ("1 (approach)", "2 (track)", "3 (retract)")
+    assert scene.chart_facts.tracks == {2}
+    assert scene.total_s is None
+    assert (scene.cell, scene.devices) == ("EMULATED", "s3, jr3")
+
+
+def test_an_event_with_a_traceback_tells_what_was_raised() -> None:
+    made = model(CYCLE)
+    trace = "Traceback (most recent call last):\n  File somewhere\nValueError: the law is broken\n"
+    made.event(EventRecord(110.0, TRACEBACK_EVENT, trace))
+    made.event(EventRecord(110.1, "link", "first line\nsecond line"))
+    text = text_of(made.snapshot(110.2, Health()))
+    assert "traceback: ValueError: the law is broken" in text
+    assert "link: first line" in text
+    assert "second line" not in text
 
 
 def test_the_view_of_a_program_wants_no_force_in_free_space() -> None:
