@@ -95,14 +95,17 @@ class Fault:
         until = "how long; otherwise until the end" if self.lasts_s == FOREVER else "how long"
         return {**self.parameters, _DURATION: Parameter(self.lasts_s, until, 0.0, _LONGEST_S, "s")}
 
-    def values(self, name: str, given: Mapping[str, object]) -> tuple[dict[str, FaultValue], float | None]:
+    def values(
+        self, fault: str, given: Mapping[str, object], target: str = ""
+    ) -> tuple[dict[str, FaultValue], float | None]:
         """All parameters, with defaults for those not given, and the duration in s, None where it has none.
 
-        `name` is the fault's, for the error. Raises ValueError in one line.
+        `fault` is its name, and `target` what it strikes, for the error. Raises ValueError in one line.
         """
+        name = f"{target}: {fault}" if target else fault
         known = self.all_parameters
         if unknown := [key for key in given if key not in known]:
-            now = RENAMED_PARAMETERS.get((name.rpartition(" ")[2], unknown[0]), "")
+            now = RENAMED_PARAMETERS.get((fault, unknown[0]), "")
             raise ValueError(
                 f"{name} has no parameter {unknown[0]!r}; known: {', '.join(known)}{now and f'; {now}'}"
                 if known

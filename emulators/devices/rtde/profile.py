@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
-from protocol.marks import Mark, above, at_least, between, check_settings, setting
+from protocol.marks import Mark, SettingError, above, at_least, between, check_settings, setting
 
 _A, _O, _C = Mark.ASSUMED, Mark.OBSERVED, Mark.CHOSEN
 
@@ -113,6 +113,6 @@ class RtdeProfile:
         check_settings(self)
         parts = self.version.split(".")
         if len(parts) != 4 or not all(part.isdecimal() and len(part) < 10 for part in parts):
-            raise ValueError(f"version must be four numbers with dots, got {self.version!r}")
+            raise SettingError("version", f"must be four numbers with dots, got {self.version!r}")
         if not (self.serial_number.isascii() and self.serial_number.isdecimal()):
-            raise ValueError(f"serial_number must be digits, got {self.serial_number!r}")
+            raise SettingError("serial_number", f"must be digits, got {self.serial_number!r}")

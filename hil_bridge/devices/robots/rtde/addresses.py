@@ -42,10 +42,13 @@ class Address:
     options: str = ""
     """Further options of the wire in memory, as `?latency_ms=1`."""
 
+    def memory_name(self, port: Port) -> str:
+        """The name of a port in memory."""
+        return self.name if port is Port.RTDE else f"{self.name}-{port}"
+
     def memory_url(self, port: Port) -> str:
         """The URL of a port in memory."""
-        suffix = "" if port is Port.RTDE else f"-{port}"
-        return f"memory:{self.name}{suffix}{self.options}"
+        return f"memory:{self.memory_name(port)}{self.options}"
 
     @property
     def wire(self) -> WireUrl:

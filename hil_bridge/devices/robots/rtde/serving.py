@@ -50,8 +50,10 @@ class Ports:
         make_parser()  # not at a client's first program, when a robot moves
         if address.name:
             for port in PORTS:
-                name = address.memory_url(port).removeprefix("memory:").partition("?")[0]
-                self._stops.append(listen_memory_clients(name, self._serving.clock, self._door(port)))
+                door = self._door(port)
+                self._stops.append(
+                    listen_memory_clients(address.memory_name(port), self._serving.clock, door)
+                )
             return f"memory:{address.name}"
         found: dict[Port, int] = {}
         free = address.ports.get(Port.RTDE) == 0
