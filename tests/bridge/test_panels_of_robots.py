@@ -84,8 +84,9 @@ def is_stopped(bench: Bench) -> bool:
 def test_a_universal_robot_comes_back_from_an_emergency_stop_step_by_step() -> None:
     bench = Bench("rtde")
     bench.do("emergency-stop")
-    with pytest.raises(ValueError, match="refuses power on"):
-        bench.do("power", "on")
+    for control, to in (("power", "on"), ("brakes", "release")):
+        with pytest.raises(ValueError, match=f"refuses {control} {to}"):
+            bench.do(control, to)
     assert bench.do("emergency-stop", "release")["hindrance"] == "robot mode POWER_OFF"
     bench.do("power", "on")
     bench.wait(30.0)
@@ -110,8 +111,6 @@ def test_the_controls_of_a_universal_robot_act_and_are_refused_in_words() -> Non
     bench.wait(10.0)
     assert bench.do("protective-stop")["safety"] == "normal"
     assert bench.do("power", "off")["mode"] == "power off"
-    with pytest.raises(ValueError, match="refuses brakes release"):
-        bench.do("brakes")
     with pytest.raises(ValueError, match="refuses program pause"):
         bench.do("program", "pause")
     for wrong in ("fast", "101", "-1", "nan", "", None, True, [], "1e999"):

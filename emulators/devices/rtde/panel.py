@@ -29,6 +29,10 @@ def _give_control(remote: bool) -> Move:
     return _act(give)
 
 
+def _close_popup(controller: Controller) -> None:
+    controller.console.popup_open = False
+
+
 def _slide(robot: RtdeRobot, percent: float, now: float) -> None:
     robot.controller.advance(now)
     robot.controller.slider = percent / 100.0
@@ -69,6 +73,7 @@ _CONTROLS: Mapping[str, Switch | Dial] = {
             "stop": _act(Controller.stop_program),
         },
     ),
+    "popup": Switch("Close a pop-up.", {"close": _act(_close_popup)}, "close"),
     "speed": Dial("Move the speed slider.", _slide, 0.0, 100.0, "%"),
 }
 
