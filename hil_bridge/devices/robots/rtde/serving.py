@@ -4,8 +4,9 @@ import asyncio
 from collections.abc import Callable
 from typing import Any
 
-from emulators.devices.rtde import RtdeRobot, Saying, Server, make_parser
+from emulators.devices.rtde import RtdeRobot, Saying, make_parser
 from hil_bridge.devices.robots.rtde.addresses import PORTS, Address, parse_address
+from hil_bridge.devices.robots.rtde.program_wires import Hangup, ProgramWires, Served
 from hil_bridge.devices.wiring import Serving
 from hil_bridge.errors import TransportError
 from hil_bridge.transports import Transport
@@ -14,26 +15,6 @@ from hil_bridge.transports.pump import Pump
 from hil_bridge.transports.tcp import listen_tcp_clients
 from protocol.devices.rtde.states import SafetyMode
 from protocol.devices.rtde.wires import Port
-
-
-class _Hangup:
-    """The device closes the connection."""
-
-
-class _Served:
-    """A server's endpoint that tells when the device closes the connection."""
-
-    def __init__(self, server: Server) -> None:
-        self._server = server
-        self._told = False
-        self.receive, self.data_to_send = server.receive, server.data_to_send
-        self.next_deadline, self.handle_deadline = server.next_deadline, server.handle_deadline
-
-    def next_event(self) -> _Hangup | None:
-        if self._server.closing and not self._told:
-            self._told = True
-            return _Hangup()
-        return None
 
 
 class _ErrorLog:
@@ -59,6 +40,7 @@ class Ports:
         self._closing: set[asyncio.Task[None]] = set()
         self._stops: list[Callable[[], None]] = []
         serving.stack.push_async_callback(self._close)
+        self._programs = ProgramWires(robot, serving)
         robot.controller.console.listeners.append(_ErrorLog(serving.say))
 
     async def listen(self, address: Address) -> str:
@@ -71,6 +53,7 @@ class Ports:
                     listen_memory_clients(address.memory_name(port), self._serving.clock, door)
                 )
             return f"memory:{address.name}"
+        self._programs.offer()
         found: dict[Port, int] = {}
         free = address.ports.get(Port.RTDE) == 0
         for port, usual in PORTS.items():
@@ -111,7 +94,7 @@ class Ports:
                 wire.send(rest)
             self._hang_up(wire)
 
-        pump: Pump[bytes, _Hangup] = Pump(_Served(server), wire, clock, told, ended)
+        pump: Pump[bytes, Hangup] = Pump(Served(server), wire, clock, told, ended)
         self._serving.pumps.append(pump)
         pump.start()
 
@@ -127,6 +110,7 @@ class Ports:
             stop()
         for wire in list(self._wires):
             await wire.aclose()
+        await self._programs.aclose()
         await asyncio.gather(*self._closing)
 
 
