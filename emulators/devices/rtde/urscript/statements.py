@@ -167,7 +167,7 @@ class Statements:
     # --- flow
 
     def _if_(self, node: Tree[Token]) -> Part:
-        children = list(node.children)
+        children = list(node.children[1:])
         otherwise: Part | None = None
         last = children[-1]
         if isinstance(last, Tree) and last.data == "otherwise":
@@ -202,9 +202,10 @@ class Statements:
         return Part(False, run)
 
     def _while_(self, node: Tree[Token]) -> Part:
-        condition = self._expressions.value(node.children[0])
+        _, asked, body = node.children
+        condition = self._expressions.value(asked)
         self._loops += 1
-        block = self.block(node.children[1])
+        block = self.block(body)
         self._loops -= 1
         weight = sum(1 for _ in nodes(node))
         if condition.waits or block.waits:
@@ -252,9 +253,10 @@ class Statements:
         return Part(False, lambda frame: signal)
 
     def _return_(self, node: Tree[Token]) -> Part:
-        if not node.children:
+        _, *value = node.children
+        if not value:
             return Part(False, lambda frame: Returned(None))
-        return combined([self._expressions.value(node.children[0])], lambda frame, value: Returned(value))
+        return combined([self._expressions.value(value[0])], lambda frame, value: Returned(value))
 
     def _halt(self, node: Tree[Token]) -> Part:
         def run(frame: Frame) -> Any:
