@@ -26,6 +26,7 @@ class ControllerHost:
 
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
+        self._motions = controller.motions
         self._random = random.Random(controller.now)
         self._servoing: Servo | None = None
         """The newest servoj, while no other motion has come since."""
@@ -148,6 +149,7 @@ class ControllerHost:
     def servo(self, joints: Joints, time: float, lookahead: float, gain: float) -> int:
         """Values outside the ranges of the manual are taken as the nearest end (assumed)."""
         controller = self._controller
+        self._motions.hear_servo(joints)
         if not all(map(math.isfinite, (*joints, time, lookahead, gain))):
             controller.protective_stop("a servo's setting that is no number")
             return 1
@@ -161,11 +163,16 @@ class ControllerHost:
         return cycles
 
     def speed(self, speeds: Joints, acceleration: float) -> None:
+        self._motions.hear_speed("speedj", speeds)
+        self._turn(speeds, acceleration)
+
+    def _turn(self, speeds: Joints, acceleration: float) -> None:
         self._servoing = None
         self._controller.order(Speed(speeds, max(acceleration, 0.01)))
 
     def speed_line(self, velocity: Joints, acceleration: float) -> bool:
         controller = self._controller
+        self._motions.hear_speed("speedl", velocity)
         dt, joints = controller.period, controller.arm.joints
         here = controller.forward(joints)
         turn = pose_of((0.0, 0.0, 0.0, *(part * dt for part in velocity[3:])))
@@ -175,7 +182,7 @@ class ControllerHost:
         if found is None:
             return False
         a, b, c, d, e, f = ((new - old) / dt for old, new in zip(joints, found, strict=True))
-        self.speed((a, b, c, d, e, f), acceleration * _JOINT_PER_METRE)
+        self._turn((a, b, c, d, e, f), acceleration * _JOINT_PER_METRE)
         return True
 
     def brake(self, deceleration: float) -> None:
@@ -186,14 +193,17 @@ class ControllerHost:
         self.brake(deceleration * _JOINT_PER_METRE)
 
     def line(self, goal: Pose, profile: Profile) -> Iterator[object] | None:
+        self._motions.hear_move("move along a line", goal)
         walk = line_walk(self._controller, goal, *profile)
         return None if walk is None else self._walk(walk)
 
     def swing(self, goal: Joints, profile: Profile) -> Iterator[object] | None:
+        self._motions.hear_move("move in joints", self.forward(goal))
         walk = joint_walk(self._controller, goal, *profile)
         return None if walk is None else self._walk(walk)
 
     def arc(self, via: Pose, goal: Pose, profile: Profile) -> Iterator[object] | None:
+        self._motions.hear_move("move along an arc", goal)
         walk = arc_walk(self._controller, via, goal, profile.speed, profile.acceleration)
         return None if walk is None else self._walk(walk)
 

@@ -50,6 +50,8 @@ class CompiledProgram(NamedTuple):
     """`sec`: runs beside a program, and cannot move the arm."""
     root: Code
     main: Code
+    calls: frozenset[str]
+    """Names of all functions that it calls."""
 
 
 @lru_cache(maxsize=32)
@@ -57,13 +59,13 @@ def _compiled(text: str, tables: tuple[Any, ...]) -> CompiledProgram:
     functions = tables[0].table
     tree = parse(text)
     root = analyse(tree, functions)
-    _compile(root, functions)
+    calls = _compile(root, functions)
     block = root.body
     only = block.children[0] if len(block.children) == 1 else None
     if isinstance(only, Tree) and only.data in ("def", "sec"):
         name = str(only.children[0])
-        return CompiledProgram(name, only.data == "sec", root, root.functions[name])
-    return CompiledProgram("", False, root, root)
+        return CompiledProgram(name, only.data == "sec", root, root.functions[name], calls)
+    return CompiledProgram("", False, root, root, calls)
 
 
 class _Key:
@@ -84,7 +86,8 @@ def compile_program(text: str, functions: Functions) -> CompiledProgram:
     return _compiled(text, (_Key(functions),))
 
 
-def _compile(root: Code, functions: Functions) -> None:
+def _compile(root: Code, functions: Functions) -> frozenset[str]:
+    """Compile a text's functions; the names of all that they call."""
     codes = [root]
     for code in codes:
         codes += code.functions.values()
@@ -104,6 +107,7 @@ def _compile(root: Code, functions: Functions) -> None:
         part = Statements(code, functions).block(code.body)
         code.run = part.run if part.waits or not code.waits else _as_generator(part.run)
         code.waits = code.waits or part.waits
+    return frozenset[str]().union(*(code.calls for code in codes))
 
 
 def _as_generator(run: Run) -> Run:
