@@ -3,6 +3,7 @@
 import math
 import random
 from collections.abc import Iterator
+from functools import lru_cache
 
 from emulators.devices.rtde.arm import Brake, Servo, Speed
 from emulators.devices.rtde.controller import Controller
@@ -32,6 +33,8 @@ class ControllerHost:
         """The newest servoj, while no other motion has come since."""
         self._inputs = controller.inputs
         """Inputs at the newest servoj: a target that came again is another one."""
+        self._solved: tuple[object, Joints | None] = (None, None)
+        """The newest question of inverse kinematics, and its answer."""
         self.period = controller.period
 
     # --- messages
@@ -141,10 +144,13 @@ class ControllerHost:
         return self._controller.forward(joints, tcp)
 
     def solve(self, pose: Pose, near: Joints | None = None, tcp: Pose | None = None) -> Joints | None:
+        """The newest answer is kept: a program asks whether there are joints, and then which."""
         controller = self._controller
-        if tcp is None:
-            return controller.solve(pose, near)
-        return nearest(controller.lengths, compose(pose, invert(tcp)), near or controller.arm.target)
+        question = pose, near or controller.arm.target, tcp or controller.tcp
+        if question != self._solved[0]:
+            flange = compose(pose, invert(question[2]))
+            self._solved = question, nearest(controller.lengths, flange, question[1])
+        return self._solved[1]
 
     def servo(self, joints: Joints, time: float, lookahead: float, gain: float) -> int:
         """Values outside the ranges of the manual are taken as the nearest end (assumed)."""
@@ -234,6 +240,7 @@ class ControllerHost:
         self._controller.power_off()
 
 
+@lru_cache(maxsize=1024)
 def _register(direction: str, kind: str, number: int) -> tuple[str, int | None]:
     """The name of a register among the fields of RTDE, and the bit in it; None for a whole one."""
     if kind == "bit":

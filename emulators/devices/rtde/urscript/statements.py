@@ -10,15 +10,7 @@ from typing import Any, NamedTuple
 from lark import Token, Tree
 
 from emulators.devices.rtde.urscript import values
-from emulators.devices.rtde.urscript.expressions import (
-    UNSET,
-    Expressions,
-    Frame,
-    Part,
-    Returned,
-    Run,
-    combined,
-)
+from emulators.devices.rtde.urscript.expressions import UNSET, Expressions, Returned
 from emulators.devices.rtde.urscript.failures import (
     Halted,
     ScriptError,
@@ -28,6 +20,7 @@ from emulators.devices.rtde.urscript.failures import (
 from emulators.devices.rtde.urscript.lists import METHODS
 from emulators.devices.rtde.urscript.names import Code, analyse, assigned, is_pose, line_of, nodes
 from emulators.devices.rtde.urscript.parser import parse
+from emulators.devices.rtde.urscript.parts import Frame, Part, Run, combined
 from emulators.devices.rtde.urscript.table import Functions
 from emulators.devices.rtde.urscript.values import Value
 
@@ -37,8 +30,8 @@ class Leaving:
 
 
 BREAK, CONTINUE = Leaving(), Leaving()
-_WRONG = (ArithmeticError, ValueError, RecursionError)
-"""Exceptions of Python's arithmetic, and of a program that is nested too deeply, which are the program's fault."""
+_WRONG = (ScriptError, ArithmeticError, ValueError, RecursionError)
+"""A program's faults: those that are known as such, those of Python's arithmetic, and too deep a nesting."""
 
 
 class CompiledProgram(NamedTuple):
@@ -143,9 +136,6 @@ class Statements:
                         signal = statement(frame)
                         if signal is not None:
                             return signal
-                except ScriptError as error:
-                    error.line = error.line or lines[at]
-                    raise
                 except _WRONG as error:
                     raise _failed(error, lines[at]) from None
                 return None
@@ -159,9 +149,6 @@ class Statements:
                     signal = (yield from part.run(frame)) if part.waits else part.run(frame)
                     if signal is not None:
                         return signal
-            except ScriptError as error:
-                error.line = error.line or lines[at]
-                raise
             except _WRONG as error:
                 raise _failed(error, lines[at]) from None
             return None
@@ -187,7 +174,7 @@ class Statements:
             def wait(frame: Frame) -> Any:
                 for condition, block in branches:
                     value = (yield from condition.run(frame)) if condition.waits else condition.run(frame)
-                    if values.truth(value):
+                    if value is True or (value is not False and values.truth(value)):
                         return (yield from block.run(frame)) if block.waits else block.run(frame)
                 if otherwise is not None:
                     return (yield from otherwise.run(frame)) if otherwise.waits else otherwise.run(frame)
@@ -199,7 +186,8 @@ class Statements:
 
         def run(frame: Frame) -> Any:
             for condition, block in runs:
-                if values.truth(condition(frame)):
+                holds = condition(frame)
+                if holds is True or (holds is not False and values.truth(holds)):
                     return block(frame)
             return rest(frame)
 
@@ -385,6 +373,10 @@ class Statements:
 
 
 def _failed(error: Exception, line: int) -> ScriptError:
+    """The program's fault, with the line of the innermost statement."""
+    if isinstance(error, ScriptError):
+        error.line = error.line or line
+        return error
     deep = isinstance(error, RecursionError)
     failure = ScriptError("too many functions have called each other" if deep else f"arithmetic: {error}")
     failure.line = line
