@@ -43,11 +43,12 @@ class Site:
         assert server is not None
         server.receive((ECHO % (host, port)).encode(), robot.controller.now)
 
-    async def until(self, holds: Callable[[], bool]) -> None:
+    async def until(self, holds: Callable[[], bool], drives: bool = True) -> None:
         async with asyncio.timeout(30):
             while not holds():
                 await asyncio.sleep(0.005)
-                self.robot.controller.advance(Clock.running().now())
+                if drives:
+                    self.robot.controller.advance(Clock.running().now())
 
     def said(self) -> list[str]:
         return [str(saying) for saying in self.robot.controller.console.sayings]
@@ -109,6 +110,20 @@ def test_a_program_comes_to_no_other_computer_and_that_is_told_once() -> None:
         (line,) = site.lines
         assert line.startswith("rtde: a program may not connect to '192.0.2.1'")
         assert "cell.rtde.program_servers" in line
+
+    at_site(act)
+
+
+def test_a_program_plays_on_where_its_client_has_left() -> None:
+    """Nothing but the time drives the controller then."""
+
+    async def act(site: Site) -> None:
+        text = b"def alone():\n  sleep(0.1)\n  write_output_integer_register(1, 7)\nend\n"
+        script = site.robot.connect(Port.SCRIPT, site.robot.controller.now)
+        assert script is not None
+        script.receive(text, site.robot.controller.now)
+        controller = site.robot.controller
+        await site.until(lambda: controller.outputs.get("output_int_register_1") == 7, drives=False)
 
     at_site(act)
 

@@ -5,16 +5,21 @@ from collections.abc import Callable
 from typing import Any
 
 from emulators.devices.rtde import RtdeRobot, Saying, make_parser
+from hil_bridge.clock import Timer
 from hil_bridge.devices.robots.rtde.addresses import PORTS, Address, parse_address
 from hil_bridge.devices.robots.rtde.program_wires import Hangup, ProgramWires, Served
 from hil_bridge.devices.wiring import Serving
 from hil_bridge.errors import TransportError
+from hil_bridge.errors.failures import RAISED, raise_if_asked
 from hil_bridge.transports import Transport
 from hil_bridge.transports.memory import listen_memory_clients
 from hil_bridge.transports.pump import Pump
 from hil_bridge.transports.tcp import listen_tcp_clients
 from protocol.devices.rtde.states import SafetyMode
 from protocol.devices.rtde.wires import Port
+
+KEEPING_S = 0.02
+"""Chosen: so often the controller's cycles are made up for where no client asks."""
 
 
 class _ErrorLog:
@@ -40,6 +45,7 @@ class Ports:
         self._closing: set[asyncio.Task[None]] = set()
         self._stops: list[Callable[[], None]] = []
         serving.stack.push_async_callback(self._close)
+        self._timer: Timer | None = None
         self._programs = ProgramWires(robot, serving)
         robot.controller.console.listeners.append(_ErrorLog(serving.say))
 
@@ -54,6 +60,7 @@ class Ports:
                 )
             return f"memory:{address.name}"
         self._programs.offer()
+        self._keep_time()
         found: dict[Port, int] = {}
         free = address.ports.get(Port.RTDE) == 0
         for port, usual in PORTS.items():
@@ -68,6 +75,20 @@ class Ports:
             return f"tcp://{address.authority}"
         options = "&".join(f"{port}={number}" for port, number in found.items() if port is not Port.RTDE)
         return f"tcp://{address.authority}:{found[Port.RTDE]}?{options}"
+
+    def _keep_time(self) -> None:
+        """Let the controller's time go on also where no client asks it for anything: else the next one would wait until
+        all cycles are made up for.
+        """
+        clock = self._serving.clock
+        now = clock.now()
+        try:
+            self._robot.controller.advance(now)
+        except RAISED as error:
+            raise_if_asked(error)
+            self._serving.on_failure(error)
+            return
+        self._timer = clock.call_at(now + KEEPING_S, self._keep_time)
 
     def _door(self, port: Port) -> Callable[[Transport[bytes]], None]:
         return lambda wire: self._welcome(port, wire)
@@ -106,6 +127,8 @@ class Ports:
         task.add_done_callback(self._closing.discard)
 
     async def _close(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
         for stop in self._stops:
             stop()
         for wire in list(self._wires):

@@ -1,0 +1,31 @@
+"""The page on URScript says what the interpreter can do."""
+
+import runpy
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from emulators.devices.rtde.urscript import FUNCTIONS
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = (ROOT / "docs" / "reference" / "urscript.md").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def tool() -> dict[str, Any]:
+    return runpy.run_path(str(ROOT / "tools" / "urscript_doc.py"))
+
+
+def test_the_table_is_that_of_the_code(tool: dict[str, Any]) -> None:
+    assert tool["renewed"](PAGE) == PAGE, "run python -m tools.urscript_doc"
+
+
+def test_each_function_stands_in_the_table_once() -> None:
+    for name in FUNCTIONS:
+        assert PAGE.count(f"| `{name}(") == 1, name
+
+
+def test_a_page_without_a_place_for_the_table_is_missed(tool: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match="no place for 'functions'"):
+        tool["renewed"](PAGE.replace("<!-- functions: begin -->", ""))
