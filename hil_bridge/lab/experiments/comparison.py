@@ -99,6 +99,9 @@ _PANELS = (
 
 def _draw(table: Sequence[Row]) -> bytes:
     names = distinct(table, "controller")
+    scheduled = {
+        name for name, (_, parameters) in variants().items() if ("gain_scheduling", True) in parameters
+    }
     with Sheet(14.0, 7.6, 2, len(CONDITIONS), sharex=True, sharey="row") as sheet:
         for at, ax in enumerate(sheet.axes):
             column, title, limits = _PANELS[at // len(CONDITIONS)]
@@ -121,7 +124,7 @@ def _draw(table: Sequence[Row]) -> bytes:
                     marker=MARKERS[index % len(MARKERS)],
                     ms=5,
                     lw=1.2,
-                    ls="--" if str(name).endswith(SCHEDULED) else "-",
+                    ls="--" if name in scheduled else "-",
                     capsize=2,
                     label=name,
                 )
