@@ -239,13 +239,13 @@ class Session:
 
     def _look_at(self, recorder: Recorder, log: RunLog, view: TerminalView) -> None:
         """Tell trouble of the recorder at once. The run goes on, since nothing in it depends on its record."""
-        text = recorder.trouble
-        if not text or self.notes.warning:
+        if not recorder.trouble or self.notes.warning:
             return
+        text = f"the recording {self._path} {recorder.trouble}"
         self.notes.warning = text
         log.notice("recorder", text)
         self.terminal.err.say(f"hil-bridge: {text}; the run goes on")
-        view.warn(text.replace(f" {self._path}", ""))  # where a line is short
+        view.warn(f"the recording {recorder.trouble}")  # where a line is short
 
 
 def _collector(clock: Clock) -> Callable[[CycleRecord], object]:
