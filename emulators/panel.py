@@ -166,6 +166,11 @@ def millimetres(position: Sequence[float]) -> tuple[float, ...]:
     return tuple(round(part * 1000.0, 3) for part in position)
 
 
+def motion_text(hindrance: str) -> str:
+    """Whether the arm may move, for a hindrance in words; empty for none."""
+    return f"not possible: {hindrance}" if hindrance else "possible"
+
+
 def numbers_text(values: Sequence[float]) -> str:
     """Numbers of a row, in columns."""
     return "".join(f"{value:>10.3f}" for value in values)

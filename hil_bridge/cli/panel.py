@@ -38,7 +38,8 @@ class _Controls(click.Group):
     """The commands that every panel takes, and the controls of the one that is asked."""
 
     def get_command(self, context: click.Context, name: str) -> click.Command | None:
-        return super().get_command(context, name) or _control(name)
+        own = super().get_command(context, name)
+        return own if own is not None or name.startswith("-") else _control(name)
 
     def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
         super().format_commands(context, formatter)

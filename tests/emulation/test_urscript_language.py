@@ -29,7 +29,7 @@ class Played:
         return next((number for number in range(cycles) if not self.machine.cycle()), -1)
 
     def said(self, kind: Message = Message.TEXT) -> list[str]:
-        return [saying.text for saying in self.controller.console.sayings if saying.message == kind]
+        return [str(saying) for saying in self.controller.console.sayings if saying.message == kind]
 
 
 def said(text: str, cycles: int = 50) -> list[str]:
@@ -273,7 +273,7 @@ ERRORS = {
 def test_an_error_tells_its_line(body: str) -> None:
     line, words = ERRORS[body]
     found = failure(program(body))
-    assert found.startswith(f"Runtime error in line {line}: ")
+    assert found.startswith(f"runtime error in line {line}: ")
     assert words in found
 
 

@@ -37,7 +37,7 @@ class Bench:
             self.controller.advance(self.now)
 
     def said(self, kind: Message) -> list[str]:
-        return [saying.text for saying in self.controller.console.sayings if saying.message == kind]
+        return [str(saying) for saying in self.controller.console.sayings if saying.message == kind]
 
     @property
     def place(self) -> tuple[float, float, float]:
@@ -89,7 +89,7 @@ def test_a_pose_out_of_reach_ends_the_program_and_moves_nothing() -> None:
     bench.send("movel(p[9, 9, 9, 0, 0, 0])\n")
     bench.run(0.2)
     assert bench.place == pytest.approx((0.9, -0.1, 0.6), abs=1e-9)
-    assert bench.said(Message.RUNTIME) == ["Runtime error in line 1: no joints hold the end of this move"]
+    assert bench.said(Message.RUNTIME) == ["runtime error in line 1: no joints hold the end of this move"]
 
 
 def test_a_program_that_never_waits_is_stopped() -> None:

@@ -126,7 +126,9 @@ class EgmController:
         self._origin: Pose | None = None
         """Where a way back began; None where there is none."""
         self._stops: list[str] = []
-        """Faults by which people stop the robot now."""
+        """Names of the stops that hold now, by faults and by hand."""
+        self._by_hand: set[str] = set()
+        """Those of a person at the panel."""
         self._begin_session(now)
         self.handlers: Handlers = {
             "robot": {
@@ -138,7 +140,7 @@ class EgmController:
                         "guidance-ended": self._end_run,
                         "out-of-limits": lambda at: self._fail(OUT_OF_BOUNDS, at),
                         "cannot-send": lambda at: self._fail(_CANNOT_SEND, at),
-                        "program-restarted": self._begin_session,
+                        "program-restarted": self.restart_program,
                     }
                 ),
             },
@@ -167,6 +169,16 @@ class EgmController:
             return None
         words = self.state.name.lower().replace("_", " ")
         return Hindrance(f"{words}: {self.error}" if self.error else words, self.error == OUT_OF_BOUNDS)
+
+    @property
+    def measured(self) -> tuple[Pose, Joints]:
+        """The pose that was measured last, and the joints that hold it."""
+        return self._measured
+
+    @property
+    def stops(self) -> Sequence[str]:
+        """Names of the stops that hold now."""
+        return self._stops
 
     # --- as an endpoint
 
@@ -439,20 +451,45 @@ class EgmController:
     # --- faults
 
     def _stop(self, injection: Injection) -> None:
-        """People stop the robot."""
         injection.struck += 1
-        self._stops.append(injection.fault)
-        if injection.fault in _POWERLESS:
-            self.motion.stand()
-        if self.state not in _OVER:
-            self._leave(self._stopped_state(), injection.injected_at)
+        self._begin_stop(injection.fault, injection.injected_at)
 
     def _start(self, injection: Injection, now: float) -> None:
-        """They let it go on, as far as nothing else stops it."""
-        self._stops.remove(injection.fault)
+        self._end_stop(injection.fault, now)
+
+    # --- by a person at the panel
+
+    def stop(self, name: str, now: float) -> None:
+        """Stop the robot: `emergency-stop`, `motors-off` or `program-stopped`. Harmless when called again."""
+        if name not in self._by_hand:
+            self._by_hand.add(name)
+            self._begin_stop(name, now)
+
+    def start(self, name: str, now: float) -> None:
+        """End a stop of the panel. Harmless where there is none."""
+        if name in self._by_hand:
+            self._by_hand.remove(name)
+            self._end_stop(name, now)
+
+    def restart_program(self, now: float) -> None:
+        """Start the RAPID program from its first line: another session."""
+        self._begin_session(now)
+
+    # --- stops
+
+    def _begin_stop(self, name: str, now: float) -> None:
+        self._stops.append(name)
+        if name in _POWERLESS:
+            self.motion.stand()
+        if self.state not in _OVER:
+            self._leave(self._stopped_state(), now)
+
+    def _end_stop(self, name: str, now: float) -> None:
+        """The robot goes on, as far as nothing else stops it."""
+        self._stops.remove(name)
         if self.state not in _STOPPED:
             return
-        stays = injection.fault in _POWERLESS and not self._profile.restart_after_motors_off
+        stays = name in _POWERLESS and not self._profile.restart_after_motors_off
         if self._stops or stays:
             self._leave(self._stopped_state(), now)
         else:

@@ -13,6 +13,7 @@ from operator import sub
 from emulators.arm.cycled import CycledPath
 from emulators.arm.own_force import Errors, OwnForce
 from emulators.devices.rtde.arm import ZERO, Brake, Hold, JointArm, Order, Place, Servo
+from emulators.devices.rtde.io import MASKS, switch_outputs
 from emulators.devices.rtde.kinematics import (
     ARMS,
     RANGE,
@@ -25,8 +26,9 @@ from emulators.devices.rtde.kinematics import (
     nearest,
 )
 from emulators.devices.rtde.profile import RtdeProfile
-from emulators.devices.rtde.running import Console, Program, Watchdog
-from emulators.devices.rtde.state import Registers, Snapshot
+from emulators.devices.rtde.running import Console, Program, Saying, Watchdog
+from emulators.devices.rtde.state import Registers, Snapshot, number_in
+from emulators.devices.rtde.urscript import Message
 from emulators.orders import Act, HeardOrder, Hindrance, Orders
 from emulators.seams import StartPose
 from emulators.unmodelled import Unmodelled
@@ -77,10 +79,16 @@ class Controller:
         self.path = CycledPath(self._at(self._flange, self.tool), now, self.period, self._cycle)
         self._powered_at = now
         self.mode = RobotMode.RUNNING
-        self.safety = SafetyMode.NORMAL
+        self.safety = self._told_safety = SafetyMode.NORMAL
         self.runtime = Runtime.STOPPED
         self.remote = profile.remote_control
         self.slider = 1.0
+        self.programs: Mapping[str, bytes] = {}
+        """Stored programs by name: text in URScript."""
+        self.loaded = ""
+        """Name of the stored program that is loaded; empty for none."""
+        self._emergency_stops: set[str] = set()
+        """All that have pressed the emergency stop."""
         self.stopped_at = -math.inf
         """When the last protective stop came, s."""
         self.inputs: Registers = {}
@@ -147,10 +155,14 @@ class Controller:
             _, make = self._starting
             self._starting = None
             self.program, self.runtime = make(), Runtime.PLAYING
+            self._tell_program(Message.STARTED, self.program)
         self._watch(now)
         if self.runtime == Runtime.PLAYING and self.program is not None and not self.program.cycle():
             self.stop_program()
         self._guard()
+        if self.safety != self._told_safety:
+            self._told_safety = self.safety
+            self.console.tell_safety(self.safety)
         self.arm.step(self.slider if self.profile.slider_slows_servo else 1.0)
         self.snapshots.append(self._snapshot(now))
         self._next_flange = flange(self.lengths, self.arm.joints)
@@ -230,6 +242,8 @@ class Controller:
                 watchdog.last = self.now
         if "external_force_torque" in names:
             self._force_at = self.now
+        if not MASKS.isdisjoint(names):
+            self.outputs = switch_outputs(self.inputs, self.outputs)
         if self.inputs.get("speed_slider_mask") and "speed_slider_fraction" in values:
             fraction = values["speed_slider_fraction"]
             if isinstance(fraction, float) and math.isfinite(fraction):
@@ -237,9 +251,7 @@ class Controller:
 
     def number(self, name: str) -> float:
         """An input that is a number, 0 where nothing was written."""
-        value = self.inputs.get(name, 0.0)
-        assert not isinstance(value, tuple), "a number"
-        return value
+        return number_in(self.inputs, name)
 
     def write_output(self, name: str, value: float) -> None:
         """A program writes a register."""
@@ -285,9 +297,14 @@ class Controller:
 
     def stop_program(self) -> None:
         """Stop what plays, or is paused; the arm brakes."""
+        if self.program is not None:
+            self._tell_program(Message.STOPPED, self.program)
         self.program = self._starting = None
         self.watchdogs = []
         self.runtime = Runtime.STOPPED
+
+    def _tell_program(self, message: Message, program: Program) -> None:
+        self.console.tell(Saying(self.now, message, program.name))
 
     def pause(self) -> bool:
         """Pause what plays; the arm brakes. False where nothing plays."""
@@ -415,15 +432,20 @@ class Controller:
         self.safety = SafetyMode.NORMAL
         return True
 
-    def emergency_stop(self, mode: SafetyMode = SafetyMode.ROBOT_EMERGENCY_STOP) -> None:
-        """The power goes, and the program."""
+    def emergency_stop(self, mode: SafetyMode = SafetyMode.ROBOT_EMERGENCY_STOP, by: str = "a fault") -> None:
+        """The power goes, and the program. It holds until all that have pressed it have released it."""
         self.counts["emergency stop"] += 1
+        self._emergency_stops.add(by)
         self.safety = mode
         self.power_off()
 
-    def release_emergency_stop(self) -> None:
+    def release_emergency_stop(self, by: str = "a fault") -> None:
         """The button is pulled; power and brakes stay as they are."""
-        if self.safety in (SafetyMode.ROBOT_EMERGENCY_STOP, SafetyMode.SYSTEM_EMERGENCY_STOP):
+        self._emergency_stops.discard(by)
+        if not self._emergency_stops and self.safety in (
+            SafetyMode.ROBOT_EMERGENCY_STOP,
+            SafetyMode.SYSTEM_EMERGENCY_STOP,
+        ):
             self.safety = SafetyMode.NORMAL
 
     def safeguard(self, is_open: bool) -> None:
@@ -449,21 +471,22 @@ class Controller:
         return True
 
     def release_brakes(self) -> bool:
-        """It takes a while until it runs. False where it is not idle."""
-        if self.mode != RobotMode.IDLE:
+        """It takes a while until it runs, and to be powered before. False where it is neither idle nor off."""
+        off = self.mode == RobotMode.POWER_OFF
+        if (off and not self.power_on()) or not (off or self.mode == RobotMode.IDLE):
             return False
-        self._become_later(RobotMode.RUNNING)
+        self._become_later(RobotMode.RUNNING, 2.0 if off else 1.0)
         return True
 
-    def _become_later(self, mode: RobotMode) -> None:
-        """Come to a mode after a while, unless the power goes before."""
+    def _become_later(self, mode: RobotMode, times: float = 1.0) -> None:
+        """Come to a mode after so many times the usual one, unless the power goes before."""
         powered = self._powered
 
         def become() -> None:
             if self._powered == powered:
                 self.mode = mode
 
-        self.later(self.profile.power_s, become)
+        self.later(times * self.profile.power_s, become)
 
     # --- of programs
 

@@ -26,6 +26,9 @@ class RtdeProfile:
     )
     version: str = setting("5.12.0.0", _A, "version of its software: major.minor.bugfix.build")
     serial_number: str = setting("20235500001", _C, "digits that the dashboard tells")
+    program_folder: str = setting(
+        "", _C, "folder of stored programs, text in URScript: NAME.script is loaded as NAME.urp; empty: none"
+    )
     remote_control: bool = setting(True, _C, "whether it stands in Remote Control at power-up")
     uptime_s: float = setting(
         100.0, _A, "its clock when the cell is made; a client may wait for 40 s", at_least(0.0), unit="s"

@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable, Mapping
 
 from emulators.devices.rtde.controller import Controller
-from emulators.devices.rtde.programs import intent, is_known, program, run_secondary
+from emulators.devices.rtde.programs import run_secondary, start_text
 from emulators.devices.rtde.urscript.limits import TEXT_MAX
 from emulators.orders import Act
 
@@ -102,12 +102,7 @@ class ScriptPort:
         if secondary:
             run_secondary(controller, text)
             return
-        words = f"program {name}" if name else f"script {text[:64].decode('utf-8', 'replace')}"
-        controller.told(Act.PROGRAM, words, controller.takes_programs, not is_known(name))
-        make = program(controller, name, text)
-        if make is not None:
-            controller.intent = intent(controller, name, text)
-            controller.start_program(make)
+        start_text(controller, name, text)
 
     def next_event(self) -> None:
         return None

@@ -3,7 +3,6 @@
 from hil_bridge.devices.panel.client import ask
 from hil_bridge.devices.panel.messages import ANSWER_LIMIT, REQUEST_LIMIT, decode, encode
 from hil_bridge.devices.panel.server import CLIENT_LIMIT, PanelServer, panel_address
-from hil_bridge.devices.panel.serving import serve_panel
 from hil_bridge.devices.panel.text import faults_text, state_text
 
 __all__ = [
@@ -16,6 +15,5 @@ __all__ = [
     "encode",
     "faults_text",
     "panel_address",
-    "serve_panel",
     "state_text",
 ]

@@ -11,9 +11,6 @@ class SyntaxFailure(NamedTuple):
     column: int
     text: str
 
-    def __str__(self) -> str:
-        return f"Syntax error in line {self.line}, column {self.column}: {self.text}"
-
 
 class RuntimeFailure(NamedTuple):
     """A statement cannot be done; the program ends."""
@@ -21,15 +18,12 @@ class RuntimeFailure(NamedTuple):
     line: int
     text: str
 
-    def __str__(self) -> str:
-        return f"Runtime error in line {self.line}: {self.text}"
-
 
 class ScriptSyntaxError(Exception):
     """The text is no program."""
 
     def __init__(self, failure: SyntaxFailure) -> None:
-        super().__init__(str(failure))
+        super().__init__(failure.text)
         self.failure = failure
 
 

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from emulators.devices.egm import EGM_FAULTS, EgmController, EgmProfile
+from emulators.devices.egm import EGM_CONTROLS, EGM_FAULTS, EgmController, EgmProfile
 from emulators.seams import RobotFactory
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
@@ -68,7 +68,7 @@ ROBOT = RobotKind(
     EgmSettings,
     connect,
     facts,
-    RobotEmulation(EgmProfile, make, serve, usual, EGM_FAULTS, mishaps=MISHAPS),
+    RobotEmulation(EgmProfile, make, serve, usual, EGM_FAULTS, EGM_CONTROLS, MISHAPS),
     check=check,
     parse=lambda url, settings: parse_url(url, LISTEN_DATAGRAMS),
     describe=describe,
