@@ -25,13 +25,13 @@ from hil_bridge.record.reader import Recording, read
 from hil_bridge.record.recorder import REAL_TIME, VIRTUAL, map_buffers
 from hil_bridge.runs.checks import check
 from hil_bridge.runs.notes import Notes
-from hil_bridge.runs.outputs import Outputs, record_path, settled, write_outputs
+from hil_bridge.runs.outputs import Outputs, record_path, settle_outputs, write_outputs
 from hil_bridge.runs.page import Page
 from hil_bridge.runs.result import RunResult
 from hil_bridge.runs.run_log import RunLog, metadata_of
 from hil_bridge.runs.running import Running, run_end, running
 from hil_bridge.runs.setup import Setup
-from hil_bridge.runs.shown import Views, fed
+from hil_bridge.runs.shown import Views, open_feed
 from hil_bridge.runs.signals import Signals, unless_hung_up
 from hil_bridge.runs.stopping import Stopping
 from hil_bridge.runs.terminal_view import TerminalView
@@ -67,8 +67,8 @@ def execute(
     )  # before a recording is replaced
     signals = Signals()
     views = view if isinstance(view, Views) else Views(view)
-    with signals.heard(), fed(views, virtual) as feed:
-        outputs = settled(outputs, config_file)
+    with signals.heard(), open_feed(views, virtual) as feed:
+        outputs = settle_outputs(outputs, config_file)
         with record_path(outputs) as path, Terminal() as terminal:
             if outputs.own_folder and not virtual:
                 terminal.out.say(f"recording into {path.parent}")

@@ -84,7 +84,7 @@ class TerminalView(Listener):
         task = asyncio.create_task(self._refresh(view, run), name="view")
         loop, board = asyncio.get_running_loop(), Keys(run, stopping)
         try:
-            with keys.heard(lambda key: loop.call_soon_threadsafe(board.press, key)):
+            with keys.hearing(lambda key: loop.call_soon_threadsafe(board.press, key)):
                 yield
         finally:
             task.cancel()

@@ -21,7 +21,7 @@ from hil_bridge.cli.campaign import campaign
 from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.lab.campaign import comparison
 from hil_bridge.lab.campaign.comparison import compared
-from hil_bridge.lab.campaign.judging import Job, configured, run
+from hil_bridge.lab.campaign.judging import Job, configure_run, run
 from hil_bridge.lab.campaign.live import Results
 from hil_bridge.lab.campaign.page import page
 from hil_bridge.lab.campaign.plan import Plan
@@ -95,7 +95,7 @@ def test_failing_runs_leave_their_recordings_and_the_others_their_figures(result
 def test_looking_at_the_truth_does_not_change_a_run(results: Path, fault: int) -> None:
     with Store.open(results) as store:
         case = store.plan().cases[fault]
-    config = configured(Job("", fault, case.config, case.table, 1))
+    config = configure_run(Job("", fault, case.config, case.table, 1))
     watched, plain = run(config).result, simulate(config)
     assert watched is not None
     assert len(plain.cycles) > 10
@@ -192,7 +192,7 @@ def test_kill_in_the_middle_loses_nothing_and_doubles_nothing(tmp_path: Path) ->
         for one in runs[:2]:
             case = plan.cases[one.number]
             job = Job(one.key, one.number, case.config, case.table, one.seed)
-            assert run(configured(job)).figures == one.figures
+            assert run(configure_run(job)).figures == one.figures
 
 
 @pytest.mark.skipif(os.name != "posix", reason="Ctrl-C as a signal")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from hil_bridge.api import BridgeError, Config, Result, Simulation, run_virtual, simulation
 from hil_bridge.errors import ConfigError
-from hil_bridge.lab.campaign.criteria import Criterion, Figure, failed
+from hil_bridge.lab.campaign.criteria import Criterion, Figure, find_unmet
 from hil_bridge.lab.campaign.overlay import config_with
 from hil_bridge.lab.campaign.store import Done
 from hil_bridge.lab.campaign.watching import Watch, recovery_s
@@ -60,13 +60,13 @@ def carry_out(job: Job, criteria: tuple[Criterion, ...], folder: Path | None) ->
     """Do a run and judge it. A failing one leaves its recording in `folder`, if there is one."""
     began = time.perf_counter()
     try:
-        ran = run(configured(job))
+        ran = run(configure_run(job))
     except ConfigError as error:  # settings that were drawn together and do not fit each other
         ran = Ran({"outcome": "refused", "retracted": True}, str(error))
     except Exception as error:  # a bug is a result too, and no reason to lose the other runs
         lines = str(error).splitlines() or [""]
         ran = Ran({"outcome": "error"}, f"{type(error).__name__}: {lines[0]}")
-    broken = failed(criteria, ran.figures)
+    broken = find_unmet(criteria, ran.figures)
     name = ""
     if broken and folder is not None and ran.result is not None:
         name = f"{job.key}.mcap"
@@ -79,7 +79,7 @@ def carry_out(job: Job, criteria: tuple[Criterion, ...], folder: Path | None) ->
     )
 
 
-def configured(job: Job) -> Config:
+def configure_run(job: Job) -> Config:
     """The configuration of a run, with its fault and its seed."""
     return config_with(job.config, job.table, job.seed)
 
@@ -108,10 +108,10 @@ def run(config: Config) -> Ran:
     if seen.simulation is None:
         assert seen.error is not None
         return Ran({"outcome": "refused", "retracted": True}, str(seen.error))
-    return _measured(seen, seen.simulation)
+    return _measure(seen, seen.simulation)
 
 
-def _measured(seen: _Seen, running: Simulation) -> Ran:
+def _measure(seen: _Seen, running: Simulation) -> Ran:
     result = running.result
     refused = seen.error is not None
     figures: dict[str, Figure] = {

@@ -15,7 +15,7 @@ from hil_bridge.lab.experiments.results import (
     distinct,
     figure,
     markdown,
-    rounded,
+    round_digits,
     rows_where,
     verdict,
 )
@@ -83,7 +83,7 @@ def evaluate(done: Sequence[CellJob], results: Sequence[CellTrace]) -> Findings:
             "noise": noise,
             "stiffness_n_m": int(stiffness),
             **figures([trace.merit for trace in traces]),
-            "period_ms": rounded(spread(trace.period * 1e3 for trace in traces)[0]),
+            "period_ms": round_digits(spread(trace.period * 1e3 for trace in traces)[0]),
             "completed": sum(trace.completed for trace in traces),
         }
         for (name, baudrate, noise, stiffness), traces in groups.items()
@@ -188,9 +188,9 @@ def _rank(name: str, rows: Sequence[Row]) -> Row:
         "held": len(good),
         "of": len(rows),
         "held throughout, N/m": ", ".join(digits(k) for k in walls) or "none",
-        "mean RMS error, N": rounded(errors),
-        "rise at 5 000 N/m, samples": rounded(rise),
-        "overshoot at 5 000 N/m, %": rounded(overshoot),
+        "mean RMS error, N": round_digits(errors),
+        "rise at 5 000 N/m, samples": round_digits(rise),
+        "overshoot at 5 000 N/m, %": round_digits(overshoot),
     }
 
 
