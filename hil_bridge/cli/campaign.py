@@ -283,11 +283,11 @@ def compare(before: Path, after: Path) -> None:
 
     Exit code 1 when anything differs.
     """
-    from hil_bridge.lab.campaign.comparison import compared
+    from hil_bridge.lab.campaign.comparison import compare_campaigns
     from hil_bridge.lab.campaign.store import Store
 
     with Store.open(before) as first, Store.open(after) as second:
-        found = compared(first, second)
+        found = compare_campaigns(first, second)
     tell(found.lines)
     if found.differing:
         click.get_current_context().exit(DIFFERS)

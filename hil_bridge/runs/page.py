@@ -53,7 +53,7 @@ class Page:
         self._feed.begin(scene, run.clock.wall_ns(0.0))
 
     @asynccontextmanager
-    async def served(
+    async def serving(
         self, setup: Setup, log: RunLog, stopping: Stopping, terminal: Terminal
     ) -> AsyncIterator[None]:
         """The page while a run goes on."""

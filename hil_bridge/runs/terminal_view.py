@@ -68,7 +68,7 @@ class TerminalView(Listener):
             self._view.warn(text)
 
     @asynccontextmanager
-    async def shown(self, run: Running, stopping: Stopping, record: str) -> AsyncIterator[None]:
+    async def showing(self, run: Running, stopping: Stopping, record: str) -> AsyncIterator[None]:
         """The live view of a run, drawn by the screen's thread. `record` names the recording that is kept.
 
         No part of it waits for the terminal: the loop goes on when that is paused or gone.

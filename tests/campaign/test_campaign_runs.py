@@ -20,7 +20,7 @@ from hil_bridge.api import simulate
 from hil_bridge.cli.campaign import campaign
 from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.lab.campaign import comparison
-from hil_bridge.lab.campaign.comparison import compared
+from hil_bridge.lab.campaign.comparison import compare_campaigns
 from hil_bridge.lab.campaign.judging import Job, configure_run, run
 from hil_bridge.lab.campaign.live import Results
 from hil_bridge.lab.campaign.page import page
@@ -359,8 +359,8 @@ def test_compare_counts_what_got_worse_and_better_and_how_far(results: Path, tmp
         "(SELECT rowid FROM runs WHERE failed = '[]' LIMIT 1)",
     )
     with Store.open(results) as before, Store.open(failing) as after:
-        worse, better = compared(before, after), compared(after, before)
-        same = compared(before, before)
+        worse, better = compare_campaigns(before, after), compare_campaigns(after, before)
+        same = compare_campaigns(before, before)
     assert (worse.differing, better.differing, same.differing) == (1, 1, 0)
     assert worse.lines[3] == "1 passed and fail now, 0 failed and pass now"
     assert better.lines[3] == "0 passed and fail now, 1 failed and pass now"
@@ -382,7 +382,7 @@ def test_compare_names_so_many_runs_and_those_with_another_outcome_first(
     )
     monkeypatch.setattr(comparison, "LINES", 3)
     with Store.open(results) as before, Store.open(other) as after:
-        found = compared(before, after)
+        found = compare_campaigns(before, after)
     named = [line for line in found.lines if " | seed " in line]
     assert len(named) == 3
     assert "refused" in named[0]

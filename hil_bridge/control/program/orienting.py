@@ -24,7 +24,7 @@ def heading_of(leg: Leg, course: CourseState) -> Place:
     return leg.way.headings[leg.way.piece(course.local)]
 
 
-def turned(course: CourseState, leg: Leg, frame: WorkFrame, facing: Facing, dt: float) -> CourseState:
+def turn_tool(course: CourseState, leg: Leg, frame: WorkFrame, facing: Facing, dt: float) -> CourseState:
     """State with the orientation that the leg wants, as far as it may be turned in one sample."""
     if course.home is None or (wanted := _choose_orientation(course, leg, frame, facing)) is None:
         return course

@@ -22,7 +22,7 @@ from hil_bridge.control.program.facing import Facing, Look, elsewhere, inward
 from hil_bridge.control.program.feed import STUCK_S, feed_of, progress, yielding
 from hil_bridge.control.program.felt import Face, WorkFrame, lateral_of, measure_skew, subtract_zero
 from hil_bridge.control.program.legs import Leg, Row
-from hil_bridge.control.program.orienting import heading_of, turned
+from hil_bridge.control.program.orienting import heading_of, turn_tool
 from hil_bridge.control.program.outcome import added, count_sample, cut
 from hil_bridge.control.program.outcome import done as outcome_of
 from hil_bridge.control.program.state import CourseState, Felt, Tally
@@ -201,7 +201,7 @@ class Program:
                 continue
             state, output, done = self._take(state, leg, measurement, felt)
             if not state.reason:
-                course = turned(state.course, leg, self.frame, self.facing, measurement.dt)
+                course = turn_tool(state.course, leg, self.frame, self.facing, measurement.dt)
                 state = replace(state, course=course)
             output = self._output(state, output)
             if state.reason:

@@ -82,7 +82,7 @@ def _one_column(snapshot: Snapshot, width: int, room: int) -> list[Text]:
         _Block([hops], 6),
         _Block([troubles], 2),
         _Block([counts], 5),
-        _Block(rows.told(snapshot, width), 0),
+        _Block(rows.render_alarms(snapshot, width), 0),
     ]
     feet = [_Block([rows.progress(snapshot, width)], 0), _Block([record], 2), _Block(keys, 0)]
     events = rows.events(snapshot, 1)
@@ -112,7 +112,7 @@ def _two_columns(snapshot: Snapshot, width: int, room: int) -> list[Text]:
         *limits,
     ]
     facts = [
-        *rows.told(snapshot, right),
+        *rows.render_alarms(snapshot, right),
         *rows.values(snapshot, right),
         rows.verdict(snapshot),
         *rows.latency(snapshot),
