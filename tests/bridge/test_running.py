@@ -1,5 +1,6 @@
 """The harness of a run: what it closes, and that a close that fails keeps no other from its turn."""
 
+import asyncio
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -13,6 +14,7 @@ from hil_bridge.errors import Cause, ConfigError
 from hil_bridge.errors.failures import FAILED_EVENT
 from hil_bridge.record import CycleRecord, EventRecord, LinkRecord, Outcome, RunEnd, TruthRecord
 from hil_bridge.runs import compose
+from hil_bridge.runs.beside import going_on
 from hil_bridge.runs.checks import check
 from hil_bridge.runs.faults.schedule import FaultSchedule
 from hil_bridge.runs.outputs import Outputs
@@ -215,3 +217,34 @@ def test_a_watcher_that_raises_keeps_no_other_from_its_record() -> None:
 
     run_virtual(main)
     assert order == ["first", "second"]
+
+
+def test_work_beside_a_run_ends_with_it_and_does_not_end_it() -> None:
+    order: list[str] = []
+
+    async def fail() -> None:
+        order.append("fails")
+        raise ValueError("a view")
+
+    async def wait() -> None:
+        try:
+            await asyncio.sleep(1e6)
+        except asyncio.CancelledError:
+            order.append("cancelled")
+            raise
+
+    async def move() -> None:
+        async with going_on(fail(), "view"):
+            await asyncio.sleep(1.0)
+            order.append("the run ends")
+
+    async def stop() -> None:
+        async with going_on(wait(), "view"):
+            await asyncio.sleep(1.0)
+            raise ConfigError("the run's own")
+
+    with pytest.raises(ValueError, match="a view"):
+        run_virtual(move)
+    with pytest.raises(ConfigError, match="the run's own"):
+        run_virtual(stop)
+    assert order == ["fails", "the run ends", "cancelled"]

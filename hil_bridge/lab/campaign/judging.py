@@ -1,9 +1,7 @@
 """One run of a campaign: simulated, measured, judged."""
 
-import asyncio
 import math
 import time
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -23,6 +21,7 @@ from hil_bridge.lab.invariants import (
     void_reasons,
 )
 from hil_bridge.record.analysis.summary import summarise
+from hil_bridge.runs.beside import going_on
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,13 +92,10 @@ def run(config: Config) -> Ran:
             async with simulation(config) as running:
                 seen.simulation = running
                 watch = seen.watch = Watch(running)
-                watching = asyncio.get_running_loop().create_task(watch.watch())
                 try:
-                    await running.finished()
+                    async with going_on(watch.watch(), "watch"):
+                        await running.finished()
                 finally:
-                    watching.cancel()
-                    with suppress(asyncio.CancelledError):
-                        await watching
                     watch.look()
         except BridgeError as error:  # a device refused before the movement began
             seen.error = error
