@@ -83,8 +83,16 @@ def test_faults_and_truth_end_after_the_devices(monkeypatch: pytest.MonkeyPatch)
         order.append("devices")
 
     monkeypatch.setattr(compose, "open_devices", open_devices)
-    monkeypatch.setattr(FaultSchedule, "close", lambda one: (order.append("faults"), close_faults(one)))
-    monkeypatch.setattr(GroundTruth, "close", lambda one: (order.append("truth"), close_truth(one)))
+
+    def noting(name: str, close: Callable[[Any], None]) -> Callable[[Any], None]:
+        def close_and_note(part: Any) -> None:
+            order.append(name)
+            close(part)
+
+        return close_and_note
+
+    monkeypatch.setattr(FaultSchedule, "close", noting("faults", close_faults))
+    monkeypatch.setattr(GroundTruth, "close", noting("truth", close_truth))
     run_in_harness(SHORT, [Listener({TruthRecord: lambda record: None})])
     assert order == ["devices", "faults", "truth"]
 
