@@ -125,7 +125,7 @@ def test_a_program_that_starts_and_ends_is_told_to_each_client() -> None:
         assert client.keys() == [b"PROGRAM_XXX_STARTEDhello", b"PROGRAM_XXX_STOPPEDhello"]
         assert [message.body for message in client.messages(MessageKind.TEXT)] == [b"it is 3"]
     begun = first.messages(MessageKind.KEY)[0]
-    assert begun.time_us == pytest.approx((100.0 + 0.05) * 1e6, abs=5e3), "by the controller's clock"
+    assert begun.time_ns == pytest.approx((100.0 + 0.05) * 1e9, abs=5e6), "by the controller's clock"
 
 
 def test_an_error_has_its_line_and_comes_before_the_programs_end() -> None:

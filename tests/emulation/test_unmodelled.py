@@ -132,7 +132,7 @@ def test_rtde_scripts_dashboard_commands_and_variables() -> None:
         "variable actual_main_voltage",
     ]
     script.receive(b"sec light():\n  set_digital_out(1, True)\n  set_baselight_off()\nend\n", T0)
-    assert told[4:] == ["URScript set_baselight_off()"]
+    assert told[3:] == ["URScript set_baselight_off()"]
     script.receive(SCRIPT, T0)
     robot.controller.advance(T0 + 1.0)
     assert told[5:] == ["URScript teach_mode()", "URScript rg_grip()"]

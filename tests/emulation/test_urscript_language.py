@@ -251,7 +251,7 @@ ERRORS = {
     "textmsg(nothing)": (2, "nothing is not defined"),
     "x = [1, 2]\nx[2] = 1": (3, "no element 2"),
     "x = [1, 2][1.5]": (2, "whole number"),
-    "unheard_of(1)": (2, "unheard_of is not a function"),
+    "unheard_of(1)": (2, "compile_error_name_not_found:unheard_of:"),
     "sin(1, 2)": (2, "sin takes 1 arguments"),
     "movej()": (2, "movej needs the argument q"),
     'sin("a")': (2, "a number is needed, not a string"),

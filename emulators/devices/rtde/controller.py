@@ -34,21 +34,15 @@ from emulators.seams import StartPose
 from emulators.unmodelled import Unmodelled
 from protocol.devices.rtde.fields import Value
 from protocol.devices.rtde.packets import Version
-from protocol.devices.rtde.states import RobotMode, Runtime, SafetyMode
+from protocol.devices.rtde.states import STOPPED_MODES, RobotMode, Runtime, SafetyMode
 from protocol.geometry import Pose, Wrench, angle_between, normalise, product, rotate
 
 _LEVEL: Pose = Pose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
 _NO_FORCE: Wrench = (0.0,) * 6
+SUDDEN_CHANGE = "a sudden change of the target"
+"""Reason of a protective stop for a leap between two targets."""
 BY_FAULT = "as a fault"
 """Reason of a protective stop that no client has caused."""
-_STOPPED = (
-    SafetyMode.PROTECTIVE_STOP,
-    SafetyMode.SAFEGUARD_STOP,
-    SafetyMode.SYSTEM_EMERGENCY_STOP,
-    SafetyMode.ROBOT_EMERGENCY_STOP,
-    SafetyMode.VIOLATION,
-    SafetyMode.FAULT,
-)
 
 
 class Controller:
@@ -109,7 +103,7 @@ class Controller:
         """The messages of programs."""
         self.watchdogs: list[Watchdog] = []
         self._starting: tuple[float, Callable[[], Program]] | None = None
-        self._pending: list[tuple[float, Callable[[], None]]] = []
+        self._pending: list[tuple[float, Callable[[], object]]] = []
         """Changes that come at a time."""
         self._powered = 0
         """How often the power has gone."""
@@ -168,7 +162,7 @@ class Controller:
         self._next_flange = flange(self.lengths, self.arm.joints)
         return self._at(self._next_flange, self.tool)
 
-    def later(self, seconds: float, change: Callable[[], None]) -> None:
+    def later(self, seconds: float, change: Callable[[], object]) -> None:
         """Do this after a time."""
         self._pending.append((self.now + seconds, change))
         self._pending.sort(key=lambda item: item[0])
@@ -262,7 +256,7 @@ class Controller:
 
     def hindrance(self, now: float) -> Hindrance | None:
         """Why the arm may not move."""
-        if self.safety in _STOPPED:
+        if self.safety in STOPPED_MODES:
             protective = self.safety == SafetyMode.PROTECTIVE_STOP
             name = self.safety.name.lower().replace("_", " ")
             words = f"{name}: {self.stop_reason}" if protective else name
@@ -285,7 +279,7 @@ class Controller:
     @property
     def takes_programs(self) -> bool:
         """Whether text on the script port is taken."""
-        return self.remote and self.mode == RobotMode.RUNNING and self.safety not in _STOPPED
+        return self.remote and self.mode == RobotMode.RUNNING and self.safety not in STOPPED_MODES
 
     def start_program(self, make: Callable[[], Program]) -> None:
         """A whole program came; a running one is stopped first. Nothing happens where none is taken."""
@@ -315,7 +309,7 @@ class Controller:
 
     def play(self) -> bool:
         """Go on with what is paused. False where nothing is, or the robot may not move."""
-        if self.runtime != Runtime.PAUSED or self.safety in _STOPPED or self.mode != RobotMode.RUNNING:
+        if self.runtime != Runtime.PAUSED or self.safety in STOPPED_MODES or self.mode != RobotMode.RUNNING:
             return False
         self.runtime = Runtime.PLAYING
         for watchdog in self.watchdogs:
@@ -389,7 +383,7 @@ class Controller:
         turn = angle_between(before.quaternion, after.quaternion)
         profile = self.profile
         if step * 1e3 > profile.max_target_step_mm or max(turn, leap) > profile.max_target_turn_rad:
-            self.protective_stop("a sudden change of the target")
+            self.protective_stop(SUDDEN_CHANGE)
             return False
         return True
 
@@ -398,7 +392,7 @@ class Controller:
     def _guard(self) -> None:
         """Stop for what no arm may do, and hold it where it may not move."""
         profile, arm = self.profile, self.arm
-        if self.safety not in _STOPPED and self.mode == RobotMode.RUNNING:
+        if self.safety not in STOPPED_MODES and self.mode == RobotMode.RUNNING:
             moved = math.dist(self._flange.position, self._old_flange.position)
             if max(map(abs, arm.speeds)) > profile.max_joint_speed_rad_s:
                 self.protective_stop("a joint is too fast")
@@ -408,14 +402,14 @@ class Controller:
                 self.protective_stop("the force is too large")
             elif max(map(abs, arm.joints)) > RANGE:
                 self.protective_stop("a joint is at the end of its range")
-        if self.safety in _STOPPED or self.mode != RobotMode.RUNNING:
+        if self.safety in STOPPED_MODES or self.mode != RobotMode.RUNNING:
             arm.take(Hold())
         elif self.runtime != Runtime.PLAYING:
             arm.take(Brake(profile.stop_deceleration_rad_s2))
 
     def protective_stop(self, why: str) -> None:
         """The arm stands at once, and what plays is paused or stopped. Nothing in a graver stop."""
-        if self.safety in _STOPPED:
+        if self.safety in STOPPED_MODES:
             return
         self.counts[f"protective stop: {why}"] += 1
         self.stop_reason = why
@@ -450,7 +444,7 @@ class Controller:
 
     def safeguard(self, is_open: bool) -> None:
         """A safeguard opens or closes."""
-        if is_open and self.safety not in _STOPPED:
+        if is_open and self.safety not in STOPPED_MODES:
             self.safety = SafetyMode.SAFEGUARD_STOP
             self.pause()
         elif not is_open and self.safety == SafetyMode.SAFEGUARD_STOP:
@@ -465,7 +459,7 @@ class Controller:
 
     def power_on(self) -> bool:
         """It takes a while until it is idle. False where it is on, or stopped."""
-        if self.mode != RobotMode.POWER_OFF or self.safety in _STOPPED:
+        if self.mode != RobotMode.POWER_OFF or self.safety in STOPPED_MODES:
             return False
         self._become_later(RobotMode.IDLE)
         return True

@@ -45,8 +45,7 @@ class ControllerHost:
     def tell_failure(self, failure: RuntimeFailure | SyntaxFailure) -> None:
         kind = Message.SYNTAX if isinstance(failure, SyntaxFailure) else Message.RUNTIME
         self._controller.counts[str(kind)] += 1
-        column = failure.column if isinstance(failure, SyntaxFailure) else 1
-        place = failure.line, column
+        place = failure.line, failure.column
         self._controller.console.tell(Saying(self._controller.now, kind, failure.text, "", *place))
 
     def tell_tagged(self, function: str) -> None:
