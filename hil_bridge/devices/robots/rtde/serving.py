@@ -15,6 +15,9 @@ from hil_bridge.transports.tcp import listen_tcp_clients
 from protocol.devices.rtde.states import SafetyMode
 from protocol.devices.rtde.wires import Port
 
+BEAT_S = 0.1
+"""Chosen: time between two looks at a controller without a client."""
+
 
 class _Hangup:
     """The device closes the connection."""
@@ -58,12 +61,15 @@ class Ports:
         self._wires: set[Transport[bytes]] = set()
         self._closing: set[asyncio.Task[None]] = set()
         self._stops: list[Callable[[], None]] = []
+        self._beat: asyncio.TimerHandle | None = None
         serving.stack.push_async_callback(self._close)
         robot.controller.console.listeners.append(_ErrorLog(serving.say))
 
     async def listen(self, address: Address) -> str:
         """Listen on an address; the URL for a client. Raises TransportUnavailable."""
         make_parser()  # not at a client's first program, when a robot moves
+        if not self._serving.clock.is_virtual:
+            self._keep_pace()
         if address.name:
             for port in PORTS:
                 door = self._door(port)
@@ -85,6 +91,12 @@ class Ports:
             return f"tcp://{address.authority}"
         options = "&".join(f"{port}={number}" for port, number in found.items() if port is not Port.RTDE)
         return f"tcp://{address.authority}:{found[Port.RTDE]}?{options}"
+
+    def _keep_pace(self) -> None:
+        """Let the controller's cycles happen while no client is there, so that the next one need not wait for them."""
+        clock = self._serving.clock
+        self._robot.controller.advance(clock.now())
+        self._beat = clock.loop.call_later(BEAT_S, self._keep_pace)
 
     def _door(self, port: Port) -> Callable[[Transport[bytes]], None]:
         return lambda wire: self._welcome(port, wire)
@@ -123,6 +135,8 @@ class Ports:
         task.add_done_callback(self._closing.discard)
 
     async def _close(self) -> None:
+        if self._beat is not None:
+            self._beat.cancel()
         for stop in self._stops:
             stop()
         for wire in list(self._wires):
