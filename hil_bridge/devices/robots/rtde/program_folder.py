@@ -12,7 +12,7 @@ _SUFFIX = ".script"
 
 
 def read_programs(folder: Path, room: int) -> Mapping[str, bytes]:
-    """Texts by name, each of `room` bytes at most. Other files are passed over. Raises ConfigError that names a file."""
+    """Texts by name, each of `room` bytes at most. Others are passed over. Raises ConfigError that names a file."""
     programs: dict[str, bytes] = {}
     refuse_nul(folder, format_path(folder))
     try:
