@@ -4,8 +4,9 @@ import asyncio
 from collections.abc import Callable
 from typing import Any
 
-from emulators.devices.rtde import RtdeRobot, Saying, Server, make_parser
+from emulators.devices.rtde import RtdeRobot, Saying, make_parser
 from hil_bridge.devices.robots.rtde.addresses import PORTS, Address, parse_address
+from hil_bridge.devices.robots.rtde.program_wires import Hangup, ProgramWires, Served
 from hil_bridge.devices.wiring import Serving
 from hil_bridge.errors import TransportError
 from hil_bridge.transports import Transport
@@ -17,26 +18,6 @@ from protocol.devices.rtde.wires import Port
 
 BEAT_S = 0.1
 """Chosen: time between two looks at a controller without a client."""
-
-
-class _Hangup:
-    """The device closes the connection."""
-
-
-class _Served:
-    """A server's endpoint that tells when the device closes the connection."""
-
-    def __init__(self, server: Server) -> None:
-        self._server = server
-        self._told = False
-        self.receive, self.data_to_send = server.receive, server.data_to_send
-        self.next_deadline, self.handle_deadline = server.next_deadline, server.handle_deadline
-
-    def next_event(self) -> _Hangup | None:
-        if self._server.closing and not self._told:
-            self._told = True
-            return _Hangup()
-        return None
 
 
 class _ErrorLog:
@@ -63,6 +44,7 @@ class Ports:
         self._stops: list[Callable[[], None]] = []
         self._beat: asyncio.TimerHandle | None = None
         serving.stack.push_async_callback(self._close)
+        self._programs = ProgramWires(robot, serving)
         robot.controller.console.listeners.append(_ErrorLog(serving.say))
 
     async def listen(self, address: Address) -> str:
@@ -77,6 +59,7 @@ class Ports:
                     listen_memory_clients(address.memory_name(port), self._serving.clock, door)
                 )
             return f"memory:{address.name}"
+        self._programs.offer()
         found: dict[Port, int] = {}
         free = address.ports.get(Port.RTDE) == 0
         for port, usual in PORTS.items():
@@ -123,7 +106,7 @@ class Ports:
                 wire.send(rest)
             self._hang_up(wire)
 
-        pump: Pump[bytes, _Hangup] = Pump(_Served(server), wire, clock, told, ended)
+        pump: Pump[bytes, Hangup] = Pump(Served(server), wire, clock, told, ended)
         self._serving.pumps.append(pump)
         pump.start()
 
@@ -141,6 +124,7 @@ class Ports:
             stop()
         for wire in list(self._wires):
             await wire.aclose()
+        await self._programs.aclose()
         await asyncio.gather(*self._closing)
 
 
