@@ -12,6 +12,7 @@ from emulators.devices.egm.web_services import WebServices
 from emulators.devices.egm.web_subscriptions import GROUPS_MAX
 from emulators.faults.ledger import Injection
 from emulators.seams import StartPose
+from tests.emulation.abb_librws_requests import REQUESTS
 
 START = StartPose((0.9, -0.1, 0.6), (0.0, 0.0, 1.0, 0.0), 0.2)
 EXECUTION, MOTORS = "/rw/rapid/execution", "/rw/panel/ctrlstate"
@@ -201,6 +202,17 @@ def test_subscriptions_are_bounded() -> None:
         served.status("POST", "/subscription", f"resources=1&1={MOTORS}") for _ in range(GROUPS_MAX + 1)
     ]
     assert statuses == [201] * GROUPS_MAX + [503]
+
+
+def test_the_requests_of_a_foreign_client_have_the_statuses_that_it_accepted() -> None:
+    served = Served()
+    statuses = []
+    for method, target, body, _ in REQUESTS:
+        statuses.append(served.status(method, target, body))
+        served.run(0.05)
+    assert statuses == [status for *_, status in REQUESTS]
+    assert served.state is State.RAPID_STOPPED
+    assert served.controller.counters["sessions"] == 3
 
 
 # --- login
