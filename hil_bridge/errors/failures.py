@@ -63,6 +63,11 @@ def traceback_of(error: BaseException) -> str:
         return f"{type(error).__name__}, which cannot be shown: {type(second).__name__}"
 
 
+def last_line(trace: str) -> str:
+    """The line of a traceback that tells what was raised."""
+    return trace.strip().rpartition("\n")[2]
+
+
 def failure(error: BaseException, otherwise: str = "") -> str:
     """The text of an exception in one line, and the package and the place that it comes from where that is not ours.
 

@@ -20,10 +20,11 @@ from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.resume import resumed
 from hil_bridge.control.types import Controller, Tuning
 from hil_bridge.devices.facts import RobotFacts
-from hil_bridge.errors import ConfigError
+from hil_bridge.errors import ConfigError, StepError
 from hil_bridge.runs.reaction_times import following
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.given import GivenController
+from hil_bridge.settings.program import in_file
 from protocol.geometry import Vector
 
 
@@ -128,10 +129,10 @@ def program(config: Config, task: Task) -> Program:
     try:
         row = legs_of(config.task.step, task, config.limits, known, config.robot.velocity_mm_s)
         seconds(row)
-    except ConfigError as error:
+    except StepError as error:
         if not config.task.file:
             raise
-        raise ConfigError(f"{config.task.file}: {str(error).removeprefix('task.')}") from error
+        raise in_file(error, "", config.task.file) from error
     if point is not None:
         row = resumed(row, point, task)
     turns = any(getattr(leg.step, "orientation", "fixed") == "normal" for leg in row.legs)

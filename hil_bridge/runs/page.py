@@ -49,7 +49,7 @@ class Page:
     def begin(self, run: Running) -> None:
         """The devices of the run are open."""
         self._run = run
-        scene = scene_of(run.setup, run.facts, run.run.step_labels, self._record)
+        scene = scene_of(run.setup, run.facts, run.run.legs, self._record)
         self._feed.begin(scene, run.clock.wall_ns(0.0))
 
     @asynccontextmanager

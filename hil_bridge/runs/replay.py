@@ -71,7 +71,7 @@ def recorded_config(recording: Recording, changes: Mapping[str, Any]) -> Config:
         config = read_config(_merged(values, changes))
         return Setup(config).config if other else config
     except ValidationError as error:
-        raise ConfigError(explain(error, None, set())) from error
+        raise explain(error, None, set()) from error
 
 
 def changes_of(path: Path | None, controller: str | None) -> dict[str, Any]:

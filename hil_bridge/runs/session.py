@@ -16,6 +16,7 @@ from hil_bridge.console.debugging import debug_wanted, told_bug
 from hil_bridge.console.screen import LEAVE_SECONDS, Terminal
 from hil_bridge.errors import BridgeError, Cause
 from hil_bridge.errors.cause_row import CRITERION, INTERRUPTED
+from hil_bridge.errors.failures import last_line
 from hil_bridge.errors.text_files import format_path
 from hil_bridge.record import CycleRecord, EventRecord, Outcome, Recorder, RunEnd
 from hil_bridge.record.analysis.steps import failed_criteria, step_outcomes
@@ -36,7 +37,6 @@ from hil_bridge.runs.stopping import Stopping
 from hil_bridge.runs.terminal_view import TerminalView
 from hil_bridge.runs.watching import Listener, Watcher
 from hil_bridge.settings.configuration import Config
-from hil_bridge.show.texts import without_queries
 from hil_bridge.show.web.feed import Feed
 
 TELL_SECONDS = 5.0
@@ -96,9 +96,9 @@ def _finish(session: "Session", result: RunResult, outputs: Outputs) -> int:
     """
     signals, notes = session.signals, session.notes
     code = result.exit_code
-    text, left = without_queries(result.text), without_queries(result.left)
+    text, left = result.text, result.left
     ended = f": {text}" if text and result.outcome is not Outcome.STOPPED else ""
-    lines = [f"{result.outcome}{ended}", *(f"then: {without_queries(str(one))}" for one in result.followed)]
+    lines = [f"{result.outcome}{ended}", *(f"then: {one}" for one in result.followed)]
     errors = [f"stopped: {text}"] if result.outcome is Outcome.STOPPED else []
     if result.outcome is Outcome.COMPLETED and (unmet := failed_criteria(step_outcomes(notes.steps))):
         errors.append(unmet)
@@ -130,7 +130,7 @@ def _finish(session: "Session", result: RunResult, outputs: Outputs) -> int:
     if result.outcome is Outcome.STOPPED and notes.traces:
         errors[0] += "" if debug_wanted() else "; --debug shows the traceback"
         errors = [*(text.rstrip() for text in notes.traces if debug_wanted()), *errors]
-    bugs = [told_bug("; ".join([text.strip().rpartition("\n")[2], *record]), text) for text in notes.bugs]
+    bugs = [told_bug("; ".join([last_line(text), *record]), text) for text in notes.bugs]
     session.terminal.say_last([*bugs, *(f"hil-bridge: {text}" for text in errors)], lines, patience)
     return code
 

@@ -12,9 +12,10 @@ from hil_bridge.devices.kinds import SURFACES, EmulatedKinds, SurfaceKind
 from hil_bridge.runs.pace import control_loop, paced
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.devices import (
+    CellName,
     Robot,
     Sensor,
-    cell_in_words,
+    name_cell,
     robot_at,
     robot_in,
     sensor_at,
@@ -116,6 +117,6 @@ class Setup:
         return self.loop if facts == known else control_loop(self.config, facts)
 
     @property
-    def in_words(self) -> tuple[bool, str]:
-        """Whether a robot that is not ours may move, and which cell it is."""
-        return cell_in_words(self.robot, self.sensor)
+    def cell_name(self) -> CellName:
+        """Which cell it is, for people."""
+        return name_cell(self.robot, self.sensor)

@@ -79,7 +79,7 @@ class TerminalView(Listener):
             return
         from hil_bridge.show.terminal.live import LiveView
 
-        scene = scene_of(run.setup, run.facts, run.run.step_labels, record)
+        scene = scene_of(run.setup, run.facts, run.run.legs, record)
         view = self._view = LiveView(scene, screen.stream)
         task = asyncio.create_task(self._refresh(view, run), name="view")
         loop, board = asyncio.get_running_loop(), Keys(run, stopping)
@@ -121,4 +121,4 @@ class Keys:
             self._run.log.notice("operator", words)
         elif key == _MARK_KEY:
             self._marks += 1
-            self._run.log.notice("mark", f"mark {self._marks}")
+            self._run.log.notice("mark", f"number {self._marks}")

@@ -58,7 +58,7 @@ def config_of(
         try:
             config = read_config(values)
         except ValidationError as error:
-            raise ConfigError(explain(error, path, set(), sources)) from error
+            raise explain(error, path, set(), sources) from error
     if controller is None or name is not None:
         return config
     return config.model_copy(update={"controller": _given(config, controller)})

@@ -41,7 +41,7 @@ def older_setting(location: Sequence[str]) -> str:
         if old in MOVED:
             new = ".".join((MOVED[old], *location[length:]))
             return (
-                f" is now {new}: version {LAST_READER} is the last that reads this form; "
+                f"is now {new}: version {LAST_READER} is the last that reads this form; "
                 "`hil-bridge config upgrade` rewrites the file"
             )
     return ""

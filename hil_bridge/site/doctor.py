@@ -17,7 +17,7 @@ import click
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.clock.realtime import RealTime, real_time_thread
 from hil_bridge.devices.kinds import CanBus
-from hil_bridge.errors import ConfigError
+from hil_bridge.errors import ConfigError, SettingRefused
 from hil_bridge.runs.checks import problems
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config, load_config
@@ -228,9 +228,9 @@ def keeping_awake(wanted: bool) -> Fact:
         with real_time_thread(RealTime(keep_awake=True)):
             asks = "asks" if wanted else "would ask"
             return ok("processors' sleep", f"may be prevented; `realtime.keep_awake` {asks} for it")
-    except ConfigError as error:
-        reason = str(error).removeprefix("realtime.keep_awake: ")
-        return warn("processors' sleep", "may not be prevented; needed only where wake-ups are late", reason)
+    except SettingRefused as error:
+        what = "may not be prevented; needed only where wake-ups are late"
+        return warn("processors' sleep", what, error.problem)
 
 
 def priority() -> Fact:

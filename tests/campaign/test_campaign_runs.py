@@ -377,7 +377,8 @@ def test_compare_names_so_many_runs_and_those_with_another_outcome_first(
         tmp_path / "other.sqlite",
         "UPDATE runs SET figures = json_set(figures, '$.force_true_max_n', "
         "json_extract(figures, '$.force_true_max_n') + 2.0)",
-        "UPDATE runs SET outcome = 'refused' WHERE rowid = (SELECT max(rowid) FROM runs)",
+        "UPDATE runs SET outcome = 'refused', figures = json_set(figures, '$.outcome', 'refused') "
+        "WHERE rowid = (SELECT max(rowid) FROM runs)",
     )
     monkeypatch.setattr(comparison, "LINES", 3)
     with Store.open(results) as before, Store.open(other) as after:

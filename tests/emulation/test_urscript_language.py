@@ -29,7 +29,7 @@ class Played:
         return next((number for number in range(cycles) if not self.machine.cycle()), -1)
 
     def said(self, kind: Message = Message.TEXT) -> list[str]:
-        return [saying.text for saying in self.controller.console.sayings if saying.message == kind]
+        return [str(saying) for saying in self.controller.console.sayings if saying.message == kind]
 
 
 def said(text: str, cycles: int = 50) -> list[str]:
@@ -251,7 +251,7 @@ ERRORS = {
     "textmsg(nothing)": (2, "nothing is not defined"),
     "x = [1, 2]\nx[2] = 1": (3, "no element 2"),
     "x = [1, 2][1.5]": (2, "whole number"),
-    "unheard_of(1)": (2, "unheard_of is not a function"),
+    "unheard_of(1)": (2, "compile_error_name_not_found:unheard_of:"),
     "sin(1, 2)": (2, "sin takes 1 arguments"),
     "movej()": (2, "movej needs the argument q"),
     'sin("a")': (2, "a number is needed, not a string"),
@@ -273,7 +273,7 @@ ERRORS = {
 def test_an_error_tells_its_line(body: str) -> None:
     line, words = ERRORS[body]
     found = failure(program(body))
-    assert found.startswith(f"Runtime error in line {line}: ")
+    assert found.startswith(f"runtime error in line {line}: ")
     assert words in found
 
 

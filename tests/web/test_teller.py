@@ -27,7 +27,7 @@ FAULT = {"on": "robot", "fault": "emergency-stop", "phase": "track", "after_s": 
 def stopped() -> tuple[Scene, Recording]:
     """A run with an emulated cell that an emergency stop ends."""
     config = load({"run": {"duration_s": 3.0}}, faults=[FAULT], seed=3)
-    scene = Scene(10.0, Setup(config).facts, cell=Setup(config).in_words[1], limits=config.limits)
+    scene = Scene(10.0, Setup(config).facts, cell=Setup(config).cell_name.words, limits=config.limits)
     return scene, simulate(config).recording
 
 

@@ -108,7 +108,9 @@ class EgmController:
         self._origin: Pose | None = None
         """Where a way back began; None where there is none."""
         self._stops: list[str] = []
-        """Faults by which people stop the robot now."""
+        """Names of the stops that hold now, by faults and by hand."""
+        self._by_hand: set[str] = set()
+        """Those of a person at the panel."""
         self._begin_session(now)
         self.handlers: Handlers = {
             "robot": {
@@ -120,7 +122,7 @@ class EgmController:
                         "guidance-ended": self._end_run,
                         "out-of-limits": lambda at: self._fail(OUT_OF_BOUNDS, at),
                         "cannot-send": lambda at: self._fail(_CANNOT_SEND, at),
-                        "program-restarted": self._begin_session,
+                        "program-restarted": self.restart_program,
                     }
                 ),
             },
@@ -149,6 +151,16 @@ class EgmController:
             return None
         words = self.state.name.lower().replace("_", " ")
         return Hindrance(f"{words}: {self.error}" if self.error else words, self.error == OUT_OF_BOUNDS)
+
+    @property
+    def measured(self) -> tuple[Pose, Joints]:
+        """The pose that was measured last, and the joints that hold it."""
+        return self._measured
+
+    @property
+    def stops(self) -> Sequence[str]:
+        """Names of the stops that hold now."""
+        return self._stops
 
     # --- as an endpoint
 
@@ -418,56 +430,56 @@ class EgmController:
         """The measured force along the tool's axes, N; it tells no moments."""
         return *rotate(inverse(measured.quaternion), self._own_force.at(at)), 0.0, 0.0, 0.0
 
+    # --- faults
+
+    def _stop(self, injection: Injection) -> None:
+        injection.struck += 1
+        self._begin_stop(injection.fault, injection.injected_at)
+
+    def _start(self, injection: Injection, now: float) -> None:
+        self._end_stop(injection.fault, now)
+
+    # --- by a person at the panel
+
+    def stop(self, name: str, now: float) -> None:
+        """Stop the robot: `emergency-stop`, `motors-off` or `program-stopped`. Harmless when called again."""
+        if name not in self._by_hand:
+            self._by_hand.add(name)
+            self._begin_stop(name, now)
+
+    def start(self, name: str, now: float) -> None:
+        """End a stop of the panel. Harmless where there is none."""
+        if name in self._by_hand:
+            self._by_hand.remove(name)
+            self._end_stop(name, now)
+
+    def end_guidance(self, now: float) -> None:
+        """EGMStop in the RAPID program."""
+        self._end_run(now)
+
+    def restart_program(self, now: float) -> None:
+        """Start the RAPID program from its first line: another session."""
+        self._begin_session(now)
+
     # --- stops
 
-    @property
-    def stops(self) -> Sequence[str]:
-        """Reasons for which people, or a client of the web services, have stopped it."""
-        return self._stops
-
-    def stop(self, cause: str, at: float) -> None:
-        """Stop it for this reason, with its motors where the reason takes their power."""
-        self._stops.append(cause)
-        if cause in POWERLESS:
+    def _begin_stop(self, name: str, now: float) -> None:
+        self._stops.append(name)
+        if name in POWERLESS:
             self.motion.stand()
         if self.state not in OVER:
-            self._leave(self._stopped_state(), at)
+            self._leave(self._stopped_state(), now)
 
-    def release(self, cause: str, now: float, stays: bool = False) -> None:
-        """Take a reason away. It goes on unless it `stays`, or another reason holds it."""
-        if cause in self._stops:
-            self._stops.remove(cause)
+    def _end_stop(self, name: str, now: float) -> None:
+        """The robot goes on, as far as nothing else stops it."""
+        self._stops.remove(name)
         if self.state not in STOPPED:
             return
+        stays = name in POWERLESS and not self._profile.restart_after_motors_off
         if self._stops or stays:
             self._leave(self._stopped_state(), now)
         else:
             self._go_on(now)
-
-    def restart(self, now: float) -> None:
-        """The RAPID program begins at its first line: another session."""
-        self._begin_session(now)
-
-    def end_guidance(self, now: float) -> None:
-        """EGMStop."""
-        self._end_run(now)
-
-    def find_place(self, now: float) -> tuple[Pose, Joints]:
-        """Where the arm is, and the joints that hold it there, rad."""
-        pose = self._arm.pose(now)
-        return pose, self._kinematics.holding(pose, self.motion.joints) or self.motion.joints
-
-    # --- faults
-
-    def _stop(self, injection: Injection) -> None:
-        """People stop the robot."""
-        injection.struck += 1
-        self.stop(injection.fault, injection.injected_at)
-
-    def _start(self, injection: Injection, now: float) -> None:
-        """They let it go on, as far as nothing else stops it."""
-        stays = injection.fault in POWERLESS and not self._profile.restart_after_motors_off
-        self.release(injection.fault, now, stays)
 
     def _stopped_state(self) -> State:
         return State.MOTORS_OFF if set(POWERLESS) & set(self._stops) else State.RAPID_STOPPED

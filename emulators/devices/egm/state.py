@@ -5,10 +5,8 @@ from enum import Enum
 from protocol.devices.egm import Guidance, Motors, Rapid
 
 EMERGENCY_STOP, MOTORS_OFF, PROGRAM_STOPPED = "emergency-stop", "motors-off", "program-stopped"
-"""Stops by people, by the names of the faults."""
-WEB_MOTORS_OFF, WEB_PROGRAM_STOPPED = "motors off by web services", "program stopped by web services"
-"""Stops by a client of the web services."""
-POWERLESS = (EMERGENCY_STOP, MOTORS_OFF, WEB_MOTORS_OFF)
+"""Names of the stops by people."""
+POWERLESS = (EMERGENCY_STOP, MOTORS_OFF)
 """Stops by which the motors go off."""
 
 

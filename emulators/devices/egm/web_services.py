@@ -14,13 +14,7 @@ from urllib.parse import parse_qsl, unquote, urlsplit
 
 from emulators.devices.egm.controller import EgmController
 from emulators.devices.egm.profile import EgmProfile
-from emulators.devices.egm.state import (
-    EMERGENCY_STOP,
-    POWERLESS,
-    WEB_MOTORS_OFF,
-    WEB_PROGRAM_STOPPED,
-    State,
-)
+from emulators.devices.egm.state import EMERGENCY_STOP, MOTORS_OFF, PROGRAM_STOPPED, State
 from emulators.devices.egm.web_configuration import TASK, UNIT, make_documents
 from emulators.devices.egm.web_documents import JSON, XHTML, Item, write_json, write_xhtml
 from emulators.devices.egm.web_subscriptions import Subscriptions
@@ -154,7 +148,7 @@ class WebServices:
         stops = self._controller.stops
         if EMERGENCY_STOP in stops:
             return "emergencystop"
-        return "motoroff" if set(POWERLESS) & set(stops) else "motoron"
+        return "motoroff" if MOTORS_OFF in stops else "motoron"
 
     def _runs(self) -> bool:
         return not self._controller.stops and self._controller.state.value[2] is Rapid.RUNNING
@@ -192,7 +186,7 @@ class WebServices:
             raise _Refusal(404, "there is no such mechanical unit")
         if len(parts) == 1:
             return self._unit_facts(query.get("resource", "static"))
-        pose, joints = self._controller.find_place(now)
+        pose, joints = self._controller.measured
         if parts[1] == "jointtarget":
             axes = {f"rax_{axis}": f"{math.degrees(angle):.6g}" for axis, angle in enumerate(joints, 1)}
             return Item("ms-jointtarget", "jointtarget", {**axes, **_EXTERNAL})
@@ -243,23 +237,21 @@ class WebServices:
     def _switch_motors(self, state: str, now: float) -> None:
         controller = self._controller
         if state == "motoroff":
-            for cause in (WEB_PROGRAM_STOPPED, WEB_MOTORS_OFF):
-                self._stop(cause, now)
+            controller.stop(PROGRAM_STOPPED, now)
+            controller.stop(MOTORS_OFF, now)
         elif state == "motoron":
-            if (set(POWERLESS) - {WEB_MOTORS_OFF}) & set(controller.stops):
-                raise _Refusal(403, "the safety chain is open")
-            controller.release(WEB_MOTORS_OFF, now)
+            if EMERGENCY_STOP in controller.stops:
+                raise _Refusal(403, "an emergency stop is pressed")
+            controller.start(MOTORS_OFF, now)
+            if MOTORS_OFF in controller.stops:
+                raise _Refusal(403, "the motors are held off")
         else:
             raise _Refusal(400, "ctrl-state is motoron or motoroff")
-
-    def _stop(self, cause: str, now: float) -> None:
-        if cause not in self._controller.stops:
-            self._controller.stop(cause, now)
 
     def _run_program(self, action: str, now: float) -> None:
         controller = self._controller
         if action == "stop":
-            self._stop(WEB_PROGRAM_STOPPED, now)
+            controller.stop(PROGRAM_STOPPED, now)
         elif action == "resetpp":
             if self._runs():
                 raise _Refusal(403, "the program runs")
@@ -267,11 +259,13 @@ class WebServices:
         elif action == "start":
             if self._runs():
                 raise _Refusal(403, "the program runs already")
-            if set(controller.stops) - {WEB_PROGRAM_STOPPED}:
-                raise _Refusal(403, "the motors are off, or the program is held")
-            controller.release(WEB_PROGRAM_STOPPED, now)
+            if set(controller.stops) - {PROGRAM_STOPPED}:
+                raise _Refusal(403, "the motors are off")
+            controller.start(PROGRAM_STOPPED, now)
+            if PROGRAM_STOPPED in controller.stops:
+                raise _Refusal(403, "the program is held")
             if self._at_main or controller.state is State.FAILED:
-                controller.restart(now)
+                controller.restart_program(now)
             self._at_main = False
         else:
             raise _Refusal(400, "action is start, stop or resetpp")
@@ -294,7 +288,7 @@ class WebServices:
             self._controller.end_guidance(now)
         elif name == f"EGM_START_{self._profile.mode.upper()}":
             if self._runs() and self._controller.state not in (State.SET_UP, State.GUIDING):
-                self._controller.restart(now)
+                self._controller.restart_program(now)
         else:
             self._controller.unmodelled.touch(f"signal {name}", "kept, without effect")
 

@@ -1,21 +1,24 @@
 """The one cable of a controller, which carries all connections to it, as faults let it."""
 
 from collections.abc import Mapping
+from typing import TypeAlias
 
 from emulators.devices.rtde.connection import Connection
 from emulators.devices.rtde.dashboard import Dashboard
 from emulators.devices.rtde.packages import MESSAGES, PACKAGES
+from emulators.devices.rtde.primary import PrimaryPort
 from emulators.devices.rtde.script import ScriptPort
 from emulators.faults.ledger import Handler, Injection
 from emulators.faults.packets import Packets, Pieces
+
+Inner: TypeAlias = Connection | Dashboard | ScriptPort | PrimaryPort
+"""The controller's end of a connection without its wire."""
 
 
 class Server:
     """The controller's end of one connection: an endpoint of bytes that tells no events, behind its wire."""
 
-    def __init__(
-        self, inner: Connection | Dashboard | ScriptPort, wire: Packets[bytes], cable: "Cable"
-    ) -> None:
+    def __init__(self, inner: Inner, wire: Packets[bytes], cable: "Cable") -> None:
         self._inner, self._wire, self._cable = inner, wire, cable
         self.receive, self.data_to_send, self.next_event = wire.receive, wire.data_to_send, wire.next_event
         self.next_deadline, self.handle_deadline = wire.next_deadline, wire.handle_deadline
@@ -42,7 +45,7 @@ class Cable:
         self.handlers: Mapping[str, Handler] = dict.fromkeys(PACKAGES.faults, Handler(self._begin))
         """Handlers for a ledger."""
 
-    def open(self, inner: Connection | Dashboard | ScriptPort, now: float) -> Server:
+    def open(self, inner: Inner, now: float) -> Server:
         """The controller's end of another connection, with the faults that hold now."""
         self._opened += 1
         pieces: Pieces[bytes] = PACKAGES if isinstance(inner, Connection) else MESSAGES

@@ -17,7 +17,7 @@ from emulators.seams import Handlers
 from protocol.devices.rtde.program import INPUT_NAMES
 from protocol.geometry import Pose
 
-_IN_USE = "in-use"
+_IN_USE, _SILENT = "in-use", "primary-silent"
 
 
 class Closable(Protocol):
@@ -51,7 +51,7 @@ class Disturbance:
                 ),
                 "local-control": self._while(lambda: self._control(False), lambda: self._control(True)),
                 "slider": Handler(self._slide, lambda injection, now: self._slide_to(1.0, now)),
-                **own.held((_IN_USE,)),
+                **own.held((_IN_USE, _SILENT)),
             },
             "pose": self._told_pose.handlers,
             WIRE: {**wire, **own.striking({"dropped": self._at(self._drop)})},
@@ -105,6 +105,10 @@ class Disturbance:
     def in_use(self, name: str) -> bool:
         """Whether another client holds this input."""
         return name in INPUT_NAMES and self._own.under_way(_IN_USE, self._controller.now) is not None
+
+    def silences(self, now: float) -> bool:
+        """Whether the primary interface says nothing now."""
+        return self._own.under_way(_SILENT, now) is not None
 
     def shown(self, snapshot: Snapshot) -> Snapshot:
         """The state as it is told."""

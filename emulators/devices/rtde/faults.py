@@ -21,6 +21,7 @@ ROBOT_FAULTS: Mapping[str, Fault] = {
         {"percent": Parameter(40.0, "where it stands", 0.0, 100.0, "%")},
         FOREVER,
     ),
+    "primary-silent": Fault("the primary and the secondary interface say nothing", {}, FOREVER),
     "in-use": Fault("another client holds the registers of our program", {}, FOREVER),
 }
 POSE_FAULTS: Mapping[str, Fault] = pose_faults(without=("missing",))

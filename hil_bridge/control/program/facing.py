@@ -18,7 +18,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from hil_bridge.control.checks import FORBID_EXTRA, require_above_zero
+from hil_bridge.control.checks import FORBID_EXTRA, require_above_zero, require_shares_and_slope
 from hil_bridge.control.course.contour import PACE_S
 from hil_bridge.control.words.paths import Place
 from protocol.geometry import Vector
@@ -113,8 +113,7 @@ class Facing:
             "uncertain_deg",
             "moment_noise_nm",
         )
-        if max(self.learning_share, self.smoothing_share) > 1.0 or self.steepest_deg >= 90.0:
-            raise ValueError("learning_share and smoothing_share must be at most 1, steepest_deg below 90")
+        require_shares_and_slope(self)
 
     def after(self, state: FacingState, look: Look, stiffness_nm_rad: float) -> FacingState:
         """State after one sample in contact. Samples are averaged to a reading each `PACE_S`. `stiffness_nm_rad` is

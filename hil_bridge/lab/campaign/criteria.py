@@ -7,8 +7,10 @@ from typing import Any, TypeAlias
 
 from hil_bridge.record.analysis.figures import JUDGED
 
-Figure: TypeAlias = int | float | bool | str | None
-"""A number in the unit of its name, an answer, or a word; None where the run did not show it."""
+Figure: TypeAlias = int | float | bool | str | dict[str, str] | None
+"""A number in the unit of its name, an answer, a word, or words by the name of a promise; None where the run did not
+show it.
+"""
 Figures: TypeAlias = Mapping[str, Figure]
 
 OUTCOMES = ("completed", "stopped", "interrupted", "refused", "error")
@@ -66,6 +68,19 @@ class Criterion:
                 return f"{self.figure} {str(wanted).lower()}"
             case other:
                 return f"{self.figure} {other}"
+
+
+def figure_text(figure: Figure) -> str:
+    """A figure in words; empty where there is none."""
+    match figure:
+        case None:
+            return ""
+        case dict():
+            return "; ".join(f"{name}: {words}" for name, words in figure.items())
+        case float():
+            return f"{figure:.6g}"
+        case _:
+            return str(figure)
 
 
 def failed(criteria: Sequence[Criterion], figures: Figures) -> list[str]:

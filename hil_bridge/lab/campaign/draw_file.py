@@ -79,7 +79,7 @@ def _refusal(config: str, values: Mapping[str, Any]) -> str:
         if not can_hold(one, (x * 1e-3, y * 1e-3, z * 1e-3)):
             return "cell.start_quaternion: the robot cannot hold its tool so at the start"
     except BridgeError as error:
-        return str(error).removeprefix("configuration: ")
+        return error.without_source
     return ""
 
 

@@ -19,7 +19,7 @@ from hil_bridge.lab.invariants import (
     Trace,
     broken_promises,
     stated_bound_n,
-    violation_text,
+    violation_words,
     void_reasons,
 )
 from hil_bridge.record.analysis.summary import summarise
@@ -143,7 +143,10 @@ def _promises(running: Simulation, watch: Watch) -> dict[str, Figure]:
     violations = broken_promises(evidence)
     figures: dict[str, Figure] = {"promises_broken": len(violations)}
     if violations:
-        figures["promises"] = "; ".join(map(violation_text, violations))
+        broken: dict[str, list[str]] = {}
+        for violation in violations:
+            broken.setdefault(str(violation.promise), []).append(violation_words(violation))
+        figures["promises"] = {name: "; ".join(words) for name, words in broken.items()}
     bound_n = stated_bound_n(evidence)
     if math.isfinite(bound_n):
         figures["force_bound_n"] = bound_n

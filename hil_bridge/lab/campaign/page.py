@@ -8,6 +8,7 @@ from html import escape
 
 from hil_bridge.devices.kinds import EmulatedKinds
 from hil_bridge.errors import BridgeError, ConfigError
+from hil_bridge.lab.campaign.criteria import figure_text
 from hil_bridge.lab.campaign.pictures import distributions, drawn_faults, injections, matrix
 from hil_bridge.lab.campaign.plan import Plan
 from hil_bridge.lab.campaign.store import Done, Store
@@ -134,7 +135,7 @@ def _failing(store: Store, plan: Plan, run: Done) -> str:
 
 def _drawn(run: Done) -> str:
     """Promises that the run broke, and the settings that were drawn for it."""
-    parts = [str(run.figures.get("promises") or ""), settings_of_run(run)]
+    parts = [figure_text(run.figures.get("promises")), settings_of_run(run)]
     return "".join(f'<p class="quiet">{escape(part)}</p>' for part in parts if part)
 
 
@@ -152,10 +153,9 @@ def _why(store: Store, run: Done) -> str:
     """How the run ended, from the recording that it left; empty where that is not there any more."""
     place = store.folder / run.recording
     try:
-        text = why(read(place)) if run.recording else ""
+        return why(read(place), f"{store.folder.name}/{run.recording}") if run.recording else ""
     except BridgeError:
         return ""
-    return text.replace("monitor FILE`", f"monitor {store.folder.name}/{run.recording}`")
 
 
 def _injected(plan: Plan, runs: Sequence[Done]) -> str:
@@ -231,6 +231,6 @@ def _not_planned(plan: Plan) -> Mapping[str, list[str]]:
         (table.get("on"), table.get("fault")) for case in plan.cases for table in [json.loads(case.table)]
     }
     if plan.draw is not None and plan.draw.most:
-        planned |= {(on, fault) for on, _, fault in (name.partition(": ") for name in drawn_faults(plan))}
+        planned |= set(drawn_faults(plan))
     left = {on: [name for name in names if (on, name) not in planned] for on, names in there.items()}
     return {on: names for on, names in left.items() if names}

@@ -25,7 +25,9 @@ class Case:
     """A cell of the matrix with one fault, or none: all that a run is a function of, beside its seed."""
 
     cell: str
-    """Values of the axes, in words; the same for all faults."""
+    """Values of the axes with their keys, in words; the same for all faults."""
+    head: str
+    """The values alone, for a narrow column."""
     fault: str
     """The fault in words; `none` for the case without."""
     phase: str

@@ -90,7 +90,8 @@ def _rounded(value: object) -> Iterator[float]:
 
 def _promises(done: Done) -> set[str]:
     """Names of the promises that a run broke."""
-    return {part.partition(":")[0] for part in str(done.figures.get("promises", "")).split("; ")}
+    promises = done.figures.get("promises")
+    return set(promises) if isinstance(promises, dict) else set()
 
 
 def _text(settings: dict[str, Any], faults: list[dict[str, Any]]) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.campaign.criteria import Figures
 from hil_bridge.lab.optimiser import optimiser
-from hil_bridge.lab.tuning.evaluating import Goal, Job, Runs, Worth, scales_of, together, worth
+from hil_bridge.lab.tuning.evaluating import FAILURE, Goal, Job, Runs, Worth, scales_of, together, worth
 from hil_bridge.lab.tuning.space import Point, Space
 from hil_bridge.settings.configuration import Config, dump
 
@@ -104,7 +104,7 @@ def begin(configs: Sequence[Config], wanted: Wanted, runs: Runs) -> Search:
     optimiser()  # before the first run
     goals, defaults = [], []
     for found in _by_cell(texts, {}, wanted.seeds, runs):
-        broken = next((one["outcome"] for one in found if ":" in str(one["outcome"])), None)
+        broken = next((one[FAILURE] for one in found if FAILURE in one), None)
         if broken is not None:
             raise ConfigError(f"the configuration cannot be run: {broken}")
         goals.append(Goal(wanted.weights, wanted.force_limit_n, scales_of(wanted.weights, found)))

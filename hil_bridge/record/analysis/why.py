@@ -45,15 +45,16 @@ _SYMPTOM_FREE = frozenset(
 """Kinds of events that tell of the course or of the end, not of trouble before it."""
 
 
-def why(recording: Recording) -> str:
+def why(recording: Recording, file: object = "FILE") -> str:
     """How the run ended: last good cycle, first symptom, cause, what followed, where the tool is, what to look at.
 
-    One sentence for a run that completed. Times count from the start of the recording.
+    One sentence for a run that completed. `file` names the recording for commands to give next. Times count from the
+    start of the recording.
     """
     end = end_of(recording)
     if end.outcome is Outcome.COMPLETED:
         return _completed(recording, end)
-    return _Ending(recording, end).text
+    return _Ending(recording, end, file).text
 
 
 def tracebacks(recording: Recording) -> tuple[str, ...]:
@@ -73,8 +74,8 @@ def _completed(recording: Recording, end: RunEnd) -> str:
 class _Ending:
     """The end of a run that did not complete, sentence by sentence."""
 
-    def __init__(self, recording: Recording, end: RunEnd) -> None:
-        self._recording = recording
+    def __init__(self, recording: Recording, end: RunEnd, file: object) -> None:
+        self._recording, self._file = recording, file
         self._end = end
         self._cycles = recording.cycles
         times = [event.at for event in recording.events] + [cycle.started_at for cycle in self._cycles[:1]]
@@ -172,10 +173,12 @@ class _Ending:
         return remedy + (f"Look at: {'; '.join(looks)}." if looks else "")
 
     def _named(self, words: str) -> str:
-        """Words of the table with the kinds of robot and sensor of this run."""
+        """Words of the table with the kinds of robot and sensor of this run, and the name of its recording."""
         devices = devices_of(self._recording)
         robot, sensor = devices.robot.kind, devices.sensor.kind
-        return words.format(robot=robot and f" ({robot})", sensor=sensor and f" ({sensor})")
+        return words.format(
+            robot=robot and f" ({robot})", sensor=sensor and f" ({sensor})", recording=self._file
+        )
 
 
 _ASKED = {Cause.KEY: "the key {by}", Cause.PAGE: "the page in the browser", Cause.SIGNAL: "{by}"}

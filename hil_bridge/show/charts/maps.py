@@ -146,10 +146,9 @@ def _strokes(recording: Recording, places: tuple[Array, Array]) -> list[Spot]:
     spots: dict[str, Spot] = {}
     first = {cycle.step: place for place, cycle in reversed(list(enumerate(recording.cycles)))}
     for step in recording.steps:
-        label = step.label.split(" ", 1)[0]
-        if step.word in (TRACK, "hold") and step.step in first and label not in spots:
+        if step.word in (TRACK, "hold") and step.step in first and step.number not in spots:
             x, y = (float(values[first[step.step]]) for values in places)
-            spots[label] = Spot(x, y, label)
+            spots[step.number] = Spot(x, y, step.number)
     return list(spots.values())
 
 

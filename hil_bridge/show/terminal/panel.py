@@ -52,7 +52,8 @@ def panel(snapshot: Snapshot, width: int, height: int) -> RenderableType:
 def _title(snapshot: Snapshot, style: str) -> Text:
     """First whether a real robot may move, then what the run does."""
     scene = snapshot.scene
-    cell = (f" {scene.cell} ", "bold white on red" if scene.real else "bold black on green")
+    named = "  ".join(filter(None, (scene.cell, scene.devices)))
+    cell = (f" {named} ", "bold white on red" if scene.real else "bold black on green")
     return Text.assemble(
         "hil-bridge ",
         *(cell,) * bool(scene.cell),

@@ -55,7 +55,7 @@ class Explanation:
         for leads in dict.fromkeys(_leads_to(row) for row in self.rows):
             yield _line("leads to", leads)
         if self.cause is not None:
-            looks = (row.look.format(robot="", sensor="") for row in self.rows)
+            looks = (row.look.format(robot="", sensor="", recording="FILE") for row in self.rows)
             yield from (_line("look at", look) for look in dict.fromkeys(looks))
         if self.deepest_mm is not None:
             yield _line("deepest order", f"{number(self.deepest_mm)} mm: {self.deepest_because}")

@@ -137,9 +137,8 @@ class SensorMessage(NamedTuple):
     @property
     def says_something(self) -> bool:
         """Whether it holds a reference, a speed or a digital value."""
-        return bool(
-            self.pose or self.joints_deg or self.speed or self.joint_speed_deg_s or self.digital is not None
-        )
+        has_reference = self.pose or self.joints_deg or self.speed or self.joint_speed_deg_s
+        return bool(has_reference) or self.digital is not None
 
 
 class PathCorrection(NamedTuple):

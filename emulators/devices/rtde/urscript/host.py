@@ -21,6 +21,8 @@ class Message(StrEnum):
     POPUP = "popup"
     SYNTAX = "syntax error"
     RUNTIME = "runtime error"
+    STARTED = "program started"
+    STOPPED = "program stopped"
 
 
 class Profile(NamedTuple):
@@ -55,8 +57,12 @@ class Host(Protocol):
 
     # --- messages
 
-    def tell(self, message: Message, text: str) -> None:
-        """The program says something."""
+    def tell(self, message: Message, text: str, title: str = "") -> None:
+        """The program says something; `title` is that of a pop-up."""
+
+    @property
+    def popup_open(self) -> bool:
+        """Whether a pop-up stands on the pendant."""
 
     def tell_failure(self, failure: RuntimeFailure | SyntaxFailure) -> None:
         """The program has ended, or did not begin."""

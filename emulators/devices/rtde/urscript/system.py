@@ -44,9 +44,9 @@ def _message(task: Any, first: Value, second: Value) -> None:
 
 
 def _popup(task: Any, text: Value, title: Value, *kinds: Value) -> Generator[None, None, None]:
-    """A pop-up that blocks would wait for a person. None is there, so it is closed in the next cycle (assumed)."""
-    task.host.tell(Message.POPUP, f"{_text(title)}: {_text(text)}"[:STRING_MAX])
-    if truth(kinds[2]):
+    """A pop-up that blocks waits until it is closed: by the dashboard, or at the panel."""
+    task.host.tell(Message.POPUP, _text(text)[:STRING_MAX], _text(title)[:STRING_MAX])
+    while truth(kinds[2]) and task.host.popup_open:
         yield
 
 

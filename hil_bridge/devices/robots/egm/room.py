@@ -3,7 +3,7 @@
 import importlib.util
 from typing import Any
 
-from emulators.devices.egm import EGM_FAULTS, EgmController, EgmProfile
+from emulators.devices.egm import EGM_CONTROLS, EGM_FAULTS, EgmController, EgmProfile
 from emulators.devices.egm.web_services import WebServices
 from emulators.seams import RobotFactory
 from hil_bridge.devices.facts import RobotFacts
@@ -100,7 +100,7 @@ ROBOT = RobotKind(
     EgmSettings,
     connect,
     facts,
-    RobotEmulation(EgmProfile, make, serve, usual, EGM_FAULTS, mishaps=MISHAPS),
+    RobotEmulation(EgmProfile, make, serve, usual, EGM_FAULTS, EGM_CONTROLS, MISHAPS),
     check=check,
     parse=_parse,
     describe=describe,

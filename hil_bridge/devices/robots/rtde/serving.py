@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable
 from typing import Any
 
-from emulators.devices.rtde import RtdeRobot, Server, make_parser
+from emulators.devices.rtde import RtdeRobot, Saying, Server, make_parser
 from hil_bridge.devices.robots.rtde.addresses import PORTS, Address, parse_address
 from hil_bridge.devices.wiring import Serving
 from hil_bridge.errors import TransportError
@@ -12,6 +12,7 @@ from hil_bridge.transports import Transport
 from hil_bridge.transports.memory import listen_memory_clients
 from hil_bridge.transports.pump import Pump
 from hil_bridge.transports.tcp import listen_tcp_clients
+from protocol.devices.rtde.states import SafetyMode
 from protocol.devices.rtde.wires import Port
 
 
@@ -35,6 +36,20 @@ class _Served:
         return None
 
 
+class _ErrorLog:
+    """Says the errors of programs, each in a line."""
+
+    def __init__(self, say: Callable[[str], object]) -> None:
+        self._say = say
+
+    def hear(self, saying: Saying) -> None:
+        if saying.line:
+            self._say(f"rtde: a program fails: {saying}")
+
+    def hear_safety(self, mode: SafetyMode) -> None:
+        """The view and the panel tell it."""
+
+
 class Ports:
     """All that listens for one controller."""
 
@@ -44,14 +59,17 @@ class Ports:
         self._closing: set[asyncio.Task[None]] = set()
         self._stops: list[Callable[[], None]] = []
         serving.stack.push_async_callback(self._close)
+        robot.controller.console.listeners.append(_ErrorLog(serving.say))
 
     async def listen(self, address: Address) -> str:
         """Listen on an address; the URL for a client. Raises TransportUnavailable."""
         make_parser()  # not at a client's first program, when a robot moves
         if address.name:
             for port in PORTS:
-                name = address.memory_url(port).removeprefix("memory:").partition("?")[0]
-                self._stops.append(listen_memory_clients(name, self._serving.clock, self._door(port)))
+                door = self._door(port)
+                self._stops.append(
+                    listen_memory_clients(address.memory_name(port), self._serving.clock, door)
+                )
             return f"memory:{address.name}"
         found: dict[Port, int] = {}
         free = address.ports.get(Port.RTDE) == 0
@@ -65,8 +83,8 @@ class Ports:
                 found.setdefault(port, real)
         if found == {port: numbers[0] for port, numbers in PORTS.items()}:
             return f"tcp://{address.authority}"
-        rtde, dashboard, script = (found[port] for port in (Port.RTDE, Port.DASHBOARD, Port.SCRIPT))
-        return f"tcp://{address.authority}:{rtde}?dashboard={dashboard}&script={script}"
+        options = "&".join(f"{port}={number}" for port, number in found.items() if port is not Port.RTDE)
+        return f"tcp://{address.authority}:{found[Port.RTDE]}?{options}"
 
     def _door(self, port: Port) -> Callable[[Transport[bytes]], None]:
         return lambda wire: self._welcome(port, wire)
