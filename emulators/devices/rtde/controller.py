@@ -25,6 +25,7 @@ from emulators.devices.rtde.kinematics import (
     invert,
     nearest,
 )
+from emulators.devices.rtde.motions import Motions
 from emulators.devices.rtde.profile import RtdeProfile
 from emulators.devices.rtde.running import Console, Program, Saying, Watchdog
 from emulators.devices.rtde.state import Registers, Snapshot, number_in
@@ -43,6 +44,10 @@ SUDDEN_CHANGE = "a sudden change of the target"
 """Reason of a protective stop for a leap between two targets."""
 BY_FAULT = "as a fault"
 """Reason of a protective stop that no client has caused."""
+
+
+def _nothing() -> None:
+    """No program has come."""
 
 
 class Controller:
@@ -110,8 +115,9 @@ class Controller:
         self._wanted = joints
         self.orders, self.unmodelled = Orders(), Unmodelled("rtde")
         """Orders of its clients, for a judge of them."""
-        self.intent: Callable[[tuple[str, ...]], HeardOrder | None] = lambda names: None
-        """The order of a package of these inputs, by the program that came last; None for nothing that moves."""
+        self.motions = Motions(self)
+        self.rehearse: Callable[[], object] = _nothing
+        """Let the program that came last show what its client orders, in a cycle in which it does not play."""
         self.stop_reason = ""
         """Words of the last protective stop."""
         self.counts: Counter[str] = Counter()
@@ -153,6 +159,8 @@ class Controller:
         self._watch(now)
         if self.runtime == Runtime.PLAYING and self.program is not None and not self.program.cycle():
             self.stop_program()
+        if self.orders.listener is not None:
+            self.rehearse()
         self._guard()
         if self.safety != self._told_safety:
             self._told_safety = self.safety
@@ -229,8 +237,7 @@ class Controller:
             self.protective_stop("an external force that is no number")
             return
         self.inputs = {**self.inputs, **values}
-        if self.orders.listener is not None and (order := self.intent(names)) is not None:
-            self.orders.tell(order)
+        self.motions.news += 1
         for watchdog in self.watchdogs:
             if watchdog.name in names:
                 watchdog.last = self.now
