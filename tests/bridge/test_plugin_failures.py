@@ -36,7 +36,9 @@ name = "failing"
 sample_ms = 20
 [cell]
 surface_kind = "failspring"
-start_position_mm = [900, -100, 593]
+start_position_mm = [900, -100, 592]
+[task]
+retract_mm = 4.0
 """
 PACKAGE = "failing-toys 2.0, failing_toys.py:"
 

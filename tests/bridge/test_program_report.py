@@ -54,7 +54,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
     folder = tmp_path_factory.mktemp("program")
     config, record = folder / "task.toml", folder / "run.mcap"
     config.write_text(PROGRAM)
-    made = load_config(config, {"robot.emulated": "egm"})
+    made = load_config(config, {"robot.emulated": "egm", "cell.jr3.gateway.boot_s": 0.2})
     assert execute(made, True, Outputs(record), view=False) == 4
     return read(record)
 

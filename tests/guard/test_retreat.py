@@ -10,7 +10,8 @@ from hil_bridge.control.course import retreat
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.verdict import Observation, Retreat, Stage
 from hil_bridge.errors import Cause, Reason
-from hil_bridge.settings.configuration import Config, read_config
+from hil_bridge.settings.configuration import Config
+from tests.near_surface import awake_config
 
 Guarded = Any
 Run = Callable[..., Guarded]
@@ -31,7 +32,7 @@ def cell(robot: str, stiffness: float, *faults: dict[str, Any]) -> Config:
         values["run"]["period_ms"] = 20
         values |= {"controller": {"sample_ms": 20}, "robot": {"emulated": robot}}
         values["sensor"] = {"emulated": "netft"}
-    return read_config(values)
+    return awake_config(values)
 
 
 def rising(mm_s: float, for_s: float = 1.0) -> dict[str, Any]:

@@ -22,7 +22,8 @@ from hil_bridge.runs.run_log import RunLog
 from hil_bridge.runs.running import running
 from hil_bridge.runs.setup import Setup
 from hil_bridge.runs.watching import Listener
-from hil_bridge.settings.configuration import Config, read_config
+from hil_bridge.settings.configuration import Config
+from tests.near_surface import awake_config, merged
 
 Floats = NDArray[np.float64]
 WATCH_S = 0.25
@@ -196,15 +197,6 @@ def skew_deg(state: TrueState) -> float:
     return math.degrees(math.acos(min(max(cosine, -1.0), 1.0)))
 
 
-def merged(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
-    """Nested dictionaries laid over each other."""
-    result = dict(one)
-    for key, value in other.items():
-        both = isinstance(value, dict) and isinstance(result.get(key), dict)
-        result[key] = merged(result[key], value) if both else value
-    return result
-
-
 Play = Callable[..., Played]
 
 
@@ -223,7 +215,7 @@ def play() -> Play:
             values = merged(values, settings)
         if steps:
             values = merged(values, {"task": {"step": list(steps)}})
-        played = Played(Setup(read_config(values)).config)
+        played = Played(Setup(awake_config(values)).config)
         if meddle is not None:
             played.meddle = meddle
         return run_virtual(played.main)
