@@ -6,8 +6,7 @@ from typing import Any
 
 import pytest
 
-from hil_bridge.settings.configuration import Config
-from tests.near_surface import awake_config
+from hil_bridge.settings.configuration import Config, read_config
 
 Guarded = Any
 Run = Callable[..., Guarded]
@@ -34,7 +33,7 @@ def close(robot: str, stiffness: float, faults: list[dict[str, Any]]) -> Config:
     surface = {"stiffness_n_m": stiffness}
     values["run"] = {**values.get("run", {}), "duration_s": 1.0}
     values["cell"] = {"start_position_mm": (900.0, -100.0, 590.2), "surface": surface}
-    return awake_config(values)
+    return read_config(values)
 
 
 def rises(at_s: float, for_s: float = 0.4) -> dict[str, Any]:
@@ -115,7 +114,7 @@ def test_a_tool_that_comes_to_rest_behind_the_last_order_is_told_there(guarded: 
             {"on": "robot", "fault": "program-stopped", "phase": "retract", "after_s": 0.1, "for_s": 0.1}
         ],
     }
-    config = awake_config({**config.model_dump(exclude_unset=True), **values})
+    config = read_config({**config.model_dump(exclude_unset=True), **values})
     run = guarded(config)
     assert run.result.rest is not None
     told = run.result.rest.depth
@@ -136,6 +135,6 @@ def test_a_robot_that_tells_nothing_any_more_is_waited_for(guarded: Run, after_s
         "cell": {"start_position_mm": (900.0, -100.0, 592.0)},
         "faults": [dropped],
     }
-    run = guarded(awake_config(values))
+    run = guarded(read_config(values))
     assert run.result.left.startswith("NOT retracted: ")
     assert newtons(run.result.left) == pytest.approx(run.last, abs=0.3)

@@ -99,7 +99,8 @@ def test_without_the_witness_the_same_lie_presses_far_harder(guarded: Run) -> No
 def test_a_witness_that_lies_does_no_harm_beyond_a_stop(
     guarded: Run, robot: str, name: str, how: dict[str, Any]
 ) -> None:
-    run = guarded(feeling(robot, 5e4, fault("witness", name, "track", **how), run={"duration_s": 1.0}))
+    lying = fault("witness", name, "track", **how)
+    run = guarded(feeling(robot, 5e4, lying, run={"duration_s": 1.0}, task={"force_n": 8.0}))
     assert run.largest < 20.0
     assert run.last == 0.0
     stops = name == "offset"

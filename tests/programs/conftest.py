@@ -22,8 +22,8 @@ from hil_bridge.runs.run_log import RunLog
 from hil_bridge.runs.running import running
 from hil_bridge.runs.setup import Setup
 from hil_bridge.runs.watching import Listener
-from hil_bridge.settings.configuration import Config
-from tests.near_surface import awake_config, merged
+from hil_bridge.settings.configuration import Config, read_config
+from tests.near_surface import merged
 
 Floats = NDArray[np.float64]
 WATCH_S = 0.25
@@ -215,7 +215,7 @@ def play() -> Play:
             values = merged(values, settings)
         if steps:
             values = merged(values, {"task": {"step": list(steps)}})
-        played = Played(Setup(awake_config(values)).config)
+        played = Played(Setup(read_config(values)).config)
         if meddle is not None:
             played.meddle = meddle
         return run_virtual(played.main)
