@@ -97,6 +97,15 @@ class SinusoidalBoth:
         return below_tangent(surface - height, rise, rise_across)
 
 
+def _normal_parts(up: Floats, distance: Floats) -> tuple[Floats, Floats]:
+    """Distance to the middle of a round solid, as a divisor, and the normal's upward part.
+
+    The middle itself has no normal. Any would do; up is the limit of the others from above.
+    """
+    safe = np.where(distance > 0.0, distance, 1.0)
+    return safe, np.where(distance > 0.0, up / safe, 1.0)
+
+
 @dataclass(frozen=True, slots=True)
 class CircularArc:
     """A lying cylinder with its crest at path coordinate 0."""
@@ -113,9 +122,7 @@ class CircularArc:
     def depth_and_normal(self, along: Floats, across: Floats, height: Floats) -> tuple[Floats, Normal]:
         up = height - self.narrows_below
         distance = np.hypot(along, up)
-        # A tip in the axis itself has no normal. Any would do; up is the limit of the others from above.
-        safe = np.where(distance > 0.0, distance, 1.0)
-        upward = np.where(distance > 0.0, up / safe, 1.0)
+        safe, upward = _normal_parts(up, distance)
         return self.radius - distance, (along / safe, np.zeros_like(along), upward)
 
 
@@ -135,9 +142,7 @@ class Sphere:
     def depth_and_normal(self, along: Floats, across: Floats, height: Floats) -> tuple[Floats, Normal]:
         up = height - self.narrows_below
         distance = np.sqrt(along * along + across * across + up * up)
-        # The centre has no normal: as in the axis of a cylinder.
-        safe = np.where(distance > 0.0, distance, 1.0)
-        upward = np.where(distance > 0.0, up / safe, 1.0)
+        safe, upward = _normal_parts(up, distance)
         return self.radius - distance, (along / safe, across / safe, upward)
 
 

@@ -14,7 +14,7 @@ Kinds of one device behind several receivers may share their sections.
 """
 
 from collections.abc import Awaitable, Callable, Collection, Iterable, Mapping, Sequence
-from contextlib import AbstractAsyncContextManager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from importlib import import_module
 from typing import Any, Generic, NamedTuple, Self, TypeAlias, TypeVar
@@ -22,6 +22,7 @@ from typing import Any, Generic, NamedTuple, Self, TypeAlias, TypeVar
 from emulators.cell import OWN_FAULTS, CellProfile
 from emulators.faults import Fault, find
 from emulators.faults.renamed import RENAMED, tell_new_name
+from emulators.panel import Controls
 from emulators.seams import RobotFactory, SensorFactory, SurfaceFactory
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.kind_checks import fault_of
@@ -95,10 +96,8 @@ class RobotEmulation(Generic[_Client, _Emulated]):
     """The URL to listen on where a configuration names none; the second argument says whether in virtual time."""
     faults: Mapping[str, Mapping[str, Fault]] = field(default_factory=dict)
     """Its faults, in words, by target and name; its handlers carry them out."""
-    panel: Callable[..., AbstractAsyncContextManager[str]] | None = None
+    controls: Controls | None = None
     """The panel of the emulated controller, for people; None for a kind without one."""
-    check_panel: Callable[[str], object] | None = None
-    """Raises ConfigError for a URL at which no panel can listen."""
     mishaps: Mapping[str, str] = field(default_factory=dict)
     """Faults of its target `robot` by which it refuses to move, by scenario of `hil-bridge conform`: refused, stopped.
     The other scenarios inject faults that have the same name for every robot.

@@ -25,6 +25,7 @@ from hil_bridge.errors import BridgeError
 from hil_bridge.record.files import open_record
 from hil_bridge.record.records import EventRecord
 from hil_bridge.record.scenes import SCENE_TOPICS, Scenes, SceneTopic, encode
+from hil_bridge.record.time_axis import TimeAxis
 from hil_bridge.record.topics import RECORDS, TOPICS, Record, Topic
 
 METADATA_NAME = "run"
@@ -34,8 +35,6 @@ END_NAME = "end"
 """Written by an orderly end only; its absence tells a reader that the run was cut off."""
 DROPPED_PREFIX = "dropped"
 
-ORDER_WINDOW_S = 10.0
-"""How far the log times of a file may fall, s. Chosen: twice what the truth of an emulated cell waits for a cycle."""
 QUEUE_RECORDS = 16384
 """Records that wait for the writer at most: about 16 s of a 1 kHz sensor stream, 5 MB."""
 BATCH_RECORDS = 512
@@ -135,10 +134,10 @@ class Recorder:
         self._written = dict.fromkeys((topic.name for topic in TOPICS), 0)
         self._error: BridgeError | None = None
         self.trouble = ""
-        """Why the file will not hold everything, in words, from the moment on at which that is known."""
+        """Why the file will not hold everything, in words that follow its name, as soon as that is known."""
         self._chunk_seconds = writing.chunks.seconds
         self._chunk_began: float | None = None
-        self._newest = 0.0
+        self._axis = TimeAxis(wall_ns)
         self._closed = False
         self._file: BinaryIO = open_record(path, overwrite)
         self._writer = Writer(self._file, chunk_size=writing.chunks.size, compression=CompressionType.ZSTD)
@@ -185,7 +184,7 @@ class Recorder:
         """Take a record. The newest is dropped and counted when the queue is full or writing has failed."""
         if len(self._queue) >= self._capacity or self._error is not None or self._closed:
             self._dropped[self._topics[type(record)].name] += 1
-            self.trouble = self.trouble or f"the recording {self._path} has gaps: the disk does not keep up"
+            self.trouble = self.trouble or "has gaps: the disk does not keep up"
             return
         self._queue.append(record)
         if self._thread is None and len(self._queue) >= BATCH_RECORDS:
@@ -239,10 +238,10 @@ class Recorder:
     def _finish(self, end: Mapping[str, str]) -> None:
         if any(self._dropped.values()):
             counts = ", ".join(f"{count} of {topic}" for topic, count in self._dropped.items() if count)
-            self._write(EventRecord(self._newest, "recorder", f"records dropped: {counts}"))
+            self._write(EventRecord(self._axis.newest, "recorder", f"records dropped: {counts}"))
         self._flush()
         for name, (media_type, data) in self._attachments.items():
-            at = self._wall_ns(self._newest)
+            at = self._wall_ns(self._axis.newest)
             self._writer.add_attachment(at, at, name, media_type, data)
         drops = {f"{DROPPED_PREFIX}{topic}": str(count) for topic, count in self._dropped.items()}
         self._writer.add_metadata(END_NAME, dict(sorted({**end, **drops}.items())))
@@ -281,9 +280,10 @@ class Recorder:
 
     def _fail(self, error: Exception) -> None:
         cause = (error.strerror if isinstance(error, OSError) else None) or f"{type(error).__name__}: {error}"
-        self._error = BridgeError(f"the recording {self._path} is incomplete: {cause}")
+        trouble = f"is incomplete: {cause}"
+        self._error = BridgeError(f"the recording {self._path} {trouble}")
         self._error.__cause__ = error
-        self.trouble = str(self._error)
+        self.trouble = trouble
         with contextlib.suppress(OSError):  # the same full disk again; the first error is the one that tells
             self._file.close()
 
@@ -298,14 +298,9 @@ class Recorder:
 
     def _write(self, record: Record) -> None:
         topic = self._topics[type(record)]
-        at = topic.time_of(record)
-        if not math.isfinite(at):  # of no device that tells the truth
-            at = self._newest
-            record = topic.timed(record, at)
-        self._newest = max(self._newest, at)
+        record, at, placed = self._axis.place(topic, record)
         if self._chunk_began is None:
             self._chunk_began = at
-        placed = self._wall_ns(max(at, self._newest - ORDER_WINDOW_S))
         self._writer.add_message(
             self._channels[type(record)],
             placed,

@@ -17,7 +17,7 @@ import click
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.clock.realtime import RealTime, real_time_thread
 from hil_bridge.devices.kinds import CanBus
-from hil_bridge.errors import ConfigError
+from hil_bridge.errors import ConfigError, SettingRefused
 from hil_bridge.runs.checks import problems
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config, load_config
@@ -181,12 +181,12 @@ def wake_ups(realtime: RealTime) -> Fact:
     """How late this process wakes, measured as it would be run; as any other where the machine refuses that."""
     try:
         with real_time_thread(realtime):
-            return judged(run_real(_lateness, realtime.busy_poll_ms * 1e-3), realtime)
+            return judge_lateness(run_real(_lateness, realtime.busy_poll_ms * 1e-3), realtime)
     except ConfigError:
-        return judged(run_real(_lateness), RealTime())
+        return judge_lateness(run_real(_lateness), RealTime())
 
 
-def judged(late: Sequence[float], realtime: RealTime) -> Fact:
+def judge_lateness(late: Sequence[float], realtime: RealTime) -> Fact:
     """Finding from these latenesses of a thread run so, s, ascending, about the machine, and the remedy."""
     mean, p99 = sum(late) / len(late), late[int(0.99 * len(late))]
     awake = ", processors kept awake" * realtime.keep_awake + ", busy polling" * bool(realtime.busy_poll_ms)
@@ -228,9 +228,9 @@ def keeping_awake(wanted: bool) -> Fact:
         with real_time_thread(RealTime(keep_awake=True)):
             asks = "asks" if wanted else "would ask"
             return ok("processors' sleep", f"may be prevented; `realtime.keep_awake` {asks} for it")
-    except ConfigError as error:
-        reason = str(error).removeprefix("realtime.keep_awake: ")
-        return warn("processors' sleep", "may not be prevented; needed only where wake-ups are late", reason)
+    except SettingRefused as error:
+        what = "may not be prevented; needed only where wake-ups are late"
+        return warn("processors' sleep", what, error.problem)
 
 
 def priority() -> Fact:

@@ -43,10 +43,11 @@ from hil_bridge.record import (
 from hil_bridge.record import reader as reader_module
 from hil_bridge.record import recorder as recorder_module
 from hil_bridge.record.device_facts import devices_of
-from hil_bridge.record.recorder import ORDER_WINDOW_S, Chunks
+from hil_bridge.record.recorder import Chunks
 from hil_bridge.record.records import TruthRecord, WireRecord
 from hil_bridge.record.scenes import SCENE_TOPICS
 from hil_bridge.record.stored_cycle import SHARED
+from hil_bridge.record.time_axis import ORDER_WINDOW_S
 from hil_bridge.record.topics import CYCLE, SENSOR, TOPICS, TRUTH, WIRE, Record, Topic
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
-from protocol.marks import Mark, above, at_least, between, check_settings, setting
+from protocol.marks import Mark, SettingError, above, at_least, between, check_settings, setting
 
 _A, _O, _C = Mark.ASSUMED, Mark.OBSERVED, Mark.CHOSEN
 
@@ -26,6 +26,12 @@ class RtdeProfile:
     )
     version: str = setting("5.12.0.0", _A, "version of its software: major.minor.bugfix.build")
     serial_number: str = setting("20235500001", _C, "digits that the dashboard tells")
+    program_folder: str = setting(
+        "", _C, "folder of stored programs, text in URScript: NAME.script is loaded as NAME.urp; empty: none"
+    )
+    program_servers: Literal["loopback", "any"] = setting(
+        "loopback", _C, "servers to which a program may open a connection: of this computer, or any"
+    )
     remote_control: bool = setting(True, _C, "whether it stands in Remote Control at power-up")
     uptime_s: float = setting(
         100.0, _A, "its clock when the cell is made; a client may wait for 40 s", at_least(0.0), unit="s"
@@ -113,6 +119,6 @@ class RtdeProfile:
         check_settings(self)
         parts = self.version.split(".")
         if len(parts) != 4 or not all(part.isdecimal() and len(part) < 10 for part in parts):
-            raise ValueError(f"version must be four numbers with dots, got {self.version!r}")
+            raise SettingError("version", f"must be four numbers with dots, got {self.version!r}")
         if not (self.serial_number.isascii() and self.serial_number.isdecimal()):
-            raise ValueError(f"serial_number must be digits, got {self.serial_number!r}")
+            raise SettingError("serial_number", f"must be digits, got {self.serial_number!r}")

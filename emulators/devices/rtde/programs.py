@@ -51,6 +51,9 @@ class Turning:
         except (ArithmeticError, ValueError):
             return False
 
+    def close(self) -> None:
+        """It holds nothing."""
+
 
 def is_known(name: str) -> bool:
     """Whether a program of this name is followed, and not only played without effect."""
@@ -86,6 +89,16 @@ def program(controller: Controller, name: str, text: bytes) -> Callable[[], Prog
     return None if compiled is None else lambda: Script(controller, compiled)
 
 
+def start_text(controller: Controller, name: str, text: bytes) -> None:
+    """Start the program of a text, where the controller takes programs. A text that is none is told."""
+    words = f"program {name}" if name else f"script {text[:64].decode('utf-8', 'replace')}"
+    controller.told(Act.PROGRAM, words, controller.takes_programs, not is_known(name))
+    make = program(controller, name, text)
+    if make is not None:
+        controller.intent = intent(controller, name, text)
+        controller.start_program(make)
+
+
 def compiled_or_told(controller: Controller, text: bytes) -> CompiledProgram | None:
     """The program of a text; None for one that is none, which is told."""
     try:
@@ -101,7 +114,7 @@ class Script:
     def __init__(self, controller: Controller, compiled: CompiledProgram) -> None:
         self._machine = Machine(compiled, ControllerHost(controller), controller.profile.script_steps)
         self.name = compiled.name
-        self.cycle = self._machine.cycle
+        self.cycle, self.close = self._machine.cycle, self._machine.close
 
 
 def run_secondary(controller: Controller, text: bytes) -> None:

@@ -8,7 +8,8 @@ from emulators.devices.rtde.arm import Brake, Servo, Speed
 from emulators.devices.rtde.controller import Controller
 from emulators.devices.rtde.kinematics import Joints, compose, invert, nearest
 from emulators.devices.rtde.moves import Walk, arc_walk, joint_walk, line_walk
-from emulators.devices.rtde.state import getter
+from emulators.devices.rtde.running import Saying
+from emulators.devices.rtde.state import getter, number_in
 from emulators.devices.rtde.urscript import Message, Profile, RuntimeFailure, Socket, SyntaxFailure
 from emulators.devices.rtde.urscript.failures import ScriptError
 from protocol.devices.rtde.fields import INPUTS, OUTPUTS
@@ -34,13 +35,18 @@ class ControllerHost:
 
     # --- messages
 
-    def tell(self, message: Message, text: str) -> None:
-        self._controller.console.tell(self._controller.now, message, text)
+    def tell(self, message: Message, text: str, title: str = "") -> None:
+        self._controller.console.tell(Saying(self._controller.now, message, text, title))
+
+    @property
+    def popup_open(self) -> bool:
+        return self._controller.console.popup_open
 
     def tell_failure(self, failure: RuntimeFailure | SyntaxFailure) -> None:
         kind = Message.SYNTAX if isinstance(failure, SyntaxFailure) else Message.RUNTIME
         self._controller.counts[str(kind)] += 1
-        self.tell(kind, str(failure))
+        place = failure.line, failure.column
+        self._controller.console.tell(Saying(self._controller.now, kind, failure.text, "", *place))
 
     def tell_tagged(self, function: str) -> None:
         self._controller.unmodelled.touch(f"URScript {function}()", "accepted without effect")
@@ -60,8 +66,7 @@ class ControllerHost:
     def read_register(self, direction: str, kind: str, number: int) -> float:
         name, shift = _register(direction, kind, number)
         controller = self._controller
-        value = (controller.inputs if direction == "input" else controller.outputs).get(name, 0)
-        assert not isinstance(value, tuple), "a number"
+        value = number_in(controller.inputs if direction == "input" else controller.outputs, name)
         return value if shift is None else int(value) >> shift & 1
 
     def write_register(self, kind: str, number: int, value: float) -> None:
@@ -75,9 +80,7 @@ class ControllerHost:
 
     def read_whole(self, name: str) -> float:
         """An output that is a number, 0 where nothing was written."""
-        value = self._controller.outputs.get(name, 0)
-        assert not isinstance(value, tuple), "a number"
-        return value
+        return number_in(self._controller.outputs, name)
 
     def watch_input(self, name: str, frequency_hz: float, action: str) -> None:
         self._controller.watch_input(name, frequency_hz, action)

@@ -4,7 +4,6 @@ Topics and schemas are those of a recording. All that a client could write, para
 """
 
 import logging
-import math
 import secrets
 from collections.abc import Mapping
 
@@ -13,7 +12,6 @@ from foxglove import Channel, Context, Schema
 from foxglove.websocket import WebSocketServer
 from msgspec import Struct
 
-from hil_bridge.record.recorder import ORDER_WINDOW_S
 from hil_bridge.record.scenes import (
     SCENE_TOPICS,
     SURFACE,
@@ -24,6 +22,7 @@ from hil_bridge.record.scenes import (
     SceneUpdate,
     encode,
 )
+from hil_bridge.record.time_axis import TimeAxis
 from hil_bridge.record.topics import TOPICS, Record, Topic
 
 PROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
@@ -50,7 +49,7 @@ class Panels:
         self._scenes = Scenes(self._wall_ns)
         self._kept: dict[str, tuple[str, bytes]] = {}
         self._again_at = 0.0
-        self._newest = 0.0
+        self._axis = TimeAxis(self._wall_ns)
         host = f"127.{secrets.randbelow(254) + 1}.{secrets.randbelow(255)}.{secrets.randbelow(254) + 1}"
         self._server: WebSocketServer = foxglove.start_server(
             name="hil-bridge",
@@ -73,19 +72,14 @@ class Panels:
     def take(self, record: Record) -> None:
         """Give a record to those that want it."""
         topic = self._topics[type(record)]
-        at = topic.time_of(record)
-        if not math.isfinite(at):  # of no device that tells the truth
-            at = self._newest
-            record = topic.timed(record, at)
-        self._newest = max(self._newest, at)
-        placed = self._wall_ns(max(at, self._newest - ORDER_WINDOW_S))
+        record, _, placed = self._axis.place(topic, record)
         channel = self._channels[topic.name]
         if channel.has_sinks():
             channel.log(topic.encode(record), log_time=placed)
         for scene, message in self._scenes.of(record):
             self._show(scene, message, placed)
-        if self._newest >= self._again_at:
-            self._again_at = self._newest + AGAIN_S
+        if self._axis.newest >= self._again_at:
+            self._again_at = self._axis.newest + AGAIN_S
             for name, data in self._kept.values():
                 self._channels[name].log(data, log_time=placed)
 

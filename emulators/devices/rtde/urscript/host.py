@@ -21,6 +21,8 @@ class Message(StrEnum):
     POPUP = "popup"
     SYNTAX = "syntax error"
     RUNTIME = "runtime error"
+    STARTED = "program started"
+    STOPPED = "program stopped"
 
 
 class Profile(NamedTuple):
@@ -36,6 +38,14 @@ class Profile(NamedTuple):
 class Socket(Protocol):
     """A connection that a program has opened."""
 
+    @property
+    def opening(self) -> bool:
+        """Whether the server has not answered yet."""
+
+    @property
+    def open(self) -> bool:
+        """Whether the other end is there."""
+
     def take(self, count: int) -> bytes | None:
         """So many bytes that have come; None while there are fewer."""
 
@@ -44,6 +54,9 @@ class Socket(Protocol):
 
     def send(self, data: bytes) -> bool:
         """Send; False where the other end has gone."""
+
+    def hang_up(self) -> None:
+        """Close it."""
 
 
 class Host(Protocol):
@@ -55,8 +68,12 @@ class Host(Protocol):
 
     # --- messages
 
-    def tell(self, message: Message, text: str) -> None:
-        """The program says something."""
+    def tell(self, message: Message, text: str, title: str = "") -> None:
+        """The program says something; `title` is that of a pop-up."""
+
+    @property
+    def popup_open(self) -> bool:
+        """Whether a pop-up stands on the pendant."""
 
     def tell_failure(self, failure: RuntimeFailure | SyntaxFailure) -> None:
         """The program has ended, or did not begin."""
@@ -97,7 +114,7 @@ class Host(Protocol):
         """An output."""
 
     def open_socket(self, address: str, port: int) -> Socket | None:
-        """A connection to a server; None where none is to be had."""
+        """A connection to a server, which comes about in later cycles; None where none is to be had."""
 
     # --- the arm
 

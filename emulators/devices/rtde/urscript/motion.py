@@ -76,9 +76,17 @@ def _movej(task: Any, q: Value, *given: Value) -> Wait:
 
 
 def _movel(task: Any, goal: Value, *given: Value) -> Wait:
-    """`given` are a, v, t and r."""
+    """`given` are a, v, t and r. An end out of reach makes a protective stop.
+
+    Source: tests of Universal Robots' C++ client library.
+    """
     host, (a, v, t, r) = task.host, given
-    return _walk(task, host.line(_pose(host, goal), _profile(a, v, t)), r)
+    walk = host.line(_pose(host, goal), _profile(a, v, t))
+    if walk is None:
+        host.protective_stop("a move along a line to an end that no joints hold")
+        yield
+    else:
+        yield from _walk(task, walk, r)
 
 
 def _movep(task: Any, goal: Value, a: Value, v: Value, r: Value) -> Wait:

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from emulators.devices.rsi import RSI_FAULTS, RsiController, RsiProfile
+from emulators.devices.rsi import RSI_CONTROLS, RSI_FAULTS, RsiController, RsiProfile
 from emulators.seams import RobotFactory
 from hil_bridge.devices.facts import Pacing, RobotFacts, ServoFacts
 from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
@@ -85,7 +85,7 @@ ROBOT = RobotKind(
     RsiLink,
     connect,
     facts,
-    RobotEmulation(RsiProfile, make, serve, usual, RSI_FAULTS, mishaps=MISHAPS, late_ms=6.0),
+    RobotEmulation(RsiProfile, make, serve, usual, RSI_FAULTS, RSI_CONTROLS, MISHAPS, late_ms=6.0),
     parse=lambda url, settings: parse_url(url, LISTEN_DATAGRAMS),
     describe=describe,
 )

@@ -1,8 +1,9 @@
 """The room of Universal Robots' controllers: kind `rtde`, its client and its emulator behind their wires."""
 
+from pathlib import Path
 from typing import Any
 
-from emulators.devices.rtde import RTDE_FAULTS, RtdeProfile, RtdeRobot, make_robot
+from emulators.devices.rtde import RTDE_CONTROLS, RTDE_FAULTS, TEXT_MAX, RtdeProfile, RtdeRobot, make_robot
 from emulators.seams import RobotFactory
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
@@ -10,6 +11,7 @@ from hil_bridge.devices.robots.rtde import serving as ports
 from hil_bridge.devices.robots.rtde.addresses import RTDE_PORT, parse_address
 from hil_bridge.devices.robots.rtde.bundle import Bundle
 from hil_bridge.devices.robots.rtde.facts import robot_facts
+from hil_bridge.devices.robots.rtde.program_folder import read_programs
 from hil_bridge.devices.robots.streamed import StreamedLink
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.errors import ConfigError
@@ -41,11 +43,11 @@ async def open_wires(
         Port.RTDE: RTDE_PORT,
         Port.DASHBOARD: profile.dashboard_port,
         Port.SCRIPT: profile.script_port,
-        **address.ports,
     }
     wires: dict[Port, Transport[bytes]] = {}
     try:
-        for port, number in numbers.items():
+        for port, usual in numbers.items():
+            number = address.ports.get(port, usual)
             if port is Port.DASHBOARD and not (dashboard and profile.dashboard_port):
                 continue
             wire_url = address.memory_url(port) if address.name else f"tcp://{address.authority}:{number}"
@@ -63,8 +65,9 @@ def facts(url: str, settings: KindSettings[ClientProfile, RtdeProfile]) -> Robot
 
 
 def make(settings: KindSettings[ClientProfile, RtdeProfile]) -> RobotFactory:
-    """The controller that a cell's section describes."""
-    return make_robot(settings.emulated)
+    """The controller that a cell's section describes, with the programs of its folder. Raises ConfigError."""
+    folder = settings.emulated.program_folder
+    return make_robot(settings.emulated, read_programs(Path(folder), TEXT_MAX) if folder else {})
 
 
 async def serve(
@@ -102,7 +105,7 @@ ROBOT = RobotKind(
     ClientProfile,
     connect,
     facts,
-    RobotEmulation(RtdeProfile, make, serve, usual, RTDE_FAULTS, mishaps=MISHAPS),
+    RobotEmulation(RtdeProfile, make, serve, usual, RTDE_FAULTS, RTDE_CONTROLS, MISHAPS),
     check=check,
     parse=_parse,
     describe=describe,

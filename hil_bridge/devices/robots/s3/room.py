@@ -1,20 +1,16 @@
 """The S3's room, as the house sees it: its kind of robot, its client and its emulator behind their wires."""
 
-from collections.abc import AsyncIterator, Callable, Mapping
-from contextlib import asynccontextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from emulators.devices.s3 import S3_FAULTS, Panel, S3Profiles, S3Site, make_robot
+from emulators.devices.s3 import S3_CONTROLS, S3_FAULTS, S3Profiles, S3Site, make_robot
 from emulators.seams import RobotFactory
-from hil_bridge.clock import Clock
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
 from hil_bridge.devices.robots.s3.facts import robot_facts
 from hil_bridge.devices.robots.s3.link import S3Link
 from hil_bridge.devices.robots.s3.orders_file import read_orders
-from hil_bridge.devices.robots.s3.panel import PanelServer, panel_address
 from hil_bridge.devices.robots.s3.program_folder import read_programs
 from hil_bridge.devices.robots.s3.settings import S3Settings
 from hil_bridge.devices.wiring import Serving, Wiring
@@ -96,25 +92,6 @@ def usual(settings: KindSettings[S3Settings, S3Profiles], virtual: bool) -> str:
     return "memory:robot" if virtual else with_line("pty:", _line(settings.emulated.link))
 
 
-@asynccontextmanager
-async def panel(cell: Any, url: str, clock: Clock, kick: Callable[[], None]) -> AsyncIterator[str]:
-    """The controller's panel on a listening URL; where it is asked. `kick` wakes the cell's devices."""
-    board = Panel(cell.robot, cell.ledger, cell.ledger.table)
-
-    def perform(request: Mapping[str, Any]) -> Mapping[str, Any]:
-        try:
-            return board.perform(request, clock.now())
-        finally:
-            kick()
-
-    server = PanelServer(perform, clock)
-    address = await server.listen(url)
-    try:
-        yield address
-    finally:
-        await server.aclose()
-
-
 MISHAPS = {"refused": "key-manual", "stopped": "safeguard-stop"}
 
 ROBOT = RobotKind(
@@ -123,7 +100,7 @@ ROBOT = RobotKind(
     S3Settings,
     connect,
     facts,
-    RobotEmulation(S3Profiles, make, serve, usual, S3_FAULTS, panel, panel_address, MISHAPS, 200.0),
+    RobotEmulation(S3Profiles, make, serve, usual, S3_FAULTS, S3_CONTROLS, MISHAPS, 200.0),
     check=robot_site,
     parse=lambda url, settings: parse_url(url, CONNECT_BYTES),
     describe=describe,
