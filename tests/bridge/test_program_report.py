@@ -54,7 +54,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
     folder = tmp_path_factory.mktemp("program")
     config, record = folder / "task.toml", folder / "run.mcap"
     config.write_text(PROGRAM)
-    made = load_config(config, {"robot.emulated": "egm", "cell.jr3.gateway.boot_s": 0.2})
+    made = load_config(config, {"robot.emulated": "egm"})
     assert execute(made, True, Outputs(record), view=False) == 4
     return read(record)
 
@@ -175,7 +175,7 @@ def test_the_picture_draws_the_wanted_force_of_each_sample_where_the_tool_presse
 
 def test_the_borders_of_too_many_steps_are_left_out() -> None:
     def drawn(count: int) -> tuple[int, set[str]]:
-        spans = [Span(float(k), k + 1.0, f"1.1 (zero, pass {k})", "zero") for k in range(count)]
+        spans = [Span(float(k), k + 1.0, f"1.1 (zero, pass {k})", "zero", short="1.1") for k in range(count)]
         chart = Chart("force", "Force", "N")
         ax = Figure().add_subplot()
         paint(ax, chart, Charts({"time": Axis("time", "s")}, [chart], {}, spans=spans))
