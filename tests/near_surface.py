@@ -1,5 +1,6 @@
 """Runs that begin just above the surface: at the defaults, most of a run is the power-up, the way there and back."""
 
+from collections.abc import Mapping
 from typing import Any
 
 from hil_bridge.settings.configuration import Config, read_config
@@ -28,7 +29,7 @@ NEAR_TOML = f"{AWAKE_TOML}cell.start_position_mm = [900.0, -100.0, 592.0]\ntask.
 """NEAR for the same place."""
 
 
-def merged(settings: dict[str, Any], more: dict[str, Any]) -> dict[str, Any]:
+def merged(settings: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:
     """Nested settings, with more of them laid over."""
     result = dict(settings)
     for key, value in more.items():
