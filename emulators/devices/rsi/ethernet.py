@@ -89,7 +89,7 @@ class Ethernet:
         )
 
 
-def channels_of(profile: RsiProfile) -> Mapping[str, str]:
+def channels_of(profile: RsiProfile) -> dict[str, str]:
     """Channels of the signal flow by the tags that they take: the pose, the axes, the stop; both names of a channel."""
     pose, axes = pose_tags(profile.correction_tag), axis_tags("axes")
     channels = dict(zip(pose, pose, strict=True))
