@@ -17,7 +17,7 @@ def probe() -> None:
     """Find the settings under which a device answers."""
 
 
-@probe.command(short_help="Tell what a robot is, and whether a run would begin.")
+@probe.command(short_help="Tell what a robot is, and its state.")
 @click.argument("url", metavar="URL")
 @click.option(
     "--config", "config_file", type=FILE, metavar="FILE", help="Configuration whose [robot.KIND] is taken."

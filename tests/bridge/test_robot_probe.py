@@ -96,6 +96,10 @@ def test_a_healthy_robot_tells_what_it_is_and_that_a_run_would_begin(kind: str, 
     assert_nothing_moved(kind, result)
 
 
+GIVEN: dict[tuple[str, str], dict[str, object]] = {
+    ("s3", "offset"): {"x_mm": 5.0},
+    **{(kind, "off"): {"for_s": 9.0} for kind in ("egm", "rtde", "rsi")},
+}
 FAULTS = [
     ("s3", "robot", "emergency-stop", "emergency"),
     ("s3", "robot", "safeguard-stop", "in standby"),
@@ -142,7 +146,7 @@ FAULTS = [
 
 @pytest.mark.parametrize(("kind", "target", "fault", "words"), FAULTS)
 def test_a_fault_is_told_in_time_and_nothing_moves(kind: str, target: str, fault: str, words: str) -> None:
-    result = probed(kind, target, fault, {"x_mm": 5.0} if fault == "offset" else None)
+    result = probed(kind, target, fault, GIVEN.get((kind, fault)))
     assert words.lower() in result.words.lower(), result.words
     assert_nothing_moved(kind, result)
 

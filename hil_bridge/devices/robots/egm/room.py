@@ -1,5 +1,6 @@
 """The room of Externally Guided Motion, as the house sees it: its kind of robot, its client and its emulator."""
 
+import asyncio
 import importlib.util
 from typing import Any
 
@@ -39,14 +40,20 @@ async def connect(
 
 async def probe(url: str, settings: KindSettings[EgmSettings, EgmProfile], wiring: Wiring) -> Probed:
     """Findings of a robot that sends to this address, and of its web services where the URL names them."""
-    beside = await ask_web(url)
-    try:
-        found = await probe_link(lambda silent: connect(url, settings, silent), muted(wiring))
-    except DeviceError as error:
-        if not beside.rows:
-            raise
-        found = Probed((("datagrams", error.fact),), (Trouble(error.fact, error.remedy),))
-    return found.with_more(beside)
+    heard, beside = await asyncio.gather(
+        probe_link(lambda silent: connect(url, settings, silent), muted(wiring)),
+        ask_web(url),
+        return_exceptions=True,
+    )
+    if isinstance(beside, DeviceError):
+        beside = Probed((("web services", str(beside)),))
+    if isinstance(beside, BaseException):
+        raise beside
+    if isinstance(heard, DeviceError) and beside.rows:
+        heard = Probed((("datagrams", heard.fact),), (Trouble(heard.fact, heard.remedy),))
+    if isinstance(heard, BaseException):
+        raise heard
+    return heard.with_more(beside)
 
 
 async def ask_web(url: str) -> Probed:

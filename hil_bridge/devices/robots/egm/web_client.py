@@ -39,7 +39,6 @@ class WebState(NamedTuple):
 
 _REFUSALS = (
     ("motors", "motoron", "the motors are off", "switch them on"),
-    ("mode", "AUTO", "it is not in automatic mode", "turn its key to automatic"),
     ("execution", "running", "the RAPID program is stopped", "start it"),
 )
 """Field of a state, the value that a run needs, and the trouble of any other one."""
