@@ -67,8 +67,8 @@ def test_a_run_makes_its_cell_its_pace_and_its_loop_once(
         monkeypatch.setattr(f"{module}.{name}", count)
 
     counted(compose.__name__, "make_cell")
-    counted("hil_bridge.runs.setup", "paced")
+    counted("hil_bridge.runs.setup", "set_pace")
     counted("hil_bridge.runs.setup", "control_loop")
     config = read_config({"run": {"duration_s": 1.0}, "robot": {"emulated": robot}})
     assert execute(config, True, Outputs(record=tmp_path / "run.mcap"), view=False) == 0
-    assert counts == {"make_cell": 1, "paced": 1, "control_loop": 1}
+    assert counts == {"make_cell": 1, "set_pace": 1, "control_loop": 1}

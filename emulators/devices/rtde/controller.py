@@ -292,6 +292,7 @@ class Controller:
     def stop_program(self) -> None:
         """Stop what plays, or is paused; the arm brakes."""
         if self.program is not None:
+            self.program.close()
             self._tell_program(Message.STOPPED, self.program)
         self.program = self._starting = None
         self.watchdogs = []

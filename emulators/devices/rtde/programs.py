@@ -51,6 +51,9 @@ class Turning:
         except (ArithmeticError, ValueError):
             return False
 
+    def close(self) -> None:
+        """It holds nothing."""
+
 
 def is_known(name: str) -> bool:
     """Whether a program of this name is followed, and not only played without effect."""
@@ -111,7 +114,7 @@ class Script:
     def __init__(self, controller: Controller, compiled: CompiledProgram) -> None:
         self._machine = Machine(compiled, ControllerHost(controller), controller.profile.script_steps)
         self.name = compiled.name
-        self.cycle = self._machine.cycle
+        self.cycle, self.close = self._machine.cycle, self._machine.close
 
 
 def run_secondary(controller: Controller, text: bytes) -> None:
