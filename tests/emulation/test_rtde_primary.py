@@ -125,7 +125,7 @@ def test_a_program_that_starts_and_ends_is_told_to_each_client() -> None:
         assert client.keys() == [b"PROGRAM_XXX_STARTEDhello", b"PROGRAM_XXX_STOPPEDhello"]
         assert [message.body for message in client.messages(MessageKind.TEXT)] == [b"it is 3"]
     begun = first.messages(MessageKind.KEY)[0]
-    assert begun.time_us == pytest.approx((100.0 + 0.05) * 1e6, abs=5e3), "by the controller's clock"
+    assert begun.time_ns == pytest.approx((100.0 + 0.05) * 1e9, abs=5e6), "by the controller's clock"
 
 
 def test_an_error_has_its_line_and_comes_before_the_programs_end() -> None:
@@ -156,6 +156,15 @@ def test_each_safety_mode_is_told_once() -> None:
     client.wait(0.3)
     modes = [message.body[8] for message in client.messages(MessageKind.SAFETY_MODE)]
     assert modes == [SafetyMode.PROTECTIVE_STOP, SafetyMode.ROBOT_EMERGENCY_STOP]
+    assert [message.body[:4] for message in client.messages(MessageKind.ERROR_CODE)] == [bytes(4)]
+    kinds = [body[9] if type_ == PacketType.MESSAGE else 0 for type_, body in primary.split(client.raw)]
+    stopped = kinds.index(MessageKind.SAFETY_MODE)
+    states = [
+        dict(parts(body))
+        for type_, body in list(primary.split(client.raw))[:stopped]
+        if type_ == PacketType.STATE
+    ]
+    assert states[-1][Part.ROBOT_MODE]["protective_stopped"] == 1, "the state is told before the message"
     assert client.states[-1][Part.ROBOT_MODE]["emergency_stopped"] == 1
     assert client.states[-1][Part.ROBOT_MODE]["powered"] == 0
 

@@ -251,7 +251,7 @@ ERRORS = {
     "textmsg(nothing)": (2, "nothing is not defined"),
     "x = [1, 2]\nx[2] = 1": (3, "no element 2"),
     "x = [1, 2][1.5]": (2, "whole number"),
-    "unheard_of(1)": (2, "unheard_of is not a function"),
+    "unheard_of(1)": (2, "compile_error_name_not_found:unheard_of:"),
     "sin(1, 2)": (2, "sin takes 1 arguments"),
     "movej()": (2, "movej needs the argument q"),
     'sin("a")': (2, "a number is needed, not a string"),
@@ -297,10 +297,12 @@ def test_a_syntax_error_tells_line_and_column(text: str, line: int, column: int)
 
 def test_a_function_without_effect_is_told_once() -> None:
     played = Played(
-        program("i = 0\nwhile i < 5:\n  set_gravity([0, 0, 9])\n  teach_mode()\n  i = i + 1\n  sync()\nend")
+        program(
+            "i = 0\nwhile i < 5:\n  set_gravity([0, 0, 9])\n  set_baselight_off()\n  i = i + 1\n  sync()\nend"
+        )
     )
     assert played.play(20) == 5
-    counts = {"URScript set_gravity()": 1, "URScript teach_mode()": 1}
+    counts = {"URScript set_gravity()": 1, "URScript set_baselight_off()": 1}
     assert played.controller.unmodelled.counts == counts
 
 

@@ -13,6 +13,8 @@ from operator import sub
 from emulators.arm.cycled import CycledPath
 from emulators.arm.own_force import Errors, OwnForce
 from emulators.devices.rtde.arm import ZERO, Brake, Hold, JointArm, Order, Place, Servo
+from emulators.devices.rtde.compliance import Compliance, Felt
+from emulators.devices.rtde.force_mode import about_tool
 from emulators.devices.rtde.io import MASKS, switch_outputs
 from emulators.devices.rtde.kinematics import (
     ARMS,
@@ -35,21 +37,15 @@ from emulators.seams import StartPose
 from emulators.unmodelled import Unmodelled
 from protocol.devices.rtde.fields import Value
 from protocol.devices.rtde.packets import Version
-from protocol.devices.rtde.states import RobotMode, Runtime, SafetyMode
+from protocol.devices.rtde.states import STOPPED_MODES, RobotMode, Runtime, SafetyMode
 from protocol.geometry import Pose, Wrench, angle_between, normalise, product, rotate
 
 _LEVEL: Pose = Pose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
 _NO_FORCE: Wrench = (0.0,) * 6
+SUDDEN_CHANGE = "a sudden change of the target"
+"""Reason of a protective stop for a leap between two targets."""
 BY_FAULT = "as a fault"
 """Reason of a protective stop that no client has caused."""
-_STOPPED = (
-    SafetyMode.PROTECTIVE_STOP,
-    SafetyMode.SAFEGUARD_STOP,
-    SafetyMode.SYSTEM_EMERGENCY_STOP,
-    SafetyMode.ROBOT_EMERGENCY_STOP,
-    SafetyMode.VIOLATION,
-    SafetyMode.FAULT,
-)
 
 
 def _nothing() -> None:
@@ -78,6 +74,7 @@ class Controller:
                 f"a {profile.model} cannot hold its tool at the start; choose another start_position_mm or model"
             )
         self.arm = JointArm(joints, self.period, profile.servo_gain_scale, profile.stop_deceleration_rad_s2)
+        self.compliance = Compliance(profile, self.period, self.lengths)
         self._flange = self._old_flange = self._next_flange = flange(self.lengths, joints)
         self._at = ToolPoses().at
         self._random = random.Random(seed)
@@ -114,7 +111,7 @@ class Controller:
         """The messages of programs."""
         self.watchdogs: list[Watchdog] = []
         self._starting: tuple[float, Callable[[], Program]] | None = None
-        self._pending: list[tuple[float, Callable[[], None]]] = []
+        self._pending: list[tuple[float, Callable[[], object]]] = []
         """Changes that come at a time."""
         self._powered = 0
         """How often the power has gone."""
@@ -161,7 +158,7 @@ class Controller:
             _, make = self._starting
             self._starting = None
             self.program, self.runtime = make(), Runtime.PLAYING
-            self._tell_program(Message.STARTED, self.program)
+            self.console.tell(Saying(self.now, Message.STARTED, self.program.name))
         self._watch(now)
         if self.runtime == Runtime.PLAYING and self.program is not None and not self.program.cycle():
             self.stop_program()
@@ -171,12 +168,17 @@ class Controller:
         if self.safety != self._told_safety:
             self._told_safety = self.safety
             self.console.tell_safety(self.safety)
-        self.arm.step(self.slider if self.profile.slider_slows_servo else 1.0)
+        pace = self.slider if self.profile.slider_slows_servo else 1.0
+        if not self.compliance.step(
+            self.arm, pace, self.plays, Felt(self.tcp, self.snapshots[-1].force, self.external_force)
+        ):
+            self.protective_stop("force mode leaves the workspace")
         self.snapshots.append(self._snapshot(now))
+        self.compliance.history.note(self.arm.joints, self.snapshots[-1].force)
         self._next_flange = flange(self.lengths, self.arm.joints)
         return self._at(self._next_flange, self.tool)
 
-    def later(self, seconds: float, change: Callable[[], None]) -> None:
+    def later(self, seconds: float, change: Callable[[], object]) -> None:
         """Do this after a time."""
         self._pending.append((self.now + seconds, change))
         self._pending.sort(key=lambda item: item[0])
@@ -204,7 +206,7 @@ class Controller:
             profile.uptime_s + now - self._powered_at,
             self.period,
             arm.joints,
-            arm.speeds,
+            arm.motion,
             arm.target,
             pose,
             self._at(self._old_flange, self.tcp),
@@ -227,12 +229,10 @@ class Controller:
         given = self.inputs.get("external_force_torque") if self.external_force else None
         if not isinstance(given, tuple):
             return _NO_FORCE if self.external_force else (*self.own_force.at(self.now), 0.0, 0.0, 0.0)
-        force = rotate(self._flange.quaternion, given[:3])
-        u, v, w = rotate(self._flange.quaternion, given[3:])
-        if self.profile.force_point == "tcp":
-            (a, b, c), (x, y, z) = force, rotate(self._flange.quaternion, self.tcp.position)
-            u, v, w = u - (y * c - z * b), v - (z * a - x * c), w - (x * b - y * a)
-        return (*force, u, v, w)
+        turn = self._flange.quaternion
+        wrench = (*rotate(turn, given[:3]), *rotate(turn, given[3:]))
+        at_tcp = self.profile.force_point == "tcp"
+        return about_tool(wrench, rotate(turn, self.tcp.position)) if at_tcp else wrench
 
     # --- inputs
 
@@ -269,7 +269,7 @@ class Controller:
 
     def hindrance(self, now: float) -> Hindrance | None:
         """Why the arm may not move."""
-        if self.safety in _STOPPED:
+        if self.safety in STOPPED_MODES:
             protective = self.safety == SafetyMode.PROTECTIVE_STOP
             name = self.safety.name.lower().replace("_", " ")
             words = f"{name}: {self.stop_reason}" if protective else name
@@ -292,7 +292,7 @@ class Controller:
     @property
     def takes_programs(self) -> bool:
         """Whether text on the script port is taken."""
-        return self.remote and self.mode == RobotMode.RUNNING and self.safety not in _STOPPED
+        return self.remote and self.mode == RobotMode.RUNNING and self.safety not in STOPPED_MODES
 
     def start_program(self, make: Callable[[], Program]) -> None:
         """A whole program came; a running one is stopped first. Nothing happens where none is taken."""
@@ -306,13 +306,11 @@ class Controller:
         """Stop what plays, or is paused; the arm brakes."""
         if self.program is not None:
             self.program.close()
-            self._tell_program(Message.STOPPED, self.program)
+            self.console.tell(Saying(self.now, Message.STOPPED, self.program.name))
         self.program = self._starting = None
         self.watchdogs = []
+        self.compliance.reset()
         self.runtime = Runtime.STOPPED
-
-    def _tell_program(self, message: Message, program: Program) -> None:
-        self.console.tell(Saying(self.now, message, program.name))
 
     def pause(self) -> bool:
         """Pause what plays; the arm brakes. False where nothing plays."""
@@ -323,7 +321,7 @@ class Controller:
 
     def play(self) -> bool:
         """Go on with what is paused. False where nothing is, or the robot may not move."""
-        if self.runtime != Runtime.PAUSED or self.safety in _STOPPED or self.mode != RobotMode.RUNNING:
+        if self.runtime != Runtime.PAUSED or self.safety in STOPPED_MODES or self.mode != RobotMode.RUNNING:
             return False
         self.runtime = Runtime.PLAYING
         for watchdog in self.watchdogs:
@@ -340,9 +338,9 @@ class Controller:
         self.external_force, self._force_at = enable, self.now
 
     def _watch(self, now: float) -> None:
+        rate = self.profile.force_watchdog_hz
         if self.runtime != Runtime.PLAYING:
             return
-        rate = self.profile.force_watchdog_hz
         if self.external_force and rate and now - self._force_at > 1.0 / rate + 1e-9:
             self.counts["external force missing"] += 1
             self.pause()
@@ -350,10 +348,7 @@ class Controller:
         for watchdog in self.watchdogs:
             if now - watchdog.last > watchdog.period + 1e-9:
                 self.counts[f"watchdog {watchdog.action}"] += 1
-                if watchdog.action == "stop":
-                    self.stop_program()
-                else:
-                    self.pause()
+                self.stop_program() if watchdog.action == "stop" else self.pause()
                 return
 
     # --- orders to the arm
@@ -397,7 +392,7 @@ class Controller:
         turn = angle_between(before.quaternion, after.quaternion)
         profile = self.profile
         if step * 1e3 > profile.max_target_step_mm or max(turn, leap) > profile.max_target_turn_rad:
-            self.protective_stop("a sudden change of the target")
+            self.protective_stop(SUDDEN_CHANGE)
             return False
         return True
 
@@ -406,9 +401,9 @@ class Controller:
     def _guard(self) -> None:
         """Stop for what no arm may do, and hold it where it may not move."""
         profile, arm = self.profile, self.arm
-        if self.safety not in _STOPPED and self.mode == RobotMode.RUNNING:
+        if self.safety not in STOPPED_MODES and self.mode == RobotMode.RUNNING:
             moved = math.dist(self._flange.position, self._old_flange.position)
-            if max(map(abs, arm.speeds)) > profile.max_joint_speed_rad_s:
+            if max(map(abs, arm.motion)) > profile.max_joint_speed_rad_s:
                 self.protective_stop("a joint is too fast")
             elif moved > profile.max_tcp_speed_mm_s * 1e-3 * self.period:
                 self.protective_stop("the tool is too fast")
@@ -416,14 +411,14 @@ class Controller:
                 self.protective_stop("the force is too large")
             elif max(map(abs, arm.joints)) > RANGE:
                 self.protective_stop("a joint is at the end of its range")
-        if self.safety in _STOPPED or self.mode != RobotMode.RUNNING:
+        if self.safety in STOPPED_MODES or self.mode != RobotMode.RUNNING:
             arm.take(Hold())
         elif self.runtime != Runtime.PLAYING:
             arm.take(Brake(profile.stop_deceleration_rad_s2))
 
     def protective_stop(self, why: str) -> None:
         """The arm stands at once, and what plays is paused or stopped. Nothing in a graver stop."""
-        if self.safety in _STOPPED:
+        if self.safety in STOPPED_MODES:
             return
         self.counts[f"protective stop: {why}"] += 1
         self.stop_reason = why
@@ -458,7 +453,7 @@ class Controller:
 
     def safeguard(self, is_open: bool) -> None:
         """A safeguard opens or closes."""
-        if is_open and self.safety not in _STOPPED:
+        if is_open and self.safety not in STOPPED_MODES:
             self.safety = SafetyMode.SAFEGUARD_STOP
             self.pause()
         elif not is_open and self.safety == SafetyMode.SAFEGUARD_STOP:
@@ -473,7 +468,7 @@ class Controller:
 
     def power_on(self) -> bool:
         """It takes a while until it is idle. False where it is on, or stopped."""
-        if self.mode != RobotMode.POWER_OFF or self.safety in _STOPPED:
+        if self.mode != RobotMode.POWER_OFF or self.safety in STOPPED_MODES:
             return False
         self._become_later(RobotMode.IDLE)
         return True

@@ -7,8 +7,7 @@ import math
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 
-from emulators.devices.rtde.controller import Controller
-from emulators.devices.rtde.kinematics import RANGE
+from emulators.devices.rtde.controller import SUDDEN_CHANGE, Controller
 from emulators.devices.rtde.running import Saying
 from emulators.devices.rtde.script import ScriptPort
 from emulators.devices.rtde.state import Snapshot, getter
@@ -24,6 +23,8 @@ BUILT = "02-02-2022, 00:00:00"
 """Chosen: date of the software's making."""
 _JOINT_ACCELERATION = 40.0
 """Observed (URSim 5, frames of the C++ client library's tests): limit of each joint, rad/s²."""
+_JOINT_RANGE = 6.3355451848
+"""Observed in the same frames: limit of each joint, rad; the arm itself stops at two turns."""
 _DEFAULTS = (math.radians(60.0), math.radians(80.0), 0.25, 1.2, 0.25)
 """Observed in the same frames: speed and acceleration of joints and of the tool, and the equivalent radius."""
 _BOARD = (6, 4)
@@ -44,7 +45,7 @@ def _read(name: str, snapshot: Snapshot) -> tuple[float, ...]:
 def _robot_mode(controller: Controller, snapshot: Snapshot) -> Values:
     powered = snapshot.mode >= RobotMode.POWER_ON
     return (
-        round(snapshot.time * 1e6),
+        round(snapshot.time * 1e9),
         1,
         1,
         powered,
@@ -90,8 +91,8 @@ def _masterboard(controller: Controller, snapshot: Snapshot) -> Values:
     temperature = _read("joint_temperatures", snapshot)[0]
     types = int(_read("analog_io_types", snapshot)[0])
     domains = (types >> 2 & 1, types >> 3 & 1)
-    begin = (int(inputs) & 0xFFFFFFFF, int(outputs) & 0xFFFFFFFF, 0, 0, 0.0, 0.0, *domains, *analog)
-    return (*begin, temperature, voltage, current, 0.0, snapshot.safety, 0, 0, 0, 0, 0, 0)
+    begin = (int(inputs) & 0xFFFFFFFF, int(outputs) & 0xFFFFFFFF, 1, 1, 0.0, 0.0, *domains, *analog)
+    return (*begin, temperature, voltage, current, 0.0, snapshot.safety, 0, 0, 0, 1, 1, 1)
 
 
 def _cartesian(controller: Controller, snapshot: Snapshot) -> Values:
@@ -123,7 +124,7 @@ def _kinematics(controller: Controller, snapshot: Snapshot) -> Values:
 def _configuration(controller: Controller, snapshot: Snapshot) -> Values:
     lengths = _denavit_hartenberg(controller)
     return (
-        *(-RANGE, RANGE) * 6,
+        *(-_JOINT_RANGE, _JOINT_RANGE) * 6,
         *(controller.profile.max_joint_speed_rad_s, _JOINT_ACCELERATION) * 6,
         *_DEFAULTS,
         *(part for name in ("a", "d", "alpha", "theta") for part in lengths[name]),
@@ -176,10 +177,11 @@ class PrimaryPort:
         self._script = ScriptPort(controller)
         self._read_only = read_only or not controller.remote
         self._out: list[bytes] = []
+        self._modes: list[tuple[SafetyMode, str]] = []
+        """Safety modes that are not told yet, with the reason of a stop."""
         self._state_at = self._look_at = now
         controller.console.listeners.append(self)
-        version = controller.version
-        self._say(MessageKind.VERSION, primary.version_body(tuple(version), BUILT))
+        self._say(MessageKind.VERSION, primary.version_body(controller.version, BUILT))
 
     def hear(self, saying: Saying) -> None:
         """A program has said something, or something is said about it."""
@@ -197,11 +199,22 @@ class PrimaryPort:
 
     def hear_safety(self, mode: SafetyMode) -> None:
         """Another safety mode holds."""
-        self._say(MessageKind.SAFETY_MODE, primary.safety_mode_body(mode))
+        self._modes.append((mode, self._controller.stop_reason))
+
+    def _tell_modes(self) -> None:
+        """Tell safety modes that have begun, behind a state that has the newest (assumed)."""
+        self._out.append(encode_state(self._controller))
+        for mode, reason in self._modes:
+            self._say(MessageKind.SAFETY_MODE, primary.safety_mode_body(mode))
+            if mode == SafetyMode.PROTECTIVE_STOP:
+                code = primary.SUDDEN_CHANGE if reason == SUDDEN_CHANGE else primary.NO_CODE
+                body = primary.error_body(code, 0, ReportLevel.WARNING, reason)
+                self._say(MessageKind.ERROR_CODE, body)
+        self._modes.clear()
 
     def _say(self, kind: MessageKind, body: bytes) -> None:
-        time_us = round(self._controller.snapshots[-1].time * 1e6)
-        self._out.append(primary.encode_message(primary.Message(time_us, primary.NO_SOURCE, kind, body)))
+        time_ns = round(self._controller.snapshots[-1].time * 1e9)
+        self._out.append(primary.encode_message(primary.Message(time_ns, primary.NO_SOURCE, kind, body)))
 
     # --- as an endpoint
 
@@ -228,6 +241,8 @@ class PrimaryPort:
             return
         controller = self._controller
         controller.advance(now)
+        if self._modes:
+            self._tell_modes()
         if now >= self._state_at:
             self._out.append(encode_state(controller))
             self._state_at += primary.STATE_PERIOD_S * (1 + (now - self._state_at) // primary.STATE_PERIOD_S)

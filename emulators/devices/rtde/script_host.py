@@ -6,7 +6,9 @@ from collections.abc import Iterator
 from functools import lru_cache
 
 from emulators.devices.rtde.arm import Brake, Servo, Speed
+from emulators.devices.rtde.compliance import Compliance
 from emulators.devices.rtde.controller import Controller
+from emulators.devices.rtde.force_mode import ForceTask
 from emulators.devices.rtde.kinematics import Joints, compose, invert, nearest
 from emulators.devices.rtde.moves import Walk, arc_walk, joint_walk, line_walk
 from emulators.devices.rtde.running import Saying
@@ -15,7 +17,7 @@ from emulators.devices.rtde.urscript import Message, Profile, RuntimeFailure, So
 from emulators.devices.rtde.urscript.failures import ScriptError
 from protocol.devices.rtde.fields import INPUTS, OUTPUTS
 from protocol.devices.rtde.rotation import pose_of
-from protocol.geometry import Pose
+from protocol.geometry import Pose, Vector
 
 _JOINT_PER_METRE = 2.0
 """Assumed: joint acceleration of a speed along a line, rad/s² for each m/s²; that of an arm of half a metre."""
@@ -49,8 +51,7 @@ class ControllerHost:
     def tell_failure(self, failure: RuntimeFailure | SyntaxFailure) -> None:
         kind = Message.SYNTAX if isinstance(failure, SyntaxFailure) else Message.RUNTIME
         self._controller.counts[str(kind)] += 1
-        column = failure.column if isinstance(failure, SyntaxFailure) else 1
-        place = failure.line, column
+        place = failure.line, failure.column
         self._controller.console.tell(Saying(self._controller.now, kind, failure.text, "", *place))
 
     def tell_tagged(self, function: str) -> None:
@@ -126,7 +127,7 @@ class ControllerHost:
 
     @property
     def speeds(self) -> Joints:
-        return self._controller.arm.speeds
+        return self._controller.arm.motion
 
     @property
     def tcp(self) -> Pose:
@@ -229,6 +230,43 @@ class ControllerHost:
 
     def zero_force(self) -> None:
         self._controller.force_zero = self._controller.measured
+        self._compliance.history.forget()
+
+    @property
+    def _compliance(self) -> Compliance:
+        return self._controller.compliance
+
+    def force_mode(
+        self, frame: Pose, compliant: tuple[bool, ...], wrench: Joints, kind: int, limits: Joints
+    ) -> None:
+        self._compliance.begin(ForceTask(frame, compliant, wrench, kind, limits))
+
+    def freedrive(self, frame: Pose, free: tuple[bool, ...]) -> None:
+        self._compliance.free(frame, free)
+
+    def end_force_mode(self, freedrive: bool) -> None:
+        self._compliance.end(freedrive)
+
+    @property
+    def damping(self) -> float:
+        return self._compliance.damping
+
+    @property
+    def gain_scaling(self) -> float:
+        return self._compliance.gain_scaling
+
+    def set_damping(self, damping: float) -> None:
+        self._compliance.damping = damping
+
+    def set_gain_scaling(self, scaling: float) -> None:
+        self._compliance.gain_scaling = scaling
+
+    def steps_since_contact(self, direction: Vector, threshold_n: float) -> int:
+        usual = self._controller.profile.tool_contact_n
+        return self._compliance.history.steps_since_contact(direction, threshold_n or usual)
+
+    def joints_before(self, steps: int) -> Joints:
+        return self._compliance.history.joints_before(steps) or self.joints
 
     def enable_external_force(self, enable: bool) -> None:
         self._controller.enable_external_force(enable)

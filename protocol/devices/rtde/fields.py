@@ -98,6 +98,55 @@ INPUTS: Mapping[str, Variable] = {
 
 _POSE, _SPEED = ("m, rad", "pose of the tool"), ("m/s, rad/s", "velocity of the tool, base axes")
 
+Number: TypeAlias = tuple[int, int, int]
+
+
+def _assumed(
+    kind: str, unit: str = "", meaning: str = "", since: Number = (0, 0, 0), cb3: Number = (0, 0, 0)
+) -> Variable:
+    """A variable whose first versions no public source tells."""
+    return Variable(kind, unit, meaning, since, cb3, Mark.ASSUMED)
+
+
+_FURTHER: Mapping[str, Variable] = {
+    "actual_current_window": _assumed("VECTOR6D", "A", "windows of the currents"),
+    "actual_configurable_digital_input_bits": _assumed("UINT64"),
+    "actual_configurable_digital_output_bits": _assumed("UINT64"),
+    "target_execution_time": _assumed("DOUBLE", "ms", "of the controller's cycle"),
+    "elbow_position": _assumed("VECTOR3D", "m", "of the elbow, base frame", (5, 0, 0), (3, 5, 0)),
+    "elbow_velocity": _assumed("VECTOR3D", "m/s", "of the elbow, base axes", (5, 0, 0), (3, 5, 0)),
+    "analog_io_types": _assumed("UINT32", "", "bits 0, 1: inputs, 2, 3: outputs; set: voltage"),
+    "io_current": _assumed("DOUBLE", "A", "of the I/O"),
+    "encoder0_raw": _assumed("INT32", "", "ticks"),
+    "encoder1_raw": _assumed("INT32", "", "ticks"),
+    "euromap67_input_bits": _assumed("UINT32"),
+    "euromap67_output_bits": _assumed("UINT32"),
+    "euromap67_24V_voltage": _assumed("DOUBLE", "V", ""),
+    "euromap67_24V_current": _assumed("DOUBLE", "A", ""),
+    "tool_mode": _assumed("UINT32", "", "253: running"),
+    "tool_analog_input_types": _assumed("UINT32", "", "bits 0, 1; set: voltage"),
+    "tool_analog_input0": _assumed("DOUBLE", "A or V", ""),
+    "tool_analog_input1": _assumed("DOUBLE", "A or V", ""),
+    "tool_output_voltage": _assumed("INT32", "V", "0, 12 or 24"),
+    "tool_output_current": _assumed("DOUBLE", "A", ""),
+    "tool_temperature": _assumed("DOUBLE", "°C", ""),
+    "tool_output_mode": _assumed("UINT8", "", "", (5, 2, 0), NEVER),
+    "tool_digital_output0_mode": _assumed("UINT8", "", "", (5, 2, 0), NEVER),
+    "tool_digital_output1_mode": _assumed("UINT8", "", "", (5, 2, 0), NEVER),
+    "joint_position_deviation_ratio": _assumed("DOUBLE", "", "largest deviation of a joint, of its limit"),
+    "collision_detection_ratio": _assumed("DOUBLE", "", "0 … 1", (5, 15, 0), NEVER),
+    "wrench_calc_from_currents": _assumed("VECTOR6D", "N, N·m", "base axes", (5, 9, 0), NEVER),
+    "script_control_line": _assumed("UINT32", "", "line of the script that moves the arm"),
+    "time_scale_source": _assumed("INT32", "", "the limit that slows the arm", (5, 17, 0), NEVER),
+    "actual_robot_energy_consumed": Variable("DOUBLE", "J", "", (5, 23, 0), NEVER),
+    "actual_robot_braking_energy_dissipated": Variable("DOUBLE", "J", "", (5, 23, 0), NEVER),
+    "target_gravity": _assumed("VECTOR3D", "m/s²", "", (5, 23, 0), NEVER),
+    "target_base_acceleration": _assumed("VECTOR6D", "m/s², rad/s²", "", (5, 23, 0), NEVER),
+    "target_base_wrench": _assumed("VECTOR6D", "N, N·m", "", (5, 23, 0), NEVER),
+    "control_step": _assumed("UINT64", "", "", (5, 23, 0), NEVER),
+}
+"""Outputs of the maker's C++ client library whose first versions are assumed, but for the energies."""
+
 OUTPUTS: Mapping[str, Variable] = {
     "timestamp": _double("s", "since the controller started"),
     "target_q": _joint("rad", "joints that are wanted"),
@@ -144,41 +193,7 @@ OUTPUTS: Mapping[str, Variable] = {
     "payload": Variable("DOUBLE", "kg", "", (5, 5, 1), (3, 12, 3)),
     "payload_cog": Variable("VECTOR3D", "m", "centre of gravity", (5, 5, 1), (3, 12, 3)),
     "payload_inertia": Variable("VECTOR6D", "kg·m²", "", (5, 11, 0), (3, 15, 0)),
-    "actual_current_window": _joint("A", "windows of the currents"),
-    "actual_TCP_acceleration": Variable(
-        "VECTOR6D", "m/s², rad/s²", "acceleration of the tool", (5, 23, 0), NEVER
-    ),
-    "target_TCP_acceleration": Variable(
-        "VECTOR6D", "m/s², rad/s²", "the one that is wanted", (5, 23, 0), NEVER
-    ),
-    "actual_configurable_digital_input_bits": Variable("UINT64"),
-    "actual_configurable_digital_output_bits": Variable("UINT64"),
-    "target_execution_time": _double("ms", "of the controller's cycle"),
-    "elbow_position": Variable("VECTOR3D", "m", "of the elbow, base frame", (5, 0, 0), (3, 5, 0)),
-    "elbow_velocity": Variable("VECTOR3D", "m/s", "of the elbow, base axes", (5, 0, 0), (3, 5, 0)),
-    "analog_io_types": Variable("UINT32", "", "bits 0, 1: inputs, 2, 3: outputs; set: voltage"),
-    "io_current": _double("A", "of the I/O"),
-    "encoder0_raw": Variable("INT32", "", "ticks"),
-    "encoder1_raw": Variable("INT32", "", "ticks"),
-    "euromap67_input_bits": Variable("UINT32"),
-    "euromap67_output_bits": Variable("UINT32"),
-    "euromap67_24V_voltage": _double("V", ""),
-    "euromap67_24V_current": _double("A", ""),
-    "tool_mode": Variable("UINT32", "", "253: running"),
-    "tool_analog_input_types": Variable("UINT32", "", "bits 0, 1; set: voltage"),
-    "tool_analog_input0": _double("A or V", ""),
-    "tool_analog_input1": _double("A or V", ""),
-    "tool_output_voltage": Variable("INT32", "V", "0, 12 or 24"),
-    "tool_output_current": _double("A", ""),
-    "tool_temperature": _double("°C", ""),
-    "tool_output_mode": Variable("UINT8", "", "", (5, 2, 0), NEVER),
-    "tool_digital_output0_mode": Variable("UINT8", "", "", (5, 2, 0), NEVER),
-    "tool_digital_output1_mode": Variable("UINT8", "", "", (5, 2, 0), NEVER),
-    "joint_position_deviation_ratio": _double("", "largest deviation of a joint, of its limit"),
-    "collision_detection_ratio": Variable("DOUBLE", "", "0 … 1", (5, 15, 0), NEVER),
-    "wrench_calc_from_currents": Variable("VECTOR6D", "N, N·m", "base axes", (5, 9, 0), NEVER),
-    "script_control_line": Variable("UINT32", "", "line of the script that moves the arm"),
-    "time_scale_source": Variable("INT32", "", "the limit that slows the arm", (5, 17, 0), NEVER),
+    **_FURTHER,
     **_registers("output"),
     **{name: variable for name, variable in INPUTS.items() if "_register" in name},
 }

@@ -8,7 +8,7 @@ Source: Universal Robots' C++ client library, `primary/` with the frames of its 
 """
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -69,8 +69,8 @@ class ReportLevel(IntEnum):
 class Message(NamedTuple):
     """A message without its packet's header."""
 
-    time_us: int
-    """Controller's clock, µs."""
+    time_ns: int
+    """Controller's clock, ns. Derived: of a frame of URSim it is 25.6 s then."""
     source: int
     kind: int
     """A `MessageKind`, or a number without a meaning."""
@@ -79,6 +79,10 @@ class Message(NamedTuple):
 
 NO_SOURCE = 255
 """Assumed: the source of a message that no part of a program says, -1."""
+SUDDEN_CHANGE = 204
+"""Code of a protective stop for a leap of the target. Source: users of the maker's forum."""
+NO_CODE = 0
+"""Assumed: of the other protective stops no code is known."""
 READ_ONLY = 210
 """Code of the error of a text that comes in local control. Source: the C++ client library."""
 
@@ -117,7 +121,7 @@ _JOINT = (
 
 ROBOT_MODE = _row(
     "robot mode",
-    ("timestamp", "Q", "µs"),
+    ("timestamp", "Q", "ns"),
     *((flag, "B", "") for flag in _FLAGS),
     ("robot_mode", "b", ""),
     ("control_mode", "B", ""),
@@ -252,7 +256,7 @@ _POPUP = struct.Struct(">I????")
 
 def encode_message(message: Message) -> bytes:
     """A message as a packet."""
-    head = _MESSAGE.pack(message.time_us & (1 << 64) - 1, message.source, message.kind)
+    head = _MESSAGE.pack(message.time_ns & (1 << 64) - 1, message.source, message.kind)
     return encode(PacketType.MESSAGE, head + message.body)
 
 
@@ -260,7 +264,8 @@ def read_message(body: bytes) -> Message:
     """A message from its packet's body. Raises RemoteProtocolError for one that is too short."""
     if len(body) < _MESSAGE.size:
         raise RemoteProtocolError(f"a message of {len(body)} bytes is shorter than its head")
-    return Message(*_MESSAGE.unpack_from(body), body[_MESSAGE.size :])
+    time_ns, source, kind = _MESSAGE.unpack_from(body)
+    return Message(time_ns, source, kind, body[_MESSAGE.size :])
 
 
 def _short(text: str) -> bytes:
@@ -269,7 +274,7 @@ def _short(text: str) -> bytes:
     return bytes((len(data),)) + data
 
 
-def version_body(version: tuple[int, int, int, int], built: str) -> bytes:
+def version_body(version: Sequence[int], built: str) -> bytes:
     """Major, minor, bugfix and build of the controller's software, and the date of its making."""
     return _short("URControl") + _VERSION.pack(*version) + built.encode("ascii", "replace")
 

@@ -239,10 +239,11 @@ class Expressions:
             return self._struct(node)
         function = self._functions.get(name)
         if function is None:
+            column = getattr(node.meta, "column", 1)
 
             def refuse(frame: Frame) -> Any:
                 frame[1].host.tell_unknown(name)
-                raise ScriptError(f"{name} is not a function that the emulator knows")
+                raise ScriptError(f"compile_error_name_not_found:{name}:", column)
 
             return Part(False, refuse)
         parts = self.arguments(name, node, function.parameters, function.defaults)

@@ -17,6 +17,7 @@ class RuntimeFailure(NamedTuple):
 
     line: int
     text: str
+    column: int = 1
 
 
 class ScriptSyntaxError(Exception):
@@ -30,9 +31,9 @@ class ScriptSyntaxError(Exception):
 class ScriptError(Exception):
     """A statement cannot be done. The statement that was under way adds its line."""
 
-    def __init__(self, text: str) -> None:
+    def __init__(self, text: str, column: int = 1) -> None:
         super().__init__(text)
-        self.text = text
+        self.text, self.column = text, column
         self.line = 0
         """0 until the statement is known."""
 

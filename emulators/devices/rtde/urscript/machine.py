@@ -123,7 +123,7 @@ class Machine:
             self._tasks.clear()
         except ScriptError as error:
             self._tasks.clear()
-            self.host.tell_failure(RuntimeFailure(error.line, error.text))
+            self.host.tell_failure(RuntimeFailure(error.line, error.text, error.column))
         if not self._tasks:
             self.close()
         return bool(self._tasks)

@@ -18,8 +18,8 @@ from hil_bridge.transports.tcp import listen_tcp_clients
 from protocol.devices.rtde.states import SafetyMode
 from protocol.devices.rtde.wires import Port
 
-KEEPING_S = 0.02
-"""Chosen: so often the controller's cycles are made up for where no client asks."""
+BEAT_S = 0.02
+"""Chosen: time between two looks at a controller without a client."""
 
 
 class _ErrorLog:
@@ -45,13 +45,15 @@ class Ports:
         self._closing: set[asyncio.Task[None]] = set()
         self._stops: list[Callable[[], None]] = []
         serving.stack.push_async_callback(self._close)
-        self._timer: Timer | None = None
+        self._beat: Timer | None = None
         self._programs = ProgramWires(robot, serving)
         robot.controller.console.listeners.append(_ErrorLog(serving.say))
 
     async def listen(self, address: Address) -> str:
         """Listen on an address; the URL for a client. Raises TransportUnavailable."""
         make_parser()  # not at a client's first program, when a robot moves
+        if not self._serving.clock.is_virtual:
+            self._keep_pace()
         if address.name:
             for port in PORTS:
                 door = self._door(port)
@@ -60,7 +62,6 @@ class Ports:
                 )
             return f"memory:{address.name}"
         self._programs.offer()
-        self._keep_time()
         found: dict[Port, int] = {}
         free = address.ports.get(Port.RTDE) == 0
         for port, usual in PORTS.items():
@@ -76,10 +77,8 @@ class Ports:
         options = "&".join(f"{port}={number}" for port, number in found.items() if port is not Port.RTDE)
         return f"tcp://{address.authority}:{found[Port.RTDE]}?{options}"
 
-    def _keep_time(self) -> None:
-        """Let the controller's time go on also where no client asks it for anything: else the next one would wait until
-        all cycles are made up for.
-        """
+    def _keep_pace(self) -> None:
+        """Let the controller's cycles happen while no client is there, so that the next one need not wait for them."""
         clock = self._serving.clock
         now = clock.now()
         try:
@@ -88,7 +87,7 @@ class Ports:
             raise_if_asked(error)
             self._serving.on_failure(error)
             return
-        self._timer = clock.call_at(now + KEEPING_S, self._keep_time)
+        self._beat = clock.call_at(now + BEAT_S, self._keep_pace)
 
     def _door(self, port: Port) -> Callable[[Transport[bytes]], None]:
         return lambda wire: self._welcome(port, wire)
@@ -127,8 +126,8 @@ class Ports:
         task.add_done_callback(self._closing.discard)
 
     async def _close(self) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
+        if self._beat is not None:
+            self._beat.cancel()
         for stop in self._stops:
             stop()
         for wire in list(self._wires):
