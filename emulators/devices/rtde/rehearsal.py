@@ -58,6 +58,12 @@ class DryHost(ControllerHost):
         self._motions.hear_speed("speedl", velocity)
         return True
 
+    def brake(self, deceleration: float) -> None:
+        """There is no arm to slow down."""
+
+    def brake_line(self, deceleration: float) -> None:
+        """There is no arm to slow down."""
+
     @property
     def still(self) -> bool:
         return True
@@ -82,6 +88,23 @@ class DryHost(ControllerHost):
 
     def zero_force(self) -> None:
         """The zero stays."""
+
+    def force_mode(
+        self, frame: Pose, compliant: tuple[bool, ...], wrench: Joints, kind: int, limits: Joints
+    ) -> None:
+        """Not begun."""
+
+    def freedrive(self, frame: Pose, free: tuple[bool, ...]) -> None:
+        """Not begun."""
+
+    def end_force_mode(self, freedrive: bool) -> None:
+        """Not ended."""
+
+    def set_damping(self, damping: float) -> None:
+        """It stays."""
+
+    def set_gain_scaling(self, scaling: float) -> None:
+        """It stays."""
 
     def enable_external_force(self, enable: bool) -> None:
         """The sensor stays."""
