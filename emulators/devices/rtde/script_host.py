@@ -5,7 +5,9 @@ import random
 from collections.abc import Iterator
 
 from emulators.devices.rtde.arm import Brake, Servo, Speed
+from emulators.devices.rtde.compliance import Compliance
 from emulators.devices.rtde.controller import Controller
+from emulators.devices.rtde.force_mode import ForceTask
 from emulators.devices.rtde.kinematics import Joints, compose, invert, nearest
 from emulators.devices.rtde.moves import Walk, arc_walk, joint_walk, line_walk
 from emulators.devices.rtde.running import Saying
@@ -14,7 +16,7 @@ from emulators.devices.rtde.urscript import Message, Profile, RuntimeFailure, So
 from emulators.devices.rtde.urscript.failures import ScriptError
 from protocol.devices.rtde.fields import INPUTS, OUTPUTS
 from protocol.devices.rtde.rotation import pose_of
-from protocol.geometry import Pose
+from protocol.geometry import Pose, Vector
 
 _JOINT_PER_METRE = 2.0
 """Assumed: joint acceleration of a speed along a line, rad/s² for each m/s²; that of an arm of half a metre."""
@@ -121,7 +123,7 @@ class ControllerHost:
 
     @property
     def speeds(self) -> Joints:
-        return self._controller.arm.speeds
+        return self._controller.arm.motion
 
     @property
     def tcp(self) -> Pose:
@@ -212,6 +214,43 @@ class ControllerHost:
 
     def zero_force(self) -> None:
         self._controller.force_zero = self._controller.measured
+        self._compliance.history.forget()
+
+    @property
+    def _compliance(self) -> Compliance:
+        return self._controller.compliance
+
+    def force_mode(
+        self, frame: Pose, compliant: tuple[bool, ...], wrench: Joints, kind: int, limits: Joints
+    ) -> None:
+        self._compliance.begin(ForceTask(frame, compliant, wrench, kind, limits))
+
+    def freedrive(self, frame: Pose, free: tuple[bool, ...]) -> None:
+        self._compliance.free(frame, free)
+
+    def end_force_mode(self, freedrive: bool) -> None:
+        self._compliance.end(freedrive)
+
+    @property
+    def damping(self) -> float:
+        return self._compliance.damping
+
+    @property
+    def gain_scaling(self) -> float:
+        return self._compliance.gain_scaling
+
+    def set_damping(self, damping: float) -> None:
+        self._compliance.damping = damping
+
+    def set_gain_scaling(self, scaling: float) -> None:
+        self._compliance.gain_scaling = scaling
+
+    def steps_since_contact(self, direction: Vector, threshold_n: float) -> int:
+        usual = self._controller.profile.tool_contact_n
+        return self._compliance.history.steps_since_contact(direction, threshold_n or usual)
+
+    def joints_before(self, steps: int) -> Joints:
+        return self._compliance.history.joints_before(steps) or self.joints
 
     def enable_external_force(self, enable: bool) -> None:
         self._controller.enable_external_force(enable)
