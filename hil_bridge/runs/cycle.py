@@ -29,10 +29,10 @@ from hil_bridge.errors.cancelling import is_asked
 from hil_bridge.errors.failures import (
     TRACEBACK_EVENT,
     CodeFailed,
+    explain_exception,
     failure_event,
     of_others,
     traceback_of,
-    unexpected,
 )
 from hil_bridge.record import (
     CHECK_EVENT,
@@ -235,7 +235,7 @@ class Run:
                 self._blame(Reason(Cause.CANCELLED, "the run was cancelled"))
             else:
                 self._event(*failure_event(error))
-                self._blame(self._in_step(unexpected(error)))
+                self._blame(self._in_step(explain_exception(error)))
             await self._retract(motion)
             if asked or not (isinstance(error, (Exception, SystemExit)) or of_others(error)):
                 raise

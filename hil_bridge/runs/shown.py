@@ -25,7 +25,7 @@ class Views:
 
 
 @contextmanager
-def fed(views: Views, virtual: bool) -> Iterator[Feed | None]:
+def open_feed(views: Views, virtual: bool) -> Iterator[Feed | None]:
     """The feed of the page, if one is wanted. Raises ConfigError."""
     if views.web is None:
         yield None

@@ -59,7 +59,7 @@ class StepTeller:
     def _tell(self, done: Done) -> None:
         leg = self.legs[done.leg]
         self._log.step(step_record(leg, done))
-        self._event(STEP_EVENT, told_step(leg, done))
+        self._event(STEP_EVENT, describe_step(leg, done))
 
 
 def step_record(leg: Leg, done: Done) -> StepRecord:
@@ -86,7 +86,7 @@ def step_record(leg: Leg, done: Done) -> StepRecord:
     )
 
 
-def told_step(leg: Leg, done: Done) -> str:
+def describe_step(leg: Leg, done: Done) -> str:
     """A step that has ended, in one line."""
     parts = [f"{done.ended - done.began:.1f} s"]
     if done.way:

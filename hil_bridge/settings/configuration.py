@@ -40,9 +40,9 @@ from hil_bridge.settings.places import resolve_files
 from hil_bridge.settings.program import (
     STEPS_HINT,
     count_problems,
+    describe_problem,
     first_problem,
     instead_of,
-    told_problem,
     with_program,
 )
 from hil_bridge.settings.upgrade import older_setting
@@ -403,7 +403,7 @@ def explain(
     errors = error.errors()
     first, further = first_problem(errors), count_problems(errors) - 1
     source = str(path or "configuration")
-    if (problem := told_problem(first)) is not None:
+    if (problem := describe_problem(first)) is not None:
         program = (sources or {}).get("task.step")
         table = ("task", "step") if program is None else ("step",)
         return SettingRefused(str(program or source), table, "".join(problem), "", further)

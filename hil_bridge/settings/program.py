@@ -98,7 +98,7 @@ def is_program(values: Mapping[str, Any]) -> bool:
     return "step" in values and "task" not in values
 
 
-def told_problem(error: Mapping[str, Any]) -> tuple[str, str] | None:
+def describe_problem(error: Mapping[str, Any]) -> tuple[str, str] | None:
     """Fault that pydantic found in a step: its place, as "2 (track)", and its text. None for what is not in a step."""
     location = tuple(error["loc"])
     if location[:2] != ("task", "step"):

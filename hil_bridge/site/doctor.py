@@ -181,12 +181,12 @@ def wake_ups(realtime: RealTime) -> Fact:
     """How late this process wakes, measured as it would be run; as any other where the machine refuses that."""
     try:
         with real_time_thread(realtime):
-            return judged(run_real(_lateness, realtime.busy_poll_ms * 1e-3), realtime)
+            return judge_lateness(run_real(_lateness, realtime.busy_poll_ms * 1e-3), realtime)
     except ConfigError:
-        return judged(run_real(_lateness), RealTime())
+        return judge_lateness(run_real(_lateness), RealTime())
 
 
-def judged(late: Sequence[float], realtime: RealTime) -> Fact:
+def judge_lateness(late: Sequence[float], realtime: RealTime) -> Fact:
     """Finding from these latenesses of a thread run so, s, ascending, about the machine, and the remedy."""
     mean, p99 = sum(late) / len(late), late[int(0.99 * len(late))]
     awake = ", processors kept awake" * realtime.keep_awake + ", busy polling" * bool(realtime.busy_poll_ms)

@@ -276,6 +276,27 @@ def parse_url(url: str, schemes: Mapping[str, _Scheme], given: str = "") -> Wire
     return WireUrl(url, parts.scheme, target, options)
 
 
+def split_option(url: str, name: str) -> tuple[str, str | None]:
+    """A URL without one of its options, and the text of that option; None where the URL has none.
+
+    Raises ConfigError for an option that is given twice.
+    """
+    head, _, query = url.partition("?")
+    options = [option for option in query.split("&") if option]
+    named = [option for option in options if option.partition("=")[0] == name]
+    if len(named) > 1:
+        raise ConfigError(f"{url!r}: option {name!r} is given twice")
+    if not named:
+        return url, None
+    options.remove(named[0])
+    return (f"{head}?{'&'.join(options)}" if options else head), named[0].partition("=")[2]
+
+
+def with_option(url: str, name: str, text: str) -> str:
+    """The URL with one option more."""
+    return f"{url}{'&' if '?' in url else '?'}{name}={text}"
+
+
 def with_line(url: str, line: LineSettings) -> str:
     """The URL with what it leaves out of its serial line."""
     head, _, query = url.partition("?")

@@ -410,7 +410,11 @@ def test_every_robot_of_ours_has_every_fault_of_a_pose_that_it_can_tell(name: st
 
 @pytest.mark.parametrize("name", [*ROBOT_NAMES, *SENSOR_NAMES])
 def test_the_targets_are_the_same_for_every_device(name: str) -> None:
-    own = {"robot", "pose", WIRE, "witness"} if name in ROBOT_NAMES else {"signal", "sensor", SENSOR_WIRE}
+    own = (
+        {"robot", "pose", WIRE, "program-wire", "witness"}
+        if name in ROBOT_NAMES
+        else {"signal", "sensor", SENSOR_WIRE}
+    )
     assert {*faults_of_device(name)} <= own
 
 

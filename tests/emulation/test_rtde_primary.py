@@ -156,6 +156,15 @@ def test_each_safety_mode_is_told_once() -> None:
     client.wait(0.3)
     modes = [message.body[8] for message in client.messages(MessageKind.SAFETY_MODE)]
     assert modes == [SafetyMode.PROTECTIVE_STOP, SafetyMode.ROBOT_EMERGENCY_STOP]
+    assert [message.body[:4] for message in client.messages(MessageKind.ERROR_CODE)] == [bytes(4)]
+    kinds = [body[9] if type_ == PacketType.MESSAGE else 0 for type_, body in primary.split(client.raw)]
+    stopped = kinds.index(MessageKind.SAFETY_MODE)
+    states = [
+        dict(parts(body))
+        for type_, body in list(primary.split(client.raw))[:stopped]
+        if type_ == PacketType.STATE
+    ]
+    assert states[-1][Part.ROBOT_MODE]["protective_stopped"] == 1, "the state is told before the message"
     assert client.states[-1][Part.ROBOT_MODE]["emergency_stopped"] == 1
     assert client.states[-1][Part.ROBOT_MODE]["powered"] == 0
 

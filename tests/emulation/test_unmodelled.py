@@ -135,7 +135,7 @@ def test_rtde_scripts_dashboard_commands_and_variables() -> None:
     assert told[3:] == ["URScript set_baselight_off()"]
     script.receive(SCRIPT, T0)
     robot.controller.advance(T0 + 1.0)
-    assert told[5:] == ["URScript screw_driving()", "URScript rg_grip()"]
+    assert told[4:] == ["URScript screw_driving()", "URScript rg_grip()"]
 
 
 def test_s3_functions_of_which_no_payload_is_known() -> None:

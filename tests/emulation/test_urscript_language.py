@@ -341,6 +341,8 @@ def test_tables_say_how_far_a_function_goes() -> None:
 class Line:
     """A connection whose other end is a test."""
 
+    opening, open = False, True
+
     def __init__(self) -> None:
         self.came, self.sent = b"", b""
 
@@ -359,6 +361,9 @@ class Line:
     def send(self, data: bytes) -> bool:
         self.sent += data
         return True
+
+    def hang_up(self) -> None:
+        self.open = False
 
 
 def test_a_program_reads_and_writes_a_socket() -> None:
@@ -379,6 +384,7 @@ def test_a_program_reads_and_writes_a_socket() -> None:
     line.came += b"word\n(1.5, -2)"
     assert played.play(50) >= 0
     assert opened == [("10.0.0.1", 50001)]
+    assert not line.open
     assert line.sent == b"hello\x00\x00\x00\x07"
     assert played.said() == ["True", "[2, 1, -1]", "[0, -1]", "word", "[2, 1.5, -2]", "False"]
 

@@ -39,10 +39,10 @@ def in_order(recording: Recording) -> list[Record]:
 
 def test_messages_come_over_the_socket_as_they_were(stopped: tuple[Scene, Recording]) -> None:
     scene, recording = stopped
-    begin = wire.decoded(wire.encoded(wire.Begin(scene, 123)))
+    begin = wire.decode_message(wire.encode_message(wire.Begin(scene, 123)))
     assert begin == wire.Begin(scene, 123)
     records = in_order(recording)[:200]
-    message = wire.decoded(wire.encoded_records(records))
+    message = wire.decode_message(wire.encode_records(records))
     assert isinstance(message, wire.Records)
     encode = {topic.record: topic.encode for topic in TOPICS}
     said, heard = (

@@ -4,6 +4,7 @@ from emulators.devices.rtde.cable import Server
 from emulators.devices.rtde.faults import RTDE_FAULTS
 from emulators.devices.rtde.panel import RTDE_CONTROLS
 from emulators.devices.rtde.profile import RtdeProfile
+from emulators.devices.rtde.program_socket import ProgramSocket
 from emulators.devices.rtde.robot import RtdeRobot, make_robot
 from emulators.devices.rtde.running import Saying
 from emulators.devices.rtde.urscript import make_parser
@@ -13,6 +14,7 @@ __all__ = [
     "RTDE_CONTROLS",
     "RTDE_FAULTS",
     "TEXT_MAX",
+    "ProgramSocket",
     "RtdeProfile",
     "RtdeRobot",
     "Saying",

@@ -8,7 +8,6 @@ import math
 import random
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
-from operator import sub
 
 from emulators.arm.cycled import CycledPath
 from emulators.arm.own_force import Errors, OwnForce
@@ -27,9 +26,11 @@ from emulators.devices.rtde.kinematics import (
     invert,
     nearest,
 )
+from emulators.devices.rtde.motions import Motions
 from emulators.devices.rtde.profile import RtdeProfile
 from emulators.devices.rtde.running import Console, Program, Saying, Watchdog
 from emulators.devices.rtde.state import Registers, Snapshot, number_in
+from emulators.devices.rtde.targets import problem_of_target
 from emulators.devices.rtde.urscript import Message
 from emulators.orders import Act, HeardOrder, Hindrance, Orders
 from emulators.seams import StartPose
@@ -37,14 +38,16 @@ from emulators.unmodelled import Unmodelled
 from protocol.devices.rtde.fields import Value
 from protocol.devices.rtde.packets import Version
 from protocol.devices.rtde.states import STOPPED_MODES, RobotMode, Runtime, SafetyMode
-from protocol.geometry import Pose, Wrench, angle_between, normalise, product, rotate
+from protocol.geometry import Pose, Wrench, normalise, product, rotate
 
 _LEVEL: Pose = Pose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
 _NO_FORCE: Wrench = (0.0,) * 6
-SUDDEN_CHANGE = "a sudden change of the target"
-"""Reason of a protective stop for a leap between two targets."""
 BY_FAULT = "as a fault"
 """Reason of a protective stop that no client has caused."""
+
+
+def _nothing() -> None:
+    """No program has come."""
 
 
 class Controller:
@@ -113,8 +116,9 @@ class Controller:
         self._wanted = joints
         self.orders, self.unmodelled = Orders(), Unmodelled("rtde")
         """Orders of its clients, for a judge of them."""
-        self.intent: Callable[[tuple[str, ...]], HeardOrder | None] = lambda names: None
-        """The order of a package of these inputs, by the program that came last; None for nothing that moves."""
+        self.motions = Motions(self)
+        self.rehearse: Callable[[], object] = _nothing
+        """Let the program that came last show what its client orders, in a cycle in which it does not play."""
         self.stop_reason = ""
         """Words of the last protective stop."""
         self.counts: Counter[str] = Counter()
@@ -156,6 +160,8 @@ class Controller:
         self._watch(now)
         if self.runtime == Runtime.PLAYING and self.program is not None and not self.program.cycle():
             self.stop_program()
+        if self.orders.listener is not None:
+            self.rehearse()
         self._guard()
         if self.safety != self._told_safety:
             self._told_safety = self.safety
@@ -235,8 +241,7 @@ class Controller:
             self.protective_stop("an external force that is no number")
             return
         self.inputs = {**self.inputs, **values}
-        if self.orders.listener is not None and (order := self.intent(names)) is not None:
-            self.orders.tell(order)
+        self.motions.news += 1
         for watchdog in self.watchdogs:
             if watchdog.name in names:
                 watchdog.last = self.now
@@ -298,6 +303,7 @@ class Controller:
     def stop_program(self) -> None:
         """Stop what plays, or is paused; the arm brakes."""
         if self.program is not None:
+            self.program.close()
             self.console.tell(Saying(self.now, Message.STOPPED, self.program.name))
         self.program = self._starting = None
         self.watchdogs = []
@@ -370,23 +376,12 @@ class Controller:
         return compose(flange(self.lengths, joints), tcp or self.tcp)
 
     def _sound(self, joints: Joints) -> bool:
-        """Whether the next servo target is near enough to the last one."""
-        if not all(map(math.isfinite, joints)):
-            self.protective_stop("a target that is no number")
-            return False
-        if max(map(abs, joints)) > RANGE:
-            self.protective_stop("a target beyond the end of a joint's range")
-            return False
+        """Whether the next servo target is near enough to the last one; if not, it makes a protective stop."""
         old = self._wanted if isinstance(self.arm.order, Servo) else self.arm.joints
-        before, after = flange(self.lengths, old), flange(self.lengths, joints)
-        leap = max(map(abs, map(sub, joints, old)))
-        step = math.dist(before.position, after.position)
-        turn = angle_between(before.quaternion, after.quaternion)
-        profile = self.profile
-        if step * 1e3 > profile.max_target_step_mm or max(turn, leap) > profile.max_target_turn_rad:
-            self.protective_stop(SUDDEN_CHANGE)
-            return False
-        return True
+        problem = problem_of_target(self.profile, self.lengths, old, joints)
+        if problem:
+            self.protective_stop(problem)
+        return not problem
 
     # --- safety
 

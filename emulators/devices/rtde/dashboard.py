@@ -103,7 +103,7 @@ def _load(controller: Controller, file: str) -> str:
         return f"File not found: {file}"
     controller.stop_program()
     controller.loaded = f"{name}.urp"
-    return f"Loading program: /programs/{controller.loaded}, {controller.loaded}"
+    return f"Loading program: {file}, {controller.loaded}"
 
 
 def _play(controller: Controller) -> str:

@@ -7,7 +7,7 @@ import numpy as np
 
 from emulators.arm.told_pose import ToldPose
 from emulators.devices.rtde.controller import BY_FAULT, Controller
-from emulators.devices.rtde.faults import POSE_FAULTS
+from emulators.devices.rtde.faults import POSE_FAULTS, PROGRAM_WIRE
 from emulators.devices.rtde.kinematics import compose, invert
 from emulators.devices.rtde.state import Snapshot
 from emulators.faults.ledger import Handler, Injection
@@ -29,8 +29,10 @@ class Closable(Protocol):
 class Disturbance:
     """Faults that are under way, or come next. Its `handlers` are those of `faults`."""
 
-    def __init__(self, controller: Controller, wire: Mapping[str, Handler]) -> None:
-        """`wire` handles the faults of the cable."""
+    def __init__(
+        self, controller: Controller, wire: Mapping[str, Handler], program_wire: Mapping[str, Handler]
+    ) -> None:
+        """Handlers of the faults of the cable, and of those of the connections of programs."""
         self._controller = controller
         self.connections: list[Closable] = []
         """Connections to the RTDE port."""
@@ -55,6 +57,7 @@ class Disturbance:
             },
             "pose": self._told_pose.handlers,
             WIRE: {**wire, **own.striking({"dropped": self._at(self._drop)})},
+            PROGRAM_WIRE: program_wire,
             "witness": controller.own_force.handlers,
         }
 

@@ -7,10 +7,10 @@ import math
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 
-from emulators.devices.rtde.controller import SUDDEN_CHANGE, Controller
 from emulators.devices.rtde.running import Saying
 from emulators.devices.rtde.script import ScriptPort
 from emulators.devices.rtde.state import Snapshot, getter
+from emulators.devices.rtde.targets import SUDDEN_CHANGE, Controller
 from emulators.devices.rtde.urscript import Message as Kind
 from protocol.devices.rtde import primary
 from protocol.devices.rtde.primary import MessageKind, Part, ReportLevel
@@ -177,6 +177,8 @@ class PrimaryPort:
         self._script = ScriptPort(controller)
         self._read_only = read_only or not controller.remote
         self._out: list[bytes] = []
+        self._modes: list[tuple[SafetyMode, str]] = []
+        """Safety modes that are not told yet, with the reason of a stop."""
         self._state_at = self._look_at = now
         controller.console.listeners.append(self)
         self._say(MessageKind.VERSION, primary.version_body(controller.version, BUILT))
@@ -197,11 +199,18 @@ class PrimaryPort:
 
     def hear_safety(self, mode: SafetyMode) -> None:
         """Another safety mode holds."""
-        self._say(MessageKind.SAFETY_MODE, primary.safety_mode_body(mode))
-        if mode == SafetyMode.PROTECTIVE_STOP:
-            reason = self._controller.stop_reason
-            code = primary.SUDDEN_CHANGE if reason == SUDDEN_CHANGE else primary.NO_CODE
-            self._say(MessageKind.ERROR_CODE, primary.error_body(code, 0, ReportLevel.WARNING, reason))
+        self._modes.append((mode, self._controller.stop_reason))
+
+    def _tell_modes(self) -> None:
+        """Tell safety modes that have begun, behind a state that has the newest (assumed)."""
+        self._out.append(encode_state(self._controller))
+        for mode, reason in self._modes:
+            self._say(MessageKind.SAFETY_MODE, primary.safety_mode_body(mode))
+            if mode == SafetyMode.PROTECTIVE_STOP:
+                code = primary.SUDDEN_CHANGE if reason == SUDDEN_CHANGE else primary.NO_CODE
+                body = primary.error_body(code, 0, ReportLevel.WARNING, reason)
+                self._say(MessageKind.ERROR_CODE, body)
+        self._modes.clear()
 
     def _say(self, kind: MessageKind, body: bytes) -> None:
         time_ns = round(self._controller.snapshots[-1].time * 1e9)
@@ -232,6 +241,8 @@ class PrimaryPort:
             return
         controller = self._controller
         controller.advance(now)
+        if self._modes:
+            self._tell_modes()
         if now >= self._state_at:
             self._out.append(encode_state(controller))
             self._state_at += primary.STATE_PERIOD_S * (1 + (now - self._state_at) // primary.STATE_PERIOD_S)

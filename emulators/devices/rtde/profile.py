@@ -29,6 +29,9 @@ class RtdeProfile:
     program_folder: str = setting(
         "", _C, "folder of stored programs, text in URScript: NAME.script is loaded as NAME.urp; empty: none"
     )
+    program_servers: Literal["loopback", "any"] = setting(
+        "loopback", _C, "servers to which a program may open a connection: of this computer, or any"
+    )
     remote_control: bool = setting(True, _C, "whether it stands in Remote Control at power-up")
     uptime_s: float = setting(
         100.0, _A, "its clock when the cell is made; a client may wait for 40 s", at_least(0.0), unit="s"

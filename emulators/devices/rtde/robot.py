@@ -10,6 +10,7 @@ from emulators.devices.rtde.disturbance import Disturbance
 from emulators.devices.rtde.kinematics import Joints
 from emulators.devices.rtde.primary import PrimaryPort
 from emulators.devices.rtde.profile import RtdeProfile
+from emulators.devices.rtde.program_socket import ProgramSocket
 from emulators.devices.rtde.script import ScriptPort
 from emulators.orders import Act, HeardOrder
 from emulators.seams import ArmPath, Handlers, RobotFactory, StartPose
@@ -27,7 +28,7 @@ class RtdeRobot:
         """Raises ValueError for a start that its arm cannot hold."""
         self.controller = controller = Controller(profile, start, now, seed)
         self._cable = Cable(seed)
-        self._disturbance = Disturbance(controller, self._cable.handlers)
+        self._disturbance = Disturbance(controller, self._cable.handlers, self._cable.program_handlers)
         self.path: ArmPath = controller.path
         self.handlers: Handlers = self._disturbance.handlers
         self.begun_at = controller.begun_at
@@ -58,6 +59,11 @@ class RtdeRobot:
         self._open[port] += 1
         self.orders.tell(HeardOrder(now, Act.CONTACT, f"connection to {port}", True))
         return self._served(port, now)
+
+    def connect_program(self, now: float) -> tuple[Server, ProgramSocket]:
+        """A program opens a connection: its end behind the cable, and the same as the program knows it."""
+        inner = ProgramSocket(self.controller)
+        return self._cable.open(inner, now), inner
 
     def leave(self, port: Port, server: Server, now: float) -> None:
         """The connection has ended."""

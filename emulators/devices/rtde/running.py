@@ -17,6 +17,9 @@ class Program(Protocol):
     def cycle(self) -> bool:
         """Act for one cycle; False once it has ended."""
 
+    def close(self) -> None:
+        """It is stopped."""
+
 
 class Watchdog:
     """A program's demand that an input comes often enough."""

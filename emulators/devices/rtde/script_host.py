@@ -3,6 +3,7 @@
 import math
 import random
 from collections.abc import Iterator
+from functools import lru_cache
 
 from emulators.devices.rtde.arm import Brake, Servo, Speed
 from emulators.devices.rtde.compliance import Compliance
@@ -28,11 +29,14 @@ class ControllerHost:
 
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
+        self._motions = controller.motions
         self._random = random.Random(controller.now)
         self._servoing: Servo | None = None
         """The newest servoj, while no other motion has come since."""
         self._inputs = controller.inputs
         """Inputs at the newest servoj: a target that came again is another one."""
+        self._solved: tuple[object, Joints | None] = (None, None)
+        """The newest question of inverse kinematics, and its answer."""
         self.period = controller.period
 
     # --- messages
@@ -141,14 +145,18 @@ class ControllerHost:
         return self._controller.forward(joints, tcp)
 
     def solve(self, pose: Pose, near: Joints | None = None, tcp: Pose | None = None) -> Joints | None:
+        """The newest answer is kept: a program asks whether there are joints, and then which."""
         controller = self._controller
-        if tcp is None:
-            return controller.solve(pose, near)
-        return nearest(controller.lengths, compose(pose, invert(tcp)), near or controller.arm.target)
+        question = pose, near or controller.arm.target, tcp or controller.tcp
+        if question != self._solved[0]:
+            flange = compose(pose, invert(question[2]))
+            self._solved = question, nearest(controller.lengths, flange, question[1])
+        return self._solved[1]
 
     def servo(self, joints: Joints, time: float, lookahead: float, gain: float) -> int:
         """Values outside the ranges of the manual are taken as the nearest end (assumed)."""
         controller = self._controller
+        self._motions.hear_servo(joints)
         if not all(map(math.isfinite, (*joints, time, lookahead, gain))):
             controller.protective_stop("a servo's setting that is no number")
             return 1
@@ -162,11 +170,16 @@ class ControllerHost:
         return cycles
 
     def speed(self, speeds: Joints, acceleration: float) -> None:
+        self._motions.hear_speed("speedj", speeds)
+        self._turn(speeds, acceleration)
+
+    def _turn(self, speeds: Joints, acceleration: float) -> None:
         self._servoing = None
         self._controller.order(Speed(speeds, max(acceleration, 0.01)))
 
     def speed_line(self, velocity: Joints, acceleration: float) -> bool:
         controller = self._controller
+        self._motions.hear_speed("speedl", velocity)
         dt, joints = controller.period, controller.arm.joints
         here = controller.forward(joints)
         turn = pose_of((0.0, 0.0, 0.0, *(part * dt for part in velocity[3:])))
@@ -176,7 +189,7 @@ class ControllerHost:
         if found is None:
             return False
         a, b, c, d, e, f = ((new - old) / dt for old, new in zip(joints, found, strict=True))
-        self.speed((a, b, c, d, e, f), acceleration * _JOINT_PER_METRE)
+        self._turn((a, b, c, d, e, f), acceleration * _JOINT_PER_METRE)
         return True
 
     def brake(self, deceleration: float) -> None:
@@ -187,14 +200,17 @@ class ControllerHost:
         self.brake(deceleration * _JOINT_PER_METRE)
 
     def line(self, goal: Pose, profile: Profile) -> Iterator[object] | None:
+        self._motions.hear_move("move along a line", goal)
         walk = line_walk(self._controller, goal, *profile)
         return None if walk is None else self._walk(walk)
 
     def swing(self, goal: Joints, profile: Profile) -> Iterator[object] | None:
+        self._motions.hear_move("move in joints", self.forward(goal))
         walk = joint_walk(self._controller, goal, *profile)
         return None if walk is None else self._walk(walk)
 
     def arc(self, via: Pose, goal: Pose, profile: Profile) -> Iterator[object] | None:
+        self._motions.hear_move("move along an arc", goal)
         walk = arc_walk(self._controller, via, goal, profile.speed, profile.acceleration)
         return None if walk is None else self._walk(walk)
 
@@ -262,6 +278,7 @@ class ControllerHost:
         self._controller.power_off()
 
 
+@lru_cache(maxsize=1024)
 def _register(direction: str, kind: str, number: int) -> tuple[str, int | None]:
     """The name of a register among the fields of RTDE, and the bit in it; None for a whole one."""
     if kind == "bit":

@@ -137,7 +137,7 @@ class OscillationDetector:
         if peaks and now - peaks[0][0] > window:
             peaks = tuple(peak for peak in peaks if now - peak[0] <= window)
         if self._sustained(peaks):
-            return self._found(now, extreme, extreme_at, peaks, state)
+            return self._lower_gain(now, extreme, extreme_at, peaks, state)
         factor, since = state.factor, state.quiet_since
         patience = window * 2.0**state.found
         if factor < 1.0 and not peaks and now - since >= patience:
@@ -157,7 +157,7 @@ class OscillationDetector:
         half = self.peaks // 2
         return min(sizes[-half:]) >= self.decay * max(sizes[:half])
 
-    def _found(
+    def _lower_gain(
         self,
         now: float,
         extreme: float,

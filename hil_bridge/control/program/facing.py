@@ -119,7 +119,7 @@ class Facing:
         """State after one sample in contact. Samples are averaged to a reading each `PACE_S`. `stiffness_nm_rad` is
         the moment per skew angle of the tool's face.
         """
-        state = _turned(state, look)
+        state = _turn_corner(state, look)
         if state.blind > 0.0:
             return replace(state, blind=state.blind - look.dt, waited=0.0, count=0, sums=_NO_SUMS)
         values = (*look.force, *(look.skew or (0.0, 0.0)))
@@ -220,7 +220,7 @@ class Facing:
         return told
 
 
-def _turned(state: FacingState, look: Look) -> FacingState:
+def _turn_corner(state: FacingState, look: Look) -> FacingState:
     """State on the heading of this sample: behind a corner the points of the path begin anew."""
     if look.heading == state.heading or look.heading == (0.0, 0.0):
         return state

@@ -111,7 +111,7 @@ def legs_of(
             raise StepError(str(error), _label(number, step, more.get("turn", 0))) from error
         if isinstance(step, Approach) and step.at_most_mm is None:
             leg = _reaching(leg, back_mm)
-        back_mm = _backed(leg, back_mm)
+        back_mm = _measure_back(leg, back_mm)
         leg = replace(leg, **more)
         legs.append(leg)
         places.append(place)
@@ -129,7 +129,7 @@ def _reaching(leg: Leg, back_mm: float) -> Leg:
     return replace(leg, stroke=replace(leg.stroke, parameters=deeper))
 
 
-def _backed(leg: Leg, back_mm: float) -> float:
+def _measure_back(leg: Leg, back_mm: float) -> float:
     """How far the tool has come back from the surface behind this leg, at most, mm."""
     parameters = leg.stroke.parameters
     match leg.step:
@@ -187,7 +187,7 @@ def _leg(number: str, step: Any, task: Task, limits: Limits, place: Place | None
         raise ValueError(
             f"force_n ends at {end:g} mm, but the path is {length:.1f} mm long: give the force of its end"
         )
-    tight = _tightened(limits, step.limits)
+    tight = _tighten(limits, step.limits)
     controls = isinstance(step, (Track, Hold)) or getattr(step, "until", "") == "edge"
     for newton in (force for _, force in profile if controls):
         if newton <= parameters.contact_threshold_n:
@@ -238,7 +238,7 @@ def _parameters(task: TaskParameters, step: Any, way: Way | None) -> TaskParamet
     return replace(task, **changes)
 
 
-def _tightened(limits: Limits, own: StepLimits) -> Limits:
+def _tighten(limits: Limits, own: StepLimits) -> Limits:
     changes = {}
     for name in own.__slots__:
         value = getattr(own, name)

@@ -15,7 +15,7 @@ FIRST = 3
 """Legs that come before the step that was cut: move, zero, approach."""
 
 
-def resumed(row: Row, point: ResumePoint, task: Task) -> Row:
+def resume_row(row: Row, point: ResumePoint, task: Task) -> Row:
     """The rest of a program: over to the place, a zero, an approach, and on. Raises ConfigError for a point that is no
     part of it.
     """

@@ -34,7 +34,7 @@ def differences(before: Figures, after: Figures) -> Iterator[str]:
             yield f"{name} {figure_text(old) or _NOTHING} → {figure_text(new) or _NOTHING}"
 
 
-def compared(first: Store, second: Store) -> Compared:
+def compare_campaigns(first: Store, second: Store) -> Compared:
     """Runs of the same cell, fault, phase and seed."""
     old, new = _by_name(first), _by_name(second)
     common = [name for name in old if name in new]

@@ -83,7 +83,7 @@ def figure_text(figure: Figure) -> str:
             return str(figure)
 
 
-def failed(criteria: Sequence[Criterion], figures: Figures) -> list[str]:
+def find_unmet(criteria: Sequence[Criterion], figures: Figures) -> list[str]:
     """Criteria that a run did not meet, in words. A bug fails every run."""
     broken = ["no bug"] if figures.get("outcome") == "error" else []
     return broken + [criterion.text for criterion in criteria if criterion.judge(figures) is False]

@@ -49,7 +49,7 @@ class Tried(NamedTuple):
     """Settings of which it can have none or not all of a range, and a plan without a fault for it, in words."""
 
 
-def tried(draw: Draw, config: str) -> Tried:
+def try_options(draw: Draw, config: str) -> Tried:
     """Every option of each setting, and the ends of each range, in a cell."""
     impossible: list[tuple[str, int]] = []
     problems: list[str] = []

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from hil_bridge.lab.campaign.criteria import Criterion
-from hil_bridge.lab.campaign.drawing import Draw, Numbers, drawn, numbers_of
+from hil_bridge.lab.campaign.drawing import Draw, Numbers, draw_values, numbers_of
 
 RUNS_LIMIT = 10_000_000
 """Most runs of a campaign. Chosen: months of a machine."""
@@ -102,7 +102,7 @@ class Plan:
         """The same for numbers from 0 to 1, as many as the draw has dimensions."""
         assert self.draw is not None
         given = [json.loads(case.table)] if case.table != "{}" else []
-        return drawn(self.draw, case.cell, case.config, numbers, given)
+        return draw_values(self.draw, case.cell, case.config, numbers, given)
 
     def runs(self) -> Iterator[tuple[Case, int]]:
         """Every run, seed by seed, so that the first ones go over the whole matrix."""

@@ -15,7 +15,7 @@ from hil_bridge.clock import VIRTUAL_EPOCH
 from hil_bridge.errors import BridgeError, ConfigError, SettingRefused
 from hil_bridge.errors.text_files import format_path, format_value, read_toml
 from hil_bridge.lab.campaign.criteria import Criterion, problem_of
-from hil_bridge.lab.campaign.draw_file import draw_of, tried
+from hil_bridge.lab.campaign.draw_file import draw_of, try_options
 from hil_bridge.lab.campaign.drawing import DRAWN, Draw
 from hil_bridge.lab.campaign.plan import RUNS_LIMIT, Case, Plan, fault_label
 from hil_bridge.runs.checks import check
@@ -158,7 +158,7 @@ class _Reading:
         told: dict[str, list[str]] = {}
         without: dict[str, tuple[tuple[str, int], ...]] = {}
         for cell, config in dict.fromkeys((case.cell, case.config) for case in cases):
-            impossible, problems = tried(draw, config)
+            impossible, problems = try_options(draw, config)
             if impossible:
                 without[cell] = impossible
             for problem in problems:
@@ -215,7 +215,7 @@ class _Reading:
         if math.prod(map(len, axes)) > CASES_LIMIT:  # before any is made: they would fill the memory
             self._wrong("campaign.matrix", f"makes more than {CASES_LIMIT} cells")
             return []
-        return [_joined(parts) for parts in itertools.product(*axes)]
+        return [_join(parts) for parts in itertools.product(*axes)]
 
     def _faults(self, campaign: Mapping[str, Any]) -> list[dict[str, Any]]:
         """Tables as in [[faults]], one for each phase; the empty one is the case without a fault."""
@@ -281,7 +281,7 @@ def _value(key: str, value: object) -> _Cell:
     return _Cell(f"{key} {label}", label, values)
 
 
-def _joined(parts: Sequence[_Cell]) -> _Cell:
+def _join(parts: Sequence[_Cell]) -> _Cell:
     plain = "the configuration"
     label = ", ".join(part.label for part in parts) or plain
     return _Cell(

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hil_bridge.errors import ConfigError
+from hil_bridge.errors.failures import one_line
 from hil_bridge.lab.campaign.criteria import Figures, figure_text
 from hil_bridge.lab.campaign.judging import run
 from hil_bridge.lab.processes import in_order, own_processes
@@ -161,7 +162,7 @@ def figures_of(job: Job) -> Figures:
     except Exception as error:  # one point that makes no sense must not lose the others
         return {
             "outcome": "error",
-            FAILURE: f"{type(error).__name__}: {str(error).partition(chr(10))[0][:200]}",
+            FAILURE: f"{type(error).__name__}: {one_line(str(error))[:200]}",
         }
 
 

@@ -132,7 +132,7 @@ def search(state: Search, runs: Runs) -> None:
         points = [space.point(each) for each in generation]
         new = [point for point in dict.fromkeys(points) if point not in known]
         left = wanted.points - len(state.tried)
-        for one in _tried(state, new[:left], wanted.seeds, runs):
+        for one in _try_points(state, new[:left], wanted.seeds, runs):
             known[one.point] = one
             state.tried.append(one)
         if len(new) > left:
@@ -168,11 +168,11 @@ def _decide(state: Search, runs: Runs) -> None:
         [worth(goal, point, runs_of) for goal, runs_of in zip(state.goals, found, strict=True)]
     )
     if good:
-        finals = _tried(state, [one.point for one in good], fresh, runs)
+        finals = _try_points(state, [one.point for one in good], fresh, runs)
         state.finals = sorted(finals, key=lambda one: one.score)
 
 
-def _tried(state: Search, points: Sequence[Point], seeds: Sequence[int], runs: Runs) -> list[Worth]:
+def _try_points(state: Search, points: Sequence[Point], seeds: Sequence[int], runs: Runs) -> list[Worth]:
     space, goals = state.wanted.space, state.goals
     tables = [space.table(point) for point in points]
     jobs = [job for table in tables for config in state.configs for job in jobs_of(config, table, seeds)]

@@ -53,7 +53,7 @@ def why(recording: Recording, file: object = "FILE") -> str:
     """
     end = end_of(recording)
     if end.outcome is Outcome.COMPLETED:
-        return _completed(recording, end)
+        return _describe_completed(recording, end)
     return _Ending(recording, end, file).text
 
 
@@ -62,7 +62,7 @@ def tracebacks(recording: Recording) -> tuple[str, ...]:
     return tuple(event.text for event in recording.events if event.kind in (TRACEBACK_EVENT, BUG_EVENT))
 
 
-def _completed(recording: Recording, end: RunEnd) -> str:
+def _describe_completed(recording: Recording, end: RunEnd) -> str:
     seconds = sum(span.end - span.begin for span in phases(recording))
     text = f"The run completed after {seconds:.1f} s and {len(recording.cycles)} cycles"
     text += f", ended by its task: {end.text}" if end.text else ", as it was meant to"
@@ -207,7 +207,7 @@ def _first_symptom(recording: Recording, stopped_at: float) -> EventRecord | Non
         [EventRecord(found[-1].at, found[-1].kind, f"{found[-1].kind}: {found[-1].text}")] if found else []
     )
     first += _quiet_sensor(recording.sensors, stopped_at)
-    first += _clamped(recording.cycles, stopped_at)
+    first += _find_clamped(recording.cycles, stopped_at)
     return min(first, key=lambda event: event.at, default=None)
 
 
@@ -228,7 +228,7 @@ def _quiet_sensor(sensors: tuple[SensorRecord, ...], stopped_at: float) -> Itera
         yield EventRecord(before[place].at, "sensor", "from here on the force sensor told the same values")
 
 
-def _clamped(cycles: tuple[CycleRecord, ...], stopped_at: float) -> Iterator[EventRecord]:
+def _find_clamped(cycles: tuple[CycleRecord, ...], stopped_at: float) -> Iterator[EventRecord]:
     """That the guard had clamped every order up to the stop."""
     first = None
     for cycle in reversed(cycles):

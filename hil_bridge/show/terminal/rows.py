@@ -188,9 +188,9 @@ def link(snapshot: Snapshot) -> list[Text]:
     ]
 
 
-def told(snapshot: Snapshot, width: int) -> list[Text]:
+def render_alarms(snapshot: Snapshot, width: int) -> list[Text]:
     """Texts that a person should read at once: why the run stops, a warning, the check of the sensor."""
-    rows = _wrapped("STOPPED", snapshot.cause, width) if snapshot.cause else []
+    rows = _wrap("STOPPED", snapshot.cause, width) if snapshot.cause else []
     if snapshot.warning:
         rows.append(_row("warning", (snapshot.warning, "bold red")))
     if snapshot.check and not snapshot.cause:
@@ -198,7 +198,7 @@ def told(snapshot: Snapshot, width: int) -> list[Text]:
     return rows
 
 
-def _wrapped(label: str, text: str, width: int) -> list[Text]:
+def _wrap(label: str, text: str, width: int) -> list[Text]:
     """An alarm in as many rows as it needs, up to `_ALARM_ROWS`."""
     parts = textwrap.wrap(text, max(20, width - _LABEL - 1), max_lines=_ALARM_ROWS, placeholder=" …")
     rows = [_row(label if k == 0 else "", (part, "bold red")) for k, part in enumerate(parts)]

@@ -38,6 +38,14 @@ class Profile(NamedTuple):
 class Socket(Protocol):
     """A connection that a program has opened."""
 
+    @property
+    def opening(self) -> bool:
+        """Whether the server has not answered yet."""
+
+    @property
+    def open(self) -> bool:
+        """Whether the other end is there."""
+
     def take(self, count: int) -> bytes | None:
         """So many bytes that have come; None while there are fewer."""
 
@@ -46,6 +54,9 @@ class Socket(Protocol):
 
     def send(self, data: bytes) -> bool:
         """Send; False where the other end has gone."""
+
+    def hang_up(self) -> None:
+        """Close it."""
 
 
 class Host(Protocol):
@@ -103,7 +114,7 @@ class Host(Protocol):
         """An output."""
 
     def open_socket(self, address: str, port: int) -> Socket | None:
-        """A connection to a server; None where none is to be had."""
+        """A connection to a server, which comes about in later cycles; None where none is to be had."""
 
     # --- the arm
 

@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from emulators.devices.rtde import TEXT_MAX
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.text_files import format_path, open_ordinary, read_up_to, refuse_nul
 
@@ -12,8 +11,8 @@ FILES_MAX = 256
 _SUFFIX = ".script"
 
 
-def read_programs(folder: Path) -> Mapping[str, bytes]:
-    """Texts by name; other files are passed over. Raises ConfigError that names the file."""
+def read_programs(folder: Path, room: int) -> Mapping[str, bytes]:
+    """Texts by name, each of `room` bytes at most. Others are passed over. Raises ConfigError that names a file."""
     programs: dict[str, bytes] = {}
     refuse_nul(folder, format_path(folder))
     try:
@@ -21,9 +20,9 @@ def read_programs(folder: Path) -> Mapping[str, bytes]:
             if len(programs) == FILES_MAX:
                 raise ConfigError(f"{format_path(folder)}: more than {FILES_MAX} programs; remove some")
             with open_ordinary(path) as file:
-                text = read_up_to(file, TEXT_MAX + 1)
-            if len(text) > TEXT_MAX:
-                raise ConfigError(f"{format_path(path)}: too long for a program, at most {TEXT_MAX} bytes")
+                text = read_up_to(file, room + 1)
+            if len(text) > room:
+                raise ConfigError(f"{format_path(path)}: too long for a program, at most {room} bytes")
             programs[path.stem] = text
         if not programs:
             next(folder.iterdir(), None)  # a folder that is not there is told by its name

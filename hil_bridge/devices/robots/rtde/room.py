@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from emulators.devices.rtde import RTDE_CONTROLS, RTDE_FAULTS, RtdeProfile, RtdeRobot, make_robot
+from emulators.devices.rtde import RTDE_CONTROLS, RTDE_FAULTS, TEXT_MAX, RtdeProfile, RtdeRobot, make_robot
 from emulators.seams import RobotFactory
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
@@ -67,7 +67,7 @@ def facts(url: str, settings: KindSettings[ClientProfile, RtdeProfile]) -> Robot
 def make(settings: KindSettings[ClientProfile, RtdeProfile]) -> RobotFactory:
     """The controller that a cell's section describes, with the programs of its folder. Raises ConfigError."""
     folder = settings.emulated.program_folder
-    return make_robot(settings.emulated, read_programs(Path(folder)) if folder else {})
+    return make_robot(settings.emulated, read_programs(Path(folder), TEXT_MAX) if folder else {})
 
 
 async def serve(
