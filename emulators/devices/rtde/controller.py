@@ -167,10 +167,9 @@ class Controller:
             self._told_safety = self.safety
             self.console.tell_safety(self.safety)
         pace = self.slider if self.profile.slider_slows_servo else 1.0
-        if not self.compliance.step(
-            self.arm, pace, self.plays, Felt(self.tcp, self.snapshots[-1].force, self.external_force)
-        ):
-            self.protective_stop("force mode leaves the workspace")
+        felt = Felt(self.tcp, self.snapshots[-1].force, self.external_force)
+        if problem := self.compliance.step(self.arm, pace, self.plays, felt):
+            self.protective_stop(problem)
         self.snapshots.append(self._snapshot(now))
         self.compliance.history.note(self.arm.joints, self.snapshots[-1].force)
         self._next_flange = flange(self.lengths, self.arm.joints)
