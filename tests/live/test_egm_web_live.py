@@ -1,7 +1,7 @@
 """The port of an emulated controller's web services, in real time over TCP."""
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
 
 import aiohttp
@@ -16,6 +16,7 @@ from hil_bridge.devices.robots.egm.web_address import WebAddress, split_web
 from hil_bridge.devices.robots.egm.web_client import WebState, read_state
 from hil_bridge.devices.wiring import Serving
 from hil_bridge.errors import ConfigError, DeviceError
+from hil_bridge.site.robot_probe import probe, probe_rows
 from protocol.devices.egm.web import PASSWORD, SUBSCRIPTION, USER
 
 pytestmark = pytest.mark.live
@@ -121,6 +122,36 @@ def test_connections_are_bounded_and_free_again() -> None:
             await read_state(address)
 
     run_real(main)
+
+
+def probe_of(make_url: Callable[[str], str], cause: str = "") -> tuple[str, float]:
+    """Words of a probe of a robot whose web services listen, stopped for a cause, and its length, s."""
+
+    async def main() -> tuple[str, float]:
+        async with served() as (controller, address):
+            clock = Clock.running()
+            if cause:
+                controller.stop(cause, controller.next_deadline() or 0.0)
+            begun = clock.now()
+            found = await probe(ROBOT, make_url(address.authority), default_settings(ROBOT), clock)
+            took = clock.now() - begun
+            clock.close()
+            return "\n".join(" ".join(row) for row in probe_rows(found)), took
+
+    return run_real(main)
+
+
+def test_a_probe_tells_the_web_services_where_no_datagram_comes() -> None:
+    words, took = probe_of(lambda web: f"udp-bind://127.0.0.1:0?rws={web}", "motors-off")
+    for part in ("datagrams robot on", "RobotWare 7.00.00.00", "refused: the motors are off (motoroff)"):
+        assert part in words
+    assert took < 5.0
+
+
+def test_a_probe_without_its_web_services_tells_that_they_do_not_answer() -> None:
+    words, _ = probe_of(lambda web: "udp-bind://127.0.0.1:0?rws=127.0.0.1:1")
+    assert "web services web services at 127.0.0.1:1: " in words
+    assert "a run would be refused: robot on" in words
 
 
 def test_nothing_that_answers_is_told_with_its_address() -> None:

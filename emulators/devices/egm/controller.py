@@ -11,10 +11,10 @@ import math
 from collections import Counter, deque
 from collections.abc import Sequence
 
-from emulators.arm.followed import FollowedArm, FollowedProfile
+from emulators.arm.followed import FollowedArm
 from emulators.arm.own_force import Errors, OwnForce
 from emulators.arm.told_pose import ToldPose
-from emulators.devices.egm.guided import OUT_OF_BOUNDS, ArmJoints, GuidedMotion
+from emulators.devices.egm.guided import OUT_OF_BOUNDS, ArmJoints, GuidedMotion, mechanics
 from emulators.devices.egm.profile import EgmProfile
 from emulators.devices.egm.state import (
     EMERGENCY_STOP,
@@ -47,8 +47,6 @@ from protocol.devices.egm import (
 from protocol.endpoint import RemoteProtocolError
 from protocol.geometry import Pose, inverse, normalise, rotate
 
-_QUICK = 1e9
-"""Speed of the arm's own interpolation, mm/s and degrees/s: it takes each set point as it is."""
 _EPOCH_S = 1_700_000_000
 """Chosen: the controller's calendar at power-up, s since 1970, so that a run of one seed repeats itself."""
 _BEGINS = 256
@@ -72,7 +70,7 @@ class EgmController:
         self._kinematics = ArmJoints(profile, start.tool_length)
         self.motion = GuidedMotion(profile, pose, self._kinematics)
         """Set point and law."""
-        self._arm = FollowedArm(_mechanics(profile), pose, now)
+        self._arm = FollowedArm(mechanics(profile), pose, now)
         self._measured: tuple[Pose, Joints] = pose, self.motion.joints
         """The pose that was measured last, and the joints that hold it."""
         self.path: ArmPath = self._arm.path
@@ -489,19 +487,6 @@ class EgmController:
         self.state = State.GUIDING
         self._heard_at = self._held_since = now
         self.motion.resume(now)
-
-
-def _mechanics(profile: EgmProfile) -> FollowedProfile:
-    """The arm behind the set point; the set point itself is one cycle on its way."""
-    arm = profile.arm
-    return FollowedProfile(
-        cycle_ms=profile.cycle_ms,
-        transport_delay_ms=(arm.servo_delay_cycles - 1) * profile.cycle_ms,
-        natural_frequency_rad_s=arm.natural_frequency_rad_s,
-        damping_ratio=arm.damping_ratio,
-        speed_mm_s=_QUICK,
-        reorientation_deg_s=_QUICK,
-    )
 
 
 def _degrees(joints: Joints) -> tuple[float, ...]:

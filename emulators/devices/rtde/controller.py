@@ -14,7 +14,7 @@ from emulators.arm.own_force import Errors, OwnForce
 from emulators.devices.rtde.arm import ZERO, Brake, Hold, JointArm, Order, Place, Servo
 from emulators.devices.rtde.compliance import Compliance, Felt
 from emulators.devices.rtde.force_mode import about_tool
-from emulators.devices.rtde.io import MASKS, switch_outputs
+from emulators.devices.rtde.io import MASKS, read_slider, switch_outputs
 from emulators.devices.rtde.kinematics import (
     ARMS,
     RANGE,
@@ -248,10 +248,8 @@ class Controller:
             self._force_at = self.now
         if not MASKS.isdisjoint(names):
             self.outputs = switch_outputs(self.inputs, self.outputs)
-        if self.inputs.get("speed_slider_mask") and "speed_slider_fraction" in values:
-            fraction = values["speed_slider_fraction"]
-            if isinstance(fraction, float) and math.isfinite(fraction):
-                self.slider = min(max(fraction, 0.0), 1.0)
+        if "speed_slider_fraction" in names:
+            self.slider = read_slider(self.inputs, self.slider)
 
     def number(self, name: str) -> float:
         """An input that is a number, 0 where nothing was written."""
@@ -476,16 +474,6 @@ class Controller:
                 self.mode = mode
 
         self.later(times * self.profile.power_s, become)
-
-    # --- of programs
-
-    def set_tcp(self, tcp: Pose) -> None:
-        """The tool as it is to be taken from now on."""
-        self.tcp = tcp
-
-    def flange_pose(self) -> Pose:
-        """Pose of the flange now."""
-        return self._flange
 
     @property
     def still(self) -> bool:

@@ -221,7 +221,7 @@ class ControllerHost:
             yield None
 
     def set_tcp(self, tcp: Pose) -> None:
-        self._controller.set_tcp(tcp)
+        self._controller.tcp = tcp
 
     def set_payload(self, mass: float, centre: tuple[float, ...]) -> None:
         self._controller.payload = (mass, *centre)

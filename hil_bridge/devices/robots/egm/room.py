@@ -1,5 +1,6 @@
 """The room of Externally Guided Motion, as the house sees it: its kind of robot, its client and its emulator."""
 
+import asyncio
 import importlib.util
 from typing import Any
 
@@ -11,12 +12,14 @@ from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
 from hil_bridge.devices.robots.egm.facts import robot_facts
 from hil_bridge.devices.robots.egm.settings import EgmSettings
 from hil_bridge.devices.robots.egm.web_address import OPTION, WebAddress, split_web
+from hil_bridge.devices.robots.probing import Probed, muted, probe_link
 from hil_bridge.devices.robots.streamed import StreamedLink
 from hil_bridge.devices.wiring import Serving, Wiring
-from hil_bridge.errors import ConfigError
+from hil_bridge.errors import ConfigError, DeviceError
 from hil_bridge.transports import Datagrams
 from hil_bridge.transports.urls import CONNECT_DATAGRAMS, LISTEN_DATAGRAMS, WireUrl, parse_url, with_option
 from protocol.devices.egm import EgmClient, describe
+from protocol.endpoint import Trouble
 
 USUAL = "udp://127.0.0.1:6510"
 """Where the emulated robot sends in real time: the port of ABB's example and of other clients [M, O:flo]."""
@@ -33,6 +36,36 @@ async def connect(
     own: EgmSettings = settings.client
     client = EgmClient(own.sample_ms * 1e-3, own.feed_forward, own.force_axes)
     return StreamedLink(wire, client, facts(url, settings), wiring.clock, wiring.log)
+
+
+async def probe(url: str, settings: KindSettings[EgmSettings, EgmProfile], wiring: Wiring) -> Probed:
+    """Findings of a robot that sends to this address, and of its web services where the URL names them."""
+    heard, beside = await asyncio.gather(
+        probe_link(lambda silent: connect(url, settings, silent), muted(wiring)),
+        ask_web(url),
+        return_exceptions=True,
+    )
+    if isinstance(beside, DeviceError):
+        beside = Probed((("web services", str(beside)),))
+    if isinstance(beside, BaseException):
+        raise beside
+    if isinstance(heard, DeviceError) and beside.rows:
+        heard = Probed((("datagrams", heard.fact),), (Trouble(heard.fact, heard.remedy),))
+    if isinstance(heard, BaseException):
+        raise heard
+    return heard.with_more(beside)
+
+
+async def ask_web(url: str) -> Probed:
+    """What a controller's web services tell; nothing where the URL names none. Raises DeviceError."""
+    _, address = split_web(url)
+    if address is None:
+        return Probed(())
+    _check_extra()
+    from hil_bridge.devices.robots.egm.web_client import find_refusals, read_state, state_rows
+
+    state = await read_state(address)
+    return Probed(state_rows(state), find_refusals(state))
 
 
 def facts(url: str, settings: KindSettings[EgmSettings, EgmProfile]) -> RobotFacts:
@@ -79,6 +112,11 @@ def _check_web(url: str, address: WebAddress) -> None:
         raise ConfigError(
             f"{url!r}: emulated web services listen on loopback only, such as {OPTION}=127.0.0.1:0"
         )
+    _check_extra()
+
+
+def _check_extra() -> None:
+    """Raise ConfigError without the library of web services."""
     if importlib.util.find_spec("aiohttp") is None:
         raise ConfigError(f"{OPTION} needs the extra web: pip install 'hil-bridge[web]'")
 
@@ -104,4 +142,7 @@ ROBOT = RobotKind(
     check=check,
     parse=_parse,
     describe=describe,
+    probe=probe,
+    ask_beside=ask_web,
+    usual_wire="udp-bind://0.0.0.0:6510",
 )

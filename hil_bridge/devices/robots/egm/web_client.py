@@ -9,6 +9,7 @@ import aiohttp
 from hil_bridge.devices.robots.egm.web_address import WebAddress
 from hil_bridge.errors import DeviceError
 from protocol.devices.egm.web import PASSWORD, USER
+from protocol.endpoint import Trouble
 
 PATIENCE_S = 3.0
 """Chosen: longest wait for all four."""
@@ -34,6 +35,32 @@ class WebState(NamedTuple):
     """AUTO, MANR or MANF."""
     execution: str
     """running or stopped."""
+
+
+_REFUSALS = (
+    ("motors", "motoron", "the motors are off", "switch them on"),
+    ("execution", "running", "the RAPID program is stopped", "start it"),
+)
+"""Field of a state, the value that a run needs, and the trouble of any other one."""
+
+
+def state_rows(state: WebState) -> tuple[tuple[str, str], ...]:
+    """A state for people."""
+    return (
+        ("RobotWare", state.version),
+        ("motors", state.motors),
+        ("mode", state.mode),
+        ("RAPID", state.execution),
+    )
+
+
+def find_refusals(state: WebState) -> tuple[Trouble, ...]:
+    """Reasons for which a run would not begin in this state."""
+    return tuple(
+        Trouble(f"{fact} ({getattr(state, field)})", remedy)
+        for field, needed, fact, remedy in _REFUSALS
+        if getattr(state, field) != needed
+    )
 
 
 async def read_state(address: WebAddress) -> WebState:

@@ -7,6 +7,7 @@ from emulators.devices.rtde import RTDE_CONTROLS, RTDE_FAULTS, TEXT_MAX, RtdePro
 from emulators.seams import RobotFactory
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
+from hil_bridge.devices.robots.probing import Probed, probe_link
 from hil_bridge.devices.robots.rtde import serving as ports
 from hil_bridge.devices.robots.rtde.addresses import RTDE_PORT, parse_address
 from hil_bridge.devices.robots.rtde.bundle import Bundle
@@ -27,17 +28,30 @@ async def connect(
     url: str, settings: KindSettings[ClientProfile, RtdeProfile], wiring: Wiring
 ) -> StreamedLink[Pieces]:
     """The controller behind its ports, not started yet. Raises ConfigError, TransportUnavailable."""
+    return await _open(url, settings, wiring, looks=False)
+
+
+async def _open(
+    url: str, settings: KindSettings[ClientProfile, RtdeProfile], wiring: Wiring, looks: bool
+) -> StreamedLink[Pieces]:
     profile: ClientProfile = settings.client
-    wires = await open_wires(url, profile, wiring)
-    client = RtdeClient(profile, wiring.clock.now())
+    wires = await open_wires(url, profile, wiring, script=not looks)
+    client = RtdeClient(profile, wiring.clock.now(), looks)
     facts = robot_facts(profile, settings.emulated)
     return StreamedLink(Bundle(url, wires, client.farewell), client, facts, wiring.clock, wiring.log)
 
 
+async def probe(url: str, settings: KindSettings[ClientProfile, RtdeProfile], wiring: Wiring) -> Probed:
+    """Findings of a controller. No program is sent to it, and none of its inputs is written."""
+    return await probe_link(lambda heard: _open(url, settings, heard, looks=True), wiring)
+
+
 async def open_wires(
-    url: str, profile: ClientProfile, wiring: Wiring, dashboard: bool = True
+    url: str, profile: ClientProfile, wiring: Wiring, dashboard: bool = True, script: bool = True
 ) -> dict[Port, Transport[bytes]]:
-    """The wires to a controller's ports; without the dashboard where that is not wanted, or its port is 0."""
+    """The wires to a controller's ports; without the dashboard and the script's where that is not wanted, or the
+    dashboard's is 0.
+    """
     address = parse_address(url)
     numbers = {
         Port.RTDE: RTDE_PORT,
@@ -49,6 +63,8 @@ async def open_wires(
         for port, usual in numbers.items():
             number = address.ports.get(port, usual)
             if port is Port.DASHBOARD and not (dashboard and profile.dashboard_port):
+                continue
+            if port is Port.SCRIPT and not script:
                 continue
             wire_url = address.memory_url(port) if address.name else f"tcp://{address.authority}:{number}"
             wires[port] = await wiring.bytes(wire_url)
@@ -109,4 +125,6 @@ ROBOT = RobotKind(
     check=check,
     parse=_parse,
     describe=describe,
+    probe=probe,
+    usual_wire="tcp://{host}",
 )
