@@ -80,8 +80,8 @@ class Compliance:
         scale = self.gain_scaling
         return Admittance(gain * scale, turn_gain * scale, self.damping, profile.force_mode_least_n)
 
-    def step(self, arm: JointArm, pace: float, plays: bool, felt: Felt) -> bool:
-        """One cycle of the arm; `pace` as for `JointArm.step`. False where no joints follow the force.
+    def step(self, arm: JointArm, pace: float, plays: bool, felt: Felt) -> str:
+        """One cycle of the arm; `pace` as for `JointArm.step`. Why it must stop before that cycle, or empty.
 
         While no program plays, or the arm is held, nothing yields: it stands, or brakes from the speed that it has.
         """
@@ -89,7 +89,7 @@ class Compliance:
         if mode is None or not plays or isinstance(arm.order, Hold):
             arm.settle()
             arm.step(pace)
-            return True
+            return ""
         before = arm.joints
         old_flange = flange(self._lengths, before)
         old = compose(old_flange, felt.tcp)
@@ -100,8 +100,11 @@ class Compliance:
             wrench = about_tool(wrench, rotate(old_flange.quaternion, felt.tcp.position))
         poses = mode.step(self._admittance(), Steered(old, planned, isinstance(arm.order, Place)), wrench)
         motion = solve_motion(self._lengths, felt.tcp, poses, arm.joints)
-        if motion is None:
+        fastest = self._profile.max_joint_speed_rad_s * self._period
+        if motion is None or max(abs(b - a) for a, b in zip(before, motion.joints, strict=True)) > fastest:
             arm.stay(before)
-            return False
+            return (
+                "force mode leaves the workspace" if motion is None else "force mode makes a joint too fast"
+            )
         arm.yield_to(before, motion.path, motion.joints)
-        return True
+        return ""

@@ -8,7 +8,6 @@ import math
 import random
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
-from operator import sub
 
 from emulators.arm.cycled import CycledPath
 from emulators.arm.own_force import Errors, OwnForce
@@ -31,6 +30,7 @@ from emulators.devices.rtde.motions import Motions
 from emulators.devices.rtde.profile import RtdeProfile
 from emulators.devices.rtde.running import Console, Program, Saying, Watchdog
 from emulators.devices.rtde.state import Registers, Snapshot, number_in
+from emulators.devices.rtde.targets import problem_of_target
 from emulators.devices.rtde.urscript import Message
 from emulators.orders import Act, HeardOrder, Hindrance, Orders
 from emulators.seams import StartPose
@@ -38,12 +38,10 @@ from emulators.unmodelled import Unmodelled
 from protocol.devices.rtde.fields import Value
 from protocol.devices.rtde.packets import Version
 from protocol.devices.rtde.states import STOPPED_MODES, RobotMode, Runtime, SafetyMode
-from protocol.geometry import Pose, Wrench, angle_between, normalise, product, rotate
+from protocol.geometry import Pose, Wrench, normalise, product, rotate
 
 _LEVEL: Pose = Pose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
 _NO_FORCE: Wrench = (0.0,) * 6
-SUDDEN_CHANGE = "a sudden change of the target"
-"""Reason of a protective stop for a leap between two targets."""
 BY_FAULT = "as a fault"
 """Reason of a protective stop that no client has caused."""
 
@@ -169,10 +167,9 @@ class Controller:
             self._told_safety = self.safety
             self.console.tell_safety(self.safety)
         pace = self.slider if self.profile.slider_slows_servo else 1.0
-        if not self.compliance.step(
-            self.arm, pace, self.plays, Felt(self.tcp, self.snapshots[-1].force, self.external_force)
-        ):
-            self.protective_stop("force mode leaves the workspace")
+        felt = Felt(self.tcp, self.snapshots[-1].force, self.external_force)
+        if problem := self.compliance.step(self.arm, pace, self.plays, felt):
+            self.protective_stop(problem)
         self.snapshots.append(self._snapshot(now))
         self.compliance.history.note(self.arm.joints, self.snapshots[-1].force)
         self._next_flange = flange(self.lengths, self.arm.joints)
@@ -376,23 +373,12 @@ class Controller:
         return compose(flange(self.lengths, joints), tcp or self.tcp)
 
     def _sound(self, joints: Joints) -> bool:
-        """Whether the next servo target is near enough to the last one."""
-        if not all(map(math.isfinite, joints)):
-            self.protective_stop("a target that is no number")
-            return False
-        if max(map(abs, joints)) > RANGE:
-            self.protective_stop("a target beyond the end of a joint's range")
-            return False
+        """Whether the next servo target is near enough to the last one; if not, it makes a protective stop."""
         old = self._wanted if isinstance(self.arm.order, Servo) else self.arm.joints
-        before, after = flange(self.lengths, old), flange(self.lengths, joints)
-        leap = max(map(abs, map(sub, joints, old)))
-        step = math.dist(before.position, after.position)
-        turn = angle_between(before.quaternion, after.quaternion)
-        profile = self.profile
-        if step * 1e3 > profile.max_target_step_mm or max(turn, leap) > profile.max_target_turn_rad:
-            self.protective_stop(SUDDEN_CHANGE)
-            return False
-        return True
+        problem = problem_of_target(self.profile, self.lengths, old, joints)
+        if problem:
+            self.protective_stop(problem)
+        return not problem
 
     # --- safety
 

@@ -7,10 +7,11 @@ import math
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 
-from emulators.devices.rtde.controller import SUDDEN_CHANGE, Controller
+from emulators.devices.rtde.controller import Controller
 from emulators.devices.rtde.running import Saying
 from emulators.devices.rtde.script import ScriptPort
 from emulators.devices.rtde.state import Snapshot, getter
+from emulators.devices.rtde.targets import SUDDEN_CHANGE
 from emulators.devices.rtde.urscript import Message as Kind
 from protocol.devices.rtde import primary
 from protocol.devices.rtde.primary import MessageKind, Part, ReportLevel
