@@ -9,7 +9,7 @@ STAMP := $(VENV)/.installed
 # ROBOT=egm SENSOR=netft takes other emulated devices; `hil-bridge run --help` names them
 run: $(STAMP)
 	$(BIN)/hil-bridge run --duration 30 \
-		$(if $(ROBOT),--robot $(ROBOT),--panel tcp-listen://127.0.0.1:0) $(if $(SENSOR),--sensor $(SENSOR)) \
+		--panel tcp-listen://127.0.0.1:0 $(if $(ROBOT),--robot $(ROBOT)) $(if $(SENSOR),--sensor $(SENSOR)) \
 		--report runs/latest --record runs/latest/run.mcap --summary runs/latest/summary.json --overwrite
 
 test: $(STAMP)

@@ -4,6 +4,8 @@ import random
 from collections.abc import Sequence
 from typing import Any
 
+from protocol.marks import SettingError
+
 
 def draw(quantiles: Sequence[float], source: random.Random) -> float:
     """A number of the distribution with these quantiles, straight lines between them; takes one random number."""
@@ -17,6 +19,6 @@ def check_quantiles(profile: Any, *names: str) -> None:
     for name in names:
         values = getattr(profile, name)
         if len(values) == 1:
-            raise ValueError(f"{name} must be two values or more, or none, got 1")
+            raise SettingError(name, "must be two values or more, or none, got 1")
         if list(values) != sorted(values):
-            raise ValueError(f"{name} must not fall, got {list(values)}")
+            raise SettingError(name, f"must not fall, got {list(values)}")

@@ -39,7 +39,7 @@ from hil_bridge.errors import (
 )
 from hil_bridge.record import CycleRecord, Outcome, Recording
 from hil_bridge.record import read as _read
-from hil_bridge.runs.simulation import OpenDevices, Result, Simulation, opened_devices, opened_simulation
+from hil_bridge.runs.simulation import OpenDevices, Result, Simulation, opening_devices, simulating
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.given import config_of
 
@@ -124,7 +124,7 @@ def simulate(
     checked = load(config, faults=faults, controller=controller, seed=seed)
 
     async def main() -> Simulation:
-        async with opened_simulation(checked, observe) as running:
+        async with simulating(checked, observe) as running:
             await running.finished()
         return running
 
@@ -147,7 +147,7 @@ def simulation(
     Under `run_virtual` it is in virtual time, under `run_real` or any other event loop in real time. There, a
     configuration may name real devices; the record is kept in memory. Arguments and errors are those of `simulate`.
     """
-    return opened_simulation(load(config, faults=faults, controller=controller, seed=seed), observe)
+    return simulating(load(config, faults=faults, controller=controller, seed=seed), observe)
 
 
 def open_devices(config: Configuration = None) -> AbstractAsyncContextManager[OpenDevices]:
@@ -157,7 +157,7 @@ def open_devices(config: Configuration = None) -> AbstractAsyncContextManager[Op
     Both are closed when the context is left. Raises ConfigError for a URL and for planned faults, TransportUnavailable
     for a wire.
     """
-    return opened_devices(load(config))
+    return opening_devices(load(config))
 
 
 def read(path: Path | str) -> Recording:

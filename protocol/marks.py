@@ -80,21 +80,33 @@ def setting(default: Any, mark: Mark, meaning: str, within: Bounds = ANY, unit: 
     return dataclasses.field(default=default, metadata={"setting": info})
 
 
+class SettingError(ValueError):
+    """The value of one setting cannot be. Where the settings were read from a file, the file's key is named."""
+
+    def __init__(self, setting: str, problem: str) -> None:
+        """`setting` is its name in the profile, `problem` the rest of the sentence that begins with it."""
+        super().__init__(setting, problem)
+        self.setting, self.problem = setting, problem
+
+    def __str__(self) -> str:
+        return f"{self.setting} {self.problem}"
+
+
 def check_settings(profile: Any) -> None:
-    """Raise ValueError naming the first setting that is out of its bounds; for `__post_init__`."""
+    """Raise SettingError for the first setting that is out of its bounds; for `__post_init__`."""
     for item in settings(profile):
         value, bounds = item.value, item.info.within
         for number in value if isinstance(value, tuple) else (value,):
             if isinstance(number, bool) or not isinstance(number, (int, float)):
                 continue
             if number != number:
-                raise ValueError(f"{item.name} must be a number, got {number}")
+                raise SettingError(item.name, f"must be a number, got {number}")
             if bounds.above is not None and not number > bounds.above:
-                raise ValueError(f"{item.name} must be more than {bounds.above:g}, got {number:g}")
+                raise SettingError(item.name, f"must be more than {bounds.above:g}, got {number:g}")
             if bounds.minimum is not None and number < bounds.minimum:
-                raise ValueError(f"{item.name} must be at least {bounds.minimum:g}, got {number:g}")
+                raise SettingError(item.name, f"must be at least {bounds.minimum:g}, got {number:g}")
             if bounds.maximum is not None and number > bounds.maximum:
-                raise ValueError(f"{item.name} must be at most {bounds.maximum:g}, got {number:g}")
+                raise SettingError(item.name, f"must be at most {bounds.maximum:g}, got {number:g}")
 
 
 def settings(profile: Any) -> tuple[Setting, ...]:

@@ -22,7 +22,7 @@ from hil_bridge.show.charts.map_painter import paint_map
 from hil_bridge.show.charts.maps import path_map, removed_map
 from hil_bridge.show.charts.painter import STYLE, paint
 from hil_bridge.show.charts.run import run_charts
-from hil_bridge.show.picture_files import saved
+from hil_bridge.show.picture_files import save_figure
 from hil_bridge.show.report import write_report
 from tools.chromium import Page, browser
 from tools.web_run import WebRun
@@ -106,7 +106,7 @@ def draw_maps(place: Path) -> None:
             paint_map(above, described, 1000.0)
             paint(below, next(chart for chart in charts.charts if chart.id == chart_id), charts)
             below.set_xlabel("time since the run began, s")
-            (place / f"{name}.png").write_bytes(saved(figure, "png"))
+            (place / f"{name}.png").write_bytes(save_figure(figure, "png"))
 
 
 async def take_all(place: Path) -> None:

@@ -20,7 +20,7 @@ from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import FrameConfig, load_config
 from hil_bridge.settings.program import PATHS, STEPS
 from hil_bridge.show.report.task_plot import draw_task
-from hil_bridge.show.report.task_steps import shown, total_line
+from hil_bridge.show.report.task_steps import list_steps, total_line
 from tools.pages import parser, placed, table, write
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -92,7 +92,7 @@ def picture(path: Path) -> bytes:
     """The picture of an example."""
     config = load_config(path, {})
     row: Any = Setup(config).loop.task.row  # type: ignore[union-attr]
-    steps = shown(config.task.step, row)
+    steps = list_steps(config.task.step, row)
     return draw_task(steps, f"{path.stem}: {total_line(steps, row)}")
 
 

@@ -3,8 +3,8 @@
 Facts of one device stand with that device; `emulators.cell_faults` collects them.
 """
 
-from emulators.faults.kinds import FOREVER, Fault, FaultNews, FaultValue, Parameter
-from emulators.faults.ledger import Handler, Injection, Ledger, find
+from emulators.faults.kinds import FOREVER, Fault, FaultNews, FaultValue, Parameter, describe_faults
+from emulators.faults.ledger import Handler, Injection, Ledger, find, target_of
 
 __all__ = [
     "FOREVER",
@@ -15,5 +15,7 @@ __all__ = [
     "Injection",
     "Ledger",
     "Parameter",
+    "describe_faults",
     "find",
+    "target_of",
 ]

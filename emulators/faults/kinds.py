@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 from emulators.faults.renamed import RENAMED_PARAMETERS
 from protocol.faults import FaultStage
@@ -95,14 +95,17 @@ class Fault:
         until = "how long; otherwise until the end" if self.lasts_s == FOREVER else "how long"
         return {**self.parameters, _DURATION: Parameter(self.lasts_s, until, 0.0, _LONGEST_S, "s")}
 
-    def values(self, name: str, given: Mapping[str, object]) -> tuple[dict[str, FaultValue], float | None]:
+    def values(
+        self, fault: str, given: Mapping[str, object], target: str = ""
+    ) -> tuple[dict[str, FaultValue], float | None]:
         """All parameters, with defaults for those not given, and the duration in s, None where it has none.
 
-        `name` is the fault's, for the error. Raises ValueError in one line.
+        `fault` is its name, and `target` what it strikes, for the error. Raises ValueError in one line.
         """
+        name = f"{target}: {fault}" if target else fault
         known = self.all_parameters
         if unknown := [key for key in given if key not in known]:
-            now = RENAMED_PARAMETERS.get((name.rpartition(" ")[2], unknown[0]), "")
+            now = RENAMED_PARAMETERS.get((fault, unknown[0]), "")
             raise ValueError(
                 f"{name} has no parameter {unknown[0]!r}; known: {', '.join(known)}{now and f'; {now}'}"
                 if known
@@ -120,3 +123,25 @@ class Fault:
             raise ValueError(f"{name}: {' and '.join(self.distinct)} must differ")
         duration = values.pop(_DURATION, None)
         return values, None if duration is None else float(duration)
+
+
+def describe_faults(table: Mapping[str, Mapping[str, Fault]]) -> dict[str, Any]:
+    """Every fault by target, with its meaning and its parameters' meanings, ranges and defaults, as JSON has it."""
+    return {
+        target: {
+            name: {
+                "meaning": fault.meaning,
+                "parameters": {
+                    key: {
+                        "meaning": parameter.meaning,
+                        "range": parameter.range_text,
+                        "unit": parameter.unit,
+                        "default": None if parameter.default == FOREVER else parameter.default,
+                    }
+                    for key, parameter in fault.all_parameters.items()
+                },
+            }
+            for name, fault in faults.items()
+        }
+        for target, faults in table.items()
+    }

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 from emulators.faults.kinds import Fault, FaultNews, FaultValue
-from emulators.faults.renamed import tell_new_name
+from emulators.faults.renamed import tell_new_name, tell_new_name_alone
 from protocol.faults import FaultStage
 
 INJECTION_LIMIT = 1000
@@ -137,6 +137,14 @@ class Ledger:
             if injection.waits:
                 injection.finish(now)
 
+    def waiting(self, now: float) -> dict[str, int]:
+        """Names of those that wait for their moment, and how often each will strike; 0 for any number."""
+        return {
+            injection.name: max(0, int(injection.values.get("count", 0)) - injection.struck)
+            for injection in self.injections
+            if injection.waits and injection.holds(now)
+        }
+
     def mend(self, now: float) -> None:
         """End the faults that last."""
         self._end([injection for injection in self.injections if not injection.waits], now)
@@ -199,6 +207,19 @@ def find(table: Mapping[str, Mapping[str, Fault]], target: str, fault: str) -> F
     if fault not in there:
         raise ValueError(f"this {target} cannot have {fault!r}; it can have {', '.join(there)}")
     return there[fault]
+
+
+def target_of(fault: str, table: Mapping[str, Mapping[str, Fault]]) -> str:
+    """The target of a fault that is named alone. Raises ValueError for none, and for one of several targets."""
+    targets = [target for target, faults in table.items() if fault in faults]
+    if len(targets) == 1:
+        return targets[0]
+    if targets:
+        raise ValueError(f"{fault} is a fault of {' and of '.join(targets)}; name its target")
+    if now := tell_new_name_alone(fault):
+        raise ValueError(now)
+    known = ", ".join(dict.fromkeys(name for faults in table.values() for name in faults))
+    raise ValueError(f"no fault is called {fault!r}; known: {known}")
 
 
 def _text(value: FaultValue) -> str:

@@ -21,7 +21,7 @@ from emulators.surface.shapes import (
     SinusoidalBoth,
     Sphere,
 )
-from protocol.marks import Mark, above, at_least, between, check_settings, setting
+from protocol.marks import Mark, SettingError, above, at_least, between, check_settings, setting
 
 
 class SurfaceKind(StrEnum):
@@ -129,18 +129,22 @@ class SurfaceProfile:
     def __post_init__(self) -> None:
         check_settings(self)
         if any(len(pair) != 2 for pair in self.stiffness_profile):
-            raise ValueError("stiffness_profile must be pairs of path coordinate and factor")
+            raise SettingError("stiffness_profile", "must be pairs of path coordinate and factor")
         if not all(math.isfinite(number) for pair in self.stiffness_profile for number in pair):
-            raise ValueError("stiffness_profile must be finite numbers")
+            raise SettingError("stiffness_profile", "must be finite numbers")
         if any(factor < 0.0 for _, factor in self.stiffness_profile):
-            raise ValueError("stiffness_profile must have factors of at least 0")
+            raise SettingError("stiffness_profile", "must have factors of at least 0")
         for (place, _), (following, _) in pairwise(self.stiffness_profile):
             if not place < following:
-                raise ValueError(f"stiffness_profile must ascend, but {following:g} mm follows {place:g} mm")
+                raise SettingError(
+                    "stiffness_profile", f"must ascend, but {following:g} mm follows {place:g} mm"
+                )
         if self.begin_mm is not None and self.end_mm is not None and not self.begin_mm < self.end_mm:
-            raise ValueError(f"end_mm must be more than begin_mm, {self.begin_mm:g}, got {self.end_mm:g}")
+            raise SettingError(
+                "end_mm", f"must be more than begin_mm, {self.begin_mm:g}, got {self.end_mm:g}"
+            )
         if self.kind is SurfaceKind.HEIGHT_MAP and not self.height_map_file:
-            raise ValueError("height_map_file is empty; name the file of the heights")
+            raise SettingError("height_map_file", "is empty; name the file of the heights")
 
     def shape(self) -> Shape:
         """The surface in m and rad. Raises ValueError for a file of heights that cannot be read."""

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emulators.surface.shapes import Floats
-from protocol.marks import Mark, above, between, check_settings, setting
+from protocol.marks import Mark, SettingError, above, between, check_settings, setting
 
 CELLS_LIMIT = 1 << 20
 """Most cells of a map. Chosen: 8 MiB."""
@@ -63,9 +63,10 @@ class RemovalProfile:
     def __post_init__(self) -> None:
         check_settings(self)
         if not self.rows * self.columns <= CELLS_LIMIT:
-            raise ValueError(
-                f"cell_mm of {self.cell_mm:g} makes a map of more than {CELLS_LIMIT} cells; "
-                "take larger cells, or a shorter or narrower map"
+            raise SettingError(
+                "cell_mm",
+                f"of {self.cell_mm:g} makes a map of more than {CELLS_LIMIT} cells; "
+                "take larger cells, or a shorter or narrower map",
             )
 
     @property

@@ -34,7 +34,7 @@ from hil_bridge.cli.task import task
 from hil_bridge.cli.tune import tune
 from hil_bridge.cli.view import view
 from hil_bridge.cli.why import why
-from hil_bridge.console.debugging import debug_option, debug_wanted, told_bug
+from hil_bridge.console.debugging import debug_option, debug_wanted, describe_bug
 from hil_bridge.console.screen import leave
 from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.errors.text_files import harmless
@@ -91,7 +91,7 @@ class _Commands(click.Group):
             if isinstance(error, SystemExit):
                 raise
             what = "; ".join([f"{type(error).__name__}: {error}", *getattr(error, "__notes__", ())])
-            raise Bug(told_bug(what, "".join(traceback.format_exception(error)), context)) from error
+            raise Bug(describe_bug(what, "".join(traceback.format_exception(error)), context)) from error
 
 
 @click.group(

@@ -169,14 +169,14 @@ def hunt(file: Path, minutes: float, out: Path | None, workers: int | None, void
     import os
 
     from hil_bridge.console.progress import run_progress
-    from hil_bridge.lab.campaign.hunting import badness, badness_voided, hunted, is_broken, running
+    from hil_bridge.lab.campaign.hunting import badness, badness_voided, is_broken, plan_hunt, running
     from hil_bridge.lab.campaign.hunting import hunt as search
-    from hil_bridge.lab.campaign.shrinking import shrunk
+    from hil_bridge.lab.campaign.shrinking import shrink_bad
     from hil_bridge.lab.campaign.store import Store
     from hil_bridge.lab.campaign.telling import describe_run
     from hil_bridge.runs.signals import as_ctrl_c
 
-    plan = hunted(_plan_of(file, ()), voided)
+    plan = plan_hunt(_plan_of(file, ()), voided)
     place = out or Path(f"{file.stem}-hunt.sqlite")
     worth = badness_voided if voided else badness
     with Store.begin(place, plan) as store:
@@ -184,7 +184,7 @@ def hunt(file: Path, minutes: float, out: Path | None, workers: int | None, void
             try:
                 with running(plan, store, workers or os.cpu_count() or 1, minutes, advance) as runner:
                     worst = search(runner, worth)
-                    small = None if worst is None else shrunk(runner, worst, worth)
+                    small = None if worst is None else shrink_bad(runner, worst, worth)
             except KeyboardInterrupt:
                 click.echo(
                     f"interrupted: {len(store.keys())} runs are kept; the same command goes on", err=True
@@ -233,7 +233,7 @@ def rerun(results: Path, key: str | None, seed: int | None, out: Path | None, ov
     """
     from hil_bridge.errors.text_files import harmless
     from hil_bridge.lab.campaign.comparison import differences
-    from hil_bridge.lab.campaign.judging import Job, configured
+    from hil_bridge.lab.campaign.judging import Job, configure_run
     from hil_bridge.lab.campaign.judging import run as run_one
     from hil_bridge.lab.campaign.plan import code_version
     from hil_bridge.lab.campaign.store import Store
@@ -261,7 +261,7 @@ def rerun(results: Path, key: str | None, seed: int | None, out: Path | None, ov
             check_record_place(folder / f"{done.key}.mcap", overwrite)
         for done in found:
             case = plan.cases[done.number]
-            ran = run_one(configured(Job(done.key, done.number, case.config, done.table, done.seed)))
+            ran = run_one(configure_run(Job(done.key, done.number, case.config, done.table, done.seed)))
             text = f"{done.key}: seed {done.seed}, {case.cell}, fault {case.fault} {case.phase}"
             click.echo(harmless(text.rstrip()))
             outcome = ran.figures["outcome"]
@@ -283,11 +283,11 @@ def compare(before: Path, after: Path) -> None:
 
     Exit code 1 when anything differs.
     """
-    from hil_bridge.lab.campaign.comparison import compared
+    from hil_bridge.lab.campaign.comparison import compare_campaigns
     from hil_bridge.lab.campaign.store import Store
 
     with Store.open(before) as first, Store.open(after) as second:
-        found = compared(first, second)
+        found = compare_campaigns(first, second)
     tell(found.lines)
     if found.differing:
         click.get_current_context().exit(DIFFERS)

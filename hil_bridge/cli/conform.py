@@ -61,8 +61,8 @@ def conform(
 
     from hil_bridge.devices.kinds import ROBOTS
     from hil_bridge.lab.conform.client import ProcessClient
-    from hil_bridge.lab.conform.rules import read_rules, told_rules
-    from hil_bridge.lab.conform.stage import Trial, chosen
+    from hil_bridge.lab.conform.rules import describe_rules, read_rules
+    from hil_bridge.lab.conform.stage import Trial, choose_scenarios
     from hil_bridge.lab.conform.trying import play_all, usual_port
     from hil_bridge.record.files import check_place, write_whole
     from hil_bridge.runs.signals import as_ctrl_c
@@ -70,7 +70,7 @@ def conform(
 
     rules = read_rules(settings, comes_back=comes_back, ends=ends)
     if show_rules:
-        tell(told_rules(rules))
+        tell(describe_rules(rules))
         return
     if not command:
         raise click.UsageError("name the client's command behind --")
@@ -81,7 +81,7 @@ def conform(
     config = load_config(config_file, {"robot.emulated": kind})
     port = usual_port(config, listen, command)
     trial = Trial(config, port, rules, partial(ProcessClient, command))
-    names = chosen(trial, only)
+    names = choose_scenarios(trial, only)
     from hil_bridge.lab.conform.judging import Outcome
     from hil_bridge.lab.conform.reports import as_json, as_junit, not_modelled, table, totals
 

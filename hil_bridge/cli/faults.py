@@ -26,9 +26,9 @@ def faults(robot: str, sensor: str, surface: str, as_json: bool) -> None:
     """
     import json
 
-    from emulators.devices.s3.panel import fault_table
+    from emulators.faults import describe_faults
     from hil_bridge.devices.kinds import EmulatedKinds
-    from hil_bridge.devices.robots.s3.panel import faults_text
+    from hil_bridge.devices.panel import faults_text
 
-    table = fault_table(EmulatedKinds.named(robot, sensor, surface).faults)
+    table = describe_faults(EmulatedKinds.named(robot, sensor, surface).faults)
     click.echo(json.dumps(table, ensure_ascii=False, indent=2) if as_json else faults_text(table))

@@ -59,9 +59,9 @@ def upgrade(old: Path, new: Path, overwrite: bool) -> None:
     from hil_bridge.errors.text_files import read_text, read_toml
     from hil_bridge.record.files import write_whole
     from hil_bridge.settings.configuration import load_config
-    from hil_bridge.settings.upgrade import upgraded
+    from hil_bridge.settings.upgrade import upgrade_text
 
-    text, changes = upgraded(read_text(old))
+    text, changes = upgrade_text(read_text(old))
     write_whole(new, text.encode(), overwrite)
     for change in changes or ["nothing has another name"]:
         click.echo(change)

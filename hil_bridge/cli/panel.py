@@ -4,21 +4,69 @@ from typing import Any
 
 import click
 
+_URL = "panel"
+"""Key of the panel's URL among the facts of a call."""
+
 
 def _ask(context: click.Context, request: dict[str, Any]) -> dict[str, Any]:
-    from hil_bridge.devices.robots.s3.panel import ask
+    from hil_bridge.devices.panel import ask
 
-    return ask(context.find_root().meta["panel"], request)
+    return ask(context.find_root().meta[_URL], request)
 
 
 def _do(context: click.Context, request: dict[str, Any]) -> None:
     """Ask, and show the state afterwards."""
-    from hil_bridge.devices.robots.s3.panel import state_text
+    from hil_bridge.devices.panel import state_text
 
-    click.echo(state_text(_ask(context, request).get("state", {})))
+    click.echo(state_text(_ask(context, request)))
 
 
-@click.group(invoke_without_command=True, short_help="Operate the panel of an emulated controller.")
+def _robots_with() -> dict[str, tuple[str, list[str]]]:
+    """Each control with its positions and its meaning, and the kinds of robots that have it."""
+    from hil_bridge.devices.kinds import ROBOTS
+
+    known: dict[str, tuple[str, list[str]]] = {}
+    for kind in map(ROBOTS.kind, ROBOTS.built_in):
+        controls = None if kind.emulation is None else kind.emulation.controls
+        for name, control in ({} if controls is None else controls.controls).items():
+            call = f"{name} {'|'.join(control.choices)}"
+            known.setdefault(call, (control.meaning, []))[1].append(kind.name)
+    return known
+
+
+class _Controls(click.Group):
+    """The commands that every panel takes, and the controls of the one that is asked."""
+
+    def get_command(self, context: click.Context, name: str) -> click.Command | None:
+        own = super().get_command(context, name)
+        return own if own is not None or name.startswith("-") else _control(name)
+
+    def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
+        super().format_commands(context, formatter)
+        with formatter.section("Controls, by the robots that have them"):
+            formatter.write_dl(
+                [
+                    (call, f"{meaning}  [{', '.join(kinds)}]")
+                    for call, (meaning, kinds) in _robots_with().items()
+                ]
+            )
+
+
+def _control(name: str) -> click.Command:
+    """A command that moves a control; the panel knows its positions, and the usual one."""
+
+    @click.pass_context
+    def move(context: click.Context, to: str | None) -> None:
+        _do(context, {"do": name} if to is None else {"do": name, "to": to})
+
+    return click.Command(
+        name, callback=move, params=[click.Argument(["to"], required=False)], help="Move this control."
+    )
+
+
+@click.group(
+    cls=_Controls, invoke_without_command=True, short_help="Operate the panel of an emulated controller."
+)
 @click.argument("url")
 @click.pass_context
 def panel(context: click.Context, url: str) -> None:
@@ -26,41 +74,24 @@ def panel(context: click.Context, url: str) -> None:
 
     URL is what `hil-bridge emulate` or `hil-bridge run` with --panel prints, like tcp://127.0.0.1:7300.
     """
-    context.find_root().meta["panel"] = url
+    context.find_root().meta[_URL] = url
     if context.invoked_subcommand is None:
         _do(context, {"do": "show"})
 
 
-_COMMANDS: dict[str, tuple[str, tuple[str, ...]]] = {
-    "show": ("Show mode, flags, queue, position, joints and orders.", ()),
-    "key": ("Turn the key.", ("auto", "manual")),
-    "link-control": ("Give the link control at the pendant, or take it back.", ("give", "take")),
-    "work-stop": ("Stop work, or let it go on.", ("on", "off")),
-    "programming-unit": (
-        "Connect the programming unit, or remove it.",
-        ("connect", "remove"),
-    ),
-    "interrupt": ("Permit interrupts, or forbid them; the status tells it.", ("permit", "forbid")),
-    "disarm": ("Forget the faults that wait for their moment.", ()),
-    "mend": ("End the faults that last.", ()),
-}
-"""Commands that are one request: what each does, and what may be said to it."""
+def _request(name: str, text: str) -> click.Command:
+    """A command that is one request."""
 
-
-def _command(name: str, text: str, choices: tuple[str, ...], default: str | None = None) -> click.Command:
     @click.pass_context
-    def act(context: click.Context, /, **said: str) -> None:
-        _do(context, {"do": name, **said})
+    def act(context: click.Context) -> None:
+        _do(context, {"do": name})
 
-    to = click.Argument(["to"], type=click.Choice(choices), default=default, required=default is None)
-    return click.Command(name, callback=act, params=[to] if choices else [], help=text, short_help=text)
+    return click.Command(name, callback=act, help=text, short_help=text)
 
 
-for _name, (_text, _choices) in _COMMANDS.items():
-    panel.add_command(_command(_name, _text, _choices))
-panel.add_command(
-    _command("emergency-stop", "Press the emergency stop, or release it.", ("press", "release"), "press")
-)
+panel.add_command(_request("show", "Show state, position, program and faults."))
+panel.add_command(_request("disarm", "Forget the faults that wait for their moment."))
+panel.add_command(_request("mend", "End the faults that last."))
 
 
 @panel.command()
@@ -86,6 +117,6 @@ def inject(context: click.Context, words: tuple[str, ...]) -> None:
 @click.pass_context
 def faults(context: click.Context) -> None:
     """List the faults that can be injected, with their parameters and defaults."""
-    from hil_bridge.devices.robots.s3.panel import faults_text
+    from hil_bridge.devices.panel import faults_text
 
     click.echo(faults_text(_ask(context, {"do": "faults"}).get("faults", {})))

@@ -1,5 +1,6 @@
 """`hil-bridge probe`: what is at the other end, and how it wants to be spoken to."""
 
+import sys
 from pathlib import Path
 
 import click
@@ -7,20 +8,26 @@ import click
 from hil_bridge.cli.options import overwrite_option
 from hil_bridge.cli.paths import FILE
 
+EXIT_REFUSED = 3
+"""Exit code when the robot answers and a run would be refused."""
+
 
 @click.group(no_args_is_help=False)
 def probe() -> None:
     """Find the settings under which a device answers."""
 
 
-@probe.command(short_help="Find the settings of a controller's link.")
+@probe.command(short_help="Tell what a robot is, and its state.")
 @click.argument("url", metavar="URL")
+@click.option(
+    "--config", "config_file", type=FILE, metavar="FILE", help="Configuration whose [robot.KIND] is taken."
+)
 @click.option(
     "-o",
     "--out",
     type=FILE,
     metavar="FILE",
-    help="Write a configuration with the settings that work.",
+    help="Write a configuration with the settings of the link that work. [S3]",
 )
 @click.option(
     "--patience",
@@ -29,23 +36,34 @@ def probe() -> None:
     default=0.7,
     show_default=True,
     metavar="S",
-    help="Longest wait for an ACK.",
+    help="Longest wait for an ACK. [S3]",
 )
 @overwrite_option
-def robot(url: str, out: Path | None, patience_s: float, overwrite: bool) -> None:
-    """Find rate, parity, length style and doubling of DLE on a controller's link, and the profile that this makes.
+def robot(url: str, config_file: Path | None, out: Path | None, patience_s: float, overwrite: bool) -> None:
+    """Tell what answers at a robot's URL, its rate and its state, and what a run would be refused for.
 
-    Nothing but read status is sent, so that nothing moves or changes. What the URL says of the line is tried first.
-    Exit code 3 when nothing works.
+    Nothing is ordered, so that nothing moves. An EGM robot gets no answer; its web services are read too, where the URL
+    has `rws=HOST:PORT`. An RSI robot is answered with the correction that it has, for it stops without an answer. A
+    Universal Robot is sent no program. Of an S3 the settings of its link are found first, by read status alone: rate,
+    parity, length style and doubling of DLE. What the URL says of the line is tried first.
+
+    Exit code 3 when nothing answers, and when a run would be refused.
     """
     from hil_bridge.devices.kinds import robot_of
     from hil_bridge.errors import ConfigError
+    from hil_bridge.settings.configuration import load_config
+    from hil_bridge.settings.kinds import settings_of
+    from hil_bridge.site import robot_probe
     from hil_bridge.site.s3.probe import probe_robot
 
     kind, wire = robot_of(url)
-    if kind.name != "s3":
-        raise ConfigError(f"{url!r}: the settings of a link are found for an s3, not for a {kind.name}")
-    probe_robot(wire, out, patience_s, overwrite)
+    settings = settings_of(load_config(config_file, {}), kind)
+    if kind.name == "s3":
+        wire, settings = probe_robot(wire, out, patience_s, overwrite)
+    elif out is not None:
+        raise ConfigError(f"-o is for an s3, whose link has settings to be found, not for a {kind.name}")
+    if not robot_probe.probe_robot(kind, wire, settings):
+        sys.exit(EXIT_REFUSED)
 
 
 @probe.command(short_help="Show a force sensor, and name its axes by pushes.")

@@ -126,7 +126,7 @@ def run(
     from hil_bridge.errors import StepError
     from hil_bridge.record import read
     from hil_bridge.runs.outputs import Outputs
-    from hil_bridge.runs.resuming import resumed_config, told_resume
+    from hil_bridge.runs.resuming import describe_resume, resume_config
     from hil_bridge.runs.session import execute
     from hil_bridge.runs.shown import Views
     from hil_bridge.settings.configuration import lay_over, load_config
@@ -155,8 +155,8 @@ def run(
     else:
         changes: dict[str, object] = {}
         lay_over(changes, overrides)
-        config = resumed_config(read(resume), changes)
-        click.echo(told_resume(config))
+        config = resume_config(read(resume), changes)
+        click.echo(describe_resume(config))
     views = Views(not no_view, web_options(web, web_port, web_origins))
     beside = report == _BESIDE
     outputs = Outputs(

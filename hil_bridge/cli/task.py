@@ -32,13 +32,13 @@ def show(file: Path, out: Path | None, overwrite: bool) -> None:
     and an approach ends where the surface is.
     """
     from hil_bridge.record.files import check_place, write_whole
-    from hil_bridge.show.report.task_steps import shown, table_lines, total_line
+    from hil_bridge.show.report.task_steps import list_steps, table_lines, total_line
 
     if out is not None:
         check_place(out, overwrite)
     config = _config(file)
     row = _row(config, file)
-    steps = shown(config.task.step, row)
+    steps = list_steps(config.task.step, row)
     total = total_line(steps, row)
     lines = [*table_lines(steps), f"total: {total}"]
     if out is not None:
@@ -125,7 +125,7 @@ def teach_frame(
     from hil_bridge.errors.text_files import toml_pair
     from hil_bridge.record import read
     from hil_bridge.record.files import check_place, write_whole
-    from hil_bridge.runs.outputs import Outputs, settled
+    from hil_bridge.runs.outputs import Outputs, settle_outputs
     from hil_bridge.runs.session import execute
     from hil_bridge.settings.configuration import load_config
     from hil_bridge.site.teach import frame_of, touches
@@ -141,7 +141,7 @@ def teach_frame(
         "task.step": touches(places, force_n),
     }
     config = load_config(config_file, overrides)
-    outputs = settled(Outputs(record, overwrite=overwrite, own_folder=record is None), config_file)
+    outputs = settle_outputs(Outputs(record, overwrite=overwrite, own_folder=record is None), config_file)
     assert outputs.record is not None
     if code := execute(config, virtual, outputs, False, config_file):
         sys.exit(code)

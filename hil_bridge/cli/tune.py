@@ -106,10 +106,9 @@ def tune(
 
     from hil_bridge.console.progress import run_progress
     from hil_bridge.lab.tuning.evaluating import running
-    from hil_bridge.lab.tuning.front import check_picture, front, picture
-    from hil_bridge.lab.tuning.front import told as told_front
+    from hil_bridge.lab.tuning.front import check_picture, describe_front, front, picture
     from hil_bridge.lab.tuning.preparing import axes_of, limit_of, others, tuned_file, weights_of
-    from hil_bridge.lab.tuning.reporting import as_json, chosen, fresh_comparison
+    from hil_bridge.lab.tuning.reporting import as_json, describe_parameters, fresh_comparison
     from hil_bridge.lab.tuning.searching import Wanted, begin, search
     from hil_bridge.lab.tuning.space import space_of
     from hil_bridge.record.files import check_place, write_whole
@@ -142,7 +141,7 @@ def tune(
             comparisons = _validated(state, cells, runs)
     finally:  # what was found so far is kept, also behind Ctrl-C
         if state is not None:
-            tell(chosen(state))
+            tell(describe_parameters(state))
             best = state.best
             if best is not None and out is not None:
                 text = tuned_file(values, config, state, config_file)
@@ -156,7 +155,7 @@ def tune(
             if json_file is not None:
                 write_whole(json_file, as_json(state, comparisons).encode(), overwrite)
                 click.echo(json_file)
-    tell(["", *told_front(front(state.tried, *axes), wanted.space, *axes)])
+    tell(["", *describe_front(front(state.tried, *axes), wanted.space, *axes)])
     fresh = fresh_comparison(state)
     _tell_comparisons([*([fresh] if fresh else []), *comparisons], wanted, bool(cells))
     if state.best is None:
@@ -190,19 +189,18 @@ def _runs(wanted: "Wanted", cells: int) -> int:
 
 
 def _validated(state: "Search", cells: Sequence[tuple[str, "Config"]], runs: "Runs") -> "list[Comparison]":
-    from hil_bridge.lab.tuning.preparing import compared
+    from hil_bridge.lab.tuning.preparing import compare_with_defaults
 
     if state.best is None:
         return []
-    return [compared(name, config, state, runs) for name, config in cells]
+    return [compare_with_defaults(name, config, state, runs) for name, config in cells]
 
 
 def _tell_comparisons(comparisons: "Sequence[Comparison]", wanted: "Wanted", validated: bool) -> None:
-    from hil_bridge.lab.tuning.comparing import sentence
-    from hil_bridge.lab.tuning.comparing import told as told_comparison
+    from hil_bridge.lab.tuning.comparing import describe_comparison, sentence
 
     shown = [*wanted.weights, "rise_s", "overshoot_percent", "rms_error_n"]
     for one in comparisons:
-        tell(["", *told_comparison(one, [*dict.fromkeys(shown), "force_true_max_n"])])
+        tell(["", *describe_comparison(one, [*dict.fromkeys(shown), "force_true_max_n"])])
     if validated and len(comparisons) > 1:
         tell(["", f"In cells that it was not tuned on, {sentence(comparisons[1:])}."])

@@ -21,7 +21,7 @@ def why(recording: Path) -> None:
     from hil_bridge.record.analysis.why import tracebacks, why
 
     record, _ = read_with_traffic(recording)
-    click.echo(harmless(why(record).replace("monitor FILE`", f"monitor {recording}`")))
+    click.echo(harmless(why(record, recording)))
     for text in promises_broken(record):
         click.echo(harmless(f"A promise was broken. {text}."))
     for trace in tracebacks(record):

@@ -15,8 +15,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from hil_bridge.errors import ConfigError
-from protocol.marks import Mark, at_least, between, check_settings, setting
+from hil_bridge.errors import SettingRefused
+from protocol.marks import Mark, SettingError, at_least, between, check_settings, setting
 
 GIVE_WAY_S = 1e-4
 """Longest time for which a computing thread keeps the interpreter from one that was woken. Chosen: by itself
@@ -60,9 +60,10 @@ class RealTime:
     def __post_init__(self) -> None:
         check_settings(self)
         if self.fifo_priority and self.busy_poll_ms:
-            raise ValueError(
-                "fifo_priority and busy_poll_ms exclude each other: a thread that comes first and never sleeps is "
-                "stopped by the kernel for 50 ms of every second"
+            raise SettingError(
+                "fifo_priority",
+                "and busy_poll_ms exclude each other: a thread that comes first and never sleeps is "
+                "stopped by the kernel for 50 ms of every second",
             )
 
 
@@ -145,11 +146,15 @@ def collect_generation_1() -> None:
     gc.collect(1)
 
 
+def _refused(setting: str, problem: str) -> SettingRefused:
+    return SettingRefused("", ("realtime", setting), problem)
+
+
 def _pin(cpus: tuple[int, ...], allowed: set[int]) -> None:
     if missing := sorted(set(cpus) - allowed):  # the system call would leave these out without a word
         there = ", ".join(map(str, sorted(allowed)))
-        raise ConfigError(
-            f"realtime.cpus: this process may not run on {', '.join(map(str, missing))}; it may on {there}"
+        raise _refused(
+            "cpus", f"this process may not run on {', '.join(map(str, missing))}; it may on {there}"
         )
     os.sched_setaffinity(0, cpus)
 
@@ -159,9 +164,10 @@ def _prefer(priority: int) -> None:
         # Without the flag every thread that is begun later would have that priority too.
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
     except PermissionError as error:
-        raise ConfigError(
-            f"realtime.fifo_priority: SCHED_FIFO {priority} is not permitted; set an rtprio limit of at least "
-            f"{priority} for this user in /etc/security/limits.d, or leave it 0"
+        raise _refused(
+            "fifo_priority",
+            f"SCHED_FIFO {priority} is not permitted; set an rtprio limit of at least {priority} for this user in "
+            "/etc/security/limits.d, or leave it 0",
         ) from error
 
 
@@ -182,16 +188,17 @@ def _keep_awake() -> int:
                 remedy = "this kernel does not offer it: leave it false"
             case _:
                 remedy = "leave it false"
-        raise ConfigError(f"realtime.keep_awake: {LATENCY_FILE}: {error.strerror}; {remedy}") from error
+        raise _refused("keep_awake", f"{LATENCY_FILE}: {error.strerror}; {remedy}") from error
     return latency
 
 
 def _lock_memory() -> None:
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.mlockall(_MCL_CURRENT | _MCL_FUTURE) != 0:
-        raise ConfigError(
-            f"realtime.lock_memory: {os.strerror(ctypes.get_errno())}; set an unlimited memlock limit for this "
-            "user in /etc/security/limits.d, or leave it false"
+        raise _refused(
+            "lock_memory",
+            f"{os.strerror(ctypes.get_errno())}; set an unlimited memlock limit for this user in "
+            "/etc/security/limits.d, or leave it false",
         )
 
 

@@ -22,7 +22,7 @@ def debug_wanted(context: click.Context | None = None) -> bool:
     return context is not None and bool(context.find_root().meta.get(_KEY))
 
 
-def told_bug(what: str, trace: str, context: click.Context | None = None) -> str:
+def describe_bug(what: str, trace: str, context: click.Context | None = None) -> str:
     """Text about a bug for the screen: its traceback where one was asked for, and one line that names it."""
     line = f"hil-bridge: this is a bug: {' '.join(what.split())}"
     if debug_wanted(context):

@@ -26,7 +26,7 @@ def can_be_heard() -> bool:
 
 
 @contextmanager
-def heard(react: Callable[[str], object]) -> Iterator[None]:
+def hearing(react: Callable[[str], object]) -> Iterator[None]:
     """Inside, `react` is called with each key, in a thread of its own; then the terminal is what it was."""
     if not can_be_heard():
         yield

@@ -3,20 +3,10 @@
 import math
 from typing import Any
 
+from protocol.marks import SettingError
+
 FORBID_EXTRA: dict[str, str] = {"extra": "forbid"}
 """Tells pydantic to refuse keys that no field has."""
-
-
-class SettingError(ValueError):
-    """The value of one setting cannot be."""
-
-    def __init__(self, setting: str, problem: str) -> None:
-        """`setting` is its key, `problem` the rest of the sentence."""
-        super().__init__(setting, problem)
-        self.setting, self.problem = setting, problem
-
-    def __str__(self) -> str:
-        return f"{self.setting} {self.problem}"
 
 
 def check_reference(reference: float) -> None:
@@ -39,3 +29,12 @@ def require_not_negative(model: Any, *names: str) -> None:
         value = getattr(model, name)
         if not (isinstance(value, (int, float)) and math.isfinite(value) and value >= 0):
             raise SettingError(name, f"must be a number of at least 0, got {value}")
+
+
+def require_shares_and_slope(model: Any) -> None:
+    """Raise SettingError where a share of an estimator of the normal is above 1, or its steepest angle not below 90."""
+    for name in ("learning_share", "smoothing_share"):
+        if getattr(model, name) > 1.0:
+            raise SettingError(name, f"must be at most 1, got {getattr(model, name)}")
+    if model.steepest_deg >= 90.0:
+        raise SettingError("steepest_deg", f"must be below 90, got {model.steepest_deg}")

@@ -38,7 +38,7 @@ def controller_kind(name: str) -> Callable[..., Controller[Any]]:
     """
     found = find_plugin(GROUP, "controller", name, CONTROLLERS)
     if found is not None:
-        return _checked(found, name)
+        return _check(found, name)
     if name not in CONTROLLERS:
         raise ConfigError(f"there is no controller {name!r}; choose one of {', '.join(controller_names())}")
     return CONTROLLERS[name]
@@ -121,7 +121,7 @@ def check_period(period_s: float | None, controller: Controller[Any], sample_ms:
     )
 
 
-def _checked(found: Found, name: str) -> Callable[..., Controller[Any]]:
+def _check(found: Found, name: str) -> Callable[..., Controller[Any]]:
     kind, where = found.value, f"{found.where}: {found.source}"
     if not (inspect.isclass(kind) and dataclasses.is_dataclass(kind)):
         raise ConfigError(f"{where} is no dataclass")

@@ -17,20 +17,20 @@ class Failed(NamedTuple):
     """Traceback of what it raised; empty where it raised nothing."""
 
 
-def failed_by(controller: Controller[Any], error: BaseException) -> Failed:
+def blame_error(controller: Controller[Any], error: BaseException) -> Failed:
     """It raised this, or gave an answer by which this was raised."""
     said = failure(error, place_of_method(controller, "step"))
-    return _failed(controller, said, traceback_of(error))
+    return _blame(controller, said, traceback_of(error))
 
 
-def failed_to_answer(controller: Controller[Any], command: Command) -> Failed:
+def blame_answer(controller: Controller[Any], command: Command) -> Failed:
     """It answered with a command that is no number, or so far away that it cannot be meant."""
     place = place_of_method(controller, "step")
     said = f"it commands {command.position} m"
-    return _failed(controller, f"{said}{place and f' ({place})'}")
+    return _blame(controller, f"{said}{place and f' ({place})'}")
 
 
-def _failed(controller: Controller[Any], said: str, trace: str = "") -> Failed:
+def _blame(controller: Controller[Any], said: str, trace: str = "") -> Failed:
     return Failed(Reason(Cause.CONTROLLER, f"controller {controller.name} failed: {said}"), trace)
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from msgspec.structs import replace
 
-from hil_bridge.control.course.answers import calmed, held_back
+from hil_bridge.control.course.answers import calm, explain_halt
 from hil_bridge.control.course.contour import Contour, ContourState, normal_force
 from hil_bridge.control.course.following import Following, Trail
 from hil_bridge.control.course.limits import Limits
@@ -26,7 +26,7 @@ from hil_bridge.control.course.verdict import (
     Verdict,
 )
 from hil_bridge.control.decision import Decision, LoopState, Proposal, Sample
-from hil_bridge.control.failing import Failed, failed_by, failed_to_answer, farthest_answer
+from hil_bridge.control.failing import Failed, blame_answer, blame_error, farthest_answer
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.state import Felt
 from hil_bridge.control.types import SAMPLE_MS, Measurement
@@ -117,7 +117,7 @@ class ControlLoop:
         before = before if sample.doubt == before.doubt else replace(before, doubt=Doubt(sample.doubt))
         if program is not None:
             before, measurement, felt = program.sense(
-                before, measurement, self._felt(state, sample, measurement)
+                before, measurement, self._feel(state, sample, measurement)
             )
         elif self.contour is not None:
             contour, measurement = self._face(state, measurement, sample)
@@ -126,7 +126,7 @@ class ControlLoop:
         task, output, failed = self._decide(before, measurement, felt)
         oscillation, advice = self._watch(state.oscillation, measurement, output)
         if advice is not None and advice.factor < 1.0:
-            output = calmed(output, measurement, advice)
+            output = calm(output, measurement, advice)
         trace = "" if failed is None else failed.trace
         return Proposal(
             depth,
@@ -168,9 +168,7 @@ class ControlLoop:
         way: Verdict = verdict
         if reason is not None and output.phase is not _RETRACT:
             # From the state before this sample: the controller's answer to it no longer matters.
-            task, output = self._stepped(
-                self.task.fail(state.task, reason), proposal.measurement, proposal.felt
-            )
+            task, output = self._step(self.task.fail(state.task, reason), proposal.measurement, proposal.felt)
             supervisor, way = guard.retreat(supervisor, seen, self._request(state, output))
         elif advice is not None and advice.factor < 1.0 and not isinstance(verdict, Stop):
             lowered = Reason(Cause.GAIN, f"the force swings: gain lowered to {advice.factor:g}")
@@ -185,7 +183,7 @@ class ControlLoop:
             # Held back at the border of the workspace, a retraction has come as far as it can.
             held = not (isinstance(way, Clamp) and way.goes_on)
             if held and output.reason is None:  # of a program, which has more to do
-                output = replace(output, reason=held_back(verdict, seen), failed=True)
+                output = replace(output, reason=explain_halt(verdict, seen), failed=True)
         trail: Trail = ()
         if follows is not None:
             trail = follows.after(state.trail, (proposal.depth, depth), sample.now, sample.position_at)
@@ -226,7 +224,7 @@ class ControlLoop:
         barrier = measurement.position + left / stiffness
         return barrier if math.isfinite(barrier) else measurement.position
 
-    def _stepped(
+    def _step(
         self, state: TaskState, measurement: Measurement, felt: Felt | None
     ) -> tuple[TaskState, TaskOutput]:
         if isinstance(self.task, Program):
@@ -234,7 +232,7 @@ class ControlLoop:
             return self.task.step(state, measurement, felt)
         return self.task.step(state, measurement)
 
-    def _felt(self, state: LoopState, sample: Sample, measurement: Measurement) -> Felt:
+    def _feel(self, state: LoopState, sample: Sample, measurement: Measurement) -> Felt:
         """The sample as a program needs it."""
         x, y, z = (p - s for p, s in zip(sample.position, state.start, strict=True))
         r, s, t = self.across
@@ -265,7 +263,7 @@ class ControlLoop:
         or cannot be meant, is its failure.
         """
         try:
-            task, output = self._stepped(state, measurement, felt)
+            task, output = self._step(state, measurement, felt)
             command = output.command
             if command is None:
                 return task, output, None
@@ -274,10 +272,10 @@ class ControlLoop:
             meant = way <= limits.correction_total_mm * 1e-3 or way <= farthest_answer(limits)
             if meant and math.isfinite(command.correction):
                 return task, output, None
-            failed = failed_to_answer(self.task.controller, command)
+            failed = blame_answer(self.task.controller, command)
         except RAISED as error:
             raise_if_asked(error)
-            failed = failed_by(self.task.controller, error)
+            failed = blame_error(self.task.controller, error)
         return state, self.task.hold(state, measurement), failed
 
     def _face(

@@ -14,7 +14,7 @@ Kinds of one device behind several receivers may share their sections.
 """
 
 from collections.abc import Awaitable, Callable, Collection, Iterable, Mapping, Sequence
-from contextlib import AbstractAsyncContextManager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from importlib import import_module
 from typing import Any, Generic, NamedTuple, Self, TypeAlias, TypeVar
@@ -22,6 +22,7 @@ from typing import Any, Generic, NamedTuple, Self, TypeAlias, TypeVar
 from emulators.cell import OWN_FAULTS, CellProfile
 from emulators.faults import Fault, find
 from emulators.faults.renamed import RENAMED, tell_new_name
+from emulators.panel import Controls
 from emulators.seams import RobotFactory, SensorFactory, SurfaceFactory
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.kind_checks import fault_of
@@ -95,10 +96,8 @@ class RobotEmulation(Generic[_Client, _Emulated]):
     """The URL to listen on where a configuration names none; the second argument says whether in virtual time."""
     faults: Mapping[str, Mapping[str, Fault]] = field(default_factory=dict)
     """Its faults, in words, by target and name; its handlers carry them out."""
-    panel: Callable[..., AbstractAsyncContextManager[str]] | None = None
+    controls: Controls | None = None
     """The panel of the emulated controller, for people; None for a kind without one."""
-    check_panel: Callable[[str], object] | None = None
-    """Raises ConfigError for a URL at which no panel can listen."""
     mishaps: Mapping[str, str] = field(default_factory=dict)
     """Faults of its target `robot` by which it refuses to move, by scenario of `hil-bridge conform`: refused, stopped.
     The other scenarios inject faults that have the same name for every robot.
@@ -134,6 +133,16 @@ class RobotKind(Generic[_Client, _Emulated]):
     """Bytes of its wire of either direction, item by item with fields and problems, for people; None without words. It
     is given one datagram, a piece of a line, or a CAN frame as candump writes it, in ASCII: `201#C800`.
     """
+    probe: Callable[[str, KindSettings[_Client, _Emulated], Wiring], Awaitable[Any]] | None = None
+    """Findings of `hil-bridge probe robot`, a `robots.probing.Probed`: from the wire's URL, the settings and the wires.
+    It orders nothing. Errors as of `connect`, and DeviceError where nothing answers. None: there is no probe.
+    """
+    ask_beside: Callable[[str], Awaitable[Any]] | None = None
+    """What the robot tells over another channel that its URL names, a `Probed` without rows where it names none. It
+    reads only. Raises DeviceError where nothing answers. None: there is no such channel.
+    """
+    usual_wire: str = ""
+    """A wire's URL of a real robot, `{host}` in the place of its address: for a URL that has no wire."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -317,8 +326,24 @@ def _kind_of(url: str, registry: Registry[Any]) -> tuple[Any, str]:
     if meant := _meant(url, registry):
         raise ConfigError(f"{url!r} names no kind of {registry.thing}; did you mean {meant}?")
     head = url.partition(":")[0]
+    if examples := _with_usual_wires(url, registry):
+        raise ConfigError(f"{url!r} names no wire; write {examples}")
     which = f"there is no {registry.thing} {head.partition('+')[0]!r}" if "+" in head else "it names no kind"
     raise ConfigError(f"{url!r}: {which}; choose one of {', '.join(registry.names)}, as in KIND+WIRE")
+
+
+def _with_usual_wires(url: str, registry: Registry[Any]) -> str:
+    """URLs to write instead of `KIND://HOST`, or of an address alone; empty for another URL."""
+    name, colon, rest = url.partition("://")
+    host = (rest if colon else url).partition("/")[0]
+    plain = host.replace(".", "").replace("-", "")
+    if not (plain.isascii() and plain.isalnum()) or (colon and name not in registry.names):
+        return ""
+    if not colon and "." not in host and host != "localhost":
+        return ""
+    kinds = [registry.kind(name)] if colon else map(registry.kind, registry.built_in)
+    wires = ((kind.name, getattr(kind, "usual_wire", "")) for kind in kinds)
+    return " or ".join(f"{kind}+{wire.format(host=host)}" for kind, wire in wires if wire)
 
 
 def _meant(url: str, registry: Registry[Any]) -> str:

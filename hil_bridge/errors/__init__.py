@@ -1,5 +1,7 @@
 """Errors, as a tree by the part at fault. Messages are one line: what, where, what to do."""
 
+from collections.abc import Sequence
+
 from hil_bridge.errors.cause_row import CONFIGURATION, STOPPED
 from hil_bridge.errors.cause_table import ROWS
 from hil_bridge.errors.causes import Cause, Part, Reason
@@ -14,6 +16,7 @@ __all__ = [
     "Part",
     "Reason",
     "SafetyStop",
+    "SettingRefused",
     "StepError",
     "TransportBroken",
     "TransportClosed",
@@ -47,6 +50,11 @@ class BridgeError(Exception):
         """The message without its remedy."""
         return super().__str__()
 
+    @property
+    def without_source(self) -> str:
+        """The message without the file that it begins with."""
+        return str(self)
+
     def blame(self, cause: Cause) -> None:
         """Name the cause where none is named yet."""
         self.cause = self.cause or cause
@@ -67,6 +75,42 @@ class ConfigError(BridgeError):
 
     exit_code = CONFIGURATION
     cause = Cause.CONFIGURATION
+
+
+class SettingRefused(ConfigError):
+    """A setting has a value that cannot be, or there is no such setting."""
+
+    def __init__(
+        self, source: str, key: Sequence[str], problem: str, joint: str = ": ", further: int = 0
+    ) -> None:
+        """`source` is the file or the option that gives it; empty where its reader knows.
+
+        `key` has its sections and its name, or nothing where the source says all. `joint` stands between the key and
+        the problem: a space where they make one sentence. `further` settings are wrong too.
+        """
+        self.source, self.key, self.problem, self.joint, self.further = (
+            source,
+            tuple(key),
+            problem,
+            joint,
+            further,
+        )
+        super().__init__(
+            f"{source}{': ' if self.key else joint}{self.without_source}" if source else self.without_source
+        )
+
+    @property
+    def without_source(self) -> str:
+        return self.below(0)
+
+    def below(self, depth: int) -> str:
+        """The same for a reader who knows the source and the first `depth` parts of the key."""
+        name = ".".join(self.key[depth:])
+        more = f" (and {self.further} more)" if self.further else ""
+        return f"{name}{self.joint if name else ''}{self.problem}{more}"
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return (type(self), (self.source, self.key, self.problem, self.joint, self.further), self.__dict__)
 
 
 class StepError(ConfigError):

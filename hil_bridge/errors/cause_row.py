@@ -58,7 +58,7 @@ PART_WORDS: Mapping[Part, str] = {
 """Each part in words; the kinds of robot and sensor are put in where they are known."""
 
 _PROBE = "`hil-bridge probe sensor URL` checks "
-_MONITOR = "`hil-bridge monitor FILE` shows the traffic"
+_MONITOR = "`hil-bridge monitor {recording}` shows the traffic"
 LOOK: Mapping[Part, str] = {
     Part.ROBOT: "the robot's panel and its status in the events",
     Part.ROBOT_LINK: f"the robot's cable, its supply and its program; {_MONITOR}",

@@ -47,7 +47,7 @@ def one_line(text: str) -> str:
     return (text.splitlines() or [""])[0].encode(errors="backslashreplace").decode()
 
 
-def told(error: BaseException) -> str:
+def quote_error(error: BaseException) -> str:
     """The first line of what an exception says, whatever it is."""
     try:
         return one_line(str(error))
@@ -63,6 +63,11 @@ def traceback_of(error: BaseException) -> str:
         return f"{type(error).__name__}, which cannot be shown: {type(second).__name__}"
 
 
+def last_line(trace: str) -> str:
+    """The line of a traceback that tells what was raised."""
+    return trace.strip().rpartition("\n")[2]
+
+
 def failure(error: BaseException, otherwise: str = "") -> str:
     """The text of an exception in one line, and the package and the place that it comes from where that is not ours.
 
@@ -72,7 +77,7 @@ def failure(error: BaseException, otherwise: str = "") -> str:
     if blamed := getattr(error, "blamed", None):
         otherwise = place_of_method(*blamed)
     place = otherwise if blamed else plugin_place(error) or _foreign_place(error) or otherwise
-    said = ": ".join(filter(None, (type(error).__name__, told(error))))
+    said = ": ".join(filter(None, (type(error).__name__, quote_error(error))))
     return f"{said}{place and f' ({place})'}"
 
 
@@ -121,11 +126,11 @@ def failure_event(error: BaseException) -> tuple[str, str]:
     return TRACEBACK_EVENT if of_others(error) else BUG_EVENT, traceback_of(error)
 
 
-def unexpected(error: BaseException) -> Reason:
+def explain_exception(error: BaseException) -> Reason:
     """Why a run ends with an exception that nothing expected."""
     if of_others(error):
         return Reason(Cause.OTHERS_CODE, f"code of another package ended the run: {failure(error)}")
-    return Reason(Cause.BUG, f"a bug ended the run: {type(error).__name__}: {told(error)}")
+    return Reason(Cause.BUG, f"a bug ended the run: {type(error).__name__}: {quote_error(error)}")
 
 
 def code_failed(what: str, cause: BaseException, otherwise: Cause) -> BridgeError:

@@ -66,7 +66,7 @@ def own_processes(count: int | None = None, jobs: int | None = None) -> Iterator
     # Spawned, not forked: the same on every platform, and no thread's lock is copied while it is held.
     context = multiprocessing.get_context("spawn")
     others = set(multiprocessing.active_children())
-    with _ended_by_sigterm(), one_thread_each(), ProcessPoolExecutor(count, context, begin_worker) as pool:
+    with _ending_by_sigterm(), one_thread_each(), ProcessPoolExecutor(count, context, begin_worker) as pool:
         try:
             yield Workers(pool, lambda: count)
         except BaseException as error:
@@ -147,7 +147,7 @@ def begin_worker() -> None:
 
 
 @contextmanager
-def _ended_by_sigterm() -> Iterator[None]:
+def _ending_by_sigterm() -> Iterator[None]:
     """SIGTERM ends this process the way Ctrl-C does, with its workers; by itself it would leave them behind.
 
     A handler that is set already stays.

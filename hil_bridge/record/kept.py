@@ -76,7 +76,7 @@ class KeptRecords:
         """Take the end. Harmless when called again."""
         if self._end is None:
             self._end = dict(end)
-            self._steps = _timed(self._steps)
+            self._steps = _add_times(self._steps)
 
     @property
     def traffic(self) -> RawTraffic:
@@ -132,7 +132,7 @@ class KeptRecords:
         recorder.close(self._end)
 
 
-def _timed(steps: list[_Step]) -> list[_Step]:
+def _add_times(steps: list[_Step]) -> list[_Step]:
     """The same, with the time of the record before it for a record without one, as the file has it."""
     newest, timed = 0.0, list(steps)
     for place, step in enumerate(steps):

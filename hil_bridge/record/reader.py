@@ -164,7 +164,7 @@ def _contents(path: Path, topics: Sequence[Topic]) -> _Contents:
                 case Metadata() if item.name in found.metadata:
                     found.metadata[item.name] = item.metadata
                 case Attachment() if item.name == REMOVED_NAME:
-                    found.removed = _removed(item)
+                    found.removed = _read_removed(item)
                 case int():
                     found.unix_zero_ns = item
                 case (str(topic), record):
@@ -191,7 +191,7 @@ def _is_older(version: str) -> bool:
     return number is not None and (int(number[1]), int(number[2])) < FIRST_OF_FORM
 
 
-def _removed(item: Attachment) -> RemovedMap:
+def _read_removed(item: Attachment) -> RemovedMap:
     try:
         return from_json(item.data)
     except ValueError as error:
@@ -268,7 +268,7 @@ def _mcap_records(data: bytes) -> Iterator[McapRecord]:
             unpacked += item.uncompressed_size
             if item.uncompressed_size > CHUNK_LIMIT_BYTES or unpacked > UNPACKED_LIMIT_BYTES:
                 raise _TooMuch(f"a chunk of {item.uncompressed_size} bytes unpacked")
-            plain = replace(item, compression="", data=_unpacked(item))
+            plain = replace(item, compression="", data=_unpack(item))
             inside = sum(1 for _ in _records(plain.data, 0))
             if inside * MESSAGE_BYTES > len(plain.data) + CHUNK_EXCESS_BYTES:
                 raise ValueError("a chunk of records that are too short for messages")
@@ -300,7 +300,7 @@ def _records(data: bytes, at: int) -> Iterator[tuple[int, int, int]]:
         at += length
 
 
-def _unpacked(chunk: Chunk) -> bytes:
+def _unpack(chunk: Chunk) -> bytes:
     """A chunk's records. No more memory is taken than the chunk claims, whatever its data unpack to: a frame's own
     header is not asked. Raises ValueError when that is not what it claims, and what the libraries raise.
     """

@@ -134,7 +134,7 @@ class Recorder:
         self._written = dict.fromkeys((topic.name for topic in TOPICS), 0)
         self._error: BridgeError | None = None
         self.trouble = ""
-        """Why the file will not hold everything, in words, from the moment on at which that is known."""
+        """Why the file will not hold everything, in words that follow its name, as soon as that is known."""
         self._chunk_seconds = writing.chunks.seconds
         self._chunk_began: float | None = None
         self._axis = TimeAxis(wall_ns)
@@ -184,7 +184,7 @@ class Recorder:
         """Take a record. The newest is dropped and counted when the queue is full or writing has failed."""
         if len(self._queue) >= self._capacity or self._error is not None or self._closed:
             self._dropped[self._topics[type(record)].name] += 1
-            self.trouble = self.trouble or f"the recording {self._path} has gaps: the disk does not keep up"
+            self.trouble = self.trouble or "has gaps: the disk does not keep up"
             return
         self._queue.append(record)
         if self._thread is None and len(self._queue) >= BATCH_RECORDS:
@@ -280,9 +280,10 @@ class Recorder:
 
     def _fail(self, error: Exception) -> None:
         cause = (error.strerror if isinstance(error, OSError) else None) or f"{type(error).__name__}: {error}"
-        self._error = BridgeError(f"the recording {self._path} is incomplete: {cause}")
+        trouble = f"is incomplete: {cause}"
+        self._error = BridgeError(f"the recording {self._path} {trouble}")
         self._error.__cause__ = error
-        self.trouble = str(self._error)
+        self.trouble = trouble
         with contextlib.suppress(OSError):  # the same full disk again; the first error is the one that tells
             self._file.close()
 

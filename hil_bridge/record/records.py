@@ -11,6 +11,7 @@ from msgspec import Meta, Struct
 from hil_bridge.control.course.task import Phase
 from hil_bridge.control.decision import Sample
 from hil_bridge.errors.causes import Cause
+from hil_bridge.errors.failures import BUG_EVENT, TRACEBACK_EVENT, last_line
 from hil_bridge.record.ending import Check
 from protocol.faults import FaultStage
 from protocol.unmodelled import NotModelled
@@ -151,6 +152,8 @@ class StepRecord(Struct, frozen=True):
     """Number of the repeat that it belongs to, as it stands in the program; 0 for none."""
     turn: int = 0
     """Its pass in that repeat, from 1; 0 for none."""
+    number: str = ""
+    """Its number alone, as it stands in the program: 3, or 3.1 within a repeat."""
 
 
 class SensorRecord(Struct, frozen=True):
@@ -264,3 +267,10 @@ class EventRecord(Struct, frozen=True):
     """The injected fault that the event tells of; left out of all others."""
     not_modelled: NotModelled | None = None
     """The thing that the emulated device does not model; left out of all other events."""
+
+    @property
+    def line(self) -> str:
+        """The line of the text that tells most: the last one of a traceback, else the first."""
+        if self.kind in (TRACEBACK_EVENT, BUG_EVENT):
+            return last_line(self.text)
+        return self.text.strip().partition("\n")[0]

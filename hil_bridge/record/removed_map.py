@@ -47,7 +47,7 @@ class RemovedMap(Struct, frozen=True):
         return np.array(self.depths_um)
 
 
-def packed(
+def pack_map(
     origin: tuple[float, float],
     direction: tuple[float, float],
     corner: tuple[float, float],

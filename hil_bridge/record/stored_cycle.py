@@ -23,7 +23,7 @@ SHARED: Final[Mapping[str, str]] = {
 """Fields of a sample, and those of the cycle that tell the same."""
 
 
-def _derived(cls: type[Struct], changed: Mapping[str, tuple[Any, Any]]) -> type[Struct]:
+def _derive(cls: type[Struct], changed: Mapping[str, tuple[Any, Any]]) -> type[Struct]:
     """A type with other types and defaults of these fields, and the texts of all of them."""
     fields = [(name, *both) for name, both in changed.items()]
     space = {"__doc__": cls.__doc__}
@@ -32,11 +32,11 @@ def _derived(cls: type[Struct], changed: Mapping[str, tuple[Any, Any]]) -> type[
     )
 
 
-_SAMPLE = _derived(
+_SAMPLE = _derive(
     Sample,
     {field.name: (field.type | UnsetType, UNSET) for field in structs.fields(Sample) if field.name in SHARED},
 )
-STORED = _derived(CycleRecord, {"sample": (_SAMPLE | None, None)})
+STORED = _derive(CycleRecord, {"sample": (_SAMPLE | None, None)})
 """The type of a message."""
 
 

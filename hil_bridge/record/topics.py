@@ -103,7 +103,7 @@ class Topic:
             data = _to_json(_whole(msgspec.to_builtins(told, enc_hook=_plain)))
         if _NULL not in data:  # as of nearly all messages
             return data
-        message = _known(msgspec.json.decode(data), self._type)
+        message = _drop_nulls(msgspec.json.decode(data), self._type)
         message.setdefault(self.time)  # without it nothing reads the message
         return _to_json(message)
 
@@ -223,14 +223,14 @@ def _of_union(kind: inspect.UnionType) -> inspect.Type:
     return next((one for one in present if isinstance(one, inspect.FloatType)), present[0])
 
 
-def _known(value: Any, kind: inspect.Type) -> Any:
+def _drop_nulls(value: Any, kind: inspect.Type) -> Any:
     """Parsed JSON without those fields of records that are null."""
     match kind, value:
         case inspect.UnionType(), _ if value is not None:
-            return _known(value, _of_union(kind))
+            return _drop_nulls(value, _of_union(kind))
         case inspect.StructType(fields=fields) | inspect.DataclassType(fields=fields), dict():
             types = {field.name: field.type for field in fields}
-            known = {name: _known(each, types[name]) for name, each in value.items() if each is not None}
+            known = {name: _drop_nulls(each, types[name]) for name, each in value.items() if each is not None}
             lost = [field.name for field in fields if _has_finite_default(field) and field.name not in known]
             return {**known, NOT_FINITE: lost} if lost else known
         case _:

@@ -28,8 +28,8 @@ def run_bounds(config: Config, facts: RobotFacts, sample_time: float, turns: boo
         start,
         config.frame.approach,
         limits.correction_total_mm * 1e-3,
-        _moved(limits.workspace_min_m, -lift),
-        _moved(limits.workspace_max_m, lift),
+        _move(limits.workspace_min_m, -lift),
+        _move(limits.workspace_max_m, lift),
         math.radians(limits.turn_total_deg) if turns else 0.0,
         limits.correction_mm_s * 1e-3,
         limits.travel_mm_s * 1e-3,
@@ -78,6 +78,6 @@ def _slack(facts: RobotFacts) -> float:
     return WORDS * (facts.order_step_m or 0.0) + SLACK_M
 
 
-def _moved(corner: Vector, by: float) -> Vector:
+def _move(corner: Vector, by: float) -> Vector:
     x, y, z = corner
     return x + by, y + by, z + by

@@ -4,7 +4,7 @@ import asyncio
 from dataclasses import replace
 
 from hil_bridge.errors import BridgeError, Cause, DeviceError, Reason
-from hil_bridge.errors.failures import unexpected
+from hil_bridge.errors.failures import explain_exception
 from hil_bridge.record import Outcome
 from hil_bridge.runs.result import RunResult
 
@@ -15,7 +15,7 @@ def ended_before(error: BaseException, by: Cause | None, stray: BaseException | 
     `stray` is the exception that left a callback of the loop before, if any. Raises what else ended it.
     """
     if stray is not None:
-        raise _stopped(unexpected(stray)) from stray
+        raise _stopped(explain_exception(stray)) from stray
     if isinstance(error, asyncio.CancelledError):
         if by is not None:
             return RunResult(Outcome.INTERRUPTED, Reason(by, "before the movement began"))
@@ -28,7 +28,7 @@ def ended_after(result: RunResult, error: BaseException) -> RunResult:
     """Result of a run whose movement had ended when this was raised: how the tool was left stays known."""
     if isinstance(error, asyncio.CancelledError):
         return result
-    reason = error.reason(Cause.OUTPUT) if isinstance(error, BridgeError) else unexpected(error)
+    reason = error.reason(Cause.OUTPUT) if isinstance(error, BridgeError) else explain_exception(error)
     if result.outcome is Outcome.COMPLETED:
         return replace(result, outcome=Outcome.STOPPED, reason=reason)
     return replace(result, followed=(*result.followed, reason))

@@ -2,17 +2,19 @@
 configuration names.
 """
 
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
 from emulators.cell import Cell, Parts
+from emulators.panel import Controls, Panel
 from emulators.seams import StartPose
 from emulators.unmodelled import TaggingDevice
 from hil_bridge.clock import VIRTUAL_EPOCH, Clock, Timer, device_clock
 from hil_bridge.devices.device_log import DeviceLog
 from hil_bridge.devices.kinds import ROBOTS, RobotEmulation, SensorEmulation
+from hil_bridge.devices.panel import PanelServer, panel_address
 from hil_bridge.devices.robots.of_others import link_of_others
 from hil_bridge.devices.robots.seam import RobotLink
 from hil_bridge.devices.sensors.stream import ForceSensor
@@ -72,12 +74,11 @@ def check_panel(setup: Setup, virtual: bool) -> None:
             "run.panel_url (--panel) is the emulated controller's panel; leave it out "
             f"{'with a real robot' if real else 'in virtual time, where a person could not press in time'}"
         )
-    check = _emulation(setup.robot.kind).check_panel
-    if check is None:
+    if _emulation(setup.robot.kind).controls is None:
         raise ConfigError(
             f"an emulated {setup.robot.kind.name} has no panel; leave run.panel_url (--panel) out"
         )
-    check(url)
+    panel_address(url)
 
 
 def make_cell(setup: Setup, now: float) -> Cell[Any, Any]:
@@ -179,6 +180,30 @@ async def connect_sensor(sensor: Sensor, wiring: Wiring) -> ForceSensor:
 
 
 @asynccontextmanager
+async def _serve_panel(
+    cell: Cell[Any, Any], controls: Controls, url: str, clock: Clock, wake: Callable[[], None]
+) -> AsyncIterator[str]:
+    """Let the panel listen on a URL; where it is asked. `wake` wakes the cell's devices after each request.
+
+    Raises ConfigError for the URL, TransportUnavailable for the port.
+    """
+    panel = Panel(cell.robot, controls, cell.ledger)
+
+    def perform(request: Mapping[str, Any]) -> Mapping[str, Any]:
+        try:
+            return panel.perform(request, clock.now())
+        finally:
+            wake()
+
+    server = PanelServer(perform, clock)
+    address = await server.listen(url)
+    try:
+        yield address
+    finally:
+        await server.aclose()
+
+
+@asynccontextmanager
 async def emulated_cell(
     setup: Setup,
     clock: Clock,
@@ -202,9 +227,9 @@ async def emulated_cell(
         panel_at = None
         if setup.listen.robot is not None:
             robot = await _serve(setup.cell_robot, cell.robot, serving)
-            make_panel = _emulation(robot.kind).panel
-            if setup.listen.panel and make_panel is not None:
-                panel = make_panel(cell, setup.listen.panel, clock, serving.wake)
+            controls = _emulation(robot.kind).controls
+            if setup.listen.panel and controls is not None:
+                panel = _serve_panel(cell, controls, setup.listen.panel, clock, serving.wake)
                 panel_at = await stack.enter_async_context(panel)
         if setup.listen.sensor is not None:
             sensor = await _serve(setup.cell_sensor, cell.sensor, serving)

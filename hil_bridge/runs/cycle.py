@@ -13,6 +13,7 @@ from hil_bridge.clock import Clock, Heartbeat
 from hil_bridge.control import LoopState, Peaks, Phase, Sample, WristAtOrientation
 from hil_bridge.control.course.task import CONNECT, TARE
 from hil_bridge.control.course.zero import main_axes
+from hil_bridge.control.program.legs import Leg
 from hil_bridge.control.program.program import Program
 from hil_bridge.devices.robots.seam import (
     Motion,
@@ -28,10 +29,10 @@ from hil_bridge.errors.cancelling import is_asked
 from hil_bridge.errors.failures import (
     TRACEBACK_EVENT,
     CodeFailed,
+    explain_exception,
     failure_event,
     of_others,
     traceback_of,
-    unexpected,
 )
 from hil_bridge.record import (
     CHECK_EVENT,
@@ -121,9 +122,9 @@ class Run:
         """Result of a run that has ended, also where its task was cancelled while the tool moved."""
 
     @property
-    def step_labels(self) -> tuple[str, ...]:
-        """Labels of a program's steps; empty without one."""
-        return self._steps.labels
+    def legs(self) -> tuple[Leg, ...]:
+        """A program's steps, passes counted; empty without one."""
+        return self._steps.legs
 
     def interrupt(self, by: Cause = Cause.INTERRUPTED) -> None:
         """Retract from the next cycle on, and end; `by` is the row of the table of causes. The first one stays."""
@@ -234,7 +235,7 @@ class Run:
                 self._blame(Reason(Cause.CANCELLED, "the run was cancelled"))
             else:
                 self._event(*failure_event(error))
-                self._blame(self._in_step(unexpected(error)))
+                self._blame(self._in_step(explain_exception(error)))
             await self._retract(motion)
             if asked or not (isinstance(error, (Exception, SystemExit)) or of_others(error)):
                 raise

@@ -53,7 +53,7 @@ class Outputs:
     """The record goes when the run has ended."""
 
 
-def settled(outputs: Outputs, config_file: Path | None) -> Outputs:
+def settle_outputs(outputs: Outputs, config_file: Path | None) -> Outputs:
     """The same with every place named and its folder made, before the robot moves.
 
     Raises ConfigError for what cannot be written afterwards, and for what is there already. `config_file`, or the

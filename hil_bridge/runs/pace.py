@@ -17,17 +17,18 @@ from hil_bridge.control.course.witness import witness_of
 from hil_bridge.control.program.felt import Face, WorkFrame
 from hil_bridge.control.program.legs import legs_of, seconds
 from hil_bridge.control.program.program import Program
-from hil_bridge.control.program.resume import resumed
+from hil_bridge.control.program.resume import resume_row
 from hil_bridge.control.types import Controller, Tuning
 from hil_bridge.devices.facts import RobotFacts
-from hil_bridge.errors import ConfigError
+from hil_bridge.errors import ConfigError, StepError
 from hil_bridge.runs.reaction_times import following
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.given import GivenController
+from hil_bridge.settings.program import in_file
 from protocol.geometry import Vector
 
 
-def paced(config: Config, cycle_s: float | None, frame_s: float) -> Config:
+def set_pace(config: Config, cycle_s: float | None, frame_s: float) -> Config:
     """The configuration with period, sample time and tuning written out, so that the record and a replay have them.
 
     `cycle_s` is the robot's own cycle, `frame_s` the time between two frames of the sensor, 0 where it is not known.
@@ -39,7 +40,7 @@ def paced(config: Config, cycle_s: float | None, frame_s: float) -> Config:
         return config
     cycle_ms = cycle_s * 1e3
     shortest_ms = math.ceil(frame_s * 1e3 / cycle_ms - 1e-6) * cycle_ms
-    given = _given(config)
+    given = _find_given(config)
     kind: Any = controller_kind(config.controller.name) if given is None else given
     made_for = Tuning(sample_time(kind) * 1e3, {})
     period_ms = config.run.period_ms or max(cycle_ms, shortest_ms)
@@ -66,7 +67,7 @@ def paced(config: Config, cycle_s: float | None, frame_s: float) -> Config:
     return config.model_copy(update={"controller": controller})
 
 
-def _given(config: Config) -> Controller[Any] | None:
+def _find_given(config: Config) -> Controller[Any] | None:
     """The controller that a program gave as an object; its parameters stay as they are."""
     return config.controller.controller if isinstance(config.controller, GivenController) else None
 
@@ -87,7 +88,7 @@ def control_loop(config: Config, robot: RobotFacts) -> ControlLoop:
 
     Raises ConfigError for an unfit parameter, and for a controller that is tuned for another control period.
     """
-    controller = _given(config)
+    controller = _find_given(config)
     if controller is None:
         controller = make_controller(config.controller.name, **config.controller.parameters)
     tuned = sample_time(controller, config.controller.sample_ms)
@@ -128,12 +129,12 @@ def program(config: Config, task: Task) -> Program:
     try:
         row = legs_of(config.task.step, task, config.limits, known, config.robot.velocity_mm_s)
         seconds(row)
-    except ConfigError as error:
+    except StepError as error:
         if not config.task.file:
             raise
-        raise ConfigError(f"{config.task.file}: {str(error).removeprefix('task.')}") from error
+        raise in_file(error, "", config.task.file) from error
     if point is not None:
-        row = resumed(row, point, task)
+        row = resume_row(row, point, task)
     turns = any(getattr(leg.step, "orientation", "fixed") == "normal" for leg in row.legs)
     if turns and config.sensor.url and not config.tool.mass_kg:
         raise ConfigError(

@@ -2,12 +2,13 @@
 
 import asyncio
 from collections.abc import AsyncIterator, Collection, Mapping
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 
 from hil_bridge.console.screen import Terminal
 from hil_bridge.errors.causes import Cause
 from hil_bridge.record import CycleRecord, RunEnd
 from hil_bridge.record.topics import RECORDS, Record
+from hil_bridge.runs.beside import going_on
 from hil_bridge.runs.notes import Notes
 from hil_bridge.runs.run_log import RunLog
 from hil_bridge.runs.running import Running
@@ -49,11 +50,11 @@ class Page:
     def begin(self, run: Running) -> None:
         """The devices of the run are open."""
         self._run = run
-        scene = scene_of(run.setup, run.facts, run.run.step_labels, self._record)
+        scene = scene_of(run.setup, run.facts, run.run.legs, self._record)
         self._feed.begin(scene, run.clock.wall_ns(0.0))
 
     @asynccontextmanager
-    async def served(
+    async def serving(
         self, setup: Setup, log: RunLog, stopping: Stopping, terminal: Terminal
     ) -> AsyncIterator[None]:
         """The page while a run goes on."""
@@ -70,13 +71,8 @@ class Page:
                 feed.pulse(clock.now(), health_of(self._run), self._notes.checked, self._notes.warning)
                 await asyncio.sleep(REFRESH_SECONDS)
 
-        task = asyncio.create_task(pulses(), name="page")
-        try:
+        async with going_on(pulses(), "page"):
             yield
-        finally:
-            task.cancel()
-            with suppress(asyncio.CancelledError):
-                await task
 
     def end(self, end: RunEnd) -> None:
         """The run is over."""

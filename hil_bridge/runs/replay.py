@@ -68,10 +68,10 @@ def recorded_config(recording: Recording, changes: Mapping[str, Any]) -> Config:
         case {"name": name} if name != values["controller"]["name"]:
             values["controller"], other = {}, True  # the parameters belong to the one that was recorded
     try:
-        config = read_config(_merged(values, changes))
+        config = read_config(_merge(values, changes))
         return Setup(config).config if other else config
     except ValidationError as error:
-        raise ConfigError(explain(error, None, set())) from error
+        raise explain(error, None, set()) from error
 
 
 def changes_of(path: Path | None, controller: str | None) -> dict[str, Any]:
@@ -109,12 +109,12 @@ def replay(recording: Recording, config: Config, forced: bool) -> Iterator[Repla
         yield replayed
 
 
-def _merged(values: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+def _merge(values: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
     result = dict(values)
     for key, change in changes.items():
         present = result.get(key)
         both = isinstance(change, Mapping) and isinstance(present, Mapping)
-        result[key] = _merged(present, change) if both else change  # type: ignore[arg-type]
+        result[key] = _merge(present, change) if both else change  # type: ignore[arg-type]
     return result
 
 

@@ -18,7 +18,7 @@ _BAND_SHARE = 0.1
 """Chosen: as far as the force may be off, of the wanted one, where a step has no criterion."""
 
 
-def resumed_config(recording: Recording, changes: dict[str, Any], overlap_mm: float = OVERLAP_MM) -> Config:
+def resume_config(recording: Recording, changes: dict[str, Any], overlap_mm: float = OVERLAP_MM) -> Config:
     """The configuration of a recorded run with these changes, and the point where its program goes on.
 
     Raises ConfigError for a run without a program, one that was not cut, and one whose program cannot be compiled.
@@ -105,7 +105,7 @@ def _quaternion(recording: Recording) -> tuple[float, float, float, float]:
     return normalise(recording.cycles[0].quaternion)
 
 
-def told_resume(config: Config) -> str:
+def describe_resume(config: Config) -> str:
     """Where it goes on, in one line."""
     task = Setup(config).loop.task
     assert isinstance(task, Program)

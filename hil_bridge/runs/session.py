@@ -12,10 +12,11 @@ from typing import Any
 from emulators.cell import Cell
 from hil_bridge.clock import VIRTUAL_EPOCH, Clock, run_real_on, run_virtual_on
 from hil_bridge.clock.realtime import collect_generation_1, real_time_loop
-from hil_bridge.console.debugging import debug_wanted, told_bug
+from hil_bridge.console.debugging import debug_wanted, describe_bug
 from hil_bridge.console.screen import LEAVE_SECONDS, Terminal
 from hil_bridge.errors import BridgeError, Cause
 from hil_bridge.errors.cause_row import CRITERION, INTERRUPTED
+from hil_bridge.errors.failures import last_line
 from hil_bridge.errors.text_files import format_path
 from hil_bridge.record import CycleRecord, EventRecord, Outcome, Recorder, RunEnd
 from hil_bridge.record.analysis.steps import failed_criteria, step_outcomes
@@ -24,19 +25,18 @@ from hil_bridge.record.reader import Recording, read
 from hil_bridge.record.recorder import REAL_TIME, VIRTUAL, map_buffers
 from hil_bridge.runs.checks import check
 from hil_bridge.runs.notes import Notes
-from hil_bridge.runs.outputs import Outputs, record_path, settled, write_outputs
+from hil_bridge.runs.outputs import Outputs, record_path, settle_outputs, write_outputs
 from hil_bridge.runs.page import Page
 from hil_bridge.runs.result import RunResult
 from hil_bridge.runs.run_log import RunLog, metadata_of
 from hil_bridge.runs.running import Running, run_end, running
 from hil_bridge.runs.setup import Setup
-from hil_bridge.runs.shown import Views, fed
+from hil_bridge.runs.shown import Views, open_feed
 from hil_bridge.runs.signals import Signals, unless_hung_up
 from hil_bridge.runs.stopping import Stopping
 from hil_bridge.runs.terminal_view import TerminalView
 from hil_bridge.runs.watching import Listener, Watcher
 from hil_bridge.settings.configuration import Config
-from hil_bridge.show.texts import without_queries
 from hil_bridge.show.web.feed import Feed
 
 TELL_SECONDS = 5.0
@@ -67,8 +67,8 @@ def execute(
     )  # before a recording is replaced
     signals = Signals()
     views = view if isinstance(view, Views) else Views(view)
-    with signals.heard(), fed(views, virtual) as feed:
-        outputs = settled(outputs, config_file)
+    with signals.hearing(), open_feed(views, virtual) as feed:
+        outputs = settle_outputs(outputs, config_file)
         with record_path(outputs) as path, Terminal() as terminal:
             if outputs.own_folder and not virtual:
                 terminal.out.say(f"recording into {path.parent}")
@@ -96,9 +96,9 @@ def _finish(session: "Session", result: RunResult, outputs: Outputs) -> int:
     """
     signals, notes = session.signals, session.notes
     code = result.exit_code
-    text, left = without_queries(result.text), without_queries(result.left)
+    text, left = result.text, result.left
     ended = f": {text}" if text and result.outcome is not Outcome.STOPPED else ""
-    lines = [f"{result.outcome}{ended}", *(f"then: {without_queries(str(one))}" for one in result.followed)]
+    lines = [f"{result.outcome}{ended}", *(f"then: {one}" for one in result.followed)]
     errors = [f"stopped: {text}"] if result.outcome is Outcome.STOPPED else []
     if result.outcome is Outcome.COMPLETED and (unmet := failed_criteria(step_outcomes(notes.steps))):
         errors.append(unmet)
@@ -130,7 +130,7 @@ def _finish(session: "Session", result: RunResult, outputs: Outputs) -> int:
     if result.outcome is Outcome.STOPPED and notes.traces:
         errors[0] += "" if debug_wanted() else "; --debug shows the traceback"
         errors = [*(text.rstrip() for text in notes.traces if debug_wanted()), *errors]
-    bugs = [told_bug("; ".join([text.strip().rpartition("\n")[2], *record]), text) for text in notes.bugs]
+    bugs = [describe_bug("; ".join([last_line(text), *record]), text) for text in notes.bugs]
     session.terminal.say_last([*bugs, *(f"hil-bridge: {text}" for text in errors)], lines, patience)
     return code
 
@@ -201,7 +201,7 @@ class Session:
                     self.terminal.out.say(f"panel: {served.panel}")
                 if page is not None:
                     page.begin(run)
-                async with view.shown(run, stopping, record):
+                async with view.showing(run, stopping, record):
                     stopping.result = await run()
                 return stopping.result
 
@@ -212,7 +212,7 @@ class Session:
                 try:
                     async with AsyncExitStack() as stack:
                         if page is not None:
-                            await stack.enter_async_context(page.served(setup, log, stopping, self.terminal))
+                            await stack.enter_async_context(page.serving(setup, log, stopping, self.terminal))
                         result = await with_devices()
                 except (asyncio.CancelledError, Exception) as error:  # all has been closed on the way here
                     result = stopping.ended_by(error, self.notes.bugs)
@@ -239,13 +239,13 @@ class Session:
 
     def _look_at(self, recorder: Recorder, log: RunLog, view: TerminalView) -> None:
         """Tell trouble of the recorder at once. The run goes on, since nothing in it depends on its record."""
-        text = recorder.trouble
-        if not text or self.notes.warning:
+        if not recorder.trouble or self.notes.warning:
             return
+        text = f"the recording {self._path} {recorder.trouble}"
         self.notes.warning = text
         log.notice("recorder", text)
         self.terminal.err.say(f"hil-bridge: {text}; the run goes on")
-        view.warn(text.replace(f" {self._path}", ""))  # where a line is short
+        view.warn(f"the recording {recorder.trouble}")  # where a line is short
 
 
 def _collector(clock: Clock) -> Callable[[CycleRecord], object]:

@@ -9,12 +9,13 @@ from emulators.cell import Cell
 from hil_bridge.control import ControlLoop
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.kinds import SURFACES, EmulatedKinds, SurfaceKind
-from hil_bridge.runs.pace import control_loop, paced
+from hil_bridge.runs.pace import control_loop, set_pace
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.devices import (
+    CellName,
     Robot,
     Sensor,
-    cell_in_words,
+    name_cell,
     robot_at,
     robot_in,
     sensor_at,
@@ -101,7 +102,7 @@ class Setup:
     def config(self) -> Config:
         """The configuration as it is run: period, sample time and tuning written out."""
         frame_s = self.sensor.kind.period(self.sensor.settings) or 0.0
-        return paced(self._given, self.facts.cycle_s, frame_s)
+        return set_pace(self._given, self.facts.cycle_s, frame_s)
 
     @cached_property
     def loop(self) -> ControlLoop:
@@ -116,6 +117,6 @@ class Setup:
         return self.loop if facts == known else control_loop(self.config, facts)
 
     @property
-    def in_words(self) -> tuple[bool, str]:
-        """Whether a robot that is not ours may move, and which cell it is."""
-        return cell_in_words(self.robot, self.sensor)
+    def cell_name(self) -> CellName:
+        """Which cell it is, for people."""
+        return name_cell(self.robot, self.sensor)

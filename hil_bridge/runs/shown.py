@@ -1,10 +1,12 @@
 """Where a run is shown while it goes on: on the terminal, and on a page in the browser."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
 from hil_bridge.console import keys
+from hil_bridge.control.program.legs import Leg
+from hil_bridge.control.words.steps import Track
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.errors import ConfigError
 from hil_bridge.runs.running import Running
@@ -23,7 +25,7 @@ class Views:
 
 
 @contextmanager
-def fed(views: Views, virtual: bool) -> Iterator[Feed | None]:
+def open_feed(views: Views, virtual: bool) -> Iterator[Feed | None]:
     """The feed of the page, if one is wanted. Raises ConfigError."""
     if views.web is None:
         yield None
@@ -39,17 +41,19 @@ def fed(views: Views, virtual: bool) -> Iterator[Feed | None]:
         feed.close()
 
 
-def scene_of(setup: Setup, facts: RobotFacts, steps: tuple[str, ...], record: str) -> Scene:
+def scene_of(setup: Setup, facts: RobotFacts, legs: Sequence[Leg], record: str) -> Scene:
     """Facts of a run for its views; `record` names the recording that is kept, empty for none."""
     config = setup.config
-    real, cell = setup.in_words
+    cell = setup.cell_name
     return Scene(
         reference_n=config.task.force_n,
         robot=facts,
-        total_s=None if steps else config.run.duration_s,
-        steps=steps,
-        cell=cell,
-        real=real,
+        total_s=None if legs else config.run.duration_s,
+        steps=tuple(leg.label for leg in legs),
+        tracks=frozenset(number for number, leg in enumerate(legs, 1) if isinstance(leg.step, Track)),
+        cell=cell.words,
+        devices=cell.devices,
+        real=cell.real,
         limits=config.limits,
         approach=config.frame.approach,
         record=record,

@@ -61,7 +61,7 @@ class Signals:
         self._react: React = at_once
 
     @contextmanager
-    def heard(self) -> Iterator[None]:
+    def hearing(self) -> Iterator[None]:
         """Inside, signals react; outside, they are what they were. Elsewhere than in the main thread nothing changes.
 
         SIGHUP stays ignored where it was (nohup). One of `OTHERS` stays with a handler that another part of the
@@ -130,7 +130,7 @@ def as_ctrl_c() -> Iterator[None]:
             signal.raise_signal(signal.SIGINT)
 
     before = signal.getsignal(signal.SIGINT)
-    with signals.heard(), signals.leading_to(react):
+    with signals.hearing(), signals.leading_to(react):
         if threading.current_thread() is threading.main_thread():
             signal.signal(signal.SIGINT, before)
         yield

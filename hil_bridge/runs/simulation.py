@@ -13,7 +13,7 @@ from hil_bridge.devices.device_log import Silence
 from hil_bridge.devices.robots.seam import RobotLink
 from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.errors import BridgeError, Cause, ConfigError, Reason
-from hil_bridge.errors.failures import unexpected
+from hil_bridge.errors.failures import explain_exception
 from hil_bridge.record import (
     PHASE_EVENT,
     CycleRecord,
@@ -269,7 +269,7 @@ class _Observer(Listener):
 
 
 @asynccontextmanager
-async def opened_simulation(config: Config, observe: Observe | None) -> AsyncIterator[Simulation]:
+async def simulating(config: Config, observe: Observe | None) -> AsyncIterator[Simulation]:
     """A run that is under way while inside. See `api.simulation`."""
     clock = Clock.running()
     observer = None if observe is None else _Observer(observe)
@@ -326,11 +326,11 @@ def _how_ended(simulation: Simulation | None) -> RunResult:
         return task.result()
     if isinstance(failure, BridgeError):
         return RunResult(Outcome.STOPPED, failure.reason(Cause.ROBOT_NOT_READY))
-    return RunResult(Outcome.STOPPED, unexpected(failure))
+    return RunResult(Outcome.STOPPED, explain_exception(failure))
 
 
 @asynccontextmanager
-async def opened_devices(config: Config) -> AsyncIterator[OpenDevices]:
+async def opening_devices(config: Config) -> AsyncIterator[OpenDevices]:
     """Started robot and sensor while inside. See `api.open_devices`."""
     try:
         refuse_faults(config.faults, "open_devices")

@@ -30,15 +30,11 @@ class StepTeller:
         self, task: Task | Program, clock: Clock, log: StepLog, event: Callable[[str, str], None]
     ) -> None:
         """`event` is told a kind and a text."""
-        self._legs = task.row.legs if isinstance(task, Program) else ()
+        self.legs: tuple[Leg, ...] = task.row.legs if isinstance(task, Program) else ()
+        """All steps, passes counted; empty for a run without a program."""
         self._clock, self._log, self._event = clock, log, event
         self._count = 0
         """Steps that have been told."""
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """Labels of all steps, passes counted."""
-        return tuple(leg.label for leg in self._legs)
 
     def ended(self, course: CourseState | None) -> None:
         """Tell the steps that have ended since the cycle before."""
@@ -52,18 +48,18 @@ class StepTeller:
         """Tell the step that was under way when the run could decide no more, at this time, s; None for now."""
         if course is not None and course.began is not None:
             now = self._clock.now() if at is None else at
-            self._tell(cut(course, self._legs[course.leg], now, reason))
+            self._tell(cut(course, self.legs[course.leg], now, reason))
 
     def where(self, course: CourseState | None, reason: Reason) -> Reason:
         """Why a run stops, with the step in which it does."""
         if course is None or course.began is None:
             return reason
-        return reason.in_step(self._legs[course.leg].label)
+        return reason.in_step(self.legs[course.leg].label)
 
     def _tell(self, done: Done) -> None:
-        leg = self._legs[done.leg]
+        leg = self.legs[done.leg]
         self._log.step(step_record(leg, done))
-        self._event(STEP_EVENT, told_step(leg, done))
+        self._event(STEP_EVENT, describe_step(leg, done))
 
 
 def step_record(leg: Leg, done: Done) -> StepRecord:
@@ -86,10 +82,11 @@ def step_record(leg: Leg, done: Done) -> StepRecord:
         leg.step.do,
         leg.repeat,
         leg.turn,
+        leg.number,
     )
 
 
-def told_step(leg: Leg, done: Done) -> str:
+def describe_step(leg: Leg, done: Done) -> str:
     """A step that has ended, in one line."""
     parts = [f"{done.ended - done.began:.1f} s"]
     if done.way:
@@ -102,4 +99,4 @@ def told_step(leg: Leg, done: Done) -> str:
     if done.text:
         parts.append(done.text)
     verdict = "done" if done.passed else "FAILED"
-    return f"step {leg.label} {verdict}: {', '.join(parts)}"
+    return f"{leg.label} {verdict}: {', '.join(parts)}"

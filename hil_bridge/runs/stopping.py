@@ -10,7 +10,7 @@ from typing import Any
 
 from hil_bridge.errors import BridgeError, Cause
 from hil_bridge.errors.cancelling import is_asked
-from hil_bridge.errors.failures import failure_event, traceback_of, unexpected
+from hil_bridge.errors.failures import explain_exception, failure_event, traceback_of
 from hil_bridge.record import EventRecord
 from hil_bridge.runs.closing import ended_after, ended_before
 from hil_bridge.runs.cycle import Run
@@ -103,7 +103,7 @@ class Stopping:
             self._stray = error
             self._log.notice(*failure_event(error))
         if self.run is not None and self._moving:
-            self.run.fail(unexpected(error))
+            self.run.fail(explain_exception(error))
         elif not self._moved:
             self._task.cancel()
         return True

@@ -11,6 +11,7 @@ from hil_bridge.console.screen import Terminal
 from hil_bridge.errors.causes import Cause
 from hil_bridge.record import CHECK_EVENT, CycleRecord, EventRecord
 from hil_bridge.record.ending import Check
+from hil_bridge.runs.beside import going_on
 from hil_bridge.runs.running import Running
 from hil_bridge.runs.shown import health_of, scene_of
 from hil_bridge.runs.stopping import Stopping
@@ -68,7 +69,7 @@ class TerminalView(Listener):
             self._view.warn(text)
 
     @asynccontextmanager
-    async def shown(self, run: Running, stopping: Stopping, record: str) -> AsyncIterator[None]:
+    async def showing(self, run: Running, stopping: Stopping, record: str) -> AsyncIterator[None]:
         """The live view of a run, drawn by the screen's thread. `record` names the recording that is kept.
 
         No part of it waits for the terminal: the loop goes on when that is paused or gone.
@@ -79,17 +80,14 @@ class TerminalView(Listener):
             return
         from hil_bridge.show.terminal.live import LiveView
 
-        scene = scene_of(run.setup, run.facts, run.run.step_labels, record)
+        scene = scene_of(run.setup, run.facts, run.run.legs, record)
         view = self._view = LiveView(scene, screen.stream)
-        task = asyncio.create_task(self._refresh(view, run), name="view")
         loop, board = asyncio.get_running_loop(), Keys(run, stopping)
         try:
-            with keys.heard(lambda key: loop.call_soon_threadsafe(board.press, key)):
-                yield
+            async with going_on(self._refresh(view, run), "view"):
+                with keys.hearing(lambda key: loop.call_soon_threadsafe(board.press, key)):
+                    yield
         finally:
-            task.cancel()
-            with suppress(asyncio.CancelledError):
-                await task
             screen.do(view.close)
 
     async def _refresh(self, view: "LiveView", run: Running) -> None:
@@ -121,4 +119,4 @@ class Keys:
             self._run.log.notice("operator", words)
         elif key == _MARK_KEY:
             self._marks += 1
-            self._run.log.notice("mark", f"mark {self._marks}")
+            self._run.log.notice("mark", f"number {self._marks}")

@@ -8,7 +8,7 @@ from typing import Any
 
 from emulators.cell import Cell, TrueState
 from hil_bridge.record import CycleRecord, TruthRecord
-from hil_bridge.record.removed_map import RemovedMap, packed
+from hil_bridge.record.removed_map import RemovedMap, pack_map
 
 _AT_ONCE = 8
 """Cycles that are asked for together, unless the surface would have forgotten. Chosen: a third of the cost of one
@@ -79,7 +79,7 @@ class GroundTruth:
         removed = self._cell.removed
         if removed is None or not removed.depths.any():
             return None
-        return packed(*removed)
+        return pack_map(*removed)
 
     def close(self) -> None:
         """The run is over: put what is still waiting, as far as it is known."""

@@ -19,6 +19,7 @@ from pydantic import (
     create_model,
     field_validator,
 )
+from pydantic_core import InitErrorDetails
 
 from hil_bridge.clock.realtime import RealTime
 from hil_bridge.control import Contour, Limits, OscillationDetector, TaskParameters
@@ -31,7 +32,7 @@ from hil_bridge.devices.kinds import (
     CellSection,
     EmulatedKinds,
 )
-from hil_bridge.errors import ConfigError
+from hil_bridge.errors import ConfigError, SettingRefused
 from hil_bridge.errors.text_files import format_value, read_toml
 from hil_bridge.settings.faults import FaultConfig
 from hil_bridge.settings.kinds import USUAL_ROBOT, USUAL_SENSOR, Chosen, cell_with, chosen_in, section_with
@@ -39,13 +40,14 @@ from hil_bridge.settings.places import resolve_files
 from hil_bridge.settings.program import (
     STEPS_HINT,
     count_problems,
+    describe_problem,
     first_problem,
     instead_of,
-    told_problem,
     with_program,
 )
 from hil_bridge.settings.upgrade import older_setting
 from protocol.geometry import Quaternion, Vector, normalise
+from protocol.marks import SettingError
 
 OPTIONS = {
     "run.duration_s": "--duration",
@@ -286,9 +288,10 @@ class Config(_Section):
         for name in ("speed_mm_s", "approach_speed_mm_s", "retract_speed_mm_s"):
             speed = getattr(task, name)
             if robot is not None and speed > robot.velocity_mm_s:
-                raise ValueError(
-                    f"{name} of {speed:g} mm/s is faster than the robot's path velocity: lower it, or set "
-                    f"robot.velocity_mm_s, now {robot.velocity_mm_s:g}, to {speed:g} or more"
+                raise SettingError(
+                    name,
+                    f"of {speed:g} mm/s is faster than the robot's path velocity: lower it, or set "
+                    f"robot.velocity_mm_s, now {robot.velocity_mm_s:g}, to {speed:g} or more",
                 )
         return task
 
@@ -304,7 +307,10 @@ class Config(_Section):
                 try:
                     fault.check_cell(robot.url, sensor.url, cell)
                 except ValueError as error:
-                    raise ValueError(f"{number}: {error}") from error
+                    place = InitErrorDetails(
+                        type="value_error", loc=(number,), input=fault, ctx={"error": error}
+                    )
+                    raise ValidationError.from_exception_data("faults", [place]) from error
         return faults
 
 
@@ -347,7 +353,7 @@ def load_config(path: Path | None, overrides: Mapping[str, object]) -> Config:
     try:
         return read_config(values)
     except ValidationError as error:
-        raise ConfigError(explain(error, path, given, sources)) from error
+        raise explain(error, path, given, sources) from error
 
 
 def read_values(path: Path) -> dict[str, Any]:
@@ -390,45 +396,45 @@ def items_of(section: object) -> list[tuple[str, Any]]:
 
 def explain(
     error: ValidationError, path: Path | None, given: set[str], sources: Mapping[str, Path] | None = None
-) -> str:
+) -> SettingRefused:
     """The first thing that is wrong as one line: where, what, what to do. `sources` are files by the keys that came
     from them.
     """
     errors = error.errors()
-    first, count = first_problem(errors), count_problems(errors)
+    first, further = first_problem(errors), count_problems(errors) - 1
     source = str(path or "configuration")
-    more = f" (and {count - 1} more)" if count > 1 else ""
-    if (problem := told_problem(first)) is not None:
-        label, text = problem
+    if (problem := describe_problem(first)) is not None:
         program = (sources or {}).get("task.step")
-        return (f"{source}: task.step" if program is None else f"{program}: step") + label + text + more
+        table = ("task", "step") if program is None else ("step",)
+        return SettingRefused(str(program or source), table, "".join(problem), "", further)
     location, got = [str(part) for part in first["loc"]], f", got {format_value(first['input'])}"
+    joint = " "
     match first["type"]:
         case "extra_forbidden" | "unexpected_keyword_argument":
-            old = older_setting(location)
-            text = old or f" is no setting{STEPS_HINT if location == ['step'] else _instead(location)}"
+            instead = STEPS_HINT if location == ["step"] else _instead(location)
+            text = older_setting(location) or f"is no setting{instead}"
         case "value_error":
-            cause = str(first["ctx"]["error"])
-            if location == ["faults"]:  # which of them, comes first
-                number, _, cause = cause.partition(": ")
-                location.append(number)
-            text = f": {cause}"
-            # a check of a whole section begins with the setting that it blames
-            blamed, _, rest = cause.partition(" ")
-            if _at((*location, blamed)) is not None:
-                location.append(blamed)
-                text = f" {rest}"
+            cause = first["ctx"]["error"]
+            if isinstance(cause, SettingError):  # a check of a whole section
+                location.append(cause.setting)
+                text = cause.problem
+            else:
+                joint = ": "
+                text = str(cause)
         case "missing":  # only a vector can lack something
             location.pop()
-            text = f": a value is missing{got}"
+            joint = ": "
+            text = f"a value is missing{got}"
         case kind if kind in ("dict_type", "model_type") or is_section(_at(location)):
-            text = f" must be a table of settings{got}"
+            text = f"must be a table of settings{got}"
         case _:
-            text = f": {first['msg'].replace('Input should', 'must', 1)}{got}"
+            joint = ": "
+            text = f"{first['msg'].replace('Input should', 'must', 1)}{got}"
     key = ".".join(location)
+    if key in given:
+        return SettingRefused(OPTIONS[key], (), text, joint, further)
     own = (sources or {}).get(".".join(location[:2]), source)
-    where = OPTIONS[key] if key in given else f"{own}: {key}"
-    return where + text + more
+    return SettingRefused(str(own), location, text, joint, further)
 
 
 def _at(location: Sequence[str]) -> object:

@@ -1,7 +1,7 @@
 """The devices that a configuration chooses: kind, wire and settings of each."""
 
 from dataclasses import dataclass
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from hil_bridge.devices.kinds import (
     ROBOTS,
@@ -64,12 +64,24 @@ def sensor_at(config: Config, url: str) -> Sensor:
     return Device(kind, wire, settings_of(config, kind))
 
 
-def cell_in_words(robot: Robot, sensor: Sensor) -> tuple[bool, str]:
-    """Whether a robot that is not ours may move, and which cell it is."""
+class CellName(NamedTuple):
+    """Which cell a run moves, for people."""
+
+    real: bool
+    """A robot that is not ours may move."""
+    words: str
+    """Emulated or real, with the devices where the one is this and the other that."""
+    devices: str = ""
+    """Kinds of robot and sensor, where the words do not name them."""
+
+
+def name_cell(robot: Robot, sensor: Sensor) -> CellName:
+    """The cell with these devices."""
+    kinds = f"{robot.kind.name}, {sensor.kind.name}"
     if robot.is_emulated and sensor.is_emulated:
-        return False, f"EMULATED  {robot.kind.name}, {sensor.kind.name}"
+        return CellName(False, "EMULATED", kinds)
     if robot.is_emulated:
-        return False, f"EMULATED ROBOT {robot.kind.name}, REAL SENSOR {sensor.kind.name}"
+        return CellName(False, f"EMULATED ROBOT {robot.kind.name}, REAL SENSOR {sensor.kind.name}")
     if sensor.is_emulated:
-        return True, f"REAL ROBOT {robot.kind.name}, EMULATED SENSOR {sensor.kind.name}"
-    return True, f"REAL  {robot.kind.name}, {sensor.kind.name}"
+        return CellName(True, f"REAL ROBOT {robot.kind.name}, EMULATED SENSOR {sensor.kind.name}")
+    return CellName(True, "REAL", kinds)

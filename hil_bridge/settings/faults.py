@@ -12,6 +12,7 @@ from emulators.faults import find
 from hil_bridge.control.course.task import BEFORE_TOUCH, Phase
 from hil_bridge.devices.kinds import EmulatedKinds
 from hil_bridge.errors import ConfigError
+from protocol.marks import SettingError
 
 if TYPE_CHECKING:
     from hil_bridge.record import CycleRecord
@@ -39,11 +40,12 @@ class Condition:
 
     @classmethod
     def read(cls, text: str) -> Self:
-        """A condition from text such as `force > 8`. Raises ValueError."""
+        """A condition from text such as `force > 8`. Raises SettingError."""
         found = _CONDITION.fullmatch(text)
         if found is None or found[1] not in _QUANTITIES:
-            raise ValueError(
-                f"when must be one of {', '.join(_QUANTITIES)}, then < or >, then a number, got {text[:60]!r}"
+            raise SettingError(
+                "when",
+                f"must be one of {', '.join(_QUANTITIES)}, then < or >, then a number, got {text[:60]!r}",
             )
         return cls(found[1], found[2], float(found[3]))
 
@@ -81,7 +83,7 @@ class FaultConfig(BaseModel):
 
     @property
     def condition(self) -> Condition | None:
-        """The condition of `when`, read from its text; None without one. Raises ValueError."""
+        """The condition of `when`, read from its text; None without one. Raises SettingError."""
         return Condition.read(self.when) if self.when else None
 
     @property
@@ -98,7 +100,7 @@ class FaultConfig(BaseModel):
         """Raise ValueError where it concerns a real device, or is none of the faults that the cell can have."""
         name = f"{self.on}: {self.fault}"
         try:
-            find(cell.faults, self.on, self.fault).values(name, self.given)
+            find(cell.faults, self.on, self.fault).values(self.fault, self.given, self.on)
         except ValueError as error:
             if other := cell.others_with(self.on, self.fault, self.given):
                 known = self.fault in cell.faults.get(self.on, {})

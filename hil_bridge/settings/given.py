@@ -58,10 +58,10 @@ def config_of(
         try:
             config = read_config(values)
         except ValidationError as error:
-            raise ConfigError(explain(error, path, set(), sources)) from error
+            raise explain(error, path, set(), sources) from error
     if controller is None or name is not None:
         return config
-    return config.model_copy(update={"controller": _given(config, controller)})
+    return config.model_copy(update={"controller": _wrap_controller(config, controller)})
 
 
 def _values(source: Source, path: Path | None) -> dict[str, Any]:
@@ -82,7 +82,7 @@ def _table(values: dict[str, Any], name: str) -> dict[str, Any]:
     return table if isinstance(table, dict) else {}
 
 
-def _given(config: Config, controller: Any) -> GivenController:
+def _wrap_controller(config: Config, controller: Any) -> GivenController:
     """The section with an object in it. Raises ConfigError for one that is no controller."""
     for method in ("initial", "step"):
         if not callable(getattr(controller, method, None)):

@@ -11,8 +11,8 @@ FILE_KEYS = (
 )
 """Keys that name a file; one that is not absolute is looked for beside the configuration that names it."""
 _WITH_KINDS = ("robot", "sensor", "cell")
-"""Sections with a table for each kind; a kind names its files by keys that end so:"""
-_ENDING = "_file"
+"""Sections with a table for each kind; a kind names its files and folders by keys that end so:"""
+_ENDINGS = ("_file", "_folder")
 
 
 def resolve_files(values: dict[str, Any], folder: Path) -> None:
@@ -21,7 +21,7 @@ def resolve_files(values: dict[str, Any], folder: Path) -> None:
     for section in _WITH_KINDS:
         for kind in _table(values, section):
             inner = _table(values, section, kind)
-            named.update((f"{section}.{kind}.{name}", None) for name in inner if name.endswith(_ENDING))
+            named.update((f"{section}.{kind}.{name}", None) for name in inner if name.endswith(_ENDINGS))
     for key in named:
         *sections, name = key.split(".")
         table = _table(values, *sections)

@@ -6,7 +6,6 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from hil_bridge.control.checks import SettingError
 from hil_bridge.control.words.paths import Arc, Line, Polyline, Raster, Spiral
 from hil_bridge.control.words.steps import (
     Approach,
@@ -20,8 +19,9 @@ from hil_bridge.control.words.steps import (
     Track,
     Zero,
 )
-from hil_bridge.errors import ConfigError, StepError
+from hil_bridge.errors import ConfigError, SettingRefused, StepError
 from hil_bridge.errors.text_files import format_path, format_value, read_toml
+from protocol.marks import SettingError
 
 
 def _by_tag(key: str, *sections: Any) -> Mapping[str, type]:
@@ -51,8 +51,10 @@ def with_program(values: dict[str, Any], source: str) -> dict[str, Path]:
         return {}
     path = Path(name)
     if task.get("step"):
-        raise ConfigError(
-            f"{source}: the steps [[task.step]] are given, and the file {format_path(path)} too: leave one of them out"
+        raise SettingRefused(
+            source,
+            (),
+            f"the steps [[task.step]] are given, and the file {format_path(path)} too: leave one of them out",
         )
     read = read_toml(path)
     if unknown := [key for key in read if key not in ("step", "frame")]:
@@ -73,8 +75,11 @@ def with_program(values: dict[str, Any], source: str) -> dict[str, Path]:
         return found
     for key, value in frame.items():
         if own.get(key, value) != value:
-            raise ConfigError(
-                f"{source}: frame.{key} is another one than in {format_path(path)}: leave one of them out"
+            raise SettingRefused(
+                source,
+                ("frame", key),
+                f"is another one than in {format_path(path)}: leave one of them out",
+                " ",
             )
         own[key] = value
         found[f"frame.{key}"] = path
@@ -93,7 +98,7 @@ def is_program(values: Mapping[str, Any]) -> bool:
     return "step" in values and "task" not in values
 
 
-def told_problem(error: Mapping[str, Any]) -> tuple[str, str] | None:
+def describe_problem(error: Mapping[str, Any]) -> tuple[str, str] | None:
     """Fault that pydantic found in a step: its place, as "2 (track)", and its text. None for what is not in a step."""
     location = tuple(error["loc"])
     if location[:2] != ("task", "step"):

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from pydantic import BaseModel
 
-from hil_bridge.errors.text_files import toml_pair
+from hil_bridge.errors.text_files import toml_pair, toml_value
 from hil_bridge.record.field_docstrings import field_docstrings
 from hil_bridge.settings.configuration import Config, is_section, items_of, with_all_kinds
 from protocol.marks import Setting, settings
@@ -63,9 +63,7 @@ def setting_rows() -> Iterator[SettingRow]:
         for name, value in items_of(section):
             if not is_section(value):
                 entry = described[name]
-                default = (
-                    "" if value is None or name in _TABLES else toml_pair(name, value).partition(" = ")[2]
-                )
+                default = "" if value is None or name in _TABLES else toml_value(value)
                 yield SettingRow(key, name, _type(entry, definitions), default, entry.get("description", ""))
 
 

@@ -41,13 +41,13 @@ def older_setting(location: Sequence[str]) -> str:
         if old in MOVED:
             new = ".".join((MOVED[old], *location[length:]))
             return (
-                f" is now {new}: version {LAST_READER} is the last that reads this form; "
+                f"is now {new}: version {LAST_READER} is the last that reads this form; "
                 "`hil-bridge config upgrade` rewrites the file"
             )
     return ""
 
 
-def upgraded(text: str) -> tuple[str, list[str]]:
+def upgrade_text(text: str) -> tuple[str, list[str]]:
     """A file of version 0.5 in the form of now, its comments kept, and each change in words."""
     changes: list[str] = []
     table, lines = "", []
@@ -81,10 +81,10 @@ class _Line:
                 parts.append(f"{pair['before']}{self._present_key(key)}{pair['equals']}")
                 at = pair.end()
                 if self._text[at : at + 1] == _OPENS:
-                    self._tables.append(_joined(self._tables[-1], key))
+                    self._tables.append(_join(self._tables[-1], key))
                 continue
             if value := _TEXT.match(self._text, at):
-                parts.append(self._value(_joined(self._tables[-1], key), value[0]))
+                parts.append(self._value(_join(self._tables[-1], key), value[0]))
                 at = value.end()
                 continue
             character = self._text[at]
@@ -104,7 +104,7 @@ class _Line:
     def _present_key(self, key: str) -> str:
         """The key as it is called now, told from the same table as before."""
         table = self._tables[-1]
-        old = _joined(table, key)
+        old = _join(table, key)
         new = _present(old)
         present_key = new.removeprefix(f"{_present(table)}.") if table else new
         if present_key != key:
@@ -123,7 +123,7 @@ class _Line:
         return f"{mark}{new}{mark}"
 
 
-def _joined(table: str, key: str) -> str:
+def _join(table: str, key: str) -> str:
     return f"{table}.{key}" if table else key
 
 

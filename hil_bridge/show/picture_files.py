@@ -26,7 +26,7 @@ def drawing_library() -> Any:
     return matplotlib
 
 
-def saved(figure: "Figure", kind: str, **how: Any) -> bytes:
+def save_figure(figure: "Figure", kind: str, **how: Any) -> bytes:
     """A figure as `png`, `pdf` or `svg`, without a date: the same figure gives the same bytes."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format=kind, metadata=_NO_DATE[kind], **how)

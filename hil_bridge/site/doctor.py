@@ -17,11 +17,12 @@ import click
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.clock.realtime import RealTime, real_time_thread
 from hil_bridge.devices.kinds import CanBus
-from hil_bridge.errors import ConfigError
+from hil_bridge.devices.robots.probing import Probed
+from hil_bridge.errors import ConfigError, DeviceError, SettingRefused
 from hil_bridge.runs.checks import problems
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config, load_config
-from hil_bridge.settings.devices import robot_in, sensor_in
+from hil_bridge.settings.devices import Robot, robot_in, sensor_in
 from hil_bridge.site import datagrams, facts
 from hil_bridge.site.facts import Fact, Level, fail, ok, warn
 from hil_bridge.transports.urls import WireUrl
@@ -104,10 +105,33 @@ def wires(config: Config, root: Path, details: Mapping[str, Mapping[str, Any]] |
             found = fail(key, str(error))
             parsed = None
         yield _under(key, found)
+        if parsed is not None and not is_sensor:
+            yield from beside(key, robot_in(config))
         if parsed is not None and datagrams.is_datagrams(parsed):
             rules = datagrams.firewall_rules()
             for fact in datagrams.surroundings(parsed, root, rules, config.realtime):
                 yield _under(key, fact)
+
+
+def beside(key: str, robot: Robot) -> Iterator[Fact]:
+    """What a robot tells over another channel that its URL names, such as web services. It is only read."""
+    ask = robot.kind.ask_beside
+    if ask is None:
+        return
+
+    async def main() -> Probed:
+        told: Probed = await ask(robot.url)
+        return told
+
+    try:
+        told = run_real(main)
+    except (ConfigError, DeviceError) as error:
+        yield fail(key, error.fact, error.remedy)
+        return
+    if told.rows:
+        yield ok(key, ", ".join(f"{name} {text}" for name, text in told.rows))
+    for trouble in told.refusals:
+        yield fail(key, trouble.fact, trouble.remedy)
 
 
 def _under(key: str, found: Fact) -> Fact:
@@ -181,12 +205,12 @@ def wake_ups(realtime: RealTime) -> Fact:
     """How late this process wakes, measured as it would be run; as any other where the machine refuses that."""
     try:
         with real_time_thread(realtime):
-            return judged(run_real(_lateness, realtime.busy_poll_ms * 1e-3), realtime)
+            return judge_lateness(run_real(_lateness, realtime.busy_poll_ms * 1e-3), realtime)
     except ConfigError:
-        return judged(run_real(_lateness), RealTime())
+        return judge_lateness(run_real(_lateness), RealTime())
 
 
-def judged(late: Sequence[float], realtime: RealTime) -> Fact:
+def judge_lateness(late: Sequence[float], realtime: RealTime) -> Fact:
     """Finding from these latenesses of a thread run so, s, ascending, about the machine, and the remedy."""
     mean, p99 = sum(late) / len(late), late[int(0.99 * len(late))]
     awake = ", processors kept awake" * realtime.keep_awake + ", busy polling" * bool(realtime.busy_poll_ms)
@@ -228,9 +252,9 @@ def keeping_awake(wanted: bool) -> Fact:
         with real_time_thread(RealTime(keep_awake=True)):
             asks = "asks" if wanted else "would ask"
             return ok("processors' sleep", f"may be prevented; `realtime.keep_awake` {asks} for it")
-    except ConfigError as error:
-        reason = str(error).removeprefix("realtime.keep_awake: ")
-        return warn("processors' sleep", "may not be prevented; needed only where wake-ups are late", reason)
+    except SettingRefused as error:
+        what = "may not be prevented; needed only where wake-ups are late"
+        return warn("processors' sleep", what, error.problem)
 
 
 def priority() -> Fact:

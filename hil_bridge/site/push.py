@@ -93,7 +93,7 @@ def judge_push(before: Sequence[float], during: Sequence[float], noise: Sequence
     return Answer(AXES[k], 1 if direction[k] > 0.0 else -1, length, abs(direction[k]), direction)
 
 
-def expected(wrist: Wrist, axis: int) -> Answer:
+def expect_push(wrist: Wrist, axis: int) -> Answer:
     """Answer of a sensor mounted as `wrist` says to a push of 1 N along an axis of the tool: 0 x, 1 y, 2 z."""
     seen = wrist.alignment()[axis].tolist()
     answer = judge_push((0.0,) * _FORCES, [LEAST_N * part for part in seen], (0.0,) * _FORCES)

@@ -30,7 +30,7 @@ from hil_bridge.site.push import (
     RIGHT_ANGLE_DEG,
     Answer,
     angle_deg,
-    expected,
+    expect_push,
     judge_push,
     mounting_of,
     push_threshold,
@@ -252,7 +252,7 @@ async def _pushes(
         if answer is None:
             screen.say(f"  +{name}: left out")
             continue
-        should = expected(sits, axis)
+        should = expect_push(sits, axis)
         off = angle_deg(answer.direction, should.direction)
         fits = off <= RIGHT_ANGLE_DEG
         verdict = "as configured" if fits else f"{off:.0f}° from what [sensor] of the configuration says"

@@ -1,6 +1,5 @@
 """The recorded traffic of any devices, put into words by their kinds; bytes without words are shown as they are."""
 
-import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, TypeAlias
@@ -22,6 +21,7 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.errors.text_files import open_ordinary
 from hil_bridge.record import LINK_EVENT, LinkRecord, WireRecord, read_link, read_with_traffic
 from hil_bridge.record.device_facts import json_or_none
+from hil_bridge.record.pieces import is_frame, not_readable, recorded_pieces
 from protocol.can.error import decode_error
 from protocol.can.text import parse_frame
 
@@ -36,7 +36,6 @@ some times those that a client of RTDE exchanges before the first data."""
 TOGETHER = 64
 """Pieces without meaning that are read together: a message may have come in parts. Chosen, as a record's."""
 
-_PIECE = re.compile(r"(?P<at>-?\d+(?:\.\d*)?) (?P<direction>tx|rx|--) (?P<data>.*)", re.DOTALL)
 _HEADS = ("op", "message", "name", "root", "kind")
 """Keys of an item that tell of which sort it is; the first that is there."""
 
@@ -116,27 +115,19 @@ def _kind_in(told: object, by_url: Callable[[str], tuple[Any, str]], registry: R
 
 def pieces(records: Iterable[LinkRecord | WireRecord], name: str) -> Iterator[Piece]:
     """The pieces of recorded traffic, datagrams and frames one by one. Raises ConfigError for what is no piece."""
-    for record in records:
-        for text in record.pieces:
-            found = _PIECE.fullmatch(text)
-            if found is None:
-                raise ConfigError(
-                    f"{name}: {text[:40]!r} is no piece of a wire's traffic; record the run again"
-                )
-            at, direction, data = record.at + float(found["at"]), found["direction"], found["data"]
-            if direction == LINK_EVENT:
-                yield Piece(at, direction, b"", event=data)
+    for piece in recorded_pieces(records, name):
+        at, direction = piece.at, piece.direction
+        if piece.is_event:
+            yield Piece(at, direction, b"", event=piece.parts[0])
+            continue
+        for part in piece.parts:
+            if is_frame(part):
+                yield Piece(at, direction, b"", frame=part)
                 continue
-            for part in data.split(" "):
-                if "#" in part or "!" in part:
-                    yield Piece(at, direction, b"", frame=part)
-                    continue
-                try:
-                    yield Piece(at, direction, bytes.fromhex(part))
-                except ValueError as error:
-                    raise ConfigError(
-                        f"{name}: {part[:40]!r} is neither bytes nor a frame; record the run again"
-                    ) from error
+            try:
+                yield Piece(at, direction, bytes.fromhex(part))
+            except ValueError as error:
+                raise not_readable(part, "neither bytes nor a frame", name) from error
 
 
 # --- in words

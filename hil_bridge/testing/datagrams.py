@@ -214,7 +214,8 @@ async def check_a_broken_end(case: DatagramCase, left: DatagramWire, right: Data
             right.send([b"anybody there"])
         await pass_time(PAUSE_S)
     assert [type(error) for error in here.ends] == [TransportBroken]
-    assert left.name in str(here.ends[0])
+    said = str(here.ends[0])
+    assert left.name in said
     with pytest.raises(TransportBroken):
         left.send([b"late"])
     await left.aclose()

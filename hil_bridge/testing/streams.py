@@ -116,7 +116,8 @@ async def check_peer_closes(
         return
     await ear.until(lambda: bool(ear.ends))
     assert [type(error) for error in ear.ends] == [expected]
-    assert end.name in str(ear.ends[0]) or "pty" in str(ear.ends[0])
+    said = str(ear.ends[0])
+    assert end.name in said or "pty" in said
     with pytest.raises(expected):
         end.send(case.pack(b"late"))
     await end.aclose()

@@ -56,7 +56,7 @@ async def connect_bytes(url: str, clock: Clock, on_notice: Notice = _log) -> Tra
         case "serial":
             from hil_bridge.transports.serial.serial_port import open_serial_port
 
-            return await open_serial_port(parsed.target, parsed.line or LineSettings(), clock, url)
+            return await open_serial_port(parsed.target, parsed.line or LineSettings(), clock, parsed.name)
         case "memory":
             return _connect_memory(parsed, clock, on_notice)
         case _:
@@ -74,13 +74,13 @@ def _connect_memory(parsed: WireUrl, clock: Clock, on_notice: Notice) -> Transpo
         line = far.settings()
     if line is None:
         return _with_adapter(wire, parsed, clock, Direction.RECEIVED)
-    notices = LineNotices(parsed.text, line, clock, on_notice)
+    notices = LineNotices(parsed.name, line, clock, on_notice)
     paced = PacedLine(wire, Uart(lambda: line, on_flaw=notices), clock, _fifo(parsed), far)
     return _with_adapter(paced, parsed, clock, Direction.RECEIVED)
 
 
 async def _connect_host(parsed: WireUrl, clock: Clock, on_notice: Notice) -> Transport[bytes]:
-    wire = await connect_tcp(*parsed.host_port, clock, parsed.text)
+    wire = await connect_tcp(*parsed.host_port, clock, parsed.name)
     if parsed.scheme == "tcp":
         return wire
     from hil_bridge.transports.serial.rfc2217 import Rfc2217Client
@@ -110,7 +110,7 @@ async def listen_bytes(url: str, clock: Clock) -> Listening[Transport[bytes]]:
         case "pty":
             return _listen_pty(parsed, clock)
         case "tcp-listen":
-            wire, host, port = await listen_tcp(*parsed.host_port, clock, url)
+            wire, host, port = await listen_tcp(*parsed.host_port, clock, parsed.name)
             return Listening(
                 wire if line is None else _device_line(wire, parsed, line, clock, None),
                 f"tcp://{_authority(host, port)}",
@@ -141,7 +141,7 @@ async def _listen_rfc2217(parsed: WireUrl, line: LineSettings, clock: Clock) -> 
     from hil_bridge.transports.serial.rfc2217 import Rfc2217Port
 
     port = Rfc2217Port(line, clock)
-    wire, host, number = await listen_tcp(*parsed.host_port, clock, parsed.text, port.serve)
+    wire, host, number = await listen_tcp(*parsed.host_port, clock, parsed.name, port.serve)
     paced = _device_line(wire, parsed, line, clock, Uart(lambda: port.settings, on_flaw=port.flawed))
     port.on_break = partial(paced.hold, direction=Direction.RECEIVED)
     return Listening(paced, with_line(f"rfc2217://{_authority(host, number)}", line))
@@ -201,11 +201,11 @@ async def _open_can(parsed: WireUrl, clock: Clock, accept: Sequence[CanFilter]) 
 async def _adapter_line(parsed: WireUrl, clock: Clock) -> Transport[bytes]:
     """The byte wire to an slcan adapter."""
     if parsed.scheme in HOST_PORTS:
-        return await connect_tcp(*parsed.host_port, clock, parsed.text)
+        return await connect_tcp(*parsed.host_port, clock, parsed.name)
     from hil_bridge.transports.serial.serial_port import open_serial_port
 
     line = LineSettings(parsed.options.get("tty_baudrate", SLCAN_BAUDRATE))
-    return await open_serial_port(parsed.target, line, clock, parsed.text)
+    return await open_serial_port(parsed.target, line, clock, parsed.name)
 
 
 async def connect_datagrams(url: str, clock: Clock, on_notice: Notice = _log) -> DatagramWire:
@@ -216,7 +216,7 @@ async def connect_datagrams(url: str, clock: Clock, on_notice: Notice = _log) ->
     """
     parsed = parse_url(url, CONNECT_DATAGRAMS)
     if parsed.scheme == "udp":
-        return await connect_udp(parsed.host_port, clock, url, on_notice)
+        return await connect_udp(parsed.host_port, clock, parsed.name, on_notice)
     return connect_memory_datagrams(parsed.target, _path(parsed), clock, on_notice)
 
 
@@ -228,7 +228,7 @@ async def listen_datagrams(url: str, clock: Clock, on_notice: Notice = _log) -> 
     parsed = parse_url(url, LISTEN_DATAGRAMS)
     refuse = parsed.options.get("strangers") == "refuse"
     if parsed.scheme == "udp-bind":
-        wire, host, port = await listen_udp(parsed.host_port, clock, url, on_notice, refuse)
+        wire, host, port = await listen_udp(parsed.host_port, clock, parsed.name, on_notice, refuse)
         return Listening(wire, f"udp://{_authority(host, port)}")
     memory = listen_memory_datagrams(parsed.target, _path(parsed), clock, on_notice, refuse)
     return Listening(memory, f"udp+memory:{parsed.target}")

@@ -26,6 +26,9 @@ KEEPALIVE = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 1, "TCP_KEEPCNT": 4}
 cable is noticed within 10 s even on a wire that only listens.
 """
 
+BACKLOG = 64
+"""Clients that wait to be accepted, when many begin at once. Chosen: with 1, a third one tries anew after 1 s."""
+
 SILENT_S = 5.0
 """For how long a client that has not said anything has the port to itself. Chosen: what uses a link speaks at once."""
 
@@ -121,7 +124,7 @@ def _listening(found: Any) -> socket.socket:
         server.setblocking(False)
         server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         server.bind(address)
-        server.listen(1)
+        server.listen(BACKLOG)
     except BaseException:
         server.close()
         raise

@@ -73,6 +73,11 @@ class WireUrl:
     options: Mapping[str, Any]
 
     @property
+    def name(self) -> str:
+        """The URL without its options: it names the wire in messages, which the options would drown."""
+        return self.text.partition("?")[0]
+
+    @property
     def line(self) -> LineSettings | None:
         """The serial line it speaks of, or None when it does not name a baud rate."""
         settings = {key: self.options[key] for key in _LINE if key in self.options}
@@ -225,46 +230,71 @@ HOST_PORTS = {
 """Schemes whose target is a host with a port, and the lowest port; 0 lets the system choose one."""
 
 
-def parse_url(url: str, schemes: Mapping[str, _Scheme]) -> WireUrl:
-    """Check a URL against one of the tables above. Raises ConfigError naming the part that is wrong."""
+def parse_url(url: str, schemes: Mapping[str, _Scheme], given: str = "") -> WireUrl:
+    """Check a URL against one of the tables above. Raises ConfigError naming the part that is wrong.
+
+    `given` is the URL that a person gave, where `url` was made from it.
+    """
+    named = given or url
     if not unquote(url).isprintable():
-        raise ConfigError(f"{url!r}: a URL holds no characters that cannot be printed")
+        raise ConfigError(f"{named!r}: a URL holds no characters that cannot be printed")
     try:
         parts = urlsplit(url)
     except ValueError as error:
-        raise ConfigError(f"{url!r}: {error}") from error
+        raise ConfigError(f"{named!r}: {error}") from error
     scheme = schemes.get(parts.scheme)
     if scheme is None:
         example = next(f"{name}:{scheme.target}" for name, scheme in schemes.items() if scheme.target)
         raise ConfigError(
-            f"{url!r}: unknown scheme {parts.scheme!r}; allowed: {', '.join(schemes)}; for example {example}"
+            f"{named!r}: unknown scheme {parts.scheme!r}; allowed: {', '.join(schemes)}; for example {example}"
         )
     target = unquote(parts.netloc + parts.path)
     if not scheme.target and target:
-        raise ConfigError(f"{url!r}: nothing may stand between {parts.scheme}: and ?, got {target!r}")
+        raise ConfigError(f"{named!r}: nothing may stand between {parts.scheme}: and ?, got {target!r}")
     if scheme.target and not target:
-        raise ConfigError(f"{url!r}: the target is missing; for example {parts.scheme}:{scheme.target}")
+        raise ConfigError(f"{named!r}: the target is missing; for example {parts.scheme}:{scheme.target}")
     if parts.fragment:
-        raise ConfigError(f"{url!r}: the part after # means nothing here")
+        raise ConfigError(f"{named!r}: the part after # means nothing here")
     if parts.scheme in HOST_PORTS:
-        _check_host_port(url, target, HOST_PORTS[parts.scheme])
+        _check_host_port(named, target, HOST_PORTS[parts.scheme])
     options: dict[str, Any] = {}
     for key, text in parse_qsl(parts.query, keep_blank_values=True):
         parse = scheme.options.get(key)
         if parse is None:
             allowed = ", ".join(scheme.options) or "none"
-            raise ConfigError(f"{url!r}: unknown option {key!r}; allowed: {allowed}")
+            raise ConfigError(f"{named!r}: unknown option {key!r}; allowed: {allowed}")
         if key in options:
-            raise ConfigError(f"{url!r}: option {key!r} is given twice")
+            raise ConfigError(f"{named!r}: option {key!r} is given twice")
         try:
             options[key] = parse(text)
         except ValueError as error:
-            raise ConfigError(f"{url!r}: {key} must be {error}, got {text!r}") from error
+            raise ConfigError(f"{named!r}: {key} must be {error}, got {text!r}") from error
     if parts.scheme not in SERIAL_PORTS and "baudrate" in scheme.options and "baudrate" not in options:
         for key in ("parity", "stopbits", "damaged"):
             if key in options:
-                raise ConfigError(f"{url!r}: {key} means nothing without a baudrate")
+                raise ConfigError(f"{named!r}: {key} means nothing without a baudrate")
     return WireUrl(url, parts.scheme, target, options)
+
+
+def split_option(url: str, name: str) -> tuple[str, str | None]:
+    """A URL without one of its options, and the text of that option; None where the URL has none.
+
+    Raises ConfigError for an option that is given twice.
+    """
+    head, _, query = url.partition("?")
+    options = [option for option in query.split("&") if option]
+    named = [option for option in options if option.partition("=")[0] == name]
+    if len(named) > 1:
+        raise ConfigError(f"{url!r}: option {name!r} is given twice")
+    if not named:
+        return url, None
+    options.remove(named[0])
+    return (f"{head}?{'&'.join(options)}" if options else head), named[0].partition("=")[2]
+
+
+def with_option(url: str, name: str, text: str) -> str:
+    """The URL with one option more."""
+    return f"{url}{'&' if '?' in url else '?'}{name}={text}"
 
 
 def with_line(url: str, line: LineSettings) -> str:

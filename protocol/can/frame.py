@@ -41,12 +41,16 @@ class CanFrame(NamedTuple):
         """The same frame as an interface hands it over, with the time at which it was there."""
         return CanFrame(*self[:5], received_at)
 
+    @property
+    def identifier_text(self) -> str:
+        """The identifier in hexadecimal digits: 8 of an extended one, 3 of another."""
+        return f"{self.identifier:0{8 if self.extended else 3}X}"
+
     def __str__(self) -> str:
         """As candump writes it: `601#0100`, `123#R2` for a remote frame that asks for two bytes; an error with a !."""
-        width = 8 if self.extended else 3
         mark = "!" if self.error else "#"
         asked = f"R{len(self.data) or ''}"
-        return f"{self.identifier:0{width}X}{mark}{asked if self.remote else self.data.hex().upper()}"
+        return f"{self.identifier_text}{mark}{asked if self.remote else self.data.hex().upper()}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,20 +2,21 @@
 
 import dataclasses
 import json
+import pickle
 import tomllib
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import pytest
-from pydantic import BaseModel
+from pydantic import AfterValidator, BaseModel, ValidationError, create_model
 
 from hil_bridge.devices.robots.s3.room import ROBOT as S3
-from hil_bridge.errors import ConfigError
-from hil_bridge.settings.configuration import Config, dump, load_config, read_config, with_all_kinds
+from hil_bridge.errors import ConfigError, SettingRefused
+from hil_bridge.settings.configuration import Config, dump, explain, load_config, read_config, with_all_kinds
 from hil_bridge.settings.kinds import settings_of
 from hil_bridge.settings.template import commented_defaults, profile_rows, schema
 from protocol.devices.s3.adlp import LinkProfile
-from protocol.marks import Mark
+from protocol.marks import Mark, SettingError
 
 
 def refusal(tmp_path: Path, text: str, **overrides: object) -> str:
@@ -74,6 +75,33 @@ def refusal(tmp_path: Path, text: str, **overrides: object) -> str:
 )
 def test_what_is_wrong_is_named_with_the_way_out(tmp_path: Path, text: str, message: str) -> None:
     assert message in refusal(tmp_path, text)
+
+
+@pytest.mark.parametrize(
+    ("error", "message"),
+    [
+        (SettingError("url", "must not be"), "configuration: robot.url must not be"),
+        (ValueError("url must not be"), "configuration: robot: url must not be"),
+    ],
+)
+def test_a_check_blames_a_setting_by_a_field_alone(error: ValueError, message: str) -> None:
+    def refuse(values: object) -> object:
+        raise error
+
+    model = create_model("Model", robot=(Annotated[dict[str, str], AfterValidator(refuse)], ...))
+    with pytest.raises(ValidationError) as caught:
+        model(robot={})
+    assert str(explain(caught.value, None, set())) == message
+
+
+def test_a_refused_setting_goes_to_another_process_whole() -> None:
+    refused = SettingRefused("c.toml", ("faults", "0", "when"), "must be a condition", " ", 2)
+    there = pickle.loads(pickle.dumps(refused))
+    assert str(there) == str(refused) == "c.toml: faults.0.when must be a condition (and 2 more)"
+    assert there.without_source == "faults.0.when must be a condition (and 2 more)"
+    assert there.below(2) == "when must be a condition (and 2 more)"
+    assert there.below(3) == "must be a condition (and 2 more)"
+    assert str(SettingRefused("--force-n", (), "must be above 0", " ")) == "--force-n must be above 0"
 
 
 def test_an_option_is_named_as_it_was_typed(tmp_path: Path) -> None:

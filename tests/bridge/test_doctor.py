@@ -200,9 +200,9 @@ def test_who_may_lock_memory_whatever_the_limit(tmp_path: Path, status: str, may
 
 
 def test_wake_ups_are_judged_by_their_99th_percentile() -> None:
-    assert doctor.judged([1e-4] * 995 + [5e-3] * 5, RealTime()).level is Level.OK
+    assert doctor.judge_lateness([1e-4] * 995 + [5e-3] * 5, RealTime()).level is Level.OK
     late = [1e-4] * 980 + [5e-3] * 20
-    asleep = doctor.judged(late, RealTime())
+    asleep = doctor.judge_lateness(late, RealTime())
     assert asleep.level is Level.WARN
     assert "99 % within 5000 µs" in asleep.text
     assert "keep_awake" in asleep.remedy
@@ -210,7 +210,7 @@ def test_wake_ups_are_judged_by_their_99th_percentile() -> None:
         (RealTime(keep_awake=True), "kept awake"),
         (RealTime(busy_poll_ms=1.0), "busy polling"),
     ):
-        awake = doctor.judged(late, realtime)
+        awake = doctor.judge_lateness(late, realtime)
         assert awake.level is Level.WARN
         assert how in awake.text
         assert "keep_awake" not in awake.remedy

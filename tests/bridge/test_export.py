@@ -33,7 +33,7 @@ from hil_bridge.record.export.traffic import WireFrame, can_frames, wire_text
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute
 from hil_bridge.settings.configuration import read_config
-from hil_bridge.site.s3.capture import parse_capture, recorded_pieces
+from hil_bridge.site.s3.capture import link_pieces, parse_capture
 from hil_bridge.transports.can.message import from_message
 from protocol.can.frame import CanFrame
 from protocol.wrench import AXES
@@ -189,7 +189,7 @@ def test_bytes_of_a_computer_link_are_a_capture_that_the_monitor_reads(on_can: P
     export(on_can, ("bytes",), tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["run.robot.txt"]
     records, _ = read_link(on_can)
-    wanted = list(recorded_pieces(records, "run"))
+    wanted = list(link_pieces(records, "run"))
     told = list(parse_capture((tmp_path / "run.robot.txt").read_text(), "capture"))
     assert [(one.sender, one.data) for one in told] == [(one.sender, one.data) for one in wanted]
     assert [one.at for one in told] == pytest.approx([one.at for one in wanted], abs=2e-6)

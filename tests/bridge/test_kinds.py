@@ -271,7 +271,7 @@ def test_settings_of_a_kind_stand_in_sections_of_its_name(tmp_path: Path) -> Non
     assert settings_of(config, ROBOTS.kind("toyarm")).emulated.speed_mm_s == 90
     assert surface_settings(config, SURFACES.kind("toyspring")).stiffness_n_mm == 7
     file.write_text("[cell.toyspring]\nstiffness_n_mm = -1\n")
-    with pytest.raises(ConfigError, match=r"cell\.toyspring: stiffness_n_mm must be more than 0, got -1"):
+    with pytest.raises(ConfigError, match=r"cell\.toyspring\.stiffness_n_mm must be more than 0, got -1"):
         load_config(file, {})
     file.write_text('[robot]\nemulated = "toyarm"\n[[faults]]\non = "cable"\nfault = "cut"\n')
     with pytest.raises(ConfigError, match=r"no target is called 'cable'; known: arm, signal"):
@@ -410,7 +410,11 @@ def test_every_robot_of_ours_has_every_fault_of_a_pose_that_it_can_tell(name: st
 
 @pytest.mark.parametrize("name", [*ROBOT_NAMES, *SENSOR_NAMES])
 def test_the_targets_are_the_same_for_every_device(name: str) -> None:
-    own = {"robot", "pose", WIRE, "witness"} if name in ROBOT_NAMES else {"signal", "sensor", SENSOR_WIRE}
+    own = (
+        {"robot", "pose", WIRE, "program-wire", "witness"}
+        if name in ROBOT_NAMES
+        else {"signal", "sensor", SENSOR_WIRE}
+    )
     assert {*faults_of_device(name)} <= own
 
 

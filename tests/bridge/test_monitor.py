@@ -20,7 +20,7 @@ from hil_bridge.record import LinkLog, LinkRecord, read, read_link
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute
 from hil_bridge.settings.configuration import load_config
-from hil_bridge.site.s3.capture import Piece, Sender, parse_capture, recorded_pieces
+from hil_bridge.site.s3.capture import Piece, Sender, link_pieces, parse_capture
 from hil_bridge.site.s3.link_monitor import Line, LinkMonitor
 from hil_bridge.site.s3.monitor import listen
 from hil_bridge.site.s3.wording import telegram_text
@@ -252,7 +252,7 @@ def test_a_wrong_line_of_a_capture_is_named(text: str, words: str) -> None:
 
 def test_a_recording_with_foreign_pieces_is_refused() -> None:
     with pytest.raises(ConfigError, match="is no piece"):
-        list(recorded_pieces([LinkRecord(0.0, ("nonsense",))], "r"))
+        list(link_pieces([LinkRecord(0.0, ("nonsense",))], "r"))
 
 
 def test_the_link_log_puts_pieces_together() -> None:
@@ -266,7 +266,7 @@ def test_the_link_log_puts_pieces_together() -> None:
     assert [len(record.pieces) for record in records] == [64, 6, 1]
     assert records[1].at == pytest.approx(100.064)
     assert records[0].pieces[1] == "0.001000 rx 06"
-    assert list(recorded_pieces(records, "r"))[-1] == Piece(101.0, Sender.PC, b"\x05")
+    assert list(link_pieces(records, "r"))[-1] == Piece(101.0, Sender.PC, b"\x05")
 
 
 def test_link_events_stand_between_the_bytes_and_are_no_bytes() -> None:
@@ -277,7 +277,7 @@ def test_link_events_stand_between_the_bytes_and_are_no_bytes() -> None:
     log.take(100.003, "tx", b"\x10")
     log.flush()
     assert records[0].pieces[1] == "0.003000 -- ACK received: bid acknowledged"
-    assert [piece.data for piece in recorded_pieces(records, "r")] == [b"\x05", b"\x10"]
+    assert [piece.data for piece in link_pieces(records, "r")] == [b"\x05", b"\x10"]
 
 
 def test_a_run_records_its_link_and_the_monitor_reads_it(tmp_path: Path) -> None:

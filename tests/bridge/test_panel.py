@@ -11,11 +11,12 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from emulators.devices.s3 import Panel
+from emulators.devices.s3 import S3_CONTROLS, read_state
+from emulators.panel import Panel
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_real, run_virtual
 from hil_bridge.devices.device_log import LogTo
-from hil_bridge.devices.robots.s3.panel import (
+from hil_bridge.devices.panel import (
     CLIENT_LIMIT,
     REQUEST_LIMIT,
     PanelServer,
@@ -385,14 +386,15 @@ def test_a_parameter_without_a_value_is_a_usage_error() -> None:
 def test_what_is_shown_can_be_read_and_survives_an_odd_answer() -> None:
     cell = s3_jr3_cell(PaperCellProfile(), 100.0, 1)
     cell.robot.press_emergency_stop(100.0)
-    shown = json.loads(json.dumps(Panel(cell.robot).perform({"do": "show"}, 101.0)))["state"]
+    shown = json.loads(json.dumps(Panel(cell.robot, S3_CONTROLS, cell.ledger).perform({"do": "show"}, 101.0)))
     lines = state_text(shown).splitlines()
     assert lines[0] == "mode          standby"
     assert lines[1] == "state         EMERGENCY STOP, key in AUTO, link control given"
     assert "   900.000  -100.000   600.000 mm reported" in lines[4]
     assert all(len(line) < 100 for line in lines)
-    assert "–" in state_text({})
-    assert state_text({"flags": [], "armed": 1, "position_mm": ["x"]})
+    for odd in ({}, {"rows": []}, {"rows": {}}):
+        assert state_text(odd) == "–"
+    assert state_text({"rows": {"mode\nx": ["y"], "a": "1\n2"}}) == "mode          ['y']\na             1"
     assert faults_text({}) == ""
     assert faults_text({"robot": {"meaning": "flat"}, "link": 3}) == "robot"
 
@@ -413,10 +415,10 @@ def test_what_is_done_at_the_panel_is_told_to_the_record() -> None:
     cell = s3_jr3_cell(PaperCellProfile(), 100.0, 1)
     said: list[str] = []
     cell.ledger.on_fault = lambda news: said.append(news.text)
-    board = Panel(cell.robot, cell.ledger, CELL_FAULTS)
+    board = Panel(cell.robot, S3_CONTROLS, cell.ledger)
     board.perform({"do": "key", "to": "manual"}, 101.0)
     board.perform({"do": "inject", "target": "surface", "fault": "rises", "with": {"for_s": "2"}}, 101.0)
-    assert board.state(102.0).lasting == ("surface: rises",)
+    assert board.show(102.0)["state"]["lasting"] == ("surface: rises",)
     board.perform({"do": "mend"}, 102.5)
     assert said == [
         "robot: key manual at the panel",
@@ -480,7 +482,7 @@ def test_an_emergency_stop_ends_the_orders_and_is_latched(
     assert json.loads((tmp_path / "s.json").read_text())["text"] == summary.text
     stood = cells[0].true_state(pressed[0] + 1.0)
     assert stood.velocity == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
-    shown = Panel(cells[0].robot).state(pressed[0] + 1.0)
+    shown = read_state(cells[0].robot, pressed[0] + 1.0)
     assert (shown.points_waiting, shown.activity) == (0, "none")
     assert shown.last_refusal == "move: 13 stop or emergency stop"
     assert 2 <= shown.refused <= 20, "the move, its repetitions with patience, and the end of the sequence"

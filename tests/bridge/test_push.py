@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hil_bridge.control import Wrist
 from hil_bridge.runs.cycle import wrist
 from hil_bridge.settings.configuration import read_config
-from hil_bridge.site.push import Answer, expected, judge_push, mounting_of, push_threshold
+from hil_bridge.site.push import Answer, expect_push, judge_push, mounting_of, push_threshold
 
 QUIET = (0.01,) * 6
 BEFORE = (3.0, -40.0, 120.0, 1.0, 2.0, 3.0)
@@ -47,7 +47,7 @@ def test_the_axis_that_answers_is_named_with_its_sign(sensor: dict[str, object],
     assert [answer.text[:3] for answer in found] == answers
     assert all(answer.sure and answer.force_n == pytest.approx(20.0) for answer in found)
     for axis, answer in enumerate(found):
-        assert expected(sitting(**sensor), axis).direction == pytest.approx(answer.direction)
+        assert expect_push(sitting(**sensor), axis).direction == pytest.approx(answer.direction)
 
 
 def test_a_push_too_weak_for_the_noise_tells_nothing() -> None:

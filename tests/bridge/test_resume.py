@@ -130,13 +130,13 @@ def test_a_resumed_run_replays_identically(pair: tuple[Recording, Recording, Any
 def test_a_resumed_run_that_is_cut_is_resumed_again(tmp_path: Path) -> None:
     record, _ = cut_by("s3", tmp_path)
     middle = tmp_path / "middle.mcap"
-    changed = resuming.resumed_config(read(record), {"faults": ()})
+    changed = resuming.resume_config(read(record), {"faults": ()})
     assert changed.task.resume is not None
     assert changed.task.resume.leg == THIRD_TRACK - 1
     # the second cut comes before the step has been reached: in the move over
     code, told = resumed_with_fault(record, middle)
     assert code == 3, told
-    again = resuming.resumed_config(read(middle), {})
+    again = resuming.resume_config(read(middle), {})
     assert again.task.resume == changed.task.resume
     code, told = ran("--resume", middle, "--record", tmp_path / "end.mcap")
     assert code == 0, told
@@ -150,21 +150,21 @@ def test_a_run_that_is_cut_in_a_retract_goes_on_with_the_step_behind_it(tmp_path
     assert ran(config, "--robot", "egm", "--record", record)[0] == 3
     cut = read(record)
     assert cut.cycles[-1].step == RETRACT
-    point = resuming.resumed_config(cut, {}).task.resume
+    point = resuming.resume_config(cut, {}).task.resume
     assert point is not None
     assert (point.leg, point.way_mm) == (RETRACT, 0.0), "legs count from 0: it is the one behind the retract"
 
 
 def resumed_with_fault(record: Path, target: Path) -> tuple[int, str]:
     """Resume, and press the emergency stop on the way over."""
-    whole = resuming.resumed_config
+    whole = resuming.resume_config
 
     def with_fault(*arguments: Any) -> Any:
         fault = FaultConfig(on="robot", fault="emergency-stop", phase="move", after_s=1.0)
         return whole(*arguments).model_copy(update={"faults": (fault,)})
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(resuming, "resumed_config", with_fault)
+        patch.setattr(resuming, "resume_config", with_fault)
         return ran("--resume", record, "--record", target)
 
 
@@ -187,7 +187,7 @@ def test_a_run_without_a_program_is_not_resumed(tmp_path: Path) -> None:
 
 def test_a_tool_that_stands_otherwise_is_refused(tmp_path: Path) -> None:
     record, _ = cut_by("s3", tmp_path)
-    whole = resuming.resumed_config
+    whole = resuming.resume_config
 
     def turned(*arguments: Any) -> Any:
         config = whole(*arguments)
@@ -195,7 +195,7 @@ def test_a_tool_that_stands_otherwise_is_refused(tmp_path: Path) -> None:
         return config.model_copy(update={"cell": cell})
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(resuming, "resumed_config", turned)
+        patch.setattr(resuming, "resume_config", turned)
         code, told = ran("--resume", record, "--record", tmp_path / "x.mcap")
     assert code == 2
     assert "turned by 10.0° from the start of the recorded run" in told

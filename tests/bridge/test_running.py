@@ -1,18 +1,33 @@
 """The harness of a run: what it closes, and that a close that fails keeps no other from its turn."""
 
-from collections.abc import Callable
+import asyncio
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
 
 import pytest
 
+from hil_bridge import api
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.record import TruthRecord
+from hil_bridge.errors import Cause, ConfigError
+from hil_bridge.errors.failures import FAILED_EVENT
+from hil_bridge.record import CycleRecord, EventRecord, LinkRecord, Outcome, RunEnd, TruthRecord
+from hil_bridge.runs import compose
+from hil_bridge.runs.beside import going_on
+from hil_bridge.runs.checks import check
 from hil_bridge.runs.faults.schedule import FaultSchedule
+from hil_bridge.runs.outputs import Outputs
+from hil_bridge.runs.result import RunResult
 from hil_bridge.runs.run_log import RunLog
-from hil_bridge.runs.running import running
+from hil_bridge.runs.running import Running, running
+from hil_bridge.runs.session import execute
 from hil_bridge.runs.setup import Setup
 from hil_bridge.runs.truth import GroundTruth
-from hil_bridge.runs.watching import Listener
+from hil_bridge.runs.watching import Listener, Watcher
 from hil_bridge.settings.configuration import read_config
+from hil_bridge.settings.faults import Condition
+from hil_bridge.transports.wrappers import Direction
 
 
 def test_a_close_that_raises_keeps_no_other_from_its_turn(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -36,3 +51,208 @@ def test_a_close_that_raises_keeps_no_other_from_its_turn(monkeypatch: pytest.Mo
     with pytest.raises(AssertionError, match="truth"):
         run_virtual(main)
     assert closed == ["body", "faults", "truth"]
+
+
+def run_in_harness(
+    config: Mapping[str, Any],
+    watchers: Sequence[Watcher] = (),
+    act: Callable[[Running], object] = lambda run: None,
+) -> RunResult:
+    """A run in virtual time with these watchers; `act` is given the run before it begins."""
+
+    async def main() -> RunResult:
+        setup = Setup(read_config(config))
+        async with running(setup, RunLog(Clock.running(), watchers)) as run:
+            act(run)
+            return await run()
+
+    return run_virtual(main)
+
+
+SHORT = {"run": {"duration_s": 0.2}}
+
+
+def test_faults_and_truth_end_after_the_devices(monkeypatch: pytest.MonkeyPatch) -> None:
+    order: list[str] = []
+    opened, close_faults, close_truth = compose.open_devices, FaultSchedule.close, GroundTruth.close
+
+    @asynccontextmanager
+    async def open_devices(*given: Any) -> AsyncIterator[compose.Devices]:
+        async with opened(*given) as devices:
+            yield devices
+        order.append("devices")
+
+    monkeypatch.setattr(compose, "open_devices", open_devices)
+
+    def noting(name: str, close: Callable[[Any], None]) -> Callable[[Any], None]:
+        def close_and_note(part: Any) -> None:
+            order.append(name)
+            close(part)
+
+        return close_and_note
+
+    monkeypatch.setattr(FaultSchedule, "close", noting("faults", close_faults))
+    monkeypatch.setattr(GroundTruth, "close", noting("truth", close_truth))
+    run_in_harness(SHORT, [Listener({TruthRecord: lambda record: None})])
+    assert order == ["devices", "faults", "truth"]
+
+
+def test_a_cell_that_fails_while_it_is_opened_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    opened = compose.open_devices
+
+    @asynccontextmanager
+    async def open_devices(
+        setup: Setup, clock: Clock, log: RunLog, *rest: Any
+    ) -> AsyncIterator[compose.Devices]:
+        log.notice(FAILED_EVENT, "the emulated cell failed: planted")
+        async with opened(setup, clock, log, *rest) as devices:
+            yield devices
+
+    monkeypatch.setattr(compose, "open_devices", open_devices)
+    result = run_in_harness(SHORT)
+    assert result.reason is not None
+    assert (result.reason.cause, result.reason.text) == (
+        Cause.CELL_FAILED,
+        "the emulated cell failed: planted",
+    )
+
+
+def test_a_log_knows_the_time_of_a_byte_on_the_line() -> None:
+    pauses: list[float] = []
+
+    class Ear(Listener):
+        def pause(self, seconds: float) -> None:
+            pauses.append(seconds)
+
+    told: list[float] = []
+    run_in_harness(SHORT, [Ear({})], lambda run: told.append(run.log.byte_time_s))
+    assert told == [pytest.approx(11 / 9600)]  # the S3's line: 9600 baud, eight bits with parity
+    assert min(pauses) > told[0]
+
+
+def test_truth_is_asked_for_only_where_a_watcher_takes_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[CycleRecord] = []
+    monkeypatch.setattr(GroundTruth, "cycle", lambda truth, record: asked.append(record))
+    run_in_harness(SHORT)
+    assert not asked
+    run_in_harness(SHORT, [Listener({TruthRecord: lambda record: None})])
+    assert asked
+
+
+def test_every_watcher_is_closed_and_the_first_error_is_raised() -> None:
+    order: list[str] = []
+
+    class Failing(Listener):
+        def __init__(self, name: str) -> None:
+            super().__init__({LinkRecord: lambda record: order.append("traffic")})
+            self.name = name
+
+        def close(self, end: Mapping[str, str]) -> None:
+            order.append(self.name)
+            raise ConfigError(self.name)
+
+    async def main() -> None:
+        log = RunLog(Clock.running(), [Failing("first"), Failing("second")])
+        log.traffic("robot", Direction.SENT, b"\x05")
+        with pytest.raises(ConfigError, match="first"):
+            log.close(RunEnd(Outcome.COMPLETED))
+
+    run_virtual(main)
+    assert order == ["traffic", "traffic", "first", "second"], "what a wire still holds comes before the end"
+
+
+def test_the_condition_of_a_fault_is_read_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    reads: list[str] = []
+    read = Condition.read
+
+    def count(text: str) -> Condition:
+        reads.append(text)
+        return read(text)
+
+    def begin(run: Running) -> None:
+        monkeypatch.setattr(Condition, "read", count)
+
+    cycles: list[CycleRecord] = []
+    fault = {"on": "signal", "fault": "dead", "when": "force > 1000"}
+    run_in_harness({**SHORT, "faults": [fault]}, [Listener({CycleRecord: cycles.append})], begin)
+    assert len(cycles) > 5
+    assert not reads, "the schedule has read it before the run begins"
+
+
+@pytest.mark.parametrize("begin", ["command", "program"])
+def test_a_run_makes_its_cell_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, begin: str) -> None:
+    made: list[object] = []
+    make = compose.make_cell
+
+    def count(setup: Setup, now: float) -> object:
+        made.append(cell := make(setup, now))
+        return cell
+
+    monkeypatch.setattr(compose, "make_cell", count)
+    if begin == "command":
+        assert execute(read_config(SHORT), True, Outputs(record=tmp_path / "run.mcap"), view=False) == 0
+    else:
+        assert api.simulate(SHORT).outcome == "completed"
+    assert len(made) == 1
+
+
+def test_the_run_has_the_cell_that_the_checks_powered_up() -> None:
+    async def main() -> None:
+        clock = Clock.running()
+        setup = Setup(read_config(SHORT))
+        cell = check(setup, True, clock.now())
+        assert cell is setup.cell is not None
+        async with running(setup, RunLog(clock, []), cell) as run:
+            assert run.cell is cell
+
+    run_virtual(main)
+
+
+def test_a_watcher_that_raises_keeps_no_other_from_its_record() -> None:
+    order: list[str] = []
+
+    def failing(name: str) -> Listener:
+        def take(record: EventRecord) -> None:
+            order.append(name)
+            raise AssertionError(name)
+
+        return Listener({EventRecord: take})
+
+    async def main() -> None:
+        log = RunLog(Clock.running(), [failing("first"), failing("second")])
+        with pytest.raises(AssertionError, match="first"):
+            log.notice("mark", "number 1")
+
+    run_virtual(main)
+    assert order == ["first", "second"]
+
+
+def test_work_beside_a_run_ends_with_it_and_does_not_end_it() -> None:
+    order: list[str] = []
+
+    async def fail() -> None:
+        order.append("fails")
+        raise ValueError("a view")
+
+    async def wait() -> None:
+        try:
+            await asyncio.sleep(1e6)
+        except asyncio.CancelledError:
+            order.append("cancelled")
+            raise
+
+    async def move() -> None:
+        async with going_on(fail(), "view"):
+            await asyncio.sleep(1.0)
+            order.append("the run ends")
+
+    async def stop() -> None:
+        async with going_on(wait(), "view"):
+            await asyncio.sleep(1.0)
+            raise ConfigError("the run's own")
+
+    with pytest.raises(ValueError, match="a view"):
+        run_virtual(move)
+    with pytest.raises(ConfigError, match="the run's own"):
+        run_virtual(stop)
+    assert order == ["fails", "the run ends", "cancelled"]

@@ -168,7 +168,7 @@ def test_beside_the_main_thread_no_handler_is_set() -> None:
     inside: list[object] = []
 
     def elsewhere() -> None:
-        with Signals().heard():
+        with Signals().hearing():
             inside.append(signal.getsignal(signal.SIGTERM))
 
     thread = threading.Thread(target=elsewhere)

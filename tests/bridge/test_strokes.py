@@ -106,7 +106,7 @@ def test_the_edge_that_was_sought_is_no_contact_loss() -> None:
         cycles("track", 3, [10.0, 0.0], first=3),
         cycles("track", 3, [0.0], first=5, touching=False),
     )
-    steps = (StepRecord(at=1.0, step=3, label="3 (seek)", began_at=0.0),)
+    steps = (StepRecord(at=1.0, step=3, label="3 (seek)", began_at=0.0, word="seek"),)
     strokes = strokes_of(Recording(seek, steps=steps))
     assert [len(stroke) for stroke in strokes] == [3]
     assert merit_of(strokes, None).contact_losses == 0

@@ -22,7 +22,7 @@ from hil_bridge.record.removed_map import (
     REMOVED_NAME,
     RemovedMap,
     from_json,
-    packed,
+    pack_map,
 )
 from hil_bridge.record.topics import TRUTH
 from hil_bridge.runs.outputs import Outputs
@@ -132,7 +132,7 @@ def depths(rows: int, columns: int) -> np.ndarray:
 
 
 def test_a_map_is_cut_to_what_is_gone_and_stays_where_it_is() -> None:
-    found = packed((0.5, -0.2), (0.0, 1.0), (-0.1, -0.05), 0.002, depths(20, 30))
+    found = pack_map((0.5, -0.2), (0.0, 1.0), (-0.1, -0.05), 0.002, depths(20, 30))
     assert found.depths.shape == (15, 25)
     # Rows follow each other along base y, columns along base -x.
     assert found.origin_m == pytest.approx((0.5 - 4 * 0.002, -0.2 + 2 * 0.002))
@@ -143,7 +143,7 @@ def test_a_map_is_cut_to_what_is_gone_and_stays_where_it_is() -> None:
 
 def test_a_large_map_is_made_coarser() -> None:
     whole = depths(1001, 400)
-    found = packed((0.0, 0.0), (1.0, 0.0), (0.0, 0.0), 0.001, whole)
+    found = pack_map((0.0, 0.0), (1.0, 0.0), (0.0, 0.0), 0.001, whole)
     assert found.depths.size <= CELLS_LIMIT
     assert found.spacing_m == 0.004
     volume = found.depths.sum() * found.spacing_m**2

@@ -15,7 +15,7 @@ from hil_bridge.record import read
 from hil_bridge.runs.replay import changes_of, recorded_config
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import load_config
-from hil_bridge.show.report.task_steps import duration, shown, total_line
+from hil_bridge.show.report.task_steps import duration, list_steps, total_line
 
 Result: TypeAlias = tuple[int, str, str]
 Command: TypeAlias = Callable[..., Result]
@@ -113,7 +113,7 @@ def test_every_step_stands_in_the_table_once(hil: Command) -> None:
 def test_the_time_of_all_passes_is_told() -> None:
     config = load_config(None, {"task.step": [{"do": "zero"}]})
     row = Setup(config).loop.task.row  # type: ignore[union-attr]
-    assert total_line(shown(config.task.step, row), row) == "about 2 s"
+    assert total_line(list_steps(config.task.step, row), row) == "about 2 s"
     assert (duration(119.4), duration(131.0)) == ("119 s", "2 min 11 s")
 
 

@@ -1,5 +1,6 @@
 """URLs: what is understood, and what the errors say."""
 
+import asyncio
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
@@ -8,7 +9,7 @@ import pytest
 
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.devices.sensors.jr3.room import slcan_address
-from hil_bridge.errors import ConfigError
+from hil_bridge.errors import ConfigError, TransportUnavailable
 from hil_bridge.runs.compose import emulated_cell
 from hil_bridge.runs.setup import Listen, Setup
 from hil_bridge.settings.configuration import load_config
@@ -189,6 +190,26 @@ def test_refused(open_wire: Callable[..., Awaitable[object]], url: str, says: st
         assert repr(url) in str(caught.value)
 
     run_virtual(main)
+
+
+@pytest.mark.parametrize(
+    ("open_wire", "url"),
+    [
+        (connect_bytes, "serial:///dev/nowhere?baudrate=9600&parity=E"),
+        (connect_bytes, "tcp://127.0.0.1:1?connect_s=0.001"),
+        (connect_can, "can+slcan:///dev/nowhere?bitrate=1000000"),
+    ],
+)
+def test_messages_name_a_wire_without_its_options(
+    open_wire: Callable[..., Awaitable[object]], url: str
+) -> None:
+    async def main() -> None:
+        with pytest.raises(TransportUnavailable) as caught:
+            await open_wire(url, Clock.running())
+        name, _, _ = url.partition("?")
+        assert str(caught.value).startswith(f"{name}: cannot be opened: ")
+
+    asyncio.run(main())
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,9 @@
 """Each wire in virtual time beyond the suite: exact times, faults, arbitration, new clients."""
 
+import asyncio
+import socket
 from asyncio import sleep as pass_time  # in virtual time, without waiting
+from contextlib import ExitStack
 from itertools import islice
 from typing import Any
 
@@ -28,6 +31,7 @@ from hil_bridge.transports import (
 )
 from hil_bridge.transports.back_off import persistent, waits
 from hil_bridge.transports.delivery import Delivery
+from hil_bridge.transports.tcp import listen_tcp_clients
 
 LINE = LineSettings(9600, Parity.EVEN, 1)
 
@@ -439,3 +443,27 @@ def test_closing_while_it_is_away_leaves_nothing_behind() -> None:
         await full.aclose()
 
     run_virtual(main)
+
+
+def test_twelve_clients_that_come_at_once_wait_for_a_server_that_is_busy() -> None:
+    came: list[Any] = []
+
+    async def storm() -> None:
+        all_came = asyncio.Event()
+
+        def welcome(wire: Any) -> None:
+            came.append(wire)
+            if len(came) == 12:
+                all_came.set()
+
+        stop, host, port = await listen_tcp_clients("127.0.0.1", 0, Clock.running(), "here", welcome)
+        with ExitStack() as stack:
+            for _ in range(12):  # the server's loop does not turn meanwhile
+                stack.enter_context(socket.create_connection((host, port), timeout=5.0))
+            await all_came.wait()
+        stop()
+        for wire in came:
+            await wire.aclose()
+
+    asyncio.run(asyncio.wait_for(storm(), 30.0))
+    assert len(came) == 12

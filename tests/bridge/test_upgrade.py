@@ -14,7 +14,7 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.record import read
 from hil_bridge.settings.configuration import load_config, read_config
 from hil_bridge.settings.kinds import settings_of
-from hil_bridge.settings.upgrade import MOVED, RENAMED_KINDS, upgraded
+from hil_bridge.settings.upgrade import MOVED, RENAMED_KINDS, upgrade_text
 
 OLD = Path(__file__).parent / "files_of_0_5"
 RECORDING = Path(__file__).parent / "recordings" / "version_0_1_0.mcap"
@@ -83,13 +83,13 @@ def test_a_file_of_0_5_is_rewritten_and_read(name: str, tmp_path: Path) -> None:
     assert done.exit_code == 0, done.output
     assert done.output.endswith(f"wrote {new}\n")
     load_config(new, {})
-    again, changes = upgraded(new.read_text())
+    again, changes = upgrade_text(new.read_text())
     assert (again, changes) == (new.read_text(), []), "once is enough"
 
 
 def test_comments_and_values_stay_where_they_are() -> None:
     before = (OLD / "site.toml").read_text()
-    after, changes = upgraded(before)
+    after, changes = upgrade_text(before)
     assert [line.partition("#")[2] for line in after.splitlines() if "emulated" not in line] == [
         line.partition("#")[2] for line in before.splitlines() if "emulated" not in line
     ]
@@ -106,7 +106,7 @@ def test_comments_and_values_stay_where_they_are() -> None:
 
 
 def test_inline_tables_move_too() -> None:
-    config = read_config(tomllib.loads(upgraded((OLD / "inline.toml").read_text())[0]))
+    config = read_config(tomllib.loads(upgrade_text((OLD / "inline.toml").read_text())[0]))
     robot, sensor = settings_of(config, S3), settings_of(config, UART_GATEWAY)
     assert robot.client.link.baudrate == robot.emulated.link.baudrate == 19200
     assert (sensor.client.uart.cutoff_hz, sensor.emulated.uart.boot_s) == (5.0, 0.2)
@@ -114,7 +114,7 @@ def test_inline_tables_move_too() -> None:
 
 
 def test_the_defaults_of_0_5_are_those_of_now() -> None:
-    assert read_config(tomllib.loads(upgraded((OLD / "defaults.toml").read_text())[0])) == read_config({})
+    assert read_config(tomllib.loads(upgrade_text((OLD / "defaults.toml").read_text())[0])) == read_config({})
 
 
 def test_a_plan_of_0_5_becomes_the_plan_of_now(tmp_path: Path) -> None:
@@ -138,4 +138,4 @@ def test_a_plan_of_0_5_becomes_the_plan_of_now(tmp_path: Path) -> None:
     ],
 )
 def test_urls_get_their_kinds(section: str, old: str, new: str) -> None:
-    assert upgraded(f'[{section}]\nurl = "{old}"\n')[0] == f'[{section}]\nurl = "{new}"\n'
+    assert upgrade_text(f'[{section}]\nurl = "{old}"\n')[0] == f'[{section}]\nurl = "{new}"\n'

@@ -13,10 +13,15 @@ from rich.console import Console
 from hil_bridge.clock import Clock
 from hil_bridge.console import screen
 from hil_bridge.control import Limits
+from hil_bridge.control.program.program import Program
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.robots.s3.facts import robot_facts
+from hil_bridge.errors.failures import TRACEBACK_EVENT
 from hil_bridge.record import PHASE_EVENT, STOP_EVENT, CycleRecord, EventRecord
+from hil_bridge.runs.setup import Setup
+from hil_bridge.runs.shown import scene_of
 from hil_bridge.runs.terminal_view import TerminalView
+from hil_bridge.settings.configuration import read_config
 from hil_bridge.show.terminal import Health, Scene, Snapshot, ViewModel
 from hil_bridge.show.terminal.chart import SCALE_WIDTH, chart
 from hil_bridge.show.terminal.live import LiveView, line
@@ -118,6 +123,29 @@ def test_the_view_of_a_program_tells_the_step_under_way_and_its_wanted_force() -
     told = line(snapshot)
     assert "step 3 of 4: 2.1 (track, pass 2)" in told
     assert "of 12.50 N" in told
+
+
+def test_the_scene_of_a_program_knows_the_steps_that_track() -> None:
+    path = {"kind": "line", "length_mm": 5.0}
+    steps = [{"do": "approach"}, {"do": "track", "path": path}, {"do": "retract"}]
+    setup = Setup(read_config({"task": {"step": steps}}))
+    assert isinstance(setup.loop.task, Program)
+    scene = scene_of(setup, ROBOT, setup.loop.task.row.legs, "")
+    assert scene.steps == ("1 (approach)", "2 (track)", "3 (retract)")
+    assert scene.chart_facts.tracks == {2}
+    assert scene.total_s is None
+    assert (scene.cell, scene.devices) == ("EMULATED", "s3, jr3")
+
+
+def test_an_event_with_a_traceback_tells_what_was_raised() -> None:
+    made = model(CYCLE)
+    trace = "Traceback (most recent call last):\n  File somewhere\nValueError: the law is broken\n"
+    made.event(EventRecord(110.0, TRACEBACK_EVENT, trace))
+    made.event(EventRecord(110.1, "link", "first line\nsecond line"))
+    text = text_of(made.snapshot(110.2, Health()))
+    assert "traceback: ValueError: the law is broken" in text
+    assert "link: first line" in text
+    assert "second line" not in text
 
 
 def test_the_view_of_a_program_wants_no_force_in_free_space() -> None:
@@ -225,7 +253,9 @@ def test_the_panel_fills_the_terminal_whatever_it_shows(width: int, height: int)
 
 @pytest.mark.parametrize(("width", "height"), SIZES)
 def test_the_panel_of_every_size_tells_what_matters_most(width: int, height: int) -> None:
-    scene = Scene(50.0, ROBOT, 30.0, cell="REAL  s3, gateway", real=True, record="runs/a/run.mcap", keys=True)
+    scene = Scene(
+        50.0, ROBOT, 30.0, cell="REAL", devices="s3, gateway", real=True, record="runs/a/run.mcap", keys=True
+    )
     made = ViewModel(scene)
     made.snapshot(100.0, Health())
     made.update(structs.replace(CYCLE, wrench=(3.0, 4.0, 48.73, 0.0, 1.0, 0.0), travel_commanded=0.0125))
@@ -277,7 +307,7 @@ def test_a_wide_view_leaves_no_column_empty_and_a_stop_leaves_no_green_word() ->
     assert sum("█" in line for line in right) > 10
     assert any("Depth along the approach" in line for line in right)
     assert any("Times of the cycle" in line for line in right)
-    made.event(EventRecord(111.0, STOP_EVENT, "robot on serial:///dev/ttyS0?baudrate=9600&parity=E refused"))
+    made.event(EventRecord(111.0, STOP_EVENT, "robot on serial:///dev/ttyS0 refused"))
     stopped = text_of(made.snapshot(111.0, Health()), 200, 50)
     assert "robot on serial:///dev/ttyS0 refused" in stopped
     assert "the run is stopped" in stopped

@@ -15,12 +15,12 @@ from hil_bridge.control.course import supervisor
 from hil_bridge.control.course.verdict import Allow, Request
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.campaign.drawing import Between, Draw, Setting, fault_of_slot, numbers_of
-from hil_bridge.lab.campaign.hunting import badness, hunt, hunted, is_broken, running
-from hil_bridge.lab.campaign.judging import Job, configured, run
+from hil_bridge.lab.campaign.hunting import badness, hunt, is_broken, plan_hunt, running
+from hil_bridge.lab.campaign.judging import Job, configure_run, run
 from hil_bridge.lab.campaign.page import page
 from hil_bridge.lab.campaign.plan import Plan, faults_of_table
 from hil_bridge.lab.campaign.plan_file import PlanErrors, read_plan
-from hil_bridge.lab.campaign.shrinking import shrunk, smaller
+from hil_bridge.lab.campaign.shrinking import shrink_bad, smaller
 from hil_bridge.lab.campaign.store import Store
 from hil_bridge.lab.campaign.working import missing, work
 from hil_bridge.lab.invariants import Promise, void_reasons
@@ -173,7 +173,7 @@ def test_a_controller_that_lies_changes_a_run_and_its_replay_alike(tmp_path: Pat
 
     def ran(faults: list[dict[str, Any]]) -> Any:
         table = json.dumps({"config": {}, "faults": faults})
-        config = configured(Job("", 0, case.config, table, 1))
+        config = configure_run(Job("", 0, case.config, table, 1))
         return config, run(config).result
 
     _, honest = ran([])
@@ -183,7 +183,7 @@ def test_a_controller_that_lies_changes_a_run_and_its_replay_alike(tmp_path: Pat
 
 
 def test_a_hunt_draws_no_fault_that_voids_the_bound(tmp_path: Path) -> None:
-    plan = hunted(planned(tmp_path))
+    plan = plan_hunt(planned(tmp_path))
     (case,) = plan.cases
     assert plan.draw is not None
     faults = [
@@ -191,11 +191,11 @@ def test_a_hunt_draws_no_fault_that_voids_the_bound(tmp_path: Path) -> None:
         for seed in range(300)
         for fault in faults_of_table(plan.table_for(case, numbers_of(str(seed), plan.draw.dimensions)))
     ]
-    given = configured(Job("", 0, case.config, json.dumps({"config": {}, "faults": []}), 1))
+    given = configure_run(Job("", 0, case.config, json.dumps({"config": {}, "faults": []}), 1))
     assert given.faults == ()
     for fault in faults:
         if fault["on"] != "controller":
-            (told,) = configured(Job("", 0, case.config, json.dumps(fault), 1)).faults
+            (told,) = configure_run(Job("", 0, case.config, json.dumps(fault), 1)).faults
             assert void_reasons(Promise.BOUND, [told]) == ()
     names = {(fault["on"], fault["fault"]) for fault in faults}
     assert ("signal", "dead") in names
@@ -203,7 +203,7 @@ def test_a_hunt_draws_no_fault_that_voids_the_bound(tmp_path: Path) -> None:
     head, tail = STUDY.partition("[[campaign.fault]]")[0], STUDY.partition("[campaign.criteria]")[2]
     without = head.replace("faults_per_run = { from = 1, to = 3 }\n", "") + "[campaign.criteria]" + tail
     with pytest.raises(ConfigError, match="faults_per_run"):
-        hunted(planned(tmp_path, without))
+        plan_hunt(planned(tmp_path, without))
 
 
 HOLE = (
@@ -226,7 +226,7 @@ def test_a_hunt_finds_a_planted_hole_and_shrinks_it(tmp_path: Path, monkeypatch:
         return Allow(request.depth, request.position)
 
     monkeypatch.setattr(supervisor, "_clamp", allowed)
-    plan = hunted(planned(tmp_path, HOLE))
+    plan = plan_hunt(planned(tmp_path, HOLE))
     with Store.begin(tmp_path / "hunt.sqlite", plan) as store:
         with running(plan, store, 1, 3.0) as runner:
             runner.advance = lambda count, broken: setattr(runner, "until", 0.0) if broken else None
@@ -235,7 +235,7 @@ def test_a_hunt_finds_a_planted_hole_and_shrinks_it(tmp_path: Path, monkeypatch:
             assert is_broken(worst)
             assert len(runner.known) < 80
             runner.advance = lambda count, broken: None
-            small = shrunk(runner, worst, badness)
+            small = shrink_bad(runner, worst, badness)
         assert is_broken(small)
         assert len(small.table) <= len(worst.table)
         (fault,) = faults_of_table(small.table)

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.lab.campaign.criteria import Criterion, failed
+from hil_bridge.lab.campaign.criteria import Criterion, find_unmet
 from hil_bridge.lab.campaign.plan import code_version, seeds_of
 from hil_bridge.lab.campaign.plan_file import PlanErrors, read_plan
 from hil_bridge.record.analysis.figures import meaning_rows
@@ -187,7 +187,7 @@ def test_criterion_judges(figure: str, wanted: Any, figures: Any, met: bool | No
 
 
 def test_bug_fails_every_run() -> None:
-    assert failed([], {"outcome": "error"}) == ["no bug"]
+    assert find_unmet([], {"outcome": "error"}) == ["no bug"]
 
 
 def test_matrix_that_would_fill_the_memory_is_refused_before_it_is_made(tmp_path: Path) -> None:

@@ -85,5 +85,7 @@ def test_run_comes_back_after_the_surface_did() -> None:
     }
     figures = run(settings(step)).figures
     assert figures["outcome"] == "completed"
-    assert 0.05 < float(figures["recovery_s"] or 0.0) < 0.6
+    recovery_s = figures["recovery_s"]
+    assert isinstance(recovery_s, float)
+    assert 0.05 < recovery_s < 0.6
     assert run(settings()).figures.get("recovery_s") is None

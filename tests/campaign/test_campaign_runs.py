@@ -20,8 +20,8 @@ from hil_bridge.api import simulate
 from hil_bridge.cli.campaign import campaign
 from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.lab.campaign import comparison
-from hil_bridge.lab.campaign.comparison import compared
-from hil_bridge.lab.campaign.judging import Job, configured, run
+from hil_bridge.lab.campaign.comparison import compare_campaigns
+from hil_bridge.lab.campaign.judging import Job, configure_run, run
 from hil_bridge.lab.campaign.live import Results
 from hil_bridge.lab.campaign.page import page
 from hil_bridge.lab.campaign.plan import Plan
@@ -53,7 +53,7 @@ emulated = "ft300"
 [config.task]
 retract_mm = 2.0
 [config.cell]
-start_position_mm = [900.0, -100.0, 601.0]
+start_position_mm = [900.0, -100.0, 596.0]
 """
 
 
@@ -87,7 +87,9 @@ def test_failing_runs_leave_their_recordings_and_the_others_their_figures(result
         )
         assert read(store.folder / stopped[0].recording).end["outcome"] == "stopped"
         for one in runs:
-            assert 5.0 < float(one.figures["force_true_max_n"] or 0.0) < 20.0 or not one.passed
+            force_n = one.figures["force_true_max_n"]
+            assert isinstance(force_n, float)
+            assert 5.0 < force_n < 20.0 or not one.passed
             assert one.figures.get("struck", 0) == (0 if one.passed else 1)
 
 
@@ -95,7 +97,7 @@ def test_failing_runs_leave_their_recordings_and_the_others_their_figures(result
 def test_looking_at_the_truth_does_not_change_a_run(results: Path, fault: int) -> None:
     with Store.open(results) as store:
         case = store.plan().cases[fault]
-    config = configured(Job("", fault, case.config, case.table, 1))
+    config = configure_run(Job("", fault, case.config, case.table, 1))
     watched, plain = run(config).result, simulate(config)
     assert watched is not None
     assert len(plain.cycles) > 10
@@ -192,7 +194,7 @@ def test_kill_in_the_middle_loses_nothing_and_doubles_nothing(tmp_path: Path) ->
         for one in runs[:2]:
             case = plan.cases[one.number]
             job = Job(one.key, one.number, case.config, case.table, one.seed)
-            assert run(configured(job)).figures == one.figures
+            assert run(configure_run(job)).figures == one.figures
 
 
 @pytest.mark.skipif(os.name != "posix", reason="Ctrl-C as a signal")
@@ -359,8 +361,8 @@ def test_compare_counts_what_got_worse_and_better_and_how_far(results: Path, tmp
         "(SELECT rowid FROM runs WHERE failed = '[]' LIMIT 1)",
     )
     with Store.open(results) as before, Store.open(failing) as after:
-        worse, better = compared(before, after), compared(after, before)
-        same = compared(before, before)
+        worse, better = compare_campaigns(before, after), compare_campaigns(after, before)
+        same = compare_campaigns(before, before)
     assert (worse.differing, better.differing, same.differing) == (1, 1, 0)
     assert worse.lines[3] == "1 passed and fail now, 0 failed and pass now"
     assert better.lines[3] == "0 passed and fail now, 1 failed and pass now"
@@ -377,11 +379,12 @@ def test_compare_names_so_many_runs_and_those_with_another_outcome_first(
         tmp_path / "other.sqlite",
         "UPDATE runs SET figures = json_set(figures, '$.force_true_max_n', "
         "json_extract(figures, '$.force_true_max_n') + 2.0)",
-        "UPDATE runs SET outcome = 'refused' WHERE rowid = (SELECT max(rowid) FROM runs)",
+        "UPDATE runs SET outcome = 'refused', figures = json_set(figures, '$.outcome', 'refused') "
+        "WHERE rowid = (SELECT max(rowid) FROM runs)",
     )
     monkeypatch.setattr(comparison, "LINES", 3)
     with Store.open(results) as before, Store.open(other) as after:
-        found = compared(before, after)
+        found = compare_campaigns(before, after)
     named = [line for line in found.lines if " | seed " in line]
     assert len(named) == 3
     assert "refused" in named[0]
@@ -424,6 +427,7 @@ def test_page_tells_cells_worst_runs_and_what_was_never_exercised(results: Path,
     assert "and that the plan does not inject: robot: safeguard-stop" in text
     assert f"hil-bridge campaign rerun study.sqlite {worst}" in text
     assert "this criterion concerned no run" in text
+    assert "<td>outcome completed</td><td>4</td><td>4</td><td>0</td>" in text  # met, not met, of no concern
     out = tmp_path / "page.html"
     assert CliRunner().invoke(campaign, ["report", str(results), "--out", str(out)]).exit_code == 0
     with pytest.raises(ConfigError, match="there already"):

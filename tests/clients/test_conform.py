@@ -16,7 +16,7 @@ import pytest
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.conform.client import ProcessClient
 from hil_bridge.lab.conform.scenarios import Rules
-from hil_bridge.lab.conform.stage import Played, Trial, chosen
+from hil_bridge.lab.conform.stage import Played, Trial, choose_scenarios
 from hil_bridge.lab.conform.trying import play_all, usual_port
 from hil_bridge.settings.configuration import load_config
 
@@ -51,7 +51,7 @@ def played(
     config = load_config(None, {"robot.emulated": "rtde"})
     asked = Rules(**{"after_s": 0.2, "watch_s": 0.8, "react_s": 0.3, "run_s": 0.6, "end_s": 0.5, **rules})
     trial = Trial(config, usual_port(config, listen, command), asked, lambda: ProcessClient(command))
-    return {one.name: one for one in play_all(trial, chosen(trial, names), print)}
+    return {one.name: one for one in play_all(trial, choose_scenarios(trial, names), print)}
 
 
 SERVO = """

@@ -13,7 +13,7 @@ from hil_bridge.control.program import free_steps
 from hil_bridge.control.program.facing import FacingState, inward
 from hil_bridge.control.program.felt import WorkFrame
 from hil_bridge.control.program.legs import legs_of
-from hil_bridge.control.program.orienting import turned
+from hil_bridge.control.program.orienting import turn_tool
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.state import CourseState, Felt
 from hil_bridge.control.words.paths import Line, Polyline
@@ -265,7 +265,7 @@ def test_an_uncertain_normal_turns_no_tool(sigma_deg, turns):
     course = replace(state.course, facing=facing, turned=None)
     leg = program.row.legs[course.leg]
     assert leg.step.do == "hold"
-    after = turned(course, leg, program.frame, program.facing, DT)
+    after = turn_tool(course, leg, program.frame, program.facing, DT)
     assert (after.turned is not None) == turns
     if turns:
         found = rotate(after.turned, (0.0, 0.0, 1.0))

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from hil_bridge.control.program.facing import Facing, FacingState, Look, inward
-from hil_bridge.control.program.felt import Face, WorkFrame, lateral_of, skewed, zeroed
+from hil_bridge.control.program.felt import Face, WorkFrame, lateral_of, measure_skew, subtract_zero
 from hil_bridge.control.program.state import CourseState, Felt
 from protocol.geometry import Quaternion, normalise, rotate
 
@@ -210,7 +210,7 @@ def felt_of(quaternion: Quaternion, wrench: tuple[float, ...]) -> Felt:
 def test_the_moments_at_a_face_tell_how_it_stands_to_a_flat_surface(tip, centre):
     quaternion = tool_at(*tip)
     face, felt = Face(centre, RADIUS), felt_of(quaternion, disc_wrench(quaternion, centre))
-    axis, skew = skewed(FRAME, face, felt, PER_ANGLE)
+    axis, skew = measure_skew(FRAME, face, felt, PER_ANGLE)
     assert skew is not None
     # to be perpendicular, the axis must tip back by all that it is tipped
     assert (axis[1] + skew[0], axis[2] + skew[1]) == pytest.approx((0.0, 0.0), abs=math.radians(0.01))
@@ -231,14 +231,14 @@ def test_the_zero_of_a_program_is_added_along_each_axis_of_the_frame():
     felt = felt_of(quaternion, (3.0, -1.0, 7.0, 0.5, 0.6, 0.7))._replace(force=(10.0, 0.5, -0.25))
     w, x, y, z = quaternion
     added = axes @ Rotation.from_quat((x, y, z, w)).apply(zero[:3])
-    result = zeroed(felt, CourseState(zero=zero), frame)
+    result = subtract_zero(felt, CourseState(zero=zero), frame)
     assert result.force == pytest.approx(np.array(felt.force) + added, abs=1e-12)
     assert result.wrench == pytest.approx(np.array(felt.wrench) - np.array(zero), abs=1e-12)
-    assert zeroed(felt._replace(quaternion=None), CourseState(zero=zero, home=quaternion), frame).force == (
-        pytest.approx(result.force)
-    )
+    assert subtract_zero(
+        felt._replace(quaternion=None), CourseState(zero=zero, home=quaternion), frame
+    ).force == (pytest.approx(result.force))
     for unknown in (felt._replace(quaternion=None), felt._replace(wrench=())):
-        assert zeroed(unknown, CourseState(zero=zero), frame) is unknown
+        assert subtract_zero(unknown, CourseState(zero=zero), frame) is unknown
 
 
 def test_a_face_is_judged_in_the_work_frame_whatever_its_axes():
@@ -246,12 +246,12 @@ def test_a_face_is_judged_in_the_work_frame_whatever_its_axes():
     quaternion = tool_at(0.7, -1.2)
     felt = felt_of(quaternion, disc_wrench(quaternion))
     face = Face(radius=RADIUS)
-    axis, skew = skewed(FRAME, face, felt, PER_ANGLE)
+    axis, skew = measure_skew(FRAME, face, felt, PER_ANGLE)
     turn = Rotation.from_rotvec((0.3, -0.8, 0.5))
     w, x, y, z = quaternion
     x, y, z, w = (turn * Rotation.from_quat((x, y, z, w))).as_quat()
     turned = WorkFrame(*(tuple(turn.apply(way)) for way in (FRAME.approach, FRAME.x, FRAME.y)))
-    assert skewed(turned, face, felt._replace(quaternion=(w, x, y, z)), PER_ANGLE) == (
+    assert measure_skew(turned, face, felt._replace(quaternion=(w, x, y, z)), PER_ANGLE) == (
         pytest.approx(axis),
         pytest.approx(skew),
     )
@@ -260,9 +260,9 @@ def test_a_face_is_judged_in_the_work_frame_whatever_its_axes():
 def test_a_tool_without_a_face_is_told_no_skew():
     quaternion = tool_at(2.0, 0.0)
     felt = felt_of(quaternion, (0.0,) * 6)
-    assert skewed(FRAME, Face(), felt, 0.0) == ((1.0, 0.0, 0.0), None)
-    assert skewed(FRAME, Face(radius=RADIUS), felt._replace(wrench=()), PER_ANGLE)[1] is None
-    assert skewed(FRAME, Face(radius=RADIUS), felt._replace(quaternion=None), PER_ANGLE)[1] is None
+    assert measure_skew(FRAME, Face(), felt, 0.0) == ((1.0, 0.0, 0.0), None)
+    assert measure_skew(FRAME, Face(radius=RADIUS), felt._replace(wrench=()), PER_ANGLE)[1] is None
+    assert measure_skew(FRAME, Face(radius=RADIUS), felt._replace(quaternion=None), PER_ANGLE)[1] is None
 
 
 def test_no_moment_is_taken_for_more_than_10_degrees():

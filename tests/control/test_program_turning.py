@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from hil_bridge.control.course.limits import Limits
-from hil_bridge.control.course.orientation import allowed, behind, tilt
-from hil_bridge.control.geometry.turning import brought, moment_at, tipped, yawed
+from hil_bridge.control.course.orientation import behind, limit_turn, tilt
+from hil_bridge.control.geometry.turning import brought, moment_at, tip_tool, yaw_tool
 from hil_bridge.errors import Cause, Reason
 from protocol.geometry import angle_between, normalise, rotate
 
@@ -66,7 +66,7 @@ def test_small_angles_are_exact(home, angle):
 @example(normalise((0.0, 0.0, 1.0, 1e-5)), (0.0, 0.0, 1.0))  # nearly opposite
 @example(normalise((0.0, 0.0, 1.0, 1e-8)), (0.0, 0.0, 1.0))
 def test_a_tipped_tool_has_the_wanted_axis_by_the_smallest_turn(home, axis):
-    found = tipped(home, axis)
+    found = tip_tool(home, axis)
     assert math.hypot(*found) == pytest.approx(1.0)
     assert rotate(found, (0.0, 0.0, 1.0)) == pytest.approx(axis, abs=1e-7)
     before = np.array(rotate(home, (0.0, 0.0, 1.0)))
@@ -77,14 +77,14 @@ def test_a_tipped_tool_has_the_wanted_axis_by_the_smallest_turn(home, axis):
 @pytest.mark.parametrize("home", [DOWN, (1.0, 0.0, 0.0, 0.0), normalise((1.0, 0.0, 1.0, 0.0))])
 def test_a_tool_tips_over_to_the_opposite_axis_too(home):
     axis = tuple(-part for part in rotate(home, (0.0, 0.0, 1.0)))
-    assert rotate(tipped(home, axis), (0.0, 0.0, 1.0)) == pytest.approx(axis, abs=1e-9)
+    assert rotate(tip_tool(home, axis), (0.0, 0.0, 1.0)) == pytest.approx(axis, abs=1e-9)
 
 
 @given(st.floats(-math.pi, math.pi), st.floats(-math.pi, math.pi), QUATERNIONS)
 def test_a_yawed_tool_looks_along_the_path_as_at_its_begin(before, after, home):
     """Work frame: x = base x, y = base y, so its z axis is base z and the approach is −z."""
     headings = [(math.cos(angle), math.sin(angle)) for angle in (before, after)]
-    found = yawed(home, (0.0, 0.0, -1.0), *headings)
+    found = yaw_tool(home, (0.0, 0.0, -1.0), *headings)
     expected = Rotation.from_rotvec((0.0, 0.0, after - before)) * scipy_of(home)
     assert rotate(found, (1.0, 2.0, 3.0)) == pytest.approx(expected.apply((1.0, 2.0, 3.0)), abs=1e-9)
 
@@ -119,7 +119,7 @@ LIMITS = Limits(turn_deg_s=10.0, turn_total_deg=30.0)
 
 @given(QUATERNIONS, QUATERNIONS, QUATERNIONS, st.floats(1e-3, 0.5))
 def test_whatever_is_wanted_the_guard_lets_neither_turn_too_fast_nor_tip_too_far(home, before, wanted, dt):
-    given_, reasons = allowed(LIMITS, home, before, wanted, dt)
+    given_, reasons = limit_turn(LIMITS, home, before, wanted, dt)
     assert angle_between(before, given_) <= math.radians(10.0) * dt + 1e-6
     assert tilt(home, given_) <= max(math.radians(30.0), tilt(home, before)) + 1e-6
     assert bool(reasons) == (given_ != wanted)
@@ -127,12 +127,12 @@ def test_whatever_is_wanted_the_guard_lets_neither_turn_too_fast_nor_tip_too_far
 
 def test_a_turn_within_the_limits_is_allowed():
     wanted = about((1.0, 0.0, 0.0), math.radians(0.9))
-    assert allowed(LIMITS, DOWN, DOWN, wanted, 0.1) == (wanted, ())
+    assert limit_turn(LIMITS, DOWN, DOWN, wanted, 0.1) == (wanted, ())
 
 
 def test_a_turn_that_is_too_fast_goes_as_far_as_it_may():
     wanted = about((1.0, 0.0, 0.0), math.radians(5.0))
-    given_, reasons = allowed(LIMITS, DOWN, DOWN, wanted, 0.1)
+    given_, reasons = limit_turn(LIMITS, DOWN, DOWN, wanted, 0.1)
     assert reasons == (Reason(Cause.TURN, "turned faster than 10°/s"),)
     assert angle_between(DOWN, given_) == pytest.approx(math.radians(1.0))
     assert angle_between(given_, wanted) == pytest.approx(math.radians(4.0))
@@ -140,7 +140,7 @@ def test_a_turn_that_is_too_fast_goes_as_far_as_it_may():
 
 def test_a_tool_that_would_tip_too_far_stays_as_it_is():
     before, wanted = (about((0.0, 1.0, 0.0), math.radians(deg)) for deg in (29.8, 30.2))
-    assert allowed(LIMITS, DOWN, before, wanted, 0.1) == (
+    assert limit_turn(LIMITS, DOWN, before, wanted, 0.1) == (
         before,
         (Reason(Cause.TIP, "tilted by more than 30°"),),
     )
@@ -148,13 +148,13 @@ def test_a_tool_that_would_tip_too_far_stays_as_it_is():
 
 def test_a_tool_that_is_tipped_too_far_may_come_back():
     before, wanted = (about((0.0, 1.0, 0.0), math.radians(deg)) for deg in (40.0, 39.5))
-    assert allowed(LIMITS, DOWN, before, wanted, 0.1) == (wanted, ())
+    assert limit_turn(LIMITS, DOWN, before, wanted, 0.1) == (wanted, ())
 
 
 def test_a_turn_about_the_tools_own_axis_is_no_tilt():
     wanted = about((0.0, 0.0, 1.0), math.radians(170.0))
     assert tilt(DOWN, wanted) == pytest.approx(0.0, abs=1e-12)
-    assert allowed(Limits(turn_deg_s=1e4), DOWN, DOWN, wanted, 1.0) == (wanted, ())
+    assert limit_turn(Limits(turn_deg_s=1e4), DOWN, DOWN, wanted, 1.0) == (wanted, ())
 
 
 @given(QUATERNIONS, QUATERNIONS)

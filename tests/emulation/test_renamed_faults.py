@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from emulators.devices.s3.faults import S3_FAULTS, target_of
-from emulators.faults import find
+from emulators.devices.s3.faults import S3_FAULTS
+from emulators.faults import find, target_of
 from emulators.faults.renamed import RENAMED, RENAMED_PARAMETERS, tell_new_name
 from hil_bridge.devices.kinds import ROBOTS, SENSORS, EmulatedKinds, fault_targets
 from hil_bridge.errors import ConfigError
@@ -44,7 +44,7 @@ def test_an_old_name_alone_is_answered_at_the_panel() -> None:
     for on, fault in RENAMED:
         if fault not in known:
             with pytest.raises(ValueError, match=f"^[a-z]+: {fault} is called [^\n]+ now$"):
-                target_of(fault)
+                target_of(fault, S3_FAULTS)
         assert tell_new_name(on, fault, {})
 
 

@@ -16,10 +16,10 @@ from hypothesis import strategies as st
 
 from emulators.devices.s3 import (
     CHANGES,
+    S3_CONTROLS,
     S3_FAULTS,
     Activity,
     MoveStep,
-    Panel,
     S3Controller,
     S3Profile,
     S3Profiles,
@@ -27,9 +27,11 @@ from emulators.devices.s3 import (
     State,
     Stimulus,
     WaitStep,
+    read_state,
     read_steps,
     refusal,
 )
+from emulators.panel import Panel
 from emulators.seams import StartPose
 from protocol.devices.s3.adlp import LinkProfile
 from protocol.devices.s3.arap import (
@@ -64,7 +66,7 @@ class Bench:
         site = S3Site(programs={int(name.removeprefix("p")): text for name, text in programs.items()})
         self.now = T0
         self.robot = S3Controller(S3Profiles(profile), StartPose(START, DOWN, 0.2), T0, 1, site)
-        self.panel = Panel(self.robot)
+        self.panel = Panel(self.robot, S3_CONTROLS, self.robot.faults)
         self.host = ArapHost(LinkProfile())
         self.told: list[ArapEvent] = []
         self.to_host = bytearray()
@@ -488,7 +490,7 @@ def test_the_next_order_of_a_function_is_refused_with_the_code() -> None:
     assert bench.accepts(OPERATION)
     bench.robot.inject("refuses", bench.now)
     assert bench.code(read_status()) == 31
-    assert bench.panel.state(bench.now).last_refusal == "read status: 31 not possible to proceed"
+    assert read_state(bench.robot, bench.now).last_refusal == "read status: 31 not possible to proceed"
 
 
 def test_a_spontaneous_message_is_told_as_asked_for() -> None:
@@ -519,13 +521,13 @@ def test_a_power_cycle_is_silence_then_a_fresh_controller() -> None:
     bench.robot.press_emergency_stop(bench.now)
     bench.robot.inject("power-cycle", bench.now)
     said = len(bench.to_host)
-    shown = bench.panel.state(bench.now)
+    shown = read_state(bench.robot, bench.now)
     assert (shown.mode, shown.points_waiting) == ("starting", 0)
     bench.robot.inject("spontaneous", bench.now)
     bench.wait(2.99)
     assert len(bench.to_host) == said
     bench.wait(0.02)
-    assert bench.panel.state(bench.now).mode == "standby"
+    assert read_state(bench.robot, bench.now).mode == "standby"
     status = bench.status()
     assert (status.standby, status.emergency_stop) == (False, True), "a latched button stays"
     bench.robot.release_emergency_stop(bench.now)
@@ -542,7 +544,7 @@ def test_an_order_without_answer_is_dropped_at_a_power_cycle() -> None:
     said = len(bench.to_host)
     bench.wait(1.0)
     assert len(bench.to_host) == said
-    assert bench.panel.state(bench.now).mode == "standby"
+    assert read_state(bench.robot, bench.now).mode == "standby"
 
 
 def test_a_block_is_damaged_after_a_power_cycle_in_the_middle_of_one() -> None:
@@ -612,7 +614,7 @@ def test_an_encoder_offset_jumps_is_driven_back_and_stays_in_the_arm() -> None:
     bench.wait(1.0)
     assert bench.status().position == START
     assert bench.true_position == pytest.approx([0.9, -0.1, 0.598], abs=1e-4)
-    shown = bench.panel.state(bench.now)
+    shown = read_state(bench.robot, bench.now)
     assert shown.position_mm[2] - shown.true_position_mm[2] == pytest.approx(2.0, abs=0.1)
     bench.robot.inject("encoder-offset", bench.now, z_mm=-2.0)
     bench.wait(1.0)
@@ -657,7 +659,7 @@ def test_looking_changes_nothing() -> None:
     seen, unseen = Bench().moving(), Bench().moving()
     for _ in range(200):
         seen.now += 0.0071
-        seen.panel.state(seen.now)
+        seen.panel.show(seen.now)
     unseen.now = seen.now
     times = np.linspace(seen.now - 1.5, seen.now, 300)
     assert np.array_equal(

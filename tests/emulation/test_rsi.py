@@ -321,8 +321,8 @@ def test_corrections_in_the_tool_are_turned_with_it() -> None:
         assert correction.take((0.0, 0.0, 0.5, 0.0, 0.2, 0.0)) == ""
         assert correction.pose.position == pytest.approx((0.6, 0.0, 0.4995), abs=3e-6)
     base = Correction(RsiProfile(), down)
-    assert base.take((0.0, 0.0, 0.5, 0.0, 0.0, 0.0)) == ""
-    assert base.pose.position == pytest.approx((0.6, 0.0, 0.5005))
+    assert base.take((0.1, 0.2, 0.4, 0.0, 0.0, 0.0)) == ""
+    assert base.pose.position == pytest.approx((0.6001, 0.0002, 0.5004))
 
 
 # --- late answers

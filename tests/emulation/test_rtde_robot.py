@@ -26,16 +26,17 @@ from protocol.devices.rtde.profile import ClientProfile
 from protocol.devices.rtde.program import INPUT_NAMES, force_program_text, program_text
 from protocol.devices.rtde.rotation import six_of
 from protocol.devices.rtde.states import RobotMode, Runtime, SafetyMode
-from protocol.devices.rtde.wires import Piece, Port
+from protocol.devices.rtde.wires import CLIENT_PORTS, Piece, Port
 from protocol.endpoint import Trouble
 from protocol.geometry import Pose, towards
 from protocol.robot import ReportReceived, RobotReport, StreamLost
+from tools.register_program import register_program
 
 T0 = 1000.25
 START = StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2)
 EXACT = RtdeProfile(noise_um=0.0, noise_urad=0.0, force_noise_n=0.0, force_offset_n=0.0)
 DT = 0.002
-CONTROL = "def rtde_control():\n# float register offset\n0\n  while True:\n  end\nend\n"
+CONTROL = register_program()
 
 
 class Plug:
@@ -279,7 +280,27 @@ def test_the_dashboard_answers_in_lines() -> None:
         "stop": "Stopped",
         "popup hello": "showing popup",
         "close popup": "closing popup",
-        "power on": "Failed to execute: power on",
+        "power on": "Powering on",
+        "brake release": "Brake releasing",
+        "get loaded program": "No program loaded",
+        "load polish.urp": "File not found: polish.urp",
+        "load installation default.installation": "Loading installation: default.installation",
+        "version": "5.12.0.0",
+        "isProgramSaved": "true <unnamed>",
+        "addToLog Robot mode: mine": "Added log message",
+        "saveLog": "Log saved to disk",
+        "get operational mode": "NONE",
+        "set operational mode sideways": "Failed setting operational mode: sideways",
+        "set operational mode manual": "Operational mode MANUAL is set",
+        " Get  Operational Mode ": "MANUAL",
+        "clear operational mode": "No longer controlling the operational mode.",
+        "generate flight report": "Flight Report generated with id: 1",
+        "generate flight report controller": "Flight Report generated with id: 2",
+        "generate support file .": "Completed successfully: ./support.zip",
+        "shutdown": "Shutting down",
+        "getUserRole": "could not understand: 'getUserRole'",
+        "setUserRole none": "could not understand: 'setUserRole none'",
+        "loading": "could not understand: 'loading'",
         "dance": "could not understand: 'dance'",
         "quit": "Disconnected",
     }
@@ -290,7 +311,11 @@ def test_the_dashboard_answers_in_lines() -> None:
 def test_a_cb3_knows_no_remote_control_and_our_client_goes_on() -> None:
     cb3 = replace(EXACT, cycle_ms=8.0, version="3.15.0.0", model="ur10")
     board = Desk(cb3).plug(Port.DASHBOARD)
-    assert board.line("is in remote control") == "could not understand: 'is in remote control'"
+    for command in ("is in remote control", "get operational mode", "version"):
+        assert board.line(command) == f"could not understand: '{command}'"
+    assert board.line("setUserRole OPERATOR") == "Setting user role: OPERATOR"
+    assert board.line("getUserRole") == "OPERATOR"
+    assert board.line("setUserRole king") == "Failed setting user role: king"
     pair = Pair(cb3, ClientProfile(cycle_ms=8.0))
     pair.pass_time(0.3)
     assert pair.fault == ""
@@ -325,12 +350,60 @@ def test_power_goes_with_the_emergency_stop_and_comes_back_step_by_step() -> Non
     assert board.line("power on") == "Failed to execute: power on"
     desk.run(1.1)
     assert board.line("power on") == "Powering on"
-    assert board.line("brake release") == "Failed to execute: brake release"
     desk.run(2.1)
     assert board.line("robotmode") == "Robotmode: IDLE"
     assert board.line("brake release") == "Brake releasing"
     desk.run(2.1)
     assert board.line("robotmode") == "Robotmode: RUNNING"
+
+
+def test_brakes_released_from_power_off_power_the_arm_first() -> None:
+    desk = Desk()
+    board = desk.plug(Port.DASHBOARD)
+    assert board.line("power off") == "Powering off"
+    assert board.line("brake release") == "Brake releasing"
+    desk.run(2.1)
+    assert board.line("robotmode") == "Robotmode: IDLE"
+    desk.run(2.0)
+    assert board.line("robotmode") == "Robotmode: RUNNING"
+    board.line("power off")
+    board.line("brake release")
+    board.line("power off")
+    desk.run(5.0)
+    assert board.line("robotmode") == "Robotmode: POWER_OFF", "the second order counts"
+    desk.inject("robot", "emergency-stop", for_s=1.0)
+    assert board.line("brake release") == "Failed to execute: brake release"
+
+
+def test_a_stored_program_is_loaded_played_paused_and_stopped() -> None:
+    desk = Desk()
+    desk.controller.programs = {"waits": b"def waits():\n  while True:\n    sync()\n  end\nend"}
+    board = desk.plug(Port.DASHBOARD)
+    assert board.line("load sub/waits.urp").startswith("Loading program: ")
+    assert board.line("programState") == "STOPPED waits.urp"
+    assert board.line("play") == "Starting program"
+    desk.run(0.1)
+    assert board.line("programState") == "PLAYING waits.urp"
+    assert board.line("pause") == "Pausing program"
+    assert board.line("programState") == "PAUSED waits.urp"
+    assert board.line("play") == "Starting program"
+    assert board.line("running") == "Program running: true"
+    assert board.line("stop") == "Stopped"
+    assert board.line("running") == "Program running: false"
+    board.line("power off")
+    assert board.line("play") == "Failed to execute: play"
+
+
+def test_a_pop_up_that_blocks_waits_until_it_is_closed() -> None:
+    desk = Desk()
+    board = desk.plug(Port.DASHBOARD)
+    desk.upload('def asks():\n  popup("go on?", blocking=True)\n  textmsg("gone on")\n  sleep(1)\nend\n')
+    desk.run(0.5)
+    said = desk.controller.console.sayings
+    assert [saying.text for saying in said] == ["asks", "go on?"]
+    assert board.line("close popup") == "closing popup"
+    desk.run(0.1)
+    assert [saying.text for saying in said] == ["asks", "go on?", "gone on"]
 
 
 def test_a_protective_stop_is_not_unlocked_within_five_seconds() -> None:
@@ -388,7 +461,7 @@ class Pair(Desk):
     def __init__(self, profile: RtdeProfile = EXACT, client: ClientProfile | None = None) -> None:
         super().__init__(profile)
         self.profile = client or ClientProfile()
-        self.ports = {port: self.plug(port) for port in Port}
+        self.ports = {port: self.plug(port) for port in CLIENT_PORTS}
         self.client = RtdeClient(self.profile, self.now)
         self.reports: list[RobotReport] = []
         self.lost: list[str] = []
@@ -732,7 +805,7 @@ def test_a_robot_that_is_not_ready_is_told_in_one_line(
     desk = pair
     fresh = Pair(profile)
     fresh.__dict__.update(robot=desk.robot, controller=desk.controller, ledger=desk.ledger, plugs=[])
-    fresh.ports = {port: fresh.plug(port) for port in Port}
+    fresh.ports = {port: fresh.plug(port) for port in CLIENT_PORTS}
     fresh.client = RtdeClient(ClientProfile(), fresh.now)
     fresh.pass_time(3.0)
     assert words in fresh.lost[0]

@@ -106,9 +106,9 @@ SCRIPT = b"""def gripper():
   set_tool_digital_out(0, True)
   close(width=30)
   def close(width):
-    teach_mode()
+    set_gravity([0, 0, 9])
     sleep(0.1)
-    teach_mode()
+    set_gravity([0, 0, 9])
   end
   rg_grip(1)
   set_gravity([0, 0, 9.82])
@@ -123,20 +123,19 @@ def test_rtde_scripts_dashboard_commands_and_variables() -> None:
     assert rtde is not None
     assert script is not None
     assert dashboard is not None
-    dashboard.receive(b"load polish.urp\nis it raining\nPolyscopeVersion\n", T0)
-    assert told == ["dashboard command load"]
+    dashboard.receive(b"get variable x\nis it raining\nPolyscopeVersion\n", T0)
+    assert told == ["dashboard command get variable"]
     rtde.receive(inputs_request(("standard_digital_output", "input_int_register_0")), T0)
     rtde.receive(outputs_request(("actual_q", "target_current", "actual_main_voltage"), 125.0), T0)
     assert told[1:] == [
-        "variable standard_digital_output",
         "variable target_current",
         "variable actual_main_voltage",
     ]
     script.receive(b"sec light():\n  set_digital_out(1, True)\n  set_baselight_off()\nend\n", T0)
-    assert told[4:] == ["URScript set_baselight_off()"]
+    assert told[3:] == ["URScript set_baselight_off()"]
     script.receive(SCRIPT, T0)
     robot.controller.advance(T0 + 1.0)
-    assert told[5:] == ["URScript teach_mode()", "URScript rg_grip()"]
+    assert told[4:] == ["URScript set_gravity()", "URScript rg_grip()"]
 
 
 def test_s3_functions_of_which_no_payload_is_known() -> None:

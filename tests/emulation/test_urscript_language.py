@@ -29,7 +29,7 @@ class Played:
         return next((number for number in range(cycles) if not self.machine.cycle()), -1)
 
     def said(self, kind: Message = Message.TEXT) -> list[str]:
-        return [saying.text for saying in self.controller.console.sayings if saying.message == kind]
+        return [str(saying) for saying in self.controller.console.sayings if saying.message == kind]
 
 
 def said(text: str, cycles: int = 50) -> list[str]:
@@ -251,7 +251,7 @@ ERRORS = {
     "textmsg(nothing)": (2, "nothing is not defined"),
     "x = [1, 2]\nx[2] = 1": (3, "no element 2"),
     "x = [1, 2][1.5]": (2, "whole number"),
-    "unheard_of(1)": (2, "unheard_of is not a function"),
+    "unheard_of(1)": (2, "compile_error_name_not_found:unheard_of:"),
     "sin(1, 2)": (2, "sin takes 1 arguments"),
     "movej()": (2, "movej needs the argument q"),
     'sin("a")': (2, "a number is needed, not a string"),
@@ -273,7 +273,7 @@ ERRORS = {
 def test_an_error_tells_its_line(body: str) -> None:
     line, words = ERRORS[body]
     found = failure(program(body))
-    assert found.startswith(f"Runtime error in line {line}: ")
+    assert found.startswith(f"runtime error in line {line}: ")
     assert words in found
 
 
@@ -297,10 +297,10 @@ def test_a_syntax_error_tells_line_and_column(text: str, line: int, column: int)
 
 def test_a_function_without_effect_is_told_once() -> None:
     played = Played(
-        program("i = 0\nwhile i < 5:\n  set_gravity([0, 0, 9])\n  teach_mode()\n  i = i + 1\n  sync()\nend")
+        program("i = 0\nwhile i < 5:\n  set_gravity([0, 0, 9])\n  set_baselight_off()\n  i = i + 1\n  sync()\nend")
     )
     assert played.play(20) == 5
-    counts = {"URScript set_gravity()": 1, "URScript teach_mode()": 1}
+    counts = {"URScript set_gravity()": 1, "URScript set_baselight_off()": 1}
     assert played.controller.unmodelled.counts == counts
 
 
@@ -339,6 +339,8 @@ def test_tables_say_how_far_a_function_goes() -> None:
 class Line:
     """A connection whose other end is a test."""
 
+    opening, open = False, True
+
     def __init__(self) -> None:
         self.came, self.sent = b"", b""
 
@@ -357,6 +359,9 @@ class Line:
     def send(self, data: bytes) -> bool:
         self.sent += data
         return True
+
+    def hang_up(self) -> None:
+        self.open = False
 
 
 def test_a_program_reads_and_writes_a_socket() -> None:
@@ -377,6 +382,7 @@ def test_a_program_reads_and_writes_a_socket() -> None:
     line.came += b"word\n(1.5, -2)"
     assert played.play(50) >= 0
     assert opened == [("10.0.0.1", 50001)]
+    assert not line.open
     assert line.sent == b"hello\x00\x00\x00\x07"
     assert played.said() == ["True", "[2, 1, -1]", "[0, -1]", "word", "[2, 1.5, -2]", "False"]
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from emulators.devices.rtde import RtdeProfile, RtdeRobot
 from emulators.devices.rtde.urscript import Message
 from emulators.seams import StartPose
-from protocol.devices.rtde.states import Runtime
+from protocol.devices.rtde.states import Runtime, SafetyMode
 from protocol.devices.rtde.wires import Port
 
 START = StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2)
@@ -37,7 +37,7 @@ class Bench:
             self.controller.advance(self.now)
 
     def said(self, kind: Message) -> list[str]:
-        return [saying.text for saying in self.controller.console.sayings if saying.message == kind]
+        return [str(saying) for saying in self.controller.console.sayings if saying.message == kind]
 
     @property
     def place(self) -> tuple[float, float, float]:
@@ -86,10 +86,23 @@ def test_a_speed_holds_for_its_time_and_stops() -> None:
 
 def test_a_pose_out_of_reach_ends_the_program_and_moves_nothing() -> None:
     bench = Bench()
+    bench.send("movej(p[9, 9, 9, 0, 0, 0])\n")
+    bench.run(0.2)
+    assert bench.place == pytest.approx((0.9, -0.1, 0.6), abs=1e-9)
+    assert bench.said(Message.RUNTIME) == ["runtime error in line 1: no joints hold this pose"]
+
+
+def test_a_line_to_a_place_out_of_reach_makes_a_protective_stop_that_is_unlocked_when_allowed() -> None:
+    bench = Bench()
     bench.send("movel(p[9, 9, 9, 0, 0, 0])\n")
     bench.run(0.2)
     assert bench.place == pytest.approx((0.9, -0.1, 0.6), abs=1e-9)
-    assert bench.said(Message.RUNTIME) == ["Runtime error in line 1: no joints hold the end of this move"]
+    assert bench.controller.safety == SafetyMode.PROTECTIVE_STOP
+    bench.send("set unlock protective stop\n")
+    bench.run(4.7)
+    assert bench.controller.safety == SafetyMode.PROTECTIVE_STOP
+    bench.run(0.2)
+    assert bench.controller.safety == SafetyMode.NORMAL
 
 
 def test_a_program_that_never_waits_is_stopped() -> None:

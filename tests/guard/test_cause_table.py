@@ -33,10 +33,9 @@ def test_every_row_names_part_remedy_and_settings_that_exist(cause: Cause) -> No
     assert row.condition
     assert row.part in Part
     for words in (row.blames, row.look):
-        assert words.format(robot=" (egm)", sensor=" (netft)").strip(".; ") == words.format(
-            robot=" (egm)", sensor=" (netft)"
-        )
-        assert "{" not in words.format(robot="", sensor="")
+        said = words.format(robot=" (egm)", sensor=" (netft)", recording="a.mcap")
+        assert said.strip(".; ") == said
+        assert "{" not in said
     for key in row.settings:
         found: object = CONFIG
         for name in key.split("."):
@@ -106,14 +105,14 @@ def test_why_names_the_part_and_where_to_look(recording: Recording, cause: Cause
     )
     reason = Reason(cause, "this was it", "do that")
     end = RunEnd(outcome, reason, place="retracted, 0.0 N", left="retracted, 0.0 N").as_metadata()
-    text = why(dataclasses.replace(recording, end=end))
+    text = why(dataclasses.replace(recording, end=end), "a.mcap")
     assert "{" not in text
     if outcome is not Outcome.STOPPED:
         assert text.startswith(
             f"The run {'completed' if outcome is Outcome.COMPLETED else 'was interrupted'}"
         )
         return
-    kinds = {"robot": " (s3)", "sensor": " (jr3)"}
+    kinds = {"robot": " (s3)", "sensor": " (jr3)", "recording": "a.mcap"}
     assert f"What ended it was {row.blames.format(**kinds)}: this was it." in text
     assert f"The message goes on: do that. Look at: {row.look.format(**kinds)}." in text
 

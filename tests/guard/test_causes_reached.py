@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 from hil_bridge import api
 from hil_bridge.control import Clamp, Limits, Measurement, Observation, Request, Stop, Supervisor
-from hil_bridge.control.course.answers import held_back
+from hil_bridge.control.course.answers import explain_halt
 from hil_bridge.control.course.touch import Doubt, Touch, TouchTest
 from hil_bridge.control.course.verdict import LEAVES, SLOWLY
 from hil_bridge.devices.robots.gate import Bounds
@@ -27,7 +27,7 @@ from hil_bridge.errors import (
     Reason,
     TransportBroken,
 )
-from hil_bridge.errors.failures import CodeFailed, code_failed, link_cause, unexpected
+from hil_bridge.errors.failures import CodeFailed, code_failed, explain_exception, link_cause
 from hil_bridge.record.analysis.summary import end_of
 from hil_bridge.runs.closing import ended_after, ended_before
 from hil_bridge.runs.leaving import not_away
@@ -76,10 +76,10 @@ def test_a_retraction_without_a_force_goes_slowly_and_then_no_farther() -> None:
 
 def test_a_retraction_that_is_held_tells_by_which() -> None:
     border, blind = (Clamp(0.0, ORIGIN, (hold,)) for hold in (LEAVES, SLOWLY))
-    assert held_back(border, QUIET).cause is Cause.RETRACT_BORDER
-    assert held_back(blind, QUIET).cause is Cause.RETRACT_BLIND
+    assert explain_halt(border, QUIET).cause is Cause.RETRACT_BORDER
+    assert explain_halt(blind, QUIET).cause is Cause.RETRACT_BLIND
     failed = replace(QUIET, fault="it failed", fault_cause=Cause.SENSOR_FAILED)
-    assert held_back(blind, failed) == Reason(Cause.SENSOR_FAILED, "it failed")
+    assert explain_halt(blind, failed) == Reason(Cause.SENSOR_FAILED, "it failed")
 
 
 def test_a_touch_tells_whether_it_was_not_answered_or_not_tested() -> None:
@@ -116,10 +116,10 @@ def test_what_ends_a_device_names_its_row() -> None:
 
 
 def test_what_nothing_expected_names_whose_code_it_was() -> None:
-    assert unexpected(ValueError("no")).cause is Cause.BUG
+    assert explain_exception(ValueError("no")).cause is Cause.BUG
     theirs = ValueError("no")
     theirs.blamed = (read_config, "none")  # type: ignore[attr-defined]
-    assert unexpected(theirs).cause is Cause.OTHERS_CODE
+    assert explain_exception(theirs).cause is Cause.OTHERS_CODE
 
 
 def test_the_ends_around_a_movement_name_their_row() -> None:

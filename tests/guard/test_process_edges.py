@@ -62,7 +62,7 @@ def test_every_signal_of_the_table_is_heard_and_given_back() -> None:
     before = {number: signal.getsignal(number) for number in ENDING}
     heard: list[int] = []
     signals = Signals()
-    with signals.heard(), signals.leading_to(heard.append):
+    with signals.hearing(), signals.leading_to(heard.append):
         for number in ENDING:
             signal.raise_signal(number)
         for name in BACKGROUND:
@@ -86,7 +86,7 @@ def test_a_handler_of_another_part_stays() -> None:
     signal.signal(signal.SIGUSR1, lambda number, frame: taken.append(number))
     signal.signal(signal.SIGUSR2, signal.SIG_IGN)
     signals = Signals()
-    with signals.heard():
+    with signals.hearing():
         signal.raise_signal(signal.SIGUSR1)
         signal.raise_signal(signal.SIGUSR2)
     assert (taken, signals.count) == ([signal.SIGUSR1], 0)

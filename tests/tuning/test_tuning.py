@@ -13,11 +13,11 @@ from hil_bridge.control.controllers import CONTROLLERS
 from hil_bridge.control.types import Range
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.campaign.criteria import Figures
-from hil_bridge.lab.tuning.comparing import Comparison, Finding, sentence, told
+from hil_bridge.lab.tuning.comparing import Comparison, Finding, describe_comparison, sentence
 from hil_bridge.lab.tuning.evaluating import Goal, Job, Worth, scales_of, worth
 from hil_bridge.lab.tuning.front import front, picture
 from hil_bridge.lab.tuning.preparing import axes_of, limit_of, others, tuned_file, weights_of
-from hil_bridge.lab.tuning.reporting import as_json, chosen, fresh_comparison
+from hil_bridge.lab.tuning.reporting import as_json, describe_parameters, fresh_comparison
 from hil_bridge.lab.tuning.searching import Search, Wanted, begin, search
 from hil_bridge.lab.tuning.space import space_of
 from hil_bridge.lab.tuning.writing import toml
@@ -193,7 +193,7 @@ def test_where_every_point_fails_there_is_no_best() -> None:
     state = begin([pi()], wanted(40), fails)
     search(state, fails)
     assert state.best is None
-    assert "no point met the constraints with every seed" in list(chosen(state))
+    assert "no point met the constraints with every seed" in list(describe_parameters(state))
 
 
 def test_an_interrupted_search_has_its_best_so_far() -> None:
@@ -250,7 +250,7 @@ def test_a_difference_counts_where_the_seeds_can_tell(
     one, two = (worth(GOAL, (), [ended(rise) for rise in rises]) for rises in (tuned, defaults))
     comparison = Comparison("hard", one, two)
     assert comparison.finding is finding
-    assert f"hard, 3 seeds: {finding}" in next(iter(told(comparison, ["rise_s"])))
+    assert f"hard, 3 seeds: {finding}" in next(iter(describe_comparison(comparison, ["rise_s"])))
     better = finding in (Finding.BETTER, Finding.SAVES)
     assert sentence([comparison]).startswith(
         "the tuned parameters beat the defaults: better in 1 of 1" if better

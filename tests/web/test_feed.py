@@ -38,7 +38,7 @@ class Ends:
                 data = self.other.recv(wire.MOST_BYTES)
             except BlockingIOError:
                 return messages
-            messages.append(wire.decoded(data))
+            messages.append(wire.decode_message(data))
 
     def counts(self) -> list[int]:
         """Records of each message that has come."""
@@ -56,7 +56,7 @@ def ends(monkeypatch: pytest.MonkeyPatch) -> Iterator[Ends]:
         told.write(b"the last line\n")
         return subprocess.Popen([sys.executable, "-c", ""])
 
-    monkeypatch.setattr(feeding, "_started", started)
+    monkeypatch.setattr(feeding, "_start", started)
     feed = Feed(WebOptions())
     with socket.socket(fileno=kept[0]) as other:
         other.setblocking(False)

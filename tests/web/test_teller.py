@@ -27,7 +27,7 @@ FAULT = {"on": "robot", "fault": "emergency-stop", "phase": "track", "after_s": 
 def stopped() -> tuple[Scene, Recording]:
     """A run with an emulated cell that an emergency stop ends."""
     config = load({"run": {"duration_s": 3.0}}, faults=[FAULT], seed=3)
-    scene = Scene(10.0, Setup(config).facts, cell=Setup(config).in_words[1], limits=config.limits)
+    scene = Scene(10.0, Setup(config).facts, cell=Setup(config).cell_name.words, limits=config.limits)
     return scene, simulate(config).recording
 
 
@@ -39,10 +39,10 @@ def in_order(recording: Recording) -> list[Record]:
 
 def test_messages_come_over_the_socket_as_they_were(stopped: tuple[Scene, Recording]) -> None:
     scene, recording = stopped
-    begin = wire.decoded(wire.encoded(wire.Begin(scene, 123)))
+    begin = wire.decode_message(wire.encode_message(wire.Begin(scene, 123)))
     assert begin == wire.Begin(scene, 123)
     records = in_order(recording)[:200]
-    message = wire.decoded(wire.encoded_records(records))
+    message = wire.decode_message(wire.encode_records(records))
     assert isinstance(message, wire.Records)
     encode = {topic.record: topic.encode for topic in TOPICS}
     said, heard = (

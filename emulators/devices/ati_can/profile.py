@@ -7,7 +7,7 @@ import numpy as np
 
 from emulators.seams import Floats
 from protocol.devices.ati_can.messages import BASE, GAGES, SLOTS
-from protocol.marks import Mark, at_least, between, check_settings, setting
+from protocol.marks import Mark, SettingError, at_least, between, check_settings, setting
 
 _MINI40 = (
     *(
@@ -106,13 +106,13 @@ class AtiCanProfile:
     def __post_init__(self) -> None:
         check_settings(self)
         if len(self.matrix) != GAGES * GAGES or not np.isfinite(self.matrix).all():
-            raise ValueError(f"matrix must be 36 numbers, got {len(self.matrix)}")
+            raise SettingError("matrix", f"must be 36 numbers, got {len(self.matrix)}")
         if not np.linalg.cond(self.coefficients) < _SINGULAR:
-            raise ValueError("matrix must be one that can be inverted")
+            raise SettingError("matrix", "must be one that can be inverted")
         if len(self.firmware) != 3:
-            raise ValueError(f"firmware must be three numbers, got {len(self.firmware)}")
+            raise SettingError("firmware", f"must be three numbers, got {len(self.firmware)}")
         if len(self.serial) > 8 or not self.serial.isascii():
-            raise ValueError(f"serial must be at most 8 ASCII characters, got {self.serial!r}")
+            raise SettingError("serial", f"must be at most 8 ASCII characters, got {self.serial!r}")
 
     @property
     def coefficients(self) -> Floats:

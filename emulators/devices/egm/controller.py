@@ -10,13 +10,21 @@ handler begins another session, after `retry_s`. After another error it stands u
 import math
 from collections import Counter, deque
 from collections.abc import Sequence
-from enum import Enum
 
-from emulators.arm.followed import FollowedArm, FollowedProfile
+from emulators.arm.followed import FollowedArm
 from emulators.arm.own_force import Errors, OwnForce
 from emulators.arm.told_pose import ToldPose
-from emulators.devices.egm.guided import OUT_OF_BOUNDS, ArmJoints, GuidedMotion
+from emulators.devices.egm.guided import OUT_OF_BOUNDS, ArmJoints, GuidedMotion, mechanics
 from emulators.devices.egm.profile import EgmProfile
+from emulators.devices.egm.state import (
+    EMERGENCY_STOP,
+    MOTORS_OFF,
+    OVER,
+    POWERLESS,
+    PROGRAM_STOPPED,
+    STOPPED,
+    State,
+)
 from emulators.faults.ledger import Handler, Injection
 from emulators.faults.own import OwnFaults
 from emulators.faults.packets import DATAGRAMS, WIRE, Packets
@@ -25,11 +33,8 @@ from emulators.seams import ArmPath, Handlers, Joints, StartPose
 from emulators.unmodelled import Unmodelled
 from protocol.devices.egm import (
     Answer,
-    Guidance,
-    Motors,
     PathCorrection,
     Place,
-    Rapid,
     RobotMessage,
     RobotWare,
     SensorMessage,
@@ -42,40 +47,15 @@ from protocol.devices.egm import (
 from protocol.endpoint import RemoteProtocolError
 from protocol.geometry import Pose, inverse, normalise, rotate
 
-_QUICK = 1e9
-"""Speed of the arm's own interpolation, mm/s and degrees/s: it takes each set point as it is."""
 _EPOCH_S = 1_700_000_000
 """Chosen: the controller's calendar at power-up, s since 1970, so that a run of one seed repeats itself."""
 _BEGINS = 256
 """Chosen: begins of motion that are kept."""
-_MOTORS_OFF, _EMERGENCY_STOP = "motors-off", "emergency-stop"
-_POWERLESS = (_EMERGENCY_STOP, _MOTORS_OFF)
-"""Stops by which the motors go off."""
 _NUMBER, _NO_OWN_FORCE = "wrong-seqno", "missing"
 _CANNOT_SEND = "event 41830: the message cannot be sent"
 _NO_FORCE = (0.0,) * 6
 _COUNTS = (0, 6)
 """Numbers of joints that a message may hold."""
-
-
-class State(Enum):
-    """State of the controller, as its datagrams tell it: motors, guidance, RAPID [A but for GUIDING]."""
-
-    SET_UP = (Motors.ON, Guidance.STOPPED, Rapid.RUNNING)
-    """The session is there, the guidance has not begun."""
-    GUIDING = (Motors.ON, Guidance.RUNNING, Rapid.RUNNING)
-    """As abb_libegm waits for it [O:lib]."""
-    ENDED = (Motors.ON, Guidance.STOPPED, Rapid.RUNNING, "ended")
-    """EGMRun has ended: by convergence, by a digital input, or by EGMStop."""
-    RAPID_STOPPED = (Motors.ON, Guidance.STOPPED, Rapid.STOPPED)
-    MOTORS_OFF = (Motors.OFF, Guidance.STOPPED, Rapid.STOPPED)
-    TIMED_OUT = (Motors.ON, Guidance.ERROR, Rapid.RUNNING)
-    """ERR_UDPUC_COMM; the error handler of the program runs."""
-    FAILED = (Motors.ON, Guidance.ERROR, Rapid.STOPPED)
-
-
-_STOPPED = (State.RAPID_STOPPED, State.MOTORS_OFF)
-_OVER = (State.ENDED, State.TIMED_OUT, State.FAILED)
 
 
 class EgmController:
@@ -90,7 +70,7 @@ class EgmController:
         self._kinematics = ArmJoints(profile, start.tool_length)
         self.motion = GuidedMotion(profile, pose, self._kinematics)
         """Set point and law."""
-        self._arm = FollowedArm(_mechanics(profile), pose, now)
+        self._arm = FollowedArm(mechanics(profile), pose, now)
         self._measured: tuple[Pose, Joints] = pose, self.motion.joints
         """The pose that was measured last, and the joints that hold it."""
         self.path: ArmPath = self._arm.path
@@ -126,19 +106,21 @@ class EgmController:
         self._origin: Pose | None = None
         """Where a way back began; None where there is none."""
         self._stops: list[str] = []
-        """Faults by which people stop the robot now."""
+        """Names of the stops that hold now, by faults and by hand."""
+        self._by_hand: set[str] = set()
+        """Those of a person at the panel."""
         self._begin_session(now)
         self.handlers: Handlers = {
             "robot": {
                 **dict.fromkeys(
-                    (_EMERGENCY_STOP, _MOTORS_OFF, "program-stopped"), Handler(self._stop, self._start)
+                    (EMERGENCY_STOP, MOTORS_OFF, PROGRAM_STOPPED), Handler(self._stop, self._start)
                 ),
                 **own.striking(
                     {
                         "guidance-ended": self._end_run,
                         "out-of-limits": lambda at: self._fail(OUT_OF_BOUNDS, at),
                         "cannot-send": lambda at: self._fail(_CANNOT_SEND, at),
-                        "program-restarted": self._begin_session,
+                        "program-restarted": self.restart_program,
                     }
                 ),
             },
@@ -167,6 +149,16 @@ class EgmController:
             return None
         words = self.state.name.lower().replace("_", " ")
         return Hindrance(f"{words}: {self.error}" if self.error else words, self.error == OUT_OF_BOUNDS)
+
+    @property
+    def measured(self) -> tuple[Pose, Joints]:
+        """The pose that was measured last, and the joints that hold it."""
+        return self._measured
+
+    @property
+    def stops(self) -> Sequence[str]:
+        """Names of the stops that hold now."""
+        return self._stops
 
     # --- as an endpoint
 
@@ -198,7 +190,7 @@ class EgmController:
     def _receive(self, datagram: bytes, now: float) -> None:
         if self.orders.listener is not None:
             self.orders.tell(self._heard(datagram, now))
-        if self.state in _OVER:
+        if self.state in OVER:
             self.counters["not expected"] += 1
             return
         try:
@@ -220,7 +212,7 @@ class EgmController:
                 self.unmodelled.touch("externalJoints", "this arm has no external axes")
             if message.dnum:
                 self.unmodelled.touch("RAPIDtoRobot.dnum", "no RAPID program reads it")
-            if not _says_something(message):
+            if not message.says_something:
                 return
         if self._profile.rx_queue == "latest":
             self._drop(len(self._queue))
@@ -283,7 +275,7 @@ class EgmController:
                 self.counters["cycles missed"] += 1
             else:
                 self._send(measured, at)
-                self._told_over = self.state in _OVER
+                self._told_over = self.state in OVER
         taken = self._queue.popleft() if self._queue else None
         if taken is None and self.state is State.GUIDING and self._cycle % self._every == 0:
             self.counters["cycles without a message"] += 1
@@ -385,9 +377,9 @@ class EgmController:
 
     def _sends(self) -> bool:
         profile = self._profile
-        if self.state in _STOPPED:
+        if self.state in STOPPED:
             return profile.sends_stopped
-        if self.state in _OVER:
+        if self.state in OVER:
             return profile.send_when == "setup" or (profile.last_datagram and not self._told_over)
         return True
 
@@ -439,56 +431,62 @@ class EgmController:
     # --- faults
 
     def _stop(self, injection: Injection) -> None:
-        """People stop the robot."""
         injection.struck += 1
-        self._stops.append(injection.fault)
-        if injection.fault in _POWERLESS:
-            self.motion.stand()
-        if self.state not in _OVER:
-            self._leave(self._stopped_state(), injection.injected_at)
+        self._begin_stop(injection.fault, injection.injected_at)
 
     def _start(self, injection: Injection, now: float) -> None:
-        """They let it go on, as far as nothing else stops it."""
-        self._stops.remove(injection.fault)
-        if self.state not in _STOPPED:
+        self._end_stop(injection.fault, now)
+
+    # --- by a person at the panel
+
+    def stop(self, name: str, now: float) -> None:
+        """Stop the robot: `emergency-stop`, `motors-off` or `program-stopped`. Harmless when called again."""
+        if name not in self._by_hand:
+            self._by_hand.add(name)
+            self._begin_stop(name, now)
+
+    def start(self, name: str, now: float) -> None:
+        """End a stop of the panel. Harmless where there is none."""
+        if name in self._by_hand:
+            self._by_hand.remove(name)
+            self._end_stop(name, now)
+
+    def end_guidance(self, now: float) -> None:
+        """EGMStop in the RAPID program."""
+        self._end_run(now)
+
+    def restart_program(self, now: float) -> None:
+        """Start the RAPID program from its first line: another session."""
+        self._begin_session(now)
+
+    # --- stops
+
+    def _begin_stop(self, name: str, now: float) -> None:
+        self._stops.append(name)
+        if name in POWERLESS:
+            self.motion.stand()
+        if self.state not in OVER:
+            self._leave(self._stopped_state(), now)
+
+    def _end_stop(self, name: str, now: float) -> None:
+        """The robot goes on, as far as nothing else stops it."""
+        self._stops.remove(name)
+        if self.state not in STOPPED:
             return
-        stays = injection.fault in _POWERLESS and not self._profile.restart_after_motors_off
+        stays = name in POWERLESS and not self._profile.restart_after_motors_off
         if self._stops or stays:
             self._leave(self._stopped_state(), now)
         else:
             self._go_on(now)
 
     def _stopped_state(self) -> State:
-        return State.MOTORS_OFF if set(_POWERLESS) & set(self._stops) else State.RAPID_STOPPED
+        return State.MOTORS_OFF if set(POWERLESS) & set(self._stops) else State.RAPID_STOPPED
 
     def _go_on(self, now: float) -> None:
         """The guidance goes on where the tool stands. Messages that came meanwhile have gone on being taken [A]."""
         self.state = State.GUIDING
         self._heard_at = self._held_since = now
         self.motion.resume(now)
-
-
-def _mechanics(profile: EgmProfile) -> FollowedProfile:
-    """The arm behind the set point; the set point itself is one cycle on its way."""
-    arm = profile.arm
-    return FollowedProfile(
-        cycle_ms=profile.cycle_ms,
-        transport_delay_ms=(arm.servo_delay_cycles - 1) * profile.cycle_ms,
-        natural_frequency_rad_s=arm.natural_frequency_rad_s,
-        damping_ratio=arm.damping_ratio,
-        speed_mm_s=_QUICK,
-        reorientation_deg_s=_QUICK,
-    )
-
-
-def _says_something(message: SensorMessage) -> bool:
-    return bool(
-        message.pose
-        or message.joints_deg
-        or message.speed
-        or message.joint_speed_deg_s
-        or message.digital is not None
-    )
 
 
 def _degrees(joints: Joints) -> tuple[float, ...]:

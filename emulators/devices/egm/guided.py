@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 
+from emulators.arm.followed import FollowedProfile
 from emulators.arm.kinematics import Arm, Joints
 from emulators.devices.egm.law import STILL, Axes, MotionLaw, joint_load, pose_load
 from emulators.devices.egm.profile import EgmProfile
@@ -24,6 +25,8 @@ _HALF_TURN: Quaternion = (0.0, 0.0, 0.0, 1.0)
 """About the tool's z axis: with all joints at zero the tool's x axis points down, against that of the kinematics.
 Derived: tool0 of ABB's arms has the orientation 0.707 0 0.707 0 there."""
 _AT_HAND: Joints = (0.0,) * 6
+_QUICK = 1e9
+"""Speed of the arm's own interpolation, mm/s and degrees/s: it takes each set point as it is."""
 OUT_OF_BOUNDS = "the input is out of bounds"
 """Words of the controller's error [M]."""
 
@@ -252,3 +255,16 @@ def _cross(a: Vector, b: Vector) -> Vector:
 def _unit(v: Vector) -> Vector:
     length = math.hypot(*v) or 1.0
     return v[0] / length, v[1] / length, v[2] / length
+
+
+def mechanics(profile: EgmProfile) -> FollowedProfile:
+    """The arm behind the set point; the set point itself is one cycle on its way."""
+    arm = profile.arm
+    return FollowedProfile(
+        cycle_ms=profile.cycle_ms,
+        transport_delay_ms=(arm.servo_delay_cycles - 1) * profile.cycle_ms,
+        natural_frequency_rad_s=arm.natural_frequency_rad_s,
+        damping_ratio=arm.damping_ratio,
+        speed_mm_s=_QUICK,
+        reorientation_deg_s=_QUICK,
+    )

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
 
 from protocol.geometry import Vector
-from protocol.marks import Mark, above, at_least, between, check_settings, setting
+from protocol.marks import Mark, SettingError, above, at_least, between, check_settings, setting
 
 _PerAxis = tuple[float, float, float, float, float, float]
 
@@ -225,6 +225,6 @@ class EgmProfile:
         check_settings(self)
         parts = self.sample_ms / self.cycle_ms
         if abs(parts - round(parts)) > 1e-9:
-            raise ValueError(
-                f"sample_ms must be a multiple of cycle_ms ({self.cycle_ms:g}), got {self.sample_ms:g}"
+            raise SettingError(
+                "sample_ms", f"must be a multiple of cycle_ms ({self.cycle_ms:g}), got {self.sample_ms:g}"
             )

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from protocol.marks import Mark, above, at_least, between, check_settings, setting
+from protocol.marks import Mark, SettingError, above, at_least, between, check_settings, setting
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +41,6 @@ class Ft300Profile:
     def __post_init__(self) -> None:
         check_settings(self)
         if len(self.version) != 3:
-            raise ValueError(f"version must be three numbers, got {len(self.version)}")
+            raise SettingError("version", f"must be three numbers, got {len(self.version)}")
         if self.power_up not in ("modbus", "stream"):
-            raise ValueError(f"power_up must be modbus or stream, got {self.power_up}")
+            raise SettingError("power_up", f"must be modbus or stream, got {self.power_up}")

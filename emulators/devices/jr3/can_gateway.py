@@ -28,7 +28,7 @@ from protocol.devices.jr3 import (
     split,
 )
 from protocol.endpoint import RemoteProtocolError
-from protocol.marks import Mark, above, at_least, between, setting
+from protocol.marks import Mark, SettingError, above, at_least, between, setting
 
 _ROUNDING = 1e-6
 """Of the time between two looks: by so much a time may be off through rounding."""
@@ -65,7 +65,7 @@ class GatewayProfile(FirmwareProfile):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.buffer_loses not in ("oldest", "newest"):
-            raise ValueError(f"buffer_loses must be oldest or newest, got {self.buffer_loses}")
+            raise SettingError("buffer_loses", f"must be oldest or newest, got {self.buffer_loses}")
 
 
 class Gateway(AnyGateway[Sequence[CanFrame]]):

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from emulators.quantiles import check_quantiles
-from protocol.marks import Mark, above, at_least, between, check_settings, setting
+from protocol.marks import Mark, SettingError, above, at_least, between, check_settings, setting
 
 
 @dataclass(frozen=True)
@@ -51,4 +51,6 @@ class FirmwareProfile:
         check_quantiles(self, "delay_ms")
         least, largest = self.period_overhead_us
         if least > largest:
-            raise ValueError(f"period_overhead_us must be least and largest, got {least:g} and {largest:g}")
+            raise SettingError(
+                "period_overhead_us", f"must be least and largest, got {least:g} and {largest:g}"
+            )

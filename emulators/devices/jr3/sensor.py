@@ -14,7 +14,7 @@ from emulators.seams import WrenchSource
 from emulators.sensing import NumberedNoise, Samples
 from emulators.sensing.signal import Signal
 from protocol.devices.jr3 import FULL_SCALE_COUNTS
-from protocol.marks import Mark, at_least, between, check_settings, setting
+from protocol.marks import Mark, SettingError, at_least, between, check_settings, setting
 
 SENSOR_RATE_HZ = 8000
 """Source: JR3 manual 5907E."""
@@ -61,11 +61,11 @@ class SensorProfile:
         check_settings(self)
         for name in ("full_scales_n", "full_scales_nm"):
             if len(getattr(self, name)) != 3:
-                raise ValueError(f"{name} must be three values, got {len(getattr(self, name))}")
+                raise SettingError(name, f"must be three values, got {len(getattr(self, name))}")
         if len(self.coupling) not in (0, _AXES * _AXES):
-            raise ValueError(f"coupling must be 36 values or none, got {len(self.coupling)}")
+            raise SettingError("coupling", f"must be 36 values or none, got {len(self.coupling)}")
         if not (np.isfinite(self.coupling).all() and np.linalg.cond(self.coupling_matrix) < _SINGULAR):
-            raise ValueError("coupling must be a matrix that can be inverted")
+            raise SettingError("coupling", "must be a matrix that can be inverted")
 
     @property
     def full_scale_words(self) -> tuple[int, ...]:

@@ -6,7 +6,7 @@ from typing import Literal
 from protocol.devices.netft.page import FILTERS_HZ
 from protocol.devices.netft.records import BUFFER_LIMIT, INTERNAL_RATE_HZ
 from protocol.geometry import Vector
-from protocol.marks import Mark, above, at_least, between, check_settings, setting
+from protocol.marks import Mark, SettingError, above, at_least, between, check_settings, setting
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +69,6 @@ class NetFtProfile:
         check_settings(self)
         for name in ("ratings_n", "ratings_nm"):
             if len(getattr(self, name)) != 3:
-                raise ValueError(f"{name} must be three values, got {len(getattr(self, name))}")
+                raise SettingError(name, f"must be three values, got {len(getattr(self, name))}")
         if self.family not in ("netbox", "axia"):
-            raise ValueError(f"family must be netbox or axia, got {self.family}")
+            raise SettingError("family", f"must be netbox or axia, got {self.family}")

@@ -120,6 +120,8 @@ class RsiController:
         self._out: list[bytes] = []
         self._restart_at = math.inf
         self._stopped_by_fault = False
+        self.emergency_stopped = False
+        """A person has pressed the emergency stop at the panel."""
         self.error = ""
         """The error that has ended RSI; empty without."""
         self.discarded: Counter[str] = Counter()
@@ -157,7 +159,7 @@ class RsiController:
             return Hindrance(self.error, self.error in _BY_ORDER and not self._stopped_by_fault)
         if not self._sending:
             return Hindrance("RSI is off", False)
-        if self._session.standing or self._own.holds(_EMERGENCY_STOP, now):
+        if self._session.standing or self._emergency_stop_holds(now):
             return Hindrance("the motion is stopped, telegrams go on", False)
         return None
 
@@ -165,6 +167,10 @@ class RsiController:
     def correction(self) -> tuple[float, ...]:
         """The total correction, mm and degrees."""
         return self._session.correction.total
+
+    def pose(self, now: float) -> Pose:
+        """Pose of the tool centre point at a time, s."""
+        return self._arm.pose(now)
 
     @property
     def late(self) -> int:
@@ -310,12 +316,16 @@ class RsiController:
 
     def _stopped(self, now: float) -> bool:
         """Whether the motion is stopped while telegrams go on."""
-        if self._own.under_way(_EMERGENCY_STOP, now) or self._own.under_way("stands", now):
+        struck = self._own.under_way(_EMERGENCY_STOP, now) or self._own.under_way("stands", now)
+        if struck or self.emergency_stopped:
             if not self._session.standing:
                 self._arm.hold(now)
             self._session.standing = True
             return True
         return False
+
+    def _emergency_stop_holds(self, now: float) -> bool:
+        return self.emergency_stopped or self._own.holds(_EMERGENCY_STOP, now)
 
     def _begin(self, now: float) -> None:
         """The program is reset and begun anew, up to RSI_ON."""
@@ -376,7 +386,7 @@ class RsiController:
         if _LATE in values:
             values[_LATE] = str(session.ethernet.late)
         if _STATUS in values:
-            values[_STATUS] = STOPPED if self._own.holds(_EMERGENCY_STOP, now) else RUNS
+            values[_STATUS] = STOPPED if self._emergency_stop_holds(now) else RUNS
         return values
 
     def _lasting(self, programmed: Pose, axes: Axes) -> dict[str, str]:
@@ -410,8 +420,8 @@ class RsiController:
     def _handlers(self) -> Handlers:
         own = self._own
         acts = {
-            "guidance-ended": self._end_program,
-            "program-restarted": self._reset_program,
+            "guidance-ended": self.end_program,
+            "program-restarted": self.reset_program,
             "drives-stop": lambda now: self._stop_by(TOO_FAST, now),
             "out-of-limits": lambda now: self._stop_by(TOO_FAR, now),
         }
@@ -425,11 +435,13 @@ class RsiController:
             WIRE: self.endpoint.handlers,
         }
 
-    def _end_program(self, now: float) -> None:
+    def end_program(self, now: float) -> None:
+        """RSI_OFF: nothing is sent any more, and the arm stands."""
         self.state = State.CREATED
         self._arm.hold(now)
 
-    def _reset_program(self, now: float) -> None:
+    def reset_program(self, now: float) -> None:
+        """Reset the program and begin it anew where the robot stands, up to RSI_ON."""
         self._arm.hold(now)
         self._begin(now)
 

@@ -2,8 +2,23 @@
 
 from emulators.devices.rtde.cable import Server
 from emulators.devices.rtde.faults import RTDE_FAULTS
+from emulators.devices.rtde.panel import RTDE_CONTROLS
 from emulators.devices.rtde.profile import RtdeProfile
+from emulators.devices.rtde.program_socket import ProgramSocket
 from emulators.devices.rtde.robot import RtdeRobot, make_robot
+from emulators.devices.rtde.running import Saying
 from emulators.devices.rtde.urscript import make_parser
+from emulators.devices.rtde.urscript.limits import TEXT_MAX
 
-__all__ = ["RTDE_FAULTS", "RtdeProfile", "RtdeRobot", "Server", "make_parser", "make_robot"]
+__all__ = [
+    "RTDE_CONTROLS",
+    "RTDE_FAULTS",
+    "TEXT_MAX",
+    "ProgramSocket",
+    "RtdeProfile",
+    "RtdeRobot",
+    "Saying",
+    "Server",
+    "make_parser",
+    "make_robot",
+]

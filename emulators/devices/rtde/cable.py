@@ -1,21 +1,25 @@
 """The one cable of a controller, which carries all connections to it, as faults let it."""
 
 from collections.abc import Mapping
+from typing import TypeAlias
 
 from emulators.devices.rtde.connection import Connection
 from emulators.devices.rtde.dashboard import Dashboard
 from emulators.devices.rtde.packages import MESSAGES, PACKAGES
+from emulators.devices.rtde.primary import PrimaryPort
+from emulators.devices.rtde.program_socket import ProgramSocket
 from emulators.devices.rtde.script import ScriptPort
 from emulators.faults.ledger import Handler, Injection
 from emulators.faults.packets import Packets, Pieces
+
+Inner: TypeAlias = Connection | Dashboard | ScriptPort | PrimaryPort | ProgramSocket
+"""The controller's end of a connection without its wire."""
 
 
 class Server:
     """The controller's end of one connection: an endpoint of bytes that tells no events, behind its wire."""
 
-    def __init__(
-        self, inner: Connection | Dashboard | ScriptPort, wire: Packets[bytes], cable: "Cable"
-    ) -> None:
+    def __init__(self, inner: Inner, wire: Packets[bytes], cable: "Cable") -> None:
         self._inner, self._wire, self._cable = inner, wire, cable
         self.receive, self.data_to_send, self.next_event = wire.receive, wire.data_to_send, wire.next_event
         self.next_deadline, self.handle_deadline = wire.next_deadline, wire.handle_deadline
@@ -36,28 +40,41 @@ class Cable:
 
     def __init__(self, seed: int) -> None:
         self._seed = seed
-        self._injections: list[Injection] = []
-        self._wires: list[Packets[bytes]] = []
+        self._injections: list[tuple[Injection, bool]] = []
+        """Faults, and whether each strikes the connections of programs alone."""
+        self._wires: dict[Packets[bytes], bool] = {}
+        """Open ones, and whether a program has opened each."""
         self._opened = 0
         self.handlers: Mapping[str, Handler] = dict.fromkeys(PACKAGES.faults, Handler(self._begin))
-        """Handlers for a ledger."""
+        """Handlers for a ledger, of faults of all connections."""
+        self.program_handlers: Mapping[str, Handler] = dict.fromkeys(
+            MESSAGES.faults, Handler(self._begin_of_programs)
+        )
+        """The same of faults of those that programs have opened."""
 
-    def open(self, inner: Connection | Dashboard | ScriptPort, now: float) -> Server:
+    def open(self, inner: Inner, now: float) -> Server:
         """The controller's end of another connection, with the faults that hold now."""
         self._opened += 1
         pieces: Pieces[bytes] = PACKAGES if isinstance(inner, Connection) else MESSAGES
         wire = Packets(inner, pieces, f"{self._seed} link {self._opened}")
-        for injection in self._injections:
-            if injection.holds(now):
+        of_program = isinstance(inner, ProgramSocket)
+        for injection, of_programs in self._injections:
+            if injection.holds(now) and (of_program or not of_programs):
                 wire.begin(injection)
-        self._wires.append(wire)
+        self._wires[wire] = of_program
         return Server(inner, wire, self)
 
     def close(self, wire: Packets[bytes]) -> None:
         """The connection has ended."""
-        self._wires.remove(wire)
+        del self._wires[wire]
 
     def _begin(self, injection: Injection) -> None:
-        self._injections.append(injection)
+        self._injections.append((injection, False))
         for wire in self._wires:
             wire.begin(injection)
+
+    def _begin_of_programs(self, injection: Injection) -> None:
+        self._injections.append((injection, True))
+        for wire, of_program in self._wires.items():
+            if of_program:
+                wire.begin(injection)

@@ -13,6 +13,9 @@ from operator import sub
 from emulators.arm.cycled import CycledPath
 from emulators.arm.own_force import Errors, OwnForce
 from emulators.devices.rtde.arm import ZERO, Brake, Hold, JointArm, Order, Place, Servo
+from emulators.devices.rtde.compliance import Compliance, Felt
+from emulators.devices.rtde.force_mode import about_tool
+from emulators.devices.rtde.io import MASKS, switch_outputs
 from emulators.devices.rtde.kinematics import (
     ARMS,
     RANGE,
@@ -24,29 +27,29 @@ from emulators.devices.rtde.kinematics import (
     invert,
     nearest,
 )
+from emulators.devices.rtde.motions import Motions
 from emulators.devices.rtde.profile import RtdeProfile
-from emulators.devices.rtde.running import Console, Program, Watchdog
-from emulators.devices.rtde.state import Registers, Snapshot
+from emulators.devices.rtde.running import Console, Program, Saying, Watchdog
+from emulators.devices.rtde.state import Registers, Snapshot, number_in
+from emulators.devices.rtde.urscript import Message
 from emulators.orders import Act, HeardOrder, Hindrance, Orders
 from emulators.seams import StartPose
 from emulators.unmodelled import Unmodelled
 from protocol.devices.rtde.fields import Value
 from protocol.devices.rtde.packets import Version
-from protocol.devices.rtde.states import RobotMode, Runtime, SafetyMode
+from protocol.devices.rtde.states import STOPPED_MODES, RobotMode, Runtime, SafetyMode
 from protocol.geometry import Pose, Wrench, angle_between, normalise, product, rotate
 
 _LEVEL: Pose = Pose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
 _NO_FORCE: Wrench = (0.0,) * 6
+SUDDEN_CHANGE = "a sudden change of the target"
+"""Reason of a protective stop for a leap between two targets."""
 BY_FAULT = "as a fault"
 """Reason of a protective stop that no client has caused."""
-_STOPPED = (
-    SafetyMode.PROTECTIVE_STOP,
-    SafetyMode.SAFEGUARD_STOP,
-    SafetyMode.SYSTEM_EMERGENCY_STOP,
-    SafetyMode.ROBOT_EMERGENCY_STOP,
-    SafetyMode.VIOLATION,
-    SafetyMode.FAULT,
-)
+
+
+def _nothing() -> None:
+    """No program has come."""
 
 
 class Controller:
@@ -71,16 +74,23 @@ class Controller:
                 f"a {profile.model} cannot hold its tool at the start; choose another start_position_mm or model"
             )
         self.arm = JointArm(joints, self.period, profile.servo_gain_scale, profile.stop_deceleration_rad_s2)
+        self.compliance = Compliance(profile, self.period, self.lengths)
         self._flange = self._old_flange = self._next_flange = flange(self.lengths, joints)
         self._at = ToolPoses().at
         self._random = random.Random(seed)
         self.path = CycledPath(self._at(self._flange, self.tool), now, self.period, self._cycle)
         self._powered_at = now
         self.mode = RobotMode.RUNNING
-        self.safety = SafetyMode.NORMAL
+        self.safety = self._told_safety = SafetyMode.NORMAL
         self.runtime = Runtime.STOPPED
         self.remote = profile.remote_control
         self.slider = 1.0
+        self.programs: Mapping[str, bytes] = {}
+        """Stored programs by name: text in URScript."""
+        self.loaded = ""
+        """Name of the stored program that is loaded; empty for none."""
+        self._emergency_stops: set[str] = set()
+        """All that have pressed the emergency stop."""
         self.stopped_at = -math.inf
         """When the last protective stop came, s."""
         self.inputs: Registers = {}
@@ -101,15 +111,16 @@ class Controller:
         """The messages of programs."""
         self.watchdogs: list[Watchdog] = []
         self._starting: tuple[float, Callable[[], Program]] | None = None
-        self._pending: list[tuple[float, Callable[[], None]]] = []
+        self._pending: list[tuple[float, Callable[[], object]]] = []
         """Changes that come at a time."""
         self._powered = 0
         """How often the power has gone."""
         self._wanted = joints
         self.orders, self.unmodelled = Orders(), Unmodelled("rtde")
         """Orders of its clients, for a judge of them."""
-        self.intent: Callable[[tuple[str, ...]], HeardOrder | None] = lambda names: None
-        """The order of a package of these inputs, by the program that came last; None for nothing that moves."""
+        self.motions = Motions(self)
+        self.rehearse: Callable[[], object] = _nothing
+        """Let the program that came last show what its client orders, in a cycle in which it does not play."""
         self.stop_reason = ""
         """Words of the last protective stop."""
         self.counts: Counter[str] = Counter()
@@ -147,16 +158,27 @@ class Controller:
             _, make = self._starting
             self._starting = None
             self.program, self.runtime = make(), Runtime.PLAYING
+            self.console.tell(Saying(self.now, Message.STARTED, self.program.name))
         self._watch(now)
         if self.runtime == Runtime.PLAYING and self.program is not None and not self.program.cycle():
             self.stop_program()
+        if self.orders.listener is not None:
+            self.rehearse()
         self._guard()
-        self.arm.step(self.slider if self.profile.slider_slows_servo else 1.0)
+        if self.safety != self._told_safety:
+            self._told_safety = self.safety
+            self.console.tell_safety(self.safety)
+        pace = self.slider if self.profile.slider_slows_servo else 1.0
+        if not self.compliance.step(
+            self.arm, pace, self.plays, Felt(self.tcp, self.snapshots[-1].force, self.external_force)
+        ):
+            self.protective_stop("force mode leaves the workspace")
         self.snapshots.append(self._snapshot(now))
+        self.compliance.history.note(self.arm.joints, self.snapshots[-1].force)
         self._next_flange = flange(self.lengths, self.arm.joints)
         return self._at(self._next_flange, self.tool)
 
-    def later(self, seconds: float, change: Callable[[], None]) -> None:
+    def later(self, seconds: float, change: Callable[[], object]) -> None:
         """Do this after a time."""
         self._pending.append((self.now + seconds, change))
         self._pending.sort(key=lambda item: item[0])
@@ -184,7 +206,7 @@ class Controller:
             profile.uptime_s + now - self._powered_at,
             self.period,
             arm.joints,
-            arm.speeds,
+            arm.motion,
             arm.target,
             pose,
             self._at(self._old_flange, self.tcp),
@@ -207,12 +229,10 @@ class Controller:
         given = self.inputs.get("external_force_torque") if self.external_force else None
         if not isinstance(given, tuple):
             return _NO_FORCE if self.external_force else (*self.own_force.at(self.now), 0.0, 0.0, 0.0)
-        force = rotate(self._flange.quaternion, given[:3])
-        u, v, w = rotate(self._flange.quaternion, given[3:])
-        if self.profile.force_point == "tcp":
-            (a, b, c), (x, y, z) = force, rotate(self._flange.quaternion, self.tcp.position)
-            u, v, w = u - (y * c - z * b), v - (z * a - x * c), w - (x * b - y * a)
-        return (*force, u, v, w)
+        turn = self._flange.quaternion
+        wrench = (*rotate(turn, given[:3]), *rotate(turn, given[3:]))
+        at_tcp = self.profile.force_point == "tcp"
+        return about_tool(wrench, rotate(turn, self.tcp.position)) if at_tcp else wrench
 
     # --- inputs
 
@@ -223,13 +243,14 @@ class Controller:
             self.protective_stop("an external force that is no number")
             return
         self.inputs = {**self.inputs, **values}
-        if self.orders.listener is not None and (order := self.intent(names)) is not None:
-            self.orders.tell(order)
+        self.motions.news += 1
         for watchdog in self.watchdogs:
             if watchdog.name in names:
                 watchdog.last = self.now
         if "external_force_torque" in names:
             self._force_at = self.now
+        if not MASKS.isdisjoint(names):
+            self.outputs = switch_outputs(self.inputs, self.outputs)
         if self.inputs.get("speed_slider_mask") and "speed_slider_fraction" in values:
             fraction = values["speed_slider_fraction"]
             if isinstance(fraction, float) and math.isfinite(fraction):
@@ -237,9 +258,7 @@ class Controller:
 
     def number(self, name: str) -> float:
         """An input that is a number, 0 where nothing was written."""
-        value = self.inputs.get(name, 0.0)
-        assert not isinstance(value, tuple), "a number"
-        return value
+        return number_in(self.inputs, name)
 
     def write_output(self, name: str, value: float) -> None:
         """A program writes a register."""
@@ -250,7 +269,7 @@ class Controller:
 
     def hindrance(self, now: float) -> Hindrance | None:
         """Why the arm may not move."""
-        if self.safety in _STOPPED:
+        if self.safety in STOPPED_MODES:
             protective = self.safety == SafetyMode.PROTECTIVE_STOP
             name = self.safety.name.lower().replace("_", " ")
             words = f"{name}: {self.stop_reason}" if protective else name
@@ -273,7 +292,7 @@ class Controller:
     @property
     def takes_programs(self) -> bool:
         """Whether text on the script port is taken."""
-        return self.remote and self.mode == RobotMode.RUNNING and self.safety not in _STOPPED
+        return self.remote and self.mode == RobotMode.RUNNING and self.safety not in STOPPED_MODES
 
     def start_program(self, make: Callable[[], Program]) -> None:
         """A whole program came; a running one is stopped first. Nothing happens where none is taken."""
@@ -285,8 +304,12 @@ class Controller:
 
     def stop_program(self) -> None:
         """Stop what plays, or is paused; the arm brakes."""
+        if self.program is not None:
+            self.program.close()
+            self.console.tell(Saying(self.now, Message.STOPPED, self.program.name))
         self.program = self._starting = None
         self.watchdogs = []
+        self.compliance.reset()
         self.runtime = Runtime.STOPPED
 
     def pause(self) -> bool:
@@ -298,7 +321,7 @@ class Controller:
 
     def play(self) -> bool:
         """Go on with what is paused. False where nothing is, or the robot may not move."""
-        if self.runtime != Runtime.PAUSED or self.safety in _STOPPED or self.mode != RobotMode.RUNNING:
+        if self.runtime != Runtime.PAUSED or self.safety in STOPPED_MODES or self.mode != RobotMode.RUNNING:
             return False
         self.runtime = Runtime.PLAYING
         for watchdog in self.watchdogs:
@@ -315,9 +338,9 @@ class Controller:
         self.external_force, self._force_at = enable, self.now
 
     def _watch(self, now: float) -> None:
+        rate = self.profile.force_watchdog_hz
         if self.runtime != Runtime.PLAYING:
             return
-        rate = self.profile.force_watchdog_hz
         if self.external_force and rate and now - self._force_at > 1.0 / rate + 1e-9:
             self.counts["external force missing"] += 1
             self.pause()
@@ -325,10 +348,7 @@ class Controller:
         for watchdog in self.watchdogs:
             if now - watchdog.last > watchdog.period + 1e-9:
                 self.counts[f"watchdog {watchdog.action}"] += 1
-                if watchdog.action == "stop":
-                    self.stop_program()
-                else:
-                    self.pause()
+                self.stop_program() if watchdog.action == "stop" else self.pause()
                 return
 
     # --- orders to the arm
@@ -372,7 +392,7 @@ class Controller:
         turn = angle_between(before.quaternion, after.quaternion)
         profile = self.profile
         if step * 1e3 > profile.max_target_step_mm or max(turn, leap) > profile.max_target_turn_rad:
-            self.protective_stop("a sudden change of the target")
+            self.protective_stop(SUDDEN_CHANGE)
             return False
         return True
 
@@ -381,9 +401,9 @@ class Controller:
     def _guard(self) -> None:
         """Stop for what no arm may do, and hold it where it may not move."""
         profile, arm = self.profile, self.arm
-        if self.safety not in _STOPPED and self.mode == RobotMode.RUNNING:
+        if self.safety not in STOPPED_MODES and self.mode == RobotMode.RUNNING:
             moved = math.dist(self._flange.position, self._old_flange.position)
-            if max(map(abs, arm.speeds)) > profile.max_joint_speed_rad_s:
+            if max(map(abs, arm.motion)) > profile.max_joint_speed_rad_s:
                 self.protective_stop("a joint is too fast")
             elif moved > profile.max_tcp_speed_mm_s * 1e-3 * self.period:
                 self.protective_stop("the tool is too fast")
@@ -391,14 +411,14 @@ class Controller:
                 self.protective_stop("the force is too large")
             elif max(map(abs, arm.joints)) > RANGE:
                 self.protective_stop("a joint is at the end of its range")
-        if self.safety in _STOPPED or self.mode != RobotMode.RUNNING:
+        if self.safety in STOPPED_MODES or self.mode != RobotMode.RUNNING:
             arm.take(Hold())
         elif self.runtime != Runtime.PLAYING:
             arm.take(Brake(profile.stop_deceleration_rad_s2))
 
     def protective_stop(self, why: str) -> None:
         """The arm stands at once, and what plays is paused or stopped. Nothing in a graver stop."""
-        if self.safety in _STOPPED:
+        if self.safety in STOPPED_MODES:
             return
         self.counts[f"protective stop: {why}"] += 1
         self.stop_reason = why
@@ -415,20 +435,25 @@ class Controller:
         self.safety = SafetyMode.NORMAL
         return True
 
-    def emergency_stop(self, mode: SafetyMode = SafetyMode.ROBOT_EMERGENCY_STOP) -> None:
-        """The power goes, and the program."""
+    def emergency_stop(self, mode: SafetyMode = SafetyMode.ROBOT_EMERGENCY_STOP, by: str = "a fault") -> None:
+        """The power goes, and the program. It holds until all that have pressed it have released it."""
         self.counts["emergency stop"] += 1
+        self._emergency_stops.add(by)
         self.safety = mode
         self.power_off()
 
-    def release_emergency_stop(self) -> None:
+    def release_emergency_stop(self, by: str = "a fault") -> None:
         """The button is pulled; power and brakes stay as they are."""
-        if self.safety in (SafetyMode.ROBOT_EMERGENCY_STOP, SafetyMode.SYSTEM_EMERGENCY_STOP):
+        self._emergency_stops.discard(by)
+        if not self._emergency_stops and self.safety in (
+            SafetyMode.ROBOT_EMERGENCY_STOP,
+            SafetyMode.SYSTEM_EMERGENCY_STOP,
+        ):
             self.safety = SafetyMode.NORMAL
 
     def safeguard(self, is_open: bool) -> None:
         """A safeguard opens or closes."""
-        if is_open and self.safety not in _STOPPED:
+        if is_open and self.safety not in STOPPED_MODES:
             self.safety = SafetyMode.SAFEGUARD_STOP
             self.pause()
         elif not is_open and self.safety == SafetyMode.SAFEGUARD_STOP:
@@ -443,27 +468,28 @@ class Controller:
 
     def power_on(self) -> bool:
         """It takes a while until it is idle. False where it is on, or stopped."""
-        if self.mode != RobotMode.POWER_OFF or self.safety in _STOPPED:
+        if self.mode != RobotMode.POWER_OFF or self.safety in STOPPED_MODES:
             return False
         self._become_later(RobotMode.IDLE)
         return True
 
     def release_brakes(self) -> bool:
-        """It takes a while until it runs. False where it is not idle."""
-        if self.mode != RobotMode.IDLE:
+        """It takes a while until it runs, and to be powered before. False where it is neither idle nor off."""
+        off = self.mode == RobotMode.POWER_OFF
+        if (off and not self.power_on()) or not (off or self.mode == RobotMode.IDLE):
             return False
-        self._become_later(RobotMode.RUNNING)
+        self._become_later(RobotMode.RUNNING, 2.0 if off else 1.0)
         return True
 
-    def _become_later(self, mode: RobotMode) -> None:
-        """Come to a mode after a while, unless the power goes before."""
+    def _become_later(self, mode: RobotMode, times: float = 1.0) -> None:
+        """Come to a mode after so many times the usual one, unless the power goes before."""
         powered = self._powered
 
         def become() -> None:
             if self._powered == powered:
                 self.mode = mode
 
-        self.later(self.profile.power_s, become)
+        self.later(times * self.profile.power_s, become)
 
     # --- of programs
 

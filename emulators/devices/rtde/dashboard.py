@@ -6,9 +6,12 @@ Source: ur_rtde 1.6.5, Universal Robots' C++ client library, and a user's extrac
 from collections.abc import Callable, Mapping
 
 from emulators.devices.rtde.controller import Controller
+from emulators.devices.rtde.programs import start_text
+from emulators.devices.rtde.running import Saying
+from emulators.devices.rtde.urscript import Message
 from emulators.orders import Act
 from protocol.devices.rtde.dashboard import GREETING, Lines
-from protocol.devices.rtde.states import Runtime, SafetyMode
+from protocol.devices.rtde.states import RobotMode, Runtime, SafetyMode
 
 _MODELS = {"ur5e": "UR5", "ur10e": "UR10", "ur5": "UR5", "ur10": "UR10"}
 _EARLY = (
@@ -31,33 +34,39 @@ _ACTS = (
     "brake release",
     "restart safety",
     "load",
+    "shutdown",
 )
 """Begins of commands that local control refuses."""
 _RELEASES = ("play", "unlock protective stop", "power on", "brake release", "restart safety")
 """Commands that let a robot move again."""
 _E_SERIES = 5
 """Major version of the first e-Series."""
-_OF_E_SERIES = ("is in remote control",)
-"""Commands that a CB3 does not understand: it has no remote control."""
-_OF_THE_MAKER = (
-    "load",
-    "shutdown",
-    "addtolog",
-    "log",
-    "version",
-    "isprogramsaved",
-    "setuserrole",
-    "getuserrole",
-    "set operational mode",
+_OF_E_SERIES = (
+    "is in remote control",
     "get operational mode",
+    "set operational mode",
     "clear operational mode",
+    "version",
+)
+"""Commands that a CB3 does not understand."""
+_OF_CB3 = ("setuserrole", "getuserrole")
+"""Commands that an e-Series does not understand."""
+_OF_THE_MAKER = ("get variable", "get control mode", "log")
+"""Begins of commands that a real dashboard understands beside those that are answered here."""
+_WITHOUT_EFFECT = (
     "load installation",
-    "get variable",
+    "shutdown",
+    "set operational mode",
+    "setuserrole",
     "generate flight report",
     "generate support file",
     "savelog",
 )
-"""Begins of commands that a real dashboard understands beside those that are answered here."""
+"""Commands that are answered and change nothing here."""
+_ROLES = ("programmer", "operator", "none", "locked", "restricted")
+_MODES = ("manual", "automatic")
+ARGUMENT_MAX = 200
+"""Chosen: characters of an argument that are taken."""
 _PLAYS = {Runtime.PLAYING: "PLAYING", Runtime.PAUSED: "PAUSED"}
 
 
@@ -84,8 +93,49 @@ def _power_off(controller: Controller) -> str:
 
 
 def _state(controller: Controller) -> str:
-    name = controller.program.name if controller.program is not None else "<unnamed>"
-    return f"{_PLAYS.get(controller.runtime, 'STOPPED')} {name}"
+    playing = controller.program.name if controller.program is not None else ""
+    return f"{_PLAYS.get(controller.runtime, 'STOPPED')} {controller.loaded or playing or '<unnamed>'}"
+
+
+def _load(controller: Controller, file: str) -> str:
+    name = file.rpartition("/")[2].removesuffix(".urp")
+    if name not in controller.programs:
+        return f"File not found: {file}"
+    controller.stop_program()
+    controller.loaded = f"{name}.urp"
+    return f"Loading program: {file}, {controller.loaded}"
+
+
+def _play(controller: Controller) -> str:
+    """What is paused goes on; else the stored program begins."""
+    played = controller.play()
+    if (
+        not played
+        and controller.loaded
+        and controller.runtime == Runtime.STOPPED
+        and controller.takes_programs
+    ):
+        name = controller.loaded.removesuffix(".urp")
+        start_text(controller, name, controller.programs[name])
+        played = True
+    return _done(played, "play", "Starting program")
+
+
+def _power_on(controller: Controller) -> str:
+    """It is no failure where the power is on."""
+    on = controller.power_on() or controller.mode in (RobotMode.POWER_ON, RobotMode.IDLE, RobotMode.RUNNING)
+    return _done(on, "power on", "Powering on")
+
+
+def _release(controller: Controller) -> str:
+    """From power off too, and harmless where they are released."""
+    released = controller.release_brakes() or controller.mode == RobotMode.RUNNING
+    return _done(released, "brake release", "Brake releasing")
+
+
+def _close_popup(controller: Controller) -> str:
+    controller.console.popup_open = False
+    return "closing popup"
 
 
 def _done(done: bool, command: str, answer: str) -> str:
@@ -97,37 +147,92 @@ def _polyscope(controller: Controller) -> str:
     return f"URSoftware {major}.{minor}.{bugfix}.{_BUILD}"
 
 
+class Settings:
+    """Settings that all connections to the dashboard share."""
+
+    def __init__(self) -> None:
+        self.role, self.operational_mode = "PROGRAMMER", "NONE"
+        self.reports = 0
+        """Flight reports so far."""
+
+
+def _set_role(controller: Controller, settings: Settings, role: str) -> str:
+    if role.lower() not in _ROLES:
+        return f"Failed setting user role: {role}"
+    settings.role = role.upper()
+    return f"Setting user role: {role}"
+
+
+def _set_mode(controller: Controller, settings: Settings, mode: str) -> str:
+    if mode.lower() not in _MODES:
+        return f"Failed setting operational mode: {mode}"
+    settings.operational_mode = mode.upper()
+    return f"Operational mode {settings.operational_mode} is set"
+
+
+def _report(controller: Controller, settings: Settings, kind: str) -> str:
+    settings.reports += 1
+    return f"Flight Report generated with id: {settings.reports}"
+
+
+def _open_popup(controller: Controller, settings: Settings, text: str) -> str:
+    controller.console.tell(Saying(controller.now, Message.POPUP, text))
+    return "showing popup"
+
+
+def _log(controller: Controller, settings: Settings, text: str) -> str:
+    controller.console.tell(Saying(controller.now, Message.TEXT, text))
+    return "Added log message"
+
+
+_WITH_ARGUMENT: Mapping[str, Callable[[Controller, Settings, str], str]] = {
+    "load installation": lambda controller, settings, name: f"Loading installation: {name}",
+    "load": lambda controller, settings, name: _load(controller, name),
+    "popup": _open_popup,
+    "addtolog": _log,
+    "setuserrole": _set_role,
+    "set operational mode": _set_mode,
+    "generate flight report": _report,
+    "generate support file": lambda controller, settings, place: (
+        f"Completed successfully: {place}/support.zip"
+    ),
+}
+"""Commands with an argument, by their begins; a longer one before a shorter one that begins it."""
 _ANSWERS: Mapping[str, Callable[[Controller], str]] = {
     "polyscopeversion": _polyscope,
     "get serial number": lambda controller: controller.profile.serial_number,
     "get robot model": lambda controller: _MODELS[controller.profile.model],
-    "get loaded program": lambda controller: "No program loaded",
+    "get loaded program": lambda controller: (
+        f"Loaded program: /programs/{controller.loaded}" if controller.loaded else "No program loaded"
+    ),
     "is in remote control": lambda controller: str(controller.remote).lower(),
     "robotmode": lambda controller: f"Robotmode: {controller.mode.name}",
     "safetystatus": lambda controller: f"Safetystatus: {controller.safety.name}",
     "safetymode": lambda controller: f"Safetymode: {controller.safety.name}",
     "running": lambda controller: f"Program running: {str(controller.runtime == Runtime.PLAYING).lower()}",
     "programstate": _state,
-    "play": lambda controller: _done(controller.play(), "play", "Starting program"),
+    "play": _play,
     "pause": lambda controller: _done(controller.pause(), "pause", "Pausing program"),
     "stop": _stop,
     "unlock protective stop": _unlock,
     "close safety popup": lambda controller: "closing safety popup",
-    "close popup": lambda controller: "closing popup",
+    "close popup": _close_popup,
     "restart safety": _restart,
-    "power on": lambda controller: _done(controller.power_on(), "power on", "Powering on"),
+    "power on": _power_on,
     "power off": _power_off,
-    "brake release": lambda controller: _done(
-        controller.release_brakes(), "brake release", "Brake releasing"
-    ),
+    "brake release": _release,
+    "version": lambda controller: ".".join(map(str, controller.version)),
+    "isprogramsaved": lambda controller: f"true {controller.loaded or '<unnamed>'}",
+    "savelog": lambda controller: "Log saved to disk",
+    "shutdown": lambda controller: "Shutting down",
 }
 
 
 class Dashboard:
     """One connection to the dashboard: an endpoint of bytes. `closing` tells that it is to be closed."""
 
-    def __init__(self, controller: Controller) -> None:
-        self._controller = controller
+    def __init__(self, controller: Controller, settings: Settings) -> None:
+        self._controller, self._settings = controller, settings
         self._lines = Lines()
         self._out = [GREETING]
         self._local = not controller.remote
@@ -146,19 +251,40 @@ class Dashboard:
         if command == "quit":
             self.closing = True
             return "Disconnected"
-        if command.startswith("popup "):
-            return "showing popup"
         if command in _RELEASES:
             self._controller.told(Act.RELEASE, f"dashboard: {command}", self._controller.remote)
         if (self._local or not self._controller.remote) and command.startswith(_ACTS):
             return _LOCAL
         cb3 = self._controller.version.major < _E_SERIES
-        answer = None if cb3 and command in _OF_E_SERIES else _ANSWERS.get(command)
-        if answer is None and (real := next(filter(command.startswith, _OF_THE_MAKER), "")):
-            self._controller.unmodelled.touch(
-                f"dashboard command {real}", "answered as one that is not understood"
-            )
-        return f"could not understand: '{line[:80]}'" if answer is None else answer(self._controller)
+        if not command.startswith(_OF_E_SERIES if cb3 else _OF_CB3):
+            answer = self._known(command, line)
+            if answer is not None:
+                if tag := next(filter(command.startswith, _WITHOUT_EFFECT), ""):
+                    self._controller.unmodelled.touch(f"dashboard command {tag}", "answered without effect")
+                return answer
+            if real := next(filter(command.startswith, _OF_THE_MAKER), ""):
+                detail = "answered as one that is not understood"
+                self._controller.unmodelled.touch(f"dashboard command {real}", detail)
+        return f"could not understand: '{line[:80]}'"
+
+    def _known(self, command: str, line: str) -> str | None:
+        """The answer to a command that is known."""
+        settings = self._settings
+        match command:
+            case "getuserrole":
+                return settings.role
+            case "get operational mode":
+                return settings.operational_mode
+            case "clear operational mode":
+                settings.operational_mode = "NONE"
+                return "No longer controlling the operational mode."
+        if command in _ANSWERS:
+            return _ANSWERS[command](self._controller)
+        for begin, act in _WITH_ARGUMENT.items():
+            if command == begin or command.startswith(f"{begin} "):
+                argument = " ".join(line.split()[len(begin.split()) :])[:ARGUMENT_MAX]
+                return act(self._controller, settings, argument)
+        return None
 
     def next_event(self) -> None:
         return None

@@ -7,7 +7,7 @@ import numpy as np
 
 from emulators.arm.told_pose import ToldPose
 from emulators.devices.rtde.controller import BY_FAULT, Controller
-from emulators.devices.rtde.faults import POSE_FAULTS
+from emulators.devices.rtde.faults import POSE_FAULTS, PROGRAM_WIRE
 from emulators.devices.rtde.kinematics import compose, invert
 from emulators.devices.rtde.state import Snapshot
 from emulators.faults.ledger import Handler, Injection
@@ -17,7 +17,7 @@ from emulators.seams import Handlers
 from protocol.devices.rtde.program import INPUT_NAMES
 from protocol.geometry import Pose
 
-_IN_USE = "in-use"
+_IN_USE, _SILENT = "in-use", "primary-silent"
 
 
 class Closable(Protocol):
@@ -29,8 +29,10 @@ class Closable(Protocol):
 class Disturbance:
     """Faults that are under way, or come next. Its `handlers` are those of `faults`."""
 
-    def __init__(self, controller: Controller, wire: Mapping[str, Handler]) -> None:
-        """`wire` handles the faults of the cable."""
+    def __init__(
+        self, controller: Controller, wire: Mapping[str, Handler], program_wire: Mapping[str, Handler]
+    ) -> None:
+        """Handlers of the faults of the cable, and of those of the connections of programs."""
         self._controller = controller
         self.connections: list[Closable] = []
         """Connections to the RTDE port."""
@@ -51,10 +53,11 @@ class Disturbance:
                 ),
                 "local-control": self._while(lambda: self._control(False), lambda: self._control(True)),
                 "slider": Handler(self._slide, lambda injection, now: self._slide_to(1.0, now)),
-                **own.held((_IN_USE,)),
+                **own.held((_IN_USE, _SILENT)),
             },
             "pose": self._told_pose.handlers,
             WIRE: {**wire, **own.striking({"dropped": self._at(self._drop)})},
+            PROGRAM_WIRE: program_wire,
             "witness": controller.own_force.handlers,
         }
 
@@ -105,6 +108,10 @@ class Disturbance:
     def in_use(self, name: str) -> bool:
         """Whether another client holds this input."""
         return name in INPUT_NAMES and self._own.under_way(_IN_USE, self._controller.now) is not None
+
+    def silences(self, now: float) -> bool:
+        """Whether the primary interface says nothing now."""
+        return self._own.under_way(_SILENT, now) is not None
 
     def shown(self, snapshot: Snapshot) -> Snapshot:
         """The state as it is told."""

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from emulators.arm.own_force import WITNESS_FAULTS
 from emulators.arm.told_pose import pose_faults
-from emulators.devices.rtde.packages import PACKAGES
+from emulators.devices.rtde.packages import MESSAGES, PACKAGES
 from emulators.faults.kinds import FOREVER, Fault, Parameter
 from emulators.faults.packets import WIRE
 
@@ -21,16 +21,20 @@ ROBOT_FAULTS: Mapping[str, Fault] = {
         {"percent": Parameter(40.0, "where it stands", 0.0, 100.0, "%")},
         FOREVER,
     ),
+    "primary-silent": Fault("the primary and the secondary interface say nothing", {}, FOREVER),
     "in-use": Fault("another client holds the registers of our program", {}, FOREVER),
 }
 POSE_FAULTS: Mapping[str, Fault] = pose_faults(without=("missing",))
 """An output package has all fields of its recipe."""
+PROGRAM_WIRE = "program-wire"
+"""Target of the faults of the connections that a program opens, as of external control's."""
 _DROPPED = Fault("all connections to the RTDE port are closed")
 
 RTDE_FAULTS: Mapping[str, Mapping[str, Fault]] = {
     "robot": ROBOT_FAULTS,
     "pose": POSE_FAULTS,
     WIRE: {**PACKAGES.faults, "dropped": _DROPPED},
+    PROGRAM_WIRE: MESSAGES.faults,
     "witness": WITNESS_FAULTS,
 }
 """Faults by target."""

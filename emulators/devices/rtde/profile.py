@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
-from protocol.marks import Mark, above, at_least, between, check_settings, setting
+from protocol.marks import Mark, SettingError, above, at_least, between, check_settings, setting
 
 _A, _O, _C = Mark.ASSUMED, Mark.OBSERVED, Mark.CHOSEN
 
@@ -26,6 +26,12 @@ class RtdeProfile:
     )
     version: str = setting("5.12.0.0", _A, "version of its software: major.minor.bugfix.build")
     serial_number: str = setting("20235500001", _C, "digits that the dashboard tells")
+    program_folder: str = setting(
+        "", _C, "folder of stored programs, text in URScript: NAME.script is loaded as NAME.urp; empty: none"
+    )
+    program_servers: Literal["loopback", "any"] = setting(
+        "loopback", _C, "servers to which a program may open a connection: of this computer, or any"
+    )
     remote_control: bool = setting(True, _C, "whether it stands in Remote Control at power-up")
     uptime_s: float = setting(
         100.0, _A, "its clock when the cell is made; a client may wait for 40 s", at_least(0.0), unit="s"
@@ -101,6 +107,45 @@ class RtdeProfile:
         unit="N",
     )
     force_lag_ms: float = setting(10.0, _A, "time constant of its filter", between(0.0, 1000.0), unit="ms")
+    force_mode_gain_mm_s_n: float = setting(
+        0.4,
+        _A,
+        "force mode: speed along a compliant axis for each newton that is missing, at a gain scaling of 1. Derived "
+        "of the lag of the arm's own force: one of 50 kN/m is held with little overshoot, and made unstable by 7 times",
+        above(0.0),
+        unit="mm/s/N",
+    )
+    force_mode_turn_gain_rad_s_nm: float = setting(
+        0.02, _A, "the same about an axis, for each newton metre", above(0.0), unit="rad/s/(N·m)"
+    )
+    force_mode_gain_scaling: float = setting(
+        1.0, _A, "scaling of these gains when a program begins", between(0.0, 2.0)
+    )
+    force_mode_damping: float = setting(
+        0.005,
+        _A,
+        "share of a compliant axis's speed that each cycle without a force takes away, when a program begins",
+        between(0.0, 1.0),
+    )
+    force_mode_least_n: float = setting(
+        1.0,
+        _A,
+        "a smaller force, or moment of a tenth of it in N·m, counts as none where none is wanted",
+        at_least(0.0),
+        unit="N",
+    )
+    freedrive_least_n: float = setting(
+        10.0, _A, "freedrive: a smaller force, or moment of a tenth, moves nothing", at_least(0.0), unit="N"
+    )
+    freedrive_speed_mm_s: float = setting(
+        250.0, _A, "freedrive: largest speed along an axis", above(0.0), unit="mm/s"
+    )
+    freedrive_turn_rad_s: float = setting(
+        1.0, _A, "freedrive: largest speed about an axis", above(0.0), unit="rad/s"
+    )
+    tool_contact_n: float = setting(
+        5.0, _A, "change of the force that counts as a contact of the tool", above(0.0), unit="N"
+    )
     force_watchdog_hz: float = setting(
         10.0,
         _A,
@@ -113,6 +158,6 @@ class RtdeProfile:
         check_settings(self)
         parts = self.version.split(".")
         if len(parts) != 4 or not all(part.isdecimal() and len(part) < 10 for part in parts):
-            raise ValueError(f"version must be four numbers with dots, got {self.version!r}")
+            raise SettingError("version", f"must be four numbers with dots, got {self.version!r}")
         if not (self.serial_number.isascii() and self.serial_number.isdecimal()):
-            raise ValueError(f"serial_number must be digits, got {self.serial_number!r}")
+            raise SettingError("serial_number", f"must be digits, got {self.serial_number!r}")

@@ -1,12 +1,16 @@
-"""The emulated robot as a cell and a room know it: the controller with its faults, and its three servers."""
+"""The emulated robot as a cell and a room know it: the controller with its faults, and its servers."""
 
-from emulators.devices.rtde.cable import Cable, Server
+from collections.abc import Mapping
+
+from emulators.devices.rtde.cable import Cable, Inner, Server
 from emulators.devices.rtde.connection import Connection
 from emulators.devices.rtde.controller import Controller
-from emulators.devices.rtde.dashboard import Dashboard
+from emulators.devices.rtde.dashboard import Dashboard, Settings
 from emulators.devices.rtde.disturbance import Disturbance
 from emulators.devices.rtde.kinematics import Joints
+from emulators.devices.rtde.primary import PrimaryPort
 from emulators.devices.rtde.profile import RtdeProfile
+from emulators.devices.rtde.program_socket import ProgramSocket
 from emulators.devices.rtde.script import ScriptPort
 from emulators.orders import Act, HeardOrder
 from emulators.seams import ArmPath, Handlers, RobotFactory, StartPose
@@ -24,7 +28,7 @@ class RtdeRobot:
         """Raises ValueError for a start that its arm cannot hold."""
         self.controller = controller = Controller(profile, start, now, seed)
         self._cable = Cable(seed)
-        self._disturbance = Disturbance(controller, self._cable.handlers)
+        self._disturbance = Disturbance(controller, self._cable.handlers, self._cable.program_handlers)
         self.path: ArmPath = controller.path
         self.handlers: Handlers = self._disturbance.handlers
         self.begun_at = controller.begun_at
@@ -32,6 +36,7 @@ class RtdeRobot:
         self.unmodelled = controller.unmodelled
         self.feel = controller.own_force.feel
         self._open = dict.fromkeys(Port, 0)
+        self._settings = Settings()
 
     @property
     def endpoint(self) -> Server:
@@ -55,23 +60,36 @@ class RtdeRobot:
         self.orders.tell(HeardOrder(now, Act.CONTACT, f"connection to {port}", True))
         return self._served(port, now)
 
+    def connect_program(self, now: float) -> tuple[Server, ProgramSocket]:
+        """A program opens a connection: its end behind the cable, and the same as the program knows it."""
+        inner = ProgramSocket(self.controller)
+        return self._cable.open(inner, now), inner
+
     def leave(self, port: Port, server: Server, now: float) -> None:
         """The connection has ended."""
         self._open[port] -= 1
         server.close(now)
 
     def _served(self, port: Port, now: float) -> Server:
-        inner: Connection | Dashboard | ScriptPort
+        inner: Inner
         match port:
             case Port.RTDE:
                 inner = Connection(self.controller, self._disturbance, now)
             case Port.DASHBOARD:
-                inner = Dashboard(self.controller)
+                inner = Dashboard(self.controller, self._settings)
             case Port.SCRIPT:
                 inner = ScriptPort(self.controller)
+            case Port.PRIMARY | Port.READ_ONLY:
+                inner = PrimaryPort(self.controller, self._disturbance.silences, now, port is Port.READ_ONLY)
         return self._cable.open(inner, now)
 
 
-def make_robot(profile: RtdeProfile) -> RobotFactory:
-    """A factory of robots with these settings."""
-    return lambda start, now, seed: RtdeRobot(profile, start, now, seed)
+def make_robot(profile: RtdeProfile, programs: Mapping[str, bytes] | None = None) -> RobotFactory:
+    """A factory of robots with these settings and stored programs."""
+
+    def make(start: StartPose, now: float, seed: int) -> RtdeRobot:
+        robot = RtdeRobot(profile, start, now, seed)
+        robot.controller.programs = programs or {}
+        return robot
+
+    return make

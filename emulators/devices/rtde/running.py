@@ -6,6 +6,7 @@ from typing import NamedTuple, Protocol
 
 from emulators.devices.rtde.urscript import Message, Socket
 from emulators.devices.rtde.urscript.limits import MESSAGES_MAX
+from protocol.devices.rtde.states import SafetyMode
 
 
 class Program(Protocol):
@@ -15,6 +16,9 @@ class Program(Protocol):
 
     def cycle(self) -> bool:
         """Act for one cycle; False once it has ended."""
+
+    def close(self) -> None:
+        """It is stopped."""
 
 
 class Watchdog:
@@ -33,6 +37,26 @@ class Saying(NamedTuple):
     """s"""
     message: Message
     text: str
+    """Of a program that starts or stops, its name."""
+    title: str = ""
+    """Of a pop-up."""
+    line: int = 0
+    """Of an error, 1 and more."""
+    column: int = 0
+
+    def __str__(self) -> str:
+        place = f", column {self.column}" if self.message is Message.SYNTAX else ""
+        return f"{self.message} in line {self.line}{place}: {self.text}" if self.line else self.text
+
+
+class Listener(Protocol):
+    """Hears each message at once."""
+
+    def hear(self, saying: Saying) -> None:
+        """A program says something, or something is said about it."""
+
+    def hear_safety(self, mode: SafetyMode) -> None:
+        """Another safety mode holds."""
 
 
 def _no_server(address: str, port: int) -> Socket | None:
@@ -45,14 +69,21 @@ class Console:
 
     def __init__(self) -> None:
         self.sayings: deque[Saying] = deque(maxlen=MESSAGES_MAX)
-        self.listener: Callable[[Saying], object] | None = None
-        """Called with each message at once."""
+        self.listeners: list[Listener] = []
+        self.popup_open = False
+        """A pop-up stands on the pendant."""
         self.open_socket: Callable[[str, int], Socket | None] = _no_server
         """Opens a connection to an address and a port. Set by the one that serves the controller."""
 
-    def tell(self, at: float, message: Message, text: str) -> None:
-        """A program says something."""
-        saying = Saying(at, message, text)
+    def tell(self, saying: Saying) -> None:
+        """A program says something, or something is said about it."""
         self.sayings.append(saying)
-        if self.listener is not None:
-            self.listener(saying)
+        if saying.message in (Message.POPUP, Message.STOPPED):
+            self.popup_open = saying.message is Message.POPUP
+        for listener in self.listeners:
+            listener.hear(saying)
+
+    def tell_safety(self, mode: SafetyMode) -> None:
+        """Another safety mode holds."""
+        for listener in self.listeners:
+            listener.hear_safety(mode)

@@ -9,14 +9,26 @@ import re
 from collections.abc import Callable, Mapping
 
 from emulators.devices.rtde.controller import Controller
-from emulators.devices.rtde.programs import intent, is_known, program, run_secondary
+from emulators.devices.rtde.programs import run_secondary, start_text
 from emulators.devices.rtde.urscript.limits import TEXT_MAX
 from emulators.orders import Act
+from protocol.devices.rtde.states import SafetyMode
 
 _BEGIN = re.compile(rb"^(def|sec)\s+(\w{1,64})\s*\(")
 _OPENS = re.compile(rb"^\s*(def|sec|thread|if|while)\b")
 _ENDS = re.compile(rb"^\s*end\b")
 _FREE = re.compile(rb"^[A-Za-z_]")
+
+
+def _unlock_when_allowed(controller: Controller) -> None:
+    """Unlock a protective stop as soon as that is allowed.
+
+    Derived: the C++ client library's tests order it at once, by script, and wait 5 s for it.
+    """
+    if controller.safety == SafetyMode.PROTECTIVE_STOP and not controller.unlock_protective_stop():
+        rest_s = controller.stopped_at + controller.profile.unlock_s - controller.now
+        controller.later(rest_s, controller.unlock_protective_stop)
+
 
 _ORDERS: Mapping[bytes, tuple[Act, Callable[[Controller], object]]] = {
     b"stop program": (Act.CONTACT, Controller.stop_program),
@@ -25,7 +37,7 @@ _ORDERS: Mapping[bytes, tuple[Act, Callable[[Controller], object]]] = {
     b"power on": (Act.RELEASE, Controller.power_on),
     b"power off": (Act.CONTACT, Controller.power_off),
     b"set robotmode run": (Act.RELEASE, Controller.release_brakes),
-    b"set unlock protective stop": (Act.RELEASE, Controller.unlock_protective_stop),
+    b"set unlock protective stop": (Act.RELEASE, _unlock_when_allowed),
 }
 """Lines that are no script, which clients send on the same ports."""
 _PROGRAMS_MAX = 16
@@ -102,12 +114,7 @@ class ScriptPort:
         if secondary:
             run_secondary(controller, text)
             return
-        words = f"program {name}" if name else f"script {text[:64].decode('utf-8', 'replace')}"
-        controller.told(Act.PROGRAM, words, controller.takes_programs, not is_known(name))
-        make = program(controller, name, text)
-        if make is not None:
-            controller.intent = intent(controller, name, text)
-            controller.start_program(make)
+        start_text(controller, name, text)
 
     def next_event(self) -> None:
         return None

@@ -3,17 +3,21 @@
 import math
 import random
 from collections.abc import Iterator
+from functools import lru_cache
 
 from emulators.devices.rtde.arm import Brake, Servo, Speed
+from emulators.devices.rtde.compliance import Compliance
 from emulators.devices.rtde.controller import Controller
+from emulators.devices.rtde.force_mode import ForceTask
 from emulators.devices.rtde.kinematics import Joints, compose, invert, nearest
 from emulators.devices.rtde.moves import Walk, arc_walk, joint_walk, line_walk
-from emulators.devices.rtde.state import getter
+from emulators.devices.rtde.running import Saying
+from emulators.devices.rtde.state import getter, number_in
 from emulators.devices.rtde.urscript import Message, Profile, RuntimeFailure, Socket, SyntaxFailure
 from emulators.devices.rtde.urscript.failures import ScriptError
 from protocol.devices.rtde.fields import INPUTS, OUTPUTS
 from protocol.devices.rtde.rotation import pose_of
-from protocol.geometry import Pose
+from protocol.geometry import Pose, Vector
 
 _JOINT_PER_METRE = 2.0
 """Assumed: joint acceleration of a speed along a line, rad/s² for each m/s²; that of an arm of half a metre."""
@@ -25,22 +29,30 @@ class ControllerHost:
 
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
+        self._motions = controller.motions
         self._random = random.Random(controller.now)
         self._servoing: Servo | None = None
         """The newest servoj, while no other motion has come since."""
         self._inputs = controller.inputs
         """Inputs at the newest servoj: a target that came again is another one."""
+        self._solved: tuple[object, Joints | None] = (None, None)
+        """The newest question of inverse kinematics, and its answer."""
         self.period = controller.period
 
     # --- messages
 
-    def tell(self, message: Message, text: str) -> None:
-        self._controller.console.tell(self._controller.now, message, text)
+    def tell(self, message: Message, text: str, title: str = "") -> None:
+        self._controller.console.tell(Saying(self._controller.now, message, text, title))
+
+    @property
+    def popup_open(self) -> bool:
+        return self._controller.console.popup_open
 
     def tell_failure(self, failure: RuntimeFailure | SyntaxFailure) -> None:
         kind = Message.SYNTAX if isinstance(failure, SyntaxFailure) else Message.RUNTIME
         self._controller.counts[str(kind)] += 1
-        self.tell(kind, str(failure))
+        place = failure.line, failure.column
+        self._controller.console.tell(Saying(self._controller.now, kind, failure.text, "", *place))
 
     def tell_tagged(self, function: str) -> None:
         self._controller.unmodelled.touch(f"URScript {function}()", "accepted without effect")
@@ -60,8 +72,7 @@ class ControllerHost:
     def read_register(self, direction: str, kind: str, number: int) -> float:
         name, shift = _register(direction, kind, number)
         controller = self._controller
-        value = (controller.inputs if direction == "input" else controller.outputs).get(name, 0)
-        assert not isinstance(value, tuple), "a number"
+        value = number_in(controller.inputs if direction == "input" else controller.outputs, name)
         return value if shift is None else int(value) >> shift & 1
 
     def write_register(self, kind: str, number: int, value: float) -> None:
@@ -75,9 +86,7 @@ class ControllerHost:
 
     def read_whole(self, name: str) -> float:
         """An output that is a number, 0 where nothing was written."""
-        value = self._controller.outputs.get(name, 0)
-        assert not isinstance(value, tuple), "a number"
-        return value
+        return number_in(self._controller.outputs, name)
 
     def watch_input(self, name: str, frequency_hz: float, action: str) -> None:
         self._controller.watch_input(name, frequency_hz, action)
@@ -118,7 +127,7 @@ class ControllerHost:
 
     @property
     def speeds(self) -> Joints:
-        return self._controller.arm.speeds
+        return self._controller.arm.motion
 
     @property
     def tcp(self) -> Pose:
@@ -136,14 +145,18 @@ class ControllerHost:
         return self._controller.forward(joints, tcp)
 
     def solve(self, pose: Pose, near: Joints | None = None, tcp: Pose | None = None) -> Joints | None:
+        """The newest answer is kept: a program asks whether there are joints, and then which."""
         controller = self._controller
-        if tcp is None:
-            return controller.solve(pose, near)
-        return nearest(controller.lengths, compose(pose, invert(tcp)), near or controller.arm.target)
+        question = pose, near or controller.arm.target, tcp or controller.tcp
+        if question != self._solved[0]:
+            flange = compose(pose, invert(question[2]))
+            self._solved = question, nearest(controller.lengths, flange, question[1])
+        return self._solved[1]
 
     def servo(self, joints: Joints, time: float, lookahead: float, gain: float) -> int:
         """Values outside the ranges of the manual are taken as the nearest end (assumed)."""
         controller = self._controller
+        self._motions.hear_servo(joints)
         if not all(map(math.isfinite, (*joints, time, lookahead, gain))):
             controller.protective_stop("a servo's setting that is no number")
             return 1
@@ -157,11 +170,16 @@ class ControllerHost:
         return cycles
 
     def speed(self, speeds: Joints, acceleration: float) -> None:
+        self._motions.hear_speed("speedj", speeds)
+        self._turn(speeds, acceleration)
+
+    def _turn(self, speeds: Joints, acceleration: float) -> None:
         self._servoing = None
         self._controller.order(Speed(speeds, max(acceleration, 0.01)))
 
     def speed_line(self, velocity: Joints, acceleration: float) -> bool:
         controller = self._controller
+        self._motions.hear_speed("speedl", velocity)
         dt, joints = controller.period, controller.arm.joints
         here = controller.forward(joints)
         turn = pose_of((0.0, 0.0, 0.0, *(part * dt for part in velocity[3:])))
@@ -171,7 +189,7 @@ class ControllerHost:
         if found is None:
             return False
         a, b, c, d, e, f = ((new - old) / dt for old, new in zip(joints, found, strict=True))
-        self.speed((a, b, c, d, e, f), acceleration * _JOINT_PER_METRE)
+        self._turn((a, b, c, d, e, f), acceleration * _JOINT_PER_METRE)
         return True
 
     def brake(self, deceleration: float) -> None:
@@ -182,14 +200,17 @@ class ControllerHost:
         self.brake(deceleration * _JOINT_PER_METRE)
 
     def line(self, goal: Pose, profile: Profile) -> Iterator[object] | None:
+        self._motions.hear_move("move along a line", goal)
         walk = line_walk(self._controller, goal, *profile)
         return None if walk is None else self._walk(walk)
 
     def swing(self, goal: Joints, profile: Profile) -> Iterator[object] | None:
+        self._motions.hear_move("move in joints", self.forward(goal))
         walk = joint_walk(self._controller, goal, *profile)
         return None if walk is None else self._walk(walk)
 
     def arc(self, via: Pose, goal: Pose, profile: Profile) -> Iterator[object] | None:
+        self._motions.hear_move("move along an arc", goal)
         walk = arc_walk(self._controller, via, goal, profile.speed, profile.acceleration)
         return None if walk is None else self._walk(walk)
 
@@ -209,6 +230,43 @@ class ControllerHost:
 
     def zero_force(self) -> None:
         self._controller.force_zero = self._controller.measured
+        self._compliance.history.forget()
+
+    @property
+    def _compliance(self) -> Compliance:
+        return self._controller.compliance
+
+    def force_mode(
+        self, frame: Pose, compliant: tuple[bool, ...], wrench: Joints, kind: int, limits: Joints
+    ) -> None:
+        self._compliance.begin(ForceTask(frame, compliant, wrench, kind, limits))
+
+    def freedrive(self, frame: Pose, free: tuple[bool, ...]) -> None:
+        self._compliance.free(frame, free)
+
+    def end_force_mode(self, freedrive: bool) -> None:
+        self._compliance.end(freedrive)
+
+    @property
+    def damping(self) -> float:
+        return self._compliance.damping
+
+    @property
+    def gain_scaling(self) -> float:
+        return self._compliance.gain_scaling
+
+    def set_damping(self, damping: float) -> None:
+        self._compliance.damping = damping
+
+    def set_gain_scaling(self, scaling: float) -> None:
+        self._compliance.gain_scaling = scaling
+
+    def steps_since_contact(self, direction: Vector, threshold_n: float) -> int:
+        usual = self._controller.profile.tool_contact_n
+        return self._compliance.history.steps_since_contact(direction, threshold_n or usual)
+
+    def joints_before(self, steps: int) -> Joints:
+        return self._compliance.history.joints_before(steps) or self.joints
 
     def enable_external_force(self, enable: bool) -> None:
         self._controller.enable_external_force(enable)
@@ -220,6 +278,7 @@ class ControllerHost:
         self._controller.power_off()
 
 
+@lru_cache(maxsize=1024)
 def _register(direction: str, kind: str, number: int) -> tuple[str, int | None]:
     """The name of a register among the fields of RTDE, and the bit in it; None for a whole one."""
     if kind == "bit":

@@ -68,6 +68,32 @@ def _safety(state: Snapshot) -> float:
     return int(state.safety)
 
 
+TOOL_RUNS, TOOL_OFF = 253, 255
+"""Modes of the tool's board. Observed: the first."""
+ANALOG_TYPES = "analog_io_types"
+_FIRST_OUTPUT_TYPE = 2
+"""Bit of `analog_io_types` of the first output."""
+
+
+def number_in(registers: Registers, name: str) -> float:
+    """A register that is a number, 0 where nothing was written."""
+    value = registers.get(name, 0)
+    assert not isinstance(value, tuple), "a number"
+    return value
+
+
+def _bits(state: Snapshot, first: int, count: int) -> int:
+    """Some of the digital outputs."""
+    return int(number_in(state.outputs, "actual_digital_output_bits")) >> first & (1 << count) - 1
+
+
+def _analog(state: Snapshot, number: int) -> float:
+    """An analogue output: 0 to 10 V, or 4 to 20 mA. Source: Universal Robots' user manuals."""
+    share = number_in(state.outputs, f"standard_analog_output{number}")
+    voltage = int(number_in(state.outputs, ANALOG_TYPES)) >> (_FIRST_OUTPUT_TYPE + number) & 1
+    return 10.0 * share if voltage else 0.004 + 0.016 * share
+
+
 FIELDS: Mapping[str, Callable[[Snapshot], Value]] = {
     "timestamp": lambda state: state.time,
     "target_q": lambda state: state.target,
@@ -100,6 +126,14 @@ FIELDS: Mapping[str, Callable[[Snapshot], Value]] = {
     "actual_robot_current": lambda state: 0.6,
     "actual_execution_time": lambda state: 0.5,
     "actual_tool_accelerometer": lambda state: (0.0, 0.0, -9.82),
+    "target_execution_time": lambda state: 0.5,
+    "tool_mode": lambda state: TOOL_RUNS if state.mode == RobotMode.RUNNING else TOOL_OFF,
+    "tool_temperature": lambda state: 28.0,
+    "actual_configurable_digital_output_bits": lambda state: _bits(state, 8, 8),
+    "analog_io_types": lambda state: number_in(state.outputs, ANALOG_TYPES),
+    "standard_analog_output0": lambda state: _analog(state, 0),
+    "standard_analog_output1": lambda state: _analog(state, 1),
+    "wrench_calc_from_currents": lambda state: state.force,
 }
 """Outputs that are more than 0; temperatures, voltages and the like are plausible constants."""
 
@@ -112,18 +146,16 @@ _CONSTANT = (
     "actual_robot_current",
     "actual_execution_time",
     "actual_tool_accelerometer",
+    "target_execution_time",
+    "tool_temperature",
 )
-_HEEDED = ("speed_slider_mask", "speed_slider_fraction", "external_force_torque")
-"""Inputs that act, beside registers."""
 
 
 def not_modelled(name: str) -> str:
     """The treatment of a variable that has no meaning here; empty for one that has."""
     if name in _CONSTANT:
         return "always the same"
-    if "_register" in name or name in FIELDS or name in _HEEDED:
-        return ""
-    return "taken without effect" if name in INPUTS else "always 0"
+    return "" if "_register" in name or name in FIELDS or name in INPUTS else "always 0"
 
 
 def getter(name: str) -> Callable[[Snapshot], tuple[float, ...]]:

@@ -3,7 +3,7 @@
 from emulators.devices.s3.controller import S3Controller
 from emulators.devices.s3.faults import S3_FAULTS
 from emulators.devices.s3.making import make_robot
-from emulators.devices.s3.panel import Panel, PanelState
+from emulators.devices.s3.panel import S3_CONTROLS, PanelState, read_state
 from emulators.devices.s3.profile import S3Profile, S3Profiles
 from emulators.devices.s3.programs import MoveStep, Step, WaitStep, read_steps
 from emulators.devices.s3.site import EMPTY_SITE, S3Site, SiteOrders
@@ -13,10 +13,10 @@ __all__ = [
     "CHANGES",
     "EMPTY_SITE",
     "REFUSALS",
+    "S3_CONTROLS",
     "S3_FAULTS",
     "Activity",
     "MoveStep",
-    "Panel",
     "PanelState",
     "S3Controller",
     "S3Profile",
@@ -28,6 +28,7 @@ __all__ = [
     "Stimulus",
     "WaitStep",
     "make_robot",
+    "read_state",
     "read_steps",
     "refusal",
 ]

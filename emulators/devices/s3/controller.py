@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 from emulators.arm.kinematics import Joints
 from emulators.devices.s3.executive import Executive, Order
-from emulators.devices.s3.faults import S3_FAULTS, target_of
+from emulators.devices.s3.faults import S3_FAULTS
 from emulators.devices.s3.line import FaultyLine, Strike
 from emulators.devices.s3.profile import S3Profiles
 from emulators.devices.s3.programs import ProgramRun
 from emulators.devices.s3.site import EMPTY_SITE, S3Site
 from emulators.devices.s3.state import State, Stimulus
-from emulators.faults.ledger import Handler, Injection, Ledger
+from emulators.faults.ledger import Handler, Injection, Ledger, target_of
 from emulators.faults.packets import BYTES, WIRE, Packets
 from emulators.orders import Act, HeardOrder, Hindrance, Orders
 from emulators.quantiles import draw
@@ -244,7 +244,7 @@ class S3Controller:
 
     def inject(self, fault: str, now: float, **parameters: object) -> Injection:
         """Let one fault of `S3_FAULTS` happen now, or at its next opportunity. Raises ValueError for a wrong one."""
-        return self.faults.inject(target_of(fault), fault, now, parameters)
+        return self.faults.inject(target_of(fault, S3_FAULTS), fault, now, parameters)
 
     def disarm(self) -> None:
         """Let none of the faults happen that wait for their moment; those under way go on."""

@@ -5,7 +5,6 @@ from collections.abc import Mapping
 from emulators.arm.told_pose import along_axes, pose_faults
 from emulators.faults.kinds import FOREVER, Fault, Parameter
 from emulators.faults.packets import BYTES, WIRE
-from emulators.faults.renamed import tell_new_name_alone
 from protocol.devices.s3.arap import RefusalCode, SpontaneousKind
 
 _COUNT = Parameter(1, "how many in a row", 1, 1000)
@@ -92,16 +91,3 @@ S3_FAULTS: Mapping[str, Mapping[str, Fault]] = {
     WIRE: LINE_FAULTS,
 }
 """Faults by target."""
-
-
-def target_of(fault: str) -> str:
-    """The target of a fault that is named alone. Raises ValueError for none, and for one of several targets."""
-    targets = [target for target, faults in S3_FAULTS.items() if fault in faults]
-    if len(targets) == 1:
-        return targets[0]
-    if targets:
-        raise ValueError(f"{fault} is a fault of {' and of '.join(targets)}; name its target")
-    if now := tell_new_name_alone(fault):
-        raise ValueError(now)
-    known = ", ".join(dict.fromkeys(name for faults in S3_FAULTS.values() for name in faults))
-    raise ValueError(f"no fault is called {fault!r}; known: {known}")

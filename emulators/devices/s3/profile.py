@@ -7,7 +7,7 @@ from emulators.arm.loops import ServoProfile
 from emulators.quantiles import check_quantiles
 from protocol.devices.s3.adlp import LinkProfile
 from protocol.devices.s3.arap import Mode, RefusalCode
-from protocol.marks import Mark, above, at_least, between, check_settings, setting
+from protocol.marks import Mark, SettingError, above, at_least, between, check_settings, setting
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,9 +153,9 @@ class S3Profile:
         check_settings(self)
         check_quantiles(self, "status_turnaround_ms", "move_turnaround_ms")
         if self.turnaround_spread_ms > self.turnaround_ms:
-            raise ValueError(
-                f"turnaround_spread_ms must be at most turnaround_ms ({self.turnaround_ms:g}), "
-                f"got {self.turnaround_spread_ms:g}"
+            raise SettingError(
+                "turnaround_spread_ms",
+                f"must be at most turnaround_ms ({self.turnaround_ms:g}), got {self.turnaround_spread_ms:g}",
             )
 
 

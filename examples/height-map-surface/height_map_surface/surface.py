@@ -12,7 +12,7 @@ from emulators.surface.profile import SurfaceProfile
 from emulators.surface.shapes import HeightMap, Shape
 from height_map_surface.heights import from_image, from_stl
 from hil_bridge.devices.kinds import SurfaceKind
-from protocol.marks import Mark, above, setting
+from protocol.marks import Mark, SettingError, above, setting
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,15 +32,15 @@ class HeightMapProfile(SurfaceProfile):
     def __post_init__(self) -> None:
         SurfaceProfile.__post_init__(self)
         if self.kind is not OwnShapes.FLAT:
-            raise ValueError("kind must be left out; the shape comes from image_file or stl_file")
+            raise SettingError("kind", "must be left out; the shape comes from image_file or stl_file")
         if self.section_mm and not (
             len(self.section_mm) == 4
             and all(map(math.isfinite, self.section_mm))
             and self.section_mm[0] < self.section_mm[2]
             and self.section_mm[1] < self.section_mm[3]
         ):
-            raise ValueError(
-                f"section_mm must be x0 y0 x1 y1 with x0 < x1 and y0 < y1, got {self.section_mm}"
+            raise SettingError(
+                "section_mm", f"must be x0 y0 x1 y1 with x0 < x1 and y0 < y1, got {self.section_mm}"
             )
 
     def shape(self) -> Shape:

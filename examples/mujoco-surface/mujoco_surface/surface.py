@@ -26,7 +26,7 @@ import numpy as np
 from emulators.faults import Handler
 from emulators.seams import Floats, Surface, SurfaceFactory
 from hil_bridge.devices.kinds import SurfaceKind
-from protocol.marks import Mark, above, at_least, check_settings, setting
+from protocol.marks import Mark, SettingError, above, at_least, check_settings, setting
 
 TIP = "hil_bridge_tip"
 """Name of the tip in the scene."""
@@ -71,8 +71,8 @@ class MujocoProfile:
     def __post_init__(self) -> None:
         check_settings(self)
         if self.shape not in ("plane", "sphere"):
-            raise ValueError(
-                f"shape must be plane or sphere, got {self.shape!r}; scene_file is for all others"
+            raise SettingError(
+                "shape", f"must be plane or sphere, got {self.shape!r}; scene_file is for all others"
             )
 
 

@@ -6,6 +6,7 @@ from typing import Any, ClassVar, NamedTuple
 
 from hil_bridge import Command, Measurement
 from hil_bridge.control.types import Tuning
+from protocol.marks import SettingError
 
 
 class State(NamedTuple):
@@ -49,7 +50,7 @@ class PiTracking:
             value = getattr(self, parameter.name)
             least = 0.0 if parameter.name == "proportional_mm_n" else 1e-9
             if not (isinstance(value, (int, float)) and math.isfinite(value) and value >= least):
-                raise ValueError(f"{parameter.name} must be a number of at least {least:g}, got {value}")
+                raise SettingError(parameter.name, f"must be a number of at least {least:g}, got {value}")
 
     def initial(self) -> State:
         """State before the first sample in contact."""

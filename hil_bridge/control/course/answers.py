@@ -9,14 +9,14 @@ from hil_bridge.control.types import Measurement
 from hil_bridge.errors.causes import Cause, Reason
 
 
-def calmed(output: TaskOutput, measurement: Measurement, advice: Advice) -> TaskOutput:
+def calm(output: TaskOutput, measurement: Measurement, advice: Advice) -> TaskOutput:
     """The task's answer with the detector's factor on the change of command."""
     change = output.target.depth - measurement.commanded
     depth = measurement.commanded + advice.factor * change
     return replace(output, target=replace(output.target, depth=depth))
 
 
-def held_back(verdict: Verdict, seen: Observation) -> Reason:
+def explain_halt(verdict: Verdict, seen: Observation) -> Reason:
     """Why a retraction goes on no farther."""
     if not isinstance(verdict, Clamp) or verdict.is_for(Cause.WORKSPACE):
         return Reason(Cause.RETRACT_BORDER, "the workspace ends before the tool is retracted")

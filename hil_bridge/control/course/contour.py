@@ -19,7 +19,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from hil_bridge.control.checks import require_above_zero
+from hil_bridge.control.checks import require_above_zero, require_shares_and_slope
 
 
 class ContourState(Struct, frozen=True):
@@ -58,11 +58,7 @@ class Contour:
 
     def __post_init__(self) -> None:
         require_above_zero(self, "window_mm", "learning_share", "smoothing_share", "steepest_deg")
-        for name in ("learning_share", "smoothing_share"):
-            if getattr(self, name) > 1.0:
-                raise ValueError(f"{name} must be at most 1, got {getattr(self, name)}")
-        if self.steepest_deg >= 90.0:
-            raise ValueError(f"steepest_deg must be below 90, got {self.steepest_deg}")
+        require_shares_and_slope(self)
 
     def after(
         self, state: ContourState, dt: float, place: tuple[float, float], force: tuple[float, float]

@@ -34,10 +34,10 @@ class Following:
         `depths` are the reported and the ordered one, m: a trail begins with the place that the robot comes from.
         """
         reported, depth = depths
-        trail = trail or self._begun(now, reported)
+        trail = trail or self._begin(now, reported)
         passed = (now if at is None else at) - self.within_s
         if len(trail) > 1 and trail[1][0] <= passed:
-            trail = self._kept(trail, passed)
+            trail = self._keep(trail, passed)
         began, low, high = trail[-1]
         if now - began >= self.within_s / PARTS:
             return (*trail, (now, depth, depth))
@@ -45,10 +45,10 @@ class Following:
             return trail
         return (*trail[:-1], (began, min(low, depth), max(high, depth)))
 
-    def _begun(self, now: float, reported: float) -> Trail:
+    def _begin(self, now: float, reported: float) -> Trail:
         return ((now, min(reported, 0.0), max(reported, 0.0)),)
 
-    def _kept(self, trail: Trail, passed: float) -> Trail:
+    def _keep(self, trail: Trail, passed: float) -> Trail:
         """The trail from the part on that this moment, s, lies in."""
         first = 0
         while first + 1 < len(trail) and trail[first + 1][0] <= passed:

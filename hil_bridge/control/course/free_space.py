@@ -27,7 +27,7 @@ class FreeSpace(Struct, frozen=True):
     """When the pull began that lasts, s on the run's clock; None while there is none."""
 
 
-def watched(
+def watch_sample(
     before: FreeSpace | None, limits: Limits, now: float, pull: float, counts: tuple[bool, Vector]
 ) -> FreeSpace:
     """The state with one more sample. `pull` is the force away from the surface, N, from the newest zero. `counts` are

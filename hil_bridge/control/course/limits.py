@@ -6,6 +6,7 @@ from typing import ClassVar
 
 from hil_bridge.control.checks import require_above_zero, require_not_negative
 from protocol.geometry import Vector
+from protocol.marks import SettingError
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,7 +159,7 @@ class Limits:
         if self.witness_n is not None:
             require_not_negative(self, "witness_n")
         if self.force_margin_share >= 1:
-            raise ValueError(f"force_margin_share must be below 1, got {self.force_margin_share}")
+            raise SettingError("force_margin_share", f"must be below 1, got {self.force_margin_share}")
         for low, high in zip(self.workspace_min_m, self.workspace_max_m, strict=True):
             if not (math.isfinite(low) and math.isfinite(high) and low < high):
-                raise ValueError("workspace_min_m must be below workspace_max_m on every axis")
+                raise SettingError("workspace_min_m", "must be below workspace_max_m on every axis")

@@ -13,7 +13,7 @@ _ROUNDING = 1e-9
 """Slack for arithmetic, rad."""
 
 
-def allowed(
+def limit_turn(
     limits: Limits, home: Quaternion, before: Quaternion, wanted: Quaternion, dt: float
 ) -> tuple[Quaternion, tuple[Reason, ...]]:
     """The orientation that may be ordered, `dt` seconds after the one before, and why it is not the wanted one.

@@ -24,6 +24,7 @@ from msgspec import Struct
 
 from hil_bridge.control.checks import require_above_zero, require_not_negative
 from hil_bridge.control.types import POSITION_STEP_MM
+from protocol.marks import SettingError
 
 
 class Finding(StrEnum):
@@ -107,9 +108,11 @@ class OscillationDetector:
         require_not_negative(self, "force_uncertainty_n")
         for name in ("decay", "notch", "factor_min"):
             if getattr(self, name) >= 1.0:
-                raise ValueError(f"{name} must be below 1, got {getattr(self, name)}")
+                raise SettingError(name, f"must be below 1, got {getattr(self, name)}")
         if self.peaks < 4:
-            raise ValueError(f"peaks must be at least 4, got {self.peaks}: two swings are what a step leaves")
+            raise SettingError(
+                "peaks", f"must be at least 4, got {self.peaks}: two swings are what a step leaves"
+            )
 
     def initial(self) -> OscillationState:
         """State before the first sample in contact."""
@@ -134,7 +137,7 @@ class OscillationDetector:
         if peaks and now - peaks[0][0] > window:
             peaks = tuple(peak for peak in peaks if now - peak[0] <= window)
         if self._sustained(peaks):
-            return self._found(now, extreme, extreme_at, peaks, state)
+            return self._lower_gain(now, extreme, extreme_at, peaks, state)
         factor, since = state.factor, state.quiet_since
         patience = window * 2.0**state.found
         if factor < 1.0 and not peaks and now - since >= patience:
@@ -154,7 +157,7 @@ class OscillationDetector:
         half = self.peaks // 2
         return min(sizes[-half:]) >= self.decay * max(sizes[:half])
 
-    def _found(
+    def _lower_gain(
         self,
         now: float,
         extreme: float,

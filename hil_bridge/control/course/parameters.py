@@ -6,6 +6,7 @@ from typing import ClassVar
 from hil_bridge.control.checks import require_above_zero, require_not_negative
 from hil_bridge.control.types import POSITION_STEP_MM, SAMPLE_MS
 from hil_bridge.control.words.steps import ResumePoint, Step
+from protocol.marks import SettingError
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,8 +121,8 @@ class TaskParameters:
         if self.least_stiffness_n_m is not None:
             require_above_zero(self, "least_stiffness_n_m")
         if self.loss_threshold_n > self.contact_threshold_n:
-            raise ValueError("loss_threshold_n must not be above contact_threshold_n")
+            raise SettingError("loss_threshold_n", "must not be above contact_threshold_n")
         if self.travel_from_share > 1:
-            raise ValueError("travel_from_share must not be above 1")
+            raise SettingError("travel_from_share", "must not be above 1")
         if self.contact_threshold_n >= self.force_n:
-            raise ValueError("contact_threshold_n must be below force_n")
+            raise SettingError("contact_threshold_n", "must be below force_n")

@@ -31,15 +31,15 @@ def is_known(limits: Limits, before: Retreat | None, seen: Observation) -> bool:
 
 def watch(limits: Limits, before: Retreat | None, seen: Observation) -> tuple[Retreat, Reason | None]:
     """State after one cycle whose force is known, and why the tool must stand still; None while it need not."""
-    before = before or _begun(limits, seen)
+    before = before or _begin(limits, seen)
     if seen.saturated:
         return replace(before, stage=Stage.TRUSTED), None
-    after = _advanced(limits, before, seen)
+    after = _advance(limits, before, seen)
     if -seen.force > max(-before.force, 0.0) + limits.pull_limit_n:
         text = f"a force of {-seen.force:.1f} N from behind met the tool while the tool retracted"
         return after, Reason(Cause.BEHIND, text)
     if _from_front(limits, seen):
-        return _pressed(limits, before, after, seen)
+        return _press(limits, before, after, seen)
     return after, _no_way_back(limits, before, after, seen)
 
 
@@ -61,13 +61,13 @@ def blind_goal(limits: Limits, pressed: tuple[float, float] | None, before: Retr
     return min(0.0, pressed[1] - limits.blind_retract_mm * 1e-3)
 
 
-def _begun(limits: Limits, seen: Observation) -> Retreat:
+def _begin(limits: Limits, seen: Observation) -> Retreat:
     """State of a retraction at its first known force."""
     within = max(seen.resultant, seen.peak_resultant) <= limits.force_limit_n
     return Retreat(seen.now, seen.pressing, seen.resultant, seen.depth, within, seen.force)
 
 
-def _advanced(limits: Limits, before: Retreat, seen: Observation) -> Retreat:
+def _advance(limits: Limits, before: Retreat, seen: Observation) -> Retreat:
     """The lowest force so far; while the retraction has not taken effect yet, the newest."""
     resultant = seen.resultant
     front = max(before.front, seen.force, seen.peak_force)
@@ -114,7 +114,7 @@ def _unanswered(limits: Limits, before: Retreat, seen: Observation) -> bool:
     return (before.depth - seen.depth) * 1e3 > limits.unanswered_mm
 
 
-def _pressed(
+def _press(
     limits: Limits, before: Retreat, after: Retreat, seen: Observation
 ) -> tuple[Retreat, Reason | None]:
     """State of a tool that the surface presses, and why it must stand still."""
@@ -127,7 +127,7 @@ def _pressed(
                 return after, None
             return replace(after, stage=Stage.WAITS, since=now, level=force, dt=seen.dt), None
         case Stage.WAITS:
-            return _waited(limits, after, seen), None
+            return _wait(limits, after, seen), None
         case Stage.SLOW:
             if force > after.level + limits.retract_rise_n:
                 text = f"the force rose from {after.level:.1f} N to {force:.1f} N while the tool retracted slowly"
@@ -141,7 +141,7 @@ def _pressed(
     return after, None
 
 
-def _waited(limits: Limits, after: Retreat, seen: Observation) -> Retreat:
+def _wait(limits: Limits, after: Retreat, seen: Observation) -> Retreat:
     """State of a retraction that waits: first for the robot to come to rest, then for what the force does."""
     waited, force = seen.now - after.since, _ahead(seen)
     if waited <= _RESTS_S + 2.0 * after.dt:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from msgspec.structs import replace
 
 from hil_bridge.control.course import orientation, retreat
-from hil_bridge.control.course.free_space import FreeSpace, lifeless, watched
+from hil_bridge.control.course.free_space import FreeSpace, lifeless, watch_sample
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.verdict import (
     LEAVES,
@@ -65,7 +65,7 @@ class Supervisor:
         if state.stopped is not None:
             return state, state.stopped
         still = state.still + observation.dt if observation.sensor_sequence == state.sensor_sequence else 0.0
-        pressed = _pressed(state.pressed, observation)
+        pressed = _find_press(state.pressed, observation)
         disagreed = None
         if self.witness is not None and observation.witness is not None:
             disagreed = self.witness.disagreed(state.disagreed, observation)
@@ -112,7 +112,7 @@ class Supervisor:
         if seen.position is None or seen.free_force is None:
             return None, None
         changed = seen.unchanged < seen.dt  # since the decision before
-        free = watched(state.free, self.limits, seen.now, -seen.free_force, (changed, seen.position))
+        free = watch_sample(state.free, self.limits, seen.now, -seen.free_force, (changed, seen.position))
         lost = lifeless(free, self.limits, seen.now, -seen.free_force, (seen.unchanged, seen.position))
         return free, None if lost is None else Stop(lost.cause, lost.text)
 
@@ -122,7 +122,7 @@ class Supervisor:
         """The verdict with that on the orientation; the orientation allowed, that of the start, and the new lag."""
         before = state.quaternion or normalise(seen.quaternion or wanted)
         home = state.home or before
-        given, reasons = orientation.allowed(self.limits, home, before, wanted, seen.dt)
+        given, reasons = orientation.limit_turn(self.limits, home, before, wanted, seen.dt)
         lag = orientation.behind(state.lag, angle_between(before, given), seen.dt)
         if reasons:
             told = verdict.holds if isinstance(verdict, Clamp) else ()
@@ -307,7 +307,7 @@ def _at_depth(request: Request, depth: float) -> Request:
     return Request(depth, (x + a * by, y + b * by, z + c * by), request.direction, request.barrier)
 
 
-def _pressed(before: tuple[float, float] | None, observation: Observation) -> tuple[float, float] | None:
+def _find_press(before: tuple[float, float] | None, observation: Observation) -> tuple[float, float] | None:
     """Force and depth from which a pressing tool has had no answer; None while it does not press.
 
     A dead sensor's force changes a little all the same: it is turned by the reported orientation, which jitters.

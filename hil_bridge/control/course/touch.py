@@ -116,7 +116,7 @@ class TouchTest(Struct, frozen=True):
         began = (force, reported) if touch.began is None else touch.began
         most = self.depth(touch.doubt)
         if reported - began[1] >= most - min(_SHORT_M, most / 2.0 / _STEPS):
-            text = self._unanswered(touch, force, reported)
+            text = self._explain_unanswered(touch, force, reported)
             return touch, 0.0, Reason(Cause.UNANSWERED_TOUCH, text)
         way = max(most / _STEPS, self.step)
         return Touch(touch.doubt, began=began, goal=measurement.commanded + way), way, None
@@ -128,7 +128,7 @@ class TouchTest(Struct, frozen=True):
             return False
         return touch.doubt is Doubt.WEIGHT or rise >= self.least_stiffness * deeper
 
-    def _unanswered(self, touch: Touch, force: float, reported: float) -> str:
+    def _explain_unanswered(self, touch: Touch, force: float, reported: float) -> str:
         assert touch.began is not None
         before, deeper = touch.began[0], reported - touch.began[1]
         went = f"the touch is not answered: {before:.2f} N, and {force:.2f} N {deeper * 1e3:.2f} mm deeper"

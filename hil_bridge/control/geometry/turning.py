@@ -11,12 +11,12 @@ _ALIGNED = math.radians(0.02)
 """Chosen: an orientation that is nearer than this is not ordered anew, rad."""
 
 
-def tipped(home: Quaternion, axis: Vector) -> Quaternion:
+def tip_tool(home: Quaternion, axis: Vector) -> Quaternion:
     """The orientation nearest to `home` whose tool z axis is this unit vector of the base frame."""
     return product(_shortest(rotate(home, (0.0, 0.0, 1.0)), axis), home)
 
 
-def yawed(home: Quaternion, approach: Vector, before: Place, heading: Place) -> Quaternion:
+def yaw_tool(home: Quaternion, approach: Vector, before: Place, heading: Place) -> Quaternion:
     """`home` turned about the approach by the angle from one heading in the work frame to another."""
     sine = before[0] * heading[1] - before[1] * heading[0]
     angle = math.atan2(sine, before[0] * heading[0] + before[1] * heading[1])

@@ -21,6 +21,7 @@ from hil_bridge.control.laws.estimate import Gates, StiffnessEstimate, contact_l
 from hil_bridge.control.laws.fuzzy import InferenceSystem, Surface, paper_system
 from hil_bridge.control.laws.rules import read_rules
 from hil_bridge.control.types import POSITION_STEP_MM, SAMPLE_MS, Command, Measurement, Range
+from protocol.marks import SettingError
 
 OUTPUT_STEPS: Mapping[str, Range] = {"output_step_mm": Range(0.01, 0.5, by_factor=True)}
 """Chosen: from a fine robot's steps to four of the paper's."""
@@ -247,7 +248,7 @@ def scheduled_gain(stiffness: float) -> float:
 
 def _ready(surface: str, rules_file: str) -> InferenceSystem:
     if surface not in tuple(Surface):
-        raise ValueError(f"surface must be one of {', '.join(Surface)}, got {surface!r}")
+        raise SettingError("surface", f"must be one of {', '.join(Surface)}, got {surface!r}")
     chosen = Surface(surface)
     return InferenceSystem(read_rules(rules_file), chosen) if rules_file else paper_system(chosen)
 

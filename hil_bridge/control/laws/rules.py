@@ -172,7 +172,7 @@ def rules_as_toml(base: RuleBase) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _built_in() -> RuleBase:
+def _read_built_in() -> RuleBase:
     terms = tuple(Term(name, degrees) for name, degrees in tables.MEMBERSHIPS.items())
     names = tuple(tables.MEMBERSHIPS)
     return RuleBase(
@@ -279,5 +279,5 @@ def _by_error(rules: Sequence[Rule]) -> list[tuple[str, list[Rule]]]:
     return list(rows.items())
 
 
-PAPER_RULES = _built_in()
+PAPER_RULES = _read_built_in()
 """The paper's Tables 1 and 2, the rules recovered from its Table 3, and that table as printed."""

@@ -18,6 +18,7 @@ from msgspec.structs import replace
 
 from hil_bridge.control.checks import require_above_zero
 from hil_bridge.control.types import POSITION_STEP_MM, Measurement
+from protocol.marks import SettingError
 
 _SLOPE_GAIN = 0.3
 """Share of a newly seen slope that is believed. Chosen: a position off by one step is a third of it."""
@@ -62,9 +63,9 @@ class Pairing:
             "stiffness_max",
         )
         if self.forgetting > 1:
-            raise ValueError(f"forgetting must be at most 1, got {self.forgetting}")
+            raise SettingError("forgetting", f"must be at most 1, got {self.forgetting}")
         if self.stiffness_min >= self.stiffness_max:
-            raise ValueError("stiffness_min must be below stiffness_max")
+            raise SettingError("stiffness_min", "must be below stiffness_max")
 
     @property
     def step_variance(self) -> float:

@@ -18,7 +18,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from hil_bridge.control.checks import FORBID_EXTRA, require_above_zero
+from hil_bridge.control.checks import FORBID_EXTRA, require_above_zero, require_shares_and_slope
 from hil_bridge.control.course.contour import PACE_S
 from hil_bridge.control.words.paths import Place
 from protocol.geometry import Vector
@@ -113,14 +113,13 @@ class Facing:
             "uncertain_deg",
             "moment_noise_nm",
         )
-        if max(self.learning_share, self.smoothing_share) > 1.0 or self.steepest_deg >= 90.0:
-            raise ValueError("learning_share and smoothing_share must be at most 1, steepest_deg below 90")
+        require_shares_and_slope(self)
 
     def after(self, state: FacingState, look: Look, stiffness_nm_rad: float) -> FacingState:
         """State after one sample in contact. Samples are averaged to a reading each `PACE_S`. `stiffness_nm_rad` is
         the moment per skew angle of the tool's face.
         """
-        state = _turned(state, look)
+        state = _turn_corner(state, look)
         if state.blind > 0.0:
             return replace(state, blind=state.blind - look.dt, waited=0.0, count=0, sums=_NO_SUMS)
         values = (*look.force, *(look.skew or (0.0, 0.0)))
@@ -221,7 +220,7 @@ class Facing:
         return told
 
 
-def _turned(state: FacingState, look: Look) -> FacingState:
+def _turn_corner(state: FacingState, look: Look) -> FacingState:
     """State on the heading of this sample: behind a corner the points of the path begin anew."""
     if look.heading == state.heading or look.heading == (0.0, 0.0):
         return state

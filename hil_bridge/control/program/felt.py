@@ -40,7 +40,7 @@ def lateral_of(force: Vector, fall: Place) -> float:
     return math.hypot(force[0] - pressed * a, force[1] - pressed * t, force[2] - pressed * b)
 
 
-def zeroed(felt: Felt, course: CourseState, frame: WorkFrame) -> Felt:
+def subtract_zero(felt: Felt, course: CourseState, frame: WorkFrame) -> Felt:
     """The sample from the program's zero."""
     quaternion = felt.quaternion or course.home
     if quaternion is None or len(felt.wrench) != 6:
@@ -52,7 +52,7 @@ def zeroed(felt: Felt, course: CourseState, frame: WorkFrame) -> Felt:
     return felt._replace(force=force, wrench=wrench)
 
 
-def skewed(frame: WorkFrame, face: Face, felt: Felt, per_angle: float) -> tuple[Vector, Place | None]:
+def measure_skew(frame: WorkFrame, face: Face, felt: Felt, per_angle: float) -> tuple[Vector, Place | None]:
     """The tool's axis, and how its face's moments say that it must tip, in the task frame."""
     if felt.quaternion is None or not per_angle or len(felt.wrench) != 6:
         return (1.0, 0.0, 0.0), None

@@ -35,8 +35,8 @@ _NEAR_MM = 0.01
 class Leg:
     """One step, in one pass."""
 
-    label: str
-    """Its number as a person counts, and its word: "3 (track)"."""
+    number: str
+    """As a person counts: "3", or "3.1" within a repeat."""
     step: Any
     """Its settings."""
     stroke: Task
@@ -57,6 +57,11 @@ class Leg:
     """Number of the repeat that it belongs to, as a person counts; 0 for none."""
     turn: int = 0
     """Its pass in that repeat, from 1; 0 for none."""
+
+    @property
+    def label(self) -> str:
+        """Its number and its word: "3 (track)"."""
+        return _label(self.number, self.step, self.turn)
 
     def reference(self, travel: float) -> float:
         """Wanted force at this length of the way, m; N."""
@@ -96,17 +101,17 @@ def legs_of(
     places: list[Place | None] = []
     place: Place | None = None if origin_known else (0.0, 0.0)
     presses, back_mm = False, 0.0
-    for label, step, more in _flat(steps):
+    for number, step, more in _flat(steps):
         if len(legs) >= LEGS_MAX:
             raise StepError(f"more than {LEGS_MAX} steps, with the passes of a repeat")
         try:
             _check(step, presses, limits, speed_mm_s)
-            leg = _leg(label, step, task, limits, place)
+            leg = _leg(number, step, task, limits, place)
         except ValueError as error:
-            raise StepError(str(error), label) from error
+            raise StepError(str(error), _label(number, step, more.get("turn", 0))) from error
         if isinstance(step, Approach) and step.at_most_mm is None:
             leg = _reaching(leg, back_mm)
-        back_mm = _backed(leg, back_mm)
+        back_mm = _measure_back(leg, back_mm)
         leg = replace(leg, **more)
         legs.append(leg)
         places.append(place)
@@ -124,7 +129,7 @@ def _reaching(leg: Leg, back_mm: float) -> Leg:
     return replace(leg, stroke=replace(leg.stroke, parameters=deeper))
 
 
-def _backed(leg: Leg, back_mm: float) -> float:
+def _measure_back(leg: Leg, back_mm: float) -> float:
     """How far the tool has come back from the surface behind this leg, at most, mm."""
     parameters = leg.stroke.parameters
     match leg.step:
@@ -137,11 +142,11 @@ def _backed(leg: Leg, back_mm: float) -> float:
 
 
 def _flat(steps: tuple[Step, ...]) -> Iterator[tuple[str, Any, dict[str, Any]]]:
-    """Each step of each pass with its label, and what a leg must know of its repeat."""
+    """Each step of each pass with its number, and what a leg must know of its repeat."""
     count = 0
     for number, step in enumerate(steps, 1):
         if not isinstance(step, Repeat):
-            yield f"{number} ({step.do})", step, {}
+            yield f"{number}", step, {}
             count += 1
             continue
         inner = len(step.step)
@@ -157,11 +162,15 @@ def _flat(steps: tuple[Step, ...]) -> Iterator[tuple[str, Any, dict[str, Any]]]:
                     "repeat": number,
                     "turn": turn + 1,
                 }
-                yield f"{number}.{place + 1} ({one.do}, pass {turn + 1})", one, more
+                yield f"{number}.{place + 1}", one, more
                 count += 1
 
 
-def _leg(label: str, step: Any, task: Task, limits: Limits, place: Place | None) -> Leg:
+def _label(number: str, step: Any, turn: int) -> str:
+    return f"{number} ({step.do}{(turn and f', pass {turn}') or ''})"
+
+
+def _leg(number: str, step: Any, task: Task, limits: Limits, place: Place | None) -> Leg:
     way = None
     if isinstance(step, Track):
         corners = step.path.corners(place)
@@ -178,7 +187,7 @@ def _leg(label: str, step: Any, task: Task, limits: Limits, place: Place | None)
         raise ValueError(
             f"force_n ends at {end:g} mm, but the path is {length:.1f} mm long: give the force of its end"
         )
-    tight = _tightened(limits, step.limits)
+    tight = _tighten(limits, step.limits)
     controls = isinstance(step, (Track, Hold)) or getattr(step, "until", "") == "edge"
     for newton in (force for _, force in profile if controls):
         if newton <= parameters.contact_threshold_n:
@@ -191,7 +200,7 @@ def _leg(label: str, step: Any, task: Task, limits: Limits, place: Place | None)
                 f"force_n of {newton:g} N must be below its force limit of {tight.force_limit_n:g} N"
             )
     stroke = replace(task, parameters=parameters, force_limit_n=tight.force_limit_n)
-    return Leg(label, step, stroke, tight, profile, way)
+    return Leg(number, step, stroke, tight, profile, way)
 
 
 def _parameters(task: TaskParameters, step: Any, way: Way | None) -> TaskParameters:
@@ -229,7 +238,7 @@ def _parameters(task: TaskParameters, step: Any, way: Way | None) -> TaskParamet
     return replace(task, **changes)
 
 
-def _tightened(limits: Limits, own: StepLimits) -> Limits:
+def _tighten(limits: Limits, own: StepLimits) -> Limits:
     changes = {}
     for name in own.__slots__:
         value = getattr(own, name)

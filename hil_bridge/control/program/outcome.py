@@ -18,7 +18,7 @@ def added(found: tuple[Vector, int], place: Vector) -> tuple[Vector, int]:
     return (x + place[0], y + place[1], z + place[2]), count + 1
 
 
-def counted(
+def count_sample(
     course: CourseState, leg: Leg, before: TaskState, after: TaskState, measurement: Measurement
 ) -> CourseState:
     """The sums over a leg, with one more sample."""

@@ -20,10 +20,10 @@ from hil_bridge.control.program import free_steps
 from hil_bridge.control.program.across import beside
 from hil_bridge.control.program.facing import Facing, Look, elsewhere, inward
 from hil_bridge.control.program.feed import STUCK_S, feed_of, progress, yielding
-from hil_bridge.control.program.felt import Face, WorkFrame, lateral_of, skewed, zeroed
+from hil_bridge.control.program.felt import Face, WorkFrame, lateral_of, measure_skew, subtract_zero
 from hil_bridge.control.program.legs import Leg, Row
-from hil_bridge.control.program.orienting import heading_of, turned
-from hil_bridge.control.program.outcome import added, counted, cut
+from hil_bridge.control.program.orienting import heading_of, turn_tool
+from hil_bridge.control.program.outcome import added, count_sample, cut
 from hil_bridge.control.program.outcome import done as outcome_of
 from hil_bridge.control.program.state import CourseState, Felt, Tally
 from hil_bridge.control.types import Controller, Measurement
@@ -112,11 +112,11 @@ class Program:
         """
         course = state.course
         if course.start is None:
-            course = self._started(felt)
+            course = self._start(felt)
             state = replace(state, course=course)
         leg = self.row.legs[course.leg]
         if course.zero:
-            felt = zeroed(felt, course, self.frame)
+            felt = subtract_zero(felt, course, self.frame)
             change = felt.force[0] - measurement.force
             paired = measurement.paired_force
             measurement = replace(
@@ -134,7 +134,7 @@ class Program:
             return state, measurement, felt
         return *self._along_normal(state, leg, measurement, felt), felt
 
-    def _started(self, felt: Felt) -> CourseState:
+    def _start(self, felt: Felt) -> CourseState:
         """State at the first sample."""
         frame = self.frame
         x, y = 0.0, 0.0
@@ -166,7 +166,7 @@ class Program:
                 measurement.position - measurement.force_at_position / max(stiffness, 1.0),
                 felt.force,
                 heading if slides else (0.0, 0.0),
-                *skewed(self.frame, self.face, felt, per_angle),
+                *measure_skew(self.frame, self.face, felt, per_angle),
             )
             course = replace(course, facing=self.facing.after(course.facing, look, per_angle or 1.0))
             state = replace(state, course=course)
@@ -194,14 +194,14 @@ class Program:
             return state, self.hold(state, measurement)
         while not state.reason and state.phase is not _END:
             if state.course.began is None:
-                state = self._begun(state, felt)
+                state = self._begin(state, felt)
             leg = self.row.legs[state.course.leg]
             if self._over(state, leg, measurement, felt):
                 state = self._next(state, leg, felt)
                 continue
-            state, output, done = self._taken(state, leg, measurement, felt)
+            state, output, done = self._take(state, leg, measurement, felt)
             if not state.reason:
-                course = turned(state.course, leg, self.frame, self.facing, measurement.dt)
+                course = turn_tool(state.course, leg, self.frame, self.facing, measurement.dt)
                 state = replace(state, course=course)
             output = self._output(state, output)
             if state.reason:
@@ -229,7 +229,7 @@ class Program:
             output = replace(output, in_contact=True)
         return state, self._output(state, output)
 
-    def _begun(self, state: TaskState, felt: Felt) -> TaskState:
+    def _begin(self, state: TaskState, felt: Felt) -> TaskState:
         """State at the first sample of a leg."""
         course, leg = state.course, self.row.legs[state.course.leg]
         presses = state.phase is _TRACK
@@ -280,13 +280,13 @@ class Program:
         for_s = getattr(step, "for_s", None)
         return for_s is not None and felt.now - course.began >= for_s
 
-    def _taken(
+    def _take(
         self, state: TaskState, leg: Leg, measurement: Measurement, felt: Felt
     ) -> tuple[TaskState, TaskOutput, bool]:
         """One sample of a leg: state, answer, and whether the leg ends with it."""
         step = leg.step
         if state.phase is _TRACK or (state.phase is _APPROACH and step.do != "approach"):
-            return self._pressed(state, leg, measurement, felt)
+            return self._press(state, leg, measurement, felt)
         match step:
             case Move():
                 taken = free_steps.move(leg, state, measurement, felt)
@@ -300,7 +300,7 @@ class Program:
                     state = replace(state, course=yielding(state.course, felt.force, way))
                 state, output = leg.stroke.step(state, measurement)
                 if state.failed:
-                    state = self._told(state, leg)
+                    state = self._label_failure(state, leg)
                     output = replace(output, reason=state.reason)
                 ended = state.phase is _END
                 if ended:
@@ -312,7 +312,7 @@ class Program:
         phase = _PHASES[step.do]
         return state, TaskOutput(phase, Target(depth, 0.0), state.in_contact, losses=state.losses), done
 
-    def _pressed(
+    def _press(
         self, state: TaskState, leg: Leg, measurement: Measurement, felt: Felt
     ) -> tuple[TaskState, TaskOutput, bool]:
         """One sample of a leg that presses."""
@@ -359,7 +359,7 @@ class Program:
             (x, y), (h, k) = way.at(local), way.headings[way.piece(local)]
             at = course.origin[0] + x - course.aside * k, course.origin[1] + y + course.aside * h
         raised = ground + _rise(fall, course.at, at)
-        course = counted(
+        course = count_sample(
             replace(course, at=at, ground=raised, local=local if way else 0.0),
             leg,
             before,
@@ -373,12 +373,19 @@ class Program:
         state = replace(state, course=course, stiffness=stiffness)
         depth = output.target.depth + raised
         output = replace(
-            output, target=Target(depth, 0.0), reference=reference, command=_raised(output.command, raised)
+            output,
+            target=Target(depth, 0.0),
+            reference=reference,
+            command=_shift_answer(output.command, raised),
         )
         if isinstance(step, Seek):
             return self._edge((before, state), leg, output, measurement, felt)
         if state.phase is _RETRACT:  # the task has given up
-            state = self._told(state, leg) if state.failed else replace(state, phase=Phase.TRACK, reason=None)
+            state = (
+                self._label_failure(state, leg)
+                if state.failed
+                else replace(state, phase=Phase.TRACK, reason=None)
+            )
             output = replace(output, reason=state.reason, failed=state.failed)
         return state, output, way is not None and local >= way.length - _ROUNDING
 
@@ -410,7 +417,7 @@ class Program:
             output = replace(output, phase=Phase.TRACK, target=target, reason=None, failed=False)
         return state, output, lost
 
-    def _told(self, state: TaskState, leg: Leg) -> TaskState:
+    def _label_failure(self, state: TaskState, leg: Leg) -> TaskState:
         """The task's failure with the step's number."""
         return replace(state, reason=None if state.reason is None else state.reason.in_step(leg.label))
 
@@ -487,6 +494,6 @@ def _leftwards(leg: Leg, state: TaskState, felt: Felt) -> tuple[float, float]:
     return h * felt.force[2] - k * felt.force[1], h * dy - k * dx
 
 
-def _raised(command: Any, ground: float) -> Any:
+def _shift_answer(command: Any, ground: float) -> Any:
     """A controller's answer in depths from the start point."""
     return command if command is None or not ground else replace(command, position=command.position + ground)

@@ -15,7 +15,7 @@ FIRST = 3
 """Legs that come before the step that was cut: move, zero, approach."""
 
 
-def resumed(row: Row, point: ResumePoint, task: Task) -> Row:
+def resume_row(row: Row, point: ResumePoint, task: Task) -> Row:
     """The rest of a program: over to the place, a zero, an approach, and on. Raises ConfigError for a point that is no
     part of it.
     """
@@ -26,14 +26,14 @@ def resumed(row: Row, point: ResumePoint, task: Task) -> Row:
     first = row.legs[point.leg]
     presses = first.step.do in ("track", "hold") or getattr(first.step, "until", "") == "edge"
     head = [
-        _leg("resume (move)", Move(to_mm=point.place_mm), first, task),
-        _leg("resume (zero)", Zero(), first, task),
+        _leg(Move(to_mm=point.place_mm), first, task),
+        _leg(Zero(), first, task),
     ]
     if presses:
         before = next((leg for leg in row.legs[point.leg :: -1] if leg.step.do == "approach"), None)
-        head.append(_leg("resume (approach)", Approach(), first, task) if before is None else before)
+        head.append(_leg(Approach(), first, task) if before is None else before)
     else:  # a zero more: the places of the rest stay the same
-        head.append(_leg("resume (zero)", Zero(), first, task))
+        head.append(_leg(Zero(), first, task))
     head = [replace(leg, leave_to=None, first_of_repeat=False) for leg in head]
     shift = FIRST - point.leg
     rest = [
@@ -46,8 +46,8 @@ def resumed(row: Row, point: ResumePoint, task: Task) -> Row:
     )
 
 
-def _leg(label: str, step: object, like: Leg, task: Task) -> Leg:
-    return Leg(label, step, task, like.limits, ((0.0, task.parameters.force_n),))
+def _leg(step: object, like: Leg, task: Task) -> Leg:
+    return Leg("resume", step, task, like.limits, ((0.0, task.parameters.force_n),))
 
 
 def _cut(leg: Leg, point: ResumePoint) -> Leg:

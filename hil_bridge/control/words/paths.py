@@ -12,7 +12,8 @@ from typing import Annotated, ClassVar, Literal, TypeAlias
 
 from pydantic import Discriminator
 
-from hil_bridge.control.checks import FORBID_EXTRA, SettingError, require_above_zero
+from hil_bridge.control.checks import FORBID_EXTRA, require_above_zero
+from protocol.marks import SettingError
 
 Place: TypeAlias = tuple[float, float]
 """x and y in the work frame's plane; mm in settings, m elsewhere."""

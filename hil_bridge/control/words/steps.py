@@ -11,9 +11,10 @@ from typing import Annotated, ClassVar, Literal, TypeAlias
 
 from pydantic import Discriminator
 
-from hil_bridge.control.checks import FORBID_EXTRA, SettingError, require_above_zero, require_not_negative
+from hil_bridge.control.checks import FORBID_EXTRA, require_above_zero, require_not_negative
 from hil_bridge.control.words.paths import Path, Place, check_finite
 from protocol.geometry import Quaternion, Vector
+from protocol.marks import SettingError
 
 Orientation: TypeAlias = Literal["fixed", "along-path", "normal"]
 """fixed: as at the start. along-path: turned about the approach so that it looks along the path as at its begin.

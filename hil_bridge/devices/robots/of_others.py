@@ -49,29 +49,29 @@ class _OfOthers:
 
     def __getattr__(self, attribute: str) -> Any:
         """The attribute of the thing. A method is one that raises BridgeErrors alone, and what cancels the task."""
-        with self._told(attribute):
+        with self._translating(attribute):
             value = getattr(self._thing, attribute)
             kinds = _TOLD.get(attribute)
             if kinds is not None and not isinstance(value, kinds):
                 raise WrongAnswer(self._thing, attribute, value, kinds[0].__name__)
         if attribute in _AWAITED:
-            value = self._awaited(attribute, value)
+            value = self._await(attribute, value)
         elif inspect.isroutine(value):
-            value = self._called(attribute, value)
+            value = self._call(attribute, value)
         else:
             return value
         self.__dict__[attribute] = value
         return value
 
     def __setattr__(self, attribute: str, value: Any) -> None:
-        with self._told(attribute):
+        with self._translating(attribute):
             setattr(self._thing, attribute, value)
 
-    def _awaited(self, attribute: str, method: Any) -> Any:
+    def _await(self, attribute: str, method: Any) -> Any:
         kind = _AWAITED[attribute]
 
         async def ask(*values: Any, **options: Any) -> Any:
-            with self._told(attribute):
+            with self._translating(attribute):
                 answer = method(*values, **options)
                 if inspect.isawaitable(answer):
                     answer = await answer
@@ -83,15 +83,15 @@ class _OfOthers:
 
         return ask
 
-    def _called(self, attribute: str, method: Any) -> Any:
+    def _call(self, attribute: str, method: Any) -> Any:
         def call(*values: Any, **options: Any) -> Any:
-            with self._told(attribute):
+            with self._translating(attribute):
                 return method(*values, **options)
 
         return call
 
     @contextmanager
-    def _told(self, attribute: str) -> Iterator[None]:
+    def _translating(self, attribute: str) -> Iterator[None]:
         """Raises BridgeError alone, what cancels the task, and AttributeError for what the thing does not have."""
         try:
             yield
@@ -139,7 +139,7 @@ class _MotionOfOthers(_OfOthers):
 
     def __init__(self, motion: Motion, name: str, limits: MotionLimits, clock: Clock) -> None:
         super().__init__(motion, name)
-        ask, gate = self._awaited("to", motion.to), Gate(limits.bounds or Bounds(), clock.now())
+        ask, gate = self._await("to", motion.to), Gate(limits.bounds or Bounds(), clock.now())
 
         async def to(target: Pose, *, soon: bool = False) -> Sent:
             """As of the movement. Raises GateStop for a target that the last gate stops."""

@@ -5,12 +5,14 @@ import statistics
 from collections.abc import Iterator
 from typing import NamedTuple, TypeAlias
 
-from hil_bridge.lab.campaign.criteria import Figures
+from hil_bridge.lab.campaign.criteria import Figures, figure_text
 from hil_bridge.lab.campaign.store import Done, Store
 from hil_bridge.record.analysis.figures import JUDGED
 
 LINES = 50
 """Most runs that are told one by one. Chosen: a screen or two."""
+_NOTHING = "nothing"
+"""Word for a figure that a run did not show."""
 _Name: TypeAlias = tuple[str, str, str, int]
 """Cell, fault, phase and seed of a run, in words."""
 
@@ -29,10 +31,10 @@ def differences(before: Figures, after: Figures) -> Iterator[str]:
     for name in JUDGED:
         old, new = before.get(name), after.get(name)
         if old != new:
-            yield f"{name} {_told(old)} → {_told(new)}"
+            yield f"{name} {figure_text(old) or _NOTHING} → {figure_text(new) or _NOTHING}"
 
 
-def compared(first: Store, second: Store) -> Compared:
+def compare_campaigns(first: Store, second: Store) -> Compared:
     """Runs of the same cell, fault, phase and seed."""
     old, new = _by_name(first), _by_name(second)
     common = [name for name in old if name in new]
@@ -77,7 +79,3 @@ def _shifts(old: list[Done], new: list[Done]) -> Iterator[str]:
         if moved and all(map(math.isfinite, moved)):
             median = statistics.median(moved)
             yield f"{name}: moved in {len(moved)} runs, {min(moved):+.4g} … {max(moved):+.4g}, median {median:+.4g}"
-
-
-def _told(value: object) -> str:
-    return "nothing" if value is None else f"{value:.6g}" if type(value) is float else str(value)

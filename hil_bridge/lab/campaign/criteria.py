@@ -7,8 +7,10 @@ from typing import Any, TypeAlias
 
 from hil_bridge.record.analysis.figures import JUDGED
 
-Figure: TypeAlias = int | float | bool | str | None
-"""A number in the unit of its name, an answer, or a word; None where the run did not show it."""
+Figure: TypeAlias = int | float | bool | str | dict[str, str] | None
+"""A number in the unit of its name, an answer, a word, or words by the name of a promise; None where the run did not
+show it.
+"""
 Figures: TypeAlias = Mapping[str, Figure]
 
 OUTCOMES = ("completed", "stopped", "interrupted", "refused", "error")
@@ -68,7 +70,20 @@ class Criterion:
                 return f"{self.figure} {other}"
 
 
-def failed(criteria: Sequence[Criterion], figures: Figures) -> list[str]:
+def figure_text(figure: Figure) -> str:
+    """A figure in words; empty where there is none."""
+    match figure:
+        case None:
+            return ""
+        case dict():
+            return "; ".join(f"{name}: {words}" for name, words in figure.items())
+        case float():
+            return f"{figure:.6g}"
+        case _:
+            return str(figure)
+
+
+def find_unmet(criteria: Sequence[Criterion], figures: Figures) -> list[str]:
     """Criteria that a run did not meet, in words. A bug fails every run."""
     broken = ["no bug"] if figures.get("outcome") == "error" else []
     return broken + [criterion.text for criterion in criteria if criterion.judge(figures) is False]

@@ -49,7 +49,7 @@ class Tried(NamedTuple):
     """Settings of which it can have none or not all of a range, and a plan without a fault for it, in words."""
 
 
-def tried(draw: Draw, config: str) -> Tried:
+def try_options(draw: Draw, config: str) -> Tried:
     """Every option of each setting, and the ends of each range, in a cell."""
     impossible: list[tuple[str, int]] = []
     problems: list[str] = []
@@ -79,7 +79,7 @@ def _refusal(config: str, values: Mapping[str, Any]) -> str:
         if not can_hold(one, (x * 1e-3, y * 1e-3, z * 1e-3)):
             return "cell.start_quaternion: the robot cannot hold its tool so at the start"
     except BridgeError as error:
-        return str(error).removeprefix("configuration: ")
+        return error.without_source
     return ""
 
 

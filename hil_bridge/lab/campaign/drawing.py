@@ -120,7 +120,7 @@ def numbers_of(seed: str, count: int) -> list[float]:
     return [draw.random() for _ in range(count)]
 
 
-def drawn(
+def draw_values(
     draw: Draw, cell: str, config: str, numbers: Numbers, given: Sequence[Mapping[str, Any]] = ()
 ) -> str:
     """The values laid over a cell's configuration (JSON) for these numbers: settings and faults, as JSON. The faults

@@ -41,7 +41,7 @@ Advance = Callable[[int, int], object]
 """Told how many runs have ended since, and how many of them broke a promise."""
 
 
-def hunted(plan: Plan, voided: bool = False) -> Plan:
+def plan_hunt(plan: Plan, voided: bool = False) -> Plan:
     """The plan of a hunt over the draws of a campaign. `voided` hunts also where faults void the bound.
 
     Raises ConfigError for a plan without draws.

@@ -1,15 +1,13 @@
 """One run of a campaign: simulated, measured, judged."""
 
-import asyncio
 import math
 import time
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from hil_bridge.api import BridgeError, Config, Result, Simulation, run_virtual, simulation
 from hil_bridge.errors import ConfigError
-from hil_bridge.lab.campaign.criteria import Criterion, Figure, failed
+from hil_bridge.lab.campaign.criteria import Criterion, Figure, find_unmet
 from hil_bridge.lab.campaign.overlay import config_with
 from hil_bridge.lab.campaign.store import Done
 from hil_bridge.lab.campaign.watching import Watch, recovery_s
@@ -19,10 +17,11 @@ from hil_bridge.lab.invariants import (
     Trace,
     broken_promises,
     stated_bound_n,
-    violation_text,
+    violation_words,
     void_reasons,
 )
 from hil_bridge.record.analysis.summary import summarise
+from hil_bridge.runs.beside import going_on
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,13 +59,13 @@ def carry_out(job: Job, criteria: tuple[Criterion, ...], folder: Path | None) ->
     """Do a run and judge it. A failing one leaves its recording in `folder`, if there is one."""
     began = time.perf_counter()
     try:
-        ran = run(configured(job))
+        ran = run(configure_run(job))
     except ConfigError as error:  # settings that were drawn together and do not fit each other
         ran = Ran({"outcome": "refused", "retracted": True}, str(error))
     except Exception as error:  # a bug is a result too, and no reason to lose the other runs
         lines = str(error).splitlines() or [""]
         ran = Ran({"outcome": "error"}, f"{type(error).__name__}: {lines[0]}")
-    broken = failed(criteria, ran.figures)
+    broken = find_unmet(criteria, ran.figures)
     name = ""
     if broken and folder is not None and ran.result is not None:
         name = f"{job.key}.mcap"
@@ -79,7 +78,7 @@ def carry_out(job: Job, criteria: tuple[Criterion, ...], folder: Path | None) ->
     )
 
 
-def configured(job: Job) -> Config:
+def configure_run(job: Job) -> Config:
     """The configuration of a run, with its fault and its seed."""
     return config_with(job.config, job.table, job.seed)
 
@@ -93,13 +92,10 @@ def run(config: Config) -> Ran:
             async with simulation(config) as running:
                 seen.simulation = running
                 watch = seen.watch = Watch(running)
-                watching = asyncio.get_running_loop().create_task(watch.watch())
                 try:
-                    await running.finished()
+                    async with going_on(watch.watch(), "watch"):
+                        await running.finished()
                 finally:
-                    watching.cancel()
-                    with suppress(asyncio.CancelledError):
-                        await watching
                     watch.look()
         except BridgeError as error:  # a device refused before the movement began
             seen.error = error
@@ -108,10 +104,10 @@ def run(config: Config) -> Ran:
     if seen.simulation is None:
         assert seen.error is not None
         return Ran({"outcome": "refused", "retracted": True}, str(seen.error))
-    return _measured(seen, seen.simulation)
+    return _measure(seen, seen.simulation)
 
 
-def _measured(seen: _Seen, running: Simulation) -> Ran:
+def _measure(seen: _Seen, running: Simulation) -> Ran:
     result = running.result
     refused = seen.error is not None
     figures: dict[str, Figure] = {
@@ -143,7 +139,10 @@ def _promises(running: Simulation, watch: Watch) -> dict[str, Figure]:
     violations = broken_promises(evidence)
     figures: dict[str, Figure] = {"promises_broken": len(violations)}
     if violations:
-        figures["promises"] = "; ".join(map(violation_text, violations))
+        broken: dict[str, list[str]] = {}
+        for violation in violations:
+            broken.setdefault(str(violation.promise), []).append(violation_words(violation))
+        figures["promises"] = {name: "; ".join(words) for name, words in broken.items()}
     bound_n = stated_bound_n(evidence)
     if math.isfinite(bound_n):
         figures["force_bound_n"] = bound_n

@@ -57,7 +57,7 @@ class Results:
         if state.version == self._version:
             return None
         state.version = self._version
-        return self._told()
+        return self._values()
 
     def _look(self) -> None:
         try:
@@ -101,7 +101,7 @@ class Results:
             "wall_s": done.wall_s,
         }
 
-    def _told(self) -> dict[str, Any]:
+    def _values(self) -> dict[str, Any]:
         cases = [
             {
                 "cell": case.cell,

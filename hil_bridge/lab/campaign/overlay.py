@@ -33,9 +33,8 @@ def with_lie(config: Config, fault: dict[str, Any]) -> Config:
     config = Setup(config).config
     chosen = config.controller
     honest: Any = make_controller(chosen.name, **chosen.parameters)
-    name = f"{CONTROLLER}: {fault['fault']}"
     given = dict(fault.get("with", {}))
-    values, _ = CONTROLLER_FAULTS[fault["fault"]].values(name, given)
+    values, _ = CONTROLLER_FAULTS[fault["fault"]].values(fault["fault"], given, CONTROLLER)
     numbers = {key: float(value) for key, value in values.items()}
     sample_ms = chosen.sample_ms if chosen.sample_ms is not None else honest.sample_ms
     lasts = fault.get("for_s", math.inf)

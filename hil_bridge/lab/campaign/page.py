@@ -8,6 +8,7 @@ from html import escape
 
 from hil_bridge.devices.kinds import EmulatedKinds
 from hil_bridge.errors import BridgeError, ConfigError
+from hil_bridge.lab.campaign.criteria import figure_text
 from hil_bridge.lab.campaign.pictures import distributions, drawn_faults, injections, matrix
 from hil_bridge.lab.campaign.plan import Plan
 from hil_bridge.lab.campaign.store import Done, Store
@@ -27,7 +28,7 @@ def page(store: Store) -> str:
     """The page as HTML, of what is kept so far."""
     plan, runs = store.plan(), list(store.runs())
     bad = sum(not run.passed for run in runs)
-    hunted = _hunted(store, plan)
+    hunted = _render_hunt(store, plan)
     of_all = "" if hunted else f" of {plan.count}"
     lead = f"{len(runs)}{of_all} runs done: {len(runs) - bad} passed, {bad} failed."
     body = f"""<h1>Campaign {escape(plan.name)}</h1>
@@ -40,7 +41,7 @@ def page(store: Store) -> str:
 <p class="quiet">Number of runs where all passed; else how many passed, of how many. A dot is a fault that the cell
 cannot have, a question mark a case without a run.</p>
 {matrix(plan, runs)}
-{_injected(plan, runs)}
+{_render_injections(plan, runs)}
 <h2>How runs ended</h2>{_endings(runs)}
 <h2>Distribution of the figures</h2>{distributions(plan.criteria, runs)}
 <h2>Never exercised</h2>{_never(plan, runs)}"""
@@ -125,20 +126,20 @@ def _failing(store: Store, plan: Plan, run: Done) -> str:
     return (
         f"<article><p><strong>Not met: {escape('; '.join(run.failed))}</strong><br>"
         f"{escape(case.cell)}; {escape(faults_of_run(case, run))}; seed {run.seed}</p>"
-        f"{_drawn(run)}"
+        f"{_render_drawn(run)}"
         f"<p>{prose(_why(store, run) or ended)}</p>"
         f'<p class="quiet">Largest true force {_force(run):.1f} N. Repeat it with {_command(store, run.key)}</p>'
         "</article>"
     )
 
 
-def _drawn(run: Done) -> str:
+def _render_drawn(run: Done) -> str:
     """Promises that the run broke, and the settings that were drawn for it."""
-    parts = [str(run.figures.get("promises") or ""), settings_of_run(run)]
+    parts = [figure_text(run.figures.get("promises")), settings_of_run(run)]
     return "".join(f'<p class="quiet">{escape(part)}</p>' for part in parts if part)
 
 
-def _hunted(store: Store, plan: Plan) -> str:
+def _render_hunt(store: Store, plan: Plan) -> str:
     """The worst run that a hunt met, and the same made small; empty for a campaign."""
     parts = []
     for fact, label in (("worst", "The worst run"), ("smallest", "The same with the fewest faults")):
@@ -152,13 +153,12 @@ def _why(store: Store, run: Done) -> str:
     """How the run ended, from the recording that it left; empty where that is not there any more."""
     place = store.folder / run.recording
     try:
-        text = why(read(place)) if run.recording else ""
+        return why(read(place), f"{store.folder.name}/{run.recording}") if run.recording else ""
     except BridgeError:
         return ""
-    return text.replace("monitor FILE`", f"monitor {store.folder.name}/{run.recording}`")
 
 
-def _injected(plan: Plan, runs: Sequence[Done]) -> str:
+def _render_injections(plan: Plan, runs: Sequence[Done]) -> str:
     """Which fault came in which phase, and in how many runs; empty where no faults are drawn."""
     if plan.draw is None or not plan.draw.most:
         return ""
@@ -231,6 +231,6 @@ def _not_planned(plan: Plan) -> Mapping[str, list[str]]:
         (table.get("on"), table.get("fault")) for case in plan.cases for table in [json.loads(case.table)]
     }
     if plan.draw is not None and plan.draw.most:
-        planned |= {(on, fault) for on, _, fault in (name.partition(": ") for name in drawn_faults(plan))}
+        planned |= set(drawn_faults(plan))
     left = {on: [name for name in names if (on, name) not in planned] for on, names in there.items()}
     return {on: names for on, names in left.items() if names}

@@ -27,7 +27,7 @@ def matrix(plan: Plan, runs: Sequence[Done]) -> str:
     """Faults down, cells of the matrix across: how many runs of each case passed."""
     done = Counter(run.number for run in runs)
     passed = Counter(run.number for run in runs if run.passed)
-    cells = list(dict.fromkeys(case.cell for case in plan.cases))
+    cells = list(dict.fromkeys((case.cell, case.head) for case in plan.cases))
     by_fault: dict[str, dict[str, int]] = {}
     for number, case in enumerate(plan.cases):
         by_fault.setdefault(fault_of(case), {})[case.cell] = number
@@ -41,11 +41,13 @@ def matrix(plan: Plan, runs: Sequence[Done]) -> str:
             return f'<td class="pass">{done[number]}</td>'
         return f'<td class="fail">{passed[number]}/{done[number]}</td>'
 
+    apart = len({head for _, head in cells}) == len(cells)
     heads = "".join(
-        f'<th title="{escape(cell)}"><span>{escape(head)}</span></th>' for cell, head in _heads(cells)
+        f'<th title="{escape(cell)}"><span>{escape(head if apart else cell)}</span></th>'
+        for cell, head in cells
     )
     rows = "".join(
-        f"<tr><th>{escape(fault)}</th>{''.join(field(numbers.get(cell)) for cell in cells)}</tr>\n"
+        f"<tr><th>{escape(fault)}</th>{''.join(field(numbers.get(cell)) for cell, _ in cells)}</tr>\n"
         for fault, numbers in by_fault.items()
     )
     return f'<div class="scroll"><table class="matrix"><tr><th>fault and phase</th>{heads}</tr>\n{rows}</table></div>'
@@ -55,20 +57,20 @@ def injections(plan: Plan, runs: Sequence[Done]) -> tuple[str, list[str]]:
     """Faults down, phases across: in how many runs each was planned, and how many of these passed; and the names of
     the empty fields.
     """
-    done: Counter[tuple[str, str]] = Counter()
-    passed: Counter[tuple[str, str]] = Counter()
+    done: Counter[tuple[str, str, str]] = Counter()
+    passed: Counter[tuple[str, str, str]] = Counter()
     for run in runs:
         for fault in faults_of_table(run.table):
-            place = f"{fault['on']}: {fault['fault']}", fault.get("phase", "") or FIRST_PHASE
+            place = fault["on"], fault["fault"], fault.get("phase", "") or FIRST_PHASE
             done[place] += 1
             passed[place] += run.passed
     planned = drawn_faults(plan)
     phases = list(dict.fromkeys(phase for names in planned.values() for phase in names))
     rows, empty = [], []
-    for name, possible in planned.items():
-        fields = []
+    for (target, title), possible in planned.items():
+        name, fields = f"{target}: {title}", []
         for phase in phases:
-            place = name, phase
+            place = target, title, phase
             if phase not in possible:
                 fields.append('<td class="none" title="not planned">·</td>')
             elif not done[place]:
@@ -84,23 +86,17 @@ def injections(plan: Plan, runs: Sequence[Done]) -> tuple[str, list[str]]:
     return f'<div class="scroll">{table}</div>', empty
 
 
-def drawn_faults(plan: Plan) -> dict[str, list[str]]:
-    """Phases in which each fault may be drawn, by its name; over all cells."""
+def drawn_faults(plan: Plan) -> dict[tuple[str, str], list[str]]:
+    """Phases in which each fault may be drawn, by its target and its name; over all cells."""
     assert plan.draw is not None
-    planned: dict[str, list[str]] = {}
+    planned: dict[tuple[str, str], list[str]] = {}
     for config in dict.fromkeys(case.config for case in plan.cases):
         for fault in faults_of_cell(plan.draw, config):
             phases = fault.get("phase", "")
             names = phases if isinstance(phases, list) else [phases]
-            told = planned.setdefault(f"{fault['on']}: {fault['fault']}", [])
+            told = planned.setdefault((fault["on"], fault["fault"]), [])
             told += [name or FIRST_PHASE for name in names if (name or FIRST_PHASE) not in told]
     return planned
-
-
-def _heads(cells: Sequence[str]) -> list[tuple[str, str]]:
-    """Cells, each by its values alone where that tells them apart: `netft, s3` of `sensor.emulated netft, robot s3`."""
-    short = [", ".join(part.partition(" ")[2] or part for part in cell.split(", ")) for cell in cells]
-    return list(zip(cells, short if len(set(short)) == len(cells) else cells, strict=True))
 
 
 def distributions(criteria: Sequence[Criterion], runs: Sequence[Done]) -> str:

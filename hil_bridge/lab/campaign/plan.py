@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from hil_bridge.lab.campaign.criteria import Criterion
-from hil_bridge.lab.campaign.drawing import Draw, Numbers, drawn, numbers_of
+from hil_bridge.lab.campaign.drawing import Draw, Numbers, draw_values, numbers_of
 
 RUNS_LIMIT = 10_000_000
 """Most runs of a campaign. Chosen: months of a machine."""
@@ -25,7 +25,9 @@ class Case:
     """A cell of the matrix with one fault, or none: all that a run is a function of, beside its seed."""
 
     cell: str
-    """Values of the axes, in words; the same for all faults."""
+    """Values of the axes with their keys, in words; the same for all faults."""
+    head: str
+    """The values alone, for a narrow column."""
     fault: str
     """The fault in words; `none` for the case without."""
     phase: str
@@ -100,7 +102,7 @@ class Plan:
         """The same for numbers from 0 to 1, as many as the draw has dimensions."""
         assert self.draw is not None
         given = [json.loads(case.table)] if case.table != "{}" else []
-        return drawn(self.draw, case.cell, case.config, numbers, given)
+        return draw_values(self.draw, case.cell, case.config, numbers, given)
 
     def runs(self) -> Iterator[tuple[Case, int]]:
         """Every run, seed by seed, so that the first ones go over the whole matrix."""

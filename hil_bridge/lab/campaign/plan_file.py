@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 import msgspec
 
 from hil_bridge.clock import VIRTUAL_EPOCH
-from hil_bridge.errors import BridgeError, ConfigError
+from hil_bridge.errors import BridgeError, ConfigError, SettingRefused
 from hil_bridge.errors.text_files import format_path, format_value, read_toml
 from hil_bridge.lab.campaign.criteria import Criterion, problem_of
-from hil_bridge.lab.campaign.draw_file import draw_of, tried
+from hil_bridge.lab.campaign.draw_file import draw_of, try_options
 from hil_bridge.lab.campaign.drawing import DRAWN, Draw
 from hil_bridge.lab.campaign.plan import RUNS_LIMIT, Case, Plan, fault_label
 from hil_bridge.runs.checks import check
@@ -26,6 +26,8 @@ from hil_bridge.settings.given import config_of
 CASES_LIMIT = 100_000
 """Most cells of the matrix times faults. Chosen: all are checked first, a few milliseconds each."""
 _SECTIONS = ("campaign", "config")
+_ONLY_FAULT = ("faults", "0")
+"""Key of a fault that is the only one of a configuration."""
 _KEYS = (
     "name",
     "seeds",
@@ -52,6 +54,8 @@ class _Cell(NamedTuple):
     """A cell of the matrix, or one value of an axis."""
 
     label: str
+    head: str
+    """The label without its keys."""
     values: Mapping[str, Any]
     """By dotted key."""
 
@@ -154,7 +158,7 @@ class _Reading:
         told: dict[str, list[str]] = {}
         without: dict[str, tuple[tuple[str, int], ...]] = {}
         for cell, config in dict.fromkeys((case.cell, case.config) for case in cases):
-            impossible, problems = tried(draw, config)
+            impossible, problems = try_options(draw, config)
             if impossible:
                 without[cell] = impossible
             for problem in problems:
@@ -211,7 +215,7 @@ class _Reading:
         if math.prod(map(len, axes)) > CASES_LIMIT:  # before any is made: they would fill the memory
             self._wrong("campaign.matrix", f"makes more than {CASES_LIMIT} cells")
             return []
-        return [_joined(parts) for parts in itertools.product(*axes)]
+        return [_join(parts) for parts in itertools.product(*axes)]
 
     def _faults(self, campaign: Mapping[str, Any]) -> list[dict[str, Any]]:
         """Tables as in [[faults]], one for each phase; the empty one is the case without a fault."""
@@ -239,7 +243,7 @@ class _Reading:
         cases: list[Case] = []
         refusals: dict[int, list[str]] = {number: [] for number, table in enumerate(faults) if table}
         told: dict[str, list[str]] = {}
-        for label, given in cells:
+        for label, head, given in cells:
             values = deepcopy(base)
             for key, value in given.items():
                 _put(values, key, value)
@@ -248,7 +252,7 @@ class _Reading:
                 _check_emulated(config)
                 check(Setup(config), True, VIRTUAL_EPOCH)
             except BridgeError as error:
-                told.setdefault(_plain(error), []).append(label)
+                told.setdefault(error.without_source, []).append(label)
                 continue
             text = dump(config)
             for number, table in enumerate(faults):
@@ -256,7 +260,9 @@ class _Reading:
                 if table and refusal:
                     refusals[number].append(refusal)
                 row = json.dumps(table, sort_keys=True, default=str)
-                cases.append(Case(label, fault_label(table), table.get("phase", ""), text, row, refusal))
+                cases.append(
+                    Case(label, head, fault_label(table), table.get("phase", ""), text, row, refusal)
+                )
         for problem, labels in told.items():
             more = f" and {len(labels) - 1} more" if len(labels) > 1 else ""
             self._problems.append(f"{self._source}: {problem} (with {labels[0]}{more})")
@@ -269,15 +275,20 @@ class _Reading:
 def _value(key: str, value: object) -> _Cell:
     """One value of an axis; a table may tell its own label."""
     if not isinstance(value, dict):
-        return _Cell(f"{key} {value}", {key: value})
+        return _Cell(f"{key} {value}", f"{value}", {key: value})
     values = dict(_leaves(value))
     label = values.pop("label", None) or ", ".join(f"{name} {one}" for name, one in values.items())
-    return _Cell(f"{key} {label}", values)
+    return _Cell(f"{key} {label}", label, values)
 
 
-def _joined(parts: Sequence[_Cell]) -> _Cell:
-    label = ", ".join(part.label for part in parts) or "the configuration"
-    return _Cell(label, {key: value for part in parts for key, value in part.values.items()})
+def _join(parts: Sequence[_Cell]) -> _Cell:
+    plain = "the configuration"
+    label = ", ".join(part.label for part in parts) or plain
+    return _Cell(
+        label,
+        ", ".join(part.head for part in parts) or plain,
+        {key: value for part in parts for key, value in part.values.items()},
+    )
 
 
 def _refusal(config: Config, table: Mapping[str, Any]) -> str:
@@ -290,8 +301,14 @@ def _refusal(config: Config, table: Mapping[str, Any]) -> str:
         alike["cell"] = {"surface_kind": surface}
     try:  # with the same devices and no more: a thousand whole configurations take seconds
         config_of(alike, [table])
+    except SettingRefused as error:
+        return (
+            error.below(len(_ONLY_FAULT))
+            if error.key[: len(_ONLY_FAULT)] == _ONLY_FAULT
+            else error.without_source
+        )
     except ConfigError as error:
-        return _plain(error).removeprefix("faults.0").removeprefix(": ").removeprefix(".")
+        return str(error)
     return ""
 
 
@@ -299,10 +316,6 @@ def _check_emulated(config: Config) -> None:
     for key, url in (("robot.url", config.robot.url), ("sensor.url", config.sensor.url)):
         if url:
             raise ConfigError(f"{key}: a campaign runs against the emulated cell alone; leave the URL empty")
-
-
-def _plain(error: BridgeError) -> str:
-    return str(error).removeprefix("configuration: ")
 
 
 def _leaves(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:

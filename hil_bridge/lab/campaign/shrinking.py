@@ -38,7 +38,7 @@ def shrink(runner: Runner, done: Done, worth: Callable[[Done], float]) -> Done:
             return best
 
 
-def shrunk(runner: Runner, done: Done, worth: Callable[[Done], float]) -> Done:
+def shrink_bad(runner: Runner, done: Done, worth: Callable[[Done], float]) -> Done:
     """The same for a run that is bad at all, with a time of its own; any other stays as it is."""
     if not is_broken(done) and worth(done) <= 0.0:
         return done
@@ -58,7 +58,7 @@ def smaller(table: str) -> Iterator[str]:
         for less in _smaller_fault(fault):
             yield _text(settings, [*faults[:place], less, *faults[place + 1 :]])
     for key, value in settings.items():
-        for rounded in _rounded(value):
+        for rounded in _round(value):
             yield _text({**settings, key: rounded}, faults)
 
 
@@ -70,14 +70,14 @@ def _smaller_fault(fault: dict[str, Any]) -> Iterator[dict[str, Any]]:
     for key in given if len(given) > 1 else ():
         yield {**fault, "with": {name: value for name, value in given.items() if name != key}}
     for key in ("after_s", "for_s"):
-        for rounded in _rounded(fault.get(key)):
+        for rounded in _round(fault.get(key)):
             yield {**fault, key: rounded}
     for key, value in given.items():
-        for rounded in _rounded(value):
+        for rounded in _round(value):
             yield {**fault, "with": {**given, key: rounded}}
 
 
-def _rounded(value: object) -> Iterator[float]:
+def _round(value: object) -> Iterator[float]:
     """The same number with fewer digits, the fewest first."""
     if not isinstance(value, float) or value == 0.0 or not math.isfinite(value):
         return
@@ -90,7 +90,8 @@ def _rounded(value: object) -> Iterator[float]:
 
 def _promises(done: Done) -> set[str]:
     """Names of the promises that a run broke."""
-    return {part.partition(":")[0] for part in str(done.figures.get("promises", "")).split("; ")}
+    promises = done.figures.get("promises")
+    return set(promises) if isinstance(promises, dict) else set()
 
 
 def _text(settings: dict[str, Any], faults: list[dict[str, Any]]) -> str:

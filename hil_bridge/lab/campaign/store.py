@@ -19,7 +19,7 @@ from hil_bridge.lab.campaign.criteria import Criterion, Figures
 from hil_bridge.lab.campaign.drawing import Draw
 from hil_bridge.lab.campaign.plan import Case, Plan, code_version
 
-FORMAT = "hil-bridge campaign 1"
+FORMAT = "hil-bridge campaign 2"
 """Format of the file, for a later version that reads it."""
 BUSY_S = 30.0
 """Chosen: how long is waited for another process that writes."""
@@ -38,7 +38,7 @@ Row = TypeVar("Row")
 _SCHEMA = """
 CREATE TABLE facts (name TEXT PRIMARY KEY, value TEXT NOT NULL);
 CREATE TABLE cases (
-    number INTEGER PRIMARY KEY, cell TEXT NOT NULL, fault TEXT NOT NULL, phase TEXT NOT NULL,
+    number INTEGER PRIMARY KEY, cell TEXT NOT NULL, head TEXT NOT NULL, fault TEXT NOT NULL, phase TEXT NOT NULL,
     config TEXT NOT NULL, fault_table TEXT NOT NULL, impossible TEXT NOT NULL);
 CREATE TABLE runs (
     key TEXT PRIMARY KEY, number INTEGER NOT NULL REFERENCES cases (number),
@@ -147,13 +147,13 @@ class Store:
             "criteria": json.dumps([[item.figure, item.wanted] for item in plan.criteria]),
         }
         rows = [
-            (number, case.cell, case.fault, case.phase, case.config, case.table, case.impossible)
+            (number, case.cell, case.head, case.fault, case.phase, case.config, case.table, case.impossible)
             for number, case in enumerate(plan.cases)
         ]
         # One transaction: a process that is killed here leaves an empty file, not half a plan.
         self._connection.executescript("BEGIN IMMEDIATE;" + _SCHEMA)
         self._connection.executemany("INSERT INTO facts VALUES (?, ?)", facts.items())
-        self._connection.executemany("INSERT INTO cases VALUES (?, ?, ?, ?, ?, ?, ?)", rows)
+        self._connection.executemany("INSERT INTO cases VALUES (?, ?, ?, ?, ?, ?, ?, ?)", rows)
         self._connection.commit()
 
     def _check_format(self) -> None:
@@ -237,7 +237,7 @@ class Store:
 
     def plan(self) -> Plan:
         """The campaign as it was checked. Raises ConfigError."""
-        query = "SELECT cell, fault, phase, config, fault_table, impossible FROM cases ORDER BY number"
+        query = "SELECT cell, head, fault, phase, config, fault_table, impossible FROM cases ORDER BY number"
         with self._readable():
             cases = tuple(_as(Case, row) for row in self._connection.execute(query))
             for text in {case.config for case in cases}:

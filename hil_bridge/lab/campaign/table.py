@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 
+from hil_bridge.lab.campaign.criteria import Figures, figure_text
 from hil_bridge.lab.campaign.store import Store
 from hil_bridge.record.analysis.figures import JUDGED
 from hil_bridge.record.export.tables import Table, as_csv, as_parquet
@@ -40,6 +41,14 @@ def run_table(store: Store) -> Table:
             run.cause,
         )
         rows.append(
-            {**dict(zip(_COLUMNS, (*facts, run.wall_s, run.recording, code), strict=True)), **run.figures}
+            {
+                **dict(zip(_COLUMNS, (*facts, run.wall_s, run.recording, code), strict=True)),
+                **_plain(run.figures),
+            }
         )
     return Table((*_COLUMNS, *JUDGED), tuple(rows))
+
+
+def _plain(figures: Figures) -> dict[str, object]:
+    """Figures with those in words as one text."""
+    return {name: figure_text(value) if isinstance(value, dict) else value for name, value in figures.items()}

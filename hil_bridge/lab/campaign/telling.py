@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterator
 
+from hil_bridge.lab.campaign.criteria import figure_text
 from hil_bridge.lab.campaign.plan import Case, Plan, fault_label, faults_of_table
 from hil_bridge.lab.campaign.store import Done
 
@@ -36,7 +37,7 @@ def describe_run(plan: Plan, done: Done, label: str) -> Iterator[str]:
         forces = f": true force {figures['force_true_max_n']:.1f} N, bound {bound:.1f} N"
     yield f"{label}{forces}; {done.outcome}{done.cause and f', {done.cause}'}"
     if promises := figures.get("promises"):
-        yield f"  broken: {promises}"
+        yield f"  broken: {figure_text(promises)}"
     yield f"  {case.cell}; faults: {faults_of_run(case, done)}"
     if settings := settings_of_run(done):
         yield f"  {settings}"

@@ -37,16 +37,16 @@ class Verdict:
 
 def judge(scenario: str, seen: Seen, rules: Rules) -> Verdict:
     """The verdict on this evidence."""
-    skipped = _skipped(scenario, seen)
+    skipped = _explain_skip(scenario, seen)
     if skipped:
         return Verdict(Outcome.SKIPPED, skipped)
-    wrong = list(islice(_found(scenario, seen, rules), 3))
+    wrong = list(islice(_find_faults(scenario, seen, rules), 3))
     if wrong:
         return Verdict(Outcome.FAILED, "; ".join(wrong))
     return Verdict(Outcome.PASSED, _WELL[scenario](seen))
 
 
-def _skipped(scenario: str, seen: Seen) -> str:
+def _explain_skip(scenario: str, seen: Seen) -> str:
     """Why the scenario could not be played to its fault; empty where it was."""
     if scenario in (NOMINAL, REFUSED) or seen.fault_at is not None:
         return ""
@@ -57,7 +57,7 @@ def _skipped(scenario: str, seen: Seen) -> str:
     )
 
 
-def _found(scenario: str, seen: Seen, rules: Rules) -> Iterator[str]:
+def _find_faults(scenario: str, seen: Seen, rules: Rules) -> Iterator[str]:
     """All that is wrong, the gravest first."""
     yield from _OWN[scenario](seen, rules)
     if seen.own_stop and scenario not in (NOMINAL, LATE):

@@ -28,7 +28,7 @@ def read_rules(given: Sequence[str], **declared: bool) -> Rules:
         raise ConfigError(f"--set: {error}") from error
 
 
-def told_rules(rules: Rules) -> Iterator[str]:
+def describe_rules(rules: Rules) -> Iterator[str]:
     """One line a rule."""
     for item in settings(rules):
         yield f"{item.name:16} {item.value!s:>8} {item.info.unit:5} {item.info.meaning}"

@@ -94,7 +94,7 @@ class Trial:
         return {name: can_have.get(name) for name in SCENARIOS if name == NOMINAL or name in can_have}
 
 
-def chosen(trial: Trial, only: Sequence[str]) -> list[str]:
+def choose_scenarios(trial: Trial, only: Sequence[str]) -> list[str]:
     """Names of the scenarios to be played. Raises ConfigError for one that this robot does not have."""
     there = trial.mishaps
     for name in only:
@@ -127,7 +127,7 @@ async def play(name: str, trial: Trial) -> Played:
     return Played(name, judge(name, seen, trial.rules), seen, client.output, seconds, tuple(things))
 
 
-def unplayed(name: str) -> Played:
+def refuse_scenario(name: str) -> Played:
     """A scenario that makes no sense, because the client does not even move the tool."""
     verdict = Verdict(Outcome.SKIPPED, "the client does not move the tool when nothing is wrong")
     return Played(name, verdict, Seen(), "", 0.0)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from hil_bridge.clock import run_real
 from hil_bridge.lab.conform.judging import Outcome
 from hil_bridge.lab.conform.scenarios import NOMINAL
-from hil_bridge.lab.conform.stage import Played, Trial, play, unplayed
+from hil_bridge.lab.conform.stage import Played, Trial, play, refuse_scenario
 from hil_bridge.runs.compose import choose_port
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.devices import robot_at
@@ -45,7 +45,7 @@ def play_all(trial: Trial, names: Sequence[str], say: Callable[[str], None]) -> 
             and nominal.seen.moved_at is None
         )
         if stuck:
-            played.append(unplayed(name))
+            played.append(refuse_scenario(name))
             continue
         say(f"{name} …")
         played.append(run_real(lambda name=name: play(name, trial)))  # type: ignore[misc]

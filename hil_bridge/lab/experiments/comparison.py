@@ -15,7 +15,7 @@ from hil_bridge.lab.experiments.results import (
     distinct,
     figure,
     markdown,
-    rounded,
+    round_digits,
     rows_where,
     verdict,
 )
@@ -83,7 +83,7 @@ def evaluate(done: Sequence[CellJob], results: Sequence[CellTrace]) -> Findings:
             "noise": noise,
             "stiffness_n_m": int(stiffness),
             **figures([trace.merit for trace in traces]),
-            "period_ms": rounded(spread(trace.period * 1e3 for trace in traces)[0]),
+            "period_ms": round_digits(spread(trace.period * 1e3 for trace in traces)[0]),
             "completed": sum(trace.completed for trace in traces),
         }
         for (name, baudrate, noise, stiffness), traces in groups.items()
@@ -99,6 +99,9 @@ _PANELS = (
 
 def _draw(table: Sequence[Row]) -> bytes:
     names = distinct(table, "controller")
+    scheduled = {
+        name for name, (_, parameters) in variants().items() if ("gain_scheduling", True) in parameters
+    }
     with Sheet(14.0, 7.6, 2, len(CONDITIONS), sharex=True, sharey="row") as sheet:
         for at, ax in enumerate(sheet.axes):
             column, title, limits = _PANELS[at // len(CONDITIONS)]
@@ -121,7 +124,7 @@ def _draw(table: Sequence[Row]) -> bytes:
                     marker=MARKERS[index % len(MARKERS)],
                     ms=5,
                     lw=1.2,
-                    ls="--" if str(name).endswith(SCHEDULED) else "-",
+                    ls="--" if name in scheduled else "-",
                     capsize=2,
                     label=name,
                 )
@@ -185,9 +188,9 @@ def _rank(name: str, rows: Sequence[Row]) -> Row:
         "held": len(good),
         "of": len(rows),
         "held throughout, N/m": ", ".join(digits(k) for k in walls) or "none",
-        "mean RMS error, N": rounded(errors),
-        "rise at 5 000 N/m, samples": rounded(rise),
-        "overshoot at 5 000 N/m, %": rounded(overshoot),
+        "mean RMS error, N": round_digits(errors),
+        "rise at 5 000 N/m, samples": round_digits(rise),
+        "overshoot at 5 000 N/m, %": round_digits(overshoot),
     }
 
 

@@ -32,7 +32,7 @@ from hil_bridge.lab.experiments.results import (
     Row,
     digits,
     figure,
-    rounded,
+    round_digits,
     rows_where,
     verdict,
 )
@@ -150,7 +150,7 @@ def agreement(measured: float, predicted: float | None) -> tuple[float | None, s
     if predicted is None:
         return None, NONE
     ratio = measured / predicted
-    return rounded(ratio), YES if abs(ratio - 1.0) <= TOLERANCE else NO
+    return round_digits(ratio), YES if abs(ratio - 1.0) <= TOLERANCE else NO
 
 
 def evaluate(done: Sequence[Any], results: Sequence[Any]) -> Findings:
@@ -184,7 +184,9 @@ def _row(
     assert sample is not None, "every run has samples"
     rounding = _predicted_rounding(stiffness, resolution_mm * 1e-3)
     holding = _predicted_chain(job, sample)
-    rounding_n, holding_n = (rounded(cycle.peak_to_peak) if cycle else None for cycle in (rounding, holding))
+    rounding_n, holding_n = (
+        round_digits(cycle.peak_to_peak) if cycle else None for cycle in (rounding, holding)
+    )
     simulated = float(np.ptp(wall.force[-STEADY_SAMPLES:]))
     swings = [float(np.ptp(trace.force[-STEADY_SAMPLES:])) for _, trace in cells]
     swing, swing_sd = float(np.mean(swings)), float(np.std(swings))
@@ -194,19 +196,19 @@ def _row(
     return {
         "stiffness_n_m": int(stiffness),
         "resolution_mm": resolution_mm,
-        "step_force_n": rounded(stiffness * resolution_mm * 1e-3),
+        "step_force_n": round_digits(stiffness * resolution_mm * 1e-3),
         "rounding_predicted_n": rounding_n,
-        "rounding_n": rounded(simulated),
+        "rounding_n": round_digits(simulated),
         "rounding_ratio": simulated_ratio,
         "rounding_within_25_percent": simulated_within,
         "chain_predicted_n": holding_n,
-        "chain_n": rounded(swing),
-        "chain_n_sd": rounded(swing_sd),
+        "chain_n": round_digits(swing),
+        "chain_n_sd": round_digits(swing_sd),
         "chain_ratio": chain_ratio,
         "chain_within_25_percent": chain_within,
-        "chain_predicted_period_s": rounded(holding.period) if holding else None,
-        "chain_period_s": rounded(period),
-        "sample_ms": rounded(sample * 1e3),
+        "chain_predicted_period_s": round_digits(holding.period) if holding else None,
+        "chain_period_s": round_digits(period),
+        "sample_ms": round_digits(sample * 1e3),
         "seeds": len(cells),
     }
 

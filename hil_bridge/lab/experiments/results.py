@@ -77,7 +77,7 @@ def run_jobs(
         return dict(zip(todo, in_order(pool, call, todo, advance), strict=True))
 
 
-def rounded(value: float | None) -> float | None:
+def round_digits(value: float | None) -> float | None:
     """The value with the digits that a table keeps."""
     return None if value is None else float(f"{value:.{SIGNIFICANT_DIGITS}g}")
 

@@ -5,7 +5,7 @@ from dataclasses import fields
 from statistics import fmean, pstdev
 
 from hil_bridge.control import FiguresOfMerit
-from hil_bridge.lab.experiments.results import Row, rounded
+from hil_bridge.lab.experiments.results import Row, round_digits
 
 COLUMNS = tuple(field.name for field in fields(FiguresOfMerit) if field.name != "rise_s")
 """Figures that a table holds; the paper counts the rise in samples."""
@@ -25,5 +25,5 @@ def figures(merits: Sequence[FiguresOfMerit | None]) -> Row:
     row: Row = {"seeds": len(merits)}
     for column in COLUMNS:
         mean, deviation = spread(None if merit is None else getattr(merit, column) for merit in merits)
-        row[column], row[f"{column}_sd"] = rounded(mean), rounded(deviation)
+        row[column], row[f"{column}_sd"] = round_digits(mean), round_digits(deviation)
     return row

@@ -14,7 +14,7 @@ from hil_bridge.lab.experiments.results import (
     digits,
     figure,
     only_row,
-    rounded,
+    round_digits,
     verdict,
 )
 from hil_bridge.lab.experiments.statistics import figures, spread
@@ -63,11 +63,11 @@ def _row(name: str, traces: Sequence[CellTrace]) -> Row:
     return {
         "controller": name,
         **figures([trace.merit for trace in traces]),
-        "tracking_rms_n": rounded(tracking),
-        "tracking_rms_n_sd": rounded(tracking_sd),
-        "worst_error_n": rounded(worst),
-        "stiffness_estimate_n_m": rounded(estimate),
-        "period_ms": rounded(spread(trace.period * 1e3 for trace in traces)[0]),
+        "tracking_rms_n": round_digits(tracking),
+        "tracking_rms_n_sd": round_digits(tracking_sd),
+        "worst_error_n": round_digits(worst),
+        "stiffness_estimate_n_m": round_digits(estimate),
+        "period_ms": round_digits(spread(trace.period * 1e3 for trace in traces)[0]),
         "completed": sum(trace.completed for trace in traces),
     }
 
@@ -105,7 +105,9 @@ def _series(groups: dict[str, list[CellTrace]]) -> tuple[Row, ...]:
             "force_n": round(float(trace.force[k]), 4),
             "depth_mm": round(float(trace.depth[k]) * 1e3, 4),
             "travel_mm": round(float(trace.travel[k]) * 1e3, 4),
-            "stiffness_n_m": None if np.isnan(trace.stiffness[k]) else rounded(float(trace.stiffness[k])),
+            "stiffness_n_m": None
+            if np.isnan(trace.stiffness[k])
+            else round_digits(float(trace.stiffness[k])),
         }
         for name, traces in groups.items()
         for trace in traces[:1]

@@ -5,7 +5,14 @@ use the same ones.
 """
 
 from hil_bridge.lab.invariants.checking import CHECKERS, broken_promises
-from hil_bridge.lab.invariants.evidence import Evidence, Promise, Trace, Violation, violation_text
+from hil_bridge.lab.invariants.evidence import (
+    Evidence,
+    Promise,
+    Trace,
+    Violation,
+    violation_text,
+    violation_words,
+)
 from hil_bridge.lab.invariants.force import stated_bound_n
 from hil_bridge.lab.invariants.voids import VOIDS, Void, void_reasons
 
@@ -20,5 +27,6 @@ __all__ = [
     "broken_promises",
     "stated_bound_n",
     "violation_text",
+    "violation_words",
     "void_reasons",
 ]

@@ -59,9 +59,14 @@ class Violation(NamedTuple):
 
 def violation_text(violation: Violation) -> str:
     """A violation in words, one line."""
+    return f"{violation.promise}: {violation_words(violation)}"
+
+
+def violation_words(violation: Violation) -> str:
+    """The same without the name of the promise."""
     said = _TEXTS[violation.promise].format(**violation.figures, unit=violation.unit)
     when = f" at {violation.at:.2f} s of the run's clock" if math.isfinite(violation.at) else ""
-    return f"{violation.promise}: {said}{when}"
+    return f"{said}{when}"
 
 
 @dataclass(frozen=True, eq=False, slots=True)

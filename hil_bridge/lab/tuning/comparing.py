@@ -59,7 +59,7 @@ def _by_pairs(differences: Sequence[float]) -> Finding:
     return Finding.BETTER if mean < 0.0 else Finding.WORSE
 
 
-def told(comparison: Comparison, figures: Sequence[str]) -> Iterator[str]:
+def describe_comparison(comparison: Comparison, figures: Sequence[str]) -> Iterator[str]:
     """Lines for people: each figure of both, mean ± standard deviation over the seeds."""
     one = comparison
     runs = len(one.tuned.runs)

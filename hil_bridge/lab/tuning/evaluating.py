@@ -9,12 +9,16 @@ from dataclasses import dataclass
 from typing import Any
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.lab.campaign.criteria import Figures
+from hil_bridge.errors.failures import one_line
+from hil_bridge.lab.campaign.criteria import Figures, figure_text
 from hil_bridge.lab.campaign.judging import run
 from hil_bridge.lab.processes import in_order, own_processes
 from hil_bridge.lab.tuning.space import Point
 from hil_bridge.record.analysis.figures import FIGURES, TUNED
 from hil_bridge.settings.configuration import read_config
+
+FAILURE = "failure"
+"""Beside the figures of a run that raised an error: the error in words."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +48,7 @@ class Goal:
     def failure(self, figures: Figures) -> str:
         """Why a run failed; empty where it did not."""
         if figures["outcome"] != "completed":
-            return str(figures["outcome"])
+            return figure_text(figures.get(FAILURE) or figures["outcome"])
         force = figures.get("force_true_max_n")
         if force is not None and not _number(force) <= self.force_limit_n:  # one that is no number too
             return f"a true force of {_number(force):.1f} N"
@@ -156,7 +160,10 @@ def figures_of(job: Job) -> Figures:
     try:
         return run(read_config(values)).figures
     except Exception as error:  # one point that makes no sense must not lose the others
-        return {"outcome": f"{type(error).__name__}: {str(error).partition(chr(10))[0][:200]}"}
+        return {
+            "outcome": "error",
+            FAILURE: f"{type(error).__name__}: {one_line(str(error))[:200]}",
+        }
 
 
 Runs = Callable[[Sequence[Job]], list[Figures]]

@@ -8,7 +8,7 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.lab.tuning.evaluating import Worth
 from hil_bridge.lab.tuning.space import Space
 from hil_bridge.record.analysis.figures import FIGURES
-from hil_bridge.show.picture_files import drawing_library, saved
+from hil_bridge.show.picture_files import drawing_library, save_figure
 
 PICTURES = (".svg", ".png")
 
@@ -30,7 +30,7 @@ def front(tried: Sequence[Worth], first: str, second: str) -> list[Worth]:
     return kept
 
 
-def told(points: Sequence[Worth], space: Space, first: str, second: str) -> Iterator[str]:
+def describe_front(points: Sequence[Worth], space: Space, first: str, second: str) -> Iterator[str]:
     """Lines for people."""
     yield "  ".join((f"{first:>22}", f"{second:>22}", *(f"{name:>18}" for name in space.names)))
     for one in points:
@@ -75,7 +75,7 @@ def picture(
         plot.set_ylabel(FIGURES[second].title)
         plot.set_title(f"{len(tried)} points, {len(tried) - len(good)} of them failed")
         plot.legend()
-        return saved(figure, kind, dpi=120)
+        return save_figure(figure, kind, dpi=120)
 
 
 class _Look(NamedTuple):

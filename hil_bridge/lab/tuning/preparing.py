@@ -73,7 +73,7 @@ def others(place: Path, tuned: Config) -> Config:
     return config
 
 
-def compared(name: str, config: Config, state: Search, runs: Runs) -> Comparison:
+def compare_with_defaults(name: str, config: Config, state: Search, runs: Runs) -> Comparison:
     """The best against the defaults in another cell, both on fresh seeds, weighed by the defaults there."""
     best, fresh, text = state.best, state.wanted.fresh, dump(config)
     assert best is not None, "there is one to be compared"

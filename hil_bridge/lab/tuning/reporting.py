@@ -17,7 +17,7 @@ def fresh_comparison(state: Search) -> Comparison | None:
     return Comparison(f"{name}, fresh seeds", state.best, state.defaults_fresh)
 
 
-def chosen(state: Search) -> Iterator[str]:
+def describe_parameters(state: Search) -> Iterator[str]:
     """The parameters that were found, beside the defaults."""
     if not state.tried:
         yield "interrupted before the first generation of points was done"

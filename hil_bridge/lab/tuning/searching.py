@@ -10,7 +10,7 @@ from typing import Any
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.campaign.criteria import Figures
 from hil_bridge.lab.optimiser import optimiser
-from hil_bridge.lab.tuning.evaluating import Goal, Job, Runs, Worth, scales_of, together, worth
+from hil_bridge.lab.tuning.evaluating import FAILURE, Goal, Job, Runs, Worth, scales_of, together, worth
 from hil_bridge.lab.tuning.space import Point, Space
 from hil_bridge.settings.configuration import Config, dump
 
@@ -104,7 +104,7 @@ def begin(configs: Sequence[Config], wanted: Wanted, runs: Runs) -> Search:
     optimiser()  # before the first run
     goals, defaults = [], []
     for found in _by_cell(texts, {}, wanted.seeds, runs):
-        broken = next((one["outcome"] for one in found if ":" in str(one["outcome"])), None)
+        broken = next((one[FAILURE] for one in found if FAILURE in one), None)
         if broken is not None:
             raise ConfigError(f"the configuration cannot be run: {broken}")
         goals.append(Goal(wanted.weights, wanted.force_limit_n, scales_of(wanted.weights, found)))
@@ -132,7 +132,7 @@ def search(state: Search, runs: Runs) -> None:
         points = [space.point(each) for each in generation]
         new = [point for point in dict.fromkeys(points) if point not in known]
         left = wanted.points - len(state.tried)
-        for one in _tried(state, new[:left], wanted.seeds, runs):
+        for one in _try_points(state, new[:left], wanted.seeds, runs):
             known[one.point] = one
             state.tried.append(one)
         if len(new) > left:
@@ -168,11 +168,11 @@ def _decide(state: Search, runs: Runs) -> None:
         [worth(goal, point, runs_of) for goal, runs_of in zip(state.goals, found, strict=True)]
     )
     if good:
-        finals = _tried(state, [one.point for one in good], fresh, runs)
+        finals = _try_points(state, [one.point for one in good], fresh, runs)
         state.finals = sorted(finals, key=lambda one: one.score)
 
 
-def _tried(state: Search, points: Sequence[Point], seeds: Sequence[int], runs: Runs) -> list[Worth]:
+def _try_points(state: Search, points: Sequence[Point], seeds: Sequence[int], runs: Runs) -> list[Worth]:
     space, goals = state.wanted.space, state.goals
     tables = [space.table(point) for point in points]
     jobs = [job for table in tables for config in state.configs for job in jobs_of(config, table, seeds)]

@@ -95,7 +95,7 @@ def space_of(config: Config, given: Sequence[str]) -> Space:
     declared = {
         name: found for name, found in getattr(kind, "ranges", {}).items() if isinstance(found, Range)
     }
-    asked: Mapping[str, Range] = dict(_asked(text, declared, kind.name) for text in given) or declared
+    asked: Mapping[str, Range] = dict(_read_range(text, declared, kind.name) for text in given) or declared
     if not asked:
         raise ConfigError(
             f"the controller {kind.name} declares no bounds of its parameters: give them, --vary NAME=LOW:HIGH"
@@ -113,7 +113,7 @@ def space_of(config: Config, given: Sequence[str]) -> Space:
     return Space(tuple(parameters))
 
 
-def _asked(text: str, declared: Mapping[str, Range], controller: str) -> tuple[str, Range]:
+def _read_range(text: str, declared: Mapping[str, Range], controller: str) -> tuple[str, Range]:
     name, equals, bounds = text.partition("=")
     if not equals:
         if name not in declared:

@@ -57,6 +57,8 @@ class Latency:
     """Begin and end of the chain, in words."""
     total: Times
     """Time from the begin of the chain to its end, s."""
+    to_motion: bool
+    """The chain ends with the robot's motion; otherwise with its answer."""
     constants: tuple[Constant, ...] = ()
 
     @property
@@ -135,7 +137,7 @@ def latency_budget(
         for hop in (*robot.beside, *robot.to_answer)
         if hop not in hops and (times := took(hop)) is not None
     )
-    return Latency(chain, beside, f"{begin} to {'motion' if moving else 'answer'}", total)
+    return Latency(chain, beside, f"{begin} to {'motion' if moving else 'answer'}", total, moving)
 
 
 def _ends_early(way: Sequence[Hop], moment: Callable[[str], Floats]) -> bool:
@@ -220,7 +222,7 @@ def _constants(devices: Devices, found: Latency) -> tuple[Constant, ...]:
         return tuple(constants)
     source = devices.robot.servo_source
     response = 2.0 * servo.damping_ratio / servo.natural_frequency_rad_s
-    if not found.name.endswith("motion"):
+    if not found.to_motion:
         words = f"half a tick, {source('interpolation_s')}"
         constants.append(Constant("the wait for the robot's interpolator", servo.wait_s, words))
         words = source("transport_delay_s")

@@ -9,13 +9,13 @@ from hil_bridge.record.records import CycleRecord
 
 TRACK = "track"
 """The phase in which the force is controlled."""
-_SEEKS = "(seek"
-"""In the label of a step that looks for the edge of a surface: there the force is meant to be lost."""
+_SEEK = "seek"
+"""Word of a step that looks for the edge of a surface: there the force is meant to be lost."""
 
 
 def strokes_of(recording: Recording) -> list[list[CycleRecord]]:
     """Cycles of each stroke, from a touch until the tool is taken away. A run without a program has one at most."""
-    seeks = {step.step for step in recording.steps if _SEEKS in step.label}
+    seeks = {step.step for step in recording.steps if step.word == _SEEK}
     strokes: list[list[CycleRecord]] = []
     going = False
     for cycle in recording.cycles:

@@ -117,7 +117,7 @@ def summarise(recording: Recording, end: RunEnd | None = None) -> Summary:
     end = end or end_of(recording)
     cycles = recording.cycles
     strokes = strokes_of(recording)
-    dropped = _dropped(recording)
+    dropped = _read_dropped(recording)
     robot = devices_of(recording).robot
     figures = _figures(
         strokes, _stopping(cycles) if end.outcome is Outcome.STOPPED else None, robot.position_step_m
@@ -257,7 +257,7 @@ def _rate(cycles: Sequence[CycleRecord]) -> float | None:
     return (len(cycles) - 1) / span if span > 0 else None
 
 
-def _dropped(recording: Recording) -> dict[str, int]:
+def _read_dropped(recording: Recording) -> dict[str, int]:
     counts = {}
     for topic in TOPICS:
         told = recording.end.get(DROPPED_PREFIX + topic.name, "0")

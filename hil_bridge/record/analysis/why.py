@@ -45,15 +45,16 @@ _SYMPTOM_FREE = frozenset(
 """Kinds of events that tell of the course or of the end, not of trouble before it."""
 
 
-def why(recording: Recording) -> str:
+def why(recording: Recording, file: object = "FILE") -> str:
     """How the run ended: last good cycle, first symptom, cause, what followed, where the tool is, what to look at.
 
-    One sentence for a run that completed. Times count from the start of the recording.
+    One sentence for a run that completed. `file` names the recording for commands to give next. Times count from the
+    start of the recording.
     """
     end = end_of(recording)
     if end.outcome is Outcome.COMPLETED:
-        return _completed(recording, end)
-    return _Ending(recording, end).text
+        return _describe_completed(recording, end)
+    return _Ending(recording, end, file).text
 
 
 def tracebacks(recording: Recording) -> tuple[str, ...]:
@@ -61,7 +62,7 @@ def tracebacks(recording: Recording) -> tuple[str, ...]:
     return tuple(event.text for event in recording.events if event.kind in (TRACEBACK_EVENT, BUG_EVENT))
 
 
-def _completed(recording: Recording, end: RunEnd) -> str:
+def _describe_completed(recording: Recording, end: RunEnd) -> str:
     seconds = sum(span.end - span.begin for span in phases(recording))
     text = f"The run completed after {seconds:.1f} s and {len(recording.cycles)} cycles"
     text += f", ended by its task: {end.text}" if end.text else ", as it was meant to"
@@ -73,8 +74,8 @@ def _completed(recording: Recording, end: RunEnd) -> str:
 class _Ending:
     """The end of a run that did not complete, sentence by sentence."""
 
-    def __init__(self, recording: Recording, end: RunEnd) -> None:
-        self._recording = recording
+    def __init__(self, recording: Recording, end: RunEnd, file: object) -> None:
+        self._recording, self._file = recording, file
         self._end = end
         self._cycles = recording.cycles
         times = [event.at for event in recording.events] + [cycle.started_at for cycle in self._cycles[:1]]
@@ -172,10 +173,12 @@ class _Ending:
         return remedy + (f"Look at: {'; '.join(looks)}." if looks else "")
 
     def _named(self, words: str) -> str:
-        """Words of the table with the kinds of robot and sensor of this run."""
+        """Words of the table with the kinds of robot and sensor of this run, and the name of its recording."""
         devices = devices_of(self._recording)
         robot, sensor = devices.robot.kind, devices.sensor.kind
-        return words.format(robot=robot and f" ({robot})", sensor=sensor and f" ({sensor})")
+        return words.format(
+            robot=robot and f" ({robot})", sensor=sensor and f" ({sensor})", recording=self._file
+        )
 
 
 _ASKED = {Cause.KEY: "the key {by}", Cause.PAGE: "the page in the browser", Cause.SIGNAL: "{by}"}
@@ -204,7 +207,7 @@ def _first_symptom(recording: Recording, stopped_at: float) -> EventRecord | Non
         [EventRecord(found[-1].at, found[-1].kind, f"{found[-1].kind}: {found[-1].text}")] if found else []
     )
     first += _quiet_sensor(recording.sensors, stopped_at)
-    first += _clamped(recording.cycles, stopped_at)
+    first += _find_clamped(recording.cycles, stopped_at)
     return min(first, key=lambda event: event.at, default=None)
 
 
@@ -225,7 +228,7 @@ def _quiet_sensor(sensors: tuple[SensorRecord, ...], stopped_at: float) -> Itera
         yield EventRecord(before[place].at, "sensor", "from here on the force sensor told the same values")
 
 
-def _clamped(cycles: tuple[CycleRecord, ...], stopped_at: float) -> Iterator[EventRecord]:
+def _find_clamped(cycles: tuple[CycleRecord, ...], stopped_at: float) -> Iterator[EventRecord]:
     """That the guard had clamped every order up to the stop."""
     first = None
     for cycle in reversed(cycles):

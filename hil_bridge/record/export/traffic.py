@@ -1,17 +1,13 @@
 """The raw traffic of a recording, piece by piece, and as text."""
 
-import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from hil_bridge.errors import ConfigError
-from hil_bridge.record import LINK_EVENT, LinkRecord, RawTraffic, WireRecord
-from hil_bridge.record.reader import CLOCK_LIMIT_S
+from hil_bridge.record import LinkRecord, RawTraffic, WireRecord
+from hil_bridge.record.pieces import is_frame, not_readable, recorded_pieces
 from protocol.can.frame import CanFrame
 from protocol.can.text import parse_frame
-
-_PIECE = re.compile(r"(-?\d{1,10}(?:\.\d{1,9})?) (tx|rx|--) ?(.*)", re.ASCII | re.DOTALL)
 
 
 class WireFrame(NamedTuple):
@@ -33,33 +29,27 @@ class WireText:
     """How many there are, link events aside."""
 
 
-class _Piece(NamedTuple):
-    at: float
-    direction: str
-    what: str
-
-
 def is_can(traffic: RawTraffic) -> bool:
     """Whether the sensor's wire carried CAN frames."""
     return any(
-        "#" in piece.what or "!" in piece.what
-        for record in traffic.sensor
-        for piece in _pieces((record,))
-        if piece.direction != LINK_EVENT
+        is_frame(part)
+        for piece in recorded_pieces(traffic.sensor)
+        if not piece.is_event
+        for part in piece.parts
     )
 
 
 def can_frames(records: Sequence[WireRecord]) -> list[WireFrame]:
     """The frames of a CAN wire, oldest first. Raises ConfigError for a record that holds something else."""
     found = []
-    for piece in _pieces(records):
-        if piece.direction == LINK_EVENT:
+    for piece in recorded_pieces(records):
+        if piece.is_event:
             continue
-        for text in piece.what.split():
+        for text in filter(None, piece.parts):
             try:
                 frame = parse_frame(text)
             except ValueError as error:
-                raise ConfigError(f"{text[:40]!r} is no CAN frame: {error}; record the run again") from error
+                raise not_readable(text, f"no CAN frame: {error}") from error
             found.append(WireFrame(piece.at, piece.direction == "tx", frame))
     # a frame that the kernel stamped may have come before one that was sent before it was read
     found.sort(key=lambda one: one.at)
@@ -73,25 +63,16 @@ def wire_text(records: Sequence[LinkRecord | WireRecord], title: str) -> WireTex
     """
     lines = [f"# {title}", "# seconds of the run's clock, tx sent by the PC or rx received by it, bytes"]
     pieces, newest = 0, 0.0
-    for piece in _pieces(records):
+    for piece in recorded_pieces(records):
         newest = max(newest, piece.at)  # each was rounded for itself
-        if piece.direction == LINK_EVENT:
-            lines.append(f"# {newest:.6f} {' '.join(piece.what.split())}")
+        if piece.is_event:
+            lines.append(f"# {newest:.6f} {' '.join(piece.parts[0].split())}")
             continue
-        for text in piece.what.split():
+        for text in filter(None, piece.parts):
             try:
                 data = bytes.fromhex(text)
             except ValueError as error:
-                raise ConfigError(f"{text[:40]!r} is no hexadecimal bytes; record the run again") from error
+                raise not_readable(text, "no hexadecimal bytes") from error
             lines.append(f"{newest:.6f} {piece.direction} {data.hex(' ').upper()}")
             pieces += 1
     return WireText("\n".join(lines) + "\n", pieces)
-
-
-def _pieces(records: Sequence[LinkRecord | WireRecord]) -> Iterator[_Piece]:
-    for record in records:
-        for text in record.pieces:
-            match = _PIECE.fullmatch(text)
-            if match is None or not abs(record.at) < CLOCK_LIMIT_S:
-                raise ConfigError(f"{text[:40]!r} is no piece of a wire's traffic; record the run again")
-            yield _Piece(record.at + float(match[1]), match[2], match[3])

@@ -7,7 +7,7 @@ from hil_bridge.errors.text_files import harmless
 from hil_bridge.record.ending import ALARMS, CAUTIONS, PHASE_EVENT, STOP_EVENT
 from hil_bridge.record.records import CycleRecord, EventRecord, StepRecord
 from hil_bridge.show.pages.description import Mark, Span
-from hil_bridge.show.texts import without_places, without_queries
+from hil_bridge.show.texts import without_places
 from protocol.faults import FaultStage
 
 MARKS_MOST = 400
@@ -57,10 +57,8 @@ def marks_of(
 
 
 def line_of(record: EventRecord | StepRecord) -> str:
-    """The line of a text that tells most, fit for a page: the last one of a traceback, else the first."""
-    text = record.text.strip()
-    last = isinstance(record, EventRecord) and record.kind in ("traceback", "bug")
-    return harmless(without_queries(text.rpartition("\n")[2] if last else text.partition("\n")[0]))
+    """The line of its text that tells most, fit for a page."""
+    return harmless(record.line if isinstance(record, EventRecord) else record.text)
 
 
 def _lead(lead: str, line: str) -> str:
@@ -93,7 +91,8 @@ def spans_of(phases: Sequence[Phase], steps: Sequence[StepRecord], began: float,
         if begin >= last or end > last:
             spans.append(Span(max(begin, last) - began, end - began, name, name))
     spans += [
-        Span(step.began_at - began, step.at - began, step.label, step.word) for step in steps[:SPANS_MOST]
+        Span(step.began_at - began, step.at - began, step.label, step.word, short=step.number)
+        for step in steps[:SPANS_MOST]
     ]
     return sorted(spans, key=lambda span: span.begin)
 

@@ -60,7 +60,7 @@ def path_map(recording: Recording) -> Map | None:
         Scale("sign", -most, most, "N"),
         (
             Trace(np.where(pressing, np.nan, x).tolist(), y.tolist(), "quiet", dashed=True),
-            _pressed(cycles, (x, y)),
+            _trace_force(cycles, (x, y)),
         ),
         _strokes(recording, (x, y)),
     )
@@ -82,7 +82,7 @@ def removed_map(recording: Recording) -> Map | None:
         (along - step / 2, along + (rows - 0.5) * step),
         (across - step / 2, across + (columns - 0.5) * step),
         Scale("amount", 0.0, max(float(depths.max()), 1e-9), "µm"),
-        _touched(recording.truths, removed),
+        _trace_touch(recording.truths, removed),
         grid=Grid(depths.T.tolist()),
     )
 
@@ -92,7 +92,7 @@ def _presses(cycle: CycleRecord) -> bool:
     return cycle.phase == TRACK and math.isfinite(cycle.force)
 
 
-def _pressed(cycles: Sequence[CycleRecord], places: tuple[Array, Array]) -> Trace:
+def _trace_force(cycles: Sequence[CycleRecord], places: tuple[Array, Array]) -> Trace:
     """The path while the force was controlled, each piece with its error, N."""
     error = column(cycles, "force") - column(cycles, "force_reference")
     chosen = [k for k, cycle in enumerate(cycles) if _presses(cycle)]
@@ -146,14 +146,13 @@ def _strokes(recording: Recording, places: tuple[Array, Array]) -> list[Spot]:
     spots: dict[str, Spot] = {}
     first = {cycle.step: place for place, cycle in reversed(list(enumerate(recording.cycles)))}
     for step in recording.steps:
-        label = step.label.split(" ", 1)[0]
-        if step.word in (TRACK, "hold") and step.step in first and label not in spots:
+        if step.word in (TRACK, "hold") and step.step in first and step.number not in spots:
             x, y = (float(values[first[step.step]]) for values in places)
-            spots[label] = Spot(x, y, label)
+            spots[step.number] = Spot(x, y, step.number)
     return list(spots.values())
 
 
-def _touched(truths: Sequence[TruthRecord], removed: RemovedMap) -> list[Trace]:
+def _trace_touch(truths: Sequence[TruthRecord], removed: RemovedMap) -> list[Trace]:
     """The path of the tool while it touched, on the map, mm; what lies between two strokes is not drawn."""
     if not truths:
         return []

@@ -145,7 +145,7 @@ def _paint_spans(ax: "Axes", spans: Sequence[Span], named: bool) -> None:
         shade, alpha = _translucent(f"--span-{span.kind or 'other'}")
         ax.axvspan(span.begin, span.end, color=shade, alpha=alpha, lw=0, zorder=0)
         share = (span.end - span.begin) / (whole or 1.0)
-        names = (span.text, span.text.split(" (")[0])
+        names = (span.text, span.short or span.text)
         fitting = [name for name in names if (len(name) + 1) * _LETTER_PX / wide <= share]
         if named and span.kind != "fault" and fitting:
             ax.text(

@@ -54,15 +54,15 @@ class Sources:
         known = np.flatnonzero(np.isfinite(x))
         order = known[np.argsort(x[known], kind="stable")]
         if len(order) <= ROWS_MOST:
-            source = self.held.setdefault(name, {"x": rounded_times(x[order])})
+            source = self.held.setdefault(name, {"x": round_times(x[order])})
         else:
             order = order[kept_rows([column[order] for column in columns.values()], len(order))]
             self.rows[name] = (len(known), max(len(order), self.rows.get(name, (0, 0))[1]))
             name = f"{name}/{chart}"
-            source = self.held.setdefault(name, {"x": rounded_times(x[order])})
+            source = self.held.setdefault(name, {"x": round_times(x[order])})
         for column, values in columns.items():
             if column not in source:
-                source[column] = rounded(values[order])
+                source[column] = round_values(values[order])
         return name
 
     def sentence(self) -> str:
@@ -89,12 +89,12 @@ def kept_rows(columns: Sequence[Array], rows: int) -> NDArray[np.intp]:
     return np.array(sorted(kept), dtype=np.intp)
 
 
-def rounded(values: Array) -> list[float | None]:
+def round_values(values: Array) -> list[float | None]:
     """Numbers for a page; what is no number becomes None."""
     return [float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None for value in values.tolist()]
 
 
-def rounded_times(values: Array) -> list[float | None]:
+def round_times(values: Array) -> list[float | None]:
     """Times for a page, s."""
     return [round(value, _TIME_DIGITS) for value in values.tolist()]
 

@@ -113,6 +113,8 @@ class Span(Struct, frozen=True, omit_defaults=True):
     kind: str = ""
     """Chooses the colour: a phase's name, or `fault`."""
     axis: str = "time"
+    short: str = ""
+    """Name for where there is little room; empty where it has none but its text."""
 
 
 class Layer(Struct, frozen=True, omit_defaults=True):

@@ -30,14 +30,14 @@ class Decisions:
     """Tracked cycles, of which the rows are an even choice."""
 
 
-def tracked(recording: Recording) -> list[CycleRecord]:
+def select_tracked(recording: Recording) -> list[CycleRecord]:
     """Cycles in which the force was controlled."""
     return [cycle for cycle in recording.cycles if cycle.phase == TRACK]
 
 
 def decisions(recording: Recording, zero: float) -> Decisions | None:
     """The table of at most `ROWS_SHOWN` tracked cycles; times from `zero`. None when nothing was tracked."""
-    cycles = tracked(recording)
+    cycles = select_tracked(recording)
     if not cycles:
         return None
     chosen = decimate(cycles, ROWS_SHOWN)
@@ -53,7 +53,7 @@ def strongest_rules(recording: Recording) -> list[tuple[str, int, float]]:
     """
     counts: Counter[str] = Counter()
     weights: dict[str, float] = {}
-    for cycle in tracked(recording):
+    for cycle in select_tracked(recording):
         fired = rules(cycle.explanation)
         for name, weight in fired:
             if weight == fired[0][1]:

@@ -31,7 +31,7 @@ def from_defaults(recording: Recording) -> list[tuple[str, str, str]]:
         if key.rpartition(".")[2] in _CHOICES and key in plain:
             defaults[key] = plain[key]
     return [
-        (key, told(value), told(defaults[key]) if key in defaults else "")
+        (key, describe_value(value), describe_value(defaults[key]) if key in defaults else "")
         for key, value in sorted(recorded.items())
         if key not in defaults or defaults[key] != value
     ]
@@ -45,7 +45,7 @@ def between(recordings: list[Recording]) -> list[tuple[str, ...]]:
     for key in keys:
         values = [one.get(key, ...) for one in found]
         if any(value != values[0] for value in values):
-            rows.append((key, *("–" if value is ... else told(value) for value in values)))
+            rows.append((key, *("–" if value is ... else describe_value(value) for value in values)))
     return rows
 
 
@@ -54,7 +54,7 @@ def flat(values: Mapping[str, Any]) -> dict[str, Any]:
     return dict(_flat("", values, 0))
 
 
-def told(value: object) -> str:
+def describe_value(value: object) -> str:
     """A value in a line."""
     text = json.dumps(value, ensure_ascii=False)
     return text if len(text) <= _LONGEST else f"{text[:_LONGEST]} … ({len(text)} letters)"

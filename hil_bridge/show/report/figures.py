@@ -65,6 +65,6 @@ def _row(key: str, value: float | None) -> Row:
 def _target(summary: Summary) -> Row:
     if summary.force_reference_n is None and summary.force_references_n is not None:
         one = FIGURES["force_reference_n"]
-        least, most = (one.text(force) for force in summary.force_references_n)
-        return Row(one.words, f"{least.removesuffix(' N')} … {most}", one.how)
+        least, most = summary.force_references_n
+        return Row(one.words, f"{quantity(least, one.scale, one.form, '')} … {one.text(most)}", one.how)
     return _row("force_reference_n", summary.force_reference_n)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from hil_bridge.control.analysis.stability import loop_phase_deg, loop_response
-from hil_bridge.show.charts.sources import rounded
+from hil_bridge.show.charts.sources import round_values
 from hil_bridge.show.pages import Axis, Chart, Charts, Limit, Mark, Series
 from hil_bridge.show.report.stability import Analysis, LinearLoop
 
@@ -46,7 +46,9 @@ def loop_charts(analysis: Analysis, loop: LinearLoop) -> Charts:
                 axis=_AXIS,
             ),
         ],
-        sources={"loop": {"x": rounded(omega), "gain": rounded(gain), "phase": rounded(phase)}},
+        sources={
+            "loop": {"x": round_values(omega), "gain": round_values(gain), "phase": round_values(phase)}
+        },
         marks=list(_marks(loop)),
     )
 

@@ -5,14 +5,13 @@ from collections.abc import Iterable, Sequence
 from html import escape
 
 from hil_bridge.show.report.figures import Row
-from hil_bridge.show.texts import without_queries
 
 _COMMAND = re.compile(r"`([^`]+)`")
 
 
 def prose(text: str) -> str:
     """Sentences for people: without what follows the `?` of a URL, and commands between backticks as such."""
-    return _COMMAND.sub(r"<code>\1</code>", escape(without_queries(text)))
+    return _COMMAND.sub(r"<code>\1</code>", escape(text))
 
 
 def rows(figures: Iterable[Row]) -> str:

@@ -10,7 +10,7 @@ from hil_bridge.show.charts.map_painter import paint_map
 from hil_bridge.show.charts.maps import maps_of
 from hil_bridge.show.charts.painter import GREY, STYLE, paint
 from hil_bridge.show.charts.run import run_charts
-from hil_bridge.show.picture_files import drawing_library, saved
+from hil_bridge.show.picture_files import drawing_library, save_figure
 from hil_bridge.show.report.figures import Row, merit_rows, run_rows
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def draw(recording: Recording, summary: Summary, kind: str = "png") -> bytes:
             beside = grid[len(heights)].subgridspec(1, len(maps))
             paint_map(figure.add_subplot(beside[place]), drawn, WIDTH_PX / len(maps))
         _draw_table(figure.add_subplot(grid[-1]), merit_rows(summary), run_rows(summary))
-        return saved(figure, kind)
+        return save_figure(figure, kind)
 
 
 def _title(summary: Summary) -> str:

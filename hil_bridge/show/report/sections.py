@@ -8,7 +8,7 @@ from hil_bridge.record.analysis.summary import Summary
 from hil_bridge.record.reader import Recording
 from hil_bridge.show.charts.facts import start_time
 from hil_bridge.show.pages import room
-from hil_bridge.show.report.decision_tables import decisions, strongest_rules, tracked
+from hil_bridge.show.report.decision_tables import decisions, select_tracked, strongest_rules
 from hil_bridge.show.report.figures import Row
 from hil_bridge.show.report.loop_charts import loop_charts
 from hil_bridge.show.report.markup import cells, rows
@@ -60,7 +60,7 @@ def controller_section(recording: Recording) -> str:
         return ""
     parts = ["<h2>What the controller did</h2>"]
     if strongest := strongest_rules(recording):
-        total = len(tracked(recording))
+        total = len(select_tracked(recording))
         lines = [
             (name, f"{count}", f"{100 * count / total:.1f} %", f"{weight:.2f}")
             for name, count, weight in strongest

@@ -134,7 +134,7 @@ def analyse(recording: Recording, summary: Summary) -> Analysis | None:
         resolution=step,
         dead_band=dead_band,
         loop=loop,
-        predicted=_predicted(k, loop, plant, step, dead_band),
+        predicted=_predict(k, loop, plant, step, dead_band),
         steady_peak_to_peak=summary.figures.get("steady_peak_to_peak_n"),
         steps_per_second=summary.figures.get("steps_per_s"),
         dominant_period=dominant_period(
@@ -253,7 +253,7 @@ def _linear_loop(
     )
 
 
-def _predicted(
+def _predict(
     stiffness: float, loop: LinearLoop | None, plant: SampledPlant, resolution: float, dead_band: float
 ) -> LimitCycle | None:
     if loop is not None and not loop.margins.stable:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from hil_bridge.control.words.paths import Place
 from hil_bridge.show.charts.painter import STYLE
-from hil_bridge.show.picture_files import drawing_library, saved
+from hil_bridge.show.picture_files import drawing_library, save_figure
 from hil_bridge.show.report.task_steps import Shown
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def draw_task(steps: Sequence[Shown], title: str) -> bytes:
         plan, force = figure.subplots(2, 1, height_ratios=(plan_px, _FORCE_PX))
         _draw_plan(plan, lines, box)
         _draw_force(force, steps)
-        return saved(figure, "png")
+        return save_figure(figure, "png")
 
 
 def _lines(steps: Sequence[Shown]) -> list[_Line]:

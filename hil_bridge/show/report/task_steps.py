@@ -47,7 +47,7 @@ class Shown:
         return self.leg.presses and self.word != "approach"
 
 
-def shown(steps: Sequence[Step], row: Row) -> list[Shown]:
+def list_steps(steps: Sequence[Step], row: Row) -> list[Shown]:
     """The steps of a program, those of a repeat once."""
     times = seconds(row)
 

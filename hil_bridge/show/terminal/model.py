@@ -49,8 +49,12 @@ class Scene:
     """How long the surface is to be tracked, s, where that is known."""
     steps: tuple[str, ...] = ()
     """Labels of a program's steps, passes counted; empty without a program."""
+    tracks: frozenset[int] = frozenset()
+    """Numbers of its steps that track, passes counted, from 1."""
     cell: str = ""
-    """EMULATED or REAL, and the devices, in words."""
+    """EMULATED or REAL, with the devices where the one is this and the other that; empty where it is not known."""
+    devices: str = ""
+    """Kinds of robot and sensor, where `cell` does not name them."""
     real: bool = False
     """A real robot may move."""
     limits: Limits = field(default_factory=Limits)
@@ -64,9 +68,8 @@ class Scene:
     @property
     def chart_facts(self) -> ChartFacts:
         """Facts that its charts need."""
-        tracks = frozenset(number for number, label in enumerate(self.steps, 1) if "(track" in label)
         limits = limit_numbers(asdict(self.limits))
-        return ChartFacts(self.robot, limits, tracks, self.approach, self.robot.line_floor_s)
+        return ChartFacts(self.robot, limits, self.tracks, self.approach, self.robot.line_floor_s)
 
 
 class Told(NamedTuple):
@@ -75,7 +78,7 @@ class Told(NamedTuple):
     elapsed_s: float
     kind: str
     text: str
-    """Its first line."""
+    """The line that tells most."""
 
     @property
     def alarm(self) -> bool:
@@ -260,7 +263,7 @@ class ViewModel:
             step=newest.step if newest else 0,
             period_s=cycles[-1].started_at - cycles[-2].started_at if len(cycles) > 1 else None,
             events=tuple(
-                Told(record.at - self._began, record.kind, record.text.partition("\n")[0])
+                Told(record.at - self._began, record.kind, record.line)
                 for record in sorted(told, key=lambda record: record.at)
             ),
         )

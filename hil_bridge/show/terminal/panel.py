@@ -39,7 +39,7 @@ def panel(snapshot: Snapshot, width: int, height: int) -> RenderableType:
     body = _two_columns(snapshot, inner, room) if wide else _one_column(snapshot, inner, room)
     style = "red" if snapshot.cause else _PHASE_STYLES.get(snapshot.phase, "blue")
     return Panel(
-        Group(*_fitted(body, inner, room)),
+        Group(*_fit(body, inner, room)),
         title=_title(snapshot, style),
         title_align="left",
         border_style=style,
@@ -52,7 +52,8 @@ def panel(snapshot: Snapshot, width: int, height: int) -> RenderableType:
 def _title(snapshot: Snapshot, style: str) -> Text:
     """First whether a real robot may move, then what the run does."""
     scene = snapshot.scene
-    cell = (f" {scene.cell} ", "bold white on red" if scene.real else "bold black on green")
+    named = "  ".join(filter(None, (scene.cell, scene.devices)))
+    cell = (f" {named} ", "bold white on red" if scene.real else "bold black on green")
     return Text.assemble(
         "hil-bridge ",
         *(cell,) * bool(scene.cell),
@@ -81,12 +82,12 @@ def _one_column(snapshot: Snapshot, width: int, room: int) -> list[Text]:
         _Block([hops], 6),
         _Block([troubles], 2),
         _Block([counts], 5),
-        _Block(rows.told(snapshot, width), 0),
+        _Block(rows.render_alarms(snapshot, width), 0),
     ]
     feet = [_Block([rows.progress(snapshot, width)], 0), _Block([record], 2), _Block(keys, 0)]
     events = rows.events(snapshot, 1)
     least = room // _CHART_SHARE
-    kept = _kept([above, *below, *feet], room - least - len(events))
+    kept = _keep([above, *below, *feet], room - least - len(events))
     free = room - sum(len(block.lines) for block in kept)
     events = rows.events(snapshot, min(_EVENTS_MAX, max(len(events), (free - least) // 3)))
     drawn = chart(snapshot, width, max(1, free - len(events)))
@@ -111,7 +112,7 @@ def _two_columns(snapshot: Snapshot, width: int, room: int) -> list[Text]:
         *limits,
     ]
     facts = [
-        *rows.told(snapshot, right),
+        *rows.render_alarms(snapshot, right),
         *rows.values(snapshot, right),
         rows.verdict(snapshot),
         *rows.latency(snapshot),
@@ -146,7 +147,7 @@ def _beside(left: Sequence[Text], right: Sequence[Text], width: int, other: int)
     return lines
 
 
-def _kept(blocks: Sequence[_Block], room: int) -> list[_Block]:
+def _keep(blocks: Sequence[_Block], room: int) -> list[_Block]:
     """The blocks that fit, in their order: those of the largest rank go first."""
     kept = list(blocks)
     while sum(len(block.lines) for block in kept) > room:
@@ -161,7 +162,7 @@ def _lines(blocks: Iterable[_Block]) -> list[Text]:
     return [line for block in blocks for line in block.lines]
 
 
-def _fitted(lines: Sequence[Text], width: int, room: int) -> list[Text]:
+def _fit(lines: Sequence[Text], width: int, room: int) -> list[Text]:
     """Exactly so many lines, none wider."""
     for line in lines:
         line.truncate(width, overflow="ellipsis")

@@ -12,7 +12,6 @@ from hil_bridge.record.analysis.times import in_ms
 from hil_bridge.show.charts.catalogue import FORCE, MOMENT, PULL, RESULTANT
 from hil_bridge.show.terminal.chart import error_style
 from hil_bridge.show.terminal.model import Snapshot, Told
-from hil_bridge.show.texts import without_queries
 
 _LABEL = 11
 """Columns of a label at the left."""
@@ -189,9 +188,9 @@ def link(snapshot: Snapshot) -> list[Text]:
     ]
 
 
-def told(snapshot: Snapshot, width: int) -> list[Text]:
+def render_alarms(snapshot: Snapshot, width: int) -> list[Text]:
     """Texts that a person should read at once: why the run stops, a warning, the check of the sensor."""
-    rows = _wrapped("STOPPED", without_queries(snapshot.cause), width) if snapshot.cause else []
+    rows = _wrap("STOPPED", snapshot.cause, width) if snapshot.cause else []
     if snapshot.warning:
         rows.append(_row("warning", (snapshot.warning, "bold red")))
     if snapshot.check and not snapshot.cause:
@@ -199,7 +198,7 @@ def told(snapshot: Snapshot, width: int) -> list[Text]:
     return rows
 
 
-def _wrapped(label: str, text: str, width: int) -> list[Text]:
+def _wrap(label: str, text: str, width: int) -> list[Text]:
     """An alarm in as many rows as it needs, up to `_ALARM_ROWS`."""
     parts = textwrap.wrap(text, max(20, width - _LABEL - 1), max_lines=_ALARM_ROWS, placeholder=" …")
     rows = [_row(label if k == 0 else "", (part, "bold red")) for k, part in enumerate(parts)]
@@ -215,8 +214,7 @@ def events(snapshot: Snapshot, count: int) -> list[Text]:
 
 def _event(one: Told) -> Text:
     style = "red" if one.alarm else "yellow" if one.caution else ""
-    last = without_queries(one.text).strip().rpartition("\n")[2]  # of a traceback
-    return _row(f"{one.elapsed_s:8.1f} s", (f"{one.kind}: {last}", style))
+    return _row(f"{one.elapsed_s:8.1f} s", (f"{one.kind}: {one.text}", style))
 
 
 def progress(snapshot: Snapshot, width: int) -> Text:

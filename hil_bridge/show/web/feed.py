@@ -94,7 +94,7 @@ class Feed:
         self._socket.setblocking(False)
         self._told: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115
         with listener, theirs:
-            self._process = _started((theirs.fileno(), listener.fileno()), token, options.origins, self._told)
+            self._process = _start((theirs.fileno(), listener.fileno()), token, options.origins, self._told)
 
     def listen(self, retract: Callable[[], object], gone: Callable[[str], object]) -> None:
         """Hear the page in the running loop from now on. `retract` is called when the page asks for the end, `gone`
@@ -102,9 +102,9 @@ class Feed:
         """
         self._retract, self._gone = retract, gone
         self._loop = asyncio.get_running_loop()
-        self._loop.add_reader(self._socket, self._heard)
+        self._loop.add_reader(self._socket, self._hear)
 
-    def _heard(self) -> None:
+    def _hear(self) -> None:
         try:
             word = self._socket.recv(64)
         except BlockingIOError:
@@ -135,7 +135,7 @@ class Feed:
 
     def begin(self, scene: Scene, unix_zero_ns: int) -> None:
         """Tell the facts of the run, and again when more is known."""
-        self._send(wire.encoded(wire.Begin(scene, unix_zero_ns)), 0)
+        self._send(wire.encode_message(wire.Begin(scene, unix_zero_ns)), 0)
 
     def put(self, record: Record) -> None:
         """Take a record."""
@@ -156,12 +156,12 @@ class Feed:
         """Send all that waits."""
         while self._waiting:
             batch, self._waiting = self._waiting[:BATCH_RECORDS], self._waiting[BATCH_RECORDS:]
-            self._send(wire.encoded_records(batch), len(batch))
+            self._send(wire.encode_records(batch), len(batch))
 
     def pulse(self, now: float, health: Health, check: str = "", warning: str = "") -> None:
         """Tell the time and the health of the wires, after what waits."""
         self.flush()
-        self._send(wire.encoded(wire.Pulse(now, health, self.dropped, check, warning)), 0)
+        self._send(wire.encode_message(wire.Pulse(now, health, self.dropped, check, warning)), 0)
 
     def _send(self, data: bytes, records: int) -> None:
         if not self._alive:
@@ -178,7 +178,7 @@ class Feed:
     def end(self, end: RunEnd) -> None:
         """Tell how the run ended, after all records."""
         self.flush()
-        self._send(wire.encoded(wire.End(end.as_metadata())), 0)
+        self._send(wire.encode_message(wire.End(end.as_metadata())), 0)
 
     def close(self) -> None:
         """End the serving process, which first tells its clients. Waits for CLOSE_SECONDS at most. Harmless when called
@@ -197,7 +197,7 @@ class Feed:
         self._told.close()
 
 
-def _started(
+def _start(
     sockets: Sequence[int], token: str, origins: Sequence[str], told: IO[bytes]
 ) -> "subprocess.Popen[bytes]":
     """The serving process. It has a session of its own, so that Ctrl-C reaches the run alone.

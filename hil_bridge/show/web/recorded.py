@@ -12,7 +12,7 @@ from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.record import Recording
 from hil_bridge.record.device_facts import devices_of, json_or_none, recorded_configuration
 from hil_bridge.settings.configuration import read_config
-from hil_bridge.settings.devices import cell_in_words, robot_in, sensor_in
+from hil_bridge.settings.devices import CellName, name_cell, robot_in, sensor_in
 from hil_bridge.show.charts.facts import approach_of, facts_of_recording, start_time
 from hil_bridge.show.terminal import Health, Scene
 from hil_bridge.show.web.teller import Teller
@@ -58,29 +58,32 @@ def _scene(recording: Recording, name: str) -> Scene:
     recorded = recorded_configuration(recording)
     try:
         config = read_config(recorded)
-        real, cell = cell_in_words(robot_in(config), sensor_in(config))
+        cell = name_cell(robot_in(config), sensor_in(config))
         limits, reference = config.limits, config.task.force_n
         total = None if config.task.step else config.run.duration_s
     except (BridgeError, ValidationError, TypeError, ValueError):  # of a plug-in that is not here
-        real, cell = _words(devices)
+        cell = _cell_name(devices)
         limits, reference, total = _limits(recorded), recording.cycles[0].force_reference, None
     return Scene(
         reference_n=reference,
         robot=devices.robot,
         total_s=total,
         steps=tuple(step.label for step in recording.steps),
-        cell=cell,
-        real=real,
+        tracks=facts_of_recording(recording).tracks,
+        cell=cell.words,
+        devices=cell.devices,
+        real=cell.real,
         limits=limits,
         record=name,
         approach=approach_of(recording),
     )
 
 
-def _words(devices: Devices) -> tuple[bool, str]:
+def _cell_name(devices: Devices) -> CellName:
     robot, sensor = devices.robot, devices.sensor
-    word = "EMULATED" if robot.emulated else "REAL"
-    return not robot.emulated, f"{word}  {robot.kind}, {sensor.kind}"
+    return CellName(
+        not robot.emulated, "EMULATED" if robot.emulated else "REAL", f"{robot.kind}, {sensor.kind}"
+    )
 
 
 def _limits(recorded: Mapping[str, Any]) -> Limits:

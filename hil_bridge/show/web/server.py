@@ -94,33 +94,33 @@ class Server:
     # --- requests
 
     @web.middleware
-    async def _guarded(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+    async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         """Check every request before anything else looks at it."""
         transport = request.transport
         if transport is None:
-            return _refused(400, "the connection has gone")
+            return _refuse(400, "the connection has gone")
         self._asked[transport] = time.monotonic()
         self._busy.add(transport)
         try:
-            return await self._checked(request, handler)
+            return await self._check(request, handler)
         finally:
             self._busy.discard(transport)
 
-    async def _checked(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+    async def _check(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         try:
             origin = request.headers.getall("Origin", [])
             hosts = request.headers.getall("Host", [])
             if len(hosts) != 1 or len(origin) > 1:
-                return _refused(400, "one Host and at most one Origin are needed")
+                return _refuse(400, "one Host and at most one Origin are needed")
             opened = request.headers.get("Sec-Fetch-Mode") == "navigate"  # a link was followed to the page
             site = "" if opened else request.headers.get("Sec-Fetch-Site", "")
             if refusal := self._admission.refusal(hosts[0], origin[0] if origin else None, site):
-                return _refused(403, refusal)
+                return _refuse(403, refusal)
             if request.path != END and not self._requests.take():
-                return _refused(429, "too many requests")
+                return _refuse(429, "too many requests")
             response = await handler(request)
         except web.HTTPException as error:
-            return _refused(error.status, error.reason)
+            return _refuse(error.status, error.reason)
         if not response.prepared:
             response.headers.update(HEADERS)
         return response
@@ -128,32 +128,32 @@ class Server:
     async def _root(self, request: web.Request) -> web.StreamResponse:
         if request.headers.get("Upgrade", "").lower() == "websocket":
             if self.splice is None:
-                return _refused(404, "no run goes on here; open the recording in Foxglove instead")
+                return _refuse(404, "no run goes on here; open the recording in Foxglove instead")
             return await self.splice(request)
         return _page(self._page)
 
     async def _static(self, request: web.Request) -> web.StreamResponse:
         name = request.match_info["name"]
         if name not in (*_SHARED, *_OWN):
-            return _refused(404, "there is no such file")
+            return _refuse(404, "there is no such file")
         return _file(name)
 
     async def _end(self, request: web.Request) -> web.StreamResponse:
         """Retract and end: needs the token, in a header, and JSON, which no form of another page can send."""
         if self.retract is None:
-            return _refused(404, "no run goes on here")
+            return _refuse(404, "no run goes on here")
         if not self._admission.may_end(request.headers.get(TOKEN_HEADER, "")):
             if not self._tries.take():
-                return _refused(429, "too many tries; wait some seconds")
-            return _refused(403, "this needs the token of the run's address")
+                return _refuse(429, "too many tries; wait some seconds")
+            return _refuse(403, "this needs the token of the run's address")
         if request.content_type != "application/json" or (request.content_length or 0) > BODY_BYTES:
-            return _refused(415, "send JSON")
+            return _refuse(415, "send JSON")
         try:
             wanted = await request.json()
         except ValueError:
-            return _refused(400, "send JSON")
+            return _refuse(400, "send JSON")
         if wanted != {"do": "retract and end"}:
-            return _refused(400, 'send {"do": "retract and end"}')
+            return _refuse(400, 'send {"do": "retract and end"}')
         self.retract()
         return web.json_response({"done": "asked the run to retract and end"})
 
@@ -183,7 +183,7 @@ class Server:
 
     async def _live(self, request: web.Request) -> web.StreamResponse:
         if not self.admit():
-            return _refused(503, f"{CLIENTS} clients are connected, which is the most")
+            return _refuse(503, f"{CLIENTS} clients are connected, which is the most")
         socket = web.WebSocketResponse(
             max_msg_size=MESSAGE_BYTES, compress=False, heartbeat=20.0, timeout=2.0
         )
@@ -253,7 +253,7 @@ class Server:
 
     async def serve(self, listener: Any) -> None:
         """Serve on this listening socket until nothing more will come, or for ever."""
-        app = web.Application(middlewares=[self._guarded], client_max_size=BODY_BYTES)
+        app = web.Application(middlewares=[self._guard], client_max_size=BODY_BYTES)
         app.router.add_get("/", self._root)
         app.router.add_get("/static/{name}", self._static)
         app.router.add_get("/live", self._live)
@@ -338,7 +338,7 @@ def _file(name: str) -> web.Response:
         else:
             text = files("hil_bridge.show.web").joinpath("static", name).read_text(encoding="utf-8")
     except (ConfigError, OSError) as error:
-        return _refused(500, str(error))
+        return _refuse(500, str(error))
     return web.Response(text=text, content_type=kind, charset="utf-8")
 
 
@@ -352,5 +352,5 @@ def _page(name: str) -> web.Response:
     )
 
 
-def _refused(status: int, why: str) -> web.Response:
+def _refuse(status: int, why: str) -> web.Response:
     return web.Response(text=f"{why}\n", status=status, headers=HEADERS)

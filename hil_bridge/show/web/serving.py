@@ -75,7 +75,7 @@ class Live:
                 asyncio.get_running_loop().remove_reader(self._run)
                 self.over = True
                 return
-            self._take(wire.decoded(data))
+            self._take(wire.decode_message(data))
 
     def _take(self, message: wire.Message) -> None:
         present = time.monotonic()

@@ -10,7 +10,6 @@ from hil_bridge.record.records import EventRecord, TruthRecord
 from hil_bridge.show.charts.columns import MILLI, tidy
 from hil_bridge.show.charts.events import line_of, weight_of
 from hil_bridge.show.terminal import Scene, Snapshot
-from hil_bridge.show.texts import without_queries
 
 TEXT_LENGTH = 400
 """Characters of a text that the page shows at most."""
@@ -21,6 +20,7 @@ def scene_values(scene: Scene) -> dict[str, Any]:
     limits = scene.limits
     return {
         "cell": harmless(scene.cell),
+        "devices": harmless(scene.devices),
         "real": scene.real,
         "steps": list(scene.steps),
         "total_s": scene.total_s,
@@ -110,9 +110,7 @@ def event_values(event: EventRecord, began: float) -> dict[str, Any]:
 
 def end_values(end: Mapping[str, str]) -> dict[str, Any]:
     """How a run ended, by the metadata of its end."""
-    words: dict[str, Any] = words_of(end)
-    followed = [without_queries(text) for text in words["followed"]]
-    return words | {key: without_queries(words[key]) for key in ("cause", "left")} | {"followed": followed}
+    return words_of(end)
 
 
 def is_zero(event: EventRecord) -> bool:
@@ -131,7 +129,7 @@ def truth_values(truth: TruthRecord) -> dict[str, Any]:
 
 
 def _text(text: str) -> str:
-    return harmless(without_queries(text))[:TEXT_LENGTH]
+    return harmless(text)[:TEXT_LENGTH]
 
 
 def _ms(seconds: float | None) -> float | None:

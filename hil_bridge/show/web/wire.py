@@ -60,18 +60,18 @@ _decoder = msgspec.msgpack.Decoder(Message)
 _records = tuple(msgspec.msgpack.Decoder(topic.record) for topic in TOPICS)
 
 
-def encoded(message: Message) -> bytes:
+def encode_message(message: Message) -> bytes:
     """A message as bytes."""
     return _encoder.encode(message)
 
 
-def encoded_records(records: list[Record]) -> bytes:
+def encode_records(records: list[Record]) -> bytes:
     """Records as one message `Records`."""
     items: Any = [(_NUMBERS[type(record)], record) for record in records]
     return _encoder.encode(Records(items))
 
 
-def decoded(data: bytes) -> Message:
+def decode_message(data: bytes) -> Message:
     """A message. Raises msgspec.DecodeError."""
     message: Message = _decoder.decode(data)
     return message

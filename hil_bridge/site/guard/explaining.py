@@ -55,7 +55,7 @@ class Explanation:
         for leads in dict.fromkeys(_leads_to(row) for row in self.rows):
             yield _line("leads to", leads)
         if self.cause is not None:
-            looks = (row.look.format(robot="", sensor="") for row in self.rows)
+            looks = (row.look.format(robot="", sensor="", recording="FILE") for row in self.rows)
             yield from (_line("look at", look) for look in dict.fromkeys(looks))
         if self.deepest_mm is not None:
             yield _line("deepest order", f"{number(self.deepest_mm)} mm: {self.deepest_because}")
@@ -83,7 +83,11 @@ def explain(config: Config, situation: Situation) -> Explanation:
     )
     decision = ask(situation)
     cause = decision.verdict.cause if isinstance(decision.verdict, Stop) else None
-    ruled = tuple(key for key in LOOSE if _told(Asked(_loosened(config, key))(situation)) != _told(decision))
+    ruled = tuple(
+        key
+        for key in LOOSE
+        if _without_numbers(Asked(_loosen(config, key))(situation)) != _without_numbers(decision)
+    )
     rows = tuple(ROWS[each] for each in _causes(decision))
     keys = ruled or tuple(key for row in rows for key in row.settings)
     reasons = decision.reasons
@@ -141,7 +145,7 @@ LOOSE: Mapping[str, Any] = {
 """Settings with values with which they forbid nothing."""
 
 
-def _loosened(config: Config, key: str) -> Config:
+def _loosen(config: Config, key: str) -> Config:
     """The configuration with one setting that forbids nothing any more; it is not checked as a file would be."""
     section, name = key.split(".")
     before: Any = getattr(config, section)
@@ -168,7 +172,7 @@ def _value(config: Config, key: str) -> str:
     return str(value).lower() if isinstance(value, bool) else f"{value:g}"
 
 
-def _told(decision: Decision) -> tuple[object, ...]:
+def _without_numbers(decision: Decision) -> tuple[object, ...]:
     """Parts of a decision that a setting may change, without its numbers."""
     return decision.verdict.kind, *_causes(decision)
 

@@ -15,7 +15,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.record import LINK_EVENT, LinkRecord
+from hil_bridge.record import LinkRecord
+from hil_bridge.record.pieces import not_readable, recorded_pieces
 
 
 class Sender(StrEnum):
@@ -73,18 +74,17 @@ def parse_capture(text: str, name: str) -> Iterator[Piece]:
         yield piece
 
 
-def recorded_pieces(records: Iterable[LinkRecord], name: str) -> Iterator[Piece]:
+def link_pieces(records: Iterable[LinkRecord], name: str) -> Iterator[Piece]:
     """The pieces of a recording's raw traffic in order. Raises ConfigError when they are not what they should be."""
-    for record in records:
-        for text in record.pieces:
-            if text.partition(" ")[2].startswith(LINK_EVENT):
-                continue
-            piece = _piece(text)
-            if piece is None:
-                raise ConfigError(
-                    f"{name}: {text[:40]!r} is no piece of a link's traffic; record the run again"
-                )
-            yield Piece(record.at + piece.at, piece.sender, piece.data)
+    for piece in recorded_pieces(records, name):
+        if piece.is_event:
+            continue
+        for text in piece.parts:
+            try:
+                data = bytes.fromhex(text)
+            except ValueError as error:
+                raise not_readable(text, "no piece of a link's traffic", name) from error
+            yield Piece(piece.at, _SENDERS[piece.direction], data)
 
 
 def _piece(text: str) -> Piece | None:

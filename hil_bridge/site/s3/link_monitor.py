@@ -78,6 +78,9 @@ class _Pending:
     at: float
     block: Block
     marks: list[str]
+    """What is odd about it, or how long it waited, in words."""
+    trouble: bool
+    """One of these marks tells of trouble."""
 
 
 @dataclass(slots=True)
@@ -151,6 +154,7 @@ class LinkMonitor:
                 self._end_garbage(sender)
         limit = self._profile.answer_timeout_s
         if self._pending is not None and now - self._pending.at > limit:
+            self.counts.unanswered += 1
             self._close("no answer", trouble=True)
         bid = self._bid
         if bid is not None and bid.answered is None and now - bid.at > limit:
@@ -225,11 +229,13 @@ class LinkMonitor:
         self._close_unanswered()
         direction = self._directions[sender]
         marks: list[str] = []
+        trouble = False
         if direction.open and block.telegram == direction.last:
             direction.repeats += 1
             self.counts.repeats += 1
             why = ", though acknowledged" if direction.acknowledged else ""
             marks.append(f"repeat {direction.repeats}{why}")
+            trouble = True
         else:
             direction.repeats = 0
         bid, self._bid = self._bid, None
@@ -237,9 +243,10 @@ class LinkMonitor:
             marks.append(f"bid {_ms(bid.answered - bid.at)}")
         elif sender is not Sender.UNKNOWN and (bid is not None or not direction.open):
             marks.append("without an acknowledged bid")
+            trouble = True
         direction.open, direction.last, direction.acknowledged = True, block.telegram, False
         self.counts.blocks += 1
-        self._pending = _Pending(sender, at, block, marks)
+        self._pending = _Pending(sender, at, block, marks, trouble)
 
     def _close(self, how: str, trouble: bool = False, acknowledged: bool = False) -> None:
         """The line of the pending block, whose answer is known."""
@@ -247,7 +254,6 @@ class LinkMonitor:
         assert pending is not None
         direction = self._directions[pending.sender]
         direction.acknowledged = acknowledged
-        self.counts.unanswered += how == "no answer"
         telegram = pending.block.telegram
         sender = pending.sender
         if sender is Sender.UNKNOWN:
@@ -257,14 +263,14 @@ class LinkMonitor:
             direction.further = further
         text = f"{meaning} [{', '.join((*pending.marks, how))}]"
         line_time = pending.block.size * self._profile.character_time
-        trouble = trouble or any(mark.startswith(("repeat", "WACK", "without")) for mark in pending.marks)
-        self._lines.append(Line(pending.at, sender, text, line_time, telegram, trouble))
+        self._lines.append(Line(pending.at, sender, text, line_time, telegram, trouble or pending.trouble))
 
     def _close_unanswered(self) -> None:
         """Close the pending block without an answer, since the new bytes are none. On a wire of unknown directions
         the monitor may not hear the answer.
         """
         if self._pending is not None:
+            self.counts.unanswered += 1
             self._close("no answer", trouble=self._pending.sender is not Sender.UNKNOWN)
 
     def _stray(self, at: float, sender: Sender, text: str) -> None:
@@ -327,6 +333,7 @@ class LinkMonitor:
     def _wack(self, sender: Sender, at: float) -> None:
         if (pending := self._answers(sender)) is not None:
             pending.marks.append(f"WACK {_ms(at - pending.at)}")
+            pending.trouble = True
             pending.at = at
         else:
             self._trouble(at, sender, "WACK: wait")

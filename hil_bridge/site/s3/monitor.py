@@ -15,7 +15,7 @@ from hil_bridge.devices.robots.s3.room import robot_wire
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.text_files import open_ordinary, parse_json, read_text
 from hil_bridge.record import read_link
-from hil_bridge.site.s3.capture import Piece, Sender, parse_capture, recorded_pieces
+from hil_bridge.site.s3.capture import Piece, Sender, link_pieces, parse_capture
 from hil_bridge.site.s3.link_monitor import Counts, LinkMonitor
 from hil_bridge.site.s3.printing import counts_text, print_lines
 from hil_bridge.transports import connect_bytes
@@ -129,7 +129,7 @@ def _pieces(path: Path) -> tuple[list[Piece], LinkProfile]:
         head = file.read(len(MCAP_MAGIC))
     if head == MCAP_MAGIC:
         records, metadata = read_link(path)
-        return list(recorded_pieces(records, str(path))), _recorded_link(metadata.get("config", ""))
+        return list(link_pieces(records, str(path))), _recorded_link(metadata.get("config", ""))
     return list(parse_capture(read_text(path), str(path))), LinkProfile()
 
 

@@ -3,13 +3,18 @@
 import asyncio
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 from urllib.parse import parse_qsl, quote, urlencode
 
 import click
 
 from hil_bridge.clock import Clock, run_real
+from hil_bridge.devices.kinds import KindSettings, default_settings
+from hil_bridge.devices.robots.s3.room import ROBOT as S3
 from hil_bridge.devices.robots.s3.room import robot_wire
+from hil_bridge.devices.robots.s3.settings import S3Settings
 from hil_bridge.errors import DeviceError, TransportUnavailable
 from hil_bridge.errors.text_files import toml_pair
 from hil_bridge.record.files import check_place, write_whole
@@ -18,7 +23,7 @@ from hil_bridge.site.s3.search import LINE_WRONG, Finding, Outcome, Reply, Searc
 from hil_bridge.transports import LineSettings, Parity, Transport, connect_bytes
 from hil_bridge.transports.pump import Pump
 from hil_bridge.transports.urls import CONNECT_BYTES, parse_url
-from protocol.devices.s3.adlp import DEFAULT_PROFILE, LinkProfile
+from protocol.devices.s3.adlp import DEFAULT_PROFILE, LinkProfile, settings_of_profile
 
 PATIENCE_S = 0.7
 """Longest wait for an ACK. Chosen: a device that answers at all does so within some tens of milliseconds."""
@@ -54,8 +59,11 @@ TO_FILL_IN = """
 """Facts that only a person knows, with the defaults."""
 
 
-def probe_robot(url: str, out: Path | None, patience: float, overwrite: bool = False) -> None:
-    """Probe in real time, one line a try; write what works to `out`, over a file there only with `overwrite`.
+def probe_robot(
+    url: str, out: Path | None, patience: float, overwrite: bool = False
+) -> tuple[str, KindSettings[Any, Any]]:
+    """Probe in real time, one line a try; write what works to `out`, over a file there only with `overwrite`. Gives the
+    URL and the settings that work.
 
     Raises ConfigError for the URL or the file, TransportUnavailable for the wire, DeviceError when nothing works.
     """
@@ -82,6 +90,21 @@ def probe_robot(url: str, out: Path | None, patience: float, overwrite: bool = F
     click.echo("\n" + "\n".join(f"{name:<14} {value}" for name, value in finding_rows(url, finding)))
     if out is not None:
         click.echo(f"\nwrote {out}")
+    click.echo("")
+    return (url if finding.line is None else url_with_line(url, finding.line)), link_settings(finding)
+
+
+def link_settings(finding: Finding) -> KindSettings[Any, Any]:
+    """The settings of a robot whose link was found."""
+    link = LinkProfile(
+        **{
+            **settings_of_profile(finding.profile),
+            "profile": finding.profile,
+            "length_style": finding.length_style,
+            "dle_stuffing": finding.dle_stuffing,
+        }
+    )
+    return replace(default_settings(S3), client=S3Settings(link=link))
 
 
 async def probe(

@@ -165,8 +165,8 @@ class _Measuring:
             before = self._state.position, turned
             # A tool that only moves keeps its weight on the same axes, so its counts may well repeat.
             judged_from = max(self._sensor.unchanged_since, began) if turned != orientation else math.inf
-            at = self._supervised(report, _moved(self._state.position, position), judged_from)
-            turned = _turned(turned, orientation)
+            at = self._supervised(report, _step_to(self._state.position, position), judged_from)
+            turned = _turn_to(turned, orientation)
             if (at, turned) != before:
                 await motion.to(Pose(at, turned))
                 await motion.settled()
@@ -240,7 +240,7 @@ def _is_there(pose: Pose, position: Vector, orientation: Quaternion) -> bool:
     return angle <= ANGLE_TOLERANCE and math.dist(pose.position, position) <= POSITION_TOLERANCE_M
 
 
-def _moved(at: Vector, position: Vector) -> Vector:
+def _step_to(at: Vector, position: Vector) -> Vector:
     """The next point on the straight way to `position`, m."""
     distance, step = math.dist(at, position), Sweep.lift_step_mm * 1e-3
     if distance <= step:
@@ -249,7 +249,7 @@ def _moved(at: Vector, position: Vector) -> Vector:
     return x, y, z
 
 
-def _turned(at: Quaternion, orientation: Quaternion) -> Quaternion:
+def _turn_to(at: Quaternion, orientation: Quaternion) -> Quaternion:
     """The next orientation on the shortest way to `orientation`."""
     here, there = Pose((0.0, 0.0, 0.0), at), Pose((0.0, 0.0, 0.0), orientation)
     return towards(here, there, 0.0, math.radians(Sweep.turn_step_deg)).quaternion

@@ -21,7 +21,7 @@ from protocol.can.frame import CanFilter
 
 async def open_python_can(url: WireUrl, clock: Clock, accept: Sequence[CanFilter] = ()) -> Transport[Frames]:
     """Open an interface: `can+socketcan` or `can+virtual`. Raises TransportUnavailable."""
-    place = Place(url.scheme.removeprefix("can+"), url.target, url.text)
+    place = Place(url.scheme.removeprefix("can+"), url.target, url.name)
     interface, channel, name = place
     open_bus = partial(_open, interface, channel, accept, dict(url.options))
     opening = asyncio.ensure_future(asyncio.to_thread(open_bus))

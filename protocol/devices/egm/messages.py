@@ -134,6 +134,12 @@ class SensorMessage(NamedTuple):
     """RAPIDtoRobot, with `dnum`."""
     dnum: tuple[float, ...] = ()
 
+    @property
+    def says_something(self) -> bool:
+        """Whether it holds a reference, a speed or a digital value."""
+        has_reference = self.pose or self.joints_deg or self.speed or self.joint_speed_deg_s
+        return bool(has_reference) or self.digital is not None
+
 
 class PathCorrection(NamedTuple):
     """An offset from the path that the robot goes by itself."""

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from protocol.marks import Mark, above, at_least, between, check_settings, setting
+from protocol.marks import Mark, SettingError, above, at_least, between, check_settings, setting
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,4 +40,4 @@ class Ft300ClientProfile:
     def __post_init__(self) -> None:
         check_settings(self)
         if self.mode not in ("stream", "modbus"):
-            raise ValueError(f"mode must be stream or modbus, got {self.mode}")
+            raise SettingError("mode", f"must be stream or modbus, got {self.mode}")

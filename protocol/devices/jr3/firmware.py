@@ -9,7 +9,7 @@ from dataclasses import replace
 from enum import IntEnum
 
 from protocol.fields import Field, Layout
-from protocol.marks import Mark
+from protocol.marks import Mark, SettingError
 from protocol.wrench import SensorStatistics
 
 COUNTER_MODULUS = 65536
@@ -80,8 +80,9 @@ def first_order_delay(cutoff_hz: float) -> float:
 def check_cutoff(cutoff_hz: float) -> None:
     """Raise ValueError for a cut-off that a gateway cannot be told; 0 is one that it can."""
     if not 0.0 <= cutoff_hz <= MAX_CUTOFF_HZ or 0.0 < cutoff_hz < SMALLEST_CUTOFF_HZ:
-        raise ValueError(
-            f"cutoff_hz must be {SMALLEST_CUTOFF_HZ} … {MAX_CUTOFF_HZ}, or 0 for unfiltered, got {cutoff_hz:g}"
+        raise SettingError(
+            "cutoff_hz",
+            f"must be {SMALLEST_CUTOFF_HZ} … {MAX_CUTOFF_HZ}, or 0 for unfiltered, got {cutoff_hz:g}",
         )
 
 

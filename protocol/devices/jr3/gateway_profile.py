@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from protocol.devices.jr3.firmware import MAX_CUTOFF_HZ, first_order_delay
-from protocol.marks import Mark, above, at_least, between, check_settings, setting
+from protocol.marks import Mark, SettingError, above, at_least, between, check_settings, setting
 from protocol.wrench import AXES
 
 
@@ -39,7 +39,7 @@ class AnyGatewayClientProfile:
     def __post_init__(self) -> None:
         check_settings(self)
         if len(self.full_scales) not in (0, len(AXES)):
-            raise ValueError(f"full_scales must be six values or none, got {len(self.full_scales)}")
+            raise SettingError("full_scales", f"must be six values or none, got {len(self.full_scales)}")
 
     @property
     def delay(self) -> float:

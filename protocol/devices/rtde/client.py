@@ -15,7 +15,8 @@ from protocol.devices.rtde.packets import Kind, Packet, Reader
 from protocol.devices.rtde.profile import ClientProfile
 from protocol.devices.rtde.program import INPUT_NAMES, Command, State, program_text
 from protocol.devices.rtde.rotation import pose_of, six_of
-from protocol.devices.rtde.states import RobotMode, Runtime, SafetyBits, name_of
+from protocol.devices.rtde.states import Runtime, name_of
+from protocol.devices.rtde.stops import find_stop
 from protocol.devices.rtde.wires import Piece, Pieces, Port
 from protocol.endpoint import NO_TROUBLE, RemoteProtocolError, Trouble
 from protocol.geometry import Pose, angle_between, turn_by
@@ -68,6 +69,8 @@ _FIRST_MAX = 2**30
 class _Stage(Enum):
     DASHBOARD = auto()
     VERSION = auto()
+    CONTROLLER = auto()
+    """The version of its software is asked, by a client that only looks."""
     OUTPUTS = auto()
     INPUTS = auto()
     WAITING = auto()
@@ -86,6 +89,7 @@ _LATE = {
         "its dashboard does not answer", "look at the port, or set dashboard_port to 0"
     ),
     _Stage.VERSION: Trouble("it does not answer over RTDE", "look at the address and the port"),
+    _Stage.CONTROLLER: Trouble("it does not answer over RTDE", "look at the address and the port"),
     _Stage.OUTPUTS: Trouble("it does not answer over RTDE", "look at the address and the port"),
     _Stage.INPUTS: Trouble("it does not answer over RTDE", "look at the address and the port"),
     _Stage.START: Trouble("it does not start to send", "look at its log"),
@@ -100,8 +104,9 @@ _LATE = {
 class RtdeClient(Mailbox[Piece, StreamEvent]):
     """A controller's client; see `protocol.robot.StreamClient`."""
 
-    def __init__(self, profile: ClientProfile, now: float) -> None:
-        self._profile = profile
+    def __init__(self, profile: ClientProfile, now: float, looks: bool = False) -> None:
+        """A client that only `looks` uploads no program, and writes no input: it reports, and orders nothing."""
+        self._profile, self._looks = profile, looks
         self._reader, self._lines = Reader(), Lines()
         super().__init__()
         self._now = now
@@ -235,6 +240,10 @@ class RtdeClient(Mailbox[Piece, StreamEvent]):
         self._stage, self._due = stage, now + patience
         self._out.append(Piece(Port.RTDE, packet))
 
+    def _ask_outputs(self, now: float) -> None:
+        rate = 1.0 / self._profile.cycle_s
+        self._ask(_Stage.OUTPUTS, packets.outputs_request(OUTPUT_NAMES, rate), now)
+
     def _ask_inputs(self, now: float) -> None:
         self._ask(_Stage.INPUTS, packets.inputs_request(INPUT_NAMES), now)
 
@@ -260,11 +269,19 @@ class RtdeClient(Mailbox[Piece, StreamEvent]):
             if not packets.read_accepted(payload):
                 self._lose(Trouble("it does not speak version 2 of RTDE", "update its software"))
                 return
-            rate = 1.0 / self._profile.cycle_s
-            self._ask(_Stage.OUTPUTS, packets.outputs_request(OUTPUT_NAMES, rate), now)
+            if self._looks:
+                self._ask(_Stage.CONTROLLER, packets.encode(Kind.CONTROLLER_VERSION), now)
+            else:
+                self._ask_outputs(now)
+        elif kind == Kind.CONTROLLER_VERSION and stage is _Stage.CONTROLLER:
+            version = ".".join(map(str, packets.read_controller_version(payload)))
+            self._events.append(StreamNotice("version", version))
+            self._ask_outputs(now)
         elif kind == Kind.OUTPUTS and stage is _Stage.OUTPUTS:
             self._outputs = self._recipe(OUTPUT_NAMES, packets.read_types(payload))
-            if self._outputs is not None:
+            if self._outputs is not None and self._looks:
+                self._ask(_Stage.START, packets.encode(Kind.START), now)
+            elif self._outputs is not None:
                 self._ask_inputs(now)
         elif kind == Kind.INPUTS and stage is _Stage.INPUTS:
             self._take_inputs(packets.read_types(payload), now)
@@ -307,6 +324,10 @@ class RtdeClient(Mailbox[Piece, StreamEvent]):
         values = self._outputs.unpack(payload)
         stage, self._due = self._stage, now + self._profile.silent_ms / 1000.0
         self._count(values[0])
+        if self._looks:
+            self._stage = _Stage.STREAMING
+            self._events.append(ReportReceived(self._report(values, now)))
+            return
         if stage is _Stage.STREAMING:
             report = self._report(values, now)
             if report.fault:
@@ -344,9 +365,15 @@ class RtdeClient(Mailbox[Piece, StreamEvent]):
 
     def _report(self, values: tuple[float, ...], now: float) -> RobotReport:
         active = self._moving or self._settling > 0
-        trouble = _find_trouble(values, active)
+        trouble = (
+            find_stop(values[_STATES + 1], int(values[_STATES + 2]))
+            if self._looks
+            else _find_trouble(values, active)
+        )
+        if self._looks and not trouble and not values[-1] >= FULL_SPEED:
+            trouble = _slow(values[-1])
         self._gone = self._gone or values[_STATES] == Runtime.STOPPED
-        if self._gone and not trouble:
+        if self._gone and not trouble and not self._looks:
             trouble = Trouble("our program was stopped, and another may play", "begin again")
         waiting = (self._sequence - int(values[_STATES + 5])) % _SEQUENCE_MAX
         if active and not trouble and waiting > self._profile.hold_cycles:
@@ -400,19 +427,15 @@ EXPECTED = {
 """Types of the client's variables, by its lists of names."""
 
 
+def _slow(scaling: float) -> Trouble:
+    return Trouble(f"its speed slider stands at {100.0 * scaling:.0f} %", "put it to 100 %")
+
+
 def _find_trouble(values: tuple[float, ...], moving: bool) -> Trouble:
     """Reason for which nothing can be ordered."""
-    runtime, mode, safety, _, state, _, _, scaling = values[_STATES:]
-    bits = int(safety)
-    for bit, trouble in _STOPS:
-        if bits & bit:
-            return trouble
-    if mode != RobotMode.RUNNING:
-        return Trouble(
-            f"it is in the mode {name_of(RobotMode, mode)!r}", "power it on and release its brakes"
-        )
-    if not bits & _RUNS:
-        return Trouble("it is stopped for safety", "see the pendant, and begin again")
+    if stop := find_stop(values[_STATES + 1], int(values[_STATES + 2])):
+        return stop
+    runtime, _, _, _, state, _, _, scaling = values[_STATES:]
     if runtime != Runtime.PLAYING:
         return Trouble(f"our program is {name_of(Runtime, runtime)}", "begin again")
     if state == State.REFUSED:
@@ -428,7 +451,7 @@ def _find_trouble(values: tuple[float, ...], moving: bool) -> Trouble:
     if state == State.ENDED:
         return Trouble("our program has ended", "begin again")
     if not scaling >= FULL_SPEED:
-        return Trouble(f"its speed slider stands at {100.0 * scaling:.0f} %", "put it to 100 %")
+        return _slow(scaling)
     return NO_TROUBLE
 
 
@@ -445,28 +468,3 @@ def _misplaced(values: tuple[float, ...]) -> Trouble:
         f"it tells to stand {off * 1e3:.1f} mm and {math.degrees(turned):.1f}° from its own target",
         "look at its tool centre point and payload, and begin again",
     )
-
-
-_RUNS = int(SafetyBits.NORMAL | SafetyBits.REDUCED)
-_STOPS = tuple(
-    (int(bits), trouble)
-    for bits, trouble in (
-        (
-            SafetyBits.ROBOT_EMERGENCY_STOPPED
-            | SafetyBits.SYSTEM_EMERGENCY_STOPPED
-            | SafetyBits.EMERGENCY_STOPPED,
-            Trouble("emergency stop", "release it, power the robot on, and begin again"),
-        ),
-        (
-            SafetyBits.VIOLATION | SafetyBits.FAULT,
-            Trouble("safety violation or fault", "restart its safety system"),
-        ),
-        (
-            SafetyBits.PROTECTIVE_STOPPED,
-            Trouble("protective stop", "see its cause, unlock it after 5 s at the pendant, and begin again"),
-        ),
-        (SafetyBits.SAFEGUARD_STOPPED, Trouble("safeguard stop", "close the safeguard, and begin again")),
-        (SafetyBits.RECOVERY, Trouble("recovery mode", "move it back inside its safety limits by hand")),
-    )
-)
-"""Bits of stops, the gravest first, in words. Plain numbers, for flags are slow to join."""

@@ -1,6 +1,7 @@
 """Variables of RTDE with their types and units, and recipes: the variables of a data packet in order.
 
-Source: Universal Robots' RTDE guide; tool outputs as inputs: its C++ client library and ur_rtde. SI units throughout.
+Source: Universal Robots' RTDE guide; names and types also its C++ client library, `rtde/data_package.cpp`, and ur_rtde.
+Versions that no source here tells are the first ones of a line. SI units throughout.
 A pose is x y z and a rotation vector, of the tool centre point in the base frame.
 """
 
@@ -42,13 +43,21 @@ class Variable(NamedTuple):
     unit: str = ""
     meaning: str = ""
     since: tuple[int, int, int] = (0, 0, 0)
-    """First version of a controller that has it."""
+    """First version of an e-Series controller that has it."""
+    since_cb3: tuple[int, int, int] = (0, 0, 0)
+    """The same of a CB3."""
     mark: Mark = Mark.OBSERVED
 
 
 def _numbered(first: int, end: int, name: str, kind: str) -> Iterator[tuple[str, Variable]]:
     for number in range(first, end):
         yield f"{name}_{number}", Variable(kind)
+
+
+NEVER = (1000, 0, 0)
+"""No CB3 has it."""
+_E_SERIES = 5
+"""Major version of the first e-Series."""
 
 
 def _joint(unit: str, meaning: str) -> Variable:
@@ -89,6 +98,55 @@ INPUTS: Mapping[str, Variable] = {
 
 _POSE, _SPEED = ("m, rad", "pose of the tool"), ("m/s, rad/s", "velocity of the tool, base axes")
 
+Number: TypeAlias = tuple[int, int, int]
+
+
+def _assumed(
+    kind: str, unit: str = "", meaning: str = "", since: Number = (0, 0, 0), cb3: Number = (0, 0, 0)
+) -> Variable:
+    """A variable whose first versions no public source tells."""
+    return Variable(kind, unit, meaning, since, cb3, Mark.ASSUMED)
+
+
+_FURTHER: Mapping[str, Variable] = {
+    "actual_current_window": _assumed("VECTOR6D", "A", "windows of the currents"),
+    "actual_configurable_digital_input_bits": _assumed("UINT64"),
+    "actual_configurable_digital_output_bits": _assumed("UINT64"),
+    "target_execution_time": _assumed("DOUBLE", "ms", "of the controller's cycle"),
+    "elbow_position": _assumed("VECTOR3D", "m", "of the elbow, base frame", (5, 0, 0), (3, 5, 0)),
+    "elbow_velocity": _assumed("VECTOR3D", "m/s", "of the elbow, base axes", (5, 0, 0), (3, 5, 0)),
+    "analog_io_types": _assumed("UINT32", "", "bits 0, 1: inputs, 2, 3: outputs; set: voltage"),
+    "io_current": _assumed("DOUBLE", "A", "of the I/O"),
+    "encoder0_raw": _assumed("INT32", "", "ticks"),
+    "encoder1_raw": _assumed("INT32", "", "ticks"),
+    "euromap67_input_bits": _assumed("UINT32"),
+    "euromap67_output_bits": _assumed("UINT32"),
+    "euromap67_24V_voltage": _assumed("DOUBLE", "V", ""),
+    "euromap67_24V_current": _assumed("DOUBLE", "A", ""),
+    "tool_mode": _assumed("UINT32", "", "253: running"),
+    "tool_analog_input_types": _assumed("UINT32", "", "bits 0, 1; set: voltage"),
+    "tool_analog_input0": _assumed("DOUBLE", "A or V", ""),
+    "tool_analog_input1": _assumed("DOUBLE", "A or V", ""),
+    "tool_output_voltage": _assumed("INT32", "V", "0, 12 or 24"),
+    "tool_output_current": _assumed("DOUBLE", "A", ""),
+    "tool_temperature": _assumed("DOUBLE", "°C", ""),
+    "tool_output_mode": _assumed("UINT8", "", "", (5, 2, 0), NEVER),
+    "tool_digital_output0_mode": _assumed("UINT8", "", "", (5, 2, 0), NEVER),
+    "tool_digital_output1_mode": _assumed("UINT8", "", "", (5, 2, 0), NEVER),
+    "joint_position_deviation_ratio": _assumed("DOUBLE", "", "largest deviation of a joint, of its limit"),
+    "collision_detection_ratio": _assumed("DOUBLE", "", "0 … 1", (5, 15, 0), NEVER),
+    "wrench_calc_from_currents": _assumed("VECTOR6D", "N, N·m", "base axes", (5, 9, 0), NEVER),
+    "script_control_line": _assumed("UINT32", "", "line of the script that moves the arm"),
+    "time_scale_source": _assumed("INT32", "", "the limit that slows the arm", (5, 17, 0), NEVER),
+    "actual_robot_energy_consumed": Variable("DOUBLE", "J", "", (5, 23, 0), NEVER),
+    "actual_robot_braking_energy_dissipated": Variable("DOUBLE", "J", "", (5, 23, 0), NEVER),
+    "target_gravity": _assumed("VECTOR3D", "m/s²", "", (5, 23, 0), NEVER),
+    "target_base_acceleration": _assumed("VECTOR6D", "m/s², rad/s²", "", (5, 23, 0), NEVER),
+    "target_base_wrench": _assumed("VECTOR6D", "N, N·m", "", (5, 23, 0), NEVER),
+    "control_step": _assumed("UINT64", "", "", (5, 23, 0), NEVER),
+}
+"""Outputs of the maker's C++ client library whose first versions are assumed, but for the energies."""
+
 OUTPUTS: Mapping[str, Variable] = {
     "timestamp": _double("s", "since the controller started"),
     "target_q": _joint("rad", "joints that are wanted"),
@@ -105,8 +163,8 @@ OUTPUTS: Mapping[str, Variable] = {
     "actual_TCP_force": Variable("VECTOR6D", "N, N·m", "wrench, base axes"),
     "target_TCP_pose": Variable("VECTOR6D", *_POSE),
     "target_TCP_speed": Variable("VECTOR6D", *_SPEED),
-    "ft_raw_wrench": Variable("VECTOR6D", "N, N·m", "wrench of the sensor", (5, 9, 0)),
-    "tcp_offset": Variable("VECTOR6D", "m, rad", "tool in the flange", (5, 5, 1)),
+    "ft_raw_wrench": Variable("VECTOR6D", "N, N·m", "wrench of the sensor", (5, 9, 0), NEVER),
+    "tcp_offset": Variable("VECTOR6D", "m, rad", "tool in the flange", (5, 5, 1), (3, 12, 3)),
     "actual_digital_input_bits": Variable("UINT64"),
     "actual_digital_output_bits": Variable("UINT64"),
     "joint_temperatures": _joint("°C", "temperatures"),
@@ -114,7 +172,7 @@ OUTPUTS: Mapping[str, Variable] = {
     "robot_mode": Variable("INT32", "", "7: running"),
     "joint_mode": Variable("VECTOR6INT32", "", "253: running"),
     "safety_mode": Variable("INT32", "", "1: normal"),
-    "safety_status": Variable("INT32", "", "as safety_mode", (5, 4, 0)),
+    "safety_status": Variable("INT32", "", "as safety_mode", (5, 4, 0), (3, 10, 0)),
     "safety_status_bits": Variable("UINT32", "", "bit 0: normal"),
     "robot_status_bits": Variable("UINT32", "", "bit 0: power, bit 1: a program plays"),
     "runtime_state": Variable("UINT32", "", "2: playing"),
@@ -126,15 +184,16 @@ OUTPUTS: Mapping[str, Variable] = {
     "actual_robot_voltage": _double("V", "of the arm"),
     "actual_robot_current": _double("A", "of the arm"),
     "actual_joint_voltage": _joint("V", "voltages"),
-    "actual_current_as_torque": Variable("VECTOR6D", "N·m", "", (5, 23, 0)),
+    "actual_current_as_torque": Variable("VECTOR6D", "N·m", "", (5, 23, 0), NEVER),
     "standard_analog_input0": _double("A or V", ""),
     "standard_analog_input1": _double("A or V", ""),
     "standard_analog_output0": _double("A or V", ""),
     "standard_analog_output1": _double("A or V", ""),
     "tcp_force_scalar": _double("N", "length of the force"),
-    "payload": Variable("DOUBLE", "kg", "", (5, 5, 1)),
-    "payload_cog": Variable("VECTOR3D", "m", "centre of gravity", (5, 5, 1)),
-    "payload_inertia": Variable("VECTOR6D", "kg·m²", "", (5, 11, 0)),
+    "payload": Variable("DOUBLE", "kg", "", (5, 5, 1), (3, 12, 3)),
+    "payload_cog": Variable("VECTOR3D", "m", "centre of gravity", (5, 5, 1), (3, 12, 3)),
+    "payload_inertia": Variable("VECTOR6D", "kg·m²", "", (5, 11, 0), (3, 15, 0)),
+    **_FURTHER,
     **_registers("output"),
     **{name: variable for name, variable in INPUTS.items() if "_register" in name},
 }
@@ -144,7 +203,10 @@ OUTPUTS: Mapping[str, Variable] = {
 def type_of(table: Mapping[str, Variable], name: str, version: Sequence[int]) -> str:
     """The type of a variable of a controller of this version, or `NOT_FOUND`."""
     found = table.get(name)
-    return found.type if found is not None and tuple(version[:3]) >= found.since else NOT_FOUND
+    if found is None:
+        return NOT_FOUND
+    since = found.since if version[0] >= _E_SERIES else found.since_cb3
+    return found.type if tuple(version[:3]) >= since else NOT_FOUND
 
 
 @dataclass(frozen=True)

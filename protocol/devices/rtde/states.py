@@ -36,6 +36,17 @@ class SafetyMode(IntEnum):
     FAULT = 9
 
 
+STOPPED_MODES = (
+    SafetyMode.PROTECTIVE_STOP,
+    SafetyMode.SAFEGUARD_STOP,
+    SafetyMode.SYSTEM_EMERGENCY_STOP,
+    SafetyMode.ROBOT_EMERGENCY_STOP,
+    SafetyMode.VIOLATION,
+    SafetyMode.FAULT,
+)
+"""Safety modes in which no arm moves."""
+
+
 class SafetyBits(IntFlag):
     """`safety_status_bits`"""
 

@@ -11,6 +11,15 @@ class Port(StrEnum):
     RTDE = "rtde"
     DASHBOARD = "dashboard"
     SCRIPT = "script"
+    """Takes programs and tells nothing."""
+    PRIMARY = "primary"
+    """The primary and the secondary interface: takes programs, tells the state."""
+    READ_ONLY = "read-only"
+    """The same without programs."""
+
+
+CLIENT_PORTS = (Port.RTDE, Port.DASHBOARD, Port.SCRIPT)
+"""Ports that our client uses."""
 
 
 class Piece(NamedTuple):

@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 
 from protocol.devices.jr3.board import MEMORY_WORDS, WORD_MODULUS, Registers
 from protocol.endpoint import RemoteProtocolError
-from protocol.marks import Mark, between, check_settings, setting
+from protocol.marks import Mark, SettingError, between, check_settings, setting
 
 _PAGE = 0x100
 """Words over which the address counts on; it wraps within them, for only its low 8 bits count."""
@@ -27,7 +27,7 @@ class IsaProfile:
     def __post_init__(self) -> None:
         check_settings(self)
         if self.base % 2:
-            raise ValueError(f"base must be even, got {self.base:#x}")
+            raise SettingError("base", f"must be even, got {self.base:#x}")
 
 
 class IsaPorts:

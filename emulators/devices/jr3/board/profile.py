@@ -5,7 +5,7 @@ from typing import Any, ClassVar, Literal
 
 from emulators.devices.jr3.sensor import SensorProfile
 from protocol.devices.jr3.board import REGISTERS
-from protocol.marks import Mark, at_least, between, check_settings, setting
+from protocol.marks import Mark, SettingError, at_least, between, check_settings, setting
 
 _WORD, _POSITIVE = 65535, 32767
 
@@ -150,7 +150,9 @@ class BoardProfile:
         ):
             if getattr(self, name) not in allowed:
                 said = " or ".join(map(str, allowed))
-                raise ValueError(f"{name} must be {said}, got {getattr(self, name)}")
+                raise SettingError(name, f"must be {said}, got {getattr(self, name)}")
         longest = REGISTERS["copyright"].count
         if len(self.copyright) > longest or not self.copyright.isascii():
-            raise ValueError(f"copyright must be at most {longest} ASCII characters, got {self.copyright!r}")
+            raise SettingError(
+                "copyright", f"must be at most {longest} ASCII characters, got {self.copyright!r}"
+            )

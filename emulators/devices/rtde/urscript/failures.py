@@ -11,34 +11,29 @@ class SyntaxFailure(NamedTuple):
     column: int
     text: str
 
-    def __str__(self) -> str:
-        return f"Syntax error in line {self.line}, column {self.column}: {self.text}"
-
 
 class RuntimeFailure(NamedTuple):
     """A statement cannot be done; the program ends."""
 
     line: int
     text: str
-
-    def __str__(self) -> str:
-        return f"Runtime error in line {self.line}: {self.text}"
+    column: int = 1
 
 
 class ScriptSyntaxError(Exception):
     """The text is no program."""
 
     def __init__(self, failure: SyntaxFailure) -> None:
-        super().__init__(str(failure))
+        super().__init__(failure.text)
         self.failure = failure
 
 
 class ScriptError(Exception):
     """A statement cannot be done. The statement that was under way adds its line."""
 
-    def __init__(self, text: str) -> None:
+    def __init__(self, text: str, column: int = 1) -> None:
         super().__init__(text)
-        self.text = text
+        self.text, self.column = text, column
         self.line = 0
         """0 until the statement is known."""
 

@@ -123,8 +123,16 @@ class Machine:
             self._tasks.clear()
         except ScriptError as error:
             self._tasks.clear()
-            self.host.tell_failure(RuntimeFailure(error.line, error.text))
+            self.host.tell_failure(RuntimeFailure(error.line, error.text, error.column))
+        if not self._tasks:
+            self.close()
         return bool(self._tasks)
+
+    def close(self) -> None:
+        """The program has ended, or is stopped: its connections end."""
+        for socket in self.sockets.values():
+            socket.hang_up()
+        self.sockets.clear()
 
     def _pass(self) -> bool:
         """Each thread that can runs once; whether any did."""

@@ -12,6 +12,7 @@ from emulators.devices.rtde.urscript.table import Function, modelled, waiting
 from emulators.devices.rtde.urscript.values import Struct, Value, integer, number, string, text_of, truth
 
 _SOCKET = "socket_0"
+_OPEN_S = 2.0
 
 
 def _text(value: Value) -> str:
@@ -44,9 +45,9 @@ def _message(task: Any, first: Value, second: Value) -> None:
 
 
 def _popup(task: Any, text: Value, title: Value, *kinds: Value) -> Generator[None, None, None]:
-    """A pop-up that blocks would wait for a person. None is there, so it is closed in the next cycle (assumed)."""
-    task.host.tell(Message.POPUP, f"{_text(title)}: {_text(text)}"[:STRING_MAX])
-    if truth(kinds[2]):
+    """A pop-up that blocks waits until it is closed: by the dashboard, or at the panel."""
+    task.host.tell(Message.POPUP, _text(text)[:STRING_MAX], _text(title)[:STRING_MAX])
+    while truth(kinds[2]) and task.host.popup_open:
         yield
 
 
@@ -149,20 +150,30 @@ _SIGNALS: tuple[Function, ...] = (
 # --- sockets
 
 
-def _open(task: Any, address: Value, port: Value, name: Value) -> Value:
+def _open(task: Any, address: Value, port: Value, name: Value) -> Generator[None, None, Value]:
+    """A server that does not answer is given up after two seconds (source: the script manual)."""
     sockets: dict[str, Socket] = task.machine.sockets
     key = string(name)
-    if key not in sockets and len(sockets) >= SOCKETS_MAX:
+    _close(task, key)
+    if len(sockets) >= SOCKETS_MAX:
         raise ScriptError("there are too many sockets")
-    sockets.pop(key, None)
-    found = task.host.open_socket(string(address), integer(port))
-    if found is not None:
-        sockets[key] = found
-    return found is not None
+    found: Socket | None = task.host.open_socket(string(address), integer(port))
+    if found is None:
+        return False
+    sockets[key] = found
+    for _ in range(round(_OPEN_S / task.host.period)):
+        if not found.opening:
+            break
+        yield
+    if not found.open and sockets.get(key) is found:
+        _close(task, key)
+    return found.open
 
 
 def _close(task: Any, name: Value) -> None:
-    task.machine.sockets.pop(string(name), None)
+    found: Socket | None = task.machine.sockets.pop(string(name), None)
+    if found is not None:
+        found.hang_up()
 
 
 def _send(task: Any, data: bytes, name: Value) -> Value:
@@ -194,7 +205,7 @@ def _wait_for(task: Any, name: Value, timeout: Value, ask: Any) -> Generator[Non
             yield
             return None
         answer: bytes | None = ask(found)
-        if answer is not None:
+        if answer is not None or (waited and not found.open):
             return answer
         yield
         waited += task.host.period
@@ -253,7 +264,7 @@ def _read_string(
 
 
 _SOCKETS: tuple[Function, ...] = (
-    modelled(f'socket_open(address, port, socket_name="{_SOCKET}")', _open),
+    waiting(f'socket_open(address, port, socket_name="{_SOCKET}")', _open),
     modelled(f'socket_close(socket_name="{_SOCKET}")', _close),
     modelled(f'socket_send_int(value, socket_name="{_SOCKET}")', _send_int),
     modelled(

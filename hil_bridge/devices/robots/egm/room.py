@@ -1,19 +1,25 @@
 """The room of Externally Guided Motion, as the house sees it: its kind of robot, its client and its emulator."""
 
+import asyncio
+import importlib.util
 from typing import Any
 
-from emulators.devices.egm import EGM_FAULTS, EgmController, EgmProfile
+from emulators.devices.egm import EGM_CONTROLS, EGM_FAULTS, EgmController, EgmProfile
+from emulators.devices.egm.web_services import WebServices
 from emulators.seams import RobotFactory
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
 from hil_bridge.devices.robots.egm.facts import robot_facts
 from hil_bridge.devices.robots.egm.settings import EgmSettings
+from hil_bridge.devices.robots.egm.web_address import OPTION, WebAddress, split_web
+from hil_bridge.devices.robots.probing import Probed, muted, probe_link
 from hil_bridge.devices.robots.streamed import StreamedLink
 from hil_bridge.devices.wiring import Serving, Wiring
-from hil_bridge.errors import ConfigError
+from hil_bridge.errors import ConfigError, DeviceError
 from hil_bridge.transports import Datagrams
-from hil_bridge.transports.urls import LISTEN_DATAGRAMS, parse_url
+from hil_bridge.transports.urls import CONNECT_DATAGRAMS, LISTEN_DATAGRAMS, WireUrl, parse_url, with_option
 from protocol.devices.egm import EgmClient, describe
+from protocol.endpoint import Trouble
 
 USUAL = "udp://127.0.0.1:6510"
 """Where the emulated robot sends in real time: the port of ABB's example and of other clients [M, O:flo]."""
@@ -23,12 +29,43 @@ async def connect(
     url: str, settings: KindSettings[EgmSettings, EgmProfile], wiring: Wiring
 ) -> StreamedLink[Datagrams]:
     """The robot that sends to this address, not started yet. Errors as of `RobotKind.connect`."""
+    url, _ = split_web(url)
     if "strangers" not in parse_url(url, LISTEN_DATAGRAMS).options:
-        url += f"{'&' if '?' in url else '?'}strangers=refuse"  # nothing else may take the robot's place
+        url = with_option(url, "strangers", "refuse")  # nothing else may take the robot's place
     wire = await wiring.datagrams(url, speak_first=False)
     own: EgmSettings = settings.client
     client = EgmClient(own.sample_ms * 1e-3, own.feed_forward, own.force_axes)
     return StreamedLink(wire, client, facts(url, settings), wiring.clock, wiring.log)
+
+
+async def probe(url: str, settings: KindSettings[EgmSettings, EgmProfile], wiring: Wiring) -> Probed:
+    """Findings of a robot that sends to this address, and of its web services where the URL names them."""
+    heard, beside = await asyncio.gather(
+        probe_link(lambda silent: connect(url, settings, silent), muted(wiring)),
+        ask_web(url),
+        return_exceptions=True,
+    )
+    if isinstance(beside, DeviceError):
+        beside = Probed((("web services", str(beside)),))
+    if isinstance(beside, BaseException):
+        raise beside
+    if isinstance(heard, DeviceError) and beside.rows:
+        heard = Probed((("datagrams", heard.fact),), (Trouble(heard.fact, heard.remedy),))
+    if isinstance(heard, BaseException):
+        raise heard
+    return heard.with_more(beside)
+
+
+async def ask_web(url: str) -> Probed:
+    """What a controller's web services tell; nothing where the URL names none. Raises DeviceError."""
+    _, address = split_web(url)
+    if address is None:
+        return Probed(())
+    _check_extra()
+    from hil_bridge.devices.robots.egm.web_client import find_refusals, read_state, state_rows
+
+    state = await read_state(address)
+    return Probed(state_rows(state), find_refusals(state))
 
 
 def facts(url: str, settings: KindSettings[EgmSettings, EgmProfile]) -> RobotFacts:
@@ -51,8 +88,41 @@ def check(settings: KindSettings[EgmSettings, EgmProfile]) -> None:
 async def serve(
     url: str, robot: Any, settings: KindSettings[EgmSettings, EgmProfile], serving: Serving
 ) -> str:
-    """Let the emulated controller send to this address; the URL at which its client listens."""
-    return await serving.serve_datagrams(url, robot.endpoint, speak_first=True)
+    """Let the emulated controller send to this address; the URL at which its client listens. Its web services listen
+    where the URL names an address of theirs.
+    """
+    wire, address = split_web(url)
+    if address is None:
+        return await serving.serve_datagrams(wire, robot.endpoint, speak_first=True)
+    _check_web(url, address)
+    from hil_bridge.devices.robots.egm.serving import WebServer  # aiohttp takes its time to import
+
+    server = WebServer(WebServices(robot, settings.emulated), serving)
+    real = await server.listen(address)
+    return with_option(
+        await serving.serve_datagrams(wire, robot.endpoint, speak_first=True), OPTION, real.authority
+    )
+
+
+def _check_web(url: str, address: WebAddress) -> None:
+    """Raise ConfigError where web services cannot be served."""
+    if parse_url(split_web(url)[0], CONNECT_DATAGRAMS).scheme == "udp+memory":
+        raise ConfigError(f"{url!r}: web services are served in real time only; leave {OPTION} out")
+    if not address.is_loopback:
+        raise ConfigError(
+            f"{url!r}: emulated web services listen on loopback only, such as {OPTION}=127.0.0.1:0"
+        )
+    _check_extra()
+
+
+def _check_extra() -> None:
+    """Raise ConfigError without the library of web services."""
+    if importlib.util.find_spec("aiohttp") is None:
+        raise ConfigError(f"{OPTION} needs the extra web: pip install 'hil-bridge[web]'")
+
+
+def _parse(url: str, settings: KindSettings[EgmSettings, EgmProfile]) -> WireUrl:
+    return parse_url(split_web(url)[0], LISTEN_DATAGRAMS)
 
 
 def usual(settings: KindSettings[EgmSettings, EgmProfile], virtual: bool) -> str:
@@ -68,8 +138,11 @@ ROBOT = RobotKind(
     EgmSettings,
     connect,
     facts,
-    RobotEmulation(EgmProfile, make, serve, usual, EGM_FAULTS, mishaps=MISHAPS),
+    RobotEmulation(EgmProfile, make, serve, usual, EGM_FAULTS, EGM_CONTROLS, MISHAPS),
     check=check,
-    parse=lambda url, settings: parse_url(url, LISTEN_DATAGRAMS),
+    parse=_parse,
     describe=describe,
+    probe=probe,
+    ask_beside=ask_web,
+    usual_wire="udp-bind://0.0.0.0:6510",
 )

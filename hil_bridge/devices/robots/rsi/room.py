@@ -2,10 +2,11 @@
 
 from typing import Any
 
-from emulators.devices.rsi import RSI_FAULTS, RsiController, RsiProfile
+from emulators.devices.rsi import RSI_CONTROLS, RSI_FAULTS, RsiController, RsiProfile
 from emulators.seams import RobotFactory
 from hil_bridge.devices.facts import Pacing, RobotFacts, ServoFacts
 from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
+from hil_bridge.devices.robots.probing import Probed, probe_link
 from hil_bridge.devices.robots.streamed import StreamedLink
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.transports import Datagrams
@@ -61,6 +62,13 @@ async def connect(
     return StreamedLink(wire, RsiClient(settings.client), robot_facts(settings), wiring.clock, wiring.log)
 
 
+async def probe(url: str, settings: KindSettings[RsiLink, RsiProfile], wiring: Wiring) -> Probed:
+    """Findings of a controller that sends to this address. It is answered with the correction that it has: without an
+    answer it would stop with an error, and with this one it stands.
+    """
+    return await probe_link(lambda heard: connect(url, settings, heard), wiring)
+
+
 def make(settings: KindSettings[RsiLink, RsiProfile]) -> RobotFactory:
     """The controller that a cell's section describes."""
     return lambda start, now, seed: RsiController(settings.emulated, start, now, seed)
@@ -85,7 +93,9 @@ ROBOT = RobotKind(
     RsiLink,
     connect,
     facts,
-    RobotEmulation(RsiProfile, make, serve, usual, RSI_FAULTS, mishaps=MISHAPS, late_ms=6.0),
+    RobotEmulation(RsiProfile, make, serve, usual, RSI_FAULTS, RSI_CONTROLS, MISHAPS, late_ms=6.0),
     parse=lambda url, settings: parse_url(url, LISTEN_DATAGRAMS),
     describe=describe,
+    probe=probe,
+    usual_wire=f"udp-bind://0.0.0.0:{PORT}",
 )

@@ -4,7 +4,7 @@
 |---|---|
 | `tcp://10.0.0.5` | 30004, and the dashboard's and the script's by the settings |
 | `tcp://127.0.0.1:41000?dashboard=41001&script=41002` | these |
-| `tcp-listen://127.0.0.2` | the real controller's, also 30001 and 30003 for programs |
+| `tcp-listen://127.0.0.2` | the real controller's: 30001 to 30004, 30011, 30012, 29999 |
 | `tcp-listen://127.0.0.1:0` | free ones |
 | `memory:NAME` | in memory |
 """
@@ -21,11 +21,18 @@ RTDE_PORT = 30004
 PORTS: Mapping[Port, tuple[int, ...]] = {
     Port.RTDE: (RTDE_PORT,),
     Port.DASHBOARD: (29999,),
-    Port.SCRIPT: (30002, 30001, 30003),
+    Port.SCRIPT: (30003,),
+    Port.PRIMARY: (30001, 30002),
+    Port.READ_ONLY: (30011, 30012),
 }
-"""TCP ports of a real controller; our client uploads to the first of the script's."""
+"""TCP ports of a real controller."""
 _EXAMPLE = "tcp://10.0.0.5, or tcp://127.0.0.1:41000?dashboard=41001&script=41002"
-_OPTIONS = {"dashboard": Port.DASHBOARD, "script": Port.SCRIPT}
+_OPTIONS = {
+    "dashboard": Port.DASHBOARD,
+    "script": Port.SCRIPT,
+    "primary": Port.PRIMARY,
+    "read-only": Port.READ_ONLY,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,10 +49,13 @@ class Address:
     options: str = ""
     """Further options of the wire in memory, as `?latency_ms=1`."""
 
+    def memory_name(self, port: Port) -> str:
+        """The name of a port in memory."""
+        return self.name if port is Port.RTDE else f"{self.name}-{port}"
+
     def memory_url(self, port: Port) -> str:
         """The URL of a port in memory."""
-        suffix = "" if port is Port.RTDE else f"-{port}"
-        return f"memory:{self.name}{suffix}{self.options}"
+        return f"memory:{self.memory_name(port)}{self.options}"
 
     @property
     def wire(self) -> WireUrl:

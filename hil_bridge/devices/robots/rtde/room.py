@@ -1,15 +1,18 @@
 """The room of Universal Robots' controllers: kind `rtde`, its client and its emulator behind their wires."""
 
+from pathlib import Path
 from typing import Any
 
-from emulators.devices.rtde import RTDE_FAULTS, RtdeProfile, RtdeRobot, make_robot
+from emulators.devices.rtde import RTDE_CONTROLS, RTDE_FAULTS, TEXT_MAX, RtdeProfile, RtdeRobot, make_robot
 from emulators.seams import RobotFactory
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
+from hil_bridge.devices.robots.probing import Probed, probe_link
 from hil_bridge.devices.robots.rtde import serving as ports
 from hil_bridge.devices.robots.rtde.addresses import RTDE_PORT, parse_address
 from hil_bridge.devices.robots.rtde.bundle import Bundle
 from hil_bridge.devices.robots.rtde.facts import robot_facts
+from hil_bridge.devices.robots.rtde.program_folder import read_programs
 from hil_bridge.devices.robots.streamed import StreamedLink
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.errors import ConfigError
@@ -25,28 +28,43 @@ async def connect(
     url: str, settings: KindSettings[ClientProfile, RtdeProfile], wiring: Wiring
 ) -> StreamedLink[Pieces]:
     """The controller behind its ports, not started yet. Raises ConfigError, TransportUnavailable."""
+    return await _open(url, settings, wiring, looks=False)
+
+
+async def _open(
+    url: str, settings: KindSettings[ClientProfile, RtdeProfile], wiring: Wiring, looks: bool
+) -> StreamedLink[Pieces]:
     profile: ClientProfile = settings.client
-    wires = await open_wires(url, profile, wiring)
-    client = RtdeClient(profile, wiring.clock.now())
+    wires = await open_wires(url, profile, wiring, script=not looks)
+    client = RtdeClient(profile, wiring.clock.now(), looks)
     facts = robot_facts(profile, settings.emulated)
     return StreamedLink(Bundle(url, wires, client.farewell), client, facts, wiring.clock, wiring.log)
 
 
+async def probe(url: str, settings: KindSettings[ClientProfile, RtdeProfile], wiring: Wiring) -> Probed:
+    """Findings of a controller. No program is sent to it, and none of its inputs is written."""
+    return await probe_link(lambda heard: _open(url, settings, heard, looks=True), wiring)
+
+
 async def open_wires(
-    url: str, profile: ClientProfile, wiring: Wiring, dashboard: bool = True
+    url: str, profile: ClientProfile, wiring: Wiring, dashboard: bool = True, script: bool = True
 ) -> dict[Port, Transport[bytes]]:
-    """The wires to a controller's ports; without the dashboard where that is not wanted, or its port is 0."""
+    """The wires to a controller's ports; without the dashboard and the script's where that is not wanted, or the
+    dashboard's is 0.
+    """
     address = parse_address(url)
     numbers = {
         Port.RTDE: RTDE_PORT,
         Port.DASHBOARD: profile.dashboard_port,
         Port.SCRIPT: profile.script_port,
-        **address.ports,
     }
     wires: dict[Port, Transport[bytes]] = {}
     try:
-        for port, number in numbers.items():
+        for port, usual in numbers.items():
+            number = address.ports.get(port, usual)
             if port is Port.DASHBOARD and not (dashboard and profile.dashboard_port):
+                continue
+            if port is Port.SCRIPT and not script:
                 continue
             wire_url = address.memory_url(port) if address.name else f"tcp://{address.authority}:{number}"
             wires[port] = await wiring.bytes(wire_url)
@@ -63,8 +81,9 @@ def facts(url: str, settings: KindSettings[ClientProfile, RtdeProfile]) -> Robot
 
 
 def make(settings: KindSettings[ClientProfile, RtdeProfile]) -> RobotFactory:
-    """The controller that a cell's section describes."""
-    return make_robot(settings.emulated)
+    """The controller that a cell's section describes, with the programs of its folder. Raises ConfigError."""
+    folder = settings.emulated.program_folder
+    return make_robot(settings.emulated, read_programs(Path(folder), TEXT_MAX) if folder else {})
 
 
 async def serve(
@@ -102,8 +121,10 @@ ROBOT = RobotKind(
     ClientProfile,
     connect,
     facts,
-    RobotEmulation(RtdeProfile, make, serve, usual, RTDE_FAULTS, mishaps=MISHAPS),
+    RobotEmulation(RtdeProfile, make, serve, usual, RTDE_FAULTS, RTDE_CONTROLS, MISHAPS),
     check=check,
     parse=_parse,
     describe=describe,
+    probe=probe,
+    usual_wire="tcp://{host}",
 )

@@ -4,35 +4,34 @@ import asyncio
 from collections.abc import Callable
 from typing import Any
 
-from emulators.devices.rtde import RtdeRobot, Server, make_parser
+from emulators.devices.rtde import RtdeRobot, Saying, make_parser
 from hil_bridge.devices.robots.rtde.addresses import PORTS, Address, parse_address
+from hil_bridge.devices.robots.rtde.program_wires import Hangup, ProgramWires, Served
 from hil_bridge.devices.wiring import Serving
 from hil_bridge.errors import TransportError
 from hil_bridge.transports import Transport
 from hil_bridge.transports.memory import listen_memory_clients
 from hil_bridge.transports.pump import Pump
 from hil_bridge.transports.tcp import listen_tcp_clients
+from protocol.devices.rtde.states import SafetyMode
 from protocol.devices.rtde.wires import Port
 
+BEAT_S = 0.1
+"""Chosen: time between two looks at a controller without a client."""
 
-class _Hangup:
-    """The device closes the connection."""
 
+class _ErrorLog:
+    """Says the errors of programs, each in a line."""
 
-class _Served:
-    """A server's endpoint that tells when the device closes the connection."""
+    def __init__(self, say: Callable[[str], object]) -> None:
+        self._say = say
 
-    def __init__(self, server: Server) -> None:
-        self._server = server
-        self._told = False
-        self.receive, self.data_to_send = server.receive, server.data_to_send
-        self.next_deadline, self.handle_deadline = server.next_deadline, server.handle_deadline
+    def hear(self, saying: Saying) -> None:
+        if saying.line:
+            self._say(f"rtde: a program fails: {saying}")
 
-    def next_event(self) -> _Hangup | None:
-        if self._server.closing and not self._told:
-            self._told = True
-            return _Hangup()
-        return None
+    def hear_safety(self, mode: SafetyMode) -> None:
+        """The view and the panel tell it."""
 
 
 class Ports:
@@ -43,16 +42,24 @@ class Ports:
         self._wires: set[Transport[bytes]] = set()
         self._closing: set[asyncio.Task[None]] = set()
         self._stops: list[Callable[[], None]] = []
+        self._beat: asyncio.TimerHandle | None = None
         serving.stack.push_async_callback(self._close)
+        self._programs = ProgramWires(robot, serving)
+        robot.controller.console.listeners.append(_ErrorLog(serving.say))
 
     async def listen(self, address: Address) -> str:
         """Listen on an address; the URL for a client. Raises TransportUnavailable."""
         make_parser()  # not at a client's first program, when a robot moves
+        if not self._serving.clock.is_virtual:
+            self._keep_pace()
         if address.name:
             for port in PORTS:
-                name = address.memory_url(port).removeprefix("memory:").partition("?")[0]
-                self._stops.append(listen_memory_clients(name, self._serving.clock, self._door(port)))
+                door = self._door(port)
+                self._stops.append(
+                    listen_memory_clients(address.memory_name(port), self._serving.clock, door)
+                )
             return f"memory:{address.name}"
+        self._programs.offer()
         found: dict[Port, int] = {}
         free = address.ports.get(Port.RTDE) == 0
         for port, usual in PORTS.items():
@@ -65,8 +72,14 @@ class Ports:
                 found.setdefault(port, real)
         if found == {port: numbers[0] for port, numbers in PORTS.items()}:
             return f"tcp://{address.authority}"
-        rtde, dashboard, script = (found[port] for port in (Port.RTDE, Port.DASHBOARD, Port.SCRIPT))
-        return f"tcp://{address.authority}:{rtde}?dashboard={dashboard}&script={script}"
+        options = "&".join(f"{port}={number}" for port, number in found.items() if port is not Port.RTDE)
+        return f"tcp://{address.authority}:{found[Port.RTDE]}?{options}"
+
+    def _keep_pace(self) -> None:
+        """Let the controller's cycles happen while no client is there, so that the next one need not wait for them."""
+        clock = self._serving.clock
+        self._robot.controller.advance(clock.now())
+        self._beat = clock.loop.call_later(BEAT_S, self._keep_pace)
 
     def _door(self, port: Port) -> Callable[[Transport[bytes]], None]:
         return lambda wire: self._welcome(port, wire)
@@ -93,7 +106,7 @@ class Ports:
                 wire.send(rest)
             self._hang_up(wire)
 
-        pump: Pump[bytes, _Hangup] = Pump(_Served(server), wire, clock, told, ended)
+        pump: Pump[bytes, Hangup] = Pump(Served(server), wire, clock, told, ended)
         self._serving.pumps.append(pump)
         pump.start()
 
@@ -105,10 +118,13 @@ class Ports:
         task.add_done_callback(self._closing.discard)
 
     async def _close(self) -> None:
+        if self._beat is not None:
+            self._beat.cancel()
         for stop in self._stops:
             stop()
         for wire in list(self._wires):
             await wire.aclose()
+        await self._programs.aclose()
         await asyncio.gather(*self._closing)
 
 

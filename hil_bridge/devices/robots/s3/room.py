@@ -1,28 +1,28 @@
 """The S3's room, as the house sees it: its kind of robot, its client and its emulator behind their wires."""
 
-from collections.abc import AsyncIterator, Callable, Mapping
-from contextlib import asynccontextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from emulators.devices.s3 import S3_FAULTS, Panel, S3Profiles, S3Site, make_robot
+from emulators.devices.s3 import S3_CONTROLS, S3_FAULTS, S3Profiles, S3Site, make_robot
 from emulators.seams import RobotFactory
-from hil_bridge.clock import Clock
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
+from hil_bridge.devices.robots.probing import Probed, first_answer
 from hil_bridge.devices.robots.s3.facts import robot_facts
 from hil_bridge.devices.robots.s3.link import S3Link
 from hil_bridge.devices.robots.s3.orders_file import read_orders
-from hil_bridge.devices.robots.s3.panel import PanelServer, panel_address
 from hil_bridge.devices.robots.s3.program_folder import read_programs
 from hil_bridge.devices.robots.s3.settings import S3Settings
+from hil_bridge.devices.robots.s3.standing import stop
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.errors import ConfigError
 from hil_bridge.transports import LineSettings, Parity
 from hil_bridge.transports.urls import CONNECT_BYTES, SERIAL_PORTS, parse_url, with_line
 from protocol.devices.s3.adlp import LinkProfile
 from protocol.devices.s3.arap import KNOWN, describe
+from protocol.endpoint import Trouble
+from protocol.robot import orientation_fault
 
 
 def robot_wire(url: str, link: LinkProfile) -> tuple[str, LinkProfile]:
@@ -70,6 +70,33 @@ async def connect(url: str, settings: KindSettings[S3Settings, S3Profiles], wiri
     return robot
 
 
+async def probe(url: str, settings: KindSettings[S3Settings, S3Profiles], wiring: Wiring) -> Probed:
+    """Findings of a controller with these settings of its link; it is asked for its state alone. A run takes it out of
+    standby by itself, so that standby is no refusal.
+    """
+    robot = await connect(url, settings, wiring)
+    try:
+        robot.start()
+        status = await first_answer(robot.name, robot.read_status())
+    finally:
+        await robot.aclose()
+    x, y, z = (1e3 * value for value in status.position)
+    stopped = stop(status, robot.profile.check_flags, standby=False)
+    wrong = orientation_fault(status.quaternion)
+    refusals = (
+        *((Trouble(*stopped),) if stopped else ()),
+        *((Trouble(f"it reports {wrong}"),) if wrong else ()),
+    )
+    return Probed(
+        (
+            ("robot", robot.facts.model),
+            ("position", f"{x:.1f} {y:.1f} {z:.1f} mm"),
+            ("state", stopped[0] if stopped else "in operation" if status.operation else "in standby"),
+        ),
+        refusals,
+    )
+
+
 def facts(url: str, settings: KindSettings[S3Settings, S3Profiles]) -> RobotFacts:
     """Facts of a controller behind this wire; its servo is assumed to be like the emulated one's."""
     link = robot_wire(url, settings.client.link)[1] if url else settings.client.link
@@ -96,25 +123,6 @@ def usual(settings: KindSettings[S3Settings, S3Profiles], virtual: bool) -> str:
     return "memory:robot" if virtual else with_line("pty:", _line(settings.emulated.link))
 
 
-@asynccontextmanager
-async def panel(cell: Any, url: str, clock: Clock, kick: Callable[[], None]) -> AsyncIterator[str]:
-    """The controller's panel on a listening URL; where it is asked. `kick` wakes the cell's devices."""
-    board = Panel(cell.robot, cell.ledger, cell.ledger.table)
-
-    def perform(request: Mapping[str, Any]) -> Mapping[str, Any]:
-        try:
-            return board.perform(request, clock.now())
-        finally:
-            kick()
-
-    server = PanelServer(perform, clock)
-    address = await server.listen(url)
-    try:
-        yield address
-    finally:
-        await server.aclose()
-
-
 MISHAPS = {"refused": "key-manual", "stopped": "safeguard-stop"}
 
 ROBOT = RobotKind(
@@ -123,8 +131,10 @@ ROBOT = RobotKind(
     S3Settings,
     connect,
     facts,
-    RobotEmulation(S3Profiles, make, serve, usual, S3_FAULTS, panel, panel_address, MISHAPS, 200.0),
+    RobotEmulation(S3Profiles, make, serve, usual, S3_FAULTS, S3_CONTROLS, MISHAPS, 200.0),
     check=robot_site,
     parse=lambda url, settings: parse_url(url, CONNECT_BYTES),
     describe=describe,
+    probe=probe,
+    usual_wire="tcp://{host}:4000",
 )

@@ -20,15 +20,17 @@ _SURE = ("emergency_stop", "operation")
 """Flags of it that were observed; where the others are is assumed."""
 
 
-def stop(status: Status, check_flags: bool) -> tuple[str, str] | None:
+def stop(status: Status, check_flags: bool, standby: bool = True) -> tuple[str, str] | None:
     """Reasons that keep the robot from moving and the first remedy; None where there are none.
 
-    `check_flags`: flags whose place is assumed count too.
+    `check_flags`: flags whose place is assumed count too. `standby`: standby counts too.
     """
     shown = [
         (words, remedy)
         for name, value, words, remedy in _STATES
-        if getattr(status, name) is value and (check_flags or name in _SURE)
+        if getattr(status, name) is value
+        and (check_flags or name in _SURE)
+        and (standby or name != "operation")
     ]
     return (_together([words for words, _ in shown]), shown[0][1]) if shown else None
 

@@ -14,7 +14,14 @@ from hil_bridge.devices.sensors.netft.page_wire import WithPage
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.errors import ConfigError
 from hil_bridge.transports import Transport, connect_datagrams
-from hil_bridge.transports.urls import CONNECT_DATAGRAMS, LISTEN_DATAGRAMS, WireUrl, parse_url
+from hil_bridge.transports.urls import (
+    CONNECT_DATAGRAMS,
+    LISTEN_DATAGRAMS,
+    WireUrl,
+    parse_url,
+    split_option,
+    with_option,
+)
 from protocol.devices.netft import NetFtClient, NetFtClientProfile, describe
 
 _OPTION = "http_port"
@@ -23,18 +30,12 @@ _MEMORY = "udp+memory"
 
 def split_url(url: str) -> tuple[str, int | None]:
     """The wire's URL of a URL, and the port of the page; None where it names none. Raises ConfigError."""
-    head, _, query = url.partition("?")
-    options = [option for option in query.split("&") if option]
-    named = [option for option in options if option.partition("=")[0] == _OPTION]
-    if not named:
+    wire, text = split_option(url, _OPTION)
+    if text is None:
         return url, None
-    text = named[0].partition("=")[2]
-    if len(named) > 1 or not (text.isascii() and text.isdigit() and len(text) < 6 and 0 <= int(text) < 65536):
-        raise ConfigError(
-            f"{url!r}: {_OPTION} must be a port from 0 to 65535, and once, got {'&'.join(named)!r}"
-        )
-    options.remove(named[0])
-    return (f"{head}?{'&'.join(options)}" if options else head), int(text)
+    if not (text.isascii() and text.isdigit() and len(text) < 6 and int(text) < 65536):
+        raise ConfigError(f"{url!r}: {_OPTION} must be a port from 0 to 65535, got {text!r}")
+    return wire, int(text)
 
 
 def _page_url(wire: WireUrl, port: int) -> str:
@@ -77,7 +78,7 @@ async def _serve(
     serving.stack.push_async_callback(server.aclose)
     page_port = await server.listen(host, settings.emulated.http_port if port is None else port)
     address = await serving.serve_datagrams(wire_url, box.endpoint)
-    return f"{address}{'&' if '?' in address else '?'}{_OPTION}={page_port}"
+    return with_option(address, _OPTION, f"{page_port}")
 
 
 SENSOR = SensorKind(

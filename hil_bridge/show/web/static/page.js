@@ -36,11 +36,11 @@
   function begin(told) {
     scene = told.scene;
     playback = told.playback || null;
-    const cell = $("cell"), [word, ...devices] = (scene.cell || "–").split("  ");
+    const cell = $("cell"), word = scene.cell || "–";
     cell.replaceChildren(word);
     const small = document.createElement("small");
-    small.textContent = devices.join(" ");
-    if (devices.length) cell.append(small);
+    small.textContent = scene.devices;
+    if (scene.devices) cell.append(small);
     cell.className = scene.real ? "real" : "emulated";
     document.title = `${word} · hil-bridge`;
     if (charts) charts.destroy();
@@ -106,8 +106,7 @@
     for (const [what, sent, received] of now.traffic || []) lines.push([what, `${sent} sent, ${received} received`]);
     if (now.dropped) lines.push(["not shown here", `${now.dropped} records`, "warn"]);
     if (troubles) lines.push(["troubles", troubles, "wide warn"]);
-    if (now.zero) lines.push(["zero", now.zero.replace(/^zero taken:? ?/, ""), "wide"]);
-    else if (now.check) lines.push(["sensor", now.check, "wide"]);
+    if (now.zero || now.check) lines.push(["sensor", now.zero || now.check, "wide"]);
     list("health", lines);
   }
 
@@ -118,7 +117,7 @@
       const item = document.createElement("li"), time = document.createElement("time"), text = document.createElement("span"), kind = document.createElement("b");
       time.textContent = fixed(row.at, 1, "s");
       kind.textContent = row.kind;
-      text.append(kind, row.text.startsWith(`${row.kind} `) ? row.text.slice(row.kind.length) : ` ${row.text}`);
+      text.append(kind, ` ${row.text}`);
       item.className = row.weight;
       item.append(time, text);
       place.prepend(item);

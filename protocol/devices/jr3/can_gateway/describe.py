@@ -18,7 +18,7 @@ def describe(frame: CanFrame) -> dict[str, object]:
     """One frame as plain values: op, node, direction, fields with units, and what is wrong with it."""
     number, node = split(frame.identifier)
     result: dict[str, object] = {
-        "identifier": str(frame).partition("#")[0],
+        "identifier": frame.identifier_text,
         "op": None,
         "node": node or None,
         "direction": None,

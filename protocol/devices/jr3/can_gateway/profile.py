@@ -5,7 +5,7 @@ from typing import Literal
 
 from protocol.devices.jr3.firmware import check_cutoff
 from protocol.devices.jr3.gateway_profile import AnyGatewayClientProfile
-from protocol.marks import Mark, above, at_least, between, setting
+from protocol.marks import Mark, SettingError, above, at_least, between, setting
 
 
 @dataclass(frozen=True)
@@ -41,4 +41,4 @@ class GatewayClientProfile(AnyGatewayClientProfile):
         super().__post_init__()
         check_cutoff(self.cutoff_hz)
         if self.mode not in ("async", "sync"):
-            raise ValueError(f"mode must be async or sync, got {self.mode}")
+            raise SettingError("mode", f"must be async or sync, got {self.mode}")

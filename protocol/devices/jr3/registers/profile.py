@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Final, Literal
 
 from protocol.devices.jr3.board import FILTERS
-from protocol.marks import Mark, above, at_least, between, check_settings, setting
+from protocol.marks import Mark, SettingError, above, at_least, between, check_settings, setting
 
 SAMPLE_RATE_HZ = 8000.0
 """Source: JR3 manual 5907E."""
@@ -88,11 +88,11 @@ class BoardClientProfile:
     def __post_init__(self) -> None:
         check_settings(self)
         if self.mode not in ("stream", "poll"):
-            raise ValueError(f"mode must be stream or poll, got {self.mode}")
+            raise SettingError("mode", f"must be stream or poll, got {self.mode}")
         if self.start_up not in ("driver", "none"):
-            raise ValueError(f"start_up must be driver or none, got {self.start_up}")
+            raise SettingError("start_up", f"must be driver or none, got {self.start_up}")
         if self.program and self.start_up == "none":
-            raise ValueError("program is loaded by start_up = driver alone; leave one of the two out")
+            raise SettingError("program", "is loaded by start_up = driver alone; leave one of the two out")
 
     @property
     def period(self) -> float:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from protocol.devices.jr3.firmware import check_cutoff
 from protocol.devices.jr3.gateway_profile import AnyGatewayClientProfile
 from protocol.devices.jr3.uart_gateway.messages import DATA_FRAME_S, UART_BAUDRATE, sendable_near
-from protocol.marks import Mark, above, at_least, setting
+from protocol.marks import Mark, SettingError, above, at_least, setting
 
 
 @dataclass(frozen=True)
@@ -49,9 +49,10 @@ class UartGatewayClientProfile(AnyGatewayClientProfile):
         super().__post_init__()
         check_uart_cutoff(self.cutoff_hz)
         if self.period_ms < DATA_FRAME_S * 1e3:
-            raise ValueError(
-                f"period_ms must be at least {DATA_FRAME_S * 1e3:g}, what a frame takes at {UART_BAUDRATE} baud, "
-                f"got {self.period_ms:g}"
+            raise SettingError(
+                "period_ms",
+                f"must be at least {DATA_FRAME_S * 1e3:g}, what a frame takes at {UART_BAUDRATE} baud, "
+                f"got {self.period_ms:g}",
             )
         _check_sendable("period_ms", self.period_ms, 1000, 4)
 
@@ -67,7 +68,8 @@ def _check_sendable(name: str, value: float, steps: int, size: int) -> None:
     nearest = sendable_near(round(value * steps), size)
     if len(nearest) > 1:
         below, above = (f"{number / steps:g}" for number in nearest)
-        raise ValueError(
-            f"{name} must not be {value:g}: on the line a byte of it looks like < or > to the gateway; "
-            f"take {below} or {above}"
+        raise SettingError(
+            name,
+            f"must not be {value:g}: on the line a byte of it looks like < or > to the gateway; "
+            f"take {below} or {above}",
         )

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, ClassVar, Literal, Self, TypeAlias
 
-from protocol.marks import Mark, above, at_least, between, check_settings, setting
+from protocol.marks import Mark, SettingError, above, at_least, between, check_settings, setting
 
 DleStuffing: TypeAlias = Literal["off", "double"]
 LengthStyle: TypeAlias = Literal["whole", "data"]
@@ -128,13 +128,14 @@ class LinkProfile:
         check_settings(self)
         for name, value in settings_of_profile(self.profile).items():
             if (given := getattr(self, name)) != value:
-                raise ValueError(
-                    f"{name} must be {_text(value)} in the profile {self.profile}, got {_text(given)}; leave it or the "
-                    "profile out"
+                raise SettingError(
+                    name,
+                    f"must be {_text(value)} in the profile {self.profile}, got {_text(given)}; leave it or the "
+                    "profile out",
                 )
         if self.move_length > self.max_telegram:
-            raise ValueError(
-                f"move_length must be at most max_telegram ({self.max_telegram}), got {self.move_length}"
+            raise SettingError(
+                "move_length", f"must be at most max_telegram ({self.max_telegram}), got {self.move_length}"
             )
 
     @classmethod
@@ -169,7 +170,7 @@ class LinkProfile:
 def settings_of_profile(name: str) -> Mapping[str, Any]:
     """The settings that a profile fixes. Raises ValueError with the names that there are."""
     if name not in PROFILES:
-        raise ValueError(f"profile must be one of {', '.join(PROFILES)}, got {name!r}")
+        raise SettingError("profile", f"must be one of {', '.join(PROFILES)}, got {name!r}")
     return PROFILES[name]
 
 

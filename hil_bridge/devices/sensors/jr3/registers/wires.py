@@ -6,9 +6,9 @@
 | `memory:NAME?filter=2` | `memory:NAME` |
 """
 
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, replace
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 from urllib.parse import parse_qsl, urlencode, urlsplit
 
 from hil_bridge.clock import Clock
@@ -16,7 +16,7 @@ from hil_bridge.devices.sensors.jr3.registers.server import ListenerProfile, Reg
 from hil_bridge.errors import ConfigError, TransportClosed
 from hil_bridge.transports import Transport, connect_bytes, listen_bytes
 from hil_bridge.transports.pump import Pump
-from hil_bridge.transports.urls import CONNECT_BYTES, LISTEN_BYTES, WireUrl, parse_url
+from hil_bridge.transports.urls import CONNECT_BYTES, LISTEN_BYTES, parse_url
 from protocol.devices.jr3.board import Registers
 from protocol.devices.jr3.registers import (
     BoardClientProfile,
@@ -76,16 +76,8 @@ def board_wire(url: str, profile: BoardClientProfile) -> tuple[str, BoardClientP
     query = urlencode([(key, text) for key, text in options if key != "filter"])
     head = url.partition("?")[0]
     wire = f"{head}?{query}" if query else head
-    _parsed(wire, url, _CONNECT)
+    parse_url(wire, _CONNECT, url)
     return wire, profile
-
-
-def _parsed(wire: str, url: str, schemes: Mapping[str, Any]) -> WireUrl:
-    """Check a board URL's wire, and name the whole URL where it is wrong. Raises ConfigError."""
-    try:
-        return parse_url(wire, schemes)
-    except ConfigError as error:
-        raise ConfigError(f"{url!r}: {str(error).removeprefix(f'{wire!r}: ')}") from error
 
 
 async def connect_board(
@@ -106,7 +98,7 @@ async def serve_board(
 
     Raises ConfigError for the URL, TransportUnavailable for the wire.
     """
-    wire = _parsed(url, url, _LISTEN)
+    wire = parse_url(url, _LISTEN)
     if wire.line is not None:
         raise ConfigError(f"{url!r}: a board's wire has no baud rate")
     if wire.scheme == "tcp-listen":

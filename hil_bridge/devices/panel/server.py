@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from hil_bridge.clock import Clock
-from hil_bridge.devices.robots.s3.panel.messages import REQUEST_LIMIT, decode, encode
+from hil_bridge.devices.panel.messages import REQUEST_LIMIT, decode, encode
 from hil_bridge.errors import ConfigError
 from hil_bridge.transports import reasons
 from hil_bridge.transports.urls import LISTEN_BYTES, parse_url

@@ -4,7 +4,7 @@ import socket
 from collections.abc import Mapping
 from typing import Any
 
-from hil_bridge.devices.robots.s3.panel.messages import ANSWER_LIMIT, decode, encode
+from hil_bridge.devices.panel.messages import ANSWER_LIMIT, decode, encode
 from hil_bridge.errors import ConfigError, DeviceError, TransportUnavailable
 from hil_bridge.transports.urls import CONNECT_BYTES, parse_url
 

@@ -1,0 +1,122 @@
+"""The panel of an emulated Universal Robot: its buttons, and the state that its pendant shows."""
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from emulators.devices.rtde.controller import Controller
+from emulators.devices.rtde.faults import RTDE_FAULTS
+from emulators.devices.rtde.robot import RtdeRobot
+from emulators.panel import Controls, Dial, Move, Switch, millimetres, motion_text, numbers_text
+
+_PERSON = "a person"
+
+
+def _act(act: Callable[[Controller], object]) -> Move:
+    """The act, once the controller has come to the time."""
+
+    def move(robot: RtdeRobot, now: float) -> object:
+        robot.controller.advance(now)
+        return act(robot.controller)
+
+    return move
+
+
+def _give_control(remote: bool) -> Move:
+    def give(controller: Controller) -> None:
+        controller.remote = remote
+
+    return _act(give)
+
+
+def _close_popup(controller: Controller) -> None:
+    controller.console.popup_open = False
+
+
+def _slide(robot: RtdeRobot, percent: float, now: float) -> None:
+    robot.controller.advance(now)
+    robot.controller.slider = percent / 100.0
+
+
+_CONTROLS: Mapping[str, Switch | Dial] = {
+    "emergency-stop": Switch(
+        "Press the emergency stop, or release it.",
+        {
+            "press": _act(lambda controller: controller.emergency_stop(by=_PERSON)),
+            "release": _act(lambda controller: controller.release_emergency_stop(_PERSON)),
+        },
+        "press",
+    ),
+    "safeguard": Switch(
+        "Open a safeguard, or close it.",
+        {
+            "open": _act(lambda controller: controller.safeguard(True)),
+            "close": _act(lambda controller: controller.safeguard(False)),
+        },
+    ),
+    "protective-stop": Switch(
+        "Unlock a protective stop.", {"unlock": _act(Controller.unlock_protective_stop)}, "unlock"
+    ),
+    "control": Switch(
+        "Switch between remote and local control.",
+        {"remote": _give_control(True), "local": _give_control(False)},
+    ),
+    "power": Switch(
+        "Switch the arm's power.", {"on": _act(Controller.power_on), "off": _act(Controller.power_off)}
+    ),
+    "brakes": Switch("Release the brakes.", {"release": _act(Controller.release_brakes)}, "release"),
+    "program": Switch(
+        "Let the program go on, pause it, or stop it.",
+        {
+            "play": _act(Controller.play),
+            "pause": _act(Controller.pause),
+            "stop": _act(Controller.stop_program),
+        },
+    ),
+    "popup": Switch("Close a pop-up.", {"close": _act(_close_popup)}, "close"),
+    "speed": Dial("Move the speed slider.", _slide, 0.0, 100.0, "%"),
+}
+
+
+def _words(member: Any) -> str:
+    return str(member.name).lower().replace("_", " ")
+
+
+def _state(robot: RtdeRobot, now: float) -> dict[str, Any]:
+    controller = robot.controller
+    controller.advance(now)
+    snapshot = controller.snapshots[-1]
+    hindrance = controller.hindrance(now)
+    program = controller.program
+    return {
+        "mode": _words(controller.mode),
+        "safety": _words(controller.safety),
+        "hindrance": "" if hindrance is None else hindrance.words,
+        "control": "remote" if controller.remote else "local",
+        "program": "" if program is None else program.name,
+        "runtime": _words(controller.runtime),
+        "speed_percent": round(100.0 * controller.slider, 1),
+        "position_mm": millimetres(snapshot.pose.position),
+        "true_position_mm": millimetres(snapshot.now.position),
+        "joints_deg": tuple(round(math.degrees(joint), 3) for joint in snapshot.joints),
+        "force_n": tuple(round(part, 3) for part in snapshot.force[:3]),
+        "counts": dict(controller.counts),
+    }
+
+
+def _rows(state: Mapping[str, Any]) -> dict[str, str]:
+    return {
+        "mode": f"{state['mode']}, {state['control']} control",
+        "safety": state["safety"],
+        "motion": motion_text(state["hindrance"]),
+        "program": f"{state['runtime']} {state['program']}".rstrip(),
+        "speed slider": f"{state['speed_percent']:g} %",
+        "position": f"{numbers_text(state['position_mm'])} mm reported",
+        "": f"{numbers_text(state['true_position_mm'])} mm true",
+        "joints": f"{numbers_text(state['joints_deg'])} °",
+        "force": f"{numbers_text(state['force_n'])} N",
+        "counts": ", ".join(f"{name} {count}" for name, count in state["counts"].items()) or "none",
+    }
+
+
+RTDE_CONTROLS = Controls(_CONTROLS, _state, _rows, RTDE_FAULTS)

@@ -1,0 +1,103 @@
+"""A connection that a program has opened to a server: the program's end of it, as an endpoint of bytes.
+
+The one that serves the controller brings it together with a wire, and tells when the server has taken it.
+"""
+
+from collections.abc import Callable
+
+from emulators.devices.rtde.controller import Controller
+
+UNREAD_MAX = 1 << 20
+"""Chosen: bytes that have come and that the program has not read; with more of them the connection is closed. Twelve
+thousand points of a trajectory fit in.
+"""
+
+
+class ProgramSocket:
+    """A `urscript.Socket`, and an endpoint that tells no events."""
+
+    def __init__(self, controller: Controller) -> None:
+        self._controller = controller
+        self._come, self._to_send = bytearray(), bytearray()
+        self.opening = True
+        self.closing = False
+        """The program, or the controller, is about to close it."""
+        self._ended = False
+        self.wake: Callable[[], object] = _nothing
+        """To be called when there is something to send, or the connection is to be closed."""
+
+    # --- for the program
+
+    @property
+    def open(self) -> bool:
+        """Whether the server is there, and the program has not closed it."""
+        return not (self.opening or self.closing or self._ended)
+
+    def take(self, count: int) -> bytes | None:
+        """So many bytes that have come; None while there are fewer."""
+        if len(self._come) < count:
+            return None
+        found = bytes(self._come[:count])
+        del self._come[:count]
+        return found
+
+    def take_until(self, end: bytes) -> bytes | None:
+        """Bytes up to an end, that included; all that is there for an empty end. None while it has not come."""
+        at = self._come.find(end) + len(end) if end in self._come else 0
+        return self.take(at or (0 if end else len(self._come)) or len(self._come) + 1)
+
+    def send(self, data: bytes) -> bool:
+        """Send; False where the other end has gone."""
+        if not self.open or len(self._to_send) + len(data) > UNREAD_MAX:
+            return False
+        self._to_send += data
+        self.wake()
+        return True
+
+    def hang_up(self) -> None:
+        """Close it; what stands to be sent is sent before."""
+        if not self.closing:
+            self.closing = True
+            self._come.clear()
+            self.wake()
+
+    # --- for the wire
+
+    def opened(self) -> None:
+        """The server has taken the connection."""
+        self.opening = False
+
+    def close(self, now: float) -> None:
+        """The connection has ended, or does not come about. What has come can be read still."""
+        self.opening, self._ended = False, True
+
+    def receive(self, data: bytes, now: float) -> None:
+        self._controller.advance(now)
+        if self.closing:
+            return
+        if len(self._come) + len(data) > UNREAD_MAX:
+            self._controller.counts["sockets of programs closed, too much unread"] += 1
+            self.hang_up()
+            return
+        self._come += data
+        self._controller.motions.news += 1
+
+    def next_event(self) -> None:
+        return None
+
+    def data_to_send(self, now: float) -> bytes:
+        data = bytes(self._to_send)
+        self._to_send.clear()
+        return data
+
+    def next_deadline(self) -> float | None:
+        """The next cycle: a program that talks to a server runs also where no client of RTDE drives the controller."""
+        path = self._controller.path
+        return path.cycle_at(path.cycle + 1)
+
+    def handle_deadline(self, now: float) -> None:
+        self._controller.advance(now)
+
+
+def _nothing() -> None:
+    """Before there is a wire."""

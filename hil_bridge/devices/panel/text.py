@@ -1,0 +1,38 @@
+"""A panel's answers for people to read. An answer without a state shows a dash."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from hil_bridge.errors.failures import one_line
+
+
+def state_text(answer: Mapping[str, Any]) -> str:
+    """The state in some lines."""
+    rows = answer.get("rows")
+    known = rows if isinstance(rows, dict) else {}
+    return "\n".join(f"{one_line(str(name)):<14}{one_line(str(text))}" for name, text in known.items()) or "–"
+
+
+def faults_text(targets: Mapping[str, Any]) -> str:
+    """Every fault of every target with its parameters, defaults and ranges."""
+    lines = []
+    for target, faults in _tables(targets):
+        lines.append(target)
+        for name, fault in _tables(faults):
+            lines.append(f"  {name:<20}{fault.get('meaning', '')}")
+            lines += [
+                f"{'':<24}{key}{_default(item)}: {item.get('meaning')}, {item.get('range')}"
+                for key, item in _tables(fault.get("parameters", {}))
+            ]
+    return "\n".join(lines)
+
+
+def _tables(table: object) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """The items of a table that are tables themselves."""
+    if isinstance(table, Mapping):
+        yield from ((str(name), item) for name, item in table.items() if isinstance(item, Mapping))
+
+
+def _default(parameter: Mapping[str, Any]) -> str:
+    default = parameter.get("default")
+    return "" if default is None else f"={default}"

@@ -1,0 +1,133 @@
+"""The port of an emulated controller's web services. It is bounded for each client and in all."""
+
+import asyncio
+import os
+from contextlib import suppress
+
+from aiohttp import WSMsgType, web
+
+from emulators.devices.egm.web_login import Login
+from emulators.devices.egm.web_services import BODY_MAX, WebAnswer, WebServices
+from hil_bridge.devices.robots.egm.web_address import WebAddress
+from hil_bridge.devices.wiring import Serving
+from hil_bridge.transports import reasons
+from protocol.devices.egm.web import SUBSCRIPTION
+
+CONNECTIONS_MAX = 64
+"""Chosen: connections at a time; one more is closed at once."""
+IDLE_S = 75.0
+"""Chosen: an idle connection is closed after so long."""
+LOOK_S = 0.05
+"""Chosen: time between two looks for the news of a subscription."""
+SLOW_S = 5.0
+"""Chosen: a subscriber that takes nothing for so long is dropped."""
+MESSAGE_MAX = 4096
+"""Chosen: most bytes of a subscriber's message; it has nothing to say."""
+
+
+class _TurnedAway(asyncio.Protocol):
+    """A connection too many."""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        transport.abort()
+
+
+class WebServer:
+    """Serves one controller."""
+
+    def __init__(self, services: WebServices, serving: Serving) -> None:
+        self._services, self._serving = services, serving
+        self._login = Login(os.urandom(16))
+        self._server: asyncio.Server | None = None
+        app = web.Application(client_max_size=BODY_MAX)
+        app.router.add_route("*", "/{path:.*}", self._take)
+        self._runner = web.AppRunner(app, access_log=None, keepalive_timeout=IDLE_S, shutdown_timeout=0.1)
+
+    async def listen(self, address: WebAddress) -> WebAddress:
+        """Begin; the address with its real port. Raises TransportUnavailable."""
+        await self._runner.setup()
+        self._serving.stack.push_async_callback(self._close)
+        server = self._runner.server
+        assert server is not None, "the runner is set up"
+
+        def admit() -> asyncio.BaseProtocol:
+            return server() if len(server.connections) < CONNECTIONS_MAX else _TurnedAway()
+
+        try:
+            self._server = await asyncio.get_running_loop().create_server(admit, address.host, address.port)
+        except OSError as error:
+            name = f"tcp-listen://{address.authority}"
+            raise reasons.unavailable("tcp-listen", name, address.authority, error) from error
+        return address._replace(port=self._server.sockets[0].getsockname()[1])
+
+    async def _close(self) -> None:
+        if self._server is not None:
+            self._server.close()
+        await self._runner.cleanup()
+
+    async def _take(self, request: web.Request) -> web.StreamResponse:
+        now = self._serving.clock.now()
+        cookies: dict[str, str] = {}
+        target = request.raw_path
+        if not self._login.knows(request.cookies, now):
+            if not self._login.accepts(request.headers.get("Authorization", ""), request.method, target):
+                await self._read(request)
+                return web.Response(status=401, headers={"WWW-Authenticate": self._login.challenge()})
+            opened = self._login.open(now)
+            if opened is None:
+                return web.Response(status=503)
+            cookies.update(opened)
+        number = request.path.removeprefix("/poll/")
+        if number != request.path:
+            return await self._tell(request, number)
+        answer = self._services.answer(request.method, target, await self._read(request), now)
+        self._serving.wake()
+        if request.path == "/logout":
+            self._login.close(request.cookies)
+        return _respond(answer, cookies)
+
+    async def _read(self, request: web.Request) -> str:
+        return (await request.read()).decode("utf-8", "replace")
+
+    async def _tell(self, request: web.Request, number: str) -> web.StreamResponse:
+        """Tell a subscriber what changes, until one of both ends it."""
+        subscriptions = self._services.subscriptions
+        if not subscriptions.knows(number):
+            return web.Response(status=404)
+        socket = web.WebSocketResponse(protocols=(SUBSCRIPTION,), max_msg_size=MESSAGE_MAX)
+        if not socket.can_prepare(request).ok:
+            return web.Response(status=400)
+        await socket.prepare(request)
+        try:
+            while subscriptions.knows(number):
+                with suppress(TimeoutError):
+                    message = await socket.receive(timeout=LOOK_S)
+                    if message.type in (
+                        WSMsgType.CLOSE,
+                        WSMsgType.CLOSING,
+                        WSMsgType.CLOSED,
+                        WSMsgType.ERROR,
+                    ):
+                        break
+                if news := subscriptions.news(number):
+                    async with asyncio.timeout(SLOW_S):
+                        await socket.send_str(news.decode())
+        except (TimeoutError, ConnectionError):
+            pass  # it has left, or takes nothing
+        finally:
+            subscriptions.end(number)
+        with suppress(TimeoutError, ConnectionError):
+            async with asyncio.timeout(SLOW_S):
+                await socket.close()
+        return socket
+
+
+def _respond(answer: WebAnswer, cookies: dict[str, str]) -> web.Response:
+    headers = dict(answer.headers)
+    if answer.body:
+        headers["Content-Type"] = answer.kind
+    response = web.Response(status=answer.status, body=answer.body, headers=headers)
+    for name, value in cookies.items():
+        response.set_cookie(name, value, path="/", httponly=True)
+    return response

@@ -1,0 +1,56 @@
+"""The address of a controller's web services, as an option of its URL: `egm+udp-bind://0.0.0.0:6510?rws=HOST:PORT`."""
+
+import ipaddress
+from typing import NamedTuple
+
+from hil_bridge.errors import ConfigError
+from hil_bridge.transports.urls import split_option
+from protocol.devices.egm.web import PORT
+
+OPTION = "rws"
+
+
+class WebAddress(NamedTuple):
+    """Host and port of web services."""
+
+    host: str
+    port: int
+
+    @property
+    def authority(self) -> str:
+        """As a URL has it."""
+        return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
+
+    @property
+    def is_loopback(self) -> bool:
+        """Whether only this computer reaches it."""
+        try:
+            return ipaddress.ip_address(self.host).is_loopback
+        except ValueError:
+            return self.host == "localhost"
+
+
+def split_web(url: str) -> tuple[str, WebAddress | None]:
+    """The URL of the datagrams alone, and the address of the web services; None where none is named. Raises
+    ConfigError.
+    """
+    wire, text = split_option(url, OPTION)
+    return wire, None if text is None else _parse(url, text)
+
+
+def _parse(url: str, text: str) -> WebAddress:
+    host, colon, port = text.rpartition(":")
+    if not colon or text.endswith("]"):
+        host, port = text, f"{PORT}"
+    host = host.strip("[]")
+    plain = host.replace(".", "").replace("-", "").replace(":", "")
+    if not (
+        plain.isascii()
+        and plain.isalnum()
+        and port.isascii()
+        and port.isdigit()
+        and len(port) < 6
+        and int(port) < 65536
+    ):
+        raise ConfigError(f"{url!r}: {OPTION} must be HOST:PORT, such as 192.168.125.1:80, got {text!r}")
+    return WebAddress(host, int(port))

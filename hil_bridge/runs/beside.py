@@ -1,0 +1,22 @@
+"""Work that goes on beside a run, and never decides over it."""
+
+import asyncio
+from collections.abc import AsyncIterator, Coroutine
+from contextlib import asynccontextmanager, suppress
+from typing import Any
+
+
+@asynccontextmanager
+async def going_on(work: Coroutine[Any, Any, None], name: str) -> AsyncIterator[None]:
+    """Inside, `work` goes on as a task of this name; it is cancelled at the end.
+
+    A failure of the work is raised at the end: what looks at a run must not end its movement, as a task group would. An
+    error from inside stays what it is, where a group would wrap it.
+    """
+    task = asyncio.create_task(work, name=name)
+    try:
+        yield
+    finally:
+        task.cancel()
+        with suppress(asyncio.CancelledError):
+            await task

@@ -1,0 +1,304 @@
+"""Packets of the primary and the secondary interface: a controller's state ten times a second, and its messages.
+
+Big-endian. A packet is its length, all of it, its type, and a body. The body of a state is a row of sub-packages of the
+same form. A message has a time, a source and a kind. Text has no length where it goes to the end of its packet.
+
+Source: Universal Robots' C++ client library, `primary/` with the frames of its parser's tests, and python-urx's
+`ursecmon.py` for joints, tool and cartesian data.
+"""
+
+import struct
+from collections.abc import Iterator, Sequence
+from enum import IntEnum
+from typing import NamedTuple
+
+from protocol.endpoint import RemoteProtocolError
+from protocol.fields import Field, Layout
+from protocol.marks import Mark
+
+HEADER = struct.Struct(">IB")
+"""Length of a packet or sub-package with its header, bytes, and its type."""
+LONGEST = 1 << 16
+"""Chosen: longest packet that is read, bytes; a state has about 1 400."""
+STATE_PERIOD_S = 0.1
+"""Observed: states come at 10 Hz."""
+
+
+class PacketType(IntEnum):
+    """Type of a packet."""
+
+    STATE = 16
+    MESSAGE = 20
+
+
+class Part(IntEnum):
+    """Type of a sub-package of a state."""
+
+    ROBOT_MODE = 0
+    JOINTS = 1
+    TOOL = 2
+    MASTERBOARD = 3
+    CARTESIAN = 4
+    KINEMATICS = 5
+    CONFIGURATION = 6
+    FORCE_MODE = 7
+    ADDITIONAL = 8
+
+
+class MessageKind(IntEnum):
+    """Kind of a message."""
+
+    TEXT = 0
+    POPUP = 2
+    VERSION = 3
+    SAFETY_MODE = 5
+    ERROR_CODE = 6
+    KEY = 7
+    RUNTIME_EXCEPTION = 10
+
+
+class ReportLevel(IntEnum):
+    """Weight of an error code."""
+
+    INFO = 1
+    WARNING = 2
+    VIOLATION = 3
+    FAULT = 4
+
+
+class Message(NamedTuple):
+    """A message without its packet's header."""
+
+    time_ns: int
+    """Controller's clock, ns. Derived: of a frame of URSim it is 25.6 s then."""
+    source: int
+    kind: int
+    """A `MessageKind`, or a number without a meaning."""
+    body: bytes
+
+
+NO_SOURCE = 255
+"""Assumed: the source of a message that no part of a program says, -1."""
+SUDDEN_CHANGE = 204
+"""Code of a protective stop for a leap of the target. Source: users of the maker's forum."""
+NO_CODE = 0
+"""Assumed: of the other protective stops no code is known."""
+READ_ONLY = 210
+"""Code of the error of a text that comes in local control. Source: the C++ client library."""
+
+
+def _row(name: str, *columns: tuple[str, str, str]) -> Layout:
+    """A payload whose fields, of a name, a `struct` character and a unit, follow each other."""
+    fields, at = list[Field](), 0
+    for field, code, unit in columns:
+        fields.append(Field(field, at, code, Mark.OBSERVED, unit=unit))
+        at += struct.calcsize(f">{code}")
+    return Layout(name, at, ">", tuple(fields))
+
+
+def _six(name: str, code: str, unit: str) -> tuple[tuple[str, str, str], ...]:
+    """One column for each joint, base first."""
+    return tuple((f"{name}{joint}", code, unit) for joint in range(6))
+
+
+def _pose(name: str) -> tuple[tuple[str, str, str], ...]:
+    """A place and a rotation vector."""
+    place = [(f"{name}{axis}", "d", "m") for axis in "xyz"]
+    return (*place, *((f"{name}r{axis}", "d", "rad") for axis in "xyz"))
+
+
+_FLAGS = ("real_robot", "enabled", "powered", "emergency_stopped", "protective_stopped", "running", "paused")
+_JOINT = (
+    ("q", "d", "rad"),
+    ("q_target", "d", "rad"),
+    ("qd", "d", "rad/s"),
+    ("current", "f", "A"),
+    ("voltage", "f", "V"),
+    ("motor_temperature", "f", "°C"),
+    ("micro_temperature", "f", "°C"),
+    ("mode", "B", ""),
+)
+
+ROBOT_MODE = _row(
+    "robot mode",
+    ("timestamp", "Q", "ns"),
+    *((flag, "B", "") for flag in _FLAGS),
+    ("robot_mode", "b", ""),
+    ("control_mode", "B", ""),
+    ("target_speed_fraction", "d", ""),
+    ("speed_scaling", "d", ""),
+    ("target_speed_fraction_limit", "d", ""),
+    ("reserved", "B", ""),
+)
+JOINTS = _row(
+    "joints",
+    *((f"{name}{joint}", code, unit) for joint in range(6) for name, code, unit in _JOINT),
+)
+TOOL = _row(
+    "tool",
+    ("input_range2", "B", ""),
+    ("input_range3", "B", ""),
+    ("input2", "d", "A or V"),
+    ("input3", "d", "A or V"),
+    ("voltage_48v", "f", "V"),
+    ("output_voltage", "B", "V"),
+    ("current", "f", "A"),
+    ("temperature", "f", "°C"),
+    ("mode", "B", ""),
+)
+MASTERBOARD = _row(
+    "masterboard",
+    ("digital_inputs", "I", ""),
+    ("digital_outputs", "I", ""),
+    ("input_range0", "B", ""),
+    ("input_range1", "B", ""),
+    ("input0", "d", "A or V"),
+    ("input1", "d", "A or V"),
+    ("output_domain0", "B", ""),
+    ("output_domain1", "B", ""),
+    ("output0", "d", "A or V"),
+    ("output1", "d", "A or V"),
+    ("temperature", "f", "°C"),
+    ("voltage_48v", "f", "V"),
+    ("robot_current", "f", "A"),
+    ("io_current", "f", "A"),
+    ("safety_mode", "B", ""),
+    ("reduced", "B", ""),
+    ("euromap67", "B", ""),
+    ("reserved0", "I", ""),
+    ("mode_selector", "B", ""),
+    ("enabling_device", "B", ""),
+    ("reserved1", "B", ""),
+)
+CARTESIAN = _row("cartesian", *_pose(""), *_pose("tcp_"))
+_DH = ("theta", "a", "d", "alpha")
+_UNITS = {"theta": "rad", "a": "m", "d": "m", "alpha": "rad"}
+KINEMATICS = _row(
+    "kinematics",
+    *_six("checksum", "I", ""),
+    *(column for name in _DH for column in _six(name, "d", _UNITS[name])),
+    ("calibration", "I", ""),
+)
+CONFIGURATION = _row(
+    "configuration",
+    *((f"{end}{joint}", "d", "rad") for joint in range(6) for end in ("lower", "upper")),
+    *(
+        (f"{name}{joint}", "d", unit)
+        for joint in range(6)
+        for name, unit in (("speed_limit", "rad/s"), ("acceleration_limit", "rad/s²"))
+    ),
+    ("joint_speed", "d", "rad/s"),
+    ("joint_acceleration", "d", "rad/s²"),
+    ("tool_speed", "d", "m/s"),
+    ("tool_acceleration", "d", "m/s²"),
+    ("equivalent_radius", "d", "m"),
+    *(column for name in ("a", "d", "alpha", "theta") for column in _six(name, "d", _UNITS[name])),
+    ("masterboard_version", "i", ""),
+    ("box_type", "i", ""),
+    ("robot_type", "i", ""),
+    ("robot_sub_type", "i", ""),
+)
+FORCE_MODE = _row(
+    "force mode",
+    *((f"f{axis}", "d", "N") for axis in "xyz"),
+    *((f"m{axis}", "d", "N·m") for axis in "xyz"),
+    ("dexterity", "d", ""),
+)
+ADDITIONAL = _row(
+    "additional",
+    ("teach_button", "B", ""),
+    ("teach_enabled", "B", ""),
+    ("io_teach_enabled", "B", ""),
+    ("reserved", "B", ""),
+)
+PARTS = {
+    Part.ROBOT_MODE: ROBOT_MODE,
+    Part.JOINTS: JOINTS,
+    Part.CARTESIAN: CARTESIAN,
+    Part.KINEMATICS: KINEMATICS,
+    Part.MASTERBOARD: MASTERBOARD,
+    Part.TOOL: TOOL,
+    Part.CONFIGURATION: CONFIGURATION,
+    Part.FORCE_MODE: FORCE_MODE,
+    Part.ADDITIONAL: ADDITIONAL,
+}
+"""Layouts of the sub-packages, in the order in which a state has them."""
+
+
+def encode(kind: int, body: bytes) -> bytes:
+    """A packet, or a sub-package of one."""
+    return HEADER.pack(HEADER.size + len(body), kind) + body
+
+
+def split(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """Packets one by one, as type and body; of a state's body its sub-packages.
+
+    Raises RemoteProtocolError for a length that cannot be.
+    """
+    at = 0
+    while at < len(data):
+        if len(data) - at < HEADER.size:
+            raise RemoteProtocolError(f"{len(data) - at} bytes are less than a packet's header")
+        length, kind = HEADER.unpack_from(data, at)
+        if not HEADER.size <= length <= min(LONGEST, len(data) - at):
+            raise RemoteProtocolError(f"a packet of {length} bytes among {len(data) - at}")
+        yield kind, data[at + HEADER.size : at + length]
+        at += length
+
+
+_MESSAGE = struct.Struct(">QBB")
+_VERSION = struct.Struct(">BBii")
+_PAIR = struct.Struct(">ii")
+_SAFETY = struct.Struct(">iiBII")
+_ERROR = struct.Struct(">iiiII")
+_POPUP = struct.Struct(">I????")
+
+
+def encode_message(message: Message) -> bytes:
+    """A message as a packet."""
+    head = _MESSAGE.pack(message.time_ns & (1 << 64) - 1, message.source, message.kind)
+    return encode(PacketType.MESSAGE, head + message.body)
+
+
+def read_message(body: bytes) -> Message:
+    """A message from its packet's body. Raises RemoteProtocolError for one that is too short."""
+    if len(body) < _MESSAGE.size:
+        raise RemoteProtocolError(f"a message of {len(body)} bytes is shorter than its head")
+    time_ns, source, kind = _MESSAGE.unpack_from(body)
+    return Message(time_ns, source, kind, body[_MESSAGE.size :])
+
+
+def _short(text: str) -> bytes:
+    """Text behind its length in one byte."""
+    data = text.encode("ascii", "replace")[:255]
+    return bytes((len(data),)) + data
+
+
+def version_body(version: Sequence[int], built: str) -> bytes:
+    """Major, minor, bugfix and build of the controller's software, and the date of its making."""
+    return _short("URControl") + _VERSION.pack(*version) + built.encode("ascii", "replace")
+
+
+def key_body(title: str, text: str) -> bytes:
+    """A key, as `PROGRAM_XXX_STARTED`, and a text, as a program's name."""
+    return _PAIR.pack(0, 0) + _short(title) + text.encode("utf-8", "replace")
+
+
+def runtime_exception_body(line: int, column: int, text: str) -> bytes:
+    """The place of an error in a program, 1 and more, and its text."""
+    return _PAIR.pack(line, column) + text.encode("utf-8", "replace")
+
+
+def safety_mode_body(mode: int) -> bytes:
+    """A safety mode that begins, without a code."""
+    return _SAFETY.pack(0, 0, mode, 0, 0)
+
+
+def error_body(code: int, argument: int, level: ReportLevel, text: str = "") -> bytes:
+    """An error C`code`A`argument`."""
+    return _ERROR.pack(code, argument, level, 0, 0) + text.encode("utf-8", "replace")
+
+
+def popup_body(title: str, text: str) -> bytes:
+    """A pop-up, which asks nothing."""
+    return _POPUP.pack(0, False, False, False, False) + _short(title) + text.encode("utf-8", "replace")

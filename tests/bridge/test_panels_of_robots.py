@@ -1,0 +1,215 @@
+"""Panels of emulated robots that stream: each control acts, shows, and goes back. `hil-bridge panel` reaches all."""
+
+import asyncio
+import json
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from emulators.cell import Cell
+from emulators.panel import Panel
+from hil_bridge.cli import cli
+from hil_bridge.clock import Clock, run_real
+from hil_bridge.devices.kinds import ROBOTS
+from hil_bridge.errors import ConfigError
+from hil_bridge.runs.compose import emulated_cell, make_cell
+from hil_bridge.runs.setup import Listen, Setup
+from hil_bridge.settings.configuration import read_config
+
+T0 = 100.0
+STREAMS = [name for name in ROBOTS.built_in if name != "s3"]
+
+
+class Bench:
+    """A robot in its cell, without a client, and its panel."""
+
+    def __init__(self, robot: str) -> None:
+        sections = {
+            "robot": {"emulated": robot},
+            "cell": {"egm": {"silence": "never"}, "rsi": {"timeout": 1000}},
+        }
+        self.cell: Cell[Any, Any] = make_cell(Setup(read_config(sections)), T0)
+        emulation = ROBOTS.kind(robot).emulation
+        assert emulation is not None
+        assert emulation.controls is not None
+        self.panel = Panel(self.cell.robot, emulation.controls, self.cell.ledger)
+        self.now = T0
+
+    def wait(self, seconds: float) -> None:
+        end = self.now + seconds
+        endpoint = self.cell.robot.endpoint
+        while (due := endpoint.next_deadline()) is not None and due <= end:
+            self.now = max(due, self.now)
+            endpoint.handle_deadline(self.now)
+            endpoint.data_to_send(self.now)
+        self.now = end
+        self.cell.robot.path.advance(end)
+
+    def state(self) -> dict[str, Any]:
+        return self.do("show")
+
+    def do(self, name: str, to: str | None = None) -> dict[str, Any]:
+        answer = self.panel.perform({"do": name} if to is None else {"do": name, "to": to}, self.now)
+        self.wait(0.05)
+        state: dict[str, Any] = json.loads(json.dumps(self.panel.show(self.now)))["state"]
+        assert answer["rows"], "it has something for people"
+        return state
+
+
+@pytest.mark.parametrize("robot", STREAMS)
+def test_an_emergency_stop_by_hand_and_one_by_a_fault_are_released_one_by_one(robot: str) -> None:
+    bench = Bench(robot)
+    assert bench.state()["hindrance"] == ""
+    bench.panel.perform({"do": "inject", "fault": "emergency-stop"}, bench.now)
+    for hand_first in (True, False):
+        bench.do("emergency-stop")
+        assert is_stopped(bench), "by both"
+        bench.do(*(("emergency-stop", "release") if hand_first else ("mend",)))
+        assert is_stopped(bench), "by the other"
+        if hand_first:
+            bench.do("emergency-stop", "press")
+    bench.do("emergency-stop", "release")
+    assert not is_stopped(bench)
+
+
+def is_stopped(bench: Bench) -> bool:
+    """Whether the emergency stop holds, as the panel shows it."""
+    state = bench.state()
+    stopped = "emergency-stop" in state.get("stops", ()) or state.get("safety") == "robot emergency stop"
+    return stopped or state["hindrance"] == "the motion is stopped, telegrams go on"
+
+
+def test_a_universal_robot_comes_back_from_an_emergency_stop_step_by_step() -> None:
+    bench = Bench("rtde")
+    bench.do("emergency-stop")
+    for control, to in (("power", "on"), ("brakes", "release")):
+        with pytest.raises(ValueError, match=f"refuses {control} {to}"):
+            bench.do(control, to)
+    assert bench.do("emergency-stop", "release")["hindrance"] == "robot mode POWER_OFF"
+    bench.do("power", "on")
+    bench.wait(30.0)
+    bench.do("brakes")
+    bench.wait(30.0)
+    assert bench.state()["hindrance"] == ""
+
+
+def test_the_controls_of_a_universal_robot_act_and_are_refused_in_words() -> None:
+    bench = Bench("rtde")
+    assert bench.do("speed", "40")["speed_percent"] == 40.0
+    assert bench.do("speed", "12.5")["speed_percent"] == 12.5
+    assert bench.do("control", "local")["control"] == "local"
+    assert bench.do("control", "remote")["control"] == "remote"
+    assert bench.do("safeguard", "open")["safety"] == "safeguard stop"
+    assert bench.do("safeguard", "close")["safety"] == "normal"
+    bench.cell.ledger.inject("robot", "protective-stop", bench.now, {})
+    with pytest.raises(
+        ValueError, match=r"^the controller refuses protective-stop unlock in its present state$"
+    ):
+        bench.do("protective-stop", "unlock")
+    bench.wait(10.0)
+    assert bench.do("protective-stop")["safety"] == "normal"
+    assert bench.do("power", "off")["mode"] == "power off"
+    with pytest.raises(ValueError, match="refuses program pause"):
+        bench.do("program", "pause")
+    for wrong in ("fast", "101", "-1", "nan", "", None, True, [], "1e999"):
+        with pytest.raises(ValueError, match=r"^speed goes to a number of 0 … 100 %, not "):
+            bench.panel.perform({"do": "speed", "to": wrong}, bench.now)
+
+
+def test_the_controls_of_a_guided_robot_act() -> None:
+    bench = Bench("egm")
+    bench.wait(1.0)
+    assert bench.do("motors", "off")["motors"] == "off"
+    assert bench.do("motors", "off")["stops"] == ["motors-off"], "pressed twice, it is pressed"
+    assert bench.do("motors", "on")["stops"] == []
+    assert bench.do("motors", "on")["stops"] == []
+    assert bench.do("program", "restart")["rapid"] == "running"
+    assert bench.do("program", "stop")["rapid"] == "stopped"
+    assert bench.do("program", "start")["rapid"] == "running"
+
+
+def test_the_controls_of_a_kuka_act() -> None:
+    bench = Bench("rsi")
+    bench.wait(0.1)
+    assert bench.do("program", "end")["program"] == "CREATED"
+    assert bench.state()["hindrance"] == "RSI is off"
+    assert bench.do("program", "reset")["program"] in ("ON", "MOVECORR", "ERROR")
+
+
+@pytest.mark.parametrize("robot", STREAMS)
+def test_looking_at_a_panel_changes_nothing(robot: str) -> None:
+    seen, unseen = Bench(robot), Bench(robot)
+    for _ in range(50):
+        seen.wait(0.0071)
+        seen.state()
+        unseen.wait(0.0071)
+        unseen.wait(0.05)
+    assert seen.state() == unseen.state()
+
+
+@pytest.mark.parametrize("robot", STREAMS)
+def test_a_fault_of_the_robot_needs_no_target_and_waits_and_lasts(robot: str) -> None:
+    bench = Bench(robot)
+    bench.panel.perform({"do": "inject", "fault": "emergency-stop"}, bench.now)
+    assert bench.state()["lasting"] == ["robot: emergency-stop"]
+    bench.panel.perform({"do": "inject", "target": "wire", "fault": "lost", "with": {"count": 3}}, bench.now)
+    assert bench.state()["armed"].keys() == {"wire: lost"}
+    assert bench.do("disarm")["armed"] == {}
+    assert bench.do("mend")["lasting"] == []
+    assert bench.panel.perform({"do": "faults"}, bench.now)["faults"].keys() >= {
+        "robot",
+        "pose",
+        "wire",
+        "surface",
+    }
+    controls = bench.panel.perform({"do": "controls"}, bench.now)["controls"]
+    assert controls["emergency-stop"]["to"] == ("press", "release")
+
+
+def on_a_cell(robot: str, use: Callable[[str], Awaitable[None]]) -> None:
+    """Run `use` with the panel's URL of a served cell."""
+    config = read_config({"robot": {"emulated": robot}})
+
+    async def main() -> None:
+        clock = Clock.running()
+        listen = Listen("", None, "tcp-listen://127.0.0.1:0")
+        try:
+            async with emulated_cell(
+                Setup(config, listen), clock, lambda cause: pytest.fail(repr(cause))
+            ) as served:
+                assert served.panel is not None
+                await use(served.panel)
+        finally:
+            clock.close()
+
+    run_real(main)
+
+
+@pytest.mark.parametrize("robot", STREAMS)
+def test_the_command_reaches_the_panel_of_each_robot(robot: str) -> None:
+    async def use(url: str) -> None:
+        async def do(*arguments: str) -> str:
+            result = await asyncio.to_thread(CliRunner().invoke, cli, ["panel", url, *arguments])
+            assert result.exception is None, result.exception
+            return result.output
+
+        shown = await do()
+        assert "motion        possible" in shown
+        assert "lasting       none" in shown
+        pressed = await do("emergency-stop")
+        assert "motion        not possible: " in pressed
+        await do("emergency-stop", "release")
+        assert "emergency-stop" in await do("faults")
+        with pytest.raises(ConfigError, match=r"no action is called 'dance'; known: show, emergency-stop, "):
+            await asyncio.to_thread(cli.main, ["panel", url, "dance"], standalone_mode=False)
+
+    on_a_cell(robot, use)
+
+
+def test_the_help_lists_the_controls_with_their_robots() -> None:
+    text = " ".join(CliRunner().invoke(cli, ["panel", "--help"]).output.split())
+    assert "emergency-stop press|release" in text
+    assert "[s3, egm, rsi, rtde]" in text
+    assert CliRunner().invoke(cli, ["panel", "tcp://127.0.0.1:1", "--quick"]).exit_code == 2

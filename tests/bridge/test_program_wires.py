@@ -1,0 +1,121 @@
+"""Connections that a program of the emulated controller opens, over TCP on this computer."""
+
+import asyncio
+import socket
+import struct
+from collections.abc import Awaitable, Callable
+from contextlib import AsyncExitStack
+from dataclasses import dataclass, field
+
+from emulators.devices.rtde import RtdeProfile, RtdeRobot
+from emulators.seams import StartPose
+from hil_bridge.clock import Clock
+from hil_bridge.devices.robots.rtde import serving as ports
+from hil_bridge.devices.wiring import Serving
+from protocol.devices.rtde.states import Runtime
+from protocol.devices.rtde.wires import Port
+
+START = StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2)
+ECHO = """def echo():
+  if socket_open("%s", %d, "pc"):
+    socket_send_line("here", "pc")
+    given = socket_read_binary_integer(2, "pc", 0)
+    socket_send_int(given[1] + given[2], "pc")
+  else:
+    textmsg("nothing there")
+  end
+end
+"""
+
+
+@dataclass
+class Site:
+    """A controller on ports of its own, and a server for its programs."""
+
+    robot: RtdeRobot
+    port: int
+    clients: list[tuple[asyncio.StreamReader, asyncio.StreamWriter]] = field(default_factory=list)
+    lines: list[str] = field(default_factory=list)
+
+    def play(self, host: str, port: int) -> None:
+        robot = self.robot
+        server = robot.connect(Port.SCRIPT, robot.controller.now)
+        assert server is not None
+        server.receive((ECHO % (host, port)).encode(), robot.controller.now)
+
+    async def until(self, holds: Callable[[], bool]) -> None:
+        async with asyncio.timeout(30):
+            while not holds():
+                await asyncio.sleep(0.005)
+                self.robot.controller.advance(Clock.running().now())
+
+    def said(self) -> list[str]:
+        return [str(saying) for saying in self.robot.controller.console.sayings]
+
+
+def at_site(act: Callable[[Site], Awaitable[None]], **profile: str) -> None:
+    async def run() -> None:
+        clock = Clock.running()
+        robot = RtdeRobot(RtdeProfile(start_delay_ms=0.0, **profile), START, clock.now(), 7)  # type: ignore[arg-type]
+        site = Site(robot, 0)
+        server = await asyncio.start_server(lambda *both: site.clients.append(both), "127.0.0.1", 0)
+        site.port = server.sockets[0].getsockname()[1]
+        failures: list[BaseException] = []
+        async with AsyncExitStack() as stack:
+            await ports.serve(
+                "tcp-listen://127.0.0.1:0", robot, Serving(clock, stack, failures.append, site.lines.append)
+            )
+            await act(site)
+        for _, writer in site.clients:
+            writer.close()
+        server.close()
+        assert not failures
+
+    asyncio.run(run())
+
+
+def test_a_program_talks_to_a_server_of_this_computer() -> None:
+    async def act(site: Site) -> None:
+        site.play("127.0.0.1", site.port)
+        await site.until(lambda: bool(site.clients))
+        reader, writer = site.clients[0]
+        await site.until(lambda: site.robot.controller.runtime == Runtime.PLAYING)
+        async with asyncio.timeout(30):  # nothing but the connection drives the controller from here on
+            assert await reader.readline() == b"here\n"
+            writer.write(struct.pack(">2i", 40, 2))
+            assert struct.unpack(">i", await reader.readexactly(4)) == (42,)
+            assert await reader.read() == b"", "the connection ends with the program"
+        assert site.lines == []
+
+    at_site(act)
+
+
+def test_a_server_that_is_not_there_is_told_the_program() -> None:
+    async def act(site: Site) -> None:
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            site.play("localhost", free.getsockname()[1])
+            await site.until(lambda: "nothing there" in site.said())
+        assert site.lines == []
+
+    at_site(act)
+
+
+def test_a_program_comes_to_no_other_computer_and_that_is_told_once() -> None:
+    async def act(site: Site) -> None:
+        for count in (1, 2):
+            site.play("192.0.2.1", 50001)  # an address for documents: no computer has it
+            await site.until(lambda count=count: site.said().count("nothing there") == count)
+        (line,) = site.lines
+        assert line.startswith("rtde: a program may not connect to '192.0.2.1'")
+        assert "cell.rtde.program_servers" in line
+
+    at_site(act)
+
+
+def test_a_connection_that_is_open_when_the_controller_ends_is_closed() -> None:
+    async def act(site: Site) -> None:
+        site.play("127.0.0.1", site.port)
+        await site.until(lambda: bool(site.clients))
+
+    at_site(act)

@@ -1,0 +1,243 @@
+"""Connections that a program opens: its end of them in virtual time, with the faults of their wire.
+
+The program is ours: as external control does, it connects outwards and servos to what it is sent each cycle.
+"""
+
+import struct
+from typing import Any
+
+import pytest
+
+from emulators.devices.rtde import RTDE_FAULTS, RtdeProfile, RtdeRobot, Server
+from emulators.devices.rtde.program_socket import UNREAD_MAX, ProgramSocket
+from emulators.devices.rtde.urscript import Message
+from emulators.faults import Ledger
+from emulators.seams import StartPose
+from protocol.devices.rtde.states import Runtime
+from protocol.devices.rtde.wires import Port
+
+START = StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2)
+T0, DT = 1000.25, 0.002
+STREAMED = """def streamed():
+  if not socket_open("127.0.0.1", 50001, "reverse"):
+    textmsg("no server")
+    halt
+  end
+  q = get_actual_joint_positions()
+  timeout = 0
+  while True:
+    given = socket_read_binary_integer(8, "reverse", timeout)
+    if given[0] != 8 or given[8] == -2:
+      textmsg("ended with ", given[0])
+      stopj(4)
+      halt
+    end
+    timeout = given[1] / 1000.0
+    servoj([given[2] / 1000000.0, q[1], q[2], q[3], q[4], q[5]], t=0.002, lookahead_time=0.03, gain=2000)
+  end
+end
+"""
+
+
+class Ear:
+    """A server outside, the controller with a program that has come to it, and the time."""
+
+    def __init__(self, text: str, opens_after: int = 0) -> None:
+        """The server takes a connection after some cycles."""
+        self.now = T0
+        profile = RtdeProfile(noise_um=0.0, noise_urad=0.0, start_delay_ms=0.0)
+        self.robot = RtdeRobot(profile, START, T0, 7)
+        self.controller = self.robot.controller
+        self.ledger = Ledger(RTDE_FAULTS)
+        for target, handlers in self.robot.handlers.items():
+            self.ledger.attach(target, handlers)
+        self.ends: list[tuple[Server, ProgramSocket]] = []
+        self.asked: list[tuple[str, int]] = []
+        self.heard = b""
+        self._opens_after = opens_after
+        self.controller.console.open_socket = self._open
+        self._text = text
+
+    def _open(self, host: str, port: int) -> ProgramSocket:
+        self.asked.append((host, port))
+        self.ends.append(self.robot.connect_program(self.now))
+        return self.ends[-1][1]
+
+    def play(self) -> "Ear":
+        port = self.robot.connect(Port.SCRIPT, self.now)
+        assert port is not None
+        port.receive(self._text.encode(), self.now)
+        return self.run(2)
+
+    def run(self, cycles: int) -> "Ear":
+        for _ in range(cycles):
+            self.now += DT
+            self.ledger.handle_deadline(self.now)
+            for server, inner in self.ends:
+                server.handle_deadline(self.now)
+                self.heard += server.data_to_send(self.now)
+                if inner.opening and self._opens_after <= 0:
+                    inner.opened()
+            self.controller.advance(self.now)
+            self._opens_after -= 1
+        return self
+
+    def send(self, data: bytes) -> None:
+        self.ends[-1][0].receive(data, self.now)
+
+    def stream(self, cycles: int, joint: float, timeout_ms: int = 20, mode: int = 1) -> "Ear":
+        """A message in each cycle."""
+        for _ in range(cycles):
+            self.send(message(joint, timeout_ms, mode))
+            self.run(1)
+        return self
+
+    def said(self, kind: Message = Message.TEXT) -> list[str]:
+        return [str(each) for each in self.controller.console.sayings if each.message == kind]
+
+    def inject(self, name: str, on: str = "program-wire", **how: Any) -> None:
+        self.ledger.inject(on, name, self.now, how)
+
+    @property
+    def plays(self) -> bool:
+        return self.controller.runtime == Runtime.PLAYING
+
+
+def message(joint: float, timeout_ms: int = 20, mode: int = 1) -> bytes:
+    return struct.pack(">8i", timeout_ms, round(joint * 1e6), 0, 0, 0, 0, 0, mode)
+
+
+@pytest.fixture
+def ear() -> Ear:
+    """A program that servos to what it is sent, with its first target."""
+    ear = Ear(STREAMED).play().run(3)
+    assert ear.asked == [("127.0.0.1", 50001)]
+    return ear
+
+
+def base(ear: Ear) -> float:
+    return ear.controller.arm.joints[0]
+
+
+def test_a_program_servos_to_what_a_server_sends_it(ear: Ear) -> None:
+    start = base(ear)
+    ear.run(500)
+    assert ear.plays, "the first read waits for ever"
+    for step in range(100):
+        ear.stream(1, start + step * 1e-4)
+    ear.stream(100, start + 0.01)
+    assert base(ear) == pytest.approx(start + 0.01, abs=1e-5)
+    ear.stream(1, start, mode=-2)
+    ear.run(5)
+    assert ear.said() == ["ended with 8"]
+    assert ear.ends[0][0].closing, "the connection ends with the program"
+
+
+def test_without_a_message_in_its_time_the_program_stops_the_arm(ear: Ear) -> None:
+    ear.stream(10, base(ear), timeout_ms=20)
+    ear.run(9)
+    assert ear.plays
+    ear.run(20)
+    assert ear.said() == ["ended with 0"]
+    assert ear.controller.still
+
+
+def test_a_message_comes_in_the_order_of_the_wire_in_whatever_pieces(ear: Ear) -> None:
+    start = base(ear)
+    data = message(start, 20) + message(start, -2, -2)
+    for byte in data[:-1]:
+        ear.send(bytes((byte,)))
+    ear.run(3)
+    assert ear.plays
+    ear.send(data[-1:])
+    ear.run(3)
+    assert ear.said() == ["ended with 8"]
+
+
+def test_a_server_that_leaves_ends_a_read_at_once(ear: Ear) -> None:
+    ear.stream(3, base(ear), timeout_ms=0)
+    ear.run(100)
+    assert ear.plays
+    ear.ends[0][0].close(ear.now)
+    ear.run(3)
+    assert ear.said() == ["ended with 0"]
+
+
+def test_what_came_before_the_server_left_is_read(ear: Ear) -> None:
+    ear.send(message(base(ear), 0))
+    ear.send(message(base(ear), 0, -2))
+    ear.ends[0][0].close(ear.now)
+    ear.run(6)
+    assert ear.said() == ["ended with 8"]
+
+
+def test_a_server_that_does_not_answer_is_given_up_after_two_seconds() -> None:
+    ear = Ear(STREAMED, opens_after=10_000).play()
+    ear.run(990)
+    assert ear.plays
+    ear.run(20)
+    assert ear.said() == ["no server"]
+    assert ear.ends[0][0].closing
+
+
+def test_a_stopped_program_leaves_no_connection(ear: Ear) -> None:
+    ear.controller.stop_program()
+    assert ear.ends[0][0].closing
+
+
+def test_a_server_that_sends_without_end_fills_no_memory(ear: Ear) -> None:
+    ear.stream(1, base(ear), timeout_ms=0)
+    ear.inject("program-paused", on="robot")
+    ear.run(2)
+    for _ in range(3):
+        ear.send(bytes(UNREAD_MAX // 2))
+    assert ear.ends[0][0].closing
+    assert ear.controller.counts["sockets of programs closed, too much unread"] == 1
+
+
+# --- faults
+
+
+def test_late_messages_stop_a_program_that_waits_less_for_them(ear: Ear) -> None:
+    ear.stream(10, base(ear), timeout_ms=20)
+    ear.inject("late", ms=15.0)
+    ear.stream(40, base(ear), timeout_ms=20)
+    assert ear.plays
+    ear.inject("late", ms=30.0)
+    ear.stream(40, base(ear), timeout_ms=20)
+    assert ear.said() == ["ended with 0"]
+
+
+@pytest.mark.parametrize("fault", ["off", "deaf"])
+@pytest.mark.parametrize("target", ["program-wire", "wire"])
+def test_a_cut_wire_stops_the_program(ear: Ear, fault: str, target: str) -> None:
+    ear.stream(10, base(ear), timeout_ms=20)
+    ear.inject(fault, on=target)
+    ear.stream(20, base(ear), timeout_ms=20)
+    assert ear.said() == ["ended with 0"]
+    assert ear.controller.still
+
+
+def test_half_a_message_shifts_all_behind_it(ear: Ear) -> None:
+    """The first half of one, and of the next one its first half: the target is no place, and the arm stops."""
+    ear.stream(10, base(ear), timeout_ms=20)
+    ear.inject("malformed", count=1)
+    ear.stream(2, base(ear), timeout_ms=20, mode=1)
+    ear.stream(40, 2.0, timeout_ms=20)
+    assert not ear.plays
+    assert ear.ledger.injections[0].struck == 1
+
+
+def test_a_fault_of_the_connections_of_programs_leaves_the_others_alone() -> None:
+    ear = Ear(STREAMED).play().run(3)
+    dashboard = ear.robot.connect(Port.DASHBOARD, ear.now)
+    assert dashboard is not None
+    dashboard.data_to_send(ear.now)
+    ear.inject("off")
+    ear.run(1)
+    dashboard.receive(b"running\n", ear.now)
+    assert dashboard.data_to_send(ear.now) == b"Program running: true\n"
+    ear.inject("off", on="wire")
+    ear.run(1)
+    dashboard.receive(b"running\n", ear.now)
+    assert dashboard.data_to_send(ear.now) == b""

@@ -1,0 +1,265 @@
+"""The primary interface of an emulated controller: what a client is told, and when; local control; silent clients."""
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from emulators.devices.rtde import RTDE_FAULTS, RtdeProfile, RtdeRobot, Server
+from emulators.devices.rtde.state import getter
+from emulators.faults import Ledger
+from emulators.seams import StartPose
+from protocol.devices.rtde import primary
+from protocol.devices.rtde.fields import NOT_FOUND, OUTPUTS, type_of
+from protocol.devices.rtde.primary import MessageKind, PacketType, Part
+from protocol.devices.rtde.states import SafetyMode
+from protocol.devices.rtde.wires import Port
+
+T0 = 1000.0
+START = StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2)
+
+
+class Client:
+    """A connection to a port of a robot, and all that came over it."""
+
+    def __init__(self, robot: RtdeRobot, now: float = T0, port: Port = Port.PRIMARY) -> None:
+        server = robot.connect(port, now)
+        assert server is not None
+        self.robot, self.server, self.now = robot, server, now
+        self.raw = b""
+
+    def wait(self, seconds: float) -> "Client":
+        end = self.now + seconds
+        while (due := self.server.next_deadline()) is not None and due <= end:
+            self.now = max(self.now, due)
+            self.server.handle_deadline(self.now)
+            self.raw += self.server.data_to_send(self.now)
+        self.now = end
+        self.raw += self.server.data_to_send(end)
+        return self
+
+    def say(self, text: str) -> None:
+        self.server.receive(text.encode(), self.now)
+        self.raw += self.server.data_to_send(self.now)
+
+    def messages(self, kind: MessageKind) -> list[primary.Message]:
+        found = [
+            primary.read_message(body)
+            for type_, body in primary.split(self.raw)
+            if type_ == PacketType.MESSAGE
+        ]
+        return [message for message in found if message.kind == kind]
+
+    @property
+    def states(self) -> list[dict[Part, dict[str, Any]]]:
+        return [dict(parts(body)) for type_, body in primary.split(self.raw) if type_ == PacketType.STATE]
+
+    def keys(self) -> list[bytes]:
+        return [message.body[9:] for message in self.messages(MessageKind.KEY)]
+
+
+def parts(body: bytes) -> Iterator[tuple[Part, dict[str, Any]]]:
+    for kind, data in primary.split(body):
+        part = Part(kind)
+        assert len(data) == primary.PARTS[part].size
+        yield part, primary.PARTS[part].unpack(data)
+
+
+def robot(**profile: Any) -> RtdeRobot:
+    return RtdeRobot(RtdeProfile(**profile), START, T0, 7)
+
+
+def test_a_version_comes_first_and_then_ten_states_a_second() -> None:
+    client = Client(robot())
+    client.raw += client.server.data_to_send(T0)
+    (version,) = client.messages(MessageKind.VERSION)
+    assert version.body[:12] == b"\x09URControl\x05\x0c"
+    assert client.states == []
+    client.wait(1.05)
+    assert len(client.states) == 11
+    assert [*client.states[0]] == list(primary.PARTS)
+
+
+def test_a_process_that_was_late_skips_the_states_that_it_has_missed() -> None:
+    client = Client(robot()).wait(0.05)
+    client.now += 1.0
+    client.wait(0.0)
+    assert len(client.states) == 2
+
+
+def test_the_state_is_that_of_the_model() -> None:
+    ur = robot()
+    ur.controller.slider = 0.4
+    ur.controller.write_output("actual_digital_output_bits", 5)
+    state = Client(ur).wait(0.2).states[-1]
+    mode, joints, place = state[Part.ROBOT_MODE], state[Part.JOINTS], state[Part.CARTESIAN]
+    assert (mode["robot_mode"], mode["powered"], mode["running"], mode["speed_scaling"]) == (7, 1, 0, 0.4)
+    assert [joints[f"q{n}"] for n in range(6)] == pytest.approx(ur.controller.arm.joints)
+    assert [joints[f"mode{n}"] for n in range(6)] == [253] * 6
+    assert [place[axis] for axis in "xyz"] == pytest.approx(START.position, abs=1e-4)
+    assert [place[f"tcp_{axis}"] for axis in "xyz"] == pytest.approx((0.0, 0.0, 0.2))
+    assert state[Part.MASTERBOARD]["digital_outputs"] == 5
+    assert state[Part.MASTERBOARD]["safety_mode"] == SafetyMode.NORMAL
+    assert [state[Part.KINEMATICS][f"a{n}"] for n in range(6)] == [0.0, -0.6127, -0.57155, 0.0, 0.0, 0.0]
+    assert state[Part.CONFIGURATION]["d5"] == 0.11655
+    assert state[Part.CONFIGURATION]["robot_type"] == 2
+
+
+def test_two_arms_of_a_model_have_one_check_sum_and_two_models_have_two() -> None:
+    def sums(ur: RtdeRobot) -> list[float]:
+        kinematics = Client(ur).wait(0.1).states[-1][Part.KINEMATICS]
+        return [kinematics[f"checksum{n}"] for n in range(6)]
+
+    assert sums(robot()) == sums(robot())
+    assert sums(robot()) != sums(robot(model="ur10"))
+
+
+def test_a_program_that_starts_and_ends_is_told_to_each_client() -> None:
+    ur = robot()
+    first, second = Client(ur), Client(ur)
+    first.say('def hello():\n  textmsg("it is ", 3)\n  sleep(0.2)\nend\n')
+    first.wait(0.5)
+    second.wait(0.5)
+    for client in (first, second):
+        assert client.keys() == [b"PROGRAM_XXX_STARTEDhello", b"PROGRAM_XXX_STOPPEDhello"]
+        assert [message.body for message in client.messages(MessageKind.TEXT)] == [b"it is 3"]
+    begun = first.messages(MessageKind.KEY)[0]
+    assert begun.time_ns == pytest.approx((100.0 + 0.05) * 1e9, abs=5e6), "by the controller's clock"
+
+
+def test_an_error_has_its_line_and_comes_before_the_programs_end() -> None:
+    client = Client(robot())
+    client.say("def wrong():\n  sleep(0.1)\n  a = [1, 2]\n  b = a[7]\nend\n")
+    client.wait(1.0)
+    (error,) = client.messages(MessageKind.RUNTIME_EXCEPTION)
+    assert error.body[:8] == b"\0\0\0\4\0\0\0\1"
+    assert client.keys()[-1] == b"PROGRAM_XXX_STOPPEDwrong"
+    client.say("def odd(:\nend\n")
+    assert len(client.messages(MessageKind.RUNTIME_EXCEPTION)) == 2
+
+
+def test_a_pop_up_has_its_title_and_its_text() -> None:
+    client = Client(robot())
+    client.say('def asks():\n  popup("wait", title="Careful")\nend\n')
+    client.wait(0.3)
+    (popup,) = client.messages(MessageKind.POPUP)
+    assert popup.body[8:] == b"\x07Carefulwait"
+
+
+def test_each_safety_mode_is_told_once() -> None:
+    ur = robot()
+    client = Client(ur).wait(0.1)
+    ur.controller.protective_stop("a test")
+    client.wait(0.3)
+    ur.controller.emergency_stop()
+    client.wait(0.3)
+    modes = [message.body[8] for message in client.messages(MessageKind.SAFETY_MODE)]
+    assert modes == [SafetyMode.PROTECTIVE_STOP, SafetyMode.ROBOT_EMERGENCY_STOP]
+    assert [message.body[:4] for message in client.messages(MessageKind.ERROR_CODE)] == [bytes(4)]
+    kinds = [body[9] if type_ == PacketType.MESSAGE else 0 for type_, body in primary.split(client.raw)]
+    stopped = kinds.index(MessageKind.SAFETY_MODE)
+    states = [
+        dict(parts(body))
+        for type_, body in list(primary.split(client.raw))[:stopped]
+        if type_ == PacketType.STATE
+    ]
+    assert states[-1][Part.ROBOT_MODE]["protective_stopped"] == 1, "the state is told before the message"
+    assert client.states[-1][Part.ROBOT_MODE]["emergency_stopped"] == 1
+    assert client.states[-1][Part.ROBOT_MODE]["powered"] == 0
+
+
+@pytest.mark.parametrize(("port", "remote"), [(Port.READ_ONLY, True), (Port.PRIMARY, False)])
+def test_text_to_an_interface_that_takes_none_is_an_error(port: Port, remote: bool) -> None:
+    ur = robot(remote_control=remote)
+    client = Client(ur, port=port)
+    ur.controller.remote = True
+    client.say("def moves():\n  sleep(9)\nend\n")
+    client.wait(0.5)
+    assert [message.body[:4] for message in client.messages(MessageKind.ERROR_CODE)] == [b"\0\0\0\xd2"]
+    assert client.keys() == []
+    fresh = Client(ur, client.now)
+    fresh.say("def moves():\n  sleep(9)\nend\n")
+    fresh.wait(0.2)
+    assert fresh.keys() == [b"PROGRAM_XXX_STARTEDmoves"], "one that came in remote control may"
+
+
+def test_a_silent_interface_says_nothing_and_goes_on_afterwards() -> None:
+    ur = robot()
+    ledger = Ledger(RTDE_FAULTS)
+    ledger.attach("robot", ur.handlers["robot"])
+    client = Client(ur).wait(0.05)
+    told = client.raw
+    injection = ledger.inject("robot", "primary-silent", T0 + 0.05, {"for_s": 0.5})
+    client.say("def moves():\n  sleep(9)\nend\n")
+    client.wait(0.45)
+    assert client.raw == told
+    assert injection.struck > 0
+    ledger.handle_deadline(client.wait(0.2).now)
+    client.wait(0.2)
+    assert len(client.states) > 1
+    assert client.keys() == [], "what it would have said is lost"
+
+
+def test_a_client_that_has_left_is_told_nothing_more() -> None:
+    ur = robot()
+    client = Client(ur)
+    ur.leave(Port.PRIMARY, client.server, T0)
+    assert ur.controller.console.listeners == []
+    ur.controller.protective_stop("a test")
+    assert isinstance(client.server, Server)
+
+
+# --- outputs over RTDE
+
+
+def test_outputs_that_a_package_sets_are_read_back_where_its_masks_let_it() -> None:
+    ur = robot()
+    controller = ur.controller
+
+    def write(**values: float) -> None:
+        controller.write_inputs(tuple(values), values)
+        controller.advance(controller.now + controller.period)
+
+    def read(name: str) -> float:
+        return getter(name)(controller.snapshots[-1])[0]
+
+    write(standard_digital_output_mask=0b11, standard_digital_output=0b101)
+    assert read("actual_digital_output_bits") == 0b001
+    write(configurable_digital_output_mask=1, configurable_digital_output=1)
+    write(tool_digital_output_mask=2, tool_digital_output=2)
+    assert read("actual_digital_output_bits") == 0b10_00000001_00000001
+    assert read("actual_configurable_digital_output_bits") == 1
+    assert (read("standard_analog_output0"), read("analog_io_types")) == (0.004, 0)
+    write(standard_analog_output_mask=3, standard_analog_output_type=2, standard_analog_output_0=0.5)
+    assert (read("standard_analog_output0"), read("standard_analog_output1")) == pytest.approx((0.012, 0.0))
+    write(standard_analog_output_1=0.25)
+    assert read("standard_analog_output1") == 0.0, "without its mask in the package nothing is set"
+    write(standard_analog_output_mask=2, standard_analog_output_1=0.25)
+    assert (read("standard_analog_output0"), read("standard_analog_output1")) == pytest.approx((0.012, 2.5))
+    assert read("analog_io_types") == 0b1000
+    write(standard_analog_output_mask=1, standard_analog_output_0=math.nan)
+    assert read("standard_analog_output0") == pytest.approx(0.012)
+    board = Client(ur, controller.now).wait(0.2).states[-1][Part.MASTERBOARD]
+    assert (board["output_domain0"], board["output_domain1"], board["output1"]) == (0, 1, 2.5)
+
+
+@pytest.mark.parametrize(
+    ("version", "there", "missing"),
+    [
+        ((5, 12, 0), ("tool_output_mode", "ft_raw_wrench", "elbow_position"), ("collision_detection_ratio",)),
+        ((5, 15, 0), ("collision_detection_ratio",), ("time_scale_source",)),
+        ((5, 4, 0), ("safety_status",), ("tcp_offset", "ft_raw_wrench")),
+        (
+            (3, 15, 8),
+            ("tcp_offset", "payload", "safety_status", "payload_inertia"),
+            ("ft_raw_wrench", "tool_output_mode"),
+        ),
+        ((3, 12, 2), ("safety_status",), ("tcp_offset", "payload")),
+    ],
+)
+def test_each_line_of_controllers_has_its_outputs_since_a_version_of_its_own(
+    version: tuple[int, int, int], there: tuple[str, ...], missing: tuple[str, ...]
+) -> None:
+    assert [name for name in there if type_of(OUTPUTS, name, version) == NOT_FOUND] == []
+    assert [name for name in missing if type_of(OUTPUTS, name, version) != NOT_FOUND] == []

@@ -1,0 +1,175 @@
+"""The port of an emulated controller's web services, in real time over TCP."""
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from contextlib import AsyncExitStack, asynccontextmanager
+
+import aiohttp
+import pytest
+
+from emulators.devices.egm import EgmController, EgmProfile, State
+from emulators.seams import StartPose
+from hil_bridge.clock import Clock, run_real
+from hil_bridge.devices.kinds import default_settings
+from hil_bridge.devices.robots.egm.room import ROBOT, serve
+from hil_bridge.devices.robots.egm.web_address import WebAddress, split_web
+from hil_bridge.devices.robots.egm.web_client import WebState, read_state
+from hil_bridge.devices.wiring import Serving
+from hil_bridge.errors import ConfigError, DeviceError
+from hil_bridge.site.robot_probe import probe, probe_rows
+from protocol.devices.egm.web import PASSWORD, SUBSCRIPTION, USER
+
+pytestmark = pytest.mark.live
+
+START = StartPose((0.9, -0.1, 0.6), (0.0, 0.0, 1.0, 0.0), 0.2)
+USUAL = (USER, PASSWORD)
+
+
+@asynccontextmanager
+async def served(web: str = "127.0.0.1:0") -> AsyncIterator[tuple[EgmController, WebAddress]]:
+    """A controller whose web services listen."""
+    clock = Clock.running()
+    try:
+        async with AsyncExitStack() as stack:
+            controller = EgmController(EgmProfile(), START, clock.now(), 1)
+            serving = Serving(clock, stack, print, print)
+            url = f"udp://127.0.0.1:9?rws={web}"
+            _, address = split_web(await serve(url, controller, default_settings(ROBOT), serving))
+            assert address is not None
+            yield controller, address
+    finally:
+        clock.close()
+
+
+def session_with(address: WebAddress, user: str, password: str) -> aiohttp.ClientSession:
+    digest = aiohttp.DigestAuthMiddleware(user, password)
+    return aiohttp.ClientSession(
+        f"http://{address.authority}", middlewares=(digest,), cookie_jar=aiohttp.CookieJar(unsafe=True)
+    )
+
+
+def test_a_look_tells_the_state_and_a_stop_by_people_is_seen() -> None:
+    async def main() -> tuple[WebState, WebState]:
+        async with served() as (controller, address):
+            first = await read_state(address)
+            controller.stop("motors-off", controller.next_deadline() or 0.0)
+            return first, await read_state(address)
+
+    first, second = run_real(main)
+    assert first == WebState("7.00.00.00", "motoron", "AUTO", "running")
+    assert (second.motors, second.execution) == ("motoroff", "stopped")
+
+
+def test_a_client_stops_rapid_and_a_subscriber_is_told() -> None:
+    async def main() -> tuple[int, str, State]:
+        async with served() as (controller, address), session_with(address, *USUAL) as session:
+            body = {"resources": "1", "1": "/rw/rapid/execution;ctrlexecstate", "1-p": "1"}
+            begun = await session.post("/subscription", data=body)
+            socket = await session.ws_connect(begun.headers["Location"], protocols=(SUBSCRIPTION,))
+            stopped = await session.post("/rw/rapid/execution?action=stop", data={"stopmode": "stop"})
+            event = await socket.receive_str(timeout=10.0)
+            await socket.close()
+            return stopped.status, event, controller.state
+
+    status, event, state = run_real(main)
+    assert (status, state) == (204, State.RAPID_STOPPED)
+    assert '<span class="ctrlexecstate">stopped</span>' in event
+
+
+def test_a_wrong_password_is_refused() -> None:
+    async def main() -> int:
+        async with served() as (_, address), session_with(address, USER, "wrong") as session:
+            return (await session.post("/rw/rapid/execution?action=stop")).status
+
+    assert run_real(main) == 401
+
+
+@pytest.mark.parametrize(
+    ("data", "status"),
+    [
+        (b"\x00\xff\x16\x03\x01 nonsense\r\n\r\n", b"400"),
+        (b"GET /rw/system HTTP/1.1\r\nHost: a\r\n\r\n", b"401"),
+        (b"GET /" + b"a" * 20_000 + b" HTTP/1.1\r\n\r\n", b"400"),
+        (b"POST /rw HTTP/1.1\r\nHost: a\r\nContent-Length: 9999999\r\n\r\n" + b"a" * 200_000, b"413"),
+        (b"GET /poll/1 HTTP/1.1\r\nHost: a\r\nUpgrade: websocket\r\nConnection: upgrade\r\n\r\n", b"401"),
+    ],
+)
+def test_a_hostile_request_is_answered_with_its_status(data: bytes, status: bytes) -> None:
+    async def main() -> tuple[bytes, State]:
+        async with served() as (controller, address):
+            reader, writer = await asyncio.open_connection(*address)
+            writer.write(data)
+            line = await reader.readline()
+            writer.transport.abort()
+            await read_state(address)
+            return line, controller.state
+
+    line, state = run_real(main)
+    assert line.split()[1] == status
+    assert state in (State.SET_UP, State.GUIDING)
+
+
+def test_connections_are_bounded_and_free_again() -> None:
+    async def main() -> None:
+        async with served() as (_, address):
+            idle = [await asyncio.open_connection(*address) for _ in range(64)]
+            reader, writer = await asyncio.open_connection(*address)
+            with pytest.raises((ConnectionError, asyncio.IncompleteReadError)):
+                await reader.readexactly(1)
+            for _, one in [*idle, (reader, writer)]:
+                one.transport.abort()
+            await asyncio.sleep(0.1)
+            await read_state(address)
+
+    run_real(main)
+
+
+def probe_of(make_url: Callable[[str], str], cause: str = "") -> tuple[str, float]:
+    """Words of a probe of a robot whose web services listen, stopped for a cause, and its length, s."""
+
+    async def main() -> tuple[str, float]:
+        async with served() as (controller, address):
+            clock = Clock.running()
+            if cause:
+                controller.stop(cause, controller.next_deadline() or 0.0)
+            begun = clock.now()
+            found = await probe(ROBOT, make_url(address.authority), default_settings(ROBOT), clock)
+            took = clock.now() - begun
+            clock.close()
+            return "\n".join(" ".join(row) for row in probe_rows(found)), took
+
+    return run_real(main)
+
+
+def test_a_probe_tells_the_web_services_where_no_datagram_comes() -> None:
+    words, took = probe_of(lambda web: f"udp-bind://127.0.0.1:0?rws={web}", "motors-off")
+    for part in ("datagrams robot on", "RobotWare 7.00.00.00", "refused: the motors are off (motoroff)"):
+        assert part in words
+    assert took < 5.0
+
+
+def test_a_probe_without_its_web_services_tells_that_they_do_not_answer() -> None:
+    words, _ = probe_of(lambda web: "udp-bind://127.0.0.1:0?rws=127.0.0.1:1")
+    assert "web services web services at 127.0.0.1:1: " in words
+    assert "a run would be refused: robot on" in words
+
+
+def test_nothing_that_answers_is_told_with_its_address() -> None:
+    async def main() -> None:
+        with pytest.raises(DeviceError, match=r"web services at 127\.0\.0\.1:1"):
+            await read_state(WebAddress("127.0.0.1", 1))
+
+    run_real(main)
+
+
+@pytest.mark.parametrize(
+    ("web", "words"),
+    [("0.0.0.0:0", "loopback only"), ("127.0.0.1:70000", "HOST:PORT"), ("a b", "HOST:PORT")],
+)
+def test_an_address_that_may_not_be_is_refused(web: str, words: str) -> None:
+    async def main() -> None:
+        async with served(web):
+            pass
+
+    with pytest.raises(ConfigError, match=words):
+        run_real(main)
