@@ -1,0 +1,44 @@
+"""A client that corrects axes is judged by the places to which its orders lead."""
+
+import pytest
+
+from emulators.devices.rsi import RsiController, RsiProfile
+from emulators.devices.rsi.correction import TOO_FAST
+from emulators.seams import StartPose
+from hil_bridge.lab.conform.watching import Seen, Watch
+from protocol.devices.rsi import SENSOR, Telegram, axis_tags, decode, encode, fixed
+
+EPOCH = 100.0
+
+
+def judged(steps_deg: list[float]) -> Seen:
+    """The watch over a client that corrects axis 1 so, cycle by cycle."""
+    profile = RsiProfile(mode="absolute", move_after_ms=0.0)
+    robot = RsiController(profile, StartPose((0.9, 0.0, 0.6), (0.0, 1.0, 0.0, 0.0)), EPOCH)
+    watch = Watch(EPOCH, 0.5, stops=False, from_start=False)
+    robot.orders.listener = watch.hear
+    for axis in [*steps_deg, steps_deg[-1]]:
+        due = robot.endpoint.next_deadline()
+        assert due is not None
+        robot.endpoint.handle_deadline(due)
+        watch.look(due, (0.9, 0.0, 0.6), 0.0, robot.hindrance(due))
+        for raw in robot.endpoint.data_to_send(due):
+            texts = {**dict.fromkeys(axis_tags("AK"), "0"), "AK.A1": fixed(axis, 6)}
+            answer = encode(Telegram(SENSOR, "ImFree", texts, decode(bytes(raw)).ipoc))
+            robot.endpoint.receive([answer], due + 0.001)
+    return watch.seen
+
+
+def test_a_steady_client_of_axes_is_seen_to_order_small_steps() -> None:
+    seen = judged([0.1 * k for k in range(11)])
+    assert seen.taken >= 10
+    assert seen.own_stop == ""
+    assert seen.leaps == 0
+    # 0.1° at 0.9 m
+    assert seen.largest_step_m == pytest.approx(0.00157, abs=1e-5)
+
+
+def test_a_leap_of_an_axis_is_the_clients_own_stop() -> None:
+    seen = judged([0.0, 0.0, 5.0, 5.0])
+    assert seen.own_stop == TOO_FAST
+    assert seen.largest_step_m == pytest.approx(0.0785, abs=1e-3)
