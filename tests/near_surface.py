@@ -1,22 +1,43 @@
-"""Runs that begin just above the surface: at the defaults, most of a run is the way to the surface and back."""
+"""Runs that begin just above the surface: at the defaults, most of a run is the power-up, the way there and back."""
 
+from collections.abc import Mapping
 from typing import Any
 
+from hil_bridge.settings.configuration import Config, read_config
+
+AWAKE: dict[str, Any] = {
+    "netft": {"boot_s": 0.2},
+    "jr3": {"gateway": {"boot_s": 0.2}, "uart": {"boot_s": 0.2}},
+}
+"""Sensors of an emulated cell that answer soon after power-up. The tests of each sensor hold its own time."""
+
 NEAR: dict[str, Any] = {
-    "cell": {"start_position_mm": (900.0, -100.0, 592.0)},
+    "cell": {"start_position_mm": (900.0, -100.0, 592.0), **AWAKE},
     "task": {"retract_mm": 4.0},
 }
-"""Settings for a start 2 mm above a flat surface, and a short way back."""
+"""Settings for a start 2 mm above a flat surface, a short way back, and sensors that answer soon."""
 
 
-NEAR_TOML = "cell.start_position_mm = [900.0, -100.0, 592.0]\ntask.retract_mm = 4.0\n"
-"""The same for the head of a configuration file, before its first section."""
+AWAKE_TOML = """\
+cell.netft.boot_s = 0.2
+cell.jr3.gateway.boot_s = 0.2
+cell.jr3.uart.boot_s = 0.2
+"""
+"""AWAKE for the head of a configuration file, before its first section."""
+
+NEAR_TOML = f"{AWAKE_TOML}cell.start_position_mm = [900.0, -100.0, 592.0]\ntask.retract_mm = 4.0\n"
+"""NEAR for the same place."""
 
 
-def merged(settings: dict[str, Any], more: dict[str, Any]) -> dict[str, Any]:
+def merged(settings: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:
     """Nested settings, with more of them laid over."""
     result = dict(settings)
     for key, value in more.items():
         both = isinstance(value, dict) and isinstance(result.get(key), dict)
         result[key] = merged(result[key], value) if both else value
     return result
+
+
+def awake_config(values: dict[str, Any]) -> Config:
+    """Read a configuration with sensors that answer soon after power-up, unless the values say otherwise."""
+    return read_config(merged({"cell": AWAKE}, values))

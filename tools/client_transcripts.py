@@ -26,6 +26,7 @@ from emulators.sensing import KnownWrench
 from protocol.datagram import Datagram
 from protocol.devices.rtde.wires import Port
 from protocol.endpoint import Endpoint
+from tools.register_program import played_form
 
 FOLDER = Path(__file__).resolve().parent.parent / "tests" / "wire" / "transcripts" / "clients"
 EPOCH = 4321.0
@@ -172,7 +173,8 @@ class Stage:
         elif port in DATAGRAMS:
             self._ends[step.wire].receive([Datagram(step.data, step.now, CLIENT)], step.now)
         else:
-            self._ends[step.wire].receive(step.data, step.now)
+            data = played_form(step.data) if port == Port.SCRIPT else step.data
+            self._ends[step.wire].receive(data, step.now)
         yield from self._said(step.now)
 
     def _said(self, now: float) -> Iterator[Step]:

@@ -22,10 +22,10 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from emulators.devices.rtde.ur_rtde import register_offset
 from tools.client_environments import interpreter
 from tools.client_scripts import SESSIONS, Session
 from tools.client_transcripts import CLIENT, CLOSES, EPOCH, FOLDER, OPENS, Stage, Step, Transcript, write
+from tools.register_program import recorded_form
 
 HOST = "127.0.0.77"
 """An address of its own, for a client whose ports are constants."""
@@ -158,7 +158,7 @@ class Recorder:
             return b""
         self._programs[wire] = text[end.end() :]
         name = next(iter(_PROGRAM_NAME.findall(text)), b"unknown")
-        return b"def %s():\n# float register offset\n%d\nend\n" % (name, register_offset(text))
+        return recorded_form(name, text)
 
     def _take(self, step: Step) -> None:
         self.steps.append(step)

@@ -1,4 +1,4 @@
-"""Joints and poses of the IRB 2000: forward kinematics, every inverse solution, and routes along a line.
+"""Joints and poses of arms with a spherical wrist: forward kinematics, every inverse solution, and routes along a line.
 
 Lengths, ranges and speeds: project specification of the computer link, section 6. Angles in rad, lengths in m.
 
@@ -74,8 +74,10 @@ class Route:
 class Arm:
     """The arm with a tool of some length, m, from the flange along the flange's axis to the tool centre point."""
 
-    def __init__(self, profile: ArmSize, tool_length: float) -> None:
+    def __init__(self, profile: ArmSize, tool_length: float, axis_2_ahead: float = 0.0) -> None:
+        """`axis_2_ahead` is the distance of axis 2 from axis 1, m: ahead of it with all axes at zero."""
         self._axis_2_height = profile.axis_2_height_mm / 1000.0
+        self._axis_2_ahead = axis_2_ahead
         self._upper_arm = profile.upper_arm_mm / 1000.0
         self._forearm = math.hypot(profile.elbow_offset_mm, profile.forearm_mm) / 1000.0
         # From the line between axis 3 and the wrist down to the forearm's axis.
@@ -97,6 +99,7 @@ class Arm:
         turn, lean, _, *wrist_angles = joints
         pitch = self._pitch(joints)
         radius = self._upper_arm * math.sin(lean) + self._forearm * math.cos(self._offset - pitch)
+        radius += self._axis_2_ahead
         height = self._upper_arm * math.cos(lean) + self._forearm * math.sin(self._offset - pitch)
         a, b, c = (angle / 2.0 for angle in wrist_angles)
         wrist = (
@@ -122,20 +125,20 @@ class Arm:
         (x, y, z), (u, v, w), reach = position, along, self._wrist_to_tip
         x, y, z = x - reach * u, y - reach * v, z - reach * w
         radius, height = math.hypot(x, y), z - self._axis_2_height
-        square = radius * radius + height * height
-        distance = math.sqrt(square)
         upper, fore = self._upper_arm, self._forearm
-        if not abs(upper - fore) <= distance <= upper + fore or distance == 0.0:
-            return
-        cosine = (upper * upper + square - fore * fore) / (2.0 * upper * distance)
-        opening = math.acos(max(-1.0, min(1.0, cosine)))
         front = near[0] if radius < _ON_AXIS_1_M else math.atan2(y, x)
         tool = product(quaternion, _TO_ZERO)
-        ways = (front, radius), (front + math.pi, -radius)
+        ways = (front, radius - self._axis_2_ahead), (front + math.pi, -radius - self._axis_2_ahead)
         for turned, forward in ways if math.cos(near[0] - front) >= 0.0 else ways[::-1]:
             turn = self._wound(0, turned, near)
             if turn is None:
                 continue
+            square = forward * forward + height * height
+            distance = math.sqrt(square)
+            if not abs(upper - fore) <= distance <= upper + fore or distance == 0.0:
+                continue
+            cosine = (upper * upper + square - fore * fore) / (2.0 * upper * distance)
+            opening = math.acos(max(-1.0, min(1.0, cosine)))
             elevation = math.atan2(height, forward)
             for elbow in (opening, -opening) if self.bend(near) >= 0.0 else (-opening, opening):
                 leaning = math.pi / 2.0 - elevation - elbow

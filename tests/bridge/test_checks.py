@@ -13,6 +13,7 @@ from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import load_config, read_config
+from tests.near_surface import NEAR
 
 
 def refused(tmp_path: Path, text: str) -> str:
@@ -69,6 +70,6 @@ def test_a_run_makes_its_cell_its_pace_and_its_loop_once(
     counted(compose.__name__, "make_cell")
     counted("hil_bridge.runs.setup", "set_pace")
     counted("hil_bridge.runs.setup", "control_loop")
-    config = read_config({"run": {"duration_s": 1.0}, "robot": {"emulated": robot}})
+    config = read_config({**NEAR, "run": {"duration_s": 0.2}, "robot": {"emulated": robot}})
     assert execute(config, True, Outputs(record=tmp_path / "run.mcap"), view=False) == 0
     assert counts == {"make_cell": 1, "set_pace": 1, "control_loop": 1}

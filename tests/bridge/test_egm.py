@@ -23,6 +23,7 @@ QUICKLY: dict[str, Any] = {
     "task.approach_speed_mm_s": 4.0,
     "task.retract_speed_mm_s": 20.0,
     "task.retract_mm": 5.0,
+    "cell.jr3.gateway.boot_s": 0.2,
     "run.duration_s": 1.2,
     "run.seed": "7",
     "run.period_ms": 20,

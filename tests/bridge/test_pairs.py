@@ -11,6 +11,7 @@ from hil_bridge.devices.kinds import ROBOTS, SENSORS
 from hil_bridge.lab.experiments.emulated_run import run_emulated
 from hil_bridge.record import Outcome
 from hil_bridge.settings.configuration import read_config
+from tests.near_surface import NEAR, NEAR_TOML, merged
 
 CONTOUR = {
     "kind": "sinusoidal",
@@ -20,23 +21,23 @@ CONTOUR = {
     "stiffness_n_m": 5e3,
 }
 """Curved, so that the set point has to follow a surface that rises and falls."""
-NETFT = {"boot_s": 0.2, "rate_hz": 1000}
-"""These runs are not about the rate of its records."""
 STREAMED = [name for name in ROBOTS.built_in if name != "s3"]
 
 
 @pytest.mark.parametrize("sensor", SENSORS.built_in)
 @pytest.mark.parametrize("robot", STREAMED)
 def test_any_robot_holds_ten_newtons_with_any_sensor(robot: str, sensor: str) -> None:
-    config = read_config(
+    values = merged(
+        NEAR,
         {
             "run": {"duration_s": 1.0, "seed": 7},
             "robot": {"emulated": robot},
             "sensor": {"emulated": sensor},
-            "task": {"retract_mm": 4.0},
-            "cell": {"surface": CONTOUR, "netft": NETFT, "start_position_mm": (900.0, -100.0, 592.0)},
-        }
+            # these runs are not about the rate of its records
+            "cell": {"surface": CONTOUR, "netft": {"rate_hz": 1000}},
+        },
     )
+    config = read_config(values)
     run = run_emulated(config)
     assert (run.result.outcome, run.result.text) == (Outcome.COMPLETED, "")
     tracked = [record for record in run.cycles if record.phase == "track"]
@@ -54,9 +55,7 @@ def test_the_record_tells_how_soon_a_robot_was_answered(robot: str, tmp_path: Pa
     That two runs are the same to the byte, and a replay identical, is held for each robot in its own tests.
     """
     near = tmp_path / "near.toml"
-    near.write_text(
-        "[task]\nretract_mm = 4.0\n[cell]\nstart_position_mm = [900.0, -100.0, 592.0]\n[cell.netft]\nrate_hz = 1000\n"
-    )
+    near.write_text(f"{NEAR_TOML}cell.netft.rate_hz = 1000\n")
     record = str(tmp_path / "run.mcap")
     arguments = ["run", str(near), "--robot", robot, "--sensor", "netft", "--virtual", "--seed", "3"]
     arguments += ["--duration", "0.3", "--no-view", "--record", record]

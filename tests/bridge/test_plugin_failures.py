@@ -36,7 +36,9 @@ name = "failing"
 sample_ms = 20
 [cell]
 surface_kind = "failspring"
-start_position_mm = [900, -100, 593]
+start_position_mm = [900, -100, 592]
+[task]
+retract_mm = 4.0
 """
 PACKAGE = "failing-toys 2.0, failing_toys.py:"
 
@@ -95,8 +97,8 @@ CASES = [
     ("link", "generator", 100, "robot link udp+memory:toyarm stopped: GeneratorExit (", "NOT"),
     ("link", "cancelled", 100, "robot link udp+memory:toyarm stopped: CancelledError (", "NOT"),
     ("arm", "own", 600, "the emulated cell failed: OfItsOwn: all is over (", "NOT"),
-    ("spring", "own", 350, "the emulated cell failed: OfItsOwn: all is over (", "NOT"),
-    ("spring", "cancelled", 350, "the emulated cell failed: CancelledError (", "NOT"),
+    ("spring", "own", 200, "the emulated cell failed: OfItsOwn: all is over (", "NOT"),
+    ("spring", "cancelled", 200, "the emulated cell failed: CancelledError (", "NOT"),
     ("arm-client", "raise", 600, "robot link udp+memory:toyarm stopped: ValueError: it is broken (", "NOT"),
     ("arm-client", "exit", 600, "robot link udp+memory:toyarm stopped: SystemExit: 0 (", "NOT"),
     ("load-client", "raise", 1300, "force sensor udp+memory:toyload stopped: ValueError: it is", "NOT"),
@@ -107,16 +109,16 @@ CASES = [
     ("arm", "raise", 600, "the emulated cell failed: ValueError: it is broken (", "NOT"),
     ("load", "raise", 1300, "the emulated cell failed: ValueError: it is broken (", "NOT"),
     ("load", "exit", 1300, "the emulated cell failed: SystemExit: 0 (", "NOT"),
-    ("spring", "raise", 350, "the emulated cell failed: ValueError: it is broken (", "NOT"),
+    ("spring", "raise", 200, "the emulated cell failed: ValueError: it is broken (", "NOT"),
     (
         "spring",
         "nan",
-        350,
+        200,
         "the emulated cell failed: WrongForce: the surface answers [nan, nan, nan] N",
         "NOT",
     ),
-    ("spring", "nothing", 350, "the emulated cell failed: WrongForce: the surface answers NoneType", "NOT"),
-    ("spring", "shape", 350, "the emulated cell failed: WrongForce: the surface answers shape (", "NOT"),
+    ("spring", "nothing", 200, "the emulated cell failed: WrongForce: the surface answers NoneType", "NOT"),
+    ("spring", "shape", 200, "the emulated cell failed: WrongForce: the surface answers shape (", "NOT"),
 ]
 
 

@@ -18,6 +18,7 @@ from hil_bridge.record.device_facts import devices_of
 from hil_bridge.runs.cycle import Outcome
 from hil_bridge.settings.configuration import load_config
 from hil_bridge.settings.kinds import settings_of
+from tests.near_surface import AWAKE_TOML
 
 BASE = (
     '[run]\nperiod_ms = 20\n[controller]\nsample_ms = 20\n[robot]\nemulated = "rsi"\n'
@@ -26,8 +27,8 @@ BASE = (
 ABSOLUTE = '[robot.rsi]\nmode = "absolute"\n[cell.rsi]\nmode = "absolute"\n'
 SLOW = "[robot.rsi]\ncycle_ms = 12\n[cell.rsi]\ncycle_ms = 12\n"
 PERIOD = {SLOW: 24}
-NEAR = "cell.start_position_mm = [900.0, -100.0, 592.0]\n"
-"""For the head of a file: a start just above the surface."""
+NEAR = f"{AWAKE_TOML}cell.start_position_mm = [900.0, -100.0, 592.0]\n"
+"""For the head of a file: a start just above the surface, and a sensor that answers soon."""
 
 
 def written(place: Path, more: str = "") -> Path:

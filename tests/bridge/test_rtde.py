@@ -31,6 +31,7 @@ from protocol.devices.rtde.packets import Kind
 from protocol.devices.rtde.states import Runtime
 from protocol.devices.rtde.wires import Piece, Port
 from protocol.geometry import Pose
+from tests.near_surface import AWAKE_TOML
 
 RUN = """
 [robot]
@@ -56,7 +57,7 @@ class Runs:
     def __call__(self, more: str = "", duration: float = 2.0, period: float = 20.0) -> tuple[int, str, Path]:
         self.number += 1
         config, record = self.place / "c.toml", self.place / f"{self.number}.mcap"
-        near = "" if "[cell]" in more else "cell.start_position_mm = [900.0, -100.0, 592.0]\n"
+        near = "" if "[cell]" in more else f"{AWAKE_TOML}cell.start_position_mm = [900.0, -100.0, 592.0]\n"
         config.write_text(near + RUN.format(period=period) + more)
         arguments = ["run", str(config), "--virtual", "--no-view", "--seed", "7", "--duration", str(duration)]
         files = ["--record", str(record), "--summary", str(record.with_suffix(".json"))]

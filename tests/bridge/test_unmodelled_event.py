@@ -8,8 +8,9 @@ import pytest
 import hil_bridge
 from emulators.devices.rsi import RsiController
 from protocol.unmodelled import NotModelled
+from tests.near_surface import NEAR
 
-RSI = {"robot": {"emulated": "rsi"}, "sensor": {"emulated": "ft300"}, "run": {"duration_s": 0.5}}
+RSI = {**NEAR, "robot": {"emulated": "rsi"}, "sensor": {"emulated": "ft300"}, "run": {"duration_s": 0.5}}
 
 
 def events(result: Any) -> list[Any]:
@@ -21,7 +22,12 @@ def events(result: Any) -> list[Any]:
 def test_a_run_with_our_own_clients_tells_nothing(robot: str, sensor: str) -> None:
     if robot == "rtde" and sensor != "jr3":
         pytest.skip("each device once is enough")
-    values = {"robot": {"emulated": robot}, "sensor": {"emulated": sensor}, "run": {"duration_s": 0.2}}
+    values = {
+        **NEAR,
+        "robot": {"emulated": robot},
+        "sensor": {"emulated": sensor},
+        "run": {"duration_s": 0.2},
+    }
     assert events(hil_bridge.simulate(values)) == []
 
 

@@ -53,7 +53,7 @@ emulated = "ft300"
 [config.task]
 retract_mm = 2.0
 [config.cell]
-start_position_mm = [900.0, -100.0, 601.0]
+start_position_mm = [900.0, -100.0, 596.0]
 """
 
 
@@ -427,6 +427,7 @@ def test_page_tells_cells_worst_runs_and_what_was_never_exercised(results: Path,
     assert "and that the plan does not inject: robot: safeguard-stop" in text
     assert f"hil-bridge campaign rerun study.sqlite {worst}" in text
     assert "this criterion concerned no run" in text
+    assert "<td>outcome completed</td><td>4</td><td>4</td><td>0</td>" in text  # met, not met, of no concern
     out = tmp_path / "page.html"
     assert CliRunner().invoke(campaign, ["report", str(results), "--out", str(out)]).exit_code == 0
     with pytest.raises(ConfigError, match="there already"):

@@ -19,6 +19,7 @@ from protocol.devices.rtde.packets import Kind, Types, inputs_request, types_ans
 from protocol.devices.rtde.program import INPUT_NAMES, Command, program_text
 from protocol.devices.rtde.wires import Port
 from protocol.geometry import Pose
+from tools.register_program import register_program
 
 START = StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2)
 T0 = 100.0
@@ -58,6 +59,8 @@ class Ur:
     def write(self, *values: float) -> HeardOrder:
         self.now += 0.1
         self.rtde.receive(self.recipe.pack(*values), self.now)
+        self.robot.controller.advance(self.now + 0.01)  # the program that hears it has its cycles
+        self.now += 0.01
         return self.heard[-1]
 
     def upload(self, text: str) -> HeardOrder:
@@ -96,15 +99,112 @@ def test_servo_poses_of_our_program_are_told_also_behind_a_stop() -> None:
 
 def test_commands_of_ur_rtde_are_told() -> None:
     ur = Ur(UR_TARGET, (*("DOUBLE",) * 11, "INT32"))
-    ur.upload("def rtde_control():\n  sync()\nend\n")
+    ur.upload(register_program())
     servo = ur.write(0.9, -0.1, 0.599, math.pi, 0.0, 0.0, 0.0, 0.0, 0.002, 0.1, 300.0, 24)
-    assert (servo.words, servo.taken) == ("servoL to a pose", True)
+    assert (servo.words, servo.taken) == ("servoj", True)
     assert servo.position == pytest.approx((0.9, -0.1, 0.599))
     speed = ur.write(*(0.0,) * 11, 10)
-    assert (speed.words, speed.position, speed.moves) == ("speedL", None, False)
+    assert (speed.words, speed.position, speed.moves) == ("speedl", None, False)
     count = len(ur.heard)
     ur.write(*(0.0,) * 11, 16)  # servoStop
     assert len(ur.heard) == count
+
+
+OWN = """def own():
+  while True:
+    if read_input_integer_register(0) == 1:
+      q = get_inverse_kin(p[read_input_float_register(0), -0.1, 0.6, 3.141592653589793, 0, 0])
+      servoj(q, t=0.002, lookahead_time=0.1, gain=300)
+    elif read_input_integer_register(0) == 2:
+      speedl([0, 0, read_input_float_register(0), 0, 0, 0], 0.5, 0.002)
+    else:
+      sync()
+    end
+  end
+end
+"""
+
+
+def own_program() -> Ur:
+    ur = Ur(("input_double_register_0", "input_int_register_0"), ("DOUBLE", "INT32"))
+    assert not ur.upload(OWN).moves
+    return ur
+
+
+def test_the_motions_of_any_program_are_told_also_behind_a_stop() -> None:
+    ur = own_program()
+    servo = ur.write(0.899, 1)
+    assert (servo.act, servo.words, servo.taken) == (Act.MOTION, "servoj", True)
+    assert servo.position == pytest.approx((0.899, -0.1, 0.6), abs=1e-6)
+    speed = ur.write(0.01, 2)
+    assert (speed.words, speed.taken, speed.moves) == ("speedl", True, True)
+    assert not ur.write(0.0, 2).moves
+    ur.inject("protective-stop")
+    for _ in range(2):
+        behind = ur.write(0.898, 1)
+        assert (behind.words, behind.taken) == ("servoj", False)
+        assert behind.position == pytest.approx((0.898, -0.1, 0.6), abs=1e-6)
+
+
+def test_a_client_that_is_silent_or_idle_behind_a_stop_orders_nothing() -> None:
+    ur = own_program()
+    ur.write(0.01, 2)
+    ur.inject("protective-stop")
+    count = len(ur.heard)
+    ur.robot.controller.advance(ur.now + 1.0)
+    ur.now += 1.0
+    ur.write(0.01, 0)
+    ur.write(0.01, 0)
+    assert len(ur.heard) == count
+
+
+def test_a_motion_that_goes_on_is_told_once() -> None:
+    ur = own_program()
+    ur.write(0.01, 2)
+    count = len(ur.heard)
+    ur.robot.controller.advance(ur.now + 1.0)
+    assert len(ur.heard) == count
+
+
+def test_a_rehearsal_has_no_effect() -> None:
+    ur = Ur(("input_int_register_0",), ("INT32",))
+    ur.upload(
+        "def own():\n  while read_input_integer_register(0) < 3:\n    sync()\n  end\n"
+        "  write_output_integer_register(1, 5)\n  set_standard_digital_out(1, True)\n  zero_ftsensor()\n"
+        "  set_tcp(p[0, 0, 0.3, 0, 0, 0])\n  set_payload(3)\n"
+        '  textmsg("behind")\n  movej([0, 0, 0, 0, 0, 0])\n  x = 1 / 0\nend\n'
+    )
+    ur.inject("protective-stop")
+    controller = ur.robot.controller
+    before = (
+        controller.outputs,
+        controller.tcp,
+        controller.payload,
+        controller.force_zero,
+        controller.arm.joints,
+    )
+    assert ur.write(3).words == "move in joints"
+    assert before == (
+        controller.outputs,
+        controller.tcp,
+        controller.payload,
+        controller.force_zero,
+        controller.arm.joints,
+    )
+    assert not [saying for saying in controller.console.sayings if saying.text == "behind" or saying.line]
+
+
+def test_moves_of_a_program_that_asks_for_nothing_are_told_as_they_begin() -> None:
+    ur = Ur(("input_int_register_0",), ("INT32",))
+    ur.upload(
+        "def mine():\n  movel(pose_add(get_actual_tcp_pose(), p[0, 0, 0.01, 0, 0, 0]), a=1, v=0.1)\nend\n"
+    )
+    moves = [order for order in ur.heard if order.act is Act.MOTION]
+    assert [(order.words, order.taken) for order in moves] == [("move along a line", True)]
+    assert moves[0].position == pytest.approx((0.9, -0.1, 0.61), abs=1e-3)
+    ur.inject("protective-stop")
+    ur.write(1)
+    assert [order for order in ur.heard if order.act is Act.MOTION] == moves
 
 
 def test_a_strange_program_and_a_release_are_told() -> None:

@@ -92,12 +92,13 @@ def actual(telegram: Telegram) -> list[float]:
 
 
 def test_the_first_telegrams_are_the_specifications_to_the_byte() -> None:
+    """The specification's axes are an example only: these are those of the arm."""
     one = rig()
     assert one.next() == [
         b'<Rob Type="KUKA"><RIst X="600.0000" Y="0.0000" Z="500.0000" A="0.0000" B="0.0000" C="180.0000"/>'
         b'<RSol X="600.0000" Y="0.0000" Z="500.0000" A="0.0000" B="0.0000" C="180.0000"/>'
-        b'<AIPos A1="0.0000" A2="-90.0000" A3="90.0000" A4="0.0000" A5="90.0000" A6="0.0000"/>'
-        b'<ASPos A1="0.0000" A2="-90.0000" A3="90.0000" A4="0.0000" A5="90.0000" A6="0.0000"/>'
+        b'<AIPos A1="0.0000" A2="-71.0668" A3="147.8283" A4="0.0000" A5="13.2385" A6="180.0000"/>'
+        b'<ASPos A1="0.0000" A2="-71.0668" A3="147.8283" A4="0.0000" A5="13.2385" A6="180.0000"/>'
         b'<Delay D="0"/><IPOC>123456</IPOC></Rob>'
     ]
     other = rig(send=("DEF_RIst", "DEF_AIPos", "DEF_EIPos", "DEF_Delay"), ipoc_start=123468)
@@ -105,7 +106,7 @@ def test_the_first_telegrams_are_the_specifications_to_the_byte() -> None:
         (raw,) = other.next()
     assert raw == (
         b'<Rob Type="KUKA"><RIst X="600.0000" Y="0.0000" Z="500.0000" A="0.0000" B="0.0000" C="180.0000"/>'
-        b'<AIPos A1="0.0000" A2="-90.0000" A3="90.0000" A4="0.0000" A5="90.0000" A6="0.0000"/>'
+        b'<AIPos A1="0.0000" A2="-71.0668" A3="147.8283" A4="0.0000" A5="13.2385" A6="180.0000"/>'
         b'<EIPos E1="0.0000" E2="0.0000" E3="0.0000" E4="0.0000" E5="0.0000" E6="0.0000"/>'
         b'<Delay D="3"/><IPOC>123480</IPOC></Rob>'
     )
@@ -142,7 +143,8 @@ def test_further_channels_and_other_spellings_are_sent() -> None:
     (raw,) = one.next()
     assert raw == (
         b'<Rob TYPE="KUKA"><RIst X="600.00" Y="0.00" Z="500.00" A="0.00" B="0.00" C="180.00"/>'
-        b'<MACur>0</MACur><ProgStatus R="3"/><IPOC>123460</IPOC></Rob>'
+        b'<MACur A1="0.00" A2="0.00" A3="0.00" A4="0.00" A5="0.00" A6="0.00"/>'
+        b'<ProgStatus R="3"/><IPOC>123460</IPOC></Rob>'
     )
 
 
@@ -319,8 +321,8 @@ def test_corrections_in_the_tool_are_turned_with_it() -> None:
         assert correction.take((0.0, 0.0, 0.5, 0.0, 0.2, 0.0)) == ""
         assert correction.pose.position == pytest.approx((0.6, 0.0, 0.4995), abs=3e-6)
     base = Correction(RsiProfile(), down)
-    assert base.take((0.0, 0.0, 0.5, 0.0, 0.0, 0.0)) == ""
-    assert base.pose.position == pytest.approx((0.6, 0.0, 0.5005))
+    assert base.take((0.1, 0.2, 0.4, 0.0, 0.0, 0.0)) == ""
+    assert base.pose.position == pytest.approx((0.6001, 0.0002, 0.5004))
 
 
 # --- late answers

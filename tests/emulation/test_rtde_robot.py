@@ -30,12 +30,13 @@ from protocol.devices.rtde.wires import CLIENT_PORTS, Piece, Port
 from protocol.endpoint import Trouble
 from protocol.geometry import Pose, towards
 from protocol.robot import ReportReceived, RobotReport, StreamLost
+from tools.register_program import register_program
 
 T0 = 1000.25
 START = StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2)
 EXACT = RtdeProfile(noise_um=0.0, noise_urad=0.0, force_noise_n=0.0, force_offset_n=0.0)
 DT = 0.002
-CONTROL = "def rtde_control():\n# float register offset\n0\n  while True:\n  end\nend\n"
+CONTROL = register_program()
 
 
 class Plug:

@@ -106,9 +106,9 @@ SCRIPT = b"""def gripper():
   set_tool_digital_out(0, True)
   close(width=30)
   def close(width):
-    teach_mode()
+    set_gravity([0, 0, 9])
     sleep(0.1)
-    teach_mode()
+    set_gravity([0, 0, 9])
   end
   rg_grip(1)
   set_gravity([0, 0, 9.82])
@@ -135,7 +135,7 @@ def test_rtde_scripts_dashboard_commands_and_variables() -> None:
     assert told[3:] == ["URScript set_baselight_off()"]
     script.receive(SCRIPT, T0)
     robot.controller.advance(T0 + 1.0)
-    assert told[4:] == ["URScript teach_mode()", "URScript rg_grip()"]
+    assert told[4:] == ["URScript set_gravity()", "URScript rg_grip()"]
 
 
 def test_s3_functions_of_which_no_payload_is_known() -> None:

@@ -297,10 +297,12 @@ def test_a_syntax_error_tells_line_and_column(text: str, line: int, column: int)
 
 def test_a_function_without_effect_is_told_once() -> None:
     played = Played(
-        program("i = 0\nwhile i < 5:\n  set_gravity([0, 0, 9])\n  teach_mode()\n  i = i + 1\n  sync()\nend")
+        program(
+            "i = 0\nwhile i < 5:\n  set_gravity([0, 0, 9])\n  set_baselight_off()\n  i = i + 1\n  sync()\nend"
+        )
     )
     assert played.play(20) == 5
-    counts = {"URScript set_gravity()": 1, "URScript teach_mode()": 1}
+    counts = {"URScript set_gravity()": 1, "URScript set_baselight_off()": 1}
     assert played.controller.unmodelled.counts == counts
 
 

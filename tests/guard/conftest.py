@@ -20,8 +20,8 @@ from hil_bridge.runs.run_log import RunLog
 from hil_bridge.runs.running import running
 from hil_bridge.runs.setup import Setup
 from hil_bridge.runs.watching import Listener
-from hil_bridge.settings.configuration import Config, read_config
-from tests.near_surface import merged
+from hil_bridge.settings.configuration import Config
+from tests.near_surface import awake_config, merged
 from tests.paper_cell import PaperCell
 
 WATCH_S = 0.01
@@ -129,7 +129,7 @@ def configured() -> Callable[..., Config]:
         }
         for settings in more:
             values = merged(values, settings)
-        return read_config(values)
+        return awake_config(values)
 
     return make
 

@@ -7,7 +7,8 @@ import pytest
 
 import hil_bridge
 from hil_bridge.record import Outcome
-from hil_bridge.settings.configuration import Config, read_config
+from hil_bridge.settings.configuration import Config
+from tests.near_surface import awake_config
 
 Guarded = Any
 Run = Callable[..., Guarded]
@@ -37,7 +38,7 @@ def approach(robot: str, stiffness: float, *faults: dict[str, Any], **more: Any)
     values["faults"] = list(faults)
     for name, section in more.items():
         values[name] = {**values.get(name, {}), **section}
-    return read_config(values)
+    return awake_config(values)
 
 
 def strikes(name: str, after_s: float, **how: Any) -> dict[str, Any]:

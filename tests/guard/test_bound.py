@@ -21,6 +21,7 @@ from hil_bridge.runs.reaction_times import force_age, reaction, robot_motion
 from hil_bridge.runs.slow_cycles import SlowCycles
 from hil_bridge.settings.configuration import read_config
 from protocol.wrench import SensorFacts
+from tests.near_surface import AWAKE
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = ROOT / "docs" / "explanation"
@@ -81,7 +82,7 @@ def hit(robot: str, sensor: str, period_ms: float, stiffness_n_m: float) -> dict
         "run": {"duration_s": 0.3},
         "robot": {"emulated": robot},
         "sensor": {"emulated": sensor},
-        "cell": {"surface": {"stiffness_n_m": stiffness_n_m}},
+        "cell": {"surface": {"stiffness_n_m": stiffness_n_m}, **AWAKE},
         "task": {"retract_mm": 2.0, "retract_speed_mm_s": 20.0, "zero_lift_mm": 0.25},
     }
     if period_ms:

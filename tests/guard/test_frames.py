@@ -7,12 +7,13 @@ from typing import Any
 import pytest
 
 from emulators.devices.egm import controller
-from hil_bridge.settings.configuration import Config, read_config
+from hil_bridge.settings.configuration import Config
 from protocol.devices.egm import PoseMm, to_wire
 from protocol.devices.egm.frames import STOOD_S, Frames
 from protocol.devices.rtde.rotation import pose_of
 from protocol.geometry import Pose, angle_between
 from protocol.robot import pose_fault
+from tests.near_surface import awake_config
 
 Guarded = Any
 Run = Callable[..., Guarded]
@@ -25,7 +26,7 @@ def tracking(robot: str, stiffness: float, *faults: dict[str, Any], mode: str = 
     cell: dict[str, Any] = {}
     if mode:
         robots["rsi"] = cell["rsi"] = {"mode": mode}
-    return read_config(
+    return awake_config(
         {
             "run": {"duration_s": 1.0, "period_ms": 20},
             "controller": {"sample_ms": 20},

@@ -18,10 +18,11 @@ from hil_bridge.runs import pace
 from hil_bridge.runs.bounds import free_bounds, run_bounds
 from hil_bridge.runs.compose import open_devices
 from hil_bridge.runs.setup import Setup
-from hil_bridge.settings.configuration import Config, read_config
+from hil_bridge.settings.configuration import Config
 from hil_bridge.site.free import Freeing
 from hil_bridge.site.tool.measuring import Sweep, measure
 from protocol.geometry import Pose, Vector, towards
+from tests.near_surface import awake_config
 
 Guarded = Any
 Run = Callable[..., Guarded]
@@ -60,7 +61,7 @@ def tracking(robot: str, stiffness: float, **more: Any) -> Config:
     }
     for name, section in more.items():
         values[name] = {**values.get(name, {}), **section}
-    return read_config(values)
+    return awake_config(values)
 
 
 def bound(config: Config) -> float:
@@ -409,7 +410,7 @@ def test_a_refused_way_back_does_not_keep_the_tool_on_the_surface(
     """The controller asks for a way far back, and the robot refuses that one order."""
     refused = {"on": "robot", "fault": "refuses", "phase": "track", "after_s": 1.1, "with": {"code": 31}}
     values = tracking("s3", 5e3).model_dump(exclude_unset=True)
-    config = read_config({**values, "faults": [refused]})
+    config = awake_config({**values, "faults": [refused]})
     lie(monkeypatch, config, -0.02)
     run = guarded(config)
     assert "refused order" in run.cause

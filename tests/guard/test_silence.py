@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 
 from hil_bridge.clock import Clock
-from hil_bridge.settings.configuration import Config, read_config
+from hil_bridge.settings.configuration import Config
+from tests.near_surface import awake_config
 
 Guarded = Any
 Run = Callable[..., Guarded]
@@ -22,7 +23,7 @@ LONGEST_S = 1.5
 def silenced(period_ms: int, phase: str, after_s: float, **robot: Any) -> Config:
     """A run on a hard surface whose answers do not reach the robot from a moment on."""
     lost = {"on": "wire", "fault": "deaf", "phase": phase, "after_s": after_s, "for_s": 3.0}
-    return read_config(
+    return awake_config(
         {
             "run": {"duration_s": 1.0, "period_ms": period_ms},
             "controller": {"sample_ms": period_ms},

@@ -10,8 +10,9 @@ import hil_bridge
 from hil_bridge.devices.facts import Devices, Sensor
 from hil_bridge.runs.force_bound import force_bound_n
 from hil_bridge.runs.setup import Setup
-from hil_bridge.settings.configuration import Config, read_config
+from hil_bridge.settings.configuration import Config
 from protocol.wrench import SensorFacts
+from tests.near_surface import awake_config
 
 Guarded = Any
 Run = Callable[..., Guarded]
@@ -31,7 +32,7 @@ def streamed(emulated: str, /, **more: Any) -> Config:
     values |= {"robot": {"emulated": emulated}, "sensor": {"emulated": "netft"}}
     for name, section in more.items():
         values[name] = {**values.get(name, {}), **section} if isinstance(section, dict) else section
-    return read_config(values)
+    return awake_config(values)
 
 
 def bound(config: Config) -> float:
@@ -84,7 +85,7 @@ def test_a_sensor_that_falls_silent_on_the_way_leads_to_no_touch(guarded: Run) -
         "task": {"approach_speed_mm_s": 9.5, "expected_stiffness_n_m": 2e3},
         "faults": [fault("sensor-wire", "off")],
     }
-    run = guarded(read_config(config))
+    run = guarded(awake_config(config))
     assert "ms old" in run.cause
     assert run.largest <= 1.0
 

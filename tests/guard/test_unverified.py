@@ -8,7 +8,8 @@ import pytest
 from hil_bridge.control.course.zero import AXES, unverified_axes
 from hil_bridge.control.geometry.wrist import Wrist
 from hil_bridge.record import Outcome
-from hil_bridge.settings.configuration import Config, read_config
+from hil_bridge.settings.configuration import Config
+from tests.near_surface import awake_config
 
 Guarded = Any
 Run = Callable[..., Guarded]
@@ -36,7 +37,7 @@ def light(robot: str, stiffness: float, faults: list[dict[str, Any]], taken_on: 
         "tool": {"mass_kg": 0.08},
     }
     values["task"] = {"retract_speed_mm_s": 20.0, "retract_mm": 3.0, "approach_depth_limit_mm": 4.0}
-    return read_config({**values, "faults": faults})
+    return awake_config({**values, "faults": faults})
 
 
 def from_power_up(name: str, **how: Any) -> dict[str, Any]:
@@ -56,7 +57,7 @@ def test_a_light_tool_is_refused_before_anything_moves(guarded: Run, robot: str)
 
 def test_what_an_upright_tool_does_not_verify_is_named(guarded: Run) -> None:
     values = {"run": {"duration_s": 0.2}, "cell": {"start_position_mm": (900.0, -100.0, 591.0)}}
-    run = guarded(read_config({**values, "task": {"retract_mm": 1.0}}))
+    run = guarded(awake_config({**values, "task": {"retract_mm": 1.0}}))
     assert "not verified by the tool's weight: Fx Fy Mx My Mz" in run.texts("check")
 
 

@@ -6,7 +6,8 @@ from typing import Any
 import pytest
 
 from hil_bridge.record import Outcome
-from hil_bridge.settings.configuration import Config, read_config
+from hil_bridge.settings.configuration import Config
+from tests.near_surface import awake_config
 
 Guarded = Any
 Run = Callable[..., Guarded]
@@ -26,7 +27,7 @@ def run_along(robot: str, stiffness: float, **surface: Any) -> Config:
         values["run"]["period_ms"] = 20
         values |= {"controller": {"sample_ms": 20}, "robot": {"emulated": robot}}
         values["sensor"] = {"emulated": "netft"}
-    return read_config(values)
+    return awake_config(values)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,8 @@ from hil_bridge.control.course.witness import Witness, witness_of
 from hil_bridge.errors import Cause
 from hil_bridge.record import Outcome
 from hil_bridge.runs.replay import recorded_config, replay
-from hil_bridge.settings.configuration import Config, read_config
+from hil_bridge.settings.configuration import Config
+from tests.near_surface import awake_config
 
 Guarded = Any
 Run = Callable[..., Guarded]
@@ -37,7 +38,7 @@ def feeling(robot: str, stiffness: float, *faults: dict[str, Any], **more: Any) 
         values["cell"]["egm"] = {"measured_force": True}
     for name, section in more.items():
         values[name] = {**values.get(name, {}), **section}
-    return read_config(values)
+    return awake_config(values)
 
 
 def fault(on: str, name: str, phase: str = "approach", **how: Any) -> dict[str, Any]:
@@ -98,7 +99,8 @@ def test_without_the_witness_the_same_lie_presses_far_harder(guarded: Run) -> No
 def test_a_witness_that_lies_does_no_harm_beyond_a_stop(
     guarded: Run, robot: str, name: str, how: dict[str, Any]
 ) -> None:
-    run = guarded(feeling(robot, 5e4, fault("witness", name, "track", **how), run={"duration_s": 1.0}))
+    lying = fault("witness", name, "track", **how)
+    run = guarded(feeling(robot, 5e4, lying, run={"duration_s": 1.0}, task={"force_n": 8.0}))
     assert run.largest < 20.0
     assert run.last == 0.0
     stops = name == "offset"

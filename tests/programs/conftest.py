@@ -23,6 +23,7 @@ from hil_bridge.runs.running import running
 from hil_bridge.runs.setup import Setup
 from hil_bridge.runs.watching import Listener
 from hil_bridge.settings.configuration import Config, read_config
+from tests.near_surface import merged
 
 Floats = NDArray[np.float64]
 WATCH_S = 0.25
@@ -194,15 +195,6 @@ def skew_deg(state: TrueState) -> float:
     axis = 2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)
     cosine = -sum(a * n for a, n in zip(axis, state.normal, strict=True))
     return math.degrees(math.acos(min(max(cosine, -1.0), 1.0)))
-
-
-def merged(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
-    """Nested dictionaries laid over each other."""
-    result = dict(one)
-    for key, value in other.items():
-        both = isinstance(value, dict) and isinstance(result.get(key), dict)
-        result[key] = merged(result[key], value) if both else value
-    return result
 
 
 Play = Callable[..., Played]

@@ -14,17 +14,26 @@ from dataclasses import dataclass
 from enum import Enum, auto
 
 from emulators.arm.followed import FollowedArm
+from emulators.arm.kinematics import Joints as Axes
 from emulators.arm.told_pose import ToldPose
-from emulators.devices.rsi.correction import NOTHING, TOO_FAR, TOO_FAST, Correction
-from emulators.devices.rsi.ethernet import Ethernet
+from emulators.devices.rsi.arm import KukaArm
+from emulators.devices.rsi.correction import (
+    AXES_TOO_FAR,
+    NOTHING,
+    TOO_FAR,
+    TOO_FAST,
+    AxisCorrection,
+    Correction,
+)
+from emulators.devices.rsi.ethernet import Ethernet, Inputs, channels_of
 from emulators.devices.rsi.profile import RsiProfile
 from emulators.faults import Handler, Injection
 from emulators.faults.own import OwnFaults
 from emulators.faults.packets import DATAGRAMS, WIRE, Packets
 from emulators.orders import Act, HeardOrder, Hindrance, Orders
-from emulators.seams import ArmPath, Handlers, Joints, StartPose
+from emulators.seams import ArmPath, ContactSource, Handlers, Joints, StartPose
 from emulators.unmodelled import Unmodelled
-from protocol.devices.rsi import ROBOT, Telegram, decode, encode, fixed, number, pose_tags
+from protocol.devices.rsi import ROBOT, Telegram, axis_tags, decode, encode, fixed, number, pose_tags
 from protocol.devices.rsi.angles import values_of
 from protocol.devices.rsi.telegram import LARGEST_IPOC
 from protocol.endpoint import RemoteProtocolError
@@ -33,14 +42,23 @@ from protocol.geometry import Pose
 MAKER = "KUKA"
 RUNS, STOPPED = "3", "4"
 """Observed (FZI's configuration): states of the program."""
-_AXES = range(1, 7)
+_EXTERNAL = range(1, 7)
+_FULL_OVERRIDE = "100"
+OUT_OF_REACH = "the correction leads out of the reach of the arm's axes"
+"""Chosen: words of its own, for those of the controller are not known."""
+_PASSED_S = 1e-6
+"""Chosen: how long ago the moment of a look at the contact is, so that the path up to it is settled."""
 _ACTUAL, _LATE, _STATUS = pose_tags("RIst"), "Delay.D", "ProgStatus.R"
+_AXES, _TORQUES = axis_tags("AIPos"), axis_tags("GearTorque")
 _ANSWERS_A_CYCLE = 64
 """Chosen: answers of a cycle that are looked at. A peer that floods the port is not served."""
 
 _ROUNDING_S = 1e-9
 _EMERGENCY_STOP = "emergency-stop"
 _NO_NUMBER = "NaN"
+NO_AXES: Axes = (math.nan,) * 6
+
+_BY_ORDER = TOO_FAR, AXES_TOO_FAR, TOO_FAST, OUT_OF_REACH
 
 
 class State(Enum):
@@ -63,6 +81,7 @@ class _Session:
     begun_at: float
     ethernet: Ethernet
     correction: Correction
+    axes: AxisCorrection
     values: dict[str, str]
     """Values of its telegrams, those that change included."""
     sent: int = 0
@@ -79,9 +98,21 @@ class RsiController:
     """Endpoint of the controller, and the robot: an `EmulatedRobot`."""
 
     def __init__(self, profile: RsiProfile, start: StartPose, now: float, seed: int = 0) -> None:
-        """Powered up, with the program begun. Raises ValueError for a start whose quaternion is zero."""
+        """Powered up, with the program begun. Raises ValueError for a start that its axes cannot hold."""
         self.profile = profile
         self._arm = FollowedArm(profile.arm, Pose(start.position, start.quaternion), now)
+        self._kinematics = KukaArm(profile.model, start.tool_length)
+        axes = self._kinematics.holding(self._arm.set_point(now))
+        if axes is None:
+            raise ValueError(
+                f"no axes of the {profile.model} hold the start pose; change start_position_mm or start_quaternion "
+                f"(tool at {', '.join(f'{p * 1e3:g}' for p in start.position)} mm)"
+            )
+        self._aimed: tuple[Pose, Axes] = self._arm.set_point(now), axes
+        """Pose that was ordered last, and its axes, degrees."""
+        self._standing: tuple[Pose, Axes] = self._aimed
+        """Pose that was told last, and its axes."""
+        self._contact: ContactSource | None = None
         self._powered_at, self._beats = now, 0
         self._ipoc = profile.ipoc_start - profile.cycle_ms
         self._own = OwnFaults()
@@ -100,8 +131,9 @@ class RsiController:
         self.endpoint: Packets[Sequence[bytes]] = Packets(self, DATAGRAMS, f"{seed} rsi")
         self.orders = Orders()
         self.unmodelled = Unmodelled("rsi")
-        self._ordered = NOTHING
+        self._ordered = NOTHING * 2
         """Sum of the relative corrections that were ordered, taken or not."""
+        self._channels = channels_of(profile)
         self.path: ArmPath = self._arm.path
         self.handlers: Handlers = self._handlers()
         self.state = State.ON
@@ -115,11 +147,16 @@ class RsiController:
         return self._arm.path.begun_at(target)
 
     def joints_holding(self, pose: Pose, at: float) -> Joints | None:
-        return None
+        axes = self._kinematics.holding(pose, self._standing[1])
+        return None if axes is None else tuple(map(math.radians, axes))
+
+    def feel(self, contact: ContactSource) -> None:
+        """The force at the tool comes from here."""
+        self._contact = contact
 
     def hindrance(self, now: float) -> Hindrance | None:
         if self.error:
-            return Hindrance(self.error, self.error in (TOO_FAR, TOO_FAST) and not self._stopped_by_fault)
+            return Hindrance(self.error, self.error in _BY_ORDER and not self._stopped_by_fault)
         if not self._sending:
             return Hindrance("RSI is off", False)
         if self._session.standing or self._emergency_stop_holds(now):
@@ -159,19 +196,30 @@ class RsiController:
         """An answer as an order, whatever the state makes of it."""
         try:
             telegram = decode(raw)
-            found = [number(telegram.values.get(tag, "0")) for tag in pose_tags(self.profile.correction_tag)]
+            *values, _ = self._values_of(telegram)
         except RemoteProtocolError as error:
             return HeardOrder(now, Act.UNREADABLE, str(error), False)
         if self.profile.mode == "relative":
-            found = [before + more for before, more in zip(self._ordered, found, strict=True)]
-            self._ordered = tuple(found)
+            values = [before + more for before, more in zip(self._ordered, values, strict=True)]
+            self._ordered = tuple(values)
         taken = self.state is State.MOVECORR and self.hindrance(now) is None
-        x, y, z = (
-            start + by * 1e-3
-            for start, by in zip(self._session.correction.programmed.position, found[:3], strict=True)
-        )
-        words, reach_m = f"{self.profile.mode} correction", self._session.correction.step_mm * 1e-3
+        session = self._session
+        place, reach_m = session.correction.programmed.position, session.correction.step_mm * 1e-3
+        if any(values[6:]):
+            a, b, c, d, e, f = (at + by for at, by in zip(session.axes.programmed, values[6:], strict=True))
+            place = self._kinematics.pose((a, b, c, d, e, f)).position
+            reach_m += self._kinematics.reach * math.radians(sum(session.axes.steps))
+        x, y, z = (start + by * 1e-3 for start, by in zip(place, values[:3], strict=True))
+        words = f"{self.profile.mode} correction"
         return HeardOrder(now, Act.MOTION, words, taken, (x, y, z), reach_m=reach_m)
+
+    def _values_of(self, telegram: Telegram) -> list[float]:
+        """Values of the channels in an answer: pose, axes, stop; 0 for one that is missing."""
+        values = dict.fromkeys(self._channels.values(), 0.0)
+        for tag in reversed(self._channels):
+            if tag in telegram.values:
+                values[self._channels[tag]] = number(telegram.values[tag])
+        return list(values.values())
 
     def next_event(self) -> None:
         return None
@@ -231,19 +279,40 @@ class RsiController:
             self.state, session.left = State.ON, True
             self._arm.hold(now)
         elif not self._stopped(now):
-            self._correct(inputs.correction, now)
+            self._correct(inputs, now)
 
-    def _correct(self, value: tuple[float, ...], now: float) -> None:
+    def _correct(self, inputs: Inputs, now: float) -> None:
         """Move by the values of a cycle, unless they are refused."""
         session = self._session
         limit = self._own.under_way("limit", now)
         session.correction.narrow(None if limit is None else limit.number("mm"))
-        error = session.correction.take(value)
+        error = session.correction.take(inputs.correction) or session.axes.take(inputs.axes)
+        if not error and not self._aim():
+            error = OUT_OF_REACH
         if error:
             self._fail(error, now)
         else:
             session.standing = False
-            self._arm.follow(session.correction.pose, now)
+            self._arm.follow(self._aimed[0], now)
+
+    def _aim(self) -> bool:
+        """Work out pose and axes of the corrections; False where the arm's axes cannot hold them."""
+        session = self._session
+        pose = session.correction.pose
+        axes: Axes | None
+        if session.axes.total != NOTHING:
+            axes = session.axes.joints
+            if not self._kinematics.allows(axes):
+                return False
+            pose = self._kinematics.pose(axes)
+            if session.correction.total != NOTHING:
+                pose = session.correction.applied_to(pose)
+        if pose != self._aimed[0]:
+            axes = self._kinematics.holding(pose, self._aimed[1])
+            if axes is None:
+                return False
+            self._aimed = pose, axes
+        return True
 
     def _stopped(self, now: float) -> bool:
         """Whether the motion is stopped while telegrams go on."""
@@ -271,7 +340,19 @@ class RsiController:
         """A session that corrects from where the robot stands."""
         programmed = self._arm.set_point(now)
         ethernet = Ethernet(self.profile, self.unmodelled)
-        return _Session(now, ethernet, Correction(self.profile, programmed), self._lasting(programmed))
+        self._ordered = NOTHING * 2
+        axes = self._axes_of(programmed)
+        correction = AxisCorrection(self.profile, axes, self._kinematics.model.axis_speeds_deg_s)
+        return _Session(
+            now, ethernet, Correction(self.profile, programmed), correction, self._lasting(programmed, axes)
+        )
+
+    def _axes_of(self, pose: Pose) -> Axes:
+        """The axes of a pose, next to those that were told last; those where no axes hold it."""
+        if pose != self._standing[0]:
+            axes = self._kinematics.holding(pose, self._standing[1])
+            self._standing = pose, axes or self._standing[1]
+        return self._standing[1]
 
     def _fail(self, error: str, now: float) -> None:
         """An error ends RSI: the robot stops on its path."""
@@ -293,16 +374,22 @@ class RsiController:
         if _ACTUAL[0] in values:
             pose = self._told_pose.told(self._arm.pose(now), now)
             if pose is None:
-                values = {tag: text for tag, text in values.items() if tag not in _ACTUAL}
+                values = {tag: text for tag, text in values.items() if tag not in (*_ACTUAL, *_AXES)}
             else:
                 values.update(zip(_ACTUAL, self._texts(values_of(pose)), strict=True))
+                if _AXES[0] in values:
+                    axes = NO_AXES if math.isnan(pose.position[0]) else self._axes_of(pose)
+                    values.update(zip(_AXES, self._texts(axes), strict=True))
+        if any(tag in values for tag in _TORQUES) and self._contact is not None:
+            torques = self._texts(self._kinematics.torques(self._aimed[1], self._contact(now - _PASSED_S)))
+            values.update({tag: text for tag, text in zip(_TORQUES, torques, strict=True) if tag in values})
         if _LATE in values:
             values[_LATE] = str(session.ethernet.late)
         if _STATUS in values:
             values[_STATUS] = STOPPED if self._emergency_stop_holds(now) else RUNS
         return values
 
-    def _lasting(self, programmed: Pose) -> dict[str, str]:
+    def _lasting(self, programmed: Pose, axes: Axes) -> dict[str, str]:
         """The same as far as they stay the same in a session, in their order."""
         values: dict[str, str] = {}
         for tag in self.profile.send:
@@ -311,10 +398,13 @@ class RsiController:
                 case "RIst" | "RSol":
                     group = dict(zip(pose_tags(name), self._texts(values_of(programmed)), strict=True))
                 case "AIPos" | "ASPos":
-                    joints = self._texts(self.profile.fixed_joints_deg)
-                    group = dict(zip((f"{name}.A{axis}" for axis in _AXES), joints, strict=True))
-                case "EIPos" | "ESPos":
-                    group = dict.fromkeys((f"{name}.E{axis}" for axis in _AXES), self._texts((0.0,))[0])
+                    group = dict(zip(axis_tags(name), self._texts(axes), strict=True))
+                case "MACur":
+                    group = dict.fromkeys(axis_tags(name), self._texts((0.0,))[0])
+                case "EIPos" | "ESPos" | "MECur":
+                    group = dict.fromkeys((f"{name}.E{axis}" for axis in _EXTERNAL), self._texts((0.0,))[0])
+                case "OvPro.R":
+                    group = {name: _FULL_OVERRIDE}
                 case "Delay":
                     group = {_LATE: "0"}
                 case _:

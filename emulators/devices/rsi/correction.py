@@ -1,14 +1,17 @@
-"""POSCORR and POSCORRMON: the total correction of the programmed path, its limits, and the drives' refusal of jumps.
+"""POSCORR and AXISCORR with their monitors: total corrections, their limits, and the drives' refusal of jumps.
 
 Source: project specification of RSI, section 5.
 """
 
 import math
 
+from emulators.arm.kinematics import Joints
 from emulators.devices.rsi.profile import RsiProfile
 from protocol.geometry import Pose, angles_of, from_angles, product, rotate
 
 TOO_FAR = "KSS29000: POSCORR: permissible overall correction exceeded: RSI is stopped"
+AXES_TOO_FAR = "KSS29000: AXISCORR: permissible overall correction exceeded: RSI is stopped"
+"""Derived of POSCORR's."""
 TOO_FAST = "Stop by $CORRECTION function"
 _REFERENCE_MS = 4.0
 """The cycle for which the largest step is told."""
@@ -58,7 +61,11 @@ class Correction:
     @property
     def pose(self) -> Pose:
         """The corrected pose."""
-        (x, y, z), start = self.programmed
+        return self.applied_to(self.programmed)
+
+    def applied_to(self, pose: Pose) -> Pose:
+        """This pose, corrected."""
+        (x, y, z), start = pose
         dx, dy, dz, *angles = self.total
         a, b, c = angles
         turn = from_angles(a, b, c)
@@ -92,6 +99,41 @@ class Correction:
         way = total[:3]
         far = math.hypot(*way) if self._profile.mon_norm == "euclid" else max(map(abs, way))
         return TOO_FAR if far > self._profile.mon_mm or _angle(total[3:]) > self._profile.mon_deg else ""
+
+
+class AxisCorrection:
+    """The correction of the axes of one session, degrees."""
+
+    def __init__(self, profile: RsiProfile, programmed: Joints, speeds_deg_s: Joints) -> None:
+        """`programmed` are the axes without any correction; `speeds_deg_s` are the fastest that each turns."""
+        self._profile, self.programmed = profile, programmed
+        self.total = NOTHING
+        self.limited = False
+        """The last value was cut at AXISCORR's limit."""
+        self.steps = tuple(speed * profile.period for speed in speeds_deg_s)
+        """Largest change of each axis in a cycle."""
+
+    def take(self, value: tuple[float, ...]) -> str:
+        """Take the value of a cycle; the error that it makes, empty without. With one, the total stays as it was."""
+        profile, before = self._profile, self.total
+        if profile.mode == "relative":
+            value = tuple([here + more for here, more in zip(before, value, strict=True)])
+        most = profile.lim_axis_deg
+        after = tuple([max(-limit, min(limit, part)) for part, limit in zip(value, most, strict=True)])
+        self.limited = after != value
+        if any(abs(part) > limit for part, limit in zip(after, profile.mon_axis_deg, strict=True)):
+            return AXES_TOO_FAR
+        changes = zip(after, before, self.steps, strict=True)
+        if any(abs(to - was) > step + _ROUNDING for to, was, step in changes):
+            return TOO_FAST
+        self.total = after
+        return ""
+
+    @property
+    def joints(self) -> Joints:
+        """The corrected axes, degrees."""
+        a, b, c, d, e, f = (start + by for start, by in zip(self.programmed, self.total, strict=True))
+        return a, b, c, d, e, f
 
 
 def _angle(angles: tuple[float, ...] | list[float]) -> float:

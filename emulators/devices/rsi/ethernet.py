@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from emulators.devices.rsi.profile import RsiProfile
 from emulators.unmodelled import Unmodelled
-from protocol.devices.rsi import SENSOR, decode, number, pose_tags
+from protocol.devices.rsi import SENSOR, axis_tags, decode, number, pose_tags
 from protocol.endpoint import RemoteProtocolError
 
 TIMED_OUT = "KSS29002: object ETHERNET1 returns error RSITimeout"
@@ -21,6 +21,8 @@ class Inputs(NamedTuple):
 
     correction: tuple[float, ...]
     """X Y Z in mm, A B C in degrees."""
+    axes: tuple[float, ...]
+    """Correction of axes 1 to 6, degrees."""
     stop: bool
     late: bool
     error: str
@@ -32,9 +34,10 @@ class Ethernet:
 
     def __init__(self, profile: RsiProfile, unmodelled: Unmodelled) -> None:
         self._profile, self._unmodelled = profile, unmodelled
-        self._tags = (*pose_tags(profile.correction_tag), profile.stop_tag)
-        self._channels = dict.fromkeys(self._tags, 0.0)
-        """Values of the cycle before."""
+        self._tags = channels_of(profile)
+        self._zeros = dict.fromkeys(self._tags.values(), 0.0)
+        self._channels: dict[str, float] = self._zeros
+        """Values of the cycle before, by channel."""
         self._answer: Mapping[str, float] | None = None
         """The valid answer of this cycle."""
         self.late = 0
@@ -53,15 +56,17 @@ class Ethernet:
                 return "another SENTYPE"
             if telegram.ipoc != ipoc:
                 return "late" if telegram.ipoc < ipoc else "a clock that was never sent"
-            found = {tag: number(telegram.values[tag]) for tag in self._tags if tag in telegram.values}
+            tags = [tag for tag in self._tags if tag in telegram.values]
+            # The first name of a channel holds, so that it is written last.
+            values = {self._tags[tag]: number(telegram.values[tag]) for tag in reversed(tags)}
         except RemoteProtocolError as error:
             return str(error)
         if self._answer is not None and self._profile.double_reply == "first":
             return "the second in a cycle"
-        self._answer = found
-        if len(found) < len(telegram.values):
+        self._answer = values
+        if len(tags) < len(telegram.values):
             for tag in telegram.values:
-                if tag not in found:
+                if tag not in self._tags:
                     self._unmodelled.touch(f"tag {tag}", "read, and nothing is connected to its channel")
         return ""
 
@@ -69,12 +74,25 @@ class Ethernet:
         """End a cycle: its channels, and whether the object gives up."""
         answer, self._answer = self._answer, None
         late = answer is None and not self._profile.onlysend
-        kept = self._channels if self._profile.keeps else dict.fromkeys(self._tags, 0.0)
+        kept = self._channels if self._profile.keeps else self._zeros
         self._channels = {**kept, **(answer or {})}
         self.late += late
         self._in_a_row = self._in_a_row + 1 if late else 0
         counted = self._in_a_row if self._profile.late_count == "consecutive" else self.late
-        *correction, stop = (self._channels[tag] for tag in self._tags)
+        *corrections, stop = self._channels.values()
         return Inputs(
-            tuple(correction), stop != 0.0, late, TIMED_OUT if counted > self._profile.timeout else ""
+            tuple(corrections[:6]),
+            tuple(corrections[6:]),
+            stop != 0.0,
+            late,
+            TIMED_OUT if counted > self._profile.timeout else "",
         )
+
+
+def channels_of(profile: RsiProfile) -> dict[str, str]:
+    """Channels of the signal flow by the tags that they take: the pose, the axes, the stop; both names of a channel."""
+    pose, axes = pose_tags(profile.correction_tag), axis_tags("axes")
+    channels = dict(zip(pose, pose, strict=True))
+    for element in profile.axis_tags:
+        channels |= zip(axis_tags(element), axes, strict=True)
+    return channels | {profile.stop_tag: "stop"}

@@ -47,6 +47,11 @@ class RsiProfile:
     correction_tag: str = setting(
         "RKorr", Mark.OBSERVED, "element that the signal flow takes for the correction"
     )
+    axis_tags: tuple[str, ...] = setting(
+        ("AK", "AKorr"),
+        Mark.OBSERVED,
+        "elements that the signal flow takes for the correction of the axes; of two in an answer the first holds",
+    )
     stop_tag: str = setting("Stop", Mark.OBSERVED, "tag whose rising edge ends RSI_MOVECORR")
     send: tuple[str, ...] = setting(
         ("DEF_RIst", "DEF_RSol", "DEF_AIPos", "DEF_ASPos", "DEF_Delay", "ProgStatus.R"),
@@ -104,6 +109,20 @@ class RsiProfile:
         1.0, Mark.ASSUMED, "a correction that changes by more in 4 ms stops the robot", above(0.0), unit="mm"
     )
     max_step_deg: float = setting(0.4, Mark.ASSUMED, "the same for its turn", above(0.0), unit="°")
+    lim_axis_deg: PerAxis = setting(
+        (90.0,) * 6,
+        Mark.OBSERVED,
+        "AXISCORR: total correction of each axis is clamped there; its own default is 5",
+        above(0.0),
+        unit="°",
+    )
+    mon_axis_deg: PerAxis = setting(
+        (90.0,) * 6,
+        Mark.OBSERVED,
+        "AXISCORRMON: a larger correction of an axis ends RSI; its own default is 6",
+        above(0.0),
+        unit="°",
+    )
     # --- arm
     transport_delay_ms: float = setting(
         8.0, Mark.ASSUMED, "from a correction to the position loops", between(0.0, 1000.0), unit="ms"
@@ -112,16 +131,11 @@ class RsiProfile:
         60.0, Mark.ASSUMED, "natural frequency of the closed position loop", above(0.0), unit="rad/s"
     )
     damping_ratio: float = setting(1.0, Mark.ASSUMED, "damping of the closed position loop", above(0.0))
-    fixed_joints_deg: PerAxis = setting(
-        (0.0, -90.0, 90.0, 0.0, 90.0, 0.0),
-        Mark.CHOSEN,
-        "what it tells of its axes, for it has no kinematics",
-        unit="°",
-    )
+    model: Literal["kr16-2"] = setting("kr16-2", Mark.CHOSEN, "the arm")
 
     def __post_init__(self) -> None:
         check_settings(self)
-        for tag in (*self.send, self.correction_tag, self.stop_tag):
+        for tag in (*self.send, self.correction_tag, *self.axis_tags, self.stop_tag):
             if not tag or tag.count(".") > 1 or not set(tag) <= set(_NAMES) or not tag[0].isalpha():
                 raise ValueError(
                     f"{tag!r} is no tag: give a name, or two with a dot between, as DEF_RIst or Status.R"

@@ -58,6 +58,9 @@ class JointArm:
     def __init__(self, joints: Joints, period: float, gain_scale: float, stop_deceleration: float) -> None:
         """At rest. `period` is the cycle, s; `stop_deceleration`, rad/s², holds where nothing is ordered."""
         self.joints, self.speeds = joints, ZERO
+        """Joints, and the speeds that the program gives them, rad/s."""
+        self.yielding = ZERO
+        """Speeds that a force gives them beside, rad/s."""
         self.target = joints
         """Joints that are wanted."""
         self._period, self._scale = period, gain_scale
@@ -70,6 +73,33 @@ class JointArm:
     def still(self) -> bool:
         """Whether no joint moves."""
         return max(map(abs, self.speeds)) < STILL
+
+    @property
+    def motion(self) -> Joints:
+        """Speeds of the joints, rad/s."""
+        if self.yielding is ZERO:
+            return self.speeds
+        return _six([a + b for a, b in zip(self.speeds, self.yielding, strict=True)])
+
+    def settle(self) -> None:
+        """No force moves it any more: it goes on with the speed that it has, and brakes as its order says."""
+        self.speeds, self.yielding = self.motion, ZERO
+
+    def yield_to(self, before: Joints, path: Joints, joints: Joints) -> None:
+        """A force has led the last cycle to other joints; `path` is where the program alone would have led from
+        `before`.
+        """
+        dt = self._period
+        self.speeds = _six([(b - a) / dt for a, b in zip(before, path, strict=True)])
+        self.yielding = _six([(b - a) / dt for a, b in zip(path, joints, strict=True)])
+        self.joints = joints
+        if not isinstance(self.order, Servo):
+            self.target = joints
+
+    def stay(self, joints: Joints) -> None:
+        """It has not moved in the last cycle."""
+        self.joints = self.target = joints
+        self.speeds = self.yielding = ZERO
 
     def take(self, order: Order) -> None:
         """Do this in the next cycle; servoj for as long as it says."""

@@ -13,7 +13,9 @@ from operator import sub
 from emulators.arm.cycled import CycledPath
 from emulators.arm.own_force import Errors, OwnForce
 from emulators.devices.rtde.arm import ZERO, Brake, Hold, JointArm, Order, Place, Servo
-from emulators.devices.rtde.io import MASKS, switch_outputs
+from emulators.devices.rtde.compliance import Compliance, Felt
+from emulators.devices.rtde.force_mode import about_tool
+from emulators.devices.rtde.io import MASKS, read_slider, switch_outputs
 from emulators.devices.rtde.kinematics import (
     ARMS,
     RANGE,
@@ -25,6 +27,7 @@ from emulators.devices.rtde.kinematics import (
     invert,
     nearest,
 )
+from emulators.devices.rtde.motions import Motions
 from emulators.devices.rtde.profile import RtdeProfile
 from emulators.devices.rtde.running import Console, Program, Saying, Watchdog
 from emulators.devices.rtde.state import Registers, Snapshot, number_in
@@ -43,6 +46,10 @@ SUDDEN_CHANGE = "a sudden change of the target"
 """Reason of a protective stop for a leap between two targets."""
 BY_FAULT = "as a fault"
 """Reason of a protective stop that no client has caused."""
+
+
+def _nothing() -> None:
+    """No program has come."""
 
 
 class Controller:
@@ -67,6 +74,7 @@ class Controller:
                 f"a {profile.model} cannot hold its tool at the start; choose another start_position_mm or model"
             )
         self.arm = JointArm(joints, self.period, profile.servo_gain_scale, profile.stop_deceleration_rad_s2)
+        self.compliance = Compliance(profile, self.period, self.lengths)
         self._flange = self._old_flange = self._next_flange = flange(self.lengths, joints)
         self._at = ToolPoses().at
         self._random = random.Random(seed)
@@ -110,8 +118,9 @@ class Controller:
         self._wanted = joints
         self.orders, self.unmodelled = Orders(), Unmodelled("rtde")
         """Orders of its clients, for a judge of them."""
-        self.intent: Callable[[tuple[str, ...]], HeardOrder | None] = lambda names: None
-        """The order of a package of these inputs, by the program that came last; None for nothing that moves."""
+        self.motions = Motions(self)
+        self.rehearse: Callable[[], object] = _nothing
+        """Let the program that came last show what its client orders, in a cycle in which it does not play."""
         self.stop_reason = ""
         """Words of the last protective stop."""
         self.counts: Counter[str] = Counter()
@@ -149,16 +158,23 @@ class Controller:
             _, make = self._starting
             self._starting = None
             self.program, self.runtime = make(), Runtime.PLAYING
-            self._tell_program(Message.STARTED, self.program)
+            self.console.tell(Saying(self.now, Message.STARTED, self.program.name))
         self._watch(now)
         if self.runtime == Runtime.PLAYING and self.program is not None and not self.program.cycle():
             self.stop_program()
+        if self.orders.listener is not None:
+            self.rehearse()
         self._guard()
         if self.safety != self._told_safety:
             self._told_safety = self.safety
             self.console.tell_safety(self.safety)
-        self.arm.step(self.slider if self.profile.slider_slows_servo else 1.0)
+        pace = self.slider if self.profile.slider_slows_servo else 1.0
+        if not self.compliance.step(
+            self.arm, pace, self.plays, Felt(self.tcp, self.snapshots[-1].force, self.external_force)
+        ):
+            self.protective_stop("force mode leaves the workspace")
         self.snapshots.append(self._snapshot(now))
+        self.compliance.history.note(self.arm.joints, self.snapshots[-1].force)
         self._next_flange = flange(self.lengths, self.arm.joints)
         return self._at(self._next_flange, self.tool)
 
@@ -190,7 +206,7 @@ class Controller:
             profile.uptime_s + now - self._powered_at,
             self.period,
             arm.joints,
-            arm.speeds,
+            arm.motion,
             arm.target,
             pose,
             self._at(self._old_flange, self.tcp),
@@ -213,12 +229,10 @@ class Controller:
         given = self.inputs.get("external_force_torque") if self.external_force else None
         if not isinstance(given, tuple):
             return _NO_FORCE if self.external_force else (*self.own_force.at(self.now), 0.0, 0.0, 0.0)
-        force = rotate(self._flange.quaternion, given[:3])
-        u, v, w = rotate(self._flange.quaternion, given[3:])
-        if self.profile.force_point == "tcp":
-            (a, b, c), (x, y, z) = force, rotate(self._flange.quaternion, self.tcp.position)
-            u, v, w = u - (y * c - z * b), v - (z * a - x * c), w - (x * b - y * a)
-        return (*force, u, v, w)
+        turn = self._flange.quaternion
+        wrench = (*rotate(turn, given[:3]), *rotate(turn, given[3:]))
+        at_tcp = self.profile.force_point == "tcp"
+        return about_tool(wrench, rotate(turn, self.tcp.position)) if at_tcp else wrench
 
     # --- inputs
 
@@ -229,8 +243,7 @@ class Controller:
             self.protective_stop("an external force that is no number")
             return
         self.inputs = {**self.inputs, **values}
-        if self.orders.listener is not None and (order := self.intent(names)) is not None:
-            self.orders.tell(order)
+        self.motions.news += 1
         for watchdog in self.watchdogs:
             if watchdog.name in names:
                 watchdog.last = self.now
@@ -238,10 +251,8 @@ class Controller:
             self._force_at = self.now
         if not MASKS.isdisjoint(names):
             self.outputs = switch_outputs(self.inputs, self.outputs)
-        if self.inputs.get("speed_slider_mask") and "speed_slider_fraction" in values:
-            fraction = values["speed_slider_fraction"]
-            if isinstance(fraction, float) and math.isfinite(fraction):
-                self.slider = min(max(fraction, 0.0), 1.0)
+        if "speed_slider_fraction" in names:
+            self.slider = read_slider(self.inputs, self.slider)
 
     def number(self, name: str) -> float:
         """An input that is a number, 0 where nothing was written."""
@@ -293,13 +304,11 @@ class Controller:
         """Stop what plays, or is paused; the arm brakes."""
         if self.program is not None:
             self.program.close()
-            self._tell_program(Message.STOPPED, self.program)
+            self.console.tell(Saying(self.now, Message.STOPPED, self.program.name))
         self.program = self._starting = None
         self.watchdogs = []
+        self.compliance.reset()
         self.runtime = Runtime.STOPPED
-
-    def _tell_program(self, message: Message, program: Program) -> None:
-        self.console.tell(Saying(self.now, message, program.name))
 
     def pause(self) -> bool:
         """Pause what plays; the arm brakes. False where nothing plays."""
@@ -327,9 +336,9 @@ class Controller:
         self.external_force, self._force_at = enable, self.now
 
     def _watch(self, now: float) -> None:
+        rate = self.profile.force_watchdog_hz
         if self.runtime != Runtime.PLAYING:
             return
-        rate = self.profile.force_watchdog_hz
         if self.external_force and rate and now - self._force_at > 1.0 / rate + 1e-9:
             self.counts["external force missing"] += 1
             self.pause()
@@ -337,10 +346,7 @@ class Controller:
         for watchdog in self.watchdogs:
             if now - watchdog.last > watchdog.period + 1e-9:
                 self.counts[f"watchdog {watchdog.action}"] += 1
-                if watchdog.action == "stop":
-                    self.stop_program()
-                else:
-                    self.pause()
+                self.stop_program() if watchdog.action == "stop" else self.pause()
                 return
 
     # --- orders to the arm
@@ -395,7 +401,7 @@ class Controller:
         profile, arm = self.profile, self.arm
         if self.safety not in STOPPED_MODES and self.mode == RobotMode.RUNNING:
             moved = math.dist(self._flange.position, self._old_flange.position)
-            if max(map(abs, arm.speeds)) > profile.max_joint_speed_rad_s:
+            if max(map(abs, arm.motion)) > profile.max_joint_speed_rad_s:
                 self.protective_stop("a joint is too fast")
             elif moved > profile.max_tcp_speed_mm_s * 1e-3 * self.period:
                 self.protective_stop("the tool is too fast")
@@ -482,16 +488,6 @@ class Controller:
                 self.mode = mode
 
         self.later(times * self.profile.power_s, become)
-
-    # --- of programs
-
-    def set_tcp(self, tcp: Pose) -> None:
-        """The tool as it is to be taken from now on."""
-        self.tcp = tcp
-
-    def flange_pose(self) -> Pose:
-        """Pose of the flange now."""
-        return self._flange
 
     @property
     def still(self) -> bool:

@@ -1,4 +1,4 @@
-"""Digital and analogue outputs as inputs of RTDE set them: each only where its mask lets it."""
+"""Outputs and the speed slider as inputs of RTDE set them: each only where its mask lets it."""
 
 import math
 
@@ -27,3 +27,10 @@ def switch_outputs(inputs: Registers, outputs: Registers) -> Registers:
         if mask >> number & 1 and math.isfinite(share):
             changed[f"standard_analog_output{number}"] = min(max(share, 0.0), 1.0)
     return changed
+
+
+def read_slider(inputs: Registers, slider: float) -> float:
+    """The speed slider after a package with a fraction for it, 0 … 1; `slider` is where it was."""
+    fraction = number_in(inputs, "speed_slider_fraction")
+    obeyed = number_in(inputs, "speed_slider_mask") and math.isfinite(fraction)
+    return min(max(fraction, 0.0), 1.0) if obeyed else slider

@@ -107,6 +107,45 @@ class RtdeProfile:
         unit="N",
     )
     force_lag_ms: float = setting(10.0, _A, "time constant of its filter", between(0.0, 1000.0), unit="ms")
+    force_mode_gain_mm_s_n: float = setting(
+        0.4,
+        _A,
+        "force mode: speed along a compliant axis for each newton that is missing, at a gain scaling of 1. Derived "
+        "of the lag of the arm's own force: one of 50 kN/m is held with little overshoot, and made unstable by 7 times",
+        above(0.0),
+        unit="mm/s/N",
+    )
+    force_mode_turn_gain_rad_s_nm: float = setting(
+        0.02, _A, "the same about an axis, for each newton metre", above(0.0), unit="rad/s/(N·m)"
+    )
+    force_mode_gain_scaling: float = setting(
+        1.0, _A, "scaling of these gains when a program begins", between(0.0, 2.0)
+    )
+    force_mode_damping: float = setting(
+        0.005,
+        _A,
+        "share of a compliant axis's speed that each cycle without a force takes away, when a program begins",
+        between(0.0, 1.0),
+    )
+    force_mode_least_n: float = setting(
+        1.0,
+        _A,
+        "a smaller force, or moment of a tenth of it in N·m, counts as none where none is wanted",
+        at_least(0.0),
+        unit="N",
+    )
+    freedrive_least_n: float = setting(
+        10.0, _A, "freedrive: a smaller force, or moment of a tenth, moves nothing", at_least(0.0), unit="N"
+    )
+    freedrive_speed_mm_s: float = setting(
+        250.0, _A, "freedrive: largest speed along an axis", above(0.0), unit="mm/s"
+    )
+    freedrive_turn_rad_s: float = setting(
+        1.0, _A, "freedrive: largest speed about an axis", above(0.0), unit="rad/s"
+    )
+    tool_contact_n: float = setting(
+        5.0, _A, "change of the force that counts as a contact of the tool", above(0.0), unit="N"
+    )
     force_watchdog_hz: float = setting(
         10.0,
         _A,

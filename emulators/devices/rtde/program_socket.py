@@ -80,6 +80,7 @@ class ProgramSocket:
             self.hang_up()
             return
         self._come += data
+        self._controller.motions.news += 1
 
     def next_event(self) -> None:
         return None

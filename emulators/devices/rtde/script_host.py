@@ -3,9 +3,12 @@
 import math
 import random
 from collections.abc import Iterator
+from functools import lru_cache
 
 from emulators.devices.rtde.arm import Brake, Servo, Speed
+from emulators.devices.rtde.compliance import Compliance
 from emulators.devices.rtde.controller import Controller
+from emulators.devices.rtde.force_mode import ForceTask
 from emulators.devices.rtde.kinematics import Joints, compose, invert, nearest
 from emulators.devices.rtde.moves import Walk, arc_walk, joint_walk, line_walk
 from emulators.devices.rtde.running import Saying
@@ -14,7 +17,7 @@ from emulators.devices.rtde.urscript import Message, Profile, RuntimeFailure, So
 from emulators.devices.rtde.urscript.failures import ScriptError
 from protocol.devices.rtde.fields import INPUTS, OUTPUTS
 from protocol.devices.rtde.rotation import pose_of
-from protocol.geometry import Pose
+from protocol.geometry import Pose, Vector
 
 _JOINT_PER_METRE = 2.0
 """Assumed: joint acceleration of a speed along a line, rad/s² for each m/s²; that of an arm of half a metre."""
@@ -26,11 +29,14 @@ class ControllerHost:
 
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
+        self._motions = controller.motions
         self._random = random.Random(controller.now)
         self._servoing: Servo | None = None
         """The newest servoj, while no other motion has come since."""
         self._inputs = controller.inputs
         """Inputs at the newest servoj: a target that came again is another one."""
+        self._solved: tuple[object, Joints | None] = (None, None)
+        """The newest question of inverse kinematics, and its answer."""
         self.period = controller.period
 
     # --- messages
@@ -121,7 +127,7 @@ class ControllerHost:
 
     @property
     def speeds(self) -> Joints:
-        return self._controller.arm.speeds
+        return self._controller.arm.motion
 
     @property
     def tcp(self) -> Pose:
@@ -139,14 +145,18 @@ class ControllerHost:
         return self._controller.forward(joints, tcp)
 
     def solve(self, pose: Pose, near: Joints | None = None, tcp: Pose | None = None) -> Joints | None:
+        """The newest answer is kept: a program asks whether there are joints, and then which."""
         controller = self._controller
-        if tcp is None:
-            return controller.solve(pose, near)
-        return nearest(controller.lengths, compose(pose, invert(tcp)), near or controller.arm.target)
+        question = pose, near or controller.arm.target, tcp or controller.tcp
+        if question != self._solved[0]:
+            flange = compose(pose, invert(question[2]))
+            self._solved = question, nearest(controller.lengths, flange, question[1])
+        return self._solved[1]
 
     def servo(self, joints: Joints, time: float, lookahead: float, gain: float) -> int:
         """Values outside the ranges of the manual are taken as the nearest end (assumed)."""
         controller = self._controller
+        self._motions.hear_servo(joints)
         if not all(map(math.isfinite, (*joints, time, lookahead, gain))):
             controller.protective_stop("a servo's setting that is no number")
             return 1
@@ -160,11 +170,16 @@ class ControllerHost:
         return cycles
 
     def speed(self, speeds: Joints, acceleration: float) -> None:
+        self._motions.hear_speed("speedj", speeds)
+        self._turn(speeds, acceleration)
+
+    def _turn(self, speeds: Joints, acceleration: float) -> None:
         self._servoing = None
         self._controller.order(Speed(speeds, max(acceleration, 0.01)))
 
     def speed_line(self, velocity: Joints, acceleration: float) -> bool:
         controller = self._controller
+        self._motions.hear_speed("speedl", velocity)
         dt, joints = controller.period, controller.arm.joints
         here = controller.forward(joints)
         turn = pose_of((0.0, 0.0, 0.0, *(part * dt for part in velocity[3:])))
@@ -174,7 +189,7 @@ class ControllerHost:
         if found is None:
             return False
         a, b, c, d, e, f = ((new - old) / dt for old, new in zip(joints, found, strict=True))
-        self.speed((a, b, c, d, e, f), acceleration * _JOINT_PER_METRE)
+        self._turn((a, b, c, d, e, f), acceleration * _JOINT_PER_METRE)
         return True
 
     def brake(self, deceleration: float) -> None:
@@ -185,14 +200,17 @@ class ControllerHost:
         self.brake(deceleration * _JOINT_PER_METRE)
 
     def line(self, goal: Pose, profile: Profile) -> Iterator[object] | None:
+        self._motions.hear_move("move along a line", goal)
         walk = line_walk(self._controller, goal, *profile)
         return None if walk is None else self._walk(walk)
 
     def swing(self, goal: Joints, profile: Profile) -> Iterator[object] | None:
+        self._motions.hear_move("move in joints", self.forward(goal))
         walk = joint_walk(self._controller, goal, *profile)
         return None if walk is None else self._walk(walk)
 
     def arc(self, via: Pose, goal: Pose, profile: Profile) -> Iterator[object] | None:
+        self._motions.hear_move("move along an arc", goal)
         walk = arc_walk(self._controller, via, goal, profile.speed, profile.acceleration)
         return None if walk is None else self._walk(walk)
 
@@ -203,7 +221,7 @@ class ControllerHost:
             yield None
 
     def set_tcp(self, tcp: Pose) -> None:
-        self._controller.set_tcp(tcp)
+        self._controller.tcp = tcp
 
     def set_payload(self, mass: float, centre: tuple[float, ...]) -> None:
         self._controller.payload = (mass, *centre)
@@ -212,6 +230,43 @@ class ControllerHost:
 
     def zero_force(self) -> None:
         self._controller.force_zero = self._controller.measured
+        self._compliance.history.forget()
+
+    @property
+    def _compliance(self) -> Compliance:
+        return self._controller.compliance
+
+    def force_mode(
+        self, frame: Pose, compliant: tuple[bool, ...], wrench: Joints, kind: int, limits: Joints
+    ) -> None:
+        self._compliance.begin(ForceTask(frame, compliant, wrench, kind, limits))
+
+    def freedrive(self, frame: Pose, free: tuple[bool, ...]) -> None:
+        self._compliance.free(frame, free)
+
+    def end_force_mode(self, freedrive: bool) -> None:
+        self._compliance.end(freedrive)
+
+    @property
+    def damping(self) -> float:
+        return self._compliance.damping
+
+    @property
+    def gain_scaling(self) -> float:
+        return self._compliance.gain_scaling
+
+    def set_damping(self, damping: float) -> None:
+        self._compliance.damping = damping
+
+    def set_gain_scaling(self, scaling: float) -> None:
+        self._compliance.gain_scaling = scaling
+
+    def steps_since_contact(self, direction: Vector, threshold_n: float) -> int:
+        usual = self._controller.profile.tool_contact_n
+        return self._compliance.history.steps_since_contact(direction, threshold_n or usual)
+
+    def joints_before(self, steps: int) -> Joints:
+        return self._compliance.history.joints_before(steps) or self.joints
 
     def enable_external_force(self, enable: bool) -> None:
         self._controller.enable_external_force(enable)
@@ -223,6 +278,7 @@ class ControllerHost:
         self._controller.power_off()
 
 
+@lru_cache(maxsize=1024)
 def _register(direction: str, kind: str, number: int) -> tuple[str, int | None]:
     """The name of a register among the fields of RTDE, and the bit in it; None for a whole one."""
     if kind == "bit":

@@ -2,7 +2,7 @@
 
 from protocol.devices.rsi.client import RsiClient
 from protocol.devices.rsi.describe import describe
-from protocol.devices.rsi.elements import pose_tags
+from protocol.devices.rsi.elements import axis_tags, pose_tags
 from protocol.devices.rsi.profile import RsiLink
 from protocol.devices.rsi.telegram import (
     ROBOT,
@@ -21,6 +21,7 @@ __all__ = [
     "RsiClient",
     "RsiLink",
     "Telegram",
+    "axis_tags",
     "decode",
     "describe",
     "encode",

@@ -10,6 +10,8 @@ from typing import NamedTuple
 
 POSE_AXES = ("X", "Y", "Z", "A", "B", "C")
 """Attributes of a Cartesian value in the vendor's order: mm, then degrees."""
+AXES = ("A1", "A2", "A3", "A4", "A5", "A6")
+"""Attributes of a value of the robot's axes."""
 
 
 class Content(Enum):
@@ -50,6 +52,8 @@ ELEMENTS: Mapping[str, Element] = {
     "EKorr": Element("correction of external axes"),
     "MACur": Element("motor current"),
     "MECur": Element("motor current of an external axis"),
+    "GearTorque": Element("torque at an axis, N·m"),
+    "OvPro": Element("program override, %"),
     "Delay": Element("late cycles since RSI_ON"),
     "EStr": Element("message for the controller's panel", Content.TEXT),
     "ProgStatus": Element("state of the program: 3 runs, 4 stopped"),
@@ -62,3 +66,8 @@ CHANNEL = Element("channel of the configuration")
 def pose_tags(element: str) -> tuple[str, ...]:
     """Tags of a Cartesian element, as `RIst` or `RKorr`, in the vendor's order."""
     return tuple(f"{element}.{axis}" for axis in POSE_AXES)
+
+
+def axis_tags(element: str) -> tuple[str, ...]:
+    """Tags of an element of the robot's axes, as `AIPos` or `AK`, axis 1 first."""
+    return tuple(f"{element}.{axis}" for axis in AXES)

@@ -1,6 +1,7 @@
 """All functions that a program may call, by name. A function that is missing here ends the program that calls it."""
 
 from emulators.devices.rtde.urscript.arithmetic import ARITHMETIC
+from emulators.devices.rtde.urscript.force import FORCE
 from emulators.devices.rtde.urscript.motion import MOTION
 from emulators.devices.rtde.urscript.poses import POSES
 from emulators.devices.rtde.urscript.system import SYSTEM
@@ -14,19 +15,7 @@ FUNCTIONS: Functions = by_name(
         *POSES,
         *SYSTEM,
         *MOTION,
-        tagged("force_mode(task_frame, selection_vector, wrench, type, limits)"),
-        tagged("end_force_mode()"),
-        tagged("force_mode_set_damping(damping)"),
-        tagged("force_mode_set_gain_scaling(scaling)"),
-        tagged("force_mode_get_damping()", 0.005),
-        tagged("force_mode_get_gain_scaling()", 1.0),
-        tagged("freedrive_mode(freeAxes=[1, 1, 1, 1, 1, 1], feature=None)"),
-        tagged("freedrive_mode_no_incorrect_payload_check()"),
-        tagged("end_freedrive_mode()"),
-        tagged("get_freedrive_status()", 0),
-        tagged("teach_mode()"),
-        tagged("end_teach_mode()"),
-        tagged("tool_contact(direction=None)", 0),
+        *FORCE,
         tagged("screw_driving(f, v_limit)"),
         tagged("end_screw_driving()"),
         tagged("direct_torque(torques, friction_comp=True, viscous_scale=None, coulomb_scale=None)"),

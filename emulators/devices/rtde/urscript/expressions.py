@@ -4,9 +4,8 @@ A frame is a list: the enclosing frame, the task, then the variables. An express
 generator instead, and `Part.waits` says so. Nothing of a text is evaluated by Python itself.
 """
 
-import operator
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any
 
 from lark import Token, Tree
 
@@ -15,18 +14,20 @@ from emulators.devices.rtde.urscript.failures import ScriptError, ScriptSyntaxEr
 from emulators.devices.rtde.urscript.limits import CALLS_MAX, DEPTH_MAX
 from emulators.devices.rtde.urscript.lists import METHODS
 from emulators.devices.rtde.urscript.names import Code, is_pose, line_of
+from emulators.devices.rtde.urscript.operators import binary
+from emulators.devices.rtde.urscript.parts import (
+    NUMBERS,
+    Frame,
+    Part,
+    Run,
+    always,
+    answer,
+    charge,
+    combined,
+    found_by,
+)
 from emulators.devices.rtde.urscript.table import Functions
 from emulators.devices.rtde.urscript.values import PoseValue, Struct, Value
-
-Frame: TypeAlias = list[Any]
-Run: TypeAlias = Callable[[Frame], Any]
-
-
-class Part(NamedTuple):
-    """A compiled expression or statement."""
-
-    waits: bool
-    run: Run
 
 
 class Unset:
@@ -45,57 +46,7 @@ class Returned:
         self.value = value
 
 
-_COMPARISONS: Mapping[str, Callable[[Value, Value], Value]] = {
-    "==": operator.eq,
-    "!=": operator.ne,
-    "<": lambda a, b: values.compare(operator.lt, a, b),
-    ">": lambda a, b: values.compare(operator.gt, a, b),
-    "<=": lambda a, b: values.compare(operator.le, a, b),
-    ">=": lambda a, b: values.compare(operator.ge, a, b),
-}
-_OPERATIONS: Mapping[str, Callable[[Value, Value], Value]] = {
-    "+": values.add,
-    "-": values.subtract,
-    "*": values.multiply,
-    "/": values.divide,
-    "%": values.modulo,
-    **_COMPARISONS,
-}
-_SIZED = (tuple, PoseValue, str)
-
-
-def combined(parts: Sequence[Part], apply: Callable[..., Any]) -> Part:
-    """An expression of others: `apply(frame, *values)`."""
-    runs = tuple(part.run for part in parts)
-    if any(part.waits for part in parts):
-
-        def wait(frame: Frame) -> Any:
-            found = yield from found_by(parts, frame)
-            return apply(frame, *found)
-
-        return Part(True, wait)
-    if len(runs) == 1:
-        (only,) = runs
-        return Part(False, lambda frame: apply(frame, only(frame)))
-    if len(runs) == 2:
-        first, second = runs
-        return Part(False, lambda frame: apply(frame, first(frame), second(frame)))
-    return Part(False, lambda frame: apply(frame, *[run(frame) for run in runs]))
-
-
-def found_by(parts: Sequence[Part], frame: Frame) -> Any:
-    """The values of parts that may wait, in order."""
-    found: list[Any] = [None] * len(parts)
-    for at, part in enumerate(parts):
-        found[at] = (yield from part.run(frame)) if part.waits else part.run(frame)
-    return found
-
-
-def charge(frame: Frame, given: Sequence[Value]) -> None:
-    """Take steps for values that are long."""
-    for value in given:
-        if value.__class__ in _SIZED:
-            frame[1].spend(len(value))
+_LISTS = (tuple, PoseValue)
 
 
 class Expressions:
@@ -122,17 +73,17 @@ class Expressions:
             number: float = float(int(text, 16)) if len(text) > 9 else int(text, 16)
         else:
             number = int(text) if text.isdecimal() and len(text) < 10 else float(text)
-        return Part(False, lambda frame: number)
+        return always(number)
 
     def _string(self, node: Tree[Token]) -> Part:
         text = values.checked_string(str(node.children[0])[1:-1])
         return Part(False, lambda frame: text)
 
     def _true(self, node: Tree[Token]) -> Part:
-        return Part(False, lambda frame: True)
+        return always(True)
 
     def _false(self, node: Tree[Token]) -> Part:
-        return Part(False, lambda frame: False)
+        return always(False)
 
     def _none(self, node: Tree[Token]) -> Part:
         return Part(False, lambda frame: None)
@@ -145,10 +96,10 @@ class Expressions:
                     return values.checked(parts)
             return parts
 
-        if len(node.children) == 6 and all(child.data == "number" for child in node.children):  # type: ignore[union-attr]
-            constant = tuple(self.value(child).run([]) for child in node.children)
-            return Part(False, lambda frame: constant)
-        return combined([self.value(child) for child in node.children], make)
+        parts = [self.value(child) for child in node.children]
+        if parts and all(part.constant.__class__ in NUMBERS for part in parts):
+            return always(tuple(part.constant for part in parts))
+        return combined(parts, make)
 
     # --- variables and their parts
 
@@ -222,7 +173,7 @@ class Expressions:
         first, *rest = node.children
         part = self.value(first)
         for sign, other in zip(rest[::2], rest[1::2], strict=True):
-            part = combined([part, self.value(other)], _binary(_OPERATIONS[str(sign)]))
+            part = binary(str(sign), part, self.value(other))
         return part
 
     _product = _comparison = _sum
@@ -231,8 +182,7 @@ class Expressions:
         sign, operand = node.children
         negative = sign == "-"
         if negative and isinstance(operand, Tree) and operand.data == "number":
-            number = -self.value(operand).run([])
-            return Part(False, lambda frame: number)
+            return always(-self.value(operand).constant)
         return combined(
             [self.value(operand)], lambda frame, value: values.negate(value) if negative else value
         )
@@ -301,12 +251,7 @@ class Expressions:
             return Part(False, _failing(parts))
         call = function.call
         if not function.waits:
-
-            def answer(frame: Frame, *given: Value) -> Any:
-                charge(frame, given)
-                return call(frame[1], *given)
-
-            return combined(parts, answer)
+            return answer(parts, call)
 
         def wait(frame: Frame) -> Any:
             given = yield from found_by(parts, frame)
@@ -463,28 +408,10 @@ def _pose(frame: Frame, *parts: Value) -> Value:
 
 
 def _element(frame: Frame, value: Value, place: Value) -> Value:
+    if value.__class__ in _LISTS and place.__class__ is int and 0 <= place < len(value):
+        return value[place]
     return values.element(value, place)
 
 
 def _differ(frame: Frame, a: Value, b: Value) -> bool:
     return values.truth(a) is not values.truth(b)
-
-
-def _binary(operation: Callable[[Value, Value], Value]) -> Callable[[Frame, Value, Value], Value]:
-    def apply(frame: Frame, a: Value, b: Value) -> Value:
-        if isinstance(a, tuple) or isinstance(b, tuple):
-            frame[1].spend(_work(a, b))
-        return operation(a, b)
-
-    return apply
-
-
-def _work(a: Value, b: Value) -> int:
-    """Steps of an operation on lists or matrices."""
-    size = 1
-    for value in (a, b):
-        if isinstance(value, tuple):
-            size *= max(len(value), 1)
-            if values.is_matrix(value):
-                size *= max(len(values.array(value[0])), 1)
-    return size if values.is_matrix(a) else max(len(value) for value in (a, b) if isinstance(value, tuple))

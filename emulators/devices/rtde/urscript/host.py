@@ -9,7 +9,7 @@ from enum import StrEnum
 from typing import NamedTuple, Protocol
 
 from emulators.devices.rtde.urscript.failures import RuntimeFailure, SyntaxFailure
-from protocol.geometry import Pose
+from protocol.geometry import Pose, Vector
 
 Six = tuple[float, float, float, float, float, float]
 
@@ -188,6 +188,39 @@ class Host(Protocol):
 
     def enable_external_force(self, enable: bool) -> None:
         """Take `external_force_torque` for the force sensor, or the arm's own."""
+
+    def force_mode(
+        self, frame: Pose, compliant: tuple[bool, ...], wrench: Six, kind: int, limits: Six
+    ) -> None:
+        """Force mode by `wrench`, N and N·m, in a frame of the base frame, `kind` 1 to 3; it changes one that is on.
+        `limits` are m/s and rad/s of compliant axes, m and rad of the others.
+        """
+
+    def freedrive(self, frame: Pose, free: tuple[bool, ...]) -> None:
+        """The axes of a frame yield to the force on the tool."""
+
+    def end_force_mode(self, freedrive: bool) -> None:
+        """The end of force mode, or of freedrive."""
+
+    @property
+    def damping(self) -> float:
+        """Of force mode, 0 … 1."""
+
+    @property
+    def gain_scaling(self) -> float:
+        """Of force mode, 0 … 2."""
+
+    def set_damping(self, damping: float) -> None:
+        """Of force mode."""
+
+    def set_gain_scaling(self, scaling: float) -> None:
+        """Of force mode."""
+
+    def steps_since_contact(self, direction: Vector, threshold_n: float) -> int:
+        """Cycles back to just before the tool's contact; 0 for none. A threshold of 0 stands for the usual one."""
+
+    def joints_before(self, steps: int) -> Six:
+        """Joints of so many cycles ago, as far as they are kept."""
 
     def protective_stop(self, why: str) -> None:
         """The arm stands at once."""

@@ -1,4 +1,4 @@
-"""Functions that move the arm, and those of force, kinematics, tool and payload."""
+"""Functions that move the arm, and those of kinematics, tool and payload."""
 
 import math
 from collections.abc import Generator, Iterator
@@ -9,7 +9,7 @@ from emulators.devices.rtde.urscript.failures import ScriptError
 from emulators.devices.rtde.urscript.host import Host, Profile, Six
 from emulators.devices.rtde.urscript.poses import pose, value_of
 from emulators.devices.rtde.urscript.table import Function, modelled, waiting
-from emulators.devices.rtde.urscript.values import PoseValue, Value, integer, number, string, truth, vector
+from emulators.devices.rtde.urscript.values import PoseValue, Value, number, string, vector
 from protocol.devices.rtde.rotation import six_of
 from protocol.geometry import Pose
 
@@ -23,7 +23,7 @@ def _six(value: Value) -> Six:
     return a, b, c, d, e, f
 
 
-def _finite_six(value: Value) -> Six:
+def finite_six(value: Value) -> Six:
     six = _six(value)
     if not all(map(math.isfinite, six)):
         raise ScriptError("a value that is no number")
@@ -40,7 +40,7 @@ def _finite(*given: Value) -> list[float]:
 def _joints(host: Host, value: Value, near: Six | None = None) -> Six:
     """Joints, or those that hold a pose."""
     if not isinstance(value, PoseValue):
-        return _finite_six(value)
+        return finite_six(value)
     found = host.solve(pose(value), near)
     if found is None:
         raise ScriptError("no joints hold this pose")
@@ -49,7 +49,7 @@ def _joints(host: Host, value: Value, near: Six | None = None) -> Six:
 
 def _pose(host: Host, value: Value) -> Pose:
     """A pose, or that of joints."""
-    return pose(value) if isinstance(value, PoseValue) else host.forward(_finite_six(value))
+    return pose(value) if isinstance(value, PoseValue) else host.forward(finite_six(value))
 
 
 def _profile(acceleration: Value, speed: Value, time: Value = 0.0) -> Profile:
@@ -113,7 +113,7 @@ def _servoc(task: Any, goal: Value, *given: Value) -> Wait:
 
 
 def _speedj(task: Any, speeds: Value, acceleration: Value, time: Value) -> Wait:
-    host, wanted = task.host, _finite_six(speeds)
+    host, wanted = task.host, finite_six(speeds)
     (a,) = _finite(acceleration)
     for _ in _turns(host, time, wanted):
         host.speed(wanted, a)
@@ -122,7 +122,7 @@ def _speedj(task: Any, speeds: Value, acceleration: Value, time: Value) -> Wait:
 
 def _speedl(task: Any, velocity: Value, acceleration: Value, time: Value, turning: Value) -> Wait:
     """`turning` is the acceleration of the turn, which follows the other one (assumed)."""
-    host, wanted = task.host, _finite_six(velocity)
+    host, wanted = task.host, finite_six(velocity)
     (a,) = _finite(acceleration)
     for _ in _turns(host, time, None):
         if not host.speed_line(wanted, a):
@@ -174,7 +174,7 @@ def _has_inverse(task: Any, x: Value, near: Value, *given: Value) -> Value:
 
 def _solved(host: Host, x: Value, near: Value, tcp: Value) -> Six | None:
     """The joints of a pose, by another tool where one is given."""
-    wanted, start = _numbers_or_stop(host, x), None if near is None else _finite_six(near)
+    wanted, start = _numbers_or_stop(host, x), None if near is None else finite_six(near)
     if wanted is None:
         return None
     return host.solve(wanted, start, None if tcp is None else pose(tcp))
@@ -190,7 +190,7 @@ def _numbers_or_stop(host: Host, x: Value) -> Pose | None:
 
 def _forward(task: Any, q: Value, tcp: Value) -> Value:
     host = task.host
-    joints = host.joints if q is None else _finite_six(q)
+    joints = host.joints if q is None else finite_six(q)
     return value_of(host.forward(joints, None if tcp is None else pose(tcp)))
 
 
@@ -200,11 +200,7 @@ def _inside(task: Any, place: Value) -> Value:
     return joints is not None and all(abs(angle) <= RANGE for angle in joints)
 
 
-# --- force, tool, payload
-
-
-def _enable_force(task: Any, enable: Value, *given: Value) -> None:
-    task.host.enable_external_force(truth(enable))
+# --- tool, payload
 
 
 def _set_payload(task: Any, mass: Value, centre: Value, *given: Value) -> None:
@@ -217,19 +213,12 @@ def _set_tcp(task: Any, tcp: Value, *given: Value) -> None:
     task.host.set_tcp(pose(tcp))
 
 
-def _output(name: str) -> Any:
+def read_output(name: str) -> Any:
     return lambda task: _shaped(task.host.output(name))
 
 
 def _shaped(found: tuple[float, ...]) -> Value:
     return found if len(found) > 1 else found[0]
-
-
-def _history(task: Any, steps: Value) -> Value:
-    """Joints of so many cycles ago; the emulator keeps those of now."""
-    integer(steps)
-    task.tell_tagged("steps of get_actual_joint_positions_history")
-    return tuple(task.host.joints)
 
 
 MOTION: tuple[Function, ...] = (
@@ -258,7 +247,6 @@ MOTION: tuple[Function, ...] = (
     modelled("is_steady()", lambda task: task.host.still),
     modelled("get_actual_joint_positions()", lambda task: task.host.joints),
     modelled("get_joint_positions()", lambda task: task.host.joints),
-    modelled("get_actual_joint_positions_history(steps=0)", _history),
     modelled("get_actual_joint_speeds()", lambda task: task.host.speeds),
     modelled("get_target_joint_positions()", lambda task: task.host.target),
     modelled("get_target_joint_speeds()", lambda task: task.host.speeds),
@@ -269,8 +257,8 @@ MOTION: tuple[Function, ...] = (
         "get_actual_tool_flange_pose()",
         lambda task: value_of(task.host.forward(task.host.joints, Pose((0.0,) * 3, (1.0, 0.0, 0.0, 0.0)))),
     ),
-    modelled("get_actual_tcp_speed()", _output("actual_TCP_speed")),
-    modelled("get_target_tcp_speed()", _output("target_TCP_speed")),
+    modelled("get_actual_tcp_speed()", read_output("actual_TCP_speed")),
+    modelled("get_target_tcp_speed()", read_output("target_TCP_speed")),
     modelled("get_rtde_value(key)", lambda task, key: _shaped(task.host.output(string(key)))),
     modelled("get_tcp_offset()", lambda task: PoseValue(six_of(task.host.tcp))),
     modelled("set_tcp(pose, tcp_name=None)", _set_tcp),
@@ -280,17 +268,6 @@ MOTION: tuple[Function, ...] = (
     modelled("set_payload_mass(m)", lambda task, mass: _set_payload(task, mass, None)),
     modelled("set_payload_cog(cog)", lambda task, cog: _set_payload(task, task.host.payload[0], cog)),
     modelled("set_target_payload(m, cog=None, inertia=None, transition_time=0)", _set_payload),
-    modelled("get_tcp_force()", _output("actual_TCP_force")),
-    modelled("force()", lambda task: math.hypot(*task.host.output("actual_TCP_force")[:3])),
-    modelled("zero_ftsensor()", lambda task: task.host.zero_force()),
-    modelled(
-        "ft_rtde_input_enable(enable, sensor_mass=0, sensor_measuring_offset=None, sensor_cog=None)",
-        _enable_force,
-    ),
-    modelled(
-        "enable_external_ft_sensor(enable, sensor_mass=0, sensor_measuring_offset=None, sensor_cog=None)",
-        _enable_force,
-    ),
     modelled("protective_stop()", lambda task: task.host.protective_stop("ordered by a program")),
     modelled("powerdown()", lambda task: task.host.power_off()),
 )

@@ -148,8 +148,14 @@ def assigned(node: Tree[Token]) -> str | None:
 
 
 def line_of(node: Any) -> int:
-    """Where a node begins; 1 where it is empty."""
-    return getattr(node.meta, "line", 1)
+    """Where a node's first token stands; 1 where it has none."""
+    waiting = [node]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, Token):
+            return node.line or 1
+        waiting += reversed(node.children)
+    return 1
 
 
 def is_pose(node: Tree[Token]) -> bool:

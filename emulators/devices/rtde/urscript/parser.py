@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from functools import lru_cache
-from typing import Any, Protocol
+from typing import Any
 
 from lark import Lark, Token, Tree
 from lark.exceptions import UnexpectedCharacters, UnexpectedInput, UnexpectedToken
@@ -15,13 +15,6 @@ _CLOSES = frozenset({"RPAR", "RSQB"})
 _BLOCKS = frozenset({"DEF", "THREAD", "SEC", "IF", "WHILE"})
 _GOES_ON = frozenset({"OR", "AND", "NOT", "COMPARE", "SIGN", "TIMES", "EQUAL", "COMMA", "COLON"})
 """Tokens behind which a statement goes on in the next line."""
-
-
-class Meta(Protocol):
-    """Where a tree begins."""
-
-    line: int
-    column: int
 
 
 class _LineEnds:
@@ -63,7 +56,6 @@ def make_parser() -> Lark:
         parser="lalr",
         lexer="basic",
         postlex=_LineEnds(),
-        propagate_positions=True,
         maybe_placeholders=False,
     )
 

@@ -10,15 +10,7 @@ from typing import Any, NamedTuple
 from lark import Token, Tree
 
 from emulators.devices.rtde.urscript import values
-from emulators.devices.rtde.urscript.expressions import (
-    UNSET,
-    Expressions,
-    Frame,
-    Part,
-    Returned,
-    Run,
-    combined,
-)
+from emulators.devices.rtde.urscript.expressions import UNSET, Expressions, Returned
 from emulators.devices.rtde.urscript.failures import (
     Halted,
     ScriptError,
@@ -28,6 +20,7 @@ from emulators.devices.rtde.urscript.failures import (
 from emulators.devices.rtde.urscript.lists import METHODS
 from emulators.devices.rtde.urscript.names import Code, analyse, assigned, is_pose, line_of, nodes
 from emulators.devices.rtde.urscript.parser import parse
+from emulators.devices.rtde.urscript.parts import Frame, Part, Run, combined
 from emulators.devices.rtde.urscript.table import Functions
 from emulators.devices.rtde.urscript.values import Value
 
@@ -37,8 +30,8 @@ class Leaving:
 
 
 BREAK, CONTINUE = Leaving(), Leaving()
-_WRONG = (ArithmeticError, ValueError, RecursionError)
-"""Exceptions of Python's arithmetic, and of a program that is nested too deeply, which are the program's fault."""
+_WRONG = (ScriptError, ArithmeticError, ValueError, RecursionError)
+"""A program's faults: those that are known as such, those of Python's arithmetic, and too deep a nesting."""
 
 
 class CompiledProgram(NamedTuple):
@@ -50,6 +43,8 @@ class CompiledProgram(NamedTuple):
     """`sec`: runs beside a program, and cannot move the arm."""
     root: Code
     main: Code
+    calls: frozenset[str]
+    """Names of all functions that it calls."""
 
 
 @lru_cache(maxsize=32)
@@ -57,13 +52,13 @@ def _compiled(text: str, tables: tuple[Any, ...]) -> CompiledProgram:
     functions = tables[0].table
     tree = parse(text)
     root = analyse(tree, functions)
-    _compile(root, functions)
+    calls = _compile(root, functions)
     block = root.body
     only = block.children[0] if len(block.children) == 1 else None
     if isinstance(only, Tree) and only.data in ("def", "sec"):
         name = str(only.children[0])
-        return CompiledProgram(name, only.data == "sec", root, root.functions[name])
-    return CompiledProgram("", False, root, root)
+        return CompiledProgram(name, only.data == "sec", root, root.functions[name], calls)
+    return CompiledProgram("", False, root, root, calls)
 
 
 class _Key:
@@ -84,7 +79,8 @@ def compile_program(text: str, functions: Functions) -> CompiledProgram:
     return _compiled(text, (_Key(functions),))
 
 
-def _compile(root: Code, functions: Functions) -> None:
+def _compile(root: Code, functions: Functions) -> frozenset[str]:
+    """Compile a text's functions; the names of all that they call."""
     codes = [root]
     for code in codes:
         codes += code.functions.values()
@@ -104,6 +100,7 @@ def _compile(root: Code, functions: Functions) -> None:
         part = Statements(code, functions).block(code.body)
         code.run = part.run if part.waits or not code.waits else _as_generator(part.run)
         code.waits = code.waits or part.waits
+    return frozenset[str]().union(*(code.calls for code in codes))
 
 
 def _as_generator(run: Run) -> Run:
@@ -139,9 +136,6 @@ class Statements:
                         signal = statement(frame)
                         if signal is not None:
                             return signal
-                except ScriptError as error:
-                    error.line = error.line or lines[at]
-                    raise
                 except _WRONG as error:
                     raise _failed(error, lines[at]) from None
                 return None
@@ -155,9 +149,6 @@ class Statements:
                     signal = (yield from part.run(frame)) if part.waits else part.run(frame)
                     if signal is not None:
                         return signal
-            except ScriptError as error:
-                error.line = error.line or lines[at]
-                raise
             except _WRONG as error:
                 raise _failed(error, lines[at]) from None
             return None
@@ -167,7 +158,7 @@ class Statements:
     # --- flow
 
     def _if_(self, node: Tree[Token]) -> Part:
-        children = list(node.children)
+        children = list(node.children[1:])
         otherwise: Part | None = None
         last = children[-1]
         if isinstance(last, Tree) and last.data == "otherwise":
@@ -183,7 +174,7 @@ class Statements:
             def wait(frame: Frame) -> Any:
                 for condition, block in branches:
                     value = (yield from condition.run(frame)) if condition.waits else condition.run(frame)
-                    if values.truth(value):
+                    if value is True or (value is not False and values.truth(value)):
                         return (yield from block.run(frame)) if block.waits else block.run(frame)
                 if otherwise is not None:
                     return (yield from otherwise.run(frame)) if otherwise.waits else otherwise.run(frame)
@@ -195,16 +186,18 @@ class Statements:
 
         def run(frame: Frame) -> Any:
             for condition, block in runs:
-                if values.truth(condition(frame)):
+                holds = condition(frame)
+                if holds is True or (holds is not False and values.truth(holds)):
                     return block(frame)
             return rest(frame)
 
         return Part(False, run)
 
     def _while_(self, node: Tree[Token]) -> Part:
-        condition = self._expressions.value(node.children[0])
+        _, asked, body = node.children
+        condition = self._expressions.value(asked)
         self._loops += 1
-        block = self.block(node.children[1])
+        block = self.block(body)
         self._loops -= 1
         weight = sum(1 for _ in nodes(node))
         if condition.waits or block.waits:
@@ -252,9 +245,10 @@ class Statements:
         return Part(False, lambda frame: signal)
 
     def _return_(self, node: Tree[Token]) -> Part:
-        if not node.children:
+        _, *value = node.children
+        if not value:
             return Part(False, lambda frame: Returned(None))
-        return combined([self._expressions.value(node.children[0])], lambda frame, value: Returned(value))
+        return combined([self._expressions.value(value[0])], lambda frame, value: Returned(value))
 
     def _halt(self, node: Tree[Token]) -> Part:
         def run(frame: Frame) -> Any:
@@ -379,6 +373,10 @@ class Statements:
 
 
 def _failed(error: Exception, line: int) -> ScriptError:
+    """The program's fault, with the line of the innermost statement."""
+    if isinstance(error, ScriptError):
+        error.line = error.line or line
+        return error
     deep = isinstance(error, RecursionError)
     failure = ScriptError("too many functions have called each other" if deep else f"arithmetic: {error}")
     failure.line = line

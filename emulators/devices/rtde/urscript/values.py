@@ -94,7 +94,7 @@ def checked_string(text: str) -> str:
 
 def number(value: Value) -> int | float:
     """A number; a boolean is none."""
-    if isinstance(value, (int, float)) and value.__class__ is not bool:
+    if value.__class__ is float or value.__class__ is int:
         return value
     raise ScriptError(f"a number is needed, not {kind(value)}")
 
@@ -127,7 +127,10 @@ def vector(value: Value, size: int) -> tuple[float, ...]:
     found = array(value)
     if len(found) != size:
         raise ScriptError(f"a list of {size} numbers is needed, not of {len(found)}")
-    return tuple(number(part) for part in found)
+    for part in found:
+        if part.__class__ is not float:
+            number(part)
+    return tuple(found)  # type: ignore[arg-type]
 
 
 def truth(value: Value) -> bool:
@@ -186,15 +189,16 @@ def multiply(a: Value, b: Value) -> Value:
 
 def divide(a: Value, b: Value) -> Value:
     if a.__class__ in _NUMBERS and b.__class__ in _NUMBERS:
-        return _quotient(number(a), number(b))
-    return _each(_quotient, a, b)
+        return quotient(number(a), number(b))
+    return _each(quotient, a, b)
 
 
 def modulo(a: Value, b: Value) -> Value:
     return _each(_remainder, a, b)
 
 
-def _quotient(a: float, b: float) -> float:
+def quotient(a: float, b: float) -> float:
+    """Raises ScriptError for a division by zero."""
     if b == 0:
         raise ScriptError("a division by zero")
     return a / b

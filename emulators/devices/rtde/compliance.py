@@ -1,0 +1,107 @@
+"""Force mode, freedrive and contact of one controller: what its programs set, and the arm's cycle with it."""
+
+from typing import NamedTuple
+
+from emulators.devices.rtde.arm import Hold, JointArm, Place
+from emulators.devices.rtde.contact import History
+from emulators.devices.rtde.force_mode import (
+    Admittance,
+    ForceMode,
+    ForceTask,
+    Steered,
+    about_tool,
+    solve_motion,
+)
+from emulators.devices.rtde.kinematics import Arm, compose, flange
+from emulators.devices.rtde.profile import RtdeProfile
+from protocol.geometry import Pose, Wrench, rotate
+
+
+class Felt(NamedTuple):
+    """What force mode knows of the tool in a cycle."""
+
+    tcp: Pose
+    """Tool in the flange, as the controller takes it to be."""
+    force: Wrench
+    """actual_TCP_force as a program reads it."""
+    external: bool
+    """A client gives it; the arm's own tells no moments, and force mode takes them as 0 about the tool."""
+
+
+class Compliance:
+    """What programs set of force mode, and the cycle of an arm with it."""
+
+    def __init__(self, profile: RtdeProfile, period: float, lengths: Arm) -> None:
+        self._profile, self._period, self._lengths = profile, period, lengths
+        self.history = History()
+        self._mode: ForceMode | None = None
+        self._free = False
+        """The mode is freedrive."""
+        self.reset()
+
+    def reset(self) -> None:
+        """A program has ended: force mode and its settings end with it."""
+        self._mode = None
+        self.damping = self._profile.force_mode_damping
+        """0 … 1, of force_mode_set_damping()."""
+        self.gain_scaling = self._profile.force_mode_gain_scaling
+        """0 … 2, of force_mode_set_gain_scaling()."""
+
+    @property
+    def on(self) -> bool:
+        """Whether force mode or freedrive is on."""
+        return self._mode is not None
+
+    def begin(self, task: ForceTask) -> None:
+        """force_mode(): from the next cycle on. Another call changes what is on."""
+        if self._mode is not None and not self._free:
+            self._mode.change(task)
+        else:
+            self._mode = ForceMode(task, self._period)
+        self._free = False
+
+    def free(self, frame: Pose, axes: tuple[bool, ...]) -> None:
+        """freedrive_mode(): the axes of the frame yield to a force."""
+        profile = self._profile
+        speed, turn = profile.freedrive_speed_mm_s * 1e-3, profile.freedrive_turn_rad_s
+        limits = (speed, speed, speed, turn, turn, turn)
+        self._mode, self._free = ForceMode(ForceTask(frame, axes, (0.0,) * 6, 2, limits), self._period), True
+
+    def end(self, freedrive: bool) -> None:
+        """end_force_mode(), or end_freedrive_mode(): nothing happens where that one is not on."""
+        if self._free == freedrive:
+            self._mode = None
+
+    def _admittance(self) -> Admittance:
+        profile = self._profile
+        gain, turn_gain = profile.force_mode_gain_mm_s_n * 1e-3, profile.force_mode_turn_gain_rad_s_nm
+        if self._free:
+            return Admittance(gain, turn_gain, 1.0, profile.freedrive_least_n)
+        scale = self.gain_scaling
+        return Admittance(gain * scale, turn_gain * scale, self.damping, profile.force_mode_least_n)
+
+    def step(self, arm: JointArm, pace: float, plays: bool, felt: Felt) -> bool:
+        """One cycle of the arm; `pace` as for `JointArm.step`. False where no joints follow the force.
+
+        While no program plays, or the arm is held, nothing yields: it stands, or brakes from the speed that it has.
+        """
+        mode = self._mode
+        if mode is None or not plays or isinstance(arm.order, Hold):
+            arm.settle()
+            arm.step(pace)
+            return True
+        before = arm.joints
+        old_flange = flange(self._lengths, before)
+        old = compose(old_flange, felt.tcp)
+        arm.step(pace)
+        planned = compose(flange(self._lengths, arm.joints), felt.tcp)
+        wrench = felt.force
+        if felt.external and self._profile.force_point == "flange":
+            wrench = about_tool(wrench, rotate(old_flange.quaternion, felt.tcp.position))
+        poses = mode.step(self._admittance(), Steered(old, planned, isinstance(arm.order, Place)), wrench)
+        motion = solve_motion(self._lengths, felt.tcp, poses, arm.joints)
+        if motion is None:
+            arm.stay(before)
+            return False
+        arm.yield_to(before, motion.path, motion.joints)
+        return True

@@ -1,0 +1,78 @@
+"""Motions that programs order, told to a judge of the client behind them."""
+
+import math
+from typing import Protocol
+
+from emulators.devices.rtde.kinematics import Joints
+from emulators.devices.rtde.profile import RtdeProfile
+from emulators.orders import Act, HeardOrder, Orders
+from protocol.geometry import Pose
+
+
+class Playing(Protocol):
+    """The controller, as far as it is asked here."""
+
+    profile: RtdeProfile
+    orders: Orders
+    now: float
+
+    @property
+    def plays(self) -> bool:
+        """Whether a program plays on an arm that may move."""
+
+    def forward(self, joints: Joints, tcp: Pose | None = None) -> Pose:
+        """Pose of the controller's tool at these joints."""
+
+
+class Motions:
+    """Tells each motion once: a program that repeats it has heard nothing new from its client.
+
+    Without a listener nothing is computed.
+    """
+
+    def __init__(self, controller: Playing) -> None:
+        self._controller = controller
+        self.news = 0
+        """Packages of inputs, and pieces that came over sockets of programs."""
+        self.muted = False
+        """Whether nothing is told: the client has not spoken since the program began."""
+        self._told: tuple[str, object] = ("", None)
+        self._heard = 0
+        """News at the newest motion that was told."""
+
+    def hear_servo(self, joints: Joints) -> None:
+        """servoj to joints."""
+        if self._is_new("servoj", joints):
+            place = self._controller.forward(joints) if all(map(math.isfinite, joints)) else None
+            self._tell("servoj", place, self._controller.profile.max_target_step_mm * 1e-3)
+
+    def hear_speed(self, words: str, speeds: Joints) -> None:
+        """Speeds of the joints, or of the tool."""
+        if self._is_new(words, speeds):
+            self._tell(words, None, moves=any(speeds))
+
+    def hear_move(self, words: str, goal: Pose) -> None:
+        """A move that is planned before it begins."""
+        if self._listens:
+            self._told, self._heard = (words, goal), self.news
+            self._tell(words, goal)
+
+    @property
+    def _listens(self) -> bool:
+        return self._controller.orders.listener is not None and not self.muted
+
+    def _is_new(self, words: str, values: object) -> bool:
+        if not self._listens:
+            return False
+        told = (words, values)
+        if told == self._told and self._heard == self.news:
+            return False
+        self._told, self._heard = told, self.news
+        return True
+
+    def _tell(self, words: str, goal: Pose | None, reach_m: float = math.inf, moves: bool = True) -> None:
+        controller = self._controller
+        place = None if goal is None else goal.position
+        controller.orders.tell(
+            HeardOrder(controller.now, Act.MOTION, words, controller.plays, place, moves, reach_m)
+        )

@@ -1,0 +1,80 @@
+"""Operators of a program: between two parts."""
+
+import operator
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from emulators.devices.rtde.urscript import values
+from emulators.devices.rtde.urscript.parts import NUMBERS, Frame, Part, combined
+from emulators.devices.rtde.urscript.values import Value
+
+_COMPARISONS: Mapping[str, Callable[[Value, Value], Value]] = {
+    "==": operator.eq,
+    "!=": operator.ne,
+    "<": lambda a, b: values.compare(operator.lt, a, b),
+    ">": lambda a, b: values.compare(operator.gt, a, b),
+    "<=": lambda a, b: values.compare(operator.le, a, b),
+    ">=": lambda a, b: values.compare(operator.ge, a, b),
+}
+_OPERATIONS: Mapping[str, Callable[[Value, Value], Value]] = {
+    "+": values.add,
+    "-": values.subtract,
+    "*": values.multiply,
+    "/": values.divide,
+    "%": values.modulo,
+    **_COMPARISONS,
+}
+_DIRECT: Mapping[str, Callable[[Any, Any], Any]] = {
+    "+": operator.add,
+    "-": operator.sub,
+    "*": operator.mul,
+    "/": values.quotient,
+    "%": values.modulo,
+    "==": operator.eq,
+    "!=": operator.ne,
+    "<": operator.lt,
+    ">": operator.gt,
+    "<=": operator.le,
+    ">=": operator.ge,
+}
+_FLOATS = (float,)
+
+
+def binary(sign: str, left: Part, right: Part) -> Part:
+    """An operation on two values. Two floats, and two numbers that are compared, take Python's own at once."""
+    operation, direct = _OPERATIONS[sign], _DIRECT[sign]
+    kinds = NUMBERS if sign in _COMPARISONS or sign == "/" else _FLOATS
+
+    def apply(frame: Frame, a: Value, b: Value) -> Value:
+        if isinstance(a, tuple) or isinstance(b, tuple):
+            frame[1].spend(_work(a, b))
+        return operation(a, b)
+
+    if left.waits or right.waits:
+        return combined([left, right], apply)
+    first, second, fixed = left.run, right.run, right.constant
+
+    def run(frame: Frame) -> Any:
+        a, b = first(frame), second(frame)
+        if a.__class__ in kinds and b.__class__ in kinds:
+            return direct(a, b)
+        return apply(frame, a, b)
+
+    def run_with_fixed(frame: Frame) -> Any:
+        a = first(frame)
+        if a.__class__ in kinds:
+            return direct(a, fixed)
+        return apply(frame, a, fixed)
+
+    return Part(False, run_with_fixed if fixed.__class__ in kinds else run)
+
+
+def _work(a: Value, b: Value) -> int:
+    """Steps of an operation on lists or matrices."""
+    size = 1
+    for value in (a, b):
+        if isinstance(value, tuple):
+            size *= max(len(value), 1)
+            if values.is_matrix(value):
+                size *= max(len(values.array(value[0])), 1)
+    return size if values.is_matrix(a) else max(len(value) for value in (a, b) if isinstance(value, tuple))
