@@ -17,7 +17,7 @@ def doctor(config_file: Path | None) -> None:
     """Tell of ports, CAN interfaces, clock and scheduler what is good, what is not, and what to do: one line each.
 
     With a configuration it also checks what its URLs name, and ends with exit code 3 when that cannot work. Nothing
-    is sent to any device.
+    is sent to any device, but four questions to web services that a robot's URL names.
     """
     from hil_bridge.site.doctor import doctor as examine
 

@@ -16,6 +16,9 @@ from hil_bridge.devices.robots.egm.web_address import WebAddress, split_web
 from hil_bridge.devices.robots.egm.web_client import WebState, read_state
 from hil_bridge.devices.wiring import Serving
 from hil_bridge.errors import ConfigError, DeviceError
+from hil_bridge.settings.configuration import load_config
+from hil_bridge.settings.devices import robot_at
+from hil_bridge.site.doctor import beside
 from hil_bridge.site.robot_probe import probe, probe_rows
 from protocol.devices.egm.web import PASSWORD, SUBSCRIPTION, USER
 
@@ -115,7 +118,8 @@ def test_connections_are_bounded_and_free_again() -> None:
             idle = [await asyncio.open_connection(*address) for _ in range(64)]
             reader, writer = await asyncio.open_connection(*address)
             with pytest.raises((ConnectionError, asyncio.IncompleteReadError)):
-                await reader.readexactly(1)
+                async with asyncio.timeout(30.0):  # less than an idle connection is let stand
+                    await reader.readexactly(1)
             for _, one in [*idle, (reader, writer)]:
                 one.transport.abort()
             await asyncio.sleep(0.1)
@@ -152,6 +156,20 @@ def test_a_probe_without_its_web_services_tells_that_they_do_not_answer() -> Non
     words, _ = probe_of(lambda web: "udp-bind://127.0.0.1:0?rws=127.0.0.1:1")
     assert "web services web services at 127.0.0.1:1: " in words
     assert "a run would be refused: robot on" in words
+
+
+def test_the_doctor_reads_the_web_services_that_a_url_names() -> None:
+    async def main() -> list[str]:
+        async with served() as (controller, address):
+            controller.stop("program-stopped", controller.next_deadline() or 0.0)
+            url = f"egm+udp-bind://127.0.0.1:6510?rws={address.authority}"
+            robot = robot_at(load_config(None, {}), url)
+            return await asyncio.to_thread(lambda: [str(fact) for fact in beside("robot.url", robot)])
+
+    assert run_real(main) == [
+        "ok    robot.url: RobotWare 7.00.00.00, motors motoron, mode AUTO, RAPID stopped",
+        "fail  robot.url: the RAPID program is stopped (stopped); start it",
+    ]
 
 
 def test_nothing_that_answers_is_told_with_its_address() -> None:
