@@ -25,8 +25,8 @@ cell.jr3.uart.boot_s = 0.2
 """
 """AWAKE for the head of a configuration file, before its first section."""
 
-NEAR_TOML = f"{AWAKE_TOML}cell.start_position_mm = [900.0, -100.0, 592.0]\ntask.retract_mm = 4.0\n"
-"""NEAR for the same place."""
+NEAR_TOML = "cell.start_position_mm = [900.0, -100.0, 592.0]\ntask.retract_mm = 4.0\n"
+"""The start and the way back of NEAR for the same place."""
 
 
 def merged(settings: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:

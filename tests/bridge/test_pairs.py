@@ -11,7 +11,7 @@ from hil_bridge.devices.kinds import ROBOTS, SENSORS
 from hil_bridge.lab.experiments.emulated_run import run_emulated
 from hil_bridge.record import Outcome
 from hil_bridge.settings.configuration import read_config
-from tests.near_surface import NEAR, NEAR_TOML, merged
+from tests.near_surface import AWAKE_TOML, NEAR, NEAR_TOML, merged
 
 CONTOUR = {
     "kind": "sinusoidal",
@@ -55,7 +55,7 @@ def test_the_record_tells_how_soon_a_robot_was_answered(robot: str, tmp_path: Pa
     That two runs are the same to the byte, and a replay identical, is held for each robot in its own tests.
     """
     near = tmp_path / "near.toml"
-    near.write_text(f"{NEAR_TOML}cell.netft.rate_hz = 1000\n")
+    near.write_text(f"{AWAKE_TOML}{NEAR_TOML}cell.netft.rate_hz = 1000\n")
     record = str(tmp_path / "run.mcap")
     arguments = ["run", str(near), "--robot", robot, "--sensor", "netft", "--virtual", "--seed", "3"]
     arguments += ["--duration", "0.3", "--no-view", "--record", record]
