@@ -175,7 +175,7 @@ def test_the_picture_draws_the_wanted_force_of_each_sample_where_the_tool_presse
 
 def test_the_borders_of_too_many_steps_are_left_out() -> None:
     def drawn(count: int) -> tuple[int, set[str]]:
-        spans = [Span(float(k), k + 1.0, f"1.1 (zero, pass {k})", "zero") for k in range(count)]
+        spans = [Span(float(k), k + 1.0, f"1.1 (zero, pass {k})", "zero", short="1.1") for k in range(count)]
         chart = Chart("force", "Force", "N")
         ax = Figure().add_subplot()
         paint(ax, chart, Charts({"time": Axis("time", "s")}, [chart], {}, spans=spans))
