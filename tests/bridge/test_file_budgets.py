@@ -192,7 +192,7 @@ def test_results_that_another_program_holds_are_refused(
 def test_why_tells_no_character_that_acts_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hil_bridge.record.read_with_traffic", lambda path: (None, None))
     monkeypatch.setattr(
-        "hil_bridge.record.analysis.why.why", lambda record: "cause: \x1b[2J\x07gone\nthen \u202e"
+        "hil_bridge.record.analysis.why.why", lambda record, file: "cause: \x1b[2J\x07gone\nthen \u202e"
     )
     monkeypatch.setattr("hil_bridge.lab.invariants.recorded.promises_broken", lambda record: ["\x1b[2J"])
     monkeypatch.setattr(
