@@ -365,7 +365,7 @@ def test_no_summary_of_a_command_is_cut_in_a_terminal_of_80_columns(
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
     _, output, _ = hil(*group, "--help")
-    summaries = output.split("Commands:\n")[1].splitlines()
+    summaries = output.split("Commands:\n")[1].split("\n\n")[0].splitlines()
     assert summaries
     assert all(line.endswith(".") and not line.endswith("...") for line in summaries)
 

@@ -392,6 +392,7 @@ def test_what_is_shown_can_be_read_and_survives_an_odd_answer() -> None:
     assert lines[1] == "state         EMERGENCY STOP, key in AUTO, link control given"
     assert "   900.000  -100.000   600.000 mm reported" in lines[4]
     assert all(len(line) < 100 for line in lines)
+    odd: dict[str, Any]
     for odd in ({}, {"rows": []}, {"rows": {}}):
         assert state_text(odd) == "–"
     assert state_text({"rows": {"mode\nx": ["y"], "a": "1\n2"}}) == "mode          ['y']\na             1"

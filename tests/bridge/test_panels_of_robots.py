@@ -113,6 +113,7 @@ def test_the_controls_of_a_universal_robot_act_and_are_refused_in_words() -> Non
     assert bench.do("power", "off")["mode"] == "power off"
     with pytest.raises(ValueError, match="refuses program pause"):
         bench.do("program", "pause")
+    wrong: object
     for wrong in ("fast", "101", "-1", "nan", "", None, True, [], "1e999"):
         with pytest.raises(ValueError, match=r"^speed goes to a number of 0 … 100 %, not "):
             bench.panel.perform({"do": "speed", "to": wrong}, bench.now)
