@@ -201,6 +201,19 @@ def test_a_silent_interface_says_nothing_and_goes_on_afterwards() -> None:
     assert client.keys() == [], "what it would have said is lost"
 
 
+@pytest.mark.parametrize(
+    ("statement", "code"),
+    [("protective_stop()", 209), ("movel(p[9, 9, 9, 0, 0, 0])", 0), ("servoj([0, 0, 0, 0, 0, 0])", 204)],
+)
+def test_a_protective_stop_has_the_code_of_its_reason(statement: str, code: int) -> None:
+    client = Client(robot())
+    client.say(f"{statement}\n")
+    client.wait(0.3)
+    (error,) = client.messages(MessageKind.ERROR_CODE)
+    assert int.from_bytes(error.body[:4], "big") == code
+    assert error.body[8:12] == b"\0\0\0\2", "a warning"
+
+
 def test_a_client_that_has_left_is_told_nothing_more() -> None:
     ur = robot()
     client = Client(ur)

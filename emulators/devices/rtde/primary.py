@@ -12,6 +12,7 @@ from emulators.devices.rtde.running import Saying
 from emulators.devices.rtde.script import ScriptPort
 from emulators.devices.rtde.state import Snapshot, getter
 from emulators.devices.rtde.targets import SUDDEN_CHANGE
+from emulators.devices.rtde.urscript import ORDERED
 from emulators.devices.rtde.urscript import Message as Kind
 from protocol.devices.rtde import primary
 from protocol.devices.rtde.primary import MessageKind, Part, ReportLevel
@@ -33,6 +34,8 @@ _BOARD = (6, 4)
 _TYPES = {"ur5e": (1, 3), "ur5": (1, 1), "ur10e": (2, 3), "ur10": (2, 1)}
 """Type of an arm, from the C++ client library, and its sub-type: observed of a UR5e, assumed of the others."""
 _HALF_TURN = math.pi / 2
+_CODES = {SUDDEN_CHANGE: primary.SUDDEN_CHANGE, ORDERED: primary.ORDERED}
+"""Codes of protective stops by their reasons."""
 _EMERGENCY = (SafetyMode.SYSTEM_EMERGENCY_STOP, SafetyMode.ROBOT_EMERGENCY_STOP)
 _SPEED_LIMIT = 1.0
 
@@ -208,8 +211,7 @@ class PrimaryPort:
         for mode, reason in self._modes:
             self._say(MessageKind.SAFETY_MODE, primary.safety_mode_body(mode))
             if mode == SafetyMode.PROTECTIVE_STOP:
-                code = primary.SUDDEN_CHANGE if reason == SUDDEN_CHANGE else primary.NO_CODE
-                body = primary.error_body(code, 0, ReportLevel.WARNING, reason)
+                body = primary.error_body(_CODES.get(reason, primary.NO_CODE), 0, ReportLevel.WARNING, reason)
                 self._say(MessageKind.ERROR_CODE, body)
         self._modes.clear()
 

@@ -81,6 +81,8 @@ NO_SOURCE = 255
 """Assumed: the source of a message that no part of a program says, -1."""
 SUDDEN_CHANGE = 204
 """Code of a protective stop for a leap of the target. Source: users of the maker's forum."""
+ORDERED = 209
+"""Code of a protective stop that a program orders. Source: tests of the C++ client library."""
 NO_CODE = 0
 """Assumed: of the other protective stops no code is known."""
 READ_ONLY = 210

@@ -2,13 +2,14 @@
 
 from emulators.devices.rtde.urscript.catalogue import FUNCTIONS
 from emulators.devices.rtde.urscript.failures import RuntimeFailure, ScriptSyntaxError, SyntaxFailure
-from emulators.devices.rtde.urscript.host import Host, Message, Profile, Socket
+from emulators.devices.rtde.urscript.host import ORDERED, Host, Message, Profile, Socket
 from emulators.devices.rtde.urscript.machine import Machine
 from emulators.devices.rtde.urscript.parser import make_parser
 from emulators.devices.rtde.urscript.statements import CompiledProgram, compile_program
 
 __all__ = [
     "FUNCTIONS",
+    "ORDERED",
     "CompiledProgram",
     "Host",
     "Machine",

@@ -14,6 +14,10 @@ from protocol.geometry import Pose, Vector
 Six = tuple[float, float, float, float, float, float]
 
 
+ORDERED = "ordered by a program"
+"""Reason of a protective stop that a program orders."""
+
+
 class Message(StrEnum):
     """Kinds of messages of a program."""
 

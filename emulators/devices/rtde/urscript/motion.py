@@ -6,7 +6,7 @@ from typing import Any, TypeAlias
 
 from emulators.devices.rtde.kinematics import RANGE
 from emulators.devices.rtde.urscript.failures import ScriptError
-from emulators.devices.rtde.urscript.host import Host, Profile, Six
+from emulators.devices.rtde.urscript.host import ORDERED, Host, Profile, Six
 from emulators.devices.rtde.urscript.poses import pose, value_of
 from emulators.devices.rtde.urscript.table import Function, modelled, waiting
 from emulators.devices.rtde.urscript.values import PoseValue, Value, number, string, vector
@@ -268,6 +268,6 @@ MOTION: tuple[Function, ...] = (
     modelled("set_payload_mass(m)", lambda task, mass: _set_payload(task, mass, None)),
     modelled("set_payload_cog(cog)", lambda task, cog: _set_payload(task, task.host.payload[0], cog)),
     modelled("set_target_payload(m, cog=None, inertia=None, transition_time=0)", _set_payload),
-    modelled("protective_stop()", lambda task: task.host.protective_stop("ordered by a program")),
+    modelled("protective_stop()", lambda task: task.host.protective_stop(ORDERED)),
     modelled("powerdown()", lambda task: task.host.power_off()),
 )
