@@ -7,7 +7,6 @@ from hil_bridge.errors.text_files import harmless
 from hil_bridge.record.ending import ALARMS, CAUTIONS, PHASE_EVENT, STOP_EVENT
 from hil_bridge.record.records import CycleRecord, EventRecord, StepRecord
 from hil_bridge.show.pages.description import Mark, Span
-from hil_bridge.show.texts import without_places
 from protocol.faults import FaultStage
 
 MARKS_MOST = 400
@@ -62,7 +61,7 @@ def line_of(record: EventRecord | StepRecord) -> str:
 
 
 def _lead(lead: str, line: str) -> str:
-    return (f"{lead}: {without_places(line)}" if line else lead)[:LONGEST]
+    return (f"{lead}: {line}" if line else lead)[:LONGEST]
 
 
 def weight_of(event: EventRecord) -> str:
