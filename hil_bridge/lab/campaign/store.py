@@ -161,6 +161,11 @@ class Store:
             told = "" if self._holds_programs() else self.fact("format")
         except sqlite3.Error:
             told = ""
+        if told and told != FORMAT:
+            raise ConfigError(
+                f"{self.path} has results in the form {told!r} of another version, and this one reads {FORMAT!r}; "
+                "read it with the version that wrote it, or run the campaign anew"
+            )
         if told != FORMAT:
             raise ConfigError(f"{self.path} holds no results of a campaign; name another file")
 
