@@ -33,7 +33,7 @@ def page(store: Store) -> str:
     lead = f"{len(runs)}{of_all} runs done: {len(runs) - bad} passed, {bad} failed."
     body = f"""<h1>Campaign {escape(plan.name)}</h1>
 <p><strong>{lead}</strong></p>
-{pairs(_facts(store, plan, runs))}
+{pairs(_facts(store, plan, runs), "facts")}
 {hunted}
 <h2>Criteria</h2><div class="scroll">{_criteria(plan, runs)}</div>
 <h2>Worst runs first</h2>{_worst(store, plan, runs)}
