@@ -11,11 +11,13 @@ AWAKE: dict[str, Any] = {
 }
 """Sensors of an emulated cell that answer soon after power-up. The tests of each sensor hold its own time."""
 
-NEAR: dict[str, Any] = {
-    "cell": {"start_position_mm": (900.0, -100.0, 592.0), **AWAKE},
+NEAR_START: dict[str, Any] = {
+    "cell": {"start_position_mm": (900.0, -100.0, 592.0)},
     "task": {"retract_mm": 4.0},
 }
-"""Settings for a start 2 mm above a flat surface, a short way back, and sensors that answer soon."""
+"""Settings for a start 2 mm above a flat surface, and a short way back, with the usual power-up of each sensor."""
+NEAR: dict[str, Any] = {**NEAR_START, "cell": {**NEAR_START["cell"], **AWAKE}}
+"""The same with sensors that answer soon."""
 
 
 AWAKE_TOML = """\

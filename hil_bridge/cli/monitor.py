@@ -66,7 +66,7 @@ def monitor(
     link, file = settings.link, settings.orders_file
     named = orders_file or (Path(file) if file else None)
     orders = read_orders(named, link.max_telegram) if named else KNOWN
-    if len(sources) == 1 and Path(first).exists():
+    if len(sources) == 1 and (Path(first).exists() or Path(first).suffix == ".mcap"):
         monitor_file(Path(first), link if config_file else None, orders, raw)
         return
     if SENSORS.split(first)[0] == "jr3":

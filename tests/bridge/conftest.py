@@ -19,7 +19,7 @@ from hil_bridge.runs.watching import Listener
 from hil_bridge.settings.configuration import Config, read_config
 from hil_bridge.testing.wires import Faults, Faulty
 from hil_bridge.transports import Frames, Transport
-from tests.near_surface import NEAR, merged
+from tests.near_surface import NEAR_START, merged
 from tests.paper_cell import PaperCell
 
 
@@ -106,7 +106,7 @@ def bench() -> Callable[..., Bench]:
         prepare: Callable[[Bench], None] | None = None,
         **sections: Any,
     ) -> Bench:
-        bench = Bench(read_config(merged({**NEAR, "run": {"duration_s": 5.0}}, sections)))
+        bench = Bench(read_config(merged({**NEAR_START, "run": {"duration_s": 5.0}}, sections)))
         if meddle is not None:
             bench.meddle = meddle
         if prepare is not None:
