@@ -59,7 +59,7 @@ def main():
                 return
             sequence += 1
             deep = 0.01 * (1.0 - math.cos(math.pi * (time.monotonic() - begun)))
-            deep += 0.2 if MISTAKE == "leap" and sequence > 30 else 0.0
+            deep += 0.2 if MISTAKE == "leap" and sequence > 130 else 0.0
             target = (start[0], start[1] + deep, *start[2:])
             wire.sendall(INPUTS.pack(*target, 0.002, 0.1, 300.0, Command.SERVO, sequence))
             if MISTAKE == "crash" and sequence > 100 and safety == NORMAL:

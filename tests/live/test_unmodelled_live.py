@@ -13,7 +13,7 @@ pytestmark = pytest.mark.live
 
 
 def test_emulate_tells_each_thing_once_and_all_at_its_end() -> None:
-    """A dashboard client loads a program twice, and asks for what no dashboard knows."""
+    """A dashboard client asks for a variable twice, for what no dashboard knows, and for a log."""
     command = [sys.executable, "-m", "hil_bridge", "emulate", "robot", "--robot", "rtde", "--json"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as serving:
         try:
@@ -26,7 +26,7 @@ def test_emulate_tells_each_thing_once_and_all_at_its_end() -> None:
                 dashboard.makefile("rw") as lines,
             ):
                 assert lines.readline().startswith("Connected")
-                for line in ("load polish.urp", "load polish.urp", "dance", "set operational mode manual"):
+                for line in ("get variable x", "get variable x", "dance", "log all"):
                     lines.write(line + "\n")
                     lines.flush()
                     assert lines.readline().startswith("could not understand")
@@ -37,8 +37,8 @@ def test_emulate_tells_each_thing_once_and_all_at_its_end() -> None:
     assert serving.returncode == 0
     detail = "answered as one that is not understood"
     assert told.splitlines() == [
-        f"dashboard command load of rtde is not modelled: {detail}",
-        f"dashboard command set operational mode of rtde is not modelled: {detail}",
+        f"dashboard command get variable of rtde is not modelled: {detail}",
+        f"dashboard command log of rtde is not modelled: {detail}",
         "your client relied on 2 things that are not modelled: "
-        f"dashboard command load ({detail}); dashboard command set operational mode ({detail})",
+        f"dashboard command get variable ({detail}); dashboard command log ({detail})",
     ]

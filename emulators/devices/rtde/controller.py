@@ -40,6 +40,8 @@ from protocol.devices.rtde.packets import Version
 from protocol.devices.rtde.states import STOPPED_MODES, RobotMode, Runtime, SafetyMode
 from protocol.geometry import Pose, Wrench, normalise, product, rotate
 
+LATE_S = 0.05
+"""Chosen: a longer time between two looks is lateness of this process, and no silence of a client."""
 _LEVEL: Pose = Pose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
 _NO_FORCE: Wrench = (0.0,) * 6
 BY_FAULT = "as a fault"
@@ -143,7 +145,11 @@ class Controller:
     # --- time
 
     def advance(self, now: float) -> None:
-        """Let all cycles up to `now` happen."""
+        """Let all cycles up to `now` happen. A process that was late has not heard its clients meanwhile."""
+        if (late := now - self.now - LATE_S) > 0.0:
+            self._force_at += late
+            for watchdog in self.watchdogs:
+                watchdog.last += late
         self.path.advance(now)
 
     def _cycle(self, now: float) -> Pose:
@@ -241,6 +247,7 @@ class Controller:
             return
         self.inputs = {**self.inputs, **values}
         self.motions.news += 1
+        self.motions.hear_package(names)
         for watchdog in self.watchdogs:
             if watchdog.name in names:
                 watchdog.last = self.now

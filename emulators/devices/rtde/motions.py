@@ -6,7 +6,11 @@ from typing import Protocol
 from emulators.devices.rtde.kinematics import Joints
 from emulators.devices.rtde.profile import RtdeProfile
 from emulators.orders import Act, HeardOrder, Orders
+from protocol.devices.rtde.program import COMMAND, POSE, Command
 from protocol.geometry import Pose
+
+_COMMAND = f"input_int_register_{COMMAND}"
+_PLACE = tuple(f"input_double_register_{number}" for number in range(POSE, POSE + 3))
 
 
 class Playing(Protocol):
@@ -19,6 +23,9 @@ class Playing(Protocol):
     @property
     def plays(self) -> bool:
         """Whether a program plays on an arm that may move."""
+
+    def number(self, name: str) -> float:
+        """An input that is a number, 0 where nothing was written."""
 
     def forward(self, joints: Joints, tcp: Pose | None = None) -> Pose:
         """Pose of the controller's tool at these joints."""
@@ -36,9 +43,24 @@ class Motions:
         """Packages of inputs, and pieces that came over sockets of programs."""
         self.muted = False
         """Whether nothing is told: the client has not spoken since the program began."""
+        self.by_registers = False
+        """Whether the newest program is our streaming program, which refuses a leap: its packages tell the orders."""
         self._told: tuple[str, object] = ("", None)
         self._heard = 0
         """News at the newest motion that was told."""
+
+    def hear_package(self, names: tuple[str, ...]) -> None:
+        """A package of inputs has come, with these names."""
+        controller = self._controller
+        if not self.by_registers or controller.orders.listener is None:
+            return
+        if _COMMAND in names and controller.number(_COMMAND) == Command.SERVO:
+            x, y, z = map(controller.number, _PLACE)
+            reach_m = controller.profile.max_target_step_mm * 1e-3
+            words, taken = "servo to a pose", controller.plays
+            controller.orders.tell(
+                HeardOrder(controller.now, Act.MOTION, words, taken, (x, y, z), reach_m=reach_m)
+            )
 
     def hear_servo(self, joints: Joints) -> None:
         """servoj to joints."""
@@ -59,7 +81,7 @@ class Motions:
 
     @property
     def _listens(self) -> bool:
-        return self._controller.orders.listener is not None and not self.muted
+        return self._controller.orders.listener is not None and not (self.muted or self.by_registers)
 
     def _is_new(self, words: str, values: object) -> bool:
         if not self._listens:

@@ -12,6 +12,7 @@ from emulators.devices.rtde.urscript import (
     compile_program,
 )
 from emulators.orders import Act
+from protocol.devices.rtde.program import NAME
 
 _MOVES = frozenset({"movej", "movel", "movep", "movec", "servoj", "servoc", "speedj", "speedl"})
 _ASKS = ("read_input_", "socket_read_")
@@ -26,7 +27,9 @@ def start_text(controller: Controller, name: str, text: bytes) -> None:
     controller.told(Act.PROGRAM, words, controller.takes_programs, moves)
     if compiled is None:
         return
-    controller.rehearse = Rehearsal(controller, compiled).cycle if _asks(compiled) else _nothing
+    ours = controller.motions.by_registers = compiled.name == NAME
+    asks = _asks(compiled) and not ours
+    controller.rehearse = Rehearsal(controller, compiled).cycle if asks else _nothing
     controller.start_program(lambda: Script(controller, compiled))
 
 
