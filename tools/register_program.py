@@ -17,7 +17,7 @@ def register_program(offset: int = 0) -> str:
 
 
 def recorded_form(name: bytes, text: bytes) -> bytes:
-    """What stands in a transcript for a client's program."""
+    """A program that stands in a transcript for that of a client."""
     found = _OFFSET.search(text)
     offset = 24 if found is not None and int(found[1]) == 24 else 0
     return b"def %s():\n# float register offset\n%d\nend\n" % (name, offset)

@@ -138,7 +138,7 @@ class RobotKind(Generic[_Client, _Emulated]):
     It orders nothing. Errors as of `connect`, and DeviceError where nothing answers. None: there is no probe.
     """
     ask_beside: Callable[[str], Awaitable[Any]] | None = None
-    """What the robot tells over another channel that its URL names, a `Probed` without rows where it names none. It
+    """Facts that the robot tells over another channel of its URL, a `Probed` without rows where it names none. It
     reads only. Raises DeviceError where nothing answers. None: there is no such channel.
     """
     usual_wire: str = ""

@@ -114,7 +114,7 @@ def wires(config: Config, root: Path, details: Mapping[str, Mapping[str, Any]] |
 
 
 def beside(key: str, robot: Robot) -> Iterator[Fact]:
-    """What a robot tells over another channel that its URL names, such as web services. It is only read."""
+    """Facts that a robot tells over another channel of its URL, such as web services. It is only read."""
     ask = robot.kind.ask_beside
     if ask is None:
         return

@@ -27,7 +27,7 @@ class BadWire:
         return self._heard
 
     def outgoing(self, data: Any, now: float) -> Any:
-        """What comes out now when it says this."""
+        """The output now when it says this."""
         self._says = data
         return self.endpoint.data_to_send(now)
 

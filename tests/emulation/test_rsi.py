@@ -47,7 +47,7 @@ class Rig:
             self.ledger.attach(target, handlers)
 
     def next(self, *, plain: bool = True) -> list[bytes]:
-        """What goes out at the next moment at which the controller acts."""
+        """The output at the next moment at which the controller acts."""
         due = self.robot.endpoint.next_deadline()
         assert due is not None
         self.now = due

@@ -101,7 +101,7 @@ def test_any_bytes_are_read_or_refused(data: bytes) -> None:
 
 
 def read(reading: Callable[[], Read]) -> Read | None:
-    """What is read; None where it is refused."""
+    """The value that is read; None where it is refused."""
     try:
         return reading()
     except RemoteProtocolError:

@@ -18,7 +18,7 @@ from protocol.geometry import Pose, Wrench, rotate
 
 
 class Felt(NamedTuple):
-    """What force mode knows of the tool in a cycle."""
+    """The tool in a cycle, as force mode knows it."""
 
     tcp: Pose
     """Tool in the flange, as the controller takes it to be."""
@@ -29,7 +29,7 @@ class Felt(NamedTuple):
 
 
 class Compliance:
-    """What programs set of force mode, and the cycle of an arm with it."""
+    """Settings of force mode that programs make, and the cycle of an arm with it."""
 
     def __init__(self, profile: RtdeProfile, period: float, lengths: Arm) -> None:
         self._profile, self._period, self._lengths = profile, period, lengths

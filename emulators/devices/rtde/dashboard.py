@@ -107,7 +107,7 @@ def _load(controller: Controller, file: str) -> str:
 
 
 def _play(controller: Controller) -> str:
-    """What is paused goes on; else the stored program begins."""
+    """A paused program goes on; else the stored program begins."""
     played = controller.play()
     if (
         not played

@@ -78,7 +78,7 @@ class _Pending:
     at: float
     block: Block
     marks: list[str]
-    """What is odd about it, or how long it waited, in words."""
+    """Its oddity, or how long it waited, in words."""
     trouble: bool
     """One of these marks tells of trouble."""
 

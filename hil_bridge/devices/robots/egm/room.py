@@ -57,7 +57,7 @@ async def probe(url: str, settings: KindSettings[EgmSettings, EgmProfile], wirin
 
 
 async def ask_web(url: str) -> Probed:
-    """What a controller's web services tell; nothing where the URL names none. Raises DeviceError."""
+    """Facts that a controller's web services tell; none where the URL names none. Raises DeviceError."""
     _, address = split_web(url)
     if address is None:
         return Probed(())

@@ -26,7 +26,7 @@ _VALUES = {
 
 
 class WebState(NamedTuple):
-    """What a controller tells of itself."""
+    """Facts that a controller tells of itself."""
 
     version: str
     motors: str
