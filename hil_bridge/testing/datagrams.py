@@ -196,7 +196,7 @@ async def _check_other_end_goes(
         assert [type(error) for error in ear.ends] == [case.peer_end]
         return
     for _ in range(20):
-        stays.send([b"anybody there"])
+        stays.send([_HELLO])
         await pass_time(PAUSE_S)
     assert ear.ends == []
 
@@ -211,7 +211,7 @@ async def check_a_broken_end(case: DatagramCase, left: DatagramWire, right: Data
         if here.ends:
             break
         with suppress(TransportError):
-            right.send([b"anybody there"])
+            right.send([_HELLO])
         await pass_time(PAUSE_S)
     assert [type(error) for error in here.ends] == [TransportBroken]
     said = str(here.ends[0])

@@ -375,7 +375,7 @@ def reconnecting(clock: Clock, absent: int) -> tuple[Reconnecting, list[Transpor
 
     async def again() -> Transport[bytes]:
         if next(tries) % (absent + 1) < absent:
-            raise TransportUnavailable("nobody there")
+            raise TransportUnavailable("no server")
         return pair()
 
     wire = Reconnecting(pair(), again, 30.0, clock, lambda kind, text: notices.append(text))
@@ -419,7 +419,7 @@ def test_a_wire_that_stays_away_is_broken_and_says_how_long() -> None:
         await far_ends[0].aclose()
         await pass_time(60)
         assert isinstance(log.end, TransportBroken)
-        assert "no return within 30 s: nobody there" in str(log.end)
+        assert "no return within 30 s: no server" in str(log.end)
         assert clock.now() - start == 60
         with pytest.raises(TransportBroken):
             wire.send(b"late")

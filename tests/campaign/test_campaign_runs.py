@@ -393,6 +393,16 @@ def test_compare_names_so_many_runs_and_those_with_another_outcome_first(
     assert found.differing == 8
 
 
+def test_results_of_another_version_are_told_as_such(results: Path, tmp_path: Path) -> None:
+    older = changed(
+        results, tmp_path / "older.sqlite", "UPDATE facts SET value = 'form 0' WHERE name = 'format'"
+    )
+    with pytest.raises(
+        ConfigError, match=r"has results in the form 'form 0' of another version, and this one reads '"
+    ):
+        Store.open(older)
+
+
 class _Tags(HTMLParser):
     def __init__(self) -> None:
         super().__init__()

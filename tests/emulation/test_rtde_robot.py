@@ -406,6 +406,28 @@ def test_a_pop_up_that_blocks_waits_until_it_is_closed() -> None:
     assert [saying.text for saying in said] == ["asks", "go on?", "gone on"]
 
 
+def test_a_pop_up_ends_with_its_program() -> None:
+    desk = Desk()
+    desk.upload('def asks():\n  popup("go on?", blocking=True)\nend\n')
+    desk.run(0.2)
+    assert desk.controller.console.popup_open
+    desk.controller.stop_program()
+    assert not desk.controller.console.popup_open
+
+
+def test_a_process_that_was_late_is_no_silent_client() -> None:
+    desk = Desk()
+    desk.upload("def waits():\n  while True:\n    sync()\n  end\nend\n")
+    desk.run(0.1)
+    desk.controller.watch_input("input_int_register_0", 10.0, "stop")
+    desk.run(0.02)
+    desk.now += 1.0
+    desk.controller.advance(desk.now)
+    assert desk.controller.runtime == Runtime.PLAYING, "nothing could be heard in this second"
+    desk.run(0.12)
+    assert desk.controller.runtime == Runtime.STOPPED, "and nothing came behind it"
+
+
 def test_a_protective_stop_is_not_unlocked_within_five_seconds() -> None:
     desk = Desk()
     board = desk.plug(Port.DASHBOARD)

@@ -23,7 +23,7 @@ _HEADER_MAX = 2048
 
 
 class Login:
-    """Decides who may ask. It knows no clock: `now` comes with each question."""
+    """Decides which requests are answered. It knows no clock: `now` comes with each question."""
 
     def __init__(self, secret: bytes) -> None:
         """`secret` makes nonces and session numbers."""

@@ -51,7 +51,7 @@ _OF_E_SERIES = (
 """Commands that a CB3 does not understand."""
 _OF_CB3 = ("setuserrole", "getuserrole")
 """Commands that an e-Series does not understand."""
-_OF_THE_MAKER = ("get variable", "get control mode", "log")
+_OF_THE_MAKER = ("get variable", "log")
 """Begins of commands that a real dashboard understands beside those that are answered here."""
 _WITHOUT_EFFECT = (
     "load installation",

@@ -38,6 +38,7 @@ _CODES = {SUDDEN_CHANGE: primary.SUDDEN_CHANGE, ORDERED: primary.ORDERED}
 """Codes of protective stops by their reasons."""
 _EMERGENCY = (SafetyMode.SYSTEM_EMERGENCY_STOP, SafetyMode.ROBOT_EMERGENCY_STOP)
 _SPEED_LIMIT = 1.0
+"""Observed in the frames of the library's tests."""
 
 Values = Sequence[float]
 
