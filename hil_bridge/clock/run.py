@@ -31,7 +31,7 @@ def run_real_on(main: Main[T], busy_poll_s: float, on_stray: Stray | None) -> T:
     """As `run_real`; `on_stray` takes what leaves the loop. Signals are then the caller's."""
     selector = BusyPolling(busy_poll_s) if busy_poll_s else WatchfulSelector()
     with asyncio.Runner(loop_factory=lambda: WatchfulLoop(selector)) as runner:
-        return _ran(runner, _watched(main, []), on_stray)
+        return _ran(runner, main, [], on_stray)
 
 
 def run_virtual(main: Main[T]) -> T:
@@ -50,7 +50,7 @@ def run_virtual_on(main: Main[T], on_stray: Stray | None) -> T:
     try:
         with asyncio.Runner(loop_factory=VirtualLoop) as runner:
             runner.get_loop().set_exception_handler(lambda _, context: unhandled.append(context))
-            result = _ran(runner, _watched(main, leaked), on_stray)
+            result = _ran(runner, main, leaked, on_stray)
     except Exception as error:
         for context in unhandled:
             error.add_note(f"before that: {context['message']}: {context.get('exception')!r}")
@@ -64,28 +64,32 @@ def run_virtual_on(main: Main[T], on_stray: Stray | None) -> T:
     return result
 
 
-def _ran(runner: asyncio.Runner, main: Coroutine[Any, Any, T], on_stray: Stray | None) -> T:
+def _ran(runner: asyncio.Runner, main: Main[T], leaked: list[str], on_stray: Stray | None) -> T:
     """Run a coroutine to its end, also when an exception leaves the loop that `on_stray` takes.
 
     Asyncio lets SystemExit and KeyboardInterrupt of any callback leave the loop at once. A tool that presses would be
-    left there.
+    left there. The task returns nothing: `asyncio.Runner` writes out its handler of Ctrl-C, the task and its result as
+    text at each end, which takes longer than a short run where the result holds arrays.
     """
+    result: list[T] = []
+    watched = _watched(main, leaked, result)
     if on_stray is None:
-        return runner.run(main)
+        runner.run(watched)
+        return result[0]
     loop = runner.get_loop()
-    task = loop.create_task(main)
+    task = loop.create_task(watched)
     while True:
         try:
-            return loop.run_until_complete(task)
+            loop.run_until_complete(task)
+            return result[0]
         except (SystemExit, KeyboardInterrupt) as error:
             if task.done() or not on_stray(error):
                 raise
 
 
-async def _watched(main: Main[T], leaked: list[str]) -> T:
-    result = await (main() if callable(main) else main)
+async def _watched(main: Main[T], leaked: list[str], result: list[T]) -> None:
+    result.append(await (main() if callable(main) else main))
     me = asyncio.current_task()
     left = {task for task in asyncio.all_tasks() if task is not me and not task.cancelling()}
     if left:
         leaked.append(describe_tasks(left))
-    return result

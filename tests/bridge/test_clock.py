@@ -5,7 +5,8 @@ import gc
 import threading
 import weakref
 from asyncio import sleep as pass_time  # in virtual time, without waiting
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable, Coroutine
+from typing import Any
 
 import pytest
 
@@ -173,6 +174,27 @@ def test_run_real_takes_a_function_or_a_coroutine() -> None:
 
     assert run_real(main) is False
     assert run_real(main()) is False
+
+
+class Unwritten:
+    """A result that counts how often it is written out as text."""
+
+    def __init__(self) -> None:
+        self.written = 0
+
+    def __repr__(self) -> str:
+        self.written += 1
+        return "a large result"
+
+
+@pytest.mark.parametrize("run", [run_virtual, run_real])
+def test_a_result_is_not_written_out_at_the_end(
+    run: Callable[[Coroutine[Any, Any, Unwritten]], Unwritten],
+) -> None:
+    async def main() -> Unwritten:
+        return Unwritten()
+
+    assert run(main()).written == 0
 
 
 def test_a_loop_goes_with_its_run() -> None:
