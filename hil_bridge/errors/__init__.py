@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from hil_bridge.errors.cause_row import CONFIGURATION, STOPPED
 from hil_bridge.errors.cause_table import ROWS
-from hil_bridge.errors.causes import Cause, Part, Reason
+from hil_bridge.errors.causes import Cause, Part, Reason, describe_lateness
 
 __all__ = [
     "BridgeError",
@@ -32,6 +32,8 @@ class BridgeError(Exception):
     exit_code = STOPPED
     cause: Cause | None = None
     """Row of the table of causes; None where the place that raises it does not know whose fault it is."""
+    late_s: float = 0.0
+    """Longest time by which this computer was late in the second before, s; 0 where it was in time."""
 
     def __init__(self, text: str = "", *, remedy: str = "", cause: Cause | None = None) -> None:
         """`text` is the fact; `remedy` what else is known of it, and what a person can do."""
@@ -61,10 +63,10 @@ class BridgeError(Exception):
 
     def reason(self, otherwise: Cause) -> Reason:
         """The error as a value; `otherwise` is its cause where it names none."""
-        return Reason(self.cause or otherwise, self.fact, self.remedy)
+        return Reason(self.cause or otherwise, self.fact, self.remedy, late_s=self.late_s)
 
     def __str__(self) -> str:
-        return f"{self.fact}; {self.remedy}" if self.remedy else self.fact
+        return "; ".join(filter(None, (self.fact, describe_lateness(self.late_s), self.remedy)))
 
     def __reduce__(self) -> tuple[object, ...]:
         return (type(self), self.args, self.__dict__)

@@ -154,6 +154,11 @@ class Cause(StrEnum):
     LEFT_DISAGREEING = "left-disagreeing"
 
 
+def describe_lateness(late_s: float) -> str:
+    """How late the computer that runs the bridge was, s, in words; empty where it was in time."""
+    return f"this computer was late by up to {late_s * 1e3:.0f} ms" if late_s else ""
+
+
 class Reason(Struct, frozen=True):
     """A cause with its sentence for people."""
 
@@ -164,6 +169,8 @@ class Reason(Struct, frozen=True):
     """Further facts, and what a person can do, in words."""
     step: str = ""
     """Label of a program's step in which it came; empty without one."""
+    late_s: float = 0.0
+    """Longest time by which this computer was late in the second before, s; 0 where it was in time."""
 
     @property
     def fact(self) -> str:
@@ -175,4 +182,4 @@ class Reason(Struct, frozen=True):
         return self if self.step else structs.replace(self, step=label)
 
     def __str__(self) -> str:
-        return f"{self.fact}; {self.remedy}" if self.remedy else self.fact
+        return "; ".join(filter(None, (self.fact, describe_lateness(self.late_s), self.remedy)))

@@ -125,6 +125,7 @@ class RunEnd:
             "text": "" if self.reason is None else self.reason.text,
             "remedy": "" if self.reason is None else self.reason.remedy,
             "step": "" if self.reason is None else self.reason.step,
+            "late_s": json.dumps(0.0 if self.reason is None else self.reason.late_s),
             "line_floor_s": json.dumps(self.line_floor_s),
             "link": json.dumps(dict(self.link), sort_keys=True),
             "sensor_lost": json.dumps(self.sensor_lost),
@@ -146,7 +147,16 @@ def reason_of(end: Mapping[str, str]) -> Reason | None:
     """Why a recorded run ended, by the metadata of its end; None where it went to its end."""
     if end.get("cause", "") not in set(Cause):
         return None
-    return Reason(Cause(end["cause"]), end.get("text", ""), end.get("remedy", ""), end.get("step", ""))
+    texts = end.get("text", ""), end.get("remedy", ""), end.get("step", "")
+    return Reason(Cause(end["cause"]), *texts, late_s=_seconds(end.get("late_s", "")))
+
+
+def _seconds(text: str) -> float:
+    """A recorded time, s; 0 where none was recorded."""
+    try:
+        return msgspec.json.decode(text, type=float)
+    except msgspec.DecodeError:
+        return 0.0
 
 
 def followed_of(end: Mapping[str, str]) -> tuple[Reason, ...]:

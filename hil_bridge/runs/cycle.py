@@ -34,13 +34,7 @@ from hil_bridge.errors.failures import (
     of_others,
     traceback_of,
 )
-from hil_bridge.record import (
-    CHECK_EVENT,
-    PHASE_EVENT,
-    STOP_EVENT,
-    EventRecord,
-    Outcome,
-)
+from hil_bridge.record import CHECK_EVENT, PHASE_EVENT, STOP_EVENT, EventRecord, Outcome
 from hil_bridge.record.ending import Check
 from hil_bridge.runs.bounds import check_depth, run_bounds
 from hil_bridge.runs.cycle_record import Course, cycle_record
@@ -89,6 +83,7 @@ class Run:
         self._steps = StepTeller(self._loop.task, clock, log, self._event)
         self._way_out = WayOut(config, clock, robot, sensor, self._loop)
         self._heart = Heartbeat(clock)
+        self._cycle_s = robot.facts.cycle_s or math.inf
         self._filter_delay = math.nan
         self._due_after = math.inf
         """Age of the newest frame from which the next one is late, s."""
@@ -152,14 +147,18 @@ class Run:
             return await self._whole()
         except BridgeError as error:
             self._trace(error)
+            error.late_s = self._heart.recent(self._cycle_s)
             if self._failed and not self.moving:
                 first = self._failed
                 remedy = "; ".join(filter(None, (first.remedy, f"then {error}")))
                 raise DeviceError(first.fact, remedy=remedy, cause=first.cause) from error
             raise
+        finally:
+            self._heart.stop()
 
     async def _whole(self) -> RunResult:
         self._enter(CONNECT)
+        self._heart.start()
         start = await bring_up(self._robot, self._sensor)
         self._filter_delay = self._sensor.delay
         self._due_after = usual_gap(self._sensor.facts)
@@ -171,7 +170,7 @@ class Run:
         self.moving, moved, answers = True, False, True
         commanded = start.pose.position
         cancelled: asyncio.CancelledError | None = None
-        self._heart.start()
+        self._heart.take()  # a pause before this movement is no gap of it
         try:
             async with self._robot.motion(self._limits(start)) as motion:
                 try:
@@ -183,7 +182,6 @@ class Run:
         except asyncio.CancelledError as error:
             cancelled = error
         finally:
-            self._heart.stop()
             self.moving = False
         rest = await self._left(start, commanded, answers) if moved else None
         if self._state is not None and self._outcome is not Outcome.COMPLETED:
@@ -461,6 +459,7 @@ class Run:
         if failed is not None and failed != reason:
             self._blame(failed)
         if self._outcome is not Outcome.STOPPED:
+            reason = replace(reason, late_s=self._heart.recent(self._cycle_s))
             self._outcome, self._reason = Outcome.STOPPED, reason
             self._stopped_at = self._clock.now()
             self._event(STOP_EVENT, str(reason), reason.cause)

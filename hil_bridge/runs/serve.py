@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import math
 import signal
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -12,8 +13,11 @@ import click
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.clock.realtime import real_time_thread
 from hil_bridge.errors import BridgeError, DeviceError
+from hil_bridge.runs.beside import going_on
 from hil_bridge.runs.compose import ServedCell, emulated_cell, follow_unmodelled
+from hil_bridge.runs.lateness import Lateness
 from hil_bridge.runs.setup import Setup
+from hil_bridge.settings.devices import Robot
 from protocol.unmodelled import NotModelled, relied_on
 
 
@@ -56,7 +60,11 @@ async def _serve(setup: Setup, as_json: bool, executor: ThreadPoolExecutor | Non
                     click.echo(f"{device}: {url}")
                 can_probe = served.robot is not None and served.robot.kind.name == "s3"
                 click.echo(f"Connect with: {client_of(where, can_probe)}\nStop with Ctrl-C.")
-            await stopped.wait()
+            lateness = Lateness(_cycle_of(served.robot), _log)
+            async with going_on(lateness.watch(clock), "lateness"):
+                await stopped.wait()
+            if lateness.describe():
+                _log(lateness.describe())
             if causes:
                 if isinstance(causes[0], BridgeError):
                     raise causes[0]
@@ -69,6 +77,13 @@ async def _serve(setup: Setup, as_json: bool, executor: ThreadPoolExecutor | Non
 
 def _log(text: str) -> None:
     click.echo(text, err=True)
+
+
+def _cycle_of(robot: Robot | None) -> float:
+    """Cycle of an emulated robot, s: 0 without a robot, infinite for one that has none."""
+    if robot is None:
+        return 0.0
+    return robot.kind.facts(robot.url, robot.settings).cycle_s or math.inf
 
 
 def _where(served: ServedCell) -> dict[str, str]:

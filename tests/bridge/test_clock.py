@@ -2,7 +2,9 @@
 
 import asyncio
 import gc
+import math
 import threading
+import time
 import weakref
 from asyncio import sleep as pass_time  # in virtual time, without waiting
 from collections.abc import AsyncIterator, Callable, Coroutine
@@ -14,12 +16,14 @@ from hil_bridge.clock import (
     VIRTUAL_EPOCH,
     VIRTUAL_WALL_NS,
     Clock,
+    Heartbeat,
     LeakedTasks,
     VirtualDeadlock,
     VirtualTimeError,
     run_real,
     run_virtual,
 )
+from hil_bridge.clock.heartbeat import RECENT_S
 from hil_bridge.transports import connect_bytes, connect_can, listen_bytes, listen_can, listen_datagrams
 
 
@@ -216,3 +220,30 @@ def test_a_loop_goes_with_its_run() -> None:
     left = run_virtual(main)
     gc.collect()
     assert left() is None
+
+
+def test_a_beat_that_comes_late_counts_for_a_second_by_the_cycle_of_the_robot() -> None:
+    async def main() -> tuple[float, ...]:
+        heart = Heartbeat(Clock.running())
+        heart.start()
+        await pass_time(0.05)
+        time.sleep(0.2)  # noqa: ASYNC251 - the computer does nothing
+        await pass_time(0.05)
+        late = heart.recent(0.004), heart.recent(math.inf), heart.take()
+        await pass_time(RECENT_S + 0.1)
+        heart.stop()
+        return *late, heart.recent(0.2)
+
+    fast, slow, taken, later = run_real(main())
+    assert 0.18 <= fast == slow == taken < 1.0
+    assert later < 0.18
+
+
+def test_virtual_time_is_never_late() -> None:
+    async def main() -> float:
+        heart = Heartbeat(Clock.running())
+        heart.start()
+        await pass_time(1.0)
+        return heart.recent(0.004)
+
+    assert run_virtual(main()) == 0.0

@@ -12,9 +12,11 @@ from click.testing import CliRunner
 from emulators.devices.rtde.packages import PACKAGES
 from hil_bridge import api
 from hil_bridge.cli import cli
+from hil_bridge.clock import Heartbeat
 from hil_bridge.errors import Cause, Part, Reason
 from hil_bridge.errors.cause_table import ROWS
 from hil_bridge.record import Outcome, Recording, RunEnd
+from hil_bridge.record.analysis.summary import summarise
 from hil_bridge.record.analysis.why import why
 from hil_bridge.record.ending import reason_of
 from hil_bridge.record.records import EventRecord
@@ -247,6 +249,42 @@ def test_what_no_pattern_matched_names_part_and_remedy(
     blamed, _, rest = told.partition(f": {text}.")
     assert part in blamed[blamed.index("What ended it was ") :]
     assert look in rest[rest.index("Look at: ") :]
+
+
+@pytest.mark.parametrize(
+    ("cause", "text", "words"),
+    [
+        (
+            Cause.FORCE_TOO_OLD,
+            "the newest force is 260 ms old",
+            " just before. That, or the force sensor (jr3), ended it: ",
+        ),
+        (Cause.FORCE, "the force is 60 N", ": the force is 60 N. This computer was late"),
+    ],
+)
+def test_a_computer_that_was_late_is_named(short: Recording, cause: Cause, text: str, words: str) -> None:
+    """A late computer looks like a silent sensor; it is no other surface, but may have a part in its force."""
+    in_time = ended_by(short, Reason(cause, text))
+    late = ended_by(short, Reason(cause, text, late_s=0.259))
+    assert "late by" not in in_time
+    assert "This computer was late by up to 259 ms just before." in late
+    assert words in late
+    assert "what else runs on that computer" in late
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.259])
+def test_the_end_of_a_run_keeps_how_late_the_computer_was(
+    monkeypatch: pytest.MonkeyPatch, late_s: float
+) -> None:
+    """Cause, record and summary tell it. Virtual time is never late, so the beat is told to have been."""
+    monkeypatch.setattr(Heartbeat, "recent", lambda *_: late_s)
+    off = {"on": "sensor-wire", "fault": "off", "phase": "track", "after_s": 0.1}
+    result = api.simulate({"run": {"duration_s": 1.0}}, faults=[off])
+    reason = reason_of(result.recording.end)
+    assert reason is not None
+    assert reason.cause is Cause.FORCE_TOO_OLD
+    assert reason.late_s == summarise(result.recording).late_s == late_s
+    assert ("this computer was late by up to 259 ms" in summarise(result.recording).text) == bool(late_s)
 
 
 @pytest.fixture(scope="module")

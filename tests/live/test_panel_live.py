@@ -1,18 +1,31 @@
 """The panel as a person uses it: a run in one terminal, `hil-bridge panel` in another."""
 
 import json
+import re
 import signal
 import subprocess
+import time
 from pathlib import Path
 
 import pytest
 
 from hil_bridge.record import read
-from tests.live.processes import HIL, NEAR, PATIENCE_S, Growing, start, told_first, wait_until
+from tests.live.processes import (
+    HIL,
+    NEAR,
+    PATIENCE_S,
+    Growing,
+    start,
+    told_first,
+    wait_until,
+    without_lateness,
+)
 
 pytestmark = pytest.mark.live
 
 LOOPBACK = "tcp-listen://127.0.0.1:0"
+STOOD_S = 0.4
+"""Time for which a process stands still, s."""
 
 
 def panel(url: str, *arguments: str) -> str:
@@ -72,7 +85,8 @@ def test_an_emulated_robot_is_operated_and_ends_well() -> None:
         assert "key in MANUAL" in panel(where["panel"], "key", "manual")
         assert "corrupt-block (2)" in panel(where["panel"], "inject", "corrupt-block", "count=2")
         process.send_signal(signal.SIGTERM)
-        assert process.communicate(timeout=PATIENCE_S) == ("", "")
+        output, errors = process.communicate(timeout=PATIENCE_S)
+        assert (output, without_lateness(errors)) == ("", "")
         assert process.returncode == 0
     finally:
         process.kill()
@@ -81,3 +95,30 @@ def test_an_emulated_robot_is_operated_and_ends_well() -> None:
     assert gone.returncode == 3
     assert gone.stderr.count("\n") == 1
     assert "no panel answers" in gone.stderr
+
+
+def test_an_emulator_that_stood_still_tells_how_long() -> None:
+    """Its clients see missing packets then, and no cable is at fault."""
+    process = start("emulate", "robot", "--robot", "egm", "--json")
+    try:
+        told_first(process)
+        time.sleep(1.2)
+        process.send_signal(signal.SIGSTOP)
+        time.sleep(STOOD_S)
+        process.send_signal(signal.SIGCONT)
+        time.sleep(1.5)
+        process.send_signal(signal.SIGTERM)
+        _, errors = process.communicate(timeout=PATIENCE_S)
+    finally:
+        process.kill()
+        process.communicate()
+    *parts, last = errors.splitlines()
+    late_ms = [
+        float(part.partition("late by up to ")[2].partition(" ms, and its devices with it")[0])
+        for part in parts
+    ]
+    assert max(late_ms) >= STOOD_S * 0.9e3
+    assert re.fullmatch(
+        r"this process was late in \d+ of \d+ s, by up to \d+ ms: end other programs .*", last
+    )
+    assert f"by up to {max(late_ms):.0f} ms" in last

@@ -9,7 +9,7 @@ import msgspec
 
 from hil_bridge.clock import Clock
 from hil_bridge.devices.device_log import DeviceLog
-from hil_bridge.devices.facts import ANSWERS, LATE, PACKETS, Hop, Owner, RobotHops, Traffic
+from hil_bridge.devices.facts import ANSWERS, PACKETS, Hop, Owner, RobotHops, Traffic
 from hil_bridge.devices.robots.answering import Answering
 from hil_bridge.devices.robots.gate import Bounds, Gate
 from hil_bridge.devices.robots.seam import MotionLimits, RobotFacts, RobotReport
@@ -51,8 +51,9 @@ HOPS = RobotHops(
 
 ROUTINE = PACKETS, ANSWERS
 """Counters of a stream that go up while all is well."""
-TROUBLES = LATE, "packets missing", "stale packets"
-"""Counters that tell of trouble."""
+STALE = "stale packets"
+TROUBLES = "packets missing", STALE
+"""Counters that tell of a wire that loses or holds back. A late answer is none: the computer was late."""
 TRAFFIC = (Traffic("packets", ANSWERS, PACKETS),)
 
 
@@ -72,7 +73,7 @@ class StreamedLink(Generic[Data]):
             raise ValueError(f"{facts.model}: a robot that streams has a cycle")
         self.name = wire.name
         self.facts = msgspec.structs.replace(
-            facts, hops=facts.hops or HOPS, routine=ROUTINE, errors=TROUBLES, traffic=TRAFFIC
+            facts, hops=facts.hops or HOPS, routine=ROUTINE, errors=facts.errors or TROUBLES, traffic=TRAFFIC
         )
         self._fresh = FRESH_CYCLES * facts.cycle_s
         self._wire, self._clock, self._log = wire, clock, log

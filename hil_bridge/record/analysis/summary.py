@@ -47,6 +47,8 @@ class Summary:
     """Row of the table of causes; empty for a run that went to its end."""
     text: str
     """The cause in words."""
+    late_s: float
+    """Longest time by which the computer was late in the second before the cause, s; 0 where it was in time."""
     followed: tuple[str, ...]
     """Events after the cause, in order."""
     left: str
@@ -134,6 +136,7 @@ def summarise(recording: Recording, end: RunEnd | None = None) -> Summary:
         outcome=end.outcome.value,
         cause=end.cause or "",
         text=end.text,
+        late_s=end.reason.late_s if end.reason else 0.0,
         followed=tuple(map(str, end.followed)),
         left=end.left,
         truncated=recording.truncated,

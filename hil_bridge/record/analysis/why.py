@@ -4,8 +4,9 @@ import math
 from collections.abc import Iterator
 from itertools import pairwise
 
+from hil_bridge.errors.cause_row import LOOK
 from hil_bridge.errors.cause_table import ROWS
-from hil_bridge.errors.causes import Cause
+from hil_bridge.errors.causes import Cause, Part, describe_lateness
 from hil_bridge.errors.failures import BUG_EVENT, TRACEBACK_EVENT
 from hil_bridge.record.analysis.steps import failed_criteria, step_outcomes
 from hil_bridge.record.analysis.summary import end_of, phases
@@ -28,6 +29,8 @@ SILENT_FRAMES = 20
 """Frames that did not come, or did not change, before a sensor counts as silent or as stuck. Chosen: one or two are
 lost on a wire now and then.
 """
+_MISLED_BY_LATENESS = frozenset((Part.ROBOT, Part.ROBOT_LINK, Part.POSE, Part.SENSOR))
+"""Parts that look at fault where the computer was late: their orders, reports and samples came late."""
 _SYMPTOM_FREE = frozenset(
     (
         PHASE_EVENT,
@@ -141,13 +144,21 @@ class _Ending:
         if self._end.outcome is Outcome.INTERRUPTED:
             asked = _ASKED.get(reason.cause, "").format(by=self._by(reason.cause))
             return f"It was ended by {asked}." if asked else _sentence(reason.text)
-        return f"What ended it was {self._named(ROWS[reason.cause].blames)}: {reason.fact}."
+        row = ROWS[reason.cause]
+        blamed = self._named(row.blames)
+        if reason.late_s and row.part in _MISLED_BY_LATENESS:
+            late = describe_lateness(reason.late_s)
+            return f"{_sentence(late)[:-1]} just before. That, or {blamed}, ended it: {reason.fact}."
+        return f"What ended it was {blamed}: {reason.fact}."
 
     def _by(self, cause: Cause) -> str:
         """The key, or the signal, that a person used."""
         return next((event.by for event in self._recording.events if event.cause is cause), "")
 
     def _beside(self) -> Iterator[str]:
+        reason = self._end.reason
+        if reason is not None and reason.late_s and ROWS[reason.cause].part not in _MISLED_BY_LATENESS:
+            yield f"{_sentence(describe_lateness(reason.late_s))[:-1]} just before."
         if self._end.followed:
             yield "Then: " + "; ".join(reason.fact for reason in self._end.followed) + "."
         for event in reversed(self._recording.events):
@@ -167,6 +178,8 @@ class _Ending:
             looks = []
         else:
             looks = [self._named(ROWS[reason.cause].look)]
+            if reason.late_s:
+                looks.insert(0, LOOK[Part.COMPUTER])
         if self._end.retracted is False:
             looks.append("lift the tool off with `hil-bridge free`")
         remedy = f"The message goes on: {reason.remedy}. " if reason is not None and reason.remedy else ""

@@ -5,6 +5,7 @@ import math
 from emulators.devices.rtde import RtdeProfile
 from hil_bridge.devices.facts import RobotFacts, ServoFacts, WitnessFacts
 from hil_bridge.devices.robots.seam import Pacing
+from hil_bridge.devices.robots.streamed import STALE
 from protocol.devices.rtde.profile import ClientProfile
 from protocol.marks import Mark
 
@@ -50,5 +51,6 @@ def robot_facts(client: ClientProfile, emulated: RtdeProfile) -> RobotFacts:
         cycle_s=client.cycle_s,
         servo=servo,
         late=_LATE,
+        errors=(STALE,),  # TCP loses no packet: one that is missing was never sent
         witness=witness,
     )
