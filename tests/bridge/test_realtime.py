@@ -149,7 +149,9 @@ def test_a_machine_that_may_not_be_kept_awake_says_so_in_one_line(
     assert "\n" not in line
 
 
-def test_garbage_waits_until_it_is_asked_for() -> None:
+@pytest.mark.parametrize("collect", [True, False])
+@pytest.mark.parametrize("frozen", [True, False])
+def test_garbage_waits_until_it_is_asked_for(collect: bool, frozen: bool) -> None:
     class Node:
         """One that refers to itself."""
 
@@ -163,7 +165,10 @@ def test_garbage_waits_until_it_is_asked_for() -> None:
             Node.alive -= 1
 
     gc.enable()
-    with gc_paused():
+    gc.unfreeze()
+    if frozen:
+        gc.freeze()
+    with gc_paused(collect):
         for _ in range(5000):
             Node()
         assert Node.alive == 5000
@@ -171,7 +176,8 @@ def test_garbage_waits_until_it_is_asked_for() -> None:
         assert Node.alive == 0
         assert not gc.isenabled()
     assert gc.isenabled()
-    assert gc.get_freeze_count() == 0
+    assert (gc.get_freeze_count() > 0) == frozen
+    gc.freeze()  # the tests that were collected, as it was before
 
 
 @pytest.mark.parametrize("wrong", [{"fifo_priority": 100}, {"fifo_priority": -1}, {"cpus": (-1,)}])
