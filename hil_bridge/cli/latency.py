@@ -38,8 +38,12 @@ def latency(recording: Path, output: Path | None, overwrite: bool) -> None:
     from hil_bridge.record.analysis.summary import end_of
     from hil_bridge.record.device_facts import devices_of
     from hil_bridge.record.files import write_whole
+    from hil_bridge.record.reader import NO_CYCLE
 
     record = read(recording)
+    if not record.cycles and output is None:
+        click.echo(f"no times: {NO_CYCLE}")
+        return
     found = latency_of(record)
     if found is None:
         robot = devices_of(record).robot

@@ -39,6 +39,7 @@ def replay(
     """
     from hil_bridge.record import read
     from hil_bridge.record.files import check_place
+    from hil_bridge.record.reader import NO_CYCLE
     from hil_bridge.runs.replay import changes_of, recorded_config
     from hil_bridge.runs.replay import replay as replayed
 
@@ -50,6 +51,9 @@ def replay(
     cycles = list(replayed(record, config, forced=bool(changes)))
     if table is not None:
         _write_table(table, cycles, overwrite)
+    if not cycles:
+        tell([f"no cycle to replay: {NO_CYCLE}"])
+        return
     if changes:
         tell(_changes(cycles, config.controller.name))
         return

@@ -74,6 +74,10 @@ class Recording:
     """Depths that the tool removed from an emulated surface; None where it removed nothing."""
 
 
+NO_CYCLE = "the run ended before its first control cycle; `hil-bridge why` tells the cause"
+"""What a command says of a recording that has nothing of its kind."""
+
+
 @dataclass(frozen=True, slots=True)
 class RawTraffic:
     """Data that went over the wires of a run."""
@@ -83,23 +87,18 @@ class RawTraffic:
 
 
 def read(path: Path) -> Recording:
-    """The record in a file, as far as it can be read.
+    """The record in a file, as far as it can be read. A run that ended before its first cycle has events, and no cycle.
 
-    Raises ConfigError when there is no such file, when it is no record of a run, or holds no cycle.
+    Raises ConfigError when there is no such file, when it is no record of a run, or damaged before anything happened.
     """
     found = _contents(path, (CYCLE, SENSOR, TRUTH, EVENT, STEP))
-    if not found.records[CYCLE.name]:
-        why = (
-            "holds no control cycle"
-            if found.finished
-            else "ends or is damaged before the first control cycle"
-        )
-        raise ConfigError(f"{path} {why}: nothing can be shown or replayed; record the run again")
+    if not found.finished and not found.records[CYCLE.name] and not found.records[EVENT.name]:
+        raise ConfigError(f"{path} ends or is damaged before the first event: record the run again")
     return _recording(found)
 
 
 def read_with_traffic(path: Path) -> tuple[Recording, RawTraffic]:
-    """The same with the raw traffic of the wires. A run that never came to a cycle has that too. Errors as `read`."""
+    """The same with the raw traffic of the wires. Errors as `read`."""
     found = _contents(path, (CYCLE, SENSOR, TRUTH, EVENT, STEP, LINK, WIRE))
     return _recording(found), RawTraffic(tuple(found.records[LINK.name]), tuple(found.records[WIRE.name]))
 

@@ -93,6 +93,8 @@ def replay(recording: Recording, config: Config, forced: bool) -> Iterator[Repla
     for a cycle whose inputs are not there.
     """
     cycles, loop = recording.cycles, Setup(config).loop
+    if not cycles:
+        return
     state = loop.initial(_vector(cycles[0].start))
     for number, record in enumerate(cycles):
         if record.sample is None or record.cycle != number:

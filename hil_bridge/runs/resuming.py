@@ -38,7 +38,7 @@ def resume_config(recording: Recording, changes: dict[str, Any], overlap_mm: flo
 def _point(program: Program, recording: Recording, config: Config, overlap_mm: float) -> ResumePoint:
     """The place where it was cut, and a little before."""
     cycles, before = recording.cycles, config.task.resume
-    number = max(cycle.step for cycle in cycles) - 1
+    number = max((cycle.step for cycle in cycles), default=0) - 1
     if number < 0:
         raise ConfigError("the recording does not say which step was under way: start the program anew")
     if before is not None and number < FIRST:

@@ -80,12 +80,23 @@ def execute(
                 main, stray = session.main, session.take_stray
                 result = run_virtual_on(main, stray) if virtual else run_real_on(main, awake_s, stray)
             except BridgeError:
+                _leave_outputs(session, outputs)
                 raise
             except Exception as error:
                 if outputs.record is not None:
                     error.add_note(f"record: {outputs.record}")
                 raise
             return _finish(session, result, outputs)
+
+
+def _leave_outputs(session: "Session", outputs: Outputs) -> None:
+    """Write the wanted outputs of a run that ended before its movement, and print where they are.
+
+    The error that ended it goes first: trouble with a file is left out.
+    """
+    if session.end is not None:
+        lines, _ = write_outputs(outputs, session.recording, session.end)
+        session.terminal.say_last([], lines, TELL_SECONDS)
 
 
 def _finish(session: "Session", result: RunResult, outputs: Outputs) -> int:

@@ -4,6 +4,7 @@ import asyncio
 import io
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -14,6 +15,7 @@ from typing import TypeAlias
 import pytest
 
 import hil_bridge.cli
+from hil_bridge import api
 from hil_bridge.errors import DeviceError
 from hil_bridge.record import CycleRecord, read, read_with_traffic
 from hil_bridge.runs.cycle import Run
@@ -22,6 +24,7 @@ from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.serve import client_of
 from hil_bridge.runs.session import execute
 from hil_bridge.settings.configuration import read_config
+from hil_bridge.show.web.recorded import teller_of
 from protocol.devices.s3.adlp import HEADER_SIZE
 
 Result: TypeAlias = tuple[int, str, str]
@@ -56,6 +59,16 @@ def refused(result: Result) -> str:
 
 
 VIRTUAL = ("run", "--virtual", "--no-view")
+FIRST_DAY = {
+    "report r.mcap --overwrite": "report.html",
+    "why r.mcap": "It had no control cycle",
+    "latency r.mcap": "no times: the run ended before its first control cycle",
+    "replay r.mcap": "no cycle to replay: the run ended before its first control cycle",
+    "compare r.mcap copy.mcap --out c.html": "c.html",
+    "export r.mcap --to csv": "r.",
+    "monitor r.mcap": "",
+}
+"""Commands on a recording that ended before its first cycle, and words of their output."""
 
 
 def test_help_imports_none_of_the_heavy_libraries() -> None:
@@ -248,7 +261,7 @@ def test_a_run_prints_its_figures_and_leaves_what_report_makes_again(hil: Comman
     assert Path("again/report.html").read_bytes() == Path("rep/report.html").read_bytes()
     Path("cut.mcap").write_bytes(Path("r.mcap").read_bytes()[:3000])
     Path("empty.mcap").touch()
-    assert "before the first control cycle" in refused(hil("report", "cut.mcap"))
+    assert "before the first event" in refused(hil("report", "cut.mcap"))
     assert "empty.mcap is empty" in refused(hil("report", "empty.mcap"))
 
 
@@ -273,10 +286,19 @@ def test_a_sensor_that_never_boots_is_one_line_and_keeps_the_record(hil: Command
     code, output, errors = hil(
         *VIRTUAL, "c.toml", "--record", "r.mcap", "--report", "rep", "--summary", "s.json"
     )
-    assert (code, output, errors.count("\n")) == (3, "", 1)
+    assert (code, errors.count("\n")) == (3, 1)
+    assert output.splitlines() == ["record: r.mcap", "summary: s.json", "report: rep/report.html"]
     assert "force sensor on can+memory:sensor" in errors
     assert "sensor unplugged?" in errors
-    assert "holds no control cycle" in refused(hil("report", "r.mcap"))
+    assert json.loads(Path("s.json").read_text())["cause"] == "sensor-failed"
+    assert (Path("rep") / "report.html").exists()
+    shutil.copy("r.mcap", "copy.mcap")
+    for command, words in FIRST_DAY.items():
+        code, output, errors = hil(*command.split())
+        assert (code, errors) == (0, ""), command
+        assert words in output, command
+    teller = teller_of(api.read("r.mcap"), "r.mcap")
+    assert teller.tell(teller.first(), 0.0)
 
 
 def test_a_device_that_fails_before_the_first_cycle_is_the_cause(

@@ -499,8 +499,8 @@ def test_chunks_packed_by_other_programs_are_read(tmp_path: Path, compression: s
     [
         (b"", "is empty"),
         (b"time,force\n0,1\n", "is not an MCAP file"),
-        (b"\x89MCAP0\r\n", "is damaged before the first control cycle"),
-        (b"\x89MCAP0\r\n" + b"\xff" * 200, "is damaged before the first control cycle"),
+        (b"\x89MCAP0\r\n", "is damaged before the first event"),
+        (b"\x89MCAP0\r\n" + b"\xff" * 200, "is damaged before the first event"),
         (b"\x89MCAP0\r\n" + struct.pack("<BQ", 6, 1 << 62) + b"x" * 50, "is damaged before"),
     ],
 )
@@ -513,11 +513,9 @@ def test_what_is_no_recording_is_refused_in_one_line(tmp_path: Path, content: by
     assert caught.value.exit_code == 2
 
 
-def test_a_missing_file_and_a_run_without_cycles_are_refused(tmp_path: Path) -> None:
+def test_a_missing_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="No such file"):
         read(tmp_path / "missing.mcap")
-    with pytest.raises(ConfigError, match="holds no control cycle"):
-        read(write(tmp_path / "run.mcap", [EventRecord(1.0, "phase", "connect")]))
 
 
 def test_a_message_of_another_version_is_refused_by_name(

@@ -51,7 +51,7 @@ def stream_force(recording: Recording) -> tuple[Floats, Floats, Floats] | None:
     Weight and bias are what the forces of the cycles are beside the frames that they used. Where that does not
     reproduce their force (the tool turned, the bridge filtered), the answer is None.
     """
-    along = _along(recording)
+    along = _along(recording) if recording.cycles else None
     used = {sensor.sequence: sensor.counts[:3] for sensor in recording.sensors}
     pairs = [
         (used[cycle.sensor_sequence], cycle.force)

@@ -51,7 +51,8 @@ def approach_of(recording: Recording) -> Vector | None:
 
 def start_time(recording: Recording) -> float:
     """Start of the times of pages and pictures, s on the run's clock."""
-    return min([recording.cycles[0].started_at, *(event.at for event in recording.events)])
+    began = [cycle.started_at for cycle in recording.cycles[:1]]
+    return min([*began, *(event.at for event in recording.events)], default=0.0)
 
 
 def limit_numbers(values: Mapping[str, Any]) -> dict[str, float]:

@@ -50,7 +50,8 @@ def run_marks(recording: Recording, zero: float) -> Sequence[Mark]:
 def run_spans(recording: Recording, zero: float) -> Sequence[Span]:
     """Steps or phases of a recording, and its faults."""
     courses = phases(recording)
-    last = max([cycle.controlled_at for cycle in recording.cycles] + [event.at for event in recording.events])
+    times = [cycle.controlled_at for cycle in recording.cycles] + [event.at for event in recording.events]
+    last = max(times, default=zero)
     until = courses[-1].end if courses else last
     steps = spans_of([(span.begin, span.name) for span in courses], recording.steps, zero, until)
     return [*steps, *fault_spans(recording.events, zero, last)]

@@ -79,9 +79,9 @@ def _charts(runs: Mapping[str, Recording], align: str) -> tuple[Charts, str]:
     for place, (name, recording) in enumerate(runs.items()):
         zero = _zero(recording, align)
         layer, colour = f"run{place}", f"{place + 1}"
-        table = Columns.of(recording, zero, facts_of_recording(recording)).arrays()[CYCLE]
+        table = Columns.of(recording, zero, facts_of_recording(recording)).arrays().get(CYCLE, {})
         for chart, column in COMPARED.items():
-            if not np.isfinite(table[column]).any():
+            if column not in table or not np.isfinite(table[column]).any():
                 continue
             source = sources.add(layer, chart, table["x"], {column: table[column]})
             series[chart].append(Series(source, column, name, colour, layer=layer))

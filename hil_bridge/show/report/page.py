@@ -88,7 +88,7 @@ def _head(recording: Recording, summary: Summary) -> str:
         f' <span class="badge {"bad" if which == REAL else "plain"}">{escape(which)}</span>' if which else "",
         ' <span class="badge bad">NOT retracted</span>' if end_of(recording).retracted is False else "",
         "</p>",
-        f"<p>{prose(why(recording))}</p>" if recording.cycles else "",
+        f"<p>{prose(why(recording))}</p>",
         *(f"<p>then: {prose(text)}</p>" for text in summary.followed),
         f"<p>left: <strong>{prose(summary.left)}</strong></p>" if summary.left else "",
         criteria_paragraph(summary),

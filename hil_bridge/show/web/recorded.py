@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.devices.facts import Devices
-from hil_bridge.errors import BridgeError, ConfigError
+from hil_bridge.errors import BridgeError
 from hil_bridge.record import Recording
 from hil_bridge.record.device_facts import devices_of, json_or_none, recorded_configuration
 from hil_bridge.settings.configuration import read_config
@@ -20,13 +20,11 @@ from hil_bridge.show.web.wire import Begin, End, Pulse
 
 
 def teller_of(recording: Recording, name: str) -> Teller:
-    """Tells pages of a recording. `name` stands for the file. Raises ConfigError for a recording without cycles."""
-    if not recording.cycles:
-        raise ConfigError(f"{name} holds no cycles: the run ended before it moved")
+    """Tells pages of a recording. `name` stands for the file."""
     scene, began = _scene(recording, name), start_time(recording)
-    last = recording.cycles[-1]
-    ends = [last.controlled_at, last.answered_at, *(event.at for event in recording.events)]
-    length_s = max(at - began for at in ends if at == at)
+    ends = [at for last in recording.cycles[-1:] for at in (last.controlled_at, last.answered_at)]
+    ends += [event.at for event in recording.events]
+    length_s = max((at - began for at in ends if at == at), default=0.0)
     teller = Teller(Begin(scene, recording.unix_zero_ns), 0.0, length_s, facts_of_recording(recording))
     teller.pulse(Pulse(began, Health()), 0.0)
     for records in (recording.cycles, recording.truths, recording.sensors, recording.events, recording.steps):
@@ -63,7 +61,8 @@ def _scene(recording: Recording, name: str) -> Scene:
         total = None if config.task.step else config.run.duration_s
     except (BridgeError, ValidationError, TypeError, ValueError):  # of a plug-in that is not here
         cell = _cell_name(devices)
-        limits, reference, total = _limits(recorded), recording.cycles[0].force_reference, None
+        references = [cycle.force_reference for cycle in recording.cycles[:1]]
+        limits, reference, total = _limits(recorded), max(references, default=0.0), None
     return Scene(
         reference_n=reference,
         robot=devices.robot,
