@@ -65,7 +65,6 @@ FIRST_DAY = {
     "latency r.mcap": "no times: the run ended before its first control cycle",
     "replay r.mcap": "no cycle to replay: the run ended before its first control cycle",
     "compare r.mcap copy.mcap --out c.html": "c.html",
-    "export r.mcap --to csv": "r.",
     "monitor r.mcap": "",
 }
 """Commands on a recording that ended before its first cycle, and words of their output."""
