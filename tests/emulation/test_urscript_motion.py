@@ -52,6 +52,23 @@ def test_a_single_statement_moves_the_arm() -> None:
     assert bench.controller.runtime == Runtime.STOPPED
 
 
+@pytest.mark.parametrize("move", ["movej", "optimovej"])
+def test_a_move_beyond_a_joints_range_ends_the_program_and_moves_nothing(move: str) -> None:
+    bench = Bench()
+    before = bench.place
+    bench.send(f"def mine():\n  {move}([-123, 0, 0, 0, 0, 0])\n  movej([0, -1.57, 1.57, 0, 0, 0])\nend\n")
+    bench.run(0.5)
+    assert bench.controller.runtime == Runtime.STOPPED
+    assert bench.controller.safety == SafetyMode.NORMAL
+    assert bench.said(Message.RUNTIME) == [
+        "runtime error in line 2: the end of this move is beyond a joint's range"
+    ]
+    assert bench.place == before
+    bench.send("movej([6.28, -1.57, 1.57, 0, 0, 0], t=20)\n")
+    bench.run(0.5)
+    assert bench.controller.runtime == Runtime.PLAYING, "an end within the range"
+
+
 def test_a_move_takes_the_time_that_it_is_given() -> None:
     bench = Bench()
     bench.send("movel(pose_add(get_actual_tcp_pose(), p[0, 0.05, 0, 0, 0, 0]), t=1)\n")
@@ -92,16 +109,18 @@ def test_a_pose_out_of_reach_ends_the_program_and_moves_nothing() -> None:
     assert bench.said(Message.RUNTIME) == ["runtime error in line 1: no joints hold this pose"]
 
 
-def test_a_line_to_a_place_out_of_reach_makes_a_protective_stop_that_is_unlocked_when_allowed() -> None:
+def test_a_line_out_of_reach_makes_a_stop_that_is_not_unlocked_too_early() -> None:
     bench = Bench()
     bench.send("movel(p[9, 9, 9, 0, 0, 0])\n")
     bench.run(0.2)
     assert bench.place == pytest.approx((0.9, -0.1, 0.6), abs=1e-9)
     assert bench.controller.safety == SafetyMode.PROTECTIVE_STOP
     bench.send("set unlock protective stop\n")
-    bench.run(4.7)
-    assert bench.controller.safety == SafetyMode.PROTECTIVE_STOP
-    bench.run(0.2)
+    bench.run(4.9)
+    assert bench.controller.safety == SafetyMode.PROTECTIVE_STOP, "the early order is not kept"
+    assert bench.controller.counts["unlock refused"] == 1
+    bench.send("set unlock protective stop\n")
+    bench.run(0.1)
     assert bench.controller.safety == SafetyMode.NORMAL
 
 
