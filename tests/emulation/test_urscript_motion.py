@@ -79,6 +79,26 @@ def test_a_move_takes_the_time_that_it_is_given() -> None:
     assert bench.place[1] == pytest.approx(-0.05, abs=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("move", "least_s"),
+    [
+        ("movej([3, -1.4, -2, -1.3, 1.57, 0], t=0.1)", 0.95),
+        ("movel(pose_add(get_actual_tcp_pose(), p[0, 0.6, 0, 0, 0, 0]), t=0.1)", 0.4),
+        ("movel(pose_add(get_actual_tcp_pose(), p[0, 0, 0, 0, 0, 2.5]), a=99, v=99)", 0.75),
+    ],
+)
+def test_a_move_in_too_short_a_time_takes_longer_and_is_no_stop(move: str, least_s: float) -> None:
+    """The limits are 3.14 rad/s of a joint and 1.5 m/s of the flange."""
+    bench = Bench()
+    bench.send(f"{move}\n")
+    bench.run(0.05 + least_s)
+    assert bench.controller.runtime == Runtime.PLAYING
+    bench.run(2.0)
+    assert bench.controller.safety == SafetyMode.NORMAL, bench.controller.stop_reason
+    assert bench.controller.runtime == Runtime.STOPPED
+    assert bench.controller.still
+
+
 def test_an_arc_leads_through_its_third_place() -> None:
     bench = Bench()
     bench.send(
