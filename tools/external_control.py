@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 from protocol.endpoint import RemoteProtocolError
 
-MICRO, MILLI = 1_000_000, 1_000
-"""Units of a value, and of a time, in one of the messages."""
+MICRO = 1_000_000
+"""Units of a value, or of a point's time, in the messages."""
 TRAJECTORY, COMMANDS, REVERSE, SENDER = 50003, 50004, 50001, 50002
 """Ports of the client, in the order in which the program connects; the last one hands the program out."""
 SERVICES = {TRAJECTORY: "trajectory", COMMANDS: "commands", REVERSE: "reverse", SENDER: "sender"}
@@ -135,12 +135,12 @@ class Point(NamedTuple):
     """Of a move speed and acceleration, of a spline the accelerations."""
     time: float = 0.0
     blend: int = 0
-    """mm; of a spline its kind."""
+    """µm; of a spline its kind."""
 
     def encode(self) -> bytes:
         """The message."""
         values = (round(value * MICRO) for value in (*self.target, *self.other, *self.rest))
-        return _POINT.pack(*values, round(self.time * MILLI), self.blend, self.kind)
+        return _POINT.pack(*values, round(self.time * MICRO), self.blend, self.kind)
 
 
 def encode_command(command: Command, *values: float) -> bytes:
@@ -159,7 +159,7 @@ def read_points(data: bytes) -> Iterator[Point]:
     """All messages to the trajectory port. Raises RemoteProtocolError where one is cut off."""
     for *numbers, time, blend, kind in _rows(_POINT, data):
         values = tuple(number / MICRO for number in numbers)
-        yield Point(kind, values[:6], values[6:12], values[12:], time / MILLI, blend)
+        yield Point(kind, values[:6], values[6:12], values[12:], time / MICRO, blend)
 
 
 def read_commands(data: bytes) -> Iterator[tuple[Command, tuple[float, ...]]]:
