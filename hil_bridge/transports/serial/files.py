@@ -57,6 +57,11 @@ class FileWire:
     def name(self) -> str:
         return self._delivery.name
 
+    @property
+    def queued(self) -> int:
+        """Bytes that the operating system has not taken yet."""
+        return len(self._queue)
+
     def start(self, on_data: Callable[[bytes], None], on_end: Callable[[TransportError], None]) -> None:
         # earlier arrivals lie in the operating system's buffer
         self._delivery.start(on_data, on_end)
