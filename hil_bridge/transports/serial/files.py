@@ -87,6 +87,13 @@ class FileWire:
             self._queue += data[written:]
             self._clock.loop.add_writer(self._fd, self._writable)
 
+    def hold(self, hold: bool) -> None:
+        """Take nothing more for now, so that the other side's sending waits; or go on. An end is noticed then, too."""
+        if self._open and hold:
+            self._clock.loop.remove_reader(self._fd)
+        elif self._open:
+            self._clock.loop.add_reader(self._fd, self._readable)
+
     async def aclose(self) -> None:
         await self._delivery.close(self._drained, self._close)
 
