@@ -20,13 +20,13 @@ from emulators.devices.ft300 import Ft300, Ft300Profile
 from emulators.devices.netft import NetBox, NetFtProfile
 from emulators.devices.netft.page import PageEndpoint
 from emulators.devices.rsi import RsiController, RsiProfile
-from emulators.devices.rtde import RtdeProfile, RtdeRobot
+from emulators.devices.rtde import ProgramSocket, RtdeProfile, RtdeRobot
 from emulators.seams import Floats, StartPose
 from emulators.sensing import KnownWrench
 from protocol.datagram import Datagram
 from protocol.devices.rtde.wires import Port
 from protocol.endpoint import Endpoint
-from tools.register_program import played_form
+from tools import external_control, register_program
 
 FOLDER = Path(__file__).resolve().parent.parent / "tests" / "wire" / "transcripts" / "clients"
 EPOCH = 4321.0
@@ -37,6 +37,7 @@ WRENCH = (1.5, -2.5, 10.0, 0.1, -0.2, 0.3)
 """The wrench that a sensor feels all the time, N and N·m."""
 OPENS, CLOSES = "opens", "closes"
 CLIENT, DEVICE = "client", "device"
+SERVICES = external_control.SERVICES
 DATAGRAMS = ("egm", "rsi", "rdt")
 """Wires on which each step is one datagram; others carry bytes."""
 
@@ -49,10 +50,12 @@ class Step(NamedTuple):
     side: str
     """`CLIENT` or `DEVICE`."""
     wire: str
-    """`egm`, `rsi`, `rdt` and `serial`, or a TCP port with the number of its connection, as `rtde-1`."""
+    """`egm`, `rsi`, `rdt` and `serial`, or a TCP port with the number of its connection, as `rtde-1`. A port of the
+    client, to which a program at the device connects, has the name of its service: `reverse-1`.
+    """
     data: bytes = b""
     event: str = ""
-    """`OPENS` or `CLOSES`, without data."""
+    """`OPENS` or `CLOSES`, without data. A device opens a connection before its client does, which takes it so."""
 
     @property
     def now(self) -> float:
@@ -126,6 +129,10 @@ class Stage:
 
     def __init__(self, device: str, settings: Mapping[str, Any]) -> None:
         self._ends: dict[str, Endpoint[Any, Any, Any]] = {}
+        self._sockets: dict[str, ProgramSocket] = {}
+        """Ends of a program at the device, as the program knows them."""
+        self._opened: list[str] = []
+        """Wires that a program has asked for since the device has said something."""
         self._device: Any
         match device:
             case "egm":
@@ -142,6 +149,7 @@ class Stage:
                 self._ends["serial"] = self._device.endpoint
             case "rtde":
                 self._device = RtdeRobot(RtdeProfile(**settings), START, EPOCH, SEED)
+                self._device.controller.console.open_socket = self._open_for_program
             case _:
                 raise ValueError(f"no stage for {device}")
 
@@ -162,7 +170,9 @@ class Stage:
     def take(self, step: Step) -> Iterator[Step]:
         """A step of the client; what the device answers at once. Whatever is due before must have happened."""
         port = step.wire.partition("-")[0]
-        if step.event == OPENS:
+        if step.wire in self._sockets:
+            self._take_of_program(step)
+        elif step.event == OPENS:
             self._ends[step.wire] = (
                 PageEndpoint(self._device) if port == "page" else self._device.connect(Port(port), step.now)
             )
@@ -173,17 +183,44 @@ class Stage:
         elif port in DATAGRAMS:
             self._ends[step.wire].receive([Datagram(step.data, step.now, CLIENT)], step.now)
         else:
-            data = played_form(step.data) if port == Port.SCRIPT else step.data
+            data = _played_form(step.data) if port in (Port.SCRIPT, Port.PRIMARY) else step.data
             self._ends[step.wire].receive(data, step.now)
         yield from self._said(step.now)
 
+    def _open_for_program(self, host: str, port: int) -> ProgramSocket:
+        """A program at the device connects to its client."""
+        wire = f"{SERVICES[port]}-{len(self._sockets) + 1}"
+        self._ends[wire], self._sockets[wire] = self._device.connect_program(self._device.controller.now)
+        self._opened.append(wire)
+        return self._sockets[wire]
+
+    def _take_of_program(self, step: Step) -> None:
+        """The client takes such a connection, says something, or closes it."""
+        if step.event == OPENS:
+            self._sockets[step.wire].opened()
+        elif step.event == CLOSES:
+            self._ends.pop(step.wire).close(step.now)
+        else:
+            self._ends[step.wire].receive(step.data, step.now)
+
     def _said(self, now: float) -> Iterator[Step]:
         at_ms = round((now - EPOCH) * 1e3, 3)
-        for wire, end in self._ends.items():
+        while self._opened:
+            yield Step(at_ms, DEVICE, self._opened.pop(0), event=OPENS)
+        for wire, end in tuple(self._ends.items()):
             if not (data := end.data_to_send(now)):
                 continue
             for part in data if wire in DATAGRAMS else [data]:
                 yield Step(at_ms, DEVICE, wire, bytes(part))
+        for wire, socket in self._sockets.items():
+            if socket.closing and wire in self._ends:
+                self._ends.pop(wire).close(now)
+                yield Step(at_ms, DEVICE, wire, event=CLOSES)
+
+
+def _played_form(data: bytes) -> bytes:
+    """Text for a robot, with programs of ours in the place of others' short forms."""
+    return external_control.played_form(register_program.played_form(data))
 
 
 def _wrench_at(times: Floats) -> Floats:

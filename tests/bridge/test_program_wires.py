@@ -8,6 +8,7 @@ from contextlib import AsyncExitStack
 from dataclasses import dataclass, field
 
 from emulators.devices.rtde import RtdeProfile, RtdeRobot
+from emulators.devices.rtde.program_socket import UNREAD_MAX
 from emulators.seams import StartPose
 from hil_bridge.clock import Clock
 from hil_bridge.devices.robots.rtde import serving as ports
@@ -87,6 +88,29 @@ def test_a_program_talks_to_a_server_of_this_computer() -> None:
             assert struct.unpack(">i", await reader.readexactly(4)) == (42,)
             assert await reader.read() == b"", "the connection ends with the program"
         assert site.lines == []
+
+    at_site(act)
+
+
+def test_a_server_that_sends_without_a_pause_waits_until_its_bytes_are_read() -> None:
+    """Four times as much as is kept for a program that does not read."""
+    count = 4 * UNREAD_MAX // 4096
+    text = (
+        f'def reader():\n  socket_open("127.0.0.1", %d, "pc")\n  sleep(0.2)\n  n = 0\n  while n < {count}:\n'
+        '    given = socket_read_byte_list(4096, "pc", 0)\n    n = n + given[0] / 4096\n  end\n'
+        '  socket_send_line("all", "pc")\nend\n'
+    )
+
+    async def act(site: Site) -> None:
+        script = site.robot.connect(Port.SCRIPT, site.robot.controller.now)
+        assert script is not None
+        script.receive((text % site.port).encode(), site.robot.controller.now)
+        await site.until(lambda: bool(site.clients))
+        reader, writer = site.clients[0]
+        writer.write(bytes(4096 * count))
+        async with asyncio.timeout(30):
+            assert await reader.readline() == b"all\n"
+        assert site.robot.controller.counts["sockets of programs closed, too much unread"] == 0
 
     at_site(act)
 

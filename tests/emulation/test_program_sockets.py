@@ -9,8 +9,9 @@ from typing import Any
 import pytest
 
 from emulators.devices.rtde import RTDE_FAULTS, RtdeProfile, RtdeRobot, Server
-from emulators.devices.rtde.program_socket import UNREAD_MAX, ProgramSocket
+from emulators.devices.rtde.program_socket import ENOUGH, UNREAD_MAX, ProgramSocket
 from emulators.devices.rtde.urscript import Message
+from emulators.devices.rtde.urscript.limits import READS_MAX
 from emulators.faults import Ledger
 from emulators.seams import StartPose
 from protocol.devices.rtde.states import Runtime
@@ -193,6 +194,36 @@ def test_a_server_that_sends_without_end_fills_no_memory(ear: Ear) -> None:
         ear.send(bytes(UNREAD_MAX // 2))
     assert ear.ends[0][0].closing
     assert ear.controller.counts["sockets of programs closed, too much unread"] == 1
+
+
+def test_a_server_that_sends_more_than_is_read_is_held_back_until_it_is(ear: Ear) -> None:
+    start = base(ear)
+    held: list[bool] = []
+    ear.ends[0][1].hold = held.append
+    count = ENOUGH // 32 + 10
+    ear.send(message(start) * (count - 1) + message(start, mode=-2))
+    assert held == [True]
+    ear.run(5)
+    assert held == [True]
+    ear.run(10)
+    assert held == [True, False]
+    ear.run(count)
+    assert ear.said() == ["ended with 8"], "no message was lost"
+
+
+def test_a_thread_reads_so_often_in_a_cycle_and_not_without_an_end() -> None:
+    text = (
+        'def reader():\n  socket_open("127.0.0.1", 50001, "pc")\n  n = 0\n  while True:\n'
+        '    socket_read_binary_integer(1, "pc", 0)\n    n = n + 1\n'
+        "    write_output_integer_register(0, n)\n  end\nend\n"
+    )
+    ear = Ear(text).play().run(3)
+    ear.send(bytes(4 * 1000))
+    numbers = [ear.run(1).controller.outputs.get("output_int_register_0") for _ in range(5)]
+    assert numbers == [READS_MAX * count + 1 for count in range(1, 6)], "one has begun before"
+    ear.run(200)
+    assert ear.plays
+    assert ear.controller.outputs["output_int_register_0"] == 1000
 
 
 # --- faults

@@ -139,6 +139,15 @@ def test_an_error_has_its_line_and_comes_before_the_programs_end() -> None:
     assert len(client.messages(MessageKind.RUNTIME_EXCEPTION)) == 2
 
 
+def test_a_name_that_is_not_known_has_its_line_and_column() -> None:
+    """As a test of Universal Robots' C++ client library expects it."""
+    client = Client(robot())
+    client.say("def wrong():\n  sleep(0.1)\n  if True:\n    nothing_such()\n  end\nend\n")
+    client.wait(0.5)
+    (error,) = client.messages(MessageKind.RUNTIME_EXCEPTION)
+    assert error.body == b"\0\0\0\4\0\0\0\5compile_error_name_not_found:nothing_such:"
+
+
 def test_a_pop_up_has_its_title_and_its_text() -> None:
     client = Client(robot())
     client.say('def asks():\n  popup("wait", title="Careful")\nend\n')

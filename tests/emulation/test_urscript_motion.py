@@ -52,6 +52,23 @@ def test_a_single_statement_moves_the_arm() -> None:
     assert bench.controller.runtime == Runtime.STOPPED
 
 
+@pytest.mark.parametrize("move", ["movej", "optimovej"])
+def test_a_move_beyond_a_joints_range_ends_the_program_and_moves_nothing(move: str) -> None:
+    bench = Bench()
+    before = bench.place
+    bench.send(f"def mine():\n  {move}([-123, 0, 0, 0, 0, 0])\n  movej([0, -1.57, 1.57, 0, 0, 0])\nend\n")
+    bench.run(0.5)
+    assert bench.controller.runtime == Runtime.STOPPED
+    assert bench.controller.safety == SafetyMode.NORMAL
+    assert bench.said(Message.RUNTIME) == [
+        "runtime error in line 2: the end of this move is beyond a joint's range"
+    ]
+    assert bench.place == before
+    bench.send("movej([6.28, -1.57, 1.57, 0, 0, 0], t=20)\n")
+    bench.run(0.5)
+    assert bench.controller.runtime == Runtime.PLAYING, "an end within the range"
+
+
 def test_a_move_takes_the_time_that_it_is_given() -> None:
     bench = Bench()
     bench.send("movel(pose_add(get_actual_tcp_pose(), p[0, 0.05, 0, 0, 0, 0]), t=1)\n")
@@ -60,6 +77,26 @@ def test_a_move_takes_the_time_that_it_is_given() -> None:
     bench.run(0.15)
     assert bench.controller.runtime == Runtime.STOPPED
     assert bench.place[1] == pytest.approx(-0.05, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("move", "least_s"),
+    [
+        ("movej([3, -1.4, -2, -1.3, 1.57, 0], t=0.1)", 0.95),
+        ("movel(pose_add(get_actual_tcp_pose(), p[0, 0.6, 0, 0, 0, 0]), t=0.1)", 0.4),
+        ("movel(pose_add(get_actual_tcp_pose(), p[0, 0, 0, 0, 0, 2.5]), a=99, v=99)", 0.75),
+    ],
+)
+def test_a_move_in_too_short_a_time_takes_longer_and_is_no_stop(move: str, least_s: float) -> None:
+    """The limits are 3.14 rad/s of a joint and 1.5 m/s of the flange."""
+    bench = Bench()
+    bench.send(f"{move}\n")
+    bench.run(0.05 + least_s)
+    assert bench.controller.runtime == Runtime.PLAYING
+    bench.run(2.0)
+    assert bench.controller.safety == SafetyMode.NORMAL, bench.controller.stop_reason
+    assert bench.controller.runtime == Runtime.STOPPED
+    assert bench.controller.still
 
 
 def test_an_arc_leads_through_its_third_place() -> None:
@@ -92,16 +129,18 @@ def test_a_pose_out_of_reach_ends_the_program_and_moves_nothing() -> None:
     assert bench.said(Message.RUNTIME) == ["runtime error in line 1: no joints hold this pose"]
 
 
-def test_a_line_to_a_place_out_of_reach_makes_a_protective_stop_that_is_unlocked_when_allowed() -> None:
+def test_a_line_out_of_reach_makes_a_stop_that_is_not_unlocked_too_early() -> None:
     bench = Bench()
     bench.send("movel(p[9, 9, 9, 0, 0, 0])\n")
     bench.run(0.2)
     assert bench.place == pytest.approx((0.9, -0.1, 0.6), abs=1e-9)
     assert bench.controller.safety == SafetyMode.PROTECTIVE_STOP
     bench.send("set unlock protective stop\n")
-    bench.run(4.7)
-    assert bench.controller.safety == SafetyMode.PROTECTIVE_STOP
-    bench.run(0.2)
+    bench.run(4.9)
+    assert bench.controller.safety == SafetyMode.PROTECTIVE_STOP, "the early order is not kept"
+    assert bench.controller.counts["unlock refused"] == 1
+    bench.send("set unlock protective stop\n")
+    bench.run(0.1)
     assert bench.controller.safety == SafetyMode.NORMAL
 
 

@@ -1,6 +1,6 @@
 """The one cable of a controller, which carries all connections to it, as faults let it."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TypeAlias
 
 from emulators.devices.rtde.connection import Connection
@@ -8,11 +8,12 @@ from emulators.devices.rtde.dashboard import Dashboard
 from emulators.devices.rtde.packages import MESSAGES, PACKAGES
 from emulators.devices.rtde.primary import PrimaryPort
 from emulators.devices.rtde.program_socket import ProgramSocket
+from emulators.devices.rtde.realtime import RealtimePort
 from emulators.devices.rtde.script import ScriptPort
 from emulators.faults.ledger import Handler, Injection
 from emulators.faults.packets import Packets, Pieces
 
-Inner: TypeAlias = Connection | Dashboard | ScriptPort | PrimaryPort | ProgramSocket
+Inner: TypeAlias = Connection | Dashboard | ScriptPort | PrimaryPort | RealtimePort | ProgramSocket
 """The controller's end of a connection without its wire."""
 
 
@@ -28,6 +29,11 @@ class Server:
     def closing(self) -> bool:
         """Whether the controller is about to close the connection."""
         return self._inner.closing
+
+    def spare(self, is_full: Callable[[], bool]) -> None:
+        """Leave a client out of a stream of states while its wire is full."""
+        if isinstance(self._inner, RealtimePort):
+            self._inner.is_full = is_full
 
     def close(self, now: float) -> None:
         """The connection has ended."""

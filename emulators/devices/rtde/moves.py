@@ -2,11 +2,12 @@
 
 import math
 from collections.abc import Callable, Iterator
-from typing import TypeAlias
+from itertools import count
+from typing import NamedTuple, TypeAlias
 
 from emulators.devices.rtde.arm import Place
 from emulators.devices.rtde.controller import Controller
-from emulators.devices.rtde.kinematics import Joints
+from emulators.devices.rtde.kinematics import Joints, flange
 from protocol.geometry import Pose, Vector, angle_between, slerp
 
 Walk: TypeAlias = Iterator[Place]
@@ -14,28 +15,45 @@ _LEAST = 1e-6
 """Chosen: slower speeds and smaller accelerations count as this, m or rad, and s."""
 _TURN_LENGTH = 1.0
 """Assumed: a turn of 1 rad counts as so long a way, m."""
+_LEAST_PACE = 0.01
+"""Assumed: a move is slowed down to this share of its speed, and no further."""
+_SLOWER_TRIES = 8
+"""Chosen: how often the next place is drawn nearer."""
+_UNDER = 0.999
+"""Chosen: share of a limit that a slower move takes."""
 
 
-def shares(length: float, speed: float, acceleration: float, dt: float) -> Iterator[float]:
-    """Parts 0 … 1 of a way, cycle by cycle, the last one 1."""
+class Ramp(NamedTuple):
+    """A way with even acceleration at both ends, as parts 0 … 1 of it over the time."""
+
+    length: float
+    """m or rad; not above 0 for a way that is none."""
+    speed: float
+    acceleration: float
+    total: float
+    """s"""
+
+    def at(self, t: float) -> float:
+        """The part that is done after a time, s."""
+        end = self.total - t
+        if not (self.length > 0.0 and end > 0.0):
+            return 1.0
+        if t < self.speed / self.acceleration:
+            done = self.acceleration * t * t / 2.0
+        elif end < self.speed / self.acceleration:
+            done = self.length - self.acceleration * end * end / 2.0
+        else:
+            done = self.speed * (t - self.speed / self.acceleration / 2.0)
+        return done / self.length
+
+
+def plan_ramp(length: float, speed: float, acceleration: float) -> Ramp:
+    """A way that goes no faster than it is asked to, and reaches the speed where it is long enough."""
     if not length > 0.0:
-        yield 1.0
-        return
+        return Ramp(0.0, 1.0, 1.0, 0.0)
     speed, acceleration = max(speed, _LEAST), max(acceleration, _LEAST)
     speed = min(speed, math.sqrt(length * acceleration))
-    ramp = speed / acceleration
-    total = length / speed + ramp
-    for number in range(1, math.ceil(total / dt)):
-        t = number * dt
-        end = total - t
-        if t < ramp:
-            done = acceleration * t * t / 2.0
-        elif end < ramp:
-            done = length - acceleration * end * end / 2.0
-        else:
-            done = speed * (t - ramp / 2.0)
-        yield done / length
-    yield 1.0
+    return Ramp(length, speed, acceleration, length / speed + speed / acceleration)
 
 
 def rates_in_time(length: float, acceleration: float, time: float) -> tuple[float, float]:
@@ -64,7 +82,7 @@ def line_walk(
         x, y, z = (a + (b - a) * share for a, b in zip(start.position, goal.position, strict=True))
         return Pose((x, y, z), slerp(start.quaternion, goal.quaternion, share))
 
-    return _along(controller, at, shares(length, speed, acceleration, controller.period))
+    return _along(controller, at, plan_ramp(length, speed, acceleration))
 
 
 def arc_walk(controller: Controller, via: Pose, goal: Pose, speed: float, acceleration: float) -> Walk | None:
@@ -83,7 +101,7 @@ def arc_walk(controller: Controller, via: Pose, goal: Pose, speed: float, accele
         x, y, z = (c + u * cosine + v * sine for c, u, v in zip(centre, first, second, strict=True))
         return Pose((x, y, z), slerp(start.quaternion, goal.quaternion, share))
 
-    return _along(controller, at, shares(length, speed, acceleration, controller.period))
+    return _along(controller, at, plan_ramp(length, speed, acceleration))
 
 
 def _circle(start: Vector, via: Vector, goal: Vector) -> tuple[Vector, Vector, Vector, float] | None:
@@ -121,18 +139,54 @@ def _dot(a: Vector, b: Vector) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-def _along(controller: Controller, at: Callable[[float], Pose], way: Iterator[float]) -> Walk:
+def _along(controller: Controller, at: Callable[[float], Pose], ramp: Ramp) -> Walk:
     """The joints of a path's poses."""
 
-    def places() -> Walk:
-        for share in way:
-            joints = controller.solve(at(share), controller.arm.joints)
-            if joints is None:
-                controller.protective_stop("a line leaves the workspace")
-                return
-            yield Place(joints)
+    def joints_at(share: float) -> Joints | None:
+        joints = controller.solve(at(share), controller.arm.joints)
+        if joints is None:
+            controller.protective_stop("a line leaves the workspace")
+        return joints
 
-    return places()
+    return _paced(controller, joints_at, ramp)
+
+
+def _paced(controller: Controller, joints_at: Callable[[float], Joints | None], ramp: Ramp) -> Walk:
+    """Places cycle by cycle, later than planned where a joint or the tool would be faster than it may be.
+
+    Derived: tests of Universal Robots' C++ client library order moves in too short a time, and expect their end.
+    Assumed: how far a controller slows down. A move that would still be too fast makes a protective stop.
+    """
+    dt, late_s = controller.period, 0.0
+    last = controller.arm.joints
+    for number in count(1):
+        before = number * dt - dt - late_s
+        if before >= ramp.total and number > 1:
+            return
+        step = dt
+        joints = joints_at(ramp.at(before + step))
+        for _ in range(_SLOWER_TRIES):
+            if (
+                joints is None
+                or (excess := _excess(controller, last, joints)) <= 1.0
+                or step < _LEAST_PACE * dt
+            ):
+                break
+            step *= _UNDER / excess
+            joints = joints_at(ramp.at(before + step))
+        if joints is None:
+            return
+        late_s += dt - step
+        last = joints
+        yield Place(joints)
+
+
+def _excess(controller: Controller, here: Joints, joints: Joints) -> float:
+    """How many times the limits of joints and tool are taken by going from joints to others in one cycle."""
+    profile, dt, lengths = controller.profile, controller.period, controller.lengths
+    turn = max(abs(b - a) for a, b in zip(here, joints, strict=True))
+    way = math.dist(flange(lengths, here).position, flange(lengths, joints).position)
+    return max(turn / profile.max_joint_speed_rad_s, way * 1e3 / profile.max_tcp_speed_mm_s) / dt
 
 
 def joint_walk(
@@ -148,9 +202,8 @@ def joint_walk(
     if time > 0.0:
         speed, acceleration = rates_in_time(length, acceleration, time)
 
-    def places() -> Walk:
-        for share in shares(length, speed, acceleration, controller.period):
-            a, b, c, d, e, f = (old + (new - old) * share for old, new in zip(start, goal, strict=True))
-            yield Place((a, b, c, d, e, f))
+    def joints_at(share: float) -> Joints:
+        a, b, c, d, e, f = (old + (new - old) * share for old, new in zip(start, goal, strict=True))
+        return a, b, c, d, e, f
 
-    return places()
+    return _paced(controller, joints_at, plan_ramp(length, speed, acceleration))

@@ -11,6 +11,8 @@ UNREAD_MAX = 1 << 20
 """Chosen: bytes that have come and that the program has not read; with more of them the connection is closed. Twelve
 thousand points of a trajectory fit in.
 """
+ENOUGH = 1 << 16
+"""Chosen: with so many unread bytes no more are taken from the wire, so that the server's sending waits."""
 
 
 class ProgramSocket:
@@ -25,6 +27,9 @@ class ProgramSocket:
         self._ended = False
         self.wake: Callable[[], object] = _nothing
         """To be called when there is something to send, or the connection is to be closed."""
+        self.hold: Callable[[bool], object] = _never_held
+        """To be called when the wire is to bring no more for now, or again."""
+        self._held = False
 
     # --- for the program
 
@@ -39,6 +44,7 @@ class ProgramSocket:
             return None
         found = bytes(self._come[:count])
         del self._come[:count]
+        self._hold_back()
         return found
 
     def take_until(self, end: bytes) -> bytes | None:
@@ -59,6 +65,7 @@ class ProgramSocket:
         if not self.closing:
             self.closing = True
             self._come.clear()
+            self._hold_back()
             self.wake()
 
     # --- for the wire
@@ -80,7 +87,14 @@ class ProgramSocket:
             self.hang_up()
             return
         self._come += data
+        self._hold_back()
         self._controller.motions.news += 1
+
+    def _hold_back(self) -> None:
+        """A server that sends more than is read waits, as TCP lets it."""
+        if self._held != (len(self._come) >= ENOUGH):
+            self._held = not self._held
+            self.hold(self._held)
 
     def next_event(self) -> None:
         return None
@@ -101,3 +115,7 @@ class ProgramSocket:
 
 def _nothing() -> None:
     """Before there is a wire."""
+
+
+def _never_held(hold: bool) -> None:
+    """Before there is a wire, or by one that cannot be held."""

@@ -11,6 +11,7 @@ from emulators.devices.rtde.kinematics import Joints
 from emulators.devices.rtde.primary import PrimaryPort
 from emulators.devices.rtde.profile import RtdeProfile
 from emulators.devices.rtde.program_socket import ProgramSocket
+from emulators.devices.rtde.realtime import RealtimePort
 from emulators.devices.rtde.script import ScriptPort
 from emulators.orders import Act, HeardOrder
 from emulators.seams import ArmPath, Handlers, RobotFactory, StartPose
@@ -81,6 +82,9 @@ class RtdeRobot:
                 inner = ScriptPort(self.controller)
             case Port.PRIMARY | Port.READ_ONLY:
                 inner = PrimaryPort(self.controller, self._disturbance.silences, now, port is Port.READ_ONLY)
+            case Port.REALTIME | Port.REALTIME_READ_ONLY:
+                read_only = port is Port.REALTIME_READ_ONLY
+                inner = RealtimePort(self.controller, self._disturbance, now, read_only)
         return self._cable.open(inner, now)
 
 

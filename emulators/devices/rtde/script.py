@@ -12,7 +12,6 @@ from emulators.devices.rtde.controller import Controller
 from emulators.devices.rtde.programs import run_secondary, start_text
 from emulators.devices.rtde.urscript.limits import TEXT_MAX
 from emulators.orders import Act
-from protocol.devices.rtde.states import SafetyMode
 
 _BEGIN = re.compile(rb"^(def|sec)\s+(\w{1,64})\s*\(")
 _OPENS = re.compile(rb"^\s*(def|sec|thread|if|while)\b")
@@ -20,14 +19,13 @@ _ENDS = re.compile(rb"^\s*end\b")
 _FREE = re.compile(rb"^[A-Za-z_]")
 
 
-def _unlock_when_allowed(controller: Controller) -> None:
-    """Unlock a protective stop as soon as that is allowed.
+def _unlock(controller: Controller) -> None:
+    """Unlock a protective stop; one that comes too early has no effect.
 
-    Derived: the C++ client library's tests order it at once, by script, and wait 5 s for it.
+    Derived: the C++ client library's examples order it again 5 s after an order without effect.
     """
-    if controller.safety == SafetyMode.PROTECTIVE_STOP and not controller.unlock_protective_stop():
-        rest_s = controller.stopped_at + controller.profile.unlock_s - controller.now
-        controller.later(rest_s, controller.unlock_protective_stop)
+    if not controller.unlock_protective_stop():
+        controller.counts["unlock refused"] += 1
 
 
 _ORDERS: Mapping[bytes, tuple[Act, Callable[[Controller], object]]] = {
@@ -37,7 +35,7 @@ _ORDERS: Mapping[bytes, tuple[Act, Callable[[Controller], object]]] = {
     b"power on": (Act.RELEASE, Controller.power_on),
     b"power off": (Act.CONTACT, Controller.power_off),
     b"set robotmode run": (Act.RELEASE, Controller.release_brakes),
-    b"set unlock protective stop": (Act.RELEASE, _unlock_when_allowed),
+    b"set unlock protective stop": (Act.RELEASE, _unlock),
 }
 """Lines that are no script, which clients send on the same ports."""
 _PROGRAMS_MAX = 16

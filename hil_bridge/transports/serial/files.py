@@ -57,6 +57,11 @@ class FileWire:
     def name(self) -> str:
         return self._delivery.name
 
+    @property
+    def queued(self) -> int:
+        """Bytes that the operating system has not taken yet."""
+        return len(self._queue)
+
     def start(self, on_data: Callable[[bytes], None], on_end: Callable[[TransportError], None]) -> None:
         # earlier arrivals lie in the operating system's buffer
         self._delivery.start(on_data, on_end)
@@ -81,6 +86,13 @@ class FileWire:
                 delivery.check()
             self._queue += data[written:]
             self._clock.loop.add_writer(self._fd, self._writable)
+
+    def hold(self, hold: bool) -> None:
+        """Take nothing more for now, so that the other side's sending waits; or go on. An end is noticed then, too."""
+        if self._open and hold:
+            self._clock.loop.remove_reader(self._fd)
+        elif self._open:
+            self._clock.loop.add_reader(self._fd, self._readable)
 
     async def aclose(self) -> None:
         await self._delivery.close(self._drained, self._close)

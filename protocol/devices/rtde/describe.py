@@ -4,9 +4,10 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from protocol.devices.rtde import packets
+from protocol.devices.rtde.describe_states import NAMED, describe_packet, packet_size
 from protocol.devices.rtde.fields import IN_USE, INPUTS, NOT_FOUND, OUTPUTS, Recipe, Value, Variable
 from protocol.devices.rtde.packets import HEADER, Kind, Level, Types
-from protocol.devices.rtde.states import RobotMode, Runtime, SafetyBits, SafetyMode, StatusBits, name_of
+from protocol.devices.rtde.states import SafetyBits, StatusBits, name_of
 from protocol.endpoint import RemoteProtocolError
 
 _WORDS: Mapping[Kind, str] = {
@@ -23,7 +24,7 @@ _TEXT = frozenset(range(0x20, 0x7F)) | {0x09, 0x0A, 0x0D}
 
 
 def describe(raw: bytes) -> list[dict[str, Any]]:
-    """Packets, lines of dashboard or script, and everything else, in order, as plain values.
+    """Packets of RTDE, of the primary and the real-time interface, lines of text, and everything else, as plain values.
 
     Bytes may be of either direction or of both. Data packets can be read only behind the agreement on their recipe.
     Every item has `offset`, `size` and `kind` ("packet", "text" or "noise"). A packet adds `op`, `fields` with units
@@ -33,13 +34,18 @@ def describe(raw: bytes) -> list[dict[str, Any]]:
     items: list[dict[str, Any]] = []
     at = 0
     while at < len(raw):
+        if size := packet_size(raw, at):
+            packet = describe_packet(raw[at : at + size])
+            items.append({"offset": at, "size": size, "kind": "packet", **packet})
+            at += size
+            continue
         if _begins_packet(raw, at):
             size, kind = HEADER.unpack_from(raw, at)
             items.append(reader.packet(at, Kind(kind), raw[at + HEADER.size : at + size]))
             at += size
             continue
         end = at + 1
-        while end < len(raw) and not _begins_packet(raw, end):
+        while end < len(raw) and not (_begins_packet(raw, end) or packet_size(raw, end)):
             end += 1
         items.append(_other(at, raw[at:end]))
         at = end
@@ -196,7 +202,6 @@ def _field(name: str, raw: Any, value: Any, unit: str = "", meaning: str = "") -
     return {"name": name, "raw": raw, "value": value, "unit": unit, "mark": "observed", "meaning": meaning}
 
 
-_NAMED = {"robot_mode": RobotMode, "safety_mode": SafetyMode, "runtime_state": Runtime}
 _BITS = {"safety_status_bits": SafetyBits, "robot_status_bits": StatusBits}
 
 
@@ -204,8 +209,8 @@ def _variable(name: str, value: Value) -> dict[str, Any]:
     variable = OUTPUTS.get(name) or INPUTS.get(name) or Variable("")
     shown: Any = value
     if not isinstance(value, tuple):
-        if name in _NAMED:
-            shown = name_of(_NAMED[name], value)
+        if name in NAMED:
+            shown = name_of(NAMED[name], value)
         elif name in _BITS:
             bits = [bit.name or "" for bit in _BITS[name] if int(value) & bit]
             shown = ", ".join(bits).lower().replace("_", " ")

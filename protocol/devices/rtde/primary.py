@@ -8,7 +8,7 @@ Source: Universal Robots' C++ client library, `primary/` with the frames of its 
 """
 
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -249,11 +249,90 @@ def split(data: bytes) -> Iterator[tuple[int, bytes]]:
 
 
 _MESSAGE = struct.Struct(">QBB")
-_VERSION = struct.Struct(">BBii")
-_PAIR = struct.Struct(">ii")
-_SAFETY = struct.Struct(">iiBII")
-_ERROR = struct.Struct(">iiiII")
-_POPUP = struct.Struct(">I????")
+_CODE = (("code", "i", ""), ("argument", "i", ""))
+_DATA = (("data_type", "I", ""), ("data", "I", ""))
+
+
+class Body(NamedTuple):
+    """The form of a message's body: two layouts with a short text between them, and a text to the end."""
+
+    before: Layout
+    title: str = ""
+    """Name of the short text; empty for none."""
+    behind: Layout = Layout("", 0, ">", ())
+    text: str = "text"
+
+
+BODIES: Mapping[int, Body] = {
+    MessageKind.TEXT: Body(_row("text message")),
+    MessageKind.POPUP: Body(
+        _row(
+            "pop-up",
+            ("request", "I", ""),
+            ("request_type", "?", ""),
+            ("warning", "?", ""),
+            ("error", "?", ""),
+            ("blocking", "?", ""),
+        ),
+        "title",
+    ),
+    MessageKind.VERSION: Body(
+        _row("version"),
+        "project",
+        _row("version", ("major", "B", ""), ("minor", "B", ""), ("bugfix", "i", ""), ("build", "i", "")),
+        "built",
+    ),
+    MessageKind.SAFETY_MODE: Body(_row("safety mode", *_CODE, ("safety_mode", "B", ""), *_DATA)),
+    MessageKind.ERROR_CODE: Body(_row("error code", *_CODE, ("level", "i", ""), *_DATA)),
+    MessageKind.KEY: Body(_row("key message", *_CODE), "title"),
+    MessageKind.RUNTIME_EXCEPTION: Body(_row("runtime exception", ("line", "i", ""), ("column", "i", ""))),
+}
+"""Forms of the messages that are known. Source: the C++ client library; of a pop-up python-urx."""
+
+
+def encode_body(kind: MessageKind, *values: float, title: str = "", text: str = "") -> bytes:
+    """The body of a message from a value for every field, in order."""
+    form = BODIES[kind]
+    count = len(form.before.fields)
+    short = title.encode("ascii", "replace")[:255]
+    return b"".join(
+        (
+            form.before.pack_row(*values[:count]),
+            bytes((len(short),)) + short if form.title else b"",
+            form.behind.pack_row(*values[count:]),
+            text.encode("utf-8", "replace"),
+        )
+    )
+
+
+class ReadBody(NamedTuple):
+    """A message's body, taken apart."""
+
+    fields: tuple[tuple[Field, float], ...]
+    texts: tuple[tuple[str, str], ...]
+    """Texts by their names."""
+
+
+def read_body(message: Message) -> ReadBody | None:
+    """The fields and texts of a message; None for one of a kind that is not known.
+
+    Raises RemoteProtocolError for a body that is too short.
+    """
+    form = BODIES.get(message.kind)
+    if form is None:
+        return None
+    rest, values, texts = message.body, list[tuple[Field, float]](), list[tuple[str, str]]()
+    for layout, title in ((form.before, form.title), (form.behind, "")):
+        raw = layout.unpack(rest)
+        values += ((field, raw[field.name]) for field in layout.fields)
+        rest = rest[layout.size :]
+        if title:
+            if not rest or len(rest) <= rest[0]:
+                raise RemoteProtocolError(f"the {title} of a message is cut off")
+            texts.append((title, rest[1 : 1 + rest[0]].decode("ascii", "replace")))
+            rest = rest[1 + rest[0] :]
+    texts.append((form.text, rest.decode("utf-8", "replace")))
+    return ReadBody(tuple(values), tuple(texts))
 
 
 def encode_message(message: Message) -> bytes:
@@ -270,37 +349,31 @@ def read_message(body: bytes) -> Message:
     return Message(time_ns, source, kind, body[_MESSAGE.size :])
 
 
-def _short(text: str) -> bytes:
-    """Text behind its length in one byte."""
-    data = text.encode("ascii", "replace")[:255]
-    return bytes((len(data),)) + data
-
-
 def version_body(version: Sequence[int], built: str) -> bytes:
     """Major, minor, bugfix and build of the controller's software, and the date of its making."""
-    return _short("URControl") + _VERSION.pack(*version) + built.encode("ascii", "replace")
+    return encode_body(MessageKind.VERSION, *version, title="URControl", text=built)
 
 
 def key_body(title: str, text: str) -> bytes:
     """A key, as `PROGRAM_XXX_STARTED`, and a text, as a program's name."""
-    return _PAIR.pack(0, 0) + _short(title) + text.encode("utf-8", "replace")
+    return encode_body(MessageKind.KEY, 0, 0, title=title, text=text)
 
 
 def runtime_exception_body(line: int, column: int, text: str) -> bytes:
     """The place of an error in a program, 1 and more, and its text."""
-    return _PAIR.pack(line, column) + text.encode("utf-8", "replace")
+    return encode_body(MessageKind.RUNTIME_EXCEPTION, line, column, text=text)
 
 
 def safety_mode_body(mode: int) -> bytes:
     """A safety mode that begins, without a code."""
-    return _SAFETY.pack(0, 0, mode, 0, 0)
+    return encode_body(MessageKind.SAFETY_MODE, 0, 0, mode, 0, 0)
 
 
 def error_body(code: int, argument: int, level: ReportLevel, text: str = "") -> bytes:
     """An error C`code`A`argument`."""
-    return _ERROR.pack(code, argument, level, 0, 0) + text.encode("utf-8", "replace")
+    return encode_body(MessageKind.ERROR_CODE, code, argument, level, 0, 0, text=text)
 
 
 def popup_body(title: str, text: str) -> bytes:
     """A pop-up, which asks nothing."""
-    return _POPUP.pack(0, False, False, False, False) + _short(title) + text.encode("utf-8", "replace")
+    return encode_body(MessageKind.POPUP, 0, False, False, False, False, title=title, text=text)

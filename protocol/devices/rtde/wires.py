@@ -11,10 +11,14 @@ class Port(StrEnum):
     RTDE = "rtde"
     DASHBOARD = "dashboard"
     SCRIPT = "script"
-    """Takes programs and tells nothing."""
+    """Takes programs and tells nothing; a client of one interface may use it."""
     PRIMARY = "primary"
     """The primary and the secondary interface: takes programs, tells the state."""
     READ_ONLY = "read-only"
+    """The same without programs."""
+    REALTIME = "realtime"
+    """The real-time interface: takes programs, tells the state in each cycle."""
+    REALTIME_READ_ONLY = "realtime-read-only"
     """The same without programs."""
 
 

@@ -1,17 +1,41 @@
-"""A session of a compiled driver that other people wrote, replayed: at the emulated KUKA, and through our decoder.
+"""Sessions of compiled drivers that other people wrote, replayed: at our emulated devices, and through our decoders.
 
-The driver's own source was compiled outside of this project with stubs for ROS. It swings three axes by a sine of 10°,
-counted from the axes of the start; 60 cycles of that are kept. What it read and sent it tells in its own numbers.
+Their sources were compiled outside of this project. The KUKA's driver, with stubs for ROS, swings three axes by a sine
+of 10°, counted from the axes of the start; 60 cycles of that are kept. Universal Robots' C++ client library is called
+by programs of ours. In place of its own program for the controller stands ours, which goes by the same messages.
+What a driver read and sent it tells in its own numbers.
 """
 
+import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from protocol.devices.rsi import axis_tags, decode
-from tools.client_transcripts import CLIENT, DEVICE, read, replayed
+from protocol.devices.rtde import primary
+from protocol.devices.rtde.fields import Recipe
+from protocol.devices.rtde.packets import Kind, Reader, read_outputs_request, read_types
+from protocol.devices.rtde.primary import MessageKind, PacketType, Part
+from tools.client_transcripts import CLIENT, DEVICE, Transcript, read, replayed
+from tools.external_control import (
+    SERVICES,
+    Command,
+    Forward,
+    Mode,
+    Motion,
+    Result,
+    Spline,
+    read_commands,
+    read_orders,
+    read_points,
+    read_results,
+)
 
-DRIVER = read(Path(__file__).with_name("drivers") / "rsi-kuka-experimental.txt")
+FOLDER = Path(__file__).with_name("drivers")
+DRIVER = read(FOLDER / "rsi-kuka-experimental.txt")
+CONTROL = read(FOLDER / "rtde-ur-client-library.txt")
+PRIMARY = read(FOLDER / "rtde-ur-client-library-primary.txt")
 
 
 def test_the_emulated_kuka_says_every_byte_to_a_driver_of_axes_again() -> None:
@@ -40,3 +64,140 @@ def test_the_emulated_arm_comes_along_with_the_driver() -> None:
     assert moved[:3] == pytest.approx(behind[:3], abs=0.15)
     assert min(map(abs, moved[:3])) > 2.0
     assert all(telegram.values["Delay.D"] == "0" for telegram in told)
+
+
+# --- Universal Robots' C++ client library
+
+
+@pytest.mark.parametrize("transcript", [CONTROL, PRIMARY])
+def test_the_emulated_controller_says_every_byte_to_the_client_library_again(transcript: Transcript) -> None:
+    assert replayed(transcript) == [step for step in transcript.steps if step.side == DEVICE]
+
+
+def joined(transcript: Transcript, side: str, wire: str) -> bytes:
+    return b"".join(transcript.made_by(side, wire))
+
+
+def test_each_service_of_the_client_is_connected_to_in_its_order() -> None:
+    opened = [
+        step.wire.partition("-")[0] for step in CONTROL.steps if (step.side, step.event) == (DEVICE, "opens")
+    ]
+    assert opened == [name for name in SERVICES.values() if name != "sender"]
+    text = joined(CONTROL, CLIENT, "primary")
+    assert text == b"stop program\ndef externalControl():\n# 127.0.0.1\nend\n", "its own program is not kept"
+
+
+def test_orders_of_the_client_library_are_read_as_it_was_told_to_send_them() -> None:
+    orders = list(read_orders(joined(CONTROL, CLIENT, "reverse")))
+    sent = [
+        (key, values) for row in CONTROL.sends for key, values in row.items() if key[:5] in ("servo", "speed")
+    ]
+    modes = {"servoj": Mode.SERVOJ, "speedj": Mode.SPEEDJ, "speedl": Mode.SPEEDL}
+    assert [(order.mode, order.timeout_ms) for order in orders[:7]] == [(modes[key], 200) for key, _ in sent]
+    for order, (_, values) in zip(orders, sent, strict=False):
+        assert [value / 1e6 for value in order.values] == pytest.approx(values, abs=1e-6)
+    rest = [(order.mode, order.values[0]) for order in orders[7:]]
+    starts = 3 * [(Mode.FORWARD, Forward.START)]
+    assert rest == [(Mode.IDLE, 0), *starts, (Mode.FORWARD, Forward.CANCEL), (Mode.STOPPED, 0)]
+
+
+def test_points_of_the_client_library_are_read_and_their_results_are_its_own() -> None:
+    points = list(read_points(joined(CONTROL, CLIENT, "trajectory")))
+    assert [(point.kind, point.time) for point in points] == [
+        (Motion.MOVEJ, 0.2),
+        (Motion.SPLINE, 0.2),
+        (Motion.MOVEJ, 3.0),
+    ]
+    assert points[1].blend == Spline.CUBIC
+    assert points[0].rest[:2] == (1.04, 1.4), "speed and acceleration, the library's defaults"
+    ends = [next(iter(row.values())) for row in CONTROL.sends[7:]]
+    for point, end in zip(points, ends, strict=True):
+        assert point.target == pytest.approx(end, abs=1e-6)
+    results = read_results(joined(CONTROL, DEVICE, "trajectory"))
+    assert results == [Result.SUCCESS, Result.SUCCESS, Result.CANCELLED]
+    assert results == [row["result"] for row in CONTROL.reads if "result" in row]
+
+
+def test_commands_of_the_client_library_are_read() -> None:
+    commands = dict(read_commands(joined(CONTROL, CLIENT, "commands")))
+    assert list(commands) == [
+        Command.ZERO_FTSENSOR,
+        Command.SET_PAYLOAD,
+        Command.SET_TCP_OFFSET,
+        Command.START_FORCE_MODE,
+        Command.END_FORCE_MODE,
+        Command.START_TOOL_CONTACT,
+        Command.END_TOOL_CONTACT,
+    ]
+    assert commands[Command.SET_PAYLOAD][:4] == (1.25, 0.0, 0.01, 0.05)
+    assert commands[Command.SET_TCP_OFFSET][:6] == (0.0, 0.0, 0.2, 0.0, 0.0, 0.0), "the second of two"
+    axes, wrench, kind, limits = (
+        commands[Command.START_FORCE_MODE][a:b] for a, b in ((6, 12), (12, 18), (18, 19), (19, 25))
+    )
+    assert (axes, wrench) == ((0.0, 0.0, 1.0, 0.0, 0.0, 0.0), (0.0, 0.0, -5.0, 0.0, 0.0, 0.0))
+    assert (kind, limits) == ((2.0,), (0.01, 0.01, 0.01, 0.1, 0.1, 0.1))
+    assert read_results(joined(CONTROL, DEVICE, "commands")) == [Result.CANCELLED]
+    assert {"contact": Result.CANCELLED} in CONTROL.reads
+
+
+def test_the_client_library_reads_the_joints_and_the_dashboard_as_we_do() -> None:
+    reader = Reader()
+    names: tuple[str, ...] = ()
+    rows = []
+    for step in CONTROL.steps:
+        if not step.wire.startswith("rtde"):
+            continue
+        reader.feed(step.data)
+        while (packet := reader.next_packet()) is not None:
+            if packet.kind == Kind.OUTPUTS and step.side == CLIENT:
+                _, names = read_outputs_request(packet.payload)
+            elif packet.kind == Kind.OUTPUTS:
+                types = read_types(packet.payload)
+                recipe = Recipe(types.recipe, names, types.types)
+            elif packet.kind == Kind.DATA and step.side == DEVICE:
+                rows.append(recipe.values(recipe.unpack(packet.payload)))
+    assert names == ("timestamp", "actual_q")
+    for values in (row["actual_q"] for row in CONTROL.reads if "actual_q" in row):
+        assert tuple(values) in [row["actual_q"] for row in rows]
+    said = joined(CONTROL, DEVICE, "dashboard").decode().splitlines()
+    assert list(CONTROL.reads[0].values()) == said[2:]
+
+
+def packets_of(transcript: Transcript) -> Iterator[tuple[int, bytes]]:
+    return primary.split(joined(transcript, DEVICE, "primary"))
+
+
+def test_states_of_the_primary_interface_are_whole_and_read_by_the_client_library() -> None:
+    states = [dict(primary.split(body)) for kind, body in packets_of(PRIMARY) if kind == PacketType.STATE]
+    assert all(list(state) == list(primary.PARTS) for state in states)
+    first = primary.CONFIGURATION.unpack(states[0][Part.CONFIGURATION])
+    assert first["robot_type"] == PRIMARY.reads[0]["type"]
+    modes = [primary.ROBOT_MODE.unpack(state[Part.ROBOT_MODE])["robot_mode"] for state in states]
+    assert (modes[0], modes[-1]) == (PRIMARY.reads[0]["mode"], PRIMARY.reads[-1]["mode"])
+
+
+def test_messages_of_the_primary_interface_are_what_the_client_library_tells_of_them() -> None:
+    messages = [
+        primary.read_message(body) for kind, body in packets_of(PRIMARY) if kind == PacketType.MESSAGE
+    ]
+    bodies = {message.kind: message.body for message in messages}
+    assert messages[0].kind == MessageKind.VERSION
+    assert PRIMARY.reads[0]["version"] == "5.12.0.0"
+    assert bodies[MessageKind.TEXT] == b"hello 7"
+    failure = bodies[MessageKind.RUNTIME_EXCEPTION]
+    assert failure == primary.runtime_exception_body(2, 1, "no joints hold this pose")
+    assert "no joints hold this pose" in PRIMARY.reads[1]["exception"]
+    code, level = PRIMARY.reads[2]["codes"][0][0], PRIMARY.reads[2]["codes"][0][2]
+    assert bodies[MessageKind.ERROR_CODE].startswith(primary.error_body(code, 0, primary.ReportLevel(level)))
+    modes = [message.body[8] for message in messages if message.kind == MessageKind.SAFETY_MODE]
+    assert modes == [PRIMARY.reads[2]["safety"], PRIMARY.reads[3]["safety"]]
+
+
+def test_a_byte_that_the_client_library_did_not_send_is_noticed() -> None:
+    spoilt = [
+        step._replace(data=step.data[:-1] + b"\2") if step.wire.startswith("reverse") and step.data else step
+        for step in CONTROL.steps
+    ]
+    again = replayed(Transcript(CONTROL.head, spoilt))
+    assert again != [step for step in CONTROL.steps if step.side == DEVICE]
+    assert json.loads(CONTROL.head["settings"]) == {"power_s": 0.3}

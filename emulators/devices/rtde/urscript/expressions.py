@@ -239,7 +239,7 @@ class Expressions:
             return self._struct(node)
         function = self._functions.get(name)
         if function is None:
-            column = getattr(node.meta, "column", 1)
+            column = getattr(node.children[0], "column", 1)
 
             def refuse(frame: Frame) -> Any:
                 frame[1].host.tell_unknown(name)

@@ -20,3 +20,7 @@ MESSAGES_MAX = 256
 """Messages of a program that are kept; of more the oldest go."""
 SOCKETS_MAX = 16
 """Open sockets."""
+READS_MAX = 10
+"""Reads of sockets by a thread in one cycle; the next one waits for the next cycle. Assumed: as many as the maker's
+external control reads at once. So a client that sends without a pause cannot keep a thread from its end.
+"""

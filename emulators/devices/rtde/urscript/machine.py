@@ -27,6 +27,8 @@ class Task:
         self.turns: Turns = _nothing()
         self.left = 0
         """Steps that it may still take in this cycle."""
+        self.reads = 0
+        """Reads of sockets in this cycle."""
         self.depth = 0
         """Functions that have called each other."""
         self.waits_for: Any = None
@@ -115,7 +117,7 @@ class Machine:
     def cycle(self) -> bool:
         """One cycle of all threads; False once the program has ended."""
         for task in self._tasks:
-            task.rests, task.left = False, self._steps
+            task.rests, task.left, task.reads = False, self._steps, 0
         try:
             while self._pass():
                 pass

@@ -70,9 +70,17 @@ def _walk(task: Any, walk: Iterator[object] | None, radius: Value) -> Wait:
 
 
 def _movej(task: Any, q: Value, *given: Value) -> Wait:
-    """`given` are a, v, t and r."""
+    """`given` are a, v, t and r. An end beyond a joint's range ends the program before the arm moves.
+
+    Derived: a test of Universal Robots' C++ client library sends such an end, and waits without a limit until the
+    program has ended. It unlocks no stop.
+    """
     host, (a, v, t, r) = task.host, given
-    return _walk(task, host.swing(_joints(host, q), _profile(a, v, t)), r)
+    goal = _joints(host, q)
+    walk = host.swing(goal, _profile(a, v, t))
+    if max(map(abs, goal)) > RANGE:
+        raise ScriptError("the end of this move is beyond a joint's range")
+    return _walk(task, walk, r)
 
 
 def _movel(task: Any, goal: Value, *given: Value) -> Wait:

@@ -7,7 +7,7 @@ from typing import Any
 
 from emulators.devices.rtde.urscript.failures import ScriptError
 from emulators.devices.rtde.urscript.host import Message, Socket
-from emulators.devices.rtde.urscript.limits import LENGTH_MAX, SOCKETS_MAX, STRING_MAX
+from emulators.devices.rtde.urscript.limits import LENGTH_MAX, READS_MAX, SOCKETS_MAX, STRING_MAX
 from emulators.devices.rtde.urscript.table import Function, modelled, waiting
 from emulators.devices.rtde.urscript.values import Struct, Value, integer, number, string, text_of, truth
 
@@ -199,6 +199,9 @@ def _whole(value: Value) -> int:
 def _wait_for(task: Any, name: Value, timeout: Value, ask: Any) -> Generator[None, None, bytes | None]:
     """The answer to a question to a socket, or None after a time. 0 or less waits for ever."""
     seconds, waited = number(timeout), 0.0
+    if task.reads >= READS_MAX:
+        yield
+    task.reads += 1
     while True:
         found: Socket | None = task.machine.sockets.get(string(name))
         if found is None:

@@ -4,7 +4,7 @@
 |---|---|
 | `tcp://10.0.0.5` | 30004, and the dashboard's and the script's by the settings |
 | `tcp://127.0.0.1:41000?dashboard=41001&script=41002` | these |
-| `tcp-listen://127.0.0.2` | the real controller's: 30001 to 30004, 30011, 30012, 29999 |
+| `tcp-listen://127.0.0.2` | the real controller's: 30001 to 30004, 30011 to 30013, 29999 |
 | `tcp-listen://127.0.0.1:0` | free ones |
 | `memory:NAME` | in memory |
 """
@@ -21,17 +21,21 @@ RTDE_PORT = 30004
 PORTS: Mapping[Port, tuple[int, ...]] = {
     Port.RTDE: (RTDE_PORT,),
     Port.DASHBOARD: (29999,),
-    Port.SCRIPT: (30003,),
+    Port.SCRIPT: (),
     Port.PRIMARY: (30001, 30002),
     Port.READ_ONLY: (30011, 30012),
+    Port.REALTIME: (30003,),
+    Port.REALTIME_READ_ONLY: (30013,),
 }
-"""TCP ports of a real controller."""
+"""TCP ports of a real controller. It has none that takes programs and tells nothing."""
 _EXAMPLE = "tcp://10.0.0.5, or tcp://127.0.0.1:41000?dashboard=41001&script=41002"
 _OPTIONS = {
     "dashboard": Port.DASHBOARD,
     "script": Port.SCRIPT,
     "primary": Port.PRIMARY,
     "read-only": Port.READ_ONLY,
+    "realtime": Port.REALTIME,
+    "realtime-read-only": Port.REALTIME_READ_ONLY,
 }
 
 

@@ -12,6 +12,7 @@ from hil_bridge.devices.wiring import Serving
 from hil_bridge.errors import TransportError
 from hil_bridge.transports import Transport
 from hil_bridge.transports.pump import Pump
+from hil_bridge.transports.serial.files import FileWire
 from hil_bridge.transports.tcp import connect_tcp
 
 OPENING_MAX = 16
@@ -103,6 +104,8 @@ class ProgramWires:
                 self._serving.on_failure(cause)
 
         inner.wake = pump.kick
+        if isinstance(wire, FileWire):
+            inner.hold = wire.hold
         inner.opened()
         self._serving.pumps.append(pump)
         pump.start()

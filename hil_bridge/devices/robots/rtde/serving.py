@@ -14,6 +14,7 @@ from hil_bridge.errors.failures import RAISED, raise_if_asked
 from hil_bridge.transports import Transport
 from hil_bridge.transports.memory import listen_memory_clients
 from hil_bridge.transports.pump import Pump
+from hil_bridge.transports.serial.files import FileWire
 from hil_bridge.transports.tcp import listen_tcp_clients
 from protocol.devices.rtde.states import SafetyMode
 from protocol.devices.rtde.wires import Port
@@ -72,7 +73,7 @@ class Ports:
                 )
                 self._stops.append(stop)
                 found.setdefault(port, real)
-        if found == {port: numbers[0] for port, numbers in PORTS.items()}:
+        if found == {port: numbers[0] for port, numbers in PORTS.items() if numbers}:
             return f"tcp://{address.authority}"
         options = "&".join(f"{port}={number}" for port, number in found.items() if port is not Port.RTDE)
         return f"tcp://{address.authority}:{found[Port.RTDE]}?{options}"
@@ -100,6 +101,8 @@ class Ports:
             wire.start(_ignore, _ignore)
             self._hang_up(wire)
             return
+        if isinstance(wire, FileWire):
+            server.spare(lambda: wire.queued > 0)
 
         def ended(cause: BaseException) -> None:
             self._robot.leave(port, server, clock.now())

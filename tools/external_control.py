@@ -1,0 +1,202 @@
+"""Universal Robots' external control: the messages of a client, and a program of ours that goes by them, for tests.
+
+A program at the controller connects to its client three times, and then goes by what it is sent. All values are
+integers of 32 bits, big-endian. The maker's own program is played as it stands where its library is run.
+
+Source: Universal Robots' C++ client library, `control/` and `comm/control_mode.h`.
+"""
+
+import re
+import struct
+from collections.abc import Iterator, Sequence
+from enum import IntEnum
+from pathlib import Path
+from typing import NamedTuple
+
+from protocol.endpoint import RemoteProtocolError
+
+MICRO = 1_000_000
+"""Units of a value, or of a point's time, in the messages."""
+TRAJECTORY, COMMANDS, REVERSE, SENDER = 50003, 50004, 50001, 50002
+"""Ports of the client, in the order in which the program connects; the last one hands the program out."""
+SERVICES = {TRAJECTORY: "trajectory", COMMANDS: "commands", REVERSE: "reverse", SENDER: "sender"}
+
+
+class Mode(IntEnum):
+    """What the values of an order mean."""
+
+    STOPPED = -2
+    IDLE = 0
+    SERVOJ = 1
+    SPEEDJ = 2
+    FORWARD = 3
+    SPEEDL = 4
+    POSE = 5
+    FREEDRIVE = 6
+    TOOL_IN_CONTACT = 7
+    TORQUE = 8
+
+
+class Forward(IntEnum):
+    """The first value of an order in mode forward."""
+
+    CANCEL = -1
+    NOTHING = 0
+    START = 1
+    STREAM_START = 2
+    STREAM_END = 3
+
+
+class Freedrive(IntEnum):
+    """The first value of an order in mode freedrive."""
+
+    STOP = -1
+    NOTHING = 0
+    START = 1
+
+
+class Motion(IntEnum):
+    """The kind of a point."""
+
+    MOVEJ = 0
+    MOVEL = 1
+    MOVEP = 2
+    MOVEC = 3
+    OPTIMOVEJ = 4
+    OPTIMOVEL = 5
+    MOVEJ_POSE = 6
+    MOVEL_JOINT = 7
+    MOVEP_JOINT = 8
+    MOVEC_JOINT = 9
+    OPTIMOVEJ_POSE = 12
+    OPTIMOVEL_JOINT = 13
+    SPLINE = 51
+
+
+class Spline(IntEnum):
+    """The kind of a spline's point."""
+
+    CUBIC = 1
+    QUINTIC = 2
+
+
+class Command(IntEnum):
+    """A command beside the motion."""
+
+    ZERO_FTSENSOR = 0
+    SET_PAYLOAD = 1
+    SET_TOOL_VOLTAGE = 2
+    START_FORCE_MODE = 3
+    END_FORCE_MODE = 4
+    START_TOOL_CONTACT = 5
+    END_TOOL_CONTACT = 6
+    SET_FRICTION_COMPENSATION = 7
+    FT_RTDE_INPUT_ENABLE = 8
+    SET_GRAVITY = 9
+    SET_TCP_OFFSET = 10
+    SET_FRICTION_SCALES = 11
+    SET_TARGET_PAYLOAD = 12
+
+
+class Result(IntEnum):
+    """The answer to a trajectory, and the first two of them to a look for a contact."""
+
+    SUCCESS = 0
+    CANCELLED = 1
+    FAILURE = 2
+
+
+_ORDER, _POINT, _COMMAND, _RESULT = (struct.Struct(f">{count}i") for count in (8, 21, 28, 1))
+
+
+class Order(NamedTuple):
+    """One message to the reverse port."""
+
+    timeout_ms: int
+    """Until the next message at most; 0: for ever."""
+    values: tuple[int, ...]
+    """Six: joints, speeds or a pose in millionths, or what the mode asks for."""
+    mode: int
+
+    def encode(self) -> bytes:
+        """The message."""
+        return _ORDER.pack(self.timeout_ms, *self.values, self.mode)
+
+
+class Point(NamedTuple):
+    """One message to the trajectory port, SI units."""
+
+    kind: int
+    target: tuple[float, ...]
+    """Joints, or a pose."""
+    other: tuple[float, ...] = (0.0,) * 6
+    """Of an arc the place on the way, of a spline the speeds."""
+    rest: tuple[float, ...] = (0.0,) * 6
+    """Of a move speed and acceleration, of a spline the accelerations."""
+    time: float = 0.0
+    blend: int = 0
+    """µm; of a spline its kind."""
+
+    def encode(self) -> bytes:
+        """The message."""
+        values = (round(value * MICRO) for value in (*self.target, *self.other, *self.rest))
+        return _POINT.pack(*values, round(self.time * MICRO), self.blend, self.kind)
+
+
+def encode_command(command: Command, *values: float) -> bytes:
+    """A message to the port of commands; values in SI units."""
+    numbers = [round(value * MICRO) for value in values]
+    return _COMMAND.pack(command, *numbers, *(0,) * (27 - len(numbers)))
+
+
+def read_orders(data: bytes) -> Iterator[Order]:
+    """All messages to the reverse port. Raises RemoteProtocolError where one is cut off."""
+    for timeout_ms, *values, mode in _rows(_ORDER, data):
+        yield Order(timeout_ms, tuple(values), mode)
+
+
+def read_points(data: bytes) -> Iterator[Point]:
+    """All messages to the trajectory port. Raises RemoteProtocolError where one is cut off."""
+    for *numbers, time, blend, kind in _rows(_POINT, data):
+        values = tuple(number / MICRO for number in numbers)
+        yield Point(kind, values[:6], values[6:12], values[12:], time / MICRO, blend)
+
+
+def read_commands(data: bytes) -> Iterator[tuple[Command, tuple[float, ...]]]:
+    """All messages to the port of commands, with their values. Raises RemoteProtocolError where one is cut off."""
+    for command, *numbers in _rows(_COMMAND, data):
+        yield Command(command), tuple(number / MICRO for number in numbers)
+
+
+def read_results(data: bytes) -> list[Result]:
+    """Answers of the program. Raises RemoteProtocolError where one is cut off."""
+    return [Result(value) for (value,) in _rows(_RESULT, data)]
+
+
+def _rows(layout: struct.Struct, data: bytes) -> Iterator[Sequence[int]]:
+    if len(data) % layout.size:
+        raise RemoteProtocolError(f"{len(data)} bytes are no whole messages of {layout.size}")
+    return layout.iter_unpack(data)
+
+
+# --- the program
+
+_TEXT = Path(__file__).with_suffix(".script").read_text(encoding="utf-8")
+_RECORDED = re.compile(rb"def externalControl\(\):\n# (\S+)\nend\n")
+_HOST = re.compile(rb'connect_socket_with_retry\("([^"]+)"')
+
+
+def control_program(host: str = "127.0.0.1", lookahead_s: float = 0.03, gain: int = 2000) -> str:
+    """The program, with its client's address and the settings of servoj."""
+    return _TEXT.replace("HOST", host).replace("AHEAD", str(lookahead_s)).replace("GAIN", str(gain))
+
+
+def recorded_form(text: bytes) -> bytes:
+    """A program that stands in a transcript for that of a client."""
+    found = _HOST.search(text)
+    return b"def externalControl():\n# %s\nend\n" % (found[1] if found else b"127.0.0.1")
+
+
+def played_form(data: bytes) -> bytes:
+    """Data of a transcript, with our program in the place of its short form."""
+    return _RECORDED.sub(lambda found: control_program(found[1].decode()).encode(), data)
