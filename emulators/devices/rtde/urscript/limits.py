@@ -4,12 +4,18 @@ published, so all of these are chosen.
 
 TEXT_MAX = 1 << 18
 """Characters of a text; ur_rtde's has 50 000."""
+TOKENS_MAX = 50_000
+"""Words, signs and numbers of a text; ur_rtde's has 10 000."""
 DEPTH_MAX = 60
 """Nested blocks and expressions."""
 CALLS_MAX = 40
 """Functions that have called each other."""
 THREADS_MAX = 32
 """Threads at a time."""
+THREADS_TOGETHER = 4
+"""All threads of a program take as many steps in a cycle as so many may alone."""
+SOLVE_STEPS = 20
+"""Steps of one question of inverse kinematics."""
 LENGTH_MAX = 4096
 """Elements of a list, those of its elements counted too."""
 NESTING_MAX = 4
@@ -20,3 +26,7 @@ MESSAGES_MAX = 256
 """Messages of a program that are kept; of more the oldest go."""
 SOCKETS_MAX = 16
 """Open sockets."""
+MEMORY_MAX = 1 << 20
+"""Elements of lists and structs, and characters of strings, that a program keeps at a time."""
+MEMORY_LOOK_STEPS = 1_000_000
+"""Steps of a program between two looks at what it keeps. A step makes a hundred bytes at most."""

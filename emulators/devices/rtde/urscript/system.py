@@ -223,12 +223,14 @@ def _count(value: Value) -> int:
 def _read_integers(task: Any, count: Value, name: Value, timeout: Value) -> Generator[None, None, Value]:
     """A list: how many have come, then they."""
     size = _count(count)
+    task.spend(size)
     data = yield from _wait_for(task, name, timeout, lambda socket: socket.take(4 * size))
     return (0, *(-1,) * size) if data is None else (size, *struct.unpack(f">{size}i", data))
 
 
 def _read_bytes(task: Any, count: Value, name: Value, timeout: Value) -> Generator[None, None, Value]:
     size = _count(count)
+    task.spend(size)
     data = yield from _wait_for(task, name, timeout, lambda socket: socket.take(size))
     return (0, *(-1,) * size) if data is None else (size, *data)
 
@@ -237,6 +239,7 @@ def _read_floats(task: Any, count: Value, name: Value, timeout: Value) -> Genera
     """`(1.0, 2.0)`, of as many numbers as are asked for."""
     size = _count(count)
     nothing = (0, *(math.nan,) * size)
+    task.spend(size)
     data = yield from _wait_for(task, name, timeout, lambda socket: socket.take_until(b")"))
     if data is None:
         return nothing
