@@ -5,7 +5,7 @@ published, so all of these are chosen.
 TEXT_MAX = 1 << 18
 """Characters of a text; ur_rtde's has 50 000."""
 TOKENS_MAX = 50_000
-"""Words, signs and numbers of a text; ur_rtde's has 10 000."""
+"""Words, signs and numbers of a text; the largest of 51 public programs has 20 600."""
 DEPTH_MAX = 60
 """Nested blocks and expressions."""
 CALLS_MAX = 40
