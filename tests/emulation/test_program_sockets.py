@@ -40,6 +40,9 @@ end
 """
 
 
+MOVED = "movel(pose_add(get_actual_tcp_pose(), p[0, 0.2, 0, 0, 0, 0]), a=0.5, v=0.1)\n"
+
+
 class Ear:
     """A server outside, the controller with a program that has come to it, and the time."""
 
@@ -247,6 +250,38 @@ def test_a_cut_wire_stops_the_program(ear: Ear, fault: str, target: str) -> None
     ear.stream(20, base(ear), timeout_ms=20)
     assert ear.said() == ["ended with 0"]
     assert ear.controller.still
+
+
+def test_a_connection_that_is_closed_ends_a_read_at_once_and_another_can_be_opened(ear: Ear) -> None:
+    ear.stream(10, base(ear), timeout_ms=0)
+    ear.inject("dropped")
+    ear.run(2)
+    assert ear.said() == ["ended with 0"]
+    assert ear.ledger.injections[0].struck == 1
+    ear.run(200)
+    assert ear.controller.still
+    ear.play().run(3).stream(5, base(ear))
+    assert ear.plays
+
+
+def test_a_fault_in_mid_motion_leaves_the_arm_standing_where_it_was() -> None:
+    """The move goes on from there, along its line, once the program is played again."""
+    for fault in ("protective-stop", "program-paused", "program-stopped"):
+        ear = Ear(MOVED).play().run(300)
+        ear.inject(fault, on="robot")
+        ear.run(200)
+        stood = ear.controller.arm.joints
+        ear.run(300)
+        assert ear.controller.still
+        assert ear.controller.arm.joints == stood
+        ear.run(2000)
+        ear.controller.unlock_protective_stop()
+        ear.controller.play()
+        ear.run(20)
+        assert ear.controller.path.pose.position[2] == pytest.approx(0.6, abs=1e-3)
+        ear.run(1500)
+        went_on = ear.controller.path.pose.position[1] == pytest.approx(0.1, abs=1e-3)
+        assert went_on is (fault != "program-stopped")
 
 
 def test_half_a_message_shifts_all_behind_it(ear: Ear) -> None:

@@ -389,6 +389,22 @@ def test_a_program_reads_and_writes_a_socket() -> None:
     assert played.said() == ["True", "[2, 1, -1]", "[0, -1]", "word", "[2, 1.5, -2]", "False"]
 
 
+def test_a_variable_of_a_server_is_set_and_asked_for() -> None:
+    """An answer of another variable, one that is no number, and none within two seconds count as 0."""
+    played = Played(
+        program(
+            'socket_open("10.0.0.1", 63352)\nsocket_set_var("POS", 255)\n'
+            + 'textmsg(socket_get_var("POS"))\n' * 4
+        )
+    )
+    line = Line()
+    played.controller.console.open_socket = lambda address, port: line
+    line.came = b"POS 12\nSTA 3\nPOS many\n"
+    assert played.play(1100) >= 1000
+    assert line.sent == b"SET POS 255\n" + b"GET POS\n" * 4
+    assert played.said() == ["12", "0", "0", "0"]
+
+
 def test_without_a_network_no_socket_opens() -> None:
     assert said(program('textmsg(socket_open("10.0.0.1", 50001))')) == ["False"]
 

@@ -27,6 +27,7 @@ BENCHMARKS = (
     "control_step",
     "wake_up",
     "virtual_time",
+    "urscript",
     "link_use",
     "answers",
     "web_clients",

@@ -5,6 +5,7 @@ from typing import TypeAlias
 
 from emulators.devices.rtde.connection import Connection
 from emulators.devices.rtde.dashboard import Dashboard
+from emulators.devices.rtde.faults import DROPPED
 from emulators.devices.rtde.packages import MESSAGES, PACKAGES
 from emulators.devices.rtde.primary import PrimaryPort
 from emulators.devices.rtde.program_socket import ProgramSocket
@@ -48,14 +49,15 @@ class Cable:
         self._seed = seed
         self._injections: list[tuple[Injection, bool]] = []
         """Faults, and whether each strikes the connections of programs alone."""
-        self._wires: dict[Packets[bytes], bool] = {}
-        """Open ones, and whether a program has opened each."""
+        self._wires: dict[Packets[bytes], ProgramSocket | None] = {}
+        """Open ones, each with the program's end where a program has opened it."""
         self._opened = 0
         self.handlers: Mapping[str, Handler] = dict.fromkeys(PACKAGES.faults, Handler(self._begin))
         """Handlers for a ledger, of faults of all connections."""
-        self.program_handlers: Mapping[str, Handler] = dict.fromkeys(
-            MESSAGES.faults, Handler(self._begin_of_programs)
-        )
+        self.program_handlers: Mapping[str, Handler] = {
+            **dict.fromkeys(MESSAGES.faults, Handler(self._begin_of_programs)),
+            DROPPED: Handler(self._hang_up),
+        }
         """The same of faults of those that programs have opened."""
 
     def open(self, inner: Inner, now: float) -> Server:
@@ -63,9 +65,9 @@ class Cable:
         self._opened += 1
         pieces: Pieces[bytes] = PACKAGES if isinstance(inner, Connection) else MESSAGES
         wire = Packets(inner, pieces, f"{self._seed} link {self._opened}")
-        of_program = isinstance(inner, ProgramSocket)
+        of_program = inner if isinstance(inner, ProgramSocket) else None
         for injection, of_programs in self._injections:
-            if injection.holds(now) and (of_program or not of_programs):
+            if injection.holds(now) and (of_program is not None or not of_programs):
                 wire.begin(injection)
         self._wires[wire] = of_program
         return Server(inner, wire, self)
@@ -82,5 +84,11 @@ class Cable:
     def _begin_of_programs(self, injection: Injection) -> None:
         self._injections.append((injection, True))
         for wire, of_program in self._wires.items():
-            if of_program:
+            if of_program is not None:
                 wire.begin(injection)
+
+    def _hang_up(self, injection: Injection) -> None:
+        for socket in list(self._wires.values()):
+            if socket is not None:
+                socket.hang_up()
+                injection.struck += 1

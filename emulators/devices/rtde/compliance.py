@@ -1,5 +1,6 @@
 """Force mode, freedrive and contact of one controller: what its programs set, and the arm's cycle with it."""
 
+import math
 from typing import NamedTuple
 
 from emulators.devices.rtde.arm import Hold, JointArm, Place
@@ -15,6 +16,9 @@ from emulators.devices.rtde.force_mode import (
 from emulators.devices.rtde.kinematics import Arm, compose, flange
 from emulators.devices.rtde.profile import RtdeProfile
 from protocol.geometry import Pose, Wrench, rotate
+
+TOO_FAST = "a joint is too fast"
+"""Reason of a protective stop."""
 
 
 class Felt(NamedTuple):
@@ -33,6 +37,8 @@ class Compliance:
 
     def __init__(self, profile: RtdeProfile, period: float, lengths: Arm) -> None:
         self._profile, self._period, self._lengths = profile, period, lengths
+        self._fastest = profile.max_joint_speed_rad_s
+        """Of a joint, rad/s."""
         self.history = History()
         self._mode: ForceMode | None = None
         self._free = False
@@ -88,19 +94,26 @@ class Compliance:
         mode = self._mode
         if mode is None or not plays or isinstance(arm.order, Hold):
             arm.settle()
+            before = arm.joints
             arm.step(pace)
-            return ""
+            if all(-self._fastest <= speed <= self._fastest for speed in arm.speeds):
+                return ""
+            arm.stay(before)  # also from a speed that is no number
+            return TOO_FAST
         before = arm.joints
         old_flange = flange(self._lengths, before)
         old = compose(old_flange, felt.tcp)
         arm.step(pace)
+        if not all(map(math.isfinite, arm.joints)):
+            arm.stay(before)
+            return TOO_FAST
         planned = compose(flange(self._lengths, arm.joints), felt.tcp)
         wrench = felt.force
         if felt.external and self._profile.force_point == "flange":
             wrench = about_tool(wrench, rotate(old_flange.quaternion, felt.tcp.position))
         poses = mode.step(self._admittance(), Steered(old, planned, isinstance(arm.order, Place)), wrench)
         motion = solve_motion(self._lengths, felt.tcp, poses, arm.joints)
-        fastest = self._profile.max_joint_speed_rad_s * self._period
+        fastest = self._fastest * self._period
         if motion is None or max(abs(b - a) for a, b in zip(before, motion.joints, strict=True)) > fastest:
             arm.stay(before)
             return (

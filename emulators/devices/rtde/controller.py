@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from emulators.arm.cycled import CycledPath
 from emulators.arm.own_force import Errors, OwnForce
 from emulators.devices.rtde.arm import ZERO, Brake, Hold, JointArm, Order, Place, Servo
-from emulators.devices.rtde.compliance import Compliance, Felt
+from emulators.devices.rtde.compliance import TOO_FAST, Compliance, Felt
 from emulators.devices.rtde.force_mode import about_tool
 from emulators.devices.rtde.io import MASKS, read_slider, switch_outputs
 from emulators.devices.rtde.kinematics import (
@@ -395,7 +395,7 @@ class Controller:
         if self.safety not in STOPPED_MODES and self.mode == RobotMode.RUNNING:
             moved = math.dist(self._flange.position, self._old_flange.position)
             if max(map(abs, arm.motion)) > profile.max_joint_speed_rad_s:
-                self.protective_stop("a joint is too fast")
+                self.protective_stop(TOO_FAST)
             elif moved > profile.max_tcp_speed_mm_s * 1e-3 * self.period:
                 self.protective_stop("the tool is too fast")
             elif self.external_force and math.hypot(*self.measured[:3]) > profile.max_force_n:

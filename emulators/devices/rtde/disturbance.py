@@ -7,7 +7,7 @@ import numpy as np
 
 from emulators.arm.told_pose import ToldPose
 from emulators.devices.rtde.controller import BY_FAULT, Controller
-from emulators.devices.rtde.faults import POSE_FAULTS, PROGRAM_WIRE
+from emulators.devices.rtde.faults import DROPPED, POSE_FAULTS, PROGRAM_WIRE
 from emulators.devices.rtde.kinematics import compose, invert
 from emulators.devices.rtde.state import Snapshot
 from emulators.faults.ledger import Handler, Injection
@@ -56,7 +56,7 @@ class Disturbance:
                 **own.held((_IN_USE, _SILENT)),
             },
             "pose": self._told_pose.handlers,
-            WIRE: {**wire, **own.striking({"dropped": self._at(self._drop)})},
+            WIRE: {**wire, **own.striking({DROPPED: self._at(self._drop)})},
             PROGRAM_WIRE: program_wire,
             "witness": controller.own_force.handlers,
         }

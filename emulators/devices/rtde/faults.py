@@ -26,15 +26,17 @@ ROBOT_FAULTS: Mapping[str, Fault] = {
 }
 POSE_FAULTS: Mapping[str, Fault] = pose_faults(without=("missing",))
 """An output package has all fields of its recipe."""
+DROPPED = "dropped"
 PROGRAM_WIRE = "program-wire"
 """Target of the faults of the connections that a program opens, as of external control's."""
 _DROPPED = Fault("all connections to the RTDE port are closed")
+_HUNG_UP = Fault("all connections that a program has opened are closed")
 
 RTDE_FAULTS: Mapping[str, Mapping[str, Fault]] = {
     "robot": ROBOT_FAULTS,
     "pose": POSE_FAULTS,
-    WIRE: {**PACKAGES.faults, "dropped": _DROPPED},
-    PROGRAM_WIRE: MESSAGES.faults,
+    WIRE: {**PACKAGES.faults, DROPPED: _DROPPED},
+    PROGRAM_WIRE: {**MESSAGES.faults, DROPPED: _HUNG_UP},
     "witness": WITNESS_FAULTS,
 }
 """Faults by target."""

@@ -50,8 +50,8 @@ class ScriptPort:
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
         self._rest = b""
-        self._at, self._count = -1.0, 0
-        """When the newest program came, and how many at that time."""
+        self._at, self._count, self._text = -1.0, 0, 0
+        """When the newest program came, how many at that time, and their characters."""
         self._forget()
 
     def _forget(self) -> None:
@@ -104,9 +104,11 @@ class ScriptPort:
 
     def _start(self, name: str, text: bytes, secondary: bool = False) -> None:
         controller = self._controller
-        self._count = self._count + 1 if self._at == controller.now else 1
-        self._at = controller.now
-        if self._count > _PROGRAMS_MAX:
+        if self._at != controller.now:
+            self._at, self._count, self._text = controller.now, 0, 0
+        self._count += 1
+        self._text += len(text)
+        if self._count > _PROGRAMS_MAX or self._text > TEXT_MAX:
             controller.counts["programs dropped"] += 1
             return
         if secondary:

@@ -7,6 +7,7 @@ from emulators.devices.rtde.urscript.failures import ScriptError
 from emulators.devices.rtde.urscript.limits import LENGTH_MAX
 from emulators.devices.rtde.urscript.table import Function, modelled, pure
 from emulators.devices.rtde.urscript.values import (
+    Struct,
     Value,
     array,
     checked,
@@ -15,6 +16,7 @@ from emulators.devices.rtde.urscript.values import (
     is_matrix,
     number,
     rows,
+    size_of,
     string,
     text_of,
     truth,
@@ -43,10 +45,11 @@ def _power(base: Value, exponent: Value) -> Value:
     return int(result) if whole and abs(result) < 2**31 else result
 
 
-def _make_list(length: Value, initial: Value, capacity: Value) -> Value:
+def _make_list(task: Any, length: Value, initial: Value, capacity: Value) -> Value:
     count = integer(length)
     if not 0 <= count <= LENGTH_MAX:
         raise ScriptError("a list is too large")
+    task.spend(count * (1 + (size_of(initial) if isinstance(initial, (tuple, Struct)) else 0)))
     return checked((initial,) * count)
 
 
@@ -181,7 +184,7 @@ ARITHMETIC: tuple[Function, ...] = (
     pure("get_list_length(v)", _length),
     pure("length(v)", _length),
     pure("size(v)", _size),
-    pure("make_list(length, initial_value, capacity=0)", _make_list),
+    modelled("make_list(length, initial_value, capacity=0)", _make_list),
     modelled("inv(m)", _inverse_matrix),
     pure("transpose(m)", _transpose),
     pure("str_at(src, index)", _at),

@@ -77,6 +77,7 @@ FUNCTIONS: Functions = by_name(
             "modbus_add_signal(IP, slave_number, signal_address, signal_type, signal_name, sequential_mode=False)"
         ),
         tagged("modbus_delete_signal(signal_name)"),
+        tagged("modbus_get_signal_status(signal_name, is_secondary_program=False)", False),
         tagged("modbus_set_signal_update_frequency(signal_name, update_frequency)"),
         tagged("modbus_set_output_signal(signal_name, digital_value, is_secondary_program=False)"),
         tagged("modbus_set_output_register(signal_name, register_value, is_secondary_program=False)"),

@@ -11,7 +11,7 @@ from lark import Token, Tree
 
 from emulators.devices.rtde.urscript import values
 from emulators.devices.rtde.urscript.failures import ScriptError, ScriptSyntaxError, SyntaxFailure
-from emulators.devices.rtde.urscript.limits import CALLS_MAX, DEPTH_MAX
+from emulators.devices.rtde.urscript.limits import CALLS_MAX, DEPTH_MAX, STRING_MAX
 from emulators.devices.rtde.urscript.lists import METHODS
 from emulators.devices.rtde.urscript.names import Code, is_pose, line_of
 from emulators.devices.rtde.urscript.operators import binary
@@ -47,6 +47,8 @@ class Returned:
 
 
 _LISTS = (tuple, PoseValue)
+_HEX_MAX = 66
+"""Chosen: characters of a number of 256 bits."""
 
 
 class Expressions:
@@ -70,13 +72,17 @@ class Expressions:
     def _number(self, node: Tree[Token]) -> Part:
         text = str(node.children[0])
         if text[:2] in ("0x", "0X"):
+            if len(text) > _HEX_MAX:
+                raise ScriptSyntaxError(SyntaxFailure(line_of(node), 1, "a number is too large"))
             number: float = float(int(text, 16)) if len(text) > 9 else int(text, 16)
         else:
             number = int(text) if text.isdecimal() and len(text) < 10 else float(text)
         return always(number)
 
     def _string(self, node: Tree[Token]) -> Part:
-        text = values.checked_string(str(node.children[0])[1:-1])
+        text = str(node.children[0])[1:-1]
+        if len(text) > STRING_MAX:
+            raise ScriptSyntaxError(SyntaxFailure(line_of(node), 1, "a string is too long"))
         return Part(False, lambda frame: text)
 
     def _true(self, node: Tree[Token]) -> Part:
@@ -183,9 +189,12 @@ class Expressions:
         negative = sign == "-"
         if negative and isinstance(operand, Tree) and operand.data == "number":
             return always(-self.value(operand).constant)
-        return combined(
-            [self.value(operand)], lambda frame, value: values.negate(value) if negative else value
-        )
+
+        def change(frame: Frame, value: Value) -> Value:
+            charge(frame, (value,))
+            return values.negate(value) if negative else value
+
+        return combined([self.value(operand)], change)
 
     def _not_(self, node: Tree[Token]) -> Part:
         return combined([self.value(node.children[0])], lambda frame, value: not values.truth(value))
@@ -268,7 +277,7 @@ class Expressions:
     ) -> list[Part] | str:
         """The arguments of a call in the order of the parameters, or what is wrong with them."""
         given: dict[str, Part] = {}
-        positions = iter(parameters)
+        positions, known = iter(parameters), frozenset(parameters)
         for child in node.children[1].children:  # type: ignore[union-attr]
             if child.data == "named":  # type: ignore[union-attr]
                 parameter = str(child.children[0])  # type: ignore[union-attr]
@@ -276,7 +285,7 @@ class Expressions:
             else:
                 parameter = next(positions, "")
                 part = self.value(child)
-            if parameter not in parameters or parameter in given:
+            if parameter not in known or parameter in given:
                 return (
                     f"{name} takes {len(parameters)} arguments"
                     if not parameter
@@ -318,6 +327,7 @@ class Expressions:
             try:
                 signal = code.run(inside)
             finally:
+                task.kept.pop()
                 task.depth -= 1
             return signal.value if signal.__class__ is Returned else None
 
@@ -331,6 +341,7 @@ class Expressions:
             try:
                 signal = yield from code.run(inside)
             finally:
+                task.kept.pop()
                 task.depth -= 1
             return signal.value if signal.__class__ is Returned else None
 
@@ -350,7 +361,9 @@ class Expressions:
                 raise ScriptError("too many functions have called each other")
             for _ in range(hops):
                 frame = frame[0]
-            return [frame, task, *given, *[UNSET] * (len(outer.slots) - count)]
+            inside = [frame, task, *given, *[UNSET] * (len(outer.slots) - count)]
+            task.kept.append(inside)
+            return inside
 
         return enter
 
@@ -370,6 +383,7 @@ class Expressions:
             task = frame[1]
             for _ in range(hops):
                 frame = frame[0]
+            task.spend(thread.weight)
             rest = [UNSET] * (len(thread.slots) - len(given))
             handle: int = task.machine.start(thread, frame, [*given, *rest])
             return handle

@@ -4,12 +4,18 @@ published, so all of these are chosen.
 
 TEXT_MAX = 1 << 18
 """Characters of a text; ur_rtde's has 50 000."""
+TOKENS_MAX = 50_000
+"""Words, signs and numbers of a text; the largest of 51 public programs has 20 600."""
 DEPTH_MAX = 60
 """Nested blocks and expressions."""
 CALLS_MAX = 40
 """Functions that have called each other."""
 THREADS_MAX = 32
 """Threads at a time."""
+THREADS_TOGETHER = 4
+"""All threads of a program take as many steps in a cycle as so many may alone."""
+SOLVE_STEPS = 20
+"""Steps of one question of inverse kinematics."""
 LENGTH_MAX = 4096
 """Elements of a list, those of its elements counted too."""
 NESTING_MAX = 4
@@ -24,3 +30,7 @@ READS_MAX = 10
 """Reads of sockets by a thread in one cycle; the next one waits for the next cycle. Assumed: as many as the maker's
 external control reads at once. So a client that sends without a pause cannot keep a thread from its end.
 """
+MEMORY_MAX = 1 << 20
+"""Elements of lists and structs, and characters of strings, that a program keeps at a time."""
+MEMORY_LOOK_STEPS = 1_000_000
+"""Steps of a program between two looks at what it keeps. A step makes a hundred bytes at most."""

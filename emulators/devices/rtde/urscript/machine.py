@@ -9,10 +9,15 @@ from typing import Any, TypeAlias
 
 from emulators.devices.rtde.urscript.failures import Halted, RuntimeFailure, ScriptError
 from emulators.devices.rtde.urscript.host import Host, Socket
-from emulators.devices.rtde.urscript.limits import THREADS_MAX
+from emulators.devices.rtde.urscript.limits import (
+    MEMORY_LOOK_STEPS,
+    MEMORY_MAX,
+    THREADS_MAX,
+    THREADS_TOGETHER,
+)
 from emulators.devices.rtde.urscript.names import Code
 from emulators.devices.rtde.urscript.statements import CompiledProgram, frame_of
-from emulators.devices.rtde.urscript.values import Value
+from emulators.devices.rtde.urscript.values import Struct, Value
 
 Turns: TypeAlias = Generator[Any, None, Any]
 _MAIN = 1
@@ -31,6 +36,8 @@ class Task:
         """Reads of sockets in this cycle."""
         self.depth = 0
         """Functions that have called each other."""
+        self.kept: list[list[Any]] = []
+        """Frames of its functions, and values of calls that are not complete, the newest last."""
         self.waits_for: Any = None
         """Handle of the thread whose end it waits for."""
         self.rests = False
@@ -66,15 +73,18 @@ class Machine:
         self._tasks: list[Task] = []
         self._tagged: set[str] = set()
         self._started = 0
+        self._used = 0
+        """Steps of all threads in this cycle."""
+        self._not_looked = 0
+        """Steps since the last look at what the program keeps."""
         self.sockets: dict[str, Socket] = {}
         """Connections that the program has opened, by name."""
         root, main = frame_of(program.root, None, None), program.main
         task = self._add(main.name)
         root[1] = task
-        if main.parameters:
-            task.turns = _refuse("a program has no parameters")
-        else:
-            task.turns = _turns(main, root if main is program.root else frame_of(main, root, task))
+        frame = root if main is program.root else frame_of(main, root, task)
+        task.kept.append(frame)
+        task.turns = _refuse("a program has no parameters") if main.parameters else _turns(main, frame)
 
     # --- threads
 
@@ -90,7 +100,8 @@ class Machine:
     def start(self, code: Code, outer: Any, given: list[Any]) -> int:
         """A thread begins in this cycle, with its variables; its handle."""
         task = self._add(code.name)
-        task.turns = _turns(code, [outer, task, *given])
+        task.kept.append([outer, task, *given])
+        task.turns = _turns(code, task.kept[0])
         return task.handle
 
     def lives(self, handle: Value) -> bool:
@@ -118,9 +129,11 @@ class Machine:
         """One cycle of all threads; False once the program has ended."""
         for task in self._tasks:
             task.rests, task.left, task.reads = False, self._steps, 0
+        self._used = 0
         try:
             while self._pass():
                 pass
+            self._look_at_memory()
         except Halted:
             self._tasks.clear()
         except ScriptError as error:
@@ -143,9 +156,35 @@ class Machine:
             waits = task.waits_for is not None and self.lives(task.waits_for)
             if task.rests or waits or task not in self._tasks:
                 continue
-            ran, task.waits_for = True, None
+            ran, task.waits_for, before = True, None, task.left
             self._run(task)
+            self._used += before - task.left
+            if self._used > self._steps * THREADS_TOGETHER:
+                raise ScriptError("all threads together run too long without waiting")
         return ran
+
+    def _look_at_memory(self) -> None:
+        """Raises ScriptError for a program that keeps too much. It is looked at each so many steps."""
+        self._not_looked += self._used
+        if self._not_looked < MEMORY_LOOK_STEPS:
+            return
+        self._not_looked, size, known = 0, 0, set[int]()
+        waiting: list[Any] = [rows for task in self._tasks for rows in task.kept]
+        while waiting:
+            value = waiting.pop()
+            if isinstance(value, Struct):
+                parts: Any = value.members.values()
+            elif isinstance(value, (list, tuple, str)):
+                parts = value
+            else:
+                continue
+            if id(value) not in known:
+                known.add(id(value))
+                size += len(parts)
+                if size > MEMORY_MAX:
+                    raise ScriptError("the program keeps too much")
+                if parts.__class__ is not str:
+                    waiting += parts
 
     def _run(self, task: Task) -> None:
         try:

@@ -7,6 +7,7 @@ from typing import Any, TypeAlias
 from emulators.devices.rtde.kinematics import RANGE
 from emulators.devices.rtde.urscript.failures import ScriptError
 from emulators.devices.rtde.urscript.host import ORDERED, Host, Profile, Six
+from emulators.devices.rtde.urscript.limits import SOLVE_STEPS
 from emulators.devices.rtde.urscript.poses import pose, value_of
 from emulators.devices.rtde.urscript.table import Function, modelled, waiting
 from emulators.devices.rtde.urscript.values import PoseValue, Value, number, string, vector
@@ -169,7 +170,7 @@ def _stopl(task: Any, deceleration: Value, turning: Value) -> Wait:
 
 
 def _inverse(task: Any, x: Value, near: Value, *given: Value) -> Value:
-    return _solved(task.host, x, near, given[2]) or _no_joints()
+    return _solved(task, x, near, given[2]) or _no_joints()
 
 
 def _no_joints() -> Value:
@@ -177,11 +178,13 @@ def _no_joints() -> Value:
 
 
 def _has_inverse(task: Any, x: Value, near: Value, *given: Value) -> Value:
-    return _solved(task.host, x, near, given[2]) is not None
+    return _solved(task, x, near, given[2]) is not None
 
 
-def _solved(host: Host, x: Value, near: Value, tcp: Value) -> Six | None:
+def _solved(task: Any, x: Value, near: Value, tcp: Value) -> Six | None:
     """The joints of a pose, by another tool where one is given."""
+    task.spend(SOLVE_STEPS)
+    host: Host = task.host
     wanted, start = _numbers_or_stop(host, x), None if near is None else finite_six(near)
     if wanted is None:
         return None

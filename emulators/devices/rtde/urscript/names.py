@@ -173,9 +173,14 @@ def _find_waiting(codes: list[Code], functions: Functions) -> None:
             name in functions and functions[name].waits and code.find_function(name) is None
             for name in code.calls
         )
-    changed = True
-    while changed:
-        changed = False
-        for code in codes:
-            if not code.waits and any((f := code.find_function(name)) and f.waits for name in code.calls):
-                code.waits = changed = True
+    callers: dict[int, list[Code]] = {}
+    for code in codes:
+        for name in code.calls:
+            if (function := code.find_function(name)) is not None:
+                callers.setdefault(id(function), []).append(code)
+    news = [code for code in codes if code.waits]
+    while news:
+        for code in callers.get(id(news.pop()), ()):
+            if not code.waits:
+                code.waits = True
+                news.append(code)

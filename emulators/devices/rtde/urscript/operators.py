@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from emulators.devices.rtde.urscript import values
-from emulators.devices.rtde.urscript.parts import NUMBERS, Frame, Part, combined
+from emulators.devices.rtde.urscript.parts import NUMBERS, SIZED, Frame, Part, combined
 from emulators.devices.rtde.urscript.values import Value
 
 _COMPARISONS: Mapping[str, Callable[[Value, Value], Value]] = {
@@ -46,7 +46,7 @@ def binary(sign: str, left: Part, right: Part) -> Part:
     kinds = NUMBERS if sign in _COMPARISONS or sign == "/" else _FLOATS
 
     def apply(frame: Frame, a: Value, b: Value) -> Value:
-        if isinstance(a, tuple) or isinstance(b, tuple):
+        if a.__class__ in SIZED or b.__class__ in SIZED:
             frame[1].spend(_work(a, b))
         return operation(a, b)
 
@@ -70,11 +70,8 @@ def binary(sign: str, left: Part, right: Part) -> Part:
 
 
 def _work(a: Value, b: Value) -> int:
-    """Steps of an operation on lists or matrices."""
-    size = 1
-    for value in (a, b):
-        if isinstance(value, tuple):
-            size *= max(len(value), 1)
-            if values.is_matrix(value):
-                size *= max(len(values.array(value[0])), 1)
-    return size if values.is_matrix(a) else max(len(value) for value in (a, b) if isinstance(value, tuple))
+    """Steps of an operation on lists, matrices, structs or strings."""
+    sizes = [values.size_of(value) for value in (a, b) if isinstance(value, (tuple, str, values.Struct))]
+    if not values.is_matrix(a):
+        return max(sizes)
+    return max(sizes[0], 1) * max(sizes[-1], 1) if len(sizes) > 1 else sizes[0]

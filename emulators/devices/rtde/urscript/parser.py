@@ -8,7 +8,7 @@ from lark import Lark, Token, Tree
 from lark.exceptions import UnexpectedCharacters, UnexpectedInput, UnexpectedToken
 
 from emulators.devices.rtde.urscript.failures import ScriptSyntaxError, SyntaxFailure
-from emulators.devices.rtde.urscript.limits import DEPTH_MAX, TEXT_MAX
+from emulators.devices.rtde.urscript.limits import DEPTH_MAX, TEXT_MAX, TOKENS_MAX
 
 _OPENS = frozenset({"LPAR", "LSQB"})
 _CLOSES = frozenset({"RPAR", "RSQB"})
@@ -18,13 +18,15 @@ _GOES_ON = frozenset({"OR", "AND", "NOT", "COMPARE", "SIGN", "TIMES", "EQUAL", "
 
 
 class _LineEnds:
-    """Takes away line ends that end no statement, and bounds the nesting."""
+    """Takes away line ends that end no statement, and bounds nesting and length."""
 
     always_accept = ()
 
     def process(self, stream: Iterator[Token]) -> Iterator[Token]:
         brackets, blocks, complete, before = 0, 0, False, ""
-        for token in stream:
+        for number, token in enumerate(stream):
+            if number > TOKENS_MAX:
+                raise ScriptSyntaxError(_failure(token, "the program is too long"))
             kind = "NAME" if before == "DOT" else token.type  # a member may be called `sec`
             if kind == "_NL":
                 if brackets or not complete:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
-from emulators.devices.rtde.urscript.values import PoseValue, Value
+from emulators.devices.rtde.urscript.values import PoseValue, Struct, Value, size_of
 
 Frame: TypeAlias = list[Any]
 Run: TypeAlias = Callable[[Frame], Any]
@@ -19,7 +19,7 @@ class Part(NamedTuple):
 
 
 NUMBERS = (float, int)
-SIZED = (tuple, PoseValue, str)
+SIZED = (tuple, PoseValue, str, Struct)
 
 
 def combined(parts: Sequence[Part], apply: Callable[..., Any]) -> Part:
@@ -44,8 +44,13 @@ def combined(parts: Sequence[Part], apply: Callable[..., Any]) -> Part:
 def found_by(parts: Sequence[Part], frame: Frame) -> Any:
     """The values of parts that may wait, in order."""
     found: list[Any] = [None] * len(parts)
-    for at, part in enumerate(parts):
-        found[at] = (yield from part.run(frame)) if part.waits else part.run(frame)
+    kept = frame[1].kept
+    kept.append(found)
+    try:
+        for at, part in enumerate(parts):
+            found[at] = (yield from part.run(frame)) if part.waits else part.run(frame)
+    finally:
+        kept.pop()
     return found
 
 
@@ -53,7 +58,7 @@ def charge(frame: Frame, given: Sequence[Value]) -> None:
     """Take steps for values that are long."""
     for value in given:
         if value.__class__ in SIZED:
-            frame[1].spend(len(value))
+            frame[1].spend(size_of(value))
 
 
 def always(value: Value) -> Part:
@@ -80,7 +85,7 @@ def answer(parts: Sequence[Part], call: Callable[..., Any]) -> Part:
     def run(frame: Frame) -> Any:
         value = ask(frame)
         if value.__class__ in SIZED:
-            frame[1].spend(len(value))
+            frame[1].spend(size_of(value))
         return call(frame[1], value)
 
     return Part(False, run)

@@ -20,7 +20,7 @@ from emulators.devices.rtde.urscript.failures import (
 from emulators.devices.rtde.urscript.lists import METHODS
 from emulators.devices.rtde.urscript.names import Code, analyse, assigned, is_pose, line_of, nodes
 from emulators.devices.rtde.urscript.parser import parse
-from emulators.devices.rtde.urscript.parts import Frame, Part, Run, combined
+from emulators.devices.rtde.urscript.parts import Frame, Part, Run, charge, combined
 from emulators.devices.rtde.urscript.table import Functions
 from emulators.devices.rtde.urscript.values import Value
 
@@ -47,7 +47,7 @@ class CompiledProgram(NamedTuple):
     """Names of all functions that it calls."""
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=8)
 def _compiled(text: str, tables: tuple[Any, ...]) -> CompiledProgram:
     functions = tables[0].table
     tree = parse(text)
@@ -76,7 +76,10 @@ class _Key:
 
 def compile_program(text: str, functions: Functions) -> CompiledProgram:
     """The program of a text. Raises ScriptSyntaxError. The newest programs are kept."""
-    return _compiled(text, (_Key(functions),))
+    try:
+        return _compiled(text, (_Key(functions),))
+    except RecursionError:
+        raise ScriptSyntaxError(SyntaxFailure(1, 1, "the program is nested too deeply")) from None
 
 
 def _compile(root: Code, functions: Functions) -> frozenset[str]:
@@ -288,8 +291,7 @@ class Statements:
                 path += [None] * len(trailer.children)
 
         def change(frame: Frame, old: Value, new: Value, *places: Value) -> None:
-            if isinstance(old, tuple):
-                frame[1].spend(len(old))
+            charge(frame, (old, new))
             store(frame, _changed(old, path, places, new))
 
         return combined([self._expressions.value(first), value, *keys], change)
@@ -338,7 +340,7 @@ class Statements:
 
         def change(frame: Frame, items: Value, *given: Value) -> None:
             found = values.array(items)
-            frame[1].spend(len(found))
+            charge(frame, (found, *given))
             asks(found, *given)
             store(frame, act(found, *given))
 

@@ -226,12 +226,14 @@ def _count(value: Value) -> int:
 def _read_integers(task: Any, count: Value, name: Value, timeout: Value) -> Generator[None, None, Value]:
     """A list: how many have come, then they."""
     size = _count(count)
+    task.spend(size)
     data = yield from _wait_for(task, name, timeout, lambda socket: socket.take(4 * size))
     return (0, *(-1,) * size) if data is None else (size, *struct.unpack(f">{size}i", data))
 
 
 def _read_bytes(task: Any, count: Value, name: Value, timeout: Value) -> Generator[None, None, Value]:
     size = _count(count)
+    task.spend(size)
     data = yield from _wait_for(task, name, timeout, lambda socket: socket.take(size))
     return (0, *(-1,) * size) if data is None else (size, *data)
 
@@ -240,6 +242,7 @@ def _read_floats(task: Any, count: Value, name: Value, timeout: Value) -> Genera
     """`(1.0, 2.0)`, of as many numbers as are asked for."""
     size = _count(count)
     nothing = (0, *(math.nan,) * size)
+    task.spend(size)
     data = yield from _wait_for(task, name, timeout, lambda socket: socket.take_until(b")"))
     if data is None:
         return nothing
@@ -250,9 +253,25 @@ def _read_floats(task: Any, count: Value, name: Value, timeout: Value) -> Genera
     return (size, *found) if len(found) == size else nothing
 
 
-def _read_line(task: Any, name: Value, timeout: Value) -> Generator[None, None, Value]:
+def _read_line(task: Any, name: Value, timeout: Value) -> Generator[None, None, str]:
     data = yield from _wait_for(task, name, timeout, lambda socket: socket.take_until(b"\n"))
     return "" if data is None else data.decode("latin-1").rstrip("\r\n")[:STRING_MAX]
+
+
+def _set_variable(task: Any, variable: Value, value: Value, name: Value) -> Value:
+    """`SET NAME VALUE`, a line. Source: the script manual."""
+    return _send(task, f"SET {string(variable)} {_whole(value)}\n".encode("latin-1", "replace"), name)
+
+
+def _get_variable(task: Any, variable: Value, name: Value) -> Generator[None, None, Value]:
+    """`GET NAME` as a line; the answer is `NAME VALUE`. 0 without one in two seconds. Source: the script manual."""
+    _send(task, f"GET {string(variable)}\n".encode("latin-1", "replace"), name)
+    words = (yield from _read_line(task, name, _OPEN_S)).split()
+    try:
+        number_ = int(words[1]) if len(words) == 2 and words[0] == variable else 0
+    except ValueError:
+        return 0
+    return number_ if -(2**31) <= number_ < 2**31 else 0
 
 
 def _read_string(
@@ -282,6 +301,8 @@ _SOCKETS: tuple[Function, ...] = (
         f'socket_send_line(str, socket_name="{_SOCKET}")',
         lambda task, text, name: _send(task, _encoded(text) + b"\n", name),
     ),
+    modelled(f'socket_set_var(name, value, socket_name="{_SOCKET}")', _set_variable),
+    waiting(f'socket_get_var(name, socket_name="{_SOCKET}")', _get_variable),
     waiting(f'socket_read_binary_integer(number, socket_name="{_SOCKET}", timeout=2)', _read_integers),
     waiting(f'socket_read_byte_list(number, socket_name="{_SOCKET}", timeout=2)', _read_bytes),
     waiting(f'socket_read_ascii_float(number, socket_name="{_SOCKET}", timeout=2)', _read_floats),

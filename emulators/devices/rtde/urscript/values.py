@@ -15,6 +15,8 @@ from emulators.devices.rtde.urscript.limits import LENGTH_MAX, NESTING_MAX, STRI
 Value: TypeAlias = "int | float | str | tuple[Value, ...] | Struct | None"
 """A boolean is an integer to Python. A thread is the number of its handle."""
 _LARGEST = 2**31
+_CHARACTERS = 64
+"""Chosen: characters that are as much work as an element."""
 
 
 class PoseValue(tuple[Value, ...]):
@@ -80,6 +82,23 @@ def _measure(value: Value, count: int, depth: int) -> int:
         if isinstance(part, (tuple, Struct)):
             count = _measure(part, count, depth + 1)
     return count
+
+
+def size_of(value: "tuple[Value, ...] | str | Struct") -> int:
+    """Characters, or elements, those of its parts counted too: the work of one look at all of it.
+
+    Characters of a string in a list count less, for they are copied at once.
+    """
+    if isinstance(value, str):
+        return len(value)
+    parts: Sequence[Value] = tuple(value.members.values()) if isinstance(value, Struct) else value
+    size = len(parts)
+    for part in parts:
+        if isinstance(part, str):
+            size += len(part) // _CHARACTERS
+        elif isinstance(part, (tuple, Struct)):
+            size += size_of(part)
+    return size
 
 
 def checked_string(text: str) -> str:
