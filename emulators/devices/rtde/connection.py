@@ -111,7 +111,10 @@ class Connection:
                 self._take_data(packet.payload)
             case Kind.VERSION:
                 version = packets.read_version_request(packet.payload)
-                self._out.append(packets.accepted(Kind.VERSION, version == packets.PROTOCOL_VERSION))
+                known = version == packets.PROTOCOL_VERSION
+                if not known:
+                    self._controller.told(Act.REFUSED, f"version {version} of the protocol", False)
+                self._out.append(packets.accepted(Kind.VERSION, known))
             case Kind.CONTROLLER_VERSION:
                 self._out.append(packets.controller_version(self._controller.version))
             case Kind.OUTPUTS:
@@ -147,6 +150,7 @@ class Connection:
         types = tuple(type_of(OUTPUTS, name, controller.version) for name in names)
         if not names or len(payload) - 8 > packets.NAMES_MAX:
             types = (NOT_FOUND,)
+        self._tell_missing(names, types)
         found = NOT_FOUND not in types
         if found:
             recipe = Recipe(1, names, types)
@@ -165,6 +169,7 @@ class Connection:
         types = tuple(self._input_type(name) for name in names)
         if not names or len(payload) > packets.NAMES_MAX:
             types = (NOT_FOUND,)
+        self._tell_missing(names, types)
         number = 0
         if not {NOT_FOUND, IN_USE} & set(types) and len(self._inputs) < _RECIPES_MAX:
             number = len(self._inputs) + 1
@@ -173,6 +178,11 @@ class Connection:
             self._tag(names)
             controller.claims.update(dict.fromkeys(names, self))
         self._out.append(packets.types_answer(Kind.INPUTS, Types(number, types)))
+
+    def _tell_missing(self, names: tuple[str, ...], types: tuple[str, ...]) -> None:
+        """Tell a judge the variables that this controller does not have."""
+        if missing := [name for name, kind in zip(names, types, strict=False) if kind == NOT_FOUND]:
+            self._controller.told(Act.REFUSED, f"variable {missing[0]}", False)
 
     def _tag(self, names: tuple[str, ...]) -> None:
         """Tell the variables of a recipe that have no meaning here."""

@@ -53,6 +53,7 @@ def compiled_or_told(controller: Controller, text: bytes) -> CompiledProgram | N
         return compile_program(text.decode("utf-8", "replace"), FUNCTIONS)
     except ScriptSyntaxError as error:
         ControllerHost(controller).tell_failure(error.failure)
+        controller.told(Act.UNREADABLE, f"a program with an error: {error}", False)
         return None
 
 

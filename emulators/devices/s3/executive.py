@@ -252,10 +252,10 @@ class Executive:
             return RefusalCode.NO_SUCH_PROGRAM
         return ProgramAnswer(number, self._site.programs[number]).to_telegram()
 
-    def place_of(self, telegram: Telegram) -> Vector | None:
-        """Where a move leads the tool, base frame, m; None for one that cannot be read."""
+    def move_of(self, telegram: Telegram) -> Move | None:
+        """The move of an order; None for one that cannot be read."""
         try:
-            return Move.from_telegram(telegram, self._move_lengths).position
+            return Move.from_telegram(telegram, self._move_lengths)
         except RemoteProtocolError:
             return None
 

@@ -41,11 +41,11 @@ def play_all(trial: Trial, names: Sequence[str], say: Callable[[str], None]) -> 
         nominal = next((one for one in played if one.name == NOMINAL), None)
         stuck = (
             nominal is not None
-            and nominal.verdict.outcome is Outcome.FAILED
+            and nominal.verdict.outcome is not Outcome.PASSED
             and nominal.seen.moved_at is None
         )
-        if stuck:
-            played.append(refuse_scenario(name))
+        if stuck and nominal is not None:
+            played.append(refuse_scenario(name, nominal))
             continue
         say(f"{name} …")
         played.append(run_real(lambda name=name: play(name, trial)))  # type: ignore[misc]
