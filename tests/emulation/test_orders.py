@@ -277,3 +277,25 @@ def test_rsi_tells_the_sum_of_what_was_ordered(mode: Literal["relative", "absolu
     hindrance = robot.hindrance(T0)
     assert hindrance is not None
     assert not hindrance.by_order
+
+
+def test_what_an_emulated_controller_does_not_have_is_told_as_refused() -> None:
+    ur = Ur(("input_int_register_0",), ("INT32",))
+    ur.rtde.receive(inputs_request(("input_of_tomorrow",)), T0)
+    assert (ur.heard[-1].act, ur.heard[-1].words) == (Act.REFUSED, "variable input_of_tomorrow")
+    ur.upload("def mine():\n  rg_grip(1)\nend\n")
+    assert (Act.REFUSED, "URScript rg_grip(), which ends its program") in [(o.act, o.words) for o in ur.heard]
+    ur.upload("def mine(:\n")
+    ur.upload("end\n")
+    assert ur.heard[-1].act is Act.UNREADABLE
+    robot = EgmController(EgmProfile(), START, T0, 7)
+    heard = listening(robot)
+    robot.receive([encode_answer(SensorMessage(1, 5, joints_deg=(0.0,) * 6))], T0)
+    assert (heard[0].act, heard[0].words) == (
+        Act.REFUSED,
+        "joints, and EGM runs in mode pose, see cell.egm.mode",
+    )
+    rsi = RsiController(RsiProfile(), START, T0)
+    heard = listening(rsi)
+    rsi.receive([encode(Telegram(SENSOR, "ImFree", {"EKorr.E1": "0.1"}, 1))], T0)
+    assert (heard[0].act, heard[0].words.partition(",")[0]) == (Act.REFUSED, "tag EKorr.E1")

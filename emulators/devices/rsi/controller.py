@@ -199,6 +199,9 @@ class RsiController:
             *values, _ = self._values_of(telegram)
         except RemoteProtocolError as error:
             return HeardOrder(now, Act.UNREADABLE, str(error), False)
+        if telegram.values and self._channels.keys().isdisjoint(telegram.values):
+            words = f"tag {next(iter(telegram.values))}, see cell.rsi.correction_tag and axis_tags"
+            return HeardOrder(now, Act.REFUSED, words, False)
         if self.profile.mode == "relative":
             values = [before + more for before, more in zip(self._ordered, values, strict=True)]
             self._ordered = tuple(values)

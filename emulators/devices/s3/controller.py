@@ -443,7 +443,8 @@ class S3Controller:
         elif order.function == FunctionCode.MOVE and order.telegram.suffix != MoveKind.START:
             self._heard_move(self._executive.move_of(order.telegram), taken, now)
         else:
-            self.orders.tell(HeardOrder(now, Act.CONTACT, function_text(order.function), taken))
+            act = Act.REFUSED if self._executive.lacks(order.function) else Act.CONTACT
+            self.orders.tell(HeardOrder(now, act, function_text(order.function), taken))
 
     def _heard_move(self, move: Move | None, taken: bool, now: float) -> None:
         """Tell a move to a judge. It has a speed of its own, and the robot plans its way."""

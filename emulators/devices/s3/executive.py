@@ -196,7 +196,7 @@ class Executive:
         if telegram is None:
             return RefusalCode.TELEGRAM_INCOMPLETE
         definition = self._site.orders.of_function(telegram.function)
-        if definition is None and telegram.function in _REAL:
+        if self.lacks(telegram.function):
             text = FunctionCode(telegram.function).text
             self.unmodelled.touch(
                 f"function {telegram.function}, {text}", "refused; an orders file can define it"
@@ -251,6 +251,10 @@ class Executive:
         if number not in self._site.programs:
             return RefusalCode.NO_SUCH_PROGRAM
         return ProgramAnswer(number, self._site.programs[number]).to_telegram()
+
+    def lacks(self, function: int) -> bool:
+        """Whether a real controller has this function, and the emulated one does not."""
+        return function in _REAL and self._site.orders.of_function(function) is None
 
     def move_of(self, telegram: Telegram) -> Move | None:
         """The move of an order; None for one that cannot be read."""

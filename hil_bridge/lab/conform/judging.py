@@ -50,7 +50,7 @@ def judge(scenario: str, seen: Seen, rules: Rules) -> Verdict:
 def _explain_skip(scenario: str, seen: Seen) -> str:
     """Why the scenario could not be played to its fault; empty where it was."""
     crashed = not seen.told_to_end and seen.exit_code is not None and seen.exit_code < 0
-    if seen.moved_at is None and not seen.moving and seen.refusals and not crashed:
+    if scenario != REFUSED and seen.moved_at is None and not seen.moving and seen.refusals and not crashed:
         return (
             f"the client ordered no motion that could be judged; this emulated robot does not have: "
             f"{'; '.join(seen.refusals[:3])}"

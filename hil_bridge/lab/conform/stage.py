@@ -122,7 +122,6 @@ async def play(name: str, trial: Trial) -> Played:
             scene = _Scene(name, trial, _ServedCell(served.cell, clock, failures), client)
             await scene.play(where_of(served.robot))
             seen = scene.watch.seen
-            seen.refusals += map(str, things)
     finally:
         client.kill()
         clock.close()

@@ -32,7 +32,7 @@ class Seen:
     moving: int = 0
     """Those of them that lead elsewhere than the order before."""
     refusals: list[str] = field(default_factory=list)
-    """Things that the client asked for, and that this emulated robot does not have."""
+    """Things that the client asked for, and that this emulated robot does not have, the first ten."""
     breaches: int = 0
     """Orders that break a rule of the wire which the robot bears."""
     first_breach: str = ""
