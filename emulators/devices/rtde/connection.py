@@ -30,6 +30,8 @@ class Connection:
         self._started = False
         self._due = 0
         """Number of the cycle in which data is sent next."""
+        self._version = packets.FIRST_VERSION
+        """Version that is spoken, until another is asked for."""
         self._inputs: dict[int, Recipe] = {}
         self._claimed: set[str] = set()
         self.closing = False
@@ -101,7 +103,8 @@ class Connection:
         values: list[float] = []
         for read in self._getters:
             values += read(snapshot)
-        return self._outputs.pack(*values)
+        data = self._outputs.pack(*values)
+        return packets.without_recipe(data) if self._version == packets.FIRST_VERSION else data
 
     # --- packets
 
@@ -111,8 +114,10 @@ class Connection:
                 self._take_data(packet.payload)
             case Kind.VERSION:
                 version = packets.read_version_request(packet.payload)
-                known = version == packets.PROTOCOL_VERSION
-                if not known:
+                known = version in (packets.FIRST_VERSION, packets.PROTOCOL_VERSION)
+                if known:
+                    self._version = version
+                else:
                     self._controller.told(Act.REFUSED, f"version {version} of the protocol", False)
                 self._out.append(packets.accepted(Kind.VERSION, known))
             case Kind.CONTROLLER_VERSION:
@@ -136,7 +141,7 @@ class Connection:
         self._controller.counts["bad packets"] += 1
         self._controller.told(Act.UNREADABLE, words, False)
         if self._started:
-            self._out.append(packets.text(Text(words, _SOURCE, level)))
+            self._out.append(packets.text(Text(words, _SOURCE, level), self._version))
 
     def _start(self) -> None:
         if self._outputs is not None and not self._started:
@@ -145,7 +150,7 @@ class Connection:
         self._out.append(packets.accepted(Kind.START, self._outputs is not None))
 
     def _take_outputs(self, payload: bytes) -> None:
-        frequency, names = packets.read_outputs_request(payload)
+        frequency, names = packets.read_outputs_request(payload, self._version)
         controller = self._controller
         types = tuple(type_of(OUTPUTS, name, controller.version) for name in names)
         if not names or len(payload) - 8 > packets.NAMES_MAX:
@@ -162,7 +167,7 @@ class Connection:
                 rate = 1.0 / controller.period
                 wanted = frequency if math.isfinite(frequency) else rate
                 self._every = max(1, math.floor(rate / min(max(wanted, 1.0), rate) + 1e-6))
-        self._out.append(packets.types_answer(Kind.OUTPUTS, Types(int(found), types)))
+        self._out.append(packets.types_answer(Kind.OUTPUTS, Types(int(found), types), self._version))
 
     def _take_inputs(self, payload: bytes) -> None:
         names, controller = packets.split_names(payload), self._controller
