@@ -8,7 +8,7 @@ from collections.abc import Callable
 from enum import StrEnum
 from typing import NamedTuple, Protocol, runtime_checkable
 
-from protocol.geometry import Vector
+from protocol.geometry import Pose
 
 
 class Act(StrEnum):
@@ -24,6 +24,21 @@ class Act(StrEnum):
     """The client is there: a connection, or a question."""
     UNREADABLE = "unreadable"
     """The robot can make nothing of it."""
+    REFUSED = "refused"
+    """It asks for something that this emulated robot, as it is set up, does not have: a mode, a variable."""
+
+
+class Reach(NamedTuple):
+    """How fast a robot follows orders that come one a cycle. An order that is farther from the one before leaps."""
+
+    cycle_s: float
+    """Time between two orders for which the robot looks, s."""
+    speed_m_s: float
+    """Fastest that it takes its tool, m/s."""
+    turn_rad_s: float = math.inf
+    """Fastest that it turns its tool, rad/s."""
+    own_way: bool = False
+    """It plans a way of its own to each place, at this speed: a far place alone is no leap."""
 
 
 class HeardOrder(NamedTuple):
@@ -36,14 +51,18 @@ class HeardOrder(NamedTuple):
     """The order in the robot's own words."""
     taken: bool
     """The robot could act on it as it was then."""
-    position: Vector | None = None
-    """Where it leads the tool centre point, base frame, m; None for an order that tells no place."""
+    pose: Pose | None = None
+    """Where it leads the tool, base frame, m; None for an order that tells no place."""
     moves: bool = True
     """For an order without a place: whether it moves the tool. A speed of zero does not."""
-    reach_m: float = math.inf
-    """Farthest from the place of the order before that the robot goes in one cycle, m; infinite where it has a way
-    of its own to any place.
-    """
+    reach: Reach | None = None
+    """How fast the robot follows it; None where any place and speed is an order for it, as of a planned move."""
+    tool: Pose | None = None
+    """The tool as the robot tells it now, in the terms of `pose`; None where it is the true tool."""
+    speed: tuple[float, float] = (0.0, 0.0)
+    """Speed that it orders, m/s, and of the turn, rad/s; zero for an order of a place."""
+    breach: str = ""
+    """A rule of the wire that it breaks and the robot bears, in words; empty for none."""
 
 
 class Hindrance(NamedTuple):

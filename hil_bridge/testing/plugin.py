@@ -5,7 +5,7 @@ used, and does nothing for tests that are not those of a suite.
 """
 
 from collections import Counter
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -213,3 +213,34 @@ def hil_live(request: pytest.FixtureRequest) -> list[str]:
     """URLs given by `--hil-live`."""
     urls: list[str] = request.config.getoption("--hil-live")
     return urls
+
+
+@pytest.fixture
+def hil_conform(request: pytest.FixtureRequest) -> Callable[..., Any]:
+    """Puts a client through one scenario of `hil-bridge conform`, as the test that asks for it.
+
+    `hil_conform(kind, command, scenario="nominal", config=None, **rules)` starts `command`, words with placeholders,
+    in real time; `config` is a file or settings by dotted key. The verdict fails or skips the test. The evidence
+    becomes properties of the test, and the client's output a section of its report: JUnit files have both. Gives what
+    was played.
+    """
+
+    def judge(
+        kind: str, command: Sequence[str], scenario: str = "nominal", config: Any = None, **rules: Any
+    ) -> Any:
+        from hil_bridge.lab.conform.reports import evidence
+        from hil_bridge.lab.conform.trying import play_once
+
+        played = play_once((kind, scenario), command, config, rules)
+        outcome, reason = played.verdict.outcome, played.verdict.reason
+        properties = {"outcome": str(outcome), "reason": reason, **evidence(played)}
+        request.node.user_properties += [(f"{scenario}.{key}", value) for key, value in properties.items()]
+        if played.output:
+            request.node.add_report_section("call", f"the client in {scenario}", played.output)
+        if outcome == "failed":
+            pytest.fail(f"{scenario}: {reason}", pytrace=False)
+        if outcome == "skipped":
+            pytest.skip(f"{scenario}: {reason}")
+        return played
+
+    return judge

@@ -68,7 +68,11 @@ def test_many_clients_take_data_at_a_time_and_a_name_is_taken_once() -> None:
     async def act(site: Site) -> None:
         clients = [(await site.client()).start() for _ in range(3)]
         for client in clients:
-            client.wire.send(packets.outputs_request(("timestamp",), 500.0) + packets.encode(Kind.START))
+            client.wire.send(
+                packets.version_request()
+                + packets.outputs_request(("timestamp",), 500.0)
+                + packets.encode(Kind.START)
+            )
         await site.wait(0.1)
         assert len({client.got for client in clients}) == 1
         assert len(clients[0].got) > 50 * 12
@@ -106,7 +110,9 @@ def test_a_client_that_does_not_read_is_disconnected_and_the_others_are_not() ->
     async def act(site: Site) -> None:
         deaf, awake = await site.client(), (await site.client()).start()
         for client in (deaf, awake):
-            client.wire.send(packets.outputs_request(ALL, 500.0) + packets.encode(Kind.START))
+            client.wire.send(
+                packets.version_request() + packets.outputs_request(ALL, 500.0) + packets.encode(Kind.START)
+            )
         await site.wait(2.0)
         assert len(site.serving.pumps) == 1
         assert not awake.ended

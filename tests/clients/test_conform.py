@@ -90,7 +90,7 @@ def test_ur_rtde_passes(client_python: Callable[..., Path]) -> None:
     nominal, stopped = found["nominal"].seen, found["stopped"].seen
     assert 0.01 < nominal.moved_m < 0.022  # a busy machine leaves out some of the way
     # of two packages that come within one cycle the program sees the second
-    assert 480 <= nominal.orders == nominal.taken <= 500
+    assert 400 <= nominal.orders == nominal.taken <= 500
     assert stopped.orders > 20
     assert stopped.after_stop == 0
 

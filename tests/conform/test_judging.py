@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from emulators.orders import Act, HeardOrder, Hindrance
+from emulators.orders import Act, HeardOrder, Hindrance, Reach
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.conform.client import Where
 from hil_bridge.lab.conform.judging import Outcome, Verdict, judge
@@ -14,7 +14,8 @@ from hil_bridge.lab.conform.reports import as_json, as_junit, not_modelled, tabl
 from hil_bridge.lab.conform.rules import read_rules
 from hil_bridge.lab.conform.scenarios import Rules
 from hil_bridge.lab.conform.stage import Played
-from hil_bridge.lab.conform.watching import Seen, Watch
+from hil_bridge.lab.conform.watching import Seen, ToolLook, Watch
+from protocol.geometry import Pose, turn_by
 from protocol.unmodelled import NotModelled
 
 RULES = Rules()
@@ -88,13 +89,25 @@ def test_a_scenario_that_never_came_to_its_fault_is_skipped() -> None:
 # --- what is seen
 
 
-def order(at: float, z: float, *, taken: bool = True, reach_m: float = 1.0) -> HeardOrder:
-    return HeardOrder(100.0 + at, Act.MOTION, "pose", taken, (0.0, 0.0, z), reach_m=reach_m)
+LEVEL = (1.0, 0.0, 0.0, 0.0)
+REACH = Reach(0.004, 0.25, 1.0)
+"""1 mm and 4 mrad in a cycle."""
+
+
+def order(
+    at: float, z: float, *, taken: bool = True, reach: Reach | None = None, turn: float = 0.0
+) -> HeardOrder:
+    pose = Pose((0.0, 0.0, z), turn_by((turn, 0.0, 0.0)))
+    return HeardOrder(100.0 + at, Act.MOTION, "pose", taken, pose, reach=reach)
+
+
+def look(watch: Watch, at: float, z: float = 0.0, speed: float = 0.0, why: Hindrance | None = None) -> None:
+    watch.look(100.0 + at, ToolLook((0.0, 0.0, z), LEVEL, (0.0, 0.0, speed)), why)
 
 
 def watched(*, from_start: bool = False, stops: bool = True) -> Watch:
-    watch = Watch(100.0, 0.5, stops=stops, from_start=from_start)
-    watch.look(100.0, (0.0, 0.0, 0.0), 0.0, None)
+    watch = Watch(100.0, Rules(), stops=stops, from_start=from_start)
+    look(watch, 0.0)
     return watch
 
 
@@ -142,20 +155,20 @@ def test_a_robot_that_may_not_move_from_the_start_forgives_some_tries() -> None:
 
 def test_leaps_hindrances_and_releases_are_kept() -> None:
     watch = watched()
-    watch.look(100.1, (0.0, 0.0, 0.0), 0.0, Hindrance("off", False))  # before the client came
-    watch.hear(order(0.2, 0.001, reach_m=0.05))
-    watch.hear(order(0.3, 0.101, reach_m=0.05))
-    watch.look(100.4, (0.0, 0.0, 0.003), 0.1, None)
-    watch.look(100.5, (0.0, 0.0, 0.003), 0.1, Hindrance("sudden change", True))
-    watch.look(100.6, (0.0, 0.0, 0.003), 0.1, Hindrance("off", False))
+    look(watch, 0.1, why=Hindrance("off", False))  # before the client came
+    watch.hear(order(0.2, 0.001, reach=REACH))
+    watch.hear(order(0.3, 0.101, reach=REACH))
+    look(watch, 0.4, 0.003, 0.1)
+    look(watch, 0.5, 0.003, 0.1, Hindrance("sudden change", True))
+    look(watch, 0.6, 0.003, 0.1, Hindrance("off", False))
     seen = watch.seen
     assert (seen.leaps, seen.hindrance, seen.own_stop) == (1, "sudden change", "sudden change")
     assert seen.moved_at == pytest.approx(0.4)
     watch.hear(HeardOrder(100.7, Act.RELEASE, "unlock", True))
     assert seen.releases == []
     seen.fault_at = 0.6
-    for _ in range(20):
-        watch.hear(HeardOrder(100.7, Act.RELEASE, "unlock", True))
+    for number in range(20):
+        watch.hear(HeardOrder(100.7, Act.RELEASE, f"unlock {number}", True))
     assert len(seen.releases) == 10
 
 
@@ -163,10 +176,10 @@ def test_a_robot_may_stop_when_its_client_has_gone() -> None:
     watch = watched()
     watch.hear(order(0.2, 0.001))
     watch.seen.told_to_end = True
-    watch.look(100.5, (0.0, 0.0, 0.003), 0.1, Hindrance("silence", False))
+    look(watch, 0.5, 0.003, 0.1, Hindrance("silence", False))
     assert watch.seen.hindrance == ""
-    watch.look(100.6, (0.0, 0.0, 0.003), 0.1, None)
-    watch.look(100.7, (0.0, 0.0, 0.003), 0.1, Hindrance("leap", True))
+    look(watch, 0.6, 0.003, 0.1)
+    look(watch, 0.7, 0.003, 0.1, Hindrance("leap", True))
     assert watch.seen.own_stop == "leap"
 
 

@@ -12,7 +12,7 @@ from emulators.devices.rtde import RTDE_FAULTS, RtdeProfile, RtdeRobot, Server
 from emulators.devices.rtde.rehearsal import DryHost
 from emulators.devices.rtde.script_host import ControllerHost
 from emulators.faults import Ledger
-from emulators.orders import Act, HeardOrder, TellingRobot
+from emulators.orders import Act, HeardOrder, Reach, TellingRobot
 from emulators.seams import StartPose
 from protocol.devices.egm import SensorMessage, encode_answer, to_wire
 from protocol.devices.rsi import SENSOR, Telegram, encode
@@ -20,7 +20,7 @@ from protocol.devices.rtde.fields import Recipe
 from protocol.devices.rtde.packets import Kind, Types, inputs_request, types_answer
 from protocol.devices.rtde.program import INPUT_NAMES, Command, program_text
 from protocol.devices.rtde.wires import Port
-from protocol.geometry import Pose
+from protocol.geometry import Pose, Vector
 from tools.register_program import register_program
 
 START = StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2)
@@ -32,6 +32,11 @@ def listening(robot: TellingRobot) -> list[HeardOrder]:
     heard: list[HeardOrder] = []
     robot.orders.listener = heard.append
     return heard
+
+
+def place_of(order: HeardOrder) -> Vector:
+    assert order.pose is not None
+    return order.pose.position
 
 
 # --- RTDE
@@ -86,8 +91,8 @@ def test_servo_poses_of_our_program_are_told_also_behind_a_stop() -> None:
     pose = (0.9, -0.1, 0.599, math.pi, 0.0, 0.0)
     order = ur.write(*pose, 0.002, 0.1, 300.0, Command.SERVO, 1)
     assert (order.act, order.taken) == (Act.MOTION, True)
-    assert order.position == pytest.approx(pose[:3])
-    assert order.reach_m == pytest.approx(0.05)
+    assert place_of(order) == pytest.approx(pose[:3])
+    assert order.reach == Reach(0.002, 1.5, 3.14)
     assert ur.robot.hindrance(ur.now) is None
     ur.inject("protective-stop")
     hindrance = ur.robot.hindrance(ur.now)
@@ -104,9 +109,9 @@ def test_commands_of_ur_rtde_are_told() -> None:
     ur.upload(register_program())
     servo = ur.write(0.9, -0.1, 0.599, math.pi, 0.0, 0.0, 0.0, 0.0, 0.002, 0.1, 300.0, 24)
     assert (servo.words, servo.taken) == ("servoj", True)
-    assert servo.position == pytest.approx((0.9, -0.1, 0.599))
+    assert place_of(servo) == pytest.approx((0.9, -0.1, 0.599))
     speed = ur.write(*(0.0,) * 11, 10)
-    assert (speed.words, speed.position, speed.moves) == ("speedl", None, False)
+    assert (speed.words, speed.pose, speed.moves) == ("speedl", None, False)
     count = len(ur.heard)
     ur.write(*(0.0,) * 11, 16)  # servoStop
     assert len(ur.heard) == count
@@ -137,7 +142,7 @@ def test_the_motions_of_any_program_are_told_also_behind_a_stop() -> None:
     ur = own_program()
     servo = ur.write(0.899, 1)
     assert (servo.act, servo.words, servo.taken) == (Act.MOTION, "servoj", True)
-    assert servo.position == pytest.approx((0.899, -0.1, 0.6), abs=1e-6)
+    assert place_of(servo) == pytest.approx((0.899, -0.1, 0.6), abs=1e-6)
     speed = ur.write(0.01, 2)
     assert (speed.words, speed.taken, speed.moves) == ("speedl", True, True)
     assert not ur.write(0.0, 2).moves
@@ -145,7 +150,7 @@ def test_the_motions_of_any_program_are_told_also_behind_a_stop() -> None:
     for _ in range(2):
         behind = ur.write(0.898, 1)
         assert (behind.words, behind.taken) == ("servoj", False)
-        assert behind.position == pytest.approx((0.898, -0.1, 0.6), abs=1e-6)
+        assert place_of(behind) == pytest.approx((0.898, -0.1, 0.6), abs=1e-6)
 
 
 def test_a_client_that_is_silent_or_idle_behind_a_stop_orders_nothing() -> None:
@@ -216,7 +221,7 @@ def test_moves_of_a_program_that_asks_for_nothing_are_told_as_they_begin() -> No
     )
     moves = [order for order in ur.heard if order.act is Act.MOTION]
     assert [(order.words, order.taken) for order in moves] == [("move along a line", True)]
-    assert moves[0].position == pytest.approx((0.9, -0.1, 0.61), abs=1e-3)
+    assert place_of(moves[0]) == pytest.approx((0.9, -0.1, 0.61), abs=1e-3)
     ur.inject("protective-stop")
     ur.write(1)
     assert [order for order in ur.heard if order.act is Act.MOTION] == moves
@@ -248,7 +253,7 @@ def test_egm_tells_poses_speeds_and_what_it_cannot_read() -> None:
     assert [(order.act, order.moves) for order in heard] == [
         (Act.MOTION, True), (Act.MOTION, True), (Act.MOTION, False), (Act.UNREADABLE, True)
     ]  # fmt: skip
-    assert heard[0].position == pytest.approx(place.position)
+    assert place_of(heard[0]) == pytest.approx(place.position)
     robot.handle_deadline(T0 + 2.0)  # its time-out
     assert robot.hindrance(T0 + 2.0) is not None
     robot.receive([encode_answer(SensorMessage(9, 5, to_wire(place)))], T0 + 2.0)
@@ -267,8 +272,30 @@ def test_rsi_tells_the_sum_of_what_was_ordered(mode: Literal["relative", "absolu
     ledger.inject("robot", "emergency-stop", T0, {})
     robot.receive([answer(-0.1), answer(-0.1), b"<Sen"], T0)
     assert [order.act for order in heard] == [Act.MOTION, Act.MOTION, Act.UNREADABLE]
-    assert heard[1].position == pytest.approx((0.9, -0.1, second))
+    assert place_of(heard[1]) == pytest.approx((0.9, -0.1, second))
     assert not heard[1].taken
     hindrance = robot.hindrance(T0)
     assert hindrance is not None
     assert not hindrance.by_order
+
+
+def test_what_an_emulated_controller_does_not_have_is_told_as_refused() -> None:
+    ur = Ur(("input_int_register_0",), ("INT32",))
+    ur.rtde.receive(inputs_request(("input_of_tomorrow",)), T0)
+    assert (ur.heard[-1].act, ur.heard[-1].words) == (Act.REFUSED, "variable input_of_tomorrow")
+    ur.upload("def mine():\n  rg_grip(1)\nend\n")
+    assert (Act.REFUSED, "URScript rg_grip(), which ends its program") in [(o.act, o.words) for o in ur.heard]
+    ur.upload("def mine(:\n")
+    ur.upload("end\n")
+    assert ur.heard[-1].act is Act.UNREADABLE
+    robot = EgmController(EgmProfile(), START, T0, 7)
+    heard = listening(robot)
+    robot.receive([encode_answer(SensorMessage(1, 5, joints_deg=(0.0,) * 6))], T0)
+    assert (heard[0].act, heard[0].words) == (
+        Act.REFUSED,
+        "joints, and EGM runs in mode pose, see cell.egm.mode",
+    )
+    rsi = RsiController(RsiProfile(), START, T0)
+    heard = listening(rsi)
+    rsi.receive([encode(Telegram(SENSOR, "ImFree", {"EKorr.E1": "0.1"}, 1))], T0)
+    assert (heard[0].act, heard[0].words.partition(",")[0]) == (Act.REFUSED, "tag EKorr.E1")

@@ -249,11 +249,15 @@ def test_orders_of_axes_are_heard_as_places() -> None:
     assert [order.act for order in heard] == [Act.MOTION] * 2
     a, *rest = start
     b, c, d, e, f = rest
-    assert heard[0].position == pytest.approx(START.position, abs=1e-9)
+    begin, moved = (order.pose for order in heard)
+    assert begin is not None
+    assert moved is not None
+    assert begin.position == pytest.approx(START.position, abs=1e-9)
     place = KukaArm("kr16-2", 0.0).pose((a + 0.1, b, c, d, e, f)).position
-    assert heard[1].position == pytest.approx(place, abs=1e-6)
-    assert heard[1].position != pytest.approx(START.position, abs=1e-4)
-    assert 0.0 < heard[1].reach_m < 0.25
+    assert moved.position == pytest.approx(place, abs=1e-6)
+    assert moved.position != pytest.approx(START.position, abs=1e-4)
+    assert heard[1].reach is not None
+    assert 0.0 < heard[1].reach.speed_m_s * heard[1].reach.cycle_s < 0.25
 
 
 @pytest.mark.parametrize("fault", ["nan", "missing", "offset"])

@@ -87,9 +87,14 @@ class Desk:
         for target, handlers in self.robot.handlers.items():
             self.ledger.attach(target, handlers)
 
-    def plug(self, port: Port = Port.RTDE) -> Plug:
+    def plug(self, port: Port = Port.RTDE, version: int | None = packets.PROTOCOL_VERSION) -> Plug:
+        """A connection; that of RTDE asks for a version of the protocol, or, as a first client, for none."""
         plug = Plug(self, port)
         self.plugs.append(plug)
+        if port is Port.RTDE and version is not None:
+            plug.send(packets.version_request(version))
+            plug.packets()
+            plug.got = b""
         return plug
 
     def unplug(self, plug: Plug, port: Port = Port.RTDE) -> None:
@@ -143,9 +148,30 @@ def values_of(plug: Plug, recipe: Recipe) -> list[dict[str, Value]]:
 def test_versions_are_answered() -> None:
     plug = Desk().plug()
     assert plug.ask(packets.version_request(2)) == Packet(Kind.VERSION, b"\x01")
-    assert plug.ask(packets.version_request(1)) == Packet(Kind.VERSION, b"\x00")
+    assert plug.ask(packets.version_request(1)) == Packet(Kind.VERSION, b"\x01")
+    for unknown in (0, 3):
+        assert plug.ask(packets.version_request(unknown)) == Packet(Kind.VERSION, b"\x00")
     answer = plug.ask(packets.encode(Kind.CONTROLLER_VERSION))
     assert packets.read_controller_version(answer.payload) == (5, 12, 0, 0)
+
+
+@pytest.mark.parametrize("version", [None, 1])
+def test_version_1_has_no_rate_and_no_recipe_of_outputs(version: int | None) -> None:
+    desk = Desk()
+    plug = desk.plug(version=version)
+    assert plug.ask(packets.encode(Kind.OUTPUTS, b"timestamp,robot_mode")) == Packet(
+        Kind.OUTPUTS, b"DOUBLE,INT32"
+    )
+    assert inputs_of(plug, "input_int_register_0").number == 1
+    assert plug.ask(packets.encode(Kind.START)) == Packet(Kind.START, b"\x01")
+    desk.run(0.01)
+    data = [packet.payload for packet in plug.packets() if packet.kind == Kind.DATA]
+    assert len(data) == 5  # each cycle
+    stamp, mode = struct.unpack(">di", data[-1])
+    assert (stamp, mode) == (pytest.approx(100.008), RobotMode.RUNNING)
+    plug.send(b"\x00\x05\xff\r\n")
+    (words,) = [packet.payload for packet in plug.packets() if packet.kind == Kind.TEXT]
+    assert words == b"\x01unknown type of packet 255"
 
 
 def test_an_unknown_output_makes_no_recipe_and_so_no_start() -> None:

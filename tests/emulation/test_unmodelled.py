@@ -15,7 +15,7 @@ from emulators.sensing import KnownWrench
 from emulators.unmodelled import KEPT, LONGEST, OTHERS, TaggingDevice, Unmodelled
 from protocol.can.frame import CanFrame
 from protocol.devices.jr3 import Op
-from protocol.devices.rtde.packets import inputs_request, outputs_request
+from protocol.devices.rtde.packets import inputs_request, outputs_request, version_request
 from protocol.devices.rtde.wires import Port
 from protocol.unmodelled import NotModelled, relied_on
 
@@ -126,6 +126,7 @@ def test_rtde_scripts_dashboard_commands_and_variables() -> None:
     dashboard.receive(b"get variable x\nis it raining\nPolyscopeVersion\n", T0)
     assert told == ["dashboard command get variable"]
     rtde.receive(inputs_request(("standard_digital_output", "input_int_register_0")), T0)
+    rtde.receive(version_request(), T0)
     rtde.receive(outputs_request(("actual_q", "target_current", "actual_main_voltage"), 125.0), T0)
     assert told[1:] == [
         "variable target_current",

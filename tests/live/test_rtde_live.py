@@ -74,6 +74,7 @@ class Observer:
         names = ("timestamp", "actual_TCP_speed", "runtime_state")
         self._recipe = Recipe(1, names, ("DOUBLE", "VECTOR6D", "UINT32"))
         self._reader = packets.Reader()
+        self._rtde.sendall(packets.version_request())
         self._rtde.sendall(packets.outputs_request(names, 125.0) + packets.encode(Kind.START))
 
     def __enter__(self) -> "Observer":

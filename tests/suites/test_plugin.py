@@ -4,6 +4,7 @@ import subprocess
 import sys
 from importlib import import_module
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -149,3 +150,71 @@ def test_tests_of_others_are_not_ended_by_the_plug_in(pytester: pytest.Pytester)
     result.assert_outcomes(passed=1, failed=1)
     result.stdout.fnmatch_lines(["* hil_simulate *", "run 0: completed*", "    not saved: *"])
     assert "INTERNALERROR" not in result.stdout.str() + result.stderr.str()
+
+
+CONFORM = """
+import sys
+import pytest
+
+@pytest.mark.parametrize("mode", ["pose", "joint"])
+def test_my_client(hil_conform, mode):
+    play = hil_conform("egm", [sys.executable, {client!r}, "{{port}}"], config={{"cell.egm.mode": mode}}, {rules})
+    assert play.seen.orders > 10
+
+def test_a_wrong_rule(hil_conform):
+    with pytest.raises(Exception, match="a rule: .*fire"):
+        hil_conform("egm", ["true"], fire=1)
+"""
+EGM_CLIENT = """
+import socket, sys, time
+from protocol.devices.egm import PoseMm, SensorMessage, decode_robot, encode_answer
+wire = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+wire.bind(("127.0.0.1", int(sys.argv[1])))
+print("this is my client", flush=True)
+start = None
+for k in range(1, 400):
+    data, robot = wire.recvfrom(1500)
+    told = decode_robot(data).feedback.pose
+    start = start or told
+    x, y, z = start.position_mm
+    a, b, c, d = start.quaternion
+    turn = (b, c, d, a) if sys.argv[2:] == ["turned"] else (a, b, c, d)
+    wire.sendto(encode_answer(SensorMessage(k, 0, PoseMm((x, y, z - 0.02 * k), turn))), robot)
+"""
+
+
+@pytest.mark.live
+def test_a_client_is_judged_by_tests_and_its_verdict_stands_in_their_junit_file(
+    pytester: pytest.Pytester,
+) -> None:
+    client = pytester.path / "client.py"
+    client.write_text(EGM_CLIENT)
+    pytester.makepyfile(test_mine=CONFORM.format(client=str(client), rules="run_s=0.5, stand_s=3.0"))
+    result = pytester.runpytest_inprocess(*PLUGIN, "-q", "--junitxml=mine.xml", "-o", "junit_logging=all")
+    result.assert_outcomes(passed=2, skipped=1)
+    cases = {
+        case.get("name"): case for case in ElementTree.parse(pytester.path / "mine.xml").iter("testcase")
+    }
+    passed, skipped = cases["test_my_client[pose]"], cases["test_my_client[joint]"]
+    properties = {each.get("name"): each.get("value") for each in passed.iter("property")}
+    assert properties["nominal.outcome"] == "passed"
+    assert float(properties["nominal.largest_turn_rad"] or "nan") == pytest.approx(0.0, abs=1e-3)
+    assert int(properties["nominal.orders"] or 0) > 10
+    reason = skipped.find("skipped")
+    assert reason is not None
+    assert "a pose, and EGM runs in mode joint" in str(reason.get("message"))
+
+
+@pytest.mark.live
+def test_a_client_with_a_mistake_fails_its_test(pytester: pytest.Pytester) -> None:
+    client = pytester.path / "client.py"
+    client.write_text(EGM_CLIENT)
+    rules = "run_s=0.5, stand_s=0.2"
+    text = CONFORM.format(client=str(client), rules=rules).replace('"{port}"', '"{port}", "turned"')
+    pytester.makepyfile(test_mine=text)
+    result = pytester.runpytest_inprocess(*PLUGIN, "-q", "-k", "pose")
+    result.assert_outcomes(failed=1)
+    result.stdout.fnmatch_lines(
+        ["*nominal: *of its orders turn the tool at once*", "* the client in nominal *"]
+    )
+    assert "this is my client" in result.stdout.str()

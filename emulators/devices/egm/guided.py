@@ -36,6 +36,10 @@ class ArmJoints:
 
     def __init__(self, profile: EgmProfile, tool_length: float) -> None:
         self._arm = Arm(profile.arm, tool_length)
+        arm = profile.arm
+        lengths = arm.upper_arm_mm, arm.elbow_offset_mm, arm.forearm_mm, arm.wrist_to_flange_mm
+        self.reach = sum(lengths) * 1e-3 + tool_length
+        """Farthest that the tool is from axis 2, m."""
 
     def holding(self, pose: Pose, near: Joints = _AT_HAND) -> Joints | None:
         """The joints nearest to others that hold a pose, rad; None where none do."""

@@ -30,7 +30,7 @@ from emulators.devices.rsi.profile import RsiProfile
 from emulators.faults import Handler, Injection
 from emulators.faults.own import OwnFaults
 from emulators.faults.packets import DATAGRAMS, WIRE, Packets
-from emulators.orders import Act, HeardOrder, Hindrance, Orders
+from emulators.orders import Act, HeardOrder, Hindrance, Orders, Reach
 from emulators.seams import ArmPath, ContactSource, Handlers, Joints, StartPose
 from emulators.unmodelled import Unmodelled
 from protocol.devices.rsi import ROBOT, Telegram, axis_tags, decode, encode, fixed, number, pose_tags
@@ -199,19 +199,26 @@ class RsiController:
             *values, _ = self._values_of(telegram)
         except RemoteProtocolError as error:
             return HeardOrder(now, Act.UNREADABLE, str(error), False)
+        if telegram.values and self._channels.keys().isdisjoint(telegram.values):
+            words = f"tag {next(iter(telegram.values))}, see cell.rsi.correction_tag and axis_tags"
+            return HeardOrder(now, Act.REFUSED, words, False)
         if self.profile.mode == "relative":
             values = [before + more for before, more in zip(self._ordered, values, strict=True)]
             self._ordered = tuple(values)
         taken = self.state is State.MOVECORR and self.hindrance(now) is None
         session = self._session
-        place, reach_m = session.correction.programmed.position, session.correction.step_mm * 1e-3
+        correction, period = session.correction, self.profile.period
+        base, speed, turn = correction.programmed, correction.step_mm * 1e-3, correction.step_rad
         if any(values[6:]):
             a, b, c, d, e, f = (at + by for at, by in zip(session.axes.programmed, values[6:], strict=True))
-            place = self._kinematics.pose((a, b, c, d, e, f)).position
-            reach_m += self._kinematics.reach * math.radians(sum(session.axes.steps))
-        x, y, z = (start + by * 1e-3 for start, by in zip(place, values[:3], strict=True))
+            base = self._kinematics.pose((a, b, c, d, e, f))
+            by_axes = math.radians(sum(session.axes.steps))
+            speed, turn = speed + self._kinematics.reach * by_axes, turn + by_axes
+        pose = correction.corrected(base, tuple(values[:6]))
+        reach = Reach(period, speed / period, turn / period)
+        breach = "" if telegram.ipoc == self._ipoc else "the IPOC of another telegram than the newest"
         words = f"{self.profile.mode} correction"
-        return HeardOrder(now, Act.MOTION, words, taken, (x, y, z), reach_m=reach_m)
+        return HeardOrder(now, Act.MOTION, words, taken, pose, reach=reach, breach=breach)
 
     def _values_of(self, telegram: Telegram) -> list[float]:
         """Values of the channels in an answer: pose, axes, stop; 0 for one that is missing."""

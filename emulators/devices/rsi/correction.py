@@ -36,6 +36,7 @@ class Correction:
         steps = profile.cycle_ms / _REFERENCE_MS
         self.step_mm, self._step_deg = profile.max_step_mm * steps, profile.max_step_deg * steps
         """Largest change of the correction in a cycle, mm; the same of its turn, degrees."""
+        self.step_rad = math.radians(self._step_deg)
 
     def take(self, value: tuple[float, ...]) -> str:
         """Take the value of a cycle; the error that it makes, empty without. With one, the total stays as it was."""
@@ -65,8 +66,12 @@ class Correction:
 
     def applied_to(self, pose: Pose) -> Pose:
         """This pose, corrected."""
+        return self.corrected(pose, self.total)
+
+    def corrected(self, pose: Pose, total: Total) -> Pose:
+        """A pose with this total correction."""
         (x, y, z), start = pose
-        dx, dy, dz, *angles = self.total
+        dx, dy, dz, *angles = total
         a, b, c = angles
         turn = from_angles(a, b, c)
         way = dx / 1e3, dy / 1e3, dz / 1e3

@@ -30,6 +30,8 @@ class Connection:
         self._started = False
         self._due = 0
         """Number of the cycle in which data is sent next."""
+        self._version = packets.FIRST_VERSION
+        """Version that is spoken, until another is asked for."""
         self._inputs: dict[int, Recipe] = {}
         self._claimed: set[str] = set()
         self.closing = False
@@ -101,7 +103,8 @@ class Connection:
         values: list[float] = []
         for read in self._getters:
             values += read(snapshot)
-        return self._outputs.pack(*values)
+        data = self._outputs.pack(*values)
+        return packets.without_recipe(data) if self._version == packets.FIRST_VERSION else data
 
     # --- packets
 
@@ -111,7 +114,12 @@ class Connection:
                 self._take_data(packet.payload)
             case Kind.VERSION:
                 version = packets.read_version_request(packet.payload)
-                self._out.append(packets.accepted(Kind.VERSION, version == packets.PROTOCOL_VERSION))
+                known = version in (packets.FIRST_VERSION, packets.PROTOCOL_VERSION)
+                if known:
+                    self._version = version
+                else:
+                    self._controller.told(Act.REFUSED, f"version {version} of the protocol", False)
+                self._out.append(packets.accepted(Kind.VERSION, known))
             case Kind.CONTROLLER_VERSION:
                 self._out.append(packets.controller_version(self._controller.version))
             case Kind.OUTPUTS:
@@ -133,7 +141,7 @@ class Connection:
         self._controller.counts["bad packets"] += 1
         self._controller.told(Act.UNREADABLE, words, False)
         if self._started:
-            self._out.append(packets.text(Text(words, _SOURCE, level)))
+            self._out.append(packets.text(Text(words, _SOURCE, level), self._version))
 
     def _start(self) -> None:
         if self._outputs is not None and not self._started:
@@ -142,11 +150,12 @@ class Connection:
         self._out.append(packets.accepted(Kind.START, self._outputs is not None))
 
     def _take_outputs(self, payload: bytes) -> None:
-        frequency, names = packets.read_outputs_request(payload)
+        frequency, names = packets.read_outputs_request(payload, self._version)
         controller = self._controller
         types = tuple(type_of(OUTPUTS, name, controller.version) for name in names)
         if not names or len(payload) - 8 > packets.NAMES_MAX:
             types = (NOT_FOUND,)
+        self._tell_missing(names, types)
         found = NOT_FOUND not in types
         if found:
             recipe = Recipe(1, names, types)
@@ -158,13 +167,14 @@ class Connection:
                 rate = 1.0 / controller.period
                 wanted = frequency if math.isfinite(frequency) else rate
                 self._every = max(1, math.floor(rate / min(max(wanted, 1.0), rate) + 1e-6))
-        self._out.append(packets.types_answer(Kind.OUTPUTS, Types(int(found), types)))
+        self._out.append(packets.types_answer(Kind.OUTPUTS, Types(int(found), types), self._version))
 
     def _take_inputs(self, payload: bytes) -> None:
         names, controller = packets.split_names(payload), self._controller
         types = tuple(self._input_type(name) for name in names)
         if not names or len(payload) > packets.NAMES_MAX:
             types = (NOT_FOUND,)
+        self._tell_missing(names, types)
         number = 0
         if not {NOT_FOUND, IN_USE} & set(types) and len(self._inputs) < _RECIPES_MAX:
             number = len(self._inputs) + 1
@@ -173,6 +183,11 @@ class Connection:
             self._tag(names)
             controller.claims.update(dict.fromkeys(names, self))
         self._out.append(packets.types_answer(Kind.INPUTS, Types(number, types)))
+
+    def _tell_missing(self, names: tuple[str, ...], types: tuple[str, ...]) -> None:
+        """Tell a judge the variables that this controller does not have."""
+        if missing := [name for name, kind in zip(names, types, strict=False) if kind == NOT_FOUND]:
+            self._controller.told(Act.REFUSED, f"variable {missing[0]}", False)
 
     def _tag(self, names: tuple[str, ...]) -> None:
         """Tell the variables of a recipe that have no meaning here."""

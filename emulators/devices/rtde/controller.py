@@ -285,6 +285,11 @@ class Controller:
         """Whether a program plays on an arm that may move."""
         return self.runtime == Runtime.PLAYING and self.hindrance(self.now) is None
 
+    @property
+    def pose_told(self) -> Pose:
+        """Pose of the controller's tool, without noise."""
+        return self.snapshots[-1].now
+
     def told(self, act: Act, words: str, taken: bool, moves: bool = True) -> None:
         """An order that tells no place came."""
         self.orders.tell(HeardOrder(self.now, act, words, taken, moves=moves))

@@ -265,6 +265,7 @@ class Dashboard:
             if real := next(filter(command.startswith, _OF_THE_MAKER), ""):
                 detail = "answered as one that is not understood"
                 self._controller.unmodelled.touch(f"dashboard command {real}", detail)
+                self._controller.told(Act.REFUSED, f"dashboard command {real}", False)
         return f"could not understand: '{line[:80]}'"
 
     def _known(self, command: str, line: str) -> str | None:

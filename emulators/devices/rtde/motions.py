@@ -5,12 +5,12 @@ from typing import Protocol
 
 from emulators.devices.rtde.kinematics import Joints
 from emulators.devices.rtde.profile import RtdeProfile
-from emulators.orders import Act, HeardOrder, Orders
+from emulators.orders import Act, HeardOrder, Orders, Reach
 from protocol.devices.rtde.program import COMMAND, POSE, Command
-from protocol.geometry import Pose
+from protocol.geometry import Pose, turn_by
 
 _COMMAND = f"input_int_register_{COMMAND}"
-_PLACE = tuple(f"input_double_register_{number}" for number in range(POSE, POSE + 3))
+_PLACE = tuple(f"input_double_register_{number}" for number in range(POSE, POSE + 6))
 
 
 class Playing(Protocol):
@@ -26,6 +26,10 @@ class Playing(Protocol):
 
     def number(self, name: str) -> float:
         """An input that is a number, 0 where nothing was written."""
+
+    @property
+    def pose_told(self) -> Pose:
+        """Pose of the controller's tool, without noise."""
 
     def forward(self, joints: Joints, tcp: Pose | None = None) -> Pose:
         """Pose of the controller's tool at these joints."""
@@ -55,23 +59,25 @@ class Motions:
         if not self.by_registers or controller.orders.listener is None:
             return
         if _COMMAND in names and controller.number(_COMMAND) == Command.SERVO:
-            x, y, z = map(controller.number, _PLACE)
-            reach_m = controller.profile.max_target_step_mm * 1e-3
-            words, taken = "servo to a pose", controller.plays
-            controller.orders.tell(
-                HeardOrder(controller.now, Act.MOTION, words, taken, (x, y, z), reach_m=reach_m)
-            )
+            x, y, z, *turn = map(controller.number, _PLACE)
+            self._tell("servo to a pose", Pose((x, y, z), turn_by(turn)), self._reach)
 
     def hear_servo(self, joints: Joints) -> None:
         """servoj to joints."""
         if self._is_new("servoj", joints):
             place = self._controller.forward(joints) if all(map(math.isfinite, joints)) else None
-            self._tell("servoj", place, self._controller.profile.max_target_step_mm * 1e-3)
+            self._tell("servoj", place, self._reach)
 
     def hear_speed(self, words: str, speeds: Joints) -> None:
         """Speeds of the joints, or of the tool."""
         if self._is_new(words, speeds):
-            self._tell(words, None, moves=any(speeds))
+            by_tool = words == "speedl"
+            speed = (
+                (math.hypot(*speeds[:3]), math.hypot(*speeds[3:]))
+                if by_tool
+                else (0.0, max(map(abs, speeds)))
+            )
+            self._tell(words, None, self._reach, speed)
 
     def hear_move(self, words: str, goal: Pose) -> None:
         """A move that is planned before it begins."""
@@ -92,9 +98,21 @@ class Motions:
         self._told, self._heard = told, self.news
         return True
 
-    def _tell(self, words: str, goal: Pose | None, reach_m: float = math.inf, moves: bool = True) -> None:
-        controller = self._controller
-        place = None if goal is None else goal.position
-        controller.orders.tell(
-            HeardOrder(controller.now, Act.MOTION, words, controller.plays, place, moves, reach_m)
+    @property
+    def _reach(self) -> Reach:
+        """How fast the arm follows a target or a speed: what the controller bears, and a joint's speed of the turn."""
+        profile = self._controller.profile
+        return Reach(
+            profile.cycle_ms * 1e-3, profile.max_tcp_speed_mm_s * 1e-3, profile.max_joint_speed_rad_s
         )
+
+    def _tell(
+        self,
+        words: str,
+        goal: Pose | None,
+        reach: Reach | None = None,
+        speed: tuple[float, float] = (0.0, 0.0),
+    ) -> None:
+        controller, moves = self._controller, goal is not None or any(speed)
+        order = HeardOrder(controller.now, Act.MOTION, words, controller.plays, goal, moves, reach)
+        controller.orders.tell(order._replace(tool=controller.pose_told, speed=speed))

@@ -22,11 +22,10 @@ _ASKS = ("read_input_", "socket_read_")
 def start_text(controller: Controller, name: str, text: bytes) -> None:
     """Start the program of a text, where the controller takes programs. A text that is none is told."""
     compiled = compiled_or_told(controller, text)
-    words = f"program {name}" if name else f"script {text[:64].decode('utf-8', 'replace')}"
-    moves = compiled is not None and _moves_by_itself(compiled)
-    controller.told(Act.PROGRAM, words, controller.takes_programs, moves)
     if compiled is None:
         return
+    words = f"program {name}" if name else f"script {text[:64].decode('utf-8', 'replace')}"
+    controller.told(Act.PROGRAM, words, controller.takes_programs, _moves_by_itself(compiled))
     ours = controller.motions.by_registers = compiled.name == NAME
     asks = _asks(compiled) and not ours
     controller.rehearse = Rehearsal(controller, compiled).cycle if asks else _nothing
@@ -53,6 +52,7 @@ def compiled_or_told(controller: Controller, text: bytes) -> CompiledProgram | N
         return compile_program(text.decode("utf-8", "replace"), FUNCTIONS)
     except ScriptSyntaxError as error:
         ControllerHost(controller).tell_failure(error.failure)
+        controller.told(Act.UNREADABLE, f"a program with an error: {error}", False)
         return None
 
 

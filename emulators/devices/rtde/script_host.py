@@ -15,6 +15,7 @@ from emulators.devices.rtde.running import Saying
 from emulators.devices.rtde.state import getter, number_in
 from emulators.devices.rtde.urscript import Message, Profile, RuntimeFailure, Socket, SyntaxFailure
 from emulators.devices.rtde.urscript.failures import ScriptError
+from emulators.orders import Act
 from protocol.devices.rtde.fields import INPUTS, OUTPUTS
 from protocol.devices.rtde.rotation import pose_of
 from protocol.geometry import Pose, Vector
@@ -56,9 +57,11 @@ class ControllerHost:
 
     def tell_tagged(self, function: str) -> None:
         self._controller.unmodelled.touch(f"URScript {function}()", "accepted without effect")
+        self._controller.told(Act.REFUSED, f"URScript {function}(), which has no effect here", False)
 
     def tell_unknown(self, function: str) -> None:
         self._controller.unmodelled.touch(f"URScript {function}()", "not known: the program ends")
+        self._controller.told(Act.REFUSED, f"URScript {function}(), which ends its program", False)
 
     # --- time and registers
 

@@ -4,6 +4,7 @@ Source: project specification of the computer link, sections 3 and 5.
 """
 
 import contextlib
+import math
 import random
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -19,12 +20,13 @@ from emulators.devices.s3.site import EMPTY_SITE, S3Site
 from emulators.devices.s3.state import State, Stimulus
 from emulators.faults.ledger import Handler, Injection, Ledger, target_of
 from emulators.faults.packets import BYTES, WIRE, Packets
-from emulators.orders import Act, HeardOrder, Hindrance, Orders
+from emulators.orders import Act, HeardOrder, Hindrance, Orders, Reach
 from emulators.quantiles import draw
 from emulators.seams import ArmPath, StartPose
 from protocol.devices.s3.adlp import MessageReceived
 from protocol.devices.s3.arap import (
     FunctionCode,
+    Move,
     MoveKind,
     Refusal,
     Spontaneous,
@@ -36,7 +38,7 @@ from protocol.devices.s3.arap import (
     split_telegram,
 )
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
-from protocol.geometry import Pose
+from protocol.geometry import Pose, normalise
 
 _OFFSET_LIMIT = 0.1
 """Chosen: encoders are off by this at most, m, so that a measured position always fits the status."""
@@ -69,6 +71,7 @@ class S3Controller:
         site: S3Site = EMPTY_SITE,
     ) -> None:
         self.profile = profile = profiles.robot
+        self._servo = profiles.servo
         self._executive = Executive(profiles, start, powered_at, site)
         self.unmodelled = self._executive.unmodelled
         self.motion = self._executive.motion
@@ -438,10 +441,21 @@ class S3Controller:
         elif order.function == FunctionCode.START_PROGRAM:
             self.orders.tell(HeardOrder(now, Act.PROGRAM, "start program", taken))
         elif order.function == FunctionCode.MOVE and order.telegram.suffix != MoveKind.START:
-            place = self._executive.place_of(order.telegram)
-            self.orders.tell(HeardOrder(now, Act.MOTION, "move", taken, place, place is not None))
+            self._heard_move(self._executive.move_of(order.telegram), taken, now)
         else:
-            self.orders.tell(HeardOrder(now, Act.CONTACT, function_text(order.function), taken))
+            act = Act.REFUSED if self._executive.lacks(order.function) else Act.CONTACT
+            self.orders.tell(HeardOrder(now, act, function_text(order.function), taken))
+
+    def _heard_move(self, move: Move | None, taken: bool, now: float) -> None:
+        """Tell a move to a judge. It has a speed of its own, and the robot plans its way."""
+        pose, reach, norm = None, None, 0.0
+        if move is not None:
+            norm = math.hypot(*move.quaternion)
+            servo = self._servo
+            speed, turn = move.velocity * move.run_speed, math.radians(servo.reorientation_deg_s)
+            reach = Reach(servo.interpolation_ms * 1e-3, speed, turn, own_way=True)
+            pose = Pose(move.position, normalise(move.quaternion) if norm else move.quaternion)
+        self.orders.tell(HeardOrder(now, Act.MOTION, "move", taken, pose, norm > 0.0, reach))
 
     def _say(self, telegram: Telegram) -> None:
         if self.state.starting:

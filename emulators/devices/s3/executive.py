@@ -196,7 +196,7 @@ class Executive:
         if telegram is None:
             return RefusalCode.TELEGRAM_INCOMPLETE
         definition = self._site.orders.of_function(telegram.function)
-        if definition is None and telegram.function in _REAL:
+        if self.lacks(telegram.function):
             text = FunctionCode(telegram.function).text
             self.unmodelled.touch(
                 f"function {telegram.function}, {text}", "refused; an orders file can define it"
@@ -252,10 +252,14 @@ class Executive:
             return RefusalCode.NO_SUCH_PROGRAM
         return ProgramAnswer(number, self._site.programs[number]).to_telegram()
 
-    def place_of(self, telegram: Telegram) -> Vector | None:
-        """Where a move leads the tool, base frame, m; None for one that cannot be read."""
+    def lacks(self, function: int) -> bool:
+        """Whether a real controller has this function, and the emulated one does not."""
+        return function in _REAL and self._site.orders.of_function(function) is None
+
+    def move_of(self, telegram: Telegram) -> Move | None:
+        """The move of an order; None for one that cannot be read."""
         try:
-            return Move.from_telegram(telegram, self._move_lengths).position
+            return Move.from_telegram(telegram, self._move_lengths)
         except RemoteProtocolError:
             return None
 

@@ -1,5 +1,6 @@
 """Verdicts on a client, by the evidence alone: pure functions."""
 
+import math
 import signal
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -48,6 +49,12 @@ def judge(scenario: str, seen: Seen, rules: Rules) -> Verdict:
 
 def _explain_skip(scenario: str, seen: Seen) -> str:
     """Why the scenario could not be played to its fault; empty where it was."""
+    crashed = not seen.told_to_end and seen.exit_code is not None and seen.exit_code < 0
+    if scenario != REFUSED and seen.moved_at is None and not seen.moving and seen.refusals and not crashed:
+        return (
+            f"the client ordered no motion that could be judged; this emulated robot does not have: "
+            f"{'; '.join(seen.refusals[:3])}"
+        )
     if scenario in (NOMINAL, REFUSED) or seen.fault_at is not None:
         return ""
     if seen.moved_at is None:
@@ -62,18 +69,42 @@ def _find_faults(scenario: str, seen: Seen, rules: Rules) -> Iterator[str]:
     yield from _OWN[scenario](seen, rules)
     if seen.own_stop and scenario not in (NOMINAL, LATE):
         yield f"its orders stopped the robot: {seen.own_stop}"
-    if seen.leaps:
-        yield f"{seen.leaps} of its orders leap, by up to {seen.largest_step_m * 1e3:.1f} mm"
+    yield from _find_haste(seen, rules)
     if scenario != NOMINAL and not seen.told_to_end and seen.exit_code is not None and seen.exit_code < 0:
         yield f"crashed: {_end(seen)}"
     if seen.left_m_s > 0.0:
         yield f"left the tool moving at {seen.left_m_s * 1e3:.1f} mm/s"
+    elif seen.left_rad_s > 0.0:
+        yield f"left the tool turning at {math.degrees(seen.left_rad_s):.1f} °/s"
     if seen.killed:
         yield f"did not end within {rules.end_s:g} s of being told to, and was killed"
-    if rules.max_speed_mm_s and seen.fastest_m_s * 1e3 > rules.max_speed_mm_s:
-        yield f"the tool went at {seen.fastest_m_s * 1e3:.1f} mm/s, allowed are {rules.max_speed_mm_s:g}"
-    if rules.max_step_mm and seen.largest_step_m * 1e3 > rules.max_step_mm:
-        yield f"a step of {seen.largest_step_m * 1e3:.2f} mm between two orders, allowed are {rules.max_step_mm:g}"
+
+
+def _find_haste(seen: Seen, rules: Rules) -> Iterator[str]:
+    """Steps, turns, speeds and accelerations beyond the rules; where a rule is 0, beyond the robot's own."""
+    step_mm, turn_deg = seen.largest_step_m * 1e3, math.degrees(seen.largest_turn_rad)
+    if rules.max_step_mm:
+        if step_mm > rules.max_step_mm:
+            yield f"a step of {step_mm:.2f} mm between two orders, allowed are {rules.max_step_mm:g}"
+    elif seen.leaps:
+        yield f"{seen.leaps} of its orders leap, by up to {step_mm:.1f} mm"
+    if rules.max_turn_deg:
+        if turn_deg > rules.max_turn_deg:
+            yield f"a turn of {turn_deg:.2f}° between two orders, allowed are {rules.max_turn_deg:g}"
+    elif seen.turns:
+        yield f"{seen.turns} of its orders turn the tool at once, by up to {turn_deg:.1f}°"
+    ordered, gone = seen.largest_speed_m_s * 1e3, seen.fastest_m_s * 1e3
+    if rules.max_speed_mm_s:
+        if gone > rules.max_speed_mm_s:
+            yield f"the tool went at {gone:.1f} mm/s, allowed are {rules.max_speed_mm_s:g}"
+    elif seen.rushes:
+        yield f"{seen.rushes} of its orders ask for a speed above the robot's, of up to {ordered:.1f} mm/s"
+    limit = seen.robot_speed_m_s
+    if rules.speed_up_s and limit is not None and seen.largest_gain_m_s > limit:
+        yield (
+            f"the tool's speed changed by {seen.largest_gain_m_s * 1e3:.0f} mm/s within {rules.speed_up_s * 1e3:g} ms, "
+            f"by more than the robot's fastest of {limit * 1e3:g}"
+        )
 
 
 def _of_nominal(seen: Seen, rules: Rules) -> Iterator[str]:
@@ -85,6 +116,8 @@ def _of_nominal(seen: Seen, rules: Rules) -> Iterator[str]:
         yield f"failed by itself: {_end(seen)}"
     if seen.unreadable:
         yield f"sent {_times(seen.unreadable)} what the robot cannot read; first {seen.first_unreadable}"
+    if seen.breaches > seen.orders * rules.breaches_percent / 100.0:
+        yield f"{seen.breaches} of its {seen.orders} orders break a rule of the wire, as {seen.first_breach}"
     if seen.moved_at is None:
         what = f"none of its {seen.orders} orders moved the tool" if seen.orders else "it ordered no motion"
         yield what
@@ -100,13 +133,13 @@ def _of_late(seen: Seen, rules: Rules) -> Iterator[str]:
 
 
 def _of_refused(seen: Seen, rules: Rules) -> Iterator[str]:
-    yield from _sent_on(seen, rules, "to a robot that could not move")
+    yield from _sent_on(seen, rules, "to a robot that could not move", "the first")
     if seen.moved_m >= MOVED_M and not seen.releases:
         yield f"the tool moved by {seen.moved_m * 1e3:.1f} mm"
 
 
 def _of_stop(seen: Seen, rules: Rules) -> Iterator[str]:
-    yield from _sent_on(seen, rules, "after the stop")
+    yield from _sent_on(seen, rules, "after the stop", "the stop")
     if seen.releases:
         yield f"released it without a person: {', '.join(dict.fromkeys(seen.releases))}"
     if seen.moved_after_m >= MOVED_M:
@@ -118,11 +151,12 @@ def _of_cut(seen: Seen, rules: Rules) -> Iterator[str]:
         yield f"did not come back within {rules.back_s:g} s, as it declares: {_end(seen)}"
 
 
-def _sent_on(seen: Seen, rules: Rules, where: str) -> Iterator[str]:
+def _sent_on(seen: Seen, rules: Rules, where: str, begin: str) -> Iterator[str]:
     if seen.after_stop:
         yield (
             f"sent {seen.after_stop} orders of motion {where} and the {rules.react_s * 1e3:g} ms to see it: "
-            f"the last {seen.last_motion_s or 0.0:.2f} s behind, steps of up to {seen.after_stop_step_m * 1e3:.2f} mm"
+            f"the last {seen.last_motion_s or 0.0:.2f} s after {begin}, "
+            f"steps of up to {seen.after_stop_step_m * 1e3:.2f} mm"
         )
 
 
@@ -139,18 +173,19 @@ _OWN: Mapping[str, Callable[[Seen, Rules], Iterator[str]]] = {
 
 def _moved(seen: Seen) -> str:
     return (
-        f"moved {seen.moved_m * 1e3:.1f} mm by {seen.orders} orders, at most {seen.fastest_m_s * 1e3:.1f} mm/s; "
+        f"moved {seen.moved_m * 1e3:.1f} mm and turned {math.degrees(seen.turned_rad):.1f}° by {seen.orders} orders, "
+        f"at most {seen.fastest_m_s * 1e3:.1f} mm/s; "
         f"longest pause {seen.longest_pause_s * 1e3:.0f} ms; {_end(seen)}"
     )
 
 
-def _held_back(seen: Seen) -> str:
+def _held_back(seen: Seen, begin: str = "stop") -> str:
     if seen.orders == 0:
         return f"ordered no motion; {_end(seen)}"
     last = (
         ""
         if seen.last_motion_s is None
-        else f", the last that would move {seen.last_motion_s * 1e3:.0f} ms behind"
+        else f", the last that would move {seen.last_motion_s * 1e3:.0f} ms after the {begin}"
     )
     return f"{seen.orders} orders{last}; {_end(seen)}"
 
@@ -158,13 +193,15 @@ def _held_back(seen: Seen) -> str:
 def _came_back(seen: Seen) -> str:
     if seen.back_at is None or seen.returned_at is None:
         return f"did not come back, and left the tool standing; {_end(seen)}"
-    return f"came back {seen.back_at - seen.returned_at:.2f} s behind the cut; {_end(seen)}"
+    return (
+        f"took up its orders {seen.back_at - seen.returned_at:.2f} s after the end of the cut; {_end(seen)}"
+    )
 
 
 _WELL: Mapping[str, Callable[[Seen], str]] = {
     NOMINAL: _moved,
     LATE: _moved,
-    REFUSED: _held_back,
+    REFUSED: lambda seen: _held_back(seen, "first"),
     STOPPED: _held_back,
     EMERGENCY: _held_back,
     CUT: _came_back,

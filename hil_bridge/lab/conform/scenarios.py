@@ -6,14 +6,18 @@ from typing import Any, ClassVar
 
 from protocol.marks import Mark, above, at_least, between, check_settings, setting
 
-SUITE_VERSION = 1
+SUITE_VERSION = 2
 """Grows when a client that passed may fail: to be compared by those who pin it."""
 MOVED_M = 0.5e-3
 """Chosen: a tool that is so far from its start has moved; noise and rounding of any robot are below."""
 SAME_PLACE_M = 1e-5
 """Chosen: two orders nearer than this lead to the same place, as those of a client that holds."""
+SAME_TURN_RAD = 1e-4
+"""Chosen: the same of their turn; a quaternion of 1/16384 steps is as coarse."""
 STILL_M = 0.05e-3
 """Chosen: a tool that moves by less in `STILL_S` stands."""
+STILL_RAD = 1e-3
+"""Chosen: the same of its turn."""
 STILL_S = 0.2
 """Chosen: for how long it has to stand."""
 
@@ -76,12 +80,40 @@ class Rules:
     max_speed_mm_s: float = setting(
         0.0,
         Mark.CHOSEN,
-        "fastest that the tool may go; 0 for the robot's own limits",
+        "fastest that the tool may go, and be ordered to go; 0 for the robot's own limits",
         at_least(0.0),
         unit="mm/s",
     )
     max_step_mm: float = setting(
-        0.0, Mark.CHOSEN, "farthest from one order to the next; 0 for any", at_least(0.0), unit="mm"
+        0.0,
+        Mark.CHOSEN,
+        "farthest from one order to the next; 0 for what the robot goes in one cycle",
+        at_least(0.0),
+        unit="mm",
+    )
+    max_turn_deg: float = setting(
+        0.0, Mark.CHOSEN, "the same of the turn between two orders", at_least(0.0), unit="°"
+    )
+    pause_s: float = setting(
+        0.05,
+        Mark.CHOSEN,
+        "a pause that may be this computer's: behind it a step that the client's own speed explains is no leap",
+        between(0.0, 10.0),
+        unit="s",
+    )
+    speed_up_s: float = setting(
+        0.05,
+        Mark.CHOSEN,
+        "a tool that gains the robot's fastest speed in less than this was driven by no path; 0: not judged",
+        between(0.0, 10.0),
+        unit="s",
+    )
+    breaches_percent: float = setting(
+        10.0,
+        Mark.CHOSEN,
+        "share of orders in `nominal` that may break a rule of the wire, as late answers of a busy computer do",
+        between(0.0, 100.0),
+        unit="%",
     )
     comes_back: bool = setting(False, Mark.CHOSEN, "the client declares that it comes back behind a cut")
     ends: bool = setting(False, Mark.CHOSEN, "the client declares that it ends by itself")

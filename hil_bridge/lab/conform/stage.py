@@ -23,16 +23,18 @@ from hil_bridge.lab.conform.scenarios import (
     REFUSED,
     SCENARIOS,
     STILL_M,
+    STILL_RAD,
     STILL_S,
     STOPPED,
     Rules,
 )
-from hil_bridge.lab.conform.watching import Seen, Watch
+from hil_bridge.lab.conform.watching import Seen, ToolLook, Watch
 from hil_bridge.runs.compose import emulated_cell, follow_unmodelled
 from hil_bridge.runs.faults.panel import FaultPanel
 from hil_bridge.runs.setup import Listen, Setup
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.devices import Robot
+from protocol.geometry import angle_between
 from protocol.unmodelled import NotModelled
 
 _LOOK_S = 0.01
@@ -127,10 +129,11 @@ async def play(name: str, trial: Trial) -> Played:
     return Played(name, judge(name, seen, trial.rules), seen, client.output, seconds, tuple(things))
 
 
-def refuse_scenario(name: str) -> Played:
+def refuse_scenario(name: str, nominal: Played) -> Played:
     """A scenario that makes no sense, because the client does not even move the tool."""
-    verdict = Verdict(Outcome.SKIPPED, "the client does not move the tool when nothing is wrong")
-    return Played(name, verdict, Seen(), "", 0.0)
+    unjudged = nominal.verdict.outcome is Outcome.SKIPPED
+    why = "`nominal` was skipped" if unjudged else "the client does not move the tool when nothing is wrong"
+    return Played(name, Verdict(Outcome.SKIPPED, why), Seen(), "", 0.0)
 
 
 class _Ended(Exception):
@@ -159,8 +162,8 @@ class _Scene:
         self._name, self._trial, self._cell, self._client, self._clock = name, trial, cell, client, clock
         self._failures, self._robot = failures, robot
         self._begun = clock.now()
-        stops, react_s = name in (REFUSED, STOPPED, EMERGENCY), trial.rules.react_s
-        self.watch = Watch(self._begun, react_s, stops=stops, from_start=name == REFUSED)
+        stops = name in (REFUSED, STOPPED, EMERGENCY)
+        self.watch = Watch(self._begun, trial.rules, stops=stops, from_start=name == REFUSED)
         robot.orders.listener = self.watch.hear
 
     async def play(self, where: Where) -> None:
@@ -223,7 +226,8 @@ class _Scene:
         state = self._cell.true_state(self._cell.truth_available_from(now))
         seen = self.watch.seen
         seen.last_pose = state.position, state.quaternion
-        self.watch.look(now, state.position, math.hypot(*state.velocity), self._robot.hindrance(now))
+        tool = ToolLook(state.position, state.quaternion, state.velocity)
+        self.watch.look(now, tool, self._robot.hindrance(now))
 
     async def _end(self) -> None:
         """Let the client end, then see whether the tool stands."""
@@ -244,8 +248,11 @@ class _Scene:
             assert before is not None
             assert seen.last_pose is not None
             gone = math.dist(before[0], seen.last_pose[0])
-            seen.left_m_s = gone / (self._clock.now() - since) if gone > STILL_M else 0.0
-            if not seen.left_m_s:
+            turned = angle_between(before[1], seen.last_pose[1])
+            span = self._clock.now() - since
+            seen.left_m_s = gone / span if gone > STILL_M else 0.0
+            seen.left_rad_s = turned / span if turned > STILL_RAD else 0.0
+            if not seen.left_m_s and not seen.left_rad_s:
                 return
 
     @staticmethod

@@ -1,15 +1,21 @@
 """A whole trial in real time, and the port of its robot."""
 
 import socket
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
 
 from hil_bridge.clock import run_real
+from hil_bridge.devices.kinds import ROBOTS
+from hil_bridge.errors import ConfigError
+from hil_bridge.lab.conform.client import ProcessClient
 from hil_bridge.lab.conform.judging import Outcome
-from hil_bridge.lab.conform.scenarios import NOMINAL
-from hil_bridge.lab.conform.stage import Played, Trial, play, refuse_scenario
+from hil_bridge.lab.conform.scenarios import NOMINAL, Rules
+from hil_bridge.lab.conform.stage import Played, Trial, choose_scenarios, play, refuse_scenario
 from hil_bridge.runs.compose import choose_port
-from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.configuration import Config, load_config
 from hil_bridge.settings.devices import robot_at
 
 _BOUND_BY_CLIENT = "udp://"
@@ -34,6 +40,29 @@ def usual_port(config: Config, listen: str | None, command: Sequence[str]) -> st
     return usual.named_url
 
 
+def play_once(
+    what: tuple[str, str],
+    command: Sequence[str],
+    config: Path | Mapping[str, object] | None,
+    rules: Mapping[str, Any],
+) -> Played:
+    """Put a command through one scenario in real time: kind of robot and scenario, words, settings, rules.
+
+    Settings are a file's, or values by dotted key. Raises BridgeError, also ConfigError for a wrong name.
+    """
+    kind, scenario = what
+    ROBOTS.kind(kind)
+    given = {} if config is None or isinstance(config, Path) else dict(config)
+    found = load_config(config if isinstance(config, Path) else None, {**given, "robot.emulated": kind})
+    try:
+        asked = Rules(**rules)
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"a rule: {error}; `hil-bridge conform {kind} --rules` lists them") from error
+    trial = Trial(found, usual_port(found, None, command), asked, partial(ProcessClient, command))
+    (name,) = choose_scenarios(trial, [scenario])
+    return run_real(lambda: play(name, trial))
+
+
 def play_all(trial: Trial, names: Sequence[str], say: Callable[[str], None]) -> list[Played]:
     """Play these scenarios one after the other, in real time. Raises BridgeError, KeyboardInterrupt."""
     played: list[Played] = []
@@ -41,11 +70,11 @@ def play_all(trial: Trial, names: Sequence[str], say: Callable[[str], None]) -> 
         nominal = next((one for one in played if one.name == NOMINAL), None)
         stuck = (
             nominal is not None
-            and nominal.verdict.outcome is Outcome.FAILED
+            and nominal.verdict.outcome is not Outcome.PASSED
             and nominal.seen.moved_at is None
         )
-        if stuck:
-            played.append(refuse_scenario(name))
+        if stuck and nominal is not None:
+            played.append(refuse_scenario(name, nominal))
             continue
         say(f"{name} …")
         played.append(run_real(lambda name=name: play(name, trial)))  # type: ignore[misc]

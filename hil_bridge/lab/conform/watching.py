@@ -1,11 +1,19 @@
 """Evidence of an emulated robot about a client: its orders, and the way of the tool. Its size is bounded."""
 
 import math
+from collections import deque
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from emulators.orders import Act, HeardOrder, Hindrance
-from hil_bridge.lab.conform.scenarios import MOVED_M, SAME_PLACE_M
-from protocol.geometry import Vector
+from hil_bridge.lab.conform.scenarios import MOVED_M, Rules
+from hil_bridge.lab.conform.strides import Stride, Strides
+from protocol.geometry import Pose, Quaternion, Vector, angle_between
+
+_WINDOW_S = 0.05
+"""Chosen: least time over which a turn of the tool, and a change of its speed, is measured."""
+_FIRST = 10
+"""Chosen: words of one kind that are kept, the first ones."""
 
 
 @dataclass(slots=True)
@@ -21,19 +29,42 @@ class Seen:
     """Orders of motion."""
     taken: int = 0
     """Those that the robot could act on."""
+    moving: int = 0
+    """Those of them that lead elsewhere than the order before."""
+    refusals: list[str] = field(default_factory=list)
+    """Things that the client asked for, and that this emulated robot does not have, the first ten."""
+    breaches: int = 0
+    """Orders that break a rule of the wire which the robot bears."""
+    first_breach: str = ""
     first_order_at: float | None = None
     last_order_at: float | None = None
     largest_step_m: float = 0.0
-    """Largest distance of the places of two orders in a row."""
+    """Largest distance of an order's place from the one before, or from the tool where that is nearer."""
+    largest_turn_rad: float = 0.0
+    """The same of the turn."""
+    largest_speed_m_s: float = 0.0
+    """Largest speed that was ordered: told as a speed, or a step in the time since the order before."""
     leaps: int = 0
     """Orders farther from the one before than the robot goes in one cycle."""
+    turns: int = 0
+    """The same of the turn."""
+    rushes: int = 0
+    """Orders of a speed above the robot's."""
+    robot_speed_m_s: float | None = None
+    """Fastest that the robot takes its tool; None where it tells none, or orders tell a speed of their own."""
     longest_pause_s: float = 0.0
     """Longest time between two orders."""
     moved_at: float | None = None
     moved_m: float = 0.0
     """Farthest that the tool was from its start."""
+    turned_rad: float = 0.0
+    """Largest turn of the tool from its start."""
     fastest_m_s: float = 0.0
     """Largest speed of the tool, looked at every few milliseconds."""
+    fastest_rad_s: float = 0.0
+    """The same of its turn, over 50 ms or more."""
+    largest_gain_m_s: float = 0.0
+    """Largest change of the tool's velocity within `speed_up_s`, before the fault and by orders."""
     fault_at: float | None = None
     """The fault of the scenario; without one where the robot may not move from the start, its first order."""
     last_motion_s: float | None = None
@@ -62,24 +93,35 @@ class Seen:
     killed: bool = False
     left_m_s: float = 0.0
     """Speed of the tool at the end."""
+    left_rad_s: float = 0.0
+    """The same of its turn."""
     last_pose: tuple[Vector, tuple[float, ...]] | None = None
     """Position, m, and quaternion w x y z of the tool at the end."""
+
+
+class ToolLook(NamedTuple):
+    """The tool at one look: where it is, m, and how fast it goes, m/s, base frame."""
+
+    position: Vector
+    quaternion: Quaternion
+    velocity: Vector
 
 
 class Watch:
     """Listens to a robot, and looks at its tool."""
 
-    def __init__(self, begun_at: float, react_s: float, *, stops: bool, from_start: bool) -> None:
+    def __init__(self, begun_at: float, rules: Rules, *, stops: bool, from_start: bool) -> None:
         """`stops`: the fault stops the robot. `from_start`: it may not move from the start on."""
         self.seen = Seen()
-        self._begun_at, self._react = begun_at, react_s
+        self._begun_at, self._react, self._speed_up = begun_at, rules.react_s, rules.speed_up_s
         self._stops, self._from_start = stops, from_start
-        self._start: Vector | None = None
-        """Where the tool was first."""
-        self._place: Vector | None = None
+        self._strides = Strides(rules.pause_s)
+        self._start: ToolLook | None = None
+        """The tool as it was first."""
+        self._tool: Pose | None = None
         """Where it is."""
-        self._last: Vector | None = None
-        """Place of the newest order."""
+        self._looks: deque[tuple[float, ToolLook]] = deque()
+        """Looks of the last time in which speeds are measured."""
         self._stood_at: Vector | None = None
         """Where the tool was at `react_s` behind the fault."""
         self._hindered = False
@@ -97,35 +139,36 @@ class Watch:
                 seen.first_unreadable = seen.first_unreadable or order.words
             case Act.RELEASE:
                 behind = self._from_start or (seen.fault_at is not None and at > seen.fault_at)
-                if behind and len(seen.releases) < 10:
-                    seen.releases.append(order.words)
+                if behind:
+                    _keep(seen.releases, order.words)
+            case Act.REFUSED:
+                _keep(seen.refusals, order.words)
             case Act.PROGRAM if order.moves:
-                self._ordered(at, order, True, 0.0)
+                self._ordered(at, order, Stride())
             case Act.MOTION:
-                self._motion(at, order)
+                self._ordered(at, order, self._strides.take(order, order.tool or self._tool))
             case _:
                 pass
 
-    def _motion(self, at: float, order: HeardOrder) -> None:
-        step, moving = 0.0, order.moves
-        if (place := order.position) is not None and all(map(math.isfinite, place)):
-            before = self._last if self._last is not None else self._place
-            far = math.dist(place, before) if before is not None else math.inf
-            moving = far > SAME_PLACE_M
-            if self._last is not None:
-                step = far
-            self._last = place
-        self._ordered(at, order, moving, step)
-
-    def _ordered(self, at: float, order: HeardOrder, moving: bool, step: float) -> None:
-        seen = self.seen
+    def _ordered(self, at: float, order: HeardOrder, stride: Stride) -> None:
+        seen, moving = self.seen, stride.elsewhere
         seen.orders += 1
         seen.taken += order.taken
+        seen.moving += order.taken and moving and order.act is Act.MOTION
+        if order.breach:
+            seen.breaches += 1
+            seen.first_breach = seen.first_breach or order.breach
         if seen.last_order_at is not None:
             seen.longest_pause_s = max(seen.longest_pause_s, at - seen.last_order_at)
         seen.last_order_at = at
-        seen.largest_step_m = max(seen.largest_step_m, step)
-        seen.leaps += step > order.reach_m + SAME_PLACE_M
+        seen.largest_step_m = max(seen.largest_step_m, stride.step_m)
+        seen.largest_turn_rad = max(seen.largest_turn_rad, stride.turn_rad)
+        seen.largest_speed_m_s = max(seen.largest_speed_m_s, stride.speed_m_s)
+        seen.leaps += stride.leaps
+        seen.turns += stride.turns
+        seen.rushes += stride.rushes
+        if order.reach is not None and not order.reach.own_way:
+            seen.robot_speed_m_s = order.reach.speed_m_s
         if seen.first_order_at is None:
             seen.first_order_at = at
         if self._from_start and moving and seen.fault_at is None:
@@ -135,21 +178,25 @@ class Watch:
             seen.last_motion_s = since
             if since > self._react and not (self._from_start and order.taken):
                 seen.after_stop += 1
-                seen.after_stop_step_m = max(seen.after_stop_step_m, step)
+                seen.after_stop_step_m = max(seen.after_stop_step_m, stride.step_m)
         if order.taken and seen.returned_at is not None and seen.back_at is None and at >= seen.returned_at:
             seen.back_at = at
 
     # --- the robot
 
-    def look(self, now: float, position: Vector, speed: float, hindrance: Hindrance | None) -> None:
-        """The tool is there, m and m/s, and this keeps it from moving."""
-        at, seen = now - self._begun_at, self.seen
+    def look(self, now: float, tool: ToolLook, hindrance: Hindrance | None) -> None:
+        """The tool is there, and this keeps it from moving."""
+        at, seen, position = now - self._begun_at, self.seen, tool.position
         if self._start is None:
-            self._start = position
-        self._place = position
-        seen.fastest_m_s = max(seen.fastest_m_s, speed)
-        away = math.dist(position, self._start)
+            self._start = tool
+        self._tool = Pose(position, tool.quaternion)
+        seen.fastest_m_s = max(seen.fastest_m_s, math.hypot(*tool.velocity))
+        away = math.dist(position, self._start.position)
         seen.moved_m = max(seen.moved_m, away)
+        seen.turned_rad = max(seen.turned_rad, angle_between(tool.quaternion, self._start.quaternion))
+        self._measure(
+            at, tool, by_orders=hindrance is None and seen.fault_at is None and not seen.told_to_end
+        )
         if seen.moved_at is None and away >= MOVED_M:
             seen.moved_at = at
         if self._stops and seen.fault_at is not None and at >= seen.fault_at + self._react:
@@ -157,6 +204,23 @@ class Watch:
                 self._stood_at = position
             seen.moved_after_m = max(seen.moved_after_m, math.dist(position, self._stood_at))
         self._hinder(at, hindrance)
+
+    def _measure(self, at: float, tool: ToolLook, by_orders: bool) -> None:
+        """Measure how the speed changes, and how fast the tool turns."""
+        seen, looks = self.seen, self._looks
+        looks.append((at, tool))
+        while len(looks) > 1 and at - looks[1][0] >= _WINDOW_S:
+            looks.popleft()
+        since, before = looks[0]
+        if (span := at - since) >= _WINDOW_S:
+            turn = angle_between(tool.quaternion, before.quaternion)
+            seen.fastest_rad_s = max(seen.fastest_rad_s, turn / span)
+        if not by_orders:
+            return
+        gains = [
+            math.dist(tool.velocity, look.velocity) for then, look in looks if at - then <= self._speed_up
+        ]
+        seen.largest_gain_m_s = max(seen.largest_gain_m_s, *gains)
 
     def _hinder(self, at: float, hindrance: Hindrance | None) -> None:
         seen, before = self.seen, self._hindered
@@ -170,3 +234,9 @@ class Watch:
             seen.hindrance, seen.hindered_at = hindrance.words, at
         if hindrance.by_order and not seen.own_stop:
             seen.own_stop = hindrance.words
+
+
+def _keep(words: list[str], more: str) -> None:
+    """Keep the first ones, each once."""
+    if more not in words and len(words) < _FIRST:
+        words.append(more)

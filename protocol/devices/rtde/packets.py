@@ -4,6 +4,7 @@ Source: Universal Robots' RTDE guide, and its RTDE_Python_Client_Library, `rtde/
 header's own three bytes. TCP may split packets and join them, so a receiver frames by the size alone.
 """
 
+import math
 import struct
 from enum import IntEnum
 from typing import NamedTuple
@@ -18,6 +19,10 @@ NAMES_MAX = 2048
 """Longest list of names, bytes. Source: the guide."""
 PROTOCOL_VERSION = 2
 """The version that is spoken here."""
+FIRST_VERSION = 1
+"""The version of a connection on which none was asked for. Source: the guide. Its outputs have no rate and no recipe,
+and its texts are a level and the message; sources are the guide, and `MessageV1` of the client library.
+"""
 
 
 class Kind(IntEnum):
@@ -178,8 +183,10 @@ def outputs_request(names: tuple[str, ...], frequency_hz: float) -> bytes:
     return encode(Kind.OUTPUTS, OUTPUTS_HEAD.pack_row(frequency_hz) + _joined(names))
 
 
-def read_outputs_request(payload: bytes) -> tuple[float, tuple[str, ...]]:
-    """Rate, Hz, and names. Raises RemoteProtocolError."""
+def read_outputs_request(payload: bytes, version: int = PROTOCOL_VERSION) -> tuple[float, tuple[str, ...]]:
+    """Rate, Hz, and names; in version 1 an infinite rate, for it asks for none. Raises RemoteProtocolError."""
+    if version == FIRST_VERSION:
+        return math.inf, split_names(payload)
     if len(payload) < OUTPUTS_HEAD.size:
         raise RemoteProtocolError(f"a list of outputs has {len(payload)} bytes; its rate alone has 8")
     (frequency,) = OUTPUTS_HEAD.unpack_row(payload)
@@ -191,9 +198,15 @@ def inputs_request(names: tuple[str, ...]) -> bytes:
     return encode(Kind.INPUTS, _joined(names))
 
 
-def types_answer(kind: Kind, answer: Types) -> bytes:
-    """The robot's answer to a list of names."""
-    return encode(kind, bytes((answer.recipe,)) + _joined(answer.types))
+def types_answer(kind: Kind, answer: Types, version: int = PROTOCOL_VERSION) -> bytes:
+    """The robot's answer to a list of names. Outputs have no recipe in version 1."""
+    recipe = b"" if kind is Kind.OUTPUTS and version == FIRST_VERSION else bytes((answer.recipe,))
+    return encode(kind, recipe + _joined(answer.types))
+
+
+def without_recipe(data: bytes) -> bytes:
+    """A data packet of the robot as version 1 has it."""
+    return encode(Kind.DATA, data[HEADER.size + 1 :])
 
 
 def read_types(payload: bytes) -> Types:
@@ -203,8 +216,10 @@ def read_types(payload: bytes) -> Types:
     return Types(payload[0], split_names(payload[1:]))
 
 
-def text(words: Text) -> bytes:
+def text(words: Text, version: int = PROTOCOL_VERSION) -> bytes:
     """A text, of either side; what is longer than its length fields is cut."""
+    if version == FIRST_VERSION:
+        return encode(Kind.TEXT, bytes((words.level,)) + words.message.encode("ascii", "replace")[:255])
     message, source = (part.encode("ascii", "replace")[:255] for part in (words.message, words.source))
     parts = bytes((len(message),)) + message + bytes((len(source),)) + source + bytes((words.level,))
     return encode(Kind.TEXT, parts)

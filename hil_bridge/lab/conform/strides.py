@@ -1,0 +1,133 @@
+"""Steps and turns from one order to the next, against the robot's speed and the client's own pace."""
+
+import math
+from collections import deque
+from statistics import median
+from typing import NamedTuple
+
+from emulators.orders import HeardOrder, Reach
+from hil_bridge.lab.conform.scenarios import SAME_PLACE_M, SAME_TURN_RAD
+from protocol.geometry import Pose, angle_between
+
+_KEPT = 50
+"""Chosen: newest intervals and speeds that make up the pace of a client."""
+_KNOWN = 5
+"""Chosen: intervals from which its pace is known."""
+_STREAM = 10
+"""Chosen: orders from which a client of a robot with a way of its own is seen to stream."""
+_FIRST_CYCLES = 5
+"""Chosen: cycles of the robot from its tool to the place of a first order."""
+
+
+class Stride(NamedTuple):
+    """The way from what was ordered before, or from the tool, whichever is nearer."""
+
+    step_m: float = 0.0
+    turn_rad: float = 0.0
+    speed_m_s: float = 0.0
+    """Speed that is ordered."""
+    leaps: bool = False
+    """It is farther than the robot goes, or the client's own pace explains."""
+    turns: bool = False
+    """The same of the turn."""
+    rushes: bool = False
+    """The speed that it orders is above the robot's."""
+    elsewhere: bool = True
+    """It leads to another place than the order before."""
+
+
+class Strides:
+    """The orders of one client, in a row."""
+
+    def __init__(self, pause_s: float) -> None:
+        """`pause_s`: so late may this computer be."""
+        self._pause = pause_s
+        self._last: Pose | None = None
+        self._at = 0.0
+        self._intervals: deque[float] = deque(maxlen=_KEPT)
+        self._speeds: deque[tuple[float, float]] = deque(maxlen=_KEPT)
+        """Speeds of the client's own path, m/s and rad/s."""
+        self._first: Stride | None = None
+        """The first one of a robot with a way of its own, until the client is seen to stream."""
+
+    def take(self, order: HeardOrder, tool: Pose | None) -> Stride:
+        """The stride of an order of motion; `tool` is the robot's tool now."""
+        if order.pose is None:
+            speed, turning = order.speed
+            return Stride(
+                speed_m_s=speed, rushes=_is_beyond(order.reach, speed, turning), elsewhere=order.moves
+            )
+        if not all(map(math.isfinite, (*order.pose.position, *order.pose.quaternion))):
+            return Stride(elsewhere=order.moves)
+        before, interval = self._last, order.at - self._at
+        self._last, self._at = order.pose, order.at
+        ways = [_way(order.pose, place) for place in (before, tool) if place is not None]
+        if not ways:
+            return Stride()
+        step, turn = (min(part) for part in zip(*ways, strict=True))
+        far, away = ways[0]
+        elsewhere = far > SAME_PLACE_M or away > SAME_TURN_RAD
+        if order.reach is None:
+            return Stride(step, turn, elsewhere=elsewhere)
+        return self._judge(order.reach, (step, turn), None if before is None else interval, elsewhere)
+
+    def _judge(
+        self, reach: Reach, way: tuple[float, float], interval: float | None, elsewhere: bool
+    ) -> Stride:
+        step, turn = way
+        if interval is None:
+            allowed = self._limits(reach, _FIRST_CYCLES * reach.cycle_s, 0.0)
+        else:
+            usual = self._usual(reach, interval)
+            allowed = self._limits(reach, usual, min(interval, usual + self._pause))
+        known = not reach.own_way or len(self._intervals) >= _STREAM
+        far, turns = step > allowed[0] + SAME_PLACE_M, turn > allowed[1] + SAME_TURN_RAD
+        stride = Stride(step, turn, 0.0, known and far, known and turns, elsewhere=elsewhere)
+        if interval is None:
+            self._first = stride if reach.own_way else None
+            return stride
+        if interval > 0.0:
+            self._intervals.append(interval)
+        span = max(interval, usual)
+        if not (far or turns) or not known:
+            self._speeds.append((step / span, turn / span))
+        stride = stride._replace(speed_m_s=step / span)
+        return self._look_back(reach, usual, stride)
+
+    def _look_back(self, reach: Reach, usual: float, stride: Stride) -> Stride:
+        """Judge the first turn once the client is seen to stream: the first place is often a way to the begin."""
+        first = self._first
+        if first is None or len(self._intervals) < _STREAM:
+            return stride
+        self._first = None
+        _, most = self._limits(reach, usual, usual)
+        if first.turn_rad <= most + SAME_TURN_RAD:
+            return stride
+        return stride._replace(turn_rad=max(first.turn_rad, stride.turn_rad), turns=True)
+
+    def _usual(self, reach: Reach, interval: float) -> float:
+        """The usual time between two orders; never less than a cycle of the robot."""
+        known = len(self._intervals) >= _KNOWN
+        usual = median(self._intervals) if known else min(max(interval, *self._intervals, 0.0), self._pause)
+        return max(usual, reach.cycle_s)
+
+    def _limits(self, reach: Reach, usual: float, interval: float) -> tuple[float, float]:
+        """Farthest step, m, and turn, rad: by the robot's speed, or by that of the client's own path."""
+        speed = max((speed for speed, _ in self._speeds), default=0.0)
+        turning = max((turning for _, turning in self._speeds), default=0.0)
+        if not reach.own_way:
+            speed, turning = min(speed, reach.speed_m_s), min(turning, reach.turn_rad_s)
+        return (
+            max(reach.speed_m_s * usual, speed * interval),
+            max(reach.turn_rad_s * usual, turning * interval),
+        )
+
+
+def _way(pose: Pose, place: Pose) -> tuple[float, float]:
+    """Distance, m, and turn, rad."""
+    turn = angle_between(pose.quaternion, place.quaternion)
+    return math.dist(pose.position, place.position), turn if math.isfinite(turn) else 0.0
+
+
+def _is_beyond(reach: Reach | None, speed: float, turning: float) -> bool:
+    return reach is not None and (speed > reach.speed_m_s or turning > reach.turn_rad_s)

@@ -1,0 +1,73 @@
+"""Planted mistakes of clients, judged with the rules as they are by default. In virtual time."""
+
+import asyncio
+from pathlib import Path
+
+import pytest
+
+from hil_bridge.clock import run_virtual
+from hil_bridge.lab.conform.judging import Outcome
+from hil_bridge.lab.conform.scenarios import Rules
+from hil_bridge.lab.conform.stage import Played, Trial, play
+from hil_bridge.runs.compose import choose_port
+from hil_bridge.settings.configuration import load_config
+from hil_bridge.settings.devices import robot_at
+from tests.conform.naive import (
+    PLANTED,
+    EgmClient,
+    Naive,
+    OwnServoClient,
+    Planted,
+    RsiClient,
+    RtdeClient,
+    S3Client,
+    ScriptClient,
+)
+
+PAGE = Path(__file__).parents[2] / "docs/reference/conform.md"
+SHORT = Rules(run_s=3.0, start_s=6.0, watch_s=1.0, after_s=0.3)
+"""The default rules, with shorter times."""
+
+
+def played(client: type[Naive], mistake: str, scenario: str) -> Played:
+    async def main() -> Played:
+        config = load_config(None, {"robot.emulated": client.kind})
+        url = choose_port(robot_at(config, ""), virtual=True).named_url
+        one = await play(scenario, Trial(config, url, SHORT, lambda: client(mistake)))
+        await asyncio.sleep(0.5)  # a task that was told to end does so
+        return one
+
+    return run_virtual(main)
+
+
+STREAMING = (EgmClient, RsiClient, RtdeClient, ScriptClient, OwnServoClient)
+USUAL = ("nominal", "late", "stopped", "cut")
+GOOD = [
+    *[(client, scenario) for client in STREAMING for scenario in USUAL],
+    (S3Client, "nominal"),
+]
+
+
+@pytest.mark.parametrize(("client", "scenario"), GOOD)
+def test_without_a_mistake_they_pass(client: type[Naive], scenario: str) -> None:
+    one = played(client, "", scenario)
+    assert one.verdict.outcome is Outcome.PASSED, one.verdict.reason
+
+
+@pytest.mark.parametrize(
+    "planted", PLANTED, ids=lambda each: f"{each.client.__name__}-{each.mistake.replace(' ', '-')}"
+)
+def test_a_planted_mistake_is_found_or_known_not_to_be(planted: Planted) -> None:
+    one = played(planted.client, planted.mistake, planted.scenario)
+    outcome = Outcome.FAILED if planted.reason else Outcome.PASSED
+    assert one.verdict.outcome is outcome, one.verdict.reason
+    assert planted.reason in one.verdict.reason
+
+
+def test_the_page_has_each_planted_mistake_and_their_count() -> None:
+    page = PAGE.read_text(encoding="utf-8")
+    for each in PLANTED:
+        result = f"`{each.scenario}`: … {each.reason} …" if each.reason else "**not found**"
+        assert f"| {each.client.kind} | {each.words} | {result} |\n" in page
+    count = sum(bool(each.reason) for each in PLANTED)
+    assert f"{count} of {len(PLANTED)} planted mistakes are found" in page

@@ -1,0 +1,157 @@
+"""Leaps, turns and speeds of orders, by a robot's facts and by the client's own pace."""
+
+import math
+
+import pytest
+
+from emulators.orders import Act, HeardOrder, Reach
+from hil_bridge.lab.conform.judging import Outcome, judge
+from hil_bridge.lab.conform.scenarios import Rules
+from hil_bridge.lab.conform.strides import Stride, Strides
+from hil_bridge.lab.conform.watching import Seen, ToolLook, Watch
+from protocol.geometry import Pose, turn_by
+
+STREAM = Reach(0.004, 0.25, 1.0)
+"""1 mm and 4 mrad in a cycle."""
+PLANNED = Reach(0.004, 0.02, 1.0, own_way=True)
+LEVEL = (1.0, 0.0, 0.0, 0.0)
+TOOL = Pose((0.0, 0.0, 0.0), LEVEL)
+
+
+def order(at: float, z: float, turn: float = 0.0, reach: Reach | None = STREAM) -> HeardOrder:
+    pose = Pose((0.0, 0.0, z), turn_by((turn, 0.0, 0.0)))
+    return HeardOrder(at, Act.MOTION, "pose", True, pose, reach=reach)
+
+
+def path(orders: list[HeardOrder]) -> list[Stride]:
+    """Their strides, with a tool that stands at the begin."""
+    strides = Strides(0.05)
+    return [strides.take(each, TOOL) for each in orders]
+
+
+def steady(
+    count: int, period: float, speed: float, reach: Reach = STREAM, turn: float = 0.0
+) -> list[HeardOrder]:
+    return [order(k * period, k * period * speed, turn, reach) for k in range(count)]
+
+
+@pytest.mark.parametrize("period", [0.004, 0.02, 0.04])
+def test_a_steady_path_of_any_pace_leaps_nowhere(period: float) -> None:
+    strides = path(steady(100, period, 0.1))
+    assert not any(stride.leaps or stride.turns for stride in strides)
+    assert strides[-1].speed_m_s == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize("period", [0.004, 0.02])
+@pytest.mark.parametrize("reach", [STREAM, PLANNED])
+def test_a_leap_of_18_mm_after_a_gap_is_one_by_default(period: float, reach: Reach) -> None:
+    orders = steady(50, period, 0.018, reach)
+    last = orders[-1]
+    assert last.pose is not None
+    strides = path([*orders, order(last.at + 1.0, last.pose.position[2] + 0.018, 0.0, reach)])
+    assert [stride.leaps for stride in strides] == [False] * 50 + [True]
+
+
+def test_a_client_that_goes_on_where_it_stood_after_a_gap_does_not_leap() -> None:
+    orders = steady(50, 0.004, 0.02)
+    assert not path([*orders, order(3.0, 50 * 0.004 * 0.02)])[-1].leaps
+    assert not path([*orders, order(3.0, 0.0)])[-1].leaps  # where the tool is
+
+
+def test_a_step_behind_a_short_pause_of_the_computer_is_no_leap() -> None:
+    orders = steady(50, 0.004, 0.2)
+    late = 49 * 0.004 + 0.03
+    assert not path([*orders, order(late, late * 0.2)])[-1].leaps
+    assert path([*orders, order(late, late * 0.2 + 0.004)])[-1].leaps
+
+
+def test_the_first_order_is_judged_from_the_tool() -> None:
+    assert path([order(0.0, 0.03)])[0].leaps
+    turned = path([order(0.0, 0.0, math.radians(120.0))])[0]
+    assert turned.turns
+    assert turned.turn_rad == pytest.approx(math.radians(120.0))
+    assert not path([order(0.0, 0.001, 0.01)])[0].leaps
+
+
+def test_a_planned_way_to_the_begin_is_no_leap_and_a_turn_is_told_once_the_client_streams() -> None:
+    strides = path(
+        [order(0.0, 0.1, 0.0, PLANNED), *[order(0.1 * k, 0.1 + 1e-3 * k, 0.0, PLANNED) for k in range(1, 30)]]
+    )
+    assert not any(stride.leaps for stride in strides)
+    strides = path(steady(30, 0.1, 0.01, PLANNED, turn=2.0))
+    assert sum(stride.turns for stride in strides) == 1
+    assert max(stride.turn_rad for stride in strides) == pytest.approx(2.0)
+
+
+def test_a_move_that_the_robot_plans_is_any_step() -> None:
+    assert not path([order(0.0, 0.5, 2.0, None), order(5.0, 0.0, 0.0, None)])[-1].leaps
+
+
+def test_an_ordered_speed_above_the_robots_is_told() -> None:
+    fast = HeardOrder(0.0, Act.MOTION, "speed", True, reach=STREAM, speed=(20.0, 0.0))
+    assert Strides(0.05).take(fast, TOOL).rushes
+    assert not Strides(0.05).take(fast._replace(speed=(0.2, 0.0)), TOOL).rushes
+    assert Strides(0.05).take(fast._replace(speed=(0.0, 2.0)), TOOL).rushes
+
+
+def watched(orders: list[HeardOrder]) -> Seen:
+    watch = Watch(0.0, Rules(), stops=False, from_start=False)
+    watch.look(0.0, ToolLook((0.0, 0.0, 0.0), LEVEL, (0.0, 0.0, 0.0)), None)
+    for each in orders:
+        watch.hear(each)
+    watch.seen.moved_at, watch.seen.exit_code = 0.1, 0
+    return watch.seen
+
+
+def test_each_fails_with_its_figure_and_a_rule_takes_its_place() -> None:
+    leap = watched([*steady(50, 0.004, 0.02), order(1.0, 0.03)])
+    assert "1 of its orders leap, by up to 26.1 mm" in judge("nominal", leap, Rules()).reason
+    assert judge("nominal", leap, Rules(max_step_mm=30.0)).outcome is Outcome.PASSED
+    turn = watched([order(0.0, 0.0, math.radians(120.0))])
+    assert "1 of its orders turn the tool at once, by up to 120.0°" in judge("nominal", turn, Rules()).reason
+    assert judge("nominal", turn, Rules(max_turn_deg=130.0)).outcome is Outcome.PASSED
+    assert "a turn of 120.00° between two orders" in judge("nominal", turn, Rules(max_turn_deg=10.0)).reason
+    rush = watched([HeardOrder(0.0, Act.MOTION, "speed", True, reach=STREAM, speed=(20.0, 0.0))])
+    assert (
+        "ask for a speed above the robot's, of up to 20000.0 mm/s" in judge("nominal", rush, Rules()).reason
+    )
+    assert rush.largest_speed_m_s == pytest.approx(20.0)
+
+
+def test_a_tool_that_gains_the_robots_speed_at_once_was_driven_by_no_path() -> None:
+    watch = Watch(0.0, Rules(), stops=False, from_start=False)
+    watch.hear(order(0.0, 0.0))
+    for k, speed in enumerate((0.0, 0.0, 0.2, -0.2)):
+        watch.look(0.01 * k, ToolLook((0.0, 0.0, 0.0), LEVEL, (0.0, 0.0, speed)), None)
+    watch.seen.moved_at = 0.1
+    reason = judge("nominal", watch.seen, Rules()).reason
+    assert (
+        "the tool's speed changed by 400 mm/s within 50 ms, by more than the robot's fastest of 250" in reason
+    )
+    assert judge("nominal", watch.seen, Rules(speed_up_s=0.0)).outcome is Outcome.PASSED
+
+
+def test_breaches_of_the_wire_fail_where_they_are_many() -> None:
+    orders = steady(50, 0.004, 0.02)
+    few = [each._replace(breach="number 1" if k < 3 else "") for k, each in enumerate(orders)]
+    assert judge("nominal", watched(few), Rules()).outcome is Outcome.PASSED
+    many = watched([each._replace(breach="number 1") for each in orders])
+    assert (
+        "50 of its 50 orders break a rule of the wire, as number 1" in judge("nominal", many, Rules()).reason
+    )
+
+
+def test_what_this_emulator_does_not_have_is_skipped_with_the_reason() -> None:
+    watch = Watch(0.0, Rules(), stops=False, from_start=False)
+    watch.hear(HeardOrder(1.0, Act.REFUSED, "joints, and EGM runs in mode pose", False))
+    seen = watch.seen
+    seen.exit_code, seen.ended_at = 1, 2.0
+    verdict = judge("nominal", seen, Rules())
+    assert verdict.outcome is Outcome.SKIPPED
+    assert "this emulated robot does not have: joints, and EGM runs in mode pose" in verdict.reason
+    seen.exit_code = -11
+    assert judge("nominal", seen, Rules()).outcome is Outcome.FAILED
+    seen.exit_code = 1
+    watch.hear(order(2.0, 0.01))  # it moved the tool by an order that the robot took, and is judged
+    seen.moved_at = 2.0
+    assert judge("nominal", seen, Rules()).outcome is Outcome.FAILED
