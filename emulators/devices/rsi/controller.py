@@ -33,7 +33,7 @@ from emulators.faults.packets import DATAGRAMS, WIRE, Packets
 from emulators.orders import Act, HeardOrder, Hindrance, Orders
 from emulators.seams import ArmPath, ContactSource, Handlers, Joints, StartPose
 from emulators.unmodelled import Unmodelled
-from protocol.devices.rsi import ROBOT, Telegram, axis_tags, decode, encode, fixed, number, pose_tags
+from protocol.devices.rsi import ROBOT, Telegram, axis_tags, encode, fixed, number, pose_tags
 from protocol.devices.rsi.angles import values_of
 from protocol.devices.rsi.telegram import LARGEST_IPOC
 from protocol.endpoint import RemoteProtocolError
@@ -195,7 +195,7 @@ class RsiController:
     def _heard(self, raw: bytes, now: float) -> HeardOrder:
         """An answer as an order, whatever the state makes of it."""
         try:
-            telegram = decode(raw)
+            telegram = self._session.ethernet.read(raw)
             *values, _ = self._values_of(telegram)
         except RemoteProtocolError as error:
             return HeardOrder(now, Act.UNREADABLE, str(error), False)
@@ -232,14 +232,18 @@ class RsiController:
         return self._next_beat()
 
     def handle_deadline(self, now: float) -> None:
-        """Cycles that a stalled process has missed are skipped: a real controller would not have missed them."""
+        """Cycles that a stalled process has missed are skipped: a real controller would not have missed them. The
+        newest that is due is told as of its own time.
+        """
         due = self._next_beat()
         if now < due:
             return
         missed = math.floor((now - due) / self.profile.period + _ROUNDING_S)
-        self._beats += missed + 1
+        self._beats += missed
         self._advance_clock(missed)
-        self._cycle(now)
+        at = self._next_beat()
+        self._beats += 1
+        self._cycle(at)
 
     # --- cycles
 

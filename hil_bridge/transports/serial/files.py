@@ -82,6 +82,12 @@ class FileWire:
             self._queue += data[written:]
             self._clock.loop.add_writer(self._fd, self._writable)
 
+    def forget(self) -> None:
+        """Give up what the operating system has not taken yet."""
+        if self._queue:
+            self._queue.clear()
+            self._clock.loop.remove_writer(self._fd)
+
     async def aclose(self) -> None:
         await self._delivery.close(self._drained, self._close)
 
