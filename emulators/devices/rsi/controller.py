@@ -14,9 +14,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 
 from emulators.arm.followed import FollowedArm
-from emulators.arm.kinematics import Joints as Axes
 from emulators.arm.told_pose import ToldPose
-from emulators.devices.rsi.arm import KukaArm
 from emulators.devices.rsi.correction import (
     AXES_TOO_FAR,
     NOTHING,
@@ -35,9 +33,11 @@ from emulators.seams import ArmPath, ContactSource, Handlers, Joints, StartPose
 from emulators.unmodelled import Unmodelled
 from protocol.devices.rsi import ROBOT, Telegram, axis_tags, encode, fixed, number, pose_tags
 from protocol.devices.rsi.angles import values_of
+from protocol.devices.rsi.arm import KukaArm
 from protocol.devices.rsi.telegram import LARGEST_IPOC
 from protocol.endpoint import RemoteProtocolError
 from protocol.geometry import Pose
+from protocol.kinematics import Joints as Axes
 
 MAKER = "KUKA"
 RUNS, STOPPED = "3", "4"
@@ -168,6 +168,11 @@ class RsiController:
         """The total correction, mm and degrees."""
         return self._session.correction.total
 
+    @property
+    def ordered_pose(self) -> Pose:
+        """The pose that the corrections make, before any lag of the arm."""
+        return self._aimed[0]
+
     def pose(self, now: float) -> Pose:
         """Pose of the tool centre point at a time, s."""
         return self._arm.pose(now)
@@ -289,7 +294,10 @@ class RsiController:
         """Move by the values of a cycle, unless they are refused."""
         session = self._session
         limit = self._own.under_way("limit", now)
-        session.correction.narrow(None if limit is None else limit.number("mm"))
+        margin_mm = None if limit is None else limit.number("mm")
+        session.correction.narrow(margin_mm)
+        reach_mm = self._kinematics.reach * 1e3
+        session.axes.narrow(None if margin_mm is None else math.degrees(margin_mm / reach_mm))
         error = session.correction.take(inputs.correction) or session.axes.take(inputs.axes)
         if not error and not self._aim():
             error = OUT_OF_REACH

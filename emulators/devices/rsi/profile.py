@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 from emulators.arm.followed import FollowedProfile
-from emulators.arm.profile import PerAxis
+from protocol.arm_size import PerAxis
 from protocol.marks import Mark, above, at_least, between, check_settings, setting
 
 _FASTER_THAN_ANY = 1e6
