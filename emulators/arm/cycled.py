@@ -74,6 +74,10 @@ class CycledPath:
         """When a cycle begins, s."""
         return self._powered_at + number * self._period
 
+    def newest_by(self, now: float) -> int:
+        """Number of the newest cycle that begins up to `now`, s, whether it has happened yet or not."""
+        return math.floor((now + ROUNDING_S - self._powered_at) / self._period)
+
     # --- of readers
 
     def advance(self, now: float) -> None:

@@ -13,9 +13,9 @@ from bisect import bisect_right
 from dataclasses import dataclass
 
 from emulators.arm.history import ROUNDING_S, History
-from emulators.arm.kinematics import Joints, Route
 from emulators.arm.loops import NOTHING, Loops, Mechanics, ServoProfile
 from protocol.geometry import Pose, Quaternion, Vector, angle_between, normalise, slerp
+from protocol.kinematics import Joints, Route
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,9 +2,9 @@
 
 import math
 
-from emulators.arm.kinematics import Arm, Joints, Route
-from emulators.arm.profile import ArmSize
+from protocol.arm_size import ArmSize
 from protocol.geometry import Quaternion, Vector, angle_between, slerp
+from protocol.kinematics import Arm, Joints, Route
 
 _SPACING_M = 0.02
 """Chosen, as the angle below: places on a line are at most this far apart."""

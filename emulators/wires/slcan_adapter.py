@@ -81,6 +81,11 @@ class SlcanAdapter(TextEnd):
         """State of the CAN side."""
         return self._channel
 
+    @property
+    def bus_bit_rate(self) -> int:
+        """Bit rate of the bus, bit/s."""
+        return self._profile.bus_bit_rate
+
     # --- text side
 
     def receive(self, data: bytes, now: float) -> None:

@@ -67,6 +67,8 @@ class Serving:
     """Called with a line for each connection that ended badly."""
     pumps: list[Pump[Any, Any]] = field(default_factory=list)
     """Pumps of all devices: to be woken when a fault begins or ends."""
+    _told: set[str] = field(default_factory=set)
+    """Kinds of notices of datagram wires that were told."""
 
     async def serve_bytes(self, url: str, endpoint: Any) -> str:
         """Let an endpoint speak over a byte wire that listens; the URL for its client. Raises ConfigError for the URL,
@@ -91,11 +93,17 @@ class Serving:
     async def serve_datagrams(self, url: str, endpoint: Any, speak_first: bool = False) -> str:
         """The same with datagrams, on which the client speaks first, or the device does."""
         if speak_first:
-            self.attach(endpoint, await opening.connect_datagrams(url, self.clock))
+            self.attach(endpoint, await opening.connect_datagrams(url, self.clock, self._tell_once))
             return url.replace("udp://", "udp-bind://", 1)
         listening = await opening.listen_datagrams(url, self.clock)
         self.attach(endpoint, listening.transport)
         return listening.address
+
+    def _tell_once(self, kind: str, text: str) -> None:
+        """A device that speaks first goes on speaking where no program listens: one line is enough."""
+        if kind not in self._told:
+            self._told.add(kind)
+            self.say(text)
 
     def attach(self, endpoint: Any, wire: Transport[Any]) -> Pump[Any, Any]:
         """Let an endpoint speak over a wire that the room has opened itself."""

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from emulators.wires.slcan_adapter import SlcanAdapter, SlcanProfile
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.errors import ConfigError, TransportClosed, TransportError
 from hil_bridge.transports import (
@@ -16,7 +17,10 @@ from hil_bridge.transports import (
     connect_can,
     listen_can,
     memory_can_bus,
+    memory_pair,
 )
+from hil_bridge.transports.can.slcan import SlcanWire
+from hil_bridge.transports.can.slcan_device import SlcanDevice
 from protocol.can.error import CanErrorReport, ErrorClass, ErrorState, decode_error
 from protocol.can.frame import CanFilter, CanFrame
 from protocol.can.line import frame_time_bits, line_bits, stuffed_bits
@@ -664,5 +668,40 @@ def test_the_bus_behind_a_url_can_be_had() -> None:
         sender.send([CanFrame(0x601), CanFrame(0x602)])
         await pass_time(1)
         assert log.frames == [CanFrame(0x601)]
+
+    virtual(main)
+
+
+# --- behind an slcan adapter
+
+
+def test_frames_behind_an_slcan_adapter_take_their_time_on_its_bus() -> None:
+    """Both ways, one after the other, though the host's text comes and goes at once."""
+
+    async def main(clock: Clock) -> None:
+        rate = 250_000
+        here, there = memory_pair(clock)
+        device = SlcanDevice(there, SlcanAdapter(SlcanProfile(bus_bit_rate=rate)), clock)
+        heard, host = Log(device, clock), SlcanWire(here, rate, clock)
+        told: list[tuple[float, CanFrame]] = []
+        host.start(lambda frames: told.extend((clock.now(), frame) for frame in frames), lambda error: None)
+        await pass_time(0.1)
+        frames = [CanFrame(0x200 + k, bytes(8)) for k in range(3)]
+        start = clock.now()
+        device.send(frames)
+        await pass_time(0.1)
+        bits = [frame_time_bits(frame) for frame in frames]
+        ends = [sum(bits[: k + 1]) + k * BETWEEN for k in range(3)]
+        assert [frame for _, frame in told] == frames
+        assert [at for at, _ in told] == pytest.approx([start + end / rate for end in ends], abs=1e-9)
+        start = clock.now()
+        host.send(frames)
+        await pass_time(0.1)
+        assert heard.frames == frames
+        assert heard.times == pytest.approx([start + end / rate for end in ends], abs=1e-9)
+        device.send(frames * 400)  # more than there is room for: lost, and the wire goes on
+        assert (device.lost, heard.end) == (1200, None)
+        await device.aclose()
+        assert isinstance(heard.end, TransportClosed)
 
     virtual(main)

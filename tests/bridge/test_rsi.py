@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from emulators.devices.rsi import RSI_FAULTS
 from hil_bridge.cli import cli
 from hil_bridge.devices.kinds import ROBOTS, robot_of
-from hil_bridge.errors import ConfigError
+from hil_bridge.errors import ConfigError, DeviceError
 from hil_bridge.lab.experiments import EmulatedRun, run_emulated
 from hil_bridge.record import read
 from hil_bridge.record.device_facts import devices_of
@@ -27,6 +27,9 @@ BASE = (
 ABSOLUTE = '[robot.rsi]\nmode = "absolute"\n[cell.rsi]\nmode = "absolute"\n'
 SLOW = "[robot.rsi]\ncycle_ms = 12\n[cell.rsi]\ncycle_ms = 12\n"
 PERIOD = {SLOW: 24}
+AXES = '[robot.rsi]\ncorrection = "axes"\nmode = "%s"\n[cell.rsi]\ncorrection_tag = "None"\nmode = "%s"\n'
+AXES_ABSOLUTE, AXES_RELATIVE = (AXES % (mode, mode) for mode in ("absolute", "relative"))
+"""A program that offers corrections of its axes alone."""
 NEAR = f"{AWAKE_TOML}cell.start_position_mm = [900.0, -100.0, 592.0]\n"
 """For the head of a file: a start just above the surface, and a sensor that answers soon."""
 
@@ -48,11 +51,11 @@ NEXT = "with = { probability = 1.0, "
 """Begin of the parameters of a fault that strikes every telegram."""
 
 
-def emulated(place: Path, more: str, duration_s: float = 2.0) -> EmulatedRun:
+def emulated(place: Path, more: str, duration_s: float = 2.0, controller: str | None = None) -> EmulatedRun:
     text = BASE.replace("period_ms", f"duration_s = {duration_s}\nperiod_ms") + more
     file = place / "rsi.toml"
     file.write_text(text)
-    return run_emulated(load_config(file, {}))
+    return run_emulated(load_config(file, {"controller.name": controller}))
 
 
 def with_fault(place: Path, on: str, fault: str, more: str = "", given: str = "") -> EmulatedRun:
@@ -72,7 +75,11 @@ def struck(run: EmulatedRun) -> int:
 # --- the loop
 
 
-@pytest.mark.parametrize("more", ["", ABSOLUTE, SLOW], ids=["relative", "absolute", "12 ms"])
+@pytest.mark.parametrize(
+    "more",
+    ["", ABSOLUTE, SLOW, AXES_ABSOLUTE, AXES_RELATIVE],
+    ids=["relative", "absolute", "12 ms", "axes, absolute", "axes, relative"],
+)
 def test_the_loop_closes_at_ten_newtons(more: str, tmp_path: Path) -> None:
     summary = tmp_path / "s.json"
     code, said = invoke(tmp_path, more, "--duration", "2", "--no-record", "--summary", str(summary))
@@ -97,6 +104,47 @@ def test_the_force_holds_on_a_contour(tmp_path: Path) -> None:
     assert math.sqrt(statistics.fmean(error**2 for error in errors)) < 1.0
     depths = [cycle.depth for cycle in tracked]
     assert max(depths) - min(depths) > 2e-3  # it went up and down with the surface
+
+
+def test_corrections_of_axes_keep_the_force_of_cartesian_ones(tmp_path: Path) -> None:
+    """The fuzzy-adaptive controller on a contour: the same set points reach the robot by either channel."""
+    wave = '[cell]\nstart_position_mm = [900.0, -100.0, 605.0]\n[cell.surface]\nkind = "sinusoidal"\n'
+    wave += "amplitude_mm = 5.0\nperiod_mm = 200.0\n"
+    runs = [
+        emulated(tmp_path, wave + channel, 2.0, "fuzzy-adaptive") for channel in (ABSOLUTE, AXES_ABSOLUTE)
+    ]
+    forces = [[cycle.force for cycle in run.cycles if cycle.phase == "track"] for run in runs]
+    assert len(forces[0]) == len(forces[1]) > 50
+    assert max(abs(a - b) for a, b in zip(*forces, strict=True)) < 0.1
+    assert statistics.fmean(forces[1][50:]) == pytest.approx(10.0, abs=0.5)
+
+
+@pytest.mark.parametrize(
+    "faults",
+    [
+        (("sensor", "unplugged"),),
+        (("robot", "stands"),),
+        (("robot", "limit"),),
+        (("wire", "off"),),
+        (("wire", "late"),),
+        (("wire", "lost"), ("sensor", "unplugged")),
+        (("pose", "nan"),),
+        (("robot", "program-restarted"),),
+    ],
+)
+def test_the_guard_holds_a_robot_that_is_corrected_by_its_axes(
+    faults: tuple[tuple[str, str], ...], tmp_path: Path
+) -> None:
+    near = "[cell]\nstart_position_mm = [900.0, -100.0, 592.0]\n"
+    near += "[limits]\nretract_patience_s = 0.3\nfollowing_error_mm = 2.0\n"
+    rows = "".join(
+        f'[[faults]]\non = "{on}"\nfault = "{fault}"\nphase = "track"\nafter_s = 0.3\n'
+        for on, fault in faults
+    )
+    run = emulated(tmp_path, near + AXES_ABSOLUTE + rows, duration_s=1.5)
+    assert sum(" struck " in event.text for event in run.events) == len(faults)
+    assert run.result.outcome is Outcome.STOPPED
+    assert max(cycle.force for cycle in run.cycles) < 15.0
 
 
 def test_runs_of_one_seed_are_the_same_to_the_byte_and_replay_is_identical(tmp_path: Path) -> None:
@@ -234,6 +282,8 @@ def test_a_run_that_a_refusal_ends_has_exit_code_three(tmp_path: Path) -> None:
         ('[robot.rsi]\ncorrection_tag = "AKorr"\n', "mm"),
         ("[cell.rsi]\nlim_mm = 0.2\n", "mm"),
         ('[cell.rsi]\nref = "tool"\n', "mm"),
+        ('[robot.rsi]\ncorrection = "axes"\nmode = "absolute"\n', "mm"),  # each whole one is added
+        ('[robot.rsi]\ncorrection = "axes"\n[cell.rsi]\naxis_tags = ["AKorr"]\n', "mm"),
     ],
 )
 def test_a_robot_that_is_set_up_otherwise_is_refused_before_it_goes_far(
@@ -242,6 +292,12 @@ def test_a_robot_that_is_set_up_otherwise_is_refused_before_it_goes_far(
     code, said = invoke(tmp_path, more, "--duration", "1", "--no-record")
     assert code == 3, said
     assert words in said
+
+
+def test_a_robot_without_its_axes_in_its_telegrams_is_refused(tmp_path: Path) -> None:
+    more = '[robot.rsi]\ncorrection = "axes"\n[cell.rsi]\nsend = ["DEF_RIst", "DEF_RSol"]\n'
+    with pytest.raises(DeviceError, match=r"have no AIPos, .* enter DEF_AIPos into"):
+        invoke(tmp_path, more, "--duration", "1", "--no-record")
 
 
 def test_the_fault_table_is_that_of_the_emulated_robot(tmp_path: Path) -> None:

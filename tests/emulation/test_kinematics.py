@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from emulators.arm.kinematics import Arm, Joints, Route
 from emulators.arm.loops import ServoProfile
 from emulators.arm.waypoints import Waypoint, WaypointArm
 from emulators.arm.work_area import OutsideWorkArea, WorkArea
 from emulators.devices.s3 import S3Controller, S3Profile, S3Profiles
 from emulators.seams import StartPose
 from protocol.geometry import Pose
+from protocol.kinematics import Arm, Joints, Route
 from tests.paper_cell import PaperCell, PaperCellProfile, s3_jr3_cell
 
 T0 = 99.5

@@ -134,6 +134,20 @@ def test_a_process_that_stalls_misses_cycles_and_counts_none_late() -> None:
     assert one.robot.endpoint.next_deadline() == pytest.approx(one.now + 0.004)
 
 
+def test_a_process_that_is_late_tells_the_state_of_the_cycle_that_is_due() -> None:
+    """It wakes 3 ms behind a cycle, while the arm moves: the telegram is that of a process which is in time."""
+    telegrams = []
+    for late_s in (0.0, 0.003):
+        one = rig()
+        one.run(40, z=-0.1)
+        due = one.robot.endpoint.next_deadline()
+        assert due is not None
+        one.robot.endpoint.handle_deadline(due + 0.004 + late_s)
+        telegrams += one.robot.endpoint.data_to_send(due + 0.004 + late_s)
+    assert telegrams[0] == telegrams[1]
+    assert b'Z="500.0000"' not in telegrams[0].split(b"<RSol")[0], "the arm has moved"
+
+
 def test_further_channels_and_other_spellings_are_sent() -> None:
     one = rig(
         send=("DEF_RIst", "DEF_MACur", "ProgStatus.R"), rob_type_attr="TYPE", precision=2, empty_first=True
@@ -389,6 +403,8 @@ def test_a_person_resets_the_program_and_it_begins_where_the_robot_stands() -> N
         (lambda ipoc: answer(ipoc).replace(b'Z="0.000000"', b'Z="NaN"'), "'NaN' is no number"),
         (lambda ipoc: b"<!DOCTYPE x>" + answer(ipoc), "a telegram has neither"),
         (lambda ipoc: b"\0" * 60_000, "a telegram of 60000 bytes"),
+        (lambda ipoc: b'<?xml version="1.0"?>' + answer(ipoc), "a telegram has neither"),
+        (lambda ipoc: answer(ipoc) + b"\0", "no telegram"),
     ],
 )
 def test_an_answer_that_is_not_valid_is_discarded_and_the_cycle_is_late(
@@ -407,6 +423,18 @@ def test_an_answer_that_is_not_valid_is_discarded_and_the_cycle_is_late(
     one.robot.endpoint.receive([answer(one.sent[-1].ipoc, z=-0.02)], one.now)
     one.next()
     assert one.robot.late == 1
+
+
+def test_an_xml_declaration_and_nul_characters_are_taken_where_that_is_set() -> None:
+    """Public sources do not say what a controller does; both ways are told once."""
+    for choice, z in (("take", -0.04), ("discard", -0.02)):
+        one = rig(answer_prolog=choice, answer_nul=choice)
+        one.cycle(lambda ipoc: answer(ipoc, z=-0.02))
+        one.cycle(lambda ipoc: b'<?xml version="1.0" encoding="UTF-8"?>\n' + answer(ipoc, z=-0.02) + b"\0\0")
+        one.next()
+        assert one.z() == pytest.approx(z)
+        things = [thing.thing for thing in one.robot.unmodelled.things]
+        assert things == ["NUL characters behind an answer", "an XML declaration"]
 
 
 def test_a_robot_that_only_sends_never_times_out() -> None:

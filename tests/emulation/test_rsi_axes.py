@@ -7,9 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from emulators.arm.kinematics import Joints
 from emulators.devices.rsi import RSI_FAULTS, RsiController, RsiProfile
-from emulators.devices.rsi.arm import MODELS, KukaArm
 from emulators.devices.rsi.controller import OUT_OF_REACH, State
 from emulators.devices.rsi.correction import AXES_TOO_FAR, TOO_FAST
 from emulators.faults import Ledger
@@ -17,7 +15,9 @@ from emulators.orders import Act, HeardOrder
 from emulators.seams import StartPose
 from protocol.devices.rsi import SENSOR, Telegram, axis_tags, decode, encode, fixed, numbers, pose_tags
 from protocol.devices.rsi.angles import pose_of
+from protocol.devices.rsi.arm import MODELS, KukaArm
 from protocol.geometry import rotate
+from protocol.kinematics import Joints
 
 T0 = 1000.0
 START = StartPose((0.9, 0.1, 0.7), (0.0, 1.0, 0.0, 0.0))

@@ -208,6 +208,20 @@ def test_data_comes_in_each_so_manieth_cycle_behind_the_answer(rate: float, ever
     assert plug.packets() == []
 
 
+def test_a_process_that_is_late_tells_the_state_of_the_cycle_that_is_due() -> None:
+    desk = Desk()
+    plug = desk.plug()
+    recipe = outputs_of(plug, "timestamp", rate=125.0)
+    plug.ask(packets.encode(Kind.START))
+    desk.run(0.04)
+    newest = values_of(plug, recipe)[-1]["timestamp"]
+    assert isinstance(newest, float)
+    plug.server.handle_deadline(desk.now + 0.021)  # the second package was due 5 ms ago
+    plug.take()
+    (late,) = values_of(plug, recipe)
+    assert late["timestamp"] == pytest.approx(newest + 0.016)
+
+
 def test_a_cb3_has_another_cycle() -> None:
     desk = Desk(replace(EXACT, cycle_ms=8.0, version="3.15.0.0", model="ur10"))
     plug = desk.plug()

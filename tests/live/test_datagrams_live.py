@@ -14,6 +14,9 @@ import pytest
 
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.errors import TransportBroken, TransportUnavailable
+from hil_bridge.runs.compose import emulated_cell
+from hil_bridge.runs.setup import Listen, Setup
+from hil_bridge.settings.configuration import read_config
 from hil_bridge.testing.transports import DatagramCase, Ear, TestDatagramWire
 from hil_bridge.transports import DatagramWire, connect_datagrams, listen_datagrams
 from hil_bridge.transports.datagram import peer
@@ -177,6 +180,19 @@ async def test_an_unreachable_port_is_counted_and_told_and_no_end() -> None:
         await there.until(lambda: there.datagrams == [b"hello"])
         await wire.aclose()
         await again.transport.aclose()
+
+
+async def test_an_emulated_robot_without_a_client_says_so_once() -> None:
+    """The system tells of each datagram that no program takes it; the emulator says it in one line, and goes on."""
+    said: list[str] = []
+    with closing(Clock.running()) as clock:
+        gone = await listen_datagrams("udp-bind://127.0.0.1:0", clock)
+        await gone.transport.aclose()
+        listen = Listen(f"rsi+{gone.address}", None)
+        async with emulated_cell(Setup(read_config({}), listen), clock, lambda cause: None, said.append):
+            await asyncio.sleep(1.3)  # longer than the least time between two notices of a wire
+    (line,) = said
+    assert "cannot be reached: no program listens there; start the other side first" in line
 
 
 async def test_the_error_queue_does_not_keep_the_loop_busy() -> None:

@@ -541,10 +541,37 @@ async def test_an_unread_pseudo_terminal_never_blocks_its_emulator() -> None:
     with closing(Clock.running()) as clock:
         listening = await listen_bytes("pty:", clock)
         assert isinstance(listening.transport, PseudoTerminal)
+        client = os.open(listening.address.removeprefix("serial://"), os.O_RDWR | os.O_NOCTTY)
         for _ in range(100):
             listening.transport.send(bytes(2000))
-        assert listening.transport.lost > 0
+        os.close(client)
+        assert 0 < listening.transport.lost < 200_000
         await listening.transport.aclose()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="inotify")
+async def test_a_pseudo_terminal_forgets_as_a_uart_does() -> None:
+    """Neither what comes while it is closed nor what the last client left is for the next one."""
+    with closing(Clock.running()) as clock:
+        listening = await listen_bytes("pty:", clock)
+        terminal = listening.transport
+        assert isinstance(terminal, PseudoTerminal)
+        ear = Ear(BYTES, terminal)
+        terminal.send(b"while closed")
+        assert terminal.lost == len(b"while closed")
+        device = listening.address.removeprefix("serial://")
+        client = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        terminal.send(bytes(50_000))  # more than the system holds; the client reads nothing
+        os.write(client, b"1")
+        await _came(ear, 1)
+        os.close(client)
+        await asyncio.sleep(0.05)
+        again = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        terminal.send(b"new")
+        await asyncio.sleep(0.05)
+        assert os.read(again, 100) == b"new"
+        os.close(again)
+        await terminal.aclose()
 
 
 async def test_what_is_no_serial_port_is_refused(tmp_path: Path) -> None:

@@ -74,6 +74,9 @@ def test_nothing_is_asked_before_the_page_has_told_the_units() -> None:
         (Page(PAGE.replace(b"<scfgfu>N<", b"<scfgfu>pond<")), "the unit 'pond'"),
         (Page(PAGE.replace(b"</netft>", b"<comrdte>Disabled</comrdte></netft>")), "switched off"),
         (Page(b"<html></html>"), "none of a Net F/T"),
+        (Page(PAGE.replace(b"<scfgfu>N</scfgfu>", b"<cfgfu>7</cfgfu>")), "the unit 'of code 7'"),
+        (Page(PAGE.replace(b"<scfgtu>N-m</scfgtu>", b"")), "does not tell scfgtu"),
+        (Page(PAGE.replace(b"</netft>", b"<runrate>7812</runrate></netft>")), "7812 internal samples"),
     ],
 )
 def test_a_page_that_will_not_do_ends_the_session(page: Page, words: str) -> None:
@@ -86,6 +89,41 @@ def test_a_page_that_will_not_do_ends_the_session(page: Page, words: str) -> Non
     assert client.next_deadline() is None
     with pytest.raises(LocalProtocolError):
         client.zero()
+
+
+@pytest.mark.parametrize(
+    ("tags", "force_n", "moment_nm"),
+    [
+        (b"<cfgfu>2</cfgfu><cfgtu>3</cfgtu>", 1e-6, 1e-6),
+        (b"<cfgfu>5</cfgfu><cfgtu>4</cfgtu>", 9.80665e-6, 1e-9),
+    ],
+)
+def test_units_are_read_from_their_codes_where_a_page_has_no_names(
+    tags: bytes, force_n: float, moment_nm: float
+) -> None:
+    page = PAGE.replace(b"<scfgfu>N</scfgfu><scfgtu>N-m</scfgtu>", tags)
+    client = NetFtClient(NetFtClientProfile(), T0)
+    client.receive([Page(page)], T0)
+    client.receive([record(1, 700)], T0)
+    ready = events(client)[0]
+    assert isinstance(ready, SensorReady)
+    assert ready.facts.scales == pytest.approx((*(force_n,) * 3, *(moment_nm,) * 3))
+
+
+@pytest.mark.parametrize(("rate", "jitter_s"), [(7812, 0.0), (3906, 0.003), (7000, 0.008)])
+def test_another_internal_rate_is_named_with_the_setting_that_mends_it(rate: int, jitter_s: float) -> None:
+    """A record each millisecond; each twentieth one comes late."""
+    client = streaming()
+    for k in range(1, 1000):
+        at = T0 + k * 1e-3 + (jitter_s if k % 20 == 0 else 0.0)
+        client.receive([record(1 + k, 700 + round(k * rate * 1e-3))], at)
+    failures = [event for event in events(client) if isinstance(event, SensorFailed)]
+    if rate == 7000:
+        assert not failures
+        return
+    (failed,) = failures
+    assert f"it takes about {rate} internal samples a second, and internal_rate_hz is 7000" in failed.text
+    assert failed.remedy == f"set internal_rate_hz in [sensor.netft] to {rate}"
 
 
 def test_a_page_that_does_not_come_ends_the_session_with_the_reason() -> None:

@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable
 
 from emulators.arm.followed import FollowedProfile
-from emulators.arm.kinematics import Arm, Joints
 from emulators.devices.egm.law import STILL, Axes, MotionLaw, joint_load, pose_load
 from emulators.devices.egm.profile import EgmProfile
 from protocol.devices.egm import Answer, PathCorrection, SensorMessage, from_wire
@@ -20,6 +19,7 @@ from protocol.geometry import (
     turn_between,
     turn_by,
 )
+from protocol.kinematics import Arm, Joints
 
 _HALF_TURN: Quaternion = (0.0, 0.0, 0.0, 1.0)
 """About the tool's z axis: with all joints at zero the tool's x axis points down, against that of the kinematics.

@@ -14,9 +14,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 
 from emulators.arm.followed import FollowedArm
-from emulators.arm.kinematics import Joints as Axes
 from emulators.arm.told_pose import ToldPose
-from emulators.devices.rsi.arm import KukaArm
 from emulators.devices.rsi.correction import (
     AXES_TOO_FAR,
     NOTHING,
@@ -33,11 +31,13 @@ from emulators.faults.packets import DATAGRAMS, WIRE, Packets
 from emulators.orders import Act, HeardOrder, Hindrance, Orders, Reach
 from emulators.seams import ArmPath, ContactSource, Handlers, Joints, StartPose
 from emulators.unmodelled import Unmodelled
-from protocol.devices.rsi import ROBOT, Telegram, axis_tags, decode, encode, fixed, number, pose_tags
+from protocol.devices.rsi import ROBOT, Telegram, axis_tags, encode, fixed, number, pose_tags
 from protocol.devices.rsi.angles import values_of
+from protocol.devices.rsi.arm import KukaArm
 from protocol.devices.rsi.telegram import LARGEST_IPOC
 from protocol.endpoint import RemoteProtocolError
 from protocol.geometry import Pose
+from protocol.kinematics import Joints as Axes
 
 MAKER = "KUKA"
 RUNS, STOPPED = "3", "4"
@@ -168,6 +168,11 @@ class RsiController:
         """The total correction, mm and degrees."""
         return self._session.correction.total
 
+    @property
+    def ordered_pose(self) -> Pose:
+        """The pose that the corrections make, before any lag of the arm."""
+        return self._aimed[0]
+
     def pose(self, now: float) -> Pose:
         """Pose of the tool centre point at a time, s."""
         return self._arm.pose(now)
@@ -195,7 +200,7 @@ class RsiController:
     def _heard(self, raw: bytes, now: float) -> HeardOrder:
         """An answer as an order, whatever the state makes of it."""
         try:
-            telegram = decode(raw)
+            telegram = self._session.ethernet.read(raw)
             *values, _ = self._values_of(telegram)
         except RemoteProtocolError as error:
             return HeardOrder(now, Act.UNREADABLE, str(error), False)
@@ -239,14 +244,18 @@ class RsiController:
         return self._next_beat()
 
     def handle_deadline(self, now: float) -> None:
-        """Cycles that a stalled process has missed are skipped: a real controller would not have missed them."""
+        """Cycles that a stalled process has missed are skipped: a real controller would not have missed them. The
+        newest that is due is told as of its own time.
+        """
         due = self._next_beat()
         if now < due:
             return
         missed = math.floor((now - due) / self.profile.period + _ROUNDING_S)
-        self._beats += missed + 1
+        self._beats += missed
         self._advance_clock(missed)
-        self._cycle(now)
+        at = self._next_beat()
+        self._beats += 1
+        self._cycle(at)
 
     # --- cycles
 
@@ -292,7 +301,10 @@ class RsiController:
         """Move by the values of a cycle, unless they are refused."""
         session = self._session
         limit = self._own.under_way("limit", now)
-        session.correction.narrow(None if limit is None else limit.number("mm"))
+        margin_mm = None if limit is None else limit.number("mm")
+        session.correction.narrow(margin_mm)
+        reach_mm = self._kinematics.reach * 1e3
+        session.axes.narrow(None if margin_mm is None else math.degrees(margin_mm / reach_mm))
         error = session.correction.take(inputs.correction) or session.axes.take(inputs.axes)
         if not error and not self._aim():
             error = OUT_OF_REACH

@@ -5,9 +5,9 @@ Source: project specification of RSI, section 5.
 
 import math
 
-from emulators.arm.kinematics import Joints
 from emulators.devices.rsi.profile import RsiProfile
 from protocol.geometry import Pose, angles_of, from_angles, product, rotate
+from protocol.kinematics import Joints
 
 TOO_FAR = "KSS29000: POSCORR: permissible overall correction exceeded: RSI is stopped"
 AXES_TOO_FAR = "KSS29000: AXISCORR: permissible overall correction exceeded: RSI is stopped"
@@ -117,6 +117,14 @@ class AxisCorrection:
         """The last value was cut at AXISCORR's limit."""
         self.steps = tuple(speed * profile.period for speed in speeds_deg_s)
         """Largest change of each axis in a cycle."""
+        self._margin_deg, self._margin_at = math.inf, NOTHING
+
+    def narrow(self, margin_deg: float | None) -> None:
+        """A fault: no axis may turn farther than this beyond where it was first; None without it."""
+        if margin_deg is None:
+            self._margin_deg = math.inf
+        elif self._margin_deg == math.inf:
+            self._margin_deg, self._margin_at = margin_deg, self.total
 
     def take(self, value: tuple[float, ...]) -> str:
         """Take the value of a cycle; the error that it makes, empty without. With one, the total stays as it was."""
@@ -125,6 +133,10 @@ class AxisCorrection:
             value = tuple([here + more for here, more in zip(before, value, strict=True)])
         most = profile.lim_axis_deg
         after = tuple([max(-limit, min(limit, part)) for part, limit in zip(value, most, strict=True)])
+        if self._margin_deg < math.inf:
+            margin = self._margin_deg
+            kept = zip(after, self._margin_at, strict=True)
+            after = tuple([max(at - margin, min(at + margin, part)) for part, at in kept])
         self.limited = after != value
         if any(abs(part) > limit for part, limit in zip(after, profile.mon_axis_deg, strict=True)):
             return AXES_TOO_FAR

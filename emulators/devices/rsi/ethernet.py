@@ -4,14 +4,16 @@ There is one decision a cycle: did a valid answer with the clock of this cycle c
 Source: project specification of RSI, section 4.
 """
 
+import re
 from collections.abc import Mapping
 from typing import NamedTuple
 
 from emulators.devices.rsi.profile import RsiProfile
 from emulators.unmodelled import Unmodelled
-from protocol.devices.rsi import SENSOR, axis_tags, decode, number, pose_tags
+from protocol.devices.rsi import SENSOR, Telegram, axis_tags, decode, number, pose_tags
 from protocol.endpoint import RemoteProtocolError
 
+_DECLARATION = re.compile(rb"\s*<\?xml[^<>]*\?>\s*")
 TIMED_OUT = "KSS29002: object ETHERNET1 returns error RSITimeout"
 """Observed."""
 
@@ -49,7 +51,7 @@ class Ethernet:
         if self._profile.onlysend:
             return "ONLYSEND: no answers are taken"
         try:
-            telegram = decode(raw)
+            telegram = self.read(raw)
             if telegram.root != SENSOR:
                 return f"a {telegram.root} telegram"
             if telegram.type != self._profile.sentype:
@@ -69,6 +71,23 @@ class Ethernet:
                 if tag not in self._tags:
                     self._unmodelled.touch(f"tag {tag}", "read, and nothing is connected to its channel")
         return ""
+
+    def read(self, raw: bytes) -> Telegram:
+        """The telegram in an answer, without a declaration or NUL characters where the controller takes them. Raises
+        RemoteProtocolError as `decode`.
+        """
+        if raw.endswith(b"\0"):
+            raw = self._cut(
+                raw, raw.rstrip(b"\0"), "NUL characters behind an answer", self._profile.answer_nul
+            )
+        if found := _DECLARATION.match(raw):
+            raw = self._cut(raw, raw[found.end() :], "an XML declaration", self._profile.answer_prolog)
+        return decode(raw)
+
+    def _cut(self, raw: bytes, rest: bytes, thing: str, choice: str) -> bytes:
+        """What the controller reads of an answer with something that is not known of it."""
+        self._unmodelled.touch(thing, "taken, as set" if choice == "take" else "the answer is discarded")
+        return rest if choice == "take" else raw
 
     def close(self) -> Inputs:
         """End a cycle: its channels, and whether the object gives up."""

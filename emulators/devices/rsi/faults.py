@@ -16,7 +16,7 @@ RSI_FAULTS: Mapping[str, Mapping[str, Fault]] = {
         "program-restarted": Fault("the program is reset and begun anew where the robot stands"),
         "drives-stop": Fault("the drives refuse the correction: stop by $CORRECTION"),
         "limit": Fault(
-            "POSCORR cuts the correction without a word",
+            "POSCORR or AXISCORR cuts the correction without a word",
             {"mm": Parameter(0.5, "beyond where it is", 0.0, 1000.0, "mm")},
             FOREVER,
         ),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 from emulators.arm.followed import FollowedProfile
-from emulators.arm.profile import PerAxis
+from protocol.arm_size import PerAxis
 from protocol.marks import Mark, above, at_least, between, check_settings, setting
 
 _FASTER_THAN_ANY = 1e6
@@ -72,6 +72,12 @@ class RsiProfile:
     )
     double_reply: Literal["first", "last"] = setting(
         "first", Mark.ASSUMED, "which of two answers in a cycle holds"
+    )
+    answer_prolog: Literal["discard", "take"] = setting(
+        "discard", Mark.ASSUMED, "an answer that begins with an XML declaration; no public client sends one"
+    )
+    answer_nul: Literal["discard", "take"] = setting(
+        "discard", Mark.ASSUMED, "an answer with NUL characters behind its end; no public client sends them"
     )
     empty_first: bool = setting(False, Mark.OBSERVED, "the first telegram is empty, as of RSI 2.3 and older")
     ipoc_start: int = setting(123456, Mark.CHOSEN, "its clock at power-up", between(0, 2**62), unit="ms")

@@ -63,11 +63,15 @@ class Connection:
         return self._controller.path.cycle_at(self._due) if self._sends else None
 
     def handle_deadline(self, now: float) -> None:
-        self._controller.advance(now)
-        cycle = self._controller.path.cycle
+        """Send the data of the newest cycle that is due, as of that cycle: this process may be late."""
+        path = self._controller.path
+        newest = path.newest_by(now)
+        cycle = newest - newest % self._every
         if self._sends and self._due <= cycle:
+            self._controller.advance(path.cycle_at(cycle))
             self._out.append(self._data())
             self._due = self._next(cycle)
+        self._controller.advance(now)
 
     def close(self, now: float) -> None:
         """The connection has ended: its inputs are free, at once or after a while."""

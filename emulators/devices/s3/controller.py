@@ -10,7 +10,6 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from emulators.arm.kinematics import Joints
 from emulators.devices.s3.executive import Executive, Order
 from emulators.devices.s3.faults import S3_FAULTS
 from emulators.devices.s3.line import FaultyLine, Strike
@@ -39,6 +38,7 @@ from protocol.devices.s3.arap import (
 )
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 from protocol.geometry import Pose, normalise
+from protocol.kinematics import Joints
 
 _OFFSET_LIMIT = 0.1
 """Chosen: encoders are off by this at most, m, so that a measured position always fits the status."""

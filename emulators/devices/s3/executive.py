@@ -11,7 +11,6 @@ from typing import TypeAlias
 
 import numpy as np
 
-from emulators.arm.kinematics import Joints
 from emulators.arm.waypoints import Waypoint, WaypointArm
 from emulators.arm.work_area import OutsideWorkArea, WorkArea
 from emulators.devices.s3.profile import S3Profile, S3Profiles
@@ -48,6 +47,7 @@ from protocol.devices.s3.arap import (
 )
 from protocol.endpoint import RemoteProtocolError
 from protocol.geometry import Pose, Quaternion, Vector, normalise
+from protocol.kinematics import Joints
 
 _UNIT_TOLERANCE = 0.01
 """Assumed: how far a quaternion's norm may be from 1; words of 1/16384 alone make up 0.0001."""

@@ -1,4 +1,4 @@
-"""The device's side of an slcan adapter: a byte wire to the host, CAN frames on the adapter's other side."""
+"""The device's side of an slcan adapter: a byte wire to the host, and a bus between the adapter and the device."""
 
 from collections.abc import Callable, Sequence
 from typing import Protocol
@@ -6,11 +6,16 @@ from typing import Protocol
 from hil_bridge.clock import Clock
 from hil_bridge.errors import TransportError
 from hil_bridge.transports.base import Frames, Transport
+from hil_bridge.transports.can.memory import MemoryCanBus, MemoryCanNode
 from protocol.can.frame import CanFrame
 
 
 class Adapter(Protocol):
     """An slcan adapter as a machine without input and output."""
+
+    @property
+    def bus_bit_rate(self) -> int:
+        """Bit rate of its bus, bit/s."""
 
     def receive(self, data: bytes, now: float) -> None:
         """Bytes from the host."""
@@ -26,13 +31,20 @@ class Adapter(Protocol):
 
 
 class SlcanDevice:
-    """A transport of frames over a byte wire, with an adapter between them."""
+    """A transport of frames over a byte wire, with an adapter between them.
+
+    Frames take their time on the adapter's bus, both ways: it has two nodes, the adapter and the device. The adapter
+    acknowledges whatever comes, also while its channel is closed.
+    """
 
     def __init__(self, serial: Transport[bytes], adapter: Adapter, clock: Clock) -> None:
         self._serial = serial
         self._clock = clock
         self._adapter = adapter
-        self._on_frames: Callable[[Frames], None] = lambda frames: None
+        bus = MemoryCanBus(clock, adapter.bus_bit_rate, serial.name)
+        self._adapter_node, self._device_node = bus.connect(), bus.connect()
+        self.lost = 0
+        """Frames that found no room on their way to the bus, as after a stall of this process."""
 
     @property
     def name(self) -> str:
@@ -41,17 +53,23 @@ class SlcanDevice:
 
     def start(self, on_data: Callable[[Frames], None], on_end: Callable[[TransportError], None]) -> None:
         """Begin to serve the host that talks to the adapter."""
-        self._on_frames = on_data
+        self._device_node.start(on_data, on_end)
+        self._adapter_node.start(self._from_bus, on_end)
         self._serial.start(self._from_host, on_end)
 
     def send(self, data: Frames) -> None:
-        """Frames seen on the adapter's bus, for the host if its channel is open."""
-        self._adapter.send_frames(data, self._clock.now())
-        self._answer()
+        """Frames of the device for the bus, and for the host if the adapter's channel is open."""
+        self._queue(self._device_node, data)
 
     async def aclose(self) -> None:
-        """Close the byte wire."""
+        """Close the byte wire, once the bus has carried what waits for it."""
+        await self._device_node.aclose()
+        await self._adapter_node.aclose()
         await self._serial.aclose()
+
+    def _from_bus(self, frames: Frames) -> None:
+        self._adapter.send_frames(frames, self._clock.now())
+        self._answer()
 
     def _from_host(self, data: bytes) -> None:
         self._adapter.receive(data, self._clock.now())
@@ -60,7 +78,15 @@ class SlcanDevice:
         while (frame := self._adapter.next_event()) is not None:
             frames.append(frame)
         if frames:
-            self._on_frames(frames)
+            self._queue(self._adapter_node, frames)
+
+    def _queue(self, node: MemoryCanNode, frames: Frames) -> None:
+        try:
+            node.send(frames)
+        except TransportError as error:
+            if type(error) is not TransportError:
+                raise
+            self.lost += len(frames)
 
     def _answer(self) -> None:
         if text := self._adapter.data_to_send(self._clock.now()):

@@ -94,6 +94,12 @@ class FileWire:
         elif self._open:
             self._clock.loop.add_reader(self._fd, self._readable)
 
+    def forget(self) -> None:
+        """Give up what the operating system has not taken yet."""
+        if self._queue:
+            self._queue.clear()
+            self._clock.loop.remove_writer(self._fd)
+
     async def aclose(self) -> None:
         await self._delivery.close(self._drained, self._close)
 

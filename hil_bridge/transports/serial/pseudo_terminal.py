@@ -11,6 +11,7 @@ from hil_bridge.clock import Clock
 from hil_bridge.errors import TransportBroken, TransportError
 from hil_bridge.transports import reasons
 from hil_bridge.transports.serial.files import FileWire
+from hil_bridge.transports.serial.open_count import OpenCount
 from hil_bridge.transports.serial.uart import LineSettings
 
 BAUDRATES = {
@@ -24,8 +25,10 @@ BAUDRATES = {
 class PseudoTerminal:
     """The master side as a transport; `device` is what the client opens.
 
-    The slave side is kept open too, so that clients may come and go without the master seeing an end. Bytes sent
-    without a reader are lost once the buffers are full, as on an open line; `lost` counts them.
+    The slave side is kept open too, so that clients may come and go without the master seeing an end. As a UART does,
+    it forgets what comes while no client has the device open, and what the last client has not read when it closes.
+    Bytes sent to a client that does not read are lost once the buffers are full. `lost` counts the bytes that were not
+    handed to the device.
     """
 
     def __init__(self, clock: Clock, link: Path | None = None, line: LineSettings | None = None) -> None:
@@ -39,6 +42,7 @@ class PseudoTerminal:
         except OSError as error:
             raise reasons.unavailable("pty", name, str(link or ""), error) from error
         self.device = str(link) if link is not None else owner.device
+        self._clock = clock
         self._owner = owner
         self._wire = FileWire(f"pty:{self.device}", owner, clock)
         self.lost = 0
@@ -59,8 +63,16 @@ class PseudoTerminal:
 
     def start(self, on_data: Callable[[bytes], None], on_end: Callable[[TransportError], None]) -> None:
         self._wire.start(on_data, on_end)
+        self._owner.users.watch(self._clock.loop, self._forget)
+
+    def _forget(self) -> None:
+        self._wire.forget()
+        self._owner.forget()
 
     def send(self, data: bytes) -> None:
+        if not self._owner.is_in_use():
+            self.lost += len(data)
+            return
         try:
             self._wire.send(data)
         except TransportError as error:
@@ -84,11 +96,15 @@ class _Master:
             self._set_baudrate(baudrate)
             os.set_blocking(self.fd, False)
             self.device = os.ttyname(self._slave)
+            self.users = OpenCount(self.device)
+            """Clients that have the device open."""
             if link is not None:
                 if link.is_symlink():
                     link.unlink()
                 link.symlink_to(self.device)
         except BaseException:
+            if hasattr(self, "users"):
+                self.users.close()
             os.close(self.fd)
             os.close(self._slave)
             raise
@@ -106,10 +122,22 @@ class _Master:
         except termios.error:
             return None
 
+    def is_in_use(self) -> bool:
+        """Whether a client has the device open now; True where the system does not tell."""
+        self.users.update()
+        return self.users.count is None or self.users.count > 0
+
+    def forget(self) -> None:
+        """Flush what no client has read, on its way and behind it."""
+        with suppress(termios.error):
+            termios.tcflush(self.fd, termios.TCOFLUSH)
+            termios.tcflush(self._slave, termios.TCIFLUSH)
+
     def unsent(self) -> bool:
         return False
 
     def close(self) -> None:
+        self.users.close()
         if self._link is not None:
             with suppress(OSError):
                 if os.readlink(self._link) == self.device:

@@ -10,6 +10,7 @@ from protocol.datagram import arrived_at
 from protocol.devices.netft.http import Page
 from protocol.devices.netft.page import Configuration, parse_page
 from protocol.devices.netft.profile import NetFtClientProfile
+from protocol.devices.netft.rate import APART, RateWatch, nearest_known
 from protocol.devices.netft.records import (
     RECORD_SIZE,
     SATURATED,
@@ -65,6 +66,7 @@ class NetFtClient(Outbox[bytes]):
         """Records in a row that are older than the newest."""
         self._clock = self._heard_at = math.inf
         """The receiver's time at the box's sample 0, by its quickest records, and arrival of the newest record, s."""
+        self._rates = RateWatch(profile.internal_rate_hz)
         self._stops = 0
         """Stops that were sent."""
         self._heard = False
@@ -135,6 +137,10 @@ class NetFtClient(Outbox[bytes]):
                 "its raw data transfer (RDT) is switched off", "enable it on its page Communication Settings"
             )
             return
+        rate = configuration.internal_rate_hz
+        if rate is not None and abs(rate / self._profile.internal_rate_hz - 1.0) > APART:
+            self._fail_for_rate("its page tells", rate)
+            return
         self._configuration = configuration
         period = configuration.period or _USUAL_PERIOD_S
         self._step = max(1, round(period * self._profile.internal_rate_hz))
@@ -163,7 +169,11 @@ class NetFtClient(Outbox[bytes]):
         if not telling.ready:
             self._rdt, self._ft, self._sequence = rdt, ft, ft
             telling.begin(self._facts())
+            self._rates.begin(ft, arrived_at(datagram, now))
         elif not self._is_next(rdt, ft):
+            return
+        elif rate := self._rates.take(self._sequence, arrived_at(datagram, now)):
+            self._fail_for_rate("it takes about", nearest_known(rate))
             return
         self._asked = self._behind = self.statistics.standing = 0
         at = self._measured_at(arrived_at(datagram, now))
@@ -183,6 +193,7 @@ class NetFtClient(Outbox[bytes]):
                 return False
             self._telling.tell(SensorRestarted())
             step = 1
+            self._rates.begin(self._sequence + 1, self._heard_at)
         else:
             missing = (rdt - self._rdt) % WRAP - 1
             if missing >= _BACKWARD:  # it was asked for anew, and its records count from 1
@@ -220,6 +231,13 @@ class NetFtClient(Outbox[bytes]):
     def _finish(self) -> None:
         self._due = None
         self._telling.stop()
+
+    def _fail_for_rate(self, begin: str, rate_hz: float) -> None:
+        self._fail(
+            f"{begin} {rate_hz:g} internal samples a second, and internal_rate_hz is "
+            f"{self._profile.internal_rate_hz:g}: the age of a force would be wrong",
+            f"set internal_rate_hz in [sensor.netft] to {rate_hz:g}",
+        )
 
     def _fail(self, text: str, remedy: str = "") -> None:
         self._due = None

@@ -21,8 +21,18 @@ PAGE_LIMIT = 65536
 _VALUE_LIMIT = 128
 """Most characters of a value. Source: netft-cpp."""
 
-FORCE_UNITS = {"lbf": 4.4482216152605, "N": 1.0, "klbf": 4448.2216152605, "kN": 1000.0, "kgf": 9.80665}
-"""N for one of each. Names: netft-cpp."""
+FORCE_UNITS = {
+    "lbf": 4.4482216152605,
+    "N": 1.0,
+    "klbf": 4448.2216152605,
+    "kN": 1000.0,
+    "kgf": 9.80665,
+    "gf": 9.80665e-3,
+}
+"""N for one of each. Names: netft-cpp; the last one is the manual's."""
+FORCE_CODES = ("lbf", "N", "klbf", "kN", "kgf", "gf")
+TORQUE_CODES = ("lbf-in", "lbf-ft", "N-m", "N-mm", "kgf-cm", "kN-m")
+"""Units by their code, from 1 on, for a page without their names. Source: manual."""
 TORQUE_UNITS = {
     "lbf-in": 0.1129848290276167,
     "lbf-ft": 1.3558179483314004,
@@ -56,6 +66,8 @@ class Configuration:
     """Between two records, s; None where the page does not tell the rate."""
     delay: float
     """Delay of its filter at low frequencies, s."""
+    internal_rate_hz: float | None
+    """Internal samples a second; None where the page does not tell them."""
 
 
 def filter_weight(cutoff_hz: float) -> float:
@@ -76,13 +88,13 @@ def parse_page(page: bytes) -> Configuration:
     text = page.decode("ascii", "replace")
     if "<!DOCTYPE" in text.upper() or "<netft" not in text:
         raise RemoteProtocolError("the page is none of a Net F/T")
-    force, torque = (
-        _unit(text, name, units) for name, units in (("scfgfu", FORCE_UNITS), ("scfgtu", TORQUE_UNITS))
-    )
+    force = _unit(text, "cfgfu", FORCE_UNITS, FORCE_CODES)
+    torque = _unit(text, "cfgtu", TORQUE_UNITS, TORQUE_CODES)
     per_force, per_torque = (_number(_needed(text, name), name) for name in ("cfgcpf", "cfgcpt"))
     units: Wrench = (force, force, force, torque, torque, torque)
     scales: Wrench = (*(force / per_force,) * 3, *(torque / per_torque,) * 3)
     rate, number = _value(text, "comrdtrate"), _value(text, "setuserfilter")
+    internal = _value(text, "runrate")
     return Configuration(
         " ".join((_needed(text, "prodname"), _value(text, "cfgnam") or "")).strip(),
         scales,
@@ -90,6 +102,7 @@ def parse_page(page: bytes) -> Configuration:
         (_value(text, "comrdte") or "Enabled") not in ("Disabled", "0"),
         output_step(_number(rate, "comrdtrate")) / INTERNAL_RATE_HZ if rate else None,
         filter_delay(int(number) if number and number.isdigit() and len(number) < 3 else 0),
+        _number(internal, "runrate") if internal else None,
     )
 
 
@@ -123,8 +136,13 @@ def _number(text: str, name: str) -> float:
     return value
 
 
-def _unit(text: str, name: str, units: dict[str, float]) -> float:
-    unit = _needed(text, name)
+def _unit(text: str, code_tag: str, units: dict[str, float], codes: tuple[str, ...]) -> float:
+    """The unit that a page tells by its name, in the tag `s…`, or by its code alone."""
+    unit, code = _value(text, f"s{code_tag}"), _value(text, code_tag)
+    if not unit and code:
+        unit = codes[int(code) - 1] if code in tuple("123456") else f"of code {code}"
+    if not unit:
+        raise RemoteProtocolError(f"the page does not tell s{code_tag}")
     if unit not in units:
         raise RemoteProtocolError(f"the page tells the unit {unit!r}; known: {', '.join(units)}")
     return units[unit]

@@ -19,11 +19,13 @@ from typing import NamedTuple
 
 from protocol.datagram import arrived_at
 from protocol.devices.rsi.angles import nearest, pose_of
-from protocol.devices.rsi.elements import pose_tags
+from protocol.devices.rsi.axis_channel import NO_TURN, AxisChannel, Programmed
+from protocol.devices.rsi.elements import axis_tags, pose_tags
 from protocol.devices.rsi.profile import RsiLink
-from protocol.devices.rsi.telegram import ROBOT, SENSOR, Telegram, decode, encode, fixed, number
+from protocol.devices.rsi.telegram import ROBOT, SENSOR, Telegram, decode, encode, fixed, number, numbers
 from protocol.endpoint import NO_TROUBLE, RemoteProtocolError, Trouble
 from protocol.geometry import Pose, angles_of, from_angles, inverse, product
+from protocol.kinematics import Joints
 from protocol.robot import ReportReceived, RobotReport, StreamEvent, StreamLost, StreamNotice
 
 DECIMALS = 6
@@ -32,6 +34,8 @@ SESSION_MS = 1000
 """Chosen: a clock that jumps by more, either way, is that of a program that was begun anew."""
 PLANNED_MM = 0.1
 """Chosen: a set position that moves by more is that of a program that was begun anew, or that moves by itself."""
+PLANNED_DEG = 0.02
+"""Chosen: the same of a set axis, where the axes are corrected."""
 STANDING_MM = 0.05
 """Chosen: a difference between actual and set position below it is none when a session begins."""
 FOLLOWS_WITHIN_S = 0.25
@@ -44,6 +48,7 @@ RUNNING = 3.0
 """Observed (FZI's configuration): status of a program that runs, where it is sent."""
 _STATUS = "ProgStatus.R"
 _ACTUAL, _SET, _LATE = pose_tags("RIst"), pose_tags("RSol"), "Delay.D"
+_ACTUAL_AXES, _SET_AXES = axis_tags("AIPos"), axis_tags("ASPos")
 _NOTHING = (0.0,) * 6
 _NO_POSE = Pose((math.nan,) * 3, (1.0, 0.0, 0.0, 0.0))
 """Stands for a position that is told as something else than numbers: nothing moves with it."""
@@ -62,6 +67,12 @@ class _Told(NamedTuple):
     late: int | None
     """Answers that came late or not at all, since the program began; None where it is not told."""
     status: float | None
+    axes: Joints | None = None
+    """Actual axes, degrees; None where they are not told, or no numbers."""
+    planned_axes: Joints | None = None
+    """Set axes, without any correction."""
+    missing: str = ""
+    """Element that a correction of the axes needs and that is not told; empty for none."""
 
     @property
     def offset(self) -> Correction | None:
@@ -76,6 +87,8 @@ class _Answered(NamedTuple):
     late: int | None
     before: Correction
     """Correction of the robot if it has not taken this answer."""
+    axes_before: Joints
+    """That of its axes, where they are corrected."""
 
 
 class RsiClient:
@@ -94,8 +107,12 @@ class RsiClient:
         self._late: int | None = None
         self._planned: Pose | None = None
         """Set position of the newest telegram that told one."""
+        self._planned_axes: Joints | None = None
+        """Set axes of the newest telegram that told them."""
         self._offset: Correction | None = None
         """Correction that the newest telegram shows; None where it shows none."""
+        self._axes_offset: Joints = NO_TURN
+        """The same of the axes, where they are corrected."""
         self._answered: _Answered | None = None
         self._missed = 0
         """Answers in a row that the robot has not taken."""
@@ -118,14 +135,15 @@ class RsiClient:
         self._ran_away = False
         """It goes on and on, as each whole correction is added to the one before: it gets no more answers."""
         self._garbled = self._limited = False
-        self._tags = pose_tags(link.correction_tag)
+        self._axes: AxisChannel | None = AxisChannel(link) if link.correction == "axes" else None
+        self._tags = axis_tags(link.axis_tag) if self._axes else pose_tags(link.correction_tag)
 
     # --- as an endpoint
 
     def receive(self, data: Sequence[bytes], now: float) -> None:
         for datagram in data:
             try:
-                told = _read(datagram)
+                told = _read(datagram, self._axes is not None)
             except RemoteProtocolError as error:
                 if not self._garbled:
                     self._tell("garbled", f"a telegram is not understood: {error}")
@@ -151,7 +169,7 @@ class RsiClient:
 
     def begin(self, pose: Pose) -> None:
         if self._strayed and self._offset is not None:
-            self._set(self._offset)  # as it did not come along, go on from where it is
+            self._set(self._offset, self._axes_offset)  # as it did not come along, go on from where it is
         self._began, self._aim = (pose, self._total), self._total
         self._limited = self._strayed = self._halted = False
 
@@ -190,6 +208,8 @@ class RsiClient:
             if passed <= 0 and not anew:
                 self._report(told, at, self._sequence + cycles)
                 return
+        if self._axes is not None:
+            self._learn(told, self._axes)
         if anew or at - self._heard_at > SESSION_MS / 1e3:
             self._begin_session(told, anew)
         else:
@@ -197,8 +217,17 @@ class RsiClient:
         self._sequence += 1 if anew else cycles
         self._newest, self._heard_at, self._late = told.ipoc, at, told.late
         self._planned = told.planned or self._planned
+        self._planned_axes = told.planned_axes or self._planned_axes
         self._watch(told)
         self._report(told, at, self._sequence)
+
+    def _learn(self, told: _Told, channel: AxisChannel) -> None:
+        """Note where the axes are and would be."""
+        if told.planned is not None and told.planned_axes is not None:
+            channel.learn(Programmed(told.planned, told.planned_axes))
+            if told.axes is not None:
+                a, b, c, d, e, f = (at - by for at, by in zip(told.axes, told.planned_axes, strict=True))
+                self._axes_offset = a, b, c, d, e, f
 
     def _report(self, told: _Told, at: float, sequence: int) -> None:
         trouble = self._find_trouble(told)
@@ -212,6 +241,10 @@ class RsiClient:
         """Whether the count of late answers begins anew, or the set position is another."""
         if told.late is not None and self._late is not None and told.late < self._late:
             return True
+        if told.planned_axes is not None and self._planned_axes is not None:
+            turns = zip(told.planned_axes, self._planned_axes, strict=True)
+            if any(abs(to - was) > PLANNED_DEG for to, was in turns):
+                return True
         if told.planned is None or self._planned is None:
             return False
         return math.dist(told.planned.position, self._planned.position) * 1e3 > PLANNED_MM
@@ -221,7 +254,10 @@ class RsiClient:
         self._answered, self._missed = None, 0
         self._leaving, self._ran_away = 0, self._ran_away and not anew
         offset = told.offset or _NOTHING
-        self._set(offset if math.hypot(*offset[:3]) > STANDING_MM else _NOTHING)
+        if math.hypot(*offset[:3]) > STANDING_MM:
+            self._set(offset, self._axes_offset)
+        else:
+            self._set(_NOTHING, NO_TURN)
         if self._began is not None:
             self._began = None
             why = (
@@ -241,6 +277,8 @@ class RsiClient:
             return
         self._missed += 1
         self._total = answered.before
+        if self._axes is not None:
+            self._axes.total = answered.axes_before
 
     def _watch(self, told: _Told) -> None:
         """See whether the robot has come along with its correction."""
@@ -260,8 +298,8 @@ class RsiClient:
             self._strayed = True
             self._tell(
                 "correction",
-                f"the robot is {stray:.1f} mm beside its correction: it stands, or POSCORR limits it, or HOLDON or the "
-                "mode of RSI_ON are not as set",
+                f"the robot is {stray:.1f} mm beside its correction: it stands, or POSCORR or AXISCORR limits it, or "
+                "HOLDON or the mode of RSI_ON are not as set",
             )
 
     def _watch_flight(self, offset: Correction, stands: bool) -> None:
@@ -272,9 +310,11 @@ class RsiClient:
         if self._leaving >= RUNS_AWAY_CYCLES and self._apart_mm > self._link.stray_mm:
             self._ran_away = True
 
-    def _set(self, correction: Correction) -> None:
+    def _set(self, correction: Correction, axes: Joints) -> None:
         """This is the robot's correction now."""
         self._total = correction
+        if self._axes is not None:
+            self._axes.total = axes
         self._trail.clear()
         self._trail.append(correction)
 
@@ -289,6 +329,20 @@ class RsiClient:
                 "it runs away from a correction that stands, and gets no more answers",
                 "give robot.rsi.mode what its program gives to RSI_ON, then start it again",
             )
+        if told.missing:
+            return Trouble(
+                f"its telegrams have no {told.missing}, which a correction of the axes needs",
+                f"enter DEF_{told.missing} into the controller's Ethernet configuration",
+            )
+        if self._axes is not None and told.pose is not _NO_POSE:
+            if told.axes is None or told.planned_axes is None:
+                return Trouble("its axes are told as no numbers", "look at its Ethernet configuration")
+            beside_mm = self._axes.beside_mm(told.pose, told.axes)
+            if not beside_mm <= self._link.stray_mm:
+                return Trouble(
+                    f"its axes stand {beside_mm:.1f} mm beside its pose, by the sizes of a {self._link.model}",
+                    "give robot.rsi.model the arm, and let the program set $BASE to $ROBROOT",
+                )
         if self._missed >= self._link.late_max:
             return Trouble(
                 f"it has not taken {self._missed} answers in a row (late so far: {told.late})",
@@ -340,16 +394,28 @@ class RsiClient:
     def _answer(self, correction: Correction) -> None:
         """Answer the newest telegram."""
         assert self._newest is not None
-        ipoc, before = self._newest, self._total
-        relative, values = self._link.mode == "relative", correction
+        ipoc, before, channel = self._newest, self._total, self._axes
+        had, values = before, correction
+        if channel is not None:
+            had = values = channel.total
+            if correction != before:
+                values, correction, refusal = channel.follow(before, correction)
+                if refusal and not self._limited:
+                    self._limited = True
+                    self._tell("correction", refusal)
+        relative = self._link.mode == "relative"
         if relative:
-            values = tuple([to - was for to, was in zip(correction, before, strict=True)])
+            values = tuple([to - was for to, was in zip(values, had, strict=True)])
         texts = [fixed(value, DECIMALS) for value in values]
-        sent = tuple(map(float, texts))
-        self._total = (
-            tuple([was + value for was, value in zip(before, sent, strict=True)]) if relative else sent
-        )
-        self._answered = _Answered(ipoc, self._late, before)
+        a, b, c, d, e, f = map(float, texts)
+        if relative:
+            a, b, c, d, e, f = (was + by for was, by in zip(had, (a, b, c, d, e, f), strict=True))
+        if channel is None:
+            self._total, axes_before = (a, b, c, d, e, f), NO_TURN
+        else:
+            axes_before, channel.total = channel.total, (a, b, c, d, e, f)
+            self._total = correction
+        self._answered = _Answered(ipoc, self._late, before, axes_before)
         telegram = Telegram(SENSOR, self._link.sentype, dict(zip(self._tags, texts, strict=True)), ipoc)
         self._out.append(encode(telegram))
 
@@ -357,7 +423,7 @@ class RsiClient:
         self._events.append(StreamNotice(kind, text))
 
 
-def _read(raw: bytes) -> _Told:
+def _read(raw: bytes, needs_axes: bool) -> _Told:
     """The contents of a telegram of the robot; a position that is no number is told as one that is none.
 
     Raises RemoteProtocolError for one without a position or a clock.
@@ -373,7 +439,23 @@ def _read(raw: bytes) -> _Told:
     pose, planned = _pose(values, _ACTUAL), _pose(values, _SET)
     late = number(values[_LATE]) if _LATE in values else None
     status = number(values[_STATUS]) if _STATUS in values else None
-    return _Told(telegram.ipoc, pose or _NO_POSE, planned, None if late is None else int(late), status)
+    axes, planned_axes = (_axes(values, tags) if needs_axes else None for tags in (_ACTUAL_AXES, _SET_AXES))
+    needed = {"RSol": _SET, "AIPos": _ACTUAL_AXES, "ASPos": _SET_AXES} if needs_axes else {}
+    missing = next((name for name, tags in needed.items() if tags[0] not in values), "")
+    late_count = None if late is None else int(late)
+    return _Told(telegram.ipoc, pose or _NO_POSE, planned, late_count, status, axes, planned_axes, missing)
+
+
+def _axes(values: Mapping[str, str], tags: tuple[str, ...]) -> Joints | None:
+    """The axes in these values, degrees; None where one is no number."""
+    try:
+        found = numbers(values, tags)
+    except RemoteProtocolError:
+        return None
+    if found is None:
+        return None
+    a, b, c, d, e, f = found
+    return a, b, c, d, e, f
 
 
 def _pose(values: Mapping[str, str], tags: tuple[str, ...]) -> Pose | None:

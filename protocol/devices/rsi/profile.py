@@ -22,6 +22,27 @@ class RsiLink:
     correction_tag: str = setting(
         "RKorr", Mark.OBSERVED, "element that its signal flow takes for the Cartesian correction, in the base"
     )
+    correction: Literal["pose", "axes"] = setting(
+        "pose",
+        Mark.CHOSEN,
+        "what its signal flow takes: a pose (POSCORR), or axes (AXISCORR), which need the arm's kinematics",
+    )
+    axis_tag: str = setting(
+        "AK", Mark.OBSERVED, "element that its signal flow takes for the correction of the axes"
+    )
+    model: Literal["kr16-2"] = setting(
+        "kr16-2", Mark.CHOSEN, "the arm, for corrections of the axes; its base is the program's"
+    )
+    limit_axis_deg: float = setting(
+        60.0, Mark.CHOSEN, "largest total of each axis; keep it below AXISCORR's", above(0.0), unit="°"
+    )
+    fastest_axis_deg_s: float = setting(
+        100.0,
+        Mark.CHOSEN,
+        "fastest turn of each axis; a KR 16-2 allows 156 of its slowest ones",
+        above(0.0),
+        unit="°/s",
+    )
     limit_mm: float = setting(
         200.0,
         Mark.CHOSEN,

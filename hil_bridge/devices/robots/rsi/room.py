@@ -28,7 +28,8 @@ def robot_facts(settings: KindSettings[RsiLink, RsiProfile]) -> RobotFacts:
         for item in marked(servo)
     }
     return RobotFacts(
-        f"KUKA controller with RSI, {link.mode} corrections",
+        f"KUKA controller with RSI, {link.mode} corrections"
+        + (" of the axes" if link.correction == "axes" else ""),
         Pacing.STREAMED,
         cycle_s=link.cycle_ms / 1e3,
         late="the controller counts each, stands on the last correction, and stops at the limit of its signal flow",

@@ -11,9 +11,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from emulators.arm.kinematics import Arm, Joints
-from emulators.arm.profile import PerAxis
+from protocol.arm_size import PerAxis
 from protocol.geometry import Pose, Vector
+from protocol.kinematics import Arm, Joints
 
 HOME: Joints = (0.0, -90.0, 90.0, 0.0, 90.0, 0.0)
 """Chosen: the axes next to which those of the start are looked for, degrees."""

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from itertools import accumulate
 from typing import TypeAlias
 
-from emulators.arm.profile import ArmSize
+from protocol.arm_size import ArmSize
 from protocol.geometry import Pose, Quaternion, Vector, inverse, product, tool_axis
 
 Joints: TypeAlias = tuple[float, float, float, float, float, float]

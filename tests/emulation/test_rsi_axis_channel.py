@@ -1,0 +1,190 @@
+"""Our client on a program that takes corrections of axes alone: straight ways, singularities, ends, a wrong arm."""
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import pytest
+
+from emulators.devices.rsi import RsiController, RsiProfile
+from emulators.devices.rsi.controller import State
+from emulators.seams import StartPose
+from protocol.devices.rsi import RsiClient, RsiLink, decode, encode, pose_tags
+from protocol.devices.rsi.arm import KukaArm
+from protocol.geometry import Pose, angle_between, product, turn_about
+from protocol.kinematics import Joints
+from protocol.robot import ReportReceived, StreamLost, StreamNotice
+
+T0 = 1000.0
+TOOL_M = 0.2
+AXES_ONLY = {"move_after_ms": 0.0, "restart_s": 0.0, "correction_tag": "None", "axis_tags": ("AK",)}
+"""A signal flow without POSCORR."""
+
+
+@dataclass
+class Drive:
+    """A client that takes the robot along a course, one set point a cycle."""
+
+    axes: Joints = (0.0, -90.0, 90.0, 0.0, 90.0, 0.0)
+    link: dict[str, Any] = field(default_factory=dict)
+    cell: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.arm = KukaArm("kr16-2", TOOL_M)
+        self.start = self.arm.pose(self.axes)
+        profile = RsiProfile(mode="absolute", **{**AXES_ONLY, **self.cell})
+        self.robot = RsiController(profile, StartPose(*self.start, TOOL_M), T0)
+        self.client = RsiClient(RsiLink(mode="absolute", correction="axes", **self.link))
+        self.now = T0
+        self.began = False
+        self.notices: list[str] = []
+        self.faults: list[str] = []
+        self.sent: list[bytes] = []
+        self.poses: list[Pose] = []
+
+    def cycle(self, target: Pose, change: Any = lambda raw: raw) -> None:
+        due = self.robot.endpoint.next_deadline()
+        assert due is not None
+        self.robot.endpoint.handle_deadline(due)
+        self.now = due
+        self.client.receive([change(raw) for raw in self.robot.endpoint.data_to_send(due)], due)
+        while (event := self.client.next_event()) is not None:
+            match event:
+                case ReportReceived(report=report) if self.began:
+                    self.faults += [report.fault] if report.fault else []
+                    self.client.target(target, due)
+                case ReportReceived():
+                    self.client.hold(due)
+                    self.client.begin(self.start)
+                    self.began = True
+                case StreamNotice(text=text):
+                    self.notices.append(text)
+                case StreamLost(text=text):
+                    self.faults.append(text)
+        self.sent = list(self.client.data_to_send(due))
+        self.robot.endpoint.receive(self.sent, due + 0.001)
+        self.poses.append(self.robot.ordered_pose)
+
+    def go(self, way_mm: tuple[float, float, float], turn_deg: float = 0.0, cycles: int = 500) -> Pose:
+        """Along a straight way, with a turn about the base's y axis, in as many cycles; then a few more."""
+        axis = (0.0, math.copysign(1.0, turn_deg), 0.0)
+        target = self.start
+        for number in range(1, cycles + 101):
+            share = min(1.0, number / cycles)
+            x, y, z = (at + share * way * 1e-3 for at, way in zip(self.start.position, way_mm, strict=True))
+            turn = turn_about(axis, math.radians(abs(turn_deg) * share))
+            target = Pose((x, y, z), product(turn, self.start.quaternion))
+            self.cycle(target)
+        return target
+
+    def off_the_way_mm(self, way_mm: tuple[float, float, float]) -> float:
+        """Farthest that an ordered pose lay beside the straight way, mm."""
+        length = math.hypot(*way_mm)
+        along = [part / length for part in way_mm]
+        farthest = 0.0
+        for pose in self.poses:
+            gone = [(to - at) * 1e3 for to, at in zip(pose.position, self.start.position, strict=True)]
+            share = sum(a * b for a, b in zip(gone, along, strict=True))
+            share = max(0.0, min(length, share))
+            farthest = max(farthest, math.dist(gone, [share * a for a in along]))
+        return farthest
+
+
+def test_the_tool_goes_straight_and_turns_by_corrections_of_axes_alone() -> None:
+    drive = Drive()
+    target = drive.go((40.0, -60.0, -30.0), turn_deg=10.0)
+    ordered = drive.robot.ordered_pose
+    assert math.dist(ordered.position, target.position) < 1e-6
+    assert angle_between(ordered.quaternion, target.quaternion) < 1e-6
+    assert drive.off_the_way_mm((40.0, -60.0, -30.0)) < 0.01
+    assert not drive.notices
+    assert not drive.faults
+    (raw,) = drive.sent
+    assert list(decode(raw).values) == [f"AK.A{number}" for number in range(1, 7)]
+
+
+@pytest.mark.parametrize(
+    "way_mm", [(0.0, 30.0, 0.0), (0.0, 30.0, -10.0), (30.0, 0.5, 0.0), (-40.0, 2.0, -20.0)]
+)
+def test_next_to_a_singularity_of_the_wrist_the_tool_is_on_its_way_or_stands(
+    way_mm: tuple[float, float, float],
+) -> None:
+    """Axis 5 begins at half a degree: a way to the side asks axis 4 for a quarter of a turn at once."""
+    drive = Drive(axes=(0.0, -80.0, 100.0, 0.0, 0.5, 0.0))
+    drive.go(way_mm)
+    assert drive.off_the_way_mm(way_mm) < 0.02
+    assert drive.robot.state is State.MOVECORR, "no axis was asked for more than it can"
+
+
+def test_a_way_through_the_flip_of_the_wrist_is_slow_then_stands_and_is_told() -> None:
+    """Axis 4 stands aside: the turn asks it for a quarter of a turn while axis 5 is near zero."""
+    drive = Drive(axes=(0.0, -80.0, 100.0, 90.0, 2.0, -90.0))
+    drive.go((0.0, 0.0, 0.0), turn_deg=20.0, cycles=100)
+    (notice,) = drive.notices
+    assert notice.startswith("axis 6 would turn by 14° in a cycle, allowed are 0.4°: a singularity is near")
+    assert drive.off_the_way_mm((0.0, 0.0, 1.0)) < 0.02
+    assert drive.robot.state is State.MOVECORR
+    assert not drive.faults
+
+
+def test_an_axis_at_the_end_of_its_range_stands_and_is_told() -> None:
+    drive = Drive(axes=(0.0, -90.0, 90.0, 0.0, 129.0, 0.0))
+    drive.go((0.0, 0.0, 0.0), turn_deg=10.0)
+    assert drive.notices == ["no axes of a kr16-2 hold the tool there"]
+    assert drive.off_the_way_mm((0.0, 0.0, 1.0)) < 0.02
+    assert drive.robot.state is State.MOVECORR
+
+
+def test_the_sum_of_an_axis_is_bounded_and_told() -> None:
+    drive = Drive(link={"limit_axis_deg": 2.0})
+    drive.go((0.0, 100.0, 0.0))
+    (notice,) = drive.notices
+    assert notice.startswith("axis 1 would be 2.0")
+    assert notice.endswith("beside the robot's program, allowed are 2°")
+    assert abs(drive.robot.ordered_pose.position[1]) < 0.1
+    assert drive.off_the_way_mm((0.0, 100.0, 0.0)) < 0.02
+
+
+@pytest.mark.parametrize("element", ["RSol", "AIPos", "ASPos"])
+def test_a_telegram_without_what_the_kinematics_need_is_named(element: str) -> None:
+    send = tuple(f"DEF_{name}" for name in ("RIst", "RSol", "AIPos", "ASPos") if name != element)
+    drive = Drive(cell={"send": send})
+    x, y, z = drive.start.position
+    for number in range(20):
+        drive.cycle(Pose((x, y, z - number * 1e-4), drive.start.quaternion))
+    assert set(drive.faults) == {f"its telegrams have no {element}, which a correction of the axes needs"}
+    assert drive.robot.ordered_pose == drive.poses[0]
+
+
+def test_another_base_or_arm_shows_when_the_robot_moves() -> None:
+    """The program's base is turned by 90° about z: the robot goes aside, and is stopped by that."""
+
+    def turned(raw: bytes) -> bytes:
+        telegram = decode(raw)
+        values = dict(telegram.values)
+        for element in ("RIst", "RSol"):
+            x, y, *_, a, _, _ = (float(values[tag]) for tag in pose_tags(element))
+            values.update({f"{element}.X": f"{y}", f"{element}.Y": f"{-x}", f"{element}.A": f"{a - 90.0}"})
+        return encode(telegram._replace(values=values))
+
+    drive = Drive()
+    (x, y, z), quaternion = drive.start
+    drive.start = Pose((y, -x, z), product(turn_about((0.0, 0.0, -1.0), math.pi / 2.0), quaternion))
+    for number in range(300):
+        x, y, z = drive.start.position
+        drive.cycle(Pose((x + number * 1e-4, y, z), drive.start.quaternion), turned)
+    assert "mm beside its pose, by the sizes of a kr16-2" in drive.faults[0]
+    gone = math.dist(drive.robot.ordered_pose.position, drive.arm.pose(drive.axes).position)
+    assert 0.5e-3 < gone < 5e-3
+
+
+def test_a_program_whose_axes_are_no_numbers_moves_nothing() -> None:
+    drive = Drive()
+    for number in range(50):
+        x, y, z = drive.start.position
+        drive.cycle(
+            Pose((x, y, z - number * 1e-4), drive.start.quaternion),
+            lambda raw: raw.replace(b'A1="', b'A1="x'),
+        )
+    assert set(drive.faults) == {"its axes are told as no numbers"}
+    assert drive.robot.ordered_pose == drive.poses[0]
