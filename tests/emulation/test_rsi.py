@@ -136,7 +136,7 @@ def test_a_process_that_stalls_misses_cycles_and_counts_none_late() -> None:
 
 def test_a_process_that_is_late_tells_the_state_of_the_cycle_that_is_due() -> None:
     """It wakes 3 ms behind a cycle, while the arm moves: the telegram is that of a process which is in time."""
-    telegrams = []
+    telegrams: list[bytes] = []
     for late_s in (0.0, 0.003):
         one = rig()
         one.run(40, z=-0.1)
