@@ -152,6 +152,22 @@ def test_a_program_that_never_waits_is_stopped() -> None:
     assert "infinite loop" in bench.said(Message.RUNTIME)[0]
 
 
+def test_a_thread_goes_on_with_servoc_where_the_arm_stands_at_its_goal() -> None:
+    """A client's thread calls it for ever; a goal that comes later is gone to as well."""
+    bench = Bench()
+    bench.send(
+        "def mine():\n  global goal = pose_add(get_actual_tcp_pose(), p[0, 0.02, 0, 0, 0, 0])\n"
+        "  thread follow():\n    while True:\n      servoc(goal, a=1, v=0.1)\n    end\n  end\n"
+        "  run follow()\n  sleep(1)\n  goal = pose_add(goal, p[0, 0.02, 0, 0, 0, 0])\n  sleep(1)\nend\n"
+    )
+    began = bench.place
+    bench.run(0.9)
+    assert bench.place == pytest.approx((began[0], began[1] + 0.02, began[2]), abs=1e-6)
+    bench.run(0.9)
+    assert bench.place == pytest.approx((began[0], began[1] + 0.04, began[2]), abs=1e-6)
+    assert bench.said(Message.RUNTIME) == []
+
+
 def test_a_secondary_program_runs_beside_one_and_does_not_move() -> None:
     bench = Bench()
     bench.send("def mine():\n  sleep(1)\nend\n")
