@@ -174,6 +174,55 @@ def wait_for_force(host: str) -> None:
     raise AssertionError("the force source holds no input")
 
 
+FORCE = """
+import json, sys, time
+from rtde_control import RTDEControlInterface
+from rtde_receive import RTDEReceiveInterface
+
+host = sys.argv[1]
+receive = RTDEReceiveInterface(host)
+control = RTDEControlInterface(host)
+told = {"touched": control.moveUntilContact([0, 0, -0.02, 0, 0, 0]), "at": receive.getActualTCPPose()[2]}
+limits = [0.1, 0.1, 0.02, 0.2, 0.2, 0.2]
+told["pressed"] = control.forceMode([0.0] * 6, [0, 0, 1, 0, 0, 0], [0, 0, -10, 0, 0, 0], 2, limits)
+time.sleep(3.0)
+forces = []
+for _ in range(50):
+    forces.append(receive.getActualTCPForce()[2])
+    time.sleep(0.02)
+told["force"] = sum(forces) / len(forces)
+told["ended"] = control.forceModeStop()
+told["jogged"] = control.jogStart([0, 0, 0.02, 0, 0, 0])
+time.sleep(1.0)
+told["speed"] = receive.getActualTCPSpeed()[2]
+told["stopped"] = control.jogStop()
+time.sleep(0.2)
+there = receive.getActualTCPPose()
+told["sent"] = control.servoC([there[0], there[1] + 0.02, *there[2:]], 0.1, 0.5, 0.0)
+time.sleep(1.5)
+told["moved"] = receive.getActualTCPPose()[1] - there[1]
+control.servoStop()
+control.stopScript()
+control.disconnect()
+receive.disconnect()
+print(json.dumps(told))
+"""
+
+
+def test_ur_rtde_holds_a_force_by_the_controllers_own_force_mode(client_python: Callable[..., Path]) -> None:
+    """The surface of the emulated cell answers: the arm stops at the touch, and presses with the wanted force."""
+    python = client_python(UR_RTDE)
+    with emulated("127.0.0.24"):
+        told = tell(python, FORCE, ["127.0.0.24"])
+    assert all(told[name] for name in ("touched", "pressed", "ended", "jogged", "stopped", "sent"))
+    assert told["at"] == pytest.approx(0.589, abs=2e-3)
+    assert told["force"] == pytest.approx(
+        10.0, abs=1.5
+    )  # the arm's own measurement has an offset of some newtons
+    assert told["speed"] == pytest.approx(0.02, abs=2e-3)
+    assert told["moved"] == pytest.approx(0.02, abs=1e-3)
+
+
 def test_ur_rtde_is_told_that_the_robot_is_in_local_control(
     client_python: Callable[..., Path], tmp_path: Path
 ) -> None:
