@@ -51,6 +51,8 @@ STOPPED = replace(WELL, fault_at=1.0, told_to_end=True, exit_code=-15)
         ("stopped", replace(STOPPED, after_stop=7, last_motion_s=1.9), "sent 7 orders of motion after the stop"),
         ("stopped", replace(STOPPED, releases=["dashboard: play"]), "without a person: dashboard: play"),
         ("emergency", replace(STOPPED, moved_after_m=0.001), "the tool moved by 1.0 mm after the stop"),
+        ("refused", replace(WELL, moved_m=0.0, turned_rad=0.02), "the tool turned by 1.1°"),
+        ("stopped", replace(STOPPED, turned_after_rad=0.02), "the tool turned by 1.1° after the stop"),
         ("cut", replace(STOPPED, own_stop="sudden"), "its orders stopped the robot: sudden"),
         ("cut", replace(STOPPED, told_to_end=False, exit_code=-6), "crashed: ended by itself after 2.0 s, by SIGABRT"),
     ],
@@ -141,6 +143,15 @@ def test_speeds_and_strange_programs_behind_a_stop_are_motion() -> None:
         watch.hear(HeardOrder(102.0, Act.MOTION, "speedL", False, moves=moves))
         watch.hear(HeardOrder(102.0, Act.PROGRAM, "program x", False, moves=moves))
     assert watch.seen.after_stop == 2
+
+
+def test_a_tool_that_turns_has_moved() -> None:
+    """A client that turns the last joint alone moves no point on the tool's axis."""
+    watch = watched()
+    watch.look(100.1, ToolLook((0.0, 0.0, 0.0), turn_by((0.0, 0.0, 0.004)), (0.0, 0.0, 0.0)), None)
+    assert watch.seen.moved_at is None
+    watch.look(100.2, ToolLook((0.0, 0.0, 0.0), turn_by((0.0, 0.0, 0.006)), (0.0, 0.0, 0.0)), None)
+    assert watch.seen.moved_at == pytest.approx(0.2)
 
 
 def test_a_robot_that_may_not_move_from_the_start_forgives_some_tries() -> None:

@@ -12,6 +12,7 @@ from hil_bridge.lab.conform.scenarios import (
     EMERGENCY,
     LATE,
     MOVED_M,
+    MOVED_RAD,
     NOMINAL,
     REFUSED,
     STOPPED,
@@ -134,16 +135,23 @@ def _of_late(seen: Seen, rules: Rules) -> Iterator[str]:
 
 def _of_refused(seen: Seen, rules: Rules) -> Iterator[str]:
     yield from _sent_on(seen, rules, "to a robot that could not move", "the first")
-    if seen.moved_m >= MOVED_M and not seen.releases:
-        yield f"the tool moved by {seen.moved_m * 1e3:.1f} mm"
+    if not seen.releases and (moved := _way(seen.moved_m, seen.turned_rad)):
+        yield moved
 
 
 def _of_stop(seen: Seen, rules: Rules) -> Iterator[str]:
     yield from _sent_on(seen, rules, "after the stop", "the stop")
     if seen.releases:
         yield f"released it without a person: {', '.join(dict.fromkeys(seen.releases))}"
-    if seen.moved_after_m >= MOVED_M:
-        yield f"the tool moved by {seen.moved_after_m * 1e3:.1f} mm after the stop"
+    if moved := _way(seen.moved_after_m, seen.turned_after_rad):
+        yield f"{moved} after the stop"
+
+
+def _way(moved_m: float, turned_rad: float) -> str:
+    """How far the tool moved and turned, in words; empty where it did neither."""
+    ways = [f"moved by {moved_m * 1e3:.1f} mm"] if moved_m >= MOVED_M else []
+    ways += [f"turned by {math.degrees(turned_rad):.1f}°"] if turned_rad >= MOVED_RAD else []
+    return f"the tool {' and '.join(ways)}" if ways else ""
 
 
 def _of_cut(seen: Seen, rules: Rules) -> Iterator[str]:

@@ -10,6 +10,8 @@ SUITE_VERSION = 2
 """Grows when a client that passed may fail: to be compared by those who pin it."""
 MOVED_M = 0.5e-3
 """Chosen: a tool that is so far from its start has moved; noise and rounding of any robot are below."""
+MOVED_RAD = 5e-3
+"""Chosen: the same of its turn. A client that turns the last joint alone moves no point on the tool's axis."""
 SAME_PLACE_M = 1e-5
 """Chosen: two orders nearer than this lead to the same place, as those of a client that holds."""
 SAME_TURN_RAD = 1e-4

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from emulators.orders import Act, HeardOrder, Hindrance
-from hil_bridge.lab.conform.scenarios import MOVED_M, Rules
+from hil_bridge.lab.conform.scenarios import MOVED_M, MOVED_RAD, Rules
 from hil_bridge.lab.conform.strides import Stride, Strides
 from protocol.geometry import Pose, Quaternion, Vector, angle_between
 
@@ -75,6 +75,8 @@ class Seen:
     """The largest step of those."""
     moved_after_m: float = 0.0
     """How far the tool went later than `react_s` behind the fault."""
+    turned_after_rad: float = 0.0
+    """How far it turned then."""
     releases: list[str] = field(default_factory=list)
     """Acts behind the fault that belong to a person at the robot, the first ten."""
     returned_at: float | None = None
@@ -122,7 +124,7 @@ class Watch:
         """Where it is."""
         self._looks: deque[tuple[float, ToolLook]] = deque()
         """Looks of the last time in which speeds are measured."""
-        self._stood_at: Vector | None = None
+        self._stood: ToolLook | None = None
         """Where the tool was at `react_s` behind the fault."""
         self._hindered = False
 
@@ -193,16 +195,18 @@ class Watch:
         seen.fastest_m_s = max(seen.fastest_m_s, math.hypot(*tool.velocity))
         away = math.dist(position, self._start.position)
         seen.moved_m = max(seen.moved_m, away)
-        seen.turned_rad = max(seen.turned_rad, angle_between(tool.quaternion, self._start.quaternion))
+        turned = angle_between(tool.quaternion, self._start.quaternion)
+        seen.turned_rad = max(seen.turned_rad, turned)
         self._measure(
             at, tool, by_orders=hindrance is None and seen.fault_at is None and not seen.told_to_end
         )
-        if seen.moved_at is None and away >= MOVED_M:
+        if seen.moved_at is None and (away >= MOVED_M or turned >= MOVED_RAD):
             seen.moved_at = at
         if self._stops and seen.fault_at is not None and at >= seen.fault_at + self._react:
-            if self._stood_at is None:
-                self._stood_at = position
-            seen.moved_after_m = max(seen.moved_after_m, math.dist(position, self._stood_at))
+            stood = self._stood = self._stood or tool
+            seen.moved_after_m = max(seen.moved_after_m, math.dist(position, stood.position))
+            turned = angle_between(tool.quaternion, stood.quaternion)
+            seen.turned_after_rad = max(seen.turned_after_rad, turned)
         self._hinder(at, hindrance)
 
     def _measure(self, at: float, tool: ToolLook, by_orders: bool) -> None:
