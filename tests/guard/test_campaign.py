@@ -210,7 +210,8 @@ def broken(drawn: Drawn, code: int, recording: Recording | None) -> Iterator[str
         yield f"completed while pressing with {trace.forces[-1]:.1f} N"
     assert drawn.cell is not None
     struck = any(injection.struck for injection in drawn.cell.faults)
-    if drawn.kind in SEEN_BY_WEIGHT and drawn.phase == "connect" and struck and recording is not None:
+    moved = recording is not None and bool(recording.cycles)
+    if drawn.kind in SEEN_BY_WEIGHT and drawn.phase == "connect" and struck and moved:
         yield "moved although the weight was wrong"
     if code == 3:
         cause = drawn.said.rpartition("stopped: ")[2] if "stopped: " in drawn.said else drawn.said
