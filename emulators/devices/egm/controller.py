@@ -15,6 +15,7 @@ from emulators.arm.followed import FollowedArm
 from emulators.arm.own_force import Errors, OwnForce
 from emulators.arm.told_pose import ToldPose
 from emulators.devices.egm.guided import OUT_OF_BOUNDS, ArmJoints, GuidedMotion, mechanics
+from emulators.devices.egm.hearing import Hearing
 from emulators.devices.egm.profile import EgmProfile
 from emulators.devices.egm.state import (
     EMERGENCY_STOP,
@@ -28,19 +29,17 @@ from emulators.devices.egm.state import (
 from emulators.faults.ledger import Handler, Injection
 from emulators.faults.own import OwnFaults
 from emulators.faults.packets import DATAGRAMS, WIRE, Packets
-from emulators.orders import Act, HeardOrder, Hindrance, Orders, Reach
+from emulators.orders import Hindrance, Orders
 from emulators.seams import ArmPath, Handlers, Joints, StartPose
 from emulators.unmodelled import Unmodelled
 from protocol.devices.egm import (
     Answer,
-    PathCorrection,
     Place,
     RobotMessage,
     RobotWare,
     SensorMessage,
     decode_answer,
     encode_robot,
-    from_wire,
     names_external_axes,
     to_wire,
 )
@@ -54,8 +53,6 @@ _BEGINS = 256
 _NUMBER, _NO_OWN_FORCE = "wrong-seqno", "missing"
 _CANNOT_SEND = "event 41830: the message cannot be sent"
 _NO_FORCE = (0.0,) * 6
-_COUNTS = (0, 6)
-"""Numbers of joints that a message may hold."""
 
 
 class EgmController:
@@ -68,6 +65,7 @@ class EgmController:
         self._period = profile.cycle_ms * 1e-3
         self._every = round(profile.sample_ms / profile.cycle_ms)
         self._kinematics = ArmJoints(profile, start.tool_length)
+        self._hearing = Hearing(profile, self._kinematics)
         self.motion = GuidedMotion(profile, pose, self._kinematics)
         """Set point and law."""
         self._arm = FollowedArm(mechanics(profile), pose, now)
@@ -94,8 +92,6 @@ class EgmController:
         self._out: list[bytes] = []
         self._begins: deque[float] = deque(maxlen=_BEGINS)
         self._taken = self._begun = 0
-        self._heard_number: int | None = None
-        """Number of the newest message for the judge, in whatever state it came."""
         self._newest: int | None = None
         """Number of the newest message; None before the first of a session."""
         self._queue: deque[Answer] = deque()
@@ -191,13 +187,13 @@ class EgmController:
 
     def _receive(self, datagram: bytes, now: float) -> None:
         if self.orders.listener is not None:
-            self.orders.tell(self._heard(datagram, now))
+            self.orders.tell(self._hearing.hear(datagram, now, self.state in (State.SET_UP, State.GUIDING)))
         if self.state in OVER:
             self.counters["not expected"] += 1
             return
         try:
             message = decode_answer(datagram)
-            self._check(message)
+            self._hearing.check(message)
         except RemoteProtocolError as error:
             self.counters["unusable"] += 1
             self.unusable = str(error)
@@ -224,79 +220,6 @@ class EgmController:
             return
         self._queue.append(message)
         self._taken += 1
-
-    def _heard(self, datagram: bytes, now: float) -> HeardOrder:
-        """A message as an order, whatever the state makes of it."""
-        try:
-            message = decode_answer(datagram)
-            if other := self._other_mode(message):
-                words = f"{other}, and EGM runs in mode {self._profile.mode}, see cell.egm.mode"
-                return HeardOrder(now, Act.REFUSED, words, False)
-            self._check(message)
-        except RemoteProtocolError as error:
-            return HeardOrder(now, Act.UNREADABLE, str(error), False)
-        taken = self.state in (State.SET_UP, State.GUIDING)
-        order = HeardOrder(
-            now, Act.MOTION, "speed", taken, reach=self._reach, breach=self._breach_of(message)
-        )
-        if isinstance(message, PathCorrection):
-            return order._replace(words="path correction", moves=any(message.offset_mm), reach=None)
-        speed = any(message.speed) or any(message.joint_speed_deg_s)
-        if message.pose is not None and not speed:
-            return order._replace(words="pose", pose=from_wire(message.pose))
-        if message.joints_deg and not speed:
-            a, b, c, d, e, f = map(math.radians, message.joints_deg)
-            return order._replace(words="joints", pose=self._kinematics.pose((a, b, c, d, e, f)))
-        along, about = message.speed[:3], message.speed[3:]
-        tool_speed = math.hypot(*along) * 1e-3, math.radians(math.hypot(*about))
-        return order._replace(moves=speed, speed=tool_speed)
-
-    def _other_mode(self, message: Answer) -> str:
-        """What a message orders in another mode alone; empty for one of this mode."""
-        mode = self._profile.mode
-        if isinstance(message, PathCorrection):
-            return "" if mode == "path" else "a correction of the path"
-        by_joints = bool(message.joints_deg or message.joint_speed_deg_s)
-        by_pose = message.pose is not None or bool(message.speed)
-        if mode == "path":
-            return "a place or a speed" if by_joints or by_pose else ""
-        if by_joints == by_pose or by_joints == (mode == "joint"):
-            return ""
-        return "joints" if by_joints else "a pose"
-
-    @property
-    def _reach(self) -> Reach:
-        """How fast the guidance follows. In joint mode the arm is taken as stretched, and all axes as one."""
-        profile = self._profile
-        if profile.mode != "joint":
-            speed, turn = profile.max_tcp_mm_s * 1e-3, math.radians(profile.max_tcp_deg_s)
-        else:
-            turn = 6.0 * math.radians(profile.max_speed_dev_deg)
-            speed = self._kinematics.reach * turn
-        return Reach(profile.sample_ms * 1e-3, speed, turn)
-
-    def _breach_of(self, message: Answer) -> str:
-        """A number that is not larger than the one before, as EGM's header asks for; 0 begins anew."""
-        numbered = self._heard_number, message.seqno
-        self._heard_number = message.seqno
-        last, number = numbered
-        if last is None or not number or 0 < (number - last) % 2**32 < 2**31:
-            return ""
-        return f"the sequence number {number} behind {last}"
-
-    def _check(self, message: Answer) -> None:
-        """Raise RemoteProtocolError for a message that this mode has no use for."""
-        if isinstance(message, PathCorrection) != (self._profile.mode == "path"):
-            raise RemoteProtocolError(f"a {type(message).__name__} in mode {self._profile.mode}")
-        if isinstance(message, PathCorrection):
-            return
-        if len(message.joints_deg) not in _COUNTS or len(message.joint_speed_deg_s) not in _COUNTS:
-            raise RemoteProtocolError("another number of joints than six")
-        if len(message.speed) not in (0, 3, 6):
-            raise RemoteProtocolError("another number of speeds than six")
-        pose = message.pose
-        if pose is not None and abs(math.hypot(*pose.quaternion) - 1.0) > self._profile.quat_tol:
-            raise RemoteProtocolError("a quaternion without unit length")
 
     def _is_old(self, seqno: int) -> bool:
         """Whether a message came before the newest one; number 0 begins anew [A]."""

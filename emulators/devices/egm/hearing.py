@@ -1,0 +1,93 @@
+"""Messages of a client as orders, for its judge, and the checks that a controller with EGM makes of them."""
+
+import math
+
+from emulators.devices.egm.guided import ArmJoints
+from emulators.devices.egm.profile import EgmProfile
+from emulators.orders import Act, HeardOrder, Reach
+from protocol.devices.egm import Answer, PathCorrection, decode_answer, from_wire
+from protocol.endpoint import RemoteProtocolError
+
+_COUNTS = (0, 6)
+"""Numbers of joints that a message may hold."""
+
+
+class Hearing:
+    """Reads messages in the mode of one controller."""
+
+    def __init__(self, profile: EgmProfile, kinematics: ArmJoints) -> None:
+        self._profile, self._kinematics = profile, kinematics
+        self._number: int | None = None
+        """Number of the newest message, in whatever state it came."""
+
+    def check(self, message: Answer) -> None:
+        """Raise RemoteProtocolError for a message that this mode has no use for."""
+        if isinstance(message, PathCorrection) != (self._profile.mode == "path"):
+            raise RemoteProtocolError(f"a {type(message).__name__} in mode {self._profile.mode}")
+        if isinstance(message, PathCorrection):
+            return
+        if len(message.joints_deg) not in _COUNTS or len(message.joint_speed_deg_s) not in _COUNTS:
+            raise RemoteProtocolError("another number of joints than six")
+        if len(message.speed) not in (0, 3, 6):
+            raise RemoteProtocolError("another number of speeds than six")
+        pose = message.pose
+        if pose is not None and abs(math.hypot(*pose.quaternion) - 1.0) > self._profile.quat_tol:
+            raise RemoteProtocolError("a quaternion without unit length")
+
+    def hear(self, datagram: bytes, now: float, taken: bool) -> HeardOrder:
+        """A message as an order, whatever the state makes of it. `taken` says whether the robot acts by it now."""
+        try:
+            message = decode_answer(datagram)
+            if other := self._other_mode(message):
+                words = f"{other}, and EGM runs in mode {self._profile.mode}, see cell.egm.mode"
+                return HeardOrder(now, Act.REFUSED, words, False)
+            self.check(message)
+        except RemoteProtocolError as error:
+            return HeardOrder(now, Act.UNREADABLE, str(error), False)
+        order = HeardOrder(
+            now, Act.MOTION, "speed", taken, reach=self._reach, breach=self._breach_of(message)
+        )
+        if isinstance(message, PathCorrection):
+            return order._replace(words="path correction", moves=any(message.offset_mm), reach=None)
+        speed = any(message.speed) or any(message.joint_speed_deg_s)
+        if message.pose is not None and not speed:
+            return order._replace(words="pose", pose=from_wire(message.pose))
+        if message.joints_deg and not speed:
+            a, b, c, d, e, f = map(math.radians, message.joints_deg)
+            return order._replace(words="joints", pose=self._kinematics.pose((a, b, c, d, e, f)))
+        along, about = message.speed[:3], message.speed[3:]
+        tool_speed = math.hypot(*along) * 1e-3, math.radians(math.hypot(*about))
+        return order._replace(moves=speed, speed=tool_speed)
+
+    def _other_mode(self, message: Answer) -> str:
+        """What a message orders in another mode alone; empty for one of this mode."""
+        mode = self._profile.mode
+        if isinstance(message, PathCorrection):
+            return "" if mode == "path" else "a correction of the path"
+        by_joints = bool(message.joints_deg or message.joint_speed_deg_s)
+        by_pose = message.pose is not None or bool(message.speed)
+        if mode == "path":
+            return "a place or a speed" if by_joints or by_pose else ""
+        if by_joints == by_pose or by_joints == (mode == "joint"):
+            return ""
+        return "joints" if by_joints else "a pose"
+
+    @property
+    def _reach(self) -> Reach:
+        """How fast the guidance follows. In joint mode the arm is taken as stretched, and all axes as one."""
+        profile = self._profile
+        if profile.mode != "joint":
+            speed, turn = profile.max_tcp_mm_s * 1e-3, math.radians(profile.max_tcp_deg_s)
+        else:
+            turn = 6.0 * math.radians(profile.max_speed_dev_deg)
+            speed = self._kinematics.reach * turn
+        return Reach(profile.sample_ms * 1e-3, speed, turn)
+
+    def _breach_of(self, message: Answer) -> str:
+        """A number that is not larger than the one before, as EGM's header asks for; 0 begins anew."""
+        numbered = self._number, message.seqno
+        self._number = message.seqno
+        last, number = numbered
+        if last is None or not number or 0 < (number - last) % 2**32 < 2**31:
+            return ""
+        return f"the sequence number {number} behind {last}"
