@@ -2,13 +2,15 @@
 
 Their sources were compiled outside of this project. The KUKA's driver, with stubs for ROS, swings three axes by a sine
 of 10°, counted from the axes of the start; 60 cycles of that are kept. Universal Robots' C++ client library is called
-by programs of ours. In place of its own program for the controller stands ours, which goes by the same messages.
+by programs of ours. In place of its own program for the controller stands ours, which goes by the same messages. Their
+client in Python records eight samples with its own configuration.
 What a driver read and sent it tells in its own numbers.
 """
 
 import json
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -36,6 +38,7 @@ FOLDER = Path(__file__).with_name("drivers")
 DRIVER = read(FOLDER / "rsi-kuka-experimental.txt")
 CONTROL = read(FOLDER / "rtde-ur-client-library.txt")
 PRIMARY = read(FOLDER / "rtde-ur-client-library-primary.txt")
+PYTHON = read(FOLDER / "rtde-ur-python-client.txt")
 
 
 def test_the_emulated_kuka_says_every_byte_to_a_driver_of_axes_again() -> None:
@@ -69,7 +72,7 @@ def test_the_emulated_arm_comes_along_with_the_driver() -> None:
 # --- Universal Robots' C++ client library
 
 
-@pytest.mark.parametrize("transcript", [CONTROL, PRIMARY])
+@pytest.mark.parametrize("transcript", [CONTROL, PRIMARY, PYTHON])
 def test_the_emulated_controller_says_every_byte_to_the_client_library_again(transcript: Transcript) -> None:
     assert replayed(transcript) == [step for step in transcript.steps if step.side == DEVICE]
 
@@ -140,11 +143,12 @@ def test_commands_of_the_client_library_are_read() -> None:
     assert {"contact": Result.CANCELLED} in CONTROL.reads
 
 
-def test_the_client_library_reads_the_joints_and_the_dashboard_as_we_do() -> None:
+def rows_of(transcript: Transcript) -> tuple[tuple[str, ...], list[dict[str, Any]]]:
+    """Names of the outputs that a client asked for, and their values in each package, read by our decoders."""
     reader = Reader()
     names: tuple[str, ...] = ()
     rows = []
-    for step in CONTROL.steps:
+    for step in transcript.steps:
         if not step.wire.startswith("rtde"):
             continue
         reader.feed(step.data)
@@ -156,6 +160,25 @@ def test_the_client_library_reads_the_joints_and_the_dashboard_as_we_do() -> Non
                 recipe = Recipe(types.recipe, names, types.types)
             elif packet.kind == Kind.DATA and step.side == DEVICE:
                 rows.append(recipe.values(recipe.unpack(packet.payload)))
+    return names, rows
+
+
+def test_the_client_in_python_reads_the_outputs_of_its_own_configuration_as_we_do() -> None:
+    names, rows = rows_of(PYTHON)
+    assert len(names) == 32
+    assert len(PYTHON.reads) == 8
+    for read_row, row in zip(PYTHON.reads, rows, strict=False):
+        ours = {
+            "timestamp": row["timestamp"],
+            "robot_mode": row["robot_mode"],
+            "actual_q_0": row["actual_q"][0],
+        }
+        ours |= {f"actual_TCP_pose_{k}": row["actual_TCP_pose"][k] for k in (0, 2)}
+        assert read_row == pytest.approx(ours, abs=1e-9)
+
+
+def test_the_client_library_reads_the_joints_and_the_dashboard_as_we_do() -> None:
+    names, rows = rows_of(CONTROL)
     assert names == ("timestamp", "actual_q")
     for values in (row["actual_q"] for row in CONTROL.reads if "actual_q" in row):
         assert tuple(values) in [row["actual_q"] for row in rows]
