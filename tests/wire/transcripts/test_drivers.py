@@ -3,7 +3,7 @@
 Their sources were compiled outside of this project. The KUKA's driver, with stubs for ROS, swings three axes by a sine
 of 10°, counted from the axes of the start; 60 cycles of that are kept. Universal Robots' C++ client library is called
 by programs of ours. In place of its own program for the controller stands ours, which goes by the same messages. Their
-client in Python records eight samples with its own configuration.
+client in Python records seven samples with its own configuration.
 What a driver read and sent it tells in its own numbers.
 """
 
@@ -166,7 +166,7 @@ def rows_of(transcript: Transcript) -> tuple[tuple[str, ...], list[dict[str, Any
 def test_the_client_in_python_reads_the_outputs_of_its_own_configuration_as_we_do() -> None:
     names, rows = rows_of(PYTHON)
     assert len(names) == 32
-    assert len(PYTHON.reads) == 8
+    assert len(PYTHON.reads) == 7
     for read_row, row in zip(PYTHON.reads, rows, strict=False):
         ours = {
             "timestamp": row["timestamp"],
