@@ -169,6 +169,7 @@ def wait_for_force(host: str) -> None:
         with socket.create_connection((host, 30004), timeout=PATIENCE_S) as rtde:
             rtde.sendall(packets.inputs_request(("external_force_torque", "no_input")))
             if b"IN_USE" in rtde.recv(100):
+                time.sleep(1.0)  # until its program of one line, which enables the input, has run
                 return
         time.sleep(0.05)
     raise AssertionError("the force source holds no input")
