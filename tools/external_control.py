@@ -23,7 +23,7 @@ SERVICES = {TRAJECTORY: "trajectory", COMMANDS: "commands", REVERSE: "reverse", 
 
 
 class Mode(IntEnum):
-    """What the values of an order mean."""
+    """Meaning of the values of an order."""
 
     STOPPED = -2
     IDLE = 0

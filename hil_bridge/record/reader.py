@@ -75,7 +75,7 @@ class Recording:
 
 
 NO_CYCLE = "the run ended before its first control cycle; `hil-bridge why` tells the cause"
-"""What a command says of a recording that has nothing of its kind."""
+"""The answer of a command that needs cycles, to a recording without any."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -459,9 +459,9 @@ class Run:
         if failed is not None and failed != reason:
             self._blame(failed)
         if self._outcome is not Outcome.STOPPED:
-            reason = replace(reason, late_s=self._heart.recent(self._cycle_s))
             self._outcome, self._reason = Outcome.STOPPED, reason
             self._stopped_at = self._clock.now()
+            reason = self._reason = replace(reason, late_s=self._heart.recent(self._cycle_s))
             self._event(STOP_EVENT, str(reason), reason.cause)
         elif len(self._followed) < FOLLOWED_MAX and not self._is_blamed(reason):
             self._followed.append(reason)

@@ -51,7 +51,7 @@ def told_first(process: "subprocess.Popen[str]") -> dict[str, str]:
 
 
 def without_notices(errors: str) -> str:
-    """What an emulator wrote, without the lines on a busy machine and on a client that has not come yet or is gone."""
+    """The errors of an emulator, without its lines on a late process and on a client that does not listen."""
     notices = "this process was late", "cannot be reached: no program listens there"
     lines = errors.splitlines(keepends=True)
     return "".join(line for line in lines if not any(notice in line for notice in notices))

@@ -60,7 +60,7 @@ class Hearing:
         return order._replace(moves=speed, speed=tool_speed)
 
     def _other_mode(self, message: Answer) -> str:
-        """What a message orders in another mode alone; empty for one of this mode."""
+        """The order in a message that only another mode takes, in words; empty for one of this mode."""
         mode = self._profile.mode
         if isinstance(message, PathCorrection):
             return "" if mode == "path" else "a correction of the path"

@@ -85,7 +85,7 @@ class Ethernet:
         return decode(raw)
 
     def _cut(self, raw: bytes, rest: bytes, thing: str, choice: str) -> bytes:
-        """What the controller reads of an answer with something that is not known of it."""
+        """The part of an answer that the controller reads; by `choice` the rest, or an answer that is discarded."""
         self._unmodelled.touch(thing, "taken, as set" if choice == "take" else "the answer is discarded")
         return rest if choice == "take" else raw
 

@@ -105,7 +105,7 @@ class AxisChannel:
             return None, f"no axes of a {link.model} hold the tool there"
         p, q, r, s, t, o = (to - set_to for to, set_to in zip(held, programmed.axes, strict=True))
         for number, by in enumerate((p, q, r, s, t, o), 1):
-            if abs(by) > link.limit_axis_deg:
+            if not abs(by) <= link.limit_axis_deg:  # NaN too
                 return None, (
                     f"axis {number} would be {abs(by):.4g}° beside the robot's program, allowed are "
                     f"{link.limit_axis_deg:g}°"
