@@ -54,6 +54,8 @@ _ANSWERS_A_CYCLE = 64
 """Chosen: answers of a cycle that are looked at. A peer that floods the port is not served."""
 
 _ROUNDING_S = 1e-9
+_TOO_LATE = 0.5
+"""Chosen: share of a cycle by which its telegram may leave late; a process that is always later tells every second."""
 _EMERGENCY_STOP = "emergency-stop"
 _NO_NUMBER = "NaN"
 NO_AXES: Axes = (math.nan,) * 6
@@ -114,6 +116,8 @@ class RsiController:
         """Pose that was told last, and its axes."""
         self._contact: ContactSource | None = None
         self._powered_at, self._beats = now, 0
+        self._skipped_late = False
+        """The cycle before was skipped, for it was too late to tell it."""
         self._ipoc = profile.ipoc_start - profile.cycle_ms
         self._own = OwnFaults()
         self._told_pose = ToldPose(self._arm.pose)
@@ -244,18 +248,26 @@ class RsiController:
         return self._next_beat()
 
     def handle_deadline(self, now: float) -> None:
-        """Cycles that a stalled process has missed are skipped: a real controller would not have missed them. The
-        newest that is due is told as of its own time.
+        """Cycles that a stalled process has missed are skipped, and so is one of which less than half is left: a real
+        controller would not have missed them, and gives its client the whole of each. The newest that is due is told as
+        of its own time.
         """
-        due = self._next_beat()
-        if now < due:
+        behind = (now - self._next_beat()) / self.profile.period + _ROUNDING_S
+        if behind < 0.0:
             return
-        missed = math.floor((now - due) / self.profile.period + _ROUNDING_S)
-        self._beats += missed
-        self._advance_clock(missed)
+        self._skip(math.floor(behind))
+        too_late = behind % 1.0 > _TOO_LATE and not self._skipped_late
+        self._skipped_late = too_late
+        if too_late:
+            self._skip(1)
+            return
         at = self._next_beat()
         self._beats += 1
         self._cycle(at)
+
+    def _skip(self, cycles: int) -> None:
+        self._beats += cycles
+        self._advance_clock(cycles)
 
     # --- cycles
 
