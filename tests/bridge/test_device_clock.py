@@ -61,7 +61,7 @@ class Wire:
     arrive: Callable[[bytes], None]
 
     def __init__(self, clock: Clock) -> None:
-        self.sent: list[tuple[float, bytes]] = []
+        self.sent: list[tuple[float, Any]] = []
         self.waiting: list[Any] = []
         """Data in the buffer of the system."""
         self._clock = clock
@@ -145,6 +145,10 @@ def test_on_a_running_loop_a_deadline_has_its_own_time() -> None:
     assert seen == [when]
 
 
+def fail(reason: object) -> None:
+    pytest.fail(str(reason))
+
+
 @asynccontextmanager
 async def served(robot: Any, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[tuple[LateClock, Wire]]:
     """A robot that speaks first, on a computer that wakes it late."""
@@ -157,7 +161,7 @@ async def served(robot: Any, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[t
 
     monkeypatch.setattr(opening, "connect_datagrams", connect)
     async with AsyncExitStack() as stack:
-        serving = Serving(clock, stack, pytest.fail, pytest.fail)
+        serving = Serving(clock, stack, fail, fail)
         await serving.serve_datagrams("udp://127.0.0.1:1", robot.endpoint, speak_first=True)
         computer.next_timer(EARLY_S)
         yield computer, wire

@@ -277,13 +277,31 @@ def test_corrections_before_the_motion_begins_are_dropped() -> None:
 
 
 def test_the_stop_channels_edge_ends_the_motion_and_telegrams_go_on() -> None:
-    one = rig()
+    one = rig(off_after_ms=0.0)
     one.run(10, z=-0.02)
     one.cycle(lambda ipoc: answer(ipoc, z=-0.02, Stop="1"))
     one.run(5, z=-0.02)
     assert one.robot.state is State.ON
     assert one.z() == pytest.approx(-0.2)
     assert one.robot.late == 0
+
+
+def test_after_the_stop_channel_the_program_ends_in_peace_and_a_person_starts_it_again() -> None:
+    """Public programs call RSI_OFF behind RSI_MOVECORR. KUKA's client library waits for the silence."""
+    one = rig(off_after_ms=12.0, restart_s=1.0)
+    one.run(10, z=-0.02)
+    one.cycle(lambda ipoc: answer(ipoc, Stop="1"))
+    one.run(3)
+    assert one.robot.state is State.ON
+    assert one.next() == []
+    assert (one.robot.state, one.robot.error) == (State.CREATED, "")
+    began = one.now
+    while not (out := one.next()):
+        pass
+    assert one.now - began == pytest.approx(1.0)
+    assert actual(decode(out[0]))[2] == pytest.approx(499.8), "it has gone the way that was ordered"
+    one.run(10, z=-0.02)
+    assert one.robot.state is State.MOVECORR
 
 
 # --- limits

@@ -2,7 +2,8 @@
 
 It sends a telegram each cycle by its own clock and takes the answers. RSI_MOVECORR keeps a standing motion active, so
 that the programmed pose stays where the program was begun. Without an answer the cycle counts as late; at the time-out
-the robot stops and RSI ends. Then a person resets the program and starts it, see `RsiProfile.restart_s`.
+the robot stops and RSI ends. The stop tag ends RSI_MOVECORR, and RSI_OFF comes next, as in all public programs. Then a
+person starts the program again, see `RsiProfile.restart_s`.
 
 Source: project specification of RSI, sections 4 to 6.
 """
@@ -88,8 +89,8 @@ class _Session:
     """Values of its telegrams, those that change included."""
     sent: int = 0
     """Telegrams that were sent."""
-    left: bool = False
-    """RSI_MOVECORR has ended."""
+    left_at: float = math.inf
+    """When RSI_MOVECORR has ended."""
     stop_before: bool = False
     """Stop channel of the cycle before."""
     standing: bool = False
@@ -283,7 +284,7 @@ class RsiController:
 
     def _cycle(self, now: float) -> None:
         """The end of a cycle, and the begin of the next."""
-        if self.state is State.ERROR and now >= self._restart_at:
+        if now >= self._restart_at:
             self._begin(now)
         if self._sending and self._session.sent:
             self._end_cycle(now)
@@ -299,12 +300,15 @@ class RsiController:
             return
         session = self._session
         edge, session.stop_before = inputs.stop and not session.stop_before, inputs.stop
-        if not session.left and now - session.begun_at >= self.profile.move_after_ms / 1e3 - _ROUNDING_S:
+        if session.left_at == math.inf and now - session.begun_at >= self.profile.move_after_ms / 1e3 - _ROUNDING_S:
             self.state = State.MOVECORR
-        if self.state is State.ON:
+        if self.profile.off_after_ms and now - session.left_at >= self.profile.off_after_ms / 1e3 - _ROUNDING_S:
+            self.end_program(now)
+            self._restart_later(now)
+        if self.state is not State.MOVECORR:
             return
         if edge:
-            self.state, session.left = State.ON, True
+            self.state, session.left_at = State.ON, now
             self._arm.hold(now)
         elif not self._stopped(now):
             self._correct(inputs, now)
@@ -389,6 +393,9 @@ class RsiController:
         """An error ends RSI: the robot stops on its path."""
         self.state, self.error = State.ERROR, error
         self._arm.hold(now)
+        self._restart_later(now)
+
+    def _restart_later(self, now: float) -> None:
         self._restart_at = now + self.profile.restart_s if self.profile.restart_s else math.inf
 
     # --- telegrams
@@ -468,7 +475,7 @@ class RsiController:
 
     def end_program(self, now: float) -> None:
         """RSI_OFF: nothing is sent any more, and the arm stands."""
-        self.state = State.CREATED
+        self.state, self._restart_at = State.CREATED, math.inf
         self._arm.hold(now)
 
     def reset_program(self, now: float) -> None:

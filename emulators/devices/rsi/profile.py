@@ -38,9 +38,16 @@ class RsiProfile:
     restart_s: float = setting(
         3.0,
         Mark.CHOSEN,
-        "after which a person resets and starts a program that an error has ended; 0: never",
+        "after which a person starts a program again that an error or the stop tag has ended; 0: never",
         at_least(0.0),
         unit="s",
+    )
+    off_after_ms: float = setting(
+        12.0,
+        Mark.ASSUMED,
+        "from the end of RSI_MOVECORR by the stop tag to RSI_OFF, which comes next in all public programs; 0: never",
+        at_least(0.0),
+        unit="ms",
     )
     # --- Ethernet object and its configuration
     sentype: str = setting("ImFree", Mark.OBSERVED, "name that answers must carry")
