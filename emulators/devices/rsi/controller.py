@@ -300,9 +300,15 @@ class RsiController:
             return
         session = self._session
         edge, session.stop_before = inputs.stop and not session.stop_before, inputs.stop
-        if session.left_at == math.inf and now - session.begun_at >= self.profile.move_after_ms / 1e3 - _ROUNDING_S:
+        if (
+            session.left_at == math.inf
+            and now - session.begun_at >= self.profile.move_after_ms / 1e3 - _ROUNDING_S
+        ):
             self.state = State.MOVECORR
-        if self.profile.off_after_ms and now - session.left_at >= self.profile.off_after_ms / 1e3 - _ROUNDING_S:
+        if (
+            self.profile.off_after_ms
+            and now - session.left_at >= self.profile.off_after_ms / 1e3 - _ROUNDING_S
+        ):
             self.end_program(now)
             self._restart_later(now)
         if self.state is not State.MOVECORR:
