@@ -1,10 +1,10 @@
 """Sessions of compiled drivers that other people wrote, replayed: at our emulated devices, and through our decoders.
 
 Their sources were compiled outside of this project. The KUKA's drivers, with stubs for ROS, swing three axes by a sine
-of 10°, counted from the axes of the start; some 60 cycles of each are kept. KUKA's own client library reads telegrams by
-the place of each character, and ends with its stop. FZI's driver has a thread of its own for the wire. Universal Robots' C++ client library is called
-by programs of ours. In place of its own program for the controller stands ours, which goes by the same messages. Their
-client in Python records seven samples with its own configuration.
+of 10°, counted from the axes of the start; some 60 cycles of each are kept. KUKA's own client library reads telegrams
+by the place of each character, and ends with its stop. FZI's driver has a thread of its own for the wire. Universal
+Robots' C++ client library is called by programs of ours. In place of its own program for the controller stands ours,
+which goes by the same messages. Their client in Python records seven samples with its own configuration.
 What a driver read and sent it tells in its own numbers.
 """
 
