@@ -65,7 +65,9 @@ class RsiProfile:
         Mark.CHOSEN,
         "tags of its telegrams, in order, as its configuration names them",
     )
-    rob_type_attr: Literal["Type", "TYPE"] = setting("Type", Mark.ASSUMED, "spelling in its root")
+    rob_type_attr: Literal["Type", "TYPE"] = setting(
+        "Type", Mark.OBSERVED, "spelling in its root: so in KUKA's own client library, in capitals in simulators"
+    )
     precision: int = setting(4, Mark.OBSERVED, "decimals of its numbers", between(1, 32))
     onlysend: bool = setting(False, Mark.OBSERVED, "it expects no answers, and takes none")
     timeout: int = setting(
