@@ -66,7 +66,9 @@ class RsiProfile:
         "tags of its telegrams, in order, as its configuration names them",
     )
     rob_type_attr: Literal["Type", "TYPE"] = setting(
-        "Type", Mark.OBSERVED, "spelling in its root: so in KUKA's own client library, in capitals in simulators"
+        "Type",
+        Mark.OBSERVED,
+        "spelling in its root: so in KUKA's own client library, in capitals in simulators",
     )
     precision: int = setting(4, Mark.OBSERVED, "decimals of its numbers", between(1, 32))
     onlysend: bool = setting(False, Mark.OBSERVED, "it expects no answers, and takes none")
