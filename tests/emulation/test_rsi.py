@@ -335,7 +335,7 @@ def test_a_jump_stops_the_robot_where_it_is() -> None:
         one.run(5)
         one.cycle(lambda ipoc, value=value: answer(ipoc, **value))  # type: ignore[misc]
         assert one.next() == []
-        assert (one.robot.error, one.robot.correction) == (TOO_FAST, (0.0,) * 6)
+        assert (one.robot.error, one.robot.correction) == (TOO_FAST, (0.0,) * 12)
     slow = rig(cycle_ms=12)
     slow.run(2, z=-2.9)  # as fast as 0.97 mm in 4 ms
     slow.next()
@@ -425,7 +425,7 @@ def test_a_person_resets_the_program_and_it_begins_where_the_robot_stands() -> N
         assert telegram.values["RSol.Z"] == "495.0000"
         assert actual(telegram)[2] == pytest.approx(495.0, abs=0.01)
         assert telegram.ipoc == pytest.approx(clock, abs=200)
-        assert one.robot.correction == (0.0,) * 6
+        assert one.robot.correction == (0.0,) * 12
 
 
 @pytest.mark.parametrize(
@@ -488,7 +488,7 @@ def test_no_bytes_move_the_robot(data: Sequence[bytes]) -> None:
     one.run(2)
     one.robot.endpoint.receive(data, one.now)
     one.next()
-    assert one.robot.correction == (0.0,) * 6
+    assert one.robot.correction == (0.0,) * 12
 
 
 def test_a_flood_of_answers_is_not_read_to_its_end() -> None:

@@ -170,8 +170,8 @@ class RsiController:
 
     @property
     def correction(self) -> tuple[float, ...]:
-        """The total correction, mm and degrees."""
-        return self._session.correction.total
+        """The total correction: X Y Z in mm, A B C in degrees; then that of the axes, degrees."""
+        return self._session.correction.total + self._session.axes.total
 
     @property
     def ordered_pose(self) -> Pose:
@@ -383,7 +383,7 @@ class RsiController:
         ethernet = Ethernet(self.profile, self.unmodelled)
         self._ordered = NOTHING * 2
         axes = self._axes_of(programmed)
-        correction = AxisCorrection(self.profile, axes, self._kinematics.model.axis_speeds_deg_s)
+        correction = AxisCorrection(self.profile, axes, self._kinematics.model)
         return _Session(
             now, ethernet, Correction(self.profile, programmed), correction, self._lasting(programmed, axes)
         )
