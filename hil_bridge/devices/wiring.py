@@ -90,11 +90,16 @@ class Serving:
         self.attach(endpoint, listening.transport)
         return listening.address
 
-    async def serve_datagrams(self, url: str, endpoint: Any, speak_first: bool = False) -> str:
-        """The same with datagrams, on which the client speaks first, or the device does."""
+    async def serve_datagrams(
+        self, url: str, endpoint: Any, speak_first: bool = False, beats: bool = False
+    ) -> str:
+        """The same with datagrams, on which the client speaks first, or the device does. One that `beats` is told how
+        late this computer wakes it.
+        """
         if speak_first:
             wire = await opening.connect_datagrams(url, self.clock, self._tell_once)
-            self.attach(_Beating(endpoint, wire.take_in, self.clock.computer_now), wire)
+            device = _Beating(endpoint, wire.take_in, self.clock.computer_now) if beats else endpoint
+            self.attach(device, wire)
             return url.replace("udp://", "udp-bind://", 1)
         listening = await opening.listen_datagrams(url, self.clock)
         self.attach(endpoint, listening.transport)
@@ -126,10 +131,10 @@ class Serving:
 
 
 class _Beating:
-    """A device that speaks first and tells something at each beat of its own, on a computer that wakes it late.
+    """A device that tells something at each beat of its own, on a computer that wakes it late.
 
-    It learns at which time it is woken, so that it skips the beats that are missed: by the time of their due it would
-    tell all at once, and no answer came in time. Answers that lie in the system's buffer come before the beat.
+    It learns at which time it is woken, so that it does not tell all at once that it has missed: by the time of their
+    due it would. Answers that lie in the system's buffer come before the beat.
     """
 
     __slots__ = ("_endpoint", "_now", "_take_in", "data_to_send", "next_deadline", "next_event", "receive")

@@ -123,21 +123,25 @@ def test_the_clock_counts_milliseconds(cycle_ms: int) -> None:
     assert one.now - began == pytest.approx(0.25 * cycle_ms)
 
 
-def test_a_process_that_stalls_misses_cycles_and_counts_none_late() -> None:
+def test_telegrams_of_cycles_that_a_stalled_process_has_missed_are_lost_ones() -> None:
+    """A client tells by the count of late answers whether its newest was taken, as after a loss on the wire."""
     one = rig()
     one.run(2)
-    one.now += 1.0
+    one.now += 0.1
     one.robot.endpoint.handle_deadline(one.now)
     (raw,) = one.robot.endpoint.data_to_send(one.now)
-    assert decode(raw).ipoc == 123460 + 1000
-    assert one.robot.late == 0
+    assert decode(raw).ipoc == 123460 + 100
+    assert one.robot.late == 24, "all but the one that was answered"
     assert one.robot.endpoint.next_deadline() == pytest.approx(one.now + 0.004)
+    one.now += 3600.0
+    one.robot.endpoint.handle_deadline(one.now)
+    assert one.robot.error.startswith("KSS29002")
 
 
 def test_a_process_that_is_late_tells_the_state_of_the_cycle_that_is_due() -> None:
-    """It wakes 1.5 ms behind a cycle, while the arm moves: the telegram is that of a process which is in time."""
+    """It wakes 3 ms behind a cycle, while the arm moves: the telegram is that of a process which is in time."""
     telegrams: list[bytes] = []
-    for late_s in (0.0, 0.0015):
+    for late_s in (0.0, 0.003):
         one = rig()
         one.run(40, z=-0.1)
         due = one.robot.endpoint.next_deadline()
@@ -146,24 +150,6 @@ def test_a_process_that_is_late_tells_the_state_of_the_cycle_that_is_due() -> No
         telegrams += one.robot.endpoint.data_to_send(due + 0.004 + late_s)
     assert telegrams[0] == telegrams[1]
     assert b'Z="500.0000"' not in telegrams[0].split(b"<RSol")[0], "the arm has moved"
-
-
-def test_a_client_has_half_a_cycle_at_least_and_a_process_that_is_always_late_tells_every_second_one() -> (
-    None
-):
-    """On a busy computer 224 of 7500 answers of a client of high priority counted as late: it was asked too late."""
-    one = rig()
-    one.run(10)
-    clocks: list[int] = []
-    for _ in range(8):
-        due = one.robot.endpoint.next_deadline()
-        assert due is not None
-        one.robot.endpoint.handle_deadline(due + 0.0035)
-        sent = [decode(raw).ipoc for raw in one.robot.endpoint.data_to_send(due)]
-        one.robot.endpoint.receive([answer(ipoc) for ipoc in sent], due)
-        clocks += sent
-    assert np.diff(clocks).tolist() == [8, 8, 8]
-    assert one.robot.late == 0
 
 
 def test_further_channels_and_other_spellings_are_sent() -> None:

@@ -55,8 +55,8 @@ _ANSWERS_A_CYCLE = 64
 """Chosen: answers of a cycle that are looked at. A peer that floods the port is not served."""
 
 _ROUNDING_S = 1e-9
-_TOO_LATE = 0.5
-"""Chosen: share of a cycle by which its telegram may leave late; a process that is always later tells every second."""
+_MOST_MISSED = 1000
+"""Chosen: missed cycles that are run; a process that has slept for longer has timed out anyway."""
 _EMERGENCY_STOP = "emergency-stop"
 _NO_NUMBER = "NaN"
 NO_AXES: Axes = (math.nan,) * 6
@@ -117,8 +117,6 @@ class RsiController:
         """Pose that was told last, and its axes."""
         self._contact: ContactSource | None = None
         self._powered_at, self._beats = now, 0
-        self._skipped_late = False
-        """The cycle before was skipped, for it was too late to tell it."""
         self._ipoc = profile.ipoc_start - profile.cycle_ms
         self._own = OwnFaults()
         self._told_pose = ToldPose(self._arm.pose)
@@ -249,26 +247,16 @@ class RsiController:
         return self._next_beat()
 
     def handle_deadline(self, now: float) -> None:
-        """Cycles that a stalled process has missed are skipped, and so is one of which less than half is left: a real
-        controller would not have missed them, and gives its client the whole of each. The newest that is due is told as
-        of its own time.
+        """Telegrams of cycles that a stalled process has missed count as lost on the wire: told all at once, they would
+        only be in the way of the newest. That one is told as of its own time.
         """
-        behind = (now - self._next_beat()) / self.profile.period + _ROUNDING_S
-        if behind < 0.0:
-            return
-        self._skip(math.floor(behind))
-        too_late = behind % 1.0 > _TOO_LATE and not self._skipped_late
-        self._skipped_late = too_late
-        if too_late:
-            self._skip(1)
-            return
-        at = self._next_beat()
-        self._beats += 1
-        self._cycle(at)
-
-    def _skip(self, cycles: int) -> None:
-        self._beats += cycles
-        self._advance_clock(cycles)
+        missed = math.floor((now - self._next_beat()) / self.profile.period + _ROUNDING_S)
+        if (slept := missed - _MOST_MISSED) > 0:
+            self._beats += slept
+            self._advance_clock(slept)
+        while (at := self._next_beat()) <= now:
+            self._beats += 1
+            self._cycle(at, silent=self._next_beat() <= now + _ROUNDING_S)
 
     # --- cycles
 
@@ -282,8 +270,8 @@ class RsiController:
     def _advance_clock(self, cycles: int) -> None:
         self._ipoc = (self._ipoc + cycles * self.profile.cycle_ms) & LARGEST_IPOC
 
-    def _cycle(self, now: float) -> None:
-        """The end of a cycle, and the begin of the next."""
+    def _cycle(self, now: float, silent: bool) -> None:
+        """The end of a cycle, and the begin of the next; `silent` where its telegram gets lost."""
         if now >= self._restart_at:
             self._begin(now)
         if self._sending and self._session.sent:
@@ -291,6 +279,8 @@ class RsiController:
         self._advance_clock(1)
         if self._sending:
             self._send(now)
+            if silent:
+                self._out.clear()
 
     def _end_cycle(self, now: float) -> None:
         self._taken = 0
