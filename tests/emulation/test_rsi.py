@@ -123,19 +123,15 @@ def test_the_clock_counts_milliseconds(cycle_ms: int) -> None:
     assert one.now - began == pytest.approx(0.25 * cycle_ms)
 
 
-def test_telegrams_of_cycles_that_a_stalled_process_has_missed_are_lost_ones() -> None:
-    """A client tells by the count of late answers whether its newest was taken, as after a loss on the wire."""
+def test_a_process_that_stalls_misses_cycles_and_counts_none_late() -> None:
     one = rig()
     one.run(2)
-    one.now += 0.1
+    one.now += 1.0
     one.robot.endpoint.handle_deadline(one.now)
     (raw,) = one.robot.endpoint.data_to_send(one.now)
-    assert decode(raw).ipoc == 123460 + 100
-    assert one.robot.late == 24, "all but the one that was answered"
+    assert decode(raw).ipoc == 123460 + 1000
+    assert one.robot.late == 0
     assert one.robot.endpoint.next_deadline() == pytest.approx(one.now + 0.004)
-    one.now += 3600.0
-    one.robot.endpoint.handle_deadline(one.now)
-    assert one.robot.error.startswith("KSS29002")
 
 
 def test_a_process_that_is_late_tells_the_state_of_the_cycle_that_is_due() -> None:

@@ -55,8 +55,6 @@ _ANSWERS_A_CYCLE = 64
 """Chosen: answers of a cycle that are looked at. A peer that floods the port is not served."""
 
 _ROUNDING_S = 1e-9
-_MOST_MISSED = 1000
-"""Chosen: missed cycles that are run; a process that has slept for longer has timed out anyway."""
 _EMERGENCY_STOP = "emergency-stop"
 _NO_NUMBER = "NaN"
 NO_AXES: Axes = (math.nan,) * 6
@@ -247,16 +245,18 @@ class RsiController:
         return self._next_beat()
 
     def handle_deadline(self, now: float) -> None:
-        """Telegrams of cycles that a stalled process has missed count as lost on the wire: told all at once, they would
-        only be in the way of the newest. That one is told as of its own time.
+        """Cycles that a stalled process has missed are skipped: a real controller would not have missed them. The
+        newest that is due is told as of its own time.
         """
-        missed = math.floor((now - self._next_beat()) / self.profile.period + _ROUNDING_S)
-        if (slept := missed - _MOST_MISSED) > 0:
-            self._beats += slept
-            self._advance_clock(slept)
-        while (at := self._next_beat()) <= now:
-            self._beats += 1
-            self._cycle(at, silent=self._next_beat() <= now + _ROUNDING_S)
+        due = self._next_beat()
+        if now < due:
+            return
+        missed = math.floor((now - due) / self.profile.period + _ROUNDING_S)
+        self._beats += missed
+        self._advance_clock(missed)
+        at = self._next_beat()
+        self._beats += 1
+        self._cycle(at)
 
     # --- cycles
 
@@ -270,8 +270,8 @@ class RsiController:
     def _advance_clock(self, cycles: int) -> None:
         self._ipoc = (self._ipoc + cycles * self.profile.cycle_ms) & LARGEST_IPOC
 
-    def _cycle(self, now: float, silent: bool) -> None:
-        """The end of a cycle, and the begin of the next; `silent` where its telegram gets lost."""
+    def _cycle(self, now: float) -> None:
+        """The end of a cycle, and the begin of the next."""
         if now >= self._restart_at:
             self._begin(now)
         if self._sending and self._session.sent:
@@ -279,8 +279,6 @@ class RsiController:
         self._advance_clock(1)
         if self._sending:
             self._send(now)
-            if silent:
-                self._out.clear()
 
     def _end_cycle(self, now: float) -> None:
         self._taken = 0
