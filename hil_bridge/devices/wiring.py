@@ -90,11 +90,15 @@ class Serving:
         self.attach(endpoint, listening.transport)
         return listening.address
 
-    async def serve_datagrams(self, url: str, endpoint: Any, speak_first: bool = False) -> str:
-        """The same with datagrams, on which the client speaks first, or the device does."""
+    async def serve_datagrams(
+        self, url: str, endpoint: Any, speak_first: bool = False, counts_late: bool = False
+    ) -> str:
+        """The same with datagrams, on which the client speaks first, or the device does. One that `counts_late` answers
+        reads those that have come before it ends a cycle.
+        """
         if speak_first:
             wire = await opening.connect_datagrams(url, self.clock, self._tell_once)
-            self.attach(_Beating(endpoint, wire.take_in), wire)
+            self.attach(_Beating(endpoint, wire.take_in) if counts_late else endpoint, wire)
             return url.replace("udp://", "udp-bind://", 1)
         listening = await opening.listen_datagrams(url, self.clock)
         self.attach(endpoint, listening.transport)
@@ -126,7 +130,7 @@ class Serving:
 
 
 class _Beating:
-    """A device that speaks first and ends a cycle at each beat of its own.
+    """A device that speaks first, and counts answers that have not come before its next beat.
 
     A beat may wait for this computer for long. An answer that lies in the system's buffer meanwhile has come before it.
     """

@@ -162,7 +162,7 @@ async def served(
     monkeypatch.setattr(opening, "connect_datagrams", connect)
     async with AsyncExitStack() as stack:
         serving = Serving(clock, stack, fail, fail)
-        await serving.serve_datagrams("udp://127.0.0.1:1", robot.endpoint, speak_first=True)
+        await serving.serve_datagrams("udp://127.0.0.1:1", robot.endpoint, speak_first=True, counts_late=True)
         computer.next_timer(EARLY_S)
         yield computer, wire
 

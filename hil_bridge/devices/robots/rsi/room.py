@@ -77,7 +77,7 @@ def make(settings: KindSettings[RsiLink, RsiProfile]) -> RobotFactory:
 
 async def serve(url: str, robot: Any, settings: KindSettings[RsiLink, RsiProfile], serving: Serving) -> str:
     """Let the emulated controller send to a URL."""
-    return await serving.serve_datagrams(url, robot.endpoint, speak_first=True)
+    return await serving.serve_datagrams(url, robot.endpoint, speak_first=True, counts_late=True)
 
 
 def usual(settings: KindSettings[RsiLink, RsiProfile], virtual: bool) -> str:
