@@ -62,7 +62,7 @@ def conform(
     from hil_bridge.devices.kinds import ROBOTS
     from hil_bridge.lab.conform.client import ProcessClient
     from hil_bridge.lab.conform.rules import describe_rules, read_rules
-    from hil_bridge.lab.conform.stage import Trial, choose_scenarios
+    from hil_bridge.lab.conform.robots.stage import Trial, choose_scenarios
     from hil_bridge.lab.conform.trying import play_all, usual_port
     from hil_bridge.record.files import check_place, write_whole
     from hil_bridge.runs.signals import as_ctrl_c
@@ -82,7 +82,7 @@ def conform(
     port = usual_port(config, listen, command)
     trial = Trial(config, port, rules, partial(ProcessClient, command))
     names = choose_scenarios(trial, only)
-    from hil_bridge.lab.conform.judging import Outcome
+    from hil_bridge.lab.conform.robots.judging import Outcome
     from hil_bridge.lab.conform.reports import as_json, as_junit, not_modelled, table, totals
 
     with as_ctrl_c():

@@ -26,8 +26,8 @@ from hil_bridge.devices.kinds import (
 )
 from hil_bridge.devices.sensors.jr3.room import CAN_GATEWAY, UART_GATEWAY
 from hil_bridge.errors import ConfigError
-from hil_bridge.lab.conform.scenarios import NOMINAL, SCENARIOS, Rules
-from hil_bridge.lab.conform.stage import Trial
+from hil_bridge.lab.conform.robots.scenarios import NOMINAL, SCENARIOS, Rules
+from hil_bridge.lab.conform.robots.stage import Trial
 from hil_bridge.record import read
 from hil_bridge.record.device_facts import devices_of
 from hil_bridge.runs.checks import problems

@@ -15,8 +15,8 @@ import pytest
 
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.conform.client import ProcessClient
-from hil_bridge.lab.conform.scenarios import Rules
-from hil_bridge.lab.conform.stage import Played, Trial, choose_scenarios
+from hil_bridge.lab.conform.robots.scenarios import Rules
+from hil_bridge.lab.conform.robots.stage import Played, Trial, choose_scenarios
 from hil_bridge.lab.conform.trying import play_all, usual_port
 from hil_bridge.settings.configuration import load_config
 

@@ -7,7 +7,7 @@ from click.testing import CliRunner
 
 from hil_bridge.cli import cli
 from hil_bridge.errors import BridgeError
-from hil_bridge.lab.conform.stage import where_of
+from hil_bridge.lab.conform.robots.stage import where_of
 from hil_bridge.lab.conform.trying import usual_port
 from hil_bridge.settings.configuration import load_config
 from hil_bridge.settings.devices import robot_at

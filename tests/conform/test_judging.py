@@ -9,12 +9,12 @@ import pytest
 from emulators.orders import Act, HeardOrder, Hindrance, Reach
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.conform.client import Where
-from hil_bridge.lab.conform.judging import Outcome, Verdict, judge
+from hil_bridge.lab.conform.robots.judging import Outcome, Verdict, judge
 from hil_bridge.lab.conform.reports import as_json, as_junit, not_modelled, table, totals
 from hil_bridge.lab.conform.rules import read_rules
-from hil_bridge.lab.conform.scenarios import Rules
-from hil_bridge.lab.conform.stage import Played
-from hil_bridge.lab.conform.watching import Seen, ToolLook, Watch
+from hil_bridge.lab.conform.robots.scenarios import Rules
+from hil_bridge.lab.conform.robots.stage import Played
+from hil_bridge.lab.conform.robots.watching import Seen, ToolLook, Watch
 from protocol.geometry import Pose, turn_by
 from protocol.unmodelled import NotModelled
 

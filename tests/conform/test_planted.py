@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from hil_bridge.clock import run_virtual
-from hil_bridge.lab.conform.judging import Outcome
-from hil_bridge.lab.conform.scenarios import Rules
-from hil_bridge.lab.conform.stage import Played, Trial, play
+from hil_bridge.lab.conform.robots.judging import Outcome
+from hil_bridge.lab.conform.robots.scenarios import Rules
+from hil_bridge.lab.conform.robots.stage import Played, Trial, play
 from hil_bridge.runs.compose import choose_port
 from hil_bridge.settings.configuration import load_config
 from hil_bridge.settings.devices import robot_at

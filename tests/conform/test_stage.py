@@ -11,9 +11,9 @@ from hil_bridge.devices.robots.seam import MotionLimits
 from hil_bridge.devices.wiring import Wiring
 from hil_bridge.errors import BridgeError
 from hil_bridge.lab.conform.client import Where
-from hil_bridge.lab.conform.judging import Outcome
-from hil_bridge.lab.conform.scenarios import SCENARIOS, Rules
-from hil_bridge.lab.conform.stage import Played, Trial, play
+from hil_bridge.lab.conform.robots.judging import Outcome
+from hil_bridge.lab.conform.robots.scenarios import SCENARIOS, Rules
+from hil_bridge.lab.conform.robots.stage import Played, Trial, play
 from hil_bridge.runs.compose import choose_port, connect_robot
 from hil_bridge.settings.configuration import Config, load_config
 from hil_bridge.settings.devices import robot_at

@@ -9,9 +9,9 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 from xml.etree import ElementTree
 
-from hil_bridge.lab.conform.judging import Outcome
-from hil_bridge.lab.conform.scenarios import SCENARIOS, SUITE_VERSION, Rules
-from hil_bridge.lab.conform.stage import Played
+from hil_bridge.lab.conform.robots.judging import Outcome
+from hil_bridge.lab.conform.robots.scenarios import SCENARIOS, SUITE_VERSION, Rules
+from hil_bridge.lab.conform.robots.stage import Played
 from protocol.unmodelled import relied_on
 
 _NOT_XML = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")

@@ -5,7 +5,7 @@ from dataclasses import fields
 from typing import Any
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.lab.conform.scenarios import Rules
+from hil_bridge.lab.conform.robots.scenarios import Rules
 from protocol.marks import settings
 
 

@@ -11,9 +11,9 @@ from hil_bridge.clock import run_real
 from hil_bridge.devices.kinds import ROBOTS
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.conform.client import ProcessClient
-from hil_bridge.lab.conform.judging import Outcome
-from hil_bridge.lab.conform.scenarios import NOMINAL, Rules
-from hil_bridge.lab.conform.stage import Played, Trial, choose_scenarios, play, refuse_scenario
+from hil_bridge.lab.conform.robots.judging import Outcome
+from hil_bridge.lab.conform.robots.scenarios import NOMINAL, Rules
+from hil_bridge.lab.conform.robots.stage import Played, Trial, choose_scenarios, play, refuse_scenario
 from hil_bridge.runs.compose import choose_port
 from hil_bridge.settings.configuration import Config, load_config
 from hil_bridge.settings.devices import robot_at

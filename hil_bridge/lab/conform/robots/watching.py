@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from emulators.orders import Act, HeardOrder, Hindrance
-from hil_bridge.lab.conform.scenarios import MOVED_M, MOVED_RAD, Rules
-from hil_bridge.lab.conform.strides import Stride, Strides
+from hil_bridge.lab.conform.robots.scenarios import MOVED_M, MOVED_RAD, Rules
+from hil_bridge.lab.conform.robots.strides import Stride, Strides
 from protocol.geometry import Pose, Quaternion, Vector, angle_between
 
 _WINDOW_S = 0.05

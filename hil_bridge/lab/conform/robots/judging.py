@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from itertools import islice
 
-from hil_bridge.lab.conform.scenarios import (
+from hil_bridge.lab.conform.robots.scenarios import (
     CUT,
     EMERGENCY,
     LATE,
@@ -18,7 +18,7 @@ from hil_bridge.lab.conform.scenarios import (
     STOPPED,
     Rules,
 )
-from hil_bridge.lab.conform.watching import Seen
+from hil_bridge.lab.conform.robots.watching import Seen
 
 
 class Outcome(StrEnum):

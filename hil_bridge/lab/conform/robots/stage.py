@@ -14,8 +14,8 @@ from hil_bridge.clock import Clock
 from hil_bridge.devices.kinds import ROBOTS
 from hil_bridge.errors import BridgeError, ConfigError, DeviceError
 from hil_bridge.lab.conform.client import Client, Where
-from hil_bridge.lab.conform.judging import Outcome, Verdict, judge
-from hil_bridge.lab.conform.scenarios import (
+from hil_bridge.lab.conform.robots.judging import Outcome, Verdict, judge
+from hil_bridge.lab.conform.robots.scenarios import (
     CUT,
     EMERGENCY,
     LATE,
@@ -28,7 +28,7 @@ from hil_bridge.lab.conform.scenarios import (
     STOPPED,
     Rules,
 )
-from hil_bridge.lab.conform.watching import Seen, ToolLook, Watch
+from hil_bridge.lab.conform.robots.watching import Seen, ToolLook, Watch
 from hil_bridge.runs.compose import emulated_cell, follow_unmodelled
 from hil_bridge.runs.faults.panel import FaultPanel
 from hil_bridge.runs.setup import Listen, Setup
