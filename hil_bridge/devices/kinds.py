@@ -159,6 +159,10 @@ class SensorEmulation(Generic[_Client, _Emulated]):
     """As of a `RobotEmulation`."""
     faults: Mapping[str, Mapping[str, Fault]] = field(default_factory=dict)
     """As of a `RobotEmulation`."""
+    mishaps: Mapping[str, str] = field(default_factory=dict)
+    """Faults of its target `sensor`, by scenario of `hil-bridge conform`: status. In them it says that its values are
+    wrong or not new.
+    """
 
 
 class CanBus(NamedTuple):

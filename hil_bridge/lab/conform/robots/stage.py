@@ -1,25 +1,20 @@
-"""One scenario after the other, each with a fresh emulated robot and a fresh client."""
+"""Scenarios of a robot's client."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, NamedTuple
-from urllib.parse import parse_qsl, urlsplit
+from typing import ClassVar
 
-from emulators.cell import Cell
 from emulators.faults.packets import WIRE
 from emulators.orders import TellingRobot
-from hil_bridge.clock import Clock
 from hil_bridge.devices.kinds import ROBOTS
-from hil_bridge.errors import BridgeError, ConfigError, DeviceError
+from hil_bridge.errors import ConfigError
 from hil_bridge.lab.conform.client import Client, Where
-from hil_bridge.lab.conform.robots.judging import Outcome, Verdict, judge
+from hil_bridge.lab.conform.robots.judging import judge
 from hil_bridge.lab.conform.robots.scenarios import (
-    CUT,
     EMERGENCY,
     LATE,
-    NOMINAL,
     REFUSED,
     SCENARIOS,
     STILL_M,
@@ -29,56 +24,29 @@ from hil_bridge.lab.conform.robots.scenarios import (
     Rules,
 )
 from hil_bridge.lab.conform.robots.watching import Seen, ToolLook, Watch
-from hil_bridge.runs.compose import emulated_cell, follow_unmodelled
-from hil_bridge.runs.faults.panel import FaultPanel
-from hil_bridge.runs.setup import Listen, Setup
-from hil_bridge.settings.configuration import Config
+from hil_bridge.lab.conform.trial import CUT, NOMINAL, Ended, InCell, Mishap, Played, Scene, Trial, skip
+from hil_bridge.lab.conform.verdict import Outcome, Verdict
+from hil_bridge.runs.compose import ServedCell
+from hil_bridge.runs.setup import Listen
 from hil_bridge.settings.devices import Robot
 from protocol.geometry import angle_between
-from protocol.unmodelled import NotModelled
-
-_LOOK_S = 0.01
-"""Chosen: time between two looks at the robot and the client."""
 
 
-class Mishap(NamedTuple):
-    """The fault of a scenario."""
+@dataclass(frozen=True)
+class RobotTrial(Trial[Seen]):
+    """A client of a robot under trial."""
 
-    on: str
-    fault: str
-    given: Mapping[str, Any] = {}
-    """Its parameters, and its duration."""
-
-
-@dataclass(frozen=True, slots=True)
-class Played:
-    """A scenario that was played."""
-
-    name: str
-    verdict: Verdict
-    seen: Seen
-    output: str
-    """The end of what the client wrote."""
-    seconds: float
-    not_modelled: tuple[NotModelled, ...] = ()
-    """Things that the client used and the emulated robot does not model."""
-
-
-@dataclass(frozen=True, slots=True)
-class Trial:
-    """The client under trial, and the rules of the trial."""
-
-    config: Config
-    """The kind of robot is `robot.emulated`."""
-    port: str
-    """URL on which the robot listens."""
+    thing: ClassVar[str] = "robot"
     rules: Rules
-    make_client: Callable[[], Client]
+
+    @property
+    def kind(self) -> str:
+        return self.config.robot.emulated
 
     @property
     def mishaps(self) -> dict[str, Mishap | None]:
         """The fault of each scenario, in the order of the scenarios. Raises ConfigError for a robot without any."""
-        kind = ROBOTS.kind(self.config.robot.emulated)
+        kind = ROBOTS.kind(self.kind)
         if kind.emulation is None or not kind.emulation.mishaps:
             raise ConfigError(f"{kind.name}: its emulator says no mishaps by which a client can be judged")
         emulation = kind.emulation
@@ -95,89 +63,61 @@ class Trial:
         }
         return {name: can_have.get(name) for name in SCENARIOS if name == NOMINAL or name in can_have}
 
+    @property
+    def scenarios(self) -> Mapping[str, str]:
+        return {name: SCENARIOS[name] for name in self.mishaps}
 
-def choose_scenarios(trial: Trial, only: Sequence[str]) -> list[str]:
-    """Names of the scenarios to be played. Raises ConfigError for one that this robot does not have."""
-    there = trial.mishaps
-    for name in only:
-        if name not in there:
-            raise ConfigError(
-                f"no scenario {name!r} for {trial.config.robot.emulated}; there are {', '.join(there)}"
-            )
-    return [name for name in there if not only or name in only]
+    @property
+    def listen(self) -> Listen:
+        return Listen(self.port, None)
 
+    def device_of(self, served: ServedCell) -> Robot:
+        assert served.robot is not None
+        return served.robot
 
-async def play(name: str, trial: Trial) -> Played:
-    """Play one scenario and judge. Raises BridgeError when the emulator cannot be served."""
-    clock = Clock.running()
-    client = trial.make_client()
-    failures: list[BaseException] = []
-    things: list[NotModelled] = []
-    begun = clock.now()
-    try:
-        setup = Setup(trial.config, Listen(trial.port, None))
-        async with emulated_cell(setup, clock, failures.append) as served:
-            assert served.robot is not None
-            follow_unmodelled(served.cell, things.append)
-            scene = _Scene(name, trial, _ServedCell(served.cell, clock, failures), client)
-            await scene.play(where_of(served.robot))
-            seen = scene.watch.seen
-    finally:
-        client.kill()
-        clock.close()
-    seconds = clock.now() - begun
-    return Played(name, judge(name, seen, trial.rules), seen, client.output, seconds, tuple(things))
+    def scene(self, name: str, in_cell: InCell, client: Client) -> Scene[Seen]:
+        return _RobotScene(name, self, in_cell, client)
+
+    def judge(self, name: str, seen: Seen) -> Verdict:
+        return judge(name, seen, self.rules)
+
+    def refuse(self, name: str, nominal: Played[Seen]) -> Played[Seen] | None:
+        if nominal.verdict.outcome is Outcome.PASSED or nominal.seen.moved_at is not None:
+            return None
+        unjudged = nominal.verdict.outcome is Outcome.SKIPPED
+        why = (
+            "`nominal` was skipped" if unjudged else "the client does not move the tool when nothing is wrong"
+        )
+        return skip(name, self, why, Seen())
 
 
-def refuse_scenario(name: str, nominal: Played) -> Played:
-    """A scenario that makes no sense, because the client does not even move the tool."""
-    unjudged = nominal.verdict.outcome is Outcome.SKIPPED
-    why = "`nominal` was skipped" if unjudged else "the client does not move the tool when nothing is wrong"
-    return Played(name, Verdict(Outcome.SKIPPED, why), Seen(), "", 0.0)
-
-
-class _Ended(Exception):
-    """The client has ended."""
-
-
-class _ServedCell(NamedTuple):
-    """The emulated cell of a scenario."""
-
-    cell: Cell[Any, Any]
-    clock: Clock
-    failures: list[BaseException]
-    """Reasons for which it can no longer be served."""
-
-
-class _Scene:
+class _RobotScene(Scene[Seen]):
     """A scenario under way."""
 
-    def __init__(self, name: str, trial: Trial, served: _ServedCell, client: Client) -> None:
-        cell, clock, failures = served
-        robot = cell.robot
+    def __init__(self, name: str, trial: RobotTrial, in_cell: InCell, client: Client) -> None:
+        robot = in_cell.cell.robot
         if not isinstance(robot, TellingRobot):
-            raise ConfigError(
-                f"an emulated {trial.config.robot.emulated} does not tell the orders that it hears"
-            )
-        self._name, self._trial, self._cell, self._client, self._clock = name, trial, cell, client, clock
-        self._failures, self._robot = failures, robot
-        self._begun = clock.now()
+            raise ConfigError(f"an emulated {trial.kind} does not tell the orders that it hears")
+        self._name, self._rules, self._robot = name, trial.rules, robot
+        self._mishap = trial.mishaps[name]
         stops = name in (REFUSED, STOPPED, EMERGENCY)
-        self.watch = Watch(self._begun, trial.rules, stops=stops, from_start=name == REFUSED)
-        robot.orders.listener = self.watch.hear
+        self._watch = Watch(in_cell.clock.now(), trial.rules, stops=stops, from_start=name == REFUSED)
+        super().__init__(self._watch.seen, in_cell, client, trial.rules.end_s)
+        robot.orders.listener = self._watch.hear
 
     async def play(self, where: Where) -> None:
         """All of it: the client begins, the fault comes, the client ends, the tool stands or not."""
         self._look()
         if self._name == REFUSED:
-            self._strike()
+            self._let_it_happen()
         self._client.start(where)
-        with suppress(_Ended):
+        with suppress(Ended):
             await self._course()
-        await self._end()
+        await self._end_client()
+        await self._look_at_standstill()
 
     async def _course(self) -> None:
-        rules, seen = self._trial.rules, self.watch.seen
+        rules, seen = self._rules, self.seen
         if self._name == REFUSED:
             await self._until(lambda: seen.first_order_at is not None, rules.start_s - rules.watch_s)
             await self._until(None, rules.watch_s)
@@ -190,7 +130,7 @@ class _Scene:
             return
         await self._until(None, rules.after_s)
         seen.fault_at = self._since()
-        self._strike()
+        self._let_it_happen()
         if self._name != CUT:
             await self._until(None, rules.watch_s)
             return
@@ -199,49 +139,20 @@ class _Scene:
         await self._until(lambda: seen.back_at is not None, rules.back_s)
         await self._until(None, STILL_S)
 
-    def _since(self) -> float:
-        return self._clock.now() - self._begun
+    def _let_it_happen(self) -> None:
+        if self._mishap is not None:
+            self._strike(self._mishap)
 
-    def _strike(self) -> None:
-        if (mishap := self._trial.mishaps[self._name]) is not None:
-            FaultPanel(self._cell, self._clock).inject(mishap.on, mishap.fault, **mishap.given)
-
-    async def _until(self, done: Callable[[], bool] | None, seconds: float) -> None:
-        """Watch until it is done, or the time is over. Raises _Ended when the client ends before."""
-        end = self._clock.now() + seconds
-        while not (done is not None and done()) and self._clock.now() < end:
-            await self._clock.sleep_until(self._clock.now() + _LOOK_S)
-            self._look()
-            if (code := self._client.poll()) is not None:
-                self.watch.seen.exit_code, self.watch.seen.ended_at = code, self._since()
-                raise _Ended
-
-    def _look(self) -> None:
-        if self._failures:
-            cause = self._failures[0]
-            if isinstance(cause, BridgeError):
-                raise cause
-            raise DeviceError(f"the emulated robot failed: {cause!r}") from cause
-        now = self._clock.now()
+    def _observe(self, now: float) -> None:
         state = self._cell.true_state(self._cell.truth_available_from(now))
-        seen = self.watch.seen
-        seen.last_pose = state.position, state.quaternion
+        self.seen.last_pose = state.position, state.quaternion
         tool = ToolLook(state.position, state.quaternion, state.velocity)
-        self.watch.look(now, tool, self._robot.hindrance(now))
+        self._watch.look(now, tool, self._robot.hindrance(now))
 
-    async def _end(self) -> None:
-        """Let the client end, then see whether the tool stands."""
-        rules, seen, client = self._trial.rules, self.watch.seen, self._client
-        if seen.exit_code is None:
-            seen.told_to_end = True
-            client.ask_to_end()
-            try:
-                await self._until(None, rules.end_s)
-                seen.killed = True
-            except _Ended:
-                pass
-        client.kill()
-        for _ in self._looks(rules.stand_s):
+    async def _look_at_standstill(self) -> None:
+        """See whether the tool stands behind the client's end."""
+        seen = self.seen
+        for _ in self._looks(self._rules.stand_s):
             before, since = seen.last_pose, self._clock.now()
             await self._clock.sleep_until(self._clock.now() + STILL_S)
             self._look()
@@ -258,16 +169,3 @@ class _Scene:
     @staticmethod
     def _looks(seconds: float) -> Iterator[int]:
         return iter(range(max(1, math.ceil(seconds / STILL_S))))
-
-
-def where_of(robot: Robot) -> Where:
-    """How a client finds a robot that is served."""
-    wire = robot.kind.parse(robot.url, robot.settings)
-    names = {"url": robot.named_url}
-    host, mark, port = wire.target.rpartition(":")
-    if mark and port.isdigit():
-        names |= {"host": host.strip("[]"), "port": port}
-    elif wire.scheme == "serial":
-        names["device"] = wire.target
-    names |= {key: value for key, value in parse_qsl(urlsplit(robot.url).query) if value.isalnum()}
-    return Where(robot.named_url, names)
