@@ -1,6 +1,7 @@
 """A run inside a program of a user's own: what it leaves, and what can be done while it goes."""
 
 import asyncio
+import warnings
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from functools import cached_property, partial
@@ -277,6 +278,8 @@ async def simulating(config: Config, observe: Observe | None) -> AsyncIterator[S
     try:
         setup = Setup(config)
         cell = check(setup, clock.is_virtual, clock.now())
+        if setup.remark:
+            warnings.warn(setup.remark, stacklevel=2)
         keeper = KeptRecords(clock.wall_ns, metadata_of(setup.config, clock.is_virtual))
         log = RunLog(clock, [keeper, *([] if observer is None else [observer])])
         simulation: Simulation | None = None
