@@ -215,7 +215,7 @@ EGM = {**SHORT, "robot": {"emulated": "egm"}}
 def test_a_controller_without_a_sample_time_is_told_how_rarely_it_decides() -> None:
     with pytest.warns(
         UserWarning,
-        match="decides every 180 ms, but the robot takes an order every 4 ms: write sample_ms = 4",
+        match="decides every 180 ms, but the robot takes an order every 4 ms",
     ):
         slow = api.simulate(EGM, controller=Proportional())
     assert [event.text for event in slow.events if event.kind == "pace"] == [
