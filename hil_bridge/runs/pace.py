@@ -64,8 +64,9 @@ def set_pace(config: Config, cycle_s: float | None, frame_s: float) -> Config:
 
 
 def describe_pace(config: Config, paced: Config, cycle_s: float | None) -> str:
-    """One line for a person where a controller that declares no sample time decides far more rarely than it could; empty
-    where it does not. `config` is as given, `paced` as of `set_pace`.
+    """One line for a person where a controller without a sample time decides far more rarely than it could; else empty.
+
+    `config` is as given, `paced` as of `set_pace`.
     """
     kind: Any = _find_given(config) or controller_kind(config.controller.name)
     declares = getattr(kind, "sample_ms", None) is not None or config.controller.sample_ms is not None

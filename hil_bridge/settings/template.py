@@ -11,7 +11,8 @@ from pydantic import BaseModel
 
 from hil_bridge.errors.text_files import toml_pair, toml_value
 from hil_bridge.record.field_docstrings import field_docstrings
-from hil_bridge.settings.configuration import Config, is_section, items_of, with_all_kinds
+from hil_bridge.settings.configuration import Config, with_all_kinds
+from hil_bridge.settings.sections import is_section, items_of
 from protocol.marks import Setting, settings
 
 _TABLES = ("faults", "step")

@@ -24,6 +24,7 @@ STOP = {"on": "robot", "fault": "emergency-stop", "phase": "track"}
 SIGNATURES = {
     "load": "(config=None, *, faults=(), controller=None, seed=None) -> Config",
     "simulate": "(config=None, *, faults=(), controller=None, observe=None, seed=None) -> Result",
+    "simulate_async": "(config=None, *, faults=(), controller=None, observe=None, seed=None) -> Result",
     "simulation": "(config=None, *, faults=(), controller=None, observe=None, seed=None) -> Simulation",
     "open_devices": "(config=None) -> OpenDevices",
     "read": "(path) -> Recording",
@@ -32,8 +33,8 @@ SIGNATURES = {
 }
 """Of every function; what an asynchronous context manager gives stands for it."""
 MEMBERS = {
-    "Result": "arrays cause cycles events figures followed left outcome recording retracted save steps text traffic "
-    "truths",
+    "Result": "arrays cause cycles events figures followed left outcome plot recording report retracted save "
+    "steps text traffic truths",
     "OpenDevices": "cell clock panel robot sensor truth",
     "Simulation": "cell clock config finished interrupt panel reached result robot sensor start truth",
 }
@@ -159,8 +160,12 @@ def test_arrays_hold_the_records_by_field(result: api.Result) -> None:
     assert arrays.truths.force.shape == (len(result.truths), 3)
     assert arrays.sensors.counts.shape == (len(result.recording.sensors), 6)
     assert "retract" in arrays.events.text
-    assert len(arrays.steps) == 0
-    assert set(arrays) == set(cycles[0].__struct_fields__)
+    assert arrays.steps.count == 0
+    assert set(arrays) == {"time", *cycles[0].__struct_fields__}
+    assert dict(arrays)["force"] is arrays.force
+    assert len(arrays) == len(list(arrays))
+    assert arrays.time[0] == pytest.approx(cycles[0].controlled_at - result.events[0].at)
+    assert 0.0 < arrays.time[0] < 30.0
     with pytest.raises(ValueError, match="read-only"):
         arrays.force[0] = 1.0
     with pytest.raises(AttributeError, match="no field is called 'forces'"):
