@@ -40,7 +40,7 @@ def _picture(recording: Recording) -> str:
         drawn = save_figure(plot(recording, [_CHART]), "svg").decode()
     except ConfigError:
         return ""
-    return f'<div style="max-width:100%">{drawn[drawn.index("<svg") :]}</div>'
+    return drawn[drawn.index("<svg") :].replace("<svg", '<svg style="max-width: 100%; height: auto"', 1)
 
 
 def _table(rows: Iterable[tuple[str, ...]]) -> str:
