@@ -1,13 +1,21 @@
 """The clock of emulated devices: lateness of the computer is not theirs."""
 
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
+from contextlib import AsyncExitStack, asynccontextmanager
+from typing import Any
 
 import pytest
 
+from emulators.devices.egm import EgmController, EgmProfile
+from emulators.devices.rsi import RsiController, RsiProfile
+from emulators.seams import StartPose
 from hil_bridge.clock import Clock, device_clock, run_real, run_virtual
 from hil_bridge.clock.devices import EARLY_S
+from hil_bridge.devices.wiring import Serving
 from hil_bridge.errors import TransportError
-from hil_bridge.transports import LineSettings, PacedLine
+from hil_bridge.transports import LineSettings, PacedLine, opening
+from protocol.datagram import Datagram
+from protocol.devices.rsi import SENSOR, Telegram, decode, encode, pose_tags
 
 LINE = LineSettings(19200)
 CHARACTER = LINE.bits / LINE.baudrate
@@ -15,6 +23,7 @@ LATE = 0.3 * CHARACTER
 """By which every timer is called back after the time that was asked for."""
 LOOK = 1e-6
 """Time of a look at the clock, s."""
+START = StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2)
 
 
 class LateClock:
@@ -25,6 +34,7 @@ class LateClock:
     def __init__(self) -> None:
         self.time = 1000.0
         self.timers: list[tuple[float, Callable[[], object]]] = []
+        self.computer_now = self.now
 
     def now(self) -> float:
         self.time += LOOK
@@ -51,7 +61,9 @@ class Wire:
     arrive: Callable[[bytes], None]
 
     def __init__(self, clock: Clock) -> None:
-        self.sent: list[tuple[float, bytes]] = []
+        self.sent: list[tuple[float, Any]] = []
+        self.waiting: list[Any] = []
+        """Data in the buffer of the system."""
         self._clock = clock
 
     def start(self, on_data: Callable[[bytes], None], on_end: Callable[[TransportError], None]) -> None:
@@ -59,6 +71,10 @@ class Wire:
 
     def send(self, data: bytes) -> None:
         self.sent.append((self._clock.now(), data))
+
+    def take_in(self) -> None:
+        if self.waiting:
+            self.arrive(self.waiting.pop())
 
     async def aclose(self) -> None:
         """Nothing is open."""
@@ -127,6 +143,60 @@ def test_on_a_running_loop_a_deadline_has_its_own_time() -> None:
 
     when, seen = run_real(main)
     assert seen == [when]
+
+
+def fail(reason: object) -> None:
+    pytest.fail(str(reason))
+
+
+@asynccontextmanager
+async def served(robot: Any, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[tuple[LateClock, Wire]]:
+    """A robot that speaks first, on a computer that wakes it late."""
+    computer = LateClock()
+    clock = device_clock(computer)  # type: ignore[arg-type]
+    wire = Wire(clock)
+
+    async def connect(*_: object) -> Wire:
+        return wire
+
+    monkeypatch.setattr(opening, "connect_datagrams", connect)
+    async with AsyncExitStack() as stack:
+        serving = Serving(clock, stack, fail, fail)
+        await serving.serve_datagrams("udp://127.0.0.1:1", robot.endpoint, speak_first=True)
+        computer.next_timer(EARLY_S)
+        yield computer, wire
+
+
+@pytest.mark.parametrize(
+    "robot",
+    [RsiController(RsiProfile(), START, 1000.0), EgmController(EgmProfile(), START, 1000.0, 1)],
+    ids=["rsi", "egm"],
+)
+async def test_a_robot_tells_nothing_twice_at_once_when_the_computer_has_stalled(
+    robot: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After a burst FZI's driver of a KUKA reads one telegram too few for good: each of its answers was late."""
+    async with served(robot, monkeypatch) as (computer, wire):
+        told = len(wire.sent)
+        computer.next_timer(0.0205)
+        at = computer.time
+        while computer.timers[0][0] < at - EARLY_S:
+            computer.next_timer(EARLY_S)
+        assert [len(data) for _, data in wire.sent[told:]] == [1]
+
+
+async def test_an_answer_that_came_while_the_computer_stalled_is_in_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    robot = RsiController(RsiProfile(), START, 1000.0)
+    async with served(robot, monkeypatch) as (computer, wire):
+        ((_, (telegram,)),) = wire.sent
+        zeros = dict.fromkeys(pose_tags("RKorr"), "0.000000")
+        answer = encode(Telegram(SENSOR, "ImFree", zeros, decode(telegram).ipoc))
+        wire.waiting.append([Datagram(answer, computer.time + 0.001, "client")])
+        computer.next_timer(0.001)
+        assert len(wire.sent) == 2
+        assert robot.late == 0
 
 
 def test_in_virtual_time_it_is_the_clock_itself() -> None:

@@ -2,7 +2,8 @@
 
 It sends a telegram each cycle by its own clock and takes the answers. RSI_MOVECORR keeps a standing motion active, so
 that the programmed pose stays where the program was begun. Without an answer the cycle counts as late; at the time-out
-the robot stops and RSI ends. Then a person resets the program and starts it, see `RsiProfile.restart_s`.
+the robot stops and RSI ends. The stop tag ends RSI_MOVECORR, and RSI_OFF comes next, as in all public programs. Then a
+person starts the program again, see `RsiProfile.restart_s`.
 
 Source: project specification of RSI, sections 4 to 6.
 """
@@ -54,6 +55,8 @@ _ANSWERS_A_CYCLE = 64
 """Chosen: answers of a cycle that are looked at. A peer that floods the port is not served."""
 
 _ROUNDING_S = 1e-9
+_TOO_LATE = 0.5
+"""Chosen: share of a cycle by which its telegram may leave late; a process that is always later tells every second."""
 _EMERGENCY_STOP = "emergency-stop"
 _NO_NUMBER = "NaN"
 NO_AXES: Axes = (math.nan,) * 6
@@ -86,8 +89,8 @@ class _Session:
     """Values of its telegrams, those that change included."""
     sent: int = 0
     """Telegrams that were sent."""
-    left: bool = False
-    """RSI_MOVECORR has ended."""
+    left_at: float = math.inf
+    """When RSI_MOVECORR has ended."""
     stop_before: bool = False
     """Stop channel of the cycle before."""
     standing: bool = False
@@ -114,6 +117,8 @@ class RsiController:
         """Pose that was told last, and its axes."""
         self._contact: ContactSource | None = None
         self._powered_at, self._beats = now, 0
+        self._skipped_late = False
+        """The cycle before was skipped, for it was too late to tell it."""
         self._ipoc = profile.ipoc_start - profile.cycle_ms
         self._own = OwnFaults()
         self._told_pose = ToldPose(self._arm.pose)
@@ -244,18 +249,26 @@ class RsiController:
         return self._next_beat()
 
     def handle_deadline(self, now: float) -> None:
-        """Cycles that a stalled process has missed are skipped: a real controller would not have missed them. The
-        newest that is due is told as of its own time.
+        """Cycles that a stalled process has missed are skipped, and so is one of which less than half is left: a real
+        controller would not have missed them, and gives its client the whole of each. The newest that is due is told as
+        of its own time.
         """
-        due = self._next_beat()
-        if now < due:
+        behind = (now - self._next_beat()) / self.profile.period + _ROUNDING_S
+        if behind < 0.0:
             return
-        missed = math.floor((now - due) / self.profile.period + _ROUNDING_S)
-        self._beats += missed
-        self._advance_clock(missed)
+        self._skip(math.floor(behind))
+        too_late = behind % 1.0 > _TOO_LATE and not self._skipped_late
+        self._skipped_late = too_late
+        if too_late:
+            self._skip(1)
+            return
         at = self._next_beat()
         self._beats += 1
         self._cycle(at)
+
+    def _skip(self, cycles: int) -> None:
+        self._beats += cycles
+        self._advance_clock(cycles)
 
     # --- cycles
 
@@ -271,7 +284,7 @@ class RsiController:
 
     def _cycle(self, now: float) -> None:
         """The end of a cycle, and the begin of the next."""
-        if self.state is State.ERROR and now >= self._restart_at:
+        if now >= self._restart_at:
             self._begin(now)
         if self._sending and self._session.sent:
             self._end_cycle(now)
@@ -287,12 +300,21 @@ class RsiController:
             return
         session = self._session
         edge, session.stop_before = inputs.stop and not session.stop_before, inputs.stop
-        if not session.left and now - session.begun_at >= self.profile.move_after_ms / 1e3 - _ROUNDING_S:
+        if (
+            session.left_at == math.inf
+            and now - session.begun_at >= self.profile.move_after_ms / 1e3 - _ROUNDING_S
+        ):
             self.state = State.MOVECORR
-        if self.state is State.ON:
+        if (
+            self.profile.off_after_ms
+            and now - session.left_at >= self.profile.off_after_ms / 1e3 - _ROUNDING_S
+        ):
+            self.end_program(now)
+            self._restart_later(now)
+        if self.state is not State.MOVECORR:
             return
         if edge:
-            self.state, session.left = State.ON, True
+            self.state, session.left_at = State.ON, now
             self._arm.hold(now)
         elif not self._stopped(now):
             self._correct(inputs, now)
@@ -377,6 +399,9 @@ class RsiController:
         """An error ends RSI: the robot stops on its path."""
         self.state, self.error = State.ERROR, error
         self._arm.hold(now)
+        self._restart_later(now)
+
+    def _restart_later(self, now: float) -> None:
         self._restart_at = now + self.profile.restart_s if self.profile.restart_s else math.inf
 
     # --- telegrams
@@ -456,7 +481,7 @@ class RsiController:
 
     def end_program(self, now: float) -> None:
         """RSI_OFF: nothing is sent any more, and the arm stands."""
-        self.state = State.CREATED
+        self.state, self._restart_at = State.CREATED, math.inf
         self._arm.hold(now)
 
     def reset_program(self, now: float) -> None:

@@ -38,9 +38,16 @@ class RsiProfile:
     restart_s: float = setting(
         3.0,
         Mark.CHOSEN,
-        "after which a person resets and starts a program that an error has ended; 0: never",
+        "after which a person starts a program again that an error or the stop tag has ended; 0: never",
         at_least(0.0),
         unit="s",
+    )
+    off_after_ms: float = setting(
+        12.0,
+        Mark.ASSUMED,
+        "from the end of RSI_MOVECORR by the stop tag to RSI_OFF, which comes next in all public programs; 0: never",
+        at_least(0.0),
+        unit="ms",
     )
     # --- Ethernet object and its configuration
     sentype: str = setting("ImFree", Mark.OBSERVED, "name that answers must carry")
@@ -58,7 +65,11 @@ class RsiProfile:
         Mark.CHOSEN,
         "tags of its telegrams, in order, as its configuration names them",
     )
-    rob_type_attr: Literal["Type", "TYPE"] = setting("Type", Mark.ASSUMED, "spelling in its root")
+    rob_type_attr: Literal["Type", "TYPE"] = setting(
+        "Type",
+        Mark.OBSERVED,
+        "spelling in its root: so in KUKA's own client library, in capitals in simulators",
+    )
     precision: int = setting(4, Mark.OBSERVED, "decimals of its numbers", between(1, 32))
     onlysend: bool = setting(False, Mark.OBSERVED, "it expects no answers, and takes none")
     timeout: int = setting(

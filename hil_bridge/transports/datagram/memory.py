@@ -134,6 +134,9 @@ class MemoryDatagrams:
             taken = target is not None and self._leaving.put(partial(self._reach, bytes(datagram), target))
             self._counts["sent" if taken else "dropped"] += 1
 
+    def take_in(self) -> None:
+        """Nothing waits here."""
+
     def cut(self) -> None:
         """Cut the cable: this end ends with TransportBroken, and the others hear nothing more of it."""
         self._leave_network()

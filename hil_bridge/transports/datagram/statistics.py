@@ -58,6 +58,9 @@ class DatagramWire(Protocol):
         Raises TransportError, and sends none, when one is too large or the wire has ended.
         """
 
+    def take_in(self) -> None:
+        """Deliver what has arrived and lies in the system's buffer, before the loop comes to it."""
+
     async def aclose(self) -> None:
         """As a `Transport`."""
 

@@ -191,6 +191,10 @@ class UdpWire:
 
     # --- receiving
 
+    def take_in(self) -> None:
+        if self._open:
+            self._readable()
+
     def _readable(self) -> None:
         arrived: list[bytes] = []
         failure: OSError | None = None

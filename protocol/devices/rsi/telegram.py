@@ -25,7 +25,7 @@ LARGEST_NUMBER = 1e9
 ROBOT, SENSOR = "Rob", "Sen"
 """Roots: from the robot, and to it."""
 ROOT_TYPES = ("Type", "TYPE")
-"""Spellings of the root's attribute; both were observed."""
+"""Spellings of the root's attribute; both were observed: in the vendor's client library, and in others' simulators."""
 CLOCK = "IPOC"
 _NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]{1,3})?")
 _CLOCK = re.compile(r"[0-9]{1,19}")
@@ -65,7 +65,10 @@ _known: list[_Form] = []
 
 
 def encode(telegram: Telegram, type_attribute: str = ROOT_TYPES[0]) -> bytes:
-    """The telegram in the vendor's form: one line, tags of one element side by side, IPOC last."""
+    """The telegram in the vendor's form: one line, tags of one element side by side, IPOC last.
+
+    Observed: the vendor's own client library (kuka_external_control_sdk) finds each number by its place in that form.
+    """
     form = _form(telegram.root, type_attribute, tuple(telegram.values))
     texts = (telegram.type, *telegram.values.values())
     if _SPECIAL.search("".join(texts)):

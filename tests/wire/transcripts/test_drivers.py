@@ -1,25 +1,26 @@
 """Sessions of compiled drivers that other people wrote, replayed: at our emulated devices, and through our decoders.
 
-Their sources were compiled outside of this project. The KUKA's driver, with stubs for ROS, swings three axes by a sine
-of 10°, counted from the axes of the start; 60 cycles of that are kept. Universal Robots' C++ client library is called
-by programs of ours. In place of its own program for the controller stands ours, which goes by the same messages. Their
-client in Python records seven samples with its own configuration.
+Their sources were compiled outside of this project. The KUKA's drivers, with stubs for ROS, swing three axes by a sine
+of 10°, counted from the axes of the start; some 60 cycles of each are kept. KUKA's own client library reads telegrams
+by the place of each character, and ends with its stop. FZI's driver has a thread of its own for the wire. Universal
+Robots' C++ client library is called by programs of ours. In place of its own program for the controller stands ours,
+which goes by the same messages. Their client in Python records seven samples with its own configuration.
 What a driver read and sent it tells in its own numbers.
 """
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from protocol.devices.rsi import axis_tags, decode
+from protocol.devices.rsi import axis_tags, decode, pose_tags
 from protocol.devices.rtde import primary
 from protocol.devices.rtde.fields import Recipe
 from protocol.devices.rtde.packets import Kind, Reader, read_outputs_request, read_types
 from protocol.devices.rtde.primary import MessageKind, PacketType, Part
-from tools.client_transcripts import CLIENT, DEVICE, Transcript, read, replayed
+from tools.client_transcripts import CLIENT, DEVICE, Stage, Transcript, read, replayed
 from tools.external_control import (
     SERVICES,
     Command,
@@ -36,13 +37,16 @@ from tools.external_control import (
 
 FOLDER = Path(__file__).with_name("drivers")
 DRIVER = read(FOLDER / "rsi-kuka-experimental.txt")
+SDK = read(FOLDER / "rsi-kuka-sdk.txt")
+FZI = read(FOLDER / "rsi-fzi-driver.txt")
 CONTROL = read(FOLDER / "rtde-ur-client-library.txt")
 PRIMARY = read(FOLDER / "rtde-ur-client-library-primary.txt")
 PYTHON = read(FOLDER / "rtde-ur-python-client.txt")
 
 
-def test_the_emulated_kuka_says_every_byte_to_a_driver_of_axes_again() -> None:
-    assert replayed(DRIVER) == [step for step in DRIVER.steps if step.side == DEVICE]
+@pytest.mark.parametrize("transcript", [DRIVER, SDK, FZI])
+def test_the_emulated_kuka_says_every_byte_to_a_driver_of_axes_again(transcript: Transcript) -> None:
+    assert replayed(transcript) == [step for step in transcript.steps if step.side == DEVICE]
 
 
 def test_axes_are_read_and_understood_as_the_driver_does() -> None:
@@ -67,6 +71,55 @@ def test_the_emulated_arm_comes_along_with_the_driver() -> None:
     assert moved[:3] == pytest.approx(behind[:3], abs=0.15)
     assert min(map(abs, moved[:3])) > 2.0
     assert all(telegram.values["Delay.D"] == "0" for telegram in told)
+
+
+def telegrams(transcript: Transcript, side: str) -> dict[int, Mapping[str, str]]:
+    """Values of the telegrams of a side by their clock, read by our decoder."""
+    found = [decode(data) for data in transcript.made_by(side, "rsi")]
+    return {telegram.ipoc: telegram.values for telegram in found}
+
+
+def values(telegram: Mapping[str, str], tags: Sequence[str]) -> list[float]:
+    return [float(telegram[tag]) for tag in tags]
+
+
+def test_the_makers_client_library_finds_each_number_by_its_place_in_the_telegram() -> None:
+    told, answered = telegrams(SDK, DEVICE), telegrams(SDK, CLIENT)
+    assert len(SDK.reads) == len(SDK.sends) == 60
+    for row, sent in zip(SDK.reads, SDK.sends, strict=True):
+        telegram, answer = told[row["ipoc"]], answered[row["ipoc"]]
+        assert values(telegram, axis_tags("AIPos")) == pytest.approx(row["positions_deg"], abs=1e-6)
+        assert values(telegram, pose_tags("RIst")) == pytest.approx(row["pose"], abs=1e-6)
+        assert int(telegram["Delay.D"]) == row["delay"] == 0
+        assert values(answer, axis_tags("AK")) == pytest.approx(sent["corrections_deg"], abs=2e-6)
+
+
+def test_the_makers_client_library_stops_the_program_and_nothing_is_said_any_more() -> None:
+    *before, (stopped_at, last) = telegrams(SDK, CLIENT).items()
+    assert {answer["Stop"] for _, answer in before} == {"0"}
+    assert last["Stop"] == "1"
+    assert [clock - stopped_at for clock in telegrams(SDK, DEVICE) if clock > stopped_at] == [4, 8, 12]
+    stage = Stage(SDK.head["device"], json.loads(SDK.head["settings"]))
+    for step in SDK.steps:
+        if step.side == CLIENT:
+            list(stage.advance(step.now))
+            list(stage.take(step))
+    list(stage.advance(SDK.steps[-1].now))
+    assert list(stage.advance(SDK.steps[-1].now + 1.0)) == []
+
+
+def test_the_second_driver_reads_torques_states_and_axes_as_we_do() -> None:
+    told, answered = telegrams(FZI, DEVICE), telegrams(FZI, CLIENT)
+    assert len(FZI.reads) > 30
+    for row in FZI.reads:
+        telegram = told[row["ipoc"]]
+        assert values(telegram, axis_tags("AIPos")) == pytest.approx(row["positions"], abs=1e-6)
+        assert values(telegram, ["ProgStatus.R", "OvPro.R"]) == [row["status"], row["override"]] == [3, 100]
+        assert int(telegram["Delay.D"]) == row["delay"] == 0
+    ordered = [values(answer, axis_tags("AK")) for answer in answered.values()]
+    largest = max(row["corrections_deg"][0] for row in FZI.sends)
+    assert max(axes[0] for axes in ordered) == pytest.approx(largest, abs=1.0)
+    assert all(axes[:3] == pytest.approx([axes[0], -axes[0], axes[0]], abs=2e-6) for axes in ordered)
 
 
 # --- Universal Robots' C++ client library
