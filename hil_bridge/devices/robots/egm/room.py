@@ -46,7 +46,7 @@ async def probe(url: str, settings: KindSettings[EgmSettings, EgmProfile], wirin
         return_exceptions=True,
     )
     if isinstance(beside, DeviceError):
-        beside = Probed((("web services", str(beside)),))
+        beside = Probed((("RobotWare", f"unknown: {beside}"),))
     if isinstance(beside, BaseException):
         raise beside
     if isinstance(heard, DeviceError) and beside.rows:
