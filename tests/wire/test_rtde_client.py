@@ -36,8 +36,8 @@ ANSWERS = {
 }
 LINES = {
     "is in remote control\n": "true\n",
-    "robotmode\n": "Robotmode: RUNNING\n",
     "safetystatus\n": "Safetystatus: NORMAL\n",
+    "robotmode\n": "Robotmode: RUNNING\n",
 }
 NO_DASHBOARD = ClientProfile(dashboard_port=0)
 

@@ -4,17 +4,21 @@ Their sources were compiled outside of this project. The KUKA's drivers, with st
 of 10°, counted from the axes of the start; some 60 cycles of each are kept. KUKA's own client library reads telegrams
 by the place of each character, and ends with its stop. FZI's driver has a thread of its own for the wire. Universal
 Robots' C++ client library is called by programs of ours. In place of its own program for the controller stands ours,
-which goes by the same messages. Their client in Python records seven samples with its own configuration.
-What a driver read and sent it tells in its own numbers.
+which goes by the same messages. Their client in Python records seven samples with its own configuration. ABB's managers
+for a driver guide by joints: axis 1 at 0.1 rad/s, ordered by a program of ours. What a driver read and sent it tells in
+its own numbers.
 """
 
 import json
+import math
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from protocol.devices.egm import Guidance, decode_answer, decode_robot
 from protocol.devices.rsi import axis_tags, decode, pose_tags
 from protocol.devices.rtde import primary
 from protocol.devices.rtde.fields import Recipe
@@ -42,6 +46,7 @@ FZI = read(FOLDER / "rsi-fzi-driver.txt")
 CONTROL = read(FOLDER / "rtde-ur-client-library.txt")
 PRIMARY = read(FOLDER / "rtde-ur-client-library-primary.txt")
 PYTHON = read(FOLDER / "rtde-ur-python-client.txt")
+MANAGERS = read(FOLDER / "egm-abb-egm-rws-managers.txt")
 
 
 @pytest.mark.parametrize("transcript", [DRIVER, SDK, FZI])
@@ -120,6 +125,37 @@ def test_the_second_driver_reads_torques_states_and_axes_as_we_do() -> None:
     largest = max(row["corrections_deg"][0] for row in FZI.sends)
     assert max(axes[0] for axes in ordered) == pytest.approx(largest, abs=1.0)
     assert all(axes[:3] == pytest.approx([axes[0], -axes[0], axes[0]], abs=2e-6) for axes in ordered)
+
+
+# --- ABB's managers
+
+
+def test_the_emulated_abb_says_every_byte_to_a_driver_of_joints_again() -> None:
+    assert replayed(MANAGERS) == [step for step in MANAGERS.steps if step.side == DEVICE]
+
+
+def test_joints_of_an_abb_are_read_and_understood_as_its_managers_do() -> None:
+    """The first message the library answers itself, by the joints that it was told."""
+    told = [decode_robot(data) for data in MANAGERS.made_by(DEVICE, "egm")]
+    answered = [decode_answer(data) for data in MANAGERS.made_by(CLIENT, "egm")]
+    assert len(answered) == len(MANAGERS.reads) == len(MANAGERS.sends) == 24
+    for robot, values in zip(told[1:], MANAGERS.reads[1:], strict=False):
+        assert (robot.seqno, robot.guidance) == (values["seqno"], Guidance.RUNNING)
+        assert list(map(math.radians, robot.feedback.joints_deg)) == pytest.approx(
+            values["joints_rad"], abs=1e-12
+        )
+    assert answered[0].joints_deg == pytest.approx(told[0].feedback.joints_deg, abs=1e-9)
+    for answer, values in zip(answered[1:], MANAGERS.sends[1:], strict=True):
+        assert list(map(math.radians, answer.joints_deg)) == pytest.approx(values["joints_rad"], abs=1e-12)
+        speeds = list(map(math.radians, answer.joint_speed_deg_s))
+        assert speeds == pytest.approx(values["speeds_rad_s"], abs=1e-12)
+
+
+def test_the_emulated_abb_comes_along_with_its_managers() -> None:
+    joints = [decode_robot(data).feedback.joints_deg for data in MANAGERS.made_by(DEVICE, "egm")]
+    assert all(after[0] >= before[0] for before, after in pairwise(joints))
+    assert joints[-1][0] > joints[0][0] + 0.01
+    assert joints[-1][1:] == pytest.approx(joints[0][1:], abs=0.05), "the loops act on the place of the tool"
 
 
 # --- Universal Robots' C++ client library

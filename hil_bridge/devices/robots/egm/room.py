@@ -41,12 +41,12 @@ async def connect(
 async def probe(url: str, settings: KindSettings[EgmSettings, EgmProfile], wiring: Wiring) -> Probed:
     """Findings of a robot that sends to this address, and of its web services where the URL names them."""
     heard, beside = await asyncio.gather(
-        probe_link(lambda silent: connect(url, settings, silent), muted(wiring)),
+        probe_link(url, lambda silent: connect(url, settings, silent), muted(wiring)),
         ask_web(url),
         return_exceptions=True,
     )
     if isinstance(beside, DeviceError):
-        beside = Probed((("web services", str(beside)),))
+        beside = Probed((("RobotWare", f"unknown: {beside}"),))
     if isinstance(beside, BaseException):
         raise beside
     if isinstance(heard, DeviceError) and beside.rows:

@@ -67,7 +67,7 @@ async def probe(url: str, settings: KindSettings[RsiLink, RsiProfile], wiring: W
     """Findings of a controller that sends to this address. It is answered with the correction that it has: without an
     answer it would stop with an error, and with this one it stands.
     """
-    return await probe_link(lambda heard: connect(url, settings, heard), wiring)
+    return await probe_link(url, lambda heard: connect(url, settings, heard), wiring)
 
 
 def make(settings: KindSettings[RsiLink, RsiProfile]) -> RobotFactory:

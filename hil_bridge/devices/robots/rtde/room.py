@@ -43,7 +43,7 @@ async def _open(
 
 async def probe(url: str, settings: KindSettings[ClientProfile, RtdeProfile], wiring: Wiring) -> Probed:
     """Findings of a controller. No program is sent to it, and none of its inputs is written."""
-    return await probe_link(lambda heard: _open(url, settings, heard, looks=True), wiring)
+    return await probe_link(url, lambda heard: _open(url, settings, heard, looks=True), wiring)
 
 
 async def open_wires(
