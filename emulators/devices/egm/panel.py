@@ -7,7 +7,7 @@ from typing import Any
 from emulators.devices.egm import operation
 from emulators.devices.egm.controller import EgmController
 from emulators.devices.egm.faults import EGM_FAULTS
-from emulators.devices.egm.state import POWERLESS, Key
+from emulators.devices.egm.state import EMERGENCY_STOP, POWERLESS, Key
 from emulators.panel import Controls, Dial, Move, Switch, millimetres, motion_text, numbers_text
 
 _KEY_WORDS = {Key.AUTO: "auto", Key.MANUAL: "manual", Key.MANUAL_FULL_SPEED: "full-speed"}
@@ -29,18 +29,22 @@ _CONTROLS: Mapping[str, Switch | Dial] = {
         "Press the emergency stop, or release it. It switches the motors off and stops RAPID.",
         {"press": operation.press_emergency_stop, "release": operation.release_emergency_stop},
         "press",
+        lambda state: "press" if EMERGENCY_STOP in state["stops"] else "release",
     ),
     "key": Switch(
         "Turn the key: automatic, manual at reduced speed, or manual at full speed. It switches the motors off.",
         {words: _turn(key) for key, words in _KEY_WORDS.items()},
+        at=lambda state: str(state["key"]),
     ),
     "motors": Switch(
         "Switch the motors; off stops RAPID too.",
         {"on": operation.switch_motors_on, "off": operation.switch_motors_off},
+        at=lambda state: str(state["motors"]),
     ),
     "program": Switch(
         "Start RAPID where it was stopped, stop it, or start it from its first line.",
         {"start": _start, "stop": operation.stop_program, "restart": operation.restart_program},
+        at=lambda state: "start" if state["rapid"] == "running" else "stop",
     ),
     "speed": Dial(
         "Set the speed ratio of programmed paths. The guidance by poses or joints has none.",
@@ -48,6 +52,7 @@ _CONTROLS: Mapping[str, Switch | Dial] = {
         0.0,
         100.0,
         "%",
+        lambda state: float(state["speed_percent"]),
     ),
 }
 

@@ -47,18 +47,22 @@ _CONTROLS: Mapping[str, Switch | Dial] = {
         "Press the emergency stop, or release it. It switches the drives off and stops the program.",
         {"press": _act(Desk.press_emergency_stop), "release": _act(_release)},
         "press",
+        lambda state: "press" if state["emergency_stop"] else "release",
     ),
     "key": Switch(
         "Turn the key: T1 for 250 mm/s, T2, AUT, EXT. It switches the drives off.",
         {key.value: _turn(key) for key in Key},
+        at=lambda state: str(state["key"]),
     ),
     "drives": Switch(
         "Switch the drives; off stops the program too.",
         {"on": _act(Desk.switch_drives_on), "off": _act(Desk.switch_drives_off)},
+        at=lambda state: str(state["drives"]),
     ),
     "program": Switch(
         "Start the program where it was stopped, stop it, reset it and begin it anew, or end it by RSI_OFF.",
         {"start": _start, "stop": _act(_stop), "reset": _reset, "end": RsiController.end_program},
+        at=lambda state: "start" if state["started"] else "stop",
     ),
     "message": Switch(
         "Confirm that a sensor correction goes active; T1 and T2 ask for it at each begin.",
@@ -71,6 +75,7 @@ _CONTROLS: Mapping[str, Switch | Dial] = {
         0.0,
         100.0,
         "%",
+        lambda state: float(state["override_percent"]),
     ),
 }
 
