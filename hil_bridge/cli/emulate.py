@@ -1,5 +1,6 @@
 """`hil-bridge emulate`: the devices alone, for a bridge or any other client in another process."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import click
@@ -22,6 +23,12 @@ from hil_bridge.cli.paths import FILE
 )
 @link_profile_option
 @click.option("--panel", metavar="URL", help="Where `hil-bridge panel` reaches it: tcp-listen://127.0.0.1:0.")
+@click.option(
+    "--web", is_flag=True, help="Show the robot's panel on a page in the browser, on this machine alone."
+)
+@click.option(
+    "--web-port", type=click.IntRange(0, 65535), metavar="N", help="Its port.  [default: one that is free]"
+)
 @click.option("--seed", type=int, help="Seed of every random draw in the devices.")
 @click.option("--json", "as_json", is_flag=True, help="Print where they listen as one line of JSON.")
 def emulate(
@@ -34,6 +41,8 @@ def emulate(
     sensor_port: str | None,
     link_profile: str | None,
     panel: str | None,
+    web: bool,
+    web_port: int | None,
     seed: int | None,
     as_json: bool,
 ) -> None:
@@ -54,6 +63,20 @@ def emulate(
     from hil_bridge.settings.configuration import load_config
     from hil_bridge.settings.faults import refuse_faults
 
+    page = web or web_port is not None
+    _refuse_unserved(
+        what,
+        {
+            "robot": {
+                "--robot": robot,
+                "--robot-port": robot_port,
+                "--link-profile": link_profile,
+                "--panel": panel,
+                "--web": page,
+            },
+            "sensor": {"--sensor": sensor, "--sensor-port": sensor_port},
+        },
+    )
     config = load_config(
         config_file,
         {
@@ -65,12 +88,23 @@ def emulate(
             "cell.surface_kind": surface,
         },
     )
-    if what == "sensor" and panel:
-        raise click.UsageError("--panel is the robot controller's; leave it out where there is none")
-    refuse_faults(config.faults, "hil-bridge emulate")
+    if what == "sensor" and config.run.panel_url:
+        raise click.UsageError("run.panel_url: `emulate sensor` serves no robot, and a panel is a robot's")
+    operable = "inject with `hil-bridge panel`, see --panel" if what != "sensor" else ""
+    refuse_faults(config.faults, "hil-bridge emulate", operable)
     listen = Listen(
         None if what == "sensor" else robot_port or "",
         None if what == "robot" else sensor_port or "",
         config.run.panel_url,
     )
-    serve(Setup(config, listen), as_json)
+    serve(Setup(config, listen), as_json, (web_port or 0) if page else None)
+
+
+def _refuse_unserved(what: str, options: Mapping[str, Mapping[str, object]]) -> None:
+    """Raise UsageError for an option about a device that is not served. `options` are by device and name."""
+    for device, given in options.items():
+        for name, value in given.items():
+            if value and what not in (device, "cell"):
+                raise click.UsageError(
+                    f"{name} is the {device}'s, and `emulate {what}` serves none; take `emulate cell`, or leave it out"
+                )

@@ -330,7 +330,7 @@ def _how_ended(simulation: Simulation | None) -> RunResult:
 async def opening_devices(config: Config) -> AsyncIterator[OpenDevices]:
     """Started robot and sensor while inside. See `api.open_devices`."""
     try:
-        refuse_faults(config.faults, "open_devices")
+        refuse_faults(config.faults, "open_devices", "call `panel.inject`")
     except ValueError as error:
         raise ConfigError(str(error)) from error
     clock = Clock.running()

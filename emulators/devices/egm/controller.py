@@ -24,6 +24,7 @@ from emulators.devices.egm.state import (
     POWERLESS,
     PROGRAM_STOPPED,
     STOPPED,
+    Desk,
     State,
 )
 from emulators.faults.ledger import Handler, Injection
@@ -74,7 +75,7 @@ class EgmController:
         self.path: ArmPath = self._arm.path
         self.endpoint: Packets[Sequence[bytes]] = Packets(self, DATAGRAMS, f"{seed} egm")
         self.orders, self.unmodelled = Orders(), Unmodelled("egm")
-        self.state = State.SET_UP
+        self.state, self.desk = State.SET_UP, Desk()
         self.error = ""
         """Words of the last error, with the number of its event where that is known."""
         self.counters: Counter[str] = Counter()
