@@ -13,7 +13,7 @@ from emulators.arm.own_force import OwnForce
 from emulators.devices.rtde.arm import ZERO, Brake, Hold, JointArm, Order, Place, Servo
 from emulators.devices.rtde.compliance import TOO_FAST, Compliance, Felt
 from emulators.devices.rtde.drives import ArmSensors, Drives, own_errors
-from emulators.devices.rtde.force_mode import about_tool
+from emulators.devices.rtde.force_mode import external_wrench
 from emulators.devices.rtde.io import MASKS, read_slider, switch_outputs
 from emulators.devices.rtde.kinematics import (
     ARMS,
@@ -38,7 +38,7 @@ from emulators.unmodelled import Unmodelled
 from protocol.devices.rtde.fields import Value
 from protocol.devices.rtde.packets import Version
 from protocol.devices.rtde.states import STOPPED_MODES, RobotMode, Runtime, SafetyMode
-from protocol.geometry import Pose, Wrench, normalise, rotate
+from protocol.geometry import Pose, Wrench, normalise
 
 LATE_S = 0.05
 """Chosen: a longer time between two looks is lateness of this process, and no silence of a client."""
@@ -229,21 +229,15 @@ class Controller:
     def _feel(self) -> Wrench:
         """actual_TCP_force: a client's forces along the base axes, or those that the arm feels."""
         if self.external_force:
-            told = self.measured = self._external()
+            given, at_tcp = self.inputs.get("external_force_torque"), self.profile.force_point == "tcp"
+            told = self.measured = external_wrench(
+                given, self._flange.quaternion, self.tcp if at_tcp else None
+            )
         else:
             told = self.own_force.at(self.now, any(self.speeds), self._flange.quaternion)
             self.measured = self.own_force.level
         (a, b, c, d, e, f), (o, p, q, r, s, t) = told, self.force_zero
         return a - o, b - p, c - q, d - r, e - s, f - t
-
-    def _external(self) -> Wrench:
-        given = self.inputs.get("external_force_torque")
-        if not isinstance(given, tuple):
-            return _NO_FORCE
-        turn = self._flange.quaternion
-        wrench = (*rotate(turn, given[:3]), *rotate(turn, given[3:]))
-        at_tcp = self.profile.force_point == "tcp"
-        return about_tool(wrench, rotate(turn, self.tcp.position)) if at_tcp else wrench
 
     # --- inputs
 
