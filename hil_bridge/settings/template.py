@@ -39,7 +39,10 @@ def schema() -> dict[str, Any]:
             False  # not every version of pydantic says so for a section of sections
         )
         for name, entry in definition["properties"].items():
-            entry["description"] = comments.get(name) or inspect.getdoc(type(getattr(section, name)))
+            value = getattr(section, name)
+            entry["description"] = comments.get(name) or inspect.getdoc(type(value))
+            if entry.get("default", value) is None:  # one that depends on another setting
+                entry["default"] = value
     return result
 
 

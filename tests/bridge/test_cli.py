@@ -26,6 +26,7 @@ from hil_bridge.runs.session import execute
 from hil_bridge.settings.configuration import read_config
 from hil_bridge.show.web.recorded import teller_of
 from protocol.devices.s3.adlp import HEADER_SIZE
+from protocol.marks import Mark
 
 Result: TypeAlias = tuple[int, str, str]
 Command: TypeAlias = Callable[..., Result]
@@ -371,8 +372,14 @@ def test_config_commands(hil: Command) -> None:
 
 def test_the_profile_shows_what_is_assumed_and_what_was_changed(hil: Command) -> None:
     Path("c.toml").write_text("[robot.s3.link]\nbid_limit = 7\n")
-    assumed = hil("profile", "show", "c.toml")[1].splitlines()
-    everything = hil("profile", "show", "c.toml", "--all")[1].splitlines()
+    *assumed, counts = hil("profile", "show", "c.toml")[1].splitlines()
+    *everything, same = hil("profile", "show", "c.toml", "--all")[1].splitlines()
+    assert counts == same
+    marks = [sum(f"  [{mark}]  " in line for line in everything) for mark in Mark]
+    assert (
+        counts == f"settings by mark: {', '.join(f'{n} {mark}' for n, mark in zip(marks, Mark, strict=True))}"
+    )
+    assert sum(marks) == len(everything)
     assert all("  [assumed]  " in line for line in assumed)
     assert [line for line in everything if "  [assumed]  " in line] == assumed
     assert len(everything) > len(assumed)

@@ -1,0 +1,130 @@
+"""The drives of an arm, which follow the controller's targets, and its encoders, which tell where they are.
+
+Recordings of real arms give two figures: how late a joint comes behind its target, and how large a difference remains.
+The difference is slow, as of friction. Here it wanders with the way that a joint goes, and stays where the joint
+stands. Assumed: that form.
+"""
+
+import math
+from collections import deque
+from operator import mul
+
+from emulators.arm.noise_rows import NoiseRows
+from emulators.arm.own_force import Errors
+from emulators.devices.rtde.arm import STILL, ZERO
+from emulators.devices.rtde.kinematics import Joints
+from emulators.devices.rtde.profile import RtdeProfile
+from protocol.geometry import Vector
+
+_BOTH = math.sqrt(2.0)
+"""Derived: behind two equal low-passes, one in the noise, the difference has half of the first one's variance."""
+_GRAVITY = -9.82
+"""Assumed: what the tool's accelerometer tells along its z axis, m/s²."""
+_FAST_RAD_S = 1.0
+"""The speed at which `fast_follow_error_urad` holds."""
+
+
+class Drives:
+    """Joints as they are, behind those that the controller wants."""
+
+    def __init__(self, profile: RtdeProfile, joints: Joints, seed: int) -> None:
+        """At rest at these joints, rad."""
+        self.joints = joints
+        """At the end of the newest cycle, rad."""
+        self.speeds = ZERO
+        """Over that cycle, rad/s."""
+        self._period = profile.cycle_ms * 1e-3
+        self._waiting = deque([joints] * profile.follow_delay_cycles, profile.follow_delay_cycles)
+        """Targets that are under way; the newest comes last."""
+        self._slow_error = profile.follow_error_urad * 1e-6
+        self._more_error = max(0.0, profile.fast_follow_error_urad * 1e-6 - self._slow_error) / _FAST_RAD_S
+        self._length, self._time = profile.follow_error_length_mrad * 1e-3, profile.follow_error_ms * 1e-3
+        self._noise, self._number = NoiseRows(seed, "drives"), 0
+        self._drawn: list[float] = [0.0] * 6
+        self._errors: list[float] = [0.0] * 6
+        """Differences from the targets, rad."""
+
+    def step(self, target: Joints) -> Joints:
+        """Where the joints are at the end of a cycle whose target is this one, rad."""
+        before, last = self.joints, self._waiting[0]
+        self._waiting.append(target)
+        target = self._waiting[0]
+        if target != last and (self._slow_error or self._more_error):
+            self._wander([abs(new - old) / self._period for new, old in zip(target, last, strict=True)])
+        a, b, c, d, e, f = (to + error for to, error in zip(target, self._errors, strict=True))
+        self.joints = joints = a, b, c, d, e, f
+        if joints == before:
+            self.speeds = ZERO
+        else:
+            a, b, c, d, e, f = ((new - old) / self._period for new, old in zip(joints, before, strict=True))
+            self.speeds = a, b, c, d, e, f
+        return joints
+
+    def _wander(self, speeds: list[float]) -> None:
+        """The differences change, by as much as the joints move."""
+        dt, length, least = self._period, self._length, self._time
+        row = self._noise.row(self._number)
+        self._number += 1
+        for joint, (speed, normal) in enumerate(zip(speeds, row, strict=True)):
+            share = min(1.0, dt * speed / (length + least * speed))
+            size = _BOTH * (self._slow_error + self._more_error * speed)
+            drawn = self._drawn[joint] * (1.0 - share) + math.sqrt(share * (2.0 - share)) * size * normal
+            self._drawn[joint] = drawn
+            self._errors[joint] += share * (drawn - self._errors[joint])
+
+
+class ArmSensors:
+    """What is told of the joints and their drives: with noise, and in steps."""
+
+    def __init__(self, profile: RtdeProfile, seed: int) -> None:
+        self._noise_rad = profile.joint_noise_urad * 1e-6
+        self._step_rad = 2.0 * math.pi / 2**profile.joint_bits if profile.joint_bits else 0.0
+        self._noise_rad_s = profile.joint_speed_noise_mrad_s * 1e-3
+        self._rms_a, self._rms_m_s2 = profile.current_noise_a, profile.accelerometer_noise_m_s2
+        self._places, self._speeds = NoiseRows(seed, "encoders"), NoiseRows(seed, "joint speeds")
+        self._currents, self._accelerations = NoiseRows(seed, "currents"), NoiseRows(seed, "accelerations")
+
+    def read(self, joints: Joints, number: int) -> Joints:
+        """Joints as they are told in a cycle of this number, rad."""
+        if rms := self._noise_rad:
+            row = self._places.row(number)
+            a, b, c, d, e, f = (joint + rms * normal for joint, normal in zip(joints, row, strict=True))
+            joints = a, b, c, d, e, f
+        if step := self._step_rad:
+            a, b, c, d, e, f = (step * round(joint / step) for joint in joints)
+            joints = a, b, c, d, e, f
+        return joints
+
+    def read_speeds(self, speeds: Joints, number: int) -> Joints:
+        """Speeds as they are told, rad/s: those of a joint at rest are 0."""
+        if speeds is ZERO:
+            return ZERO
+        rms, row = self._noise_rad_s, self._speeds.row(number)
+        a, b, c, d, e, f = (
+            speed + rms * normal if abs(speed) >= STILL else 0.0
+            for speed, normal in zip(speeds, row, strict=True)
+        )
+        return a, b, c, d, e, f
+
+    def read_currents(self, number: int) -> Joints:
+        """Currents of a powered arm, A: noise alone."""
+        a, b, c, d, e, f = map(mul, self._rms_a, self._currents.row(number))
+        return a, b, c, d, e, f
+
+    def read_acceleration(self, number: int) -> Vector:
+        """Acceleration of the tool, m/s²: that of gravity in one place, with noise."""
+        x, y, z = map(mul, self._rms_m_s2, self._accelerations.row(number))
+        return x, y, z + _GRAVITY
+
+
+def own_errors(profile: RtdeProfile) -> Errors:
+    """Errors of the force that the arm feels by itself."""
+    return Errors(
+        profile.force_offset_n,
+        profile.force_lag_ms * 1e-3,
+        (*profile.force_noise_n, *profile.force_noise_nm),
+        (*profile.moving_force_noise_n, *profile.moving_force_noise_nm),
+        profile.force_walk_n,
+        profile.force_slope_n_min,
+        profile.force_offset_axes == "flange",
+    )
