@@ -6,13 +6,13 @@ is virtual: the player tells it to the robot. Names of columns are those of `FAM
 
 import math
 from bisect import bisect_right
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from hil_bridge.errors import ConfigError
 from protocol.geometry import Pose, Vector
-from protocol.robot import ReportReceived, StreamClient, StreamLost
+from protocol.robot import ReportReceived, RobotReport, StreamClient, StreamLost
 
 _JOINTS = tuple(range(1, 7))
 _PLACE = ("x", "y", "z")
@@ -34,6 +34,9 @@ is. Joints in rad and rad/s, places in m, forces in N, moments in N·m.
 """
 _STALLED_S = 60.0
 """Chosen: a robot that tells nothing for so long, or does not begin, is given up."""
+_SETTLE_S = 0.5
+"""Chosen: a robot is held at its place for so long first. RSI drops the corrections of its first moments."""
+_ROUNDING_S = 1e-9
 _PERIODS = 4.0
 """Chosen: periods of its orders for which a robot is listened to behind the last one."""
 
@@ -50,6 +53,8 @@ class Course:
     """Parts of the family at each time, in its unit."""
     start: tuple[float, ...] = ()
     """Joints at which a course of speeds begins, rad; empty where the robot stands."""
+    at_arrival: bool = False
+    """Reports are wanted with the times at which they come, and not with those of the robot's own clock."""
 
     @property
     def end(self) -> float:
@@ -77,8 +82,9 @@ class Played(NamedTuple):
     """What a robot told while a course was played."""
 
     times: list[float]
-    """s since the first order, by the robot's own clock where it tells one."""
+    """s since the first order: by the robot's own clock where it tells one, unless arrivals are wanted."""
     columns: dict[str, list[float]]
+    """Places count from where the course begins, wherever the emulated arm stands."""
 
 
 Play = Callable[[Any, Course, Any, float], Played]
@@ -90,69 +96,83 @@ up, s. Raises ConfigError for a family that the protocol cannot order, and where
 @dataclass(slots=True)
 class _Log:
     times: list[float] = field(default_factory=list)
-    orders: list[Vector] = field(default_factory=list)
+    orders: list[tuple[float, ...]] = field(default_factory=list)
     """Answers to the reports."""
-    targets: list[Vector] = field(default_factory=list)
+    targets: list[tuple[float, ...]] = field(default_factory=list)
     """Orders that the robot had when it reported: those before."""
     places: list[Vector] = field(default_factory=list)
+
+    def note(self, time: float, order: tuple[float, ...], place: Vector) -> None:
+        """A report and its answer."""
+        self.times.append(time)
+        self.targets.append(self.orders[-1] if self.orders else order)
+        self.orders.append(order)
+        self.places.append(place)
+
+    def played(self) -> Played:
+        """All of it."""
+        told: dict[str, Sequence[tuple[float, ...]]] = {
+            "order_position": self.orders,
+            "target_position": self.targets,
+            "position": self.places,
+        }
+        columns = {
+            name: [row[k] for row in rows]
+            for family, rows in told.items()
+            for k, name in enumerate(FAMILIES[family])
+        }
+        return Played(self.times, columns)
 
 
 def play_stream(endpoint: Any, client: StreamClient[Any], course: Course, now: float) -> Played:
     """Play places to a robot that speaks first and is answered each time, with the client of a run.
 
-    The course is moved to where the robot stands. Errors as of `Play`.
+    The course begins where the robot stands. Errors as of `Play`.
     """
     if course.family != "order_position":
         raise ConfigError(f"this robot is played order_position or target_position, not {course.family}")
     log = _Log()
     start: Pose | None = None
-    began = math.nan
+    settled = began = math.nan
     patience = now + _STALLED_S
-    end = course.end + _PERIODS * course.period
-    while math.isnan(began) or now - began <= end:
+    while math.isnan(began) or now - began <= course.end + _PERIODS * course.period:
         due = endpoint.next_deadline()
         if due is None or due > patience:
             raise ConfigError("the emulated robot has ended the conversation")
         now = max(now, due)
         endpoint.handle_deadline(now)
         client.receive(endpoint.data_to_send(now), now)
-        while (event := client.next_event()) is not None:
-            if isinstance(event, StreamLost):
-                raise ConfigError(f"the emulated robot has stopped: {event.text}")
-            if not isinstance(event, ReportReceived):
-                continue
-            report = event.report
+        for report in _reports(client):
             if start is None:
                 client.hold(now)
-                start = report.pose if not report.fault else None
-                if start is not None:
+                if not report.fault:
+                    start, settled = report.pose, now + _SETTLE_S
                     client.begin(start)
                 continue
             if report.fault:
                 raise ConfigError(f"the emulated robot has stopped: {report.fault}")
+            if math.isnan(began) and now >= settled - _ROUNDING_S:
+                began, patience = now, math.inf
             if math.isnan(began):
-                began = now
-                patience = math.inf
-            goal = _moved(start, course, now - began)
-            client.target(goal, now)
-            log.times.append(now - began)
-            log.targets.append(log.orders[-1] if log.orders else start.position)
-            log.orders.append(goal.position)
-            log.places.append(report.pose.position)
+                client.target(start, now)
+                continue
+            order = course.at(now - began)
+            client.target(Pose(_moved(order, course.values[0], start.position), start.quaternion), now)
+            log.note(now - began, order, _moved(report.pose.position, start.position, course.values[0]))
         endpoint.receive(client.data_to_send(now), now)
-    columns: dict[str, list[float]] = {}
-    told = {"order_position": log.orders, "target_position": log.targets, "position": log.places}
-    for names, rows in told.items():
-        columns |= {
-            name: list(column) for name, column in zip(FAMILIES[names], zip(*rows, strict=True), strict=True)
-        }
-    return Played(log.times, columns)
+    return log.played()
 
 
-def _moved(start: Pose, course: Course, time: float) -> Pose:
-    """The place of the course at a time, from where the robot stood."""
-    x, y, z = (
-        s + now - first
-        for s, now, first in zip(start.position, course.at(time), course.values[0], strict=True)
-    )
-    return Pose((x, y, z), start.quaternion)
+def _reports(client: StreamClient[Any]) -> Iterator[RobotReport]:
+    """The reports that came. Raises ConfigError where the movement has ended."""
+    while (event := client.next_event()) is not None:
+        if isinstance(event, StreamLost):
+            raise ConfigError(f"the emulated robot has stopped: {event.text}")
+        if isinstance(event, ReportReceived):
+            yield event.report
+
+
+def _moved(place: Sequence[float], source: Sequence[float], goal: Sequence[float]) -> Vector:
+    """A place as far from `goal` as it was from `source`."""
+    x, y, z = (part - begin + end for part, begin, end in zip(place, source, goal, strict=True))
+    return x, y, z

@@ -7,8 +7,7 @@ import numpy as np
 from emulators.seams import StartPose
 from hil_bridge.devices.playing import Course
 from hil_bridge.errors import ConfigError
-from hil_bridge.lab.fidelity.measures import Floats
-from hil_bridge.lab.fidelity.tables import FAMILIES, Table
+from hil_bridge.lab.fidelity.tables import Table
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.devices import robot_in
 
@@ -45,9 +44,8 @@ def emulate_robot(config: Config, table: Table) -> Table:
         )
     drive = drive_of(table)
     start = tuple(table.rows("q")[0].tolist()) if drive.order == "order_qd" and table.has("q") else ()
-    course = Course(
-        drive.order, table.times.tolist(), [tuple(row) for row in table.rows(drive.family).tolist()], start
-    )
+    orders = [tuple(row) for row in table.rows(drive.family).tolist()]
+    course = Course(drive.order, table.times.tolist(), orders, start, table.at_arrival)
     cell = config.cell
     x, y, z = (part / 1e3 for part in cell.start_position_mm)
     home = StartPose((x, y, z), cell.start_quaternion, cell.tool.length_mm / 1e3)
@@ -59,16 +57,4 @@ def emulate_robot(config: Config, table: Table) -> Table:
     times = np.array(played.times)
     inside = (times >= -1e-9) & (times <= course.end + 1e-9)
     columns = {name: np.array(values)[inside] for name, values in played.columns.items()}
-    if drive.order == "order_position":  # the course begins where the emulated arm stands
-        _move_to(columns, table, drive)
     return Table(times[inside], columns)
-
-
-def _move_to(columns: dict[str, Floats], table: Table, drive: Drive) -> None:
-    """Places from where the recorded course began."""
-    for k, name in enumerate(FAMILIES[drive.order]):
-        way = table.columns[FAMILIES[drive.family][k]][0] - columns[name][0]
-        for family in ("order_position", "target_position", "position"):
-            part = FAMILIES[family][k]
-            if part in columns:
-                columns[part] = columns[part] + way

@@ -43,7 +43,8 @@ def with_load(table: Table) -> Table:
     moments = table.rows("moment") if table.has("moment") else np.zeros((len(table.times), 3))
     wrench = np.hstack([table.rows("force"), moments])
     load = _weight(table, wrench) if table.has("rotation") else np.tile(wrench.mean(axis=0), (len(wrench), 1))
-    return Table(table.times, {**table.columns, **dict(zip(LOADS, load.T, strict=True))})
+    columns = {**table.columns, **dict(zip(LOADS, load.T, strict=True))}
+    return Table(table.times, columns, table.at_arrival)
 
 
 def _weight(table: Table, wrench: Floats) -> Floats:

@@ -7,6 +7,7 @@ A mapping in TOML says which column of a table is which quantity, and in which u
     [time]
     column = "timestamp"       # or rate_hz = 500 where there is no such column
     unit = "s"
+    clock = "device"           # or "arrival" where the computer has stamped the samples
     [columns]
     q = { columns = ["q_1", "q_2", "q_3", "q_4", "q_5", "q_6"], unit = "rad" }
 
@@ -18,16 +19,20 @@ import io
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from hil_bridge.control.course.task import Phase
+from hil_bridge.devices.facts import Pacing
 from hil_bridge.devices.playing import FAMILIES as OF_ROBOTS
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.text_files import format_path, format_value, read_text, read_toml
 from hil_bridge.lab.fidelity.measures import LEAST_SAMPLES, Floats
 from hil_bridge.record import read as read_recording
+from hil_bridge.record.device_facts import devices_of
 
 ROTATION = tuple(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
 FAMILIES: Mapping[str, tuple[str, ...]] = {
@@ -57,10 +62,12 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 """Units of each family, and their sizes in its own, which is the first."""
 ROWS_MOST = 2_000_000
 """Chosen: rows of a table at most. An hour at 500 Hz has less."""
+_STEERED = (Phase.APPROACH, Phase.TRACK)
+"""Phases in which each cycle has an order of its own."""
 _SEPARATORS = {",": ",", ";": ";", "tab": "\t", "space": None}
 _KEYS = {
     "": ("separator", "header", "time", "columns"),
-    "time": ("column", "unit", "rate_hz"),
+    "time": ("column", "unit", "rate_hz", "clock"),
     "columns": ("columns", "unit", "sign", "file"),
 }
 
@@ -73,6 +80,8 @@ class Table:
     """(n,), s, ascending from 0."""
     columns: Mapping[str, Floats]
     """(n,) each, in the units of `UNITS`, by the names in `FAMILIES`."""
+    at_arrival: bool = False
+    """Times are those at which samples came to the computer, and not those of the device's own clock."""
 
     def family(self, name: str) -> tuple[str, ...]:
         """The columns of a family that are there."""
@@ -95,7 +104,8 @@ class Table:
                 f"at least {LEAST_SAMPLES} are compared"
             )
         times = self.times[inside]
-        return Table(times - times[0], {name: values[inside] for name, values in self.columns.items()})
+        columns = {name: values[inside] for name, values in self.columns.items()}
+        return Table(times - times[0], columns, self.at_arrival)
 
 
 def unit_of(column: str) -> str:
@@ -125,6 +135,7 @@ class _Mapping(NamedTuple):
     time: str | int | None
     rate: float
     time_size: float
+    at_arrival: bool
     entries: tuple[_Entry, ...]
 
 
@@ -139,7 +150,7 @@ def read_table(recording: Path, mapping: Path) -> Table:
             raise ConfigError(f"{format_path(mapping)}: columns of another file need a time.column")
         others_times, others = _columns_of(file, plan)
         columns |= {name: np.interp(times, others_times, values) for name, values in others.items()}
-    return Table(times - times[0], columns)
+    return Table(times - times[0], columns, plan.at_arrival)
 
 
 def _columns_of(file: Path, plan: _Mapping) -> tuple[Floats, dict[str, Floats]]:
@@ -213,19 +224,25 @@ def _numbers(rows: Sequence[Sequence[str]], place: int, name: str, source: str, 
 
 
 def read_run(recording: Path) -> Table:
-    """The quantities of a recording of a run: ordered and reported places, by cycle. Raises ConfigError."""
-    cycles = read_recording(recording).cycles
+    """The quantities of a recording of a run: ordered and reported places, by cycle. Raises ConfigError.
+
+    Only the cycles before the first retraction count, for then a robot goes a long way to one order.
+    """
+    run = read_recording(recording)
+    cycles = list(takewhile(lambda cycle: cycle.phase in _STEERED, run.cycles))
     if len(cycles) < LEAST_SAMPLES:
         raise ConfigError(
-            f"{format_path(recording)} has {len(cycles)} cycles; at least {LEAST_SAMPLES} are compared"
+            f"{format_path(recording)} has {len(cycles)} cycles before it retracts; "
+            f"at least {LEAST_SAMPLES} are compared"
         )
-    times = np.array([cycle.status_at for cycle in cycles])
-    sent = np.array([cycle.sent_at for cycle in cycles])
-    columns = {}
-    for k, axis in enumerate("xyz"):
-        columns[axis] = np.array([cycle.position[k] for cycle in cycles])
-        columns[f"order_{axis}"] = np.interp(times, sent, np.array([cycle.target[k] for cycle in cycles]))
-    return Table(times - times[0], columns)
+    # A robot that streams is answered with the target of the cycle before its report.
+    late = 1 if devices_of(run).robot.pacing is Pacing.STREAMED else 0
+    times = np.array([cycle.status_at for cycle in cycles[late:]])
+    targets = np.array([cycle.target for cycle in cycles[: len(cycles) - late]])
+    places = np.array([cycle.position for cycle in cycles[late:]])
+    columns = {axis: places[:, k] for k, axis in enumerate(FAMILIES["position"])}
+    columns |= {name: targets[:, k] for k, name in enumerate(FAMILIES["order_position"])}
+    return Table(times - times[0], columns, at_arrival=True)
 
 
 # --- the mapping
@@ -260,7 +277,12 @@ def _read_mapping(path: Path, recording: Path) -> _Mapping:
         _check_name(column, header, "time.column", source)
     size = _size(time.get("unit", "s"), _TIME, "time", source)
     entries = tuple(_entry(name, given, header, recording, source) for name, given in columns.items())
-    return _Mapping(_SEPARATORS[separator], header, column, float(rate or 1.0), size, entries)
+    clock = time.get("clock", "device")
+    if clock not in ("device", "arrival"):
+        raise ConfigError(f"{source}: time.clock must be device or arrival, got {format_value(clock)}")
+    return _Mapping(
+        _SEPARATORS[separator], header, column, float(rate or 1.0), size, clock == "arrival", entries
+    )
 
 
 def _entry(name: str, given: Any, header: bool, recording: Path, source: str) -> _Entry:

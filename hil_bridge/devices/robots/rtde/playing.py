@@ -69,6 +69,7 @@ class _Player:
                 raise ConfigError("the emulated arm has not come to where the course begins")
             self._pass(self._course.values[0])
         began = self._now
+        home = self._rows[-1][_PARTS["target_position"]]
         self._rows.clear()
         times, orders = [], []
         end = self._course.end + 2.0 * self._course.period
@@ -78,15 +79,19 @@ class _Player:
             if len(self._rows) > before:
                 row = self._rows[-1]
                 self._check(row)
-                times.append(row["timestamp"] - self._uptime - (began - self._powered))
+                told = row["timestamp"] - self._uptime + self._powered
+                times.append((self._now if self._course.at_arrival else told) - began)
                 orders.append(self._course.at(times[-1]))
-        return Played(times, self._columns(orders))
+        return Played(times, self._columns(orders, home))
 
-    def _columns(self, orders: Sequence[tuple[float, ...]]) -> dict[str, list[float]]:
+    def _columns(self, orders: Sequence[tuple[float, ...]], home: Sequence[float]) -> dict[str, list[float]]:
+        """All columns; `home` is where the arm stood. Places of a course of places count from its begin."""
         columns = {}
+        places = self._course.family == "order_position"
         for family, output in _PARTS.items():
             for k, name in enumerate(FAMILIES[family]):
-                columns[name] = [row[output][k] for row in self._rows]
+                way = self._zero[k] - home[k] if places and family.endswith("position") else 0.0
+                columns[name] = [row[output][k] + way for row in self._rows]
         for k, name in enumerate((*FAMILIES["force"], *FAMILIES["moment"])):
             columns[name] = [row["actual_TCP_force"][k] for row in self._rows]
         for k, name in enumerate(FAMILIES[self._course.family]):
