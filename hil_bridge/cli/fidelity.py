@@ -53,15 +53,14 @@ def fidelity(
     RECORDING is a recording of a run, or a table of text with --columns. The device works in virtual time, over the
     bytes of its protocol; nothing real is opened.
     """
-    from hil_bridge.lab.fidelity import tables
-    from hil_bridge.lab.fidelity.subjects import compare_with
+    from hil_bridge.lab.fidelity.subjects import compare_with, read
     from hil_bridge.lab.fidelity.telling import as_json as json_of
     from hil_bridge.lab.fidelity.telling import describe
     from hil_bridge.record.files import check_place, write_whole
 
     if page is not None:
         check_place(page, overwrite)
-    measured = tables.read(recording, columns)
+    measured = read(recording, columns, kind)
     if between is not None:
         measured = measured.between(*between)
     compared = compare_with(kind, measured, config_file, seed)

@@ -23,6 +23,8 @@ _LEAST_PART = 20
 """Chosen: samples that a part needs for a lag of its own."""
 _FINE_S = 1e-5
 """Chosen: step to which a lag is worked out, far below any spread that was measured."""
+_FEW = 300
+"""Chosen: about so many samples stand for all while lags are tried."""
 _COARSE = 81
 """Chosen: lags that are tried before the finest is looked for."""
 _EXPLAINED = 0.2
@@ -98,24 +100,32 @@ def _told(times: Floats, source: Floats, output: Floats, free: int, most: float,
 
 
 def _best(times: Floats, source: Floats, output: Floats, free: int, most: float, part: slice) -> float:
-    def cost(lag: float) -> float:
-        return rms(_rest(times, source, output, lag, free, part))
+    """The lag with the least rest: first among some over a few samples, then next to the best over all."""
+    few = slice(part.start, part.stop, max(1, (part.stop - part.start) // _FEW))
+
+    def cost(lag: float, samples: slice) -> float:
+        return rms(_rest(times, source, output, lag, free, samples))
 
     tried = np.linspace(-most, most, _COARSE)
-    nearest = int(np.argmin([cost(float(lag)) for lag in tried]))
+    nearest = int(np.argmin([cost(float(lag), few) for lag in tried]))
     low, high = tried[max(nearest - 1, 0)], tried[min(nearest + 1, _COARSE - 1)]
-    found = minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": _FINE_S})
+    found = minimize_scalar(
+        lambda lag: cost(lag, part), bounds=(low, high), method="bounded", options={"xatol": _FINE_S}
+    )
     return float(found.x)
 
 
 def _rest(times: Floats, source: Floats, output: Floats, lag: float, free: int, part: slice) -> Floats:
+    """Output less the shifted input, less what is free."""
     at = times[part]
-    shifted = np.interp(at - lag, times, source, left=math.nan, right=math.nan)
-    rest: Floats = output[part] - shifted
+    rest: Floats = output[part] - np.interp(at - lag, times, source, left=math.nan, right=math.nan)
     known = np.isfinite(rest)
-    if free and known.sum() > free:
-        line = np.polyfit(at[known], rest[known], free - 1)
-        rest = rest - np.polyval(line, at)
+    if not free or known.sum() <= free:
+        return rest
+    rest = rest - rest[known].mean()
+    if free > 1:
+        about = at - at[known].mean()
+        rest = rest - about * (about[known] @ rest[known]) / (about[known] @ about[known])
     return rest
 
 

@@ -19,16 +19,15 @@ from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.fidelity.measures import Floats
-from hil_bridge.lab.fidelity.tables import FAMILIES, Table
+from hil_bridge.lab.fidelity.tables import WRENCH, Table
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.devices import Sensor, sensor_in
 from protocol.geometry import Quaternion
 from protocol.wrench import WrenchFrame, wrench_of
 
-WRENCH = (*FAMILIES["force"], *FAMILIES["moment"])
 LOADS = tuple(f"load_{name}" for name in WRENCH)
 """Columns of the load, in the order of a wrench."""
-_POSES = 400
+_POSES = 60
 """Chosen: readings from which the tool is identified; more tell nothing new of a slow motion."""
 _LEAD_S = 0.1
 """Chosen: the sensor streams for so long before the load begins to change."""

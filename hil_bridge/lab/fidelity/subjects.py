@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from hil_bridge.devices.kinds import ROBOTS, SENSORS
 from hil_bridge.errors import ConfigError
+from hil_bridge.errors.text_files import format_path
 from hil_bridge.lab.fidelity.comparing import (
     SLOW_HZ,
     Comparison,
@@ -16,10 +17,13 @@ from hil_bridge.lab.fidelity.comparing import (
 )
 from hil_bridge.lab.fidelity.contact import emulate_contact, laws_of
 from hil_bridge.lab.fidelity.emulating import emulate_robot
-from hil_bridge.lab.fidelity.sensing import LOADS, WRENCH, emulate_sensor, with_load
-from hil_bridge.lab.fidelity.tables import Table
+from hil_bridge.lab.fidelity.runs import read_run, read_wrench
+from hil_bridge.lab.fidelity.sensing import LOADS, emulate_sensor, with_load
+from hil_bridge.lab.fidelity.tables import WRENCH, Table, read_table
 from hil_bridge.settings.configuration import Config, load_config
 
+_TABLES = (".csv", ".tsv", ".txt", ".dat")
+"""Ends of the names of tables."""
 CONTACT = "contact"
 """Name of the surface of an emulated cell, which is no device."""
 
@@ -30,6 +34,17 @@ class Compared(NamedTuple):
     measured: Table
     emulated: Table
     comparison: Comparison
+
+
+def read(recording: Path, mapping: Path | None, kind: str) -> Table:
+    """The quantities of a recording, of a table with a mapping, else of a run, for a kind. Raises ConfigError."""
+    if mapping is not None:
+        return read_table(recording, mapping)
+    if recording.suffix.lower() in _TABLES:
+        raise ConfigError(
+            f"{format_path(recording)}: a table needs --columns, which says what its columns are"
+        )
+    return read_wrench(recording) if kind in SENSORS.names else read_run(recording)
 
 
 def compare_with(kind: str, measured: Table, config_file: Path | None, seed: int | None) -> Compared:

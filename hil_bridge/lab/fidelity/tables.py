@@ -1,4 +1,4 @@
-"""A measured recording as columns of known quantities: from a table in a file, or from a recording of a run.
+"""A measured recording as columns of known quantities, from a table in a file.
 
 A mapping in TOML says which column of a table is which quantity, and in which unit:
 
@@ -19,20 +19,15 @@ import io
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import takewhile
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from hil_bridge.control.course.task import Phase
-from hil_bridge.devices.facts import Pacing
 from hil_bridge.devices.playing import FAMILIES as OF_ROBOTS
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.text_files import format_path, format_value, read_text, read_toml
 from hil_bridge.lab.fidelity.measures import LEAST_SAMPLES, Floats
-from hil_bridge.record import read as read_recording
-from hil_bridge.record.device_facts import devices_of
 
 ROTATION = tuple(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
 FAMILIES: Mapping[str, tuple[str, ...]] = {
@@ -44,6 +39,8 @@ FAMILIES: Mapping[str, tuple[str, ...]] = {
 """Quantities by family. Beside those of robots: the rotation of the sensor in the base, row by row; the depth of a tip
 below where it is measured from, m; the force that presses it back, N.
 """
+WRENCH = (*FAMILIES["force"], *FAMILIES["moment"])
+"""Columns of a wrench in their order."""
 _ANGLE = {"rad": 1.0, "mrad": 1e-3, "µrad": 1e-6, "urad": 1e-6, "deg": math.pi / 180.0, "°": math.pi / 180.0}
 _SPEED = {"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": math.pi / 180.0, "°/s": math.pi / 180.0}
 _LENGTH = {"m": 1.0, "mm": 1e-3, "µm": 1e-6, "um": 1e-6}
@@ -62,8 +59,6 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 """Units of each family, and their sizes in its own, which is the first."""
 ROWS_MOST = 2_000_000
 """Chosen: rows of a table at most. An hour at 500 Hz has less."""
-_STEERED = (Phase.APPROACH, Phase.TRACK)
-"""Phases in which each cycle has an order of its own."""
 _SEPARATORS = {",": ",", ";": ";", "tab": "\t", "space": None}
 _KEYS = {
     "": ("separator", "header", "time", "columns"),
@@ -113,11 +108,6 @@ def unit_of(column: str) -> str:
     family = next(name for name, parts in FAMILIES.items() if column in parts)
     unit = next(iter(UNITS[family]))
     return "" if unit == "1" else unit
-
-
-def read(recording: Path, mapping: Path | None) -> Table:
-    """The quantities of a recording: of a table with a mapping, else of a run. Raises ConfigError."""
-    return read_table(recording, mapping) if mapping is not None else read_run(recording)
 
 
 class _Entry(NamedTuple):
@@ -200,7 +190,7 @@ def _place(column: str | int, names: Sequence[str], source: str) -> int:
     if isinstance(column, int):
         return column - 1
     if column not in names:
-        near = ", ".join(names[:8]) or "no names"
+        near = format_value(", ".join(names[:8])) if names else "no names"
         raise ConfigError(f"{source} has no column {format_value(column)}; its header begins with {near}")
     return names.index(column)
 
@@ -221,28 +211,6 @@ def _numbers(rows: Sequence[Sequence[str]], place: int, name: str, source: str, 
                 f"{source}: {name} in line {first + k} is no number: {format_value(row[place])}"
             )
     return values
-
-
-def read_run(recording: Path) -> Table:
-    """The quantities of a recording of a run: ordered and reported places, by cycle. Raises ConfigError.
-
-    Only the cycles before the first retraction count, for then a robot goes a long way to one order.
-    """
-    run = read_recording(recording)
-    cycles = list(takewhile(lambda cycle: cycle.phase in _STEERED, run.cycles))
-    if len(cycles) < LEAST_SAMPLES:
-        raise ConfigError(
-            f"{format_path(recording)} has {len(cycles)} cycles before it retracts; "
-            f"at least {LEAST_SAMPLES} are compared"
-        )
-    # A robot that streams is answered with the target of the cycle before its report.
-    late = 1 if devices_of(run).robot.pacing is Pacing.STREAMED else 0
-    times = np.array([cycle.status_at for cycle in cycles[late:]])
-    targets = np.array([cycle.target for cycle in cycles[: len(cycles) - late]])
-    places = np.array([cycle.position for cycle in cycles[late:]])
-    columns = {axis: places[:, k] for k, axis in enumerate(FAMILIES["position"])}
-    columns |= {name: targets[:, k] for k, name in enumerate(FAMILIES["order_position"])}
-    return Table(times - times[0], columns, at_arrival=True)
 
 
 # --- the mapping
