@@ -16,6 +16,7 @@ from hil_bridge.cli.emulate import emulate
 from hil_bridge.cli.experiment import experiment
 from hil_bridge.cli.export import export
 from hil_bridge.cli.faults import faults
+from hil_bridge.cli.fidelity import fidelity
 from hil_bridge.cli.files import config, profile, report
 from hil_bridge.cli.force_source import force_source
 from hil_bridge.cli.free import free
@@ -130,6 +131,7 @@ for command in (
     latency,
     report,
     compare,
+    fidelity,
     export,
     layouts,
     config,

@@ -26,6 +26,7 @@ from emulators.panel import Controls
 from emulators.seams import RobotFactory, SensorFactory, SurfaceFactory
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.kind_checks import fault_of
+from hil_bridge.devices.playing import Play
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.plugins import find_plugin, plugin_names
@@ -104,6 +105,8 @@ class RobotEmulation(Generic[_Client, _Emulated]):
     """
     late_ms: float = 20.0
     """How late what it says comes in the scenario `late`, ms."""
+    play: Play | None = None
+    """Plays a course of orders to the emulated robot over its protocol, for `hil-bridge fidelity`; None: it cannot."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ from emulators.devices.rsi import RSI_CONTROLS, RSI_FAULTS, RsiController, RsiPr
 from emulators.seams import RobotFactory
 from hil_bridge.devices.facts import Pacing, RobotFacts, ServoFacts
 from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
+from hil_bridge.devices.playing import Course, Played, play_stream
 from hil_bridge.devices.robots.probing import Probed, probe_link
 from hil_bridge.devices.robots.streamed import StreamedLink
 from hil_bridge.devices.wiring import Serving, Wiring
@@ -85,6 +86,11 @@ def usual(settings: KindSettings[RsiLink, RsiProfile], virtual: bool) -> str:
     return "udp+memory:rsi" if virtual else f"udp://127.0.0.1:{PORT}"
 
 
+def play(robot: Any, course: Course, settings: KindSettings[RsiLink, RsiProfile], now: float) -> Played:
+    """A course of places as corrections. As `hil_bridge.devices.playing.Play` says."""
+    return play_stream(robot.endpoint, RsiClient(settings.client), course, now)
+
+
 MISHAPS = {"refused": "emergency-stop", "stopped": "emergency-stop"}
 """An emergency stop is the one stop that its telegrams tell."""
 
@@ -94,7 +100,7 @@ ROBOT = RobotKind(
     RsiLink,
     connect,
     facts,
-    RobotEmulation(RsiProfile, make, serve, usual, RSI_FAULTS, RSI_CONTROLS, MISHAPS, late_ms=6.0),
+    RobotEmulation(RsiProfile, make, serve, usual, RSI_FAULTS, RSI_CONTROLS, MISHAPS, late_ms=6.0, play=play),
     parse=lambda url, settings: parse_url(url, LISTEN_DATAGRAMS),
     describe=describe,
     probe=probe,

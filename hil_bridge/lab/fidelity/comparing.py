@@ -1,0 +1,214 @@
+"""A measured table against that of the emulated device: figures of each quantity for both, and how far they are apart.
+
+An output is judged behind its own input: the measured one behind the measured input, the emulated one behind the
+emulated input. So a set point that the devices tell differently does not count as a lag of the arm.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from msgspec import Struct
+from msgspec.structs import replace
+
+from hil_bridge.lab.fidelity import measures
+from hil_bridge.lab.fidelity.measures import Floats
+from hil_bridge.lab.fidelity.tables import FAMILIES, Table, unit_of
+
+SLOW_HZ = 20.0
+"""Chosen: below it variance counts as slow. Vibrations of an arm that were recorded have 9 to 16 Hz."""
+
+
+class Pair(NamedTuple):
+    """Families of an input and of the output that follows it."""
+
+    source: str
+    output: str
+    integrated: bool = False
+    """The output is the way that the input makes as a speed."""
+    free: int = 0
+    """As of `measures.shift_of`."""
+
+
+ROBOT_PAIRS = (
+    Pair("order_q", "q"),
+    Pair("order_position", "position"),
+    Pair("target_q", "q"),
+    Pair("target_qd", "qd"),
+    Pair("target_qd", "q", integrated=True, free=2),
+    Pair("target_position", "position"),
+)
+ROBOT_FREE = ("force", "moment")
+"""Outputs of a robot without an input here: their noise alone is compared."""
+
+
+class Figures(Struct, frozen=True):
+    """Figures of one output. NaN stands for one that the samples do not tell."""
+
+    lag_s: float
+    """Lag behind the input, s."""
+    lag_spread_s: float
+    """Standard deviation of the lag over parts of the recording, s."""
+    rest_rms: float
+    """Root mean square of output less input, after that shift; of an output without an input, NaN."""
+    noise: float
+    """Of that rest, or of the output: standard deviation of successive differences, divided by √2."""
+    slow_share: float
+    """Share of the variance of the same below `Comparison.slow_hz`."""
+    grid: float
+    """Step on which the output lies."""
+
+
+class Line(Struct, frozen=True):
+    """One quantity."""
+
+    output: str
+    source: str
+    """Its input; empty without one."""
+    unit: str
+    measured: Figures
+    emulated: Figures
+    apart_s: float
+    """Lag of the emulated output behind the measured one, s; NaN where none is told."""
+    apart_rms: float
+    """Root mean square of their difference after that shift, a constant taken off; NaN without an input. Of a contact:
+    without a shift, and with the constant.
+    """
+
+
+class Law(Struct, frozen=True):
+    """A figure of a contact."""
+
+    name: str
+    unit: str
+    measured: float
+    emulated: float
+
+
+class Gaps(Struct, frozen=True):
+    """Times between samples, s."""
+
+    mean_s: float
+    deviation_s: float
+    percentile_99_s: float
+    longest_s: float
+
+
+class Comparison(Struct, frozen=True):
+    """A recording against the emulated device."""
+
+    kind: str
+    """Name of the kind."""
+    samples: int
+    """Of the recording."""
+    seconds: float
+    """Length of the recording, s."""
+    slow_hz: float
+    measured_gaps: Gaps
+    emulated_gaps: Gaps
+    lines: tuple[Line, ...]
+    laws: tuple[Law, ...] = ()
+    left_out: tuple[str, ...] = ()
+    """Families that could not be compared, in words."""
+
+
+def compare_robot(kind: str, measured: Table, emulated: Table, slow_hz: float = SLOW_HZ) -> Comparison:
+    """All quantities of a robot that both tables tell."""
+    lines, done = [], set[tuple[str, str]]()
+    for pair in ROBOT_PAIRS:
+        if pair.integrated and (pair.output, pair.source[:-1]) in done:
+            continue  # the places themselves are there
+        for source, output in zip(FAMILIES[pair.source], FAMILIES[pair.output], strict=True):
+            if all(name in table.columns for name in (source, output) for table in (measured, emulated)):
+                lines.append(_line(pair, (source, output), measured, emulated, slow_hz))
+                done.add((pair.output, pair.source))
+    for family in ROBOT_FREE:
+        lines += [
+            free_line(output, measured, emulated, slow_hz)
+            for output in FAMILIES[family]
+            if output in measured.columns and output in emulated.columns
+        ]
+    missing = [
+        f"{family}: the emulated {kind} does not tell it"
+        for family in FAMILIES
+        if measured.family(family) and not emulated.family(family)
+    ]
+    return summed(kind, measured, emulated, slow_hz, lines, left_out=tuple(missing))
+
+
+def summed(
+    kind: str,
+    measured: Table,
+    emulated: Table,
+    slow_hz: float,
+    lines: "list[Line]",
+    laws: tuple[Law, ...] = (),
+    left_out: tuple[str, ...] = (),
+) -> Comparison:
+    """The comparison with these lines."""
+    gaps = [Gaps(*measures.times_of(table.times)) for table in (measured, emulated)]
+    return Comparison(
+        kind,
+        len(measured.times),
+        float(measured.times[-1]),
+        slow_hz,
+        gaps[0],
+        gaps[1],
+        tuple(lines),
+        laws,
+        left_out,
+    )
+
+
+def free_line(output: str, measured: Table, emulated: Table, slow_hz: float) -> Line:
+    """An output without an input: its own noise."""
+    figures = [
+        _own_figures(table.times, table.columns[output], table.columns[output], slow_hz)
+        for table in (measured, emulated)
+    ]
+    return Line(output, "", unit_of(output), figures[0], figures[1], math.nan, math.nan)
+
+
+def direct_line(output: str, measured: Table, emulated: Table, slow_hz: float) -> Line:
+    """An output whose input is the same in both, sample by sample: its difference without a shift, and noises."""
+    line = free_line(output, measured, emulated, slow_hz)
+    apart = emulated.columns[output] - measured.columns[output]
+    return replace(line, apart_s=0.0, apart_rms=measures.rms(apart))
+
+
+def followed_line(
+    names: tuple[str, str], measured: Table, emulated: Table, slow_hz: float, free: int
+) -> Line:
+    """An output, the second name, behind an input, the first."""
+    return _line(Pair("", "", free=free), names, measured, emulated, slow_hz)
+
+
+def _line(pair: Pair, names: tuple[str, str], measured: Table, emulated: Table, slow_hz: float) -> Line:
+    source, output = names
+    figures = []
+    for table in (measured, emulated):
+        given, values = table.columns[source], table.columns[output]
+        if pair.integrated:
+            given = measures.integral_of(table.times, given)
+        lag = measures.shift_of(table.times, given, values, pair.free)
+        own = _own_figures(table.times, lag.rest, values, slow_hz)
+        figures.append(
+            Figures(lag.seconds, lag.spread, measures.rms(lag.rest), own.noise, own.slow_share, own.grid)
+        )
+    nearest = np.interp(measured.times, emulated.times, emulated.columns[output])
+    apart = measures.shift_of(measured.times, measured.columns[output], nearest, max(pair.free, 1))
+    words = f"∫{source}" if pair.integrated else source
+    return Line(
+        output, words, unit_of(output), figures[0], figures[1], apart.seconds, measures.rms(apart.rest)
+    )
+
+
+def _own_figures(times: Floats, rest: Floats, values: Floats, slow_hz: float) -> Figures:
+    return Figures(
+        math.nan,
+        math.nan,
+        math.nan,
+        measures.noise_of(rest),
+        measures.share_below(times, rest, slow_hz),
+        measures.grid_of(values),
+    )

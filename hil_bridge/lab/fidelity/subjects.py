@@ -1,0 +1,83 @@
+"""The kinds that a recording is compared with, and how: robots by orders, sensors by loads, the contact by depth."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+from hil_bridge.devices.kinds import ROBOTS, SENSORS
+from hil_bridge.errors import ConfigError
+from hil_bridge.errors.text_files import format_path
+from hil_bridge.lab.fidelity.comparing import (
+    SLOW_HZ,
+    Comparison,
+    compare_robot,
+    direct_line,
+    followed_line,
+    summed,
+)
+from hil_bridge.lab.fidelity.contact import emulate_contact, laws_of
+from hil_bridge.lab.fidelity.emulating import emulate_robot
+from hil_bridge.lab.fidelity.runs import read_run, read_wrench
+from hil_bridge.lab.fidelity.sensing import LOADS, emulate_sensor, with_load
+from hil_bridge.lab.fidelity.tables import WRENCH, Table, read_table
+from hil_bridge.settings.configuration import Config, load_config
+
+_TABLES = (".csv", ".tsv", ".txt", ".dat")
+"""Ends of the names of tables."""
+CONTACT = "contact"
+"""Name of the surface of an emulated cell, which is no device."""
+
+
+class Compared(NamedTuple):
+    """Both tables with their comparison."""
+
+    measured: Table
+    emulated: Table
+    comparison: Comparison
+
+
+def read(recording: Path, mapping: Path | None, kind: str) -> Table:
+    """The quantities of a recording, of a table with a mapping, else of a run, for a kind. Raises ConfigError."""
+    if mapping is not None:
+        return read_table(recording, mapping)
+    if recording.suffix.lower() in _TABLES:
+        raise ConfigError(
+            f"{format_path(recording)}: a table needs --columns, which says what its columns are"
+        )
+    return read_wrench(recording) if kind in SENSORS.names else read_run(recording)
+
+
+def compare_with(kind: str, measured: Table, config_file: Path | None, seed: int | None) -> Compared:
+    """Play a recording to an emulated device of a kind, and compare. Raises ConfigError."""
+    chosen: dict[str, object]
+    compare: Callable[[str, Table, Config], Compared]
+    if kind in ROBOTS.names:
+        chosen, compare = {"robot.emulated": kind}, _robot
+    elif kind in SENSORS.names:
+        chosen, compare = {"sensor.emulated": kind}, _sensor
+    elif kind == CONTACT:
+        chosen, compare = {}, _contact
+    else:
+        known = ", ".join((*ROBOTS.names, *SENSORS.names, CONTACT))
+        raise ConfigError(f"there is no kind {kind!r}; choose one of {known}")
+    return compare(kind, measured, load_config(config_file, {**chosen, "run.seed": seed}))
+
+
+def _robot(kind: str, measured: Table, config: Config) -> Compared:
+    emulated = emulate_robot(config, measured)
+    return Compared(measured, emulated, compare_robot(kind, measured, emulated, SLOW_HZ))
+
+
+def _sensor(kind: str, measured: Table, config: Config) -> Compared:
+    measured = with_load(measured)
+    emulated = emulate_sensor(config, measured)
+    pairs = [pair for pair in zip(LOADS, WRENCH, strict=True) if pair[1] in measured.columns]
+    lines = [followed_line(pair, measured, emulated, SLOW_HZ, free=1) for pair in pairs]
+    return Compared(measured, emulated, summed(kind, measured, emulated, SLOW_HZ, lines))
+
+
+def _contact(kind: str, measured: Table, config: Config) -> Compared:
+    emulated = emulate_contact(config, measured)
+    lines = [direct_line("press", measured, emulated, SLOW_HZ)]
+    laws = laws_of(measured, emulated)
+    return Compared(measured, emulated, summed(kind, measured, emulated, SLOW_HZ, lines, laws))

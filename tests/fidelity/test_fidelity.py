@@ -1,0 +1,323 @@
+"""A recording of an emulated device against emulated devices: the same has no distance, another has just its own."""
+
+import csv
+import json
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from hil_bridge.cli import cli
+from hil_bridge.lab.fidelity.comparing import Comparison, Line
+from hil_bridge.lab.fidelity.emulating import emulate_robot
+from hil_bridge.lab.fidelity.sensing import emulate_sensor, with_load
+from hil_bridge.lab.fidelity.subjects import compare_with
+from hil_bridge.lab.fidelity.tables import FAMILIES, ROTATION, WRENCH, Table
+from hil_bridge.settings.configuration import load_config
+
+Settings = Mapping[str, Any]
+
+
+def rise(times: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """From rest to rest and back, without a step in speed."""
+    return 0.5 * (1.0 - np.cos(1.6 * times))
+
+
+def robot_table(kind: str, orders: Table, settings: Settings) -> Table:
+    """A recording of an emulated robot that was played orders."""
+    return emulate_robot(load_config(None, {"robot.emulated": kind, **settings}), orders)
+
+
+def compare(kind: str, measured: Table, folder: Path, settings: Settings) -> Comparison:
+    """A recording against the emulated device with settings by dotted key."""
+    file = folder / "cell.toml"
+    sections: dict[str, list[str]] = {}
+    for key, value in settings.items():
+        section, _, name = key.rpartition(".")
+        sections.setdefault(section, []).append(f"{name} = {json.dumps(value)}")
+    file.write_text("\n".join(f"[{name}]\n" + "\n".join(rows) for name, rows in sections.items()))
+    return compare_with(kind, measured, file, 3).comparison
+
+
+def line(comparison: Comparison, output: str) -> Line:
+    return next(one for one in comparison.lines if one.output == output)
+
+
+def places(kind_cycle_s: float) -> Table:
+    times = np.arange(0.0, 4.0, kind_cycle_s)
+    moved = {"order_x": 0.02 * rise(times), "order_y": np.zeros(len(times)), "order_z": -0.01 * rise(times)}
+    return Table(times, moved)
+
+
+@pytest.mark.parametrize("kind", ["rsi", "egm", "rtde"])
+def test_the_same_robot_has_no_distance(kind: str, tmp_path: Path) -> None:
+    measured = robot_table(kind, places(0.004), {})
+    for axis in ("x", "z"):
+        found = line(compare(kind, measured, tmp_path, {}), axis)
+        assert found.source == f"order_{axis}"
+        assert found.measured.lag_s > 0.0
+        assert found.emulated.lag_s == pytest.approx(found.measured.lag_s, abs=2e-4)
+        assert found.emulated.rest_rms == pytest.approx(found.measured.rest_rms, rel=0.1)
+        assert found.apart_s == pytest.approx(0.0, abs=3e-4)
+        assert found.apart_rms < 1e-5
+
+
+def test_a_longer_transport_of_a_robot_is_its_distance(tmp_path: Path) -> None:
+    measured = robot_table("rsi", places(0.004), {"cell.rsi.transport_delay_ms": 8.0})
+    found = line(compare("rsi", measured, tmp_path, {"cell.rsi.transport_delay_ms": 20.0}), "x")
+    assert found.emulated.lag_s - found.measured.lag_s == pytest.approx(0.012, abs=2e-4)
+    assert found.apart_s == pytest.approx(0.012, abs=2e-4)
+
+
+def test_coarser_numbers_of_a_robot_are_its_grid(tmp_path: Path) -> None:
+    measured = robot_table("rsi", places(0.004), {"cell.rsi.precision": 2})
+    found = line(compare("rsi", measured, tmp_path, {"cell.rsi.precision": 1}), "x")
+    assert found.measured.grid == pytest.approx(1e-5, rel=1e-3)
+    assert found.emulated.grid == pytest.approx(1e-4, rel=1e-3)
+
+
+def joints(family: str) -> Table:
+    """Two joints of a ur10e on a way, as orders of places or speeds."""
+    times = np.arange(0.0, 4.0, 0.01)
+    start = (0.3, -1.5, 1.8, -1.8, -1.5, 0.2)
+    moved, speed = 0.2 * rise(times), 0.2 * 0.8 * np.sin(1.6 * times)
+    columns = {name: np.full(len(times), part) for name, part in zip(FAMILIES["q"], start, strict=True)}
+    if family == "order_q":
+        columns |= {f"order_{name}": values for name, values in columns.items()}
+        columns["order_q1"] = columns["order_q1"] + moved
+        columns["order_q4"] = columns["order_q4"] - moved
+    else:
+        columns |= dict.fromkeys(FAMILIES["target_qd"], np.zeros(len(times)))
+        columns |= {"target_qd1": speed, "target_qd4": -speed}
+    return Table(times, columns)
+
+
+def test_another_lookahead_of_servoj_is_its_distance(tmp_path: Path) -> None:
+    measured = robot_table("rtde", joints("order_q"), {"robot.rtde.lookahead_s": 0.03})
+    same = line(compare("rtde", measured, tmp_path, {"robot.rtde.lookahead_s": 0.03}), "q1")
+    assert same.emulated.lag_s == pytest.approx(same.measured.lag_s, abs=2e-4)
+    other = line(compare("rtde", measured, tmp_path, {"robot.rtde.lookahead_s": 0.08}), "q1")
+    assert other.emulated.lag_s - other.measured.lag_s == pytest.approx(0.05, abs=2e-3)
+
+
+def test_speeds_of_joints_are_played_as_speeds(tmp_path: Path) -> None:
+    measured = robot_table("rtde", joints("target_qd"), {})
+    told = {name: measured.columns[name] for name in (*FAMILIES["q"], *FAMILIES["target_qd"])}
+    found = line(compare("rtde", Table(measured.times, told), tmp_path, {}), "q4")
+    assert found.source == "∫target_qd4"
+    assert found.emulated.lag_s == pytest.approx(found.measured.lag_s, abs=2e-4)
+    assert found.apart_rms < 2e-4
+
+
+def test_a_robot_without_its_inputs_is_refused(tmp_path: Path) -> None:
+    result = ask(tmp_path, "rtde", [("t", "q1"), *((f"{k / 100}", "1.0") for k in range(60))], "")
+    assert "has no inputs of a robot: map one of order_q" in result
+
+
+# --- sensors
+
+
+def turning() -> Table:
+    """A sensor that turns about its x, with 1 kg below it."""
+    times = np.arange(0.0, 2.0, 0.005)
+    angle = 1.2 * np.sin(3.1 * times)
+    zeros, ones = np.zeros(len(times)), np.ones(len(times))
+    cosine, sine = np.cos(angle), np.sin(angle)
+    rows = (ones, zeros, zeros, zeros, cosine, -sine, zeros, sine, cosine)
+    columns = dict(zip(ROTATION, rows, strict=True))
+    turned = np.array(rows).T.reshape(-1, 3, 3)
+    force = turned.transpose(0, 2, 1) @ np.array([0.0, 0.0, -9.80665])
+    moment = np.cross(np.array([0.01, 0.0, 0.08]), force)
+    columns |= dict(zip(WRENCH, np.hstack([force, moment]).T, strict=True))
+    return Table(times, columns)
+
+
+def sensor_table(kind: str, settings: Settings) -> Table:
+    """A recording of an emulated sensor under that weight."""
+    loaded = with_load(turning())
+    told = emulate_sensor(load_config(None, {"sensor.emulated": kind, **settings}), loaded)
+    rotation = {name: np.interp(told.times, loaded.times, loaded.columns[name]) for name in ROTATION}
+    turned = np.column_stack([rotation[name] for name in ROTATION]).reshape(-1, 3, 3)
+    left, _, right = np.linalg.svd(turned)  # between two rotations lies none
+    flat = (left @ right).reshape(-1, 9).T
+    wrench = {name: told.columns[name] for name in WRENCH}
+    return Table(told.times, {**wrench, **dict(zip(ROTATION, flat, strict=True))})
+
+
+@pytest.mark.parametrize(("noise_n", "ratio"), [(0.02, 1.0), (0.06, 3.0)])
+def test_another_noise_of_a_sensor_is_its_distance(noise_n: float, ratio: float, tmp_path: Path) -> None:
+    settings = {"cell.netft.rate_hz": 200, "cell.netft.noise_n": 0.02}
+    measured = sensor_table("netft", settings)
+    found = compare("netft", measured, tmp_path, {**settings, "cell.netft.noise_n": noise_n})
+    for axis in ("fy", "fz"):
+        one = line(found, axis)
+        assert one.measured.noise == pytest.approx(0.02, rel=0.1)
+        assert one.emulated.noise == pytest.approx(ratio * one.measured.noise, rel=0.1)
+        assert one.emulated.lag_s == pytest.approx(one.measured.lag_s, abs=3e-3)
+    assert found.emulated_gaps.mean_s == pytest.approx(0.005, rel=1e-3)
+
+
+def test_a_sensor_that_stands_is_loaded_with_its_mean(tmp_path: Path) -> None:
+    times = np.arange(400) / 100.0
+    random = np.random.default_rng(3)
+    noise = random.normal(0.0, 0.05, (400, 3)) + np.array([1.0, -2.0, -7.0])
+    measured = Table(times, dict(zip(FAMILIES["force"], noise.T, strict=True)))
+    found = compare("ft300", measured, tmp_path, {"cell.ft300.noise_n": 0.1})
+    for axis in FAMILIES["force"]:
+        one = line(found, axis)
+        assert math.isnan(one.measured.lag_s)
+        assert one.measured.noise == pytest.approx(0.05, rel=0.15)
+        assert one.emulated.noise == pytest.approx(0.1, rel=0.15)
+
+
+# --- contact
+
+
+@pytest.mark.parametrize(("stiffness", "ratio"), [(3000.0, 1.0), (6000.0, 2.0)])
+def test_another_stiffness_is_the_distance_of_a_contact(
+    stiffness: float, ratio: float, tmp_path: Path
+) -> None:
+    times = np.arange(0.0, 5.0, 0.01)
+    depth = 0.02 + 0.001 * times
+    press = 3000.0 * np.maximum(depth - 0.021, 0.0)
+    measured = Table(times, {"depth": depth, "press": press})
+    found = compare(
+        "contact",
+        measured,
+        tmp_path,
+        {"cell.surface.stiffness_n_m": stiffness, "cell.surface.damping_ns_m": 0.0},
+    )
+    laws = {law.name: law for law in found.laws}
+    assert laws["exponent of the depth"].measured == pytest.approx(1.0, abs=0.01)
+    stiff = laws["stiffness of the law at 5 N"]
+    assert stiff.measured == pytest.approx(3000.0, rel=0.01)
+    assert stiff.emulated == pytest.approx(ratio * stiff.measured, rel=0.02)
+    assert (line(found, "press").apart_rms < 1e-3) == (ratio == 1.0)
+
+
+# --- the command
+
+
+def ask(folder: Path, kind: str, rows: Sequence[tuple[str, ...]], mapping: str, *more: str) -> str:
+    """What the command says of a table; its columns are `t` and a joint unless a mapping is given."""
+    table, plan = folder / "log.csv", folder / "log.toml"
+    with table.open("w", newline="") as file:
+        csv.writer(file).writerows(rows)
+    plan.write_text(
+        mapping
+        or '[time]\ncolumn = "t"\n[columns]\nq = { columns = ["q1", "", "", "", "", ""], unit = "rad" }\n'
+    )
+    result = CliRunner().invoke(cli, ["fidelity", str(table), "--columns", str(plan), "--as", kind, *more])
+    return result.output if result.exit_code == 0 else str(result.exception)
+
+
+def rsi_rows() -> list[tuple[str, ...]]:
+    measured = robot_table("rsi", places(0.012), {"cell.rsi.cycle_ms": 12, "robot.rsi.cycle_ms": 12})
+    names = ("order_x", "order_y", "order_z", "x", "y", "z")
+    columns = [1e3 * measured.times, *(1e3 * measured.columns[name] for name in names)]
+    return [("ipoc", *names), *(tuple(f"{part:.4f}" for part in row) for row in zip(*columns, strict=True))]
+
+
+RSI_MAPPING = """
+[time]
+column = "ipoc"
+unit = "ms"
+[columns]
+order_position = { columns = ["order_x", "order_y", "order_z"], unit = "mm" }
+position = { columns = ["x", "y", "z"], unit = "mm" }
+"""
+
+
+def test_the_command_reads_a_table_and_writes_a_page(tmp_path: Path) -> None:
+    cell, page = tmp_path / "cell.toml", tmp_path / "page.html"
+    cell.write_text("[robot.rsi]\ncycle_ms = 12\n[cell.rsi]\ncycle_ms = 12\n")
+    more = ("--config", str(cell), "--page", str(page))
+    rows = rsi_rows()
+    said = ask(tmp_path, "rsi", rows, RSI_MAPPING, *more)
+    assert "x behind order_x" in said
+    assert str(page) in said
+    text = page.read_text()
+    assert text.count("<script") == 2
+    assert "log.csv against the emulated rsi" in text
+    assert "http" not in text.replace("http-equiv", "").partition("<script>")[0]
+    assert "is there already" in ask(tmp_path, "rsi", rows, RSI_MAPPING, *more)
+    told = json.loads(ask(tmp_path, "rsi", rows, RSI_MAPPING, "--config", str(cell), "--json"))
+    one = next(each for each in told["lines"] if each["output"] == "x")
+    assert one["emulated"]["lag_s"] == pytest.approx(one["measured"]["lag_s"], abs=3e-4)
+    assert told["measured_gaps"]["mean_s"] == pytest.approx(0.012)
+    still = next(each for each in told["lines"] if each["output"] == "y")
+    assert still["emulated"]["lag_s"] is None
+    short = ask(tmp_path, "rsi", rows, RSI_MAPPING, "--config", str(cell), "--between", "0.5", "3.5")
+    assert "250 samples over 2.99 s" in short
+
+
+def test_a_run_is_compared_with_the_robot_that_it_had(tmp_path: Path) -> None:
+    """The client's ramp stands between the order and the set point, so that a cycle may be left."""
+    config, record = tmp_path / "run.toml", tmp_path / "run.mcap"
+    config.write_text('[run]\nduration_s = 2.0\n[robot]\nemulated = "rsi"\n[sensor]\nemulated = "netft"\n')
+    result = CliRunner().invoke(cli, ["run", str(config), "--virtual", "--record", str(record)])
+    assert record.exists(), result.output
+    for kind, output in (("rsi", "z"), ("netft", "fz")):
+        result = CliRunner().invoke(cli, ["fidelity", str(record), "--as", kind, "--json"])
+        assert result.exit_code == 0, result.exception
+        one = next(each for each in json.loads(result.output)["lines"] if each["output"] == output)
+        if kind == "rsi":
+            assert one["emulated"]["lag_s"] == pytest.approx(one["measured"]["lag_s"], abs=2e-3)
+        else:
+            assert one["emulated"]["noise"] == pytest.approx(one["measured"]["noise"], rel=0.1)
+
+
+GOOD = [("t", "q1"), *((f"{k / 100}", "1.0") for k in range(60))]
+
+
+@pytest.mark.parametrize(
+    ("rows", "mapping", "words"),
+    [
+        (GOOD[:20], "", "19 rows; at least 50 are compared"),
+        ([*GOOD[:30], GOOD[29], *GOOD[30:]], "", "the time does not rise in line 31"),
+        ([*GOOD[:30], ("0.29", "nan"), *GOOD[31:]], "", "q1 in line 31 is no number: 'nan'"),
+        ([*GOOD[:30], ("0.29", "one"), *GOOD[31:]], "", "q1 in line 31 is no number: 'one'"),
+        ([*GOOD[:30], ("0.29",), *GOOD[31:]], "", "line 31 has 1 columns, q1 is in column 2"),
+        ([("t", "p1"), *GOOD[1:]], "", "has no column 'q1'; its header begins with 't, p1'"),
+        (GOOD, '[time]\ncolumn = "t"\nunit = "h"\n[columns]\nq = {}\n', "time.unit must be one of s, ms"),
+        (
+            GOOD,
+            '[time]\ncolumn = "t"\n[columns]\nspin = {}\n',
+            "there is no quantity 'spin'; there are order_q",
+        ),
+        (GOOD, '[time]\ncolumn = "t"\n[columns]\ndepth = 3\n', "columns.depth must be a table"),
+        (GOOD, '[time]\ncolumn = "t"\n[columns]\nq = { columns = ["q1"] }\n', "must name 6 columns"),
+        (
+            GOOD,
+            '[time]\ncolumn = "t"\n[columns]\ndepth = { columns = ["q1"], unit = "inch" }\n',
+            "columns.depth.unit must be one of m, mm, µm, um, got 'inch'",
+        ),
+        (
+            GOOD,
+            '[time]\ncolumn = "t"\n[columns]\ndepth = { columns = [0], unit = "m" }\n',
+            "columns.depth must be a name of the header, or its number from 1, got 0",
+        ),
+        (GOOD, "[time]\nrate_hz = 0\n[columns]\nq = {}\n", "time.rate_hz must be above 0"),
+        (GOOD, "[time]\n[columns]\nq = {}\n", "[time] must have either column or rate_hz"),
+        (GOOD, "[time]\nrate_hz = 5\n", "must have the sections [time] and [columns]"),
+        (GOOD, 'separator = "x"\n', "separator must be one of"),
+        (GOOD, "speed = 3\n", "'speed' is not known here; there are separator"),
+    ],
+)
+def test_a_bad_table_or_mapping_is_told_in_one_line(
+    rows: Sequence[tuple[str, ...]], mapping: str, words: str, tmp_path: Path
+) -> None:
+    said = ask(tmp_path, "rtde", rows, mapping)
+    assert words in said
+    assert "\n" not in said.strip()
+
+
+def test_a_kind_and_a_table_without_a_mapping_are_told(tmp_path: Path) -> None:
+    assert "there is no kind 'lathe'; choose one of s3" in ask(tmp_path, "lathe", GOOD, "")
+    assert "its emulator cannot be played" in ask(tmp_path, "s3", GOOD, "")
+    result = CliRunner().invoke(cli, ["fidelity", str(tmp_path / "log.csv"), "--as", "rsi"])
+    assert "a table needs --columns" in str(result.exception)
