@@ -2,19 +2,37 @@
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import click
 
+from hil_bridge.cli.completion import complete, robots, sensors, surfaces
 from hil_bridge.cli.devices import link_profile_option
 from hil_bridge.cli.paths import FILE
+from hil_bridge.cli.setting_options import over, set_option
 
 
 @click.command(short_help="Serve the emulated cell, its robot or its sensor.")
 @click.argument("what", type=click.Choice(["cell", "robot", "sensor"]))
 @click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=FILE)
-@click.option("--robot", metavar="KIND", help="Kind of the robot.  [default: robot.emulated, s3]")
-@click.option("--sensor", metavar="KIND", help="Kind of the sensor.  [default: sensor.emulated, jr3]")
-@click.option("--surface", metavar="KIND", help="Kind of the surface, from a plug-in.")
+@click.option(
+    "--robot",
+    metavar="KIND",
+    shell_complete=complete(robots),
+    help="Kind of the robot.  [default: robot.emulated, s3]",
+)
+@click.option(
+    "--sensor",
+    metavar="KIND",
+    shell_complete=complete(sensors),
+    help="Kind of the sensor.  [default: sensor.emulated, jr3]",
+)
+@click.option(
+    "--surface",
+    metavar="KIND",
+    shell_complete=complete(surfaces),
+    help="Kind of the surface, from a plug-in.",
+)
 @click.option("--robot-port", metavar="URL", help="Where the robot listens.  [default: by its kind]")
 @click.option(
     "--sensor-port",
@@ -29,6 +47,7 @@ from hil_bridge.cli.paths import FILE
 @click.option(
     "--web-port", type=click.IntRange(0, 65535), metavar="N", help="Its port.  [default: one that is free]"
 )
+@set_option
 @click.option("--seed", type=int, help="Seed of every random draw in the devices.")
 @click.option("--json", "as_json", is_flag=True, help="Print where they listen as one line of JSON.")
 def emulate(
@@ -43,6 +62,7 @@ def emulate(
     panel: str | None,
     web: bool,
     web_port: int | None,
+    given: dict[str, Any],
     seed: int | None,
     as_json: bool,
 ) -> None:
@@ -79,14 +99,17 @@ def emulate(
     )
     config = load_config(
         config_file,
-        {
-            "run.seed": seed,
-            "run.panel_url": panel,
-            "robot.emulated": robot,
-            "cell.s3.link.profile": link_profile,
-            "sensor.emulated": sensor,
-            "cell.surface_kind": surface,
-        },
+        over(
+            given,
+            {
+                "run.seed": seed,
+                "run.panel_url": panel,
+                "robot.emulated": robot,
+                "cell.s3.link.profile": link_profile,
+                "sensor.emulated": sensor,
+                "cell.surface_kind": surface,
+            },
+        ),
     )
     if what == "sensor" and config.run.panel_url:
         raise click.UsageError("run.panel_url: `emulate sensor` serves no robot, and a panel is a robot's")

@@ -432,7 +432,7 @@ def explain(
             text = f"{first['msg'].replace('Input should', 'must', 1)}{got}"
     key = ".".join(location)
     if key in given:
-        return SettingRefused(OPTIONS[key], (), text, joint, further)
+        return SettingRefused(OPTIONS.get(key, f"--set {key}"), (), text, joint, further)
     own = (sources or {}).get(".".join(location[:2]), source)
     return SettingRefused(str(own), location, text, joint, further)
 
