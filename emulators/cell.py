@@ -262,6 +262,12 @@ class Cell(Generic[Robot, Sensor]):
                 wrenches[3:, part] += self._rotation.T @ moments[:, part]
         return wrenches.T
 
+    def speeds(self, times: Floats) -> Floats:
+        """Speed (n,) of the tool centre point, m/s, at ascending `times` (n,), s."""
+        _, velocities = self._path.trajectory(times)
+        speeds: Floats = np.sqrt(np.einsum("ij,ij->i", velocities, velocities))
+        return speeds
+
     def _turn(self, quaternion: Quaternion) -> None:
         """Prepare for this orientation of the tool: it stays the same over many samples."""
         self._turned = quaternion
