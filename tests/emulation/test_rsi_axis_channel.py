@@ -2,12 +2,13 @@
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 
-from emulators.devices.rsi import RsiController, RsiProfile
+from emulators.devices.rsi import RSI_FAULTS, RsiController, RsiProfile
 from emulators.devices.rsi.controller import State
+from emulators.faults import Ledger
 from emulators.seams import StartPose
 from protocol.devices.rsi import RsiClient, RsiLink, decode, encode, pose_tags
 from protocol.devices.rsi.arm import KukaArm
@@ -28,13 +29,15 @@ class Drive:
     axes: Joints = (0.0, -90.0, 90.0, 0.0, 90.0, 0.0)
     link: dict[str, Any] = field(default_factory=dict)
     cell: dict[str, Any] = field(default_factory=dict)
+    channel: Literal["pose", "axes"] = "axes"
 
     def __post_init__(self) -> None:
         self.arm = KukaArm("kr16-2", TOOL_M)
         self.start = self.arm.pose(self.axes)
-        profile = RsiProfile(mode="absolute", **{**AXES_ONLY, **self.cell})
+        signals = AXES_ONLY if self.channel == "axes" else {**AXES_ONLY, "correction_tag": "RKorr"}
+        profile = RsiProfile(mode="absolute", **{**signals, **self.cell})
         self.robot = RsiController(profile, StartPose(*self.start, TOOL_M), T0)
-        self.client = RsiClient(RsiLink(mode="absolute", correction="axes", **self.link))
+        self.client = RsiClient(RsiLink(mode="absolute", correction=self.channel, **self.link))
         self.now = T0
         self.began = False
         self.notices: list[str] = []
@@ -188,3 +191,20 @@ def test_a_program_whose_axes_are_no_numbers_moves_nothing() -> None:
         )
     assert set(drive.faults) == {"its axes are told as no numbers"}
     assert drive.robot.ordered_pose == drive.poses[0]
+
+
+@pytest.mark.parametrize("channel", ["pose", "axes"])
+def test_a_tool_that_is_turned_in_its_place_stays_so_when_the_clock_jumps(
+    channel: Literal["pose", "axes"],
+) -> None:
+    """Its point is where the program began, and the correction is none the less: the next answer once was zero."""
+    drive = Drive(channel=channel)
+    target = drive.go((0.0, 0.0, 0.0), turn_deg=8.0)
+    ledger = Ledger(RSI_FAULTS)
+    ledger.attach("robot", drive.robot.handlers["robot"])
+    ledger.inject("robot", "clock-jump", drive.now, {})
+    drive.began, drive.start = False, target
+    for _ in range(3):
+        drive.cycle(target)
+    assert drive.robot.state is State.MOVECORR, drive.robot.error
+    assert angle_between(drive.robot.ordered_pose.quaternion, target.quaternion) < math.radians(0.01)

@@ -38,6 +38,8 @@ PLANNED_DEG = 0.02
 """Chosen: the same of a set axis, where the axes are corrected."""
 STANDING_MM = 0.05
 """Chosen: a difference between actual and set position below it is none when a session begins."""
+STANDING_DEG = 0.01
+"""Chosen: the same of their turn, and of each axis where the axes are corrected."""
 FOLLOWS_WITHIN_S = 0.25
 """Chosen: a robot is where its correction was within so long; more than any lag of its servo."""
 RUNS_AWAY_CYCLES = 25
@@ -254,7 +256,8 @@ class RsiClient:
         self._answered, self._missed = None, 0
         self._leaving, self._ran_away = 0, self._ran_away and not anew
         offset = told.offset or _NOTHING
-        if math.hypot(*offset[:3]) > STANDING_MM:
+        turns = (*offset[3:], *(self._axes_offset if self._axes is not None else ()))
+        if math.hypot(*offset[:3]) > STANDING_MM or max(map(abs, turns)) > STANDING_DEG:
             self._set(offset, self._axes_offset)
         else:
             self._set(_NOTHING, NO_TURN)
