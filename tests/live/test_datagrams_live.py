@@ -195,6 +195,29 @@ async def test_an_emulated_robot_without_a_client_says_so_once() -> None:
     assert "cannot be reached: no program listens there; start the other side first" in line
 
 
+async def test_an_emulated_robot_tells_the_end_of_a_session_as_that() -> None:
+    """The client was heard, and left: that is no wrong port. One that comes again and leaves is told again."""
+    said: list[str] = []
+    with closing(Clock.running()) as clock:
+        free = await listen_datagrams("udp-bind://127.0.0.1:0", clock)
+        await free.transport.aclose()
+        listen = Listen(f"egm+{free.address}", None)
+        async with emulated_cell(Setup(read_config({}), listen), clock, lambda cause: None, said.append):
+            for session in (1, 2):
+                client = await listen_datagrams(free.address.replace("udp:", "udp-bind:"), clock)
+                ear = Ear(CASES[0], client.transport)
+                await ear.until(lambda ear=ear: len(ear.datagrams) > 0)
+                client.transport.send([b"answer"])
+                await asyncio.sleep(0.05)
+                await client.transport.aclose()
+                await _settled(lambda session=session: sum("has left" in line for line in said) == session)
+                await asyncio.sleep(1.1)  # longer than the least time between two notices of a wire
+    place = free.address.removeprefix("udp://")
+    left = f"udp://{place}: the program at {place} has left; it was heard before"
+    assert [line for line in said if "cannot be reached" not in line] == [left, left]
+    assert sum("cannot be reached" in line for line in said) <= 1, "before the first client came"
+
+
 async def test_the_error_queue_does_not_keep_the_loop_busy() -> None:
     with closing(Clock.running()) as clock:
         gone = await listen_datagrams("udp-bind://127.0.0.1:0", clock)
