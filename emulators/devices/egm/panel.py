@@ -58,14 +58,14 @@ _CONTROLS: Mapping[str, Switch | Dial] = {
 
 
 def _state(robot: EgmController, now: float) -> dict[str, Any]:
-    _, guidance, rapid = robot.state.value[:3]
+    guidance = robot.state.value[1]
     hindrance = robot.hindrance(now)
     pose, joints = robot.measured
     return {
         "key": _KEY_WORDS[robot.desk.key],
         "motors": "off" if set(POWERLESS) & set(robot.stops) else "on",
         "guidance": guidance.name.lower(),
-        "rapid": rapid.name.lower(),
+        "rapid": "running" if operation.runs(robot) else "stopped",
         "hindrance": "" if hindrance is None else hindrance.words,
         "stops": list(robot.stops),
         "speed_percent": robot.desk.speed_percent,

@@ -137,6 +137,7 @@
     set($("link"), playback ? "recording" : "the run has ended");
     $("link").className = "";
     $("end").hidden = true;
+    panel.close();
     if (!playback) { over = true; bar("cut", "", ""); bar("silent", "", ""); }
   }
 

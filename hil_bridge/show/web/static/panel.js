@@ -113,6 +113,9 @@ window.HilPanel = (() => {
     hands.append(controls, said, faults);
     place.replaceChildren(state, hands);
     return {
+      close() {   // nothing hears the panel any more
+        for (const one of place.querySelectorAll("button, input, select")) one.disabled = true;
+      },
       describe(told) {
         lamps.clear(); dials.clear();
         controls.replaceChildren(...Object.entries(told.controls).map(([name, one]) => control(name, one)));

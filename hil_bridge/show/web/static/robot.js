@@ -20,6 +20,7 @@
     socket.onopen = () => { tries = 0; $("link").textContent = "live"; $("link").className = "live"; say("cut", "", ""); };
     socket.onmessage = event => take(JSON.parse(event.data));
     socket.onclose = () => {
+      panel.close();
       $("link").textContent = "connection lost"; $("link").className = "lost";
       say("cut", "Connection lost, trying again … the state below is old", "caution");
       tries += 1;
