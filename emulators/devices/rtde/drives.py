@@ -1,8 +1,8 @@
 """The drives of an arm, which follow the controller's targets, and its encoders, which tell where they are.
 
 Recordings of real arms give two figures: how late a joint comes behind its target, and how large a difference remains.
-The difference is slow, as of friction. Here it wanders with the way that a joint goes, and stays where the joint
-stands. Assumed: that form.
+The difference is slow, as of friction. Here it is a wave of the way that a joint goes, whose length changes at random.
+It stays where the joint stands, and it has a bound, as friction has. Assumed: that form.
 """
 
 import math
@@ -16,8 +16,10 @@ from emulators.devices.rtde.kinematics import Joints
 from emulators.devices.rtde.profile import RtdeProfile
 from protocol.geometry import Vector
 
-_BOTH = math.sqrt(2.0)
-"""Derived: behind two equal low-passes, one in the noise, the difference has half of the first one's variance."""
+_PEAK = math.sqrt(2.0)
+"""Derived: height of a wave by its root mean square."""
+_RATE = 2.0
+"""Chosen: root mean square of the change of a phase over the length of a difference, rad."""
 _GRAVITY = -9.82
 """Assumed: what the tool's accelerometer tells along its z axis, m/s²."""
 _FAST_RAD_S = 1.0
@@ -40,8 +42,11 @@ class Drives:
         self._more_error = max(0.0, profile.fast_follow_error_urad * 1e-6 - self._slow_error) / _FAST_RAD_S
         self._length, self._time = profile.follow_error_length_mrad * 1e-3, profile.follow_error_ms * 1e-3
         self._noise, self._number = NoiseRows(seed, "drives"), 0
-        self._drawn: list[float] = [0.0] * 6
-        self._errors: list[float] = [0.0] * 6
+        self._sizes = [self._slow_error] * 6
+        """Of the differences, root mean square, rad."""
+        self._phases, self._rates = [0.0] * 6, [0.0] * 6
+        """Of the waves that the differences go by, rad, and their changes by a whole `follow_error_length_mrad`."""
+        self._errors = [0.0] * 6
         """Differences from the targets, rad."""
 
     def step(self, target: Joints) -> Joints:
@@ -67,10 +72,10 @@ class Drives:
         self._number += 1
         for joint, (speed, normal) in enumerate(zip(speeds, row, strict=True)):
             share = min(1.0, dt * speed / (length + least * speed))
-            size = _BOTH * (self._slow_error + self._more_error * speed)
-            drawn = self._drawn[joint] * (1.0 - share) + math.sqrt(share * (2.0 - share)) * size * normal
-            self._drawn[joint] = drawn
-            self._errors[joint] += share * (drawn - self._errors[joint])
+            self._sizes[joint] += share * (self._slow_error + self._more_error * speed - self._sizes[joint])
+            self._rates[joint] += math.sqrt(2.0 * share) * _RATE * normal - share * self._rates[joint]
+            self._phases[joint] += share * self._rates[joint]
+            self._errors[joint] = _PEAK * self._sizes[joint] * math.sin(self._phases[joint])
 
 
 class ArmSensors:

@@ -107,10 +107,10 @@ class RtdeProfile:
         1, _O, "cycles from a target in the outputs to the arm; 0 to 2 of real ones", between(1, 10)
     )
     follow_error_urad: float = setting(
-        100.0,
+        80.0,
         _O,
         "what remains between a joint that moves slowly and its target, root mean square; 60 to 120 of a UR5e in "
-        "lbusellato/CoLeCT",
+        "lbusellato/CoLeCT, whose tool was 0.04 to 0.06 mm off",
         at_least(0.0),
         unit="µrad",
     )
