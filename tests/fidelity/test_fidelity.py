@@ -15,7 +15,7 @@ from hil_bridge.cli import cli
 from hil_bridge.lab.fidelity.comparing import Comparison, Line
 from hil_bridge.lab.fidelity.emulating import emulate_robot
 from hil_bridge.lab.fidelity.sensing import emulate_sensor, with_load
-from hil_bridge.lab.fidelity.subjects import compare_with
+from hil_bridge.lab.fidelity.subjects import STANDS, compare_with
 from hil_bridge.lab.fidelity.tables import FAMILIES, ROTATION, WRENCH, Table
 from hil_bridge.settings.configuration import load_config
 
@@ -113,9 +113,21 @@ def test_speeds_of_joints_are_played_as_speeds(tmp_path: Path) -> None:
     assert found.apart_rms < 2e-4
 
 
-def test_a_robot_without_its_inputs_is_refused(tmp_path: Path) -> None:
-    result = ask(tmp_path, "rtde", [("t", "q1"), *((f"{k / 100}", "1.0") for k in range(60))], "")
-    assert "has no inputs of a robot: map one of order_q" in result
+def test_a_robot_without_inputs_stands_and_its_noise_is_compared(tmp_path: Path) -> None:
+    times = np.arange(100) / 100.0
+    force = np.random.default_rng(5).normal(0.0, 0.4, 100)
+    found = compare("rtde", Table(times, {"fz": force}), tmp_path, {"cell.rtde.force_noise_n": 0.4})
+    one = line(found, "fz")
+    assert one.source == ""
+    assert one.measured.noise == pytest.approx(0.4, rel=0.25)
+    assert one.emulated.noise == pytest.approx(0.4, rel=0.25)
+    assert found.left_out == (STANDS,)
+
+
+def test_a_table_that_tells_nothing_of_a_robot_is_refused(tmp_path: Path) -> None:
+    mapping = '[time]\ncolumn = "t"\n[columns]\ndepth = { columns = ["q1"], unit = "m" }\n'
+    said = ask(tmp_path, "rtde", GOOD, mapping)
+    assert "tells nothing of a robot: map one of q, qd, position" in said
 
 
 # --- sensors

@@ -38,8 +38,8 @@ ROBOT_PAIRS = (
     Pair("target_qd", "q", integrated=True, free=2),
     Pair("target_position", "position"),
 )
-ROBOT_FREE = ("force", "moment")
-"""Outputs of a robot without an input here: their noise alone is compared."""
+ROBOT_FREE = ("q", "qd", "position", "force", "moment")
+"""Outputs of a robot. Of those that follow no input here, the noise alone is compared."""
 
 
 class Figures(Struct, frozen=True):
@@ -122,11 +122,12 @@ def compare_robot(kind: str, measured: Table, emulated: Table, slow_hz: float = 
             if all(name in table.columns for name in (source, output) for table in (measured, emulated)):
                 lines.append(_line(pair, (source, output), measured, emulated, slow_hz))
                 done.add((pair.output, pair.source))
+    followed = {line.output for line in lines}
     for family in ROBOT_FREE:
         lines += [
             free_line(output, measured, emulated, slow_hz)
             for output in FAMILIES[family]
-            if output in measured.columns and output in emulated.columns
+            if output in measured.columns and output in emulated.columns and output not in followed
         ]
     missing = [
         f"{family}: the emulated {kind} does not tell it"

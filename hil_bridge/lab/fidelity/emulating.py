@@ -15,23 +15,28 @@ POWERED_S = 1000.25
 """Chosen: when the emulated device is powered up, s. It is no round number, so that nothing counts from 0."""
 _DRIVES = ("order_q", "order_qd", "order_position", "target_q", "target_qd", "target_position")
 """Families that are played, the first that is there."""
+_OUTPUTS = ("q", "qd", "position", "force", "moment")
+"""Families of which one at least is compared."""
+_NOWHERE = (0.0, 0.0, 0.0)
 
 
 class Drive(NamedTuple):
     """The part of a recording that is played."""
 
     family: str
-    """Family in the recording."""
+    """Family in the recording; empty for a robot that stands."""
     order: str
     """The same as an order."""
 
 
 def drive_of(table: Table) -> Drive:
-    """What of a recording is played to a robot. Raises ConfigError where there is nothing."""
+    """The part of a recording that is played; a robot stands without one. Raises ConfigError without outputs."""
+    if not any(table.family(family) for family in _OUTPUTS):
+        raise ConfigError(f"the recording tells nothing of a robot: map one of {', '.join(_OUTPUTS)}")
     for family in _DRIVES:
         if table.has(family):
             return Drive(family, family.replace("target_", "order_"))
-    raise ConfigError(f"the recording has no inputs of a robot: map one of {', '.join(_DRIVES)}")
+    return Drive("", "order_position")
 
 
 def emulate_robot(config: Config, table: Table) -> Table:
@@ -43,8 +48,10 @@ def emulate_robot(config: Config, table: Table) -> Table:
             f"{device.kind.name}: its emulator cannot be played a recording (RobotEmulation.play)"
         )
     drive = drive_of(table)
-    start = tuple(table.rows("q")[0].tolist()) if drive.order == "order_qd" and table.has("q") else ()
-    orders = [tuple(row) for row in table.rows(drive.family).tolist()]
+    start = tuple(table.rows("q")[0].tolist()) if drive.order != "order_q" and table.has("q") else ()
+    orders = [_NOWHERE] * len(table.times)
+    if drive.family:
+        orders = [tuple(row) for row in table.rows(drive.family).tolist()]
     course = Course(drive.order, table.times.tolist(), orders, start, table.at_arrival)
     cell = config.cell
     x, y, z = (part / 1e3 for part in cell.start_position_mm)

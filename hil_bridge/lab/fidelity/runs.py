@@ -45,7 +45,7 @@ def read_run(recording: Path) -> Table:
 
 
 def read_wrench(recording: Path) -> Table:
-    """The wrench between a run's zero and its first contact: nothing but the tool is on the sensor. Raises ConfigError."""
+    """The wrench between a run's zero and its first contact, of nothing but the tool. Raises ConfigError."""
     run = read_recording(recording)
     facts = devices_of(run).sensor.facts
     if facts is None:

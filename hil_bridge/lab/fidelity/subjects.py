@@ -4,6 +4,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+from msgspec.structs import replace
+
 from hil_bridge.devices.kinds import ROBOTS, SENSORS
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.text_files import format_path
@@ -16,12 +18,13 @@ from hil_bridge.lab.fidelity.comparing import (
     summed,
 )
 from hil_bridge.lab.fidelity.contact import emulate_contact, laws_of
-from hil_bridge.lab.fidelity.emulating import emulate_robot
+from hil_bridge.lab.fidelity.emulating import drive_of, emulate_robot
 from hil_bridge.lab.fidelity.runs import read_run, read_wrench
 from hil_bridge.lab.fidelity.sensing import LOADS, emulate_sensor, with_load
 from hil_bridge.lab.fidelity.tables import WRENCH, Table, read_table
 from hil_bridge.settings.configuration import Config, load_config
 
+STANDS = "inputs: the recording has none, so the emulated robot stands"
 _TABLES = (".csv", ".tsv", ".txt", ".dat")
 """Ends of the names of tables."""
 CONTACT = "contact"
@@ -65,7 +68,10 @@ def compare_with(kind: str, measured: Table, config_file: Path | None, seed: int
 
 def _robot(kind: str, measured: Table, config: Config) -> Compared:
     emulated = emulate_robot(config, measured)
-    return Compared(measured, emulated, compare_robot(kind, measured, emulated, SLOW_HZ))
+    comparison = compare_robot(kind, measured, emulated, SLOW_HZ)
+    if not drive_of(measured).family:
+        comparison = replace(comparison, left_out=(*comparison.left_out, STANDS))
+    return Compared(measured, emulated, comparison)
 
 
 def _sensor(kind: str, measured: Table, config: Config) -> Compared:
