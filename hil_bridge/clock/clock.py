@@ -49,8 +49,6 @@ class Clock:
         """True when nothing waits: what is asked for happens at its exact instant."""
         self.now: Callable[[], float] = loop.time if self.is_virtual else time.monotonic
         """Time, s. In real time what asyncio's loop calls too, since another loop may tell it to a millisecond only."""
-        self.computer_now: Callable[[], float] = self.now
-        """The computer's time, s: the same, except on a clock of emulated devices, whose `now` may be a time of due."""
         self.call_at: Callable[[float, Callable[[], object]], Timer] = loop.call_at
         """Call back at a time, s on this clock; soon, but never before this returns, when that has passed.
 

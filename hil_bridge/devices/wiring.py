@@ -95,7 +95,7 @@ class Serving:
         """The same with datagrams, on which the client speaks first, or the device does."""
         if speak_first:
             wire = await opening.connect_datagrams(url, self.clock, self._tell_once)
-            self.attach(_Beating(endpoint, wire.take_in, self.clock.computer_now), wire)
+            self.attach(_Beating(endpoint, wire.take_in), wire)
             return url.replace("udp://", "udp-bind://", 1)
         listening = await opening.listen_datagrams(url, self.clock)
         self.attach(endpoint, listening.transport)
@@ -129,22 +129,21 @@ class Serving:
 
 
 class _Beating:
-    """A device that speaks first and tells something at each beat of its own, on a computer that wakes it late.
+    """A device that speaks first and ends a cycle at each beat of its own.
 
-    It learns at which time it is woken, so that it skips the beats that are missed: by the time of their due it would
-    tell all at once, and no answer came in time. Answers that lie in the system's buffer come before the beat.
+    A beat may wait for this computer for long. An answer that lies in the system's buffer meanwhile has come before it.
     """
 
-    __slots__ = ("_endpoint", "_now", "_take_in", "data_to_send", "next_deadline", "next_event", "receive")
+    __slots__ = ("_endpoint", "_take_in", "data_to_send", "next_deadline", "next_event", "receive")
 
-    def __init__(self, endpoint: Any, take_in: Callable[[], None], now: Callable[[], float]) -> None:
-        self._endpoint, self._take_in, self._now = endpoint, take_in, now
+    def __init__(self, endpoint: Any, take_in: Callable[[], None]) -> None:
+        self._endpoint, self._take_in = endpoint, take_in
         self.receive, self.next_event = endpoint.receive, endpoint.next_event
         self.data_to_send, self.next_deadline = endpoint.data_to_send, endpoint.next_deadline
 
     def handle_deadline(self, now: float) -> None:
         self._take_in()
-        self._endpoint.handle_deadline(max(now, self._now()))
+        self._endpoint.handle_deadline(now)
 
 
 def _ignore(event: object) -> None:

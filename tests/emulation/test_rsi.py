@@ -149,9 +149,9 @@ def test_a_process_that_stalls_misses_cycles_and_counts_none_late() -> None:
 
 
 def test_a_process_that_is_late_tells_the_state_of_the_cycle_that_is_due() -> None:
-    """It wakes 1.5 ms behind a cycle, while the arm moves: the telegram is that of a process which is in time."""
+    """It wakes 3 ms behind a cycle, while the arm moves: the telegram is that of a process which is in time."""
     telegrams: list[bytes] = []
-    for late_s in (0.0, 0.0015):
+    for late_s in (0.0, 0.003):
         one = rig()
         one.run(40, z=-0.1)
         due = one.robot.endpoint.next_deadline()
@@ -160,24 +160,6 @@ def test_a_process_that_is_late_tells_the_state_of_the_cycle_that_is_due() -> No
         telegrams += one.robot.endpoint.data_to_send(due + 0.004 + late_s)
     assert telegrams[0] == telegrams[1]
     assert b'Z="500.0000"' not in telegrams[0].split(b"<RSol")[0], "the arm has moved"
-
-
-def test_a_client_has_half_a_cycle_at_least_and_a_process_that_is_always_late_tells_every_second_one() -> (
-    None
-):
-    """On a busy computer 224 of 7500 answers of a client of high priority counted as late: it was asked too late."""
-    one = rig()
-    one.run(10)
-    clocks: list[int] = []
-    for _ in range(8):
-        due = one.robot.endpoint.next_deadline()
-        assert due is not None
-        one.robot.endpoint.handle_deadline(due + 0.0035)
-        sent = [decode(raw).ipoc for raw in one.robot.endpoint.data_to_send(due)]
-        one.robot.endpoint.receive([answer(ipoc) for ipoc in sent], due)
-        clocks += sent
-    assert np.diff(clocks).tolist() == [8, 8, 8]
-    assert one.robot.late == 0
 
 
 def test_further_channels_and_other_spellings_are_sent() -> None:
@@ -349,7 +331,7 @@ def test_a_jump_stops_the_robot_where_it_is() -> None:
         one.run(5)
         one.cycle(lambda ipoc, value=value: answer(ipoc, **value))  # type: ignore[misc]
         assert one.next() == []
-        assert (one.robot.error, one.robot.correction) == (TOO_FAST, (0.0,) * 6)
+        assert (one.robot.error, one.robot.correction) == (TOO_FAST, (0.0,) * 12)
     slow = rig(cycle_ms=12)
     slow.run(2, z=-2.9)  # as fast as 0.97 mm in 4 ms
     slow.next()
@@ -439,7 +421,7 @@ def test_a_person_resets_the_program_and_it_begins_where_the_robot_stands() -> N
         assert telegram.values["RSol.Z"] == "495.0000"
         assert actual(telegram)[2] == pytest.approx(495.0, abs=0.01)
         assert telegram.ipoc == pytest.approx(clock, abs=200)
-        assert one.robot.correction == (0.0,) * 6
+        assert one.robot.correction == (0.0,) * 12
 
 
 @pytest.mark.parametrize(
@@ -502,7 +484,7 @@ def test_no_bytes_move_the_robot(data: Sequence[bytes]) -> None:
     one.run(2)
     one.robot.endpoint.receive(data, one.now)
     one.next()
-    assert one.robot.correction == (0.0,) * 6
+    assert one.robot.correction == (0.0,) * 12
 
 
 def test_a_flood_of_answers_is_not_read_to_its_end() -> None:

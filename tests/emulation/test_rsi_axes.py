@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from emulators.devices.rsi import RSI_FAULTS, RsiController, RsiProfile
+from emulators.devices.rsi import RSI_CONTROLS, RSI_FAULTS, RsiController, RsiProfile
 from emulators.devices.rsi.controller import OUT_OF_REACH, State
 from emulators.devices.rsi.correction import AXES_TOO_FAR, TOO_FAST
 from emulators.faults import Ledger
@@ -158,6 +158,19 @@ def test_an_axis_is_cut_at_its_own_limit_without_a_word() -> None:
     start = axes_in(client.cycle((0.0,) * 6), "ASPos")
     moved = np.array(axes_in(client.go((8.0, 8.0, 0.0, 0.0, 0.0, 0.0), 100), "AIPos")) - start
     assert moved[:2] == pytest.approx([8.0, 5.0], abs=2e-3)
+    assert client.robot.state is State.MOVECORR
+    shown = RSI_CONTROLS.rows(RSI_CONTROLS.state(client.robot, client.now))
+    assert shown["of the axes"].split() == ["8.000", "5.000", *["0.000"] * 4, "°"]
+
+
+def test_axes_may_be_cut_at_the_ends_of_their_ranges_as_the_makers_program_does() -> None:
+    """Source: ROS_SetAxisCorrLimits of kroshu/kuka-external-control-sdk: limits are the ends less the actual axis."""
+    client = AxisClient(axis_ends="cut")
+    start = axes_in(client.cycle((0.0,) * 6), "ASPos")
+    end, way = MODELS["kr16-2"].highest_deg[4], 85.0
+    assert start[4] + way > end + 1.0
+    last = axes_in(client.go((0.0, 0.0, 0.0, 0.0, way, 0.0), 400), "AIPos")
+    assert last[4] == pytest.approx(end, abs=2e-3)
     assert client.robot.state is State.MOVECORR
 
 

@@ -115,6 +115,24 @@ def test_a_robot_that_adds_whole_corrections_up_gets_no_more_of_them(guarded: Ru
     assert run.cell.true_state(end).velocity == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
 
 
+def test_an_axis_that_is_cut_alone_bends_the_way_and_the_force_stays_below_its_bound(guarded: Run) -> None:
+    """The tool goes outwards by axes 2 and 3: with axis 3 cut the rest presses. Cut as a pose, it would stand."""
+    limits = (90.0, 90.0, 0.3, 90.0, 90.0, 90.0)
+    config = streamed(
+        "rsi",
+        robot={"rsi": {"correction": "axes", "mode": "absolute"}},
+        cell={
+            "start_position_mm": (-100.0, 900.0, 592.0),
+            "rsi": {"mode": "absolute", "correction_tag": "None", "lim_axis_deg": limits},
+        },
+        task={"speed_mm_s": 20.0},
+    )
+    run = guarded(config)
+    assert "ahead of all that was ordered" in run.cause
+    assert 30.0 < run.largest <= bound(config)
+    assert run.last < 1.0
+
+
 OFTEN = {"run": {"duration_s": 2.0, "period_ms": 4}, "controller": {"sample_ms": 4}}
 SOFT = {"task": {"expected_stiffness_n_m": 5e3}}
 DOUBLED = fault("wire", "twice", probability=1.0, way="to")

@@ -55,8 +55,6 @@ _ANSWERS_A_CYCLE = 64
 """Chosen: answers of a cycle that are looked at. A peer that floods the port is not served."""
 
 _ROUNDING_S = _ROUNDING_M = 1e-9
-_TOO_LATE = 0.5
-"""Chosen: share of a cycle by which its telegram may leave late; a process that is always later tells every second."""
 _EMERGENCY_STOP = "emergency-stop"
 _NO_NUMBER = "NaN"
 NO_AXES: Axes = (math.nan,) * 6
@@ -119,8 +117,6 @@ class RsiController:
         """Pose that was told last, and its axes."""
         self._contact: ContactSource | None = None
         self._powered_at, self._beats = now, 0
-        self._skipped_late = False
-        """The cycle before was skipped, for it was too late to tell it."""
         self._ipoc = profile.ipoc_start - profile.cycle_ms
         self._own = OwnFaults()
         self._told_pose = ToldPose(self._arm.pose)
@@ -172,8 +168,8 @@ class RsiController:
 
     @property
     def correction(self) -> tuple[float, ...]:
-        """The total correction, mm and degrees."""
-        return self._session.correction.total
+        """The total correction: X Y Z in mm, A B C in degrees; then that of the axes, degrees."""
+        return self._session.correction.total + self._session.axes.total
 
     @property
     def ordered_pose(self) -> Pose:
@@ -251,26 +247,18 @@ class RsiController:
         return self._next_beat()
 
     def handle_deadline(self, now: float) -> None:
-        """Cycles that a stalled process has missed are skipped, and so is one of which less than half is left: a real
-        controller would not have missed them, and gives its client the whole of each. The newest that is due is told as
-        of its own time.
+        """Cycles that a stalled process has missed are skipped: a real controller would not have missed them. The
+        newest that is due is told as of its own time.
         """
-        behind = (now - self._next_beat()) / self.profile.period + _ROUNDING_S
-        if behind < 0.0:
+        due = self._next_beat()
+        if now < due:
             return
-        self._skip(math.floor(behind))
-        too_late = behind % 1.0 > _TOO_LATE and not self._skipped_late
-        self._skipped_late = too_late
-        if too_late:
-            self._skip(1)
-            return
+        missed = math.floor((now - due) / self.profile.period + _ROUNDING_S)
+        self._beats += missed
+        self._advance_clock(missed)
         at = self._next_beat()
         self._beats += 1
         self._cycle(at)
-
-    def _skip(self, cycles: int) -> None:
-        self._beats += cycles
-        self._advance_clock(cycles)
 
     # --- cycles
 
@@ -399,7 +387,7 @@ class RsiController:
         ethernet = Ethernet(self.profile, self.unmodelled)
         self._ordered = NOTHING * 2
         axes = self._axes_of(programmed)
-        correction = AxisCorrection(self.profile, axes, self._kinematics.model.axis_speeds_deg_s)
+        correction = AxisCorrection(self.profile, axes, self._kinematics.model)
         return _Session(
             now, ethernet, Correction(self.profile, programmed), correction, self._lasting(programmed, axes)
         )

@@ -6,6 +6,7 @@ Source: project specification of RSI, section 5.
 import math
 
 from emulators.devices.rsi.profile import RsiProfile
+from protocol.devices.rsi.arm import Model
 from protocol.geometry import Pose, angles_of, from_angles, product, rotate
 from protocol.kinematics import Joints
 
@@ -109,13 +110,22 @@ class Correction:
 class AxisCorrection:
     """The correction of the axes of one session, degrees."""
 
-    def __init__(self, profile: RsiProfile, programmed: Joints, speeds_deg_s: Joints) -> None:
-        """`programmed` are the axes without any correction; `speeds_deg_s` are the fastest that each turns."""
+    def __init__(self, profile: RsiProfile, programmed: Joints, model: Model) -> None:
+        """`programmed` are the axes without any correction."""
         self._profile, self.programmed = profile, programmed
+        self._lowest: Total = tuple([-limit for limit in profile.lim_axis_deg])
+        self._highest: Total = profile.lim_axis_deg
+        if profile.axis_ends == "cut":
+            ends = model.lowest_deg, model.highest_deg
+            lowest, highest = (
+                [end - axis for end, axis in zip(row, programmed, strict=True)] for row in ends
+            )
+            self._lowest = tuple(map(max, self._lowest, lowest))
+            self._highest = tuple(map(min, self._highest, highest))
         self.total = NOTHING
         self.limited = False
         """The last value was cut at AXISCORR's limit."""
-        self.steps = tuple(speed * profile.period for speed in speeds_deg_s)
+        self.steps = tuple(speed * profile.period for speed in model.axis_speeds_deg_s)
         """Largest change of each axis in a cycle."""
         self._margin_deg, self._margin_at = math.inf, NOTHING
 
@@ -131,8 +141,8 @@ class AxisCorrection:
         profile, before = self._profile, self.total
         if profile.mode == "relative":
             value = tuple([here + more for here, more in zip(before, value, strict=True)])
-        most = profile.lim_axis_deg
-        after = tuple([max(-limit, min(limit, part)) for part, limit in zip(value, most, strict=True)])
+        limits = zip(self._lowest, value, self._highest, strict=True)
+        after = tuple([max(low, min(high, part)) for low, part, high in limits])
         if self._margin_deg < math.inf:
             margin = self._margin_deg
             kept = zip(after, self._margin_at, strict=True)

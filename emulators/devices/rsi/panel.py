@@ -94,7 +94,8 @@ def _state(robot: RsiController, now: float) -> dict[str, Any]:
         "error": robot.error,
         "hindrance": "" if hindrance is None else hindrance.words,
         "position_mm": millimetres(robot.pose(now).position),
-        "correction": [round(part, 4) for part in robot.correction],
+        "correction": [round(part, 4) for part in robot.correction[:6]],
+        "axis_correction": [round(part, 4) for part in robot.correction[6:]],
         "late": robot.late,
         "not_taken": dict(robot.discarded),
     }
@@ -121,6 +122,7 @@ def _rows(state: Mapping[str, Any]) -> dict[str, str]:
         "override": f"{state['override_percent']} %",
         "position": f"{numbers_text(state['position_mm'])} mm",
         "correction": f"{numbers_text(state['correction'])} mm, °",
+        "of the axes": f"{numbers_text(state['axis_correction'])} °",
         "late cycles": f"{state['late']} since RSI_ON",
         "not taken": ", ".join(f"{why} {count}" for why, count in state["not_taken"].items()) or "none",
     }

@@ -136,6 +136,12 @@ class RsiProfile:
         above(0.0),
         unit="°",
     )
+    axis_ends: Literal["stop", "cut"] = setting(
+        "stop",
+        Mark.CHOSEN,
+        "at the end of an axis's range: the robot stops, or AXISCORR cuts there, as KUKA's own program for its client "
+        "library sets it up",
+    )
     mon_axis_deg: PerAxis = setting(
         (90.0,) * 6,
         Mark.OBSERVED,

@@ -23,6 +23,9 @@ _AHEAD_DEG = (0.0, 90.0, -90.0, 0.0, 0.0, 180.0)
 _SMALL_DEG = 1e-4
 """Chosen: turn of an axis for the lever arm of a force."""
 
+_ROUNDING_DEG = 1e-9
+"""Angle beyond the end of a range that counts as inside."""
+
 
 @dataclass(frozen=True, slots=True)
 class Model:
@@ -99,7 +102,7 @@ class KukaArm:
     def allows(self, axes: Joints) -> bool:
         """Whether each axis stands inside its range."""
         ranges = zip(self.model.lowest_deg, axes, self.model.highest_deg, strict=True)
-        return all(low <= axis <= high for low, axis, high in ranges)
+        return all(low - _ROUNDING_DEG <= axis <= high + _ROUNDING_DEG for low, axis, high in ranges)
 
     def torques(self, axes: Joints, force: Vector) -> tuple[float, ...]:
         """Torque that a force on the tool centre point, base frame, N, exerts on each axis, N·m: by Jᵀ·F."""
