@@ -1,5 +1,6 @@
 """`probe robot` on every kind, healthy and with every fault: the answer, its time, and that nothing moves."""
 
+import asyncio
 from functools import cache
 from pathlib import Path
 
@@ -8,8 +9,17 @@ from click.testing import CliRunner
 
 from emulators.orders import Act
 from hil_bridge.cli import cli
+from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.devices.device_log import Silence
 from hil_bridge.devices.kinds import robot_of
+from hil_bridge.devices.robots.seam import MotionLimits
+from hil_bridge.devices.wiring import Wiring
 from hil_bridge.errors import ConfigError
+from hil_bridge.runs.compose import emulated_cell
+from hil_bridge.runs.setup import Listen, Setup
+from hil_bridge.settings.configuration import load_config
+from hil_bridge.site.robot_probe import probe
+from protocol.geometry import Pose
 from tools.probe_doc import DOCUMENT, KINDS, Case, Look, cases, look_at, renewed
 
 MOST_S = 5.0
@@ -140,6 +150,45 @@ def test_nothing_moves_and_the_answer_comes_in_time(case: Case) -> None:
 def test_the_page_has_the_answers_that_are_given() -> None:
     text = Path(DOCUMENT).read_text(encoding="utf-8")
     assert renewed(text) == text, "run python tools/probe_doc.py"
+
+
+def test_a_probe_beside_a_run_is_told_of_it_and_does_not_disturb_it() -> None:
+    """The registers of a Universal Robot are the run's: the probe that asks for them is refused, three times."""
+
+    async def main() -> tuple[list[str], list[str], int]:
+        clock = Clock.running()
+        setup = Setup(load_config(None, {"robot.emulated": "rtde"}), Listen("", None))
+        async with emulated_cell(setup, clock, lambda cause: None) as served:
+            assert served.robot is not None
+            kind, url, settings = served.robot.kind, served.robot.url, served.robot.settings
+            link = await kind.connect(url, settings, Wiring("robot", clock, Silence()))
+            link.start()
+            start = (await link.ready()).pose
+            faults, answers = [], []
+
+            async def look() -> None:
+                for _ in range(3):
+                    await clock.sleep_until(clock.now() + 0.2)
+                    found = await probe(kind, url, settings, clock)
+                    answers.extend(trouble.fact for trouble in found.refusals)
+
+            looking = asyncio.create_task(look())
+            async with link.motion(MotionLimits(0.02)) as motion:
+                begun = clock.now()
+                while not looking.done():
+                    faults.append((await link.report()).fault)
+                    x, y, z = start.position
+                    await motion.to(Pose((x, y + 0.002 * (clock.now() - begun), z), start.quaternion))
+            await looking
+            await link.aclose()
+        clock.close()
+        return answers, [fault for fault in faults if fault], len(faults)
+
+    answers, faults, steps = run_virtual(main)
+    assert len(answers) == 3
+    assert all("another client holds its input registers" in answer for answer in answers)
+    assert faults == []
+    assert steps > 1000, "each packet of 2 ms had its target"
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,8 @@
 """`probe robot` over sockets of this computer, where what is at the other end is no robot: the words and their time."""
 
 import asyncio
+import os
+import pty
 import socket
 import time
 from collections.abc import AsyncIterator, Callable, Coroutine
@@ -9,6 +11,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+import serial
 from click.testing import CliRunner
 
 from emulators.devices.egm import EgmController, EgmProfile
@@ -183,6 +186,16 @@ def test_a_port_that_another_program_holds(kind: str) -> None:
         held.bind((HOST, 0))
         text = told(f"{kind}+udp-bind://{HOST}:{held.getsockname()[1]}")
     assert "another program listens on this port already" in text
+
+
+def test_a_serial_port_that_another_program_holds() -> None:
+    master, slave = pty.openpty()
+    try:
+        with closing(serial.Serial(os.ttyname(slave), exclusive=True)):
+            assert "another program holds the port" in told(f"s3+serial://{os.ttyname(slave)}")
+    finally:
+        os.close(master)
+        os.close(slave)
 
 
 @pytest.mark.parametrize("kind", ["egm", "rsi"])

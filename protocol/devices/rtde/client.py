@@ -313,11 +313,8 @@ class RtdeClient(Mailbox[Piece, StreamEvent]):
         if missing:
             self._lose(Trouble(f"its software has no {missing[0]}", "update it"))
             return None
-        expected = EXPECTED[names]
-        if not answer.recipe or answer.types != expected:
-            self._lose(
-                Trouble("it answers a list of variables with other types than its maker's guide", "update it")
-            )
+        if not answer.recipe or answer.types != EXPECTED[names]:
+            self._lose(Trouble(_strange_types(names, answer), "update it"))
             return None
         return Recipe(answer.recipe, names, answer.types)
 
@@ -429,6 +426,14 @@ EXPECTED = {
     INPUT_NAMES: (*("DOUBLE",) * 9, "INT32", "INT32"),
 }
 """Types of the client's variables, by its lists of names."""
+
+
+def _strange_types(names: tuple[str, ...], answer: packets.Types) -> str:
+    """Words for an answer to a list of variables that is not as its maker's guide has it."""
+    for name, kind, expected in zip(names, answer.types, EXPECTED[names], strict=False):
+        if kind != expected:
+            return f"it says that {name} is of type {kind[:24]!r}, and its maker's guide says {expected}"
+    return f"it answers {len(names)} variables with {len(answer.types)} types and recipe {answer.recipe}"
 
 
 def _slow(scaling: float) -> Trouble:
