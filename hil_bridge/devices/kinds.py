@@ -146,6 +146,10 @@ class RobotKind(Generic[_Client, _Emulated]):
     """
     usual_wire: str = ""
     """A wire's URL of a real robot, `{host}` in the place of its address: for a URL that has no wire."""
+    largest_turn: Callable[[KindSettings[_Client, _Emulated]], float] | None = None
+    """Largest angle, rad, by which the client turns the tool away from where the robot's program began; None where it
+    has no such limit.
+    """
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,7 +25,7 @@ from hil_bridge.runs.faults.bus import BusFaults
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.devices import Robot, Sensor
 from hil_bridge.transports.can.memory import memory_can_bus
-from protocol.geometry import Vector
+from protocol.geometry import Quaternion, Vector
 from protocol.unmodelled import NotModelled
 
 _MEMORY_CAN = "can+memory"
@@ -106,10 +106,11 @@ def _make(device: Robot | Sensor) -> Any:
     return _emulation(device.kind).make(device.settings)
 
 
-def can_hold(setup: Setup, place: Vector) -> bool:
-    """Whether the emulated robot can hold its tool there in the orientation of the start; base frame, m."""
+def can_hold(setup: Setup, place: Vector, quaternion: Quaternion | None = None) -> bool:
+    """Whether the emulated robot can hold its tool there, base frame, m; None: in the orientation of the start."""
     config = setup.config
-    start = StartPose(place, config.cell.start_quaternion, config.cell.tool.length_mm * 1e-3)
+    turned = quaternion or config.cell.start_quaternion
+    start = StartPose(place, turned, config.cell.tool.length_mm * 1e-3)
     try:
         _make(setup.cell_robot)(start, VIRTUAL_EPOCH, config.run.seed)
     except ValueError:

@@ -450,7 +450,7 @@ def _find_trouble(values: tuple[float, ...], moving: bool) -> Trouble:
     if state == State.REFUSED:
         return Trouble(
             "no joints near the present ones hold the pose that was ordered",
-            "choose another place or orientation",
+            "choose another place, or turn the tool less",
         )
     if moving and state == State.STARVED:
         return Trouble(

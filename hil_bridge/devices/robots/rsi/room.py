@@ -1,5 +1,6 @@
 """The room of KUKA's Robot Sensor Interface, as the house sees it."""
 
+import math
 from typing import Any
 
 from emulators.devices.rsi import RSI_CONTROLS, RSI_FAULTS, RsiController, RsiProfile
@@ -105,4 +106,5 @@ ROBOT = RobotKind(
     describe=describe,
     probe=probe,
     usual_wire=f"udp-bind://0.0.0.0:{PORT}",
+    largest_turn=lambda settings: math.radians(settings.client.limit_deg),
 )
