@@ -195,9 +195,7 @@ class Controller:
     def _snapshot(self, now: float) -> Snapshot:
         exact = self._at(self._flange, self.tcp)
         told = self._feel()
-        speeds, before = self.arm.motion, self._target_speeds
-        self._target_speeds = speeds
-        a, b, c, d, e, f = ((new - old) / self.period for new, old in zip(speeds, before, strict=True))
+        before, self._target_speeds = self._target_speeds, self.arm.motion
         raw = self.inputs.get("external_force_torque", _NO_FORCE) if self.external_force else _NO_FORCE
         assert isinstance(raw, tuple), "a vector"
         r, s, t, u, v, w = raw
@@ -210,8 +208,8 @@ class Controller:
             self.joints,
             self.speeds,
             self.arm.joints,
-            speeds,
-            (a, b, c, d, e, f),
+            self._target_speeds,
+            before,
             compose(flange(self.lengths, self.joints), self.tcp),
             exact,
             self.tcp,

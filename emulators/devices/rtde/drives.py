@@ -56,12 +56,13 @@ class Drives:
         target = self._waiting[0]
         if target != last and (self._slow_error or self._more_error):
             self._wander([abs(new - old) / self._period for new, old in zip(target, last, strict=True)])
-        a, b, c, d, e, f = (to + error for to, error in zip(target, self._errors, strict=True))
+        a, b, c, d, e, f = [to + error for to, error in zip(target, self._errors, strict=True)]
         self.joints = joints = a, b, c, d, e, f
         if joints == before:
             self.speeds = ZERO
         else:
-            a, b, c, d, e, f = ((new - old) / self._period for new, old in zip(joints, before, strict=True))
+            dt = self._period
+            a, b, c, d, e, f = [(new - old) / dt for new, old in zip(joints, before, strict=True)]
             self.speeds = a, b, c, d, e, f
         return joints
 
@@ -93,10 +94,10 @@ class ArmSensors:
         """Joints as they are told in a cycle of this number, rad."""
         if rms := self._noise_rad:
             row = self._places.row(number)
-            a, b, c, d, e, f = (joint + rms * normal for joint, normal in zip(joints, row, strict=True))
+            a, b, c, d, e, f = [joint + rms * normal for joint, normal in zip(joints, row, strict=True)]
             joints = a, b, c, d, e, f
         if step := self._step_rad:
-            a, b, c, d, e, f = (step * round(joint / step) for joint in joints)
+            a, b, c, d, e, f = [step * round(joint / step) for joint in joints]
             joints = a, b, c, d, e, f
         return joints
 
@@ -105,10 +106,10 @@ class ArmSensors:
         if speeds is ZERO:
             return ZERO
         rms, row = self._noise_rad_s, self._speeds.row(number)
-        a, b, c, d, e, f = (
+        a, b, c, d, e, f = [
             speed + rms * normal if abs(speed) >= STILL else 0.0
             for speed, normal in zip(speeds, row, strict=True)
-        )
+        ]
         return a, b, c, d, e, f
 
     def read_currents(self, number: int) -> Joints:
