@@ -184,7 +184,9 @@ class Controller:
             self.protective_stop(problem)
         self.snapshots.append(self._snapshot(now))
         self.compliance.history.note(self.joints, self.snapshots[-1].force)
-        self._next_flange = flange(self.lengths, self._drives.step(self.arm.joints))
+        self._next_flange = flange(
+            self.lengths, self._drives.step(self.arm.joints, isinstance(self.arm.order, Hold))
+        )
         return self._at(self._next_flange, self.tool)
 
     def later(self, seconds: float, change: Callable[[], object]) -> None:
