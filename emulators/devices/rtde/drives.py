@@ -1,9 +1,9 @@
 """The drives of an arm, which follow the controller's targets, and its encoders, which tell where they are.
 
 Recordings of real arms give two figures: how late a joint comes behind its target, and how large a difference remains.
-The difference is slow, as of friction. Here it is a wave of the way that a joint goes, whose length changes at random.
-It has a bound, as friction has, and goes away where the joint stands: before the motion of lbusellato/CoLeCT all joints
-were within 40 µrad of their targets, with their noise. Assumed: that form.
+The difference is slow, as of friction. Here it is a wave whose frequency changes at random. It has a bound, as friction
+has, and goes away where the joint stands: before the motion of lbusellato/CoLeCT all joints were within 40 µrad of
+their targets, with their noise. Assumed: that form.
 """
 
 import math
@@ -22,7 +22,7 @@ _PEAK = math.sqrt(2.0)
 _GONE = 1e-9
 """Chosen: a smaller difference is none, rad."""
 _RATE = 2.0
-"""Chosen: root mean square of the change of a phase over the length of a difference, rad."""
+"""Chosen: root mean square of the change of a phase over `follow_error_ms`, rad; a wave of 0.3 s, as was recorded."""
 _TOLD_RAD_S = 5e-4
 """Observed (lbusellato/CoLeCT): a joint whose target moves by 0.45 mrad/s tells 0, one of 0.55 its speed."""
 _GRAVITY = -9.82
@@ -45,7 +45,8 @@ class Drives:
         """Targets that are under way; the newest comes last."""
         self._slow_error = profile.follow_error_urad * 1e-6
         self._more_error = max(0.0, profile.fast_follow_error_urad * 1e-6 - self._slow_error) / _FAST_RAD_S
-        self._length, self._time = profile.follow_error_length_mrad * 1e-3, profile.follow_error_ms * 1e-3
+        self._time = profile.follow_error_ms * 1e-3
+        """In which the differences become others, s."""
         self._noise, self._number = NoiseRows(seed, "drives"), 0
         self._slow = profile.slow_joint_mrad_s * 1e-3
         self._sizes = [0.0] * 6
@@ -53,7 +54,7 @@ class Drives:
         self._wanders = False
         """Whether a joint is off its target."""
         self._phases, self._rates = [0.0] * 6, [0.0] * 6
-        """Of the waves that the differences go by, rad, and their changes by a whole `follow_error_length_mrad`."""
+        """Of the waves that the differences go by, rad, and their changes over that time."""
         self._errors = [0.0] * 6
         """Differences from the targets, rad."""
 
@@ -78,15 +79,16 @@ class Drives:
         return joints
 
     def _wander(self, speeds: list[float]) -> None:
-        """The differences change, by as much as the joints move; those of joints that stand go away."""
-        dt, length, least = self._period, self._length, self._time
+        """The differences of joints that move change, and those of joints that stand go away."""
         row = self._noise.row(self._number)
         self._number += 1
-        fading = min(1.0, dt / least) if least else 1.0
+        passed = min(1.0, self._period / self._time) if self._time else 1.0
         for joint, (speed, normal) in enumerate(zip(speeds, row, strict=True)):
-            share = min(1.0, dt * speed / (length + least * speed))
-            whole = min(1.0, speed / self._slow) * (self._slow_error + self._more_error * speed)
-            size = self._sizes[joint] + fading * (whole - self._sizes[joint])
+            moves = min(1.0, speed / self._slow)
+            share = passed * moves
+            size = self._sizes[joint] + passed * (
+                moves * (self._slow_error + self._more_error * speed) - self._sizes[joint]
+            )
             self._sizes[joint] = size if size > _GONE else 0.0
             self._rates[joint] += math.sqrt(2.0 * share) * _RATE * normal - share * self._rates[joint]
             self._phases[joint] += share * self._rates[joint]
