@@ -115,7 +115,7 @@ class OwnForce:
             return self.level
         row = self._noise.row(self._told)
         self._told += 1
-        a, b, c, d, e, f = (part + size * n for part, size, n in zip(self.level, rms, row, strict=True))
+        a, b, c, d, e, f = [part + size * n for part, size, n in zip(self.level, rms, row, strict=True)]
         return a, b, c, d, e, f
 
     def _look(self, now: float) -> None:

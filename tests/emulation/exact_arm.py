@@ -4,7 +4,7 @@ from typing import Any
 
 from emulators.devices.rtde import RtdeProfile
 
-_NO_ERROR: dict[str, Any] = {
+NO_ERROR: dict[str, Any] = {
     "follow_error_urad": 0.0,
     "fast_follow_error_urad": 0.0,
     "joint_noise_urad": 0.0,
@@ -18,11 +18,12 @@ _NO_ERROR: dict[str, Any] = {
     "force_slope_n_min": 0.0,
     "force_offset_n": 0.0,
 }
+"""Settings of `[cell.rtde]`."""
 
 
 def exact_profile(**settings: Any) -> RtdeProfile:
     """A profile without errors, but with these settings."""
-    return RtdeProfile(**{**_NO_ERROR, **settings})
+    return RtdeProfile(**{**NO_ERROR, **settings})
 
 
 EXACT = exact_profile()

@@ -14,6 +14,8 @@ import pytest
 from numpy.typing import NDArray
 
 from emulators.devices.rtde import RtdeProfile, RtdeRobot
+from emulators.devices.rtde.arm import Servo
+from emulators.devices.rtde.controller import Controller
 from emulators.devices.rtde.state import getter
 from emulators.seams import StartPose
 from protocol.devices.rtde.rotation import pose_of
@@ -187,26 +189,57 @@ def test_a_fast_joint_is_farther_off_its_target() -> None:
 
 
 def test_what_is_off_the_target_is_slow() -> None:
-    """Two differences one cycle apart are the same, but for the noise of the encoders."""
+    """Recorded of five joints: correlated by by 0.95 to 0.83 after 10 ms, by 0.63 to 0.32 after 50, by 0.1 after 100."""
     slow = record("ur5e", 8.0, SERVO).moving()
-    off = (slow.outputs["actual_q"][1:] - slow.outputs["target_q"][:-1])[:, 0]
-    later = np.corrcoef(off[50:], off[:-50])[0, 1]
-    assert later > 0.4, "a tenth of a second later"
+    off = slow.outputs["actual_q"][1:] - slow.outputs["target_q"][:-1]
+
+    def correlation(cycles: int) -> float:
+        return float(np.mean([np.corrcoef(one[cycles:], one[:-cycles])[0, 1] for one in off.T]))
+
+    assert 0.8 < correlation(5) < 0.97
+    assert 0.3 < correlation(25) < 0.8
+    assert abs(correlation(50)) < 0.35
+    assert within(slow.white("actual_qd"), 0.76e-3, 1.42e-3)
 
 
-def test_a_joint_that_stands_keeps_what_it_is_off() -> None:
-    text = "def move():\n  movej([0.1, -1.2, -1.5, -1.3, 1.5, 0.2], a=1, v=0.5)\n  sleep(9)\nend\n"
-    robot = RtdeRobot(RtdeProfile(model="ur5e"), START, T0, 7)
-    port = robot.connect(Port.SCRIPT, T0)
-    assert port is not None
-    port.receive(text.encode(), T0)
-    controller = robot.controller
-    controller.advance(T0 + 8.0)
-    stood, place = controller.arm.joints, controller.path.pose
-    assert stood == pytest.approx((0.1, -1.2, -1.5, -1.3, 1.5, 0.2))
-    assert math.dist(place.position, controller.forward(stood).position) > 1e-5
-    controller.advance(T0 + 8.5)
-    assert controller.path.pose == place
+def test_a_joint_that_stands_comes_to_its_target_and_one_that_brakes_hold_does_not() -> None:
+    """Before its motion the recorded UR5e stood within 40 µrad of its targets, with the noise of its encoders."""
+    stands, held = (RtdeRobot(RtdeProfile(model="ur5e"), START, T0, 7).controller for _ in ("stands", "held"))
+    for controller in (stands, held):
+        controller.start_program(lambda controller=controller: Wave(controller))  # type: ignore[misc]
+        controller.advance(T0 + 2.0)
+    stands.stop_program()
+    held.power_off()
+    for controller in (stands, held):
+        controller.advance(T0 + 4.0)
+    apart = [
+        math.dist(controller.path.pose.position, controller.forward(controller.arm.joints).position)
+        for controller in (stands, held)
+    ]
+    assert apart[0] < 1e-9
+    assert apart[1] > 1e-6
+    place = held.path.pose
+    held.advance(T0 + 5.0)
+    assert held.path.pose == place
+
+
+class Wave:
+    """A program that swings the joints."""
+
+    name = "wave"
+
+    def __init__(self, controller: Controller) -> None:
+        self._controller, self._start, self._cycle = controller, controller.arm.joints, 0
+
+    def cycle(self) -> bool:
+        self._cycle += 1
+        way = 0.02 * math.sin(2.0 * math.pi * self._cycle * self._controller.period / 3.0)
+        a, b, c, d, e, f = (joint + way for joint in self._start)
+        self._controller.order(Servo((a, b, c, d, e, f), 0.03, 1000.0, 1))
+        return True
+
+    def close(self) -> None:
+        """It has nothing to close."""
 
 
 def test_from_servojs_argument_to_the_arm_it_takes_as_long_as_on_a_real_one() -> None:
@@ -255,12 +288,12 @@ def test_the_target_answers_speedj_one_cycle_after_the_command() -> None:
     assert first - came == pytest.approx(controller.period)
 
 
-def _first_cycle(controller: object, holds: Callable[[], bool]) -> float:
+def _first_cycle(controller: Controller, holds: Callable[[], bool]) -> float:
     """The controller's clock in the first cycle in which it holds, s."""
     for _ in range(20):
-        controller.advance(controller.now + controller.period)  # type: ignore[attr-defined]
+        controller.advance(controller.now + controller.period)
         if holds():
-            return float(controller.snapshots[-1].time)  # type: ignore[attr-defined]
+            return controller.snapshots[-1].time
     raise AssertionError("it never holds")
 
 

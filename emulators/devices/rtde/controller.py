@@ -184,7 +184,9 @@ class Controller:
             self.protective_stop(problem)
         self.snapshots.append(self._snapshot(now))
         self.compliance.history.note(self.joints, self.snapshots[-1].force)
-        self._next_flange = flange(self.lengths, self._drives.step(self.arm.joints))
+        self._next_flange = flange(
+            self.lengths, self._drives.step(self.arm.joints, isinstance(self.arm.order, Hold))
+        )
         return self._at(self._next_flange, self.tool)
 
     def later(self, seconds: float, change: Callable[[], object]) -> None:
@@ -195,9 +197,7 @@ class Controller:
     def _snapshot(self, now: float) -> Snapshot:
         exact = self._at(self._flange, self.tcp)
         told = self._feel()
-        speeds, before = self.arm.motion, self._target_speeds
-        self._target_speeds = speeds
-        a, b, c, d, e, f = ((new - old) / self.period for new, old in zip(speeds, before, strict=True))
+        before, self._target_speeds = self._target_speeds, self.arm.motion
         raw = self.inputs.get("external_force_torque", _NO_FORCE) if self.external_force else _NO_FORCE
         assert isinstance(raw, tuple), "a vector"
         r, s, t, u, v, w = raw
@@ -210,8 +210,8 @@ class Controller:
             self.joints,
             self.speeds,
             self.arm.joints,
-            speeds,
-            (a, b, c, d, e, f),
+            self._target_speeds,
+            before,
             compose(flange(self.lengths, self.joints), self.tcp),
             exact,
             self.tcp,

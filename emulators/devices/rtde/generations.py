@@ -16,7 +16,7 @@ _ACCELERATIONS = (0.17, 0.12, 0.12)
 _E_SERIES: Mapping[str, Preset] = {
     "joint_noise_urad": Preset(18.0, _O),
     "joint_bits": Preset(19, _O),
-    "joint_speed_noise_mrad_s": Preset(1.5, _O),
+    "joint_speed_noise_mrad_s": Preset(0.9, _O),
     "current_noise_a": Preset(_CURRENTS_A, _O),
     "accelerometer_noise_m_s2": Preset(_ACCELERATIONS, _O),
     "force_point": Preset("flange", _A),
@@ -32,7 +32,7 @@ _E_SERIES: Mapping[str, Preset] = {
 _CB3: Mapping[str, Preset] = {
     "joint_noise_urad": Preset(15.0, Mark.DERIVED),  # a pose that turns by 23 to 30 µrad
     "joint_bits": Preset(0, _A),
-    "joint_speed_noise_mrad_s": Preset(1.5, _A),
+    "joint_speed_noise_mrad_s": Preset(0.9, _A),
     "current_noise_a": Preset(_CURRENTS_A, _A),
     "accelerometer_noise_m_s2": Preset(_ACCELERATIONS, _A),
     "force_point": Preset("tcp", _A),

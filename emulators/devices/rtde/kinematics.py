@@ -99,7 +99,9 @@ def flange(arm: Arm, joints: Joints) -> Pose:
     out = arm.a2 * math.cos(shoulder) + arm.a3 * math.cos(fore) + arm.d5 * math.sin(total)
     up = arm.a2 * math.sin(shoulder) + arm.a3 * math.sin(fore) - arm.d5 * math.cos(total)
     turn = product(_of_wrist_1(base / 2.0, total / 2.0), _of_tool(wrist_2 / 2.0, wrist_3 / 2.0))
-    tx, ty, tz = rotate(turn, (0.0, 0.0, arm.d6))
+    w, x, y, z = turn
+    tool = 2.0 * arm.d6  # along the last axis of the turn
+    tx, ty, tz = tool * (x * z + w * y), tool * (y * z - w * x), arm.d6 - tool * (x * x + y * y)
     return Pose((out * c + arm.d4 * s + tx, out * s - arm.d4 * c + ty, arm.d1 + up + tz), turn)
 
 

@@ -121,15 +121,21 @@ class RtdeProfile:
         at_least(0.0),
         unit="µrad",
     )
-    follow_error_length_mrad: float = setting(
-        5.0,
-        _A,
-        "way of a slow joint by which that error becomes another. Speeds of 1.3 to 2.4 mrad/s off their targets fit it",
-        above(0.0),
-        unit="mrad",
-    )
     follow_error_ms: float = setting(
-        100.0, _A, "time in which it does so at the soonest", at_least(0.0), unit="ms"
+        100.0,
+        Mark.DERIVED,
+        "time by which that error becomes another, or goes away at rest: in lbusellato/CoLeCT it is correlated by 0.6 "
+        "after 50 ms, and no more after 100 ms",
+        at_least(0.0),
+        unit="ms",
+    )
+    slow_joint_mrad_s: float = setting(
+        1.0,
+        Mark.DERIVED,
+        "a slower joint has less of that error, slower changes of it, and less noise of its speed, in proportion. In "
+        "lbusellato/CoLeCT it is whole at 1 to 3 mrad/s, and none at 0.1",
+        above(0.0),
+        unit="mrad/s",
     )
     joint_noise_urad: float = setting(
         None,
@@ -149,8 +155,8 @@ class RtdeProfile:
     joint_speed_noise_mrad_s: float = setting(
         None,
         _O,
-        "white noise of the speed of a joint that moves; one at rest tells 0. With the error behind the target it "
-        "gives 1.3 to 2.4 of lbusellato/CoLeCT",
+        "white noise of the speed of a joint that moves, 0.8 to 1.4 in lbusellato/CoLeCT; one at rest tells 0. With "
+        "the error behind the target it gives the 1.3 to 2.4 of that recording",
         at_least(0.0),
         unit="mrad/s",
     )

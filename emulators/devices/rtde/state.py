@@ -32,7 +32,8 @@ class Snapshot(NamedTuple):
     target: Joints
     """That the controller gives to its drives in this cycle, rad; its filter makes it of the argument of servoj."""
     target_speeds: Joints
-    target_accelerations: Joints
+    target_speeds_before: Joints
+    """One cycle earlier, rad/s."""
     pose: Pose
     """Of the tool at the measured joints, or as faults let it be told."""
     now: Pose
@@ -72,6 +73,11 @@ def _speed(state: Snapshot, joints: Joints, speeds: Joints) -> Value:
 
 def _target_pose(state: Snapshot) -> Value:
     return six_of(compose(flange(state.lengths, state.target), state.tcp))
+
+
+def _accelerations(state: Snapshot) -> Value:
+    pairs = zip(state.target_speeds, state.target_speeds_before, strict=True)
+    return tuple((now - before) / state.period for now, before in pairs)
 
 
 def _currents(state: Snapshot) -> Value:
@@ -117,7 +123,7 @@ FIELDS: Mapping[str, Callable[[Snapshot], Value]] = {
     "timestamp": lambda state: state.time,
     "target_q": lambda state: state.target,
     "target_qd": lambda state: state.target_speeds,
-    "target_qdd": lambda state: state.target_accelerations,
+    "target_qdd": _accelerations,
     "actual_q": lambda state: state.joints,
     "actual_qd": lambda state: state.speeds,
     "actual_TCP_pose": lambda state: six_of(state.pose),
