@@ -41,7 +41,7 @@ def device_options(command: Callable[..., Any]) -> Callable[..., Any]:
             "--surface",
             metavar="NAME",
             callback=not_empty,
-            help="Kind of the emulated surface, from a plug-in.",
+            help="Kind of the emulated surface: soft-body, or one from a plug-in.",
         ),
         click.option(
             "--sensor",

@@ -13,7 +13,7 @@ from hil_bridge.cli.paths import FILE
 @click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=FILE)
 @click.option("--robot", metavar="KIND", help="Kind of the robot.  [default: robot.emulated, s3]")
 @click.option("--sensor", metavar="KIND", help="Kind of the sensor.  [default: sensor.emulated, jr3]")
-@click.option("--surface", metavar="KIND", help="Kind of the surface, from a plug-in.")
+@click.option("--surface", metavar="KIND", help="Kind of the surface: soft-body, or one from a plug-in.")
 @click.option("--robot-port", metavar="URL", help="Where the robot listens.  [default: by its kind]")
 @click.option(
     "--sensor-port",
