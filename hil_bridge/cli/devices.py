@@ -44,7 +44,7 @@ def device_options(command: Callable[..., Any]) -> Callable[..., Any]:
             metavar="NAME",
             shell_complete=complete(surfaces),
             callback=not_empty,
-            help="Kind of the emulated surface, from a plug-in.",
+            help="Kind of the emulated surface: soft-body, or one from a plug-in.",
         ),
         click.option(
             "--sensor",

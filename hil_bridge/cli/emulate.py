@@ -31,7 +31,7 @@ from hil_bridge.cli.setting_options import over, set_option
     "--surface",
     metavar="KIND",
     shell_complete=complete(surfaces),
-    help="Kind of the surface, from a plug-in.",
+    help="Kind of the surface: soft-body, or one from a plug-in.",
 )
 @click.option("--robot-port", metavar="URL", help="Where the robot listens.  [default: by its kind]")
 @click.option(

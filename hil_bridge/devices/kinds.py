@@ -57,6 +57,7 @@ _SENSORS = {
     "ft300": "hil_bridge.devices.sensors.ft300.room:SENSOR",
     "ati-can": "hil_bridge.devices.sensors.ati_can.room:SENSOR",
 }
+_SURFACES = {"soft-body": "hil_bridge.devices.surfaces.soft_body:SOFT_BODY"}
 
 
 _Client = TypeVar("_Client")
@@ -286,7 +287,9 @@ class CellSection(CellProfile):
     """Settings of every emulated cell, whatever its devices: the base of the section `[cell]`."""
 
     surface_kind: str = setting(
-        "", Mark.CHOSEN, "kind of surface that another package offers; empty: ours, by [cell.surface]"
+        "",
+        Mark.CHOSEN,
+        "kind of surface: soft-body, or one that another package offers; empty: by [cell.surface]",
     )
 
 
@@ -294,7 +297,7 @@ _SECTIONS = frozenset(field.name for field in fields(CellSection))
 """Names in the section of the cell that no kind may have."""
 ROBOTS: Registry[RobotKind[Any, Any]] = Registry("robot", "hil_bridge.robots", _ROBOTS, RobotKind)
 SENSORS: Registry[SensorKind[Any, Any]] = Registry("sensor", "hil_bridge.sensors", _SENSORS, SensorKind)
-SURFACES: Registry[SurfaceKind] = Registry("surface", "hil_bridge.surfaces", {}, SurfaceKind)
+SURFACES: Registry[SurfaceKind] = Registry("surface", "hil_bridge.surfaces", _SURFACES, SurfaceKind)
 
 
 def section_of(kind: DeviceKind | SurfaceKind) -> str:
