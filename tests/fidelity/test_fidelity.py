@@ -128,6 +128,8 @@ def test_a_table_that_tells_nothing_of_a_robot_is_refused(tmp_path: Path) -> Non
     mapping = '[time]\ncolumn = "t"\n[columns]\ndepth = { columns = ["q1"], unit = "m" }\n'
     said = ask(tmp_path, "rtde", GOOD, mapping)
     assert "tells nothing of a robot: map one of q, qd, position" in said
+    said = ask(tmp_path, "rsi", GOOD, "")
+    assert "nothing is left to compare: the emulated rsi does not tell q" in said
 
 
 # --- sensors

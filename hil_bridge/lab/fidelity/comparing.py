@@ -11,6 +11,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
+from hil_bridge.errors import ConfigError
 from hil_bridge.lab.fidelity import measures
 from hil_bridge.lab.fidelity.measures import Floats
 from hil_bridge.lab.fidelity.tables import FAMILIES, Table, unit_of
@@ -113,7 +114,7 @@ class Comparison(Struct, frozen=True):
 
 
 def compare_robot(kind: str, measured: Table, emulated: Table, slow_hz: float = SLOW_HZ) -> Comparison:
-    """All quantities of a robot that both tables tell."""
+    """All quantities of a robot that both tables tell. Raises ConfigError where there is none."""
     lines, done = [], set[tuple[str, str]]()
     for pair in ROBOT_PAIRS:
         if pair.integrated and (pair.output, pair.source[:-1]) in done:
@@ -129,12 +130,11 @@ def compare_robot(kind: str, measured: Table, emulated: Table, slow_hz: float = 
             for output in FAMILIES[family]
             if output in measured.columns and output in emulated.columns and output not in followed
         ]
-    missing = [
-        f"{family}: the emulated {kind} does not tell it"
-        for family in FAMILIES
-        if measured.family(family) and not emulated.family(family)
-    ]
-    return summed(kind, measured, emulated, slow_hz, lines, left_out=tuple(missing))
+    missing = [family for family in FAMILIES if measured.family(family) and not emulated.family(family)]
+    if not lines:
+        raise ConfigError(f"nothing is left to compare: the emulated {kind} does not tell {', '.join(missing)}")
+    words = tuple(f"{family}: the emulated {kind} does not tell it" for family in missing)
+    return summed(kind, measured, emulated, slow_hz, lines, left_out=words)
 
 
 def summed(
