@@ -127,7 +127,7 @@ def test_a_robot_without_inputs_stands_and_its_noise_is_compared(tmp_path: Path)
 def test_a_table_that_tells_nothing_of_a_robot_is_refused(tmp_path: Path) -> None:
     mapping = '[time]\ncolumn = "t"\n[columns]\ndepth = { columns = ["q1"], unit = "m" }\n'
     said = ask(tmp_path, "rtde", GOOD, mapping)
-    assert "tells nothing of a robot: map one of q, qd, position" in said
+    assert "nothing is left to compare: the emulated rtde does not tell depth" in said
     said = ask(tmp_path, "rsi", GOOD, "")
     assert "nothing is left to compare: the emulated rsi does not tell q" in said
 

@@ -10,12 +10,12 @@ from hil_bridge.devices.kinds import ROBOTS, SENSORS
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.text_files import format_path
 from hil_bridge.lab.fidelity.comparing import (
-    SLOW_HZ,
     Comparison,
+    Sides,
     compare_robot,
     direct_line,
     followed_line,
-    summed,
+    joined,
 )
 from hil_bridge.lab.fidelity.contact import emulate_contact, laws_of
 from hil_bridge.lab.fidelity.emulating import drive_of, emulate_robot
@@ -34,8 +34,7 @@ CONTACT = "contact"
 class Compared(NamedTuple):
     """Both tables with their comparison."""
 
-    measured: Table
-    emulated: Table
+    sides: Sides
     comparison: Comparison
 
 
@@ -67,23 +66,20 @@ def compare_with(kind: str, measured: Table, config_file: Path | None, seed: int
 
 
 def _robot(kind: str, measured: Table, config: Config) -> Compared:
-    emulated = emulate_robot(config, measured)
-    comparison = compare_robot(kind, measured, emulated, SLOW_HZ)
+    sides = Sides(kind, measured, emulate_robot(config, measured))
+    comparison = compare_robot(sides)
     if not drive_of(measured).family:
         comparison = replace(comparison, left_out=(*comparison.left_out, STANDS))
-    return Compared(measured, emulated, comparison)
+    return Compared(sides, comparison)
 
 
 def _sensor(kind: str, measured: Table, config: Config) -> Compared:
     measured = with_load(measured)
-    emulated = emulate_sensor(config, measured)
+    sides = Sides(kind, measured, emulate_sensor(config, measured))
     pairs = [pair for pair in zip(LOADS, WRENCH, strict=True) if pair[1] in measured.columns]
-    lines = [followed_line(pair, measured, emulated, SLOW_HZ, free=1) for pair in pairs]
-    return Compared(measured, emulated, summed(kind, measured, emulated, SLOW_HZ, lines))
+    return Compared(sides, joined(sides, [followed_line(sides, *pair, free=1) for pair in pairs]))
 
 
 def _contact(kind: str, measured: Table, config: Config) -> Compared:
-    emulated = emulate_contact(config, measured)
-    lines = [direct_line("press", measured, emulated, SLOW_HZ)]
-    laws = laws_of(measured, emulated)
-    return Compared(measured, emulated, summed(kind, measured, emulated, SLOW_HZ, lines, laws))
+    sides = Sides(kind, measured, emulate_contact(config, measured))
+    return Compared(sides, joined(sides, [direct_line(sides, "press")], laws_of(*sides.tables)))
