@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,9 +15,10 @@ from click.testing import CliRunner
 from hil_bridge.cli import cli
 from hil_bridge.lab.fidelity.comparing import Comparison, Line
 from hil_bridge.lab.fidelity.emulating import emulate_robot
+from hil_bridge.lab.fidelity.measures import LEAST_SAMPLES
 from hil_bridge.lab.fidelity.sensing import emulate_sensor, with_load
 from hil_bridge.lab.fidelity.subjects import STANDS, compare_with
-from hil_bridge.lab.fidelity.tables import FAMILIES, ROTATION, WRENCH, Table
+from hil_bridge.lab.fidelity.tables import FAMILIES, ROTATION, UNITS, WRENCH, Table, read_table
 from hil_bridge.settings.configuration import load_config
 
 Settings = Mapping[str, Any]
@@ -320,6 +322,16 @@ GOOD = [("t", "q1"), *((f"{k / 100}", "1.0") for k in range(60))]
         (GOOD, "[time]\nrate_hz = 5\n", "must have the sections [time] and [columns]"),
         (GOOD, 'separator = "x"\n', "separator must be one of"),
         (GOOD, "speed = 3\n", "'speed' is not known here; there are separator"),
+        (
+            [GOOD[0], *((f"{60 * k}", "1.0") for k in range(70))],
+            "",
+            "the recording lasts 4140 s; at most 3600 s",
+        ),
+        (
+            [*GOOD[:30], ("0.29", "1e200"), *GOOD[31:]],
+            "",
+            "q1 comes to 1e+200 rad: is its unit the right one?",
+        ),
     ],
 )
 def test_a_bad_table_or_mapping_is_told_in_one_line(
@@ -328,6 +340,55 @@ def test_a_bad_table_or_mapping_is_told_in_one_line(
     said = ask(tmp_path, "rtde", rows, mapping)
     assert words in said
     assert "\n" not in said.strip()
+
+
+EXAMPLES = sorted((Path(__file__).resolve().parents[2] / "examples" / "fidelity").glob("*.toml"))
+
+
+@pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: file.stem)
+def test_an_example_is_a_mapping_or_a_cell(file: Path, tmp_path: Path) -> None:
+    """A mapping is given tables with the columns that it names, each with values of its own."""
+    if file.stem.endswith("-cell"):
+        load_config(file, {})
+        return
+    plan = tomllib.loads(file.read_text())
+    entries = [plan["time"] | {"columns": [plan["time"]["column"]]}] if "column" in plan["time"] else []
+    names: dict[str, list[Any]] = {}
+    for entry in (*plan["columns"].values(), *entries):
+        names.setdefault(entry.get("file", "log.csv"), []).extend(entry["columns"])
+    for name, columns in names.items():
+        shared = columns if name == "log.csv" else [*columns, plan["time"]["column"]]
+        header = [str(column) for column in dict.fromkeys(shared)]
+        if not plan.get("header", True):
+            header = [str(k) for k in range(1, 1 + max(columns))]
+        separator = " " if plan.get("separator") == "space" else ","
+        rows = [separator.join(str(row + 0.001 * k) for k in range(len(header))) for row in range(60)]
+        top = [separator.join(header)] if plan.get("header", True) else []
+        (tmp_path / name).write_text("\n".join([*top, *rows]))
+    table = read_table(tmp_path / "log.csv", file)
+    for family, entry in plan["columns"].items():
+        assert table.has(family), entry
+        size = abs(UNITS[family][entry.get("unit", "1")])
+        steps = np.abs(np.diff(table.columns[FAMILIES[family][0]]))[1:]  # another table begins later
+        assert steps == pytest.approx(size, rel=1e-6)
+
+
+def test_tables_without_a_time_in_common_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "other.csv").write_text("\n".join(["t,d", *(f"{900 + k},1" for k in range(60))]))
+    mapping = '[time]\ncolumn = "t"\n[columns]\ndepth = { columns = ["d"], unit = "m", file = "other.csv" }\n'
+    mapping += 'press = { columns = ["q1"], unit = "N" }\n'
+    assert "other.csv and log.csv have no time in common" in ask(tmp_path, "contact", GOOD, mapping)
+
+
+def test_the_reference_lists_every_family_and_unit() -> None:
+    page = (Path(__file__).resolve().parents[2] / "docs" / "reference" / "fidelity.md").read_text()
+    for family, units in UNITS.items():
+        row = next(
+            (row for row in page.splitlines() if row.startswith("|") and f"`{family}`" in row.split("|")[1]),
+            "",
+        )
+        assert [unit for unit in units if f"`{unit}`" not in row] == [], family
+    assert f"{LEAST_SAMPLES} samples are needed" in page
 
 
 def test_a_kind_and_a_table_without_a_mapping_are_told(tmp_path: Path) -> None:

@@ -62,6 +62,7 @@ def compare_with(kind: str, measured: Table, config_file: Path | None, seed: int
     else:
         known = ", ".join((*ROBOTS.names, *SENSORS.names, CONTACT))
         raise ConfigError(f"there is no kind {kind!r}; choose one of {known}")
+    measured.check()
     return compare(kind, measured, load_config(config_file, {**chosen, "run.seed": seed}))
 
 
