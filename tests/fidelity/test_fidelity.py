@@ -46,7 +46,7 @@ def compare(kind: str, measured: Table, folder: Path, settings: Settings) -> Com
 
 
 def line(comparison: Comparison, output: str) -> Line:
-    return next(one for one in comparison.lines if one.output == output)
+    return next(each for each in comparison.lines if each.output == output)
 
 
 def places(kind_cycle_s: float) -> Table:
@@ -59,27 +59,27 @@ def places(kind_cycle_s: float) -> Table:
 def test_the_same_robot_has_no_distance(kind: str, tmp_path: Path) -> None:
     measured = robot_table(kind, places(0.004), {})
     for axis in ("x", "z"):
-        found = line(compare(kind, measured, tmp_path, {}), axis)
-        assert found.source == f"order_{axis}"
-        assert found.measured.lag_s > 0.0
-        assert found.emulated.lag_s == pytest.approx(found.measured.lag_s, abs=2e-4)
-        assert found.emulated.rest_rms == pytest.approx(found.measured.rest_rms, rel=0.1)
-        assert found.apart_s == pytest.approx(0.0, abs=3e-4)
-        assert found.apart_rms < 1e-5
+        result = line(compare(kind, measured, tmp_path, {}), axis)
+        assert result.source == f"order_{axis}"
+        assert result.measured.lag_s > 0.0
+        assert result.emulated.lag_s == pytest.approx(result.measured.lag_s, abs=2e-4)
+        assert result.emulated.rest_rms == pytest.approx(result.measured.rest_rms, rel=0.1)
+        assert result.apart_s == pytest.approx(0.0, abs=3e-4)
+        assert result.apart_rms < 1e-5
 
 
 def test_a_longer_transport_of_a_robot_is_its_distance(tmp_path: Path) -> None:
     measured = robot_table("rsi", places(0.004), {"cell.rsi.transport_delay_ms": 8.0})
-    found = line(compare("rsi", measured, tmp_path, {"cell.rsi.transport_delay_ms": 20.0}), "x")
-    assert found.emulated.lag_s - found.measured.lag_s == pytest.approx(0.012, abs=2e-4)
-    assert found.apart_s == pytest.approx(0.012, abs=2e-4)
+    result = line(compare("rsi", measured, tmp_path, {"cell.rsi.transport_delay_ms": 20.0}), "x")
+    assert result.emulated.lag_s - result.measured.lag_s == pytest.approx(0.012, abs=2e-4)
+    assert result.apart_s == pytest.approx(0.012, abs=2e-4)
 
 
 def test_coarser_numbers_of_a_robot_are_its_grid(tmp_path: Path) -> None:
     measured = robot_table("rsi", places(0.004), {"cell.rsi.precision": 2})
-    found = line(compare("rsi", measured, tmp_path, {"cell.rsi.precision": 1}), "x")
-    assert found.measured.grid == pytest.approx(1e-5, rel=1e-3)
-    assert found.emulated.grid == pytest.approx(1e-4, rel=1e-3)
+    result = line(compare("rsi", measured, tmp_path, {"cell.rsi.precision": 1}), "x")
+    assert result.measured.grid == pytest.approx(1e-5, rel=1e-3)
+    assert result.emulated.grid == pytest.approx(1e-4, rel=1e-3)
 
 
 def joints(family: str) -> Table:
@@ -108,22 +108,22 @@ def test_another_lookahead_of_servoj_is_its_distance(tmp_path: Path) -> None:
 
 def test_speeds_of_joints_are_played_as_speeds(tmp_path: Path) -> None:
     measured = robot_table("rtde", joints("target_qd"), {})
-    told = {name: measured.columns[name] for name in (*FAMILIES["q"], *FAMILIES["target_qd"])}
-    found = line(compare("rtde", Table(measured.times, told), tmp_path, {}), "q4")
-    assert found.source == "∫target_qd4"
-    assert found.emulated.lag_s == pytest.approx(found.measured.lag_s, abs=2e-4)
-    assert found.apart_rms < 2e-4
+    columns = {name: measured.columns[name] for name in (*FAMILIES["q"], *FAMILIES["target_qd"])}
+    result = line(compare("rtde", Table(measured.times, columns), tmp_path, {}), "q4")
+    assert result.source == "∫target_qd4"
+    assert result.emulated.lag_s == pytest.approx(result.measured.lag_s, abs=2e-4)
+    assert result.apart_rms < 2e-4
 
 
 def test_a_robot_without_inputs_stands_and_its_noise_is_compared(tmp_path: Path) -> None:
     times = np.arange(100) / 100.0
     force = np.random.default_rng(5).normal(0.0, 0.4, 100)
-    found = compare("rtde", Table(times, {"fz": force}), tmp_path, {"cell.rtde.force_noise_n": 0.4})
-    one = line(found, "fz")
-    assert one.source == ""
-    assert one.measured.noise == pytest.approx(0.4, rel=0.25)
-    assert one.emulated.noise == pytest.approx(0.4, rel=0.25)
-    assert found.left_out == (STANDS,)
+    result = compare("rtde", Table(times, {"fz": force}), tmp_path, {"cell.rtde.force_noise_n": 0.4})
+    quantity = line(result, "fz")
+    assert quantity.source == ""
+    assert quantity.measured.noise == pytest.approx(0.4, rel=0.25)
+    assert quantity.emulated.noise == pytest.approx(0.4, rel=0.25)
+    assert result.left_out == (STANDS,)
 
 
 def test_a_table_that_tells_nothing_of_a_robot_is_refused(tmp_path: Path) -> None:
@@ -155,26 +155,26 @@ def turning() -> Table:
 def sensor_table(kind: str, settings: Settings) -> Table:
     """A recording of an emulated sensor under that weight."""
     loaded = with_load(turning())
-    told = emulate_sensor(load_config(None, {"sensor.emulated": kind, **settings}), loaded)
-    rotation = {name: np.interp(told.times, loaded.times, loaded.columns[name]) for name in ROTATION}
+    sensed = emulate_sensor(load_config(None, {"sensor.emulated": kind, **settings}), loaded)
+    rotation = {name: np.interp(sensed.times, loaded.times, loaded.columns[name]) for name in ROTATION}
     turned = np.column_stack([rotation[name] for name in ROTATION]).reshape(-1, 3, 3)
     left, _, right = np.linalg.svd(turned)  # between two rotations lies none
     flat = (left @ right).reshape(-1, 9).T
-    wrench = {name: told.columns[name] for name in WRENCH}
-    return Table(told.times, {**wrench, **dict(zip(ROTATION, flat, strict=True))})
+    wrench = {name: sensed.columns[name] for name in WRENCH}
+    return Table(sensed.times, {**wrench, **dict(zip(ROTATION, flat, strict=True))})
 
 
 @pytest.mark.parametrize(("noise_n", "ratio"), [(0.02, 1.0), (0.06, 3.0)])
 def test_another_noise_of_a_sensor_is_its_distance(noise_n: float, ratio: float, tmp_path: Path) -> None:
     settings = {"cell.netft.rate_hz": 200, "cell.netft.noise_n": 0.02}
     measured = sensor_table("netft", settings)
-    found = compare("netft", measured, tmp_path, {**settings, "cell.netft.noise_n": noise_n})
+    result = compare("netft", measured, tmp_path, {**settings, "cell.netft.noise_n": noise_n})
     for axis in ("fy", "fz"):
-        one = line(found, axis)
-        assert one.measured.noise == pytest.approx(0.02, rel=0.1)
-        assert one.emulated.noise == pytest.approx(ratio * one.measured.noise, rel=0.1)
-        assert one.emulated.lag_s == pytest.approx(one.measured.lag_s, abs=3e-3)
-    assert found.emulated_gaps.mean_s == pytest.approx(0.005, rel=1e-3)
+        quantity = line(result, axis)
+        assert quantity.measured.noise == pytest.approx(0.02, rel=0.1)
+        assert quantity.emulated.noise == pytest.approx(ratio * quantity.measured.noise, rel=0.1)
+        assert quantity.emulated.lag_s == pytest.approx(quantity.measured.lag_s, abs=3e-3)
+    assert result.emulated_gaps.mean_s == pytest.approx(0.005, rel=1e-3)
 
 
 def test_a_sensor_that_stands_is_loaded_with_its_mean(tmp_path: Path) -> None:
@@ -182,12 +182,12 @@ def test_a_sensor_that_stands_is_loaded_with_its_mean(tmp_path: Path) -> None:
     random = np.random.default_rng(3)
     noise = random.normal(0.0, 0.05, (400, 3)) + np.array([1.0, -2.0, -7.0])
     measured = Table(times, dict(zip(FAMILIES["force"], noise.T, strict=True)))
-    found = compare("ft300", measured, tmp_path, {"cell.ft300.noise_n": 0.1})
+    result = compare("ft300", measured, tmp_path, {"cell.ft300.noise_n": 0.1})
     for axis in FAMILIES["force"]:
-        one = line(found, axis)
-        assert math.isnan(one.measured.lag_s)
-        assert one.measured.noise == pytest.approx(0.05, rel=0.15)
-        assert one.emulated.noise == pytest.approx(0.1, rel=0.15)
+        quantity = line(result, axis)
+        assert math.isnan(quantity.measured.lag_s)
+        assert quantity.measured.noise == pytest.approx(0.05, rel=0.15)
+        assert quantity.emulated.noise == pytest.approx(0.1, rel=0.15)
 
 
 # --- contact
@@ -201,18 +201,18 @@ def test_another_stiffness_is_the_distance_of_a_contact(
     depth = 0.02 + 0.001 * times
     press = 3000.0 * np.maximum(depth - 0.021, 0.0)
     measured = Table(times, {"depth": depth, "press": press})
-    found = compare(
+    result = compare(
         "contact",
         measured,
         tmp_path,
         {"cell.surface.stiffness_n_m": stiffness, "cell.surface.damping_ns_m": 0.0},
     )
-    laws = {law.name: law for law in found.laws}
+    laws = {law.name: law for law in result.laws}
     assert laws["exponent of the depth"].measured == pytest.approx(1.0, abs=0.01)
     stiff = laws["stiffness of the law at 5 N"]
     assert stiff.measured == pytest.approx(3000.0, rel=0.01)
     assert stiff.emulated == pytest.approx(ratio * stiff.measured, rel=0.02)
-    assert (line(found, "press").apart_rms < 1e-3) == (ratio == 1.0)
+    assert (line(result, "press").apart_rms < 1e-3) == (ratio == 1.0)
 
 
 # --- the command
@@ -261,11 +261,11 @@ def test_the_command_reads_a_table_and_writes_a_page(tmp_path: Path) -> None:
     assert "log.csv against the emulated rsi" in text
     assert "http" not in text.replace("http-equiv", "").partition("<script>")[0]
     assert "is there already" in ask(tmp_path, "rsi", rows, RSI_MAPPING, *more)
-    told = json.loads(ask(tmp_path, "rsi", rows, RSI_MAPPING, "--config", str(cell), "--json"))
-    one = next(each for each in told["lines"] if each["output"] == "x")
-    assert one["emulated"]["lag_s"] == pytest.approx(one["measured"]["lag_s"], abs=3e-4)
-    assert told["measured_gaps"]["mean_s"] == pytest.approx(0.012)
-    still = next(each for each in told["lines"] if each["output"] == "y")
+    printed = json.loads(ask(tmp_path, "rsi", rows, RSI_MAPPING, "--config", str(cell), "--json"))
+    quantity = next(each for each in printed["lines"] if each["output"] == "x")
+    assert quantity["emulated"]["lag_s"] == pytest.approx(quantity["measured"]["lag_s"], abs=3e-4)
+    assert printed["measured_gaps"]["mean_s"] == pytest.approx(0.012)
+    still = next(each for each in printed["lines"] if each["output"] == "y")
     assert still["emulated"]["lag_s"] is None
     short = ask(tmp_path, "rsi", rows, RSI_MAPPING, "--config", str(cell), "--between", "0.5", "3.5")
     assert "250 samples over 2.99 s" in short
@@ -280,11 +280,11 @@ def test_a_run_is_compared_with_the_robot_that_it_had(tmp_path: Path) -> None:
     for kind, output in (("rsi", "z"), ("netft", "fz")):
         result = CliRunner().invoke(cli, ["fidelity", str(record), "--as", kind, "--json"])
         assert result.exit_code == 0, result.exception
-        one = next(each for each in json.loads(result.output)["lines"] if each["output"] == output)
+        quantity = next(each for each in json.loads(result.output)["lines"] if each["output"] == output)
         if kind == "rsi":
-            assert one["emulated"]["lag_s"] == pytest.approx(one["measured"]["lag_s"], abs=2e-3)
+            assert quantity["emulated"]["lag_s"] == pytest.approx(quantity["measured"]["lag_s"], abs=2e-3)
         else:
-            assert one["emulated"]["noise"] == pytest.approx(one["measured"]["noise"], rel=0.1)
+            assert quantity["emulated"]["noise"] == pytest.approx(quantity["measured"]["noise"], rel=0.1)
 
 
 GOOD = [("t", "q1"), *((f"{k / 100}", "1.0") for k in range(60))]

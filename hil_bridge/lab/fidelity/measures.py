@@ -112,10 +112,10 @@ class _Signals(NamedTuple):
         tried = np.linspace(-most, most, _COARSE)
         nearest = int(np.argmin([rms(self.rest(float(lag), few)) for lag in tried]))
         bounds = tried[max(nearest - 1, 0)], tried[min(nearest + 1, _COARSE - 1)]
-        found = minimize_scalar(
+        least_rest = minimize_scalar(
             lambda lag: rms(self.rest(lag, part)), bounds=bounds, method="bounded", options={"xatol": _FINE_S}
         )
-        return float(found.x)
+        return float(least_rest.x)
 
     def rest(self, lag: float, part: slice) -> Floats:
         """Output less the shifted input, less what is free."""
@@ -199,10 +199,10 @@ def _grid_near(steps: Floats, guess: float) -> tuple[float, float]:
     tried = np.linspace(0.85 * guess, 1.15 * guess, _COARSE)
     best = float(min(tried, key=lambda size: incoherence(float(size))))
     width = float(tried[1] - tried[0])
-    found = minimize_scalar(
+    finest = minimize_scalar(
         incoherence, bounds=(best - width, best + width), method="bounded", options={"xatol": 1e-6 * guess}
     )
-    size = float(found.x)
+    size = float(finest.x)
     return size, incoherence(size)
 
 

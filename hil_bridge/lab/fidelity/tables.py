@@ -11,7 +11,7 @@ A mapping in TOML says which column of a table is which quantity, and in which u
     [columns]
     q = { columns = ["q_1", "q_2", "q_3", "q_4", "q_5", "q_6"], unit = "rad" }
 
-Nothing in a file is trusted: what is wrong is told in one line.
+Nothing in a file is trusted: the first fault of one is an error of one line.
 """
 
 import csv
@@ -166,7 +166,7 @@ def _columns_of(file: Path, plan: _Mapping) -> tuple[Floats, dict[str, Floats]]:
     """Times and quantities that stand in one file."""
     source = format_path(file)
     names, rows = _read_rows(file, plan)
-    wanted = {
+    places = {
         name: (_place(column, names, source), entry.factor)
         for entry in plan.entries
         if entry.file == file
@@ -186,7 +186,7 @@ def _columns_of(file: Path, plan: _Mapping) -> tuple[Floats, dict[str, Floats]]:
             line = first + 1 + int(np.argmax(steps <= 0.0))
             raise ConfigError(f"{source}: the time does not rise in line {line}")
     return times, {
-        name: factor * _numbers(rows, place, name, source, first) for name, (place, factor) in wanted.items()
+        name: factor * _numbers(rows, place, name, source, first) for name, (place, factor) in places.items()
     }
 
 
