@@ -34,7 +34,7 @@ is. Joints in rad and rad/s, places in m, forces in N, moments in N·m.
 """
 _STALLED_S = 60.0
 """Chosen: a robot that tells nothing for so long, or does not begin, is given up."""
-_SETTLE_S = 0.5
+SETTLE_S = 0.5
 """Chosen: a robot is held at its place for so long first. RSI drops the corrections of its first moments."""
 _ROUNDING_S = 1e-9
 _PERIODS = 4.0
@@ -146,7 +146,7 @@ def play_stream(endpoint: Any, client: StreamClient[Any], course: Course, now: f
             if start is None:
                 client.hold(now)
                 if not report.fault:
-                    start, settled = report.pose, now + _SETTLE_S
+                    start, settled = report.pose, now + SETTLE_S
                     client.begin(start)
                 continue
             if report.fault:

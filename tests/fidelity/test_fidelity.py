@@ -13,6 +13,7 @@ import pytest
 from click.testing import CliRunner
 
 from hil_bridge.cli import cli
+from hil_bridge.errors import ConfigError
 from hil_bridge.lab.fidelity.comparing import Comparison, Line
 from hil_bridge.lab.fidelity.emulating import emulate_robot
 from hil_bridge.lab.fidelity.measures import LEAST_SAMPLES
@@ -80,6 +81,22 @@ def test_coarser_numbers_of_a_robot_are_its_grid(tmp_path: Path) -> None:
     result = line(compare("rsi", measured, tmp_path, {"cell.rsi.precision": 1}), "x")
     assert result.measured.grid == pytest.approx(1e-5, rel=1e-3)
     assert result.emulated.grid == pytest.approx(1e-4, rel=1e-3)
+
+
+def test_joints_of_an_abb_are_played_as_joints(tmp_path: Path) -> None:
+    times = np.arange(0.0, 4.0, 0.004)
+    moved = {f"order_{name}": np.full(len(times), 0.1) for name in FAMILIES["q"]}
+    moved["order_q1"] = 0.1 + 0.05 * rise(times)
+    moved["order_q5"] = 0.1 - 0.03 * rise(times)
+    slow = {"cell.egm.mode": "joint", "cell.egm.arm.natural_frequency_rad_s": 50.0}
+    measured = robot_table("egm", Table(times, moved), {"cell.egm.mode": "joint"})
+    assert measured.columns["q3"] == pytest.approx(0.1, abs=3e-4)
+    for settings, later_s in (({"cell.egm.mode": "joint"}, 0.0), (slow, 0.02)):
+        quantity = line(compare("egm", measured, tmp_path, settings), "q5")
+        assert quantity.source == "order_q5"
+        assert quantity.emulated.lag_s - quantity.measured.lag_s == pytest.approx(later_s, abs=1e-3)
+    with pytest.raises(ConfigError, match="set it to joint to play order_q"):
+        compare("egm", measured, tmp_path, {})
 
 
 def joints(family: str) -> Table:
