@@ -18,7 +18,7 @@ from hil_bridge.lab.fidelity.comparing import Comparison, Line
 from hil_bridge.lab.fidelity.emulating import emulate_robot
 from hil_bridge.lab.fidelity.measures import LEAST_SAMPLES
 from hil_bridge.lab.fidelity.sensing import emulate_sensor, with_load
-from hil_bridge.lab.fidelity.subjects import STANDS, compare_with
+from hil_bridge.lab.fidelity.subjects import STANDS, Measured, compare_with
 from hil_bridge.lab.fidelity.tables import FAMILIES, ROTATION, UNITS, WRENCH, Table, read_table
 from hil_bridge.settings.configuration import load_config
 
@@ -43,7 +43,7 @@ def compare(kind: str, measured: Table, folder: Path, settings: Settings) -> Com
         section, _, name = key.rpartition(".")
         sections.setdefault(section, []).append(f"{name} = {json.dumps(value)}")
     file.write_text("\n".join(f"[{name}]\n" + "\n".join(rows) for name, rows in sections.items()))
-    return compare_with(kind, measured, file, 3).comparison
+    return compare_with(kind, Measured(measured), file, 3).comparison
 
 
 def line(comparison: Comparison, output: str) -> Line:
@@ -287,20 +287,29 @@ def test_the_command_reads_a_table_and_writes_a_page(tmp_path: Path) -> None:
     assert "250 samples over 2.99 s" in short
 
 
-def test_a_run_is_compared_with_the_robot_that_it_had(tmp_path: Path) -> None:
-    """The client's ramp stands between the order and the set point, so that a cycle may be left."""
+def test_a_run_is_compared_with_the_devices_that_it_had(tmp_path: Path) -> None:
+    """Its settings are the devices'. The client's ramp stands between order and set point: a cycle may be left."""
     config, record = tmp_path / "run.toml", tmp_path / "run.mcap"
-    config.write_text('[run]\nduration_s = 2.0\n[robot]\nemulated = "rsi"\n[sensor]\nemulated = "netft"\n')
+    config.write_text(
+        '[run]\nduration_s = 2.0\n[robot]\nemulated = "rsi"\n[sensor]\nemulated = "netft"\n'
+        "[cell.rsi]\ntransport_delay_ms = 30.0\n[cell.netft]\nnoise_n = 0.05\n"
+    )
     result = CliRunner().invoke(cli, ["run", str(config), "--virtual", "--record", str(record)])
     assert record.exists(), result.output
-    for kind, output in (("rsi", "z"), ("netft", "fz")):
-        result = CliRunner().invoke(cli, ["fidelity", str(record), "--as", kind, "--json"])
+
+    def look(kind: str, output: str, *more: str) -> Any:
+        result = CliRunner().invoke(cli, ["fidelity", str(record), "--as", kind, "--json", *more])
         assert result.exit_code == 0, result.exception
-        quantity = next(each for each in json.loads(result.output)["lines"] if each["output"] == output)
-        if kind == "rsi":
-            assert quantity["emulated"]["lag_s"] == pytest.approx(quantity["measured"]["lag_s"], abs=2e-3)
-        else:
-            assert quantity["emulated"]["noise"] == pytest.approx(quantity["measured"]["noise"], rel=0.1)
+        return next(each for each in json.loads(result.output)["lines"] if each["output"] == output)
+
+    place, force = look("rsi", "z"), look("netft", "fz")
+    assert place["emulated"]["lag_s"] == pytest.approx(place["measured"]["lag_s"], abs=2e-3)
+    assert force["measured"]["noise"] == pytest.approx(0.05, rel=0.1)
+    assert force["emulated"]["noise"] == pytest.approx(force["measured"]["noise"], rel=0.1)
+    quick = tmp_path / "quick.toml"
+    quick.write_text("[cell.rsi]\ntransport_delay_ms = 0.0\n")
+    earlier = look("rsi", "z", "--config", str(quick))
+    assert earlier["emulated"]["lag_s"] == pytest.approx(place["emulated"]["lag_s"] - 0.03, abs=1e-3)
 
 
 GOOD = [("t", "q1"), *((f"{k / 100}", "1.0") for k in range(60))]
