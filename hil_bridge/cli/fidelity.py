@@ -20,7 +20,11 @@ from hil_bridge.cli.paths import FILE
     help="Which column of a table is which quantity, in which unit.",
 )
 @click.option(
-    "--config", "config_file", type=FILE, metavar="CELL.toml", help="Settings of the emulated device."
+    "--config",
+    "config_file",
+    type=FILE,
+    metavar="CELL.toml",
+    help="Settings of the emulated device, over those of a recorded run.",
 )
 @click.option(
     "--between",
@@ -62,7 +66,7 @@ def fidelity(
         check_place(page, overwrite)
     measured = read(recording, columns, kind)
     if between is not None:
-        measured = measured.between(*between)
+        measured = measured._replace(table=measured.table.between(*between))
     compared = compare_with(kind, measured, config_file, seed)
     if page is not None:
         from hil_bridge.lab.fidelity.page import fidelity_page

@@ -1,4 +1,4 @@
-"""A course of orders for an emulated robot, and what the robot tells meanwhile: the seam between a room and its judges.
+"""A course of orders for an emulated robot, and its reports meanwhile: the seam between a room and its judges.
 
 A room with a `RobotEmulation.play` plays a course over the bytes of its protocol. Time begins with the first order and
 is virtual: the player tells it to the robot. Names of columns are those of `FAMILIES`.
@@ -34,7 +34,7 @@ is. Joints in rad and rad/s, places in m, forces in N, moments in N·m.
 """
 _STALLED_S = 60.0
 """Chosen: a robot that tells nothing for so long, or does not begin, is given up."""
-_SETTLE_S = 0.5
+SETTLE_S = 0.5
 """Chosen: a robot is held at its place for so long first. RSI drops the corrections of its first moments."""
 _ROUNDING_S = 1e-9
 _PERIODS = 4.0
@@ -79,7 +79,7 @@ class Course:
 
 
 class Played(NamedTuple):
-    """What a robot told while a course was played."""
+    """Reports of a robot while a course was played."""
 
     times: list[float]
     """s since the first order: by the robot's own clock where it tells one, unless arrivals are wanted."""
@@ -111,14 +111,14 @@ class _Log:
 
     def played(self) -> Played:
         """All of it."""
-        told: dict[str, Sequence[tuple[float, ...]]] = {
+        families: dict[str, Sequence[tuple[float, ...]]] = {
             "order_position": self.orders,
             "target_position": self.targets,
             "position": self.places,
         }
         columns = {
             name: [row[k] for row in rows]
-            for family, rows in told.items()
+            for family, rows in families.items()
             for k, name in enumerate(FAMILIES[family])
         }
         return Played(self.times, columns)
@@ -146,7 +146,7 @@ def play_stream(endpoint: Any, client: StreamClient[Any], course: Course, now: f
             if start is None:
                 client.hold(now)
                 if not report.fault:
-                    start, settled = report.pose, now + _SETTLE_S
+                    start, settled = report.pose, now + SETTLE_S
                     client.begin(start)
                 continue
             if report.fault:

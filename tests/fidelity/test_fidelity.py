@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,11 +13,13 @@ import pytest
 from click.testing import CliRunner
 
 from hil_bridge.cli import cli
+from hil_bridge.errors import ConfigError
 from hil_bridge.lab.fidelity.comparing import Comparison, Line
 from hil_bridge.lab.fidelity.emulating import emulate_robot
+from hil_bridge.lab.fidelity.measures import LEAST_SAMPLES
 from hil_bridge.lab.fidelity.sensing import emulate_sensor, with_load
-from hil_bridge.lab.fidelity.subjects import STANDS, compare_with
-from hil_bridge.lab.fidelity.tables import FAMILIES, ROTATION, WRENCH, Table
+from hil_bridge.lab.fidelity.subjects import STANDS, Measured, compare_with
+from hil_bridge.lab.fidelity.tables import FAMILIES, ROTATION, UNITS, WRENCH, Table, read_table
 from hil_bridge.settings.configuration import load_config
 
 Settings = Mapping[str, Any]
@@ -40,11 +43,11 @@ def compare(kind: str, measured: Table, folder: Path, settings: Settings) -> Com
         section, _, name = key.rpartition(".")
         sections.setdefault(section, []).append(f"{name} = {json.dumps(value)}")
     file.write_text("\n".join(f"[{name}]\n" + "\n".join(rows) for name, rows in sections.items()))
-    return compare_with(kind, measured, file, 3).comparison
+    return compare_with(kind, Measured(measured), file, 3).comparison
 
 
 def line(comparison: Comparison, output: str) -> Line:
-    return next(one for one in comparison.lines if one.output == output)
+    return next(each for each in comparison.lines if each.output == output)
 
 
 def places(kind_cycle_s: float) -> Table:
@@ -57,27 +60,42 @@ def places(kind_cycle_s: float) -> Table:
 def test_the_same_robot_has_no_distance(kind: str, tmp_path: Path) -> None:
     measured = robot_table(kind, places(0.004), {})
     for axis in ("x", "z"):
-        found = line(compare(kind, measured, tmp_path, {}), axis)
-        assert found.source == f"order_{axis}"
-        assert found.measured.lag_s > 0.0
-        assert found.emulated.lag_s == pytest.approx(found.measured.lag_s, abs=2e-4)
-        assert found.emulated.rest_rms == pytest.approx(found.measured.rest_rms, rel=0.1)
-        assert found.apart_s == pytest.approx(0.0, abs=3e-4)
-        assert found.apart_rms < 1e-5
+        result = line(compare(kind, measured, tmp_path, {}), axis)
+        assert result.source == f"order_{axis}"
+        assert result.measured.lag_s > 0.0
+        assert result.emulated.lag_s == pytest.approx(result.measured.lag_s, abs=2e-4)
+        assert result.emulated.rest_rms == pytest.approx(result.measured.rest_rms, rel=0.1)
+        assert result.apart_s == pytest.approx(0.0, abs=3e-4)
+        assert result.apart_rms < 1e-5
 
 
 def test_a_longer_transport_of_a_robot_is_its_distance(tmp_path: Path) -> None:
     measured = robot_table("rsi", places(0.004), {"cell.rsi.transport_delay_ms": 8.0})
-    found = line(compare("rsi", measured, tmp_path, {"cell.rsi.transport_delay_ms": 20.0}), "x")
-    assert found.emulated.lag_s - found.measured.lag_s == pytest.approx(0.012, abs=2e-4)
-    assert found.apart_s == pytest.approx(0.012, abs=2e-4)
+    result = line(compare("rsi", measured, tmp_path, {"cell.rsi.transport_delay_ms": 20.0}), "x")
+    assert result.emulated.lag_s - result.measured.lag_s == pytest.approx(0.012, abs=2e-4)
+    assert result.apart_s == pytest.approx(0.012, abs=2e-4)
 
 
 def test_coarser_numbers_of_a_robot_are_its_grid(tmp_path: Path) -> None:
     measured = robot_table("rsi", places(0.004), {"cell.rsi.precision": 2})
-    found = line(compare("rsi", measured, tmp_path, {"cell.rsi.precision": 1}), "x")
-    assert found.measured.grid == pytest.approx(1e-5, rel=1e-3)
-    assert found.emulated.grid == pytest.approx(1e-4, rel=1e-3)
+    result = line(compare("rsi", measured, tmp_path, {"cell.rsi.precision": 1}), "x")
+    assert result.measured.grid == pytest.approx(1e-5, rel=1e-3)
+    assert result.emulated.grid == pytest.approx(1e-4, rel=1e-3)
+
+
+def test_joints_of_an_abb_are_played_as_joints(tmp_path: Path) -> None:
+    times = np.arange(0.0, 4.0, 0.004)
+    moved = {f"order_{name}": np.full(len(times), 0.1) for name in FAMILIES["q"]}
+    moved["order_q1"] = 0.1 + 0.05 * rise(times)
+    slow = {"cell.egm.mode": "joint", "cell.egm.arm.natural_frequency_rad_s": 50.0}
+    measured = robot_table("egm", Table(times, moved), {"cell.egm.mode": "joint"})
+    assert measured.columns["q3"] == pytest.approx(0.1, abs=3e-4)
+    for settings, later_s in (({"cell.egm.mode": "joint"}, 0.0), (slow, 0.02)):
+        quantity = line(compare("egm", measured, tmp_path, settings), "q1")
+        assert quantity.source == "order_q1"
+        assert quantity.emulated.lag_s - quantity.measured.lag_s == pytest.approx(later_s, abs=1e-3)
+    with pytest.raises(ConfigError, match="set it to joint to play order_q"):
+        compare("egm", measured, tmp_path, {})
 
 
 def joints(family: str) -> Table:
@@ -106,28 +124,30 @@ def test_another_lookahead_of_servoj_is_its_distance(tmp_path: Path) -> None:
 
 def test_speeds_of_joints_are_played_as_speeds(tmp_path: Path) -> None:
     measured = robot_table("rtde", joints("target_qd"), {})
-    told = {name: measured.columns[name] for name in (*FAMILIES["q"], *FAMILIES["target_qd"])}
-    found = line(compare("rtde", Table(measured.times, told), tmp_path, {}), "q4")
-    assert found.source == "∫target_qd4"
-    assert found.emulated.lag_s == pytest.approx(found.measured.lag_s, abs=2e-4)
-    assert found.apart_rms < 2e-4
+    columns = {name: measured.columns[name] for name in (*FAMILIES["q"], *FAMILIES["target_qd"])}
+    result = line(compare("rtde", Table(measured.times, columns), tmp_path, {}), "q4")
+    assert result.source == "∫target_qd4"
+    assert result.emulated.lag_s == pytest.approx(result.measured.lag_s, abs=2e-4)
+    assert result.apart_rms < 2e-4
 
 
 def test_a_robot_without_inputs_stands_and_its_noise_is_compared(tmp_path: Path) -> None:
     times = np.arange(100) / 100.0
     force = np.random.default_rng(5).normal(0.0, 0.4, 100)
-    found = compare("rtde", Table(times, {"fz": force}), tmp_path, {"cell.rtde.force_noise_n": 0.4})
-    one = line(found, "fz")
-    assert one.source == ""
-    assert one.measured.noise == pytest.approx(0.4, rel=0.25)
-    assert one.emulated.noise == pytest.approx(0.4, rel=0.25)
-    assert found.left_out == (STANDS,)
+    result = compare("rtde", Table(times, {"fz": force}), tmp_path, {"cell.rtde.force_noise_n": 0.4})
+    quantity = line(result, "fz")
+    assert quantity.source == ""
+    assert quantity.measured.noise == pytest.approx(0.4, rel=0.25)
+    assert quantity.emulated.noise == pytest.approx(0.4, rel=0.25)
+    assert result.left_out == (STANDS,)
 
 
 def test_a_table_that_tells_nothing_of_a_robot_is_refused(tmp_path: Path) -> None:
     mapping = '[time]\ncolumn = "t"\n[columns]\ndepth = { columns = ["q1"], unit = "m" }\n'
     said = ask(tmp_path, "rtde", GOOD, mapping)
-    assert "tells nothing of a robot: map one of q, qd, position" in said
+    assert "nothing is left to compare: the emulated rtde does not tell depth" in said
+    said = ask(tmp_path, "rsi", GOOD, "")
+    assert "nothing is left to compare: the emulated rsi does not tell q" in said
 
 
 # --- sensors
@@ -151,26 +171,26 @@ def turning() -> Table:
 def sensor_table(kind: str, settings: Settings) -> Table:
     """A recording of an emulated sensor under that weight."""
     loaded = with_load(turning())
-    told = emulate_sensor(load_config(None, {"sensor.emulated": kind, **settings}), loaded)
-    rotation = {name: np.interp(told.times, loaded.times, loaded.columns[name]) for name in ROTATION}
+    sensed = emulate_sensor(load_config(None, {"sensor.emulated": kind, **settings}), loaded)
+    rotation = {name: np.interp(sensed.times, loaded.times, loaded.columns[name]) for name in ROTATION}
     turned = np.column_stack([rotation[name] for name in ROTATION]).reshape(-1, 3, 3)
     left, _, right = np.linalg.svd(turned)  # between two rotations lies none
     flat = (left @ right).reshape(-1, 9).T
-    wrench = {name: told.columns[name] for name in WRENCH}
-    return Table(told.times, {**wrench, **dict(zip(ROTATION, flat, strict=True))})
+    wrench = {name: sensed.columns[name] for name in WRENCH}
+    return Table(sensed.times, {**wrench, **dict(zip(ROTATION, flat, strict=True))})
 
 
 @pytest.mark.parametrize(("noise_n", "ratio"), [(0.02, 1.0), (0.06, 3.0)])
 def test_another_noise_of_a_sensor_is_its_distance(noise_n: float, ratio: float, tmp_path: Path) -> None:
     settings = {"cell.netft.rate_hz": 200, "cell.netft.noise_n": 0.02}
     measured = sensor_table("netft", settings)
-    found = compare("netft", measured, tmp_path, {**settings, "cell.netft.noise_n": noise_n})
+    result = compare("netft", measured, tmp_path, {**settings, "cell.netft.noise_n": noise_n})
     for axis in ("fy", "fz"):
-        one = line(found, axis)
-        assert one.measured.noise == pytest.approx(0.02, rel=0.1)
-        assert one.emulated.noise == pytest.approx(ratio * one.measured.noise, rel=0.1)
-        assert one.emulated.lag_s == pytest.approx(one.measured.lag_s, abs=3e-3)
-    assert found.emulated_gaps.mean_s == pytest.approx(0.005, rel=1e-3)
+        quantity = line(result, axis)
+        assert quantity.measured.noise == pytest.approx(0.02, rel=0.1)
+        assert quantity.emulated.noise == pytest.approx(ratio * quantity.measured.noise, rel=0.1)
+        assert quantity.emulated.lag_s == pytest.approx(quantity.measured.lag_s, abs=3e-3)
+    assert result.emulated_gaps.mean_s == pytest.approx(0.005, rel=1e-3)
 
 
 def test_a_sensor_that_stands_is_loaded_with_its_mean(tmp_path: Path) -> None:
@@ -178,12 +198,12 @@ def test_a_sensor_that_stands_is_loaded_with_its_mean(tmp_path: Path) -> None:
     random = np.random.default_rng(3)
     noise = random.normal(0.0, 0.05, (400, 3)) + np.array([1.0, -2.0, -7.0])
     measured = Table(times, dict(zip(FAMILIES["force"], noise.T, strict=True)))
-    found = compare("ft300", measured, tmp_path, {"cell.ft300.noise_n": 0.1})
+    result = compare("ft300", measured, tmp_path, {"cell.ft300.noise_n": 0.1})
     for axis in FAMILIES["force"]:
-        one = line(found, axis)
-        assert math.isnan(one.measured.lag_s)
-        assert one.measured.noise == pytest.approx(0.05, rel=0.15)
-        assert one.emulated.noise == pytest.approx(0.1, rel=0.15)
+        quantity = line(result, axis)
+        assert math.isnan(quantity.measured.lag_s)
+        assert quantity.measured.noise == pytest.approx(0.05, rel=0.15)
+        assert quantity.emulated.noise == pytest.approx(0.1, rel=0.15)
 
 
 # --- contact
@@ -197,18 +217,18 @@ def test_another_stiffness_is_the_distance_of_a_contact(
     depth = 0.02 + 0.001 * times
     press = 3000.0 * np.maximum(depth - 0.021, 0.0)
     measured = Table(times, {"depth": depth, "press": press})
-    found = compare(
+    result = compare(
         "contact",
         measured,
         tmp_path,
         {"cell.surface.stiffness_n_m": stiffness, "cell.surface.damping_ns_m": 0.0},
     )
-    laws = {law.name: law for law in found.laws}
+    laws = {law.name: law for law in result.laws}
     assert laws["exponent of the depth"].measured == pytest.approx(1.0, abs=0.01)
     stiff = laws["stiffness of the law at 5 N"]
     assert stiff.measured == pytest.approx(3000.0, rel=0.01)
     assert stiff.emulated == pytest.approx(ratio * stiff.measured, rel=0.02)
-    assert (line(found, "press").apart_rms < 1e-3) == (ratio == 1.0)
+    assert (line(result, "press").apart_rms < 1e-3) == (ratio == 1.0)
 
 
 # --- the command
@@ -257,30 +277,39 @@ def test_the_command_reads_a_table_and_writes_a_page(tmp_path: Path) -> None:
     assert "log.csv against the emulated rsi" in text
     assert "http" not in text.replace("http-equiv", "").partition("<script>")[0]
     assert "is there already" in ask(tmp_path, "rsi", rows, RSI_MAPPING, *more)
-    told = json.loads(ask(tmp_path, "rsi", rows, RSI_MAPPING, "--config", str(cell), "--json"))
-    one = next(each for each in told["lines"] if each["output"] == "x")
-    assert one["emulated"]["lag_s"] == pytest.approx(one["measured"]["lag_s"], abs=3e-4)
-    assert told["measured_gaps"]["mean_s"] == pytest.approx(0.012)
-    still = next(each for each in told["lines"] if each["output"] == "y")
+    printed = json.loads(ask(tmp_path, "rsi", rows, RSI_MAPPING, "--config", str(cell), "--json"))
+    quantity = next(each for each in printed["lines"] if each["output"] == "x")
+    assert quantity["emulated"]["lag_s"] == pytest.approx(quantity["measured"]["lag_s"], abs=3e-4)
+    assert printed["measured_gaps"]["mean_s"] == pytest.approx(0.012)
+    still = next(each for each in printed["lines"] if each["output"] == "y")
     assert still["emulated"]["lag_s"] is None
     short = ask(tmp_path, "rsi", rows, RSI_MAPPING, "--config", str(cell), "--between", "0.5", "3.5")
     assert "250 samples over 2.99 s" in short
 
 
-def test_a_run_is_compared_with_the_robot_that_it_had(tmp_path: Path) -> None:
-    """The client's ramp stands between the order and the set point, so that a cycle may be left."""
+def test_a_run_is_compared_with_the_devices_that_it_had(tmp_path: Path) -> None:
+    """Its settings are the devices'. The client's ramp stands between order and set point: a cycle may be left."""
     config, record = tmp_path / "run.toml", tmp_path / "run.mcap"
-    config.write_text('[run]\nduration_s = 2.0\n[robot]\nemulated = "rsi"\n[sensor]\nemulated = "netft"\n')
+    config.write_text(
+        '[run]\nduration_s = 2.0\n[robot]\nemulated = "rsi"\n[sensor]\nemulated = "netft"\n'
+        "[cell.rsi]\ntransport_delay_ms = 30.0\n[cell.netft]\nnoise_n = 0.05\n"
+    )
     result = CliRunner().invoke(cli, ["run", str(config), "--virtual", "--record", str(record)])
     assert record.exists(), result.output
-    for kind, output in (("rsi", "z"), ("netft", "fz")):
-        result = CliRunner().invoke(cli, ["fidelity", str(record), "--as", kind, "--json"])
+
+    def look(kind: str, output: str, *more: str) -> Any:
+        result = CliRunner().invoke(cli, ["fidelity", str(record), "--as", kind, "--json", *more])
         assert result.exit_code == 0, result.exception
-        one = next(each for each in json.loads(result.output)["lines"] if each["output"] == output)
-        if kind == "rsi":
-            assert one["emulated"]["lag_s"] == pytest.approx(one["measured"]["lag_s"], abs=2e-3)
-        else:
-            assert one["emulated"]["noise"] == pytest.approx(one["measured"]["noise"], rel=0.1)
+        return next(each for each in json.loads(result.output)["lines"] if each["output"] == output)
+
+    place, force = look("rsi", "z"), look("netft", "fz")
+    assert place["emulated"]["lag_s"] == pytest.approx(place["measured"]["lag_s"], abs=2e-3)
+    assert force["measured"]["noise"] == pytest.approx(0.05, rel=0.1)
+    assert force["emulated"]["noise"] == pytest.approx(force["measured"]["noise"], rel=0.1)
+    quick = tmp_path / "quick.toml"
+    quick.write_text("[cell.rsi]\ntransport_delay_ms = 0.0\n")
+    earlier = look("rsi", "z", "--config", str(quick))
+    assert earlier["emulated"]["lag_s"] == pytest.approx(place["emulated"]["lag_s"] - 0.03, abs=1e-3)
 
 
 GOOD = [("t", "q1"), *((f"{k / 100}", "1.0") for k in range(60))]
@@ -318,6 +347,16 @@ GOOD = [("t", "q1"), *((f"{k / 100}", "1.0") for k in range(60))]
         (GOOD, "[time]\nrate_hz = 5\n", "must have the sections [time] and [columns]"),
         (GOOD, 'separator = "x"\n', "separator must be one of"),
         (GOOD, "speed = 3\n", "'speed' is not known here; there are separator"),
+        (
+            [GOOD[0], *((f"{60 * k}", "1.0") for k in range(70))],
+            "",
+            "the recording lasts 4140 s; at most 3600 s",
+        ),
+        (
+            [*GOOD[:30], ("0.29", "1e200"), *GOOD[31:]],
+            "",
+            "q1 comes to 1e+200 rad: is its unit the right one?",
+        ),
     ],
 )
 def test_a_bad_table_or_mapping_is_told_in_one_line(
@@ -326,6 +365,55 @@ def test_a_bad_table_or_mapping_is_told_in_one_line(
     said = ask(tmp_path, "rtde", rows, mapping)
     assert words in said
     assert "\n" not in said.strip()
+
+
+EXAMPLES = sorted((Path(__file__).resolve().parents[2] / "examples" / "fidelity").glob("*.toml"))
+
+
+@pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: file.stem)
+def test_an_example_is_a_mapping_or_a_cell(file: Path, tmp_path: Path) -> None:
+    """A mapping is given tables with the columns that it names, each with values of its own."""
+    if file.stem.endswith("-cell"):
+        load_config(file, {})
+        return
+    plan = tomllib.loads(file.read_text())
+    entries = [plan["time"] | {"columns": [plan["time"]["column"]]}] if "column" in plan["time"] else []
+    names: dict[str, list[Any]] = {}
+    for entry in (*plan["columns"].values(), *entries):
+        names.setdefault(entry.get("file", "log.csv"), []).extend(entry["columns"])
+    for name, columns in names.items():
+        shared = columns if name == "log.csv" else [*columns, plan["time"]["column"]]
+        header = [str(column) for column in dict.fromkeys(shared)]
+        if not plan.get("header", True):
+            header = [str(k) for k in range(1, 1 + max(columns))]
+        separator = " " if plan.get("separator") == "space" else ","
+        rows = [separator.join(str(row + 0.001 * k) for k in range(len(header))) for row in range(60)]
+        top = [separator.join(header)] if plan.get("header", True) else []
+        (tmp_path / name).write_text("\n".join([*top, *rows]))
+    table = read_table(tmp_path / "log.csv", file)
+    for family, entry in plan["columns"].items():
+        assert table.has(family), entry
+        size = abs(UNITS[family][entry.get("unit", "1")])
+        steps = np.abs(np.diff(table.columns[FAMILIES[family][0]]))[1:]  # another table begins later
+        assert steps == pytest.approx(size, rel=1e-6)
+
+
+def test_tables_without_a_time_in_common_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "other.csv").write_text("\n".join(["t,d", *(f"{900 + k},1" for k in range(60))]))
+    mapping = '[time]\ncolumn = "t"\n[columns]\ndepth = { columns = ["d"], unit = "m", file = "other.csv" }\n'
+    mapping += 'press = { columns = ["q1"], unit = "N" }\n'
+    assert "other.csv and log.csv have no time in common" in ask(tmp_path, "contact", GOOD, mapping)
+
+
+def test_the_reference_lists_every_family_and_unit() -> None:
+    page = (Path(__file__).resolve().parents[2] / "docs" / "reference" / "fidelity.md").read_text()
+    for family, units in UNITS.items():
+        row = next(
+            (row for row in page.splitlines() if row.startswith("|") and f"`{family}`" in row.split("|")[1]),
+            "",
+        )
+        assert [unit for unit in units if f"`{unit}`" not in row] == [], family
+    assert f"{LEAST_SAMPLES} samples are needed" in page
 
 
 def test_a_kind_and_a_table_without_a_mapping_are_told(tmp_path: Path) -> None:

@@ -19,36 +19,32 @@ def wave(times: Floats) -> Floats:
 
 @pytest.mark.parametrize("lag", [-0.0053, 0.0, 0.0137, 0.1743])
 def test_a_lag_is_told_to_a_hundredth_of_a_millisecond(lag: float) -> None:
-    found = measures.shift_of(TIMES, wave(TIMES), wave(TIMES - lag))
-    assert found.seconds == pytest.approx(lag, abs=2e-5)
-    assert found.spread < 1e-4
-    assert measures.rms(found.rest) < 1e-5
+    result = measures.shift_of(TIMES, wave(TIMES), wave(TIMES - lag))
+    assert result.seconds == pytest.approx(lag, abs=2e-5)
+    assert result.spread < 1e-4
+    assert measures.rms(result.rest) < 1e-5
 
 
 def test_a_lag_stands_out_of_noise_and_the_noise_is_left() -> None:
     noise = RANDOM.normal(0.0, 1e-3, len(TIMES))
-    found = measures.shift_of(TIMES, wave(TIMES), wave(TIMES - 0.02) + noise)
-    assert found.seconds == pytest.approx(0.02, abs=3e-4)
-    assert measures.noise_of(found.rest) == pytest.approx(1e-3, rel=0.05)
-    assert measures.rms(found.rest) == pytest.approx(1e-3, rel=0.05)
+    result = measures.shift_of(TIMES, wave(TIMES), wave(TIMES - 0.02) + noise)
+    assert result.seconds == pytest.approx(0.02, abs=3e-4)
+    assert measures.noise_of(result.rest) == pytest.approx(1e-3, rel=0.05)
+    assert measures.rms(result.rest) == pytest.approx(1e-3, rel=0.05)
 
 
-@pytest.mark.parametrize(("free", "seconds"), [(0, 0.06), (1, 0.03)])
-def test_at_an_even_speed_a_lag_and_a_constant_are_the_same(free: int, seconds: float) -> None:
-    """Without a free constant the whole distance is lag. With one it can be neither, and none is told."""
-    found = measures.shift_of(TIMES, 2.0 * TIMES, 2.0 * (TIMES - 0.06), free)
-    if free:
-        assert measures.rms(found.rest) < 1e-9
-    else:
-        assert found.seconds == pytest.approx(seconds, abs=1e-4)
+def test_at_an_even_speed_a_distance_is_lag_unless_a_constant_is_free() -> None:
+    late = 2.0 * (TIMES - 0.06)
+    assert measures.shift_of(TIMES, 2.0 * TIMES, late).seconds == pytest.approx(0.06, abs=1e-4)
+    assert measures.rms(measures.shift_of(TIMES, 2.0 * TIMES, late, free=1).rest) < 1e-9
 
 
 @pytest.mark.parametrize(
     "source", [np.full(len(TIMES), 1.3), 1.3 + 1e-14 * np.sin(TIMES), np.zeros(len(TIMES))]
 )
 def test_an_input_that_stands_tells_no_lag(source: Floats) -> None:
-    found = measures.shift_of(TIMES, source, RANDOM.normal(1.3, 1e-3, len(TIMES)))
-    assert math.isnan(found.seconds)
+    result = measures.shift_of(TIMES, source, RANDOM.normal(1.3, 1e-3, len(TIMES)))
+    assert math.isnan(result.seconds)
 
 
 def test_an_output_that_does_not_follow_tells_no_lag() -> None:
@@ -90,10 +86,10 @@ def test_a_ramp_has_no_grid_and_a_rounded_ramp_has_one() -> None:
 
 def test_times_between_samples() -> None:
     times = np.cumsum(np.array([0.0] + [0.002] * 98 + [0.010]))
-    found = measures.times_of(times)
-    assert found.mean == pytest.approx(0.206 / 99)
-    assert found.longest == pytest.approx(0.010)
-    assert found.deviation == pytest.approx(math.sqrt(98) / 99 * 0.008)
+    result = measures.times_of(times)
+    assert result.mean == pytest.approx(0.206 / 99)
+    assert result.longest == pytest.approx(0.010)
+    assert result.deviation == pytest.approx(math.sqrt(98) / 99 * 0.008)
 
 
 def test_the_way_of_speeds_is_their_integral() -> None:

@@ -5,18 +5,23 @@ emulated input. So a set point that the devices tell differently does not count 
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
+from hil_bridge.errors import ConfigError
 from hil_bridge.lab.fidelity import measures
 from hil_bridge.lab.fidelity.measures import Floats
 from hil_bridge.lab.fidelity.tables import FAMILIES, Table, unit_of
 
 SLOW_HZ = 20.0
 """Chosen: below it variance counts as slow. Vibrations of an arm that were recorded have 9 to 16 Hz."""
+
+INTEGRAL = "∫"
+"""Stands before an input whose way is followed."""
 
 
 class Pair(NamedTuple):
@@ -112,104 +117,112 @@ class Comparison(Struct, frozen=True):
     """Families that could not be compared, in words."""
 
 
-def compare_robot(kind: str, measured: Table, emulated: Table, slow_hz: float = SLOW_HZ) -> Comparison:
-    """All quantities of a robot that both tables tell."""
+class Sides(NamedTuple):
+    """The two tables that are compared."""
+
+    kind: str
+    """Name of the kind of the emulated device."""
+    measured: Table
+    emulated: Table
+
+    @property
+    def tables(self) -> tuple[Table, Table]:
+        """Measured, then emulated."""
+        return self.measured, self.emulated
+
+    def tell(self, *names: str) -> bool:
+        """Whether both tables tell all these columns."""
+        return all(name in table.columns for name in names for table in self.tables)
+
+
+def compare_robot(sides: Sides) -> Comparison:
+    """All quantities of a robot that both tables tell. Raises ConfigError where there is none."""
     lines, done = [], set[tuple[str, str]]()
     for pair in ROBOT_PAIRS:
         if pair.integrated and (pair.output, pair.source[:-1]) in done:
             continue  # the places themselves are there
         for source, output in zip(FAMILIES[pair.source], FAMILIES[pair.output], strict=True):
-            if all(name in table.columns for name in (source, output) for table in (measured, emulated)):
-                lines.append(_line(pair, (source, output), measured, emulated, slow_hz))
+            if sides.tell(source, output):
+                lines.append(followed_line(sides, source, output, pair.free, pair.integrated))
                 done.add((pair.output, pair.source))
     followed = {line.output for line in lines}
     for family in ROBOT_FREE:
         lines += [
-            free_line(output, measured, emulated, slow_hz)
+            free_line(sides, output)
             for output in FAMILIES[family]
-            if output in measured.columns and output in emulated.columns and output not in followed
+            if sides.tell(output) and output not in followed
         ]
     missing = [
-        f"{family}: the emulated {kind} does not tell it"
-        for family in FAMILIES
-        if measured.family(family) and not emulated.family(family)
+        family for family in FAMILIES if sides.measured.family(family) and not sides.emulated.family(family)
     ]
-    return summed(kind, measured, emulated, slow_hz, lines, left_out=tuple(missing))
+    if not lines:
+        raise ConfigError(
+            f"nothing is left to compare: the emulated {sides.kind} does not tell {', '.join(missing)}"
+        )
+    words = tuple(f"{family}: the emulated {sides.kind} does not tell it" for family in missing)
+    return joined(sides, lines, left_out=words)
 
 
-def summed(
-    kind: str,
-    measured: Table,
-    emulated: Table,
-    slow_hz: float,
-    lines: "list[Line]",
-    laws: tuple[Law, ...] = (),
-    left_out: tuple[str, ...] = (),
+def joined(
+    sides: Sides, lines: Sequence[Line], laws: tuple[Law, ...] = (), left_out: tuple[str, ...] = ()
 ) -> Comparison:
     """The comparison with these lines."""
-    gaps = [Gaps(*measures.times_of(table.times)) for table in (measured, emulated)]
+    measured, emulated = (Gaps(*measures.times_of(table.times)) for table in sides.tables)
+    times = sides.measured.times
     return Comparison(
-        kind,
-        len(measured.times),
-        float(measured.times[-1]),
-        slow_hz,
-        gaps[0],
-        gaps[1],
+        sides.kind,
+        len(times),
+        float(times[-1]),
+        SLOW_HZ,
+        measured,
+        emulated,
         tuple(lines),
         laws,
         left_out,
     )
 
 
-def free_line(output: str, measured: Table, emulated: Table, slow_hz: float) -> Line:
+def free_line(sides: Sides, output: str) -> Line:
     """An output without an input: its own noise."""
-    figures = [
-        _own_figures(table.times, table.columns[output], table.columns[output], slow_hz)
-        for table in (measured, emulated)
-    ]
-    return Line(output, "", unit_of(output), figures[0], figures[1], math.nan, math.nan)
+    measured, emulated = (
+        _own_figures(table.times, table.columns[output], table.columns[output]) for table in sides.tables
+    )
+    return Line(output, "", unit_of(output), measured, emulated, math.nan, math.nan)
 
 
-def direct_line(output: str, measured: Table, emulated: Table, slow_hz: float) -> Line:
+def direct_line(sides: Sides, output: str) -> Line:
     """An output whose input is the same in both, sample by sample: its difference without a shift, and noises."""
-    line = free_line(output, measured, emulated, slow_hz)
-    apart = emulated.columns[output] - measured.columns[output]
-    return replace(line, apart_s=0.0, apart_rms=measures.rms(apart))
+    apart = sides.emulated.columns[output] - sides.measured.columns[output]
+    return replace(free_line(sides, output), apart_s=0.0, apart_rms=measures.rms(apart))
 
 
-def followed_line(
-    names: tuple[str, str], measured: Table, emulated: Table, slow_hz: float, free: int
-) -> Line:
-    """An output, the second name, behind an input, the first."""
-    return _line(Pair("", "", free=free), names, measured, emulated, slow_hz)
-
-
-def _line(pair: Pair, names: tuple[str, str], measured: Table, emulated: Table, slow_hz: float) -> Line:
-    source, output = names
+def followed_line(sides: Sides, source: str, output: str, free: int, integrated: bool = False) -> Line:
+    """An output behind an input, or behind the way that the input makes as a speed; `free` as of `shift_of`."""
     figures = []
-    for table in (measured, emulated):
+    for table in sides.tables:
         given, values = table.columns[source], table.columns[output]
-        if pair.integrated:
+        if integrated:
             given = measures.integral_of(table.times, given)
-        lag = measures.shift_of(table.times, given, values, pair.free)
-        own = _own_figures(table.times, lag.rest, values, slow_hz)
+        lag = measures.shift_of(table.times, given, values, free)
+        own = _own_figures(table.times, lag.rest, values)
         figures.append(
-            Figures(lag.seconds, lag.spread, measures.rms(lag.rest), own.noise, own.slow_share, own.grid)
+            replace(own, lag_s=lag.seconds, lag_spread_s=lag.spread, rest_rms=measures.rms(lag.rest))
         )
+    measured, emulated = sides.tables
     nearest = np.interp(measured.times, emulated.times, emulated.columns[output])
-    apart = measures.shift_of(measured.times, measured.columns[output], nearest, max(pair.free, 1))
-    words = f"∫{source}" if pair.integrated else source
+    apart = measures.shift_of(measured.times, measured.columns[output], nearest, max(free, 1))
+    words = f"{INTEGRAL}{source}" if integrated else source
     return Line(
         output, words, unit_of(output), figures[0], figures[1], apart.seconds, measures.rms(apart.rest)
     )
 
 
-def _own_figures(times: Floats, rest: Floats, values: Floats, slow_hz: float) -> Figures:
+def _own_figures(times: Floats, rest: Floats, values: Floats) -> Figures:
     return Figures(
         math.nan,
         math.nan,
         math.nan,
         measures.noise_of(rest),
-        measures.share_below(times, rest, slow_hz),
+        measures.share_below(times, rest, SLOW_HZ),
         measures.grid_of(values),
     )

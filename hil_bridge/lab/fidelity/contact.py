@@ -101,6 +101,6 @@ def _fit(table: Table) -> tuple[float, float]:
         left: Floats = scale * (depth + before) ** exponent - press
         return left
 
-    found = least_squares(rest, (0.1, 1.0, 1.0), bounds=((1e-6, 0.2, 1e-6), (_BEFORE_MOST, 5.0, 1e3)))
-    _, exponent, scale = map(float, found.x)
-    return (exponent, scale * most / span**exponent) if found.success else (math.nan, math.nan)
+    fit = least_squares(rest, (0.1, 1.0, 1.0), bounds=((1e-6, 0.2, 1e-6), (_BEFORE_MOST, 5.0, 1e3)))
+    _, exponent, scale = map(float, fit.x)
+    return (exponent, scale * most / span**exponent) if fit.success else (math.nan, math.nan)

@@ -73,60 +73,63 @@ def shift_of(times: Floats, source: Floats, output: Floats, free: int = 0) -> La
     `free` is 0 where both tell the same quantity, 1 where a constant between them has no meaning, and 2 where a drift
     has none either.
     """
-    times = times - times[0]
-    most = min(LONGEST_LAG_S, 0.25 * float(times[-1]))
+    signals = _Signals(times - times[0], source, output, free)
     whole = slice(0, len(times))
-    parts = [slice(part[0], part[-1] + 1) for part in np.array_split(np.arange(len(times)), PARTS)]
-    if (lag := _told(times, source, output, free, most, whole)) is None:
-        return Lag(math.nan, math.nan, _rest(times, source, output, 0.0, free, whole))
+    lag = signals.lag(whole)
     lags = [
         own
-        for part in parts
-        if part.stop - part.start >= _LEAST_PART
-        and (own := _told(times, source, output, free, most, part)) is not None
+        for part in np.array_split(np.arange(len(times)), PARTS)
+        if len(part) >= _LEAST_PART and (own := signals.lag(slice(part[0], part[-1] + 1))) is not None
     ]
-    if len(lags) < _AGREEING:
-        return Lag(math.nan, math.nan, _rest(times, source, output, 0.0, free, whole))
-    return Lag(lag, float(np.std(lags, ddof=1)), _rest(times, source, output, lag, free, whole))
+    if lag is None or len(lags) < _AGREEING:
+        return Lag(math.nan, math.nan, signals.rest(0.0, whole))
+    return Lag(lag, float(np.std(lags, ddof=1)), signals.rest(lag, whole))
 
 
-def _told(times: Floats, source: Floats, output: Floats, free: int, most: float, part: slice) -> float | None:
-    """The lag in a part; None where the input moves too little to tell one."""
-    moved = float(np.std(source[part]))
-    if moved <= _STILL * float(np.max(np.abs(source[part]))):
-        return None
-    lag = _best(times, source, output, free, most, part)
-    return lag if rms(_rest(times, source, output, lag, free, part)) <= _EXPLAINED * moved else None
+class _Signals(NamedTuple):
+    """An input and an output."""
 
+    times: Floats
+    """s, from 0."""
+    source: Floats
+    output: Floats
+    free: int
+    """As of `shift_of`."""
 
-def _best(times: Floats, source: Floats, output: Floats, free: int, most: float, part: slice) -> float:
-    """The lag with the least rest: first among some over a few samples, then next to the best over all."""
-    few = slice(part.start, part.stop, max(1, (part.stop - part.start) // _FEW))
+    def lag(self, part: slice) -> float | None:
+        """The lag in a part; None where the input moves too little to tell one."""
+        source = self.source[part]
+        moved = float(np.std(source))
+        if moved <= _STILL * float(np.max(np.abs(source))):
+            return None
+        lag = self._best(part)
+        return lag if rms(self.rest(lag, part)) <= _EXPLAINED * moved else None
 
-    def cost(lag: float, samples: slice) -> float:
-        return rms(_rest(times, source, output, lag, free, samples))
+    def _best(self, part: slice) -> float:
+        """The lag with the least rest: first among some over a few samples, then next to the best over all."""
+        few = slice(part.start, part.stop, max(1, (part.stop - part.start) // _FEW))
+        most = min(LONGEST_LAG_S, 0.25 * float(self.times[-1]))
+        tried = np.linspace(-most, most, _COARSE)
+        nearest = int(np.argmin([rms(self.rest(float(lag), few)) for lag in tried]))
+        bounds = tried[max(nearest - 1, 0)], tried[min(nearest + 1, _COARSE - 1)]
+        least_rest = minimize_scalar(
+            lambda lag: rms(self.rest(lag, part)), bounds=bounds, method="bounded", options={"xatol": _FINE_S}
+        )
+        return float(least_rest.x)
 
-    tried = np.linspace(-most, most, _COARSE)
-    nearest = int(np.argmin([cost(float(lag), few) for lag in tried]))
-    low, high = tried[max(nearest - 1, 0)], tried[min(nearest + 1, _COARSE - 1)]
-    found = minimize_scalar(
-        lambda lag: cost(lag, part), bounds=(low, high), method="bounded", options={"xatol": _FINE_S}
-    )
-    return float(found.x)
-
-
-def _rest(times: Floats, source: Floats, output: Floats, lag: float, free: int, part: slice) -> Floats:
-    """Output less the shifted input, less what is free."""
-    at = times[part]
-    rest: Floats = output[part] - np.interp(at - lag, times, source, left=math.nan, right=math.nan)
-    known = np.isfinite(rest)
-    if not free or known.sum() <= free:
+    def rest(self, lag: float, part: slice) -> Floats:
+        """Output less the shifted input, less what is free."""
+        at = self.times[part]
+        shifted = np.interp(at - lag, self.times, self.source, left=math.nan, right=math.nan)
+        rest: Floats = self.output[part] - shifted
+        known = np.isfinite(rest)
+        if not self.free or known.sum() <= self.free:
+            return rest
+        rest = rest - rest[known].mean()
+        if self.free > 1:
+            about = at - at[known].mean()
+            rest = rest - about * (about[known] @ rest[known]) / (about[known] @ about[known])
         return rest
-    rest = rest - rest[known].mean()
-    if free > 1:
-        about = at - at[known].mean()
-        rest = rest - about * (about[known] @ rest[known]) / (about[known] @ about[known])
-    return rest
 
 
 def rms(values: Floats) -> float:
@@ -196,10 +199,10 @@ def _grid_near(steps: Floats, guess: float) -> tuple[float, float]:
     tried = np.linspace(0.85 * guess, 1.15 * guess, _COARSE)
     best = float(min(tried, key=lambda size: incoherence(float(size))))
     width = float(tried[1] - tried[0])
-    found = minimize_scalar(
+    finest = minimize_scalar(
         incoherence, bounds=(best - width, best + width), method="bounded", options={"xatol": 1e-6 * guess}
     )
-    size = float(found.x)
+    size = float(finest.x)
     return size, incoherence(size)
 
 

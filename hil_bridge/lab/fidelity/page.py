@@ -1,11 +1,11 @@
 """A comparison as one page: measured and emulated drawn over each other, and the table of figures."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from html import escape
 
 import numpy as np
 
-from hil_bridge.lab.fidelity.comparing import Line
+from hil_bridge.lab.fidelity.comparing import INTEGRAL, Line, Sides
 from hil_bridge.lab.fidelity.measures import Floats, integral_of
 from hil_bridge.lab.fidelity.subjects import Compared
 from hil_bridge.lab.fidelity.tables import Table
@@ -14,8 +14,8 @@ from hil_bridge.show.charts.sources import Sources
 from hil_bridge.show.pages import Axis, Chart, Charts, Layer, Series, document, room
 from hil_bridge.show.report.markup import cells
 
-_MEASURED, _EMULATED = "measured", "emulated"
-_COLOURS = {_MEASURED: "1", _EMULATED: "2"}
+_COLOURS = {"measured": "1", "emulated": "2"}
+"""Sides in the order of `Sides.tables`."""
 _TITLES = ("figure", "measured", "emulated", "distance")
 _SCALES = {"rad": (1e3, "mrad"), "rad/s": (1e3, "mrad/s"), "m": (1e3, "mm")}
 """Units in which charts show a quantity, where they are not its own."""
@@ -45,50 +45,44 @@ A constant between both is taken off in the charts. Below each quantity stands i
 
 def _charts(compared: Compared) -> tuple[Charts, str]:
     sources = Sources()
-    charts = [chart for line in compared.comparison.lines for chart in _of_line(line, compared, sources)]
+    charts = [
+        chart for line in compared.comparison.lines for chart in _of_line(line, compared.sides, sources)
+    ]
     layers = [Layer(side, side) for side in _COLOURS]
     axis = Axis("time since the recording began", "s")
     return Charts({"time": axis}, charts, sources.held, layers=layers), sources.sentence()
 
 
-def _of_line(line: Line, compared: Compared, sources: Sources) -> Iterator[Chart]:
+def _of_line(line: Line, sides: Sides, sources: Sources) -> Iterator[Chart]:
+    """Charts of a quantity: both over each other, and below each less its own input."""
     scale, unit = _SCALES.get(line.unit, (1.0, line.unit))
-    sides = {_MEASURED: compared.measured, _EMULATED: compared.emulated}
-    level = float(np.mean(compared.measured.columns[line.output]))
-    drawn = {
-        side: table.columns[line.output] + (level - float(np.mean(table.columns[line.output])))
-        for side, table in sides.items()
-    }
-    yield _chart(line.output, line.output, unit, sources, sides, {s: scale * v for s, v in drawn.items()})
+    level = float(np.mean(sides.measured.columns[line.output]))
+    drawn = [_about(table.columns[line.output], level) * scale for table in sides.tables]
+    yield Chart(line.output, line.output, unit, _over(line.output, sides, drawn, sources))
     if line.source:
-        rests = {side: scale * _rest(line, table) for side, table in sides.items()}
+        name, rests = f"{line.output}-{line.source}", [_rest(line, table) * scale for table in sides.tables]
         title = f"{line.output} less {line.source}"
-        yield _chart(f"{line.output}-{line.source.strip('∫')}", title, unit, sources, sides, rests, 130)
+        yield Chart(name, title, unit, _over(name, sides, rests, sources), height_px=130)
+
+
+def _over(name: str, sides: Sides, values: Sequence[Floats], sources: Sources) -> list[Series]:
+    """Lines of both sides over each other."""
+    series = []
+    for (side, colour), table, column in zip(_COLOURS.items(), sides.tables, values, strict=True):
+        source = sources.add(side, name, table.times, {name: column})
+        series.append(Series(source, name, side, colour, layer=side))
+    return series
 
 
 def _rest(line: Line, table: Table) -> Floats:
     """Output less input without any shift, about its mean."""
-    given = table.columns[line.source.removeprefix("∫")]
-    if line.source.startswith("∫"):
+    given = table.columns[line.source.removeprefix(INTEGRAL)]
+    if line.source.startswith(INTEGRAL):
         given = integral_of(table.times, given)
-    rest: Floats = table.columns[line.output] - given
-    rest -= rest.mean()
-    return rest
+    return _about(table.columns[line.output] - given, 0.0)
 
 
-def _chart(
-    name: str,
-    title: str,
-    unit: str,
-    sources: Sources,
-    sides: dict[str, Table],
-    values: dict[str, Floats],
-    height_px: int = 180,
-) -> Chart:
-    series = [
-        Series(
-            sources.add(side, name, table.times, {name: values[side]}), name, side, _COLOURS[side], layer=side
-        )
-        for side, table in sides.items()
-    ]
-    return Chart(name, title, unit, series, height_px=height_px)
+def _about(values: Floats, level: float) -> Floats:
+    """The values with another mean."""
+    moved: Floats = values + (level - float(np.mean(values)))
+    return moved

@@ -1,17 +1,15 @@
 """A recording of a run as columns of known quantities: the robot's orders and places, or the sensor's wrench."""
 
 from itertools import takewhile
-from pathlib import Path
 
 import numpy as np
 
 from hil_bridge.control.course.task import Phase
 from hil_bridge.devices.facts import Pacing
 from hil_bridge.errors import ConfigError
-from hil_bridge.errors.text_files import format_path
 from hil_bridge.lab.fidelity.measures import LEAST_SAMPLES
 from hil_bridge.lab.fidelity.tables import FAMILIES, WRENCH, Table
-from hil_bridge.record import read as read_recording
+from hil_bridge.record import Recording
 from hil_bridge.record.device_facts import devices_of
 from protocol.wrench import wrench_of
 
@@ -22,17 +20,15 @@ _BEFORE_TOUCH_S = 0.5
 """Chosen: a contact is told so much later than it begins, at most."""
 
 
-def read_run(recording: Path) -> Table:
-    """The quantities of a recording of a run: ordered and reported places, by cycle. Raises ConfigError.
+def places_of(run: Recording) -> Table:
+    """Ordered and reported places of a run, by cycle. Raises ConfigError.
 
     Only the cycles before the first retraction count, for then a robot goes a long way to one order.
     """
-    run = read_recording(recording)
     cycles = list(takewhile(lambda cycle: cycle.phase in _STEERED, run.cycles))
     if len(cycles) < LEAST_SAMPLES:
         raise ConfigError(
-            f"{format_path(recording)} has {len(cycles)} cycles before it retracts; "
-            f"at least {LEAST_SAMPLES} are compared"
+            f"the recording has {len(cycles)} cycles before it retracts; at least {LEAST_SAMPLES} are compared"
         )
     # A robot that streams is answered with the target of the cycle before its report.
     late = 1 if devices_of(run).robot.pacing is Pacing.STREAMED else 0
@@ -44,18 +40,17 @@ def read_run(recording: Path) -> Table:
     return Table(times - times[0], columns, at_arrival=True)
 
 
-def read_wrench(recording: Path) -> Table:
+def wrench_before_contact(run: Recording) -> Table:
     """The wrench between a run's zero and its first contact, of nothing but the tool. Raises ConfigError."""
-    run = read_recording(recording)
     facts = devices_of(run).sensor.facts
     if facts is None:
-        raise ConfigError(f"{format_path(recording)} does not tell the scales of its sensor")
+        raise ConfigError("the recording does not tell the scales of its sensor")
     touch = next((cycle.sensor_at for cycle in run.cycles if cycle.in_contact), np.inf)
     begin = run.cycles[0].started_at if run.cycles else np.inf  # the zero has been taken then
     frames = [frame for frame in run.sensors if begin < frame.at < touch - _BEFORE_TOUCH_S]
     if len(frames) < LEAST_SAMPLES:
         raise ConfigError(
-            f"{format_path(recording)} has {len(frames)} frames between its zero and its first contact; "
+            f"the recording has {len(frames)} frames between its zero and its first contact; "
             f"at least {LEAST_SAMPLES} are compared"
         )
     times = np.array([frame.at for frame in frames])

@@ -11,7 +11,7 @@ A mapping in TOML says which column of a table is which quantity, and in which u
     [columns]
     q = { columns = ["q_1", "q_2", "q_3", "q_4", "q_5", "q_6"], unit = "rad" }
 
-Nothing in a file is trusted: what is wrong is told in one line.
+Nothing in a file is trusted: the first fault of one is an error of one line.
 """
 
 import csv
@@ -57,6 +57,10 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     "rotation": _NUMBER,
 }
 """Units of each family, and their sizes in its own, which is the first."""
+LONGEST_S = 3600.0
+"""Chosen: the longest recording that is played. It keeps a wrong unit of time from running for days."""
+LARGEST = 1e6
+"""Chosen: the largest value of a quantity, in its first unit. No device comes near, and squares stay numbers."""
 ROWS_MOST = 2_000_000
 """Chosen: rows of a table at most. An hour at 500 Hz has less."""
 _SEPARATORS = {",": ",", ";": ";", "tab": "\t", "space": None}
@@ -89,6 +93,19 @@ class Table:
     def rows(self, name: str) -> Floats:
         """The columns of a whole family, (n, k)."""
         return np.column_stack([self.columns[part] for part in FAMILIES[name]])
+
+    def check(self) -> None:
+        """Raise ConfigError for values or a length that no device has."""
+        for name, values in self.columns.items():
+            if (largest := float(np.abs(values).max())) > LARGEST:
+                raise ConfigError(
+                    f"{name} comes to {largest:.3g} {unit_of(name)}: is its unit the right one?"
+                )
+        if (length := float(self.times[-1])) > LONGEST_S:
+            raise ConfigError(
+                f"the recording lasts {length:.6g} s; at most {LONGEST_S:g} s are played. Is the unit of its time the "
+                "right one? --between takes a stretch"
+            )
 
     def between(self, begin: float, end: float) -> "Table":
         """The stretch between two times, s, from 0 again. Raises ConfigError where too little is left."""
@@ -139,6 +156,8 @@ def read_table(recording: Path, mapping: Path) -> Table:
         if plan.time is None:
             raise ConfigError(f"{format_path(mapping)}: columns of another file need a time.column")
         others_times, others = _columns_of(file, plan)
+        if others_times[-1] < times[0] or times[-1] < others_times[0]:
+            raise ConfigError(f"{format_path(file)} and {recording.name} have no time in common")
         columns |= {name: np.interp(times, others_times, values) for name, values in others.items()}
     return Table(times - times[0], columns, plan.at_arrival)
 
@@ -147,7 +166,7 @@ def _columns_of(file: Path, plan: _Mapping) -> tuple[Floats, dict[str, Floats]]:
     """Times and quantities that stand in one file."""
     source = format_path(file)
     names, rows = _read_rows(file, plan)
-    wanted = {
+    places = {
         name: (_place(column, names, source), entry.factor)
         for entry in plan.entries
         if entry.file == file
@@ -167,7 +186,7 @@ def _columns_of(file: Path, plan: _Mapping) -> tuple[Floats, dict[str, Floats]]:
             line = first + 1 + int(np.argmax(steps <= 0.0))
             raise ConfigError(f"{source}: the time does not rise in line {line}")
     return times, {
-        name: factor * _numbers(rows, place, name, source, first) for name, (place, factor) in wanted.items()
+        name: factor * _numbers(rows, place, name, source, first) for name, (place, factor) in places.items()
     }
 
 

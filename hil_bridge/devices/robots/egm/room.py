@@ -9,8 +9,8 @@ from emulators.devices.egm.web_services import WebServices
 from emulators.seams import RobotFactory
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
-from hil_bridge.devices.playing import Course, Played, play_stream
 from hil_bridge.devices.robots.egm.facts import robot_facts
+from hil_bridge.devices.robots.egm.playing import play
 from hil_bridge.devices.robots.egm.settings import EgmSettings
 from hil_bridge.devices.robots.egm.web_address import OPTION, WebAddress, split_web
 from hil_bridge.devices.robots.probing import Probed, muted, probe_link
@@ -129,13 +129,6 @@ def _parse(url: str, settings: KindSettings[EgmSettings, EgmProfile]) -> WireUrl
 def usual(settings: KindSettings[EgmSettings, EgmProfile], virtual: bool) -> str:
     """The address that it sends to where none is named."""
     return "udp+memory:egm" if virtual else USUAL
-
-
-def play(robot: Any, course: Course, settings: KindSettings[EgmSettings, EgmProfile], now: float) -> Played:
-    """A course of places as targets. As `hil_bridge.devices.playing.Play` says."""
-    own: EgmSettings = settings.client
-    client = EgmClient(own.sample_ms * 1e-3, own.feed_forward, own.force_axes)
-    return play_stream(robot.endpoint, client, course, now)
 
 
 MISHAPS = {"refused": "motors-off", "stopped": "program-stopped"}

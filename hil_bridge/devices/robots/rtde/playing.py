@@ -79,8 +79,8 @@ class _Player:
             if len(self._rows) > before:
                 row = self._rows[-1]
                 self._check(row)
-                told = row["timestamp"] - self._uptime + self._powered
-                times.append((self._now if self._course.at_arrival else told) - began)
+                stamp = row["timestamp"] - self._uptime + self._powered
+                times.append((self._now if self._course.at_arrival else stamp) - began)
                 orders.append(self._course.at(times[-1]))
         return Played(times, self._columns(orders, home))
 
