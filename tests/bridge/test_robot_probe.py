@@ -164,7 +164,8 @@ def test_a_probe_beside_a_run_is_told_of_it_and_does_not_disturb_it() -> None:
             link = await kind.connect(url, settings, Wiring("robot", clock, Silence()))
             link.start()
             start = (await link.ready()).pose
-            faults, answers = [], []
+            faults: list[str] = []
+            answers: list[str] = []
 
             async def look() -> None:
                 for _ in range(3):

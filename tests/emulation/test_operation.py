@@ -10,10 +10,10 @@ from emulators.devices.egm import State
 from emulators.devices.egm.operation import RefusedAct as EgmRefusal
 from emulators.devices.egm.panel import EGM_CONTROLS
 from emulators.devices.rsi import RsiProfile
-from emulators.devices.rsi.controller import State as RsiState
 from emulators.devices.rsi.correction import TOO_FAST
 from emulators.devices.rsi.desk import RefusedAct as RsiRefusal
 from emulators.devices.rsi.panel import RSI_CONTROLS
+from emulators.devices.rsi.session import State as RsiState
 from emulators.faults import Ledger
 from emulators.panel import Panel
 from protocol.devices.egm import Motors, PathCorrection, Rapid, SensorMessage

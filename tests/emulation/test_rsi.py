@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from emulators.devices.rsi import RSI_FAULTS, RsiController, RsiProfile
-from emulators.devices.rsi.controller import State
 from emulators.devices.rsi.correction import TOO_FAR, TOO_FAST, Correction
 from emulators.devices.rsi.ethernet import TIMED_OUT
+from emulators.devices.rsi.session import State
 from emulators.faults import Ledger
 from emulators.seams import StartPose
 from protocol.devices.rsi import SENSOR, Telegram, decode, encode, fixed, numbers, pose_tags

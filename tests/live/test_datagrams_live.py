@@ -8,6 +8,7 @@ import socket
 import sys
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, closing, contextmanager
+from functools import partial
 from typing import Any
 
 import pytest
@@ -90,6 +91,14 @@ def _stranger() -> Iterator[socket.socket]:
 def _port(wire: Any) -> int:
     port: int = wire._socket.getsockname()[1]
     return port
+
+
+def has_heard(ear: Ear) -> bool:
+    return len(ear.datagrams) > 0
+
+
+def has_said(said: list[str], count: int) -> bool:
+    return sum("has left" in line for line in said) == count
 
 
 async def _settled(holds: Callable[[], bool]) -> None:
@@ -206,11 +215,11 @@ async def test_an_emulated_robot_tells_the_end_of_a_session_as_that() -> None:
             for session in (1, 2):
                 client = await listen_datagrams(free.address.replace("udp:", "udp-bind:"), clock)
                 ear = Ear(CASES[0], client.transport)
-                await ear.until(lambda ear=ear: len(ear.datagrams) > 0)
+                await ear.until(partial(has_heard, ear))
                 client.transport.send([b"answer"])
                 await asyncio.sleep(0.05)
                 await client.transport.aclose()
-                await _settled(lambda session=session: sum("has left" in line for line in said) == session)
+                await _settled(partial(has_said, said, session))
                 await asyncio.sleep(1.1)  # longer than the least time between two notices of a wire
     place = free.address.removeprefix("udp://")
     left = f"udp://{place}: the program at {place} has left; it was heard before"

@@ -74,7 +74,7 @@ async def answer_old(reader: asyncio.StreamReader, writer: asyncio.StreamWriter)
     while data := await reader.read(4096):
         heard.feed(data)
         while (packet := heard.next_packet()) is not None:
-            writer.write(packets.accepted(packet.kind, packet.kind != Kind.VERSION))
+            writer.write(packets.accepted(Kind(packet.kind), packet.kind != Kind.VERSION))
 
 
 def ask(url: str, settings: KindSettings[Any, Any] | None = None) -> Coroutine[Any, Any, str]:

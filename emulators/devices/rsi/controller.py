@@ -11,8 +11,6 @@ Source: project specification of RSI, sections 4 to 6.
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
-from enum import Enum, auto
 
 from emulators.arm.followed import FollowedArm
 from emulators.arm.told_pose import ToldPose
@@ -27,6 +25,7 @@ from emulators.devices.rsi.correction import (
 from emulators.devices.rsi.desk import T1_M_S, TO_CONFIRM, Desk, Key
 from emulators.devices.rsi.ethernet import Ethernet, Inputs, channels_of
 from emulators.devices.rsi.profile import RsiProfile
+from emulators.devices.rsi.session import Session, State
 from emulators.faults import Handler, Injection
 from emulators.faults.own import OwnFaults
 from emulators.faults.packets import DATAGRAMS, WIRE, Packets
@@ -60,41 +59,6 @@ _NO_NUMBER = "NaN"
 NO_AXES: Axes = (math.nan,) * 6
 
 _BY_ORDER = TOO_FAR, AXES_TOO_FAR, TOO_FAST, OUT_OF_REACH
-
-
-class State(Enum):
-    """States of the program, as far as its telegrams show them."""
-
-    CREATED = auto()
-    """RSI is off: nothing is sent."""
-    ON = auto()
-    """Telegrams go out and answers are counted; nothing moves."""
-    MOVECORR = auto()
-    """Corrections are applied."""
-    ERROR = auto()
-    """An error has ended RSI; the robot stands where it stopped."""
-
-
-@dataclass(slots=True)
-class _Session:
-    """RSI from one RSI_ON to its end."""
-
-    begun_at: float
-    ethernet: Ethernet
-    correction: Correction
-    axes: AxisCorrection
-    values: dict[str, str]
-    """Values of its telegrams, those that change included."""
-    sent: int = 0
-    """Telegrams that were sent."""
-    left_at: float = math.inf
-    """When RSI_MOVECORR has ended."""
-    stop_before: bool = False
-    """Stop channel of the cycle before."""
-    standing: bool = False
-    """The motion is stopped while telegrams go on."""
-    waits: str = ""
-    """Why RSI_MOVECORR has not begun although it is due, in words."""
 
 
 class RsiController:
@@ -381,14 +345,14 @@ class RsiController:
         if self.profile.ipoc_restart == "anew":
             self._ipoc = self.profile.ipoc_start - self.profile.cycle_ms
 
-    def _begun(self, now: float) -> _Session:
+    def _begun(self, now: float) -> Session:
         """A session that corrects from where the robot stands."""
         programmed = self._arm.set_point(now)
         ethernet = Ethernet(self.profile, self.unmodelled)
         self._ordered = NOTHING * 2
         axes = self._axes_of(programmed)
         correction = AxisCorrection(self.profile, axes, self._kinematics.model)
-        return _Session(
+        return Session(
             now, ethernet, Correction(self.profile, programmed), correction, self._lasting(programmed, axes)
         )
 

@@ -3,9 +3,10 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from emulators.devices.rsi.controller import RsiController, State
+from emulators.devices.rsi.controller import RsiController
 from emulators.devices.rsi.desk import Desk, Key, RefusedAct
 from emulators.devices.rsi.faults import RSI_FAULTS
+from emulators.devices.rsi.session import State
 from emulators.panel import Controls, Dial, Move, Switch, millimetres, motion_text, numbers_text
 
 

@@ -18,7 +18,7 @@ from typing import Any
 
 import pytest
 
-from protocol.devices.egm import Guidance, decode_answer, decode_robot
+from protocol.devices.egm import Guidance, RobotMessage, SensorMessage, decode_answer, decode_robot
 from protocol.devices.rsi import axis_tags, decode, pose_tags
 from protocol.devices.rtde import primary
 from protocol.devices.rtde.fields import Recipe
@@ -131,6 +131,18 @@ def test_the_second_driver_reads_torques_states_and_axes_as_we_do() -> None:
 # --- ABB's managers
 
 
+def told_joints(robot: RobotMessage) -> Sequence[float]:
+    assert robot.feedback is not None
+    assert robot.feedback.joints_deg is not None
+    return robot.feedback.joints_deg
+
+
+def joints_ordered(data: bytes) -> SensorMessage:
+    answer = decode_answer(data)
+    assert isinstance(answer, SensorMessage)
+    return answer
+
+
 def test_the_emulated_abb_says_every_byte_to_a_driver_of_joints_again() -> None:
     assert replayed(MANAGERS) == [step for step in MANAGERS.steps if step.side == DEVICE]
 
@@ -138,22 +150,22 @@ def test_the_emulated_abb_says_every_byte_to_a_driver_of_joints_again() -> None:
 def test_joints_of_an_abb_are_read_and_understood_as_its_managers_do() -> None:
     """The first message the library answers itself, by the joints that it was told."""
     told = [decode_robot(data) for data in MANAGERS.made_by(DEVICE, "egm")]
-    answered = [decode_answer(data) for data in MANAGERS.made_by(CLIENT, "egm")]
+    answered = [joints_ordered(data) for data in MANAGERS.made_by(CLIENT, "egm")]
     assert len(answered) == len(MANAGERS.reads) == len(MANAGERS.sends) == 24
     for robot, values in zip(told[1:], MANAGERS.reads[1:], strict=False):
         assert (robot.seqno, robot.guidance) == (values["seqno"], Guidance.RUNNING)
-        assert list(map(math.radians, robot.feedback.joints_deg)) == pytest.approx(
+        assert list(map(math.radians, told_joints(robot))) == pytest.approx(values["joints_rad"], abs=1e-12)
+    assert answered[0].joints_deg == pytest.approx(told_joints(told[0]), abs=1e-9)
+    for answer, values in zip(answered[1:], MANAGERS.sends[1:], strict=True):
+        assert list(map(math.radians, answer.joints_deg or ())) == pytest.approx(
             values["joints_rad"], abs=1e-12
         )
-    assert answered[0].joints_deg == pytest.approx(told[0].feedback.joints_deg, abs=1e-9)
-    for answer, values in zip(answered[1:], MANAGERS.sends[1:], strict=True):
-        assert list(map(math.radians, answer.joints_deg)) == pytest.approx(values["joints_rad"], abs=1e-12)
-        speeds = list(map(math.radians, answer.joint_speed_deg_s))
+        speeds = list(map(math.radians, answer.joint_speed_deg_s or ()))
         assert speeds == pytest.approx(values["speeds_rad_s"], abs=1e-12)
 
 
 def test_the_emulated_abb_comes_along_with_its_managers() -> None:
-    joints = [decode_robot(data).feedback.joints_deg for data in MANAGERS.made_by(DEVICE, "egm")]
+    joints = [told_joints(decode_robot(data)) for data in MANAGERS.made_by(DEVICE, "egm")]
     assert all(after[0] >= before[0] for before, after in pairwise(joints))
     assert joints[-1][0] > joints[0][0] + 0.01
     assert joints[-1][1:] == pytest.approx(joints[0][1:], abs=0.05), "the loops act on the place of the tool"
