@@ -32,10 +32,12 @@ from emulators.surface.face import ONE_POINT_REMEMBERED, Face, Pushed, joined, t
 from emulators.surface.faults import OBSTACLE_FAULTS, SURFACE_FAULTS, ObstacleProfile, Obstacles
 from emulators.surface.removal import Removed
 from protocol.geometry import Pose, Quaternion, Vector, rotation_rows
-from protocol.marks import Mark, between, check_settings, setting
+from protocol.marks import Mark, SettingError, between, check_settings, setting
 
 _GRAVITY = np.array([0.0, 0.0, -9.80665])
 """Standard gravity in the base frame, m/s²."""
+_HEAVIEST_KG = 10.0
+"""Chosen: heaviest tool of the cell."""
 _UP = np.array([0.0, 0.0, 1.0])
 """Base z."""
 _PAST_S = 10.0
@@ -86,7 +88,9 @@ class ToolProfile:
     length_mm: float = setting(
         200.0, Mark.CHOSEN, "sensor to tip, along tool z", between(0.0, 1000.0), unit="mm"
     )
-    mass_kg: float = setting(0.5, Mark.CHOSEN, "what the sensor carries", between(0.0, 10.0), unit="kg")
+    mass_kg: float = setting(
+        0.5, Mark.CHOSEN, "what the sensor carries", between(0.0, _HEAVIEST_KG), unit="kg"
+    )
     centre_of_gravity_mm: Vector = setting(
         (0.0, 0.0, 80.0), Mark.CHOSEN, "centre of that mass in the sensor frame", unit="mm"
     )
@@ -105,6 +109,12 @@ class ToolProfile:
     )
 
     def __post_init__(self) -> None:
+        if _HEAVIEST_KG < self.mass_kg <= _HEAVIEST_KG * 1e3:
+            raise SettingError(
+                "mass_kg",
+                f"must be at most {_HEAVIEST_KG:g}, got {self.mass_kg:g}; it is in kg, did you mean "
+                f"{self.mass_kg * 1e-3:g}?",
+            )
         check_settings(self)
 
 
@@ -261,6 +271,12 @@ class Cell(Generic[Robot, Sensor]):
             if moments is not None:
                 wrenches[3:, part] += self._rotation.T @ moments[:, part]
         return wrenches.T
+
+    def speeds(self, times: Floats) -> Floats:
+        """Speed (n,) of the tool centre point, m/s, at ascending `times` (n,), s."""
+        _, velocities = self._path.trajectory(times)
+        speeds: Floats = np.sqrt(np.einsum("ij,ij->i", velocities, velocities))
+        return speeds
 
     def _turn(self, quaternion: Quaternion) -> None:
         """Prepare for this orientation of the tool: it stays the same over many samples."""

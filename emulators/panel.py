@@ -12,7 +12,8 @@ A request is a table as JSON has it, from a client that is not trusted:
 | faults | | answers the table of faults |
 | controls | | answers the table of controls |
 
-All but the last two are answered with the state afterwards, as values and as rows for people.
+All but the last two are answered with the state afterwards: as values, as rows for people, and with the present
+position of each control that has one (`at`).
 """
 
 import math
@@ -35,6 +36,8 @@ class Switch:
     positions: Mapping[str, Move]
     usual: str = ""
     """The position where a person names none; empty where one has to be named."""
+    at: Callable[[Mapping[str, Any]], str] | None = None
+    """The present position in a state; empty where it is in none of them. None for a button that springs back."""
 
     def move(self, name: str, robot: Any, to: object, now: float) -> str:
         """Move it. Gives the position. Raises ValueError for a position that is none, and where it is refused."""
@@ -50,6 +53,11 @@ class Switch:
         """Its positions."""
         return tuple(self.positions)
 
+    @property
+    def facts(self) -> dict[str, Any]:
+        """More about it, as JSON has it."""
+        return {"usual": self.usual}
+
 
 @dataclass(frozen=True, slots=True)
 class Dial:
@@ -61,6 +69,8 @@ class Dial:
     least: float
     greatest: float
     unit: str
+    at: Callable[[Mapping[str, Any]], float]
+    """The present number in a state."""
 
     def move(self, name: str, robot: Any, to: object, now: float) -> str:
         """Set it. Gives the value and its unit. Raises ValueError for no number of its range."""
@@ -77,6 +87,11 @@ class Dial:
     def choices(self) -> tuple[str, ...]:
         """Its range, in words."""
         return (f"{self.least:g} … {self.greatest:g} {self.unit}",)
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """Its range and its unit, as JSON has it."""
+        return {"least": self.least, "greatest": self.greatest, "unit": self.unit}
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +131,7 @@ class Panel:
             case "controls":
                 return {
                     "controls": {
-                        name: {"meaning": control.meaning, "to": control.choices}
+                        name: {"meaning": control.meaning, "to": control.choices, **control.facts}
                         for name, control in controls.items()
                     }
                 }
@@ -144,12 +159,13 @@ class Panel:
         armed = dict(controls.armed(robot)) if controls.armed else self._ledger.waiting(now)
         state["armed"] = armed
         state["lasting"] = lasting = self._ledger.lasting(now)
+        at = {name: one.at(state) for name, one in controls.controls.items() if one.at is not None}
         rows = {
             **controls.rows(state),
             "faults": ", ".join(f"{name} ({count})" for name, count in armed.items()) or "none waiting",
             "lasting": ", ".join(lasting) or "none",
         }
-        return {"state": state, "rows": rows}
+        return {"state": state, "rows": rows, "at": at}
 
     def _inject(self, request: Mapping[str, object], now: float) -> None:
         fault, parameters = request.get("fault"), request.get("with", {})

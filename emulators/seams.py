@@ -138,6 +138,14 @@ class WrenchSource(Protocol):
         """Up to when it may be read by a sensor that minds `on_change`, s; at least `committed_until`."""
 
 
+@runtime_checkable
+class MovingSource(Protocol):
+    """A fact that a source of a wrench may tell beside it."""
+
+    def speeds(self, times: Floats) -> Floats:
+        """Speed (n,) of the tool, m/s, at ascending `times` (n,), s."""
+
+
 class EmulatedSensor(Protocol):
     """A force/torque sensor with the device that reads it out."""
 

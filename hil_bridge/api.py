@@ -18,9 +18,11 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractAsyncContextManager
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
-from hil_bridge.clock import run_real, run_virtual
+from hil_bridge.clock import Main
+from hil_bridge.clock import run_real as _run_real
+from hil_bridge.clock import run_virtual as _run_virtual
 from hil_bridge.control.types import Command, Controller, Measurement
 from hil_bridge.errors import (
     BridgeError,
@@ -37,8 +39,8 @@ from hil_bridge.errors import (
     TransportError,
     TransportUnavailable,
 )
-from hil_bridge.record import CycleRecord, Outcome, Recording
-from hil_bridge.record import read as _read
+from hil_bridge.record import CycleRecord, Outcome
+from hil_bridge.runs.recorded import Recording, read
 from hil_bridge.runs.simulation import OpenDevices, Result, Simulation, opening_devices, simulating
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.given import config_of
@@ -74,8 +76,11 @@ __all__ = [
     "run_real",
     "run_virtual",
     "simulate",
+    "simulate_async",
     "simulation",
 ]
+
+T = TypeVar("T")
 
 Configuration: TypeAlias = Config | Mapping[str, Any] | Path | str | None
 """The path of a TOML file, its tables as nested mappings, a `Config`, or None for the defaults."""
@@ -128,7 +133,24 @@ def simulate(
             await running.finished()
         return running
 
-    return _alone(lambda: run_virtual(main)).result
+    return run_virtual(main).result
+
+
+async def simulate_async(
+    config: Configuration = None,
+    *,
+    faults: Faults = (),
+    controller: GivenController = None,
+    observe: Observe = None,
+    seed: int | None = None,
+) -> Result:
+    """The same to await, in a thread of its own: a notebook or a server goes on meanwhile.
+
+    `observe` is called in that thread. Arguments and errors are those of `simulate`.
+    """
+    return await asyncio.to_thread(
+        simulate, config, faults=faults, controller=controller, observe=observe, seed=seed
+    )
 
 
 def simulation(
@@ -160,19 +182,35 @@ def open_devices(config: Configuration = None) -> AbstractAsyncContextManager[Op
     return opening_devices(load(config))
 
 
-def read(path: Path | str) -> Recording:
-    """The recording in an MCAP file of a run, as far as it can be read.
+def run_virtual(main: Main[T]) -> T:
+    """Run a coroutine, or the coroutine that a function makes, in a new loop in virtual time.
 
-    Raises ConfigError when there is no such file, when it is no recording of a run, or holds no cycle.
+    Where an event loop runs already, as in a notebook, it is run in another thread. Stricter than real time: raises
+    LeakedTasks for tasks left behind, and VirtualDeadlock when nothing can happen any more. It also raises errors of
+    callbacks, which real time would only have logged.
     """
-    return _read(Path(path))
+    if not _in_loop():
+        return _run_virtual(main)
+    with ThreadPoolExecutor(1, "virtual time") as executor:
+        return executor.submit(_run_virtual, main).result()
 
 
-def _alone(run: Callable[[], Simulation]) -> Simulation:
-    """Run in this thread, or in another where this one has an event loop that runs, as in a notebook."""
+def run_real(main: Main[T], busy_poll_s: float = 0.0) -> T:
+    """Run a coroutine, or the coroutine that a function makes, in real time; like `asyncio.run`.
+
+    `busy_poll_s` is for how long the loop looks again and again before it sleeps, s. Raises ConfigError where an event
+    loop runs already, as in a notebook: there the coroutine is to be awaited.
+    """
+    if _in_loop():
+        if asyncio.iscoroutine(main):
+            main.close()
+        raise ConfigError("an event loop runs here already, as in a notebook: await the coroutine itself")
+    return _run_real(main, busy_poll_s)
+
+
+def _in_loop() -> bool:
     try:
         asyncio.get_running_loop()
     except RuntimeError:
-        return run()
-    with ThreadPoolExecutor(1, "simulate") as executor:
-        return executor.submit(run).result()
+        return False
+    return True

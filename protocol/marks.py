@@ -5,8 +5,9 @@ default is known, and a sentence of meaning. `settings` lists them for people to
 """
 
 import dataclasses
+from collections.abc import Mapping
 from enum import StrEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 
 class Mark(StrEnum):
@@ -74,6 +75,13 @@ class Setting:
     info: SettingInfo
 
 
+class Preset(NamedTuple):
+    """Default of a setting that depends on another setting, such as the model."""
+
+    value: object
+    mark: Mark
+
+
 def setting(default: Any, mark: Mark, meaning: str, within: Bounds = ANY, unit: str = "") -> Any:
     """A dataclass field with its mark."""
     info = SettingInfo(mark, meaning, unit, within)
@@ -109,10 +117,21 @@ def check_settings(profile: Any) -> None:
                 raise SettingError(item.name, f"must be at most {bounds.maximum:g}, got {number:g}")
 
 
+def fill_presets(profile: Any) -> None:
+    """Give each setting that is None its preset; for `__post_init__` of a profile whose `presets` tell them by name."""
+    for name, preset in profile.presets.items():
+        if getattr(profile, name) is None:
+            object.__setattr__(profile, name, preset.value)
+
+
 def settings(profile: Any) -> tuple[Setting, ...]:
-    """The settings of a profile in order, with their values and marks."""
-    return tuple(
-        Setting(field.name, getattr(profile, field.name), field.default, field.metadata["setting"])
-        for field in dataclasses.fields(profile)
-        if "setting" in field.metadata
-    )
+    """The settings of a profile in order, with their values and marks; the `presets` of a profile come first."""
+    presets: Mapping[str, Preset] = getattr(profile, "presets", {})
+    rows = []
+    for field in dataclasses.fields(profile):
+        if "setting" in field.metadata:
+            default, info = field.default, field.metadata["setting"]
+            if preset := presets.get(field.name):
+                default, info = preset.value, dataclasses.replace(info, mark=preset.mark)
+            rows.append(Setting(field.name, getattr(profile, field.name), default, info))
+    return tuple(rows)

@@ -199,6 +199,10 @@ api.stop()
 print(json.dumps({"reads": reads, "sends": [{"X": 0.01, "Z": -0.02}]}))
 """
 _RTDE_PORTS = {"rtde": 30004, "dashboard": 29999}
+_SETTLED = {"wander_n": 0.0, "creep_share": 0.0, "vibration_n": 0.0, "motion_n": 0.0}
+_NETFT_SETTINGS = {"boot_s": 0.0, "rate_hz": 100, "noise_n": 0.02, "noise_nm": 0.001, **_SETTLED}
+_FT300_SETTINGS = {"boot_s": 0.0, "noise_n": 0.1, "noise_nm": 0.003, **_SETTLED}
+"""Errors of the sensors as when the sessions were recorded."""
 
 SESSIONS: dict[str, Session] = {
     "egm-abb-robot-egm-poses": Session(
@@ -222,14 +226,10 @@ SESSIONS: dict[str, Session] = {
     "rtde-ur-rtde-control": Session(
         ("ur_rtde==1.6.5",), "rtde", {}, {**_RTDE_PORTS, "script": 30003}, _UR_CONTROL
     ),
-    "netft-pynetft": Session(
-        ("pynetft==2.1.3",), "netft", {"boot_s": 0.0, "rate_hz": 100}, {"rdt": 0, "page": 0}, _PYNETFT
-    ),
-    "netft-netft": Session(
-        ("NetFT==2.0.1",), "netft", {"boot_s": 0.0, "rate_hz": 100}, {"rdt": 49152}, _NETFT
-    ),
+    "netft-pynetft": Session(("pynetft==2.1.3",), "netft", _NETFT_SETTINGS, {"rdt": 0, "page": 0}, _PYNETFT),
+    "netft-netft": Session(("NetFT==2.0.1",), "netft", _NETFT_SETTINGS, {"rdt": 49152}, _NETFT),
     "ft300-ft300python": Session(
-        ("ft300python==1.0.2", "pymodbus==2.5.3"), "ft300", {"boot_s": 0.0}, {"serial": 0}, _FT300
+        ("ft300python==1.0.2", "pymodbus==2.5.3"), "ft300", _FT300_SETTINGS, {"serial": 0}, _FT300
     ),
     "rsi-rsipi": Session(
         ("RSIPI==0.3.0",),

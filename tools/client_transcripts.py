@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from emulators.devices.ati_can import AtiCanBoard, AtiCanProfile
 from emulators.devices.egm import EgmController, EgmProfile
 from emulators.devices.ft300 import Ft300, Ft300Profile
 from emulators.devices.netft import NetBox, NetFtProfile
@@ -23,6 +24,7 @@ from emulators.devices.rsi import RsiController, RsiProfile
 from emulators.devices.rtde import ProgramSocket, RtdeProfile, RtdeRobot
 from emulators.seams import Floats, StartPose
 from emulators.sensing import KnownWrench
+from protocol.can.frame import CanFrame
 from protocol.datagram import Datagram
 from protocol.devices.rtde.wires import Port
 from protocol.endpoint import Endpoint
@@ -31,6 +33,8 @@ from tools import external_control, register_program
 FOLDER = Path(__file__).resolve().parent.parent / "tests" / "wire" / "transcripts" / "clients"
 EPOCH = 4321.0
 """Chosen: time of a device's power-up, s; a device that counts from 0 would fail."""
+BOOTED_S = 10.0
+"""Chosen: a board on a CAN bus has its power for so long already, s; while it boots it hears nothing."""
 SEED = 1
 START = StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2)
 WRENCH = (1.5, -2.5, 10.0, 0.1, -0.2, 0.3)
@@ -38,8 +42,10 @@ WRENCH = (1.5, -2.5, 10.0, 0.1, -0.2, 0.3)
 OPENS, CLOSES = "opens", "closes"
 CLIENT, DEVICE = "client", "device"
 SERVICES = external_control.SERVICES
-DATAGRAMS = ("egm", "rsi", "rdt")
-"""Wires on which each step is one datagram; others carry bytes."""
+CAN = "can"
+"""A wire on which each step is one frame: its identifier in two bytes, then its data."""
+DATAGRAMS = ("egm", "rsi", "rdt", CAN)
+"""Wires on which each step is one datagram, or frame; others carry bytes."""
 
 
 class Step(NamedTuple):
@@ -50,8 +56,8 @@ class Step(NamedTuple):
     side: str
     """`CLIENT` or `DEVICE`."""
     wire: str
-    """`egm`, `rsi`, `rdt` and `serial`, or a TCP port with the number of its connection, as `rtde-1`. A port of the
-    client, to which a program at the device connects, has the name of its service: `reverse-1`.
+    """`egm`, `rsi`, `rdt`, `can` and `serial`, or a TCP port with the number of its connection, as `rtde-1`. A port of
+    the client, to which a program at the device connects, has the name of its service: `reverse-1`.
     """
     data: bytes = b""
     event: str = ""
@@ -144,6 +150,11 @@ class Stage:
             case "netft":
                 self._device = NetBox(NetFtProfile(**settings), KnownWrench(_wrench_at), EPOCH, SEED)
                 self._ends["rdt"] = self._device.endpoint
+            case "ati-can":
+                self._device = AtiCanBoard(
+                    AtiCanProfile(**settings), KnownWrench(_wrench_at), EPOCH - BOOTED_S, SEED
+                )
+                self._ends[CAN] = self._device.endpoint
             case "ft300":
                 self._device = Ft300(Ft300Profile(**settings), KnownWrench(_wrench_at), EPOCH, SEED)
                 self._ends["serial"] = self._device.endpoint
@@ -180,6 +191,8 @@ class Stage:
             end = self._ends.pop(step.wire)
             if port != "page":
                 self._device.leave(Port(port), end, step.now)
+        elif port == CAN:
+            self._ends[CAN].receive([read_frame(step.data)], step.now)
         elif port in DATAGRAMS:
             self._ends[step.wire].receive([Datagram(step.data, step.now, CLIENT)], step.now)
         else:
@@ -211,11 +224,21 @@ class Stage:
             if not (data := end.data_to_send(now)):
                 continue
             for part in data if wire in DATAGRAMS else [data]:
-                yield Step(at_ms, DEVICE, wire, bytes(part))
+                yield Step(at_ms, DEVICE, wire, write_frame(part) if wire == CAN else bytes(part))
         for wire, socket in self._sockets.items():
             if socket.closing and wire in self._ends:
                 self._ends.pop(wire).close(now)
                 yield Step(at_ms, DEVICE, wire, event=CLOSES)
+
+
+def read_frame(data: bytes) -> CanFrame:
+    """The CAN frame that stands in a file as these bytes."""
+    return CanFrame(int.from_bytes(data[:2], "big"), data[2:])
+
+
+def write_frame(frame: CanFrame) -> bytes:
+    """A CAN frame as it stands in a file."""
+    return frame.identifier.to_bytes(2, "big") + frame.data
 
 
 def _played_form(data: bytes) -> bytes:

@@ -193,10 +193,10 @@ def control_program(host: str = "127.0.0.1", lookahead_s: float = 0.03, gain: in
 
 def recorded_form(text: bytes) -> bytes:
     """A program that stands in a transcript for that of a client."""
-    found = _HOST.search(text)
-    return b"def externalControl():\n# %s\nend\n" % (found[1] if found else b"127.0.0.1")
+    address = _HOST.search(text)
+    return b"def externalControl():\n# %s\nend\n" % (address[1] if address else b"127.0.0.1")
 
 
 def played_form(data: bytes) -> bytes:
     """Data of a transcript, with our program in the place of its short form."""
-    return _RECORDED.sub(lambda found: control_program(found[1].decode()).encode(), data)
+    return _RECORDED.sub(lambda short_form: control_program(short_form[1].decode()).encode(), data)

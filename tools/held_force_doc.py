@@ -85,13 +85,13 @@ def _cell(row: Mapping[str, Any]) -> str:
 
 def renewed(document: str, rows: Sequence[Mapping[str, Any]]) -> str:
     """The document with the table of these runs."""
-    found = {(row["controller"], row["sensor"], row["stiffness_kn_m"]): row for row in rows}
+    row_of = {(row["controller"], row["sensor"], row["stiffness_kn_m"]): row for row in rows}
     lines = [
         (
             f"`{controller}`",
             sensor,
-            *(_cell(found[controller, sensor, stiffness]) for stiffness in STIFFNESSES_KN_M),
-            f"{found[controller, sensor, STIFFNESSES_KN_M[0]]['lag_ms']:.0f} ms",
+            *(_cell(row_of[controller, sensor, stiffness]) for stiffness in STIFFNESSES_KN_M),
+            f"{row_of[controller, sensor, STIFFNESSES_KN_M[0]]['lag_ms']:.0f} ms",
         )
         for controller, sensor in product(CONTROLLERS, SENSORS)
     ]

@@ -128,6 +128,34 @@ def wires() -> str:
     )
 
 
+def panels() -> str:
+    """Controls of each emulated robot's panel, and its faults, from the tables by which the panel works."""
+    parts = [
+        "# Panels of emulated robots",
+        "`hil-bridge panel URL CONTROL POSITION` moves a control; `--panel` of `emulate` and `run` prints the URL. The "
+        "page of `emulate --web` and of `run --web` has the same controls as buttons. "
+        "[The robot alone](../../how-to/robot-alone.md) shows both.",
+    ]
+    for kind in map(ROBOTS.kind, ROBOTS.built_in):
+        emulation = kind.emulation
+        assert emulation is not None
+        assert emulation.controls is not None
+        rows = [
+            (f"`{name} {'|'.join(control.choices)}`", control.meaning)
+            for name, control in emulation.controls.controls.items()
+        ]
+        targets = emulation.controls.faults.items()
+        faults = [(f"`{target}`", ", ".join(f"`{name}`" for name in named)) for target, named in targets]
+        parts += [
+            f"## {kind.name}",
+            f"{kind.summary}.",
+            table(("control", "effect"), rows),
+            "`inject [TARGET] FAULT` lets one of these happen; `faults` lists them with their parameters:",
+            table(("target", "faults"), faults),
+        ]
+    return "\n\n".join(parts) + "\n"
+
+
 def events() -> str:
     """Kinds of events in a record."""
     weight = {**dict.fromkeys(CAUTIONS, "caution"), **dict.fromkeys(ALARMS, "alarm")}
@@ -294,6 +322,7 @@ PAGES: Mapping[str, Callable[[], str]] = {
     "command-line": command_line,
     "configuration": configuration,
     "wires": wires,
+    "panels": panels,
     "events": events,
     "topics": topics,
     "controllers": controllers,

@@ -2,13 +2,14 @@
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from emulators.seams import Floats, WrenchSource
 from emulators.sensing.samples import NumberedNoise, Samples
 from emulators.sensing.signal import Signal
+from emulators.sensing.unrest import Mechanics, Unrest, ZeroWander
 
 _AT_END_MAX = 4096
 """Chosen: samples at an end that are remembered, as many as are read ahead at most."""
@@ -28,6 +29,8 @@ class Converter:
     """(6,): the largest."""
     offset: float = 0.0
     """Output without a wrench."""
+    unrest: Unrest = field(default_factory=Unrest)
+    """Errors beside the noise."""
 
 
 class MeasuredWrench:
@@ -50,9 +53,14 @@ class MeasuredWrench:
         self._noise = NumberedNoise(converter.noise[:, np.newaxis], seed)
         self._at_end: deque[int] = deque(maxlen=_AT_END_MAX)
         """Numbers, ascending, of samples of which an output is at an end of the converter."""
+        unrest = converter.unrest
+        self._mechanics = Mechanics(unrest, source, rate_hz, seed) if unrest.mechanical else None
+        self._wander = ZeroWander(unrest, rate_hz, converter.matrix, seed) if unrest.of_zero else None
         self._samples = Samples(source, rate_hz, self._make)
         self.on_invalidate = self._samples.on_invalidate
         """Called with the number of the first output that may differ from the one that was read ahead."""
+        if self._mechanics is not None:
+            self.on_invalidate.append(self._mechanics.forget)
         needs = noise_setting if self._quiet else ""
         self.signal = Signal(rate_hz, needs, self._samples.invalidate_from)
 
@@ -82,10 +90,15 @@ class MeasuredWrench:
 
     def _make(self, first: int, stop: int) -> Floats:
         wrench = self._source.wrench(np.arange(first, stop) / self._rate).T
+        if self._mechanics is not None:
+            wrench = np.array(wrench)
+            self._mechanics.add(wrench, first)
         faulty = self.signal.faulty
         outputs = self._converter.matrix @ (self.signal.wrench(wrench, first) if faulty else wrench)
         if self._converter.offset:
             outputs += self._converter.offset
+        if self._wander is not None:
+            self._wander.add(outputs, first)
         if not self._quiet:
             self._noise.add(outputs, first, self.signal.noise if faulty else None)
         np.rint(outputs, out=outputs)

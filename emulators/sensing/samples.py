@@ -103,16 +103,31 @@ class Samples:
         return max(now, self._source.predicted_until(now))
 
 
+class Draws:
+    """Normal numbers of a seed in chunks, each of which is reached at once by its number."""
+
+    def __init__(self, seed: int, stream: int = 0) -> None:
+        """`stream` keeps apart what draws from one seed."""
+        # A counter-based generator reaches every chunk at once; the upper words keep chunks and streams apart.
+        self._bits = np.random.Philox(key=seed % 2**128, counter=0)
+        self._begin = self._bits.state
+        self._begin["state"]["counter"][3] = stream
+        self._random = np.random.Generator(self._bits)
+
+    def chunk(self, number: int, shape: tuple[int, ...]) -> Floats:
+        """The numbers of this chunk, of variance 1."""
+        self._begin["state"]["counter"][2] = number % 2**64
+        self._bits.state = self._begin
+        return self._random.standard_normal(shape)
+
+
 class NumberedNoise:
     """Normal noise of six axes that belongs to the number of a sample."""
 
     def __init__(self, rms: float | Floats, seed: int) -> None:
         """`rms` is that of every axis, or of each (6, 1)."""
         self._rms = rms
-        # A counter-based generator reaches every chunk at once; the upper words keep chunks apart.
-        self._bits = np.random.Philox(key=seed % 2**128, counter=0)
-        self._bits_begin = self._bits.state
-        self._random = np.random.Generator(self._bits)
+        self._draws = Draws(seed)
         self._chunks: dict[int, Floats] = {}
         """Noise that was drawn last, by its number."""
 
@@ -131,10 +146,7 @@ class NumberedNoise:
     def _chunk(self, number: int) -> Floats:
         chunk = self._chunks.get(number)
         if chunk is None:
-            self._bits_begin["state"]["counter"][2] = number % 2**64
-            self._bits.state = self._bits_begin
-            noise = self._random.standard_normal((_CHUNK, _AXES))
-            chunk = np.ascontiguousarray(noise.T)
+            chunk = np.ascontiguousarray(self._draws.chunk(number, (_CHUNK, _AXES)).T)
             chunk *= self._rms
             self._chunks[number] = chunk
             if len(self._chunks) > _CHUNKS:

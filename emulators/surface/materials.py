@@ -26,7 +26,7 @@ class MaterialKind(StrEnum):
     LINEAR = "linear"
     """Spring and damper."""
     HUNT_CROSSLEY = "hunt_crossley"
-    """Spring that hardens with depth, damped in proportion to its force: begins and ends without a jump."""
+    """Spring that hardens with depth, damped in proportion to its force: begins and ends without a jump. Can relax."""
     STANDARD_LINEAR_SOLID = "standard_linear_solid"
     """Spring parallel to a Maxwell element: relaxes under a constant depth and comes back slowly."""
 
@@ -61,10 +61,16 @@ class MaterialProfile:
         "stiffness of the Maxwell element's spring over that of the other one (standard_linear_solid)",
         between(0.0, 1000.0),
     )
+    relaxation_share: float = setting(
+        0.0,
+        Mark.CHOSEN,
+        "share of its force that it loses at a constant depth (hunt_crossley)",
+        between(0.0, 0.99),
+    )
     relaxation_time_ms: float = setting(
         500.0,
         Mark.ASSUMED,
-        "time constant of the Maxwell element at a constant depth (standard_linear_solid)",
+        "time constant of the relaxation at a constant depth (standard_linear_solid, hunt_crossley)",
         above(0.0),
         unit="ms",
     )
@@ -78,9 +84,12 @@ class MaterialProfile:
             case MaterialKind.LINEAR:
                 return Linear(stiffness, damping)
             case MaterialKind.HUNT_CROSSLEY:
-                return HuntCrossley(
+                spring = HuntCrossley(
                     stiffness, self.exponent, self.reference_depth_mm / 1000.0, self.dissipation_s_m
                 )
+                if self.relaxation_share == 0.0:
+                    return spring
+                return Relaxing(spring, self.relaxation_share, self.relaxation_time_ms / 1000.0)
             case MaterialKind.STANDARD_LINEAR_SOLID:
                 return StandardLinearSolid(stiffness, self.maxwell_share, self.relaxation_time_ms / 1000.0)
 
@@ -95,6 +104,8 @@ class Memory:
     """Depth of the surface, m, held there by the tip or on its way back."""
     strain: float = 0.0
     """Strain of the Maxwell element's spring, m."""
+    relaxed: float = 0.0
+    """Force that a spring has lost by relaxing, N, where the stiffness has the factor 1."""
 
 
 class Material(Protocol):
@@ -151,10 +162,70 @@ class HuntCrossley:
     def press(
         self, depth: Floats, approach: Floats, factor: Floats | float, times: Floats | None, memory: Memory
     ) -> tuple[Floats, Memory]:
+        return self.damped(self.spring(depth), approach, factor), memory
+
+    def spring(self, depth: Floats) -> Floats:
+        """Force (n,) of the spring alone, N."""
         relative = np.maximum(depth, 0.0) / self.reference_depth
-        spring = self.stiffness * self.reference_depth * factor * relative**self.exponent
-        pressing = spring * (1.0 + self.dissipation * approach)
-        return np.maximum(pressing, 0.0, out=pressing), memory
+        force: Floats = self.stiffness * self.reference_depth * relative**self.exponent
+        return force
+
+    def depth(self, force: float) -> float:
+        """Depth at which the spring alone has a force, m."""
+        share = force / (self.stiffness * self.reference_depth)
+        return self.reference_depth * float(share ** (1.0 / self.exponent))
+
+    def damped(self, spring: Floats, approach: Floats, factor: Floats | float) -> Floats:
+        """Force (n,) of a spring (n,) with the damping, N."""
+        pressing = spring * factor * (1.0 + self.dissipation * approach)
+        return np.maximum(pressing, 0.0, out=pressing)
+
+
+@dataclass(frozen=True, slots=True)
+class Relaxing:
+    """f = e − s with the force e of a spring that hardens, and ṡ = (g·e − s)/τ: at a constant depth s comes to g·e.
+
+    This is the quasi-linear law of soft tissue with one time constant; with a linear spring it is the standard linear
+    solid. A tip that leaves faster than the material follows leaves a dent where e = s. It goes with the time constant
+    τ/(1 − g). Exact where e is linear between samples. As of that solid, the memory travels with the tip.
+    Source: Fung, Biomechanics, Mechanical Properties of Living Tissues, section 7.6.
+    """
+
+    spring: HuntCrossley
+    share: float
+    """g, without unit."""
+    relaxation_time: float
+    """τ, s."""
+    has_memory: ClassVar[bool] = True
+
+    def press(
+        self, depth: Floats, approach: Floats, factor: Floats | float, times: Floats | None, memory: Memory
+    ) -> tuple[Floats, Memory]:
+        if times is None:
+            raise ValueError("a material with memory must be told the times of the samples")
+        time = max(memory.time, float(times[-1]))
+        if memory.dent == 0.0 and not (depth > 0.0).any():
+            return np.zeros_like(depth), Memory(time)
+        steps = np.maximum(np.diff(times, prepend=memory.time), 0.0) / self.relaxation_time
+        keeps = np.exp(-steps)
+        means = np.ones_like(steps)
+        np.divide(-np.expm1(-steps), steps, out=means, where=steps > 0.0)
+        share, relaxed, forces = self.share, memory.relaxed, []
+        before = float(self.spring.spring(np.array([memory.dent]))[0])
+        gone = float(self.spring.spring(np.array([_LEVEL_M]))[0])
+        pressed = self.spring.spring(depth).tolist()
+        for elastic, keep, mean in zip(pressed, keeps.tolist(), means.tolist(), strict=True):
+            # What is relaxed at the end of a step is a part that e has no hand in, and a share of the new e.
+            part, own = keep * relaxed + share * before * (mean - keep), share * (1.0 - mean)
+            free = part / (1.0 - own)
+            force = (1.0 - own) * (elastic - free) if elastic > free else 0.0
+            before = max(elastic, free)
+            relaxed = before - force
+            forces.append(force)
+            if before < gone:
+                before = relaxed = 0.0
+        dent = self.spring.depth(before) if before else 0.0
+        return self.spring.damped(np.array(forces), approach, factor), Memory(time, dent, relaxed=relaxed)
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,6 +16,7 @@ from hil_bridge.cli.emulate import emulate
 from hil_bridge.cli.experiment import experiment
 from hil_bridge.cli.export import export
 from hil_bridge.cli.faults import faults
+from hil_bridge.cli.fidelity import fidelity
 from hil_bridge.cli.files import config, profile, report
 from hil_bridge.cli.force_source import force_source
 from hil_bridge.cli.free import free
@@ -28,6 +29,7 @@ from hil_bridge.cli.plugins import controllers, plugins
 from hil_bridge.cli.probe import probe
 from hil_bridge.cli.replay import replay
 from hil_bridge.cli.run import run
+from hil_bridge.cli.runs import runs
 from hil_bridge.cli.serve_jr3 import serve_jr3
 from hil_bridge.cli.supervisor import supervisor
 from hil_bridge.cli.task import task
@@ -55,6 +57,14 @@ class Bug(Exception):
 
 class _Commands(click.Group):
     """The commands, with the ends of each told apart."""
+
+    def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
+        """The commands by what they are for."""
+        width = max(len(name) for name in self.commands)
+        for title, commands in GROUPS.items():
+            rows = [(f"{one.name:{width}}", one.get_short_help_str(formatter.width)) for one in commands]
+            with formatter.section(title):
+                formatter.write_dl(rows)
 
     def make_context(self, *arguments: Any, **options: Any) -> click.Context:
         """Parse the command line, which may print help. Raises ReaderLeft."""
@@ -112,39 +122,18 @@ def cli(context: click.Context) -> None:
         click.echo(context.get_help())
 
 
-for command in (
-    run,
-    emulate,
-    serve_jr3,
-    free,
-    force_source,
-    identify_tool,
-    experiment,
-    campaign,
-    tune,
-    conform,
-    decode,
-    replay,
-    view,
-    why,
-    latency,
-    report,
-    compare,
-    export,
-    layouts,
-    config,
-    profile,
-    probe,
-    monitor,
-    doctor,
-    panel,
-    faults,
-    supervisor,
-    task,
-    controllers,
-    plugins,
-):
-    cli.add_command(command)
+GROUPS: dict[str, tuple[click.Command, ...]] = {
+    "Run": (run, free, task, supervisor, controllers, tune),
+    "Look at recordings": (runs, view, report, why, latency, compare, replay, export, layouts, fidelity),
+    "On site": (doctor, probe, identify_tool, monitor, decode, serve_jr3),
+    "Emulate and judge": (emulate, panel, faults, conform, force_source),
+    "Many runs": (campaign, experiment),
+    "Settings and lists": (config, profile, plugins),
+}
+"""The commands by what they are for, in the order of the help."""
+for group in GROUPS.values():
+    for command in group:
+        cli.add_command(command)
 
 
 def main() -> None:

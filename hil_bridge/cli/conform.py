@@ -1,4 +1,4 @@
-"""`hil-bridge conform`: a robot client in any language, judged by what an emulated robot saw of it."""
+"""`hil-bridge conform`: a client of a robot or a sensor in any language, judged against the emulated device."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ FAILED = 4
 """Exit code when a scenario failed."""
 
 
-@click.command(short_help="Judge a robot client in any language.", options_metavar="[OPTIONS]")
+@click.command(short_help="Judge a robot's or a sensor's client.", options_metavar="[OPTIONS]")
 @click.argument("kind")
 @click.argument("command", nargs=-1, metavar="-- COMMAND…")
 @click.option(
@@ -20,12 +20,17 @@ FAILED = 4
 @click.option(
     "--listen",
     metavar="URL",
-    help="Where the robot listens, as rtde+tcp-listen://127.0.0.2.  [default: free ports, or the robot's own]",
+    help="Where the device listens, as rtde+tcp-listen://127.0.0.2.  [default: free ports, or the device's own]",
 )
 @click.option("--only", multiple=True, metavar="SCENARIO", help="Play this one; may be given again.")
 @click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A rule, as react_s=0.2.")
 @click.option("--comes-back", is_flag=True, help="The client declares that it comes back behind a cut wire.")
-@click.option("--ends", is_flag=True, help="The client declares that it ends by itself.")
+@click.option("--ends", is_flag=True, help="A robot's client declares that it ends by itself.")
+@click.option(
+    "--takes-zero",
+    is_flag=True,
+    help="A sensor's client declares that it takes the load at its start as zero.",
+)
 @click.option("--junit", type=FILE, metavar="FILE.xml", help="Write the verdicts as JUnit XML.")
 @click.option("--json", "json_file", type=FILE, metavar="FILE.json", help="Write verdicts and evidence.")
 @click.option("--rules", "show_rules", is_flag=True, help="Show the rules and their defaults, play nothing.")
@@ -39,36 +44,36 @@ def conform(
     settings: tuple[str, ...],
     comes_back: bool,
     ends: bool,
+    takes_zero: bool,
     junit: Path | None,
     json_file: Path | None,
     show_rules: bool,
     overwrite: bool,
 ) -> None:
-    """Judge a client of a robot: hil-bridge conform rtde -- ./my_client {host} {port}
+    """Judge a client of a robot or a force sensor: hil-bridge conform rtde -- ./my_client {host} {port}
 
-    Each scenario has a fresh emulated robot of KIND, in real time on this computer, and a fresh process of the client.
-    The verdict goes by what the robot saw, not by what the client says.
+    Each scenario has a fresh emulated device of KIND, in real time on this computer, and a fresh process of the client.
+    The verdict goes by what a robot saw, not by what the client says. A sensor's client writes one line with six
+    numbers for each reading: fx fy fz in N, mx my mz in N·m, in the sensor's frame.
 
     \b
-    The client finds the robot by its arguments or its environment:
+    The client finds the device by its arguments or its environment:
       {url} {host} {port}       HIL_BRIDGE_URL HIL_BRIDGE_HOST HIL_BRIDGE_PORT
       rtde: {dashboard} {script}  HIL_BRIDGE_DASHBOARD HIL_BRIDGE_SCRIPT
-      s3: {device}                HIL_BRIDGE_DEVICE, a pseudo-terminal
+      netft: {http_port}          HIL_BRIDGE_HTTP_PORT
+      s3, ft300: {device}         HIL_BRIDGE_DEVICE, a pseudo-terminal
 
     Exit codes: 0 none failed, 2 wrong input, 3 the emulator or its port, 4 a scenario failed, 130 interrupted.
     """
-    from functools import partial
-
-    from hil_bridge.devices.kinds import ROBOTS
-    from hil_bridge.lab.conform.client import ProcessClient
+    from hil_bridge.lab.conform.reports import as_json, as_junit, not_modelled, table, totals
     from hil_bridge.lab.conform.rules import describe_rules, read_rules
-    from hil_bridge.lab.conform.stage import Trial, choose_scenarios
-    from hil_bridge.lab.conform.trying import play_all, usual_port
+    from hil_bridge.lab.conform.trial import choose_scenarios
+    from hil_bridge.lab.conform.trying import cell_of, make_trial, play_all, rules_of
+    from hil_bridge.lab.conform.verdict import Outcome
     from hil_bridge.record.files import check_place, write_whole
     from hil_bridge.runs.signals import as_ctrl_c
-    from hil_bridge.settings.configuration import load_config
 
-    rules = read_rules(settings, comes_back=comes_back, ends=ends)
+    rules = read_rules(rules_of(kind), settings, comes_back=comes_back, ends=ends, takes_zero=takes_zero)
     if show_rules:
         tell(describe_rules(rules))
         return
@@ -77,20 +82,14 @@ def conform(
     for place in (junit, json_file):
         if place is not None:
             check_place(place, overwrite)
-    ROBOTS.kind(kind)  # refuses an unknown one in words of this command
-    config = load_config(config_file, {"robot.emulated": kind})
-    port = usual_port(config, listen, command)
-    trial = Trial(config, port, rules, partial(ProcessClient, command))
+    trial = make_trial(cell_of(kind, config_file), rules, command, listen)
     names = choose_scenarios(trial, only)
-    from hil_bridge.lab.conform.judging import Outcome
-    from hil_bridge.lab.conform.reports import as_json, as_junit, not_modelled, table, totals
-
     with as_ctrl_c():
         played = play_all(trial, names, lambda text: click.echo(text, err=True))
     if junit is not None:
         write_whole(junit, as_junit(kind, played), overwrite)
     if json_file is not None:
-        write_whole(json_file, as_json(kind, command, rules, played).encode(), overwrite)
+        write_whole(json_file, as_json((trial.thing, kind), command, rules, played).encode(), overwrite)
     tell([*table(played), totals(played), *not_modelled(played)])
     if any(one.verdict.outcome is Outcome.FAILED for one in played):
         click.get_current_context().exit(FAILED)

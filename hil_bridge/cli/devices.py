@@ -5,6 +5,8 @@ from typing import Any
 
 import click
 
+from hil_bridge.cli.completion import complete, robots, sensors, surfaces
+
 
 def not_empty(context: click.Context, parameter: click.Parameter, url: str | None) -> str | None:
     """An empty URL is an unset shell variable, not the wish for an emulated device."""
@@ -40,12 +42,14 @@ def device_options(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--surface",
             metavar="NAME",
+            shell_complete=complete(surfaces),
             callback=not_empty,
-            help="Kind of the emulated surface, from a plug-in.",
+            help="Kind of the emulated surface: soft-body, or one from a plug-in.",
         ),
         click.option(
             "--sensor",
             metavar="URL",
+            shell_complete=complete(sensors),
             callback=not_empty,
             help="Force sensor, KIND+WIRE: jr3+can+socketcan://can0, jr3-uart+serial:///dev/ttyACM0, "
             "netft+udp://192.168.1.1:49152. A kind alone is emulated; hil-bridge plugins lists the kinds.",
@@ -53,6 +57,7 @@ def device_options(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--robot",
             metavar="URL",
+            shell_complete=complete(robots),
             callback=not_empty,
             help="Robot, KIND+WIRE: s3+serial:///dev/ttyUSB0?baudrate=9600&parity=E, egm+udp-bind://0.0.0.0:6510, "
             "rtde+tcp://192.168.1.2. A kind alone is emulated; hil-bridge plugins lists the kinds.",

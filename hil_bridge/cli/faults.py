@@ -8,7 +8,12 @@ import click
 @click.option(
     "--sensor", metavar="KIND", default="jr3", show_default=True, help="Kind of the emulated sensor."
 )
-@click.option("--surface", metavar="KIND", default="", help="Kind of the emulated surface, from a plug-in.")
+@click.option(
+    "--surface",
+    metavar="KIND",
+    default="",
+    help="Kind of the emulated surface: soft-body, or one from a plug-in.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the list as JSON.")
 def faults(robot: str, sensor: str, surface: str, as_json: bool) -> None:
     """List every fault of the emulated cell by target, with its parameters, defaults and ranges.

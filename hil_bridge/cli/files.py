@@ -87,13 +87,18 @@ def profile() -> None:
 @click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=FILE)
 @click.option("--all", "everything", is_flag=True, help="Also what is observed, derived, standard or chosen.")
 def show(config_file: Path | None, everything: bool) -> None:
-    """Print every assumed value in use with its mark; correct them in the configuration."""
+    """Print every assumed value in use with its mark; correct them in the configuration. The last line tells how many
+    settings have each mark.
+    """
     from hil_bridge.settings.configuration import load_config
     from hil_bridge.settings.template import profile_rows
     from protocol.marks import Mark
 
+    counts = dict.fromkeys(Mark, 0)
     for key, item in profile_rows(load_config(config_file, {})):
+        counts[item.info.mark] += 1
         if everything or item.info.mark is Mark.ASSUMED:
             unit = f" {item.info.unit}" if item.info.unit else ""
             changed = "" if item.value == item.default else f" (default {item.default})"
             click.echo(f"{key} = {item.value}{unit}{changed}  [{item.info.mark}]  {item.info.meaning}")
+    click.echo(f"settings by mark: {', '.join(f'{count} {mark}' for mark, count in counts.items())}")

@@ -11,7 +11,9 @@ from hil_bridge.cli.paths import FILE
 @click.argument("url", metavar="rtde+tcp://HOST")
 @click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=FILE)
 @click.option(
-    "--surface", metavar="KIND", help="Kind of the surface, from a plug-in.  [default: [cell.surface]]"
+    "--surface",
+    metavar="KIND",
+    help="Kind of the surface: soft-body, or one from a plug-in.  [default: [cell.surface]]",
 )
 @click.option("--duration", "duration_s", type=click.FloatRange(min=0.0, min_open=True), metavar="S")
 @click.option(

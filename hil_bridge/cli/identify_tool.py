@@ -30,10 +30,8 @@ LEAST_ANGLE_DEG = 15.0
 @click.option(
     "--angle-deg",
     type=click.FloatRange(LEAST_ANGLE_DEG, 90.0),
-    default=30.0,
-    show_default=True,
     metavar="A",
-    help="How far to turn the tool to either side.",
+    help="How far to turn the tool to either side.  [default: 30, or what the robot can]",
 )
 @click.option(
     "--lift-mm",
@@ -74,7 +72,7 @@ def identify_tool(
     robot: str | None,
     sensor: str | None,
     virtual: bool,
-    angle_deg: float,
+    angle_deg: float | None,
     lift_mm: float,
     settle_s: float,
     average_s: float,
@@ -116,12 +114,16 @@ def identify_tool(
         from hil_bridge.runs.setup import Setup
         from hil_bridge.runs.signals import as_ctrl_c
         from hil_bridge.settings.faults import refuse_faults
-        from hil_bridge.site.tool.measuring import Sweep, measure
+        from hil_bridge.site.tool.measuring import USUAL_DEG, Sweep, choose_angle, measure
 
         refuse_faults(config.faults, "hil-bridge identify-tool")
-        check_wires(Setup(config), Start(virtual))
-        sweep = Sweep(angle_deg, lift_mm, settle_s, average_s)
+        setup = Setup(config)
+        check_wires(setup, Start(virtual))
+        chosen = choose_angle(setup, angle_deg, lift_mm)
+        sweep = Sweep(chosen, lift_mm, settle_s, average_s)
         with as_ctrl_c(), Screen(sys.stderr) as screen:
+            if angle_deg is None and chosen < USUAL_DEG:
+                screen.say(f"the tool is turned by {chosen:g}° to either side, as far as the robot can")
             poses = measure(config, virtual, sweep, screen.say)
     if save is not None:
         write_whole(save, poses_as_csv(poses).encode(), overwrite)

@@ -59,8 +59,16 @@ def _control(name: str) -> click.Command:
     def move(context: click.Context, to: str | None) -> None:
         _do(context, {"do": name} if to is None else {"do": name, "to": to})
 
+    calls = {
+        f"{', '.join(kinds)}: {call}\n  {meaning}"
+        for call, (meaning, kinds) in _robots_with().items()
+        if call.partition(" ")[0] == name
+    }
     return click.Command(
-        name, callback=move, params=[click.Argument(["to"], required=False)], help="Move this control."
+        name,
+        callback=move,
+        params=[click.Argument(["to"], required=False)],
+        help="\b\n" + "\n".join(sorted(calls)) if calls else "Move this control.",
     )
 
 
@@ -87,6 +95,29 @@ def _request(name: str, text: str) -> click.Command:
         _do(context, {"do": name})
 
     return click.Command(name, callback=act, help=text, short_help=text)
+
+
+@panel.command(short_help="Show it again and again, until Ctrl-C.")
+@click.option(
+    "--every", "every_s", type=click.FloatRange(0.05, 60.0), default=0.5, show_default=True, metavar="S"
+)
+@click.pass_context
+def watch(context: click.Context, every_s: float) -> None:
+    """Show state, position, program and faults again and again, until Ctrl-C. Another terminal can press meanwhile."""
+    from hil_bridge.console.redraw import redraw_until_interrupted
+    from hil_bridge.devices.panel import state_text
+
+    url = context.find_root().meta[_URL]
+    redraw_until_interrupted(lambda: f"{url}\n\n{state_text(_ask(context, {'do': 'show'}))}", every_s)
+
+
+@panel.command()
+@click.pass_context
+def controls(context: click.Context) -> None:
+    """List the controls of this robot, with their positions."""
+    from hil_bridge.devices.panel import controls_text
+
+    click.echo(controls_text(_ask(context, {"do": "controls"}).get("controls", {})))
 
 
 panel.add_command(_request("show", "Show state, position, program and faults."))

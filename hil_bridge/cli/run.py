@@ -2,12 +2,15 @@
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 
+from hil_bridge.cli.completion import complete, controllers
 from hil_bridge.cli.devices import device_options, device_settings, link_profile_option
 from hil_bridge.cli.options import overwrite_option
 from hil_bridge.cli.paths import FILE
+from hil_bridge.cli.setting_options import over, set_option
 from hil_bridge.cli.web_options import web_options
 from hil_bridge.console.debugging import debug_option
 
@@ -34,7 +37,12 @@ _BESIDE = Path("-")
     type=click.Choice(("fx", "fy", "fz")),
     help="Axis that the tool's weight cannot verify, and that you take on; each touch is then tested.",
 )
-@click.option("--controller", metavar="NAME", help=f"Force controller: {CONTROLLERS}, or a plug-in.")
+@click.option(
+    "--controller",
+    metavar="NAME",
+    shell_complete=complete(controllers),
+    help=f"Force controller: {CONTROLLERS}, or a plug-in.",
+)
 @click.option("--force-n", type=float, metavar="F", help="Desired contact force, N.")
 @click.option(
     "--task",
@@ -44,6 +52,7 @@ _BESIDE = Path("-")
     help="Program of the run: a file with [[step]] tables.",
 )
 @click.option("--duration", "duration_s", type=float, metavar="S", help="How long to track the surface, s.")
+@set_option
 @click.option("--virtual", is_flag=True, help="Virtual time: as fast as it computes, and exactly repeatable.")
 @click.option("--seed", type=int, metavar="N", help="Seed of every random draw in the emulated cell.")
 @click.option(
@@ -98,6 +107,7 @@ def run(
     force_n: float | None,
     task_file: Path | None,
     duration_s: float | None,
+    given: dict[str, Any],
     virtual: bool,
     seed: int | None,
     record: Path | None,
@@ -134,20 +144,23 @@ def run(
 
     if record is not None and no_record:
         raise click.UsageError("--record and --no-record exclude each other", click.get_current_context())
-    overrides: dict[str, object] = {
-        **device_settings(robot, sensor, surface),
-        "robot.s3.link.profile": link_profile,
-        "cell.s3.link.profile": link_profile,
-        "sensor.unchecked": unchecked or None,
-        "sensor.unverified": unverified or None,
-        "tool.mass_kg": tool_mass_kg,
-        "controller.name": controller,
-        "task.force_n": force_n,
-        "task.file": None if task_file is None else str(task_file),
-        "run.duration_s": duration_s,
-        "run.seed": seed,
-        "run.panel_url": panel,
-    }
+    overrides = over(
+        given,
+        {
+            **device_settings(robot, sensor, surface),
+            "robot.s3.link.profile": link_profile,
+            "cell.s3.link.profile": link_profile,
+            "sensor.unchecked": unchecked or None,
+            "sensor.unverified": unverified or None,
+            "tool.mass_kg": tool_mass_kg,
+            "controller.name": controller,
+            "task.force_n": force_n,
+            "task.file": None if task_file is None else str(task_file),
+            "run.duration_s": duration_s,
+            "run.seed": seed,
+            "run.panel_url": panel,
+        },
+    )
     if resume is None:
         config = load_config(config_file, overrides)
     elif config_file is not None or task_file is not None:

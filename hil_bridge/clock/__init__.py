@@ -3,7 +3,7 @@
 from hil_bridge.clock.clock import Clock, Timer, wall_time
 from hil_bridge.clock.devices import device_clock
 from hil_bridge.clock.heartbeat import Heartbeat
-from hil_bridge.clock.run import LeakedTasks, run_real, run_real_on, run_virtual, run_virtual_on
+from hil_bridge.clock.run import LeakedTasks, Main, run_real, run_real_on, run_virtual, run_virtual_on
 from hil_bridge.clock.virtual import (
     VIRTUAL_EPOCH,
     VIRTUAL_WALL_NS,
@@ -18,6 +18,7 @@ __all__ = [
     "Clock",
     "Heartbeat",
     "LeakedTasks",
+    "Main",
     "Timer",
     "VirtualDeadlock",
     "VirtualLoop",

@@ -26,6 +26,7 @@ from emulators.panel import Controls
 from emulators.seams import RobotFactory, SensorFactory, SurfaceFactory
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.kind_checks import fault_of
+from hil_bridge.devices.playing import Play
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.plugins import find_plugin, plugin_names
@@ -56,6 +57,7 @@ _SENSORS = {
     "ft300": "hil_bridge.devices.sensors.ft300.room:SENSOR",
     "ati-can": "hil_bridge.devices.sensors.ati_can.room:SENSOR",
 }
+_SURFACES = {"soft-body": "hil_bridge.devices.surfaces.soft_body:SOFT_BODY"}
 
 
 _Client = TypeVar("_Client")
@@ -104,6 +106,8 @@ class RobotEmulation(Generic[_Client, _Emulated]):
     """
     late_ms: float = 20.0
     """How late what it says comes in the scenario `late`, ms."""
+    play: Play | None = None
+    """Plays a course of orders to the emulated robot over its protocol, for `hil-bridge fidelity`; None: it cannot."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,6 +147,10 @@ class RobotKind(Generic[_Client, _Emulated]):
     """
     usual_wire: str = ""
     """A wire's URL of a real robot, `{host}` in the place of its address: for a URL that has no wire."""
+    largest_turn: Callable[[KindSettings[_Client, _Emulated]], float] | None = None
+    """Largest angle, rad, by which the client turns the tool away from where the robot's program began; None where it
+    has no such limit.
+    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,6 +167,10 @@ class SensorEmulation(Generic[_Client, _Emulated]):
     """As of a `RobotEmulation`."""
     faults: Mapping[str, Mapping[str, Fault]] = field(default_factory=dict)
     """As of a `RobotEmulation`."""
+    mishaps: Mapping[str, str] = field(default_factory=dict)
+    """Faults of its target `sensor`, by scenario of `hil-bridge conform`: status. In them it says that its values are
+    wrong or not new.
+    """
 
 
 class CanBus(NamedTuple):
@@ -275,7 +287,9 @@ class CellSection(CellProfile):
     """Settings of every emulated cell, whatever its devices: the base of the section `[cell]`."""
 
     surface_kind: str = setting(
-        "", Mark.CHOSEN, "kind of surface that another package offers; empty: ours, by [cell.surface]"
+        "",
+        Mark.CHOSEN,
+        "kind of surface: soft-body, or one that another package offers; empty: by [cell.surface]",
     )
 
 
@@ -283,7 +297,7 @@ _SECTIONS = frozenset(field.name for field in fields(CellSection))
 """Names in the section of the cell that no kind may have."""
 ROBOTS: Registry[RobotKind[Any, Any]] = Registry("robot", "hil_bridge.robots", _ROBOTS, RobotKind)
 SENSORS: Registry[SensorKind[Any, Any]] = Registry("sensor", "hil_bridge.sensors", _SENSORS, SensorKind)
-SURFACES: Registry[SurfaceKind] = Registry("surface", "hil_bridge.surfaces", {}, SurfaceKind)
+SURFACES: Registry[SurfaceKind] = Registry("surface", "hil_bridge.surfaces", _SURFACES, SurfaceKind)
 
 
 def section_of(kind: DeviceKind | SurfaceKind) -> str:

@@ -13,6 +13,7 @@ from hil_bridge.clock import Clock
 from hil_bridge.devices.device_log import DeviceLog
 from hil_bridge.errors import TransportClosed
 from hil_bridge.transports import Datagrams, Frames, Listening, Tap, Transport, opening
+from hil_bridge.transports.datagram.peer import LEFT
 from hil_bridge.transports.pump import Pump
 from protocol.can.frame import CanFilter
 
@@ -105,8 +106,10 @@ class Serving:
         return listening.address
 
     def _tell_once(self, kind: str, text: str) -> None:
-        """A device that speaks first goes on speaking where no program listens: one line is enough."""
-        if kind not in self._told:
+        """A device that speaks first goes on speaking where no program listens: one line is enough. Each client that
+        leaves has a line.
+        """
+        if kind == LEFT or kind not in self._told:
             self._told.add(kind)
             self.say(text)
 

@@ -40,6 +40,7 @@ EVENT_KINDS: Mapping[str, str] = {
     "wire_lost": "A connection broke and is tried again.",
     "wire_back": "A connection is there again.",
     "unreachable": "No program takes datagrams at the other end.",
+    "left": "The program at the other end of a wire of datagrams has left; it was heard before.",
     "stranger": "Datagrams of another sender are refused.",
     "overrun": "A decision took longer than the period; cycles were left out.",
     "traceback": "The traceback of code that failed.",

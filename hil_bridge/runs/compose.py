@@ -14,7 +14,7 @@ from emulators.unmodelled import TaggingDevice
 from hil_bridge.clock import VIRTUAL_EPOCH, Clock, Timer, device_clock
 from hil_bridge.devices.device_log import DeviceLog
 from hil_bridge.devices.kinds import ROBOTS, RobotEmulation, SensorEmulation
-from hil_bridge.devices.panel import PanelServer, panel_address
+from hil_bridge.devices.panel import OperatedPanel, PanelServer, panel_address
 from hil_bridge.devices.robots.of_others import link_of_others
 from hil_bridge.devices.robots.seam import RobotLink
 from hil_bridge.devices.sensors.stream import ForceSensor
@@ -25,7 +25,7 @@ from hil_bridge.runs.faults.bus import BusFaults
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.devices import Robot, Sensor
 from hil_bridge.transports.can.memory import memory_can_bus
-from protocol.geometry import Vector
+from protocol.geometry import Quaternion, Vector
 from protocol.unmodelled import NotModelled
 
 _MEMORY_CAN = "can+memory"
@@ -40,6 +40,8 @@ class ServedCell:
     sensor: Sensor | None
     panel: str | None
     """URL of the emulated controller's panel, for people."""
+    operated: OperatedPanel | None = None
+    """The same panel for this process; None for a kind without one, and where no robot is served."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,11 +76,14 @@ def check_panel(setup: Setup, virtual: bool) -> None:
             "run.panel_url (--panel) is the emulated controller's panel; leave it out "
             f"{'with a real robot' if real else 'in virtual time, where a person could not press in time'}"
         )
-    if _emulation(setup.robot.kind).controls is None:
-        raise ConfigError(
-            f"an emulated {setup.robot.kind.name} has no panel; leave run.panel_url (--panel) out"
-        )
+    check_controls(setup.robot.kind, "run.panel_url (--panel)")
     panel_address(url)
+
+
+def check_controls(kind: Any, option: str) -> None:
+    """Raise ConfigError where the emulated robot of a kind has no panel, which an option asks for."""
+    if _emulation(kind).controls is None:
+        raise ConfigError(f"an emulated {kind.name} has no panel; leave {option} out")
 
 
 def make_cell(setup: Setup, now: float) -> Cell[Any, Any]:
@@ -101,10 +106,11 @@ def _make(device: Robot | Sensor) -> Any:
     return _emulation(device.kind).make(device.settings)
 
 
-def can_hold(setup: Setup, place: Vector) -> bool:
-    """Whether the emulated robot can hold its tool there in the orientation of the start; base frame, m."""
+def can_hold(setup: Setup, place: Vector, quaternion: Quaternion | None = None) -> bool:
+    """Whether the emulated robot can hold its tool there, base frame, m; None: in the orientation of the start."""
     config = setup.config
-    start = StartPose(place, config.cell.start_quaternion, config.cell.tool.length_mm * 1e-3)
+    turned = quaternion or config.cell.start_quaternion
+    start = StartPose(place, turned, config.cell.tool.length_mm * 1e-3)
     try:
         _make(setup.cell_robot)(start, VIRTUAL_EPOCH, config.run.seed)
     except ValueError:
@@ -180,27 +186,34 @@ async def connect_sensor(sensor: Sensor, wiring: Wiring) -> ForceSensor:
 
 
 @asynccontextmanager
-async def _serve_panel(
-    cell: Cell[Any, Any], controls: Controls, url: str, clock: Clock, wake: Callable[[], None]
-) -> AsyncIterator[str]:
-    """Let the panel listen on a URL; where it is asked. `wake` wakes the cell's devices after each request.
+async def _serve_panel(panel: OperatedPanel, url: str, clock: Clock) -> AsyncIterator[str]:
+    """Let the panel listen on a URL; where it is asked.
 
     Raises ConfigError for the URL, TransportUnavailable for the port.
     """
-    panel = Panel(cell.robot, controls, cell.ledger)
-
-    def perform(request: Mapping[str, Any]) -> Mapping[str, Any]:
-        try:
-            return panel.perform(request, clock.now())
-        finally:
-            wake()
-
-    server = PanelServer(perform, clock)
+    server = PanelServer(panel.perform, clock)
     address = await server.listen(url)
     try:
         yield address
     finally:
         await server.aclose()
+
+
+def _operate(cell: Cell[Any, Any], kind: str, controls: Controls, serving: Serving) -> OperatedPanel:
+    """The panel of the cell's robot. Each act wakes the cell's devices."""
+    panel = Panel(cell.robot, controls, cell.ledger)
+
+    def perform(request: Mapping[str, Any]) -> Mapping[str, Any]:
+        try:
+            return panel.perform(request, serving.clock.now())
+        except ValueError:
+            raise
+        except Exception as error:  # code of another package
+            raise ValueError(f"the panel of {kind} fails: {one_line(repr(error))}") from error
+        finally:
+            serving.wake()
+
+    return OperatedPanel(kind, perform)
 
 
 @asynccontextmanager
@@ -224,18 +237,20 @@ async def emulated_cell(
         _follow_faults(cell, serving)
         robot: Robot | None = None
         sensor: Sensor | None = None
-        panel_at = None
+        panel_at: str | None = None
+        operated: OperatedPanel | None = None
         if setup.listen.robot is not None:
             robot = await _serve(setup.cell_robot, cell.robot, serving)
             controls = _emulation(robot.kind).controls
-            if setup.listen.panel and controls is not None:
-                panel = _serve_panel(cell, controls, setup.listen.panel, clock, serving.wake)
-                panel_at = await stack.enter_async_context(panel)
+            if controls is not None:
+                operated = _operate(cell, robot.kind.name, controls, serving)
+            if setup.listen.panel and operated is not None:
+                panel_at = await stack.enter_async_context(_serve_panel(operated, setup.listen.panel, clock))
         if setup.listen.sensor is not None:
             sensor = await _serve(setup.cell_sensor, cell.sensor, serving)
             if sensor.kind.bus is not None:
                 _serve_bus_faults(sensor, cell, serving, setup.config.run.seed)
-        yield ServedCell(cell, robot, sensor, panel_at)
+        yield ServedCell(cell, robot, sensor, panel_at, operated)
 
 
 async def _serve(device: _Device, emulator: Any, serving: Serving) -> _Device:

@@ -44,11 +44,7 @@ def set_pace(config: Config, cycle_s: float | None, frame_s: float) -> Config:
     kind: Any = controller_kind(config.controller.name) if given is None else given
     made_for = Tuning(sample_time(kind) * 1e3, {})
     period_ms = config.run.period_ms or max(cycle_ms, shortest_ms)
-    fits = [
-        tuning
-        for tuning in (made_for, *(_tunings(kind) if given is None else ()))
-        if _off(tuning, period_ms) <= PERIOD_FACTOR
-    ]
+    fits = [tuning for tuning in (made_for, *_tunings(kind)) if _off(tuning, period_ms) <= PERIOD_FACTOR]
     if fits:
         tuning = min(fits, key=lambda tuning: _off(tuning, period_ms))
     elif config.run.period_ms or made_for.sample_ms < cycle_ms:
@@ -58,17 +54,36 @@ def set_pace(config: Config, cycle_s: float | None, frame_s: float) -> Config:
         period_ms = round(made_for.sample_ms / cycle_ms) * cycle_ms
     if period_ms > cycle_ms:
         config = config.model_copy(update={"run": config.run.model_copy(update={"period_ms": period_ms})})
-    controller = config.controller.model_copy(
-        update={
-            "sample_ms": tuning.sample_ms,
-            "parameters": {**tuning.parameters, **config.controller.parameters},
-        }
+    section = config.controller
+    if isinstance(section, GivenController):
+        section = section.tuned(tuning)
+    else:
+        parameters = {**tuning.parameters, **section.parameters}
+        section = section.model_copy(update={"sample_ms": tuning.sample_ms, "parameters": parameters})
+    return config.model_copy(update={"controller": section})
+
+
+def describe_pace(config: Config, paced: Config, cycle_s: float | None) -> str:
+    """One line for a person where a controller without a sample time decides far more rarely than it could; else empty.
+
+    `config` is as given, `paced` as of `set_pace`.
+    """
+    kind: Any = _find_given(config) or controller_kind(config.controller.name)
+    declares = getattr(kind, "sample_ms", None) is not None or config.controller.sample_ms is not None
+    if cycle_s is None or declares or config.run.period_ms:
+        return ""
+    cycle_ms, period_ms = cycle_s * 1e3, paced.run.period_ms or cycle_s * 1e3
+    if period_ms <= PERIOD_FACTOR * cycle_ms:
+        return ""
+    return (
+        f"controller {config.controller.name} declares no sample time, so it decides every {period_ms:g} ms, but the "
+        f"robot takes an order every {cycle_ms:g} ms: write sample_ms = {cycle_ms:g} into its class, or set "
+        "controller.sample_ms, where its parameters fit that"
     )
-    return config.model_copy(update={"controller": controller})
 
 
 def _find_given(config: Config) -> Controller[Any] | None:
-    """The controller that a program gave as an object; its parameters stay as they are."""
+    """The controller that a program gave as an object."""
     return config.controller.controller if isinstance(config.controller, GivenController) else None
 
 

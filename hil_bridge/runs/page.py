@@ -52,6 +52,9 @@ class Page:
         self._run = run
         scene = scene_of(run.setup, run.facts, run.run.legs, self._record)
         self._feed.begin(scene, run.clock.wall_ns(0.0))
+        served = run.devices.served
+        if served is not None and served.operated is not None:
+            self._feed.offer(served.operated)
 
     @asynccontextmanager
     async def serving(
@@ -69,6 +72,7 @@ class Page:
         async def pulses() -> None:
             while True:
                 feed.pulse(clock.now(), health_of(self._run), self._notes.checked, self._notes.warning)
+                feed.show_panel()
                 await asyncio.sleep(REFRESH_SECONDS)
 
         async with going_on(pulses(), "page"):

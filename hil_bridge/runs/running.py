@@ -126,6 +126,8 @@ async def running(
             run.hear(record)
         if devices.cell is not None:
             _join_cell(run, devices.cell, after)
+        if setup.remark:
+            log.notice("pace", setup.remark)
         yield run
 
 

@@ -4,31 +4,55 @@ import asyncio
 import json
 import math
 import signal
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 
 import click
 
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.clock.realtime import real_time_thread
+from hil_bridge.devices.panel import panel_address
 from hil_bridge.errors import BridgeError, DeviceError
 from hil_bridge.runs.beside import going_on
-from hil_bridge.runs.compose import ServedCell, emulated_cell, follow_unmodelled
+from hil_bridge.runs.compose import ServedCell, check_controls, emulated_cell, follow_unmodelled
 from hil_bridge.runs.lateness import Lateness
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.devices import Robot
+from hil_bridge.show.terminal import REFRESH_SECONDS
+from hil_bridge.show.web.feed import PANEL_PAGE, Feed, WebOptions
 from protocol.unmodelled import NotModelled, relied_on
 
 
-def serve(setup: Setup, as_json: bool) -> None:
-    """Serve the emulated devices of a setup and print where, until SIGINT or SIGTERM."""
-    realtime = setup.config.realtime
-    with real_time_thread(realtime) as executor:
-        run_real(lambda: _serve(setup, as_json, executor), realtime.busy_poll_ms * 1e-3)
+def serve(setup: Setup, as_json: bool, web_port: int | None = None) -> None:
+    """Serve the emulated devices of a setup and print where, until SIGINT or SIGTERM.
+
+    `web_port` is that of a page with the robot's panel, 0 for one that is free; None for no page. Raises ConfigError.
+    """
+    realtime, panel_url = setup.config.realtime, setup.listen.panel
+    if panel_url:
+        check_controls(setup.cell_robot.kind, "run.panel_url (--panel)")
+        panel_address(panel_url)
+    if web_port is not None:
+        check_controls(setup.cell_robot.kind, "--web")
+    with real_time_thread(realtime) as executor, _open_page(web_port) as feed:
+        run_real(lambda: _serve(setup, as_json, executor, feed), realtime.busy_poll_ms * 1e-3)
 
 
-async def _serve(setup: Setup, as_json: bool, executor: ThreadPoolExecutor | None) -> None:
+@contextmanager
+def _open_page(port: int | None) -> Iterator[Feed | None]:
+    """The feed of a page with the robot's panel, where one is wanted. Raises ConfigError."""
+    if port is None:
+        yield None
+        return
+    feed = Feed(WebOptions(port, page=PANEL_PAGE))
+    try:
+        yield feed
+    finally:
+        feed.close()
+
+
+async def _serve(setup: Setup, as_json: bool, executor: ThreadPoolExecutor | None, feed: Feed | None) -> None:
     loop, clock = asyncio.get_running_loop(), Clock.running()
     if executor is not None:
         loop.set_default_executor(executor)
@@ -51,6 +75,10 @@ async def _serve(setup: Setup, as_json: bool, executor: ThreadPoolExecutor | Non
         async with emulated_cell(setup, clock, failed, _log) as served:
             follow_unmodelled(served.cell, tell)
             where = _where(served)
+            if feed is not None and served.operated is not None:
+                feed.listen(lambda: None, lambda text: _log(f"{text}; the devices are served on"))
+                feed.offer(served.operated)
+                where["page"] = feed.url
             if served.sensor is not None:
                 where["tool-mass-kg"] = f"{setup.config.cell.tool.mass_kg:g}"
             if as_json:
@@ -59,9 +87,15 @@ async def _serve(setup: Setup, as_json: bool, executor: ThreadPoolExecutor | Non
                 for device, url in where.items():
                     click.echo(f"{device}: {url}")
                 can_probe = served.robot is not None and served.robot.kind.name == "s3"
-                click.echo(f"Connect with: {client_of(where, can_probe)}\nStop with Ctrl-C.")
+                click.echo(f"Connect with: {client_of(where, can_probe)}")
+                if "panel" in where:
+                    click.echo(f"Operate it with: hil-bridge panel {where['panel']}")
+                click.echo("Stop with Ctrl-C.")
             lateness = Lateness(_cycle_of(served.robot), _log)
-            async with going_on(lateness.watch(clock), "lateness"):
+            async with (
+                going_on(lateness.watch(clock), "lateness"),
+                going_on(_show_panel(feed), "page"),
+            ):
                 await stopped.wait()
             if lateness.describe():
                 _log(lateness.describe())
@@ -73,6 +107,13 @@ async def _serve(setup: Setup, as_json: bool, executor: ThreadPoolExecutor | Non
         clock.close()
         if things:
             _log(relied_on(things))
+
+
+async def _show_panel(feed: Feed | None) -> None:
+    """Tell the page the state of the panel again and again."""
+    while feed is not None:
+        feed.show_panel()
+        await asyncio.sleep(REFRESH_SECONDS)
 
 
 def _log(text: str) -> None:

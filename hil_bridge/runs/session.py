@@ -210,6 +210,8 @@ class Session:
                 served = run.devices.served
                 if served is not None and served.panel is not None:
                     self.terminal.out.say(f"panel: {served.panel}")
+                if setup.remark:
+                    self.terminal.out.say(setup.remark)
                 if page is not None:
                     page.begin(run)
                 async with view.showing(run, stopping, record):

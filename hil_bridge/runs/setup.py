@@ -9,7 +9,7 @@ from emulators.cell import Cell
 from hil_bridge.control import ControlLoop
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.kinds import SURFACES, EmulatedKinds, SurfaceKind
-from hil_bridge.runs.pace import control_loop, set_pace
+from hil_bridge.runs.pace import control_loop, describe_pace, set_pace
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.devices import (
     CellName,
@@ -103,6 +103,11 @@ class Setup:
         """The configuration as it is run: period, sample time and tuning written out."""
         frame_s = self.sensor.kind.period(self.sensor.settings) or 0.0
         return set_pace(self._given, self.facts.cycle_s, frame_s)
+
+    @property
+    def remark(self) -> str:
+        """One line for a person on the pace of the controller; empty where there is nothing to say."""
+        return describe_pace(self._given, self.config, self.facts.cycle_s)
 
     @cached_property
     def loop(self) -> ControlLoop:

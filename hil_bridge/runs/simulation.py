@@ -1,11 +1,12 @@
 """A run inside a program of a user's own: what it leaves, and what can be done while it goes."""
 
 import asyncio
+import warnings
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from emulators.cell import Cell, TrueState
 from hil_bridge.clock import Clock
@@ -20,18 +21,16 @@ from hil_bridge.record import (
     EventRecord,
     Outcome,
     RawTraffic,
-    Recording,
-    SensorRecord,
     StepRecord,
     TruthRecord,
 )
-from hil_bridge.record.analysis.columns import Columns
-from hil_bridge.record.analysis.summary import Summary, summarise
+from hil_bridge.record.analysis.summary import Summary
 from hil_bridge.record.kept import KeptRecords
 from hil_bridge.runs import compose
 from hil_bridge.runs.checks import Start, check, check_wires
 from hil_bridge.runs.cycle import Run
 from hil_bridge.runs.faults.panel import FaultPanel
+from hil_bridge.runs.recorded import Arrays, Recording
 from hil_bridge.runs.result import RunResult
 from hil_bridge.runs.run_log import RunLog, metadata_of
 from hil_bridge.runs.running import Running, run_end, running
@@ -40,21 +39,11 @@ from hil_bridge.runs.watching import Listener
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.faults import refuse_faults
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 Observe = Callable[[CycleRecord], object]
 _NEVER_MOVED = RunResult(Outcome.INTERRUPTED, Reason(Cause.INTERRUPTED, "before the movement began"))
-
-
-class Arrays(Columns):
-    """The control cycles of a run as arrays, by the names of `CycleRecord`; beside them those of its other records."""
-
-    def __init__(self, recording: Recording) -> None:
-        super().__init__(recording.cycles, CycleRecord)
-        self.truths = Columns(recording.truths, TruthRecord)
-        """Ground truth of the cycles."""
-        self.sensors = Columns(recording.sensors, SensorRecord)
-        """Frames of the sensor, as the device counts."""
-        self.events = Columns(recording.events, EventRecord)
-        self.steps = Columns(recording.steps, StepRecord)
 
 
 class Result:
@@ -78,10 +67,13 @@ class Result:
     def __repr__(self) -> str:
         return f"<Result: {self.outcome}{self.text and f', {self.text}'}; {len(self.cycles)} cycles>"
 
+    def _repr_html_(self) -> str:
+        return self.recording._repr_html_()
+
     @cached_property
     def recording(self) -> Recording:
-        """The recording, the same as `hil-bridge run --record` writes and `recording.read` reads."""
-        return self._records.recording()
+        """The recording, the same as `hil-bridge run --record` writes and `hil_bridge.read` reads."""
+        return Recording.of(self._records.recording())
 
     @property
     def cycles(self) -> tuple[CycleRecord, ...]:
@@ -108,20 +100,23 @@ class Result:
         """Data that went over the wires of robot and sensor."""
         return self._records.traffic
 
-    @cached_property
+    @property
     def arrays(self) -> Arrays:
-        """The cycles as arrays by field: `arrays.force` is (n,), `arrays.position` (n, 3); NaN for what is not known.
+        """The cycles as arrays by field, see `Recording.arrays`."""
+        return self.recording.arrays
 
-        `arrays.truths`, `.sensors`, `.events` and `.steps` are the same of the other records.
-        """
-        return Arrays(self.recording)
-
-    @cached_property
+    @property
     def figures(self) -> Summary:
         """Figures of merit, durations, counters, latency. Raises ConfigError for a run without any cycle."""
-        if not self.cycles:
-            raise ConfigError("the run ended before its first control cycle: it has no figures")
-        return summarise(self.recording)
+        return self.recording.figures
+
+    def plot(self, *charts: str) -> "Figure":
+        """A figure of matplotlib with charts of the run, see `Recording.plot`."""
+        return self.recording.plot(*charts)
+
+    def report(self, directory: Path | str, *, overwrite: bool = False) -> Path:
+        """Write the report into a directory, see `Recording.report`."""
+        return self.recording.report(directory, overwrite=overwrite)
 
     def save(self, path: Path | str, *, overwrite: bool = False) -> Path:
         """Write the recording as MCAP; returns its path.
@@ -277,6 +272,8 @@ async def simulating(config: Config, observe: Observe | None) -> AsyncIterator[S
     try:
         setup = Setup(config)
         cell = check(setup, clock.is_virtual, clock.now())
+        if setup.remark:
+            warnings.warn(setup.remark, stacklevel=2)
         keeper = KeptRecords(clock.wall_ns, metadata_of(setup.config, clock.is_virtual))
         log = RunLog(clock, [keeper, *([] if observer is None else [observer])])
         simulation: Simulation | None = None
@@ -333,7 +330,7 @@ def _how_ended(simulation: Simulation | None) -> RunResult:
 async def opening_devices(config: Config) -> AsyncIterator[OpenDevices]:
     """Started robot and sensor while inside. See `api.open_devices`."""
     try:
-        refuse_faults(config.faults, "open_devices")
+        refuse_faults(config.faults, "open_devices", "call `panel.inject`")
     except ValueError as error:
         raise ConfigError(str(error)) from error
     clock = Clock.running()

@@ -20,6 +20,7 @@ from hil_bridge.control import (
 )
 from hil_bridge.control.course.touch import Doubt
 from hil_bridge.control.course.zero import AXES, lost_forces, main_axes, unverified_axes
+from hil_bridge.control.geometry.frames import STANDARD_GRAVITY
 from hil_bridge.control.geometry.wrist import NO_WRENCH
 from hil_bridge.devices.robots.seam import Motion, RobotLink, RobotReport
 from hil_bridge.devices.sensors.stream import ForceSensor
@@ -151,10 +152,23 @@ class Zeroing:
             await self._robot.release(start)
             raise DeviceError(
                 f"force sensor on {self._sensor.name}: {fault}",
-                remedy="nothing has moved, and hil-bridge free lifts off a tool that presses",
+                remedy=self._in_grams(start.pose.quaternion)
+                or "nothing has moved, and hil-bridge free lifts off a tool that presses",
                 cause=Cause.WEIGHT,
             )
         await self._refuse([k for k in main if k in unverified], start, expected)
+
+    def _in_grams(self, quaternion: Quaternion) -> str:
+        """A hint for a mass that is told in g; empty where it is none."""
+        assert self._known is not None, "a weight is judged of a tool that is known"
+        limits, lighter = self._config.limits, replace(self._known, mass=self._known.mass * 1e-3)
+        expected = weight_reading(lighter, quaternion)
+        shows = lighter.mass * STANDARD_GRAVITY > limits.weight_tolerance_n  # a dead sensor reads nothing too
+        if not shows or weight_fault(
+            self._before.mean, expected, limits.weight_tolerance_n, limits.weight_tolerance_nm
+        ):
+            return ""
+        return f"nothing has moved; tool.mass_kg is in kg: did you mean {lighter.mass:g}?"
 
     async def _refuse(self, axes: Sequence[int], start: RobotReport, expected: Sequence[float]) -> None:
         """Raise ConfigError for an axis that nothing has verified, unless a person takes it on."""

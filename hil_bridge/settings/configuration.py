@@ -3,7 +3,7 @@
 import dataclasses
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal
@@ -45,6 +45,7 @@ from hil_bridge.settings.program import (
     instead_of,
     with_program,
 )
+from hil_bridge.settings.sections import changed_html, is_section, items_of
 from hil_bridge.settings.upgrade import older_setting
 from protocol.geometry import Quaternion, Vector, normalise
 from protocol.marks import SettingError
@@ -70,6 +71,15 @@ OPTIONS = {
 
 class _Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    def __repr_args__(self) -> Iterator[tuple[str, Any]]:
+        """The settings that are not the defaults."""
+        defaults = type(self).model_fields
+        return ((name, value) for name, value in items_of(self) if value != defaults[name].default)
+
+    def _repr_html_(self) -> str:
+        """The settings that are not the defaults, as a table for a notebook."""
+        return changed_html(self)
 
 
 class RunConfig(_Section):
@@ -384,16 +394,6 @@ def dump(config: Config) -> str:
     return json.dumps(config.model_dump(mode="json"), separators=(",", ":"), sort_keys=True)
 
 
-def is_section(value: object) -> bool:
-    return isinstance(value, BaseModel) or dataclasses.is_dataclass(value)
-
-
-def items_of(section: object) -> list[tuple[str, Any]]:
-    if isinstance(section, BaseModel):
-        return [(name, getattr(section, name)) for name in type(section).model_fields]
-    return [(field.name, getattr(section, field.name)) for field in dataclasses.fields(section)]  # type: ignore[arg-type]
-
-
 def explain(
     error: ValidationError, path: Path | None, given: set[str], sources: Mapping[str, Path] | None = None
 ) -> SettingRefused:
@@ -432,7 +432,7 @@ def explain(
             text = f"{first['msg'].replace('Input should', 'must', 1)}{got}"
     key = ".".join(location)
     if key in given:
-        return SettingRefused(OPTIONS[key], (), text, joint, further)
+        return SettingRefused(OPTIONS.get(key, f"--set {key}"), (), text, joint, further)
     own = (sources or {}).get(".".join(location[:2]), source)
     return SettingRefused(str(own), location, text, joint, further)
 

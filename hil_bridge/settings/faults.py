@@ -114,10 +114,10 @@ class FaultConfig(BaseModel):
             raise ValueError(f"{name} needs the emulated sensor, but sensor.url names a real one")
 
 
-def refuse_faults(faults: Sequence[FaultConfig], command: str) -> None:
-    """Raise ConfigError where faults are planned and nothing would inject them."""
+def refuse_faults(faults: Sequence[FaultConfig], command: str, instead: str = "") -> None:
+    """Raise ConfigError where faults are planned and nothing would inject them; `instead` is another way, in words."""
     if faults:
         raise ConfigError(
-            f"faults.0: {command} knows no phases of a run, so it would ignore it; delete [[faults]], "
-            "or inject with `hil-bridge panel`"
+            f"faults.0: {command} knows no phases of a run, so it would ignore it; delete [[faults]]"
+            f"{instead and f', or {instead}'}"
         )

@@ -8,7 +8,7 @@ from typing import Any, TypeAlias
 
 from pydantic import PrivateAttr, ValidationError
 
-from hil_bridge.control.types import Controller
+from hil_bridge.control.types import Controller, Tuning
 from hil_bridge.errors import ConfigError
 from hil_bridge.settings.configuration import Config, ControllerConfig, explain, read_config, read_values
 from hil_bridge.settings.program import with_program
@@ -28,6 +28,23 @@ class GivenController(ControllerConfig):
     def controller(self) -> Controller[Any]:
         """The object."""
         return self._controller
+
+    def tuned(self, tuning: Tuning) -> "GivenController":
+        """The same with a tuning that the controller declares: each of its parameters that still has its default."""
+        found: Any = self._controller
+        if not dataclasses.is_dataclass(found) or isinstance(found, type):
+            return self.model_copy(update={"sample_ms": tuning.sample_ms})
+        defaults = {
+            field.name: field.default
+            for field in dataclasses.fields(found)
+            if field.init and field.default == getattr(found, field.name)
+        }
+        changed = {name: value for name, value in tuning.parameters.items() if name in defaults}
+        if changed:
+            found = dataclasses.replace(found, **changed)
+        section = self.model_copy(update={"sample_ms": tuning.sample_ms, "parameters": _parameters(found)})
+        section._controller = found
+        return section
 
 
 def config_of(
@@ -84,6 +101,10 @@ def _table(values: dict[str, Any], name: str) -> dict[str, Any]:
 
 def _wrap_controller(config: Config, controller: Any) -> GivenController:
     """The section with an object in it. Raises ConfigError for one that is no controller."""
+    if isinstance(controller, type):
+        raise ConfigError(
+            f"controller: {controller.__name__} is a class; give an object of it, {controller.__name__}(…), or its name"
+        )
     for method in ("initial", "step"):
         if not callable(getattr(controller, method, None)):
             raise ConfigError(f"controller: {controller!r} has no method {method}")

@@ -11,7 +11,8 @@ from pydantic import BaseModel
 
 from hil_bridge.errors.text_files import toml_pair, toml_value
 from hil_bridge.record.field_docstrings import field_docstrings
-from hil_bridge.settings.configuration import Config, is_section, items_of, with_all_kinds
+from hil_bridge.settings.configuration import Config, with_all_kinds
+from hil_bridge.settings.sections import is_section, items_of
 from protocol.marks import Setting, settings
 
 _TABLES = ("faults", "step")
@@ -38,7 +39,10 @@ def schema() -> dict[str, Any]:
             False  # not every version of pydantic says so for a section of sections
         )
         for name, entry in definition["properties"].items():
-            entry["description"] = comments.get(name) or inspect.getdoc(type(getattr(section, name)))
+            value = getattr(section, name)
+            entry["description"] = comments.get(name) or inspect.getdoc(type(value))
+            if entry.get("default", value) is None:  # one that depends on another setting
+                entry["default"] = value
     return result
 
 

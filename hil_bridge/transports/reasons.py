@@ -33,7 +33,10 @@ _NET_ADVICE = {
     errno.ECONNRESET: ("the other side dropped the connection", ""),
     errno.EPIPE: ("the other side dropped the connection", ""),
     socket.EAI_NONAME: ("there is no host of this name", "check the spelling"),
-    errno.EADDRINUSE: ("another program listens on this port already", "choose another or port 0"),
+    errno.EADDRINUSE: (
+        "another program listens on this port already",
+        "`ss -lnp` names it: end it, or choose another port",
+    ),
     errno.EADDRNOTAVAIL: ("this address is not one of this computer's", ""),
     errno.EACCES: ("no permission", "ports below 1024 need it"),
 }

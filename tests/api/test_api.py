@@ -14,6 +14,7 @@ import pytest
 
 import hil_bridge
 from hil_bridge import api
+from hil_bridge.control.laws.linear import Pi
 from hil_bridge.record import read_with_traffic
 from hil_bridge.record.ending import reason_of
 from hil_bridge.record.topics import TOPICS, Record
@@ -23,6 +24,7 @@ STOP = {"on": "robot", "fault": "emergency-stop", "phase": "track"}
 SIGNATURES = {
     "load": "(config=None, *, faults=(), controller=None, seed=None) -> Config",
     "simulate": "(config=None, *, faults=(), controller=None, observe=None, seed=None) -> Result",
+    "simulate_async": "(config=None, *, faults=(), controller=None, observe=None, seed=None) -> Result",
     "simulation": "(config=None, *, faults=(), controller=None, observe=None, seed=None) -> Simulation",
     "open_devices": "(config=None) -> OpenDevices",
     "read": "(path) -> Recording",
@@ -31,8 +33,8 @@ SIGNATURES = {
 }
 """Of every function; what an asynchronous context manager gives stands for it."""
 MEMBERS = {
-    "Result": "arrays cause cycles events figures followed left outcome recording retracted save steps text traffic "
-    "truths",
+    "Result": "arrays cause cycles events figures followed left outcome plot recording report retracted save "
+    "steps text traffic truths",
     "OpenDevices": "cell clock panel robot sensor truth",
     "Simulation": "cell clock config finished interrupt panel reached result robot sensor start truth",
 }
@@ -158,8 +160,12 @@ def test_arrays_hold_the_records_by_field(result: api.Result) -> None:
     assert arrays.truths.force.shape == (len(result.truths), 3)
     assert arrays.sensors.counts.shape == (len(result.recording.sensors), 6)
     assert "retract" in arrays.events.text
-    assert len(arrays.steps) == 0
-    assert set(arrays) == set(cycles[0].__struct_fields__)
+    assert arrays.steps.count == 0
+    assert set(arrays) == {"time", *cycles[0].__struct_fields__}
+    assert dict(arrays)["force"] is arrays.force
+    assert len(arrays) == len(list(arrays))
+    assert arrays.time[0] == pytest.approx(cycles[0].controlled_at - result.events[0].at)
+    assert 0.0 < arrays.time[0] < 30.0
     with pytest.raises(ValueError, match="read-only"):
         arrays.force[0] = 1.0
     with pytest.raises(AttributeError, match="no field is called 'forces'"):
@@ -206,6 +212,54 @@ def test_a_controller_by_name_and_what_is_none() -> None:
         api.simulate(SHORT, controller="pj")
     with pytest.raises(api.ConfigError, match="has no method initial"):
         api.simulate(SHORT, controller=object())  # type: ignore[arg-type]
+
+
+EGM = {**SHORT, "robot": {"emulated": "egm"}}
+
+
+def test_a_controller_without_a_sample_time_is_told_how_rarely_it_decides() -> None:
+    with pytest.warns(
+        UserWarning,
+        match="decides every 180 ms, but the robot takes an order every 4 ms",
+    ):
+        slow = api.simulate(EGM, controller=Proportional())
+    assert [event.text for event in slow.events if event.kind == "pace"] == [
+        "controller own declares no sample time, so it decides every 180 ms, but the robot takes an order every 4 ms: "
+        "write sample_ms = 4 into its class, or set controller.sample_ms, where its parameters fit that"
+    ]
+
+
+@pytest.mark.filterwarnings("error")
+def test_nothing_is_told_of_the_pace_where_it_was_chosen_or_fits() -> None:
+    @dataclass(frozen=True)
+    class Declared(Proportional):
+        sample_ms = 180.0
+
+    for config, controller in (
+        (SHORT, Proportional()),
+        (EGM, Declared()),
+        ({**EGM, "run": {"duration_s": 0.5, "period_ms": 180.0}}, Proportional()),
+        ({**EGM, "controller": {"sample_ms": 4.0}}, Proportional(1e-6)),
+        (EGM, None),
+    ):
+        done = api.simulate(config, controller=controller)
+        assert not [event for event in done.events if event.kind == "pace"]
+
+
+def test_tunings_of_an_object_count_for_parameters_that_have_their_defaults() -> None:
+    named = api.simulate(EGM, controller="pi")
+    given = api.simulate(EGM, controller=Pi())
+    assert [one.force for one in given.cycles] == [one.force for one in named.cycles]
+    own = api.simulate(EGM, controller=Pi(proportional=0.1))
+    assert '"proportional":0.1' in own.recording.metadata["config"]
+    assert [one.force for one in own.cycles] != [one.force for one in named.cycles]
+
+
+def test_a_class_for_an_object_is_answered_in_words() -> None:
+    with pytest.raises(
+        api.ConfigError, match=r"Proportional is a class; give an object of it, Proportional\(…\)"
+    ):
+        api.simulate(SHORT, controller=Proportional)  # type: ignore[arg-type]
 
 
 def test_observer_is_told_each_cycle_and_its_error_comes_out_after_the_retraction() -> None:

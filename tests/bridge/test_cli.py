@@ -4,6 +4,7 @@ import asyncio
 import io
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -13,9 +14,11 @@ from pathlib import Path
 from typing import TypeAlias
 
 import pytest
+from click.shell_completion import ShellComplete
 
 import hil_bridge.cli
 from hil_bridge import api
+from hil_bridge.cli import GROUPS, cli
 from hil_bridge.errors import DeviceError
 from hil_bridge.record import CycleRecord, read, read_with_traffic
 from hil_bridge.runs.cycle import Run
@@ -26,6 +29,7 @@ from hil_bridge.runs.session import execute
 from hil_bridge.settings.configuration import read_config
 from hil_bridge.show.web.recorded import teller_of
 from protocol.devices.s3.adlp import HEADER_SIZE
+from protocol.marks import Mark
 
 Result: TypeAlias = tuple[int, str, str]
 Command: TypeAlias = Callable[..., Result]
@@ -58,6 +62,8 @@ def refused(result: Result) -> str:
     return errors
 
 
+TITLES = {"Commands", *GROUPS}
+"""Titles of lists of commands in a help."""
 VIRTUAL = ("run", "--virtual", "--no-view")
 FIRST_DAY = {
     "report r.mcap --overwrite": "report.html",
@@ -150,6 +156,20 @@ def test_help_imports_none_of_the_heavy_libraries() -> None:
             ["emulate", "robot", "--robot-port", "s3+tcp-listen://h"],
             "host and port must be like 127.0.0.1:4000",
         ),
+        (
+            ["emulate", "robot", "--sensor-port", "jr3+can+slcan+pty:"],
+            "--sensor-port is the sensor's, and `emulate robot` serves none; take `emulate cell`, or leave it out",
+        ),
+        (
+            ["emulate", "robot", "--sensor", "netft"],
+            "--sensor is the sensor's, and `emulate robot` serves none",
+        ),
+        (["emulate", "sensor", "--robot", "egm"], "--robot is the robot's, and `emulate sensor` serves none"),
+        (["emulate", "sensor", "--panel", "tcp-listen://127.0.0.1:0"], "--panel is the robot's"),
+        (["emulate", "sensor", "--web"], "--web is the robot's"),
+        (["emulate", "sensor", "--web-port", "8000"], "--web is the robot's"),
+        (["emulate", "robot", "--panel", "tcp-listen://0.0.0.0:1"], "listens on this computer alone"),
+        (["emulate", "robot", "--panel", "tcp://127.0.0.1:1"], "unknown scheme 'tcp'; allowed: tcp-listen"),
         (["emulate", "arm"], "'arm' is not one of 'cell', 'robot', 'sensor'"),
         (["report", "none.mcap"], "cannot read the recording none.mcap: No such file"),
         (["report", "file"], "file is not an MCAP file"),
@@ -371,8 +391,14 @@ def test_config_commands(hil: Command) -> None:
 
 def test_the_profile_shows_what_is_assumed_and_what_was_changed(hil: Command) -> None:
     Path("c.toml").write_text("[robot.s3.link]\nbid_limit = 7\n")
-    assumed = hil("profile", "show", "c.toml")[1].splitlines()
-    everything = hil("profile", "show", "c.toml", "--all")[1].splitlines()
+    *assumed, counts = hil("profile", "show", "c.toml")[1].splitlines()
+    *everything, same = hil("profile", "show", "c.toml", "--all")[1].splitlines()
+    assert counts == same
+    marks = [sum(f"  [{mark}]  " in line for line in everything) for mark in Mark]
+    assert (
+        counts == f"settings by mark: {', '.join(f'{n} {mark}' for n, mark in zip(marks, Mark, strict=True))}"
+    )
+    assert sum(marks) == len(everything)
     assert all("  [assumed]  " in line for line in assumed)
     assert [line for line in everything if "  [assumed]  " in line] == assumed
     assert len(everything) > len(assumed)
@@ -386,7 +412,9 @@ def test_no_summary_of_a_command_is_cut_in_a_terminal_of_80_columns(
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
     _, output, _ = hil(*group, "--help")
-    summaries = output.split("Commands:\n")[1].split("\n\n")[0].splitlines()
+    parts = re.split(r"\n\n([A-Z][^\n]*):\n", output)
+    commands = [part for title, part in zip(parts[1::2], parts[2::2], strict=True) if title in TITLES]
+    summaries = [line for one in commands for line in one.strip("\n").splitlines()]
     assert summaries
     assert all(line.endswith(".") and not line.endswith("...") for line in summaries)
 
@@ -466,3 +494,82 @@ def test_a_terminal_without_the_letters_gets_escapes(tmp_path: Path) -> None:
         check=True,
     )
     assert b"PC \\u2192 S3" in done.stdout
+
+
+def test_the_help_names_every_command_once_by_what_it_is_for(hil: Command) -> None:
+    _, output, _ = hil("--help")
+    listed = [
+        line.split()[0] for line in output.splitlines() if re.match(r"  [a-z]", line) and "  " in line[2:]
+    ]
+    assert sorted(listed) == sorted(cli.commands)
+    assert "\nOn site:\n" in output
+
+
+def test_a_setting_is_given_by_its_key(hil: Command) -> None:
+    code, output, errors = hil(
+        *VIRTUAL, "--no-record", "--set", "run.duration_s=0.5", "--set", "controller.name=pi"
+    )
+    assert (code, errors) == (0, "")
+    assert "pi" in output
+    for wrong, words in (
+        ("limits.force_limit_n=x", "--set limits.force_limit_n: must be a valid number"),
+        ("limits.force=1", "--set limits.force is no setting; the unit is part of the name: force_limit_n"),
+        ("limits.force_limit_n", "write KEY=VALUE"),
+        ("=1", "write KEY=VALUE"),
+    ):
+        code, _, errors = hil(*VIRTUAL, "--set", wrong)
+        assert code == 2
+        assert words in errors
+    code, _, errors = hil(*VIRTUAL, "--set", "run.seed=1", "--set", "run.seed=2")
+    assert (code, "run.seed is given twice" in errors) == (2, True)
+
+
+def test_an_option_of_its_own_goes_before_a_setting(hil: Command) -> None:
+    hil(*VIRTUAL, "--set", "run.seed=5", "--seed", "9", "--duration", "0.5")
+    assert json.loads(hil("runs", "--json")[1])[-1]["outcome"] == "completed"
+    (folder,) = Path("runs").iterdir()
+    assert json.loads((folder / "summary.json").read_text())["seed"] == "9"
+
+
+def test_runs_are_listed_with_what_can_be_read_of_them(hil: Command) -> None:
+    code, _, errors = hil("runs")
+    assert (code, "name the folder in which runs lie" in errors) == (2, True)
+    hil(*VIRTUAL, "--duration", "0.5")
+    for name, text in (("2020-broken", "{"), ("2020-list", "[]"), ("2020-\x1b[2J", '{"outcome": "\x1b[2J"}')):
+        (Path("runs") / name).mkdir()
+        (Path("runs") / name / "summary.json").write_text(text)
+    (Path("runs") / "9999-empty").mkdir()
+    code, output, _ = hil("runs")
+    assert code == 0
+    assert "\x1b" not in output
+    head, *rows = output.splitlines()
+    assert head.split() == [
+        "run",
+        "outcome",
+        "controller",
+        "RMS",
+        "error,",
+        "N",
+        "largest",
+        "force,",
+        "N",
+        "cause",
+    ]
+    assert len(rows) == 4
+    assert "completed  predictive" in rows[-1]
+    assert len(hil("runs", "--last", "1")[1].splitlines()) == 2
+    assert hil("runs", str(Path("runs") / "9999-empty"))[1] == "no runs\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "begun", "names"),
+    [
+        (["run", "--robot"], "r", ["rsi", "rtde"]),
+        (["run", "--sensor"], "jr3-", ["jr3-uart", "jr3-board"]),
+        (["run", "--controller"], "fuzzy", ["fuzzy", "fuzzy-adaptive"]),
+        (["emulate", "cell", "--robot"], "e", ["egm"]),
+    ],
+)
+def test_a_shell_completes_values(words: list[str], begun: str, names: list[str]) -> None:
+    completed = ShellComplete(cli, {}, "hil-bridge", "_HIL_BRIDGE_COMPLETE").get_completions(words, begun)
+    assert [one.value for one in completed] == names

@@ -182,6 +182,32 @@ def test_every_setting_with_a_mark_is_a_profile_row(tmp_path: Path) -> None:
     assert rows["cell.s3.robot.turnaround_ms"].info.mark is Mark.ASSUMED
 
 
+def test_a_default_that_depends_on_the_model_is_shown_as_it_is_and_gives_way_to_the_user(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "c.toml"
+
+    def rows(more: str) -> dict[str, Any]:
+        path.write_text(f'[robot]\nemulated = "rtde"\n[cell.rtde]\n{more}')
+        return dict(profile_rows(load_config(path, {})))
+
+    name = "cell.rtde.force_offset_n"
+    usual, cb3 = rows(""), rows('model = "ur10"\n')
+    assert (
+        (usual[name].value, usual[name].info.mark)
+        == (usual[name].default, Mark.OBSERVED)
+        == (4.5, Mark.OBSERVED)
+    )
+    assert cb3[name].value == cb3[name].default == 28.0
+    point = "cell.rtde.joint_bits"
+    assert (usual[point].info.mark, cb3[point].info.mark) == (Mark.OBSERVED, Mark.ASSUMED)
+    assert rows('model = "ur10"\nforce_offset_n = 4.5\n')[name].value == 4.5
+    described = schema()["$defs"]["RtdeProfile"]["properties"]["force_offset_n"]
+    assert (described["default"], described["type"]) == (4.5, "number")
+    config = load_config(path, {})
+    assert read_config(json.loads(dump(config))) == config
+
+
 def test_a_profile_stands_for_its_settings_beside_others_and_comes_back_from_a_record(tmp_path: Path) -> None:
     file = tmp_path / "c.toml"
     file.write_text('[robot.s3.link]\nprofile = "observed-client"\nbaudrate = 19200\n')

@@ -336,12 +336,26 @@ def _toml(value: Any) -> str:
     return json.dumps(value)
 
 
-@pytest.mark.parametrize("command", [("emulate", "cell"), ("identify-tool", "--virtual")])
-def test_commands_without_phases_refuse_planned_faults(tmp_path: Path, command: tuple[str, ...]) -> None:
+@pytest.mark.parametrize(
+    ("command", "instead"),
+    [
+        (("emulate", "cell"), ", or inject with `hil-bridge panel`, see --panel"),
+        (("emulate", "robot"), ", or inject with `hil-bridge panel`, see --panel"),
+        (("emulate", "sensor"), ""),
+        (("identify-tool", "--virtual"), ""),
+    ],
+)
+def test_commands_without_phases_refuse_planned_faults(
+    tmp_path: Path, command: tuple[str, ...], instead: str
+) -> None:
+    """A panel is named where the command can serve one."""
     file = tmp_path / "c.toml"
     file.write_text('[[faults]]\non = "signal"\nfault = "dead"\n', encoding="utf-8")
-    with pytest.raises(ConfigError, match=r"faults\.0: hil-bridge .* would ignore it"):
+    with pytest.raises(
+        ConfigError, match=r"faults\.0: hil-bridge .* would ignore it; delete \[\[faults\]\]"
+    ) as error:
         cli.main([*command, str(file)], standalone_mode=False)
+    assert str(error.value).partition("[[faults]]")[2] == instead
 
 
 # --- the list

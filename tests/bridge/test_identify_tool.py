@@ -14,8 +14,10 @@ from hil_bridge.control import rotation_matrix
 from hil_bridge.devices.robots.s3.motion import S3Motion
 from hil_bridge.devices.robots.seam import Sent
 from hil_bridge.devices.sensors.stream import ForceSensor
+from hil_bridge.errors import BridgeError
 from hil_bridge.record import Outcome
 from hil_bridge.settings.configuration import load_config
+from hil_bridge.site.tool.measuring import Sweep, measure
 from protocol.geometry import Pose, angle_between
 
 MASS_TOLERANCE_KG = 0.002
@@ -115,12 +117,50 @@ def test_limits_hold_while_the_tool_is_turned(identify: Command) -> None:
     assert "stopped: resultant force 1." in stopped
     assert "beyond 1 N; free the tool" in stopped
     low = refusal(identify("--virtual", config="[limits]\nworkspace_max_m = [3.0, 3.0, 0.63]"))
-    assert "the tool cannot be lifted by 50 mm (--lift-mm)" in low
+    assert "the tool cannot be lifted by 50 mm (--lift-mm): 0.900 -0.100 0.650 m is outside the box" in low
 
 
-def test_a_robot_that_cannot_turn_so_far_refuses(identify: Command) -> None:
-    text = refusal(identify("--virtual", "--angle-deg", "90"), 3)
-    assert "outside" in text or "area" in text
+def test_an_arm_that_cannot_turn_so_far_is_not_moved(identify: Command) -> None:
+    text = refusal(identify("--virtual", "--angle-deg", "90"))
+    assert "the tool cannot be turned by 90° (--angle-deg): the emulated arm does not reach so far" in text
+    text = refusal(identify("--virtual", "--robot", "rsi", "--angle-deg", "25"))
+    assert "the robot's client turns it by less than 20°; raise that limit of [robot.rsi]" in text
+    text = refusal(identify("--virtual", "--robot", "rsi", config="[robot.rsi]\nlimit_deg = 10.0"))
+    assert "the tool cannot be turned by 15° (--angle-deg)" in text
+
+
+def test_a_robot_that_refuses_on_the_way_ends_the_sweep() -> None:
+    """A real arm is not known beforehand."""
+    with pytest.raises(BridgeError) as refused:
+        measure(load_config(None, {}), True, Sweep(90.0), lambda text: None)
+    assert "outside" in str(refused.value) or "area" in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("robot", "sensor", "turned"),
+    [("rtde", "jr3-board", 30), ("rtde", "netft", 30), ("rsi", "jr3", 38)],
+)
+def test_each_robot_turns_its_tool_as_far_as_it_can(
+    identify: Command, robot: str, sensor: str, turned: int
+) -> None:
+    """A stream brings many packets between two frames of a slow sensor, and tells its place with noise."""
+    code, output, errors = identify(
+        *("--virtual", "--robot", robot, "--sensor", sensor, "-o", "tool.toml"),
+        *("--settle-s", "0.3", "--average-s", "0.3"),
+    )
+    assert code == 0, errors
+    assert f"6 poses, up to {turned}° apart" in output
+    assert ("as far as the robot can" in errors) == (turned < 60)
+    found = load_config(Path("tool.toml"), {}).tool
+    assert found.mass_kg == pytest.approx(0.5, abs=0.003)
+    assert found.centre_of_gravity_mm == pytest.approx((0.0, 0.0, 80.0), abs=1.0)
+
+
+def test_a_stop_names_the_remedy_of_its_own_cause(identify: Command) -> None:
+    """A force that is too old is no tool to be freed."""
+    text = refusal(identify("--virtual", config="[limits]\nstale_after_ms = 0.5"), 3)
+    assert "stopped: the newest force is " in text
+    assert "free the tool" not in text
 
 
 def test_too_little_turning_is_refused_before_the_robot_moves(identify: Command) -> None:

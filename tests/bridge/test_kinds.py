@@ -26,8 +26,9 @@ from hil_bridge.devices.kinds import (
 )
 from hil_bridge.devices.sensors.jr3.room import CAN_GATEWAY, UART_GATEWAY
 from hil_bridge.errors import ConfigError
-from hil_bridge.lab.conform.scenarios import NOMINAL, SCENARIOS, Rules
-from hil_bridge.lab.conform.stage import Trial
+from hil_bridge.lab.conform.robots.scenarios import SCENARIOS, Rules
+from hil_bridge.lab.conform.robots.stage import RobotTrial
+from hil_bridge.lab.conform.trial import NOMINAL
 from hil_bridge.record import read
 from hil_bridge.record.device_facts import devices_of
 from hil_bridge.runs.checks import problems
@@ -421,7 +422,7 @@ def test_the_targets_are_the_same_for_every_device(name: str) -> None:
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_every_robot_of_ours_can_try_a_client_in_every_scenario(name: str) -> None:
     config = load_config(None, {"robot.emulated": name})
-    trial = Trial(config, "", Rules(), lambda: pytest.fail("no client is tried"))
+    trial = RobotTrial(config, "", Rules(), lambda: pytest.fail("no client is tried"))
     assert [*trial.mishaps] == [*SCENARIOS]
     assert [name for name, mishap in trial.mishaps.items() if mishap is None] == [NOMINAL]
 

@@ -1,6 +1,7 @@
 """Panels of emulated robots that stream: each control acts, shows, and goes back. `hil-bridge panel` reaches all."""
 
 import asyncio
+import dataclasses
 import json
 from collections.abc import Awaitable, Callable
 from typing import Any
@@ -72,13 +73,27 @@ def test_an_emergency_stop_by_hand_and_one_by_a_fault_are_released_one_by_one(ro
             bench.do("emergency-stop", "press")
     bench.do("emergency-stop", "release")
     assert not is_stopped(bench)
+    for control, to in BACK[robot]:
+        assert bench.state()["hindrance"], "released, it stands"
+        bench.do(control, to)
+        bench.wait(30.0 if robot == "rtde" else 0.0)
+    assert bench.state()["hindrance"] == ""
+
+
+BACK = {
+    "egm": (("motors", "on"), ("program", "start")),
+    "rsi": (("drives", "on"), ("program", "start")),
+    "rtde": (("power", "on"), ("brakes", "release")),
+}
+"""A person's way back from an emergency stop that is released."""
 
 
 def is_stopped(bench: Bench) -> bool:
     """Whether the emergency stop holds, as the panel shows it."""
     state = bench.state()
     stopped = "emergency-stop" in state.get("stops", ()) or state.get("safety") == "robot emergency stop"
-    return stopped or state["hindrance"] == "the motion is stopped, telegrams go on"
+    by_fault = state["hindrance"] == "the motion is stopped, telegrams go on"
+    return stopped or bool(state.get("emergency_stop")) or by_fault
 
 
 def test_a_universal_robot_comes_back_from_an_emergency_stop_step_by_step() -> None:
@@ -123,9 +138,9 @@ def test_the_controls_of_a_guided_robot_act() -> None:
     bench = Bench("egm")
     bench.wait(1.0)
     assert bench.do("motors", "off")["motors"] == "off"
-    assert bench.do("motors", "off")["stops"] == ["motors-off"], "pressed twice, it is pressed"
-    assert bench.do("motors", "on")["stops"] == []
-    assert bench.do("motors", "on")["stops"] == []
+    assert bench.do("motors", "off")["stops"] == ["program-stopped", "motors-off"], "twice is once"
+    assert bench.do("motors", "on")["stops"] == ["program-stopped"]
+    assert bench.do("program", "start")["stops"] == []
     assert bench.do("program", "restart")["rapid"] == "running"
     assert bench.do("program", "stop")["rapid"] == "stopped"
     assert bench.do("program", "start")["rapid"] == "running"
@@ -207,6 +222,37 @@ def test_the_command_reaches_the_panel_of_each_robot(robot: str) -> None:
             await asyncio.to_thread(cli.main, ["panel", url, "dance"], standalone_mode=False)
 
     on_a_cell(robot, use)
+
+
+@pytest.mark.parametrize("options", [("--panel", "tcp-listen://127.0.0.1:0"), ("--web",)])
+def test_a_panel_of_a_robot_that_has_none_is_refused(
+    monkeypatch: pytest.MonkeyPatch, options: tuple[str, ...]
+) -> None:
+    emulation = ROBOTS.kind("egm").emulation
+    assert emulation is not None
+    monkeypatch.setattr(
+        "hil_bridge.runs.compose._emulation", lambda kind: dataclasses.replace(emulation, controls=None)
+    )
+    with pytest.raises(ConfigError, match=r"^an emulated egm has no panel; leave .* out$"):
+        cli.main(["emulate", "robot", "--robot", "egm", *options], standalone_mode=False)
+
+
+@pytest.mark.parametrize("robot", ROBOTS.built_in)
+def test_each_position_that_a_panel_tells_is_one_of_its_control(robot: str) -> None:
+    bench = Bench(robot)
+    answer = json.loads(json.dumps(bench.panel.perform({"do": "controls"}, bench.now)))["controls"]
+    at = bench.panel.show(bench.now)["at"]
+    assert at.keys() >= {"emergency-stop"}
+    for name, position in at.items():
+        control = answer[name]
+        if "unit" in control:
+            assert control["least"] <= position <= control["greatest"]
+        else:
+            assert position in control["to"], name
+    for name in ("emergency-stop", *(name for name, one in answer.items() if "auto" in one["to"])):
+        for to in answer[name]["to"]:
+            bench.panel.perform({"do": name, "to": to}, bench.now)
+            assert bench.panel.show(bench.now)["at"][name] == to
 
 
 def test_the_help_lists_the_controls_with_their_robots() -> None:

@@ -21,7 +21,7 @@ from hil_bridge.runs.setup import Listen, Setup
 from hil_bridge.settings.configuration import Config, load_config
 from hil_bridge.settings.kinds import settings_of
 from hil_bridge.site.s3.probe import (
-    failure_text,
+    find_trouble,
     finding_rows,
     probe,
     profile_evidence,
@@ -304,7 +304,8 @@ def test_a_wire_without_a_line_of_its_own_is_asked_as_it_is() -> None:
 )
 def test_failures_say_what_to_do(replies, words) -> None:
     attempt = Try(LineSettings(9600, Parity.EVEN), "whole", "off", Query.PLAIN)
-    assert words in failure_text("serial:///dev/ttyS0", [(attempt, Outcome(reply)) for reply in replies])
+    log = [(attempt, Outcome(reply)) for reply in replies]
+    assert words in str(find_trouble("serial:///dev/ttyS0", log))
 
 
 def test_urls_keep_their_other_options() -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from emulators.devices.rtde import RtdeProfile, RtdeRobot
+from emulators.devices.rtde import RtdeRobot
 from emulators.seams import StartPose
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_virtual
@@ -31,6 +31,7 @@ from protocol.devices.rtde.packets import Kind
 from protocol.devices.rtde.states import Runtime
 from protocol.devices.rtde.wires import Piece, Port
 from protocol.geometry import Pose
+from tests.emulation.exact_arm import EXACT
 from tests.near_surface import AWAKE_TOML
 
 RUN = """
@@ -102,7 +103,8 @@ def test_it_holds_ten_newtons_along_a_contour(runs: Runs) -> None:
     )
     code, told, record = runs(surface, duration=4.0)
     assert code == 0, told
-    assert summary_of(record)["force_mean_steady_n"] == pytest.approx(10.0, abs=0.5)
+    # The joints wander by 0.1 mrad behind their targets: 0.1 mm of this tool, and 0.5 N of this surface.
+    assert summary_of(record)["force_mean_steady_n"] == pytest.approx(10.0, abs=1.0)
     assert "contact losses 0" in told
 
 
@@ -186,7 +188,7 @@ CONFIG = read_config({"robot": {"emulated": "rtde"}})
 async def with_robot(act: Callable[[RtdeRobot, Clock, Callable[[], Wiring]], Any]) -> Any:
     """Do something with an emulated robot in memory."""
     clock = Clock.running()
-    robot = RtdeRobot(RtdeProfile(), START, clock.now(), 7)
+    robot = RtdeRobot(EXACT, START, clock.now(), 7)
     async with AsyncExitStack() as stack:
         failures: list[BaseException] = []
         serving = Serving(clock, stack, failures.append, lambda text: None)

@@ -21,6 +21,10 @@ start_position_mm = [900.0, -100.0, 588.0]
 boot_s = 0.0
 noise_n = 0.0
 noise_nm = 0.0
+wander_n = 0.0
+creep_share = 0.0
+vibration_n = 0.0
+motion_n = 0.0
 """
 FZ = 0.5 * 9.80665 - 2.0 * 5.0
 """Weight of the tool below the sensor, less the push of 5 N/mm over 2 mm, N."""

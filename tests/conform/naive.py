@@ -37,6 +37,7 @@ class Naive:
     kind = ""
     """Its robot."""
     output = ""
+    hear: Callable[[bytes], object] | None = None
 
     def __init__(self, mistake: str = "") -> None:
         self.mistake = mistake

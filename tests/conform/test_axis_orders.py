@@ -5,8 +5,8 @@ import pytest
 from emulators.devices.rsi import RsiController, RsiProfile
 from emulators.devices.rsi.correction import TOO_FAST
 from emulators.seams import StartPose
-from hil_bridge.lab.conform.scenarios import Rules
-from hil_bridge.lab.conform.watching import Seen, ToolLook, Watch
+from hil_bridge.lab.conform.robots.scenarios import Rules
+from hil_bridge.lab.conform.robots.watching import Seen, ToolLook, Watch
 from protocol.devices.rsi import SENSOR, Telegram, axis_tags, decode, encode, fixed
 
 EPOCH = 100.0

@@ -7,7 +7,7 @@ from click.testing import CliRunner
 
 from hil_bridge.cli import cli
 from hil_bridge.errors import BridgeError
-from hil_bridge.lab.conform.stage import where_of
+from hil_bridge.lab.conform.trial import where_of
 from hil_bridge.lab.conform.trying import usual_port
 from hil_bridge.settings.configuration import load_config
 from hil_bridge.settings.devices import robot_at
@@ -24,7 +24,7 @@ def conform(*arguments: str) -> "tuple[int, str]":
     ("arguments", "words"),
     [
         (("rtde",), "name the client's command behind --"),
-        (("nope", "--", "true"), "there is no robot 'nope'; choose one of s3, egm, rsi, rtde"),
+        (("nope", "--", "true"), "there is no robot or sensor 'nope'; choose one of s3, egm, rsi, rtde, jr3"),
         (("rtde", "--only", "fire", "--", "true"), "no scenario 'fire' for rtde; there are nominal, late"),
         (("rtde", "--set", "fire=1", "--", "true"), "write NAME=VALUE"),
         (("rtde", "--junit", "/nowhere/x.xml", "--", "true"), "there is no such folder"),

@@ -9,12 +9,13 @@ import pytest
 from emulators.orders import Act, HeardOrder, Hindrance, Reach
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.conform.client import Where
-from hil_bridge.lab.conform.judging import Outcome, Verdict, judge
 from hil_bridge.lab.conform.reports import as_json, as_junit, not_modelled, table, totals
+from hil_bridge.lab.conform.robots.judging import judge
+from hil_bridge.lab.conform.robots.scenarios import Rules
+from hil_bridge.lab.conform.robots.watching import Seen, ToolLook, Watch
 from hil_bridge.lab.conform.rules import read_rules
-from hil_bridge.lab.conform.scenarios import Rules
-from hil_bridge.lab.conform.stage import Played
-from hil_bridge.lab.conform.watching import Seen, ToolLook, Watch
+from hil_bridge.lab.conform.trial import Played
+from hil_bridge.lab.conform.verdict import Outcome, Verdict
 from protocol.geometry import Pose, turn_by
 from protocol.unmodelled import NotModelled
 
@@ -197,9 +198,16 @@ def test_a_robot_may_stop_when_its_client_has_gone() -> None:
 # --- what is told
 
 PLAYED = [
-    Played("nominal", Verdict(Outcome.PASSED, "moved"), WELL, "", 2.0),
-    Played("stopped", Verdict(Outcome.FAILED, "sent <7> & more"), STOPPED, "bad \x1b[2J\x00\nlines\n", 3.0),
-    Played("cut", Verdict(Outcome.SKIPPED, "no"), Seen(moved_m=float("nan")), "", 0.0),
+    Played("nominal", "nothing is wrong", Verdict(Outcome.PASSED, "moved"), WELL, "", 2.0),
+    Played(
+        "stopped",
+        "it stops",
+        Verdict(Outcome.FAILED, "sent <7> & more"),
+        STOPPED,
+        "bad \x1b[2J\x00\nlines\n",
+        3.0,
+    ),
+    Played("cut", "a cut", Verdict(Outcome.SKIPPED, "no"), Seen(moved_m=float("nan")), "", 0.0),
 ]
 
 
@@ -217,7 +225,7 @@ def test_junit_is_read_as_it_was_meant() -> None:
 
 
 def test_json_and_table_tell_the_same() -> None:
-    found = json.loads(as_json("rtde", ["./client"], RULES, PLAYED))
+    found = json.loads(as_json(("robot", "rtde"), ["./client"], RULES, PLAYED))
     assert [one["outcome"] for one in found["scenarios"]] == ["passed", "failed", "skipped"]
     assert found["scenarios"][1]["evidence"]["fault_at"] == 1.0
     assert found["scenarios"][2]["evidence"]["moved_m"] is None
@@ -242,7 +250,7 @@ def test_what_is_not_modelled_stands_in_every_report() -> None:
         "your client relied on 2 things that are not modelled: URScript <rg_grip>() (its program"
     )
     assert list(not_modelled(PLAYED)) == []
-    found = json.loads(as_json("rtde", ["./client"], RULES, played))
+    found = json.loads(as_json(("robot", "rtde"), ["./client"], RULES, played))
     assert [len(one["not_modelled"]) for one in found["scenarios"]] == [2, 1, 0]
     assert found["scenarios"][1]["not_modelled"] == [
         {"device": "rtde", "thing": "URScript <rg_grip>()", "detail": "its program is not carried out"}
@@ -253,10 +261,10 @@ def test_what_is_not_modelled_stands_in_every_report() -> None:
 
 
 def test_a_wrong_rule_and_a_wrong_placeholder_are_refused() -> None:
-    assert read_rules(["react_s=0.2"], ends=True) == Rules(react_s=0.2, ends=True)
+    assert read_rules(Rules, ["react_s=0.2"], ends=True) == Rules(react_s=0.2, ends=True)
     for wrong in ("react_s", "reacts=1", "react_s=x", "react_s=-1", "ends=1"):
         with pytest.raises(ConfigError, match="--set"):
-            read_rules([wrong])
+            read_rules(Rules, [wrong])
     where = Where("rtde+tcp://h:1", {"host": "h", "port": "1"})
     assert where.filled(["x", "--to={host}:{port}", "{other}"]) == ["x", "--to=h:1", "{other}"]
     with pytest.raises(ConfigError, match="this wire has none"):

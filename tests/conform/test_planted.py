@@ -6,9 +6,11 @@ from pathlib import Path
 import pytest
 
 from hil_bridge.clock import run_virtual
-from hil_bridge.lab.conform.judging import Outcome
-from hil_bridge.lab.conform.scenarios import Rules
-from hil_bridge.lab.conform.stage import Played, Trial, play
+from hil_bridge.lab.conform.robots.scenarios import Rules
+from hil_bridge.lab.conform.robots.stage import RobotTrial
+from hil_bridge.lab.conform.robots.watching import Seen
+from hil_bridge.lab.conform.trial import Played, play
+from hil_bridge.lab.conform.verdict import Outcome
 from hil_bridge.runs.compose import choose_port
 from hil_bridge.settings.configuration import load_config
 from hil_bridge.settings.devices import robot_at
@@ -29,11 +31,11 @@ SHORT = Rules(run_s=3.0, start_s=6.0, watch_s=1.0, after_s=0.3)
 """The default rules, with shorter times."""
 
 
-def played(client: type[Naive], mistake: str, scenario: str) -> Played:
-    async def main() -> Played:
+def played(client: type[Naive], mistake: str, scenario: str) -> Played[Seen]:
+    async def main() -> Played[Seen]:
         config = load_config(None, {"robot.emulated": client.kind})
         url = choose_port(robot_at(config, ""), virtual=True).named_url
-        one = await play(scenario, Trial(config, url, SHORT, lambda: client(mistake)))
+        one = await play(scenario, RobotTrial(config, url, SHORT, lambda: client(mistake)))
         await asyncio.sleep(0.5)  # a task that was told to end does so
         return one
 

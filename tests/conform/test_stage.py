@@ -1,6 +1,7 @@
 """Scenarios of all kinds of robot in virtual time, with our own links as clients: no process, no port."""
 
 import asyncio
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import pytest
@@ -11,9 +12,11 @@ from hil_bridge.devices.robots.seam import MotionLimits
 from hil_bridge.devices.wiring import Wiring
 from hil_bridge.errors import BridgeError
 from hil_bridge.lab.conform.client import Where
-from hil_bridge.lab.conform.judging import Outcome
-from hil_bridge.lab.conform.scenarios import SCENARIOS, Rules
-from hil_bridge.lab.conform.stage import Played, Trial, play
+from hil_bridge.lab.conform.robots.scenarios import SCENARIOS, Rules
+from hil_bridge.lab.conform.robots.stage import RobotTrial
+from hil_bridge.lab.conform.robots.watching import Seen
+from hil_bridge.lab.conform.trial import Played, play
+from hil_bridge.lab.conform.verdict import Outcome
 from hil_bridge.runs.compose import choose_port, connect_robot
 from hil_bridge.settings.configuration import Config, load_config
 from hil_bridge.settings.devices import robot_at
@@ -31,6 +34,7 @@ class Linked:
     config: Config
     stubborn: bool = False
     output: str = ""
+    hear: "Callable[[bytes], object] | None" = None
     _task: "asyncio.Task[None] | None" = field(default=None, init=False)
 
     def start(self, where: Where) -> None:
@@ -66,15 +70,15 @@ class Linked:
             self._task.cancel()
 
 
-def trial(kind: str) -> Trial:
+def trial(kind: str) -> RobotTrial:
     config = load_config(None, {"robot.emulated": kind})
-    return Trial(
+    return RobotTrial(
         config, choose_port(robot_at(config, ""), virtual=True).named_url, RULES, lambda: Linked(config)
     )
 
 
-def played(kind: str, scenario: str) -> Played:
-    async def main() -> Played:
+def played(kind: str, scenario: str) -> Played[Seen]:
+    async def main() -> Played[Seen]:
         one = await play(scenario, trial(kind))
         await asyncio.sleep(1.0)  # a task that was told to end does so
         return one

@@ -5,10 +5,11 @@ import math
 import pytest
 
 from emulators.orders import Act, HeardOrder, Reach
-from hil_bridge.lab.conform.judging import Outcome, judge
-from hil_bridge.lab.conform.scenarios import Rules
-from hil_bridge.lab.conform.strides import Stride, Strides
-from hil_bridge.lab.conform.watching import Seen, ToolLook, Watch
+from hil_bridge.lab.conform.robots.judging import judge
+from hil_bridge.lab.conform.robots.scenarios import Rules
+from hil_bridge.lab.conform.robots.strides import Stride, Strides
+from hil_bridge.lab.conform.robots.watching import Seen, ToolLook, Watch
+from hil_bridge.lab.conform.verdict import Outcome
 from protocol.geometry import Pose, turn_by
 
 STREAM = Reach(0.004, 0.25, 1.0)

@@ -1,5 +1,6 @@
 """The last word before the wire."""
 
+import itertools
 import math
 
 import pytest
@@ -76,6 +77,46 @@ def test_way_out_of_the_workspace_ends_at_its_border():
 def test_start_outside_the_workspace_is_a_configuration_error():
     with pytest.raises(ConfigError, match="outside"):
         SUPERVISOR.initial((0.0, 0.0, 0.5))
+
+
+def test_a_box_in_millimetres_is_recognised():
+    box = Limits(workspace_min_m=(60.0, -90.0, -90.0), workspace_max_m=(99.0, 90.0, 90.0))
+    with pytest.raises(
+        ConfigError, match=r"did you mean \[0\.06, -0\.09, -0\.09\] and \[0\.099, 0\.09, 0\.09\]\?"
+    ):
+        Supervisor(box).initial((0.07, 0.0, 0.0))
+    with pytest.raises(ConfigError) as outside:
+        Supervisor(box).initial((0.02, 0.0, 0.0))
+    assert "did you mean" not in str(outside.value)
+    with pytest.raises(ValueError, match=r"workspace_max_m is in m, .* did you mean \[1\.2, 0\.3, 0\.9\]\?"):
+        Limits(workspace_max_m=(1200.0, 300.0, 900.0))
+
+
+def test_a_tool_that_stands_a_little_outside_may_stay_and_come_back_and_goes_no_farther():
+    """The reported place of the start is taken with the tolerance of a run: 1 mm."""
+    with pytest.raises(ConfigError, match="outside"):
+        SUPERVISOR.initial((0.0, 0.0, 0.0111))
+    state, frames = SUPERVISOR.initial((0.0, 0.0, 0.0109)), itertools.count()
+
+    def to(height_mm, at):
+        z = height_mm * 1e-3
+        seen = {"position": (0.0, 0.0, 0.0109), "sensor_sequence": next(frames)}
+        return step(Request(0.0109 - z, (0.0, 0.0, z), DOWN), at, **seen)
+
+    stayed, verdict = to(10.9, state)
+    assert isinstance(verdict, Allow)
+    out, verdict = to(12.0, stayed)
+    assert verdict.reasons == ("leaves the workspace",)
+    assert out.position == pytest.approx((0.0, 0.0, 0.0109))
+    assert out.depth == pytest.approx(0.0)
+    nearer, verdict = to(10.5, stayed)
+    assert isinstance(verdict, Allow)
+    back, verdict = to(10.9, nearer)
+    assert back.position[2] == pytest.approx(0.0105), "not even back to where it was"
+    inside, verdict = to(9.5, nearer)
+    assert isinstance(verdict, Allow)
+    border, _ = to(10.5, inside)
+    assert border.position[2] == pytest.approx(0.01)
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from emulators.sensing import KnownWrench
 from protocol.can.frame import CanFrame
 from protocol.can.text import parse_frame
 from protocol.devices.ati_can.messages import decode_sample, decode_sample_rest
+from tests.emulation.quiet_sensor import SETTLED
 
 T0 = 100.0
 LOAD = (1.0, -2.0, 10.0, 0.1, -0.2, 0.05)
@@ -22,7 +23,9 @@ LOAD = (1.0, -2.0, 10.0, 0.1, -0.2, 0.05)
 
 def board(wrench: Callable[[Floats], Floats] | None = None, **settings: Any) -> AtiCanBoard:
     steady = KnownWrench(wrench or (lambda times: np.tile(np.array(LOAD), (len(times), 1))))
-    return AtiCanBoard(AtiCanProfile(**{"noise_gages": 0.0, "boot_s": 0.0, **settings}), steady, T0, 7)
+    return AtiCanBoard(
+        AtiCanProfile(**{"noise_gages": 0.0, "boot_s": 0.0, **SETTLED, **settings}), steady, T0, 7
+    )
 
 
 def ledger(device: AtiCanBoard) -> Ledger:

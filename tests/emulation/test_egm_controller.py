@@ -683,6 +683,41 @@ def test_an_error_of_the_network_ends_the_guidance() -> None:
 # --- the other modes
 
 
+def _ramp_in_joints(k: float) -> tuple[list[float], float]:
+    """What a joint is behind a ramp, cycle by cycle from its start, and its speed, degrees and degrees/s."""
+    line, speed = Line(mode="joint", k=k).cycles(1), 40.0
+    assert line.last.feedback is not None
+    joints = line.last.feedback.joints_deg
+    line.streams(0.6, SensorMessage(0, joints_deg=joints))
+    behind = []
+    for count in range(1, 500):
+        line.answers(SensorMessage(0, joints_deg=(joints[0] + speed * count * CYCLE, *joints[1:])))
+        assert line.last.feedback is not None
+        behind.append(speed * count * CYCLE - (line.last.feedback.joints_deg[0] - joints[0]))
+    return behind, speed
+
+
+def test_a_ramp_in_joints_is_followed_as_abbs_virtual_controller_does() -> None:
+    """There: poles of 134 and 19 ms and 19 ms of dead time, 32 ms to the first motion; its gain was not told."""
+    behind, speed = _ramp_in_joints(k=1.0 / 0.134)
+    assert behind[-1] / speed == pytest.approx(0.134 + 0.019 + 0.019, abs=0.008)
+    still = [abs(late - speed * count * CYCLE) < 1e-4 for count, late in enumerate(behind, 1)]
+    assert still.index(False) * CYCLE == pytest.approx(0.032, abs=CYCLE)
+    behind, speed = _ramp_in_joints(k=5.0)
+    assert behind[-1] / speed == pytest.approx(0.2 + 0.042, abs=0.005), "with the usual gain"
+
+
+@pytest.mark.parametrize(("lp_hz", "lowest", "highest"), [(20.0, 0.040, 0.050), (5.0, 0.070, 0.080)])
+def test_a_speed_is_followed_as_late_as_a_user_of_a_real_robot_found(
+    lp_hz: float, lowest: float, highest: float
+) -> None:
+    """70 to 80 ms, and 40 to 50 ms after tuning; which bandwidths these were was not told."""
+    line, still = Line(pos_corr_gain=0.0, lp_hz=lp_hz), to(speed=(0.0,) * 6)
+    line.streams(0.6, still).streams(1.0, to(speed=(20.0, 0.0, 0.0, 0.0, 0.0, 0.0)))
+    behind_mm = 20.0 * (1.0 - CYCLE) - (measured(line.last).position_mm[0] - 900.0)
+    assert lowest < behind_mm / 20.0 < highest
+
+
 def test_joints_are_guided_by_joints() -> None:
     line = Line(mode="joint", **AT_ONCE).cycles(1)
     assert line.last.feedback is not None

@@ -133,6 +133,14 @@ def test_documents_tell_what_the_public_library_looks_for() -> None:
     assert abs(float(served.value("/rw/motionsystem/mechunits/ROB_1/jointtarget", "rax_1"))) < 10.0
 
 
+def test_the_add_in_whose_data_stand_there_is_among_the_options() -> None:
+    """By these two names abb_egm_rws_managers asks for the data of the add-in's modules."""
+    options = Served().values("/rw/system", "option")
+    assert {"689-1 Externally Guided Motion (EGM)", "StateMachine"} <= set(options)
+    modules = Served().values("/rw/rapid/modules?task=T_ROB1", "name")
+    assert {"TRobMain", "TRobEGM"} <= set(modules)
+
+
 def test_a_document_as_json_tells_the_same() -> None:
     answer = Served().services.answer("GET", f"{MOTORS}?json=1", "", 100.1)
     assert json.loads(answer.body)["_embedded"]["_state"][0]["ctrlstate"] == "motoron"

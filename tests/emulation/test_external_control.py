@@ -18,6 +18,7 @@ from protocol.devices.rtde.rotation import six_of
 from protocol.devices.rtde.states import Runtime, SafetyMode
 from protocol.devices.rtde.wires import Port
 from protocol.geometry import Vector
+from tests.emulation.exact_arm import EXACT
 from tools.external_control import (
     COMMANDS,
     REVERSE,
@@ -37,7 +38,6 @@ from tools.external_control import (
 )
 
 START = StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2)
-EXACT = RtdeProfile(noise_um=0.0, noise_urad=0.0, force_noise_n=0.0, force_offset_n=0.0)
 T0, DT = 1000.25, 0.002
 SURFACE_Z = 0.598
 """Height of the surface, m: 2 mm below the tool at the start."""

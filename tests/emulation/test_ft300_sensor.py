@@ -23,6 +23,7 @@ from protocol.devices.ft300.messages import (
     encode_write,
     with_crc,
 )
+from tests.emulation.quiet_sensor import QUIET
 
 T0 = 100.0
 LOAD = (12.34, -2.5, -98.1, 0.15, -0.025, 0.007)
@@ -32,8 +33,7 @@ START, STARTED = encode_write(410, 0x0200), bytes.fromhex("0910019A00012152")
 
 def sensor(wrench: Callable[[Floats], Floats] | None = None, **settings: Any) -> Ft300:
     steady = KnownWrench(wrench or (lambda times: np.tile(np.array(LOAD), (len(times), 1))))
-    quiet = {"noise_n": 0.0, "noise_nm": 0.0, "boot_s": 0.0}
-    return Ft300(Ft300Profile(**{**quiet, **settings}), steady, T0, 7)
+    return Ft300(Ft300Profile(**{**QUIET, "boot_s": 0.0, **settings}), steady, T0, 7)
 
 
 def ledger(device: Ft300) -> Ledger:

@@ -17,9 +17,10 @@ from protocol.datagram import Datagram, side_of
 from protocol.devices.netft import Command, Record, decode_record, encode_request, parse_page
 from protocol.devices.netft.http import encode_get, read_answer
 from protocol.devices.netft.records import SATURATED
+from tests.emulation.quiet_sensor import QUIET
 
 T0 = 100.0
-QUIET = {"noise_n": 0.0, "noise_nm": 0.0, "boot_s": 0.0}
+READY = {**QUIET, "boot_s": 0.0}
 LOAD = (1.0, -2.0, 3.0, 0.1, -0.2, 0.3)
 
 
@@ -28,7 +29,7 @@ def steady(load: tuple[float, ...] = LOAD) -> Callable[[Floats], Floats]:
 
 
 def box(wrench: Callable[[Floats], Floats] | None = None, **settings: Any) -> NetBox:
-    return NetBox(NetFtProfile(**{**QUIET, **settings}), KnownWrench(wrench or steady()), T0, 7)
+    return NetBox(NetFtProfile(**{**READY, **settings}), KnownWrench(wrench or steady()), T0, 7)
 
 
 def ledger(device: NetBox) -> Ledger:

@@ -203,8 +203,8 @@ def test_a_rehearsal_has_no_effect() -> None:
 
 READS = {
     "popup_open", "clock", "random", "read_register", "read_whole", "read_digital", "read_analog", "output", "joints",
-    "target", "speeds", "tcp", "payload", "forward", "solve", "damping", "gain_scaling", "steps_since_contact",
-    "joints_before",
+    "target", "speeds", "target_speeds", "tcp", "payload", "forward", "solve", "damping", "gain_scaling",
+    "steps_since_contact", "joints_before",
 }  # fmt: skip
 
 

@@ -7,10 +7,11 @@ import pytest
 
 from emulators.arm.own_force import EVERY_S, WITNESS_FAULTS, Errors, OwnForce
 from emulators.faults.ledger import Ledger
-from protocol.geometry import Vector
+from protocol.geometry import Vector, Wrench, turn_about
 
 T0 = 1000.25
 EXACT = Errors(0.0, 0.0)
+NOISE: Wrench = (0.2, 0.3, 0.1, 0.02, 0.03, 0.01)
 
 
 def pressing(force: Vector = (0.0, 0.0, 40.0), errors: Errors = EXACT, seed: int = 1) -> OwnForce:
@@ -37,19 +38,45 @@ def test_it_looks_at_the_contact_now_and_then_and_never_ahead() -> None:
 
 def test_it_follows_the_contact_by_its_time_constant() -> None:
     own = pressing(errors=Errors(0.0, 0.01))
-    assert own.at(T0 - 0.001) == (0.0, 0.0, 0.0)
+    assert own.at(T0 - 0.001) == (0.0,) * 6
     assert own.at(T0 - 0.001 + EVERY_S)[2] == pytest.approx(40.0 * (1.0 - math.exp(-0.8)))
     assert own.at(T0 + 0.2)[2] == pytest.approx(40.0, abs=1e-6)
 
 
 def test_offset_and_noise_are_those_of_its_seed() -> None:
-    errors = Errors(4.5, 0.0, 0.2)
+    errors = Errors(4.5, 0.0, NOISE, tuple(2.0 * rms for rms in NOISE))  # type: ignore[arg-type]
     readings = [pressing(errors=errors, seed=seed).at(T0 - 1.0) for seed in (1, 1, 2)]
     assert readings[0] == readings[1] != readings[2]
     own = pressing(errors=errors)
-    forces = [own.at(T0 - 1.0)[2] for _ in range(2000)]
-    assert statistics.stdev(forces) == pytest.approx(0.2, rel=0.1)
-    assert abs(statistics.mean(forces)) < 4.5
+    for moving, factor in ((False, 1.0), (True, 2.0)):
+        readings = [own.at(T0 - 1.0, moving) for _ in range(2000)]
+        for axis, rms in zip(zip(*readings, strict=True), NOISE, strict=True):
+            assert statistics.stdev(axis) == pytest.approx(factor * rms, rel=0.1)
+            assert abs(statistics.mean(axis)) < 4.5
+    assert own.level[3:] == (0.0,) * 3, "its moments are noise alone"
+
+
+def test_its_zero_walks_and_slopes_as_its_errors_say() -> None:
+    """The mean square of the way of 10 s, over the axes of many robots, and the largest slope of all."""
+
+    def moved(errors: Errors, seed: int, seconds: int) -> Vector:
+        own = OwnForce(errors, seed)
+        levels = [own.at(T0 + EVERY_S * look) and own.level for look in range(round(seconds / EVERY_S) + 1)]
+        x, y, z = (b - a for a, b in zip(levels[0][:3], levels[-1][:3], strict=True))
+        return x, y, z
+
+    ways = [way for seed in range(40) for way in moved(Errors(4.5, 0.0, walk_n=0.05), seed, 10)]
+    assert math.sqrt(statistics.mean(way * way for way in ways)) == pytest.approx(0.05, rel=0.15)
+    slopes = [abs(way) for seed in range(40) for way in moved(Errors(4.5, 0.0, slope_n_min=0.08), seed, 6)]
+    assert 0.07 * 0.1 < max(slopes) <= 0.08 * 0.1
+
+
+def test_an_offset_may_turn_with_the_flange() -> None:
+    quarter = turn_about((0.0, 0.0, 1.0), math.pi / 2.0)
+    stands, turns = (OwnForce(Errors(4.5, 0.0, turns=turns), 3) for turns in (False, True))
+    x, y, z = stands.at(T0)[:3]
+    assert turns.at(T0)[:3] == stands.at(T0, flange=quarter)[:3] == (x, y, z)
+    assert turns.at(T0, flange=quarter)[:3] == pytest.approx((-y, x, z))
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from emulators.devices.rtde import RTDE_FAULTS, RtdeProfile, RtdeRobot, Server
+from emulators.devices.rtde import RTDE_FAULTS, RtdeRobot, Server
 from emulators.devices.rtde.program_socket import ENOUGH, UNREAD_MAX, ProgramSocket
 from emulators.devices.rtde.urscript import Message
 from emulators.devices.rtde.urscript.limits import READS_MAX
@@ -16,6 +16,7 @@ from emulators.faults import Ledger
 from emulators.seams import StartPose
 from protocol.devices.rtde.states import Runtime
 from protocol.devices.rtde.wires import Port
+from tests.emulation.exact_arm import exact_profile
 
 START = StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2)
 T0, DT = 1000.25, 0.002
@@ -49,7 +50,7 @@ class Ear:
     def __init__(self, text: str, opens_after: int = 0) -> None:
         """The server takes a connection after some cycles."""
         self.now = T0
-        profile = RtdeProfile(noise_um=0.0, noise_urad=0.0, start_delay_ms=0.0)
+        profile = exact_profile(start_delay_ms=0.0)
         self.robot = RtdeRobot(profile, START, T0, 7)
         self.controller = self.robot.controller
         self.ledger = Ledger(RTDE_FAULTS)

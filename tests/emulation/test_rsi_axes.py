@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from emulators.devices.rsi import RSI_CONTROLS, RSI_FAULTS, RsiController, RsiProfile
-from emulators.devices.rsi.controller import OUT_OF_REACH, State
+from emulators.devices.rsi.controller import OUT_OF_REACH
 from emulators.devices.rsi.correction import AXES_TOO_FAR, TOO_FAST
+from emulators.devices.rsi.session import State
 from emulators.faults import Ledger
 from emulators.orders import Act, HeardOrder
 from emulators.seams import StartPose

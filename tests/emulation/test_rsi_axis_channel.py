@@ -7,7 +7,7 @@ from typing import Any, Literal
 import pytest
 
 from emulators.devices.rsi import RSI_FAULTS, RsiController, RsiProfile
-from emulators.devices.rsi.controller import State
+from emulators.devices.rsi.session import State
 from emulators.faults import Ledger
 from emulators.seams import StartPose
 from protocol.devices.rsi import RsiClient, RsiLink, decode, encode, pose_tags

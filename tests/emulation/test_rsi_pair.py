@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from emulators.devices.rsi import RsiController, RsiProfile
-from emulators.devices.rsi.controller import State
+from emulators.devices.rsi.session import State
 from emulators.seams import StartPose
 from protocol.devices.rsi import RsiClient, RsiLink
 from protocol.geometry import Pose

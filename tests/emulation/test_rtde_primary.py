@@ -95,7 +95,7 @@ def test_the_state_is_that_of_the_model() -> None:
     state = Client(ur).wait(0.2).states[-1]
     mode, joints, place = state[Part.ROBOT_MODE], state[Part.JOINTS], state[Part.CARTESIAN]
     assert (mode["robot_mode"], mode["powered"], mode["running"], mode["speed_scaling"]) == (7, 1, 0, 0.4)
-    assert [joints[f"q{n}"] for n in range(6)] == pytest.approx(ur.controller.arm.joints)
+    assert [joints[f"q{n}"] for n in range(6)] == pytest.approx(ur.controller.arm.joints, abs=1e-4)
     assert [joints[f"mode{n}"] for n in range(6)] == [253] * 6
     assert [place[axis] for axis in "xyz"] == pytest.approx(START.position, abs=1e-4)
     assert [place[f"tcp_{axis}"] for axis in "xyz"] == pytest.approx((0.0, 0.0, 0.2))

@@ -132,7 +132,7 @@ def test_a_process_that_was_late_tells_the_newest_state_alone() -> None:
 
 
 def test_the_faults_of_the_pose_strike_this_interface_too() -> None:
-    ur = robot(noise_um=0.0)
+    ur = robot(joint_noise_urad=0.0, joint_bits=0)
     ledger = Ledger(RTDE_FAULTS)
     for target, handlers in ur.handlers.items():
         ledger.attach(target, handlers)

@@ -30,11 +30,11 @@ from protocol.devices.rtde.wires import CLIENT_PORTS, Piece, Port
 from protocol.endpoint import Trouble
 from protocol.geometry import Pose, towards
 from protocol.robot import ReportReceived, RobotReport, StreamLost
+from tests.emulation.exact_arm import EXACT
 from tools.register_program import register_program
 
 T0 = 1000.25
 START = StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2)
-EXACT = RtdeProfile(noise_um=0.0, noise_urad=0.0, force_noise_n=0.0, force_offset_n=0.0)
 DT = 0.002
 CONTROL = register_program()
 

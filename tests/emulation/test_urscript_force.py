@@ -9,7 +9,8 @@ from emulators.devices.rtde.contact import BEGIN_SHARE
 from emulators.devices.rtde.urscript import Message
 from protocol.devices.rtde.states import Runtime, SafetyMode
 from protocol.geometry import Vector
-from tests.emulation.test_urscript_motion import EXACT, T0, Bench
+from tests.emulation.exact_arm import EXACT
+from tests.emulation.test_urscript_motion import T0, Bench
 
 SURFACE_Z = 0.598
 """Height of the surface, m: 2 mm below the tool at the start."""

@@ -5,16 +5,15 @@ from collections.abc import Callable
 
 import pytest
 
-from emulators.devices.rtde import RtdeProfile
 from emulators.devices.rtde.controller import Controller
 from emulators.devices.rtde.script_host import ControllerHost
 from emulators.devices.rtde.urscript import FUNCTIONS, Machine, Message, ScriptSyntaxError, compile_program
 from emulators.devices.rtde.urscript.table import Support
 from emulators.seams import StartPose
 from protocol.devices.rtde.program import force_program_text, program_text
+from tests.emulation.exact_arm import EXACT
 
 START = StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2)
-EXACT = RtdeProfile(noise_um=0.0, noise_urad=0.0, force_noise_n=0.0, force_offset_n=0.0)
 
 
 class Played:

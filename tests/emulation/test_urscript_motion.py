@@ -11,9 +11,9 @@ from emulators.devices.rtde.urscript import Message
 from emulators.seams import StartPose
 from protocol.devices.rtde.states import Runtime, SafetyMode
 from protocol.devices.rtde.wires import Port
+from tests.emulation.exact_arm import EXACT
 
 START = StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2)
-EXACT = RtdeProfile(noise_um=0.0, noise_urad=0.0, force_noise_n=0.0, force_offset_n=0.0)
 T0 = 1000.25
 
 

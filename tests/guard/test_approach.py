@@ -1,5 +1,6 @@
 """A sensor that does not answer on the way to the surface: how deep the tool gets, and how the run ends."""
 
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -85,7 +86,7 @@ def test_an_axis_that_dies_is_no_touch(
 def test_a_pull_in_free_space_ends_the_approach(guarded: Run, robot: str, stiffness: float) -> None:
     """The zero is off by less than `limits.pull_limit_n`: the tool would press on in search of the force it has."""
     run = guarded(approach(robot, stiffness, strikes("offset", 0.3, axis="fz", amount=3.0)))
-    assert "a pull of 3.0 N" in run.cause
+    assert re.search(r"a pull of 3\.[01] N", run.cause)  # 3 N, the arm's vibration and the noise
     assert "it lost the tool's weight" in run.cause
     assert run.largest <= stiffness * 0.5e-3
 

@@ -1,5 +1,6 @@
 """The last gate: its bounds, and controllers and bugs that once pressed far beyond the limit."""
 
+import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -237,6 +238,19 @@ def test_each_bound_stops_a_pose(pose: Pose, words: str) -> None:
     assert words in told
     assert told.endswith(f"{BUG}: report it with the recording")
     assert gate.judge(START, 0.0) == "", "what is stopped counts for nothing"
+
+
+def test_a_tool_may_stay_where_it_stands_and_goes_no_farther() -> None:
+    """A robot that tells its place with noise stood some µm deeper than at the first look, and was not moved."""
+    gate = Gate(BOUNDS, 0.0, deeper(20.05))
+    assert gate.judge(deeper(20.05), 0.0) == ""
+    assert "mm deeper than the deepest" in gate.judge(deeper(20.06), 1.0)
+    assert "mm deeper than the deepest" in Gate(BOUNDS, 0.0, deeper(20.2)).judge(deeper(20.2), 0.0)
+    bounds = dataclasses.replace(BOUNDS, slack=0.0)
+    gate = Gate(bounds, 0.0, deeper(-8.9))
+    assert gate.judge(deeper(-8.9), 0.0) == "", "0.9 mm outside the box"
+    assert "mm outside the workspace" in gate.judge(deeper(-8.91), 1.0)
+    assert "mm outside the workspace" in Gate(bounds, 0.0, deeper(-9.1)).judge(deeper(-9.1), 0.0)
 
 
 def test_a_credit_grows_with_the_time_and_no_farther() -> None:

@@ -161,10 +161,13 @@ def test_a_robot_that_strays_from_its_orders_is_stopped(guarded: Run, config: Co
 
 
 def test_a_stuck_sensor_is_seen_although_the_reported_orientation_jitters() -> None:
-    """A campaign of 10 000 seeds found it: the jitter turned a dead force by 3e-5 N. The tool pressed with 101 N."""
+    """A campaign of 10 000 seeds found it: the jitter turned a dead force by 3e-5 N. The tool pressed with 101 N.
+
+    The seed is one whose force gets stuck well below the wanted one, so that the tool presses on.
+    """
     result = hil_bridge.simulate(
         {
-            "run": {"seed": 7833, "period_ms": 20, "duration_s": 2.5},
+            "run": {"seed": 7836, "period_ms": 20, "duration_s": 2.5},
             "robot": {"emulated": "rtde"},
             "sensor": {"emulated": "ft300"},
             "controller": {"sample_ms": 20},

@@ -8,6 +8,7 @@ import socket
 import sys
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, closing, contextmanager
+from functools import partial
 from typing import Any
 
 import pytest
@@ -90,6 +91,14 @@ def _stranger() -> Iterator[socket.socket]:
 def _port(wire: Any) -> int:
     port: int = wire._socket.getsockname()[1]
     return port
+
+
+def has_heard(ear: Ear) -> bool:
+    return len(ear.datagrams) > 0
+
+
+def has_said(said: list[str], count: int) -> bool:
+    return sum("has left" in line for line in said) == count
 
 
 async def _settled(holds: Callable[[], bool]) -> None:
@@ -193,6 +202,29 @@ async def test_an_emulated_robot_without_a_client_says_so_once() -> None:
             await asyncio.sleep(1.3)  # longer than the least time between two notices of a wire
     (line,) = said
     assert "cannot be reached: no program listens there; start the other side first" in line
+
+
+async def test_an_emulated_robot_tells_the_end_of_a_session_as_that() -> None:
+    """The client was heard, and left: that is no wrong port. One that comes again and leaves is told again."""
+    said: list[str] = []
+    with closing(Clock.running()) as clock:
+        free = await listen_datagrams("udp-bind://127.0.0.1:0", clock)
+        await free.transport.aclose()
+        listen = Listen(f"egm+{free.address}", None)
+        async with emulated_cell(Setup(read_config({}), listen), clock, lambda cause: None, said.append):
+            for session in (1, 2):
+                client = await listen_datagrams(free.address.replace("udp:", "udp-bind:"), clock)
+                ear = Ear(CASES[0], client.transport)
+                await ear.until(partial(has_heard, ear))
+                client.transport.send([b"answer"])
+                await asyncio.sleep(0.05)
+                await client.transport.aclose()
+                await _settled(partial(has_said, said, session))
+                await asyncio.sleep(1.1)  # longer than the least time between two notices of a wire
+    place = free.address.removeprefix("udp://")
+    left = f"udp://{place}: the program at {place} has left; it was heard before"
+    assert [line for line in said if "cannot be reached" not in line] == [left, left]
+    assert sum("cannot be reached" in line for line in said) <= 1, "before the first client came"
 
 
 async def test_the_error_queue_does_not_keep_the_loop_busy() -> None:

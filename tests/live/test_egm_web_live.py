@@ -1,13 +1,17 @@
 """The port of an emulated controller's web services, in real time over TCP."""
 
 import asyncio
+import re
+import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack, asynccontextmanager
 
 import aiohttp
 import pytest
+from aiohttp import web
 
 from emulators.devices.egm import EgmController, EgmProfile, State
+from emulators.devices.egm.web_login import SESSIONS_MAX
 from emulators.seams import StartPose
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.devices.kinds import default_settings
@@ -29,14 +33,14 @@ USUAL = (USER, PASSWORD)
 
 
 @asynccontextmanager
-async def served(web: str = "127.0.0.1:0") -> AsyncIterator[tuple[EgmController, WebAddress]]:
+async def served(listens: str = "127.0.0.1:0") -> AsyncIterator[tuple[EgmController, WebAddress]]:
     """A controller whose web services listen."""
     clock = Clock.running()
     try:
         async with AsyncExitStack() as stack:
             controller = EgmController(EgmProfile(), START, clock.now(), 1)
             serving = Serving(clock, stack, print, print)
-            url = f"udp://127.0.0.1:9?rws={web}"
+            url = f"udp://127.0.0.1:9?rws={listens}"
             _, address = split_web(await serve(url, controller, default_settings(ROBOT), serving))
             assert address is not None
             yield controller, address
@@ -146,15 +150,15 @@ def probe_of(make_url: Callable[[str], str], cause: str = "") -> tuple[str, floa
 
 
 def test_a_probe_tells_the_web_services_where_no_datagram_comes() -> None:
-    words, took = probe_of(lambda web: f"udp-bind://127.0.0.1:0?rws={web}", "motors-off")
+    words, took = probe_of(lambda there: f"udp-bind://127.0.0.1:0?rws={there}", "motors-off")
     for part in ("datagrams robot on", "RobotWare 7.00.00.00", "refused: the motors are off (motoroff)"):
         assert part in words
     assert took < 5.0
 
 
 def test_a_probe_without_its_web_services_tells_that_they_do_not_answer() -> None:
-    words, _ = probe_of(lambda web: "udp-bind://127.0.0.1:0?rws=127.0.0.1:1")
-    assert "web services web services at 127.0.0.1:1: " in words
+    words, _ = probe_of(lambda there: "udp-bind://127.0.0.1:0?rws=127.0.0.1:1")
+    assert "RobotWare unknown: web services at 127.0.0.1:1: " in words
     assert "a run would be refused: robot on" in words
 
 
@@ -172,6 +176,130 @@ def test_the_doctor_reads_the_web_services_that_a_url_names() -> None:
     ]
 
 
+Answers = Callable[[web.Request], web.Response]
+VALUES = {
+    "rwversion": "6.15.1234",
+    "ctrlstate": "guardstop",
+    "opmode": "MANR",
+    "ctrlexecstate": "stopped",
+}
+NEWER = "are those of RobotWare 7 (RWS 2.0), and only those of RobotWare 6 are read"
+
+
+async def read_from(answer: Answers) -> WebState:
+    """A look at a server that answers so."""
+
+    async def take(request: web.Request) -> web.Response:
+        return answer(request)
+
+    app = web.Application()
+    app.router.add_route("*", "/{path:.*}", take)
+    runner = web.AppRunner(app, access_log=None)
+    await runner.setup()
+    try:
+        site = web.TCPSite(runner, "127.0.0.1", 0)
+        await site.start()
+        return await read_state(WebAddress("127.0.0.1", runner.addresses[0][1]))
+    finally:
+        await runner.cleanup()
+
+
+def xhtml(values: dict[str, str], more: str = "") -> web.Response:
+    spans = "".join(f'<span class="{key}">{text}</span>' for key, text in values.items())
+    text = (
+        f'<?xml version="1.0"?>{more}<html xmlns="http://www.w3.org/1999/xhtml"><body><div class="state"><ul>'
+        f'<li class="x" title="t"><a href="y"/>{spans}</li></ul></div></body></html>'
+    )
+    return web.Response(body=text.encode(), content_type="application/xhtml+xml")
+
+
+def test_xhtml_is_read_where_json_was_asked_for() -> None:
+    assert run_real(lambda: read_from(lambda request: xhtml(VALUES))) == WebState(*VALUES.values())
+
+
+def basic(request: web.Request) -> web.Response:
+    return web.Response(status=401, headers={"WWW-Authenticate": 'Basic realm="robotapi"'})
+
+
+def version_2(request: web.Request) -> web.Response:
+    return web.Response(body=b"{}", headers={"Content-Type": "application/hal+json;v=2.0"})
+
+
+def not_acceptable(request: web.Request) -> web.Response:
+    return web.Response(status=406, headers={"Content-Type": "application/xhtml+xml; v=2.0"})
+
+
+def moved(request: web.Request) -> web.Response:
+    return web.Response(status=301, headers={"Location": f"https://{request.host}{request.path}"})
+
+
+def entities(request: web.Request) -> web.Response:
+    return xhtml({"rwversion": "&a;"}, '<!DOCTYPE html [<!ENTITY a "6">]>')
+
+
+@pytest.mark.parametrize(
+    ("answer", "words"),
+    [
+        (basic, NEWER),
+        (version_2, NEWER),
+        (not_acceptable, NEWER),
+        (moved, NEWER),
+        (entities, "tell no rwversion"),
+        (lambda request: xhtml({"rwversion": ""}), "tell no rwversion"),
+        (lambda request: xhtml({"rwversion": "6\n"}), "tell no rwversion"),
+        (lambda request: web.Response(body=b"<html><unclosed"), "tell no rwversion"),
+        (lambda request: web.Response(body=b"[" * 100_000), "tell no rwversion"),
+        (lambda request: web.Response(body=b"<a>" * 60_000), "tell no rwversion"),
+        (lambda request: web.Response(status=404), r"answer /rw/system\?json=1 with 404; is it a controller"),
+    ],
+)
+def test_other_web_services_are_answered_with_a_sentence(answer: Answers, words: str) -> None:
+    expected = words if "\\" in words else re.escape(words)
+    with pytest.raises(DeviceError, match=expected):
+        run_real(lambda: read_from(answer))
+
+
+@pytest.mark.parametrize(
+    ("said", "words"),
+    [
+        (b"\x15\x03\x03\x00\x02\x02\x28", NEWER),
+        (b"", "disconnected"),
+        (b"SSH-2.0-OpenSSH_9.2\r\n", "web services at 127"),
+    ],
+)
+def test_a_port_without_http_is_answered_with_a_sentence(said: bytes, words: str) -> None:
+    """The first bytes are an alert of TLS: a server that has no version in common."""
+
+    async def main() -> None:
+        async def take(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            first = await reader.read(1)
+            if first == b"\x16" or not said.startswith(b"\x15"):
+                writer.write(said)
+            writer.close()
+
+        server = await asyncio.start_server(take, "127.0.0.1", 0)
+        try:
+            await read_state(WebAddress("127.0.0.1", server.sockets[0].getsockname()[1]))
+        finally:
+            server.close()
+
+    begun = time.monotonic()
+    with pytest.raises(DeviceError, match=re.escape(words)):
+        run_real(main)
+    assert time.monotonic() - begun < 5.0
+
+
+def test_a_look_gives_its_session_back() -> None:
+    """A controller has 70 of them, and keeps each for minutes."""
+
+    async def main() -> None:
+        async with served() as (_, address):
+            for _ in range(SESSIONS_MAX + 1):
+                await read_state(address)
+
+    run_real(main)
+
+
 def test_nothing_that_answers_is_told_with_its_address() -> None:
     async def main() -> None:
         with pytest.raises(DeviceError, match=r"web services at 127\.0\.0\.1:1"):
@@ -181,12 +309,12 @@ def test_nothing_that_answers_is_told_with_its_address() -> None:
 
 
 @pytest.mark.parametrize(
-    ("web", "words"),
+    ("there", "words"),
     [("0.0.0.0:0", "loopback only"), ("127.0.0.1:70000", "HOST:PORT"), ("a b", "HOST:PORT")],
 )
-def test_an_address_that_may_not_be_is_refused(web: str, words: str) -> None:
+def test_an_address_that_may_not_be_is_refused(there: str, words: str) -> None:
     async def main() -> None:
-        async with served(web):
+        async with served(there):
             pass
 
     with pytest.raises(ConfigError, match=words):

@@ -36,8 +36,8 @@ ANSWERS = {
 }
 LINES = {
     "is in remote control\n": "true\n",
-    "robotmode\n": "Robotmode: RUNNING\n",
     "safetystatus\n": "Safetystatus: NORMAL\n",
+    "robotmode\n": "Robotmode: RUNNING\n",
 }
 NO_DASHBOARD = ClientProfile(dashboard_port=0)
 
@@ -177,7 +177,16 @@ WRONG: list[tuple[Kind | None, bytes, str]] = [
         packets.types_answer(Kind.OUTPUTS, Types(0, ("NOT_FOUND", *EXPECTED[OUTPUT_NAMES][1:]))),
         "its software has no timestamp; update it",
     ),
-    (Kind.OUTPUTS, packets.types_answer(Kind.OUTPUTS, Types(1, ("DOUBLE",))), "other types than its maker's"),
+    (
+        Kind.OUTPUTS,
+        packets.types_answer(Kind.OUTPUTS, Types(1, ("DOUBLE",))),
+        "it answers 13 variables with 1 types and recipe 1",
+    ),
+    (
+        Kind.OUTPUTS,  # as the fake server of the maker's client library answers: with the names
+        packets.types_answer(Kind.OUTPUTS, Types(1, OUTPUT_NAMES)),
+        "it says that timestamp is of type 'timestamp', and its maker's guide says DOUBLE",
+    ),
     (Kind.OUTPUTS, packets.encode(Kind.OUTPUTS), "it speaks no RTDE"),
     (Kind.START, packets.accepted(Kind.START, False), "refuses to start its data"),
     (None, packets.encode(Kind.DATA, b"\x01ab"), "it speaks no RTDE"),

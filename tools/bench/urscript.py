@@ -74,16 +74,16 @@ def cycles_us(robot: Controller, count: int = CYCLES) -> list[float]:
 def measure(say: Callable[[str], None]) -> Report:
     """An idle controller, our streaming program, and a servo loop with a thread, in turn."""
     cases = {"our streaming program": program_text(50, 10.0, 2.0, 0.03), "a servo loop with a thread": LOOP}
-    found = {title: controller(text) for title, text in {"idle": "", **cases}.items()}
-    times: dict[str, list[float]] = {title: [] for title in found}
-    for robot in found.values():
+    robots = {title: controller(text) for title, text in {"idle": "", **cases}.items()}
+    times: dict[str, list[float]] = {title: [] for title in robots}
+    for robot in robots.values():
         cycles_us(robot, WARM_CYCLES)
-    assert all(found[title].runtime == Runtime.PLAYING for title in cases), "each program plays"
+    assert all(robots[title].runtime == Runtime.PLAYING for title in cases), "each program plays"
     for turn in range(TURNS):
         say(f"turn {turn + 1} of {TURNS}")
-        for title, robot in found.items():
+        for title, robot in robots.items():
             times[title] += cycles_us(robot)
-    assert all(found[title].runtime == Runtime.PLAYING for title in cases), "each program plays on"
+    assert all(robots[title].runtime == Runtime.PLAYING for title in cases), "each program plays on"
     idle = Spread(times["idle"]).p50
     figures = [Figure("an idle cycle, p50", idle, "µs")]
     figures += [

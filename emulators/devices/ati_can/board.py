@@ -12,6 +12,7 @@ from emulators.faults.own import OwnFaults
 from emulators.faults.packets import FRAMES, SENSOR_WIRE, Packets
 from emulators.seams import WrenchSource
 from emulators.sensing import Converter, MeasuredWrench
+from emulators.sensing.settings import unrest
 from emulators.unmodelled import Unmodelled
 from protocol.can.frame import CanFrame
 from protocol.devices.ati_can.messages import (
@@ -50,7 +51,8 @@ class AtiCanBoard:
         matrix = np.asarray(inverse * float(profile.counts_per_unit), np.float64)
         ends = np.full(GAGES, float(GAGE_LOW)), np.full(GAGES, float(GAGE_HIGH))
         noise = np.full(GAGES, profile.noise_gages)
-        converter = Converter(matrix, noise, *ends, offset=float(profile.offset_gages))
+        errors = unrest(profile, powered_at)
+        converter = Converter(matrix, noise, *ends, offset=float(profile.offset_gages), unrest=errors)
         self._measured = MeasuredWrench(source, RATE_HZ, converter, seed, "cell.ati_can.noise_gages")
         self.endpoint: Packets[Sequence[CanFrame]] = Packets(self, FRAMES, f"{seed} frames")
         """The end of its wire."""

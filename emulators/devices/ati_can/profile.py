@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from emulators.seams import Floats
+from emulators.sensing import settings as errors
+from emulators.sensing.settings import PerAxis, check_errors
 from protocol.devices.ati_can.messages import BASE, GAGES, SLOTS
 from protocol.marks import Mark, SettingError, at_least, between, check_settings, setting
 
@@ -88,6 +90,17 @@ class AtiCanProfile:
     noise_gages: float = setting(
         5.0, Mark.CHOSEN, "noise of each gage, rms; up to 80 is normal", at_least(0.0), unit="counts"
     )
+    wander_n: PerAxis = setting(0.01, Mark.ASSUMED, *errors.WANDER_N)
+    """This and all down to the noise in motion as those of a Net F/T."""
+    slope_n_min: PerAxis = setting(0.0, Mark.ASSUMED, *errors.SLOPE_N_MIN)
+    creep_share: float = setting(0.01, Mark.ASSUMED, *errors.CREEP_SHARE)
+    creep_s: float = setting(5.0, Mark.ASSUMED, *errors.CREEP_S)
+    vibration_n: PerAxis = setting((0.03, 0.009, 0.073), Mark.ASSUMED, *errors.VIBRATION_N)
+    vibration_hz: tuple[float, float] = setting((9.0, 16.0), Mark.ASSUMED, *errors.VIBRATION_HZ)
+    vibration_peak_hz: float = setting(71.0, Mark.ASSUMED, *errors.VIBRATION_PEAK_HZ)
+    vibration_peak_share: float = setting(0.04, Mark.ASSUMED, *errors.VIBRATION_PEAK_SHARE)
+    motion_n: PerAxis = setting((0.65, 0.32, 0.21), Mark.ASSUMED, *errors.MOTION_N)
+    motion_mm_s: float = setting(100.0, Mark.ASSUMED, *errors.MOTION_MM_S)
     turnaround_s: float = setting(
         0.0002, Mark.ASSUMED, "from a question to its answer", between(0.0, 1.0), unit="s"
     )
@@ -105,6 +118,7 @@ class AtiCanProfile:
 
     def __post_init__(self) -> None:
         check_settings(self)
+        check_errors(self)
         if len(self.matrix) != GAGES * GAGES or not np.isfinite(self.matrix).all():
             raise SettingError("matrix", f"must be 36 numbers, got {len(self.matrix)}")
         if not np.linalg.cond(self.coefficients) < _SINGULAR:

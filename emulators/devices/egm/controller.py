@@ -24,6 +24,7 @@ from emulators.devices.egm.state import (
     POWERLESS,
     PROGRAM_STOPPED,
     STOPPED,
+    Desk,
     State,
 )
 from emulators.faults.ledger import Handler, Injection
@@ -74,7 +75,7 @@ class EgmController:
         self.path: ArmPath = self._arm.path
         self.endpoint: Packets[Sequence[bytes]] = Packets(self, DATAGRAMS, f"{seed} egm")
         self.orders, self.unmodelled = Orders(), Unmodelled("egm")
-        self.state = State.SET_UP
+        self.state, self.desk = State.SET_UP, Desk()
         self.error = ""
         """Words of the last error, with the number of its event where that is known."""
         self.counters: Counter[str] = Counter()
@@ -83,7 +84,9 @@ class EgmController:
         """Why the newest message that could not be used could not."""
         self._told_pose = ToldPose(self._arm.pose)
         self._own = own = OwnFaults()
-        errors = Errors(profile.force_offset_n, profile.force_lag_ms * 1e-3, profile.force_noise_n)
+        rms = profile.force_noise_n
+        noise = (rms, rms, rms, 0.0, 0.0, 0.0)
+        errors = Errors(profile.force_offset_n, profile.force_lag_ms * 1e-3, noise, noise)
         self._own_force = OwnForce(errors, seed)
         self.feel = self._own_force.feel
         """Source of what it feels, see `emulators.seams.FeelingRobot`."""
@@ -391,7 +394,7 @@ class EgmController:
 
     def _force(self, measured: Pose, at: float) -> tuple[float, ...]:
         """The measured force along the tool's axes, N; it tells no moments."""
-        return *rotate(inverse(measured.quaternion), self._own_force.at(at)), 0.0, 0.0, 0.0
+        return *rotate(inverse(measured.quaternion), self._own_force.at(at)[:3]), 0.0, 0.0, 0.0
 
     # --- faults
 

@@ -73,6 +73,10 @@ class GuidedMotion:
         """Set point of the controller."""
         self.joints: Joints = at_start
         """The same of the joints, rad."""
+        self.tool_limit_m_s = math.inf
+        """Fastest that the tool is taken, m/s: reduced speed of the manual mode."""
+        self.programmed_share = 1.0
+        """The speed ratio, 0 … 1: share of the speed of the programmed path."""
         self.begin(0.0)
 
     # --- the run of the guidance
@@ -187,6 +191,11 @@ class GuidedMotion:
 
     def _by_pose(self, since: float) -> tuple[Pose, Joints | None]:
         self._velocity = self._law.speed(self._error(), self._ahead, since)
+        pose, joints = self._moved(self._velocity)
+        way, most = math.dist(pose.position, self.pose.position), self.tool_limit_m_s * self._period
+        if way <= most:
+            return pose, joints
+        self._velocity = tuple([part * most / way for part in self._velocity])
         return self._moved(self._velocity)
 
     _by_joint = _by_pose
@@ -196,7 +205,8 @@ class GuidedMotion:
         profile, (dx, dy, dz) = self._profile, self._profile.path_mm
         length = math.hypot(dx, dy, dz)
         tangent = (dx / length, dy / length, dz / length) if length else (1.0, 0.0, 0.0)
-        self._gone = min(self._gone + profile.path_speed_mm_s * self._period, length)
+        speed = min(profile.path_speed_mm_s * self.programmed_share, self.tool_limit_m_s * 1e3)
+        self._gone = min(self._gone + speed * self._period, length)
         y = _unit(_cross(tangent, tool_axis(self.start.quaternion)))
         z = _cross(tangent, y)
         most = profile.path_corr_mm_s * self._period

@@ -21,8 +21,9 @@ class EgmArmProfile:
 
     natural_frequency_rad_s: float = setting(
         100.0,
-        Mark.ASSUMED,
-        "natural frequency of the closed position loop; its lag is then 20 ms, of 10 to 20 ms that ABB names",
+        Mark.DERIVED,
+        "natural frequency of the closed position loop; its lag is then 20 ms, of 10 to 20 ms that ABB names. The "
+        "faster pole of a ramp on ABB's virtual controller has 19 ms (hehonglu123/Motion-Primitive-Planning)",
         above(0.0),
         unit="rad/s",
     )
@@ -189,7 +190,12 @@ class EgmProfile:
         unit="s",
     )
     ref_delay_cycles: int = setting(
-        4, Mark.ASSUMED, "from the queue to the motion", between(0, 100), unit="cycles"
+        4,
+        Mark.DERIVED,
+        "from the queue to the motion: of the 19 ms of dead time, and 32 ms to the first motion that can be seen, in "
+        "the same recording",
+        between(0, 100),
+        unit="cycles",
     )
     speed_ref_sticky: bool = setting(
         False, Mark.ASSUMED, "whether a message without a speed leaves the one before in force"

@@ -1,5 +1,6 @@
 """States of an emulated controller with Externally Guided Motion, and the reasons for which it stands."""
 
+from dataclasses import dataclass
 from enum import Enum
 
 from protocol.devices.egm import Guidance, Motors, Rapid
@@ -24,6 +25,26 @@ class State(Enum):
     TIMED_OUT = (Motors.ON, Guidance.ERROR, Rapid.RUNNING)
     """ERR_UDPUC_COMM; the error handler of the program runs."""
     FAILED = (Motors.ON, Guidance.ERROR, Rapid.STOPPED)
+
+
+class Key(Enum):
+    """Operating modes, as the web services name them [O: abb_librws]."""
+
+    AUTO = "AUTO"
+    MANUAL = "MANR"
+    """Manual, at reduced speed."""
+    MANUAL_FULL_SPEED = "MANF"
+
+
+@dataclass(slots=True)
+class Desk:
+    """Settings of the controller that no datagram tells."""
+
+    key: Key = Key.AUTO
+    speed_percent: int = 100
+    """The speed ratio."""
+    at_main: bool = False
+    """The program pointer was set to main: a start begins another session."""
 
 
 STOPPED = (State.RAPID_STOPPED, State.MOTORS_OFF)

@@ -13,7 +13,11 @@ UNIT, TASK = "ROB_1", "T_ROB1"
 MODULES = ("TRobMain", "TRobEGM", "TRobRAPID", "TRobUtility")
 """Modules of the StateMachine add-in that abb_librws names, as far as they stand here."""
 SYSTEM_NAME = "HilBridgeEmulator"
-_OPTIONS = ("689-1 Externally Guided Motion (EGM)", "616-1 PC Interface")
+_ADD_IN = "StateMachine"
+"""Name by which abb_egm_rws_managers (7e554e5) knows the add-in 1.0, whose value of a stopped EGM action is 0. By that
+option alone it asks for `current_state` and `current_action`.
+"""
+_OPTIONS = ("689-1 Externally Guided Motion (EGM)", "616-1 PC Interface", _ADD_IN)
 _VERSIONS = {"6.06": "6.06.00.00", "6.10": "6.10.00.00", "7": "7.00.00.00"}
 _NAMES = tuple(f"rob1_{axis}" for axis in range(1, 7))
 

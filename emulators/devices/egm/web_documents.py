@@ -1,6 +1,7 @@
 """Documents of Robot Web Services 1.0: one tree of items, written as XHTML or as JSON.
 
-Source: the classes and titles that abb_librws (9ba0837) looks for. Assumed: the frame around them, and the JSON form.
+Source: the classes and titles that abb_librws (9ba0837) looks for. Observed: the JSON form of documents with one state,
+as public clients read it. Assumed: the frame around them, and the JSON form of others.
 """
 
 import json

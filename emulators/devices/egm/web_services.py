@@ -1,24 +1,25 @@
 """Robot Web Services 1.0 of an emulated ABB controller: what it answers to a request, without a port and a clock.
 
 Requests change the controller as its panel does. Motors off and a stop of RAPID end the guidance; a start of RAPID lets
-it go on where it stands, or, behind a reset of the program pointer, begins another session.
+it go on where it stands, or, behind a reset of the program pointer, begins another session. `operation` has those acts.
 
 Source: resources, actions, forms and statuses of abb_librws (9ba0837). Assumed: statuses of requests that this library
-does not make; motors that were switched on leave RAPID stopped.
+does not make; in a manual mode motors, speed and RAPID are the person's at the robot, and such requests are refused.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 from urllib.parse import parse_qsl, unquote, urlsplit
 
+from emulators.devices.egm import operation
 from emulators.devices.egm.controller import EgmController
 from emulators.devices.egm.profile import EgmProfile
-from emulators.devices.egm.state import EMERGENCY_STOP, MOTORS_OFF, PROGRAM_STOPPED, State
+from emulators.devices.egm.state import EMERGENCY_STOP, MOTORS_OFF, Key, State
 from emulators.devices.egm.web_configuration import TASK, UNIT, make_documents
 from emulators.devices.egm.web_documents import JSON, XHTML, Item, write_json, write_xhtml
 from emulators.devices.egm.web_subscriptions import Subscriptions
-from protocol.devices.egm import Rapid, to_wire
+from protocol.devices.egm import to_wire
 
 BODY_MAX = 65_536
 """Chosen: most bytes of a request's body."""
@@ -26,8 +27,6 @@ FIELDS_MAX = 512
 """Chosen: most fields of a form."""
 VALUE_MAX = 1024
 """Chosen: most characters of a value that a client writes."""
-OPERATION_MODE = "AUTO"
-"""Chosen: the emulated controller's key switch."""
 _NO_AXIS = "8.9999995E+09"
 """Stands for an external axis that there is not."""
 _EXTERNAL = {f"eax_{letter}": _NO_AXIS for letter in "abcdef"}
@@ -63,9 +62,6 @@ class WebServices:
     def __init__(self, controller: EgmController, profile: EgmProfile) -> None:
         self._controller, self._profile = controller, profile
         self._documents = make_documents(profile)
-        self._at_main = False
-        """The program pointer was set to main: a start begins another session."""
-        self._speed_ratio = 100
         self._signals = dict.fromkeys(
             ("EGM_START_JOINT", "EGM_START_POSE", "EGM_START_STREAM", "EGM_STOP", "EGM_STOP_STREAM"), "0"
         )
@@ -131,11 +127,15 @@ class WebServices:
         if low == "/rw/panel/ctrlstate":
             return Item("pnl-ctrlstate", "ctrlstate", {"ctrlstate": self._controller_state()}, (), path)
         if low == "/rw/panel/opmode":
-            return Item("pnl-opmode", "opmode", {"opmode": OPERATION_MODE}, (), path)
+            return Item("pnl-opmode", "opmode", {"opmode": self._controller.desk.key.value}, (), path)
         if low == "/rw/panel/speedratio":
-            return Item("pnl-speedratio", "speedratio", {"speedratio": f"{self._speed_ratio}"}, (), path)
+            ratio = f"{self._controller.desk.speed_percent}"
+            return Item("pnl-speedratio", "speedratio", {"speedratio": ratio}, (), path)
         if low == "/rw/rapid/execution":
-            values = {"ctrlexecstate": "running" if self._runs() else "stopped", "cycle": "forever"}
+            values = {
+                "ctrlexecstate": "running" if operation.runs(self._controller) else "stopped",
+                "cycle": "forever",
+            }
             return Item("rap-execution", "execution", values, (), path)
         if low.startswith(f"{_SIGNALS}/"):
             return self._signal(path.rpartition("/")[2])
@@ -150,12 +150,13 @@ class WebServices:
             return "emergencystop"
         return "motoroff" if MOTORS_OFF in stops else "motoron"
 
-    def _runs(self) -> bool:
-        return not self._controller.stops and self._controller.state.value[2] is Rapid.RUNNING
-
     def _task(self) -> Item:
         values = {"name": TASK, "type": "norm", "taskstate": "link", "active": "On", "motiontask": "TRUE"}
-        return Item("rap-task-li", TASK, {**values, "excstate": "star" if self._runs() else "stop"})
+        return Item(
+            "rap-task-li",
+            TASK,
+            {**values, "excstate": "star" if operation.runs(self._controller) else "stop"},
+        )
 
     def _signal(self, name: str) -> Item:
         if name not in self._signals:
@@ -172,7 +173,7 @@ class WebServices:
     def _symbol(self, path: str) -> tuple[str, str]:
         """Type and value of RAPID data."""
         state = self._controller.state
-        guides = self._runs() and state in (State.SET_UP, State.GUIDING)
+        guides = operation.runs(self._controller) and state in (State.SET_UP, State.GUIDING)
         if path == _STATE:
             return "num", f"{_RUNS_EGM if guides else _IDLE}"
         if path == _ACTION:
@@ -234,47 +235,38 @@ class WebServices:
             self._live(path)
             raise _Refusal(400, f"there is no action {action!r} here"[:VALUE_MAX])
 
+    def _operate(self, act: Callable[[], object]) -> None:
+        """An act that in a manual mode belongs to a person at the robot."""
+        if self._controller.desk.key is not Key.AUTO:
+            raise _Refusal(403, "the controller is in manual mode")
+        try:
+            act()
+        except operation.RefusedAct as refused:
+            raise _Refusal(403, str(refused)) from refused
+
     def _switch_motors(self, state: str, now: float) -> None:
-        controller = self._controller
-        if state == "motoroff":
-            controller.stop(PROGRAM_STOPPED, now)
-            controller.stop(MOTORS_OFF, now)
-        elif state == "motoron":
-            if EMERGENCY_STOP in controller.stops:
-                raise _Refusal(403, "an emergency stop is pressed")
-            controller.start(MOTORS_OFF, now)
-            if MOTORS_OFF in controller.stops:
-                raise _Refusal(403, "the motors are held off")
-        else:
+        acts = {"motoroff": operation.switch_motors_off, "motoron": operation.switch_motors_on}
+        if state not in acts:
             raise _Refusal(400, "ctrl-state is motoron or motoroff")
+        self._operate(lambda: acts[state](self._controller, now))
 
     def _run_program(self, action: str, now: float) -> None:
         controller = self._controller
-        if action == "stop":
-            controller.stop(PROGRAM_STOPPED, now)
-        elif action == "resetpp":
-            if self._runs():
-                raise _Refusal(403, "the program runs")
-            self._at_main = True
-        elif action == "start":
-            if self._runs():
-                raise _Refusal(403, "the program runs already")
-            if set(controller.stops) - {PROGRAM_STOPPED}:
-                raise _Refusal(403, "the motors are off")
-            controller.start(PROGRAM_STOPPED, now)
-            if PROGRAM_STOPPED in controller.stops:
-                raise _Refusal(403, "the program is held")
-            if self._at_main or controller.state is State.FAILED:
-                controller.restart_program(now)
-            self._at_main = False
-        else:
+        acts: Mapping[str, Callable[[], None]] = {
+            "stop": lambda: operation.stop_program(controller, now),
+            "start": lambda: operation.start_program(controller, now),
+            "resetpp": lambda: operation.reset_pointer(controller),
+        }
+        if action not in acts:
             raise _Refusal(400, "action is start, stop or resetpp")
+        self._operate(acts[action])
 
     def _set_speed_ratio(self, text: str) -> None:
         if not (text.isascii() and text.isdigit() and len(text) < 4 and int(text) <= 100):
             raise _Refusal(400, "speed-ratio is a whole number from 0 to 100")
-        self._controller.unmodelled.touch("speedratio", "kept, without effect on the guidance")
-        self._speed_ratio = int(text)
+        if self._profile.mode != "path":
+            self._controller.unmodelled.touch("speedratio", "kept, without effect on the guidance")
+        self._operate(lambda: operation.set_speed(self._controller, int(text)))
 
     def _set_signal(self, name: str, value: str, now: float) -> None:
         self._signal(name)
@@ -287,7 +279,10 @@ class WebServices:
         if name == "EGM_STOP":
             self._controller.end_guidance(now)
         elif name == f"EGM_START_{self._profile.mode.upper()}":
-            if self._runs() and self._controller.state not in (State.SET_UP, State.GUIDING):
+            if operation.runs(self._controller) and self._controller.state not in (
+                State.SET_UP,
+                State.GUIDING,
+            ):
                 self._controller.restart_program(now)
         else:
             self._controller.unmodelled.touch(f"signal {name}", "kept, without effect")

@@ -3,15 +3,31 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from protocol.marks import Mark, SettingError, above, at_least, between, check_settings, setting
+from emulators.sensing import settings as errors
+from emulators.sensing.settings import PerAxis, check_errors
+from protocol.marks import Mark, SettingError, above, between, check_settings, setting
 
 
 @dataclass(frozen=True, slots=True)
 class Ft300Profile:
     """Settings in `[cell.ft300]`."""
 
-    noise_n: float = setting(0.1, Mark.CHOSEN, "noise of the forces, rms", at_least(0.0), unit="N")
-    noise_nm: float = setting(0.003, Mark.CHOSEN, "noise of the moments, rms", at_least(0.0), unit="N·m")
+    noise_n: PerAxis = setting((0.08, 0.10, 0.04), Mark.OBSERVED, *errors.NOISE_N)
+    """Source of this and the next: Sijiahui/FT300-sensor 91440f9, two records of 30 samples at 10 Hz."""
+    noise_nm: PerAxis = setting((0.0065, 0.0055, 0.004), Mark.OBSERVED, *errors.NOISE_NM)
+    wander_n: PerAxis = setting(0.05, Mark.ASSUMED, *errors.WANDER_N)
+    """As that of a UR's own sensor. Source: charintorn/UR_RTDE_Force_Recorder 134e620."""
+    slope_n_min: PerAxis = setting(0.0, Mark.ASSUMED, *errors.SLOPE_N_MIN)
+    creep_share: float = setting(0.01, Mark.ASSUMED, *errors.CREEP_SHARE)
+    """This and the next as those of a Net F/T."""
+    creep_s: float = setting(5.0, Mark.ASSUMED, *errors.CREEP_S)
+    vibration_n: PerAxis = setting(0.0, Mark.ASSUMED, *errors.VIBRATION_N)
+    """Records at 10 Hz do not tell it from the white noise, which has it already."""
+    vibration_hz: tuple[float, float] = setting((9.0, 16.0), Mark.ASSUMED, *errors.VIBRATION_HZ)
+    vibration_peak_hz: float = setting(71.0, Mark.ASSUMED, *errors.VIBRATION_PEAK_HZ)
+    vibration_peak_share: float = setting(0.04, Mark.ASSUMED, *errors.VIBRATION_PEAK_SHARE)
+    motion_n: PerAxis = setting(0.0, Mark.ASSUMED, *errors.MOTION_N)
+    motion_mm_s: float = setting(100.0, Mark.ASSUMED, *errors.MOTION_MM_S)
     latency_s: float = setting(
         0.010, Mark.ASSUMED, "from a sample to its message", between(0.0, 0.1), unit="s"
     )
@@ -40,6 +56,7 @@ class Ft300Profile:
 
     def __post_init__(self) -> None:
         check_settings(self)
+        check_errors(self)
         if len(self.version) != 3:
             raise SettingError("version", f"must be three numbers, got {len(self.version)}")
         if self.power_up not in ("modbus", "stream"):

@@ -12,6 +12,7 @@ from emulators.faults.own import OwnFaults
 from emulators.faults.packets import BYTES, SENSOR_WIRE, Packets
 from emulators.seams import WrenchSource
 from emulators.sensing import Converter, MeasuredWrench
+from emulators.sensing.settings import per_axis, unrest
 from emulators.unmodelled import Unmodelled
 from protocol.devices.ft300.messages import (
     ACCELERATION_REGISTER,
@@ -61,9 +62,10 @@ class Ft300:
     def __init__(self, profile: Ft300Profile, source: WrenchSource, powered_at: float, seed: int) -> None:
         self.profile = profile
         per_unit = 1.0 / np.array(SCALES)
-        noise = np.array((*(profile.noise_n,) * 3, *(profile.noise_nm,) * 3)) * per_unit
+        noise = np.array((*per_axis(profile.noise_n), *per_axis(profile.noise_nm))) * per_unit
         high = np.full(6, float(COUNT_END))  # assumed: it clips
-        converter = Converter(np.diag(per_unit), noise, -high - 1.0, high)
+        errors = unrest(profile, powered_at)
+        converter = Converter(np.diag(per_unit), noise, -high - 1.0, high, unrest=errors)
         self._measured = MeasuredWrench(source, RATE_HZ, converter, seed, "cell.ft300.noise_n")
         self.endpoint: Packets[bytes] = Packets(self, BYTES, f"{seed} frames")
         """The end of its wire."""

@@ -20,6 +20,7 @@ from emulators.faults.own import OwnFaults
 from emulators.faults.packets import DATAGRAMS, SENSOR_WIRE, Packets
 from emulators.seams import Floats, WrenchSource
 from emulators.sensing import Converter, MeasuredWrench
+from emulators.sensing.settings import per_axis, unrest
 from emulators.unmodelled import Unmodelled
 from protocol.datagram import Datagram, side_of
 from protocol.devices.netft.page import FILTERS_HZ, filter_weight
@@ -80,8 +81,9 @@ class NetBox:
             * (profile.saturation_share * profile.counts_per_unit),
             _COUNT_END,
         )
-        noise = np.array((*(profile.noise_n,) * 3, *(profile.noise_nm,) * 3)) * profile.counts_per_unit
-        converter = Converter(np.eye(6) * float(profile.counts_per_unit), noise, -ends, ends)
+        noise = np.array((*per_axis(profile.noise_n), *per_axis(profile.noise_nm))) * profile.counts_per_unit
+        matrix = np.eye(6) * float(profile.counts_per_unit)
+        converter = Converter(matrix, noise, -ends, ends, unrest=unrest(profile, powered_at))
         self._measured = MeasuredWrench(source, INTERNAL_RATE_HZ, converter, seed, "cell.netft.noise_n")
         self._measured.on_invalidate.append(self._forget)
         self._ahead: deque[tuple[int, list[float]]] = deque()

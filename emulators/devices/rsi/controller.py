@@ -11,8 +11,6 @@ Source: project specification of RSI, sections 4 to 6.
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
-from enum import Enum, auto
 
 from emulators.arm.followed import FollowedArm
 from emulators.arm.told_pose import ToldPose
@@ -24,8 +22,10 @@ from emulators.devices.rsi.correction import (
     AxisCorrection,
     Correction,
 )
+from emulators.devices.rsi.desk import T1_M_S, TO_CONFIRM, Desk, Key
 from emulators.devices.rsi.ethernet import Ethernet, Inputs, channels_of
 from emulators.devices.rsi.profile import RsiProfile
+from emulators.devices.rsi.session import Session, State
 from emulators.faults import Handler, Injection
 from emulators.faults.own import OwnFaults
 from emulators.faults.packets import DATAGRAMS, WIRE, Packets
@@ -44,55 +44,21 @@ MAKER = "KUKA"
 RUNS, STOPPED = "3", "4"
 """Observed (FZI's configuration): states of the program."""
 _EXTERNAL = range(1, 7)
-_FULL_OVERRIDE = "100"
 OUT_OF_REACH = "the correction leads out of the reach of the arm's axes"
 """Chosen: words of its own, for those of the controller are not known."""
 _PASSED_S = 1e-6
 """Chosen: how long ago the moment of a look at the contact is, so that the path up to it is settled."""
-_ACTUAL, _LATE, _STATUS = pose_tags("RIst"), "Delay.D", "ProgStatus.R"
+_ACTUAL, _LATE, _STATUS, _OVERRIDE = pose_tags("RIst"), "Delay.D", "ProgStatus.R", "OvPro.R"
 _AXES, _TORQUES = axis_tags("AIPos"), axis_tags("GearTorque")
 _ANSWERS_A_CYCLE = 64
 """Chosen: answers of a cycle that are looked at. A peer that floods the port is not served."""
 
-_ROUNDING_S = 1e-9
+_ROUNDING_S = _ROUNDING_M = 1e-9
 _EMERGENCY_STOP = "emergency-stop"
 _NO_NUMBER = "NaN"
 NO_AXES: Axes = (math.nan,) * 6
 
 _BY_ORDER = TOO_FAR, AXES_TOO_FAR, TOO_FAST, OUT_OF_REACH
-
-
-class State(Enum):
-    """States of the program, as far as its telegrams show them."""
-
-    CREATED = auto()
-    """RSI is off: nothing is sent."""
-    ON = auto()
-    """Telegrams go out and answers are counted; nothing moves."""
-    MOVECORR = auto()
-    """Corrections are applied."""
-    ERROR = auto()
-    """An error has ended RSI; the robot stands where it stopped."""
-
-
-@dataclass(slots=True)
-class _Session:
-    """RSI from one RSI_ON to its end."""
-
-    begun_at: float
-    ethernet: Ethernet
-    correction: Correction
-    axes: AxisCorrection
-    values: dict[str, str]
-    """Values of its telegrams, those that change included."""
-    sent: int = 0
-    """Telegrams that were sent."""
-    left_at: float = math.inf
-    """When RSI_MOVECORR has ended."""
-    stop_before: bool = False
-    """Stop channel of the cycle before."""
-    standing: bool = False
-    """The motion is stopped while telegrams go on."""
 
 
 class RsiController:
@@ -121,8 +87,8 @@ class RsiController:
         self._out: list[bytes] = []
         self._restart_at = math.inf
         self._stopped_by_fault = False
-        self.emergency_stopped = False
-        """A person has pressed the emergency stop at the panel."""
+        self.desk = Desk()
+        """What a person has done at the panel."""
         self.error = ""
         """The error that has ended RSI; empty without."""
         self.discarded: Counter[str] = Counter()
@@ -160,9 +126,9 @@ class RsiController:
             return Hindrance(self.error, self.error in _BY_ORDER and not self._stopped_by_fault)
         if not self._sending:
             return Hindrance("RSI is off", False)
-        if self._session.standing or self._emergency_stop_holds(now):
-            return Hindrance("the motion is stopped, telegrams go on", False)
-        return None
+        struck = self._own.holds(_EMERGENCY_STOP, now) or self._own.holds("stands", now)
+        words = "the motion is stopped" if struck else self.desk.hindrance or self._session.waits
+        return Hindrance(f"{words}, telegrams go on", False) if words else None
 
     @property
     def correction(self) -> tuple[float, ...]:
@@ -221,7 +187,7 @@ class RsiController:
             by_axes = math.radians(sum(session.axes.steps))
             speed, turn = speed + self._kinematics.reach * by_axes, turn + by_axes
         pose = correction.corrected(base, tuple(values[:6]))
-        reach = Reach(period, speed / period, turn / period)
+        reach = Reach(period, min(speed, self._tool_step_m) / period, turn / period)
         breach = "" if telegram.ipoc == self._ipoc else "the IPOC of another telegram than the newest"
         words = f"{self.profile.mode} correction"
         return HeardOrder(now, Act.MOTION, words, taken, pose, reach=reach, breach=breach)
@@ -272,7 +238,7 @@ class RsiController:
 
     def _cycle(self, now: float) -> None:
         """The end of a cycle, and the begin of the next."""
-        if now >= self._restart_at:
+        if now >= self._restart_at and not self.desk.hindrance:
             self._begin(now)
         if self._sending and self._session.sent:
             self._end_cycle(now)
@@ -288,15 +254,11 @@ class RsiController:
             return
         session = self._session
         edge, session.stop_before = inputs.stop and not session.stop_before, inputs.stop
-        if (
-            session.left_at == math.inf
-            and now - session.begun_at >= self.profile.move_after_ms / 1e3 - _ROUNDING_S
-        ):
-            self.state = State.MOVECORR
-        if (
-            self.profile.off_after_ms
-            and now - session.left_at >= self.profile.off_after_ms / 1e3 - _ROUNDING_S
-        ):
+        left = session.left_at < math.inf
+        if not left and now - session.begun_at >= self.profile.move_after_ms / 1e3 - _ROUNDING_S:
+            self._begin_moving()
+        off_after_ms = self.profile.off_after_ms
+        if off_after_ms and now - session.left_at >= off_after_ms / 1e3 - _ROUNDING_S:
             self.end_program(now)
             self._restart_later(now)
         if self.state is not State.MOVECORR:
@@ -307,6 +269,14 @@ class RsiController:
         elif not self._stopped(now):
             self._correct(inputs, now)
 
+    def _begin_moving(self) -> None:
+        """RSI_MOVECORR begins, in T1 and T2 once a person has confirmed its message."""
+        session, desk = self._session, self.desk
+        if self.state is State.ON and desk.is_test and not session.waits:
+            session.waits, desk.to_confirm = TO_CONFIRM, True
+        if not desk.to_confirm:
+            session.waits, self.state = "", State.MOVECORR
+
     def _correct(self, inputs: Inputs, now: float) -> None:
         """Move by the values of a cycle, unless they are refused."""
         session = self._session
@@ -315,14 +285,22 @@ class RsiController:
         session.correction.narrow(margin_mm)
         reach_mm = self._kinematics.reach * 1e3
         session.axes.narrow(None if margin_mm is None else math.degrees(margin_mm / reach_mm))
+        before = self._aimed
         error = session.correction.take(inputs.correction) or session.axes.take(inputs.axes)
         if not error and not self._aim():
             error = OUT_OF_REACH
+        elif math.dist(self._aimed[0].position, before[0].position) > self._tool_step_m + _ROUNDING_M:
+            self._aimed, error = before, TOO_FAST
         if error:
             self._fail(error, now)
         else:
             session.standing = False
             self._arm.follow(self._aimed[0], now)
+
+    @property
+    def _tool_step_m(self) -> float:
+        """Farthest that the operating mode lets the tool go in a cycle, m."""
+        return T1_M_S * self.profile.period if self.desk.key is Key.T1 else math.inf
 
     def _aim(self) -> bool:
         """Work out pose and axes of the corrections; False where the arm's axes cannot hold them."""
@@ -346,18 +324,20 @@ class RsiController:
     def _stopped(self, now: float) -> bool:
         """Whether the motion is stopped while telegrams go on."""
         struck = self._own.under_way(_EMERGENCY_STOP, now) or self._own.under_way("stands", now)
-        if struck or self.emergency_stopped:
+        if struck or self.desk.hindrance:
             if not self._session.standing:
                 self._arm.hold(now)
             self._session.standing = True
             return True
         return False
 
-    def _emergency_stop_holds(self, now: float) -> bool:
-        return self.emergency_stopped or self._own.holds(_EMERGENCY_STOP, now)
+    def _runs(self, now: float) -> bool:
+        """Whether the program runs, as its status tells it."""
+        return not (self.desk.hindrance or self._own.holds(_EMERGENCY_STOP, now))
 
     def _begin(self, now: float) -> None:
         """The program is reset and begun anew, up to RSI_ON."""
+        self.desk.to_confirm = False
         self.state, self.error = State.ON, ""
         self._stopped_by_fault = False
         self._restart_at = math.inf
@@ -365,14 +345,14 @@ class RsiController:
         if self.profile.ipoc_restart == "anew":
             self._ipoc = self.profile.ipoc_start - self.profile.cycle_ms
 
-    def _begun(self, now: float) -> _Session:
+    def _begun(self, now: float) -> Session:
         """A session that corrects from where the robot stands."""
         programmed = self._arm.set_point(now)
         ethernet = Ethernet(self.profile, self.unmodelled)
         self._ordered = NOTHING * 2
         axes = self._axes_of(programmed)
         correction = AxisCorrection(self.profile, axes, self._kinematics.model)
-        return _Session(
+        return Session(
             now, ethernet, Correction(self.profile, programmed), correction, self._lasting(programmed, axes)
         )
 
@@ -418,7 +398,9 @@ class RsiController:
         if _LATE in values:
             values[_LATE] = str(session.ethernet.late)
         if _STATUS in values:
-            values[_STATUS] = STOPPED if self._emergency_stop_holds(now) else RUNS
+            values[_STATUS] = RUNS if self._runs(now) else STOPPED
+        if _OVERRIDE in values:
+            values[_OVERRIDE] = str(self.desk.override_percent)
         return values
 
     def _lasting(self, programmed: Pose, axes: Axes) -> dict[str, str]:
@@ -435,8 +417,6 @@ class RsiController:
                     group = dict.fromkeys(axis_tags(name), self._texts((0.0,))[0])
                 case "EIPos" | "ESPos" | "MECur":
                     group = dict.fromkeys((f"{name}.E{axis}" for axis in _EXTERNAL), self._texts((0.0,))[0])
-                case "OvPro.R":
-                    group = {name: _FULL_OVERRIDE}
                 case "Delay":
                     group = {_LATE: "0"}
                 case _:

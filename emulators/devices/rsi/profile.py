@@ -3,15 +3,18 @@
 Source: project specification of RSI, sections 2 to 6 and 10; the mark of each setting is that of its row there.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 from emulators.arm.followed import FollowedProfile
 from protocol.arm_size import PerAxis
-from protocol.marks import Mark, above, at_least, between, check_settings, setting
+from protocol.marks import Mark, Preset, above, at_least, between, check_settings, fill_presets, setting
 
 _FASTER_THAN_ANY = 1e6
 """An arm that is not the one to bound the speed: the controller stops it before, by `max_step_mm`."""
+_TRANSPORT_DELAYS: Mapping[int, Preset] = {4: Preset(8.0, Mark.ASSUMED), 12: Preset(9.1, Mark.DERIVED)}
+"""By the cycle, ms. Derived: of 60.5 ms at 12 ms the loops take 33.3, the next cycle 12, half a step 6."""
 _NAMES = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_."
 
 
@@ -148,7 +151,12 @@ class RsiProfile:
     )
     # --- arm
     transport_delay_ms: float = setting(
-        8.0, Mark.ASSUMED, "from a correction to the position loops", between(0.0, 1000.0), unit="ms"
+        None,
+        Mark.ASSUMED,
+        "from a correction to the position loops. By the cycle: 8 at 4 ms; 9.1 at 12 ms, so that RIst follows a set "
+        "point after the 60.5 ms of zkoller/IntelRealSense-With-RSI",
+        between(0.0, 1000.0),
+        unit="ms",
     )
     natural_frequency_rad_s: float = setting(
         60.0, Mark.ASSUMED, "natural frequency of the closed position loop", above(0.0), unit="rad/s"
@@ -156,7 +164,13 @@ class RsiProfile:
     damping_ratio: float = setting(1.0, Mark.ASSUMED, "damping of the closed position loop", above(0.0))
     model: Literal["kr16-2"] = setting("kr16-2", Mark.CHOSEN, "the arm")
 
+    @property
+    def presets(self) -> Mapping[str, Preset]:
+        """Defaults that depend on the cycle."""
+        return {"transport_delay_ms": _TRANSPORT_DELAYS[self.cycle_ms]}
+
     def __post_init__(self) -> None:
+        fill_presets(self)
         check_settings(self)
         for tag in (*self.send, self.correction_tag, *self.axis_tags, self.stop_tag):
             if not tag or tag.count(".") > 1 or not set(tag) <= set(_NAMES) or not tag[0].isalpha():

@@ -1,4 +1,4 @@
-"""The arm of the emulated robot in joints: servoj's lag, even speeds, prescribed places, and braking.
+"""Targets of the emulated robot's joints: servoj's filter, even speeds, prescribed places, and braking.
 
 Model of servoj, of each joint in each cycle dt, from the words of Universal Robots' script manual:
 v += dt·κ·gain·(target - x - lookahead·v), x += dt·v. A slow motion then lags by the lookahead, whatever the gain.
@@ -53,7 +53,7 @@ Order: TypeAlias = Servo | Speed | Place | Brake | Hold
 
 
 class JointArm:
-    """Joints and their velocities, cycle by cycle."""
+    """Joints and their velocities that the controller wants of its drives, cycle by cycle; see `drives`."""
 
     def __init__(self, joints: Joints, period: float, gain_scale: float, stop_deceleration: float) -> None:
         """At rest. `period` is the cycle, s; `stop_deceleration`, rad/s², holds where nothing is ordered."""
@@ -62,7 +62,7 @@ class JointArm:
         self.yielding = ZERO
         """Speeds that a force gives them beside, rad/s."""
         self.target = joints
-        """Joints that are wanted."""
+        """Joints to which the program sends it: the argument of servoj."""
         self._period, self._scale = period, gain_scale
         self._stop = Brake(stop_deceleration)
         self.order: Order = self._stop

@@ -5,15 +5,15 @@ Its three servers, RTDE, dashboard and script port, each look at it and act on i
 """
 
 import math
-import random
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
 
 from emulators.arm.cycled import CycledPath
-from emulators.arm.own_force import Errors, OwnForce
+from emulators.arm.own_force import OwnForce
 from emulators.devices.rtde.arm import ZERO, Brake, Hold, JointArm, Order, Place, Servo
 from emulators.devices.rtde.compliance import TOO_FAST, Compliance, Felt
-from emulators.devices.rtde.force_mode import about_tool
+from emulators.devices.rtde.drives import ArmSensors, Drives, own_errors
+from emulators.devices.rtde.force_mode import external_wrench
 from emulators.devices.rtde.io import MASKS, read_slider, switch_outputs
 from emulators.devices.rtde.kinematics import (
     ARMS,
@@ -38,7 +38,7 @@ from emulators.unmodelled import Unmodelled
 from protocol.devices.rtde.fields import Value
 from protocol.devices.rtde.packets import Version
 from protocol.devices.rtde.states import STOPPED_MODES, RobotMode, Runtime, SafetyMode
-from protocol.geometry import Pose, Wrench, normalise, product, rotate
+from protocol.geometry import Pose, Wrench, normalise
 
 LATE_S = 0.05
 """Chosen: a longer time between two looks is lateness of this process, and no silence of a client."""
@@ -77,7 +77,11 @@ class Controller:
         self.compliance = Compliance(profile, self.period, self.lengths)
         self._flange = self._old_flange = self._next_flange = flange(self.lengths, joints)
         self._at = ToolPoses().at
-        self._random = random.Random(seed)
+        self._drives, self._sensors = Drives(profile, joints, seed), ArmSensors(profile, seed)
+        self.joints, self.speeds = self._sensors.read(joints, 0), ZERO
+        """As measured at the begin of this cycle, rad and rad/s."""
+        self._target_speeds = ZERO
+        """Of the cycle before, rad/s."""
         self.path = CycledPath(self._at(self._flange, self.tool), now, self.period, self._cycle)
         self._powered_at = now
         self.mode = RobotMode.RUNNING
@@ -102,7 +106,7 @@ class Controller:
         self._force_at = now
         """When the last external force came, s."""
         self.force_zero: Wrench = _NO_FORCE
-        self.own_force = OwnForce(Errors(profile.force_offset_n, profile.force_lag_ms * 1e-3), seed)
+        self.own_force = OwnForce(own_errors(profile), seed)
         """The force that the arm feels by itself."""
         self.measured: Wrench = _NO_FORCE
         """actual_TCP_force without noise and zero, N and N·m, base axes."""
@@ -156,6 +160,8 @@ class Controller:
         self.now = now
         self._old_flange = self._flange
         self._flange = self._next_flange
+        self.joints = self._sensors.read(self._drives.joints, self.path.cycle)
+        self.speeds = self._sensors.read_speeds(self._drives.speeds, self.path.cycle)
         while self._pending and self._pending[0][0] <= now:
             self._pending.pop(0)[1]()
         if self._starting is not None and self._starting[0] <= now:
@@ -177,8 +183,10 @@ class Controller:
         if problem := self.compliance.step(self.arm, pace, self.plays, felt):
             self.protective_stop(problem)
         self.snapshots.append(self._snapshot(now))
-        self.compliance.history.note(self.arm.joints, self.snapshots[-1].force)
-        self._next_flange = flange(self.lengths, self.arm.joints)
+        self.compliance.history.note(self.joints, self.snapshots[-1].force)
+        self._next_flange = flange(
+            self.lengths, self._drives.step(self.arm.joints, isinstance(self.arm.order, Hold))
+        )
         return self._at(self._next_flange, self.tool)
 
     def later(self, seconds: float, change: Callable[[], object]) -> None:
@@ -187,36 +195,27 @@ class Controller:
         self._pending.sort(key=lambda item: item[0])
 
     def _snapshot(self, now: float) -> Snapshot:
-        profile, gauss = self.profile, self._random.gauss
-        pose = exact = self._at(self._flange, self.tcp)
-        self.measured = self._force(exact)
-        (a, b, c, d, e, f), (o, p, q, r, s, t) = self.measured, self.force_zero
-        a, b, c, d, e, f = a - o, b - p, c - q, d - r, e - s, f - t
-        if not self.external_force and (noise_n := profile.force_noise_n):
-            a, b, c = a + gauss(0.0, noise_n), b + gauss(0.0, noise_n), c + gauss(0.0, noise_n)
-        if profile.noise_um or profile.noise_urad:
-            noise_m, half_rad = profile.noise_um * 1e-6, profile.noise_urad * 0.5e-6
-            x, y, z = pose.position
-            x, y, z = x + gauss(0.0, noise_m), y + gauss(0.0, noise_m), z + gauss(0.0, noise_m)
-            i, j, k = gauss(0.0, half_rad), gauss(0.0, half_rad), gauss(0.0, half_rad)
-            pose = Pose((x, y, z), normalise(product(pose.quaternion, (1.0, i, j, k))))
-        arm = self.arm
-        wanted = exact if arm.target == arm.joints else compose(flange(self.lengths, arm.target), self.tcp)
+        exact = self._at(self._flange, self.tcp)
+        told = self._feel()
+        before, self._target_speeds = self._target_speeds, self.arm.motion
         raw = self.inputs.get("external_force_torque", _NO_FORCE) if self.external_force else _NO_FORCE
         assert isinstance(raw, tuple), "a vector"
         r, s, t, u, v, w = raw
         return Snapshot(
-            profile.uptime_s + now - self._powered_at,
+            self.path.cycle,
+            self.profile.uptime_s + now - self._powered_at,
             self.period,
-            arm.joints,
-            arm.motion,
-            arm.target,
-            pose,
-            self._at(self._old_flange, self.tcp),
+            self.lengths,
+            self._sensors,
+            self.joints,
+            self.speeds,
+            self.arm.joints,
+            self._target_speeds,
+            before,
+            compose(flange(self.lengths, self.joints), self.tcp),
             exact,
-            wanted,
             self.tcp,
-            (a, b, c, d, e, f),
+            told,
             (r, s, t, u, v, w),
             self.mode,
             self.safety,
@@ -227,15 +226,18 @@ class Controller:
             self.outputs,
         )
 
-    def _force(self, pose: Pose) -> Wrench:
-        """External forces along the base axes; without them those that the arm feels, of which it tells no moments."""
-        given = self.inputs.get("external_force_torque") if self.external_force else None
-        if not isinstance(given, tuple):
-            return _NO_FORCE if self.external_force else (*self.own_force.at(self.now), 0.0, 0.0, 0.0)
-        turn = self._flange.quaternion
-        wrench = (*rotate(turn, given[:3]), *rotate(turn, given[3:]))
-        at_tcp = self.profile.force_point == "tcp"
-        return about_tool(wrench, rotate(turn, self.tcp.position)) if at_tcp else wrench
+    def _feel(self) -> Wrench:
+        """actual_TCP_force: a client's forces along the base axes, or those that the arm feels."""
+        if self.external_force:
+            given, at_tcp = self.inputs.get("external_force_torque"), self.profile.force_point == "tcp"
+            told = self.measured = external_wrench(
+                given, self._flange.quaternion, self.tcp if at_tcp else None
+            )
+        else:
+            told = self.own_force.at(self.now, any(self.speeds), self._flange.quaternion)
+            self.measured = self.own_force.level
+        (a, b, c, d, e, f), (o, p, q, r, s, t) = told, self.force_zero
+        return a - o, b - p, c - q, d - r, e - s, f - t
 
     # --- inputs
 

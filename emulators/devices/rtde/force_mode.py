@@ -9,6 +9,7 @@ import math
 from typing import NamedTuple
 
 from emulators.devices.rtde.kinematics import Arm, Joints, compose, invert, nearest
+from protocol.devices.rtde.fields import Value
 from protocol.geometry import (
     Pose,
     Quaternion,
@@ -171,6 +172,16 @@ def _moved(old: Pose, turn: Quaternion, step: list[float]) -> Pose:
     """A pose after a step along and about the axes of a frame; the turn is about the tool."""
     x, y, z = (a + b for a, b in zip(old.position, rotate(turn, step[:3]), strict=True))
     return Pose((x, y, z), product(turn_by(rotate(turn, step[3:])), old.quaternion))
+
+
+def external_wrench(given: Value | None, turn: Quaternion, tool: Pose | None) -> Wrench:
+    """A client's forces along the base axes, N and N·m: `given` along those of the flange, whose orientation is `turn`.
+    Its moments are about the flange, or about a tool in it. None given are none.
+    """
+    if not isinstance(given, tuple):
+        return (0.0,) * 6
+    wrench = (*rotate(turn, given[:3]), *rotate(turn, given[3:]))
+    return wrench if tool is None else about_tool(wrench, rotate(turn, tool.position))
 
 
 def about_tool(wrench: Wrench, arm: Vector) -> Wrench:

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from typing import NamedTuple, TypeAlias
 
-from protocol.geometry import Pose, Quaternion, inverse, product, rotate, turn_about
+from protocol.geometry import Pose, Quaternion, inverse, product, rotate
 
 Joints: TypeAlias = tuple[float, float, float, float, float, float]
 """Base, shoulder, elbow, wrist 1 to 3, rad."""
@@ -22,9 +22,6 @@ RANGE = 2.0 * math.pi
 _SINGULAR = 1e-6
 """A sine below this leaves an angle open, which stays as it was."""
 _HALF = math.sqrt(0.5)
-_FORWARD: Quaternion = (_HALF, _HALF, 0.0, 0.0)
-"""A quarter turn about x."""
-_BACKWARD: Quaternion = (_HALF, -_HALF, 0.0, 0.0)
 
 
 class Arm(NamedTuple):
@@ -80,11 +77,19 @@ def invert(pose: Pose) -> Pose:
     return Pose((-x, -y, -z), back)
 
 
-def _about_z(angle: float) -> Quaternion:
-    return turn_about((0.0, 0.0, 1.0), angle)
+def _of_wrist_1(base: float, total: float) -> Quaternion:
+    """Turns about z, a quarter turn about x behind each, multiplied out; angles are halves, rad."""
+    c, s, u, v = math.cos(base), math.sin(base), math.cos(total), math.sin(total)
+    return -s * v, c * u, s * u, c * v
 
 
-@lru_cache(maxsize=8)
+def _of_tool(wrist_2: float, wrist_3: float) -> Quaternion:
+    """Turns about z, a quarter turn back about x between, in the same way."""
+    both, less = wrist_2 + wrist_3, wrist_3 - wrist_2
+    return _HALF * math.cos(both), -_HALF * math.cos(less), _HALF * math.sin(less), _HALF * math.sin(both)
+
+
+@lru_cache(maxsize=32)
 def flange(arm: Arm, joints: Joints) -> Pose:
     """Pose of the flange in the base frame. The newest are kept: a controller asks for the same ones in a cycle."""
     base, shoulder, elbow, wrist_1, wrist_2, wrist_3 = joints
@@ -93,9 +98,10 @@ def flange(arm: Arm, joints: Joints) -> Pose:
     total = fore + wrist_1
     out = arm.a2 * math.cos(shoulder) + arm.a3 * math.cos(fore) + arm.d5 * math.sin(total)
     up = arm.a2 * math.sin(shoulder) + arm.a3 * math.sin(fore) - arm.d5 * math.cos(total)
-    turn = product(product(_about_z(base), _FORWARD), product(_about_z(total), _FORWARD))
-    turn = product(product(turn, _about_z(wrist_2)), product(_BACKWARD, _about_z(wrist_3)))
-    tx, ty, tz = rotate(turn, (0.0, 0.0, arm.d6))
+    turn = product(_of_wrist_1(base / 2.0, total / 2.0), _of_tool(wrist_2 / 2.0, wrist_3 / 2.0))
+    w, x, y, z = turn
+    tool = 2.0 * arm.d6  # along the last axis of the turn
+    tx, ty, tz = tool * (x * z + w * y), tool * (y * z - w * x), arm.d6 - tool * (x * x + y * y)
     return Pose((out * c + arm.d4 * s + tx, out * s - arm.d4 * c + ty, arm.d1 + up + tz), turn)
 
 

@@ -10,6 +10,14 @@ from emulators.devices.rtde.robot import RtdeRobot
 from emulators.panel import Controls, Dial, Move, Switch, millimetres, motion_text, numbers_text
 
 _PERSON = "a person"
+_RUNTIME_AT = {
+    "playing": "play",
+    "resuming": "play",
+    "pausing": "pause",
+    "paused": "pause",
+    "stopped": "stop",
+}
+"""Position of the program's control by the state of the program."""
 
 
 def _act(act: Callable[[Controller], object]) -> Move:
@@ -46,6 +54,7 @@ _CONTROLS: Mapping[str, Switch | Dial] = {
             "release": _act(lambda controller: controller.release_emergency_stop(_PERSON)),
         },
         "press",
+        lambda state: "press" if state["safety"] == "robot emergency stop" else "release",
     ),
     "safeguard": Switch(
         "Open a safeguard, or close it.",
@@ -53,6 +62,7 @@ _CONTROLS: Mapping[str, Switch | Dial] = {
             "open": _act(lambda controller: controller.safeguard(True)),
             "close": _act(lambda controller: controller.safeguard(False)),
         },
+        at=lambda state: "open" if state["safety"] == "safeguard stop" else "close",
     ),
     "protective-stop": Switch(
         "Unlock a protective stop.", {"unlock": _act(Controller.unlock_protective_stop)}, "unlock"
@@ -60,9 +70,12 @@ _CONTROLS: Mapping[str, Switch | Dial] = {
     "control": Switch(
         "Switch between remote and local control.",
         {"remote": _give_control(True), "local": _give_control(False)},
+        at=lambda state: str(state["control"]),
     ),
     "power": Switch(
-        "Switch the arm's power.", {"on": _act(Controller.power_on), "off": _act(Controller.power_off)}
+        "Switch the arm's power.",
+        {"on": _act(Controller.power_on), "off": _act(Controller.power_off)},
+        at=lambda state: "off" if state["mode"] == "power off" else "on",
     ),
     "brakes": Switch("Release the brakes.", {"release": _act(Controller.release_brakes)}, "release"),
     "program": Switch(
@@ -72,9 +85,12 @@ _CONTROLS: Mapping[str, Switch | Dial] = {
             "pause": _act(Controller.pause),
             "stop": _act(Controller.stop_program),
         },
+        at=lambda state: _RUNTIME_AT.get(state["runtime"], ""),
     ),
     "popup": Switch("Close a pop-up.", {"close": _act(_close_popup)}, "close"),
-    "speed": Dial("Move the speed slider.", _slide, 0.0, 100.0, "%"),
+    "speed": Dial(
+        "Move the speed slider.", _slide, 0.0, 100.0, "%", lambda state: float(state["speed_percent"])
+    ),
 }
 
 

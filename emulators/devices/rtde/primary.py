@@ -70,8 +70,9 @@ def _robot_mode(controller: Controller, snapshot: Snapshot) -> Values:
 def _joints(controller: Controller, snapshot: Snapshot) -> Values:
     mode = _read("joint_mode", snapshot)
     temperatures, voltages = _read("joint_temperatures", snapshot), _read("actual_joint_voltage", snapshot)
-    rows = zip(snapshot.joints, snapshot.target, snapshot.speeds, voltages, temperatures, mode, strict=True)
-    return [part for q, to, qd, v, t, at in rows for part in (q, to, qd, 0.0, v, t, t, int(at))]
+    places, currents = (snapshot.joints, snapshot.target, snapshot.speeds), _read("actual_current", snapshot)
+    rows = zip(*places, currents, voltages, temperatures, mode, strict=True)
+    return [part for q, to, qd, i, v, t, at in rows for part in (q, to, qd, i, v, t, t, int(at))]
 
 
 def _tool(controller: Controller, snapshot: Snapshot) -> Values:

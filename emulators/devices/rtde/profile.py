@@ -1,9 +1,23 @@
 """Settings of the emulated controller and its arm."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
-from protocol.marks import Mark, SettingError, above, at_least, between, check_settings, setting
+from emulators.devices.rtde.generations import PRESETS
+from protocol.arm_size import PerAxis
+from protocol.geometry import Vector
+from protocol.marks import (
+    Mark,
+    Preset,
+    SettingError,
+    above,
+    at_least,
+    between,
+    check_settings,
+    fill_presets,
+    setting,
+)
 
 _A, _O, _C = Mark.ASSUMED, Mark.OBSERVED, Mark.CHOSEN
 
@@ -89,22 +103,127 @@ class RtdeProfile:
         above(0.0),
         unit="N",
     )
-    noise_um: float = setting(
-        5.0, _A, "noise of the reported place, root mean square", at_least(0.0), unit="µm"
+    follow_delay_cycles: int = setting(
+        1, _O, "cycles from a target in the outputs to the arm; 0 to 2 of real ones", between(1, 10)
     )
-    noise_urad: float = setting(5.0, _A, "the same of the orientation", at_least(0.0), unit="µrad")
+    follow_error_urad: float = setting(
+        80.0,
+        _O,
+        "what remains between a joint that moves slowly and its target, root mean square; 60 to 120 of a UR5e in "
+        "lbusellato/CoLeCT, whose tool was 0.04 to 0.06 mm off",
+        at_least(0.0),
+        unit="µrad",
+    )
+    fast_follow_error_urad: float = setting(
+        500.0,
+        _O,
+        "the same at 1 rad/s, and in proportion between; 200 to 700 of a UR10e in shamilmamedov/dynamic_calibration",
+        at_least(0.0),
+        unit="µrad",
+    )
+    follow_error_ms: float = setting(
+        100.0,
+        Mark.DERIVED,
+        "time by which that error becomes another, or goes away at rest: in lbusellato/CoLeCT it is correlated by 0.6 "
+        "after 50 ms, and no more after 100 ms",
+        at_least(0.0),
+        unit="ms",
+    )
+    slow_joint_mrad_s: float = setting(
+        1.0,
+        Mark.DERIVED,
+        "a slower joint has less of that error, slower changes of it, and less noise of its speed, in proportion. In "
+        "lbusellato/CoLeCT it is whole at 1 to 3 mrad/s, and none at 0.1",
+        above(0.0),
+        unit="mrad/s",
+    )
+    joint_noise_urad: float = setting(
+        None,
+        _O,
+        "white noise of each joint that is told, root mean square; the pose is computed from these. By the model: 18 "
+        "of an e-Series (15 to 24 in qblc7/bachelorproject), 15 of a CB3",
+        at_least(0.0),
+        unit="µrad",
+    )
+    joint_bits: int = setting(
+        None,
+        _O,
+        "a joint is told in steps of a turn over two to this power; 0: none. By the model: 19 of an e-Series "
+        "(qblc7/bachelorproject), 0 of a CB3",
+        between(0, 32),
+    )
+    joint_speed_noise_mrad_s: float = setting(
+        None,
+        _O,
+        "white noise of the speed of a joint that moves, 0.8 to 1.4 in lbusellato/CoLeCT; one at rest tells 0. With "
+        "the error behind the target it gives the 1.3 to 2.4 of that recording",
+        at_least(0.0),
+        unit="mrad/s",
+    )
+    current_noise_a: PerAxis = setting(
+        None,
+        _O,
+        "white noise of actual_current, which has no mean here; of lbusellato/CoLeCT",
+        at_least(0.0),
+        unit="A",
+    )
+    accelerometer_noise_m_s2: Vector = setting(
+        None, _O, "white noise of actual_tool_accelerometer; of lbusellato/CoLeCT", at_least(0.0), unit="m/s²"
+    )
     force_point: Literal["flange", "tcp"] = setting(
-        "flange", _A, "point about which actual_TCP_force tells its moments; tcp on a CB3"
+        None, _A, "point about which actual_TCP_force tells its moments; by the model: tcp on a CB3"
     )
-    force_noise_n: float = setting(
-        0.2, _A, "noise of the arm's own force sensor, root mean square", at_least(0.0), unit="N"
+    force_noise_n: Vector = setting(
+        None,
+        _O,
+        "white noise of each axis of actual_TCP_force at rest, root mean square. By the model: 0.18, 0.15, 0.10 of an "
+        "e-Series (charintorn/UR_RTDE_Force_Recorder), 0.5 of a CB3 (lucasgallegos/bagfiles)",
+        at_least(0.0),
+        unit="N",
+    )
+    force_noise_nm: Vector = setting(
+        None,
+        _O,
+        "the same of its moments: 0.0045, 0.0048, 0.0035 of an e-Series, 0.05 of a CB3",
+        at_least(0.0),
+        unit="N·m",
+    )
+    moving_force_noise_n: Vector = setting(
+        None,
+        _O,
+        "the same while the arm moves: 0.34, 0.20, 0.13 of an e-Series (lbusellato/CoLeCT)",
+        at_least(0.0),
+        unit="N",
+    )
+    moving_force_noise_nm: Vector = setting(
+        None, _O, "and of its moments: 0.007, 0.015, 0.011 of an e-Series", at_least(0.0), unit="N·m"
+    )
+    force_walk_n: float = setting(
+        None,
+        _O,
+        "how far the zero of each axis of actual_TCP_force walks in 10 s, root mean square; means over 0.2 to 80 s in "
+        "charintorn/UR_RTDE_Force_Recorder differ by 0.03 to 0.07",
+        at_least(0.0),
+        unit="N",
+    )
+    force_slope_n_min: float = setting(
+        None,
+        _O,
+        "largest steady slope of that zero, drawn by the seed; of the same repository",
+        at_least(0.0),
+        unit="N/min",
     )
     force_offset_n: float = setting(
-        4.5,
+        None,
         _O,
-        "largest offset of each axis of actual_TCP_force, drawn by the seed; 28 of a CB3",
+        "largest offset of each axis of actual_TCP_force, drawn by the seed; by the model: 4.5, or 28 of a CB3",
         between(0.0, 100.0),
         unit="N",
+    )
+    force_offset_axes: Literal["base", "flange"] = setting(
+        None,
+        _A,
+        "axes along which that offset stands still; by the model: flange of a CB3, whose offset changes with the pose",
     )
     force_lag_ms: float = setting(10.0, _A, "time constant of its filter", between(0.0, 1000.0), unit="ms")
     force_mode_gain_mm_s_n: float = setting(
@@ -154,7 +273,13 @@ class RtdeProfile:
         unit="Hz",
     )
 
+    @property
+    def presets(self) -> Mapping[str, Preset]:
+        """Defaults that depend on the model."""
+        return PRESETS[self.model]
+
     def __post_init__(self) -> None:
+        fill_presets(self)
         check_settings(self)
         parts = self.version.split(".")
         if len(parts) != 4 or not all(part.isdecimal() and len(part) < 10 for part in parts):

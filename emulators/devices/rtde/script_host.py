@@ -122,14 +122,18 @@ class ControllerHost:
 
     @property
     def joints(self) -> Joints:
-        return self._controller.arm.joints
+        return self._controller.joints
 
     @property
     def target(self) -> Joints:
-        return self._controller.arm.target
+        return self._controller.arm.joints
 
     @property
     def speeds(self) -> Joints:
+        return self._controller.speeds
+
+    @property
+    def target_speeds(self) -> Joints:
         return self._controller.arm.motion
 
     @property

@@ -4,7 +4,8 @@ import math
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
-from emulators.devices.rtde.kinematics import Joints
+from emulators.devices.rtde.drives import ArmSensors
+from emulators.devices.rtde.kinematics import Arm, Joints, compose, flange
 from protocol.devices.rtde.fields import INPUTS, OUTPUTS, Value
 from protocol.devices.rtde.rotation import six_of
 from protocol.devices.rtde.states import BITS, RobotMode, Runtime, SafetyMode, StatusBits
@@ -17,20 +18,26 @@ Registers = Mapping[str, Value]
 class Snapshot(NamedTuple):
     """State at the end of one cycle."""
 
+    number: int
+    """Of the cycle."""
     time: float
     """By the controller's clock, s."""
     period: float
+    lengths: Arm
+    sensors: ArmSensors
     joints: Joints
+    """At the begin of the cycle, as measured, rad."""
     speeds: Joints
+    """As measured, rad/s."""
     target: Joints
+    """That the controller gives to its drives in this cycle, rad; its filter makes it of the argument of servoj."""
+    target_speeds: Joints
+    target_speeds_before: Joints
+    """One cycle earlier, rad/s."""
     pose: Pose
-    """Of the tool at the begin of the cycle, as measured."""
-    before: Pose
-    """One cycle earlier, without noise."""
+    """Of the tool at the measured joints, or as faults let it be told."""
     now: Pose
-    """The pose without noise."""
-    wanted: Pose
-    """Pose that the program wants."""
+    """Of the tool as it is."""
     tcp: Pose
     """Tool in the flange."""
     force: Wrench
@@ -51,12 +58,30 @@ _NONE = (0.0,) * 6
 _POWERED, _PLAYING = int(StatusBits.POWER_ON), int(StatusBits.PROGRAM_RUNNING)
 
 
-def _speed(state: Snapshot) -> Value:
-    """Velocity of the tool from its last two poses."""
-    turned = product(state.now.quaternion, inverse(state.before.quaternion))
-    (x, y, z), (u, v, w), (i, j, k) = state.before.position, state.now.position, rotation_vector(turned)
+def _speed(state: Snapshot, joints: Joints, speeds: Joints) -> Value:
+    """Velocity of the tool whose joints move at these speeds: the way of one cycle over its time."""
+    if not any(speeds):
+        return _NONE
     time = state.period
+    a, b, c, d, e, f = (joint - time * speed for joint, speed in zip(joints, speeds, strict=True))
+    before = compose(flange(state.lengths, (a, b, c, d, e, f)), state.tcp)
+    here = compose(flange(state.lengths, joints), state.tcp)
+    turned = product(here.quaternion, inverse(before.quaternion))
+    (x, y, z), (u, v, w), (i, j, k) = before.position, here.position, rotation_vector(turned)
     return (u - x) / time, (v - y) / time, (w - z) / time, i / time, j / time, k / time
+
+
+def _target_pose(state: Snapshot) -> Value:
+    return six_of(compose(flange(state.lengths, state.target), state.tcp))
+
+
+def _accelerations(state: Snapshot) -> Value:
+    pairs = zip(state.target_speeds, state.target_speeds_before, strict=True)
+    return tuple((now - before) / state.period for now, before in pairs)
+
+
+def _currents(state: Snapshot) -> Value:
+    return state.sensors.read_currents(state.number) if state.mode == RobotMode.RUNNING else _NONE
 
 
 def _status(state: Snapshot) -> float:
@@ -97,14 +122,16 @@ def _analog(state: Snapshot, number: int) -> float:
 FIELDS: Mapping[str, Callable[[Snapshot], Value]] = {
     "timestamp": lambda state: state.time,
     "target_q": lambda state: state.target,
-    "target_qd": lambda state: state.speeds,
+    "target_qd": lambda state: state.target_speeds,
+    "target_qdd": _accelerations,
     "actual_q": lambda state: state.joints,
     "actual_qd": lambda state: state.speeds,
     "actual_TCP_pose": lambda state: six_of(state.pose),
-    "actual_TCP_speed": _speed,
+    "actual_TCP_speed": lambda state: _speed(state, state.joints, state.speeds),
     "actual_TCP_force": lambda state: state.force,
-    "target_TCP_pose": lambda state: six_of(state.wanted),
-    "target_TCP_speed": _speed,
+    "target_TCP_pose": _target_pose,
+    "target_TCP_speed": lambda state: _speed(state, state.target, state.target_speeds),
+    "actual_current": _currents,
     "ft_raw_wrench": lambda state: state.raw_force,
     "tcp_force_scalar": lambda state: math.hypot(*state.force[:3]),
     "tcp_offset": lambda state: six_of(state.tcp),
@@ -125,7 +152,7 @@ FIELDS: Mapping[str, Callable[[Snapshot], Value]] = {
     "actual_robot_voltage": lambda state: 48.0,
     "actual_robot_current": lambda state: 0.6,
     "actual_execution_time": lambda state: 0.5,
-    "actual_tool_accelerometer": lambda state: (0.0, 0.0, -9.82),
+    "actual_tool_accelerometer": lambda state: state.sensors.read_acceleration(state.number),
     "target_execution_time": lambda state: 0.5,
     "tool_mode": lambda state: TOOL_RUNS if state.mode == RobotMode.RUNNING else TOOL_OFF,
     "tool_temperature": lambda state: 28.0,
@@ -138,6 +165,7 @@ FIELDS: Mapping[str, Callable[[Snapshot], Value]] = {
 """Outputs that are more than 0; temperatures, voltages and the like are plausible constants."""
 
 
+_NOISE_ALONE = "actual_current", "actual_tool_accelerometer"
 _CONSTANT = (
     "joint_temperatures",
     "actual_joint_voltage",
@@ -145,7 +173,6 @@ _CONSTANT = (
     "actual_robot_voltage",
     "actual_robot_current",
     "actual_execution_time",
-    "actual_tool_accelerometer",
     "target_execution_time",
     "tool_temperature",
 )
@@ -155,6 +182,8 @@ def not_modelled(name: str) -> str:
     """The treatment of a variable that has no meaning here; empty for one that has."""
     if name in _CONSTANT:
         return "always the same"
+    if name in _NOISE_ALONE:
+        return "noise alone"
     return "" if "_register" in name or name in FIELDS or name in INPUTS else "always 0"
 
 

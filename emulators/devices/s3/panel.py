@@ -47,6 +47,7 @@ _SWITCHES: Mapping[str, Switch] = {
         "Press the emergency stop, or release it.",
         {"press": S3Controller.press_emergency_stop, "release": S3Controller.release_emergency_stop},
         "press",
+        lambda state: "press" if state["flags"]["emergency_stop"] else "release",
     ),
     "key": Switch(
         "Turn the key.",
@@ -54,6 +55,7 @@ _SWITCHES: Mapping[str, Switch] = {
             "auto": lambda robot, now: robot.set_key(True, now),
             "manual": lambda robot, now: robot.set_key(False, now),
         },
+        at=lambda state: "auto" if state["flags"]["key_auto"] else "manual",
     ),
     "link-control": Switch(
         "Give the link control at the pendant, or take it back.",
@@ -61,6 +63,7 @@ _SWITCHES: Mapping[str, Switch] = {
             "give": lambda robot, now: robot.set_link_control(True, now),
             "take": lambda robot, now: robot.set_link_control(False, now),
         },
+        at=lambda state: "take" if state["flags"]["local"] else "give",
     ),
     "work-stop": Switch(
         "Stop work, or let it go on.",
@@ -68,6 +71,7 @@ _SWITCHES: Mapping[str, Switch] = {
             "on": lambda robot, now: robot.set_work_stop(True, now),
             "off": lambda robot, now: robot.set_work_stop(False, now),
         },
+        at=lambda state: "on" if state["flags"]["work_stop"] else "off",
     ),
     "programming-unit": Switch(
         "Connect the programming unit, or remove it.",
@@ -75,6 +79,7 @@ _SWITCHES: Mapping[str, Switch] = {
             "connect": lambda robot, now: robot.set_programming_unit(True, now),
             "remove": lambda robot, now: robot.set_programming_unit(False, now),
         },
+        at=lambda state: "connect" if state["flags"]["programming_unit"] else "remove",
     ),
     "interrupt": Switch(
         "Permit interrupts, or forbid them; the status tells it.",
@@ -82,6 +87,7 @@ _SWITCHES: Mapping[str, Switch] = {
             "permit": lambda robot, now: robot.set_interrupt(True, now),
             "forbid": lambda robot, now: robot.set_interrupt(False, now),
         },
+        at=lambda state: "permit" if state["flags"]["interrupt_permitted"] else "forbid",
     ),
 }
 _FLAG_WORDS = {

@@ -8,6 +8,9 @@ from hil_bridge.control.checks import require_above_zero, require_not_negative
 from protocol.geometry import Vector
 from protocol.marks import SettingError
 
+_BEYOND_ARMS_M = 100.0
+"""Chosen: a corner of the box beyond is told in mm; one beyond a thousand times as much bounds nothing on purpose."""
+
 
 @dataclass(frozen=True, slots=True)
 class Limits:
@@ -160,6 +163,11 @@ class Limits:
             require_not_negative(self, "witness_n")
         if self.force_margin_share >= 1:
             raise SettingError("force_margin_share", f"must be below 1, got {self.force_margin_share}")
+        for corner in ("workspace_min_m", "workspace_max_m"):
+            parts = getattr(self, corner)
+            if _BEYOND_ARMS_M < max(map(abs, parts)) <= _BEYOND_ARMS_M * 1e3:
+                metres = [round(part * 1e-3, 6) for part in parts]
+                raise SettingError(corner, f"is in m, and no arm reaches so far; did you mean {metres}?")
         for low, high in zip(self.workspace_min_m, self.workspace_max_m, strict=True):
             if not (math.isfinite(low) and math.isfinite(high) and low < high):
                 raise SettingError("workspace_min_m", "must be below workspace_max_m on every axis")

@@ -49,14 +49,20 @@ class Supervisor:
     def initial(self, position: Vector, depth: float = 0.0) -> SupervisorState:
         """State for a robot that stands at this position in the base frame and at this depth, m.
 
-        Raises ConfigError when that is outside the workspace.
+        Raises ConfigError when that is outside the workspace. A reported position is taken with the same tolerance as
+        in a run: a tool may stand that far outside, and goes no farther out.
         """
-        if not _inside(self.limits, position):
+        if not _inside(self.limits, position, _STANDS):
             raise ConfigError(
                 f"the robot stands at {position} m, outside the box of limits.workspace_…_m",
+                remedy=_in_millimetres(self.limits, position),
                 cause=Cause.START,
             )
         return SupervisorState(depth, position)
+
+    def allows(self, position: Vector) -> bool:
+        """Whether a place, base frame, m, is in the box of the workspace, to the letter."""
+        return _inside(self.limits, position)
 
     def step(
         self, state: SupervisorState, observation: Observation, request: Request
@@ -301,6 +307,16 @@ def _inside(limits: Limits, position: Vector, slack: float = 0.0) -> bool:
     return a - slack <= x <= d + slack and b - slack <= y <= e + slack and c - slack <= z <= f + slack
 
 
+def _in_millimetres(limits: Limits, position: Vector) -> str:
+    """A hint for a box whose corners are told in mm; empty where it is none."""
+    x, y, z = position
+    corners = limits.workspace_min_m, limits.workspace_max_m
+    if not _inside(limits, (x * 1e3, y * 1e3, z * 1e3)):
+        return ""
+    low, high = ([round(part * 1e-3, 6) for part in corner] for corner in corners)
+    return f"its corners are in m; did you mean {low} and {high}?"
+
+
 def _at_depth(request: Request, depth: float) -> Request:
     """The same request at another depth."""
     (x, y, z), (a, b, c), by = request.position, request.direction, depth - request.depth
@@ -357,6 +373,10 @@ def _clamp(limits: Limits, state: SupervisorState, request: Request, dt: float) 
 
     target: Vector = (tx, ty, tz)
     low, high = limits.workspace_min_m, limits.workspace_max_m
+    if not (low[0] <= tx <= high[0] and low[1] <= ty <= high[1] and low[2] <= tz <= high[2]):
+        # A tool that stands a little outside since its start may stay there, and come back.
+        low = min(low[0], bx), min(low[1], by), min(low[2], bz)
+        high = max(high[0], bx), max(high[1], by), max(high[2], bz)
     if not (low[0] <= tx <= high[0] and low[1] <= ty <= high[1] and low[2] <= tz <= high[2]):
         # The part across the approach is cut first: a border beside the way must not hold the depth.
         target = bx + nx * along, by + ny * along, bz + nz * along

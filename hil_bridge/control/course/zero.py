@@ -3,6 +3,7 @@
 A reading is the mean of some frames in the sensor frame, fx fy fz in N and mx my mz in N·m, shape (6,).
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -30,6 +31,8 @@ class Reading:
     """N and N·m in the sensor frame, (6,)."""
     drift: tuple[float, ...]
     """Mean of the newer half less that of the older one, N and N·m, (6,)."""
+    error_n: float = 0.0
+    """Standard error of the mean by the white noise of the frames, of the force axis where it is largest, N."""
 
     def unsteady(self, change_n: float) -> str:
         """Which axis drifts by more than this, in words; empty for a reading at rest."""
@@ -51,7 +54,9 @@ def reading(wrenches: Sequence[Sequence[float]]) -> Reading:
     table = np.asarray(wrenches, dtype=float)
     half = len(table) // 2
     drift = table[half:].mean(axis=0) - table[:half].mean(axis=0)
-    return Reading(tuple(table.mean(axis=0).tolist()), tuple(drift.tolist()))
+    noise = np.sqrt(0.5 * np.square(np.diff(table[:, :3], axis=0)).mean(axis=0))
+    error_n = float(noise.max()) / math.sqrt(len(table))
+    return Reading(tuple(table.mean(axis=0).tolist()), tuple(drift.tolist()), error_n)
 
 
 def weight_reading(wrist: Wrist, quaternion: Quaternion) -> tuple[float, ...]:

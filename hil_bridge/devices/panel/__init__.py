@@ -2,15 +2,19 @@
 
 from hil_bridge.devices.panel.client import ask
 from hil_bridge.devices.panel.messages import ANSWER_LIMIT, REQUEST_LIMIT, decode, encode
+from hil_bridge.devices.panel.operated import OperatedPanel, PanelLook
 from hil_bridge.devices.panel.server import CLIENT_LIMIT, PanelServer, panel_address
-from hil_bridge.devices.panel.text import faults_text, state_text
+from hil_bridge.devices.panel.text import controls_text, faults_text, state_text
 
 __all__ = [
     "ANSWER_LIMIT",
     "CLIENT_LIMIT",
     "REQUEST_LIMIT",
+    "OperatedPanel",
+    "PanelLook",
     "PanelServer",
     "ask",
+    "controls_text",
     "decode",
     "encode",
     "faults_text",

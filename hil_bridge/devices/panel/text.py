@@ -1,6 +1,6 @@
 """A panel's answers for people to read. An answer without a state shows a dash."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from hil_bridge.errors.failures import one_line
@@ -11,6 +11,20 @@ def state_text(answer: Mapping[str, Any]) -> str:
     rows = answer.get("rows")
     known = rows if isinstance(rows, dict) else {}
     return "\n".join(f"{one_line(str(name)):<14}{one_line(str(text))}" for name, text in known.items()) or "–"
+
+
+def controls_text(controls: Mapping[str, Any]) -> str:
+    """Every control with its positions and what it does."""
+    calls = [
+        (f"{one_line(name)} {'|'.join(map(str, _listed(control.get('to'))))}", control.get("meaning", ""))
+        for name, control in _tables(controls)
+    ]
+    width = max((len(call) for call, _ in calls), default=0)
+    return "\n".join(f"{one_line(call):<{width}}  {one_line(str(meaning))}" for call, meaning in calls) or "–"
+
+
+def _listed(positions: object) -> Sequence[object]:
+    return positions if isinstance(positions, list | tuple) else ()
 
 
 def faults_text(targets: Mapping[str, Any]) -> str:

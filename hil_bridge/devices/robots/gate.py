@@ -8,6 +8,7 @@ of it. Deciding takes another time in every cycle, so two orders may come sooner
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from protocol.geometry import Pose, Quaternion, Vector, angle_between, angle_of_vectors
@@ -26,6 +27,14 @@ CONTRADICTION_M = 1e-4
 """Largest distance between the depth that was decided and that of the pose, m. Chosen: below one step of a coarse
 robot, and ten times what the guard allows.
 """
+
+STANDS_M = 1e-4
+"""Farthest below the bounds that a tool may stand and be ordered to stay, m. Chosen: twenty times the noise of a
+reported place of a few µm, and a tenth of what the guard takes a reported place with.
+"""
+
+OUTSIDE_M = 1e-3
+"""The same outside the box, m: the guard's tolerance of a reported place."""
 
 ANY = 1e9
 """Chosen: a speed that bounds nothing; infinity times no time is no number."""
@@ -66,9 +75,17 @@ class Gate:
     """Judges the poses of one movement, one after the other."""
 
     def __init__(self, bounds: Bounds, now: float, pose: Pose | None = None) -> None:
-        """`pose` is where the tool stands, by default the start of the bounds; `now` is the time, s."""
+        """`pose` is where the tool stands, by default the start of the bounds; `now` is the time, s.
+
+        A robot that tells its place with noise may stand a little deeper than the bounds allow. It may be ordered to
+        stay there, and no deeper.
+        """
         self.bounds = bounds
         self._last, self._at = pose or bounds.start, now
+        stands = depth_of(self._last.position, bounds)
+        self._deepest = stands if 0.0 < stands - bounds.deepest <= STANDS_M else bounds.deepest
+        self._low = _reach(bounds.low, self._last.position, min)
+        self._high = _reach(bounds.high, self._last.position, max)
         self._turned_at = now
         self._deeper = self._across = self._away = self._turned = 0.0
         """Of each credit, what has been used and has not grown again, m and rad."""
@@ -84,8 +101,8 @@ class Gate:
         (x, y, z), (i, j, k), (u, v, w) = pose.position, last.position, bounds.start.position
         (a, b, c), (lowest_x, lowest_y, lowest_z), (highest_x, highest_y, highest_z) = (
             bounds.approach,
-            bounds.low,
-            bounds.high,
+            self._low,
+            self._high,
         )
         turned = pose.quaternion != last.quaternion
         if not (abs(x) <= FARTHEST_M and abs(y) <= FARTHEST_M and abs(z) <= FARTHEST_M):
@@ -93,7 +110,7 @@ class Gate:
         if turned and not abs(math.hypot(*pose.quaternion) - 1.0) <= UNIT:
             return _stopped(f"to the orientation {pose.quaternion}, which is none")
         slack, time = bounds.slack, bounds.time
-        depth, limit = a * (x - u) + b * (y - v) + c * (z - w), min(bounds.deepest, deepest)
+        depth, limit = a * (x - u) + b * (y - v) + c * (z - w), min(self._deepest, deepest)
         if depth > limit + slack:
             return _beyond((depth - limit) * 1e3, "mm deeper than the deepest that may be ordered")
         if not (lowest_x <= x <= highest_x and lowest_y <= y <= highest_y and lowest_z <= z <= highest_z):
@@ -151,6 +168,15 @@ class Gate:
         """The robot has not taken the newest pose: it stands, and the next one counts from, where it was before."""
         self._last, self._at, self._turned_at, *credits_used = self._before
         self._deeper, self._across, self._away, self._turned = credits_used
+
+
+def _reach(corner: Vector, stands: Vector, choose: Callable[[float, float], float]) -> Vector:
+    """A corner of the box, moved to where the tool stands on each axis on which it stands a little outside."""
+    x, y, z = (
+        choose(border, at) if abs(at - border) <= OUTSIDE_M else border
+        for border, at in zip(corner, stands, strict=True)
+    )
+    return x, y, z
 
 
 def _beyond(amount: float, words: str) -> str:

@@ -1,16 +1,18 @@
 """A look at a robot that orders nothing: its rate, where it stands, and the reasons for which a run would not begin."""
 
 import asyncio
+import math
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from hil_bridge.clock import Clock
 from hil_bridge.devices.device_log import LogTo
-from hil_bridge.devices.facts import Pacing
+from hil_bridge.devices.facts import PACKETS, Pacing
 from hil_bridge.devices.robots.seam import RobotLink, RobotReport
+from hil_bridge.devices.robots.streamed import RobotSilent
 from hil_bridge.devices.wiring import Wiring
-from hil_bridge.errors import DeviceError, TransportError
+from hil_bridge.errors import BridgeError, DeviceError, TransportError
 from hil_bridge.transports import Transport
 from protocol.endpoint import Trouble
 
@@ -57,10 +59,10 @@ def muted(wiring: Wiring) -> Wiring:
     return replace(wiring, wrap=wrap)
 
 
-async def probe_link(connect: Callable[[Wiring], Any], wiring: Wiring) -> Probed:
-    """Findings of a robot that `connect` opens. Nothing is ordered, and nothing is made ready.
+async def probe_link(url: str, connect: Callable[[Wiring], Awaitable[RobotLink]], wiring: Wiring) -> Probed:
+    """Findings of a robot that `connect` opens at a URL. Nothing is ordered, and nothing is made ready.
 
-    Raises TransportUnavailable for the wire, DeviceError where nothing answers.
+    Raises TransportUnavailable for the wire, BridgeError where nothing answers. What came and was no answer is found.
     """
     said: list[tuple[str, str]] = []
 
@@ -68,26 +70,45 @@ async def probe_link(connect: Callable[[Wiring], Any], wiring: Wiring) -> Probed
         if len(said) < NOTICES_MAX and (kind, text) not in said:
             said.append((kind, text))
 
-    link: RobotLink = await connect(replace(wiring, log=LogTo(notice=note)))
+    clock, until = wiring.clock, wiring.clock.now() + FIRST_S
+    link = await first_answer(url, connect(replace(wiring, log=LogTo(notice=note))))
+    reports: list[RobotReport] = []
     rows = [("robot", link.facts.model)]
     try:
         link.start()
-        first = await _first_report(link, wiring.clock)
-        reports, refusals = [first], []
-        if link.facts.pacing is Pacing.STREAMED:
-            refusals += await _hear_more(link, wiring.clock, reports)
-            rows.append(("rate", _rate_text(reports, link.facts.cycle_s)))
+        ended = await _hear_first(link, clock, until, reports)
+        if reports and link.facts.pacing is Pacing.STREAMED:
+            counted = link.counters[PACKETS]
+            ended = await _hear_more(link, clock, reports)
+            rows.append(("rate", _rate_text(reports, link.counters[PACKETS] - counted, link.facts.cycle_s)))
     finally:
         await link.aclose()
-    newest = reports[-1]
+    said = [row for row in said if ended is None or row[1] != str(ended)]
+    if ended is not None and not (reports or said):
+        raise ended
+    if reports:
+        rows += _rows_of(reports[-1], ended is not None)
+        rows += [
+            ("wire", f"{link.counters[name]} {name}") for name in link.facts.errors if link.counters[name]
+        ]
+    return Probed((*rows, *said), _refusals(reports, ended))
+
+
+def _rows_of(newest: RobotReport, ended: bool) -> list[tuple[str, str]]:
+    """Findings of the newest report, for people; `ended` when no more came behind it."""
     x, y, z = (1e3 * value for value in newest.pose.position)
-    rows.append(("position", f"{x:.1f} {y:.1f} {z:.1f} mm"))
+    known = all(map(math.isfinite, (x, y, z)))
+    rows = [("position", f"{x:.1f} {y:.1f} {z:.1f} mm" if known else "none")]
     if newest.force is not None:
         rows.append(("own force", "{:.1f} {:.1f} {:.1f} N".format(*newest.force)))
-    rows.append(("state", newest.fault or "ready"))
-    if newest.fault:
-        refusals.insert(0, Trouble(newest.fault, newest.remedy))
-    return Probed((*rows, *said), tuple(refusals))
+    return [*rows, ("state", newest.fault or ("unknown: its packets have ended" if ended else "ready"))]
+
+
+def _refusals(reports: list[RobotReport], ended: BridgeError | None) -> tuple[Trouble, ...]:
+    """Reason for which a run would not begin: the fault that is told, else the end of the reports."""
+    if reports and (newest := reports[-1]).fault:
+        return (Trouble(newest.fault, newest.remedy),)
+    return () if ended is None else (Trouble(ended.fact, ended.remedy),)
 
 
 async def first_answer(name: str, answer: Awaitable[_Answer]) -> _Answer:
@@ -102,34 +123,37 @@ async def first_answer(name: str, answer: Awaitable[_Answer]) -> _Answer:
         ) from None
 
 
-async def _first_report(link: RobotLink, clock: Clock) -> RobotReport:
-    """The first report. A stream that pauses is given time; its last error tells why nothing came."""
-    until = clock.now() + FIRST_S
+async def _hear_first(
+    link: RobotLink, clock: Clock, until: float, reports: list[RobotReport]
+) -> BridgeError | None:
+    """Wait for the first report; why none came. A stream that pauses is given time."""
     while True:
-        begun = clock.now()
         try:
-            return await first_answer(link.name, link.report())
-        except DeviceError:
-            if clock.now() >= until or clock.now() == begun:
-                raise
+            reports.append(await first_answer(link.name, link.report()))
+        except RobotSilent as silent:
+            if clock.now() >= until:
+                return silent
+        except (DeviceError, TransportError) as error:
+            return error
+        else:
+            return None
 
 
-async def _hear_more(link: RobotLink, clock: Clock, reports: list[RobotReport]) -> list[Trouble]:
-    """Hear the reports of a short while; the trouble by which the stream ended, if it did."""
+async def _hear_more(link: RobotLink, clock: Clock, reports: list[RobotReport]) -> BridgeError | None:
+    """Hear the reports of a short while; the error by which the stream ended, if it did."""
     until = clock.now() + LOOK_S
     while clock.now() < until:
         try:
             reports.append(await link.report())
         except (DeviceError, TransportError) as error:
-            return [Trouble(error.fact, error.remedy)]
-    return []
+            return error
+    return None
 
 
-def _rate_text(reports: list[RobotReport], cycle_s: float | None) -> str:
-    """The rate of these reports beside the one that is set."""
-    first, last = reports[0], reports[-1]
-    passed, count = last.received_at - first.received_at, last.sequence - first.sequence
+def _rate_text(reports: list[RobotReport], packets: int, cycle_s: float | None) -> str:
+    """The rate of the packets that came behind the first of these reports, beside the one that is set."""
+    passed = reports[-1].received_at - reports[0].received_at
     expected = f"; {1.0 / cycle_s:.0f} Hz by its settings" if cycle_s else ""
-    if passed <= 0.0 or count < 1:
+    if passed <= 0.0 or packets < 1:
         return f"one packet only{expected}"
-    return f"{count / passed:.0f} Hz{expected}"
+    return f"{packets / passed:.0f} Hz{expected}"

@@ -57,6 +57,10 @@ TROUBLES = "packets missing", STALE
 TRAFFIC = (Traffic("packets", ANSWERS, PACKETS),)
 
 
+class RobotSilent(DeviceError):
+    """A robot that streams has sent nothing for a while; it may go on."""
+
+
 class StreamedLink(Generic[Data]):
     """A robot that streams, as `hil_bridge.devices.robots.seam.RobotLink` says."""
 
@@ -81,6 +85,9 @@ class StreamedLink(Generic[Data]):
         self._answering = Answering(client, facts.cycle_s)
         self._pump: Pump[Data, StreamEvent] = Pump(self._answering, wire, clock, self._take, self._ended)
         self._newest: RobotReport | None = None
+        self._listened_from = clock.now()
+        self._never: DeviceError | None = None
+        """Why nothing has ever come; None where that is not known."""
         self._handed_out = False
         """The newest report has been handed out."""
         self._waiting: set[asyncio.Future[RobotReport]] = set()
@@ -91,6 +98,7 @@ class StreamedLink(Generic[Data]):
         return self._answering.counters
 
     def start(self) -> None:
+        self._listened_from = self._clock.now()
         self._pump.start()
 
     async def aclose(self) -> None:
@@ -166,6 +174,7 @@ class StreamedLink(Generic[Data]):
         return await self._next(SILENT_S, _WENT_ON)
 
     async def _next(self, patience: float, remedy: str) -> RobotReport:
+        """The next report. `remedy` is the advice where the robot has sent something before. Raises BridgeError."""
         if self._failure is not None:
             raise self._failure
         waiting: asyncio.Future[RobotReport] = self._clock.loop.create_future()
@@ -174,7 +183,7 @@ class StreamedLink(Generic[Data]):
             async with asyncio.timeout(patience):
                 return await waiting
         except TimeoutError:
-            raise self._silent(patience, remedy) from None
+            raise self._never or self._silent(patience, remedy) from None
         finally:
             self._waiting.discard(waiting)
 
@@ -184,25 +193,29 @@ class StreamedLink(Generic[Data]):
                 if report.fault:
                     report = report._replace(fault=self._faulty(report.fault))
                 self._newest, self._handed_out = report, bool(self._waiting)
+                self._never = None
                 for waiting in self._waiting:
                     if not waiting.done():
                         waiting.set_result(report)
             case StreamLost(text=text, remedy=remedy):
                 lost = DeviceError(f"robot on {self.name}: {text}", remedy=remedy, cause=Cause.DEAD_LINK)
+                self._never = lost if self._newest is None else None
                 self._log.notice("link", str(lost))
                 self._fail(lost)
             case StreamNotice(kind=kind, text=text):
                 self._log.notice(kind, text)
 
-    def _silent(self, seconds: float, remedy: str) -> DeviceError:
+    def _silent(self, seconds: float, remedy: str) -> RobotSilent:
         newest = self._newest
+        if newest is None:
+            seconds, remedy = max(seconds, round(self._clock.now() - self._listened_from, 1)), _START
         before = (
             f"; before that, {Trouble(newest.fault, newest.remedy)}"
             if newest is not None and newest.fault
             else ""
         )
         text = f"robot on {self.name} sent nothing for {seconds:g} s"
-        return DeviceError(text, remedy=f"{remedy}{before}", cause=Cause.DEAD_LINK)
+        return RobotSilent(text, remedy=f"{remedy}{before}", cause=Cause.DEAD_LINK)
 
     def _faulty(self, words: str) -> str:
         return f"robot on {self.name} cannot move: {words}"

@@ -1,1 +1,1 @@
-"""Judges of robot clients in any language, by what an emulated robot saw of them."""
+"""Judges of clients in any language, by what an emulated device saw and made of them."""

@@ -4,7 +4,7 @@ import os
 import signal
 import subprocess
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Protocol
@@ -19,7 +19,7 @@ _REAP_S = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Where:
-    """How a client finds the robot."""
+    """How a client finds the device."""
 
     url: str
     """The wire as hil-bridge writes it, with the kind where it needs one."""
@@ -27,8 +27,9 @@ class Where:
     """Placeholders by name: url, host, port and what else the wire has."""
 
     def environment(self) -> dict[str, str]:
-        """`HIL_BRIDGE_HOST` and so on, beside what this process has."""
-        return dict(os.environ) | {f"HIL_BRIDGE_{name.upper()}": value for name, value in self.names.items()}
+        """`HIL_BRIDGE_HOST` and so on, beside what this process has. A client in Python tells each line at once."""
+        given = {f"HIL_BRIDGE_{name.upper()}": value for name, value in self.names.items()}
+        return {**os.environ, "PYTHONUNBUFFERED": "1", **given}
 
     def filled(self, command: Sequence[str]) -> list[str]:
         """The command with its placeholders filled in. Raises ConfigError for one that this wire does not have."""
@@ -46,7 +47,10 @@ class Where:
 
 
 class Client(Protocol):
-    """Something that comes to a robot by itself."""
+    """Something that comes to a device by itself."""
+
+    hear: Callable[[bytes], object] | None
+    """Called with each piece of its output; None while it is not wanted."""
 
     def start(self, where: Where) -> None:
         """Begin. Raises ConfigError for what cannot be started."""
@@ -70,6 +74,7 @@ class ProcessClient:
 
     def __init__(self, command: Sequence[str]) -> None:
         self._command = command
+        self.hear: Callable[[bytes], object] | None = None
         self._process: subprocess.Popen[bytes] | None = None
         self._tail = b""
         self._cut = False
@@ -143,5 +148,7 @@ class ProcessClient:
                 return
             if not piece:
                 return
+            if self.hear is not None:
+                self.hear(piece)
             self._cut |= len(self._tail) + len(piece) > OUTPUT_MAX
             self._tail = (self._tail + piece)[-OUTPUT_MAX:]

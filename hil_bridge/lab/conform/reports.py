@@ -9,9 +9,8 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 from xml.etree import ElementTree
 
-from hil_bridge.lab.conform.judging import Outcome
-from hil_bridge.lab.conform.scenarios import SCENARIOS, SUITE_VERSION, Rules
-from hil_bridge.lab.conform.stage import Played
+from hil_bridge.lab.conform.trial import SUITE_VERSION, Played
+from hil_bridge.lab.conform.verdict import Outcome
 from protocol.unmodelled import relied_on
 
 _NOT_XML = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -26,7 +25,7 @@ def _released() -> str:
         return "unknown"
 
 
-def table(played: Sequence[Played]) -> Iterator[str]:
+def table(played: Sequence[Played[Any]]) -> Iterator[str]:
     """Lines for people: one a scenario, and the output of those that failed."""
     width = max(len(one.name) for one in played)
     for one in played:
@@ -39,29 +38,29 @@ def table(played: Sequence[Played]) -> Iterator[str]:
                 yield f"  {_plain(line)}"
 
 
-def not_modelled(played: Sequence[Played]) -> Iterator[str]:
-    """One line with all things that the client relied on and the emulated robot does not model; none without any."""
+def not_modelled(played: Sequence[Played[Any]]) -> Iterator[str]:
+    """One line with all things that the client relied on and the emulated device does not model; none without any."""
     things = dict.fromkeys(thing for one in played for thing in one.not_modelled)
     if things:
         yield relied_on(list(things))
 
 
-def totals(played: Sequence[Played]) -> str:
+def totals(played: Sequence[Played[Any]]) -> str:
     """One line: how many passed, failed and were skipped."""
     counts = {outcome: sum(one.verdict.outcome is outcome for one in played) for outcome in Outcome}
     return ", ".join(f"{count} {outcome}" for outcome, count in counts.items())
 
 
-def evidence(one: Played) -> dict[str, Any]:
+def evidence(one: Played[Any]) -> dict[str, Any]:
     """The evidence by name; unknown values are left out."""
     found = {key: value for key, value in asdict(one.seen).items() if value not in (None, "", [])}
     return {key: round(value, 6) if isinstance(value, float) else value for key, value in found.items()}
 
 
-def as_json(kind: str, command: Sequence[str], rules: Rules, played: Sequence[Played]) -> str:
-    """All of it as JSON."""
+def as_json(what: tuple[str, str], command: Sequence[str], rules: Any, played: Sequence[Played[Any]]) -> str:
+    """All of it as JSON; `what` is robot or sensor, and its kind."""
     found = {
-        "robot": kind,
+        what[0]: what[1],
         "command": list(command),
         "hil_bridge": _released(),
         "suite": SUITE_VERSION,
@@ -69,7 +68,7 @@ def as_json(kind: str, command: Sequence[str], rules: Rules, played: Sequence[Pl
         "scenarios": [
             {
                 "name": one.name,
-                "meaning": SCENARIOS[one.name],
+                "meaning": one.meaning,
                 "outcome": one.verdict.outcome.value,
                 "reason": one.verdict.reason,
                 "seconds": round(one.seconds, 3),
@@ -83,7 +82,7 @@ def as_json(kind: str, command: Sequence[str], rules: Rules, played: Sequence[Pl
     return json.dumps(_finite(found), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def as_junit(kind: str, played: Sequence[Played]) -> bytes:
+def as_junit(kind: str, played: Sequence[Played[Any]]) -> bytes:
     """All of it as JUnit XML: one test case a scenario, its evidence as properties."""
     failed = [one for one in played if one.verdict.outcome is Outcome.FAILED]
     skipped = [one for one in played if one.verdict.outcome is Outcome.SKIPPED]

@@ -1,18 +1,26 @@
 """The rules of a trial, from a command line."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import fields
-from typing import Any
+from dataclasses import Field, fields
+from typing import Any, TypeVar
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.lab.conform.scenarios import Rules
 from protocol.marks import settings
 
+Rules = TypeVar("Rules")
+"""A dataclass of rules."""
 
-def read_rules(given: Sequence[str], **declared: bool) -> Rules:
-    """Rules with these `NAME=VALUE`. Raises ConfigError."""
+
+def read_rules(kind: type[Rules], given: Sequence[str], **declared: bool) -> Rules:
+    """Rules of this kind with these `NAME=VALUE`. Raises ConfigError, also for a declaration that it does not have."""
     values: dict[str, float] = {}
-    numbers = [item.name for item in fields(Rules) if item.type in (float, "float")]
+    unknown = [name for name, is_set in declared.items() if is_set and name not in _names(kind)]
+    if unknown:
+        raise ConfigError(
+            f"--{unknown[0].replace('_', '-')} is nothing that a client of this device can declare"
+        )
+    declared = {name: is_set for name, is_set in declared.items() if name in _names(kind)}
+    numbers = [item.name for item in _fields(kind) if item.type in (float, "float")]
     for text in given:
         name, equals, value = text.partition("=")
         if not equals or name not in numbers:
@@ -23,12 +31,20 @@ def read_rules(given: Sequence[str], **declared: bool) -> Rules:
             raise ConfigError(f"--set {text}: {value!r} is no number") from error
     try:
         given_all: dict[str, Any] = {**values, **declared}
-        return Rules(**given_all)
+        return kind(**given_all)
     except ValueError as error:
         raise ConfigError(f"--set: {error}") from error
 
 
-def describe_rules(rules: Rules) -> Iterator[str]:
+def describe_rules(rules: object) -> Iterator[str]:
     """One line a rule."""
     for item in settings(rules):
         yield f"{item.name:16} {item.value!s:>8} {item.info.unit:5} {item.info.meaning}"
+
+
+def _fields(kind: Any) -> "tuple[Field[Any], ...]":
+    return fields(kind)
+
+
+def _names(kind: Any) -> set[str]:
+    return {item.name for item in _fields(kind)}

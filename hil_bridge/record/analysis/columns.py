@@ -6,21 +6,27 @@ no number becomes an array of objects.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from html import escape
+from importlib import import_module
 from typing import Any, TypeAlias
 
 import numpy as np
 from msgspec import Struct, inspect
 from numpy.typing import NDArray
 
+from hil_bridge.errors import ConfigError
+
 Column: TypeAlias = Any
 """NDArray, or a mapping from names to NDArray."""
 _NAN = float("nan")
+_HTML_ROWS, _HTML_COLUMNS = 4, 10
+"""Chosen: rows at each end, and columns, that a notebook has room for."""
 
 
-class Columns:
+class Columns(Mapping[str, Column]):
     """Arrays of records of one type, by the names of their fields; each is made when it is asked for first.
 
-    They may not be written to.
+    They may not be written to. `count` is the number of records, `len` that of the arrays.
     """
 
     def __init__(self, records: Sequence[Struct], kind: type[Struct]) -> None:
@@ -29,9 +35,57 @@ class Columns:
         """Columns of each field: of a vector, its parts; 0 for one that is no row of numbers."""
         self._made: dict[str, Column] = {}
 
-    def __len__(self) -> int:
+    @property
+    def count(self) -> int:
         """Number of records."""
         return len(self._records)
+
+    def __len__(self) -> int:
+        """Number of arrays."""
+        return len(self._widths)
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self.count} records of {', '.join(self)}>"
+
+    def _repr_html_(self) -> str:
+        """The first and the last records as a table, for a notebook; of as many columns as have room."""
+        flat = list(self.flat().items())
+        shown, rows = flat[:_HTML_COLUMNS], range(self.count)
+        picked = [*rows[:_HTML_ROWS], *rows[max(_HTML_ROWS, self.count - _HTML_ROWS) :]]
+        head = "".join(f"<th>{escape(name)}</th>" for name, _ in shown)
+        body = "".join(
+            f"<tr><th>{row}</th>{''.join(f'<td>{escape(_cell(array[row]))}</td>' for _, array in shown)}</tr>"
+            for row in picked
+        )
+        left = f", of {len(flat)} columns the first {len(shown)}" if len(flat) > len(shown) else ""
+        table = f"<table><thead><tr><th></th>{head}</tr></thead><tbody>{body}</tbody></table>"
+        return f"{table}<p>{self.count} records{left}</p>"
+
+    def flat(self) -> dict[str, NDArray[Any]]:
+        """One array (n,) a column: `position` becomes `position_0` and so on, a value by name `explanation_NAME`."""
+        found: dict[str, NDArray[Any]] = {}
+        for name, column in self.items():
+            if isinstance(column, Mapping):
+                found |= {f"{name}_{key}": values for key, values in column.items()}
+            elif column.ndim == 2:
+                found |= {f"{name}_{part}": column[:, part] for part in range(column.shape[1])}
+            else:
+                found[name] = column
+        return found
+
+    def to_pandas(self) -> Any:
+        """A pandas DataFrame of `flat`. Raises ConfigError where pandas is not installed."""
+        return _library("pandas").DataFrame(self.flat())
+
+    def to_polars(self) -> Any:
+        """A polars DataFrame of `flat`; what is no number or text is told as text. Raises ConfigError where polars is
+        not installed.
+        """
+        plain = {
+            name: list(map(_plain, values)) if values.dtype == object else values
+            for name, values in self.flat().items()
+        }
+        return _library("polars").DataFrame(plain, strict=False)
 
     def __iter__(self) -> Iterator[str]:
         """Names of the arrays."""
@@ -58,6 +112,21 @@ class Columns:
             return self[name]
         except KeyError as error:
             raise AttributeError(str(error.args[0])) from None
+
+
+def _library(name: str) -> Any:
+    try:
+        return import_module(name)
+    except ImportError:
+        raise ConfigError(f"{name} is not installed here: pip install {name}") from None
+
+
+def _plain(value: object) -> str | None:
+    return None if value is None else str(value)
+
+
+def _cell(value: object) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def _column(values: list[Any], width: int) -> Column:

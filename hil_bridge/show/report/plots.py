@@ -4,20 +4,26 @@ import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from msgspec import structs
+
+from hil_bridge.errors import ConfigError
 from hil_bridge.record.analysis.summary import Summary, wanted_force
 from hil_bridge.record.reader import Recording
 from hil_bridge.show.charts.map_painter import paint_map
 from hil_bridge.show.charts.maps import maps_of
 from hil_bridge.show.charts.painter import GREY, STYLE, paint
 from hil_bridge.show.charts.run import run_charts
+from hil_bridge.show.pages.description import Chart, Charts
 from hil_bridge.show.picture_files import drawing_library, save_figure
 from hil_bridge.show.report.figures import Row, merit_rows, run_rows
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from matplotlib.gridspec import GridSpec
 
 WIDTH_PX = 1400
-_FIGURES_PX, _TITLE_PX, _MAPS_PX = 330, 60, 460
+_FIGURES_PX, _TITLE_PX, _MAPS_PX, _AXIS_PX = 330, 60, 460, 40
 _DPI = 100
 
 
@@ -27,40 +33,63 @@ def draw(recording: Recording, summary: Summary, kind: str = "png") -> bytes:
     Raises ConfigError where matplotlib is not installed.
     """
     matplotlib = drawing_library()
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     charts, _ = run_charts(recording)
     maps = maps_of(recording)
-    heights = [chart.height_px + 40 for chart in charts.charts]
     with matplotlib.rc_context(STYLE):
         maps_px = [_MAPS_PX] if maps else []
-        height = sum(heights) + sum(maps_px) + _FIGURES_PX + _TITLE_PX
-        figure = Figure(figsize=(WIDTH_PX / _DPI, height / _DPI), dpi=_DPI)
-        figure.set_layout_engine("constrained", h_pad=0.05, w_pad=0.08)
-        FigureCanvasAgg(figure)
+        figure, grid = _figure(charts.charts, [*maps_px, _FIGURES_PX], _TITLE_PX)
         figure.suptitle(_title(summary), fontsize=15, fontweight="bold", parse_math=False)
-        ratios = [*heights, *maps_px, _FIGURES_PX]
-        grid = figure.add_gridspec(len(ratios), 1, height_ratios=ratios)
-        first = figure.add_subplot(grid[0])
-        axes = [first, *(figure.add_subplot(grid[row], sharex=first) for row in range(1, len(heights)))]
-        ends = [span.end for span in charts.spans]
-        xs = [
-            x for source in charts.sources.values() for x in (source["x"][0], source["x"][-1]) if source["x"]
-        ]
-        ends += [x for x in xs if x is not None]
-        if ends and max(ends) > 0.0:
-            first.set_xlim(0.0, 1.005 * max(ends))
-        for ax, chart in zip(axes, charts.charts, strict=True):
-            paint(ax, chart, charts)
-            ax.tick_params(labelbottom=ax is axes[-1])
-        axis = charts.axes["time"]
-        axes[-1].set_xlabel(f"{axis.label}, {axis.unit}")
+        _paint_charts(figure, grid, charts)
+        heights = charts.charts
         for place, drawn in enumerate(maps):
             beside = grid[len(heights)].subgridspec(1, len(maps))
             paint_map(figure.add_subplot(beside[place]), drawn, WIDTH_PX / len(maps))
         _draw_table(figure.add_subplot(grid[-1]), merit_rows(summary), run_rows(summary))
         return save_figure(figure, kind)
+
+
+def plot(recording: Recording, names: Sequence[str] = ()) -> "Figure":
+    """The charts of a run above each other, all or those of these ids, as a figure of matplotlib.
+
+    Raises ConfigError for an id that this run has no chart of, and where matplotlib is not installed.
+    """
+    matplotlib = drawing_library()
+    charts, _ = run_charts(recording)
+    there = {chart.id: chart for chart in charts.charts}
+    for name in names:
+        if name not in there:
+            raise ConfigError(f"there is no chart {name!r} of this run; there are {', '.join(there)}")
+    chosen = structs.replace(charts, charts=[there[name] for name in names or there])
+    with matplotlib.rc_context(STYLE):
+        figure, grid = _figure(chosen.charts, [], 0)
+        _paint_charts(figure, grid, chosen)
+    return figure
+
+
+def _figure(charts: Sequence[Chart], more_px: Sequence[int], title_px: int) -> tuple["Figure", "GridSpec"]:
+    """A figure with a row for each chart, and rows of these heights below, px."""
+    from hil_bridge.show.report.run_figure import RunFigure
+
+    ratios = [*(chart.height_px + _AXIS_PX for chart in charts), *more_px]
+    figure = RunFigure((WIDTH_PX / _DPI, (sum(ratios) + title_px) / _DPI), _DPI)
+    return figure, figure.add_gridspec(len(ratios), 1, height_ratios=ratios)
+
+
+def _paint_charts(figure: "Figure", grid: "GridSpec", charts: Charts) -> None:
+    """The charts in the first rows of the grid, over one axis of time."""
+    first = figure.add_subplot(grid[0])
+    rows = range(1, len(charts.charts))
+    axes = [first, *(figure.add_subplot(grid[row], sharex=first) for row in rows)]
+    ends = [span.end for span in charts.spans]
+    xs = [x for source in charts.sources.values() for x in (source["x"][0], source["x"][-1]) if source["x"]]
+    ends += [x for x in xs if x is not None]
+    if ends and max(ends) > 0.0:
+        first.set_xlim(0.0, 1.005 * max(ends))
+    for ax, chart in zip(axes, charts.charts, strict=True):
+        paint(ax, chart, charts)
+        ax.tick_params(labelbottom=ax is axes[-1])
+    axis = charts.axes["time"]
+    axes[-1].set_xlabel(f"{axis.label}, {axis.unit}")
 
 
 def _title(summary: Summary) -> str:

@@ -14,6 +14,9 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import IO
 
+import msgspec
+
+from hil_bridge.devices.panel import OperatedPanel, PanelLook
 from hil_bridge.errors import ConfigError
 from hil_bridge.record import CycleRecord, RunEnd
 from hil_bridge.record.topics import Record
@@ -32,6 +35,7 @@ BUFFER_BYTES = 1 << 20
 CLOSE_SECONDS = 3.0
 """Longest wait for the serving process to tell its clients the end. Chosen."""
 NEEDED = ("aiohttp", "foxglove")
+RUN_PAGE, PANEL_PAGE = "page.html", "panel.html"
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +46,8 @@ class WebOptions:
     """Port on loopback; 0: one that is free."""
     origins: tuple[str, ...] = ()
     """Origins of other pages that may read, such as https://app.foxglove.dev."""
+    page: str = RUN_PAGE
+    """The page: that of a run, or that of an emulated robot's panel."""
 
 
 def check_extra(what: str) -> None:
@@ -82,6 +88,9 @@ class Feed:
         self._sent_at = 0.0
         self._alive = True
         self._loop: asyncio.AbstractEventLoop | None = None
+        self._panel: OperatedPanel | None = None
+        self._look: PanelLook | None = None
+        """State of the panel that the page was told last."""
         self.dropped = 0
         """Records that the page was not given."""
         token = secrets.token_urlsafe(24)
@@ -94,7 +103,9 @@ class Feed:
         self._socket.setblocking(False)
         self._told: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115
         with listener, theirs:
-            self._process = _start((theirs.fileno(), listener.fileno()), token, options.origins, self._told)
+            self._process = _start(
+                (theirs.fileno(), listener.fileno()), token, (options.page, *options.origins), self._told
+            )
 
     def listen(self, retract: Callable[[], object], gone: Callable[[str], object]) -> None:
         """Hear the page in the running loop from now on. `retract` is called when the page asks for the end, `gone`
@@ -106,7 +117,7 @@ class Feed:
 
     def _hear(self) -> None:
         try:
-            word = self._socket.recv(64)
+            word = self._socket.recv(wire.ASKED_BYTES)
         except BlockingIOError:
             return
         except OSError:
@@ -115,6 +126,9 @@ class Feed:
             self._retract()
         elif not word:
             self._lose()
+        elif self._panel is not None:
+            with suppress(msgspec.DecodeError):
+                self._operate(self._panel, wire.decode_asked(word))
 
     def _lose(self) -> None:
         if not self._alive:
@@ -132,6 +146,29 @@ class Feed:
         if self._loop is not None:
             self._loop.remove_reader(self._socket)
             self._loop = None
+
+    def offer(self, panel: OperatedPanel) -> None:
+        """Let pages with the token operate the panel of an emulated controller, and show its state."""
+        self._panel = panel
+        controls = panel.perform({"do": "controls"})["controls"]
+        faults = panel.perform({"do": "faults"})["faults"]
+        self._send(wire.encode_message(wire.Panel(panel.robot, controls, faults)), 0)
+        self.show_panel()
+
+    def show_panel(self) -> None:
+        """Tell the state of the panel where it has changed. Harmless without one."""
+        if self._panel is not None and self._alive and (look := self._panel.look()) != self._look:
+            self._look = look
+            self._send(wire.encode_message(wire.PanelState(look.rows, look.at)), 0)
+
+    def _operate(self, panel: OperatedPanel, asked: wire.Asked) -> None:
+        error = ""
+        try:
+            panel.perform(asked.request)
+        except ValueError as refused:
+            error = str(refused)
+        self.show_panel()
+        self._send(wire.encode_message(wire.Answered(asked.number, error)), 0)
 
     def begin(self, scene: Scene, unix_zero_ns: int) -> None:
         """Tell the facts of the run, and again when more is known."""
@@ -198,13 +235,14 @@ class Feed:
 
 
 def _start(
-    sockets: Sequence[int], token: str, origins: Sequence[str], told: IO[bytes]
+    sockets: Sequence[int], token: str, words: Sequence[str], told: IO[bytes]
 ) -> "subprocess.Popen[bytes]":
-    """The serving process. It has a session of its own, so that Ctrl-C reaches the run alone.
+    """The serving process. It has a session of its own, so that Ctrl-C reaches the run alone. `words` are its page, and
+    origins that may read.
 
     The token goes through the environment, which other users cannot read, unlike the arguments.
     """
-    arguments = [sys.executable, "-P", "-m", "hil_bridge.show.web", *map(str, sockets), *origins]
+    arguments = [sys.executable, "-P", "-m", "hil_bridge.show.web", *map(str, sockets), *words]
     return subprocess.Popen(
         arguments,
         pass_fds=sockets,

@@ -24,7 +24,7 @@ MESSAGE_BYTES = 1 << 14
 MESSAGES_PER_S, MESSAGES_BURST = 40.0, 80.0
 REQUESTS_PER_S, REQUESTS_BURST = 100.0, 200.0
 TRIES_PER_S, TRIES_BURST = 1.0, 5.0
-"""Requests to end the run with a wrong token. The right one is always heard, whatever others do."""
+"""Requests to end the run, or to a panel, with a wrong token. The right one is always heard, whatever others do."""
 SLOW_S = 5.0
 """A client that takes nothing for so long is dropped. Chosen."""
 IDLE_S = 20.0
@@ -35,14 +35,15 @@ opens a connection beforehand, opens another."""
 PICTURE_S = 0.05
 """Time between two messages to a page. Chosen: a person sees it as motion."""
 BODY_BYTES = 1024
-END = "/end"
+END, PANEL = "/end", "/panel"
 
 _TYPES = {"js": "text/javascript", "css": "text/css", "svg": "image/svg+xml"}
 _SHARED: Mapping[str, Callable[[], str]] = {"charts.js": chart_script, "charts.css": style}
 """Scripts and style of `hil_bridge.show.pages`, each in one."""
-_OWN = ("page.js", "page.css", "sketch.js", "table.js", "icon.svg")
+_OWN = ("page.js", "page.css", "panel.js", "panel.css", "robot.js", "sketch.js", "table.js", "icon.svg")
 _STYLES: Mapping[str, Sequence[str]] = {
-    "page.html": ("charts.css", "page.css"),
+    "page.html": ("charts.css", "page.css", "panel.css"),
+    "panel.html": ("charts.css", "page.css", "panel.css"),
     "table.html": ("charts.css",),
 }
 """Style sheets of a page."""
@@ -86,6 +87,10 @@ class Server:
         """Connections whose request is being answered."""
         self.retract: Callable[[], object] | None = None
         """Ends the run as its key `r` does; None where there is no run."""
+        self.operate: Callable[[Mapping[str, Any]], Awaitable[str]] | None = None
+        """Carries out a request to the panel of an emulated controller; why it was not, or nothing. None where there is
+        none. Raises ConnectionError where the run does not answer.
+        """
         self.splice: Handler | None = None
         """Serves a client that speaks Foxglove's protocol."""
         self.dropped: list[str] = []
@@ -116,7 +121,7 @@ class Server:
             site = "" if opened else request.headers.get("Sec-Fetch-Site", "")
             if refusal := self._admission.refusal(hosts[0], origin[0] if origin else None, site):
                 return _refuse(403, refusal)
-            if request.path != END and not self._requests.take():
+            if request.path not in (END, PANEL) and not self._requests.take():
                 return _refuse(429, "too many requests")
             response = await handler(request)
         except web.HTTPException as error:
@@ -142,6 +147,31 @@ class Server:
         """Retract and end: needs the token, in a header, and JSON, which no form of another page can send."""
         if self.retract is None:
             return _refuse(404, "no run goes on here")
+        wanted = await self._read_trusted(request)
+        if isinstance(wanted, web.Response):
+            return wanted
+        if wanted != {"do": "retract and end"}:
+            return _refuse(400, 'send {"do": "retract and end"}')
+        self.retract()
+        return web.json_response({"done": "asked the run to retract and end"})
+
+    async def _panel(self, request: web.Request) -> web.StreamResponse:
+        """An act at the panel of an emulated controller, with the same token and form as the end."""
+        if self.operate is None:
+            return _refuse(404, "no emulated robot is operated here")
+        wanted = await self._read_trusted(request)
+        if isinstance(wanted, web.Response):
+            return wanted
+        if not isinstance(wanted, dict):
+            return _refuse(400, "send an object of JSON")
+        try:
+            refusal = await self.operate(wanted)
+        except ConnectionError as error:
+            return _refuse(503, str(error))
+        return _refuse(409, refusal) if refusal else web.json_response({"done": "carried out"})
+
+    async def _read_trusted(self, request: web.Request) -> Any:
+        """The JSON that a page with the token has sent, or why it is refused."""
         if not self._admission.may_end(request.headers.get(TOKEN_HEADER, "")):
             if not self._tries.take():
                 return _refuse(429, "too many tries; wait some seconds")
@@ -149,13 +179,9 @@ class Server:
         if request.content_type != "application/json" or (request.content_length or 0) > BODY_BYTES:
             return _refuse(415, "send JSON")
         try:
-            wanted = await request.json()
-        except ValueError:
+            return await request.json()
+        except (ValueError, RecursionError):
             return _refuse(400, "send JSON")
-        if wanted != {"do": "retract and end"}:
-            return _refuse(400, 'send {"do": "retract and end"}')
-        self.retract()
-        return web.json_response({"done": "asked the run to retract and end"})
 
     # --- clients that stay
 
@@ -258,6 +284,7 @@ class Server:
         app.router.add_get("/static/{name}", self._static)
         app.router.add_get("/live", self._live)
         app.router.add_post(END, self._end)
+        app.router.add_post(PANEL, self._panel)
         runner = web.AppRunner(app, access_log=None, keepalive_timeout=IDLE_S, handle_signals=False)
         await runner.setup()
         inner = runner.server

@@ -2,6 +2,7 @@
 
 import asyncio
 import ctypes
+import itertools
 import os
 import resource
 import signal
@@ -16,7 +17,8 @@ from aiohttp import ClientSession
 
 from hil_bridge.show.web import wire
 from hil_bridge.show.web.admission import Admission
-from hil_bridge.show.web.feed import LOOPBACK, listening
+from hil_bridge.show.web.feed import LOOPBACK, RUN_PAGE, listening
+from hil_bridge.show.web.panel_news import PanelNews
 from hil_bridge.show.web.panels import Panels
 from hil_bridge.show.web.server import News, Server
 from hil_bridge.show.web.splicing import Splicing
@@ -26,6 +28,8 @@ NICE = 10
 """Lower priority than that of a run. Chosen."""
 LOG_BYTES = 1 << 20
 """The most that the process may write to its log; it writes no other file."""
+ANSWER_SECONDS = 5.0
+"""Longest wait for an answer of the panel, s. Chosen: it answers at once, also on a busy computer."""
 LAST_SECONDS = 5
 """Time to tell the pages that the run has gone, s. Chosen."""
 _PR_SET_PDEATHSIG = 1
@@ -36,10 +40,13 @@ class Live:
     """Hears the run, and tells its pages."""
 
     def __init__(self, run: socket.socket) -> None:
-        self._run = run
+        self._run, self._numbers = run, itertools.count(1)
         self.teller: Teller | None = None
         self.panels: Panels | None = None
         self.begun = asyncio.Event()
+        self._panel = PanelNews()
+        self._asked: dict[int, asyncio.Future[str]] = {}
+        """Requests to the panel that wait for their answer, by number."""
         self.over = False
         """The run has gone."""
 
@@ -47,9 +54,10 @@ class Live:
         """A page that knows nothing."""
         return Cursor()
 
-    def news(self, state: Any) -> Mapping[str, Any] | None:
-        """News of the run."""
-        return None if self.teller is None else self.teller.news(state)
+    def news(self, state: Cursor) -> Mapping[str, Any] | None:
+        """News of the run, and of the panel."""
+        news = (None if self.teller is None else self.teller.news(state)) or {}
+        return {**news, **self._panel.news(state)} or None
 
     def asked(self, state: Any, message: Mapping[str, Any]) -> None:
         """A page of a run asks for nothing."""
@@ -59,6 +67,22 @@ class Live:
         """Ask the run to retract and end."""
         with suppress(OSError):
             self._run.send(wire.RETRACT)
+
+    async def operate(self, request: Mapping[str, Any]) -> str:
+        """Let the run carry out a request to its panel; why it did not, or nothing. Raises ConnectionError."""
+        if not self._panel.is_there:
+            return "there is no panel yet"
+        number = next(self._numbers)
+        answer: asyncio.Future[str]
+        answer = self._asked[number] = asyncio.get_running_loop().create_future()
+        try:
+            self._run.send(wire.encode_message(wire.Asked(number, request)))
+            async with asyncio.timeout(ANSWER_SECONDS):
+                return await answer
+        except (OSError, TimeoutError):
+            raise ConnectionError("the robot's process does not answer") from None
+        finally:
+            del self._asked[number]
 
     def heard(self) -> None:
         """Take what the run has sent, some messages at a time, so that clients have their turn."""
@@ -79,6 +103,9 @@ class Live:
 
     def _take(self, message: wire.Message) -> None:
         present = time.monotonic()
+        if isinstance(message, (wire.Panel, wire.PanelState, wire.Answered)):
+            self._hear_panel(message)
+            return
         if isinstance(message, wire.Begin):
             if self.teller is None:
                 self.teller = Teller(message, present)
@@ -98,15 +125,22 @@ class Live:
         else:
             self.teller.end(message)
 
+    def _hear_panel(self, message: wire.Panel | wire.PanelState | wire.Answered) -> None:
+        if not isinstance(message, wire.Answered):
+            self._panel.take(message)
+        elif (waiting := self._asked.get(message.number)) is not None and not waiting.done():
+            waiting.set_result(message.error)
 
-async def serve(run: socket.socket, listener: socket.socket, admission: Admission) -> None:
+
+async def serve(run: socket.socket, listener: socket.socket, admission: Admission, page: str) -> None:
     """Serve until the run has gone and the pages have been told."""
     run.setblocking(False)
     listener.setblocking(False)
     live = Live(run)
     asyncio.get_running_loop().add_reader(run, live.heard)
-    server = Server(live, admission)
-    server.retract = live.retract
+    server = Server(live, admission, page)
+    server.operate = live.operate
+    server.retract = live.retract if page == RUN_PAGE else None
     async with ClientSession() as session:
         opening = asyncio.create_task(_open(live, server, session))
         try:
@@ -152,12 +186,12 @@ def settle(parent: int) -> None:
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Serve on inherited sockets: that of the run and the listening one, then origins. The token is in the
-    environment.
+    """Serve on inherited sockets: that of the run and the listening one, then the page, then origins. The token is in
+    the environment.
     """
-    run, listener, *origins = arguments
+    run, listener, page, *origins = arguments
     token = os.environ.pop("HIL_BRIDGE_WEB_TOKEN")
     with socket.socket(fileno=int(run)) as ours, socket.socket(fileno=int(listener)) as web:
         settle(os.getppid())
         with suppress(msgspec.DecodeError):
-            asyncio.run(serve(ours, web, Admission(token, tuple(origins))))
+            asyncio.run(serve(ours, web, Admission(token, tuple(origins)), page))

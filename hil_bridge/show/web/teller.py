@@ -53,6 +53,8 @@ class Cursor:
     """Moment of a recording, s since its start; None: the newest of a run that goes on."""
     moved: bool = True
     """It looks at a moment that it has not been told."""
+    panel: tuple[int, int] = (0, 0)
+    """Versions of the panel and of its state that it has been told."""
 
 
 class Grown:

@@ -1,6 +1,7 @@
 """Messages from a run to the process that serves its page: MessagePack over a pair of local sockets.
 
-The socket keeps the bounds of messages and its buffer is all that can wait. The other way goes one word alone.
+The socket keeps the bounds of messages and its buffer is all that can wait. The other way go one word, and requests
+of a page to the panel of an emulated controller.
 """
 
 from collections.abc import Mapping
@@ -14,6 +15,8 @@ from hil_bridge.show.terminal import Health, Scene
 
 RETRACT = b"retract"
 """The only word that the serving process says."""
+ASKED_BYTES = 1 << 12
+"""Size of what the serving process says at most."""
 MOST_BYTES = 1 << 17
 """Size of a message at most: records that do not fit are dropped."""
 
@@ -52,15 +55,46 @@ class End(Struct, tag="end", frozen=True):
     facts: Mapping[str, str]
 
 
-Message: TypeAlias = Begin | Records | Pulse | End
+class Panel(Struct, tag="panel", frozen=True):
+    """Controls and faults of an emulated controller, as its panel lists them."""
+
+    robot: str
+    controls: Mapping[str, Any]
+    faults: Mapping[str, Any]
+
+
+class PanelState(Struct, tag="state", frozen=True):
+    """State of the panel for people, as of `PanelLook`."""
+
+    rows: Mapping[str, str]
+    at: Mapping[str, str | float]
+
+
+class Answered(Struct, tag="answered", frozen=True):
+    """The answer to a request."""
+
+    number: int
+    error: str
+    """Why it was not carried out; empty where it was."""
+
+
+class Asked(Struct, frozen=True):
+    """A request of a page to the panel. The serving process has checked the token of the one that asks."""
+
+    number: int
+    request: Mapping[str, Any]
+
+
+Message: TypeAlias = Begin | Records | Pulse | End | Panel | PanelState | Answered
 
 _NUMBERS = {topic.record: number for number, topic in enumerate(TOPICS)}
 _encoder = msgspec.msgpack.Encoder(enc_hook=lambda value: value.tolist())
 _decoder = msgspec.msgpack.Decoder(Message)
+_asked = msgspec.msgpack.Decoder(Asked)
 _records = tuple(msgspec.msgpack.Decoder(topic.record) for topic in TOPICS)
 
 
-def encode_message(message: Message) -> bytes:
+def encode_message(message: Message | Asked) -> bytes:
     """A message as bytes."""
     return _encoder.encode(message)
 
@@ -75,6 +109,11 @@ def decode_message(data: bytes) -> Message:
     """A message. Raises msgspec.DecodeError."""
     message: Message = _decoder.decode(data)
     return message
+
+
+def decode_asked(data: bytes) -> Asked:
+    """A request. Raises msgspec.DecodeError."""
+    return _asked.decode(data)
 
 
 def records_of(message: Records) -> list[Record]:

@@ -24,6 +24,7 @@ from hil_bridge.transports import LineSettings, Parity, Transport, connect_bytes
 from hil_bridge.transports.pump import Pump
 from hil_bridge.transports.urls import CONNECT_BYTES, parse_url
 from protocol.devices.s3.adlp import DEFAULT_PROFILE, LinkProfile, settings_of_profile
+from protocol.endpoint import Trouble
 
 PATIENCE_S = 0.7
 """Longest wait for an ACK. Chosen: a device that answers at all does so within some tens of milliseconds."""
@@ -84,7 +85,8 @@ def probe_robot(
 
     finding = run_real(main)
     if finding is None:
-        raise DeviceError(failure_text(url, log))
+        trouble = find_trouble(url, log)
+        raise DeviceError(trouble.fact, remedy=trouble.remedy)
     if out is not None:  # before more is said: the reader may have gone
         write_whole(out, site_toml(url, finding).encode(), overwrite)
     click.echo("\n" + "\n".join(f"{name:<14} {value}" for name, value in finding_rows(url, finding)))
@@ -261,20 +263,26 @@ def site_toml(url: str, finding: Finding) -> str:
     return "\n".join(rows) + "\n" + TO_FILL_IN
 
 
-def failure_text(url: str, log: list[tuple[Try, Outcome]]) -> str:
-    """Why nothing was found and what to do, as one line."""
+def find_trouble(url: str, log: list[tuple[Try, Outcome]]) -> Trouble:
+    """Why nothing was found, and what to do."""
     replies = [outcome.reply for _, outcome in log]
     reached = next((attempt for attempt, outcome in log if outcome.reply not in LINE_WRONG), None)
     if reached is not None:
-        return (
-            f"{url}: something acknowledges bids at {line_text(reached.line)} but takes no read status; "
-            "`hil-bridge monitor` shows what goes over the line"
+        return Trouble(
+            f"{url}: something acknowledges bids at {line_text(reached.line)} but takes no read status",
+            "`hil-bridge monitor` shows what goes over the line",
         )
     if Reply.BID_REFUSED in replies:
-        return f"{url}: every bid was refused; give the link control at the pendant (TO SC) and try again"
+        return Trouble(
+            f"{url}: every bid was refused", "give the link control at the pendant (TO SC) and try again"
+        )
     if Reply.NOISE in replies:
-        return f"{url}: only noise comes back, at every rate and parity; check the wiring: crossed 2-3, 3-2, and 5-5"
-    return (
-        f"{url}: no answer at any rate and parity; check that the controller is on, the cable is crossed (2-3, 3-2, "
-        "5-5) and the pendant has given the link control (TO SC)"
+        return Trouble(
+            f"{url}: only noise comes back, at every rate and parity",
+            "check the wiring: crossed 2-3, 3-2, and 5-5",
+        )
+    return Trouble(
+        f"{url}: no answer at any rate and parity",
+        "check that the controller is on, the cable is crossed (2-3, 3-2, 5-5), the pendant has given the link control "
+        "(TO SC) and no other program uses the link",
     )

@@ -22,8 +22,9 @@ from hil_bridge.control import (
 from hil_bridge.devices.device_log import LogTo
 from hil_bridge.devices.robots.seam import GIVE_UP_AFTER_S, Motion, MotionLimits, RobotReport
 from hil_bridge.errors import ConfigError, DeviceError, SafetyStop
+from hil_bridge.errors.causes import Cause
 from hil_bridge.runs.bounds import turning_bounds
-from hil_bridge.runs.compose import Devices, open_devices
+from hil_bridge.runs.compose import Devices, can_hold, open_devices
 from hil_bridge.runs.setup import Setup
 from hil_bridge.runs.small_steps import bring_up
 from hil_bridge.runs.zeroing import wrist
@@ -43,13 +44,22 @@ FRAMES_MIN = 10
 """Fewest frames to average. Chosen."""
 TIME_CONSTANTS = 7.0
 """Time constants of the sensor's filter, beside the settling. Derived: after as many less than 0.1 % is left."""
+USUAL_DEG = 30.0
+"""Chosen: turn of a sweep where a person asks for none."""
+_LESS_DEG = (25.0, 20.0, 15.0)
+"""Chosen: turns that are tried where the arm does not reach the usual one; the least tells a centre of gravity."""
+_BELOW_LIMIT = 0.95
+"""Chosen: share of a client's limit that a sweep uses, so that it is not met by noise."""
+_OF_FORCE = frozenset({Cause.FORCE, Cause.RESULTANT_FORCE, Cause.PULL, Cause.SATURATED})
+"""Stops that the weight of a tool can bring about, which is not known yet."""
+_BY_WEIGHT = "free the tool, or raise the limit if its weight alone does this"
 
 
 @dataclass(frozen=True, slots=True)
 class Sweep:
     """How the tool is turned. All of it is chosen."""
 
-    angle_deg: float = 30.0
+    angle_deg: float = USUAL_DEG
     """Turn about each level axis of the base, to either side of the start orientation."""
     lift_mm: float = 50.0
     """Way back from the surface, against the approach direction, before the first turn."""
@@ -70,6 +80,42 @@ class Sweep:
             for angle in (self.angle_deg, -self.angle_deg)
         ]
         return (start, *tilts, start)
+
+
+def choose_angle(setup: Setup, asked_deg: float | None, lift_mm: float) -> float:
+    """Angle of the sweep, degrees: the one that a person asks for, else the usual one, or as much as the robot can.
+
+    What a robot can is known of its client's limit, and of the arm of an emulated one. Raises ConfigError where it
+    cannot turn so far.
+    """
+    usual = USUAL_DEG
+    turn = setup.robot.kind.largest_turn
+    most = math.inf if turn is None else _BELOW_LIMIT * math.degrees(turn(setup.robot.settings))
+    choices = [usual, *_LESS_DEG] if asked_deg is None else [asked_deg]
+    if asked_deg is None and min(choices) <= most < usual:
+        choices.append(most)
+    for angle in sorted(choices, reverse=True):
+        if angle <= most and _arm_holds(setup, Sweep(angle, lift_mm)):
+            return angle
+    if min(choices) > most:
+        raise ConfigError(
+            f"the tool cannot be turned by {min(choices):g}° (--angle-deg): the robot's client turns it by less than "
+            f"{most / _BELOW_LIMIT:g}°; raise that limit of [robot.{setup.robot.kind.name}]"
+        )
+    raise ConfigError(
+        f"the tool cannot be turned by {min(choices):g}° (--angle-deg): the emulated arm does not reach so far; turn "
+        "it less, or begin where it has more room (cell.start_position_mm, --lift-mm)"
+    )
+
+
+def _arm_holds(setup: Setup, sweep: Sweep) -> bool:
+    """Whether an emulated arm holds each pose of the sweep; of a real one that is not known, and taken for true."""
+    if not setup.robot.is_emulated:
+        return True
+    cell, away = setup.config.cell, sweep.lift_mm * 1e-3
+    start = zip(cell.start_position_mm, setup.config.frame.approach, strict=True)
+    x, y, z = (p * 1e-3 - away * n for p, n in start)
+    return all(can_hold(setup, (x, y, z), turned) for turned in sweep.orientations(cell.start_quaternion))
 
 
 def measure(config: Config, virtual: bool, sweep: Sweep, tell: Tell) -> list[ToolPose]:
@@ -111,6 +157,8 @@ class _Measuring:
         self._tell = tell
         self._supervisor = Supervisor(config.limits)
         self._wrist = wrist(config)
+        self._decided_at: float | None = None
+        """Time of the newest decision, s; None before the first."""
         self._state: SupervisorState
         self._start: RobotReport
         self._at_start: tuple[float, ...]
@@ -133,8 +181,10 @@ class _Measuring:
             await self._go(motion, lifted, upright)
             orientations = self._sweep.orientations(upright)
             for number, orientation in enumerate(orientations, 1):
-                report = await self._go(motion, lifted, orientation)
-                poses.append(ToolPose(report.pose.quaternion, *await self._average()))
+                await self._go(motion, lifted, orientation)
+                mean, spread = await self._average()
+                rests = await self._robot.report()  # on arrival it was still on the last tenth of a degree
+                poses.append(ToolPose(rests.pose.quaternion, mean, spread))
                 self._tell(f"pose {number} of {len(orientations)} measured")
             await self._go(motion, start.pose.position, upright)
         return poses
@@ -145,12 +195,12 @@ class _Measuring:
         x, y, z = (
             p - away * n for p, n in zip(self._start.pose.position, self._config.frame.approach, strict=True)
         )
-        try:
-            self._supervisor.initial((x, y, z))
-        except ConfigError as error:
+        if not self._supervisor.allows((x, y, z)):
             raise ConfigError(
-                f"the tool cannot be lifted by {self._sweep.lift_mm:g} mm (--lift-mm): {error}"
-            ) from error
+                f"the tool cannot be lifted by {self._sweep.lift_mm:g} mm (--lift-mm): {x:.3f} {y:.3f} {z:.3f} m is "
+                "outside the box of limits.workspace_…_m",
+                cause=Cause.START,
+            )
         return x, y, z
 
     async def _go(self, motion: Motion, position: Vector, orientation: Quaternion) -> RobotReport:
@@ -172,9 +222,12 @@ class _Measuring:
                 await motion.settled()
                 patience = self._clock.now() + ARRIVAL_S
             elif self._clock.now() > patience:
+                way = math.dist(report.pose.position, position) * 1e3
+                turn = math.degrees(angle_between(_unit(report.pose.quaternion), orientation))
                 raise DeviceError(
-                    f"robot on {self._robot.name} does not reach the ordered pose, it stands at "
-                    f"{report.pose.position} m; look at its controller, or turn the tool less (--angle-deg)"
+                    f"robot on {self._robot.name} does not reach the ordered pose: it stands {way:.1f} mm and "
+                    f"{turn:.1f}° from it",
+                    remedy="look at its controller, or turn the tool less (--angle-deg)",
                 )
             report = await self._robot.report()
         return report
@@ -192,8 +245,11 @@ class _Measuring:
         change = [a - b for a, b in zip(self._sensor.wrench(frame), self._at_start, strict=True)]
         wrench = self._wrist.contact_wrench(change, quaternion, self._start.pose.quaternion)
         depth = sum((t - s) * n for t, s, n in zip(target, self._start.pose.position, approach, strict=True))
+        now = self._clock.now()
+        since, self._decided_at = now - (now if self._decided_at is None else self._decided_at), now
         observation = Observation(
-            now=self._clock.now(),
+            now=now,
+            dt=since,
             force=force_along(approach, quaternion, wrench),
             resultant=math.hypot(*wrench[:3]),
             sensor_at=frame.at,
@@ -208,7 +264,9 @@ class _Measuring:
         )
         if isinstance(verdict, Stop):
             raise SafetyStop(
-                f"stopped: {verdict.text}; free the tool, or raise the limit if its weight alone does this"
+                f"stopped: {verdict.text}",
+                remedy=verdict.remedy or (_BY_WEIGHT if verdict.cause in _OF_FORCE else ""),
+                cause=verdict.cause,
             )
         return verdict.position
 

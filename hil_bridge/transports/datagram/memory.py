@@ -15,7 +15,7 @@ from hil_bridge.clock.per_loop import of_loop
 from hil_bridge.errors import TransportBroken, TransportError, TransportUnavailable
 from hil_bridge.transports.back_off import Notice
 from hil_bridge.transports.base import Datagrams
-from hil_bridge.transports.datagram.peer import Notices, Peer
+from hil_bridge.transports.datagram.peer import Notices, Peer, Presence
 from hil_bridge.transports.datagram.statistics import QUEUE_DATAGRAMS, DatagramStatistics, check_sizes
 from hil_bridge.transports.delivery import Delivery, TimedQueue
 from protocol.datagram import Datagram, side_of
@@ -91,6 +91,7 @@ class MemoryDatagrams:
         "_leaving",
         "_notices",
         "_peer",
+        "_presence",
     )
 
     def __init__(self, address: str, peer: Peer[str], path: Path, clock: Clock, on_notice: Notice) -> None:
@@ -100,6 +101,7 @@ class MemoryDatagrams:
         self._clock = clock
         self._delivery: Delivery[Datagrams] = Delivery(f"udp+memory:{name}", QUEUE_DATAGRAMS)
         self._notices = Notices(clock.now, on_notice)
+        self._presence = Presence(self._notices)
         self._counts = {"sent": 0, "received": 0, "dropped": 0, "unreachable": 0}
         self._leaving = _Direction(path, f"{path.seed} {number} out", clock)
         self._arriving = None if path.changes_nothing else _Direction(path, f"{path.seed} {number} in", clock)
@@ -156,7 +158,7 @@ class MemoryDatagrams:
         there = self._ends.get(target)
         if there is None:
             self._counts["unreachable"] += 1
-            self._notices.tell("unreachable", f"{self.name}: no program listens there; start the other side")
+            self._presence.miss(self.name, target, "no program listens there; start the other side")
         elif there._arriving is None:
             there._take(datagram, self._address)
         else:
@@ -172,6 +174,7 @@ class MemoryDatagrams:
         overruns = delivery.overruns
         delivery.data([Datagram(datagram, now, source)])
         self._counts["received"] += overruns == delivery.overruns
+        self._presence.hear()
 
 
 class _Direction:

@@ -18,6 +18,15 @@ TELL_AGAIN_S = 1.0
 """Least time between two notices of one kind, s. Chosen: a stream of refused datagrams must not fill the record."""
 
 
+LEFT = "left"
+"""Kind of the notice that the other side has left."""
+
+MISSED = 3
+"""Datagrams without a program at their end, in a row, by which one that was heard counts as gone. Chosen: what the
+network told of datagrams before its first one may be read behind that.
+"""
+
+
 class Notices:
     """Hands notices on, at most one of a kind for each `TELL_AGAIN_S`."""
 
@@ -34,6 +43,30 @@ class Notices:
         if now - self._told_at.get(kind, float("-inf")) >= TELL_AGAIN_S:
             self._told_at[kind] = now
             self._on_notice(kind, text)
+
+
+class Presence:
+    """Tells a program that has left the other end from one that was never there."""
+
+    __slots__ = ("_heard", "_missed", "_notices")
+
+    def __init__(self, notices: Notices) -> None:
+        self._notices = notices
+        self._heard = False
+        self._missed = 0
+        """Datagrams for which no program was there since it was heard last."""
+
+    def hear(self) -> None:
+        """It has sent something."""
+        self._heard, self._missed = True, 0
+
+    def miss(self, wire: str, place: str, advice: str) -> None:
+        """No program takes a datagram at this place."""
+        self._missed += 1
+        if not self._heard:
+            self._notices.tell("unreachable", f"{wire}: {place} cannot be reached: {advice}")
+        elif self._missed == MISSED:
+            self._notices.tell(LEFT, f"{wire}: the program at {place} has left; it was heard before")
 
 
 class Peer(Generic[Address]):

@@ -21,7 +21,7 @@ from hil_bridge.errors import TransportError
 from hil_bridge.transports import reasons
 from hil_bridge.transports.back_off import Notice
 from hil_bridge.transports.base import Datagrams
-from hil_bridge.transports.datagram.peer import Notices, Peer
+from hil_bridge.transports.datagram.peer import Notices, Peer, Presence
 from hil_bridge.transports.datagram.statistics import QUEUE_DATAGRAMS, DatagramStatistics, check_sizes
 from hil_bridge.transports.delivery import Delivery
 from protocol.datagram import Datagram, side_of
@@ -125,6 +125,7 @@ class UdpWire:
         self._peer = peer
         self._clock = clock
         self._notices = Notices(clock.now, on_notice)
+        self._presence = Presence(self._notices)
         self._delivery: Delivery[Datagrams] = Delivery(name, QUEUE_DATAGRAMS)
         self._buffer = bytearray(1 << 16)
         self._open = True
@@ -219,6 +220,7 @@ class UdpWire:
                     self._unreachable += 1
         if arrived:
             self._received += len(arrived)
+            self._presence.hear()
             self._delivery.data(arrived)
         if failure is not None and self._open:
             self._break(failure)
@@ -254,7 +256,10 @@ class UdpWire:
     def _tell_unreachable(self, error: OSError, target: Address) -> None:
         self._unreachable += 1
         text = reasons.reason("udp", _text(target), error)
-        self._notices.tell("unreachable", f"{self.name}: {_text(target)} cannot be reached: {text}")
+        if error.errno == errno.ECONNREFUSED:
+            self._presence.miss(self.name, _text(target), text)
+        else:
+            self._notices.tell("unreachable", f"{self.name}: {_text(target)} cannot be reached: {text}")
 
     # --- the end
 

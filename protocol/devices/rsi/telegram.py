@@ -111,8 +111,8 @@ def decode(raw: bytes) -> Telegram:
         raise RemoteProtocolError(f"a telegram of {len(raw)} bytes is longer than {LARGEST_BYTES}")
     try:
         text = raw.decode()
-    except ValueError as error:
-        raise RemoteProtocolError(f"no telegram: {error}") from None
+    except UnicodeDecodeError as error:
+        raise RemoteProtocolError(f"no telegram: byte {error.start} is no text in UTF-8") from None
     for form in _known:
         if found := form.pattern.fullmatch(text):
             kind, *values, clock = found.groups()

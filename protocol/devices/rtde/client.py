@@ -84,14 +84,15 @@ class _Stage(Enum):
     LOST = auto()
 
 
+_PORT = "look at the address, the cable and the port"
 _LATE = {
     _Stage.DASHBOARD: Trouble(
-        "its dashboard does not answer", "look at the port, or set dashboard_port to 0"
+        "its dashboard does not answer", "look at the cable and the port, or set dashboard_port to 0"
     ),
-    _Stage.VERSION: Trouble("it does not answer over RTDE", "look at the address and the port"),
-    _Stage.CONTROLLER: Trouble("it does not answer over RTDE", "look at the address and the port"),
-    _Stage.OUTPUTS: Trouble("it does not answer over RTDE", "look at the address and the port"),
-    _Stage.INPUTS: Trouble("it does not answer over RTDE", "look at the address and the port"),
+    _Stage.VERSION: Trouble("it does not answer over RTDE", _PORT),
+    _Stage.CONTROLLER: Trouble("it does not answer over RTDE", _PORT),
+    _Stage.OUTPUTS: Trouble("it does not answer over RTDE", _PORT),
+    _Stage.INPUTS: Trouble("it does not answer over RTDE", _PORT),
     _Stage.START: Trouble("it does not start to send", "look at its log"),
     _Stage.FIRST: Trouble("it sends no data", "look at its log"),
     _Stage.UPLOADED: Trouble(
@@ -105,7 +106,9 @@ class RtdeClient(Mailbox[Piece, StreamEvent]):
     """A controller's client; see `protocol.robot.StreamClient`."""
 
     def __init__(self, profile: ClientProfile, now: float, looks: bool = False) -> None:
-        """A client that only `looks` uploads no program, and writes no input: it reports, and orders nothing."""
+        """A client that only `looks` uploads no program, and writes no input: it reports, and orders nothing. It asks
+        for the registers of a run, to see whether another client holds them; the end of its connection gives them back.
+        """
         self._profile, self._looks = profile, looks
         self._reader, self._lines = Reader(), Lines()
         super().__init__()
@@ -166,7 +169,9 @@ class RtdeClient(Mailbox[Piece, StreamEvent]):
                 silent = f"nothing came for {self._profile.silent_ms:g} ms"
                 self._events.append(StreamLost(silent, "look at its cable, then begin again"))
         elif self._stage in _LATE:
-            self._lose(_LATE[self._stage])
+            rest = self._reader.waiting
+            strange = Trouble(f"it speaks no RTDE: {rest} bytes came that are no packet", _PORT)
+            self._lose(strange if rest else _LATE[self._stage])
 
     # --- as a stream's client
 
@@ -279,9 +284,7 @@ class RtdeClient(Mailbox[Piece, StreamEvent]):
             self._ask_outputs(now)
         elif kind == Kind.OUTPUTS and stage is _Stage.OUTPUTS:
             self._outputs = self._recipe(OUTPUT_NAMES, packets.read_types(payload))
-            if self._outputs is not None and self._looks:
-                self._ask(_Stage.START, packets.encode(Kind.START), now)
-            elif self._outputs is not None:
+            if self._outputs is not None:
                 self._ask_inputs(now)
         elif kind == Kind.INPUTS and stage is _Stage.INPUTS:
             self._take_inputs(packets.read_types(payload), now)
@@ -299,8 +302,9 @@ class RtdeClient(Mailbox[Piece, StreamEvent]):
                 return
             self._stage, self._due = _Stage.WAITING, now + AGAIN_S
             return
-        self._inputs = self._recipe(INPUT_NAMES, answer)
-        if self._inputs is not None:
+        recipe = self._recipe(INPUT_NAMES, answer)
+        if recipe is not None:
+            self._inputs = None if self._looks else recipe
             self._ask(_Stage.START, packets.encode(Kind.START), now)
 
     def _recipe(self, names: tuple[str, ...], answer: packets.Types) -> Recipe | None:
@@ -309,11 +313,8 @@ class RtdeClient(Mailbox[Piece, StreamEvent]):
         if missing:
             self._lose(Trouble(f"its software has no {missing[0]}", "update it"))
             return None
-        expected = EXPECTED[names]
-        if not answer.recipe or answer.types != expected:
-            self._lose(
-                Trouble("it answers a list of variables with other types than its maker's guide", "update it")
-            )
+        if not answer.recipe or answer.types != EXPECTED[names]:
+            self._lose(Trouble(_strange_types(names, answer), "update it"))
             return None
         return Recipe(answer.recipe, names, answer.types)
 
@@ -427,6 +428,14 @@ EXPECTED = {
 """Types of the client's variables, by its lists of names."""
 
 
+def _strange_types(names: tuple[str, ...], answer: packets.Types) -> str:
+    """Words for an answer to a list of variables that is not as its maker's guide has it."""
+    for name, kind, expected in zip(names, answer.types, EXPECTED[names], strict=False):
+        if kind != expected:
+            return f"it says that {name} is of type {kind[:24]!r}, and its maker's guide says {expected}"
+    return f"it answers {len(names)} variables with {len(answer.types)} types and recipe {answer.recipe}"
+
+
 def _slow(scaling: float) -> Trouble:
     return Trouble(f"its speed slider stands at {100.0 * scaling:.0f} %", "put it to 100 %")
 
@@ -441,7 +450,7 @@ def _find_trouble(values: tuple[float, ...], moving: bool) -> Trouble:
     if state == State.REFUSED:
         return Trouble(
             "no joints near the present ones hold the pose that was ordered",
-            "choose another place or orientation",
+            "choose another place, or turn the tool less",
         )
     if moving and state == State.STARVED:
         return Trouble(

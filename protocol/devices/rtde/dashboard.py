@@ -13,8 +13,10 @@ LINE_MAX = 1024
 """Chosen: a longer line is none of a dashboard."""
 
 REMOTE, MODE, SAFETY = "is in remote control", "robotmode", "safetystatus"
-QUESTIONS = (REMOTE, MODE, SAFETY)
-"""Asked by our client before it uploads a program."""
+QUESTIONS = (REMOTE, SAFETY, MODE)
+"""Asked by our client before it uploads a program. Safety comes before the mode: an emergency stop takes the power too,
+and powering on is no remedy of it.
+"""
 _READY: Mapping[str, tuple[str, str]] = {
     MODE: ("Robotmode: RUNNING", "power it on and release its brakes"),
     SAFETY: ("Safetystatus: NORMAL", "see the stop's cause, release it, and begin again"),

@@ -4,23 +4,28 @@ Their sources were compiled outside of this project. The KUKA's drivers, with st
 of 10°, counted from the axes of the start; some 60 cycles of each are kept. KUKA's own client library reads telegrams
 by the place of each character, and ends with its stop. FZI's driver has a thread of its own for the wire. Universal
 Robots' C++ client library is called by programs of ours. In place of its own program for the controller stands ours,
-which goes by the same messages. Their client in Python records seven samples with its own configuration.
-What a driver read and sent it tells in its own numbers.
+which goes by the same messages. Their client in Python records seven samples with its own configuration. ABB's managers
+for a driver guide by joints: axis 1 at 0.1 rad/s, ordered by a program of ours. What a driver read and sent it tells in
+its own numbers.
 """
 
 import json
+import math
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from protocol.devices.egm import Guidance, RobotMessage, SensorMessage, decode_answer, decode_robot
 from protocol.devices.rsi import axis_tags, decode, pose_tags
 from protocol.devices.rtde import primary
 from protocol.devices.rtde.fields import Recipe
 from protocol.devices.rtde.packets import Kind, Reader, read_outputs_request, read_types
 from protocol.devices.rtde.primary import MessageKind, PacketType, Part
-from tools.client_transcripts import CLIENT, DEVICE, Stage, Transcript, read, replayed
+from protocol.geometry import rotate, turn_by
+from tools.client_transcripts import CLIENT, DEVICE, Stage, Step, Transcript, read, replayed
 from tools.external_control import (
     SERVICES,
     Command,
@@ -42,6 +47,7 @@ FZI = read(FOLDER / "rsi-fzi-driver.txt")
 CONTROL = read(FOLDER / "rtde-ur-client-library.txt")
 PRIMARY = read(FOLDER / "rtde-ur-client-library-primary.txt")
 PYTHON = read(FOLDER / "rtde-ur-python-client.txt")
+MANAGERS = read(FOLDER / "egm-abb-egm-rws-managers.txt")
 
 
 @pytest.mark.parametrize("transcript", [DRIVER, SDK, FZI])
@@ -122,12 +128,147 @@ def test_the_second_driver_reads_torques_states_and_axes_as_we_do() -> None:
     assert all(axes[:3] == pytest.approx([axes[0], -axes[0], axes[0]], abs=2e-6) for axes in ordered)
 
 
+# --- ABB's managers
+
+
+def told_joints(robot: RobotMessage) -> Sequence[float]:
+    assert robot.feedback is not None
+    assert robot.feedback.joints_deg is not None
+    return robot.feedback.joints_deg
+
+
+def joints_ordered(data: bytes) -> SensorMessage:
+    answer = decode_answer(data)
+    assert isinstance(answer, SensorMessage)
+    return answer
+
+
+def test_the_emulated_abb_says_every_byte_to_a_driver_of_joints_again() -> None:
+    assert replayed(MANAGERS) == [step for step in MANAGERS.steps if step.side == DEVICE]
+
+
+def test_joints_of_an_abb_are_read_and_understood_as_its_managers_do() -> None:
+    """The first message the library answers itself, by the joints that it was told."""
+    told = [decode_robot(data) for data in MANAGERS.made_by(DEVICE, "egm")]
+    answered = [joints_ordered(data) for data in MANAGERS.made_by(CLIENT, "egm")]
+    assert len(answered) == len(MANAGERS.reads) == len(MANAGERS.sends) == 24
+    for robot, values in zip(told[1:], MANAGERS.reads[1:], strict=False):
+        assert (robot.seqno, robot.guidance) == (values["seqno"], Guidance.RUNNING)
+        assert list(map(math.radians, told_joints(robot))) == pytest.approx(values["joints_rad"], abs=1e-12)
+    assert answered[0].joints_deg == pytest.approx(told_joints(told[0]), abs=1e-9)
+    for answer, values in zip(answered[1:], MANAGERS.sends[1:], strict=True):
+        assert list(map(math.radians, answer.joints_deg or ())) == pytest.approx(
+            values["joints_rad"], abs=1e-12
+        )
+        speeds = list(map(math.radians, answer.joint_speed_deg_s or ()))
+        assert speeds == pytest.approx(values["speeds_rad_s"], abs=1e-12)
+
+
+def test_the_emulated_abb_comes_along_with_its_managers() -> None:
+    joints = [told_joints(decode_robot(data)) for data in MANAGERS.made_by(DEVICE, "egm")]
+    assert all(after[0] >= before[0] for before, after in pairwise(joints))
+    assert joints[-1][0] > joints[0][0] + 0.01
+    assert joints[-1][1:] == pytest.approx(joints[0][1:], abs=0.05), "the loops act on the place of the tool"
+
+
 # --- Universal Robots' C++ client library
 
 
+TURNS = (
+    ("CARTESIAN rx", "CARTESIAN ry", "CARTESIAN rz"),
+    ("actual_TCP_pose 3", "actual_TCP_pose 4", "actual_TCP_pose 5"),
+)
+
+
+def turned_axes(values: dict[str, float]) -> dict[str, float]:
+    """Rotation vectors taken out of values, as the x and z axes that they turn: a half turn has two vectors."""
+    axes: dict[str, float] = {}
+    for names in TURNS:
+        if names[0] in values:
+            x, y, z = (values.pop(name) for name in names)
+            turn = turn_by((x, y, z))
+            ends = *rotate(turn, (1.0, 0.0, 0.0)), *rotate(turn, (0.0, 0.0, 1.0))
+            axes |= {f"{names[0]} turns {number}": end for number, end in enumerate(ends)}
+    return axes
+
+
+Reading = tuple[Step, dict[str, float]]
+"""A step without the values in it, and these by name."""
+
+
+def readings(transcript: Transcript, said: Sequence[Step]) -> list[Reading]:
+    """What the device says, with the numbers of its states apart."""
+    recipes: dict[str, Recipe] = {}
+    asked = [step for step in transcript.steps if step.side == CLIENT and step.data[2:3] == b"O"]
+    rows = []
+    for step in said:
+        wire, rest, values = step.wire, b"", dict[str, float]()
+        match wire.partition("-")[0]:
+            case "rtde":
+                reader = Reader()
+                reader.feed(step.data)
+                while (packet := reader.next_packet()) is not None:
+                    if packet.kind == Kind.OUTPUTS:
+                        types = read_types(packet.payload)
+                        request = next(step for step in asked if step.wire == wire)
+                        asked.remove(request)
+                        names = read_outputs_request(request.data[3:])[1]
+                        recipes[wire] = Recipe(types.recipe, names, types.types)
+                    if packet.kind == Kind.DATA:
+                        numbers = recipes[wire].values(recipes[wire].unpack(packet.payload))
+                        for name, value in numbers.items():
+                            parts = value if isinstance(value, tuple) else (value,)
+                            values |= {f"{name} {axis}": part for axis, part in enumerate(parts)}
+                    else:
+                        rest += packet.payload
+            case "primary":
+                for kind, body in primary.split(step.data):
+                    if kind == PacketType.STATE:
+                        for part, data in primary.split(body):
+                            row = primary.PARTS[Part(part)].unpack(data)
+                            values |= {f"{Part(part).name} {name}": value for name, value in row.items()}
+                    else:
+                        rest += body
+            case _:
+                rest = step.data
+        rows.append((step._replace(data=rest), values | turned_axes(values)))
+    return rows
+
+
+NOISE = (
+    ("actual_TCP_force", 2.0),
+    ("FORCE_MODE", 2.0),
+    ("accelerometer", 1.0),
+    ("current", 0.4),
+    ("JOINTS i", 0.4),
+    ("_qd", 0.02),
+    ("JOINTS qd", 0.02),
+    ("TCP_speed", 0.02),
+)
+"""How far a measured value may be off the recorded one by its noise."""
+NEAR = 2e-3
+"""The same of all others, which a joint goes in a cycle."""
+
+
+def is_near(name: str, value: float, recorded: float) -> bool:
+    """Whether a value is the recorded one, but for its noise and a cycle."""
+    return abs(value - recorded) <= next((apart for part, apart in NOISE if part in name), NEAR)
+
+
 @pytest.mark.parametrize("transcript", [CONTROL, PRIMARY, PYTHON])
-def test_the_emulated_controller_says_every_byte_to_the_client_library_again(transcript: Transcript) -> None:
-    assert replayed(transcript) == [step for step in transcript.steps if step.side == DEVICE]
+def test_the_emulated_controller_says_the_same_to_the_client_library_again(transcript: Transcript) -> None:
+    """To the byte, but for what it measures: its joints had no noise then, and stood where their targets were."""
+    recorded = readings(transcript, [step for step in transcript.steps if step.side == DEVICE])
+    again = readings(transcript, replayed(transcript))
+    assert [step for step, _ in again] == [step for step, _ in recorded]
+    for (_, values), (_, before) in zip(again, recorded, strict=True):
+        assert values.keys() == before.keys()
+        off = {
+            name: (value, before[name])
+            for name, value in values.items()
+            if not is_near(name, value, before[name])
+        }
+        assert not off
 
 
 def joined(transcript: Transcript, side: str, wire: str) -> bytes:

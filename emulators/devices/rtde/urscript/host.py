@@ -132,7 +132,11 @@ class Host(Protocol):
 
     @property
     def speeds(self) -> Six:
-        """Of the joints, rad/s."""
+        """Of the joints as measured, rad/s."""
+
+    @property
+    def target_speeds(self) -> Six:
+        """That the controller wants of the joints, rad/s."""
 
     @property
     def tcp(self) -> Pose:

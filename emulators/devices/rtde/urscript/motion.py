@@ -144,7 +144,7 @@ def _turns(host: Host, time: Value, wanted: Six | None) -> Iterator[int]:
     seconds = 0.0 if time is None else _finite(time)[0]
     count = max(1, math.ceil(seconds / host.period - 1e-6))
     yield from range(count)
-    while seconds <= 0.0 and wanted is not None and not _reached(host.speeds, wanted):
+    while seconds <= 0.0 and wanted is not None and not _reached(host.target_speeds, wanted):
         yield 0
 
 
@@ -260,7 +260,7 @@ MOTION: tuple[Function, ...] = (
     modelled("get_joint_positions()", lambda task: task.host.joints),
     modelled("get_actual_joint_speeds()", lambda task: task.host.speeds),
     modelled("get_target_joint_positions()", lambda task: task.host.target),
-    modelled("get_target_joint_speeds()", lambda task: task.host.speeds),
+    modelled("get_target_joint_speeds()", lambda task: task.host.target_speeds),
     modelled("get_actual_tcp_pose()", lambda task: value_of(task.host.forward(task.host.joints))),
     modelled("get_target_tcp_pose()", lambda task: value_of(task.host.forward(task.host.target))),
     modelled("get_target_waypoint()", lambda task: value_of(task.host.forward(task.host.target))),

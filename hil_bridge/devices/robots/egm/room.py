@@ -10,6 +10,7 @@ from emulators.seams import RobotFactory
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
 from hil_bridge.devices.robots.egm.facts import robot_facts
+from hil_bridge.devices.robots.egm.playing import play
 from hil_bridge.devices.robots.egm.settings import EgmSettings
 from hil_bridge.devices.robots.egm.web_address import OPTION, WebAddress, split_web
 from hil_bridge.devices.robots.probing import Probed, muted, probe_link
@@ -41,12 +42,12 @@ async def connect(
 async def probe(url: str, settings: KindSettings[EgmSettings, EgmProfile], wiring: Wiring) -> Probed:
     """Findings of a robot that sends to this address, and of its web services where the URL names them."""
     heard, beside = await asyncio.gather(
-        probe_link(lambda silent: connect(url, settings, silent), muted(wiring)),
+        probe_link(url, lambda silent: connect(url, settings, silent), muted(wiring)),
         ask_web(url),
         return_exceptions=True,
     )
     if isinstance(beside, DeviceError):
-        beside = Probed((("web services", str(beside)),))
+        beside = Probed((("RobotWare", f"unknown: {beside}"),))
     if isinstance(beside, BaseException):
         raise beside
     if isinstance(heard, DeviceError) and beside.rows:
@@ -138,7 +139,7 @@ ROBOT = RobotKind(
     EgmSettings,
     connect,
     facts,
-    RobotEmulation(EgmProfile, make, serve, usual, EGM_FAULTS, EGM_CONTROLS, MISHAPS),
+    RobotEmulation(EgmProfile, make, serve, usual, EGM_FAULTS, EGM_CONTROLS, MISHAPS, play=play),
     check=check,
     parse=_parse,
     describe=describe,

@@ -1,8 +1,16 @@
-"""A look at a real or emulated controller over its web services. It reads four documents and changes nothing."""
+"""A look at a real or emulated controller over its web services. It reads four documents and changes nothing.
+
+They are those of RobotWare 6: RWS 1.0, HTTP with digest authentication, `?json=1` for JSON, else XHTML. RobotWare 7 has
+RWS 2.0: HTTPS with basic authentication, and the version 2 in its types of contents. It is recognised, and not read.
+Source: ABB's page on Robot Web Services (3HAC050973-001) for JSON and XHTML, and public clients of RWS 2.0.
+"""
 
 import asyncio
 import json
-from typing import Any, NamedTuple
+import ssl
+from contextlib import suppress
+from typing import Any, NamedTuple, TypeGuard
+from xml.etree import ElementTree
 
 import aiohttp
 
@@ -13,6 +21,8 @@ from protocol.endpoint import Trouble
 
 PATIENCE_S = 3.0
 """Chosen: longest wait for all four."""
+TLS_S = 1.0
+"""Chosen: longest wait for the greeting of a port that may want HTTPS."""
 DOCUMENT_MAX = 1 << 18
 """Chosen: most bytes of a document; more is no answer."""
 _OTHER = "is it a controller with RobotWare 6?"
@@ -64,22 +74,31 @@ def find_refusals(state: WebState) -> tuple[Trouble, ...]:
 
 
 async def read_state(address: WebAddress) -> WebState:
-    """Ask a controller, with the maker's usual user and password. Raises DeviceError within `PATIENCE_S`."""
+    """Ask a controller, with the maker's usual user and password, and give its session back. Raises DeviceError within
+    `PATIENCE_S` and `TLS_S`.
+    """
     name = f"web services at {address.authority}"
     texts: list[str] = []
     digest = aiohttp.DigestAuthMiddleware(USER, PASSWORD)
+    cookies = aiohttp.CookieJar(unsafe=True)  # a controller has an address and no name
     try:
         async with (
             asyncio.timeout(PATIENCE_S),
-            aiohttp.ClientSession(f"http://{address.authority}", middlewares=(digest,)) as session,
+            aiohttp.ClientSession(
+                f"http://{address.authority}", middlewares=(digest,), cookie_jar=cookies
+            ) as session,
         ):
             for key, path in _VALUES.items():
                 texts.append(await _read(session, key, path, name))
+            with suppress(aiohttp.ClientError):
+                await session.get("/logout")
     except TimeoutError:
         raise DeviceError(
             f"{name} do not answer within {PATIENCE_S:g} s", remedy="look at the address and the cable"
         ) from None
     except (aiohttp.ClientError, OSError) as error:
+        if not isinstance(error, aiohttp.ClientConnectorError) and await _wants_tls(address):
+            raise _newer(name) from None
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise DeviceError(
             f"{name}: {reason}", remedy="look at the address, the port and the cable"
@@ -87,8 +106,32 @@ async def read_state(address: WebAddress) -> WebState:
     return WebState(*texts)
 
 
+def _newer(name: str) -> DeviceError:
+    return DeviceError(
+        f"{name} are those of RobotWare 7 (RWS 2.0), and only those of RobotWare 6 are read",
+        remedy="leave rws out of the URL; the datagrams are the same",
+    )
+
+
+async def _wants_tls(address: WebAddress) -> bool:
+    """Whether TLS is spoken at a port that did not answer HTTP."""
+    context = ssl.create_default_context()
+    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE  # nothing is told to it
+    try:
+        async with asyncio.timeout(TLS_S):
+            _, writer = await asyncio.open_connection(address.host, address.port, ssl=context)
+    except ssl.SSLError as error:
+        return "ALERT" in (error.reason or "")  # it speaks TLS, of another version
+    except (OSError, TimeoutError):
+        return False
+    writer.transport.abort()
+    return True
+
+
 async def _read(session: aiohttp.ClientSession, key: str, path: str, name: str) -> str:
     async with session.get(path, allow_redirects=False) as response:
+        if _is_newer(response):
+            raise _newer(name)
         if response.status == 401:
             raise DeviceError(
                 f"{name} refuse the usual user and password", remedy="let its administrator allow them"
@@ -100,13 +143,23 @@ async def _read(session: aiohttp.ClientSession, key: str, path: str, name: str) 
             body += piece
             if len(body) > DOCUMENT_MAX:
                 raise DeviceError(f"{name} send too long a document for {path}", remedy="look at the address")
-    text = _find(body, key)
+    text = _find_in_json(body, key) or _find_in_xhtml(body, key)
     if text is None:
         raise DeviceError(f"{name} tell no {key}", remedy=_OTHER)
     return text
 
 
-def _find(body: bytes, key: str) -> str | None:
+def _is_newer(response: aiohttp.ClientResponse) -> bool:
+    """Whether an answer shows RWS 2.0."""
+    schemes = [
+        text.split()[0].lower() for text in response.headers.getall("WWW-Authenticate", ()) if text.strip()
+    ]
+    basic = response.status == 401 and "basic" in schemes and "digest" not in schemes
+    moved = 300 <= response.status < 400 and response.headers.get("Location", "").startswith("https:")
+    return basic or moved or ";v=2." in response.headers.get("Content-Type", "").replace(" ", "")
+
+
+def _find_in_json(body: bytes, key: str) -> str | None:
     """The text of a key in the state that a document embeds; None where there is none."""
     try:
         document: Any = json.loads(body)
@@ -116,6 +169,22 @@ def _find(body: bytes, key: str) -> str | None:
     items = embedded.get("_state") if isinstance(embedded, dict) else None
     for item in items if isinstance(items, list) else ():
         text = item.get(key) if isinstance(item, dict) else None
-        if isinstance(text, str) and text.isprintable() and len(text) < 200:
+        if _is_plain(text):
             return text
     return None
+
+
+def _find_in_xhtml(body: bytes, key: str) -> str | None:
+    """The text of the element of this class; None where there is none. A document type is refused before it is read."""
+    if b"<!" in body:
+        return None
+    try:
+        root = ElementTree.fromstring(body)
+    except (ElementTree.ParseError, ValueError, LookupError):
+        return None
+    texts = (element.text for element in root.iter() if element.get("class") == key)
+    return next((text for text in texts if _is_plain(text)), None)
+
+
+def _is_plain(text: Any) -> TypeGuard[str]:
+    return isinstance(text, str) and text.isprintable() and 0 < len(text) < 200

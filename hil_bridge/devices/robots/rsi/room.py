@@ -1,11 +1,13 @@
 """The room of KUKA's Robot Sensor Interface, as the house sees it."""
 
+import math
 from typing import Any
 
 from emulators.devices.rsi import RSI_CONTROLS, RSI_FAULTS, RsiController, RsiProfile
 from emulators.seams import RobotFactory
 from hil_bridge.devices.facts import Pacing, RobotFacts, ServoFacts
 from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
+from hil_bridge.devices.playing import Course, Played, play_stream
 from hil_bridge.devices.robots.probing import Probed, probe_link
 from hil_bridge.devices.robots.streamed import StreamedLink
 from hil_bridge.devices.wiring import Serving, Wiring
@@ -67,7 +69,7 @@ async def probe(url: str, settings: KindSettings[RsiLink, RsiProfile], wiring: W
     """Findings of a controller that sends to this address. It is answered with the correction that it has: without an
     answer it would stop with an error, and with this one it stands.
     """
-    return await probe_link(lambda heard: connect(url, settings, heard), wiring)
+    return await probe_link(url, lambda heard: connect(url, settings, heard), wiring)
 
 
 def make(settings: KindSettings[RsiLink, RsiProfile]) -> RobotFactory:
@@ -85,6 +87,11 @@ def usual(settings: KindSettings[RsiLink, RsiProfile], virtual: bool) -> str:
     return "udp+memory:rsi" if virtual else f"udp://127.0.0.1:{PORT}"
 
 
+def play(robot: Any, course: Course, settings: KindSettings[RsiLink, RsiProfile], now: float) -> Played:
+    """A course of places as corrections. As `hil_bridge.devices.playing.Play` says."""
+    return play_stream(robot.endpoint, RsiClient(settings.client), course, now)
+
+
 MISHAPS = {"refused": "emergency-stop", "stopped": "emergency-stop"}
 """An emergency stop is the one stop that its telegrams tell."""
 
@@ -94,9 +101,10 @@ ROBOT = RobotKind(
     RsiLink,
     connect,
     facts,
-    RobotEmulation(RsiProfile, make, serve, usual, RSI_FAULTS, RSI_CONTROLS, MISHAPS, late_ms=6.0),
+    RobotEmulation(RsiProfile, make, serve, usual, RSI_FAULTS, RSI_CONTROLS, MISHAPS, late_ms=6.0, play=play),
     parse=lambda url, settings: parse_url(url, LISTEN_DATAGRAMS),
     describe=describe,
     probe=probe,
     usual_wire=f"udp-bind://0.0.0.0:{PORT}",
+    largest_turn=lambda settings: math.radians(settings.client.limit_deg),
 )

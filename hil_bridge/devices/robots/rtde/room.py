@@ -12,6 +12,7 @@ from hil_bridge.devices.robots.rtde import serving as ports
 from hil_bridge.devices.robots.rtde.addresses import RTDE_PORT, parse_address
 from hil_bridge.devices.robots.rtde.bundle import Bundle
 from hil_bridge.devices.robots.rtde.facts import robot_facts
+from hil_bridge.devices.robots.rtde.playing import play
 from hil_bridge.devices.robots.rtde.program_folder import read_programs
 from hil_bridge.devices.robots.streamed import StreamedLink
 from hil_bridge.devices.wiring import Serving, Wiring
@@ -43,7 +44,7 @@ async def _open(
 
 async def probe(url: str, settings: KindSettings[ClientProfile, RtdeProfile], wiring: Wiring) -> Probed:
     """Findings of a controller. No program is sent to it, and none of its inputs is written."""
-    return await probe_link(lambda heard: _open(url, settings, heard, looks=True), wiring)
+    return await probe_link(url, lambda heard: _open(url, settings, heard, looks=True), wiring)
 
 
 async def open_wires(
@@ -121,7 +122,7 @@ ROBOT = RobotKind(
     ClientProfile,
     connect,
     facts,
-    RobotEmulation(RtdeProfile, make, serve, usual, RTDE_FAULTS, RTDE_CONTROLS, MISHAPS),
+    RobotEmulation(RtdeProfile, make, serve, usual, RTDE_FAULTS, RTDE_CONTROLS, MISHAPS, play=play),
     check=check,
     parse=_parse,
     describe=describe,

@@ -55,6 +55,7 @@ SENSOR = SensorKind(
         _serve,
         lambda settings, virtual: f"can+memory:ati-can?bitrate={BITRATE}" if virtual else f"{_SLCAN}pty:",
         ATI_CAN_FAULTS,
+        {"status": "status"},
     ),
     parse=lambda url, settings: parse_url(url, CONNECT_CAN),
     describe=describe,

@@ -92,6 +92,7 @@ SENSOR = SensorKind(
         _serve,
         lambda settings, virtual: f"{_MEMORY}:netft" if virtual else "udp-bind://127.0.0.1:0",
         NETFT_FAULTS,
+        {"status": "status"},
     ),
     parse=_parse,
     describe=describe,

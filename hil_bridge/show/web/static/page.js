@@ -137,11 +137,16 @@
     set($("link"), playback ? "recording" : "the run has ended");
     $("link").className = "";
     $("end").hidden = true;
+    panel.close();
     if (!playback) { over = true; bar("cut", "", ""); bar("silent", "", ""); }
   }
 
+  const panel = HilPanel.draw($("robot-panel"), token);
+
   function take(told) {
     heard = performance.now();
+    if (told.panel) { panel.describe(told.panel); $("hands").hidden = false; }
+    if (told.panel_state) panel.show(told.panel_state);
     if (told.scene) begin(told);
     if (!scene) return;
     const now = told.now;

@@ -6,7 +6,7 @@ from statistics import median
 from typing import NamedTuple
 
 from emulators.orders import HeardOrder, Reach
-from hil_bridge.lab.conform.scenarios import SAME_PLACE_M, SAME_TURN_RAD
+from hil_bridge.lab.conform.robots.scenarios import SAME_PLACE_M, SAME_TURN_RAD
 from protocol.geometry import Pose, angle_between
 
 _KEPT = 50

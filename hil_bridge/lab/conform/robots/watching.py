@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from emulators.orders import Act, HeardOrder, Hindrance
-from hil_bridge.lab.conform.scenarios import MOVED_M, MOVED_RAD, Rules
-from hil_bridge.lab.conform.strides import Stride, Strides
+from hil_bridge.lab.conform.ending import Ending
+from hil_bridge.lab.conform.robots.scenarios import MOVED_M, MOVED_RAD, Rules
+from hil_bridge.lab.conform.robots.strides import Stride, Strides
 from protocol.geometry import Pose, Quaternion, Vector, angle_between
 
 _WINDOW_S = 0.05
@@ -17,8 +18,8 @@ _FIRST = 10
 
 
 @dataclass(slots=True)
-class Seen:
-    """Evidence of one scenario. Times are seconds since its begin; lengths m, speeds m/s."""
+class Seen(Ending):
+    """Evidence of one scenario of a robot. Times are seconds since its begin; lengths m, speeds m/s."""
 
     contact_at: float | None = None
     """First sign of the client: a connection, a question or an order."""
@@ -88,11 +89,6 @@ class Seen:
     hindered_at: float | None = None
     own_stop: str = ""
     """The first such state that an order of the client brought about."""
-    ended_at: float | None = None
-    exit_code: int | None = None
-    """As the shell's; minus the number of a signal. None where the client was killed."""
-    told_to_end: bool = False
-    killed: bool = False
     left_m_s: float = 0.0
     """Speed of the tool at the end."""
     left_rad_s: float = 0.0

@@ -1,40 +1,22 @@
 """Verdicts on a client, by the evidence alone: pure functions."""
 
 import math
-import signal
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
-from enum import StrEnum
 from itertools import islice
 
-from hil_bridge.lab.conform.scenarios import (
-    CUT,
+from hil_bridge.lab.conform.ending import describe_end
+from hil_bridge.lab.conform.robots.scenarios import (
     EMERGENCY,
     LATE,
     MOVED_M,
     MOVED_RAD,
-    NOMINAL,
     REFUSED,
     STOPPED,
     Rules,
 )
-from hil_bridge.lab.conform.watching import Seen
-
-
-class Outcome(StrEnum):
-    """Outcomes of a scenario."""
-
-    PASSED = "passed"
-    FAILED = "failed"
-    SKIPPED = "skipped"
-
-
-@dataclass(frozen=True, slots=True)
-class Verdict:
-    """A scenario's outcome, and one line of reason."""
-
-    outcome: Outcome
-    reason: str
+from hil_bridge.lab.conform.robots.watching import Seen
+from hil_bridge.lab.conform.trial import CUT, NOMINAL
+from hil_bridge.lab.conform.verdict import Outcome, Verdict
 
 
 def judge(scenario: str, seen: Seen, rules: Rules) -> Verdict:
@@ -50,8 +32,13 @@ def judge(scenario: str, seen: Seen, rules: Rules) -> Verdict:
 
 def _explain_skip(scenario: str, seen: Seen) -> str:
     """Why the scenario could not be played to its fault; empty where it was."""
-    crashed = not seen.told_to_end and seen.exit_code is not None and seen.exit_code < 0
-    if scenario != REFUSED and seen.moved_at is None and not seen.moving and seen.refusals and not crashed:
+    if (
+        scenario != REFUSED
+        and seen.moved_at is None
+        and not seen.moving
+        and seen.refusals
+        and not seen.crashed
+    ):
         return (
             f"the client ordered no motion that could be judged; this emulated robot does not have: "
             f"{'; '.join(seen.refusals[:3])}"
@@ -59,7 +46,7 @@ def _explain_skip(scenario: str, seen: Seen) -> str:
     if scenario in (NOMINAL, REFUSED) or seen.fault_at is not None:
         return ""
     if seen.moved_at is None:
-        return f"the tool did not move, so that nothing could happen in the middle; {_end(seen)}"
+        return f"the tool did not move, so that nothing could happen in the middle; {describe_end(seen)}"
     return (
         f"the client had ended after {seen.ended_at or 0.0:.1f} s, before the fault came; let it move longer"
     )
@@ -71,8 +58,8 @@ def _find_faults(scenario: str, seen: Seen, rules: Rules) -> Iterator[str]:
     if seen.own_stop and scenario not in (NOMINAL, LATE):
         yield f"its orders stopped the robot: {seen.own_stop}"
     yield from _find_haste(seen, rules)
-    if scenario != NOMINAL and not seen.told_to_end and seen.exit_code is not None and seen.exit_code < 0:
-        yield f"crashed: {_end(seen)}"
+    if scenario != NOMINAL and seen.crashed:
+        yield f"crashed: {describe_end(seen)}"
     if seen.left_m_s > 0.0:
         yield f"left the tool moving at {seen.left_m_s * 1e3:.1f} mm/s"
     elif seen.left_rad_s > 0.0:
@@ -111,10 +98,10 @@ def _find_haste(seen: Seen, rules: Rules) -> Iterator[str]:
 def _of_nominal(seen: Seen, rules: Rules) -> Iterator[str]:
     if seen.contact_at is None:
         crashed = not seen.told_to_end and seen.exit_code is not None
-        yield f"never came to the robot: {_end(seen) if crashed else f'nothing in {rules.start_s:g} s'}"
+        yield f"never came to the robot: {describe_end(seen) if crashed else f'nothing in {rules.start_s:g} s'}"
         return
     if not seen.told_to_end and seen.exit_code not in (0, None):
-        yield f"failed by itself: {_end(seen)}"
+        yield f"failed by itself: {describe_end(seen)}"
     if seen.unreadable:
         yield f"sent {_times(seen.unreadable)} what the robot cannot read; first {seen.first_unreadable}"
     if seen.breaches > seen.orders * rules.breaches_percent / 100.0:
@@ -156,7 +143,7 @@ def _way(moved_m: float, turned_rad: float) -> str:
 
 def _of_cut(seen: Seen, rules: Rules) -> Iterator[str]:
     if rules.comes_back and seen.back_at is None:
-        yield f"did not come back within {rules.back_s:g} s, as it declares: {_end(seen)}"
+        yield f"did not come back within {rules.back_s:g} s, as it declares: {describe_end(seen)}"
 
 
 def _sent_on(seen: Seen, rules: Rules, where: str, begin: str) -> Iterator[str]:
@@ -183,27 +170,25 @@ def _moved(seen: Seen) -> str:
     return (
         f"moved {seen.moved_m * 1e3:.1f} mm and turned {math.degrees(seen.turned_rad):.1f}° by {seen.orders} orders, "
         f"at most {seen.fastest_m_s * 1e3:.1f} mm/s; "
-        f"longest pause {seen.longest_pause_s * 1e3:.0f} ms; {_end(seen)}"
+        f"longest pause {seen.longest_pause_s * 1e3:.0f} ms; {describe_end(seen)}"
     )
 
 
 def _held_back(seen: Seen, begin: str = "stop") -> str:
     if seen.orders == 0:
-        return f"ordered no motion; {_end(seen)}"
+        return f"ordered no motion; {describe_end(seen)}"
     last = (
         ""
         if seen.last_motion_s is None
         else f", the last that would move {seen.last_motion_s * 1e3:.0f} ms after the {begin}"
     )
-    return f"{seen.orders} orders{last}; {_end(seen)}"
+    return f"{seen.orders} orders{last}; {describe_end(seen)}"
 
 
 def _came_back(seen: Seen) -> str:
     if seen.back_at is None or seen.returned_at is None:
-        return f"did not come back, and left the tool standing; {_end(seen)}"
-    return (
-        f"took up its orders {seen.back_at - seen.returned_at:.2f} s after the end of the cut; {_end(seen)}"
-    )
+        return f"did not come back, and left the tool standing; {describe_end(seen)}"
+    return f"took up its orders {seen.back_at - seen.returned_at:.2f} s after the end of the cut; {describe_end(seen)}"
 
 
 _WELL: Mapping[str, Callable[[Seen], str]] = {
@@ -219,19 +204,3 @@ _WELL: Mapping[str, Callable[[Seen], str]] = {
 
 def _times(count: int) -> str:
     return "once" if count == 1 else f"{count} times"
-
-
-def _end(seen: Seen) -> str:
-    """How the client ended, in words."""
-    if seen.killed:
-        return "the client was killed"
-    code = seen.exit_code
-    if code is None:
-        return "the client goes on"
-    told = "ended when told to" if seen.told_to_end else f"ended by itself after {seen.ended_at or 0.0:.1f} s"
-    if code < 0:
-        try:
-            return f"{told}, by {signal.Signals(-code).name}"
-        except ValueError:
-            return f"{told}, by signal {-code}"
-    return f"{told}, exit code {code}"

@@ -1,13 +1,12 @@
-"""The scenarios that a client is put through, and the rules by which it is judged."""
+"""The scenarios that a robot's client is put through, and the rules by which it is judged."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from hil_bridge.lab.conform.trial import CUT, NOMINAL
 from protocol.marks import Mark, above, at_least, between, check_settings, setting
 
-SUITE_VERSION = 2
-"""Grows when a client that passed may fail: to be compared by those who pin it."""
 MOVED_M = 0.5e-3
 """Chosen: a tool that is so far from its start has moved; noise and rounding of any robot are below."""
 MOVED_RAD = 5e-3
@@ -23,14 +22,7 @@ STILL_RAD = 1e-3
 STILL_S = 0.2
 """Chosen: for how long it has to stand."""
 
-NOMINAL, LATE, REFUSED, STOPPED, EMERGENCY, CUT = (
-    "nominal",
-    "late",
-    "refused",
-    "stopped",
-    "emergency",
-    "cut",
-)
+LATE, REFUSED, STOPPED, EMERGENCY = "late", "refused", "stopped", "emergency"
 SCENARIOS: Mapping[str, str] = {
     NOMINAL: "nothing is wrong",
     LATE: "what the robot says comes late, once the tool moves",

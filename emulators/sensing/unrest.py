@@ -1,0 +1,286 @@
+"""Errors of a sensor beside its white noise: wander and slope of the zero, creep, and the vibration of its arm.
+
+All of them belong to the number of a sample: they are the same whatever the blocks in which samples are read, and when
+samples are made again after an order. Knots lie on the grid of numbers. Creep and motion are kept at the newest knots,
+and computed again from the source where a reader left some out, by at most as much as a path keeps.
+"""
+
+import math
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from emulators.seams import Floats, MovingSource, WrenchSource
+from emulators.sensing.samples import Draws
+from protocol.geometry import Vector
+
+NO_FORCE: Vector = (0.0, 0.0, 0.0)
+
+_FORCES = 3
+_WANDER_STREAM, _MOTION_STREAM, _VIBRATION_STREAM = 1, 2, 3
+"""Streams of a seed beside its noise; part of what a seed means, so not to be changed."""
+_WANDER_S = 10.0
+"""The wander is the rms change of the zero within so long."""
+_WANDER_KNOT_S = 0.1
+"""Chosen: the walk makes a step so often, and is straight between."""
+_KNOTS = 64
+"""Steps of the walk drawn at once; part of what a seed means."""
+_CHUNK = 1024
+"""Chosen: samples of the wander computed at once."""
+_KNOT_S = 0.05
+"""Chosen: creep and speed of the arm are looked at so often."""
+_KNOTS_KEPT = 1024
+"""Chosen: as many as hold the samples that may be made again."""
+_PAST_S = 10.0
+"""How much of the past can be read from a source, s: as much as a path keeps."""
+_REPEAT_S = 4.0
+"""Chosen: the vibration begins anew so often; its lines lie a quarter of 1 Hz apart."""
+
+
+@dataclass(frozen=True, slots=True)
+class Unrest:
+    """Errors beside white noise. By default there are none."""
+
+    since: float = 0.0
+    """When wander, slope and creep begin: at power-up, s."""
+    wander: Vector = NO_FORCE
+    """Random walk of the zero of each force: rms change within 10 s, N."""
+    slope: Vector = NO_FORCE
+    """Steady change of the zero of each force, N/s."""
+    creep_share: float = 0.0
+    """Share of a changed load, of force and moment, that is told late."""
+    creep_s: float = 1.0
+    """Time constant with which that share comes, s."""
+    vibration: Vector = NO_FORCE
+    """Vibration of the arm in each force, rms, N."""
+    vibration_hz: tuple[float, float] = (9.0, 16.0)
+    """Band of that vibration, Hz."""
+    peak_hz: float = 71.0
+    """Its peak outside that band, Hz."""
+    peak_share: float = 0.0
+    """Share of its variance in that peak."""
+    motion: Vector = NO_FORCE
+    """White noise of each force while the arm moves, rms, N."""
+    motion_speed: float = 0.1
+    """Tool speed from which on that noise is whole, m/s; in proportion below."""
+
+    @property
+    def mechanical(self) -> bool:
+        """Whether there are errors that the load, or the arm, makes."""
+        return bool(self.creep_share or any(self.vibration) or any(self.motion))
+
+    @property
+    def of_zero(self) -> bool:
+        """Whether the zero moves."""
+        return any(self.wander) or any(self.slope)
+
+
+class ZeroWander:
+    """Walk and slope of a sensor's zero, as its outputs (rows, n)."""
+
+    def __init__(self, unrest: Unrest, rate_hz: float, matrix: Floats, seed: int) -> None:
+        """`matrix` (rows, 6) gives the outputs for N and N·m."""
+        self._matrix = matrix[:, :_FORCES]
+        self._begin = math.floor(unrest.since * rate_hz)
+        self._per_knot = max(1, round(_WANDER_KNOT_S * rate_hz))
+        knot_s = self._per_knot / rate_hz
+        self._step = np.array(unrest.wander)[:, np.newaxis] * math.sqrt(knot_s / _WANDER_S)
+        self._slope = np.array(unrest.slope)[:, np.newaxis] / rate_hz
+        self._draws = Draws(seed, _WANDER_STREAM)
+        self._bases = [np.zeros((_FORCES, 1))]
+        """The walk at the first knot of each chunk of knots that was reached."""
+        self._chunk_number: int | None = None
+        self._chunk = np.zeros((len(matrix), 0))
+        """Outputs of the chunk of samples that was read last."""
+
+    def add(self, outputs: Floats, first: int) -> None:
+        """Add to outputs (rows, n) of the samples from number `first` on, in place."""
+        stop = first + outputs.shape[1]
+        for number in range(first // _CHUNK, (stop - 1) // _CHUNK + 1):
+            begin = number * _CHUNK
+            here, end = max(first, begin), min(stop, begin + _CHUNK)
+            if number != self._chunk_number:
+                self._chunk_number, self._chunk = number, self._matrix @ self._zeros(begin)
+            outputs[:, here - first : end - first] += self._chunk[:, here - begin : end - begin]
+
+    def _zeros(self, begin: int) -> Floats:
+        """Zero (3, n) of the samples of a chunk that begins at a number, N."""
+        since = np.maximum(np.arange(begin, begin + _CHUNK) - self._begin, 0)
+        low, high = int(since[0]) // self._per_knot, int(since[-1]) // self._per_knot + 1
+        knots = np.arange(low, high + 1)
+        walk = np.concatenate(
+            [self._walk(chunk)[:, :_KNOTS] for chunk in range(low // _KNOTS, high // _KNOTS + 1)], axis=1
+        )[:, knots - low // _KNOTS * _KNOTS]
+        zeros = np.stack([np.interp(since, knots * self._per_knot, row) for row in walk])
+        zeros += self._slope * since
+        return zeros
+
+    def _walk(self, chunk: int) -> Floats:
+        """The walk (3, 65) at the knots of a chunk and at the first behind it, N."""
+        while len(self._bases) <= chunk:
+            self._bases.append(self._walk(len(self._bases) - 1)[:, -1:])
+        steps = self._draws.chunk(chunk, (_FORCES, _KNOTS)) * self._step
+        return self._bases[chunk] + np.concatenate((np.zeros((_FORCES, 1)), np.cumsum(steps, axis=1)), axis=1)
+
+
+class _Knot(NamedTuple):
+    """Load and motion at a knot."""
+
+    number: int
+    load: Floats
+    """(6,), N and N·m."""
+    late: Floats
+    """(6,): the load as the late share of it knows it, N and N·m."""
+    moving: float
+    """Share of the noise in motion, 0 … 1."""
+    begin: Floats
+    """(6, 1): what the late share tells at the knot, N and N·m."""
+    change: Floats
+    """(6, 1): by how much that changes to the next knot."""
+
+
+class Mechanics:
+    """Creep of a sensor's body and vibration of its arm, added to the wrench that it feels."""
+
+    def __init__(self, unrest: Unrest, source: WrenchSource, rate_hz: float, seed: int) -> None:
+        self._unrest, self._source, self._rate = unrest, source, rate_hz
+        self._per_knot = max(1, round(_KNOT_S * rate_hz))
+        self._gain = -math.expm1(-self._per_knot / rate_hz / unrest.creep_s)
+        """Part of the way to the load that the late share goes from knot to knot."""
+        self._ramp = np.arange(self._per_knot) / self._per_knot
+        self._first_knot = math.ceil(unrest.since * rate_hz / self._per_knot)
+        self._knots: deque[_Knot] = deque(maxlen=_KNOTS_KEPT)
+        """Ascending, without a gap."""
+        self._table = _vibration(unrest, rate_hz, seed) if any(unrest.vibration) else None
+        self._motion = np.array(unrest.motion)[:, np.newaxis]
+        self._moving = source if any(unrest.motion) and isinstance(source, MovingSource) else None
+        self._by_knots = bool(unrest.creep_share) or self._moving is not None
+        self._share, self._keep = unrest.creep_share, 1.0 - unrest.creep_share
+        self._draws = Draws(seed, _MOTION_STREAM)
+        self._chunk_number: int | None = None
+        self._chunk = np.zeros((_FORCES, 0))
+
+    def add(self, wrench: Floats, first: int) -> None:
+        """Change the wrench (6, n) of the samples from number `first` on, in place."""
+        if self._by_knots:
+            knots = self._knots
+            since = first - knots[-1].number * self._per_knot if knots else -1
+            if since > 0 and since + wrench.shape[1] <= self._per_knot:  # as nearly always
+                self._apply(wrench, first, knots[-1])
+            else:
+                self.forget(first)
+                for part, knot in self._stretches(wrench, first):
+                    self._apply(wrench[:, part], first + part.start, knot)
+        if self._table is not None:
+            _add_table(wrench[:_FORCES], self._table, first)
+
+    def forget(self, number: int) -> None:
+        """The samples from this number on are others than were read."""
+        while self._knots and self._knots[-1].number * self._per_knot >= number:
+            self._knots.pop()
+
+    def _apply(self, wrench: Floats, first: int, knot: _Knot) -> None:
+        """Change the wrench (6, n) of samples between a knot and the next."""
+        if self._share:
+            since = first - knot.number * self._per_knot
+            wrench *= self._keep
+            wrench += knot.change * self._ramp[since : since + wrench.shape[1]]
+            wrench += knot.begin
+        if knot.moving:
+            self._shake(wrench[:_FORCES], first, knot.moving)
+
+    def _shake(self, forces: Floats, first: int, share: float) -> None:
+        stop = first + forces.shape[1]
+        for number in range(first // _CHUNK, (stop - 1) // _CHUNK + 1):
+            begin = number * _CHUNK
+            here, end = max(first, begin), min(stop, begin + _CHUNK)
+            if number != self._chunk_number:
+                self._chunk_number = number
+                self._chunk = self._draws.chunk(number, (_FORCES, _CHUNK)) * self._motion
+            forces[:, here - first : end - first] += share * self._chunk[:, here - begin : end - begin]
+
+    # --- knots
+
+    def _stretches(self, wrench: Floats, first: int) -> Iterator[tuple[slice, _Knot]]:
+        """Stretches that cover these samples, each with the knot at or before it; the wrench is that without errors."""
+        per_knot, stop = self._per_knot, first + wrench.shape[1]
+        inside = range(-(-first // per_knot), (stop - 1) // per_knot + 1)
+        loads = wrench[:, [number * per_knot - first for number in inside]].T
+        end = min(inside.start * per_knot, stop)
+        self._fill(inside.start - 1)
+        if end > first:
+            if not self._knots:  # read at once behind the power-up
+                self._append(inside.start - 1, wrench[:, 0], 0.0)
+            yield slice(0, end - first), self._knots[-1]
+        for number, load, moving in zip(inside, loads, self._moving_at(inside), strict=True):
+            self._append(number, load, moving)
+            begin = number * per_knot - first
+            yield slice(begin, min(begin + per_knot, stop - first)), self._knots[-1]
+
+    def _fill(self, last: int) -> None:
+        """Have every knot up to this one, as far back as the source is known."""
+        oldest = last - math.floor(_PAST_S * self._rate / self._per_knot)
+        begin = self._knots[-1].number + 1 if self._knots else self._first_knot
+        numbers = range(max(begin, oldest), last + 1)
+        if not numbers:
+            return
+        loads = self._source.wrench(np.asarray(numbers) * self._per_knot / self._rate)
+        if self._knots and numbers[0] > begin:  # the load in between is not known any more
+            before, missed = self._knots[-1], numbers[0] - begin
+            late = loads[0] + (before.late - loads[0]) * (1.0 - self._gain) ** (missed + 1)
+            self._knots.clear()
+            self._knots.append(self._knot(numbers[0] - 1, loads[0], late, 0.0))
+        for number, load, moving in zip(numbers, loads, self._moving_at(numbers), strict=True):
+            self._append(number, load, moving)
+
+    def _append(self, number: int, load: Floats, moving: float) -> None:
+        late = load
+        if self._knots:
+            before = self._knots[-1]
+            late = before.late + self._gain * (before.load - before.late)
+        self._knots.append(self._knot(number, load.copy(), late, moving))
+
+    def _knot(self, number: int, load: Floats, late: Floats, moving: float) -> _Knot:
+        begin, change = self._share * late, self._share * self._gain * (load - late)
+        return _Knot(number, load, late, moving, begin[:, np.newaxis], change[:, np.newaxis])
+
+    def _moving_at(self, numbers: Sequence[int]) -> list[float]:
+        """Share of the noise in motion at knots."""
+        if self._moving is None or not numbers:
+            return [0.0] * len(numbers)
+        speeds = self._moving.speeds(np.asarray(numbers) * self._per_knot / self._rate)
+        shares: list[float] = np.minimum(speeds / self._unrest.motion_speed, 1.0).tolist()
+        return shares
+
+
+def _vibration(unrest: Unrest, rate_hz: float, seed: int) -> Floats:
+    """Vibration (3, n) of the samples from number 0 on, N, which then begins anew: lines with phases of the seed."""
+    count = round(_REPEAT_S * rate_hz)
+    low, high = (frequency * _REPEAT_S for frequency in unrest.vibration_hz)
+    band = range(math.ceil(low), max(math.ceil(low), math.floor(high)) + 1)
+    lines = [*band, round(unrest.peak_hz * _REPEAT_S)]
+    variances = [(1.0 - unrest.peak_share) / len(band)] * len(band) + [unrest.peak_share]
+    drawn = Draws(seed, _VIBRATION_STREAM).chunk(0, (2, _FORCES, len(lines)))
+    phases = np.arctan2(drawn[0], drawn[1])
+    spectrum = np.zeros((_FORCES, count // 2 + 1), complex)
+    for line, variance, phase in zip(lines, variances, phases.T, strict=True):
+        folded = line % count  # a line beyond half of the rate is seen where it is folded to
+        if folded > count - folded:
+            folded, phase = count - folded, -phase
+        spectrum[:, folded] += 0.5 * count * math.sqrt(2.0 * variance) * np.exp(1j * phase)
+    table: Floats = np.fft.irfft(spectrum, count)
+    table *= np.array(unrest.vibration)[:, np.newaxis]
+    return table
+
+
+def _add_table(rows: Floats, table: Floats, first: int) -> None:
+    """Add a table that repeats to rows of samples from a number on, in place."""
+    count, length = rows.shape[1], table.shape[1]
+    begin = first % length
+    if begin + count <= length:  # as nearly always
+        rows += table[:, begin : begin + count]
+    else:
+        rows += np.take(table, range(begin, begin + count), axis=1, mode="wrap")

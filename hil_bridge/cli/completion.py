@@ -1,0 +1,49 @@
+"""Names with which a shell completes the values of options: ours, and those of installed packages."""
+
+from collections.abc import Callable, Sequence
+
+import click
+
+Names = Callable[[], Sequence[str]]
+"""Gives names, imported when a shell asks."""
+Completer = Callable[[click.Context, click.Parameter, str], list[str]]
+
+
+def complete(names: Names) -> Completer:
+    """For `shell_complete` of an option. What cannot be found completes nothing: a shell shows no error."""
+
+    def completer(context: click.Context, parameter: click.Parameter, begun: str) -> list[str]:
+        try:
+            return [name for name in names() if name.startswith(begun)]
+        except Exception:
+            return []
+
+    return completer
+
+
+def robots() -> Sequence[str]:
+    """Kinds of robots."""
+    from hil_bridge.devices.kinds import ROBOTS
+
+    return ROBOTS.names
+
+
+def sensors() -> Sequence[str]:
+    """Kinds of sensors."""
+    from hil_bridge.devices.kinds import SENSORS
+
+    return SENSORS.names
+
+
+def surfaces() -> Sequence[str]:
+    """Kinds of surfaces of other packages."""
+    from hil_bridge.devices.kinds import SURFACES
+
+    return SURFACES.names
+
+
+def controllers() -> Sequence[str]:
+    """Names of controllers."""
+    from hil_bridge.control.controllers import controller_names
+
+    return controller_names()

@@ -1,0 +1,80 @@
+"""`hil-bridge fidelity`: how far an emulated device is from a measured one."""
+
+from pathlib import Path
+
+import click
+
+from hil_bridge.cli.options import overwrite_option, tell
+from hil_bridge.cli.paths import FILE
+
+
+@click.command(short_help="Tell how far an emulated device is from a measured one.")
+@click.argument("recording", type=FILE)
+@click.option(
+    "--as", "kind", required=True, metavar="KIND", help="Kind of the emulated robot or sensor, or contact."
+)
+@click.option(
+    "--columns",
+    type=FILE,
+    metavar="MAPPING.toml",
+    help="Which column of a table is which quantity, in which unit.",
+)
+@click.option(
+    "--config",
+    "config_file",
+    type=FILE,
+    metavar="CELL.toml",
+    help="Settings of the emulated device, over those of a recorded run.",
+)
+@click.option(
+    "--between",
+    type=float,
+    nargs=2,
+    metavar="BEGIN END",
+    help="Stretch of the recording, s from its first sample.  [default: all]",
+)
+@click.option("--seed", type=int, help="Seed of every random draw in the device.")
+@click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
+@click.option("--page", type=FILE, metavar="FILE.html", help="Draw measured and emulated over each other.")
+@overwrite_option
+def fidelity(
+    recording: Path,
+    kind: str,
+    columns: Path | None,
+    config_file: Path | None,
+    between: tuple[float, float] | None,
+    seed: int | None,
+    as_json: bool,
+    page: Path | None,
+    overwrite: bool,
+) -> None:
+    """Play a recording's inputs to an emulated device, and compare what it tells with what was measured.
+
+    \b
+    hil-bridge fidelity run.mcap --as rsi
+    hil-bridge fidelity log.csv --columns log.toml --config cell.toml --as rtde --page log.html
+
+    RECORDING is a recording of a run, or a table of text with --columns. The device works in virtual time, over the
+    bytes of its protocol; nothing real is opened.
+    """
+    from hil_bridge.lab.fidelity.subjects import compare_with, read
+    from hil_bridge.lab.fidelity.telling import as_json as json_of
+    from hil_bridge.lab.fidelity.telling import describe
+    from hil_bridge.record.files import check_place, write_whole
+
+    if page is not None:
+        check_place(page, overwrite)
+    measured = read(recording, columns, kind)
+    if between is not None:
+        measured = measured._replace(table=measured.table.between(*between))
+    compared = compare_with(kind, measured, config_file, seed)
+    if page is not None:
+        from hil_bridge.lab.fidelity.page import fidelity_page
+
+        write_whole(page, fidelity_page(recording.name, compared).encode(), overwrite)
+    if as_json:
+        click.echo(json_of(compared.comparison))
+    else:
+        tell(describe(compared.comparison))
+    if page is not None:
+        click.echo(page, err=as_json)

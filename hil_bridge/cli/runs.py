@@ -1,0 +1,34 @@
+"""`hil-bridge runs`: what lies in the folder of runs."""
+
+import json
+from pathlib import Path
+
+import click
+
+from hil_bridge.cli.options import tell
+from hil_bridge.cli.paths import FILE
+
+
+@click.command(short_help="List the runs of a folder, the newest last.")
+@click.argument("folder", type=FILE, default=Path("runs"))
+@click.option(
+    "--last",
+    type=click.IntRange(min=1),
+    default=20,
+    show_default=True,
+    metavar="N",
+    help="The newest so many.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print them as JSON.")
+def runs(folder: Path, last: int, as_json: bool) -> None:
+    """List the runs that lie in FOLDER, runs/ by default, by their summaries: outcome, controller, forces, cause.
+
+    Each line begins with the folder of a run, for `hil-bridge report`, `view` and `why`.
+    """
+    from hil_bridge.record.analysis.listing import list_runs, run_lines
+
+    found = list_runs(folder, last)
+    if as_json:
+        click.echo(json.dumps([one.values for one in found], indent=2, ensure_ascii=False))
+        return
+    tell(run_lines(found))

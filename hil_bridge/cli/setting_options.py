@@ -1,0 +1,39 @@
+"""The option --set of commands that take a configuration: one setting by its dotted key."""
+
+import tomllib
+from collections.abc import Mapping
+from typing import Any
+
+import click
+
+
+def _read(context: click.Context, parameter: click.Parameter, given: tuple[str, ...]) -> dict[str, Any]:
+    """Values by key. A value is one of TOML; a word that is none stands for itself."""
+    values: dict[str, Any] = {}
+    for text in given:
+        key, equals, value = (part.strip() for part in text.partition("="))
+        if not (equals and key):
+            raise click.BadParameter(f"{text!r}: write KEY=VALUE, as limits.force_limit_n=30")
+        if key in values:
+            raise click.BadParameter(f"{key} is given twice")
+        try:
+            values[key] = tomllib.loads(f"value = {value}")["value"]
+        except tomllib.TOMLDecodeError:
+            values[key] = value
+    return values
+
+
+def over(given: Mapping[str, Any], options: Mapping[str, object]) -> dict[str, object]:
+    """The settings of a command, by key: those of options that were given go before those of --set."""
+    return {**given, **{key: value for key, value in options.items() if value is not None}}
+
+
+set_option = click.option(
+    "--set",
+    "given",
+    multiple=True,
+    metavar="KEY=VALUE",
+    callback=_read,
+    help="A setting by its key, as limits.force_limit_n=30; options of their own go before it. May be given again.",
+)
+"""Gives the command `given`, values by dotted key."""

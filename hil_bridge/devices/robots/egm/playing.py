@@ -1,0 +1,91 @@
+"""A course for the emulated ABB robot: places by the client of a run, joints by datagrams of their own."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from hil_bridge.devices.playing import FAMILIES, SETTLE_S, Course, Played, play_stream
+from hil_bridge.devices.robots.egm.settings import EgmSettings
+from hil_bridge.errors import ConfigError
+from protocol.devices.egm import EgmClient
+from protocol.devices.egm.messages import Guidance, RobotMessage, SensorMessage, decode_robot, encode_answer
+
+_BEGIN_S = 60.0
+"""Chosen: the guidance may take so long to begin."""
+
+
+def play(robot: Any, course: Course, settings: Any, now: float) -> Played:
+    """As `hil_bridge.devices.playing.Play` says."""
+    mode, needed = settings.emulated.mode, "joint" if course.family == "order_q" else "pose"
+    if mode != needed:
+        raise ConfigError(f"cell.egm.mode is {mode}; set it to {needed} to play {course.family}")
+    if course.family == "order_q":
+        return _Joints(robot.endpoint, course, now).played()
+    own: EgmSettings = settings.client
+    client = EgmClient(own.sample_ms * 1e-3, own.feed_forward, own.force_axes)
+    return play_stream(robot.endpoint, client, course, now)
+
+
+class _Joints:
+    """A course of joints under way. It begins where the arm stands."""
+
+    def __init__(self, endpoint: Any, course: Course, now: float) -> None:
+        self._endpoint, self._course, self._now = endpoint, course, now
+        self._start: tuple[float, ...] = ()
+        """Joints of the arm before the course, rad."""
+        self._begin = math.nan
+        """When the course begins, s."""
+        self._times: list[float] = []
+        self._rows: dict[str, list[tuple[float, ...]]] = {"order_q": [], "target_q": [], "q": []}
+        self._number = 0
+
+    def played(self) -> Played:
+        """Play it. Raises ConfigError where the robot stops."""
+        patience = self._now + _BEGIN_S
+        end = self._course.end + 2.0 * self._course.period
+        while math.isnan(self._begin) or self._now - self._begin <= end:
+            due = self._endpoint.next_deadline()
+            if due is None or (math.isnan(self._begin) and due > patience):
+                raise ConfigError("the emulated robot has not begun its guidance")
+            self._now = max(self._now, due)
+            self._endpoint.handle_deadline(self._now)
+            for datagram in self._endpoint.data_to_send(self._now):
+                self._answer(decode_robot(datagram))
+        columns = {
+            name: [row[k] for row in rows]
+            for family, rows in self._rows.items()
+            for k, name in enumerate(FAMILIES[family])
+        }
+        return Played(self._times, columns)
+
+    def _answer(self, message: RobotMessage) -> None:
+        feedback, planned = message.feedback, message.planned
+        if feedback is None or planned is None:
+            raise ConfigError("the emulated robot does not tell its joints")
+        joints = _radians(feedback.joints_deg)
+        self._start = self._start or joints
+        if math.isnan(self._begin):
+            if message.guidance is Guidance.RUNNING:
+                self._begin = self._now + SETTLE_S
+        elif message.guidance is not Guidance.RUNNING:
+            raise ConfigError("the emulated robot has ended its guidance")
+        first, time = self._course.values[0], self._now - self._begin
+        order = self._course.at(time) if time >= 0.0 else first
+        if time >= 0.0:
+            self._times.append(time)
+            self._rows["order_q"].append(order)
+            self._rows["target_q"].append(_moved(_radians(planned.joints_deg), self._start, first))
+            self._rows["q"].append(_moved(joints, self._start, first))
+        ordered = tuple(map(math.degrees, _moved(order, first, self._start)))
+        self._number += 1
+        answer = SensorMessage(self._number, message.tm_ms, joints_deg=ordered)
+        self._endpoint.receive([encode_answer(answer)], self._now)
+
+
+def _radians(joints_deg: Sequence[float]) -> tuple[float, ...]:
+    return tuple(map(math.radians, joints_deg))
+
+
+def _moved(joints: Sequence[float], source: Sequence[float], goal: Sequence[float]) -> tuple[float, ...]:
+    """Joints as far from `goal` as they were from `source`."""
+    return tuple([part - begin + end for part, begin, end in zip(joints, source, goal, strict=True)])

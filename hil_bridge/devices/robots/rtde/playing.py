@@ -1,0 +1,154 @@
+"""A course for the emulated controller of Universal Robots: a program of ours reads the orders from input registers.
+
+Joints go to `servoj`, speeds to `speedj`, places to `servoj` by the inverse kinematics, each in every cycle.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+from hil_bridge.devices.playing import FAMILIES, Course, Played
+from hil_bridge.errors import ConfigError
+from protocol.devices.rtde import packets
+from protocol.devices.rtde.fields import Recipe
+from protocol.devices.rtde.packets import Kind, Reader
+from protocol.devices.rtde.states import Runtime, SafetyMode
+from protocol.devices.rtde.wires import Port
+
+_REGISTERS = tuple(f"input_double_register_{k}" for k in range(6))
+_READY = "output_int_register_0"
+_PARTS = {
+    "target_q": "target_q",
+    "target_qd": "target_qd",
+    "target_position": "target_TCP_pose",
+    "q": "actual_q",
+    "qd": "actual_qd",
+    "position": "actual_TCP_pose",
+}
+"""Families by output; of a pose the first three parts."""
+_OUTPUTS = ("timestamp", _READY, "runtime_state", "safety_mode", "actual_TCP_force", *_PARTS.values())
+_READING = ", ".join(f"read_input_float_register({k})" for k in range(6))
+_BEGIN_S = 60.0
+"""Chosen: the arm may take so long to where the course begins."""
+_SPEED_ACCELERATION = 40.0
+"""Chosen, rad/s²: more than a course asks for, so that the speeds are those of the course."""
+_MOVE_SPEED, _MOVE_ACCELERATION = 1.0, 1.4
+"""Standard: defaults of `movej` in the script manual, rad/s and rad/s²."""
+
+
+def play(robot: Any, course: Course, settings: Any, now: float) -> Played:
+    """As `hil_bridge.devices.playing.Play` says."""
+    return _Player(robot, course, settings, now).played()
+
+
+class _Player:
+    """One course under way: a client of RTDE in a time of its own."""
+
+    def __init__(self, robot: Any, course: Course, settings: Any, now: float) -> None:
+        self._course, self._now = course, now
+        self._zero = course.values[0] if course.family == "order_position" else (0.0,) * 6
+        """Taken off each order: the course of places begins where the arm stands."""
+        self._powered, self._uptime = now, settings.emulated.uptime_s
+        self._cycle = settings.emulated.cycle_ms * 1e-3
+        self._server = robot.connect(Port.RTDE, now)
+        self._reader = Reader()
+        self._ask(packets.version_request(packets.PROTOCOL_VERSION))
+        types = packets.read_types(self._ask(packets.inputs_request(_REGISTERS)))
+        self._inputs = Recipe(types.recipe, _REGISTERS, types.types)
+        rate = min(1.0 / course.period, 1.0 / self._cycle)
+        types = packets.read_types(self._ask(packets.outputs_request(_OUTPUTS, rate)))
+        self._outputs = Recipe(types.recipe, _OUTPUTS, types.types)
+        self._ask(packets.encode(Kind.START))
+        self._rows: list[dict[str, Any]] = []
+        script = robot.connect(Port.SCRIPT, now)
+        script.receive(_program(course, settings.client).encode(), now)
+
+    def played(self) -> Played:
+        """Play it. Raises ConfigError where the robot stops."""
+        while not self._rows or not self._rows[-1][_READY]:
+            if self._now - self._powered > _BEGIN_S:
+                raise ConfigError("the emulated arm has not come to where the course begins")
+            self._pass(self._course.values[0])
+        began = self._now
+        home = self._rows[-1][_PARTS["target_position"]]
+        self._rows.clear()
+        times, orders = [], []
+        end = self._course.end + 2.0 * self._course.period
+        while self._now - began <= end:
+            before, order = len(self._rows), self._course.at(self._now - began)
+            self._pass(order)
+            if len(self._rows) > before:
+                row = self._rows[-1]
+                self._check(row)
+                stamp = row["timestamp"] - self._uptime + self._powered
+                times.append((self._now if self._course.at_arrival else stamp) - began)
+                orders.append(self._course.at(times[-1]))
+        return Played(times, self._columns(orders, home))
+
+    def _columns(self, orders: Sequence[tuple[float, ...]], home: Sequence[float]) -> dict[str, list[float]]:
+        """All columns; `home` is where the arm stood. Places of a course of places count from its begin."""
+        columns = {}
+        places = self._course.family == "order_position"
+        for family, output in _PARTS.items():
+            for k, name in enumerate(FAMILIES[family]):
+                way = self._zero[k] - home[k] if places and family.endswith("position") else 0.0
+                columns[name] = [row[output][k] + way for row in self._rows]
+        for k, name in enumerate((*FAMILIES["force"], *FAMILIES["moment"])):
+            columns[name] = [row["actual_TCP_force"][k] for row in self._rows]
+        for k, name in enumerate(FAMILIES[self._course.family]):
+            columns[name] = [order[k] for order in orders]
+        return columns
+
+    def _check(self, row: dict[str, Any]) -> None:
+        if row["safety_mode"] not in (SafetyMode.NORMAL, SafetyMode.REDUCED):
+            raise ConfigError(
+                f"the emulated robot has stopped: {SafetyMode(row['safety_mode']).name.lower()}"
+            )
+        if row["runtime_state"] != Runtime.PLAYING:
+            raise ConfigError("the program on the emulated robot has ended before the course")
+
+    def _pass(self, order: tuple[float, ...]) -> None:
+        """One cycle: the order is written, the cycle goes by, and its data are read."""
+        values = [part - zero for part, zero in zip(order, self._zero, strict=False)]
+        values += [0.0] * (len(_REGISTERS) - len(values))
+        self._server.receive(self._inputs.pack(*values), self._now)
+        self._now += self._cycle
+        self._server.handle_deadline(self._now)
+        self._reader.feed(self._server.data_to_send(self._now))
+        while (packet := self._reader.next_packet()) is not None:
+            if packet.kind == Kind.DATA:
+                self._rows.append(self._outputs.values(self._outputs.unpack(packet.payload)))
+
+    def _ask(self, question: bytes) -> bytes:
+        """Payload of the answer."""
+        self._server.receive(question, self._now)
+        self._reader.feed(self._server.data_to_send(self._now))
+        packet = self._reader.next_packet()
+        assert packet is not None, "a controller without faults answers"
+        return packet.payload
+
+
+def _program(course: Course, client: Any) -> str:
+    """The program's text for a family."""
+    servo = f"t=get_steptime(), lookahead_time={client.lookahead_s:g}, gain={client.gain:g}"
+    start = course.values[0] if course.family == "order_q" else course.start
+    begin = "sync()"
+    if start:
+        begin = f"movej([{', '.join(map(repr, start))}], a={_MOVE_ACCELERATION}, v={_MOVE_SPEED})"
+    match course.family:
+        case "order_q":
+            order = f"servoj([{_READING}], {servo})"
+        case "order_qd":
+            order = f"speedj([{_READING}], a={_SPEED_ACCELERATION}, t=get_steptime())"
+        case _:  # places
+            place = ", ".join(f"home[{k}] + read_input_float_register({k})" for k in range(3))
+            order = f"servoj(get_inverse_kin(p[{place}, home[3], home[4], home[5]]), {servo})"
+    return f"""\
+def play_course():
+  {begin}
+  home = get_target_tcp_pose()
+  write_output_integer_register(0, 1)
+  while True:
+    {order}
+  end
+end
+"""

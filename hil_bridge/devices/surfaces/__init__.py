@@ -1,0 +1,1 @@
+"""Kinds of surfaces of our own beside the one of `[cell.surface]`."""

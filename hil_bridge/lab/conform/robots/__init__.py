@@ -1,0 +1,1 @@
+"""Clients of robots: the scenarios, the evidence and the verdict."""

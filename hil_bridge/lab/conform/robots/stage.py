@@ -1,0 +1,171 @@
+"""Scenarios of a robot's client."""
+
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import ClassVar
+
+from emulators.faults.packets import WIRE
+from emulators.orders import TellingRobot
+from hil_bridge.devices.kinds import ROBOTS
+from hil_bridge.errors import ConfigError
+from hil_bridge.lab.conform.client import Client, Where
+from hil_bridge.lab.conform.robots.judging import judge
+from hil_bridge.lab.conform.robots.scenarios import (
+    EMERGENCY,
+    LATE,
+    REFUSED,
+    SCENARIOS,
+    STILL_M,
+    STILL_RAD,
+    STILL_S,
+    STOPPED,
+    Rules,
+)
+from hil_bridge.lab.conform.robots.watching import Seen, ToolLook, Watch
+from hil_bridge.lab.conform.trial import CUT, NOMINAL, Ended, InCell, Mishap, Played, Scene, Trial, skip
+from hil_bridge.lab.conform.verdict import Outcome, Verdict
+from hil_bridge.runs.compose import ServedCell
+from hil_bridge.runs.setup import Listen
+from hil_bridge.settings.devices import Robot
+from protocol.geometry import angle_between
+
+
+@dataclass(frozen=True)
+class RobotTrial(Trial[Seen]):
+    """A client of a robot under trial."""
+
+    thing: ClassVar[str] = "robot"
+    rules: Rules
+
+    @property
+    def kind(self) -> str:
+        return self.config.robot.emulated
+
+    @property
+    def mishaps(self) -> dict[str, Mishap | None]:
+        """The fault of each scenario, in the order of the scenarios. Raises ConfigError for a robot without any."""
+        kind = ROBOTS.kind(self.kind)
+        if kind.emulation is None or not kind.emulation.mishaps:
+            raise ConfigError(f"{kind.name}: its emulator says no mishaps by which a client can be judged")
+        emulation = kind.emulation
+        mishaps = {
+            LATE: Mishap(WIRE, "late", {"ms": emulation.late_ms, "way": "from"}),
+            EMERGENCY: Mishap("robot", "emergency-stop"),
+            CUT: Mishap(WIRE, "off", {"for_s": self.rules.cut_s}),
+            **{name: Mishap("robot", fault) for name, fault in emulation.mishaps.items()},
+        }
+        can_have = {
+            name: mishap
+            for name, mishap in mishaps.items()
+            if mishap.fault in emulation.faults.get(mishap.on, {})
+        }
+        return {name: can_have.get(name) for name in SCENARIOS if name == NOMINAL or name in can_have}
+
+    @property
+    def scenarios(self) -> Mapping[str, str]:
+        return {name: SCENARIOS[name] for name in self.mishaps}
+
+    @property
+    def listen(self) -> Listen:
+        return Listen(self.port, None)
+
+    def device_of(self, served: ServedCell) -> Robot:
+        assert served.robot is not None
+        return served.robot
+
+    def scene(self, name: str, in_cell: InCell, client: Client) -> Scene[Seen]:
+        return _RobotScene(name, self, in_cell, client)
+
+    def judge(self, name: str, seen: Seen) -> Verdict:
+        return judge(name, seen, self.rules)
+
+    def refuse(self, name: str, nominal: Played[Seen]) -> Played[Seen] | None:
+        if nominal.verdict.outcome is Outcome.PASSED or nominal.seen.moved_at is not None:
+            return None
+        unjudged = nominal.verdict.outcome is Outcome.SKIPPED
+        why = (
+            "`nominal` was skipped" if unjudged else "the client does not move the tool when nothing is wrong"
+        )
+        return skip(name, self, why, Seen())
+
+
+class _RobotScene(Scene[Seen]):
+    """A scenario under way."""
+
+    def __init__(self, name: str, trial: RobotTrial, in_cell: InCell, client: Client) -> None:
+        robot = in_cell.cell.robot
+        if not isinstance(robot, TellingRobot):
+            raise ConfigError(f"an emulated {trial.kind} does not tell the orders that it hears")
+        self._name, self._rules, self._robot = name, trial.rules, robot
+        self._mishap = trial.mishaps[name]
+        stops = name in (REFUSED, STOPPED, EMERGENCY)
+        self._watch = Watch(in_cell.clock.now(), trial.rules, stops=stops, from_start=name == REFUSED)
+        super().__init__(self._watch.seen, in_cell, client, trial.rules.end_s)
+        robot.orders.listener = self._watch.hear
+
+    async def play(self, where: Where) -> None:
+        """All of it: the client begins, the fault comes, the client ends, the tool stands or not."""
+        self._look()
+        if self._name == REFUSED:
+            self._let_it_happen()
+        self._client.start(where)
+        with suppress(Ended):
+            await self._course()
+        await self._end_client()
+        await self._look_at_standstill()
+
+    async def _course(self) -> None:
+        rules, seen = self._rules, self.seen
+        if self._name == REFUSED:
+            await self._until(lambda: seen.first_order_at is not None, rules.start_s - rules.watch_s)
+            await self._until(None, rules.watch_s)
+            return
+        await self._until(lambda: seen.moved_at is not None, rules.start_s)
+        if seen.moved_at is None:
+            return
+        if self._name == NOMINAL:
+            await self._until(None, rules.run_s)
+            return
+        await self._until(None, rules.after_s)
+        seen.fault_at = self._since()
+        self._let_it_happen()
+        if self._name != CUT:
+            await self._until(None, rules.watch_s)
+            return
+        await self._until(None, rules.cut_s)
+        seen.returned_at = self._since()
+        await self._until(lambda: seen.back_at is not None, rules.back_s)
+        await self._until(None, STILL_S)
+
+    def _let_it_happen(self) -> None:
+        if self._mishap is not None:
+            self._strike(self._mishap)
+
+    def _observe(self, now: float) -> None:
+        state = self._cell.true_state(self._cell.truth_available_from(now))
+        self.seen.last_pose = state.position, state.quaternion
+        tool = ToolLook(state.position, state.quaternion, state.velocity)
+        self._watch.look(now, tool, self._robot.hindrance(now))
+
+    async def _look_at_standstill(self) -> None:
+        """See whether the tool stands behind the client's end."""
+        seen = self.seen
+        for _ in self._looks(self._rules.stand_s):
+            before, since = seen.last_pose, self._clock.now()
+            await self._clock.sleep_until(self._clock.now() + STILL_S)
+            self._look()
+            assert before is not None
+            assert seen.last_pose is not None
+            gone = math.dist(before[0], seen.last_pose[0])
+            turned = angle_between(before[1], seen.last_pose[1])
+            span = self._clock.now() - since
+            seen.left_m_s = gone / span if gone > STILL_M else 0.0
+            seen.left_rad_s = turned / span if turned > STILL_RAD else 0.0
+            if not seen.left_m_s and not seen.left_rad_s:
+                return
+
+    @staticmethod
+    def _looks(seconds: float) -> Iterator[int]:
+        return iter(range(max(1, math.ceil(seconds / STILL_S))))

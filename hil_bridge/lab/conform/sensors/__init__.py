@@ -1,0 +1,1 @@
+"""Clients of force sensors: the scenarios, the evidence and the verdict."""

@@ -1,0 +1,180 @@
+"""Scenarios of a sensor's client. The tool stands in the air; loads are faults `offset` of the sensor's signal."""
+
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from emulators.faults.packets import SENSOR_WIRE
+from hil_bridge.devices.kinds import SENSORS
+from hil_bridge.errors import ConfigError
+from hil_bridge.lab.conform.client import Client, Where
+from hil_bridge.lab.conform.sensors.judging import judge, off_by
+from hil_bridge.lab.conform.sensors.readings import Heard, Lines, Part, Reading, difference, mean_of
+from hil_bridge.lab.conform.sensors.scenarios import LOST, RESTART, SENSOR_SCENARIOS, SensorRules
+from hil_bridge.lab.conform.trial import CUT, NOMINAL, Ended, InCell, Mishap, Played, Scene, Trial, skip
+from hil_bridge.lab.conform.verdict import Outcome, Verdict
+from hil_bridge.runs.compose import ServedCell
+from hil_bridge.runs.setup import Listen
+from hil_bridge.settings.devices import Sensor
+from protocol.wrench import AXES
+
+_SIGNAL, _OFFSET = "signal", "offset"
+
+
+@dataclass(frozen=True)
+class SensorTrial(Trial[Heard]):
+    """A client of a force sensor under trial."""
+
+    thing: ClassVar[str] = "sensor"
+    rules: SensorRules
+
+    @property
+    def kind(self) -> str:
+        return self.config.sensor.emulated
+
+    @property
+    def mishaps(self) -> dict[str, Mishap | None]:
+        """The fault of each scenario, in the order of the scenarios. Raises ConfigError for a sensor that cannot be
+        loaded.
+        """
+        kind = SENSORS.kind(self.kind)
+        faults = {} if kind.emulation is None else kind.emulation.faults
+        if kind.emulation is None or _OFFSET not in faults.get(_SIGNAL, {}):
+            raise ConfigError(
+                f"{kind.name}: its emulator has no fault {_SIGNAL} {_OFFSET} that loads an axis"
+            )
+        mishaps = {
+            LOST: Mishap(SENSOR_WIRE, "lost", {"for_s": self.rules.watch_s, "way": "from"}),
+            CUT: Mishap(SENSOR_WIRE, "off", {"for_s": self.rules.cut_s}),
+            RESTART: Mishap("sensor", "power-cycle"),
+            **{
+                name: Mishap("sensor", fault, {"for_s": self.rules.watch_s})
+                for name, fault in kind.emulation.mishaps.items()
+            },
+        }
+        can_have = {
+            name: mishap for name, mishap in mishaps.items() if mishap.fault in faults.get(mishap.on, {})
+        }
+        return {name: can_have.get(name) for name in SENSOR_SCENARIOS if name == NOMINAL or name in can_have}
+
+    @property
+    def scenarios(self) -> Mapping[str, str]:
+        return {name: SENSOR_SCENARIOS[name] for name in self.mishaps}
+
+    @property
+    def listen(self) -> Listen:
+        return Listen(None, self.port)
+
+    def device_of(self, served: ServedCell) -> Sensor:
+        assert served.sensor is not None
+        return served.sensor
+
+    def scene(self, name: str, in_cell: InCell, client: Client) -> Scene[Heard]:
+        return _SensorScene(name, self, in_cell, client)
+
+    def judge(self, name: str, seen: Heard) -> Verdict:
+        return judge(name, seen, self.rules)
+
+    def refuse(self, name: str, nominal: Played[Heard]) -> Played[Heard] | None:
+        if nominal.verdict.outcome is Outcome.PASSED or nominal.seen.first_at is not None:
+            return None
+        return skip(name, self, "the client told no reading when nothing is wrong", Heard())
+
+
+class _SensorScene(Scene[Heard]):
+    """A scenario under way."""
+
+    def __init__(self, name: str, trial: SensorTrial, in_cell: InCell, client: Client) -> None:
+        super().__init__(Heard(), in_cell, client, trial.rules.end_s)
+        self._name, self._rules, self._mishap = name, trial.rules, trial.mishaps[name]
+        self._lines = Lines()
+        client.hear = self._hear
+
+    async def play(self, where: Where) -> None:
+        """All of it: the client begins to read, loads or a fault come, the client ends."""
+        await self._clock.sleep_until(self._begun + self._rules.powered_s)
+        self._look()
+        self._client.start(where)
+        with suppress(Ended):
+            await self._course()
+        await self._end_client()
+        self.seen.no_numbers = self._lines.no_numbers
+
+    async def _course(self) -> None:
+        rules, seen = self._rules, self.seen
+        await self._until(lambda: seen.first_at is not None, rules.start_s)
+        if seen.first_at is None:
+            return
+        begin = self._since()
+        await self._until(None, rules.settle_s)
+        now = self._clock.now()
+        fx, fy, fz, mx, my, mz = self._cell.wrench(np.array([now]))[0].tolist()
+        seen.truth = (fx, fy, fz, mx, my, mz)
+        # The first readings may be from before a zero of the client's own.
+        at_rest = Part(begin + rules.settle_s / 2.0, self._since())
+        seen.at_rest = mean_of(self._lines.during(at_rest))
+        if self._name == NOMINAL:
+            await self._load()
+        elif self._mishap is not None:
+            await self._break(self._mishap)
+
+    async def _load(self) -> None:
+        """Load one axis after the other."""
+        rules, seen = self._rules, self.seen
+        for number, axis in enumerate(AXES):
+            amount = rules.force_n if number < 3 else rules.moment_nm
+            load = Mishap(_SIGNAL, _OFFSET, {"axis": axis, "amount": amount, "for_s": rules.load_s})
+            begin = self._since()
+            self._strike(load)
+            await self._until(None, rules.load_s)
+            loaded = mean_of(self._lines.during(Part(begin + rules.react_s, begin + rules.load_s)))
+            known = loaded is not None and seen.at_rest is not None
+            seen.loads.append((axis, difference(loaded, seen.at_rest) if known else None))  # type: ignore[arg-type]
+
+    async def _break(self, mishap: Mishap) -> None:
+        """Let the fault happen, and look at the readings behind it."""
+        rules, seen = self._rules, self.seen
+        last = self._lines.readings[-1].wrench
+        seen.fault_at = self._since()
+        self._strike(mishap)
+        held_s = rules.cut_s if self._name == CUT else 0.0 if self._name == RESTART else rules.watch_s
+        try:
+            await self._until(None, held_s)
+        finally:
+            behind = self._lines.during(Part(seen.fault_at + rules.react_s, seen.fault_at + held_s))
+            seen.behind_fault = len(behind)
+            seen.same_behind_fault = sum(one.wrench == last for one in behind)
+            self._note_worst(behind)
+        if self._name not in (CUT, RESTART):
+            return
+        seen.returned_at = self._since()
+        # Readings from before a fault may still be under way: they are no return.
+        since = seen.fault_at + rules.react_s if self._name == RESTART else seen.returned_at
+        await self._until(lambda: self._note_return(since), rules.back_s)
+        if seen.back_at is None:
+            return
+        await self._until(None, 2.0 * rules.react_s)
+        seen.at_end = mean_of(self._lines.during(Part(seen.back_at + rules.react_s, self._since())))
+
+    def _note_return(self, since: float) -> bool:
+        """Note the first reading behind a cut; behind a restart the first one that follows a silence."""
+        newest = self._lines.readings[-1]
+        if newest.at >= since and self.seen.back_at is None:
+            self.seen.back_at = newest.at
+        return self.seen.back_at is not None
+
+    def _note_worst(self, behind: Sequence[Reading]) -> None:
+        at_rest = self.seen.at_rest
+        if at_rest is not None and behind:
+            self.seen.worst = max(behind, key=lambda one: off_by(one.wrench, at_rest, self._rules)).wrench
+
+    def _hear(self, piece: bytes) -> None:
+        """A piece of the client's output."""
+        lines, seen, at = self._lines, self.seen, self._since()
+        lines.take(piece, at)
+        if lines.readings:
+            seen.readings = len(lines.readings)
+            seen.first_at, seen.last_at = lines.readings[0].at, lines.readings[-1].at

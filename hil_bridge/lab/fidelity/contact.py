@@ -1,0 +1,106 @@
+"""A recording's depth at the surface of an emulated cell: its force against the measured one.
+
+The depth of a recording counts from any height. Where the tip touches is the one thing that is fitted.
+"""
+
+import math
+
+import numpy as np
+from scipy.optimize import least_squares, minimize_scalar
+
+from emulators.surface.contact import Contact
+from hil_bridge.errors import ConfigError
+from hil_bridge.lab.fidelity import measures
+from hil_bridge.lab.fidelity.comparing import Law
+from hil_bridge.lab.fidelity.measures import LEAST_SAMPLES, Floats
+from hil_bridge.lab.fidelity.tables import Table
+from hil_bridge.settings.configuration import Config
+
+_RATE_HZ = 8000
+"""A surface with memory is shown at least so many samples a second. Source: `emulators.seams.Surface`."""
+_TRIED = 61
+"""Chosen: touches that are tried before the best is looked for."""
+_FORCES_N = (1.0, 3.0, 5.0, 7.0, 9.0)
+"""Chosen: forces at which the stiffness is told."""
+_LAW_SHARE = 0.05
+"""Chosen: the power law is fitted above this share of the largest force, away from noise."""
+_BEFORE_MOST = 2.0
+"""Chosen: the touch lies at most so many times the span of depths before the first of them."""
+
+
+def emulate_contact(config: Config, table: Table) -> Table:
+    """Force of the surface of a configuration at the depth of a table. Raises ConfigError."""
+    if not (table.has("depth") and table.has("press")):
+        raise ConfigError("the recording has no contact: map depth and press")
+    try:
+        surface = Contact(config.cell.surface)
+    except ValueError as error:
+        raise ConfigError(f"cell.surface: {error}") from error
+    depth, press = table.columns["depth"], table.columns["press"]
+    low, high = float(depth.min()), float(depth.max())
+
+    def cost(touch: float) -> float:
+        return measures.rms(_pressed(surface, config, table.times, depth - touch) - press)
+
+    tried = np.linspace(low, high, _TRIED)
+    best = int(np.argmin([cost(float(touch)) for touch in tried]))
+    bounds = tried[max(best - 1, 0)], tried[min(best + 1, _TRIED - 1)]
+    touch = float(minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": 1e-8}).x)
+    return Table(
+        table.times, {"depth": depth - touch, "press": _pressed(surface, config, table.times, depth - touch)}
+    )
+
+
+def _pressed(surface: Contact, config: Config, times: Floats, depth: Floats) -> Floats:
+    """Force along the vertical at these depths below the surface, N."""
+    fine = times
+    if surface.remembered_until is not None:
+        fine = np.arange(times[0], times[-1], 1.0 / _RATE_HZ)
+    height = config.cell.surface.height_mm / 1e3
+    origin = config.cell.surface.origin_x_mm / 1e3, config.cell.surface.origin_y_mm / 1e3
+    below = np.interp(fine, times, depth)
+    positions = np.column_stack([np.full(len(fine), part) for part in origin] + [height - below])
+    velocities = np.column_stack([np.zeros((len(fine), 2)), -np.gradient(below, fine)])
+    force = surface.aside().force(positions, velocities, fine)[:, 2]
+    pressed: Floats = np.interp(times, fine, force)
+    return pressed
+
+
+def laws_of(measured: Table, emulated: Table) -> tuple[Law, ...]:
+    """The law force = a · depth^n of both, with a, n and the touch fitted: n, and the law's stiffness at forces."""
+    fits = [_fit(table) for table in (measured, emulated)]
+    laws = [Law("exponent of the depth", "", *(exponent for exponent, _ in fits))]
+    laws += [
+        Law(
+            f"stiffness of the law at {force:g} N",
+            "N/m",
+            *(
+                exponent * scale ** (1.0 / exponent) * force ** (1.0 - 1.0 / exponent)
+                for exponent, scale in fits
+            ),
+        )
+        for force in _FORCES_N
+        if force <= float(measured.columns["press"].max())
+    ]
+    return tuple(law for law in laws if not (math.isnan(law.measured) and math.isnan(law.emulated)))
+
+
+def _fit(table: Table) -> tuple[float, float]:
+    """Exponent n and scale a, N/m^n; NaN where the force tells none."""
+    depth, press = table.columns["depth"], table.columns["press"]
+    most = float(press.max())
+    inside = press > _LAW_SHARE * most
+    if not most > 0.0 or inside.sum() < LEAST_SAMPLES or not np.ptp(depth[inside]):
+        return math.nan, math.nan
+    depth, press = depth[inside] - float(depth[inside].min()), press[inside] / most
+    span = float(np.ptp(depth))
+    depth = depth / span
+
+    def rest(law: Floats) -> Floats:
+        before, exponent, scale = law
+        left: Floats = scale * (depth + before) ** exponent - press
+        return left
+
+    fit = least_squares(rest, (0.1, 1.0, 1.0), bounds=((1e-6, 0.2, 1e-6), (_BEFORE_MOST, 5.0, 1e3)))
+    _, exponent, scale = map(float, fit.x)
+    return (exponent, scale * most / span**exponent) if fit.success else (math.nan, math.nan)

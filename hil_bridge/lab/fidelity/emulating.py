@@ -1,0 +1,63 @@
+"""A recording's inputs played to an emulated device: the table that the device then tells."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from emulators.seams import StartPose
+from hil_bridge.devices.playing import Course
+from hil_bridge.errors import ConfigError
+from hil_bridge.lab.fidelity.tables import Table
+from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.devices import robot_in
+
+POWERED_S = 1000.25
+"""Chosen: when the emulated device is powered up, s. It is no round number, so that nothing counts from 0."""
+_DRIVES = ("order_q", "order_qd", "order_position", "target_q", "target_qd", "target_position")
+"""Families that are played, the first that is there."""
+_NOWHERE = (0.0, 0.0, 0.0)
+
+
+class Drive(NamedTuple):
+    """The part of a recording that is played."""
+
+    family: str
+    """Family in the recording; empty for a robot that stands."""
+    order: str
+    """The same as an order."""
+
+
+def drive_of(table: Table) -> Drive:
+    """The part of a recording that is played; a robot stands without one."""
+    for family in _DRIVES:
+        if table.has(family):
+            return Drive(family, family.replace("target_", "order_"))
+    return Drive("", "order_position")
+
+
+def emulate_robot(config: Config, table: Table) -> Table:
+    """The table of the emulated robot of a configuration. Raises ConfigError where it cannot play the recording."""
+    device = robot_in(config)
+    emulation = device.kind.emulation
+    if emulation is None or emulation.play is None:
+        raise ConfigError(
+            f"{device.kind.name}: its emulator cannot be played a recording (RobotEmulation.play)"
+        )
+    drive = drive_of(table)
+    start = tuple(table.rows("q")[0].tolist()) if drive.order != "order_q" and table.has("q") else ()
+    orders = [_NOWHERE] * len(table.times)
+    if drive.family:
+        orders = [tuple(row) for row in table.rows(drive.family).tolist()]
+    course = Course(drive.order, table.times.tolist(), orders, start, table.at_arrival)
+    cell = config.cell
+    x, y, z = (part / 1e3 for part in cell.start_position_mm)
+    home = StartPose((x, y, z), cell.start_quaternion, cell.tool.length_mm / 1e3)
+    try:
+        robot = emulation.make(device.settings)(home, POWERED_S, config.run.seed)
+    except ValueError as error:
+        raise ConfigError(f"cell: {error}") from error
+    played = emulation.play(robot, course, device.settings, POWERED_S)
+    times = np.array(played.times)
+    inside = (times >= -1e-9) & (times <= course.end + 1e-9)
+    columns = {name: np.array(values)[inside] for name, values in played.columns.items()}
+    return Table(times[inside], columns)

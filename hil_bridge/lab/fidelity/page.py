@@ -1,0 +1,88 @@
+"""A comparison as one page: measured and emulated drawn over each other, and the table of figures."""
+
+from collections.abc import Iterator, Sequence
+from html import escape
+
+import numpy as np
+
+from hil_bridge.lab.fidelity.comparing import INTEGRAL, Line, Sides
+from hil_bridge.lab.fidelity.measures import Floats, integral_of
+from hil_bridge.lab.fidelity.subjects import Compared
+from hil_bridge.lab.fidelity.tables import Table
+from hil_bridge.lab.fidelity.telling import tables
+from hil_bridge.show.charts.sources import Sources
+from hil_bridge.show.pages import Axis, Chart, Charts, Layer, Series, document, room
+from hil_bridge.show.report.markup import cells
+
+_COLOURS = {"measured": "1", "emulated": "2"}
+"""Sides in the order of `Sides.tables`."""
+_TITLES = ("figure", "measured", "emulated", "distance")
+_SCALES = {"rad": (1e3, "mrad"), "rad/s": (1e3, "mrad/s"), "m": (1e3, "mm")}
+"""Units in which charts show a quantity, where they are not its own."""
+
+
+def fidelity_page(name: str, compared: Compared) -> str:
+    """The page of a comparison; `name` is that of the recording."""
+    comparison = compared.comparison
+    charts, left_out = _charts(compared)
+    title = f"{name} against the emulated {comparison.kind}"
+    sections = "\n".join(
+        f"<h3>{escape(heading)}</h3>\n{cells(_TITLES, rows, 'narrow')}"
+        for heading, rows in tables(comparison)
+    )
+    notes = "".join(f"<p>Not compared: {escape(text)}.</p>" for text in comparison.left_out)
+    body = f"""<h1>{escape(title)}</h1>
+<p>{comparison.samples} samples over {comparison.seconds:.2f} s. The emulated device was played the recording's inputs.
+A constant between both is taken off in the charts. Below each quantity stands its way from its own input.</p>
+<h2>Course</h2>
+{room("fidelity", charts)}{f'<p class="quiet">{escape(left_out)}</p>' if left_out else ""}
+<h2>Figures</h2>
+<p class="quiet">Distance is emulated less measured; of a figure that is no time, their ratio.</p>
+{sections}
+{notes}"""
+    return document(title, body)
+
+
+def _charts(compared: Compared) -> tuple[Charts, str]:
+    sources = Sources()
+    charts = [
+        chart for line in compared.comparison.lines for chart in _of_line(line, compared.sides, sources)
+    ]
+    layers = [Layer(side, side) for side in _COLOURS]
+    axis = Axis("time since the recording began", "s")
+    return Charts({"time": axis}, charts, sources.held, layers=layers), sources.sentence()
+
+
+def _of_line(line: Line, sides: Sides, sources: Sources) -> Iterator[Chart]:
+    """Charts of a quantity: both over each other, and below each less its own input."""
+    scale, unit = _SCALES.get(line.unit, (1.0, line.unit))
+    level = float(np.mean(sides.measured.columns[line.output]))
+    drawn = [_about(table.columns[line.output], level) * scale for table in sides.tables]
+    yield Chart(line.output, line.output, unit, _over(line.output, sides, drawn, sources))
+    if line.source:
+        name, rests = f"{line.output}-{line.source}", [_rest(line, table) * scale for table in sides.tables]
+        title = f"{line.output} less {line.source}"
+        yield Chart(name, title, unit, _over(name, sides, rests, sources), height_px=130)
+
+
+def _over(name: str, sides: Sides, values: Sequence[Floats], sources: Sources) -> list[Series]:
+    """Lines of both sides over each other."""
+    series = []
+    for (side, colour), table, column in zip(_COLOURS.items(), sides.tables, values, strict=True):
+        source = sources.add(side, name, table.times, {name: column})
+        series.append(Series(source, name, side, colour, layer=side))
+    return series
+
+
+def _rest(line: Line, table: Table) -> Floats:
+    """Output less input without any shift, about its mean."""
+    given = table.columns[line.source.removeprefix(INTEGRAL)]
+    if line.source.startswith(INTEGRAL):
+        given = integral_of(table.times, given)
+    return _about(table.columns[line.output] - given, 0.0)
+
+
+def _about(values: Floats, level: float) -> Floats:
+    """The values with another mean."""
+    moved: Floats = values + (level - float(np.mean(values)))
+    return moved

@@ -1,0 +1,146 @@
+"""A recording's load on an emulated force/torque sensor, which a run's own client reads over its wire in virtual time.
+
+The load is the weight of what hangs below the sensor, where the recording has the sensor's rotation: mass, centre of
+gravity and zero are those that explain the measured wrench best. Else it is the mean of the measured wrench.
+"""
+
+import math
+from contextlib import AsyncExitStack
+from typing import Any
+
+import numpy as np
+
+from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.control.analysis.tool_identification import ToolPose, identify_tool
+from hil_bridge.control.geometry.frames import GRAVITY_BASE
+from hil_bridge.control.geometry.wrist import Wrist
+from hil_bridge.devices.device_log import LogTo
+from hil_bridge.devices.sensors.stream import ForceSensor
+from hil_bridge.devices.wiring import Serving, Wiring
+from hil_bridge.errors import ConfigError
+from hil_bridge.lab.fidelity.measures import Floats
+from hil_bridge.lab.fidelity.tables import WRENCH, Table
+from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.devices import Sensor, sensor_in
+from protocol.geometry import Quaternion
+from protocol.wrench import WrenchFrame, wrench_of
+
+LOADS = tuple(f"load_{name}" for name in WRENCH)
+"""Columns of the load, in the order of a wrench."""
+_POSES = 60
+"""Chosen: readings from which the tool is identified; more tell nothing new of a slow motion."""
+_LEAD_S = 0.1
+"""Chosen: the sensor streams for so long before the load begins to change."""
+_ORTHOGONAL = 1e-3
+"""Chosen: a rotation's rows may be so far from being of length 1 and square to each other."""
+
+
+def with_load(table: Table) -> Table:
+    """The table with the load that it tells. Raises ConfigError for one without a wrench, or with no rotation."""
+    if not table.has("force"):
+        raise ConfigError("the recording has no wrench of a sensor: map force, and moment where there is one")
+    moments = table.rows("moment") if table.has("moment") else np.zeros((len(table.times), 3))
+    wrench = np.hstack([table.rows("force"), moments])
+    load = _weight(table, wrench) if table.has("rotation") else np.tile(wrench.mean(axis=0), (len(wrench), 1))
+    columns = {**table.columns, **dict(zip(LOADS, load.T, strict=True))}
+    return Table(table.times, columns, table.at_arrival)
+
+
+def _weight(table: Table, wrench: Floats) -> Floats:
+    """The wrench of the tool that explains the readings best, (n, 6)."""
+    rotations = table.rows("rotation").reshape(-1, 3, 3)
+    error = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max()
+    if error > _ORTHOGONAL or (np.linalg.det(rotations) < 0.0).any():
+        raise ConfigError(
+            f"rotation: its rows are no rotation, by up to {error:.3g}; give the sensor's frame in the base"
+        )
+    chosen = np.linspace(0, len(wrench) - 1, min(_POSES, len(wrench))).astype(int)
+    poses = [ToolPose(_quaternion(rotations[k]), tuple(wrench[k].tolist())) for k in chosen]
+    tool = identify_tool(poses, Wrist())
+    gravity = np.einsum("nji,j->ni", rotations, GRAVITY_BASE)
+    force = tool.mass * gravity
+    moment = np.cross(np.array(tool.centre_of_gravity), force)
+    load: Floats = np.hstack([force, moment]) + np.array(tool.bias)
+    return load
+
+
+def _quaternion(rotation: Floats) -> Quaternion:
+    """Unit quaternion w x y z of a rotation: the eigenvector of the largest value. Source: Bar-Itzhack, 2000."""
+    (a, b, c), (d, e, f), (g, h, i) = rotation
+    matrix = np.array(
+        [
+            [a - e - i, d + b, g + c, h - f],
+            [d + b, e - a - i, h + f, c - g],
+            [g + c, h + f, i - a - e, d - b],
+            [h - f, c - g, d - b, a + e + i],
+        ]
+    )
+    x, y, z, w = np.linalg.eigh(matrix / 3.0)[1][:, -1]
+    return float(w), float(x), float(y), float(z)
+
+
+class _Load:
+    """A `WrenchSource`: the first load until `begin`, then those of the recording, and the last behind it."""
+
+    def __init__(self, table: Table) -> None:
+        self._times = table.times
+        self._load = np.column_stack([table.columns[name] for name in LOADS])
+        self.begin = math.inf
+        """When the recording begins, s."""
+        self.on_change = lambda time: None
+
+    def wrench(self, times: Floats) -> Floats:
+        """As `WrenchSource.wrench` says."""
+        if math.isinf(self.begin):
+            return np.tile(self._load[0], (len(times), 1))
+        at = times - self.begin
+        return np.column_stack([np.interp(at, self._times, part) for part in self._load.T])
+
+    def committed_until(self, now: float) -> float:
+        """Nothing is known ahead before it begins."""
+        return now
+
+    def predicted_until(self, now: float) -> float:
+        """As `committed_until`."""
+        return now
+
+
+def emulate_sensor(config: Config, table: Table) -> Table:
+    """The table of the emulated sensor of a configuration under the load of a table. Raises ConfigError."""
+    device = sensor_in(config)
+    if device.kind.emulation is None:
+        raise ConfigError(f"{device.kind.name} has no emulator")
+    times, values = run_virtual(lambda: _listen(device, config.run.seed, table))
+    inside = (times >= 0.0) & (times <= table.times[-1])
+    columns = dict(zip(WRENCH, values[inside].T, strict=True))
+    columns |= {name: np.interp(times[inside], table.times, table.columns[name]) for name in LOADS}
+    return Table(times[inside], columns)
+
+
+async def _listen(device: Sensor, seed: int, table: Table) -> tuple[Floats, Floats]:
+    """Arrival of each frame since the recording began, s, and its wrench, (n, 6)."""
+    clock = Clock.running()
+    frames: list[WrenchFrame] = []
+    failures: list[BaseException] = []
+    log = LogTo(frame=frames.append)
+    source = _Load(table)
+    emulation: Any = device.kind.emulation
+    async with AsyncExitStack() as stack:
+        serving = Serving(clock, stack, failures.append, lambda text: None)
+        emulated = emulation.make(device.settings)(source, clock.now(), seed)
+        url = await emulation.serve(
+            emulation.usual(device.settings, True), emulated, device.settings, serving
+        )
+        wire, client = await device.kind.connect(url, device.settings, Wiring("sensor", clock, log))
+        sensor = ForceSensor(wire, client, clock, log)
+        stack.push_async_callback(sensor.aclose)
+        sensor.start()
+        facts = await sensor.ready()
+        begin = source.begin = clock.now() + _LEAD_S
+        await clock.sleep_until(begin + float(table.times[-1]))
+    if failures:
+        raise ConfigError(f"the emulated {device.kind.name} has failed: {failures[0]}")
+    times = np.array([frame.at for frame in frames]) - begin
+    values = np.array([wrench_of(frame.values, facts.scales) for frame in frames])
+    clock.close()
+    return times, values

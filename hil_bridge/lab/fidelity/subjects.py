@@ -1,0 +1,105 @@
+"""The kinds that a recording is compared with, and how: robots by orders, sensors by loads, the contact by depth."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+from msgspec.structs import replace
+
+from hil_bridge.devices.kinds import ROBOTS, SENSORS
+from hil_bridge.errors import ConfigError
+from hil_bridge.errors.text_files import format_path
+from hil_bridge.lab.fidelity.comparing import (
+    Comparison,
+    Sides,
+    compare_robot,
+    direct_line,
+    followed_line,
+    joined,
+)
+from hil_bridge.lab.fidelity.contact import emulate_contact, laws_of
+from hil_bridge.lab.fidelity.emulating import drive_of, emulate_robot
+from hil_bridge.lab.fidelity.runs import places_of, wrench_before_contact
+from hil_bridge.lab.fidelity.sensing import LOADS, emulate_sensor, with_load
+from hil_bridge.lab.fidelity.tables import WRENCH, Table, read_table
+from hil_bridge.record import Recording
+from hil_bridge.record import read as read_recording
+from hil_bridge.runs.replay import changes_of, recorded_config
+from hil_bridge.settings.configuration import Config, lay_over, load_config
+
+STANDS = "inputs: the recording has none, so the emulated robot stands"
+_TABLES = (".csv", ".tsv", ".txt", ".dat")
+"""Ends of the names of tables."""
+CONTACT = "contact"
+"""Name of the surface of an emulated cell, which is no device."""
+
+
+class Compared(NamedTuple):
+    """Both tables with their comparison."""
+
+    sides: Sides
+    comparison: Comparison
+
+
+class Measured(NamedTuple):
+    """A recording to be compared."""
+
+    table: Table
+    run: Recording | None = None
+    """The run that it is of; None for a table."""
+
+
+def read(recording: Path, mapping: Path | None, kind: str) -> Measured:
+    """The quantities of a recording, of a table with a mapping, else of a run, for a kind. Raises ConfigError."""
+    if mapping is not None:
+        return Measured(read_table(recording, mapping))
+    if recording.suffix.lower() in _TABLES:
+        raise ConfigError(
+            f"{format_path(recording)}: a table needs --columns, which says what its columns are"
+        )
+    run = read_recording(recording)
+    return Measured(wrench_before_contact(run) if kind in SENSORS.names else places_of(run), run)
+
+
+def compare_with(kind: str, measured: Measured, config_file: Path | None, seed: int | None) -> Compared:
+    """Play a recording to an emulated device of a kind, and compare. The settings are those of the file, over those of
+    the run where it is one. Raises ConfigError.
+    """
+    chosen: dict[str, object]
+    compare: Callable[[str, Table, Config], Compared]
+    if kind in ROBOTS.names:
+        chosen, compare = {"robot.emulated": kind, "robot.url": ""}, _robot
+    elif kind in SENSORS.names:
+        chosen, compare = {"sensor.emulated": kind, "sensor.url": ""}, _sensor
+    elif kind == CONTACT:
+        chosen, compare = {}, _contact
+    else:
+        known = ", ".join((*ROBOTS.names, *SENSORS.names, CONTACT))
+        raise ConfigError(f"there is no kind {kind!r}; choose one of {known}")
+    measured.table.check()
+    chosen["run.seed"] = seed
+    if measured.run is None:
+        return compare(kind, measured.table, load_config(config_file, chosen))
+    changes = changes_of(config_file, None)
+    lay_over(changes, chosen)
+    return compare(kind, measured.table, recorded_config(measured.run, changes))
+
+
+def _robot(kind: str, measured: Table, config: Config) -> Compared:
+    sides = Sides(kind, measured, emulate_robot(config, measured))
+    comparison = compare_robot(sides)
+    if not drive_of(measured).family:
+        comparison = replace(comparison, left_out=(*comparison.left_out, STANDS))
+    return Compared(sides, comparison)
+
+
+def _sensor(kind: str, measured: Table, config: Config) -> Compared:
+    measured = with_load(measured)
+    sides = Sides(kind, measured, emulate_sensor(config, measured))
+    pairs = [pair for pair in zip(LOADS, WRENCH, strict=True) if pair[1] in measured.columns]
+    return Compared(sides, joined(sides, [followed_line(sides, *pair, free=1) for pair in pairs]))
+
+
+def _contact(kind: str, measured: Table, config: Config) -> Compared:
+    sides = Sides(kind, measured, emulate_contact(config, measured))
+    return Compared(sides, joined(sides, [direct_line(sides, "press")], laws_of(*sides.tables)))

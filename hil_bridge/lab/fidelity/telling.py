@@ -1,0 +1,142 @@
+"""A comparison as text for people and as JSON."""
+
+import math
+from collections.abc import Callable, Iterator
+
+import msgspec
+
+from hil_bridge.lab.fidelity.comparing import Comparison, Gaps, Line
+
+_PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
+_NOTHING = 1e-12
+"""Chosen: smaller values are rounding, in every unit here."""
+UNKNOWN = "–"
+"""Stands for a figure that the samples do not tell."""
+
+
+def as_json(comparison: Comparison) -> str:
+    """One object; null for a figure that the samples do not tell."""
+    return msgspec.json.format(msgspec.json.encode(comparison), indent=2).decode()
+
+
+def describe(comparison: Comparison) -> Iterator[str]:
+    """Lines of text: what was compared, then each quantity with its figures."""
+    yield (
+        f"{comparison.kind}: {comparison.samples} samples over {comparison.seconds:.2f} s; "
+        "distance is emulated less measured, of what is no time their ratio"
+    )
+    yield f"{'':<34}{'measured':>18}{'emulated':>18}{'distance':>14}"
+    for title, rows in tables(comparison):
+        yield title
+        for name, measured, emulated, distance in rows:
+            yield f"  {name:<32}{measured:>18}{emulated:>18}{distance:>14}"
+    for text in comparison.left_out:
+        yield f"not compared: {text}"
+
+
+Row = tuple[str, str, str, str]
+"""Name of a figure, measured, emulated, distance."""
+
+
+def tables(comparison: Comparison) -> Iterator[tuple[str, list[Row]]]:
+    """Titles, each with its rows."""
+    yield "times between samples", list(_gap_rows(comparison.measured_gaps, comparison.emulated_gaps))
+    for line in comparison.lines:
+        title = f"{line.output} behind {line.source}" if line.source else line.output
+        yield title, list(_rows(line, comparison.slow_hz))
+    if comparison.laws:
+        yield (
+            "law of the contact",
+            [
+                (
+                    law.name,
+                    format_quantity(law.measured, law.unit),
+                    format_quantity(law.emulated, law.unit),
+                    _ratio(law.measured, law.emulated),
+                )
+                for law in comparison.laws
+            ],
+        )
+
+
+def _gap_rows(measured: Gaps, emulated: Gaps) -> Iterator[Row]:
+    words = {
+        "mean_s": "mean",
+        "deviation_s": "standard deviation",
+        "percentile_99_s": "99 % are below",
+        "longest_s": "longest",
+    }
+    for key, name in words.items():
+        here, there = getattr(measured, key), getattr(emulated, key)
+        yield name, _ms(here), _ms(there), _difference(here, there)
+
+
+def _rows(line: Line, slow_hz: float) -> Iterator[Row]:
+    measured, emulated, unit = line.measured, line.emulated, line.unit
+
+    def row(name: str, here: float, there: float, words: Callable[[float], str]) -> Iterator[Row]:
+        if not (math.isnan(here) and math.isnan(there)):
+            yield name, words(here), words(there), _ratio(here, there)
+
+    def size(value: float) -> str:
+        return format_quantity(value, unit)
+
+    if line.source:
+        yield (
+            "lag",
+            _lag(measured.lag_s, measured.lag_spread_s),
+            _lag(emulated.lag_s, emulated.lag_spread_s),
+            _difference(measured.lag_s, emulated.lag_s),
+        )
+        yield from row("rest behind the lag, rms", measured.rest_rms, emulated.rest_rms, size)
+    yield from row("noise", measured.noise, emulated.noise, size)
+    yield from row(f"variance below {slow_hz:g} Hz", measured.slow_share, emulated.slow_share, _percent)
+    yield from row("grid", measured.grid, emulated.grid, size)
+    if not math.isnan(line.apart_rms):
+        apart = "" if math.isnan(line.apart_s) else _difference(0.0, line.apart_s)
+        yield "emulated less measured, rms", "", size(line.apart_rms), apart
+
+
+def format_quantity(value: float, unit: str) -> str:
+    """A number of three digits with a prefix before its unit."""
+    if math.isnan(value):
+        return UNKNOWN
+    if abs(value) < _NOTHING:
+        return f"0 {unit}".rstrip()
+    if abs(value) >= 1e3:
+        return f"{value:.0f} {unit}".rstrip()
+    if not unit:
+        return f"{value:.3g}"
+    size, prefix = next(((s, p) for s, p in _PREFIXES if abs(value) >= s), _PREFIXES[-1])
+    if prefix and unit.partition("/")[0] not in ("rad", "m", "N", "N·m"):
+        size, prefix = 1.0, ""
+    return f"{value / size:.3g} {prefix}{unit}"
+
+
+def _ms(seconds: float) -> str:
+    return UNKNOWN if math.isnan(seconds) else f"{seconds * 1e3:.3f} ms"
+
+
+def _lag(seconds: float, spread: float) -> str:
+    return UNKNOWN if math.isnan(seconds) else f"{_rounded(seconds, 1)} ± {spread * 1e3:.1f} ms"
+
+
+def _difference(here: float, there: float) -> str:
+    change = there - here
+    return UNKNOWN if math.isnan(change) else f"{_rounded(change, 1, '+')} ms"
+
+
+def _rounded(seconds: float, digits: int, sign: str = "") -> str:
+    """Milliseconds, without a sign before zero."""
+    value = round(seconds * 1e3, digits) + 0.0
+    return f"{value:{sign if value else ''}.{digits}f}"
+
+
+def _percent(share: float) -> str:
+    return UNKNOWN if math.isnan(share) else f"{100.0 * share:.1f} %"
+
+
+def _ratio(here: float, there: float) -> str:
+    if math.isnan(here) or math.isnan(there) or abs(here) < _NOTHING:
+        return UNKNOWN
+    return f"× {0.0 if abs(there) < _NOTHING else there / here:.3g}"

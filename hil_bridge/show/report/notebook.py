@@ -1,0 +1,48 @@
+"""A run and its figures as a notebook shows them: HTML without scripts and style sheets of its own."""
+
+from collections.abc import Iterable
+from html import escape
+
+from hil_bridge.errors import ConfigError
+from hil_bridge.record.analysis.summary import Summary, summarise
+from hil_bridge.record.reader import NO_CYCLE, Recording
+from hil_bridge.show.picture_files import save_figure
+from hil_bridge.show.report.figures import merit_rows
+
+_CHART = "force"
+"""The chart beside the figures."""
+
+
+def run_html(recording: Recording) -> str:
+    """How a run ended, its figures of merit and its force over time.
+
+    The chart is left out where matplotlib is not installed.
+    """
+    if not recording.cycles:
+        return f"<p>{escape(NO_CYCLE)}</p>"
+    summary = summarise(recording)
+    words = (
+        f"<p><b>{escape(summary.controller or 'run')}: {escape(summary.outcome)}</b> {escape(summary.text)}"
+    )
+    left = f"<br>left: {escape(summary.left)}" if summary.left else ""
+    return f"{words}{left}</p>{_picture(recording)}{figures_html(summary)}"
+
+
+def figures_html(summary: Summary) -> str:
+    """The figures of merit with their meaning."""
+    return _table((row.label, row.value, row.explanation) for row in merit_rows(summary))
+
+
+def _picture(recording: Recording) -> str:
+    from hil_bridge.show.report.plots import plot
+
+    try:
+        drawn = save_figure(plot(recording, [_CHART]), "svg").decode()
+    except ConfigError:
+        return ""
+    return drawn[drawn.index("<svg") :].replace("<svg", '<svg style="max-width: 100%; height: auto"', 1)
+
+
+def _table(rows: Iterable[tuple[str, ...]]) -> str:
+    body = "".join(f"<tr>{''.join(f'<td>{escape(text)}</td>' for text in row)}</tr>" for row in rows)
+    return f"<table><tbody>{body}</tbody></table>"

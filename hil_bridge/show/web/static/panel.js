@@ -1,0 +1,143 @@
+/* The panel of an emulated robot: its state, its controls and its faults, from what its process tells of them.
+   Every text is set as text, never as HTML. */
+"use strict";
+window.HilPanel = (() => {
+  const make = (kind, look, text) => {
+    const element = document.createElement(kind);
+    if (look) element.className = look;
+    if (text !== undefined) element.textContent = text;
+    return element;
+  };
+  const words = name => name.replace(/-/g, " ");
+
+  /* A panel in `place`. `token` is that of the page's address; without it the panel only shows. */
+  function draw(place, token) {
+    const state = make("dl", "state"), controls = make("div", "controls"), faults = make("div", "faults"), said = make("p", "said");
+    const hands = make("div", "all"), lamps = new Map(), dials = new Map();   // by name of the control
+    said.setAttribute("role", "status");
+    let busy = false;
+    const say = (text, failed) => { said.textContent = text; said.className = `said ${failed ? "failed" : ""}`; };
+
+    async function ask(request, done) {
+      if (busy) return;
+      busy = true;
+      try {
+        const answer = await fetch("/panel", {method: "POST", headers: {"Content-Type": "application/json", "X-Hil-Bridge-Token": token},
+          body: JSON.stringify(request)});
+        if (!answer.ok) throw new Error((await answer.text()).trim());
+        say(done, false);
+      } catch (error) {
+        say(`not done: ${error.message}`, true);
+      } finally { busy = false; }
+    }
+    const button = (text, look, act, title) => {
+      const made = make("button", look, text);
+      made.type = "button";
+      made.disabled = !token;
+      if (title) made.title = title;
+      made.addEventListener("click", act);
+      return made;
+    };
+
+    function control(name, told) {
+      const row = make("div", "control"), hands = make("div", "hands");
+      row.title = told.meaning;
+      const label = make("span", "name", words(name));
+      row.append(label, hands);
+      if (told.unit === undefined) {
+        const positions = new Map();
+        for (const to of told.to) {
+          const stops = name === "emergency-stop" && to === "press";
+          const made = button(words(to), stops ? "danger" : "", () => ask({do: name, to}, `${words(name)}: ${words(to)}`));
+          positions.set(to, made);
+          hands.append(made);
+        }
+        lamps.set(name, positions);
+      } else {
+        const value = make("input");
+        Object.assign(value, {type: "number", min: told.least, max: told.greatest, step: "any", value: told.greatest, disabled: !token});
+        value.setAttribute("aria-label", `${words(name)}, ${told.unit}`);
+        const act = () => ask({do: name, to: value.value}, `${words(name)}: ${value.value} ${told.unit}`);
+        value.addEventListener("keydown", event => { if (event.key === "Enter") act(); });
+        hands.append(value, make("span", "quiet", told.unit), button("set", "", act));
+        dials.set(name, value);
+      }
+      return row;
+    }
+
+    function injector(table) {
+      const box = make("details"), form = make("div", "injector"), which = make("select"), given = make("div", "given"), meaning = make("p", "quiet");
+      which.setAttribute("aria-label", "fault");
+      which.disabled = !token;
+      for (const [target, named] of Object.entries(table)) {
+        const group = make("optgroup");
+        group.label = target;
+        for (const fault of Object.keys(named)) {
+          const option = make("option", "", fault);
+          option.value = JSON.stringify([target, fault]);
+          group.append(option);
+        }
+        which.append(group);
+      }
+      const fields = new Map();
+      const choose = () => {
+        const [target, fault] = JSON.parse(which.value), told = table[target][fault];
+        meaning.textContent = told.meaning;
+        fields.clear();
+        given.replaceChildren();
+        for (const [key, parameter] of Object.entries(told.parameters || {})) {
+          const label = make("label"), value = make("input");
+          value.placeholder = parameter.default === null || parameter.default === undefined ? "" : String(parameter.default);
+          value.title = `${parameter.meaning}, ${parameter.range}`;
+          value.disabled = !token;
+          label.append(make("span", "", key), value);
+          fields.set(key, value);
+          given.append(label);
+        }
+      };
+      which.addEventListener("change", choose);
+      choose();
+      const inject = () => {
+        const [target, fault] = JSON.parse(which.value), values = {};
+        for (const [key, value] of fields) if (value.value.trim()) values[key] = value.value.trim();
+        ask({do: "inject", target, fault, with: values}, `${target}: ${fault}`);
+      };
+      const hands = make("div", "hands");
+      hands.append(button("inject", "", inject), button("mend", "", () => ask({do: "mend"}, "faults that last are ended"), "End the faults that last."),
+        button("disarm", "", () => ask({do: "disarm"}, "faults that waited are forgotten"), "Forget the faults that wait for their moment."));
+      form.append(which, meaning, given, hands);
+      box.append(make("summary", "", "Faults"), form);
+      return box;
+    }
+
+    hands.append(controls, said, faults);
+    place.replaceChildren(state, hands);
+    return {
+      close() {   // nothing hears the panel any more
+        for (const one of place.querySelectorAll("button, input, select")) one.disabled = true;
+      },
+      describe(told) {
+        lamps.clear(); dials.clear();
+        controls.replaceChildren(...Object.entries(told.controls).map(([name, one]) => control(name, one)));
+        if (!token) controls.append(make("p", "quiet", "To operate it, open the address that was printed, with its token."));
+        faults.replaceChildren(injector(told.faults));
+        place.hidden = false;
+      },
+      show({rows, at}) {
+        for (const [name, positions] of lamps)
+          for (const [to, made] of positions) made.setAttribute("aria-pressed", String(at[name] === to));
+        for (const [name, value] of dials) if (document.activeElement !== value) value.value = at[name];
+        rows.forEach(([name, text], k) => {
+          let dt = state.children[2 * k], dd = state.children[2 * k + 1];
+          if (!dd) { dt = make("dt"); dd = make("dd"); state.append(dt, dd); }
+          const said = text.replace(/ {2,}/g, "  ").trim();
+          if (dt.textContent !== name) dt.textContent = name;
+          if (dd.textContent !== said) dd.textContent = said;
+          dd.className = /^not possible|EMERGENCY|emergency/.test(said) ? "bad" : "";
+        });
+        while (state.children.length > 2 * rows.length) state.lastChild.remove();
+      },
+    };
+  }
+  return {draw};
+})();

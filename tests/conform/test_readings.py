@@ -1,0 +1,117 @@
+"""Sensors' clients in every scenario, in virtual time: ours passes, and one with a planted mistake does not."""
+
+import asyncio
+from pathlib import Path
+
+import pytest
+
+from hil_bridge.clock import run_virtual
+from hil_bridge.errors import ConfigError
+from hil_bridge.lab.conform.sensors.readings import Heard, Lines, Part
+from hil_bridge.lab.conform.sensors.scenarios import SENSOR_SCENARIOS, SensorRules
+from hil_bridge.lab.conform.sensors.stage import SensorTrial
+from hil_bridge.lab.conform.trial import Played, choose_scenarios, play
+from hil_bridge.lab.conform.verdict import Outcome
+from hil_bridge.runs.compose import choose_port
+from hil_bridge.settings.configuration import load_config
+from hil_bridge.settings.devices import sensor_at
+from tests.conform.reading_clients import PLANTED_READINGS, PlantedReading, Reader
+
+PAGE = Path(__file__).parents[2] / "docs/reference/conform.md"
+KINDS = ("netft", "ft300", "ati-can", "jr3", "jr3-uart")
+
+
+def trial(kind: str, mistake: str = "", **rules: bool) -> SensorTrial:
+    config = load_config(None, {"sensor.emulated": kind})
+    url = choose_port(sensor_at(config, ""), virtual=True).named_url
+    return SensorTrial(config, url, SensorRules(**rules), lambda: Reader(kind, mistake))
+
+
+def played(scenario: str, of: SensorTrial) -> Played[Heard]:
+    async def main() -> Played[Heard]:
+        one = await play(scenario, of)
+        await asyncio.sleep(1.0)  # a task that was told to end does so
+        return one
+
+    return run_virtual(main)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("scenario", [*SENSOR_SCENARIOS])
+def test_our_own_client_passes(kind: str, scenario: str) -> None:
+    of = trial(kind)
+    if scenario not in of.scenarios:
+        pytest.skip("this sensor cannot have it")
+    one = played(scenario, of)
+    assert one.verdict.outcome is Outcome.PASSED, one.verdict.reason
+    assert one.seen.readings > 10
+
+
+def test_a_client_that_takes_the_load_for_zero_passes_as_it_declares() -> None:
+    one = played("nominal", trial("netft", "zero", takes_zero=True))
+    assert one.verdict.outcome is Outcome.PASSED, one.verdict.reason
+    assert one.seen.truth is not None
+    assert one.seen.truth[2] == pytest.approx(4.9, abs=0.1)
+    assert one.seen.at_rest == pytest.approx((0.0,) * 6, abs=0.15)
+
+
+@pytest.mark.parametrize(
+    "planted", PLANTED_READINGS, ids=lambda each: f"{each.kind}-{each.words.replace(' ', '-')}"
+)
+def test_a_planted_mistake_is_found(planted: PlantedReading) -> None:
+    one = played(planted.scenario, trial(planted.kind, planted.mistake, takes_zero=planted.declares_zero))
+    assert one.verdict.outcome is Outcome.FAILED, one.verdict.reason
+    assert planted.reason in one.verdict.reason
+
+
+def test_a_client_that_must_come_back_and_does_not_fails() -> None:
+    one = played("cut", trial("netft", comes_back=True))
+    assert one.verdict.outcome is Outcome.FAILED
+    assert "did not come back within 10 s, as it declares" in one.verdict.reason
+
+
+def test_a_client_that_tells_nothing_fails_and_the_other_scenarios_are_skipped() -> None:
+    class Mute(Reader):
+        def _tell(self, wrench: list[float]) -> None:
+            assert self.hear is not None
+            self.hear(b"1 2 3\nfx fy fz mx my mz\n")
+
+    of = SensorTrial(
+        trial("netft").config, trial("netft").port, SensorRules(start_s=8.0), lambda: Mute("netft")
+    )
+    nominal = played("nominal", of)
+    assert nominal.verdict.reason == "told no reading: nothing in 8 s"
+    skipped = of.refuse("cut", nominal)
+    assert skipped is not None
+    assert skipped.verdict.outcome is Outcome.SKIPPED
+
+
+def test_scenarios_are_those_that_the_sensor_can_have() -> None:
+    assert [*trial("ft300").scenarios] == ["nominal", "lost", "cut", "restart"]
+    assert [*trial("jr3").scenarios] == ["nominal", "lost", "status", "cut"]
+    with pytest.raises(
+        ConfigError, match="no scenario 'status' for ft300; there are nominal, lost, cut, restart"
+    ):
+        choose_scenarios(trial("ft300"), ["status"])
+
+
+def test_lines_are_taken_apart_wherever_they_are_cut() -> None:
+    text = b"1 2 3 4 5 6\nlog: 1 2 3 4 5 6\n7,8;9\t10 11,12\r\nnan 0 0 0 0 0\n1 2 3 4 5 6 7\n" + b"x" * 9000
+    for size in (1, 7, 1000):
+        lines = Lines()
+        for begin in range(0, len(text), size):
+            lines.take(text[begin : begin + size], 1.0)
+        lines.take(b" 1 2\n1 1 1 1 1 1\n", 2.0)
+        assert [one.wrench for one in lines.readings] == [
+            (1, 2, 3, 4, 5, 6),
+            (7, 8, 9, 10, 11, 12),
+            (1, 1, 1, 1, 1, 1),
+        ]
+        assert lines.no_numbers == 1
+        assert len(lines.during(Part(1.5, 2.5))) == 1
+
+
+def test_the_page_has_each_planted_mistake() -> None:
+    page = PAGE.read_text(encoding="utf-8")
+    for each in PLANTED_READINGS:
+        assert f"| {each.kind} | {each.words} | `{each.scenario}`: … {each.reason} … |\n" in page

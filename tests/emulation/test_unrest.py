@@ -1,0 +1,259 @@
+"""Errors of emulated sensors, put through the analysis that recordings of real ones were put through."""
+
+import itertools
+import math
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from emulators.devices.ati_can import AtiCanProfile
+from emulators.devices.ft300 import Ft300Profile
+from emulators.devices.netft import NetBox, NetFtProfile
+from emulators.seams import Floats
+from emulators.sensing import Converter, KnownWrench, MeasuredWrench
+from emulators.sensing.settings import per_axis, unrest
+from emulators.sensing.unrest import Unrest
+from protocol.marks import SettingError
+from tests.emulation.quiet_sensor import SETTLED
+
+T0 = 100.0
+Profile = NetFtProfile | Ft300Profile
+MOVING = Unrest(since=T0, motion=(0.65, 0.32, 0.21))
+
+
+class MovingWrench(KnownWrench):
+    """A wrench of an arm that moves at a speed by time, m/s."""
+
+    def __init__(self, wrench_at: Callable[[Floats], Floats], speed_at: Callable[[Floats], Floats]) -> None:
+        super().__init__(wrench_at)
+        self.speeds = speed_at
+
+
+def unloaded(times: Floats) -> Floats:
+    return np.zeros((len(times), 6))
+
+
+def pressed(times: Floats) -> Floats:
+    """10 N and 1 N·m from the eleventh second on."""
+    return np.outer(np.where(times < T0 + 10.0, 0.0, 1.0), (0.0, 0.0, -10.0, 1.0, 0.0, 0.0))
+
+
+def sensor_of(
+    errors: Unrest, rate: float, source: KnownWrench | None = None, seed: int = 7, noise: Floats | None = None
+) -> MeasuredWrench:
+    """A sensor of a million counts for each N and N·m."""
+    ends = np.full(6, 1e12)
+    rms = np.zeros(6) if noise is None else noise
+    converter = Converter(np.eye(6) * 1e6, rms * 1e6, -ends, ends, unrest=errors)
+    return MeasuredWrench(source or KnownWrench(unloaded), rate, converter, seed, "noise")
+
+
+def sensor_with(profile: Profile, rate: float, seed: int = 7) -> MeasuredWrench:
+    """A sensor with the errors of a profile, without the step of its counts."""
+    noise = np.array((*per_axis(profile.noise_n), *per_axis(profile.noise_nm)))
+    return sensor_of(unrest(profile, T0), rate, seed=seed, noise=noise)
+
+
+def values(sensor: MeasuredWrench, rate: float, seconds: float, since: float = T0) -> Floats:
+    """Wrench (n, 6) of so many seconds, N and N·m."""
+    first = math.ceil(since * rate)
+    return sensor.outputs(first, first + round(seconds * rate) - 1) / 1e6
+
+
+def white(samples: Floats) -> Floats:
+    """Standard deviation of the differences of successive samples, divided by √2, of each axis."""
+    return np.std(np.diff(samples, axis=0), axis=0) / math.sqrt(2.0)
+
+
+def share_below(samples: Floats, rate: float, hz: float) -> Floats:
+    """Share of the variance of each axis below a frequency."""
+    power = np.abs(np.fft.rfft(samples - samples.mean(axis=0), axis=0)) ** 2
+    return power[np.fft.rfftfreq(len(samples), 1.0 / rate) < hz].sum(axis=0) / power.sum(axis=0)
+
+
+# --- as they were recorded
+
+
+def test_an_ft300_has_the_noise_of_its_recordings() -> None:
+    """60 samples at 10 Hz gave these figures, so they are known to a tenth."""
+    samples = values(sensor_with(Ft300Profile(), 100.0), 100.0, 200.0)[::10]
+    assert white(samples) == pytest.approx((0.08, 0.10, 0.04, 0.0065, 0.0055, 0.004), rel=0.1)
+
+
+def test_a_net_box_on_a_standing_arm_has_noise_and_vibration_of_its_recording() -> None:
+    """698 samples at 698 Hz: 91 % of the variance of fz below 20 Hz, peaks at 9 … 16 Hz and at 71 Hz.
+
+    The vibration adds a tenth to the differences of fz.
+    """
+    samples = values(sensor_with(NetFtProfile(), 7000.0), 7000.0, 20.0)[::10]
+    assert white(samples) == pytest.approx((0.018, 0.019, 0.018, 0.0012, 0.0010, 0.0003), rel=0.12)
+    seconds = samples.reshape(20, 700, 6)
+    assert seconds.std(axis=1).mean(axis=0)[:3] == pytest.approx((0.035, 0.021, 0.075), rel=0.1)
+    fz = samples[:, 2:3]
+    assert share_below(fz, 700.0, 20.0) == pytest.approx(0.91, abs=0.02)
+    peaks = np.argsort(np.abs(np.fft.rfft(fz[:, 0] - fz.mean())))[::-1][:30] / 20.0
+    assert 71.0 in peaks
+    assert np.all(((peaks >= 9.0) & (peaks <= 16.0)) | (peaks == 71.0))
+
+
+def test_an_axia_without_vibration_has_the_means_of_its_recording() -> None:
+    """Means of 0.1 s differed by 0.0006 … 0.0008 N and 0.00005 N·m. The noise of a Net Box at 7 kHz gives that."""
+    still = NetFtProfile(family="axia", vibration_n=0.0, wander_n=0.0)
+    means = values(sensor_with(still, 7000.0), 7000.0, 30.0).reshape(-1, 700, 6).mean(axis=1)
+    assert np.all((white(means)[:3] > 0.0006) & (white(means)[:3] < 0.0008))
+    assert white(means)[3:] == pytest.approx((0.00005, 0.00004, 0.00001), rel=0.2)
+
+
+def test_the_wander_of_a_net_ft_keeps_within_the_recording_of_an_axia() -> None:
+    """Means of 0.1 s of that recording differ by no more than 0.0008 N, walk included."""
+    profile = NetFtProfile(vibration_n=0.0)
+    means = values(sensor_with(profile, 7000.0), 7000.0, 30.0).reshape(-1, 700, 6).mean(axis=1)
+    assert np.all(white(means)[:3] < 0.0011)
+
+
+def test_a_load_of_ten_newtons_creeps_as_on_an_axia() -> None:
+    """0.02 … 0.13 N within 15 s, after a change of load of 10 … 15 N."""
+    errors = unrest(NetFtProfile(vibration_n=0.0, wander_n=0.0), T0)
+    sensor = sensor_of(errors, 1000.0, KnownWrench(pressed))
+    forces = values(sensor, 1000.0, 60.0)
+    before, at_once, later, at_last = forces[[9999, 10001, 25000, 59999], 2]
+    assert (before, at_once) == pytest.approx((0.0, -9.9), abs=1e-3)
+    assert 0.02 < at_once - later < 0.13
+    assert later == pytest.approx(-10.0 + 0.1 * math.exp(-3.0), abs=1e-3)
+    assert at_last == pytest.approx(-10.0, abs=1e-4)
+    assert forces[10001, 3] == pytest.approx(0.99, abs=1e-4)
+
+
+def test_noise_in_motion_is_whole_from_its_speed_on_and_in_proportion_below() -> None:
+    for speed, share in ((0.2, 1.0), (0.1, 1.0), (0.02, 0.2), (0.0, 0.0)):
+        source = MovingWrench(unloaded, lambda times, speed=speed: np.full(len(times), speed))  # type: ignore[misc]
+        samples = values(sensor_of(MOVING, 700.0, source), 700.0, 20.0)[:, :3]
+        assert white(samples) == pytest.approx(np.array((0.65, 0.32, 0.21)) * share, rel=0.03)
+
+
+def test_a_walk_changes_by_its_rms_in_ten_seconds_and_begins_at_power_up() -> None:
+    errors = Unrest(since=T0, wander=(0.05, 0.1, 0.2))
+    ends = []
+    for seed in range(200):
+        sensor = sensor_of(errors, 10.0, seed=seed)
+        first = math.ceil(T0 * 10.0)
+        ends.append(sensor.outputs(first, first + 100)[[0, 100], :3] / 1e6)
+    begun, changed = np.array(ends).transpose(1, 0, 2)
+    assert not begun.any()
+    assert changed.std(axis=0) == pytest.approx((0.05, 0.1, 0.2), rel=0.15)
+
+
+def test_a_slope_is_steady_from_power_up_on() -> None:
+    sensor = sensor_of(Unrest(since=T0, slope=(0.05 / 60.0, 0.03 / 60.0, -0.08 / 60.0)), 10.0)
+    first = math.ceil(T0 * 10.0)
+    assert sensor.outputs(first + 6000, first + 6000)[0, :3] / 1e6 == pytest.approx((0.5, 0.3, -0.8))
+
+
+# --- they belong to the number of a sample
+
+ALL = Unrest(
+    since=T0,
+    wander=(0.1, 0.2, 0.3),
+    slope=(0.1, 0.0, -0.1),
+    creep_share=0.1,
+    creep_s=2.0,
+    vibration=(0.1, 0.1, 0.1),
+    peak_share=0.1,
+    motion=(0.5, 0.5, 0.5),
+)
+
+
+def swinging(times: Floats) -> Floats:
+    return np.outer(np.sin(7.0 * times), (1.0, -2.0, 10.0, 0.1, 0.2, 0.3))
+
+
+@cache
+def whole(rate: float) -> Floats:
+    """All samples of a minute and more, read at once."""
+    first = math.ceil(T0 * rate)
+    return sensor_of(ALL, rate, swing_source()).outputs(first, first + 6000)
+
+
+def swing_source() -> MovingWrench:
+    return MovingWrench(swinging, lambda times: 0.1 * np.abs(np.sin(3.0 * times)))
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 30), st.integers(1, 400)), min_size=1, max_size=12),
+    st.sampled_from((100.0, 700.0)),
+)
+def test_errors_are_the_same_however_the_samples_are_read(blocks: list[tuple[int, int]], rate: float) -> None:
+    """Blocks of any length, and samples between them that are never read."""
+    first = math.ceil(T0 * rate)
+    pieces, at = sensor_of(ALL, rate, swing_source()), 0
+    for left_out, size in blocks:
+        at += left_out
+        read = pieces.outputs(first + at, first + at + size - 1)
+        assert np.array_equal(read, whole(rate)[at : at + size])
+        at += size
+
+
+def test_samples_made_again_behind_an_order_forget_what_was_read_ahead() -> None:
+    rate, first = 100.0, math.ceil(T0 * 100.0)
+    for changed, asked in itertools.product((37, 250), (0, 3)):
+        load = [1.0]
+        source = KnownWrench(
+            lambda times, load=load, changed=changed: np.outer(  # type: ignore[misc]
+                np.where(times < T0 + changed / rate - 1e-6, 1.0, load[0]), np.full(6, 10.0)
+            ),
+            predicted_until=lambda now: now + 8.0,
+        )
+        sensor = sensor_of(ALL, rate, source)
+        sensor.outputs(first, first + changed - 1)
+        load[0] = 3.0
+        source.on_change(T0 + changed / rate)
+        again = sensor.outputs(first + changed + asked, first + 500)
+        fresh = sensor_of(ALL, rate, source).outputs(first, first + 500)
+        assert np.array_equal(again, fresh[changed + asked :])
+
+
+def test_seeds_draw_apart() -> None:
+    one, other = (values(sensor_of(ALL, 100.0, swing_source(), seed), 100.0, 5.0) for seed in (1, 2))
+    assert np.all(np.std(one - other, axis=0)[:3] > 0.1)
+
+
+def test_a_sensor_that_was_not_read_for_long_takes_its_load_as_borne_meanwhile() -> None:
+    errors = Unrest(since=T0, creep_share=0.01, creep_s=5.0)
+    sensor = sensor_of(errors, 100.0, KnownWrench(pressed))
+    first = math.ceil(T0 * 100.0)
+    sensor.outputs(first, first + 1)
+    assert sensor.outputs(first + 20000, first + 20000)[0, 2] / 1e6 == pytest.approx(-10.0, abs=1e-6)
+
+
+# --- settings
+
+
+@pytest.mark.parametrize(("profile"), [NetFtProfile, Ft300Profile])
+def test_one_number_holds_for_all_axes(profile: Callable[..., Any]) -> None:
+    assert per_axis(profile(noise_n=0.1).noise_n) == (0.1, 0.1, 0.1)
+    with pytest.raises(SettingError, match=r"noise_nm must be one value, or three, got 2"):
+        profile(noise_nm=(0.1, 0.2))
+    with pytest.raises(SettingError, match=r"vibration_hz must be two frequencies that ascend"):
+        profile(vibration_hz=(16.0, 9.0))
+
+
+@pytest.mark.parametrize("profile", [NetFtProfile, Ft300Profile, AtiCanProfile])
+def test_a_sensor_can_be_without_these_errors(profile: Callable[..., Any]) -> None:
+    errors = unrest(profile(**SETTLED), T0)
+    assert not errors.mechanical
+    assert not errors.of_zero
+
+
+def test_a_box_tells_them_in_its_records() -> None:
+    """A bias is of the sensor as it is: it takes the walk off, too."""
+    profile = NetFtProfile(boot_s=0.0, noise_n=0.0, noise_nm=0.0, **{**SETTLED, "wander_n": 1.0})
+    box = NetBox(profile, KnownWrench(unloaded), T0, 7)
+    measured = sensor_of(unrest(profile, T0), 7000.0)
+    number = math.ceil((T0 + 20.0) * 7000.0)
+    assert box._measured.outputs(number, number)[0] == pytest.approx(measured.outputs(number, number)[0])
+    assert measured.outputs(number, number)[0, :3].any()

@@ -1,0 +1,97 @@
+"""Figures of signals, on signals of which they are known."""
+
+import math
+
+import numpy as np
+import pytest
+
+from hil_bridge.lab.fidelity import measures
+from hil_bridge.lab.fidelity.measures import Floats
+
+TIMES = np.arange(2000) / 250.0
+RANDOM = np.random.default_rng(7)
+
+
+def wave(times: Floats) -> Floats:
+    """Of two slow sines: an input that never stands."""
+    return 0.3 * np.sin(2.0 * times) + 0.1 * np.sin(7.0 * times)
+
+
+@pytest.mark.parametrize("lag", [-0.0053, 0.0, 0.0137, 0.1743])
+def test_a_lag_is_told_to_a_hundredth_of_a_millisecond(lag: float) -> None:
+    result = measures.shift_of(TIMES, wave(TIMES), wave(TIMES - lag))
+    assert result.seconds == pytest.approx(lag, abs=2e-5)
+    assert result.spread < 1e-4
+    assert measures.rms(result.rest) < 1e-5
+
+
+def test_a_lag_stands_out_of_noise_and_the_noise_is_left() -> None:
+    noise = RANDOM.normal(0.0, 1e-3, len(TIMES))
+    result = measures.shift_of(TIMES, wave(TIMES), wave(TIMES - 0.02) + noise)
+    assert result.seconds == pytest.approx(0.02, abs=3e-4)
+    assert measures.noise_of(result.rest) == pytest.approx(1e-3, rel=0.05)
+    assert measures.rms(result.rest) == pytest.approx(1e-3, rel=0.05)
+
+
+def test_at_an_even_speed_a_distance_is_lag_unless_a_constant_is_free() -> None:
+    late = 2.0 * (TIMES - 0.06)
+    assert measures.shift_of(TIMES, 2.0 * TIMES, late).seconds == pytest.approx(0.06, abs=1e-4)
+    assert measures.rms(measures.shift_of(TIMES, 2.0 * TIMES, late, free=1).rest) < 1e-9
+
+
+@pytest.mark.parametrize(
+    "source", [np.full(len(TIMES), 1.3), 1.3 + 1e-14 * np.sin(TIMES), np.zeros(len(TIMES))]
+)
+def test_an_input_that_stands_tells_no_lag(source: Floats) -> None:
+    result = measures.shift_of(TIMES, source, RANDOM.normal(1.3, 1e-3, len(TIMES)))
+    assert math.isnan(result.seconds)
+
+
+def test_an_output_that_does_not_follow_tells_no_lag() -> None:
+    assert math.isnan(measures.shift_of(TIMES, wave(TIMES), np.cos(50.0 * TIMES)).seconds)
+
+
+def test_the_noise_is_that_of_white_noise_on_a_slow_signal() -> None:
+    values = wave(TIMES) + RANDOM.normal(0.0, 0.02, len(TIMES))
+    assert measures.noise_of(values) == pytest.approx(0.02, rel=0.05)
+
+
+def test_the_share_below_a_frequency_is_that_of_the_slow_part() -> None:
+    slow, fast = np.sin(2 * math.pi * 3.0 * TIMES), 0.5 * np.sin(2 * math.pi * 60.0 * TIMES)
+    assert measures.share_below(TIMES, slow + fast, 20.0) == pytest.approx(0.8, abs=0.01)
+    assert math.isnan(measures.share_below(TIMES, slow, 200.0)), "above half the rate"
+    assert math.isnan(measures.share_below(TIMES, np.zeros(len(TIMES)), 20.0))
+
+
+STEP = 2.0 * math.pi / 2**19
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        1.37 + 1.5 * STEP * RANDOM.normal(size=2000),
+        1.37 + 20.0 * STEP * np.sin(TIMES) + 1.5 * STEP * RANDOM.normal(size=2000),
+    ],
+)
+def test_a_grid_is_told_through_the_rounding_of_a_short_float(values: Floats) -> None:
+    on_grid = (np.round(values / STEP) * STEP).astype(np.float32).astype(np.float64)
+    assert measures.grid_of(on_grid) == pytest.approx(STEP, rel=0.02)
+    assert math.isnan(measures.grid_of(values)), "values without a grid"
+
+
+def test_a_ramp_has_no_grid_and_a_rounded_ramp_has_one() -> None:
+    assert math.isnan(measures.grid_of(0.01 * TIMES))
+    assert measures.grid_of(np.round(0.01 * TIMES, 3)) == pytest.approx(1e-3, rel=1e-6)
+
+
+def test_times_between_samples() -> None:
+    times = np.cumsum(np.array([0.0] + [0.002] * 98 + [0.010]))
+    result = measures.times_of(times)
+    assert result.mean == pytest.approx(0.206 / 99)
+    assert result.longest == pytest.approx(0.010)
+    assert result.deviation == pytest.approx(math.sqrt(98) / 99 * 0.008)
+
+
+def test_the_way_of_speeds_is_their_integral() -> None:
+    way = measures.integral_of(TIMES, np.cos(TIMES))
+    assert way == pytest.approx(np.sin(TIMES), abs=1e-5)

@@ -1,0 +1,186 @@
+"""Write the tables of docs/reference/probe.md: the answer of `probe robot` on each kind of robot, fault by fault.
+
+The probes are made each time, in virtual time; they take some seconds. With --check nothing is written; the exit code
+is 1 when the document is not up to date.
+"""
+
+import math
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from emulators.orders import Act, HeardOrder
+from hil_bridge.clock import Clock, run_virtual
+from hil_bridge.devices.kinds import ROBOTS
+from hil_bridge.errors import BridgeError
+from hil_bridge.runs.compose import emulated_cell
+from hil_bridge.runs.setup import Listen, Setup
+from hil_bridge.settings.configuration import load_config
+from hil_bridge.site import robot_probe
+from hil_bridge.site.s3 import probe as s3_probe
+from protocol.endpoint import Trouble
+from tools.pages import parser, placed, table, write
+
+DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "reference" / "probe.md"
+KINDS = ("s3", "egm", "rtde", "rsi")
+TARGETS = ("robot", "pose", "wire")
+"""Faults of the force that a robot feels itself, and of the wire of a program, are no subject of a probe."""
+BEFORE_S = 0.2
+"""The robot has been at work for so long when the fault begins, and with it the probe, s."""
+GIVEN: Mapping[str, Mapping[str, float]] = {
+    "encoder-offset": {"x_mm": 5.0},
+    "offset": {"x_mm": 5.0},
+    "drift": {"x_mm_s": 5.0},
+    "off": {"for_s": 9.0},
+}
+"""Parameters of the faults which with their defaults are none, or over before the answer."""
+
+
+class Case(NamedTuple):
+    """One probe."""
+
+    kind: str
+    on: str = ""
+    """Target of the fault; empty for a healthy robot."""
+    fault: str = ""
+    settings: Mapping[str, object] = {}
+    """Settings beside the kind of the robot."""
+
+
+@dataclass
+class Look:
+    """A probe of an emulated robot, and the state of that robot behind it."""
+
+    case: Case
+    url: str = ""
+    rows: Sequence[tuple[str, str]] = ()
+    refusals: Sequence[Trouble] = ()
+    took_s: float = math.nan
+    way_m: float = 0.0
+    """Distance of the tool from where it stood."""
+    accepted: int = 0
+    """Orders that the robot has taken."""
+    acts: list[Act] = field(default_factory=list)
+    """Orders that the robot has heard, as a judge is told of them."""
+
+    @property
+    def words(self) -> str:
+        """All that a person reads."""
+        return "\n".join(
+            (
+                *(f"{name} {text}" for name, text in self.rows),
+                *(f"a run would be refused: {trouble}" for trouble in self.refusals),
+            )
+        )
+
+
+def cases(kind: str) -> Iterator[Case]:
+    """A healthy robot of this kind, and one with each of its faults."""
+    emulation = ROBOTS.kind(kind).emulation
+    assert emulation is not None
+    yield Case(kind)
+    for on in TARGETS:
+        yield from (Case(kind, on, fault) for fault in emulation.faults[on])
+
+
+def look_at(case: Case) -> Look:
+    """Probe as the command does; of an S3 with the search for the settings of its link."""
+    look = Look(case)
+
+    async def main() -> None:
+        clock = Clock.running()
+        setup = Setup(load_config(None, {"robot.emulated": case.kind, **case.settings}), Listen("", None))
+        async with emulated_cell(setup, clock, lambda cause: None) as served:
+            robot = served.cell.robot
+            assert served.robot is not None
+            await clock.sleep_until(clock.now() + BEFORE_S)
+            if case.fault:
+                served.cell.ledger.inject(case.on, case.fault, clock.now(), GIVEN.get(case.fault, {}))
+            before = _place(robot, clock.now())
+            orders: list[HeardOrder] = []
+            robot.orders.listener = orders.append
+            begun = clock.now()
+            try:
+                await _ask(look, served.robot, clock)
+            except BridgeError as error:
+                look.refusals = [Trouble(error.fact, error.remedy)]
+            look.took_s = clock.now() - begun
+            look.way_m = math.dist(before, _place(robot, clock.now()))
+            look.accepted, look.acts = robot.accepted, [order.act for order in orders]
+        clock.close()
+
+    run_virtual(main)
+    return look
+
+
+async def _ask(look: Look, robot: Any, clock: Clock) -> None:
+    settings = robot.settings
+    look.url = url = robot.url
+    if look.case.kind == "s3":
+        tries: list[Any] = []
+        finding = await s3_probe.probe(
+            url, clock, s3_probe.PATIENCE_S, lambda *result: tries.append(result), lambda text: None
+        )
+        if finding is None:
+            look.refusals = [s3_probe.find_trouble(url, tries)]
+            return
+        settings = s3_probe.link_settings(finding)
+    findings = await robot_probe.probe(robot.kind, url, settings, clock)
+    look.rows, look.refusals = findings.rows, findings.refusals
+
+
+def _place(robot: Any, now: float) -> list[float]:
+    """True position of the tool, m."""
+    robot.path.advance(now)
+    positions, _ = robot.path.trajectory(np.array([now]))
+    return [float(value) for value in positions[0]]
+
+
+def answer(look: Look, healthy: Look) -> str:
+    """The answer in a cell of a table: the refusals, or what differs from a healthy robot's."""
+    facts = [trouble.fact.removeprefix(f"{look.url}: ") for trouble in look.refusals]
+    usual = {name for name, _ in healthy.rows} if facts else ()
+    more = [
+        f"{name}: {text}"
+        for name, text in look.rows
+        if (name, text) not in healthy.rows and name not in usual
+    ]
+    return "; ".join((f"refused: {', '.join(facts)}" if facts else "begins", *more)).replace(
+        look.url.partition("?")[0], "URL"
+    )
+
+
+def answers(kind: str) -> str:
+    """The table of a kind."""
+    looks = [look_at(case) for case in cases(kind)]
+    healthy = looks[0]
+    return table(
+        ("on", "fault", "the probe says of a run", "after"),
+        (
+            (
+                f"`{look.case.on}`" if look.case.on else "",
+                f"`{look.case.fault}`" if look.case.fault else "none",
+                answer(look, healthy),
+                f"{look.took_s:.1f} s",
+            )
+            for look in looks
+        ),
+    )
+
+
+def renewed(document: str) -> str:
+    """The document with the tables of probes that are made now."""
+    return placed(document, {kind: answers(kind) for kind in KINDS})
+
+
+def main() -> int:
+    """Write or check."""
+    return write(DOCUMENT, renewed, parser(__doc__ or "").parse_args().check)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
