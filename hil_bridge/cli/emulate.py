@@ -111,6 +111,10 @@ def emulate(
             },
         ),
     )
+    if link_profile and (kind := config.robot.emulated or "s3") != "s3":
+        raise click.UsageError(
+            f"--link-profile is of an S3's computer link, and the robot is {kind}; leave it out"
+        )
     if what == "sensor" and config.run.panel_url:
         raise click.UsageError("run.panel_url: `emulate sensor` serves no robot, and a panel is a robot's")
     operable = "inject with `hil-bridge panel`, see --panel" if what != "sensor" else ""

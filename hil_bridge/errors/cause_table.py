@@ -58,7 +58,7 @@ BEFORE: tuple[CauseRow, ...] = (
     ),
     _refused(
         _C.START,
-        "the robot, or the path of a program, stands outside the workspace",
+        "the robot stands more than 1 mm outside the workspace, or the path of a program leaves it",
         _P.PATH,
         *WORKSPACE,
         exit_code=CONFIGURATION,

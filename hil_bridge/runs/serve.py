@@ -86,7 +86,7 @@ async def _serve(setup: Setup, as_json: bool, executor: ThreadPoolExecutor | Non
             else:
                 for device, url in where.items():
                     click.echo(f"{device}: {url}")
-                can_probe = served.robot is not None and served.robot.kind.name == "s3"
+                can_probe = served.robot is not None and served.robot.kind.probe is not None
                 click.echo(f"Connect with: {client_of(where, can_probe)}")
                 if "panel" in where:
                     click.echo(f"Operate it with: hil-bridge panel {where['panel']}")

@@ -167,6 +167,10 @@ def test_help_imports_none_of_the_heavy_libraries() -> None:
         (["emulate", "sensor", "--robot", "egm"], "--robot is the robot's, and `emulate sensor` serves none"),
         (["emulate", "sensor", "--panel", "tcp-listen://127.0.0.1:0"], "--panel is the robot's"),
         (["emulate", "sensor", "--web"], "--web is the robot's"),
+        (
+            ["emulate", "robot", "--robot", "egm", "--link-profile", "default"],
+            "--link-profile is of an S3's computer link, and the robot is egm",
+        ),
         (["emulate", "sensor", "--web-port", "8000"], "--web is the robot's"),
         (["emulate", "robot", "--panel", "tcp-listen://0.0.0.0:1"], "listens on this computer alone"),
         (["emulate", "robot", "--panel", "tcp://127.0.0.1:1"], "unknown scheme 'tcp'; allowed: tcp-listen"),

@@ -20,7 +20,7 @@ from hil_bridge.show.web.teller import Cursor
 from tests.web.test_feed import Ends, ends
 from tests.web.test_idle import Nothing
 from tools.chromium import Page
-from tools.web_run import Serving
+from tools.web_run import Serving, WebRun
 
 __all__ = ["ends"]
 TOKEN = "the-token-of-this-run"
@@ -238,3 +238,20 @@ async def test_a_robot_is_operated_in_the_browser(
     assert emulator.ended() == 0
     await page.until("!document.getElementById('cut').hidden")
     assert await page.value("[...document.querySelectorAll('.panel button')].every(one => one.disabled)")
+
+
+@pytest.mark.live
+async def test_the_page_of_a_run_presses_its_robot_and_the_run_stops(
+    page: Page, web_run: Callable[..., WebRun]
+) -> None:
+    run = web_run("--robot", "egm", "--sensor", "netft", "--duration", "60", "--no-record")
+    await page.open(run.url)
+    await page.until("document.querySelectorAll('#hands .control').length > 3")
+    assert not await page.value("document.getElementById('hands').hidden")
+    await page.value(f"{button('program', '1')}.click()")
+    await page.until(
+        "[...document.querySelectorAll('#list li')].some(row => row.textContent.includes('at the panel'))"
+    )
+    await page.until("!document.getElementById('outcome').hidden")
+    assert await page.value("[...document.querySelectorAll('#hands button')].every(one => one.disabled)")
+    assert run.ended() == 3
