@@ -20,6 +20,8 @@ UNIT = 0.02
 """Chosen: how far the norm of an orientation may be from 1; twice what a robot's words are taken with."""
 TURN_SLACK_RAD = math.radians(0.2)
 """Chosen: slack of a turn and of a tilt; some words of 1/16384."""
+NOISE_M = 1e-4
+"""Chosen: noise of a place that is told at the start of a movement; five times the 0.02 mm of a Universal Robot."""
 SLACK_M = 1e-6
 """Slack of a way and of a place beside the robot's words, m. Chosen: far above the error of the arithmetic."""
 CONTRADICTION_M = 1e-4
@@ -69,6 +71,10 @@ class Gate:
         """`pose` is where the tool stands, by default the start of the bounds; `now` is the time, s."""
         self.bounds = bounds
         self._last, self._at = pose or bounds.start, now
+        below = zip(self._last.position, bounds.start.position, bounds.approach, strict=True)
+        over = sum((here - start) * n for here, start, n in below) - bounds.deepest
+        self._deepest = bounds.deepest + min(max(0.0, over), NOISE_M)
+        """The deepest that may be ordered, m: one to stay is not too deep where noise tells the tool a bit deeper."""
         self._turned_at = now
         self._deeper = self._across = self._away = self._turned = 0.0
         """Of each credit, what has been used and has not grown again, m and rad."""
@@ -93,7 +99,7 @@ class Gate:
         if turned and not abs(math.hypot(*pose.quaternion) - 1.0) <= UNIT:
             return _stopped(f"to the orientation {pose.quaternion}, which is none")
         slack, time = bounds.slack, bounds.time
-        depth, limit = a * (x - u) + b * (y - v) + c * (z - w), min(bounds.deepest, deepest)
+        depth, limit = a * (x - u) + b * (y - v) + c * (z - w), min(self._deepest, deepest)
         if depth > limit + slack:
             return _beyond((depth - limit) * 1e3, "mm deeper than the deepest that may be ordered")
         if not (lowest_x <= x <= highest_x and lowest_y <= y <= highest_y and lowest_z <= z <= highest_z):
