@@ -189,7 +189,7 @@ def test_a_fast_joint_is_farther_off_its_target() -> None:
 
 
 def test_what_is_off_the_target_is_slow() -> None:
-    """Recorded of five joints: correlated by 0.95 to 0.83 after 10 ms, by 0.63 to 0.32 after 50, by 0.1 after 100."""
+    """Recorded: correlated by 0.95 to 0.83 after 10 ms, by 0.63 to 0.32 after 50, by 0.1 after 100."""
     slow = record("ur5e", 8.0, SERVO).moving()
     off = slow.outputs["actual_q"][1:] - slow.outputs["target_q"][:-1]
 

@@ -430,3 +430,16 @@ def test_a_refused_way_back_does_not_keep_the_tool_on_the_surface(
     assert "refused order" in run.cause
     assert not run.result.followed
     assert run.result.left.startswith("retracted")
+
+
+def test_a_tool_that_noise_tells_below_its_start_may_stay_where_it_stands() -> None:
+    """A real arm tells its place with a noise of 20 µm. An order to stay is no deeper; one below it is."""
+    bounds = dataclasses.replace(BOUNDS, deepest=0.0)
+    gate = Gate(bounds, 0.0, deeper(0.02))
+    assert gate.judge(deeper(0.02), 1.0) == ""
+    assert gate.judge(deeper(0.01), 1.1) == ""
+    assert "deeper than the deepest that may be ordered" in gate.judge(deeper(0.03), 1.2)
+    assert "deeper than the deepest" in Gate(bounds, 0.0).judge(deeper(0.02), 1.0)
+    assert "deeper than the deepest" in Gate(bounds, 0.0, deeper(0.5)).judge(deeper(0.5), 1.0), (
+        "no noise is so large"
+    )
