@@ -5,8 +5,10 @@ from typing import Any
 
 from hil_bridge.settings.configuration import Config, read_config
 
+STILL: dict[str, Any] = {"wander_n": 0.0, "creep_share": 0.0, "vibration_n": 0.0, "motion_n": 0.0}
+"""A Net F/T with white noise alone: a tool that stands off reads 0.0 N. The other errors have tests of their own."""
 AWAKE: dict[str, Any] = {
-    "netft": {"boot_s": 0.2},
+    "netft": {"boot_s": 0.2, **STILL},
     "jr3": {"gateway": {"boot_s": 0.2}, "uart": {"boot_s": 0.2}},
 }
 """Sensors of an emulated cell that answer soon after power-up. The tests of each sensor hold its own time."""
@@ -22,6 +24,10 @@ NEAR: dict[str, Any] = {**NEAR_START, "cell": {**NEAR_START["cell"], **AWAKE}}
 
 AWAKE_TOML = """\
 cell.netft.boot_s = 0.2
+cell.netft.wander_n = 0.0
+cell.netft.creep_share = 0.0
+cell.netft.vibration_n = 0.0
+cell.netft.motion_n = 0.0
 cell.jr3.gateway.boot_s = 0.2
 cell.jr3.uart.boot_s = 0.2
 """
