@@ -29,8 +29,8 @@ robot, and ten times what the guard allows.
 """
 
 STANDS_M = 1e-4
-"""Farthest below the bounds that a tool may stand and be ordered to stay, m. Chosen: five times the noise of a place that
-a Universal Robot reports, 0.02 mm, and a tenth of what the guard takes a reported place with.
+"""Farthest below the bounds that a tool may stand and be ordered to stay, m. Chosen: five times the noise of
+a Universal Robot's place, 0.02 mm, and a tenth of what the guard takes a reported place with.
 """
 
 OUTSIDE_M = 1e-3
