@@ -6,6 +6,7 @@ import click
 
 from hil_bridge.cli.options import overwrite_option, tell
 from hil_bridge.cli.paths import FILE
+from hil_bridge.errors import ConfigError
 
 
 @click.command(short_help="Tell how far an emulated device is from a measured one.")
@@ -57,9 +58,16 @@ def fidelity(
     RECORDING is a recording of a run, or a table of text with --columns. The device works in virtual time, over the
     bytes of its protocol; nothing real is opened.
     """
-    from hil_bridge.lab.fidelity.subjects import compare_with, read
-    from hil_bridge.lab.fidelity.telling import as_json as json_of
-    from hil_bridge.lab.fidelity.telling import describe
+    try:
+        from hil_bridge.lab.fidelity.subjects import compare_with, read
+        from hil_bridge.lab.fidelity.telling import as_json as json_of
+        from hil_bridge.lab.fidelity.telling import describe
+    except ImportError as error:
+        if not str(error.name).startswith("scipy"):
+            raise
+        raise ConfigError(
+            'this comparison needs the package scipy; `pip install "hil-bridge[fidelity]"`'
+        ) from error
     from hil_bridge.record.files import check_place, write_whole
 
     if page is not None:

@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+import sys
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -21,8 +22,14 @@ from hil_bridge.lab.fidelity.sensing import emulate_sensor, with_load
 from hil_bridge.lab.fidelity.subjects import STANDS, Measured, compare_with
 from hil_bridge.lab.fidelity.tables import FAMILIES, ROTATION, UNITS, WRENCH, Table, read_table
 from hil_bridge.settings.configuration import load_config
+from tests.emulation.exact_arm import NO_ERROR
+from tests.near_surface import STILL
 
 Settings = Mapping[str, Any]
+EXACT: Settings = {f"cell.rtde.{name}": value for name, value in NO_ERROR.items()}
+"""A Universal Robot without noise: what is left is what a test asks for."""
+WHITE: Settings = {f"cell.netft.{name}": value for name, value in STILL.items()}
+"""A Net F/T with white noise alone."""
 
 
 def rise(times: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
@@ -58,9 +65,10 @@ def places(kind_cycle_s: float) -> Table:
 
 @pytest.mark.parametrize("kind", ["rsi", "egm", "rtde"])
 def test_the_same_robot_has_no_distance(kind: str, tmp_path: Path) -> None:
-    measured = robot_table(kind, places(0.004), {})
+    settings = EXACT if kind == "rtde" else {}
+    measured = robot_table(kind, places(0.004), settings)
     for axis in ("x", "z"):
-        result = line(compare(kind, measured, tmp_path, {}), axis)
+        result = line(compare(kind, measured, tmp_path, settings), axis)
         assert result.source == f"order_{axis}"
         assert result.measured.lag_s > 0.0
         assert result.emulated.lag_s == pytest.approx(result.measured.lag_s, abs=2e-4)
@@ -115,17 +123,18 @@ def joints(family: str) -> Table:
 
 
 def test_another_lookahead_of_servoj_is_its_distance(tmp_path: Path) -> None:
-    measured = robot_table("rtde", joints("order_q"), {"robot.rtde.lookahead_s": 0.03})
-    same = line(compare("rtde", measured, tmp_path, {"robot.rtde.lookahead_s": 0.03}), "q1")
+    usual = {**EXACT, "robot.rtde.lookahead_s": 0.03}
+    measured = robot_table("rtde", joints("order_q"), usual)
+    same = line(compare("rtde", measured, tmp_path, usual), "q1")
     assert same.emulated.lag_s == pytest.approx(same.measured.lag_s, abs=2e-4)
-    other = line(compare("rtde", measured, tmp_path, {"robot.rtde.lookahead_s": 0.08}), "q1")
+    other = line(compare("rtde", measured, tmp_path, {**usual, "robot.rtde.lookahead_s": 0.08}), "q1")
     assert other.emulated.lag_s - other.measured.lag_s == pytest.approx(0.05, abs=2e-3)
 
 
 def test_speeds_of_joints_are_played_as_speeds(tmp_path: Path) -> None:
-    measured = robot_table("rtde", joints("target_qd"), {})
+    measured = robot_table("rtde", joints("target_qd"), EXACT)
     columns = {name: measured.columns[name] for name in (*FAMILIES["q"], *FAMILIES["target_qd"])}
-    result = line(compare("rtde", Table(measured.times, columns), tmp_path, {}), "q4")
+    result = line(compare("rtde", Table(measured.times, columns), tmp_path, EXACT), "q4")
     assert result.source == "∫target_qd4"
     assert result.emulated.lag_s == pytest.approx(result.measured.lag_s, abs=2e-4)
     assert result.apart_rms < 2e-4
@@ -134,7 +143,7 @@ def test_speeds_of_joints_are_played_as_speeds(tmp_path: Path) -> None:
 def test_a_robot_without_inputs_stands_and_its_noise_is_compared(tmp_path: Path) -> None:
     times = np.arange(100) / 100.0
     force = np.random.default_rng(5).normal(0.0, 0.4, 100)
-    result = compare("rtde", Table(times, {"fz": force}), tmp_path, {"cell.rtde.force_noise_n": 0.4})
+    result = compare("rtde", Table(times, {"fz": force}), tmp_path, {"cell.rtde.force_noise_n": [0.4] * 3})
     quantity = line(result, "fz")
     assert quantity.source == ""
     assert quantity.measured.noise == pytest.approx(0.4, rel=0.25)
@@ -182,7 +191,7 @@ def sensor_table(kind: str, settings: Settings) -> Table:
 
 @pytest.mark.parametrize(("noise_n", "ratio"), [(0.02, 1.0), (0.06, 3.0)])
 def test_another_noise_of_a_sensor_is_its_distance(noise_n: float, ratio: float, tmp_path: Path) -> None:
-    settings = {"cell.netft.rate_hz": 200, "cell.netft.noise_n": 0.02}
+    settings = {**WHITE, "cell.netft.rate_hz": 200, "cell.netft.noise_n": 0.02}
     measured = sensor_table("netft", settings)
     result = compare("netft", measured, tmp_path, {**settings, "cell.netft.noise_n": noise_n})
     for axis in ("fy", "fz"):
@@ -229,6 +238,20 @@ def test_another_stiffness_is_the_distance_of_a_contact(
     assert stiff.measured == pytest.approx(3000.0, rel=0.01)
     assert stiff.emulated == pytest.approx(ratio * stiff.measured, rel=0.02)
     assert (line(result, "press").apart_rms < 1e-3) == (ratio == 1.0)
+
+
+def test_a_surface_of_another_kind_is_pressed_and_a_recording_may_begin_in_contact(tmp_path: Path) -> None:
+    """The law of the record of which the soft body has its figures: 0.56 N at 1 mm, to the power of 1.46."""
+    times = np.arange(0.0, 4.0, 0.01)
+    depth = 0.001 + 0.0015 * times
+    measured = Table(times, {"depth": depth, "press": 0.56 * (depth * 1e3) ** 1.46})
+    still = {"cell.soft_body.material.relaxation_share": 0.0, "cell.soft_body.material.dissipation_s_m": 0.0}
+    result = compare("contact", measured, tmp_path, {"cell.surface_kind": "soft-body", **still})
+    assert line(result, "press").apart_rms < 0.02
+    laws = {law.name: law for law in result.laws}
+    assert laws["exponent of the depth"].emulated == pytest.approx(1.46, abs=0.02)
+    plain = compare("contact", measured, tmp_path, {})
+    assert line(plain, "press").apart_rms > 0.5
 
 
 # --- the command
@@ -292,7 +315,7 @@ def test_a_run_is_compared_with_the_devices_that_it_had(tmp_path: Path) -> None:
     config, record = tmp_path / "run.toml", tmp_path / "run.mcap"
     config.write_text(
         '[run]\nduration_s = 2.0\n[robot]\nemulated = "rsi"\n[sensor]\nemulated = "netft"\n'
-        "[cell.rsi]\ntransport_delay_ms = 30.0\n[cell.netft]\nnoise_n = 0.05\n"
+        "[cell.rsi]\ntransport_delay_ms = 30.0\n[cell.netft]\nnoise_n = 0.05\nmotion_n = 0.0\nvibration_n = 0.0\n"
     )
     result = CliRunner().invoke(cli, ["run", str(config), "--virtual", "--record", str(record)])
     assert record.exists(), result.output
@@ -421,3 +444,16 @@ def test_a_kind_and_a_table_without_a_mapping_are_told(tmp_path: Path) -> None:
     assert "its emulator cannot be played" in ask(tmp_path, "s3", GOOD, "")
     result = CliRunner().invoke(cli, ["fidelity", str(tmp_path / "log.csv"), "--as", "rsi"])
     assert "a table needs --columns" in str(result.exception)
+
+
+def test_without_scipy_the_command_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    for name in [name for name in sys.modules if name.startswith("hil_bridge.lab.fidelity")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "scipy.optimize", None)
+    place = tmp_path / "log.csv"
+    place.write_text("t\n", encoding="utf-8")
+    result = CliRunner().invoke(cli, ["fidelity", str(place), "--as", "contact"])
+    assert isinstance(result.exception, ConfigError)
+    assert 'pip install "hil-bridge[fidelity]"' in str(result.exception)

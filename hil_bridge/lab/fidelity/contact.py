@@ -8,13 +8,17 @@ import math
 import numpy as np
 from scipy.optimize import least_squares, minimize_scalar
 
+from emulators.seams import Surface
 from emulators.surface.contact import Contact
+from emulators.surface.profile import SurfaceProfile
+from hil_bridge.devices.kinds import SURFACES
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.fidelity import measures
 from hil_bridge.lab.fidelity.comparing import Law
 from hil_bridge.lab.fidelity.measures import LEAST_SAMPLES, Floats
 from hil_bridge.lab.fidelity.tables import Table
 from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.kinds import surface_settings
 
 _RATE_HZ = 8000
 """A surface with memory is shown at least so many samples a second. Source: `emulators.seams.Surface`."""
@@ -32,32 +36,43 @@ def emulate_contact(config: Config, table: Table) -> Table:
     """Force of the surface of a configuration at the depth of a table. Raises ConfigError."""
     if not (table.has("depth") and table.has("press")):
         raise ConfigError("the recording has no contact: map depth and press")
-    try:
-        surface = Contact(config.cell.surface)
-    except ValueError as error:
-        raise ConfigError(f"cell.surface: {error}") from error
+    surface, profile = _surface_of(config)
     depth, press = table.columns["depth"], table.columns["press"]
     low, high = float(depth.min()), float(depth.max())
 
     def cost(touch: float) -> float:
-        return measures.rms(_pressed(surface, config, table.times, depth - touch) - press)
+        return measures.rms(_pressed(surface, profile, table.times, depth - touch) - press)
 
-    tried = np.linspace(low, high, _TRIED)
+    tried = np.linspace(low - (high - low), high, _TRIED)  # a recording may begin in contact
     best = int(np.argmin([cost(float(touch)) for touch in tried]))
     bounds = tried[max(best - 1, 0)], tried[min(best + 1, _TRIED - 1)]
     touch = float(minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": 1e-8}).x)
     return Table(
-        table.times, {"depth": depth - touch, "press": _pressed(surface, config, table.times, depth - touch)}
+        table.times, {"depth": depth - touch, "press": _pressed(surface, profile, table.times, depth - touch)}
     )
 
 
-def _pressed(surface: Contact, config: Config, times: Floats, depth: Floats) -> Floats:
+def _surface_of(config: Config) -> tuple[Surface, SurfaceProfile]:
+    """The surface of a configuration, and where it lies. Raises ConfigError."""
+    name = config.cell.surface_kind
+    try:
+        if not name:
+            return Contact(config.cell.surface), config.cell.surface
+        kind = SURFACES.kind(name)
+        settings = surface_settings(config, kind)
+        surface = kind.make(settings)(lambda changed_at: None)
+    except ValueError as error:
+        raise ConfigError(f"{f'cell.{name}' if name else 'cell.surface'}: {error}") from error
+    return surface, settings if isinstance(settings, SurfaceProfile) else config.cell.surface
+
+
+def _pressed(surface: Surface, profile: SurfaceProfile, times: Floats, depth: Floats) -> Floats:
     """Force along the vertical at these depths below the surface, N."""
     fine = times
     if surface.remembered_until is not None:
         fine = np.arange(times[0], times[-1], 1.0 / _RATE_HZ)
-    height = config.cell.surface.height_mm / 1e3
-    origin = config.cell.surface.origin_x_mm / 1e3, config.cell.surface.origin_y_mm / 1e3
+    height = profile.height_mm / 1e3
+    origin = profile.origin_x_mm / 1e3, profile.origin_y_mm / 1e3
     below = np.interp(fine, times, depth)
     positions = np.column_stack([np.full(len(fine), part) for part in origin] + [height - below])
     velocities = np.column_stack([np.zeros((len(fine), 2)), -np.gradient(below, fine)])
