@@ -72,7 +72,7 @@ def jobs() -> list[Job]:
 def settings(job: Job) -> Mapping[str, Any]:
     """The settings of a run; all others stand at their defaults."""
     stiffness_n_m = job.stiffness_kn_m * 1e3
-    own_noise = {"force_noise_n": 1.0} if job.robot == "rtde" and job.errors == "as a CB3" else {}
+    own_noise = {"force_noise_n": (1.0, 1.0, 1.0)} if job.robot == "rtde" and job.errors == "as a CB3" else {}
     fault = {"on": "signal", "phase": "track", "after_s": SETTLED_S, **FAULTS.get(job.fault, {})}
     return {
         "run": {"duration_s": TRACK_S, "seed": job.seed, "period_ms": PERIOD_MS},

@@ -23,6 +23,7 @@ EVENT_KINDS: Mapping[str, str] = {
     CHECK_EVENT: "A finding about the sensor before the touch: full scales, model, weight, zero.",
     STOP_EVENT: "The run is stopped; the text is the cause.",
     "then": "A second cause, after the stop.",
+    "pace": "How often the controller decides, and where that is set; told of a controller that does not say it.",
     "step": "A step of a program begins or ends.",
     "fault": "An injected fault begins, has an effect, or ends.",
     "gap": "The computer stood still for a while.",

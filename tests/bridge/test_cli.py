@@ -189,7 +189,7 @@ def test_help_imports_none_of_the_heavy_libraries() -> None:
         (["decode", "jr3-can", "xyz#00"], "'x' is no hexadecimal digit"),
         (
             ["run", "--surface", "mujoco", "--virtual"],
-            "there is no surface 'mujoco'; no installed package offers one",
+            "there is no surface 'mujoco'; choose one of soft-body",
         ),
         (["bogus"], "No such command 'bogus'; see `hil-bridge --help`"),
     ],

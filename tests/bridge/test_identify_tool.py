@@ -152,7 +152,7 @@ def test_each_robot_turns_its_tool_as_far_as_it_can(
     assert f"6 poses, up to {turned}° apart" in output
     assert ("as far as the robot can" in errors) == (turned < 60)
     found = load_config(Path("tool.toml"), {}).tool
-    assert found.mass_kg == pytest.approx(0.5, abs=0.003)
+    assert found.mass_kg == pytest.approx(0.5, abs=0.01), "0.1 N, of which 0.07 N are the vibration of an arm"
     assert found.centre_of_gravity_mm == pytest.approx((0.0, 0.0, 80.0), abs=1.0)
 
 

@@ -21,7 +21,7 @@ from emulators.surface.contact import Contact, SurfaceProfile
 from emulators.surface.faults import SURFACE_FAULTS
 from hil_bridge.devices.kinds import ROBOTS, SENSORS, SurfaceKind
 
-ROBOT, SENSOR = ROBOTS.kind("s3"), SENSORS.kind("ft300")
+ROBOT, SENSOR = ROBOTS.kind("s3"), SENSORS.kind("jr3-uart")
 SURFACE = SurfaceKind("mine", "", SurfaceProfile, lambda s: lambda changed: Contact(s, changed), SURFACE_FAULTS)
 """
 for name in SUITES:  # pytester forgets what a run inside it has imported, and NumPy cannot be imported again
