@@ -8,9 +8,8 @@ from hil_bridge.control.course.oscillation import Advice, OscillationState
 from hil_bridge.control.course.task import Target, TaskOutput, TaskState
 from hil_bridge.control.course.verdict import Clamp, Stop, SupervisorState, Verdict
 from hil_bridge.control.program.state import Felt
-from hil_bridge.control.sample import Sample
 from hil_bridge.control.types import Measurement
-from hil_bridge.errors.causes import Cause, Reason
+from hil_bridge.errors.causes import Reason
 from protocol.geometry import Quaternion, Vector
 
 

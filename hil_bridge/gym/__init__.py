@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from hil_bridge.control.laws.policy import AXES, OBSERVED, Policy, PolicyController, Quantity
 from hil_bridge.errors import ConfigError
+from hil_bridge.gym.replaying import replay_policy
 from hil_bridge.gym.rewards import REWARDS, Reward, Transition, make_reward
 
 if TYPE_CHECKING:
@@ -35,6 +36,7 @@ __all__ = [
     "Reward",
     "Transition",
     "make_reward",
+    "replay_policy",
 ]
 
 ENVIRONMENT = "hil-bridge/Follow-v0"

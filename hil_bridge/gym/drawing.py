@@ -55,15 +55,23 @@ def plan_episodes(
     base = config_of(values, seed=0)
     for key, url in (("robot.url", base.robot.url), ("sensor.url", base.sensor.url)):
         if url:
-            raise ConfigError(f"{key}: an environment runs against the emulated cell alone; leave the URL empty")
+            raise ConfigError(
+                f"{key}: an environment runs against the emulated cell alone; leave the URL empty"
+            )
     if base.task.step:
-        raise ConfigError("task.step: an environment follows a surface without a program; leave the steps out")
+        raise ConfigError(
+            "task.step: an environment follows a surface without a program; leave the steps out"
+        )
     if any(table.get("on") in (EVERY, CONTROLLER) for table in faults):
         raise ConfigError("faults: name the target; the controller of an environment is the policy")
     if faults_per_run is None:
         faults_per_run = 1 if faults else 0
     draw, problems = draw_of(
-        {"draw": dict(randomise), "fault": [dict(table) for table in faults], "faults_per_run": faults_per_run}
+        {
+            "draw": dict(randomise),
+            "fault": [dict(table) for table in faults],
+            "faults_per_run": faults_per_run,
+        }
     )
     if problems:
         key, text = problems[0]

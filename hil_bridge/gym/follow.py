@@ -13,7 +13,7 @@ import numpy as np
 from gymnasium import spaces
 
 from hil_bridge.control.laws.policy import AXES, HIGH, LOW, Axis, Observed, PolicyController
-from hil_bridge.errors import ConfigError
+from hil_bridge.errors import Cause, ConfigError
 from hil_bridge.gym.drawing import Episodes, Tables, plan_episodes
 from hil_bridge.gym.episode import Action, Asked, Ended, Episode
 from hil_bridge.gym.rewards import Reward, Transition, make_reward
@@ -90,13 +90,15 @@ class FollowEnv(gymnasium.Env[Observed, Action]):
         )
         self._axes = tuple(options.get("actions", AXES[:1]))
         self._speed_mm_s = options.get("speed_mm_s", 5.0)
-        PolicyController(lambda observation: observation, self._axes, self._speed_mm_s)  # refuses what cannot be
+        PolicyController(
+            lambda observation: observation, self._axes, self._speed_mm_s
+        )  # refuses what cannot be
         reward = options.get("reward", "force-error")
         self._reward: Reward = make_reward(reward) if isinstance(reward, str) else reward
         keep = options.get("keep")
         self._keep = None if keep is None else Path(keep)
         self.observation_space = spaces.Box(LOW, HIGH, dtype=np.float32)
-        self.action_space = spaces.Box(-1.0, 1.0, (len(self._axes),), np.float64)  # type: ignore[assignment]
+        self.action_space = spaces.Box(-1.0, 1.0, (len(self._axes),), np.float64)
         self._episode: Episode | None = None
         self._asked: Asked | None = None
         self._seed = 0
@@ -169,7 +171,10 @@ class FollowEnv(gymnasium.Env[Observed, Action]):
             result.save(_free_place(self._keep, f"episode-{self._seed}"))
         transition = Transition(end.cycles, 0.0, action, result, stopped)
         if cycles := transition.at_work:
-            transition = transition._replace(seconds=max(cycles[-1].controlled_at - before.at, 0.0))
+            over = next(
+                (c.started_at for c in end.cycles if c.cycle > cycles[-1].cycle), cycles[-1].answered_at
+            )
+            transition = transition._replace(seconds=max(over - before.at, 0.0))
         time_is_up = result is not None and not stopped and _is_time(result.cause)
         info = {
             **self._info(before),
@@ -198,9 +203,8 @@ class FollowEnv(gymnasium.Env[Observed, Action]):
             self.close()
 
 
-def _is_time(cause: Any) -> bool:
-    from hil_bridge.errors import Cause
-
+def _is_time(cause: Cause | None) -> bool:
+    """Whether a run ended because its time, or its way, was up."""
     return cause in (Cause.TIME_IS_UP, Cause.TRAVELLED)
 
 

@@ -91,7 +91,9 @@ class ForceAndEffort:
 
 
 Maker: TypeAlias = Callable[[], Reward]
-REWARDS: Mapping[str, Maker] = MappingProxyType({"force-error": ForceError, "force-and-effort": ForceAndEffort})
+REWARDS: Mapping[str, Maker] = MappingProxyType(
+    {"force-error": ForceError, "force-and-effort": ForceAndEffort}
+)
 """Our rewards by name."""
 
 
@@ -110,6 +112,8 @@ def make_reward(name: str) -> Reward:
     except (Exception, SystemExit) as error:
         raise ConfigError(f"{found.where} cannot be made: {failure(error)}") from error
     if not callable(made):
-        raise ConfigError(f"{found.where}: {found.source} makes {type(made).__name__}, which cannot be called")
+        raise ConfigError(
+            f"{found.where}: {found.source} makes {type(made).__name__}, which cannot be called"
+        )
     reward: Reward = made
     return reward

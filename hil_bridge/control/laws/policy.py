@@ -42,14 +42,23 @@ class Quantity(NamedTuple):
 _FORCE, _MOMENT, _PLACE, _WAY, _AGE = 1e4, 1e3, 100.0, 1.0, 10.0
 _WRENCH = ("force_x_n", "force_y_n", "force_z_n", "moment_x_nm", "moment_y_nm", "moment_z_nm")
 OBSERVED: tuple[Quantity, ...] = (
-    Quantity("error_n", -_FORCE, _FORCE, "wanted force less the contact force along the approach direction, N"),
-    Quantity("force_n", -_FORCE, _FORCE, "contact force along the approach direction, N, positive while pressing"),
+    Quantity(
+        "error_n", -_FORCE, _FORCE, "wanted force less the contact force along the approach direction, N"
+    ),
+    Quantity(
+        "force_n", -_FORCE, _FORCE, "contact force along the approach direction, N, positive while pressing"
+    ),
     Quantity("change_n", -_FORCE, _FORCE, "its change since the sample before, N; 0 for the first one"),
     *(Quantity(name, -_FORCE, _FORCE, "contact force on the tool, tool frame, N") for name in _WRENCH[:3]),
-    *(Quantity(name, -_MOMENT, _MOMENT, "contact moment on the tool, tool frame, N·m") for name in _WRENCH[3:]),
+    *(
+        Quantity(name, -_MOMENT, _MOMENT, "contact moment on the tool, tool frame, N·m")
+        for name in _WRENCH[3:]
+    ),
     *(Quantity(f"{axis}_m", -_PLACE, _PLACE, "reported position, base frame, m") for axis in "xyz"),
     *(Quantity(f"q{axis}", -1.0, 1.0, "reported orientation, tool in base") for axis in "wxyz"),
-    Quantity("depth_m", -_PLACE, _PLACE, "reported position along the approach direction, from the start point, m"),
+    Quantity(
+        "depth_m", -_PLACE, _PLACE, "reported position along the approach direction, from the start point, m"
+    ),
     Quantity("ahead_m", -_WAY, _WAY, "way by which the commanded depth is before the reported one, m"),
     Quantity("travel_m", -_PLACE, _PLACE, "reported position along the way, from the start point, m"),
     Quantity("force_age_s", 0.0, _AGE, "age of the force, s"),
@@ -79,8 +88,8 @@ def observe(measurement: Measurement, reference: float, before: float | None) ->
     age = 0.0
     if sample is not None:
         place, age = sample.position, sample.now - sample.sensor_at
-        wrench = sample.wrench if len(sample.wrench) == 6 else wrench  # type: ignore[assignment]
-        quaternion = sample.quaternion if len(sample.quaternion) == 4 else quaternion  # type: ignore[assignment]
+        wrench = sample.wrench if len(sample.wrench) == 6 else wrench
+        quaternion = sample.quaternion if len(sample.quaternion) == 4 else quaternion
         pose_age = 0.0 if sample.position_at is None else sample.now - sample.position_at
         unchanged, overdue = sample.unchanged, sample.overdue
         held, fault = float(sample.held), float(bool(sample.fault))
@@ -124,19 +133,26 @@ def _check(controller: "PolicyController | PolicyFile") -> None:
 
 
 def _answer(
-    controller: "PolicyController | PolicyFile", state: PolicyState, measurement: Measurement, reference: float
+    controller: "PolicyController | PolicyFile",
+    state: PolicyState,
+    measurement: Measurement,
+    reference: float,
 ) -> tuple[PolicyState, Command]:
     """The set point after the policy's action. A force or a position that is no number moves nothing."""
     if not measurement.is_finite:
         return state, Command(measurement.commanded, 0.0)
-    action = np.asarray(controller.policy(observe(measurement, reference, state.force)), np.float64).reshape(-1)
+    action = np.asarray(controller.policy(observe(measurement, reference, state.force)), np.float64).reshape(
+        -1
+    )
     axes = controller.axes
     if action.shape != (len(axes),):
         raise ValueError(f"the policy answers {action.size} numbers, not one for each of {', '.join(axes)}")
     if not np.isfinite(action).all():
         raise ValueError(f"the policy answers {action.tolist()}: no numbers")
     farthest = controller.speed_mm_s * 1e-3 * measurement.dt
-    ways = {axis: float(share) * farthest for axis, share in zip(axes, np.clip(action, -1.0, 1.0), strict=True)}
+    ways = {
+        axis: float(share) * farthest for axis, share in zip(axes, np.clip(action, -1.0, 1.0), strict=True)
+    }
     along, across = ways.get("along", 0.0), ways.get("across", 0.0)
     shares = {f"action_{axis}": float(share) for axis, share in zip(axes, action, strict=True)}
     command = Command(measurement.commanded + along, along, explanation=shares, across=across)
