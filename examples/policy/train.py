@@ -1,7 +1,6 @@
 """Train a linear policy for the force by CMA-ES, and write it as ONNX.
 
-    python examples/policy/train.py --latency drawn policy.onnx
-    hil-bridge run --virtual --config examples/policy/policy.toml
+    python examples/policy/train.py policy.onnx
 
 CMA-ES of the package cma needs no gradients and no torch: three numbers are searched for, on two cores, in minutes.
 It takes `pip install 'hil-bridge[gymnasium,onnx]' onnx cma`.
@@ -135,11 +134,12 @@ def main() -> None:
     options = argparse.ArgumentParser(description="Train a linear policy, and write it as ONNX.")
     options.add_argument("file", type=Path)
     options.add_argument("--latency", choices=LATENCY, default="drawn")
-    options.add_argument("--generations", type=int, default=12)
+    options.add_argument("--generations", type=int, default=10)
+    options.add_argument("--weights", type=float, nargs=3, help="write these, and search for none")
     chosen = options.parse_args()
     if chosen.file.exists():
         options.error(f"{chosen.file} is there already; give another name")
-    weights = train(chosen.latency, chosen.generations)
+    weights = chosen.weights or train(chosen.latency, chosen.generations)
     write_onnx(weights, chosen.file)
     print(f"weights {weights} are in {chosen.file}")
 

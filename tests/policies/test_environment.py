@@ -124,7 +124,7 @@ def test_stop_of_the_guard_ends_the_episode_and_is_kept(tmp_path: Path) -> None:
     assert len(kept) == 2
     recording = tmp_path / f"episode-{info['seed']}.mcap"
     again = replay_policy(recording, PolicyController(press, speed_mm_s=11.0))
-    assert len(again) > 10
+    assert len(again) >= 10
     assert not any(cycle.differences for cycle in again)
     other = replay_policy(recording, PolicyController(gentle, speed_mm_s=11.0))
     assert any(cycle.differences for cycle in other)

@@ -4,6 +4,7 @@ import hashlib
 import json
 import math
 import pickle
+import re
 import runpy
 from pathlib import Path
 from typing import Any
@@ -13,11 +14,13 @@ import pytest
 from click.testing import CliRunner
 
 import hil_bridge
+import hil_bridge.gym
 from hil_bridge.cli import cli
 from hil_bridge.control import Measurement, make_controller
 from hil_bridge.control.laws.policy import HIGH, LOW, OBSERVED, PolicyState, observe
 from hil_bridge.errors import Cause, ConfigError
 from hil_bridge.gym import PolicyController
+from hil_bridge.gym.follow import Options
 
 ROOT = Path(__file__).resolve().parents[2]
 SHORT: dict[str, Any] = {"run": {"duration_s": 1.5}}
@@ -140,3 +143,19 @@ def test_document_is_up_to_date() -> None:
     for name in ("how-to/policies.md", "reference/gym.md"):
         page = (ROOT / "docs" / name).read_text(encoding="utf-8")
         assert tool["renewed"](page, figures) == page
+
+
+@pytest.mark.parametrize("name", ["how-to/policies.md", "reference/gym.md"])
+def test_example_of_the_page_runs(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = (ROOT / "docs" / name).read_text(encoding="utf-8")
+    blocks = re.findall(r"^```python\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+    assert blocks
+    monkeypatch.chdir(tmp_path)
+    for block in blocks:
+        exec(compile(block, name, "exec"), {"__name__": "example"})
+
+
+def test_every_name_and_argument_is_told() -> None:
+    page = (ROOT / "docs" / "reference" / "gym.md").read_text(encoding="utf-8")
+    names = {*hil_bridge.gym.__all__, *hil_bridge.gym.REWARDS, *Options.__annotations__}
+    assert all(f"`{name}`" in page for name in names)
