@@ -70,7 +70,7 @@ def test_seed_repeats_episodes() -> None:
 def test_policy_decides_alike_in_a_run(robot: str, sensor: str, axes: Any) -> None:
     policy = gentle if len(axes) == 1 else lambda observation: [*gentle(observation), 0.3]
     options = {"config": NEAR, "randomise": STIFFNESS, "actions": axes}
-    env = FollowEnv(robot, sensor, **options)  # type: ignore[arg-type]
+    env = FollowEnv(robot, sensor, **options)
     observed: list[Any] = []
 
     def watched(observation: Any) -> Any:
