@@ -203,7 +203,7 @@ def test_feed_forward_takes_the_lag_of_the_gain_away() -> None:
     assert -behind[1] > 0.003
 
 
-@pytest.mark.parametrize(("low_pass_hz", "too_far_mm"), [(20.0, (0.0, 0.001)), (0.0, (0.1, 0.2))])
+@pytest.mark.parametrize(("low_pass_hz", "too_far_mm"), [(20.0, (0.0, 0.001)), (0.0, (0.05, 0.2))])
 def test_a_tool_that_comes_to_rest_does_not_go_too_far(
     low_pass_hz: float, too_far_mm: tuple[float, float]
 ) -> None:
