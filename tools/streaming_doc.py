@@ -105,15 +105,16 @@ def figures_of(case: Case) -> Mapping[str, Any]:
     }
 
 
-def measured() -> dict[str, list[Mapping[str, Any]]]:
-    """All runs of each table, one a core at a time."""
+def measured(robots: Sequence[str]) -> dict[str, list[Mapping[str, Any]]]:
+    """The runs of each table with these robots, one a core at a time."""
     held = {
         (robot, controller, name): Case(robot, controller, surface, surface["stiffness_n_m"])
-        for robot, controller, (name, surface) in product(ROBOTS, CONTROLLERS, SURFACES.items())
+        for robot, controller, (name, surface) in product(robots, CONTROLLERS, SURFACES.items())
     }
     touched = {
         (robot, speed, name): Case(robot, "predictive", surface, HARDEST_N_M, speed, TOUCH_S, TOUCHED_S)
         for robot, speed, (name, surface) in product(TOUCHES, SPEEDS_MM_S, TOUCHED.items())
+        if TOUCHES[robot][0] in robots
     }
     cases = [*held.values(), *touched.values()]
     with own_processes() as pool:
@@ -123,6 +124,10 @@ def measured() -> dict[str, list[Mapping[str, Any]]]:
         "controllers": [{"robot": r, "controller": c, "surface": s, **next(rows)} for r, c, s in held],
         "touch": [{"robot": r, "approach_mm_s": v, "surface": s, **next(rows)} for r, v, s in touched],
     }
+
+
+def _key(row: Mapping[str, Any]) -> tuple[Any, ...]:
+    return row["robot"], row.get("controller"), row.get("approach_mm_s"), row["surface"]
 
 
 def _cell(row: Mapping[str, Any]) -> str:
@@ -163,11 +168,16 @@ def renewed(text: str, figures: Mapping[str, Sequence[Mapping[str, Any]]]) -> st
 def main() -> int:
     """Measure if wanted, then write or check."""
     options = parser(__doc__ or "")
-    options.add_argument("--measure", action="store_true", help="make the runs first")
+    options.add_argument(
+        "--measure", nargs="*", metavar="ROBOT", help="make the runs first, of all robots or of these"
+    )
     chosen = options.parse_args()
-    if chosen.measure:
-        FIGURES.write_text(json.dumps(measured(), indent=1) + "\n", encoding="utf-8")
     figures = json.loads(FIGURES.read_text(encoding="utf-8"))
+    if chosen.measure is not None:
+        for name, rows in measured(chosen.measure or list(ROBOTS)).items():
+            keyed = {_key(row): row for row in (*figures.get(name, ()), *rows)}
+            figures[name] = list(keyed.values())
+        FIGURES.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
     return write(DOCUMENT, lambda text: renewed(text, figures), chosen.check)
 
 
