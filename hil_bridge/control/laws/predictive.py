@@ -98,7 +98,7 @@ class Predictive:
         Tuning(4.0, {"resolution_mm": FINE_STEP_MM}),
         Tuning(12.0, {"resolution_mm": FINE_STEP_MM, "steepest": 0.1, "caution": 2.0}),
     )
-    """At 2 ms a robot tells its place with noise. At 12 ms force and place of one moment are known less well, and a slope
+    """At 2 ms a robot tells its place with noise. At 12 ms force and place of one moment are known less well: a slope
     that is seen at the touch is mostly their error.
     """
 
