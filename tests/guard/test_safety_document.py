@@ -108,12 +108,12 @@ def test_a_row_says_how_its_sentence_is_held(sentences: dict[str, Any]) -> None:
 
 
 def test_sentences_are_laid_against_results_of_tests(sentences: dict[str, Any]) -> None:
-    text = "| It stops. | `tests/guard/test_a.py::test_b`, `tests/guard/test_a.py::test_c` |\n| It is so. | no promise |"
+    text = "| Stops. | `tests/guard/test_a.py::test_b`, `tests/guard/test_a.py::test_c` |\n| So it is. | no promise |"
     tests = [
         Tried("tests.guard.test_a.test_b[1]", State.PASSED, "", (), ()),
         Tried("tests.guard.test_a.test_c", State.FAILED, "3 N", (), ()),
         Tried("tests.guard.test_a.test_d", State.FAILED, "", (), ()),
     ]
     (row,) = sentences["matrix"](text, tests).rows
-    assert (row.requirement.text, row.state, len(row.tests)) == ("It stops.", State.FAILED, 2)
+    assert (row.requirement.text, row.state, len(row.tests)) == ("Stops.", State.FAILED, 2)
     assert sentences["matrix"](text, tests[:1]).shown
