@@ -15,12 +15,10 @@ import hil_bridge
 from hil_bridge.control.laws.policy import OBSERVED
 from hil_bridge.errors import Cause, ConfigError
 from hil_bridge.gym import ENVIRONMENT, FollowEnv, PolicyController, Transition, replay_policy
+from tests import near_surface
+from tests.near_surface import merged
 
-NEAR: dict[str, Any] = {
-    "run": {"duration_s": 1.0},
-    "task": {"retract_mm": 1.0, "retract_speed_mm_s": 20.0},
-    "cell": {"start_position_mm": (900.0, -100.0, 592.0)},
-}
+NEAR = merged(near_surface.NEAR, {"run": {"duration_s": 1.0}})
 PLACE = {quantity.name: place for place, quantity in enumerate(OBSERVED)}
 STIFFNESS = {"cell.surface.stiffness_n_m": {"from": 3e3, "to": 2e4, "log": True}}
 
