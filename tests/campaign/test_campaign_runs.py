@@ -12,6 +12,8 @@ import time
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from platform import python_version
+from socket import gethostname
 
 import pytest
 from click.testing import CliRunner
@@ -415,7 +417,7 @@ class _Tags(HTMLParser):
             self.open.append(tag)
 
     def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        assert tag in ("line", "path")
+        assert tag in ("line", "path", "rect")
 
     def handle_endtag(self, tag: str) -> None:
         assert self.open.pop() == tag
@@ -428,7 +430,17 @@ def test_page_tells_cells_worst_runs_and_what_was_never_exercised(results: Path,
     tags.feed(text)
     assert tags.open == []
     assert tags.links == []
-    assert "8 of 8 runs done: 4 passed, 4 failed" in text
+    assert '<span class="badge bad">4 of 8 did not pass</span>' in text
+    assert '<b class="good">4</b> passed' in text
+    assert '<b class="bad">4</b> failed' in text
+    assert "<b>0</b> errors" in text
+    assert text.index("Each case of the matrix") < text.index("Criteria") < text.index("Worst runs first")
+    assert f'<td class="value">{gethostname()}</td>' in text
+    assert f"Python {python_version()}" in text
+    assert re.search(r'Date</td><td class="value">\d{4}-\d\d-\d\d \d\d:\d\d:\d\d UTC', text)
+    assert "<td>outcome</td><td>stopped</td><td>completed</td>" in text  # figure, value, wanted
+    assert text.count('class="strip"') % 2 == 0  # each figure of the two cells
+    assert '<g class="strip"><title>task.force_n 8.0: 4 runs, least ' in text
     assert '<td class="pass">2</td>' in text
     assert '<td class="fail">0/2</td>' in text
     assert text.count("<article>") == 4
@@ -440,6 +452,10 @@ def test_page_tells_cells_worst_runs_and_what_was_never_exercised(results: Path,
     assert "<td>outcome completed</td><td>4</td><td>4</td><td>0</td>" in text  # met, not met, of no concern
     out = tmp_path / "page.html"
     assert CliRunner().invoke(campaign, ["report", str(results), "--out", str(out)]).exit_code == 0
+    linked = _Tags()
+    linked.feed(out.read_text())
+    assert len(linked.links) == 4
+    assert all((tmp_path / link).is_file() for link in linked.links)  # relative to the page
     with pytest.raises(ConfigError, match="there already"):
         CliRunner().invoke(campaign, ["report", str(results), "--out", str(out)], catch_exceptions=False)
 

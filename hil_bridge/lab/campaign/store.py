@@ -8,6 +8,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
+from platform import platform, python_version
+from socket import gethostname
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
@@ -106,6 +108,8 @@ class Store:
             # Seeds that were run before stay: fewer of them this time take nothing away.
             seeds = dict.fromkeys((*store.seeds(), *plan.seeds))
             connection.execute("UPDATE facts SET value = ? WHERE name = 'seeds'", (json.dumps([*seeds]),))
+            hosts = dict.fromkeys((*store.hosts(), gethostname()))
+            connection.execute("INSERT OR REPLACE INTO facts VALUES ('hosts', ?)", (json.dumps([*hosts]),))
             connection.commit()
         except sqlite3.Error as error:
             connection.close()
@@ -141,6 +145,8 @@ class Store:
             "name": plan.name,
             "identity": plan.identity,
             "code": code_version(),
+            "begun": now(),
+            "platform": f"Python {python_version()}, {platform()}",
             "seeds": json.dumps(plan.seeds),
             "cases_per_seed": str(plan.cases_per_seed),
             "draw": "" if plan.draw is None else plan.draw.text,
@@ -261,6 +267,11 @@ class Store:
         """Seeds that the campaign has now; a later start may add some. Raises ConfigError."""
         with self._readable():
             return tuple(map(int, json.loads(self.fact("seeds"))))
+
+    def hosts(self) -> tuple[str, ...]:
+        """Names of the computers on which it was started; empty in older results. Raises ConfigError."""
+        with self._readable():
+            return msgspec.json.decode(self.fact("hosts") or "[]", type=tuple[str, ...])
 
     def runs(self, where: str = "1", values: Iterable[object] = ()) -> Iterator[Done]:
         """Runs that are kept, by case and seed. Raises ConfigError."""
