@@ -21,7 +21,7 @@ from click.testing import CliRunner
 from hil_bridge.api import simulate
 from hil_bridge.cli.campaign import campaign
 from hil_bridge.errors import BridgeError, ConfigError
-from hil_bridge.lab.campaign import comparison
+from hil_bridge.lab.campaign import comparison, live
 from hil_bridge.lab.campaign.comparison import compare_campaigns
 from hil_bridge.lab.campaign.judging import Job, configure_run, run
 from hil_bridge.lab.campaign.live import Results
@@ -121,21 +121,40 @@ def test_key_is_kept_once_and_a_second_start_finds_nothing_to_do(results: Path) 
     connection.close()
 
 
-def test_page_in_the_browser_is_told_what_is_kept(results: Path) -> None:
-    with Store.open(results) as store:
-        runs = list(store.runs())
-        page = Results(store)
-        seen = page.first()
-        told = page.news(seen)
+def test_page_in_the_browser_is_the_saved_one(
+    results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is told once, and again when another process has changed the file."""
+    monkeypatch.setattr(live, "LOOK_S", 0.0)
+    monkeypatch.setattr(live, "REST", 0.0)
+    other = changed(results, tmp_path / "study.sqlite")
+    with Store.open(other) as store:
+        in_browser = Results(store)
+        seen = in_browser.first()
+        told = in_browser.news(seen)
         assert told is not None
-        assert told["passed"] == sum(run.passed for run in runs)
-        assert told["failed"] == sum(not run.passed for run in runs)
-        assert {row["key"] for row in told["newest"]} == {run.key for run in runs[:100]}
-        assert {row["key"] for row in told["worst"]} == {run.key for run in runs if not run.passed}
-        assert sum(case["passed"] + case["failed"] for case in told["cases"]) == len(runs)
-        assert [page.news(seen) for _ in range(25)] == [None] * 25  # nothing is said twice
+        assert f"<body>\n{told['body']}\n</body>" in page(store)
+        assert (told["title"], told["trouble"]) == ("Campaign study", "")
+        assert [in_browser.news(seen) for _ in range(25)] == [None] * 25  # nothing is said twice
+        changed_by_another(other, "DELETE FROM runs WHERE passed")
+        again = in_browser.news(seen)
+        assert again is not None
+        assert "4 of 8 runs done" in again["body"]
+        changed_by_another(other, "UPDATE runs SET figures = '['")
+        broken = in_browser.news(seen)
+        assert broken is not None
+        assert broken["trouble"].startswith("cannot read ")
+        assert broken["body"] == again["body"]
+        assert in_browser.news(in_browser.first()) == broken  # a new page is told all
         with pytest.raises(ValueError, match="asks for nothing"):
-            page.asked(seen, {"at": 1})
+            in_browser.asked(seen, {"at": 1})
+
+
+def changed_by_another(place: Path, sql: str) -> None:
+    """Change results as another process would."""
+    with sqlite3.connect(place) as connection:
+        connection.execute(sql)
+    connection.close()
 
 
 def test_results_of_another_plan_are_not_touched(results: Path, tmp_path: Path) -> None:

@@ -275,23 +275,22 @@ class Store:
 
     def runs(self, where: str = "1", values: Iterable[object] = ()) -> Iterator[Done]:
         """Runs that are kept, by case and seed. Raises ConfigError."""
-        return (done for _, done in self._read(f"WHERE {where} ORDER BY number, seed", values))
-
-    def newer(self, row: int, most: int) -> list[tuple[int, Done]]:
-        """Runs that were kept after this row of the file, oldest first, with their rows. Raises ConfigError."""
-        return list(self._read("WHERE rowid > ? ORDER BY rowid LIMIT ?", (row, most)))
-
-    def _read(self, which: str, values: Iterable[object]) -> Iterator[tuple[int, Done]]:
         columns = "key, number, seed, outcome, cause, failed, figures, wall_s, recording, fault"
         with self._readable():
             cases = self._connection.execute("SELECT count(*) FROM cases").fetchone()[0]
-            query = f"SELECT rowid, {columns} FROM runs {which}"
-            for row, *found in self._connection.execute(query, tuple(values)):
+            query = f"SELECT {columns} FROM runs WHERE {where} ORDER BY number, seed"
+            for row in self._connection.execute(query, tuple(values)):
+                found = list(row)
                 found[5:7] = map(json.loads, found[5:7])
                 done = _as(Done, found)
                 if not 0 <= done.number < cases:
                     raise ValueError(f"run {done.key} is of case {done.number}, and there are {cases}")
-                yield row, done
+                yield done
+
+    def version(self) -> int:
+        """Another number whenever another process has changed the file. Raises ConfigError."""
+        with self._readable():
+            return int(self._connection.execute("PRAGMA data_version").fetchone()[0])
 
     def sittings(self) -> list[Sitting]:
         """Every start so far that came to its end, or was interrupted. Raises ConfigError."""
