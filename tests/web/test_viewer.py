@@ -113,12 +113,14 @@ async def test_a_browser_follows_a_campaign(page: Page, serving: list[Serving], 
     viewer = Serving(tmp_path, "view", "study.sqlite")
     serving.append(viewer)
     await page.open(viewer.url)
-    body = "document.getElementById('body').textContent"
+    body = "(document.getElementById('body')?.textContent ?? '')"
     await page.until(f"{body}.includes('4 of 4 runs done')")
     more = asyncio.create_task(campaign(tmp_path))
     await page.until(f"{body}.includes('12 of 12 runs done')")
     assert await more == FAILED
     await page.until(f"{body}.includes('2 starts')")  # it has ended, and its time is told
+    ways = "document.getElementById('body').innerHTML.split('The run ').length"
+    await page.until(f"{ways} === 13")  # the paragraph of each failing run, from its recording
     shown = await page.value("document.getElementById('body').innerText")
     errors = list(page.errors)
     with Store.open(tmp_path / "study.sqlite") as store:

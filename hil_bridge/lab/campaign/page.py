@@ -52,15 +52,20 @@ def page_title(plan: Plan) -> str:
 class PageBody:
     """Renders the body of a campaign's page: once for a file, again and again for a page in the browser."""
 
-    def __init__(self, folder: Path | None = None) -> None:
-        """`folder` is that of the page's file, for links; None: no links."""
+    def __init__(self, folder: Path | None = None, read_at_once: int = WORST) -> None:
+        """`folder` is that of the page's file, for links; None: no links. A rendering reads at most so many recordings;
+        runs whose turn has not come show their cause alone, and `whole` is False.
+        """
         self._folder = folder
+        self._read_at_once = read_at_once
+        self._unread = 0
         self._reasons: dict[str, str] = {}
         """Paragraphs of `why` by the key of the run: a recording does not change any more."""
 
     def render(self, store: Store) -> str:
         """The body as HTML, of what is kept so far. Raises ConfigError for a damaged file."""
         plan, runs = store.plan(), list(store.runs())
+        self._unread = self._read_at_once
         tally, hunted = tally_of(runs), _render_hunt(store, plan)
         planned = tally.total if hunted else plan.count
         return f"""{_head(plan, tally, planned)}
@@ -79,6 +84,11 @@ median.</p>
 {_render_injections(plan, runs)}
 <h2>How runs ended</h2>{_endings(runs)}
 <h2>Never exercised</h2>{_never(plan, runs)}"""
+
+    @property
+    def whole(self) -> bool:
+        """Whether the last rendering has read every recording that it shows."""
+        return self._unread >= 0
 
     def _worst(self, store: Store, plan: Plan, runs: Sequence[Done]) -> str:
         """Failing runs by the number of criteria, then by the true force; behind them passing ones by the force."""
@@ -139,13 +149,18 @@ median.</p>
 
     def _why(self, store: Store, run: Done) -> str:
         """How the run ended, from the recording that it left; empty where that is not there any more."""
-        if run.recording and run.key not in self._reasons:
+        if not run.recording:
+            return ""
+        if run.key not in self._reasons:
+            self._unread -= 1
+            if self._unread < 0:
+                return ""
             place = store.folder / run.recording
             try:
                 self._reasons[run.key] = why(read(place), f"{store.folder.name}/{run.recording}")
             except BridgeError:
-                return ""
-        return self._reasons.get(run.key, "")
+                self._reasons[run.key] = ""
+        return self._reasons[run.key]
 
 
 def _head(plan: Plan, tally: Tally, planned: int) -> str:
