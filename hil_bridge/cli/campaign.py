@@ -192,6 +192,9 @@ def run(
         f"{plan.name}: {len(plan.possible)} cases{share} × {len(plan.seeds)} seeds = {plan.count} runs{without}"
     )
     if only_check:
+        if as_json:
+            counts = {"cases": len(plan.possible), "seeds": len(plan.seeds)}
+            tell_json({"name": plan.name, "planned": plan.count, **counts})
         return
     if scheduler is not None and workers is not None:
         raise ConfigError(
@@ -297,6 +300,11 @@ def hunt(
 @click.argument("results", type=FILE, metavar="FILE.sqlite")
 @click.option("--out", type=FILE, metavar="PAGE.html", help="The page.  [default: beside the results]")
 @click.option(
+    "--reports",
+    is_flag=True,
+    help="Write report.html of the worst runs from their recordings, and link them.",
+)
+@click.option(
     "--text", is_flag=True, help="Print the report as text, and write no page unless --out names one."
 )
 @json_option
@@ -306,6 +314,7 @@ def hunt(
 def report(
     results: Path,
     out: Path | None,
+    reports: bool,
     text: bool,
     as_json: bool,
     junit: Path | None,
@@ -318,7 +327,7 @@ def report(
     """
     from hil_bridge.errors.text_files import harmless
     from hil_bridge.lab.campaign.digest import digest_of
-    from hil_bridge.lab.campaign.page import page
+    from hil_bridge.lab.campaign.page import page, write_reports
     from hil_bridge.lab.campaign.report_text import text_report
     from hil_bridge.lab.campaign.store import Store
     from hil_bridge.record.files import write_whole
@@ -328,6 +337,8 @@ def report(
     others = text or as_json or junit is not None or markdown is not None
     place = out if out is not None or others else results.parent / f"{results.stem}.html"
     with Store.open(results) as store:
+        if reports:
+            write_reports(store)
         if place is not None:
             write_whole(place, page(store, place).encode(), overwrite)
         digest = digest_of(store)

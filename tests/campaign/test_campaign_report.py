@@ -1,6 +1,7 @@
 """The reports of a campaign for people and for build servers: text, Markdown, JSON, JUnit; and its options."""
 
 import json
+import shutil
 import sqlite3
 from pathlib import Path
 from typing import Any
@@ -167,6 +168,20 @@ def test_campaign_writes_its_reports_and_names_the_worst_runs(short_results: Pat
     assert json.loads(as_json.stdout)["tally"]["failed"] == 4
 
 
+def test_failing_runs_are_linked_with_their_reports(short_results: Path, tmp_path: Path) -> None:
+    results = copy(short_results, tmp_path / "short.sqlite")
+    shutil.copytree(short_results.parent / "short-failed", tmp_path / "short-failed")
+    failing = [run for run in _runs(results) if not run.passed]
+    (tmp_path / "short-failed" / failing[0].recording).write_bytes(b"damaged")
+    invoke("report", results, "--reports", "--out", tmp_path / "page.html")
+    text = (tmp_path / "page.html").read_text()
+    for run in failing:
+        assert f'href="short-failed/{run.recording}">Recording</a>' in text
+        report = tmp_path / "short-failed" / run.key / "report.html"
+        assert report.is_file() == (run is not failing[0])
+        assert (f'href="short-failed/{run.key}/report.html">report</a>' in text) == report.is_file()
+
+
 def test_set_goes_over_the_settings_of_the_file(tmp_path: Path) -> None:
     path = plan_file(tmp_path)
     plan = read_plan(path, (), {"run.duration_s": 0.7, "cell.surface.stiffness_n_m": 9000.0})
@@ -184,6 +199,8 @@ def test_set_goes_over_the_settings_of_the_file(tmp_path: Path) -> None:
         with pytest.raises(PlanErrors, match=told):
             read_plan(path, (), {key: 1})
     assert invoke(path, "--set", "run.duration_s=0.7", "--check") == "short: 4 cases × 2 seeds = 8 runs\n"
+    counts = CliRunner().invoke(campaign, [str(path), "--check", "--json"], catch_exceptions=False)
+    assert json.loads(counts.stdout) == {"name": "short", "planned": 8, "cases": 4, "seeds": 2}
 
 
 def test_help_shows_options_by_group_and_then_the_commands() -> None:

@@ -10,6 +10,7 @@ from hil_bridge.api import load, simulate
 from hil_bridge.lab.campaign.page import page as render_page
 from hil_bridge.lab.campaign.store import Store
 from hil_bridge.record.analysis.summary import summarise
+from hil_bridge.show.pages import Axis, Chart, Charts, Series, document, in_script, room
 from hil_bridge.show.report import write_report
 from tools.chromium import Page
 from tools.web_run import Serving
@@ -103,6 +104,21 @@ async def test_a_band_of_a_report_is_one_entry_of_the_legend(page: Page, tmp_pat
     await page.value("document.querySelector('[data-chart=force] .u-series:last-child th').click()")
     assert await page.value(shown)
     assert await page.value(edge.format(count - 2))
+    assert page.errors == []
+
+
+async def test_an_axis_of_names_shows_them_alone(page: Page, tmp_path: Path) -> None:
+    """Places between two names have none, and the value under the cursor is the name."""
+    axis = Axis("results", "", names=["before", "between", "after"])
+    chart = Chart("passed", "Runs that passed", "%", [Series("all", "share", "all cells")], axis="place")
+    charts = Charts({"place": axis}, [chart], {"all": {"x": [0.0, 1.0, 2.0], "share": [80.0, 90.0, 100.0]}})
+    (tmp_path / "names.html").write_text(document("names", room("names", charts)))
+    await page.open((tmp_path / "names.html").as_uri())
+    await page.until("document.querySelectorAll('.uplot canvas').length === 1")
+    told = in_script(charts)
+    shown = f"""(() => {{ const made = HilCharts.draw(document.body.appendChild(document.createElement('div')), {told});
+      return [0, 1, 1.5, 2].map(x => made.at('place', x)); }})()"""
+    assert await page.value(shown) == ["before", "between", "", "after"]
     assert page.errors == []
 
 

@@ -28,12 +28,15 @@ from hil_bridge.lab.campaign.store import Done, Store
 from hil_bridge.lab.campaign.telling import describe_run, fault_of, faults_of_run, settings_of_run
 from hil_bridge.record import read
 from hil_bridge.record.analysis.figures import FIGURES
+from hil_bridge.record.analysis.summary import summarise
 from hil_bridge.record.analysis.why import why
 from hil_bridge.show.pages import document
+from hil_bridge.show.report import write_report
 from hil_bridge.show.report.markup import cells, pairs, prose
 
 WORST, OPEN = 30, 5
 """Failing runs that are told one by one, worst first, and those that need no click. Chosen: a person reads no more."""
+REPORT_NAME = "report.html"
 HARDEST = 10
 """Passing runs that are told, the largest true force first. Chosen."""
 
@@ -42,6 +45,30 @@ def page(store: Store, place: Path | None = None) -> str:
     """The page as HTML, of what is kept so far. `place` is its file, for links to recordings; None: no links."""
     folder = None if place is None else place.parent
     return document(page_title(store.plan()), PageBody(folder).render(store), charts=False)
+
+
+def report_place(store: Store, run: Done) -> Path:
+    """Where the page looks for the report of a run."""
+    return store.folder / run.key / REPORT_NAME
+
+
+def write_reports(store: Store) -> int:
+    """Write the reports of the runs that the page tells one by one, where their recordings are kept; how many it wrote.
+
+    A report that is there already stays as it is. A recording that cannot be read any more is left out.
+    """
+    written = 0
+    for run in worst_first(store.runs())[:WORST]:
+        place, recording = report_place(store, run), store.folder / run.recording
+        if not run.recording or place.exists() or not recording.is_file():
+            continue
+        try:
+            record = read(recording)
+        except BridgeError:
+            continue
+        write_report(record, summarise(record), place.parent)
+        written += 1
+    return written
 
 
 def page_title(plan: Plan) -> str:
@@ -121,7 +148,7 @@ median.</p>
         ended = f"{run.outcome}: {run.cause}" if run.cause else run.outcome
         unmet = [(FIGURES[one.figure].words, one.value, one.wanted) for one in unmet_by(plan, run)]
         return (
-            f"<article><p><strong>{escape(case.cell)}</strong>; {escape(faults_of_run(case, run))};"
+            f"<article><p><strong>{escape(case.cell)}</strong>; fault {escape(faults_of_run(case, run))};"
             f" seed {run.seed}</p>"
             f"{cells(('not met', 'value', 'wanted'), unmet, 'narrow unmet')}"
             f"{_render_drawn(run)}"
@@ -136,8 +163,7 @@ median.</p>
         if not run.recording or not (place := store.folder / run.recording).is_file():
             return ""
         parts = [self._link(place, "Recording")]
-        report = store.folder / run.key / "report.html"
-        if report.is_file():
+        if (report := report_place(store, run)).is_file():
             parts.append(self._link(report, "report"))
         return f"{', '.join(parts)}. "
 
