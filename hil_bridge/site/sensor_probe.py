@@ -90,7 +90,7 @@ class Stream:
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """What a sensor tells of itself and of its stream. Wrenches are in the sensor frame, N and N·m."""
+    """Facts that a sensor tells of itself and of its stream. Wrenches are in the sensor frame, N and N·m."""
 
     sensor: str
     """Its URL."""
