@@ -6,7 +6,8 @@ too, from one answer to the next. What is left is the delay of the controller, s
 
 The speed passes a low-pass, so the set point comes a little behind. The position of the reference would make up for
 that within 1/k, and a tool that comes to rest would go too far by as much. So the answer carries the position at which
-the low-pass has the set point now. Derived, for a filter of the first order. When this side falls silent
+the low-pass has the set point now, led back by no more than a slow tool needs: a quick one is to get away. Derived, for
+a filter of the first order. When this side falls silent
 on its way, the robot goes on with the last speed until the controller's time-out, but never farther than speed / k
 beyond the last reference, for the position term holds it there: 4 mm at 20 mm/s.
 
@@ -62,6 +63,8 @@ _EVENTS_MAX = 1024
 _NOWHERE = Pose((math.nan, math.nan, math.nan), (1.0, 0.0, 0.0, 0.0))
 LOW_PASS_HZ = 20.0
 """Bandwidth of the low-pass of a controller's speed. Source: its default, Default Low Pass Filter Bandwidth."""
+_LED_BACK_MM = 0.05
+"""Chosen: a position is led back by no more; that is the lag at 3.5 mm/s, above the usual speed of an approach."""
 _REST: Vector = (0.0, 0.0, 0.0)
 _STILL = (0.0,) * 6
 
@@ -349,12 +352,19 @@ class EgmClient:
         if before is None or not speed or not self._moving or self._stopped:
             self._filtered = _REST
             return reference
-        behind = self._cycle * self._kept / (1.0 - self._kept)
-        (x, y, z), (u, v, w) = before.position_mm, self._filtered
+        share = self._cycle * self._kept / (1.0 - self._kept)
+        lag = [
+            there - (was - share * held)
+            for there, was, held in zip(
+                reference.position_mm, before.position_mm, self._filtered, strict=True
+            )
+        ]
         kept = self._kept ** max(self._number - self._sent_number, 1)
         a, b, c = (new + kept * (old - new) for new, old in zip(speed[:3], self._filtered, strict=True))
         self._filtered = a, b, c
-        return reference._replace(position_mm=(x - behind * u, y - behind * v, z - behind * w))
+        part = min(1.0, _LED_BACK_MM / max(math.hypot(*lag), _LED_BACK_MM))
+        x, y, z = (there - part * back for there, back in zip(reference.position_mm, lag, strict=True))
+        return reference._replace(position_mm=(x, y, z))
 
     def _speed(self, reference: PoseMm) -> tuple[float, ...]:
         """Speed from the reference that was sent last to this one: mm/s, then degrees/s."""
