@@ -7,6 +7,10 @@ from enum import StrEnum
 from xml.etree import ElementTree
 
 _NOT_XML = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+REQUIREMENT, RECORDING = "hil_requirement", "hil_recording"
+"""Properties of a test case, as the plug-in of pytest writes them too: a requirement that it shows, and a recording of
+it. Each may stand several times.
+"""
 
 
 class Verdict(StrEnum):

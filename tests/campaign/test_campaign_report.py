@@ -17,6 +17,8 @@ from hil_bridge.lab.campaign.digest import Tally, digest_of
 from hil_bridge.lab.campaign.plan_file import PlanErrors, read_plan
 from hil_bridge.lab.campaign.report_text import markdown_report, text_report
 from hil_bridge.lab.campaign.store import Store
+from hil_bridge.lab.campaign.working import missing, work
+from hil_bridge.lab.requirements import Requirement, State, matrix_of, read_tests
 from tests.campaign.conftest import SHORT
 
 
@@ -129,6 +131,26 @@ def test_junit_has_a_test_case_a_run(short_results: Path, tmp_path: Path) -> Non
         if failure is not None:
             assert failure.get("message") == "outcome stopped, wanted completed"
             assert f"campaign rerun short.sqlite {run.key}" in (failure.text or "")
+
+
+def test_runs_of_a_campaign_show_requirements(tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text(SHORT.replace("[campaign]", '[campaign]\nrequirements = ["R-1", "R-2"]', 1))
+    plan = read_plan(file)
+    with Store.begin(tmp_path / "mine.sqlite", plan) as store:
+        work(plan, store, missing(plan, store), workers=1)
+    invoke("report", tmp_path / "mine.sqlite", "--junit", tmp_path / "runs.xml")
+    tests = read_tests(tmp_path / "runs.xml")
+    matrix = matrix_of([Requirement("R-1", "one"), Requirement("R-2", "two")], tests)
+    assert [(row.state, len(row.tests)) for row in matrix.rows] == [(State.FAILED, 8), (State.FAILED, 8)]
+
+
+@pytest.mark.parametrize("wrong", ['"R-1"', '[""]', "[1]", '["a\\u0007"]'])
+def test_requirements_of_a_campaign_are_names(tmp_path: Path, wrong: str) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text(SHORT.replace("[campaign]", f"[campaign]\nrequirements = {wrong}", 1))
+    with pytest.raises(ConfigError, match='requirements must be a list of names such as "R-12"'):
+        read_plan(file)
 
 
 def test_markdown_is_a_summary_for_a_build_server(short_results: Path, tmp_path: Path) -> None:

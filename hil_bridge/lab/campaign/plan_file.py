@@ -30,6 +30,7 @@ _ONLY_FAULT = ("faults", "0")
 """Key of a fault that is the only one of a configuration."""
 _KEYS = (
     "name",
+    "requirements",
     "seeds",
     "cases_per_seed",
     "faults_per_run",
@@ -100,6 +101,7 @@ class _Reading:
         if type(share) is not int or share < 0:
             self._wrong("campaign.cases_per_seed", f"must be a whole number, got {format_value(share)}")
         criteria = self._criteria(campaign.get("criteria", {}))
+        required = self._requirements(campaign.get("requirements", []))
         base = self._base(campaign.get("config"))
         cells = self._cells(campaign.get("matrix", {}))
         draw = self._draw(campaign)
@@ -113,7 +115,7 @@ class _Reading:
                 cases = [replace(case, fault=DRAWN) for case in cases]
         if self._problems:
             raise PlanErrors(self._problems)
-        plan = Plan(name, seeds, tuple(cases), criteria, share, draw)
+        plan = Plan(name, seeds, tuple(cases), criteria, share, draw, required)
         if share > len(plan.possible):
             self._wrong("campaign.cases_per_seed", f"is more than the {len(plan.possible)} cases there are")
         if plan.count > RUNS_LIMIT:
@@ -124,6 +126,14 @@ class _Reading:
 
     def _wrong(self, key: str, text: str) -> None:
         self._problems.append(f"{self._source}: {key} {text}")
+
+    def _requirements(self, given: object) -> tuple[str, ...]:
+        names = given if isinstance(given, list) else [None]
+        if all(isinstance(name, str) and name.strip() and name.isprintable() for name in names):
+            return tuple(names)
+        wanted = 'must be a list of names such as "R-12"'
+        self._wrong("campaign.requirements", f"{wanted}, got {format_value(given)}")
+        return ()
 
     def _seeds(self, given: object) -> tuple[int, ...]:
         """A list of numbers, or `{ from = 1, to = 50 }`, both ends included."""

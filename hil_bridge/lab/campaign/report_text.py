@@ -8,7 +8,7 @@ from hil_bridge.lab.campaign.criteria import figure_text
 from hil_bridge.lab.campaign.digest import Digest, FailedRun, Tally, unmet_by
 from hil_bridge.lab.campaign.store import Store
 from hil_bridge.lab.campaign.telling import faults_of_run
-from hil_bridge.lab.junit import JunitCase, Verdict, encode_junit
+from hil_bridge.lab.junit import REQUIREMENT, JunitCase, Verdict, encode_junit
 from hil_bridge.lab.text_tables import aligned, markdown_table
 from hil_bridge.record.analysis.figures import FIGURES, UNKNOWN
 
@@ -150,6 +150,7 @@ def markdown_report(digest: Digest) -> str:
 def junit_report(store: Store, digest: Digest) -> bytes:
     """The report as JUnit XML: a test case a run, its figures as properties."""
     plan, cases = store.plan(), []
+    required = [(REQUIREMENT, name) for name in plan.requirements]
     for run in store.runs():
         case, unmet = plan.cases[run.number], "; ".join(one.text for one in unmet_by(plan, run))
         verdict = Verdict.PASSED
@@ -164,7 +165,11 @@ def junit_report(store: Store, digest: Digest) -> bytes:
                 verdict,
                 unmet or run.cause,
                 "\n".join(filter(None, lines)),
-                [("key", run.key), *((key, figure_text(value)) for key, value in run.figures.items())],
+                [
+                    *required,
+                    ("key", run.key),
+                    *((key, figure_text(value)) for key, value in run.figures.items()),
+                ],
             )
         )
     return encode_junit(f"hil-bridge campaign {plan.name}", cases, digest.facts.items())

@@ -151,6 +151,7 @@ class Store:
             "cases_per_seed": str(plan.cases_per_seed),
             "draw": "" if plan.draw is None else plan.draw.text,
             "criteria": json.dumps([[item.figure, item.wanted] for item in plan.criteria]),
+            "requirements": json.dumps(plan.requirements),
         }
         rows = [
             (number, case.cell, case.head, case.fault, case.phase, case.config, case.table, case.impossible)
@@ -261,7 +262,8 @@ class Store:
             if (share := int(self.fact("cases_per_seed") or 0)) < 0:
                 raise ValueError(f"{share} cases for each seed")
             draw = Draw.read(text) if (text := self.fact("draw")) else None
-            return Plan(self.fact("name"), self.seeds(), cases, criteria, share, draw)
+            required = msgspec.json.decode(self.fact("requirements") or "[]", type=tuple[str, ...])
+            return Plan(self.fact("name"), self.seeds(), cases, criteria, share, draw, required)
 
     def seeds(self) -> tuple[int, ...]:
         """Seeds that the campaign has now; a later start may add some. Raises ConfigError."""
