@@ -60,7 +60,7 @@ LATENCY: dict[str, dict[str, Any]] = {
 
 
 def linear(weights: Sequence[float]) -> Callable[[Any], Any]:
-    """The policy with these weights: tanh(w · (error, its rate, way ahead))."""
+    """The policy with these weights: tanh(w · (error, rate of the force, way ahead))."""
     gains = np.asarray(weights, np.float64) / SCALES
     error, change, dt, ahead = (PLACE[name] for name in ("error_n", "change_n", "dt_s", "ahead_m"))
 
