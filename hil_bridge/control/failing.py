@@ -26,7 +26,8 @@ def blame_error(controller: Controller[Any], error: BaseException) -> Failed:
 def blame_answer(controller: Controller[Any], command: Command) -> Failed:
     """It answered with a command that is no number, or so far away that it cannot be meant."""
     place = place_of_method(controller, "step")
-    said = f"it commands {command.position} m"
+    aside = f" and {command.across} m aside" if command.across else ""
+    said = f"it commands {command.position} m{aside}"
     return _blame(controller, f"{said}{place and f' ({place})'}")
 
 

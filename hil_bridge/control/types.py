@@ -107,8 +107,8 @@ class Command(Struct, frozen=True):
     explanation: dict[str, float] = {}
     """Further numbers that explain the answer (quantised levels, …), by name, for the record."""
     across: float = 0.0
-    """Way along the third direction of the work frame that this sample adds, m. A program, which leads the way itself,
-    leaves it out.
+    """Way along the third direction of the work frame that this sample adds, m; no more than the travel's speed
+    (`task.speed_mm_s`) allows. A program, which leads the way itself, leaves it out.
     """
 
 

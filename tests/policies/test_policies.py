@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from msgspec.structs import replace
 
 import hil_bridge
 import hil_bridge.gym
@@ -107,16 +108,30 @@ def test_action_beyond_its_range_is_cut() -> None:
     assert controller.step(state, unknown, 10.0)[1].correction == 0.0
 
 
-def test_guard_holds_back_the_way_aside() -> None:
-    policy = PolicyController(lambda observation: [0.0, 1.0], ("along", "across"), 60.0)
+@pytest.mark.parametrize("speed_mm_s", [60.0, 1e12])
+def test_a_way_aside_is_no_faster_than_the_travel(speed_mm_s: float) -> None:
+    """What was commanded in excess would carry the tool aside while it retracts."""
+    policy = PolicyController(lambda observation: [0.0, 1.0], ("along", "across"), speed_mm_s)
     result = hil_bridge.simulate({**SHORT, "robot": {"velocity_mm_s": 80.0}}, controller=policy, seed=2)
-    held = [cycle for cycle in result.cycles if any("across faster than" in one for one in cycle.reasons)]
-    assert held
-    before = {cycle.cycle: cycle for cycle in result.cycles}
-    for cycle in held:
-        step = math.dist(cycle.target, before[cycle.cycle - 1].target)
-        assert cycle.sample is not None
-        assert step <= 27.5e-3 * 0.36 + 12e-3 * 0.36
+    aside = [cycle.across_commanded for cycle in result.cycles]
+    times = [cycle.started_at for cycle in result.cycles]
+    assert aside[-1] > 1e-3
+    for k in range(1, len(aside)):
+        assert abs(aside[k] - aside[k - 1]) <= 5.5e-3 * 2.0 * (times[k] - times[k - 1]) + 1e-9
+    ends = [cycle.across_commanded for cycle in result.cycles if cycle.phase == "retract"]
+    assert len(set(ends)) == 1, "the retraction goes straight back"
+
+
+def test_a_way_aside_that_is_no_number_is_a_controller_that_fails() -> None:
+    class Lost(PolicyController):
+        def step(self, state, measurement, reference):  # type: ignore[no-untyped-def]
+            memory, command = super().step(state, measurement, reference)
+            return memory, replace(command, across=math.inf)
+
+    result = hil_bridge.simulate(SHORT, controller=Lost(lambda observation: [0.0]), seed=2)
+    assert result.cause is Cause.CONTROLLER
+    assert "inf m aside" in result.text
+    assert result.retracted
 
 
 def test_observation_stays_in_its_range() -> None:

@@ -314,6 +314,8 @@ class Task:
             measurement.sample,
         )
         memory, command = as_answer(self.controller.step(state.controller, seen, reference))
+        # no faster than the travel: what the guard cuts off would be made up for while the tool retracts
+        most = self.parameters.speed_mm_s * 1e-3 * measurement.dt
         if state.in_contact:
             state = TaskState(
                 state.phase,
@@ -333,7 +335,7 @@ class Task:
                 state.doubt,
                 touch,
                 state.yielded,
-                state.across + command.across,
+                state.across + min(max(command.across, -most), most),
             )
             output = _output(state, command.position, _TRACK, command)
             if travel > self.parameters.travel_limit_mm * 1e-3 - _ROUNDING:
