@@ -124,7 +124,7 @@ def test_a_way_aside_is_no_faster_than_the_travel(speed_mm_s: float) -> None:
 
 def test_a_way_aside_that_is_no_number_is_a_controller_that_fails() -> None:
     class Lost(PolicyController):
-        def step(self, state, measurement, reference):  # type: ignore[no-untyped-def]
+        def step(self, state, measurement, reference):
             memory, command = super().step(state, measurement, reference)
             return memory, replace(command, across=math.inf)
 
