@@ -7,7 +7,7 @@ import click
 from hil_bridge.cli.options import overwrite_option
 from hil_bridge.cli.paths import FILE
 
-FORMAT_NAMES = ("candump", "blf", "asc", "dbc", "bytes", "csv", "parquet", "rosbag2")
+FORMAT_NAMES = ("candump", "blf", "asc", "dbc", "bytes", "csv", "parquet", "rosbag2", "mf4")
 
 
 def _formats(_context: click.Context, _parameter: click.Parameter, given: str) -> tuple[str, ...]:
@@ -28,7 +28,7 @@ def _formats(_context: click.Context, _parameter: click.Parameter, given: str) -
     default="",
     metavar="FORMAT,…",
     help=f"{', '.join(FORMAT_NAMES)}.  [default: all that the recording has something for, "
-    "but dbc, parquet and rosbag2]",
+    "but dbc, parquet, rosbag2 and mf4]",
 )
 @click.option(
     "--out", type=FILE, metavar="DIR", help="Where to put the files.  [default: beside the recording]"
@@ -65,6 +65,8 @@ def export(
     parquet  .parquet      the same tables; needs `pip install "hil-bridge[parquet]"`
     rosbag2  .rosbag2/     a bag of ROS 2 without ROS; UNIX time, or from --epoch;
                            needs `pip install "hil-bridge[ros]"`
+    mf4      .mf4          a measurement of ASAM with units, comments, events; run's clock;
+                           needs `pip install "hil-bridge[mdf]"`
 
     The last line tells the UNIX time at which the run's clock was 0. `canplayer -I run.log vcan0=can0` plays the CAN
     frames back. Files that are there already are kept, unless --overwrite is given.

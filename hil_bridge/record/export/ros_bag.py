@@ -26,6 +26,7 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.record import CycleRecord, EventRecord, Recording, SensorRecord, TruthRecord
 from hil_bridge.record.device_facts import devices_of
 from hil_bridge.record.ending import ALARMS, CAUTIONS
+from hil_bridge.record.scenes import whole_text
 from protocol.wrench import wrench_of
 
 BAG_NAME = "bag"
@@ -177,15 +178,15 @@ class _Messages:
         values["cause"] = "" if event.cause is None else event.cause.value
         values["fault"] = "" if event.fault is None else event.fault.title
         pairs = [
-            self._make("diagnostic_msgs/msg/KeyValue", key, _plain(text))
+            self._make("diagnostic_msgs/msg/KeyValue", key, whole_text(text))
             for key, text in values.items()
             if text
         ]
         status = self._make(
             "diagnostic_msgs/msg/DiagnosticStatus",
             level,
-            f"hil_bridge: {_plain(event.kind)}",
-            _plain(event.line),
+            f"hil_bridge: {whole_text(event.kind)}",
+            whole_text(event.line),
             "hil_bridge",
             pairs,
         )
@@ -239,8 +240,3 @@ class _Messages:
 
     def _make(self, kind: str, *fields: Any) -> Any:
         return self._types[kind](*fields)
-
-
-def _plain(text: str) -> str:
-    """The same with half characters, as undecodable bytes of a path leave them, written out."""
-    return text.encode(errors="backslashreplace").decode()
