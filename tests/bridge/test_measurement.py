@@ -1,6 +1,8 @@
 """A recording as a measurement of ASAM, and a CAN log with its DBC file, opened by asammdf."""
 
+import math
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,11 +11,13 @@ import cantools
 import numpy as np
 import pytest
 from asammdf import MDF
+from msgspec import structs
 
 from hil_bridge.errors import ConfigError
 from hil_bridge.record import read
 from hil_bridge.record.device_facts import devices_of
 from hil_bridge.record.export import export
+from hil_bridge.record.export.measurement import measurement
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute
 from hil_bridge.settings.configuration import read_config
@@ -57,7 +61,8 @@ def test_channels_are_those_of_the_recording(made: Path) -> None:
 def test_a_group_has_one_rate_and_the_file_a_start(made: Path) -> None:
     recording = read(made)
     with MDF(made.with_suffix(".mf4")) as file:
-        groups = {group.channel_group.acq_name: group.channel_group.cycles_nr for group in file.groups}
+        held: Any = file.groups
+        groups = {group.channel_group.acq_name: group.channel_group.cycles_nr for group in held}
         assert groups == {
             "sensor": len(recording.sensors),
             "cycle": len(recording.cycles),
@@ -70,13 +75,30 @@ def test_a_group_has_one_rate_and_the_file_a_start(made: Path) -> None:
 def test_events_are_in_the_table_of_the_file_and_a_group(made: Path) -> None:
     events = sorted(read(made).events, key=lambda event: event.at)
     with MDF(made.with_suffix(".mf4")) as file:
-        found: Any = file._mdf.events  # the table has no public name
+        inner: Any = file._mdf  # the table has no public name
+        found = inner.events
         told = [(one.sync_base * one.sync_factor, one.name, one.comment) for one in found]
         assert [(name, comment) for _, name, comment in told] == [(one.kind, one.text) for one in events]
         assert [at for at, _, _ in told] == pytest.approx([one.at for one in events], abs=2e-9)
         kinds = file.get("event.kind")
         assert [bytes(kind).decode() for kind in kinds.samples] == [event.kind for event in events]
         assert [*kinds.timestamps] == [event.at for event in events]
+
+
+@pytest.mark.parametrize("zero_ns", [-1, 1 << 63])
+def test_a_time_that_a_measurement_cannot_hold_is_refused(made: Path, zero_ns: int) -> None:
+    with pytest.raises(ConfigError, match=r"^its time is none that a measurement can hold"):
+        measurement(replace(read(made), unix_zero_ns=zero_ns))
+
+
+def test_events_without_a_time_are_left_out(made: Path) -> None:
+    recording = read(made)
+    lost = [structs.replace(recording.events[0], at=at) for at in (math.nan, math.inf, 9.9e9)]
+    data, _ = measurement(replace(recording, events=(*lost, *recording.events)))
+    path = made.with_name("lost.mf4")
+    path.write_bytes(data)
+    with MDF(path) as file:
+        assert len(file.get("event.kind")) == len(recording.events)
 
 
 def test_without_asammdf_a_measurement_is_refused_in_one_line(

@@ -3,6 +3,7 @@
 import math
 import sys
 from collections import defaultdict
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +11,13 @@ import pytest
 from click.testing import CliRunner
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
+from msgspec import structs
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
 from hil_bridge.cli import cli
 from hil_bridge.errors import ConfigError
-from hil_bridge.record import Recording, read
+from hil_bridge.record import Recording, read, read_with_traffic
 from hil_bridge.record.device_facts import devices_of
 from hil_bridge.record.export import Choices, export
 from hil_bridge.record.export.ros_bag import TOPICS
@@ -174,6 +176,21 @@ def test_a_time_that_a_stamp_cannot_hold_is_refused_in_one_line(made: Path, tmp_
     with pytest.raises(ConfigError, match=r"^[^\n]+a stamp of ROS 2 cannot hold [^\n]+ give --epoch"):
         export(made, ("rosbag2",), tmp_path / "out", choices=Choices(epoch_s=float(1 << 31)))
     assert not (tmp_path / "out").exists()
+
+
+def test_a_number_out_of_range_is_refused_in_one_line(
+    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recording, traffic = read_with_traffic(made)
+    frame = structs.replace(recording.sensors[0], counts=(10**400, 0, 0, 0, 0, 0))
+    damaged = replace(recording, sensors=(frame,))
+    monkeypatch.setattr("hil_bridge.record.export.files.read_with_traffic", lambda _: (damaged, traffic))
+    for name in ("rosbag2", "mf4", "csv"):
+        with pytest.raises(
+            ConfigError, match=r"^[^\n]+ it holds a number that is out of range; is it damaged\?$"
+        ):
+            export(made, (name,), tmp_path)
+    assert not [*tmp_path.iterdir()]
 
 
 def test_a_bag_that_is_there_is_kept(made: Path) -> None:

@@ -196,6 +196,10 @@ def export(
         made = [one for name in dict.fromkeys(chosen) for one in FORMATS[name].make(source)]
     except ConfigError as error:
         raise ConfigError(f"cannot export {path}: {error}") from error
+    except OverflowError as error:  # JSON has whole numbers of any length
+        raise ConfigError(
+            f"cannot export {path}: it holds a number that is out of range; is it damaged?"
+        ) from error
     places = [folder / f"{path.stem}{one.suffix}" for one in made]
     for parent in dict.fromkeys([folder, *(place.parent for place in places)]):
         _make_folder(parent)

@@ -4,7 +4,6 @@ A group holds the channels of one rate: `sensor`, `cycle`, `truth`, and `event` 
 run's clock was 0, and the file's start time is the UTC time of that moment. Events stand in the file's own table too.
 """
 
-import math
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
@@ -19,7 +18,7 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.record import CycleRecord, EventRecord, Recording, SensorRecord, TruthRecord
 from hil_bridge.record.analysis.columns import Columns
 from hil_bridge.record.device_facts import devices_of
-from hil_bridge.record.export.tables import sensor_table
+from hil_bridge.record.export.tables import COLUMNS_MAX, sensor_table
 from hil_bridge.record.field_docstrings import field_docstrings
 from hil_bridge.record.scenes import whole_text
 
@@ -45,6 +44,8 @@ _ENCODINGS: Mapping[str, str] = {"S": "utf-8"}
 """Encoding of values, by the kind of NumPy's type."""
 _NS = 1e-9
 """Step of an event's time, s. Chosen."""
+_TIME_MAX_NS = 1 << 63
+"""A time lies below this, ns. Source: the event block of MDF 4 has 64 bits with a sign."""
 
 
 def measurement(recording: Recording) -> tuple[bytes, int]:
@@ -61,6 +62,10 @@ def measurement(recording: Recording) -> tuple[bytes, int]:
             'a measurement needs the package asammdf; `pip install "hil-bridge[mdf]"`'
         ) from error
     groups = dict(_groups(recording))
+    if not 0 <= recording.unix_zero_ns < _TIME_MAX_NS:
+        raise ConfigError("its time is none that a measurement can hold; give --to csv")
+    if sum(len(channels) for _, channels in groups.values()) > COLUMNS_MAX:
+        raise ConfigError(f"it has more than {COLUMNS_MAX} channels; the controller explains itself too much")
     if not groups:
         raise ConfigError("it holds nothing to measure; give --to bytes")
     with tempfile.TemporaryDirectory() as folder, MDF(version="4.10") as file:
@@ -72,7 +77,7 @@ def measurement(recording: Recording) -> tuple[bytes, int]:
                 Signal(
                     values,
                     times,
-                    name=f"{name}.{key}",
+                    name=whole_text(f"{name}.{key}"),
                     unit=unit,
                     comment=comment,
                     encoding=_ENCODINGS.get(values.dtype.kind),
@@ -138,7 +143,9 @@ def _records(records: Sequence[Struct], kind: type[Struct], time: str) -> tuple[
 
 def _timed(events: Sequence[EventRecord]) -> list[EventRecord]:
     """Events whose time is known, in order."""
-    return sorted((event for event in events if math.isfinite(event.at)), key=lambda event: event.at)
+    return sorted(
+        (event for event in events if abs(event.at) < _TIME_MAX_NS * _NS), key=lambda event: event.at
+    )
 
 
 def _events(events: Sequence[EventRecord]) -> tuple[NDArray[Any], list[_Channel]]:
