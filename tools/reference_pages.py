@@ -14,7 +14,7 @@ import hil_bridge
 from hil_bridge import api
 from hil_bridge.cli import cli
 from hil_bridge.cli.plugins import controller_facts
-from hil_bridge.control.controllers import CONTROLLERS
+from hil_bridge.control.controllers import OURS
 from hil_bridge.devices.kinds import ROBOTS, SENSORS
 from hil_bridge.record.ending import ALARMS, CAUTIONS, EVENT_KINDS
 from hil_bridge.record.scenes import SCENE_TOPICS
@@ -200,7 +200,7 @@ def controllers() -> str:
         "names: `_n` is N, `_mm` is mm. `hil-bridge controllers` lists those of other packages too. "
         "[How do I write a controller?](../../how-to/controllers.md) tells how one is made.",
     ]
-    for name in CONTROLLERS:
+    for name in OURS:
         facts = controller_facts(name)
         parts += [
             f"## {name}",

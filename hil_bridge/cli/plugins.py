@@ -68,12 +68,12 @@ def controllers(name: str | None, as_json: bool) -> None:
 
 def _rows(with_own: bool) -> list[dict[str, str]]:
     """Everything that can be chosen, by thing and name."""
-    from hil_bridge.control.controllers import CONTROLLERS, GROUP, controller_kind, trial
+    from hil_bridge.control.controllers import GROUP, OURS, controller_kind, trial
     from hil_bridge.devices.kinds import ROBOTS, SENSORS, SURFACES
     from hil_bridge.errors import ConfigError
     from hil_bridge.errors.plugins import offers
 
-    found: list[tuple[str, Any, str, list[str]]] = [("controller", controller_kind, GROUP, list(CONTROLLERS))]
+    found: list[tuple[str, Any, str, list[str]]] = [("controller", controller_kind, GROUP, list(OURS))]
     found += [(one.thing, one.kind, one.group, list(one.built_in)) for one in (ROBOTS, SENSORS, SURFACES)]
     rows = []
     for thing, choose, group, own in found:
@@ -112,14 +112,14 @@ def controller_facts(name: str) -> dict[str, Any]:
     """A controller with its parameters. Raises ConfigError for an unknown name and a broken package."""
     import dataclasses
 
-    from hil_bridge.control.controllers import CONTROLLERS, GROUP, controller_kind, sample_time
+    from hil_bridge.control.controllers import GROUP, OURS, controller_kind, sample_time
     from hil_bridge.control.types import Tuning
     from hil_bridge.errors.plugins import offers
     from hil_bridge.record.field_docstrings import field_docstrings
 
     kind: Any = controller_kind(name)
     texts = field_docstrings(kind)
-    package = OWN if name in CONTROLLERS else {one: owner for one, owner, _ in offers(GROUP)}[name]
+    package = OWN if name in OURS else {one: owner for one, owner, _ in offers(GROUP)}[name]
     tunings = [tuning for tuning in getattr(kind, "tunings", ()) if isinstance(tuning, Tuning)]
     return {
         "name": name,

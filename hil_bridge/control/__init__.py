@@ -22,7 +22,7 @@ from hil_bridge.control.course.verdict import (
     Verdict,
 )
 from hil_bridge.control.course.zero import Reading, lift_fault, reading, weight_fault, weight_reading
-from hil_bridge.control.decision import Decision, LoopState, Proposal, Sample
+from hil_bridge.control.decision import Decision, LoopState, Proposal
 from hil_bridge.control.geometry.frames import (
     force_along,
     quaternion_of,
@@ -55,6 +55,7 @@ from hil_bridge.control.laws.predictive import Predictive, PredictiveState
 from hil_bridge.control.laws.rules import PAPER_RULES, RuleBase, parse_rules, read_rules, rules_as_toml
 from hil_bridge.control.laws.stiffness import Pairing, Stiffness
 from hil_bridge.control.loop import ControlLoop
+from hil_bridge.control.sample import Sample
 from hil_bridge.control.types import Command, Controller, Measurement, numeric_explanation
 
 __all__ = [

@@ -13,6 +13,7 @@ from typing import Any, cast
 
 from hil_bridge.control.laws.fuzzy_control import FuzzyAdaptive, FuzzyPi, ResolutionAware
 from hil_bridge.control.laws.linear import Admittance, Pi
+from hil_bridge.control.laws.policy import PolicyFile
 from hil_bridge.control.laws.predictive import Predictive
 from hil_bridge.control.types import SAMPLE_MS, Controller, Measurement, as_command
 from hil_bridge.errors import ConfigError
@@ -24,24 +25,28 @@ GROUP = "hil_bridge.controllers"
 CONTROLLERS: Mapping[str, Callable[..., Controller[Any]]] = MappingProxyType(
     {kind.name: kind for kind in (FuzzyPi, FuzzyAdaptive, ResolutionAware, Pi, Admittance, Predictive)}
 )
-"""Every controller of ours by the name under which a configuration chooses it."""
+"""Every controller of ours that has defaults, by the name under which a configuration chooses it."""
+OF_FILES: Mapping[str, Callable[..., Controller[Any]]] = MappingProxyType({PolicyFile.name: PolicyFile})
+"""Those whose law stands in a file."""
+OURS: Mapping[str, Callable[..., Controller[Any]]] = MappingProxyType({**CONTROLLERS, **OF_FILES})
+"""All of ours."""
 
 
 def controller_names() -> list[str]:
     """Names of all controllers: ours, then those of other packages."""
-    return [*CONTROLLERS, *plugin_names(GROUP)]
+    return [*OURS, *plugin_names(GROUP)]
 
 
 def controller_kind(name: str) -> Callable[..., Controller[Any]]:
     """Our controller or that of another package. Raises ConfigError for a name that no package or too many
     offer, and for a package that is broken.
     """
-    found = find_plugin(GROUP, "controller", name, CONTROLLERS)
+    found = find_plugin(GROUP, "controller", name, OURS)
     if found is not None:
         return _check(found, name)
-    if name not in CONTROLLERS:
+    if name not in OURS:
         raise ConfigError(f"there is no controller {name!r}; choose one of {', '.join(controller_names())}")
-    return CONTROLLERS[name]
+    return OURS[name]
 
 
 def make_controller(name: str, **parameters: Any) -> Controller[Any]:

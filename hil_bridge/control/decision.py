@@ -1,8 +1,6 @@
-"""The values of one cycle's decision: sample, state, proposal and decision. Plain values."""
+"""The values of one cycle's decision: state, proposal and decision. Plain values."""
 
-from typing import Annotated
-
-from msgspec import Meta, Struct
+from msgspec import Struct
 
 from hil_bridge.control.course.contour import ContourState
 from hil_bridge.control.course.following import Trail
@@ -11,71 +9,8 @@ from hil_bridge.control.course.task import Target, TaskOutput, TaskState
 from hil_bridge.control.course.verdict import Clamp, Stop, SupervisorState, Verdict
 from hil_bridge.control.program.state import Felt
 from hil_bridge.control.types import Measurement
-from hil_bridge.errors.causes import Cause, Reason
+from hil_bridge.errors.causes import Reason
 from protocol.geometry import Quaternion, Vector
-
-
-class Sample(Struct, frozen=True):
-    """Measurements of one cycle."""
-
-    now: float
-    """When it is looked at, s on the run's clock."""
-    position: Vector
-    """Reported tool position, base frame, m."""
-    force: float
-    """Contact force along the approach direction, N, positive while pressing."""
-    resultant: float
-    """Length of the force vector, N."""
-    sensor_at: float
-    """When the sensor frame arrived, s on the run's clock, less the lateness that its stream has shown."""
-    sensor_sequence: int
-    """Counter of the frame, unwrapped."""
-    repeated_frames: int = 0
-    """Number of newest frames in a row with identical counts: for the record alone."""
-    saturated: bool = False
-    """An axis is at the end of its range."""
-    dead_axis: str = ""
-    """Which axis of the controlled force does not live, in words; empty while all do."""
-    fault: str = ""
-    """Fault of a device, in words; empty while there is none."""
-    force_travel: float = 0.0
-    """Contact force along the travel direction, N, positive where the surface pushes against the travel."""
-    wrench: Annotated[tuple[float, ...], Meta(max_length=6)] = ()
-    """The whole contact wrench, tool frame, N and N·m: for the record alone."""
-    position_at: float | None = None
-    """When `position` was true, s on the run's clock; None where that is not known."""
-    paired_force: float | None = None
-    """Contact force along the approach direction at that moment, N; None where none is known."""
-    peak_force: float = 0.0
-    """Force along the approach direction farthest from 0 of all frames since the decision before, N. It counts from the
-    zero, or from the reading before the zero, whichever is more.
-    """
-    peak_resultant: float = 0.0
-    """Largest length of the force vector of these frames, likewise, N."""
-    peak_moment: float = 0.0
-    """Largest length of the moment vector of these frames, N·m."""
-    tilt: float | None = None
-    """Turn of the reported orientation from that of the start, rad; None where the pose is not judged."""
-    gap: float = 0.0
-    """Longest time for which the computer stood still since the decision before, or this one lasted, s."""
-    unchanged: float = 0.0
-    """Time for which the newest frames have carried identical counts, s."""
-    quaternion: Annotated[tuple[float, ...], Meta(max_length=4)] = ()
-    """Reported orientation, tool in base, w x y z; empty in recordings of earlier versions."""
-    held: bool = False
-    """A person holds the tool in its place on the surface: the force is controlled, the way does not go on."""
-    witness: float | None = None
-    """Contact force along the approach direction as the robot itself feels it, from its own zero, N; None where it
-    tells none.
-    """
-    doubt: Annotated[int, Meta(ge=0, le=2)] = 0
-    """Why a touch that shows now must be proven: a number of `Doubt`."""
-    overdue: float = 0.0
-    """Time by which the next frame comes later than the facts of the sensor say, s; 0 while it does not."""
-    fault_cause: Cause | None = None
-    """Row of the table of causes for `fault`; None while there is none."""
-    fault_remedy: str = ""
-    """Further facts about `fault`, and its remedy, in words."""
 
 
 class LoopState(Struct, frozen=True):

@@ -25,10 +25,11 @@ from hil_bridge.control.course.verdict import (
     Stop,
     Verdict,
 )
-from hil_bridge.control.decision import Decision, LoopState, Proposal, Sample
+from hil_bridge.control.decision import Decision, LoopState, Proposal
 from hil_bridge.control.failing import Failed, blame_answer, blame_error, farthest_answer
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.state import Felt
+from hil_bridge.control.sample import Sample
 from hil_bridge.control.types import SAMPLE_MS, Measurement
 from hil_bridge.errors.causes import Cause, Reason
 from hil_bridge.errors.failures import RAISED, raise_if_asked
@@ -112,6 +113,7 @@ class ControlLoop:
             saturated=sample.saturated,
             dt=self.since(state.seen_at, sample.now),
             against=0.0 if program is not None else sample.force_travel,
+            sample=sample,
         )
         contour, before, felt = _NO_CONTOUR, state.task, None
         before = before if sample.doubt == before.doubt else replace(before, doubt=Doubt(sample.doubt))
@@ -270,7 +272,7 @@ class ControlLoop:
             # neither holds for what is no number; a sum with what is huge would lose where the tool is
             limits, way = self.supervisor.limits, abs(command.position - measurement.commanded)
             meant = way <= limits.correction_total_mm * 1e-3 or way <= farthest_answer(limits)
-            if meant and math.isfinite(command.correction):
+            if meant and math.isfinite(command.correction + command.across):
                 return task, output, None
             failed = blame_answer(self.task.controller, command)
         except RAISED as error:

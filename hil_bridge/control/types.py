@@ -10,6 +10,8 @@ from typing import Any, NamedTuple, Protocol, TypeVar
 
 from msgspec import Struct
 
+from hil_bridge.control.sample import Sample
+
 SAMPLE_MS = 180.0
 """Sample time that a controller is taken to be tuned for when it declares none. Source: the paper's chain, whose cycle
 takes 172 … 187 ms on the computer link at 9600 baud.
@@ -74,6 +76,8 @@ class Measurement(Struct, frozen=True):
     """Time since the sample before, s, at most twice the controller's sample time; that time for the first sample."""
     against: float = 0.0
     """Contact force against the travel, N; 0 where a program leads the way."""
+    sample: Sample | None = None
+    """The whole sample: wrench, pose, ages, states; None where a controller is tried without a run."""
 
     @property
     def is_finite(self) -> bool:
@@ -102,6 +106,10 @@ class Command(Struct, frozen=True):
     """True when the controller rests in its dead band: no position that the robot can take is nearer."""
     explanation: dict[str, float] = {}
     """Further numbers that explain the answer (quantised levels, …), by name, for the record."""
+    across: float = 0.0
+    """Way along the third direction of the work frame that this sample adds, m. A program, which leads the way itself,
+    leaves it out.
+    """
 
 
 def as_answer(answer: Any) -> tuple[Any, Command]:
@@ -124,6 +132,7 @@ def as_command(answer: Any) -> Command:
         and (answer.stiffness is None or type(answer.stiffness) is float)
         and type(answer.held) is bool
         and type(answer.explanation) is dict
+        and type(getattr(answer, "across", 0.0)) is float
     ):
         command: Command = answer
         return command
@@ -134,6 +143,7 @@ def as_command(answer: Any) -> Command:
         float(answer.gain),
         bool(answer.held),
         dict(answer.explanation),
+        float(getattr(answer, "across", 0.0)),
     )
 
 

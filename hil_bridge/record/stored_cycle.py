@@ -9,7 +9,7 @@ from typing import Any, Final
 import msgspec
 from msgspec import UNSET, Struct, UnsetType, structs
 
-from hil_bridge.control.decision import Sample
+from hil_bridge.control.sample import Sample
 from hil_bridge.record.records import CycleRecord
 
 SHARED: Final[Mapping[str, str]] = {

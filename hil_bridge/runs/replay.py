@@ -13,11 +13,13 @@ from msgspec.structs import replace
 from pydantic import ValidationError
 
 from hil_bridge.control import Decision
+from hil_bridge.control.types import Controller
 from hil_bridge.errors import Cause, ConfigError, Reason
 from hil_bridge.errors.text_files import parse_json
 from hil_bridge.record import CycleRecord, Recording
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config, explain, read_config, read_values
+from hil_bridge.settings.given import config_of
 from hil_bridge.settings.program import with_program
 from protocol.geometry import Vector
 
@@ -46,9 +48,12 @@ class ReplayedCycle:
         return {name: pair for name, pair in pairs.items() if pair[0] != pair[1]}
 
 
-def recorded_config(recording: Recording, changes: Mapping[str, Any]) -> Config:
+def recorded_config(
+    recording: Recording, changes: Mapping[str, Any], controller: Controller[Any] | None = None
+) -> Config:
     """The configuration of a recorded run, with these tables laid over it.
 
+    `controller` takes the place of one that a program gave as an object, of which a recording tells the name alone.
     Raises ConfigError when the recording holds none of this version, or for a change that is wrong.
     """
     try:
@@ -57,18 +62,25 @@ def recorded_config(recording: Recording, changes: Mapping[str, Any]) -> Config:
         raise ConfigError("the recording holds no configuration: it cannot be replayed") from error
     if not isinstance(recorded, dict):
         raise ConfigError("the recording holds no configuration: it cannot be replayed")
+    named, other = recorded.get("controller"), False
+    name = named.get("name") if isinstance(named, dict) else None
+    if controller is not None and isinstance(named, dict):
+        recorded["controller"] = {"sample_ms": named.get("sample_ms")}
+    match changes.get("controller"):
+        case {"name": wanted} if wanted != name:
+            recorded["controller"], other = {}, True  # the parameters belong to the one that was recorded
     try:
         values = read_config(recorded).model_dump(mode="json")
     except ValidationError as error:
         raise ConfigError(
             f"the recording's configuration is not one of this version: {explain(error, None, set())}"
         ) from error
-    other = False
-    match changes.get("controller"):
-        case {"name": name} if name != values["controller"]["name"]:
-            values["controller"], other = {}, True  # the parameters belong to the one that was recorded
+    if other:
+        values["controller"] = {}
     try:
         config = read_config(_merge(values, changes))
+        if controller is not None:
+            return config_of(config, controller=controller)
         return Setup(config).config if other else config
     except ValidationError as error:
         raise explain(error, None, set()) from error

@@ -109,6 +109,8 @@ class TaskState(Struct, frozen=True):
     """The touch that is being proven, or was; None where there is none."""
     yielded: float = 0.0
     """Way that the tool has gone back along the travel while it retracts, m."""
+    across: float = 0.0
+    """Way that the controller has commanded along the third direction of the work frame, m."""
 
 
 class TaskOutput(Struct, frozen=True):
@@ -308,6 +310,8 @@ class Task:
             measurement.advance,
             measurement.saturated,
             measurement.dt,
+            measurement.against,
+            measurement.sample,
         )
         memory, command = as_answer(self.controller.step(state.controller, seen, reference))
         if state.in_contact:
@@ -328,6 +332,8 @@ class Task:
                 state.course,
                 state.doubt,
                 touch,
+                state.yielded,
+                state.across + command.across,
             )
             output = _output(state, command.position, _TRACK, command)
             if travel > self.parameters.travel_limit_mm * 1e-3 - _ROUNDING:
@@ -381,7 +387,7 @@ class Task:
 def _output(state: TaskState, depth: float, phase: Phase, command: Command | None = None) -> TaskOutput:
     return TaskOutput(
         phase,
-        Target(depth, state.travel),
+        Target(depth, state.travel, state.across),
         state.in_contact,
         command,
         state.losses,

@@ -1,0 +1,276 @@
+"""A policy as a controller: any function from an observation to an action, under the guard like every other law.
+
+The observation is made from that which the client has decoded, and from nothing else. The action is a share of the
+farthest way that the set point may move in one sample, on each axis that the policy leads.
+"""
+
+import hashlib
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, ClassVar, Literal, NamedTuple, TypeAlias
+
+import numpy as np
+from msgspec import Struct
+from numpy.typing import ArrayLike, NDArray
+
+from hil_bridge.control.types import SAMPLE_MS, STREAM_SAMPLES_MS, Command, Measurement, Tuning
+from hil_bridge.errors import ConfigError
+from protocol.marks import SettingError
+
+Observed: TypeAlias = NDArray[np.float32]
+Policy: TypeAlias = Callable[[Observed], ArrayLike]
+"""Takes an observation, shape `(len(OBSERVED),)`, and answers an action in −1 … 1 for each axis. It must be pure: the
+same observation, the same action. A replay is exact because of this.
+"""
+Axis: TypeAlias = Literal["along", "across"]
+AXES: tuple[Axis, ...] = ("along", "across")
+"""Axes of an action: the approach direction, and the third direction of the work frame, beside the way."""
+
+
+class Quantity(NamedTuple):
+    """One number of an observation."""
+
+    name: str
+    low: float
+    high: float
+    meaning: str
+
+
+_FORCE, _MOMENT, _PLACE, _WAY, _AGE = 1e4, 1e3, 100.0, 1.0, 10.0
+_WRENCH = ("force_x_n", "force_y_n", "force_z_n", "moment_x_nm", "moment_y_nm", "moment_z_nm")
+OBSERVED: tuple[Quantity, ...] = (
+    Quantity(
+        "error_n", -_FORCE, _FORCE, "wanted force less the contact force along the approach direction, N"
+    ),
+    Quantity(
+        "force_n", -_FORCE, _FORCE, "contact force along the approach direction, N, positive while pressing"
+    ),
+    Quantity("change_n", -_FORCE, _FORCE, "its change since the sample before, N; 0 for the first one"),
+    *(Quantity(name, -_FORCE, _FORCE, "contact force on the tool, tool frame, N") for name in _WRENCH[:3]),
+    *(
+        Quantity(name, -_MOMENT, _MOMENT, "contact moment on the tool, tool frame, N·m")
+        for name in _WRENCH[3:]
+    ),
+    *(Quantity(f"{axis}_m", -_PLACE, _PLACE, "reported position, base frame, m") for axis in "xyz"),
+    *(Quantity(f"q{axis}", -1.0, 1.0, "reported orientation, tool in base") for axis in "wxyz"),
+    Quantity(
+        "depth_m", -_PLACE, _PLACE, "reported position along the approach direction, from the start point, m"
+    ),
+    Quantity("ahead_m", -_WAY, _WAY, "way by which the commanded depth is before the reported one, m"),
+    Quantity("travel_m", -_PLACE, _PLACE, "reported position along the way, from the start point, m"),
+    Quantity("force_age_s", 0.0, _AGE, "age of the force, s"),
+    Quantity("pose_age_s", 0.0, _AGE, "age of the reported pose, s; 0 where it is not known"),
+    Quantity("dt_s", 0.0, _AGE, "time since the sample before, s"),
+    Quantity("unchanged_s", 0.0, _AGE, "time for which the sensor has told the same counts, s"),
+    Quantity("overdue_s", 0.0, _AGE, "time by which the sensor's next frame is late, s"),
+    Quantity("in_contact", 0.0, 1.0, "1 while the tool touches the surface"),
+    Quantity("saturated", 0.0, 1.0, "1 where an axis of the sensor is at the end of its range"),
+    Quantity("held", 0.0, 1.0, "1 while a person holds the tool in its place"),
+    Quantity("fault", 0.0, 1.0, "1 where a device tells a fault"),
+)
+"""The numbers of an observation, in their order. A number beyond its range is told as the end of the range."""
+LOW: Observed = np.array([one.low for one in OBSERVED], np.float32)
+HIGH: Observed = np.array([one.high for one in OBSERVED], np.float32)
+_NO_SAMPLE = (0.0,) * 10
+
+
+def observe(measurement: Measurement, reference: float, before: float | None) -> Observed:
+    """The observation of a sample; `reference` is the wanted force, `before` the force of the sample before, N.
+
+    Shape `(len(OBSERVED),)`. A number that is none is 0.
+    """
+    force, sample = measurement.force, measurement.sample
+    pose_age = unchanged = overdue = held = fault = 0.0
+    wrench, place, quaternion = _NO_SAMPLE[:6], _NO_SAMPLE[:3], (1.0, 0.0, 0.0, 0.0)
+    age = 0.0
+    if sample is not None:
+        place, age = sample.position, sample.now - sample.sensor_at
+        wrench = sample.wrench if len(sample.wrench) == 6 else wrench
+        quaternion = sample.quaternion if len(sample.quaternion) == 4 else quaternion
+        pose_age = 0.0 if sample.position_at is None else sample.now - sample.position_at
+        unchanged, overdue = sample.unchanged, sample.overdue
+        held, fault = float(sample.held), float(bool(sample.fault))
+    values = (
+        reference - force,
+        force,
+        0.0 if before is None else force - before,
+        *wrench,
+        *place,
+        *quaternion,
+        measurement.position,
+        measurement.commanded - measurement.position,
+        measurement.travel,
+        age,
+        pose_age,
+        measurement.dt,
+        unchanged,
+        overdue,
+        float(measurement.in_contact),
+        float(measurement.saturated),
+        held,
+        fault,
+    )
+    numbers = [value if math.isfinite(value) else 0.0 for value in values]
+    return np.clip(np.array(numbers, np.float64), LOW, HIGH).astype(np.float32)
+
+
+class PolicyState(Struct, frozen=True):
+    """State of a policy's controller."""
+
+    force: float | None = None
+    """Force of the sample before, N; None before the first one."""
+
+
+def _check(controller: "PolicyController | PolicyFile") -> None:
+    """Raise SettingError for a setting that cannot be."""
+    for name in ("speed_mm_s", "sample_ms"):
+        value = getattr(controller, name)
+        if not (math.isfinite(value) and value > 0.0):
+            raise SettingError(name, "must be above 0")
+
+
+def _answer(
+    controller: "PolicyController | PolicyFile",
+    state: PolicyState,
+    measurement: Measurement,
+    reference: float,
+) -> tuple[PolicyState, Command]:
+    """The set point after the policy's action. A force or a position that is no number moves nothing."""
+    if not measurement.is_finite:
+        return state, Command(measurement.commanded, 0.0)
+    action = np.asarray(controller.policy(observe(measurement, reference, state.force)), np.float64).reshape(
+        -1
+    )
+    axes = controller.axes
+    if action.shape != (len(axes),):
+        raise ValueError(f"the policy answers {action.size} numbers, not one for each of {', '.join(axes)}")
+    if not np.isfinite(action).all():
+        raise ValueError(f"the policy answers {action.tolist()}: no numbers")
+    farthest = controller.speed_mm_s * 1e-3 * measurement.dt
+    ways = {
+        axis: float(share) * farthest for axis, share in zip(axes, np.clip(action, -1.0, 1.0), strict=True)
+    }
+    along, across = ways.get("along", 0.0), ways.get("across", 0.0)
+    shares = {f"action_{axis}": float(share) for axis, share in zip(axes, action, strict=True)}
+    command = Command(measurement.commanded + along, along, explanation=shares, across=across)
+    return PolicyState(measurement.force), command
+
+
+_TUNINGS = tuple(Tuning(cycle_ms, {}) for cycle_ms in STREAM_SAMPLES_MS)
+
+
+@dataclass(frozen=True)
+class PolicyController:
+    """A policy that a program gives as an object: `simulate(controller=PolicyController(policy))`."""
+
+    name: ClassVar[str] = "given-policy"
+    tunings: ClassVar[tuple[Tuning, ...]] = _TUNINGS
+
+    policy: Policy
+    axes: tuple[Axis, ...] = AXES[:1]
+    """Axes of the action, in its order."""
+    speed_mm_s: float = 5.0
+    """Speed at which the set point moves for an action of 1, mm/s. Chosen: below the guard's limit for going deeper."""
+    sample_ms: float = SAMPLE_MS
+    """Sample time that the policy was made for, ms; a run takes that of the robot's cycle."""
+
+    def __post_init__(self) -> None:
+        _check(self)
+        if not callable(self.policy):
+            raise ConfigError(f"a policy must be callable, got {type(self.policy).__name__}")
+        if not self.axes or len(set(self.axes)) < len(self.axes) or not set(self.axes) <= set(AXES):
+            raise ConfigError(f"axes must be one or more of {', '.join(AXES)}, each once, got {self.axes!r}")
+
+    def initial(self) -> PolicyState:
+        """State before the first sample in contact."""
+        return PolicyState()
+
+    def step(
+        self, state: PolicyState, measurement: Measurement, reference: float
+    ) -> tuple[PolicyState, Command]:
+        """One sample. Raises ValueError for an answer of the policy that is no action."""
+        return _answer(self, state, measurement, reference)
+
+
+@dataclass(frozen=True)
+class PolicyFile:
+    """A policy in an ONNX file. Its input is one observation, its output an action: along, or along and across.
+
+    The file is read once, before the run. It needs the extra `onnx`.
+    """
+
+    name: ClassVar[str] = "policy"
+    tunings: ClassVar[tuple[Tuning, ...]] = _TUNINGS
+
+    file: str = ""
+    """Path of the ONNX file; from the working directory where it is relative."""
+    sha256: str = ""
+    """SHA-256 of the file: another content is refused. Empty takes any."""
+    speed_mm_s: float = 5.0
+    """Speed at which the set point moves for an action of 1, mm/s: that with which the policy was trained."""
+    sample_ms: float = SAMPLE_MS
+    """Sample time that the policy was made for, ms; a run takes that of the robot's cycle."""
+    policy: Policy = field(init=False, repr=False, compare=False)
+    axes: tuple[Axis, ...] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        _check(self)
+        if not self.file:
+            raise SettingError("file", "must be the path of an ONNX file")
+        try:
+            content = Path(self.file).read_bytes()
+        except (OSError, ValueError) as error:
+            raise SettingError("file", f"{self.file} cannot be read: {error}") from error
+        digest = hashlib.sha256(content).hexdigest()
+        if self.sha256 and self.sha256.lower() != digest:
+            raise SettingError("sha256", f"is not that of {self.file}, which has {digest}")
+        policy, count = _load(content, self.file)
+        object.__setattr__(self, "policy", policy)
+        object.__setattr__(self, "axes", AXES[:count])
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return PolicyFile, (self.file, self.sha256, self.speed_mm_s, self.sample_ms)
+
+    def initial(self) -> PolicyState:
+        """State before the first sample in contact."""
+        return PolicyState()
+
+    def step(
+        self, state: PolicyState, measurement: Measurement, reference: float
+    ) -> tuple[PolicyState, Command]:
+        """One sample. Raises ValueError for an answer of the policy that is no action."""
+        return _answer(self, state, measurement, reference)
+
+
+@lru_cache(maxsize=4)
+def _load(content: bytes, path: str) -> tuple[Policy, int]:
+    """The policy of an ONNX file, and the number of axes that it leads. Raises ConfigError, SettingError."""
+    try:
+        import onnxruntime
+    except ImportError as error:
+        raise ConfigError("a policy in a file needs onnxruntime: pip install 'hil-bridge[onnx]'") from error
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1  # the same sums in the same order
+    options.log_severity_level = 4
+    try:
+        session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+        (given,) = session.get_inputs()
+        shape = (1, len(OBSERVED)) if len(given.shape) == 2 else (len(OBSERVED),)
+        name = given.name
+
+        def policy(observation: Observed) -> ArrayLike:
+            (answer, *_) = session.run(None, {name: observation.reshape(shape)})
+            action: ArrayLike = answer
+            return action
+
+        count = int(np.asarray(policy(np.zeros(len(OBSERVED), np.float32))).size)
+    except Exception as error:  # the file may hold anything
+        text = (str(error).splitlines() or [""])[0]
+        problem = f"{path} is no ONNX policy from {len(OBSERVED)} numbers (float32) to an action: {text}"
+        raise SettingError("file", problem) from error
+    if not 1 <= count <= len(AXES):
+        raise SettingError("file", f"{path} answers {count} numbers; an action has 1 to {len(AXES)}")
+    return policy, count

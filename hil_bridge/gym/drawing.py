@@ -1,0 +1,97 @@
+"""The configuration of each episode: a base, and what is drawn over it by a seed, as a campaign draws it."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple, TypeAlias
+
+import msgspec
+
+from hil_bridge.errors import ConfigError
+from hil_bridge.lab.campaign.draw_file import draw_of, try_options
+from hil_bridge.lab.campaign.drawing import EVERY, Draw, draw_values, numbers_of
+from hil_bridge.lab.campaign.overlay import config_with
+from hil_bridge.runs.faults.lying import CONTROLLER
+from hil_bridge.settings.configuration import Config, dump, lay_over
+from hil_bridge.settings.given import Source, config_of
+
+Tables: TypeAlias = Sequence[Mapping[str, Any]]
+_CELL = "the environment"
+_NOTHING = '{"config": {}, "faults": []}'
+
+
+class Episodes(NamedTuple):
+    """Configurations of episodes by their seeds."""
+
+    base: str
+    """The configuration that they share, as JSON."""
+    draw: Draw | None
+    """What is drawn for each; None where nothing is."""
+
+    def drawn(self, seed: int) -> str:
+        """Settings and faults that are drawn for a seed, as JSON."""
+        if self.draw is None:
+            return _NOTHING
+        numbers = numbers_of(f"{seed} {_CELL}", self.draw.dimensions)
+        return draw_values(self.draw, _CELL, self.base, numbers)
+
+    def config(self, seed: int) -> Config:
+        """The configuration of an episode. Raises ConfigError for settings that do not fit each other."""
+        return config_with(self.base, self.drawn(seed), seed)
+
+
+def plan_episodes(
+    source: Source,
+    over: Mapping[str, object],
+    randomise: Mapping[str, Any],
+    faults: Tables,
+    faults_per_run: int | Mapping[str, int] | None,
+) -> Episodes:
+    """The episodes of an environment.
+
+    `over` are settings by dotted key, laid over `source`. `randomise` is as [campaign.draw], `faults` as the tables
+    [[campaign.fault]] of a campaign; `faults_per_run` is their number, one where it is None. Raises ConfigError.
+    """
+    values = config_of(source).model_dump(mode="json")
+    lay_over(values, over)
+    base = config_of(values, seed=0)
+    for key, url in (("robot.url", base.robot.url), ("sensor.url", base.sensor.url)):
+        if url:
+            raise ConfigError(
+                f"{key}: an environment runs against the emulated cell alone; leave the URL empty"
+            )
+    if base.task.step:
+        raise ConfigError(
+            "task.step: an environment follows a surface without a program; leave the steps out"
+        )
+    if any(table.get("on") in (EVERY, CONTROLLER) for table in faults):
+        raise ConfigError("faults: name the target; the controller of an environment is the policy")
+    if faults_per_run is None:
+        faults_per_run = 1 if faults else 0
+    draw, problems = draw_of(
+        {
+            "draw": dict(randomise),
+            "fault": [dict(table) for table in faults],
+            "faults_per_run": faults_per_run,
+        }
+    )
+    if problems:
+        key, text = problems[0]
+        raise ConfigError(f"{_name(key)} {text}")
+    text = dump(base)
+    if draw is not None:
+        tried = try_options(draw, text)
+        if tried.problems:
+            raise ConfigError(f"randomise: {tried.problems[0]}")
+        draw = msgspec.structs.replace(draw, without={_CELL: tried.impossible})
+    return Episodes(text, draw)
+
+
+def _name(key: str) -> str:
+    """A key of a campaign's file by the name of the environment's argument."""
+    for of_file, argument in (
+        ("campaign.draw", "randomise"),
+        ("campaign.faults_per_run", "faults_per_run"),
+        ("campaign.fault", "faults"),
+    ):
+        if key.startswith(of_file):
+            return argument + key.removeprefix(of_file)
+    return key

@@ -1,0 +1,127 @@
+"""One episode: a run of the bridge in virtual time that stands still at each decision until an action comes.
+
+The run goes in a thread of its own, with its own event loop. Virtual time does not pass while the policy thinks. One
+side always waits for the other, so that nothing is shared by both at once.
+"""
+
+import threading
+from queue import SimpleQueue
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_bridge.api import run_virtual
+from hil_bridge.control.laws.policy import Axis, Observed, PolicyController
+from hil_bridge.errors import BridgeError, ConfigError
+from hil_bridge.record import CycleRecord
+from hil_bridge.runs.simulation import Result, Simulation, simulating
+from hil_bridge.settings.configuration import Config
+from hil_bridge.settings.given import config_of
+from protocol.geometry import Vector
+
+Action: TypeAlias = NDArray[np.float64]
+
+
+class Asked(NamedTuple):
+    """The run asks for a decision."""
+
+    observation: Observed
+    at: float
+    """s on the run's clock."""
+    cycles: tuple[CycleRecord, ...]
+    """Control cycles since the decision before."""
+    position: Vector
+    """True position of the tool, base frame, m."""
+    force: Vector
+    """True force of the surface on the tool, base frame, N."""
+
+
+class Ended(NamedTuple):
+    """The run has ended."""
+
+    result: Result | None
+    """None where a device refused before the movement."""
+    cycles: tuple[CycleRecord, ...]
+    """As of `Asked`."""
+    text: str
+    """Why, in words; empty where the run completed."""
+
+
+class Episode:
+    """A run, one decision at a time."""
+
+    def __init__(self, config: Config, axes: tuple[Axis, ...], speed_mm_s: float) -> None:
+        self.config = config_of(config, controller=PolicyController(self._ask, axes, speed_mm_s))
+        self._hold = np.zeros(len(axes))
+        self._cycles: list[CycleRecord] = []
+        self._simulation: Simulation | None = None
+        # Each holds one thing at most.
+        self._asked: SimpleQueue[Asked | Ended | BaseException] = SimpleQueue()
+        self._actions: SimpleQueue[Action | None] = SimpleQueue()
+        self._left = False
+        self._thread = threading.Thread(target=self._run, name="episode", daemon=True)
+
+    def start(self) -> Asked | Ended:
+        """Run to the first decision. Raises ConfigError for what cannot be run."""
+        self._thread.start()
+        return self._next()
+
+    def act(self, action: Action) -> Asked | Ended:
+        """Run on with an action, to the next decision."""
+        self._actions.put(action)
+        return self._next()
+
+    def leave(self) -> None:
+        """End a run that stands at a decision: it holds its place, and retracts. Harmless for one that has ended."""
+        if self._thread.is_alive():
+            self._actions.put(None)
+            self._thread.join()
+
+    def _next(self) -> Asked | Ended:
+        answer = self._asked.get()
+        if isinstance(answer, BaseException):
+            self._thread.join()
+            raise answer
+        if isinstance(answer, Ended):
+            self._thread.join()
+        return answer
+
+    # --- in the thread of the run
+
+    def _run(self) -> None:
+        try:
+            result = run_virtual(self._main)
+            self._asked.put(Ended(result, self._since(), result.text))
+        except ConfigError as error:
+            self._asked.put(error)
+        except BridgeError as error:
+            self._asked.put(Ended(None, self._since(), str(error)))
+        except BaseException as error:  # for the other thread, which waits
+            self._asked.put(error)
+
+    async def _main(self) -> Result:
+        async with simulating(self.config, self._cycles.append) as simulation:
+            self._simulation = simulation
+            await simulation.finished()
+        return simulation.result
+
+    def _since(self) -> tuple[CycleRecord, ...]:
+        cycles = tuple(self._cycles)
+        self._cycles.clear()
+        return cycles
+
+    def _ask(self, observation: Observed) -> Action:
+        """The policy of the run: asks the other thread."""
+        simulation = self._simulation
+        if self._left or simulation is None:
+            return self._hold
+        truth = simulation.truth()
+        at = simulation.clock.now()
+        self._asked.put(Asked(observation, at, self._since(), truth.position, truth.contact_force))
+        action = self._actions.get()
+        if action is None:
+            self._left = True
+            simulation.interrupt()
+            return self._hold
+        return action

@@ -1,0 +1,262 @@
+"""The environment of Gymnasium: a run of the bridge, one decision at a time."""
+
+import threading
+import warnings
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AsyncVectorEnv
+
+import hil_bridge
+from hil_bridge.control.laws.policy import OBSERVED
+from hil_bridge.errors import Cause, ConfigError
+from hil_bridge.gym import ENVIRONMENT, FollowEnv, PolicyController, Transition, replay_policy
+from tests import near_surface
+from tests.near_surface import merged
+
+NEAR = merged(near_surface.NEAR, {"run": {"duration_s": 1.0}})
+PLACE = {quantity.name: place for place, quantity in enumerate(OBSERVED)}
+STIFFNESS = {"cell.surface.stiffness_n_m": {"from": 3e3, "to": 2e4, "log": True}}
+
+
+def gentle(observation: Any) -> Any:
+    return [0.02 * float(observation[PLACE["error_n"]])]
+
+
+def press(observation: Any) -> Any:
+    return [1.0]
+
+
+def play(env: Any, policy: Any, seed: int | None = None) -> tuple[list[float], list[Any], dict[str, Any]]:
+    """One episode: its rewards, its observations, and the last info with that of the begin."""
+    observation, begun = env.reset(seed=seed)
+    rewards, seen, over, info = [], [observation], False, {}
+    while not over:
+        observation, reward, terminated, truncated, info = env.step(np.array(policy(observation)))
+        rewards.append(float(reward))
+        seen.append(observation)
+        over = terminated or truncated
+    return rewards, seen, {**begun, **info, "terminated": terminated, "truncated": truncated}
+
+
+def test_checker_of_gymnasium_finds_nothing() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(gymnasium.make(ENVIRONMENT, config=NEAR).unwrapped)
+
+
+def test_seed_repeats_episodes() -> None:
+    env = FollowEnv(config=NEAR, randomise=STIFFNESS)
+    first, again, other = (play(env, gentle, seed) for seed in (5, 5, 6))
+    assert first[0] == again[0]
+    assert np.array_equal(first[1], again[1])
+    assert first[2]["drawn"] == again[2]["drawn"] != other[2]["drawn"]
+    assert not np.array_equal(first[1], other[1])
+    env.reset(options={"episode": first[2]["seed"]})
+    assert env.config(first[2]["seed"]).run.seed == first[2]["seed"]
+    env.close()
+
+
+@pytest.mark.parametrize(
+    ("robot", "sensor", "axes"),
+    [("s3", "jr3", ("along",)), ("s3", "jr3", ("along", "across")), ("egm", "netft", ("along",))],
+)
+def test_policy_decides_alike_in_a_run(robot: str, sensor: str, axes: Any) -> None:
+    policy = gentle if len(axes) == 1 else lambda observation: [*gentle(observation), 0.3]
+    options = {"config": NEAR, "randomise": STIFFNESS, "actions": axes}
+    env = FollowEnv(robot, sensor, **options)
+    observed: list[Any] = []
+
+    def watched(observation: Any) -> Any:
+        observed.append(observation)
+        return policy(observation)
+
+    _, seen, info = play(env, policy, 3)
+    result = hil_bridge.simulate(env.config(info["seed"]), controller=PolicyController(watched, axes))
+    assert np.array_equal(seen[:-1], observed)
+    assert len(observed) > 3
+    assert result.outcome == info["outcome"] == "completed"
+    assert info["truncated"]
+    if len(axes) == 2:
+        assert result.cycles[-1].across_commanded > 1e-4
+
+
+def test_observation_is_what_the_client_decoded() -> None:
+    seen = []
+
+    def policy(observation: Any) -> Any:
+        seen.append(observation)
+        return gentle(observation)
+
+    result = hil_bridge.simulate(NEAR, controller=PolicyController(policy), seed=4)
+    cycles = [cycle for cycle in result.cycles if "action_along" in cycle.explanation]
+    assert len(cycles) == len(seen)
+    for cycle, observation in zip(cycles, seen, strict=True):
+        sample = cycle.sample
+        assert sample is not None
+        values = dict(zip(PLACE, map(float, observation), strict=True))
+        assert values["force_n"] == np.float32(cycle.force)
+        assert values["error_n"] == np.float32(cycle.force_reference - cycle.force)
+        assert values["force_age_s"] == np.float32(sample.now - sample.sensor_at)
+        assert values["x_m"] == np.float32(cycle.position[0])
+        assert values["moment_x_nm"] == np.float32(cycle.wrench[3])
+        assert values["in_contact"] == cycle.in_contact
+
+
+def test_stop_of_the_guard_ends_the_episode_and_is_kept(tmp_path: Path) -> None:
+    env = FollowEnv(surface={"stiffness_n_m": 1e5}, config=NEAR, speed_mm_s=11.0, keep=tmp_path)
+    rewards, _, info = play(env, press, 1)
+    assert info["terminated"]
+    assert not info["truncated"]
+    assert (info["outcome"], info["cause"], info["stops"]) == ("stopped", str(Cause.FORCE), 1)
+    assert rewards[-1] <= -50.0
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(np.array([0.0]))
+    play(env, press)
+    assert env._counts == {"episodes": 2, "stops": 2, "skipped": 0}
+    kept = sorted(tmp_path.glob("*.mcap"))
+    assert len(kept) == 2
+    recording = tmp_path / f"episode-{info['seed']}.mcap"
+    again = replay_policy(recording, PolicyController(press, speed_mm_s=11.0))
+    assert len(again) >= 10
+    assert not any(cycle.differences for cycle in again)
+    other = replay_policy(recording, PolicyController(gentle, speed_mm_s=11.0))
+    assert any(cycle.differences for cycle in other)
+
+
+def test_lost_contact_costs_more_than_no_force() -> None:
+    def leave(observation: Any) -> Any:
+        return [-1.0]
+
+    cost = []
+    for policy in (gentle, leave):
+        rewards, _, _ = play(FollowEnv(config=NEAR), policy, 1)
+        cost.append(-sum(rewards))
+    assert cost[1] > 5 * cost[0] > 0
+
+
+def test_reward_may_be_a_function() -> None:
+    given: list[Transition] = []
+
+    def count(transition: Transition) -> float:
+        given.append(transition)
+        return float(len(transition.cycles))
+
+    rewards, _, _ = play(FollowEnv(config=NEAR, reward=count), gentle, 1)
+    assert rewards == [len(one.cycles) for one in given]
+    assert all(one.seconds > 0.1 for one in given)
+    assert [one.result is None for one in given] == [True] * (len(given) - 1) + [False]
+
+
+def test_faults_are_drawn_for_each_episode() -> None:
+    late = {"on": "wire", "fault": "late", "phase": "approach", "with": {"ms": {"from": 1.0, "to": 9.0}}}
+    env = FollowEnv(config=NEAR, faults=[late])
+    drawn = [play(env, gentle, seed)[2]["drawn"] for seed in (1, 2)]
+    assert drawn[0] != drawn[1]
+    assert all('"fault": "late"' in one for one in drawn)
+    (fault,) = env.config(7).faults
+    assert 1.0 <= fault.given["ms"] <= 9.0
+
+
+def test_environments_go_in_processes() -> None:
+    def make() -> Any:
+        import hil_bridge.gym  # noqa: F401  registers the environment in the process
+
+        return gymnasium.make(ENVIRONMENT, config=NEAR)
+
+    alone, _, _ = play(FollowEnv(config=NEAR), gentle, 8)
+    envs = AsyncVectorEnv([make, make], context="spawn")
+    try:
+        observations, infos = envs.reset(seed=[8, 9])
+        assert observations.shape == (2, len(OBSERVED))
+        assert infos["seed"][0] != infos["seed"][1]
+        rewards = []
+        for _ in alone:
+            actions = np.array([gentle(observation) for observation in observations])
+            observations, reward, _, truncated, _ = envs.step(actions)
+            rewards.append(float(reward[0]))
+        assert rewards == alone
+        assert truncated[0]
+    finally:
+        envs.close()
+
+
+def test_memory_and_threads_stay_flat() -> None:
+    def resident_mb() -> float:
+        return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 1e6
+
+    env = FollowEnv(config=NEAR)
+    env.reset(seed=1)
+    before = 0.0
+    for number in range(25):
+        play(env, gentle)
+        env.reset()  # and left where it stands
+        if number == 4:
+            before = resident_mb()
+    assert resident_mb() - before < 8.0
+    env.close()
+    assert not [thread for thread in threading.enumerate() if thread.name == "episode"]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"reward": "none-such"}, "there is no reward 'none-such'; choose one of force-error"),
+        ({"gravity": 1}, "has no argument 'gravity'"),
+        ({"actions": ("down",)}, "axes must be one or more of along, across"),
+        (
+            {"randomise": {"cell.surface.stiffness_n_m": 5}},
+            "randomise.cell.surface.stiffness_n_m must be a range",
+        ),
+        ({"randomise": {"cell.nothing": [1, 2]}}, "cell.nothing"),
+        (
+            {"faults": [{"on": "controller", "fault": "huge"}]},
+            "the controller of an environment is the policy",
+        ),
+        (
+            {"faults": [{"on": "wire", "fault": "late"}], "faults_per_run": 99},
+            "faults_per_run must be a number",
+        ),
+        ({"config": {"robot": {"url": "s3+serial:///dev/ttyUSB0"}}}, "leave the URL empty"),
+        ({"robot": "none-such"}, "none-such"),
+    ],
+)
+def test_wrong_argument_is_told_in_a_line(options: dict[str, Any], words: str) -> None:
+    with pytest.raises(ConfigError) as told:
+        FollowEnv(**options)
+    assert words in str(told.value)
+    assert "\n" not in str(told.value)
+
+
+def test_run_without_contact_is_told() -> None:
+    env = FollowEnv(config={**NEAR, "task": {"approach_depth_limit_mm": 0.5}})
+    with pytest.raises(ConfigError, match=r"no run comes to a contact.*no contact found"):
+        env.reset(options={"episode": 1})
+
+
+def test_wrong_action_is_refused() -> None:
+    env = FollowEnv(config=NEAR)
+    env.reset(seed=1)
+    for wrong in ([0.0, 0.0], [float("nan")]):
+        with pytest.raises(ValueError, match="an action is 1 numbers from -1 to 1"):
+            env.step(np.array(wrong))
+    env.close()
+
+
+def test_reward_of_another_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    info = tmp_path / "sevens-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: sevens\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[hil_bridge.rewards]\nseven = m_sevens:make\nno = m_sevens:no\n")
+    (tmp_path / "m_sevens.py").write_text(
+        "def make():\n    return lambda step: 7.0\ndef no():\n    return 1\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    rewards, _, _ = play(FollowEnv(config=NEAR, reward="seven"), gentle, 1)
+    assert set(rewards) == {7.0}
+    with pytest.raises(ConfigError, match=r"sevens 1.0: m_sevens:no makes int, which cannot be called"):
+        FollowEnv(config=NEAR, reward="no")

@@ -1,0 +1,161 @@
+"""A policy as a controller: an object, or an ONNX file by its path."""
+
+import hashlib
+import json
+import math
+import pickle
+import re
+import runpy
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import hil_bridge
+import hil_bridge.gym
+from hil_bridge.cli import cli
+from hil_bridge.control import Measurement, make_controller
+from hil_bridge.control.laws.policy import HIGH, LOW, OBSERVED, PolicyState, observe
+from hil_bridge.errors import Cause, ConfigError
+from hil_bridge.gym import PolicyController
+from hil_bridge.gym.follow import Options
+
+ROOT = Path(__file__).resolve().parents[2]
+SHORT: dict[str, Any] = {"run": {"duration_s": 1.5}}
+TRAIN = runpy.run_path(str(ROOT / "examples" / "policy" / "train.py"))
+WEIGHTS = (2.0, -0.4, -0.1)
+
+
+@pytest.fixture
+def onnx_file(tmp_path: Path) -> Path:
+    """The example's policy in a file."""
+    place = tmp_path / "policy.onnx"
+    TRAIN["write_onnx"](WEIGHTS, place)
+    return place
+
+
+def test_file_runs_and_replays_bit_by_bit(onnx_file: Path, tmp_path: Path) -> None:
+    digest = hashlib.sha256(onnx_file.read_bytes()).hexdigest()
+    section = {"name": "policy", "parameters": {"file": str(onnx_file), "sha256": digest}}
+    result = hil_bridge.simulate({**SHORT, "controller": section})
+    assert result.outcome == "completed"
+    result.save(tmp_path / "run.mcap")
+    replayed = CliRunner().invoke(cli, ["replay", str(tmp_path / "run.mcap")])
+    assert replayed.exit_code == 0, replayed.output
+    given = hil_bridge.simulate(SHORT, controller=PolicyController(TRAIN["linear"](WEIGHTS)))
+    ours, theirs = (
+        [cycle.explanation["action_along"] for cycle in one.cycles if "action_along" in cycle.explanation]
+        for one in (result, given)
+    )
+    assert ours == pytest.approx(theirs, abs=1e-5)
+    TRAIN["write_onnx"]((0.5, 0.0, 0.0), onnx_file)
+    changed = CliRunner().invoke(cli, ["replay", str(tmp_path / "run.mcap")])
+    assert isinstance(changed.exception, ConfigError)
+    assert "is not that of" in str(changed.exception)
+
+
+def test_file_is_one_among_processes(onnx_file: Path) -> None:
+    controller = make_controller("policy", file=str(onnx_file))
+    again = pickle.loads(pickle.dumps(controller))
+    assert again == controller
+    measurement = Measurement(0.0, 5.0, 1e-3, 1e-3)
+    assert controller.step(controller.initial(), measurement, 10.0) == again.step(
+        again.initial(), measurement, 10.0
+    )
+
+
+@pytest.mark.parametrize("content", [b"", b"no onnx", bytes(5000), b"\x08\x07\x12\x04" * 40])
+def test_damaged_file_is_told_in_a_line(content: bytes, tmp_path: Path) -> None:
+    place = tmp_path / "damaged.onnx"
+    place.write_bytes(content)
+    with pytest.raises(ConfigError) as told:
+        make_controller("policy", file=str(place))
+    assert "damaged.onnx is no ONNX policy from" in str(told.value)
+    assert "\n" not in str(told.value)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "words"),
+    [
+        ({}, "must be the path of an ONNX file"),
+        ({"file": "/nowhere/policy.onnx"}, "/nowhere/policy.onnx cannot be read"),
+        ({"file": "x", "speed_mm_s": 0.0}, "must be above 0"),
+    ],
+)
+def test_wrong_setting_is_told(parameters: dict[str, Any], words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        hil_bridge.simulate({"controller": {"name": "policy", "parameters": parameters}})
+
+
+@pytest.mark.parametrize("answer", [[1.0, 2.0], [math.nan], "no", None])
+def test_answer_that_is_no_action_stops_the_run(answer: Any) -> None:
+    result = hil_bridge.simulate(SHORT, controller=PolicyController(lambda observation: answer))
+    assert result.cause is Cause.CONTROLLER
+    assert result.retracted
+
+
+def test_action_beyond_its_range_is_cut() -> None:
+    controller = PolicyController(lambda observation: [9.0, -9.0], ("along", "across"), 5.0)
+    measurement = Measurement(0.0, 5.0, 1e-3, 2e-3, dt=0.1)
+    state, command = controller.step(controller.initial(), measurement, 10.0)
+    assert state == PolicyState(5.0)
+    assert command.position == pytest.approx(2e-3 + 5e-4)
+    assert command.across == pytest.approx(-5e-4)
+    unknown = Measurement(0.0, math.nan, 1e-3, 2e-3)
+    assert controller.step(state, unknown, 10.0)[1].correction == 0.0
+
+
+def test_guard_holds_back_the_way_aside() -> None:
+    policy = PolicyController(lambda observation: [0.0, 1.0], ("along", "across"), 60.0)
+    result = hil_bridge.simulate({**SHORT, "robot": {"velocity_mm_s": 80.0}}, controller=policy, seed=2)
+    held = [cycle for cycle in result.cycles if any("across faster than" in one for one in cycle.reasons)]
+    assert held
+    before = {cycle.cycle: cycle for cycle in result.cycles}
+    for cycle in held:
+        step = math.dist(cycle.target, before[cycle.cycle - 1].target)
+        assert cycle.sample is not None
+        assert step <= 27.5e-3 * 0.36 + 12e-3 * 0.36
+
+
+def test_observation_stays_in_its_range() -> None:
+    wild = Measurement(0.0, 1e30, math.nan, -1e30, dt=1e9)
+    observed = observe(wild, 10.0, -1e30)
+    assert observed.shape == (len(OBSERVED),)
+    assert observed.dtype == np.float32
+    assert (observed >= LOW).all()
+    assert (observed <= HIGH).all()
+
+
+@pytest.mark.parametrize("controller", ["none", "drawn"])
+def test_row_of_the_document_repeats(controller: str) -> None:
+    tool = runpy.run_path(str(ROOT / "tools" / "policy_doc.py"))
+    figures = json.loads(tool["FIGURES"].read_text(encoding="utf-8"))
+    case = ("s3", "no fault", controller, tool["SEEDS"][0])
+    row = tool["judge"]((case, figures["weights"][controller]))
+    assert row in figures["rows"]
+
+
+def test_document_is_up_to_date() -> None:
+    tool = runpy.run_path(str(ROOT / "tools" / "policy_doc.py"))
+    figures = json.loads(tool["FIGURES"].read_text(encoding="utf-8"))
+    for name in ("how-to/policies.md", "reference/gym.md"):
+        page = (ROOT / "docs" / name).read_text(encoding="utf-8")
+        assert tool["renewed"](page, figures) == page
+
+
+@pytest.mark.parametrize("name", ["how-to/policies.md", "reference/gym.md"])
+def test_example_of_the_page_runs(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = (ROOT / "docs" / name).read_text(encoding="utf-8")
+    blocks = re.findall(r"^```python\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+    assert blocks
+    monkeypatch.chdir(tmp_path)
+    for block in blocks:
+        exec(compile(block, name, "exec"), {"__name__": "example"})
+
+
+def test_every_name_and_argument_is_told() -> None:
+    page = (ROOT / "docs" / "reference" / "gym.md").read_text(encoding="utf-8")
+    names = {*hil_bridge.gym.__all__, *hil_bridge.gym.REWARDS, *Options.__annotations__}
+    assert all(f"`{name}`" in page for name in names)
