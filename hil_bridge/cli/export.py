@@ -7,7 +7,7 @@ import click
 from hil_bridge.cli.options import overwrite_option
 from hil_bridge.cli.paths import FILE
 
-FORMAT_NAMES = ("candump", "blf", "asc", "dbc", "bytes", "csv", "parquet")
+FORMAT_NAMES = ("candump", "blf", "asc", "dbc", "bytes", "csv", "parquet", "rosbag2", "mf4")
 
 
 def _formats(_context: click.Context, _parameter: click.Parameter, given: str) -> tuple[str, ...]:
@@ -27,7 +27,8 @@ def _formats(_context: click.Context, _parameter: click.Parameter, given: str) -
     callback=_formats,
     default="",
     metavar="FORMAT,…",
-    help=f"{', '.join(FORMAT_NAMES)}.  [default: all but dbc and parquet that the recording has something for]",
+    help=f"{', '.join(FORMAT_NAMES)}.  [default: all that the recording has something for, "
+    "but dbc, parquet, rosbag2 and mf4]",
 )
 @click.option(
     "--out", type=FILE, metavar="DIR", help="Where to put the files.  [default: beside the recording]"
@@ -35,9 +36,20 @@ def _formats(_context: click.Context, _parameter: click.Parameter, given: str) -
 @click.option(
     "--channel", default="can0", metavar="NAME", help="CAN interface in candump's text.  [default: can0]"
 )
+@click.option(
+    "--epoch",
+    type=click.FloatRange(0, 2e9),
+    metavar="SECONDS",
+    help="Stamp of the run's zero in a bag of ROS 2.  [default: UNIX time of the recording]",
+)
 @overwrite_option
 def export(
-    recording: Path, formats: tuple[str, ...], out: Path | None, channel: str, overwrite: bool
+    recording: Path,
+    formats: tuple[str, ...],
+    out: Path | None,
+    channel: str,
+    epoch: float | None,
+    overwrite: bool,
 ) -> None:
     """Write a recording in the formats of other programs, named like it.
 
@@ -51,14 +63,20 @@ def export(
     csv      .cycle.csv    every control cycle; run's clock
              .sensor.csv   every frame of the sensor, in N and N·m and raw; run's clock
     parquet  .parquet      the same tables; needs `pip install "hil-bridge[parquet]"`
+    rosbag2  .rosbag2/     a bag of ROS 2 without ROS; UNIX time, or from --epoch;
+                           needs `pip install "hil-bridge[ros]"`
+    mf4      .mf4          a measurement of ASAM with units, comments, events; run's clock;
+                           needs `pip install "hil-bridge[mdf]"`
 
     The last line tells the UNIX time at which the run's clock was 0. `canplayer -I run.log vcan0=can0` plays the CAN
     frames back. Files that are there already are kept, unless --overwrite is given.
     """
     from hil_bridge.errors import ConfigError
+    from hil_bridge.record.export import Choices
     from hil_bridge.record.export import export as write
 
     if not channel.isascii() or not channel.isprintable() or not channel or " " in channel:
         raise ConfigError(f"--channel {channel!r} is no name of a CAN interface; write like can0")
-    for line in write(recording, formats, recording.parent if out is None else out, overwrite, channel):
+    choices = Choices(channel, epoch)
+    for line in write(recording, formats, recording.parent if out is None else out, overwrite, choices):
         click.echo(line)

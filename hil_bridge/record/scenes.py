@@ -221,7 +221,7 @@ class Scenes:
                 yield from self._of_truth(record)
             case EventRecord():
                 level = _ERROR if record.kind in ALARMS else _WARNING if record.kind in CAUTIONS else _INFO
-                yield LOG, Log(self._time(record.at), level, _whole(record.text), record.kind)
+                yield LOG, Log(self._time(record.at), level, whole_text(record.text), record.kind)
 
     def _of_cycle(self, cycle: CycleRecord) -> Iterator[tuple[SceneTopic, Struct]]:
         at = cycle.controlled_at
@@ -302,7 +302,7 @@ class Scenes:
         return self._update(at, frame, f"force on {frame}", arrows=(arrow,))
 
 
-def _whole(text: str) -> str:
+def whole_text(text: str) -> str:
     """The same with half characters, as undecodable bytes of a path leave them, written out."""
     return text.encode(errors="backslashreplace").decode()
 

@@ -368,7 +368,10 @@ def test_a_wire_that_makes_no_sense_is_refused_in_one_line(piece: str) -> None:
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        (["--to", "candump,xls"], "'xls' is no format; choose from candump,blf,asc,dbc,bytes,csv,parquet"),
+        (
+            ["--to", "candump,xls"],
+            "'xls' is no format; choose from candump,blf,asc,dbc,bytes,csv,parquet,rosbag2,mf4",
+        ),
         (["--channel", "a b"], "is no name of a CAN interface"),
         (["--out", "\0"], "a path must not hold a NUL character"),
     ],

@@ -1,5 +1,5 @@
-"""A recording in the formats of other programs: CAN logs, text captures, tables."""
+"""A recording in the formats of other programs: CAN logs, text captures, tables, bags of ROS 2."""
 
-from hil_bridge.record.export.files import FORMATS, export
+from hil_bridge.record.export.files import FORMATS, Choices, export
 
-__all__ = ["FORMATS", "export"]
+__all__ = ["FORMATS", "Choices", "export"]

@@ -10,6 +10,8 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.record import RawTraffic, Recording, read_with_traffic
 from hil_bridge.record.device_facts import devices_of
 from hil_bridge.record.export.can_logs import asc, blf, candump
+from hil_bridge.record.export.measurement import measurement
+from hil_bridge.record.export.ros_bag import bag_files
 from hil_bridge.record.export.tables import Table, as_csv, as_parquet, cycle_table, sensor_table
 from hil_bridge.record.export.traffic import WireFrame, can_frames, is_can, wire_text
 from hil_bridge.record.files import check_place, write_whole
@@ -19,6 +21,16 @@ CHANNEL = "can0"
 """Chosen: what a single interface is called nearly everywhere."""
 
 
+@dataclass(frozen=True, slots=True)
+class Choices:
+    """Choices of a person about an export."""
+
+    channel: str = CHANNEL
+    """CAN interface in candump's text."""
+    epoch_s: float | None = None
+    """Stamp of the run's zero in a bag of ROS 2, s; None for the UNIX time that the recording tells."""
+
+
 @dataclass(frozen=True)
 class Source:
     """A recording and what is drawn from it."""
@@ -26,7 +38,7 @@ class Source:
     name: str
     recording: Recording
     traffic: RawTraffic
-    channel: str = CHANNEL
+    choices: Choices = Choices()
 
     @cached_property
     def has_can(self) -> bool:
@@ -81,7 +93,7 @@ class Format:
 
 
 def _candump(source: Source) -> Sequence[Export]:
-    data = candump(source.frames, source.recording.unix_zero_ns, source.channel)
+    data = candump(source.frames, source.recording.unix_zero_ns, source.choices.channel)
     return [Export(".log", data, f"{len(source.frames)} CAN frames, UNIX time")]
 
 
@@ -135,6 +147,23 @@ def _raw(table: Table) -> str:
     return "; as the device counts, for its scales are not known" if scaled == {"fx_raw"} else ""
 
 
+def _ros_bag(source: Source) -> Sequence[Export]:
+    epoch_s = source.choices.epoch_s
+    zero_ns = source.recording.unix_zero_ns if epoch_s is None else round(epoch_s * 1e9)
+    files, count = bag_files(source.recording, zero_ns)
+    clock = "UNIX time" if epoch_s is None else f"the run's clock from {epoch_s:g} s"
+    words = {"metadata.yaml": "topics and their QoS"}
+    return [
+        Export(f".rosbag2/{name}", data, words.get(name, f"{count} messages of ROS 2, {clock}"))
+        for name, data in files.items()
+    ]
+
+
+def _mf4(source: Source) -> Sequence[Export]:
+    data, count = measurement(source.recording)
+    return [Export(".mf4", data, f"{count} channels, the run's clock")]
+
+
 FORMATS: Mapping[str, Format] = {
     "candump": Format("CAN frames as candump writes them", _candump, lambda source: source.has_can),
     "blf": Format("CAN frames for Vector's tools", _blf, lambda source: source.has_can),
@@ -147,11 +176,13 @@ FORMATS: Mapping[str, Format] = {
         lambda source: _tables(source, "parquet", as_parquet),
         lambda source: False,
     ),
+    "rosbag2": Format("a bag of ROS 2, a folder; needs rosbags", _ros_bag, lambda source: False),
+    "mf4": Format("a measurement of ASAM; needs asammdf", _mf4, lambda source: False),
 }
 
 
 def export(
-    path: Path, formats: Sequence[str], folder: Path, overwrite: bool = False, channel: str = CHANNEL
+    path: Path, formats: Sequence[str], folder: Path, overwrite: bool = False, choices: Choices | None = None
 ) -> list[str]:
     """Write a recording in these formats, or in all that it has something for, into a folder: a line for each file.
 
@@ -159,17 +190,19 @@ def export(
     that cannot be read or has nothing for a format, and for a place that cannot be written.
     """
     recording, traffic = read_with_traffic(path)
-    source = Source(path.name, recording, traffic, channel)
+    source = Source(path.name, recording, traffic, choices or Choices())
     chosen = formats or [name for name, one in FORMATS.items() if one.fits(source)]
     try:
         made = [one for name in dict.fromkeys(chosen) for one in FORMATS[name].make(source)]
     except ConfigError as error:
         raise ConfigError(f"cannot export {path}: {error}") from error
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(f"cannot make the folder {folder}: {error.strerror}; name another place") from error
+    except OverflowError as error:  # JSON has whole numbers of any length
+        raise ConfigError(
+            f"cannot export {path}: it holds a number that is out of range; is it damaged?"
+        ) from error
     places = [folder / f"{path.stem}{one.suffix}" for one in made]
+    for parent in dict.fromkeys([folder, *(place.parent for place in places)]):
+        _make_folder(parent)
     for place in places:
         check_place(place, overwrite)
     for place, one in zip(places, made, strict=True):
@@ -178,3 +211,10 @@ def export(
     if recording.truncated:
         lines.append(f"{path} ends early or is damaged: what came before is exported")
     return [*lines, f"the run's clock was 0 at UNIX time {recording.unix_zero_ns / 1e9:.6f}"]
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"cannot make the folder {folder}: {error.strerror}; name another place") from error

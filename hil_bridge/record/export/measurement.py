@@ -1,0 +1,157 @@
+"""A recording as a measurement, MDF 4.10 of ASAM, for the tools of test benches.
+
+A group holds the channels of one rate: `sensor`, `cycle`, `truth`, and `event` with texts. Times are seconds since the
+run's clock was 0, and the file's start time is the UTC time of that moment. Events stand in the file's own table too.
+"""
+
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from msgspec import Struct
+from numpy.typing import NDArray
+
+from hil_bridge.errors import ConfigError
+from hil_bridge.record import CycleRecord, EventRecord, Recording, SensorRecord, TruthRecord
+from hil_bridge.record.analysis.columns import Columns
+from hil_bridge.record.device_facts import devices_of
+from hil_bridge.record.export.tables import COLUMNS_MAX, sensor_table
+from hil_bridge.record.field_docstrings import field_docstrings
+from hil_bridge.record.scenes import whole_text
+
+_UNITS: Mapping[str, str] = {
+    "wrench": "N",
+    "force": "N",
+    "force_reference": "N",
+    "position": "m",
+    "target": "m",
+    "start": "m",
+    "depth": "m",
+    "depth_commanded": "m",
+    "travel_commanded": "m",
+    "across_commanded": "m",
+    "correction": "m",
+    "stiffness": "N/m",
+    "joints_deg": "deg",
+    "answer_s": "s",
+}
+"""Unit of a record's field, as its docstring tells."""
+_TORQUE_PARTS = ("wrench_3", "wrench_4", "wrench_5")
+_ENCODINGS: Mapping[str, str] = {"S": "utf-8"}
+"""Encoding of values, by the kind of NumPy's type."""
+_NS = 1e-9
+"""Step of an event's time, s. Chosen."""
+_TIME_MAX_NS = 1 << 63
+"""A time lies below this, ns. Source: the event block of MDF 4 has 64 bits with a sign."""
+
+
+def measurement(recording: Recording) -> tuple[bytes, int]:
+    """The file, and the number of its channels, times left out.
+
+    Raises ConfigError where asammdf is not installed, and for a recording without anything to measure.
+    """
+    try:
+        from asammdf import MDF, Signal
+        from asammdf.blocks import v4_constants
+        from asammdf.blocks.v4_blocks import EventBlock
+    except ImportError as error:
+        raise ConfigError(
+            'a measurement needs the package asammdf; `pip install "hil-bridge[mdf]"`'
+        ) from error
+    groups = dict(_groups(recording))
+    if not 0 <= recording.unix_zero_ns < _TIME_MAX_NS:
+        raise ConfigError("its time is none that a measurement can hold; give --to csv")
+    if sum(len(channels) for _, channels in groups.values()) > COLUMNS_MAX:
+        raise ConfigError(f"it has more than {COLUMNS_MAX} channels; the controller explains itself too much")
+    if not groups:
+        raise ConfigError("it holds nothing to measure; give --to bytes")
+    with tempfile.TemporaryDirectory() as folder, MDF(version="4.10") as file:
+        file.start_time = datetime.fromtimestamp(recording.unix_zero_ns / 1e9, UTC)
+        file.header.comment = f"hil-bridge {recording.metadata.get('version', '')}"
+        count = 0
+        for name, (times, channels) in groups.items():
+            signals = [
+                Signal(
+                    values,
+                    times,
+                    name=whole_text(f"{name}.{key}"),
+                    unit=unit,
+                    comment=comment,
+                    encoding=_ENCODINGS.get(values.dtype.kind),
+                )
+                for key, values, unit, comment in channels
+            ]
+            file.append(signals, acq_name=name, comment=name, common_timebase=True)
+            count += len(signals)
+        for event in _timed(recording.events):
+            block = EventBlock(
+                event_type=v4_constants.EVENT_TYPE_MARKER,
+                cause=v4_constants.EVENT_CAUSE_SCRIPT,
+                sync_base=round(event.at / _NS),
+                sync_factor=_NS,
+            )
+            block.name, block.comment = event.kind, whole_text(event.text)
+            file.events.append(block)
+        return file.save(Path(folder) / "run.mf4").read_bytes(), count
+
+
+_Channel = tuple[str, NDArray[Any], str, str]
+"""Name, values, unit, meaning."""
+
+
+def _groups(recording: Recording) -> Iterator[tuple[str, tuple[NDArray[Any], list[_Channel]]]]:
+    """Times and channels of each group."""
+    facts = devices_of(recording).sensor.facts
+    if recording.sensors:
+        yield "sensor", _sensor(recording.sensors, None if facts is None else facts.scales)
+    if recording.cycles:
+        yield "cycle", _records(recording.cycles, CycleRecord, "controlled_at")
+    if recording.truths:
+        yield "truth", _records(recording.truths, TruthRecord, "at")
+    if events := _timed(recording.events):
+        yield "event", _events(events)
+
+
+def _sensor(frames: Sequence[SensorRecord], scales: Any) -> tuple[NDArray[Any], list[_Channel]]:
+    table = sensor_table(frames, scales)
+    time, *names = table.columns
+    columns = {name: np.array([row[name] for row in table.rows]) for name in table.columns}
+    units = {"n": "N", "nm": "N·m"}
+    return columns[time], [
+        (name, columns[name], units.get(name.rpartition("_")[2], ""), "") for name in names
+    ]
+
+
+def _records(records: Sequence[Struct], kind: type[Struct], time: str) -> tuple[NDArray[Any], list[_Channel]]:
+    """Every column of numbers, in order of time."""
+    columns = Columns(records, kind)
+    texts = field_docstrings(kind)
+    order = np.argsort(columns[time], kind="stable")
+    channels = []
+    for name, values in columns.flat().items():
+        if values.dtype == object or name == time:
+            continue
+        field = next((field for field in (name, name.rpartition("_")[0]) if field in texts), "")
+        unit = "N·m" if name in _TORQUE_PARTS else _UNITS.get(field, "s" if field.endswith("_at") else "")
+        numbers = values.astype(np.uint8) if values.dtype == bool else values
+        channels.append((name, numbers[order], unit, texts.get(field, "")))
+    return columns[time][order], channels
+
+
+def _timed(events: Sequence[EventRecord]) -> list[EventRecord]:
+    """Events whose time is known, in order."""
+    return sorted(
+        (event for event in events if abs(event.at) < _TIME_MAX_NS * _NS), key=lambda event: event.at
+    )
+
+
+def _events(events: Sequence[EventRecord]) -> tuple[NDArray[Any], list[_Channel]]:
+    texts = field_docstrings(EventRecord)
+    channels = [
+        (name, np.array([whole_text(getattr(event, name)).encode() for event in events]), "", texts[name])
+        for name in ("kind", "text")
+    ]
+    return np.array([event.at for event in events]), channels

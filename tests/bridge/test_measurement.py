@@ -1,0 +1,131 @@
+"""A recording as a measurement of ASAM, and a CAN log with its DBC file, opened by asammdf."""
+
+import math
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import can
+import cantools
+import numpy as np
+import pytest
+from asammdf import MDF
+from msgspec import structs
+
+from hil_bridge.errors import ConfigError
+from hil_bridge.record import read
+from hil_bridge.record.device_facts import devices_of
+from hil_bridge.record.export import export
+from hil_bridge.record.export.measurement import measurement
+from hil_bridge.runs.outputs import Outputs
+from hil_bridge.runs.session import execute
+from hil_bridge.settings.configuration import read_config
+from protocol.wrench import wrench_of
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("measurement") / "run.mcap"
+    config = read_config({"run": {"duration_s": 2.0}})
+    assert execute(config, True, Outputs(record=path), view=False) == 0
+    export(path, ("mf4",), path.parent)
+    return path
+
+
+def test_channels_are_those_of_the_recording(made: Path) -> None:
+    recording = read(made)
+    facts = devices_of(recording).sensor.facts
+    assert facts is not None
+    with MDF(made.with_suffix(".mf4")) as file:
+        fz = file.get("sensor.fz_n")
+        assert [*fz.timestamps] == [frame.at for frame in recording.sensors]
+        assert [*fz.samples] == [wrench_of(frame.counts, facts.scales)[2] for frame in recording.sensors]
+        force = file.get("cycle.force")
+        assert [*force.timestamps] == [cycle.controlled_at for cycle in recording.cycles]
+        assert [*force.samples] == [cycle.force for cycle in recording.cycles]
+        assert (force.unit, force.comment) == (
+            "N",
+            "N along the approach direction, positive while pressing.",
+        )
+        assert (file.get("cycle.wrench_3").unit, fz.unit, file.get("truth.joints_deg_0").unit) == (
+            "N·m",
+            "N",
+            "deg",
+        )
+        true = file.get("truth.position_2")
+        assert [*true.samples] == [truth.position[2] for truth in recording.truths]
+        assert np.ptp(true.samples) > 1e-3
+
+
+def test_a_group_has_one_rate_and_the_file_a_start(made: Path) -> None:
+    recording = read(made)
+    with MDF(made.with_suffix(".mf4")) as file:
+        held: Any = file.groups
+        groups = {group.channel_group.acq_name: group.channel_group.cycles_nr for group in held}
+        assert groups == {
+            "sensor": len(recording.sensors),
+            "cycle": len(recording.cycles),
+            "truth": len(recording.truths),
+            "event": len(recording.events),
+        }
+        assert file.start_time.timestamp() == pytest.approx(recording.unix_zero_ns / 1e9, abs=1e-6)
+
+
+def test_events_are_in_the_table_of_the_file_and_a_group(made: Path) -> None:
+    events = sorted(read(made).events, key=lambda event: event.at)
+    with MDF(made.with_suffix(".mf4")) as file:
+        inner: Any = file._mdf  # the table has no public name
+        found = inner.events
+        told = [(one.sync_base * one.sync_factor, one.name, one.comment) for one in found]
+        assert [(name, comment) for _, name, comment in told] == [(one.kind, one.text) for one in events]
+        assert [at for at, _, _ in told] == pytest.approx([one.at for one in events], abs=2e-9)
+        kinds = file.get("event.kind")
+        assert [bytes(kind).decode() for kind in kinds.samples] == [event.kind for event in events]
+        assert [*kinds.timestamps] == [event.at for event in events]
+
+
+@pytest.mark.parametrize("zero_ns", [-1, 1 << 63])
+def test_a_time_that_a_measurement_cannot_hold_is_refused(made: Path, zero_ns: int) -> None:
+    with pytest.raises(ConfigError, match=r"^its time is none that a measurement can hold"):
+        measurement(replace(read(made), unix_zero_ns=zero_ns))
+
+
+def test_events_without_a_time_are_left_out(made: Path) -> None:
+    recording = read(made)
+    lost = [structs.replace(recording.events[0], at=at) for at in (math.nan, math.inf, 9.9e9)]
+    data, _ = measurement(replace(recording, events=(*lost, *recording.events)))
+    path = made.with_name("lost.mf4")
+    path.write_bytes(data)
+    with MDF(path) as file:
+        assert len(file.get("event.kind")) == len(recording.events)
+
+
+def test_without_asammdf_a_measurement_is_refused_in_one_line(
+    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "asammdf", None)
+    with pytest.raises(ConfigError, match=r'needs the package asammdf; `pip install "hil-bridge\[mdf\]"`$'):
+        export(made, ("mf4",), tmp_path)
+
+
+def test_a_can_log_and_its_dbc_file_decode_alike_in_asammdf_and_cantools(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    config = read_config({"run": {"duration_s": 2.0}, "sensor": {"emulated": "jr3"}})
+    assert execute(config, True, Outputs(record=path), view=False) == 0
+    export(path, ("blf", "dbc"), tmp_path)
+    database: Any = cantools.database.load_file(tmp_path / "run.dbc")
+    with can.BLFReader(tmp_path / "run.blf") as log:
+        messages = [message for message in log if not message.is_error_frame]
+    with can.MF4Writer(tmp_path / "bus.mf4", database=tmp_path / "run.dbc") as writer:
+        for message in messages:
+            writer.on_message_received(message)
+    decoded = [
+        database.decode_message(0x601, bytes(one.data))["fz"]
+        for one in messages
+        if one.arbitration_id == 0x601 and one.is_rx
+    ]
+    with MDF(tmp_path / "bus.mf4") as bus:
+        (fz,) = bus.extract_bus_logging({"CAN": [(tmp_path / "run.dbc", 0)]}).select(["fz"])
+    assert len({*decoded}) > 10
+    assert [*fz.samples] == decoded
