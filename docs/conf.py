@@ -28,6 +28,7 @@ nitpicky = True
 html_theme = "furo"
 html_title = f"hil-bridge {release}"
 html_static_path = ["_static"]
+html_logo = html_favicon = "_static/logo.svg"
 html_css_files = ["site.css"]
 html_show_copyright = False
 html_copy_source = False

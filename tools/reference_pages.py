@@ -30,6 +30,7 @@ from protocol.devices.rtde import packets
 from protocol.devices.rtde.fields import INPUTS, OUTPUTS, Variable
 from protocol.fields import Layout
 from tools.computer_link_doc import field_table
+from tools.known_devices import known_devices
 from tools.pages import table
 
 FOLDER = Path(__file__).resolve().parent.parent / "docs" / "reference" / "generated"
@@ -319,6 +320,7 @@ FIELD_TABLES: Mapping[str, tuple[Layout, ...]] = {
 """Payloads by device."""
 
 PAGES: Mapping[str, Callable[[], str]] = {
+    "known-devices": known_devices,
     "command-line": command_line,
     "configuration": configuration,
     "wires": wires,

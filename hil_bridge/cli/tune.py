@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from hil_bridge.cli.completion import complete, controllers
 from hil_bridge.cli.options import overwrite_option, tell
 from hil_bridge.cli.paths import FILE
 from hil_bridge.errors import ConfigError
@@ -22,7 +23,12 @@ NOTHING_FOUND = 4
 
 @click.command(short_help="Find a controller's parameters for a cell.")
 @click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=FILE)
-@click.option("--controller", metavar="NAME", help="The controller.  [default: that of the configuration]")
+@click.option(
+    "--controller",
+    metavar="NAME",
+    shell_complete=complete(controllers),
+    help="The controller.  [default: that of the configuration]",
+)
 @click.option(
     "--vary",
     multiple=True,

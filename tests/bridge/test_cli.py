@@ -171,6 +171,10 @@ def test_help_imports_none_of_the_heavy_libraries() -> None:
             ["emulate", "robot", "--robot", "egm", "--link-profile", "default"],
             "--link-profile is of an S3's computer link, and the robot is egm",
         ),
+        (
+            ["run", "--virtual", "--robot", "egm", "--link-profile", "default"],
+            "--link-profile is of an S3's computer link, and the robot is egm",
+        ),
         (["emulate", "sensor", "--web-port", "8000"], "--web is the robot's"),
         (["emulate", "robot", "--panel", "tcp-listen://0.0.0.0:1"], "listens on this computer alone"),
         (["emulate", "robot", "--panel", "tcp://127.0.0.1:1"], "unknown scheme 'tcp'; allowed: tcp-listen"),
