@@ -77,7 +77,7 @@ def known_devices() -> str:
         _overview(ROBOTS.built_in, config),
         "## Sensors",
         _overview(SENSORS.built_in, config),
-        "An S3 is asked; its cycle is as long as its serial line takes. A sensor without a cycle tells it in its stream.",
+        "An S3 is asked; its cycle is as long as its line takes. A sensor without a cycle tells it in its stream.",
         "## What held them",
         table(
             ("kind", "held against", "recorded of real devices"),
