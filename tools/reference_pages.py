@@ -2,16 +2,12 @@
 
 import inspect
 import re
-import types
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import click
-import msgspec
 
-import hil_bridge
-from hil_bridge import api
 from hil_bridge.cli import cli
 from hil_bridge.cli.plugins import controller_facts
 from hil_bridge.control.controllers import CONTROLLERS
@@ -29,6 +25,7 @@ from protocol.devices.rsi.elements import ELEMENTS, POSE_AXES, Element
 from protocol.devices.rtde import packets
 from protocol.devices.rtde.fields import INPUTS, OUTPUTS, Variable
 from protocol.fields import Layout
+from tools.author_names import author_names, package_names
 from tools.computer_link_doc import field_table
 from tools.known_devices import known_devices
 from tools.pages import table
@@ -225,37 +222,6 @@ def controllers() -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def names() -> str:
-    """Public names of the package."""
-    parts = [
-        "# Names of the package",
-        "Every public name of `hil_bridge`. [The Python interface](../api.md) shows how they are used.",
-    ]
-    for name in sorted(api.__all__):
-        parts += [f"## {name}", *_described(getattr(hil_bridge, name))]
-    return "\n\n".join(parts) + "\n"
-
-
-def _described(thing: Any) -> Iterator[str]:
-    if isinstance(thing, types.UnionType):
-        yield "One of: " + ", ".join(f"`{getattr(one, '__name__', one)}`" for one in thing.__args__) + "."
-        return
-    text = inspect.getdoc(thing) or ""
-    if inspect.isfunction(thing):
-        yield f"```python\n{thing.__name__}{inspect.signature(thing)}\n```".replace("typing.", "")
-    if text and not text.startswith(f"{getattr(thing, '__name__', '')}("):
-        yield text
-    if not inspect.isclass(thing) or issubclass(thing, BaseException) or issubclass(thing, msgspec.Struct):
-        return
-    rows = [
-        (f"`{key}`", _cell((inspect.getdoc(one) or "").partition("\n\n")[0]))
-        for key, one in vars(thing).items()
-        if not key.startswith(("_", "model_")) and isinstance(one, types.FunctionType | property)
-    ]
-    if rows:
-        yield table(("name", "meaning"), rows)
-
-
 def _cell(text: str) -> str:
     """A text as one line that is no markup of tables, links or lists."""
     return " ".join(text.split()).replace("[", "\\[").replace("<", "&lt;")
@@ -329,6 +295,7 @@ PAGES: Mapping[str, Callable[[], str]] = {
     "topics": topics,
     "controllers": controllers,
     "fields": fields,
-    "names": names,
+    "names": package_names,
+    "authors": author_names,
 }
 """Pages by their file's name."""
