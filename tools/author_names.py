@@ -187,8 +187,7 @@ def _directive(module: str, name: str) -> Iterator[str]:
         yield "   :no-index:"
     if _has_members(thing):
         yield "   :members:"
-    if _has_own_init(thing):
-        yield "   :special-members: __init__"
+        yield f"   :exclude-members: __new__{'' if _has_own_init(thing) else ', __init__'}"
     yield ""
 
 
