@@ -100,7 +100,7 @@ def run_examples(elsewhere: Elsewhere) -> None:
         record = elsewhere.closes_the_loop(name, *TOYS, "--duration", "3", *time_of)
         elsewhere.run("hil-bridge", "latency", record)
         elsewhere.run("hil-bridge", "replay", record)
-    elsewhere.run("hil-bridge", "report", record, "--out", record.with_suffix(""))
+    elsewhere.run("hil-bridge", "report", record, "--output", record.with_suffix(""))
 
 
 def test_examples(elsewhere: Elsewhere) -> None:

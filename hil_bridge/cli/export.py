@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from hil_bridge.cli.options import overwrite_option
+from hil_bridge.cli.options import output_option, overwrite_option
 from hil_bridge.cli.paths import FILE
 
 FORMAT_NAMES = ("candump", "blf", "asc", "dbc", "bytes", "csv", "parquet")
@@ -29,9 +29,7 @@ def _formats(_context: click.Context, _parameter: click.Parameter, given: str) -
     metavar="FORMAT,…",
     help=f"{', '.join(FORMAT_NAMES)}.  [default: all but dbc and parquet that the recording has something for]",
 )
-@click.option(
-    "--out", type=FILE, metavar="DIR", help="Where to put the files.  [default: beside the recording]"
-)
+@output_option("DIR", "Where to put the files.  [default: beside the recording]")
 @click.option(
     "--channel", default="can0", metavar="NAME", help="CAN interface in candump's text.  [default: can0]"
 )

@@ -9,7 +9,7 @@ import click
 
 from hil_bridge.cli.completion import complete, robots, sensors
 from hil_bridge.cli.devices import device_settings, not_empty
-from hil_bridge.cli.options import overwrite_option
+from hil_bridge.cli.options import output_option, overwrite_option
 from hil_bridge.cli.paths import FILE
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ LEAST_ANGLE_DEG = 15.0
     help="Compute from this table; no device is opened, nothing moves.",
 )
 @click.option("--save", type=FILE, metavar="POSES.csv", help="Keep the poses and readings.")
-@click.option("-o", "--out", type=FILE, metavar="FILE.toml", help="Write [tool] and the sensor's bias.")
+@output_option("FILE.toml", "Write [tool] and the sensor's bias.")
 @overwrite_option
 def identify_tool(
     config_file: Path | None,

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from hil_bridge.cli.options import overwrite_option
+from hil_bridge.cli.options import output_option, overwrite_option
 from hil_bridge.cli.paths import FILE
 
 if TYPE_CHECKING:
@@ -20,11 +20,9 @@ if TYPE_CHECKING:
 
 @click.command(short_help="Tell where the time from force to motion goes.")
 @click.argument("recording", type=FILE)
-@click.option(
-    "-o", "--output", type=FILE, metavar="SITE.toml", help="Write settings for an emulation that is as late."
-)
+@output_option("SITE.toml", "Write settings for an emulation that is as late.")
 @overwrite_option
-def latency(recording: Path, output: Path | None, overwrite: bool) -> None:
+def latency(recording: Path, out: Path | None, overwrite: bool) -> None:
     """Tell where the time between a force and the motion that answers it went in a recorded run.
 
     With -o the site's turnaround and the jitter of its sensor become a configuration: `hil-bridge run SITE.toml`
@@ -41,7 +39,7 @@ def latency(recording: Path, output: Path | None, overwrite: bool) -> None:
     from hil_bridge.record.reader import NO_CYCLE
 
     record = read(recording)
-    if not record.cycles and output is None:
+    if not record.cycles and out is None:
         click.echo(f"no times: {NO_CYCLE}")
         return
     found = latency_of(record)
@@ -57,10 +55,10 @@ def latency(recording: Path, output: Path | None, overwrite: bool) -> None:
     lines = [*_lines(found), *(_answer_lines(answers) if answers is not None else ())]
     if record.truncated:
         lines.append("the recording is cut short or damaged: this is what came before")
-    if output is not None:  # before the first output: a reader such as `head` may have closed the pipe
+    if out is not None:  # before the first output: a reader such as `head` may have closed the pipe
         text, left_out = _site(record)
-        write_whole(output, text.encode(), overwrite)
-        lines.append(f"wrote {output}{left_out and f'; {left_out}'}")
+        write_whole(out, text.encode(), overwrite)
+        lines.append(f"wrote {out}{left_out and f'; {left_out}'}")
     for line in lines:
         click.echo(harmless(line))
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from hil_bridge.cli.options import overwrite_option
+from hil_bridge.cli.options import output_option, overwrite_option
 from hil_bridge.cli.paths import FILE
 
 EXIT_REFUSED = 3
@@ -22,13 +22,7 @@ def probe() -> None:
 @click.option(
     "--config", "config_file", type=FILE, metavar="FILE", help="Configuration whose [robot.KIND] is taken."
 )
-@click.option(
-    "-o",
-    "--out",
-    type=FILE,
-    metavar="FILE",
-    help="Write a configuration with the settings of the link that work. [S3]",
-)
+@output_option("FILE", "Write a configuration with the settings of the link that work. [S3]")
 @click.option(
     "--patience",
     "patience_s",

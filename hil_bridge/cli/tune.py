@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from hil_bridge.cli.completion import complete, controllers
-from hil_bridge.cli.options import overwrite_option, tell
+from hil_bridge.cli.options import output_option, overwrite_option, tell
 from hil_bridge.cli.paths import FILE
 from hil_bridge.errors import ConfigError
 
@@ -57,7 +57,7 @@ NOTHING_FOUND = 4
     help="First seed, and the optimiser's.",
 )
 @click.option("--workers", type=click.IntRange(min=1), metavar="N", help="Processes.  [default: one a core]")
-@click.option("--out", type=FILE, metavar="TUNED.toml", help="Write the tuned configuration.")
+@output_option("TUNED.toml", "Write the tuned configuration.")
 @click.option(
     "--trade", metavar="X:Y", help="Two figures of the trade-off.  [default: rise_s:overshoot_percent]"
 )
@@ -102,7 +102,7 @@ def tune(
     """Find parameters of a controller by many runs in virtual time, and compare them with the defaults.
 
     \b
-    hil-bridge tune cell.toml --controller pi --minimise rise_s --minimise overshoot_percent --out tuned.toml
+    hil-bridge tune cell.toml --controller pi --minimise rise_s --minimise overshoot_percent -o tuned.toml
     hil-bridge run tuned.toml --virtual
 
     A run that the guard stops, or whose true force is above the limit, rules its point out. Exit codes: 0 done, 2 wrong

@@ -284,7 +284,7 @@ def test_a_run_prints_its_figures_and_leaves_what_report_makes_again(hil: Comman
     assert lines[-1] == "left: retracted, 0.0 N"
     assert any(line.startswith("  tracked") and "predictive" in line for line in lines)
     assert json.loads(Path("s.json").read_text())["outcome"] == "completed"
-    assert hil("report", "r.mcap", "--out", "again") == (0, "again/report.html\n", "")
+    assert hil("report", "r.mcap", "-o", "again") == (0, "again/report.html\n", "")
     assert Path("again/report.html").read_bytes() == Path("rep/report.html").read_bytes()
     Path("cut.mcap").write_bytes(Path("r.mcap").read_bytes()[:3000])
     Path("empty.mcap").touch()
