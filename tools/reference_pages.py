@@ -51,9 +51,8 @@ def command_line() -> str:
     """Every command with its options, as `--help` shows them."""
     parts = [
         "# Command line",
-        "Each command tells the same with `--help`. Exit codes: 0 done, 1 a replay that differs, 2 configuration or "
-        "input, 3 device, link or safety stop, 4 a step of a program did not meet its criterion, 70 a bug, "
-        "130 interrupted.",
+        "Each command tells the same with `--help`. "
+        + " ".join((cli.help or "").partition("\n\n")[2].split()),
     ]
     for names, command in _commands(cli, ("hil-bridge",)):
         context = click.Context(

@@ -182,6 +182,7 @@ def test_help_imports_none_of_the_heavy_libraries() -> None:
         (["report", "none.mcap"], "cannot read the recording none.mcap: No such file"),
         (["report", "file"], "file is not an MCAP file"),
         (["report", "."], "Is a directory"),
+        (["report", "r.mcap", "--out", "x"], "--out is -o or --output now: write -o x"),
         (["profile", "show", "file"], "file is no TOML"),
         (["config", "init", "file"], "file is there already"),
         (["config", "init", "none/c.toml"], "cannot write none/c.toml: there is no such folder"),
