@@ -13,7 +13,7 @@ from hil_bridge.control.laws.rules import parse_rules, read_rules
 from hil_bridge.devices.robots.s3.orders_file import parse_orders, read_orders
 from hil_bridge.devices.robots.s3.program_folder import read_programs
 from hil_bridge.errors import ConfigError
-from hil_bridge.errors.text_files import TOML_LIMIT_BYTES, parse_json, read_text
+from hil_bridge.errors.text_files import TOML_LIMIT_BYTES, format_value, parse_json, read_text
 from hil_bridge.record import Recording
 from hil_bridge.runs.replay import changes_of, recorded_config
 from hil_bridge.settings.configuration import Config, dump, load_config
@@ -263,3 +263,17 @@ def test_any_url_is_taken_or_one_line(scheme: str, rest: str) -> None:
             parse_url(f"{scheme}:{rest}", schemes)
         except ConfigError as error:
             one_line(error)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.1 + 0.2, "0.3"),
+        (-10 / 3, "-3.33333333"),
+        (1e-17, "1e-17"),
+        (0.25, "0.25"),
+        ("0.30000000000000004", "'0.300"),
+    ],
+)
+def test_a_long_number_is_rounded_in_messages(value: object, text: str) -> None:
+    assert format_value(value).startswith(text)
