@@ -1,7 +1,8 @@
-"""Write the table of docs/explanation/streaming.md: each controller on each robot, on soft, hard, curved surfaces.
+"""Write the tables of docs/explanation/streaming.md: each controller on each robot, on soft, hard, curved surfaces, and
+the first touch of a surface of unknown stiffness.
 
 With --measure the runs are made first, in virtual time, and their figures go to docs/explanation/streaming.json; it
-takes some ten minutes. With --check nothing is written; the exit code is 1 when the document is not up to date.
+takes some fifteen minutes. With --check nothing is written; the exit code is 1 when the document is not up to date.
 """
 
 import json
@@ -11,7 +12,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from itertools import pairwise, product
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from hil_bridge.control import CONTROLLERS
 from hil_bridge.lab.experiments.emulated_run import run_emulated
@@ -34,32 +35,66 @@ SURFACES: Mapping[str, Mapping[str, Any]] = {
     "curved, 5 kN/m": {"stiffness_n_m": 5e3, **CURVED},
     "curved, 50 kN/m": {"stiffness_n_m": 5e4, **CURVED},
 }
+TOUCHED: Mapping[str, Mapping[str, Any]] = {
+    f"{shape}, {stiffness / 1e3:g} kN/m": {"stiffness_n_m": stiffness, **how}
+    for shape, how in (("level", {}), ("curved", CURVED))
+    for stiffness in (5e3, 2e4, 5e4)
+}
 
 
-def figures_of(case: tuple[str, str, str]) -> Mapping[str, Any]:
-    """One run: robot, controller, surface."""
-    robot, controller, name = case
-    surface = SURFACES[name]
+TOUCHES: Mapping[str, tuple[str, Mapping[str, float]]] = {
+    **{robot: (robot, {}) for robot in ROBOTS},
+    "rtde, an arm on its targets": ("rtde", {"follow_error_urad": 0.0, "fast_follow_error_urad": 0.0}),
+}
+"""Robots of the table of touches, each with settings of its emulator."""
+SPEEDS_MM_S = (2.75, 10.0)
+"""Largest speeds of the approach: the default one and a quick one."""
+HARDEST_N_M = 5e4
+"""Stiffness that the task expects at most; the surface has it, or is softer."""
+TOUCH_S, TOUCHED_S = 2.5, 1.0
+"""Time of tracking, and the begin of it that does not count for the error, s."""
+
+
+class Case(NamedTuple):
+    """One run."""
+
+    robot: str
+    """Of ROBOTS or TOUCHES."""
+    controller: str
+    surface: Mapping[str, Any]
+    expected_n_m: float
+    approach_mm_s: float = SPEEDS_MM_S[0]
+    track_s: float = TRACK_S
+    settled_s: float = SETTLED_S
+
+
+def figures_of(case: Case) -> Mapping[str, Any]:
+    """One run."""
+    robot, errors = TOUCHES[case.robot]
     config = Setup(
         read_config(
             {
-                "run": {"duration_s": TRACK_S, "seed": 1},
+                "run": {"duration_s": case.track_s, "seed": 1},
                 "robot": {"emulated": robot},
                 "sensor": {"emulated": ROBOTS[robot]},
-                "controller": {"name": controller},
-                "frame": {"follow_normal": "kind" in surface},
-                "task": {"expected_stiffness_n_m": surface["stiffness_n_m"]},
-                "cell": {"start_position_mm": (900.0, -100.0, 600.0), "surface": surface},
+                "controller": {"name": case.controller},
+                "frame": {"follow_normal": "kind" in case.surface},
+                "task": {
+                    "expected_stiffness_n_m": case.expected_n_m,
+                    "approach_speed_mm_s": case.approach_mm_s,
+                },
+                "cell": {
+                    "start_position_mm": (900.0, -100.0, 600.0),
+                    "surface": case.surface,
+                    **({robot: errors} if errors else {}),
+                },
             }
         )
     ).config
     run = run_emulated(config)
     track = [cycle for cycle in run.cycles if cycle.phase == "track"]
-    settled = [cycle.force for cycle in track if cycle.sensor_at >= track[0].sensor_at + SETTLED_S]
+    settled = [cycle.force for cycle in track if cycle.sensor_at >= track[0].sensor_at + case.settled_s]
     return {
-        "robot": robot,
-        "controller": controller,
-        "surface": name,
         "cause": run.result.text,
         "period_ms": statistics.fmean(1e3 * (b.started_at - a.started_at) for a, b in pairwise(track)),
         "rms_n": math.sqrt(statistics.fmean((force - FORCE_N) ** 2 for force in settled))
@@ -70,11 +105,29 @@ def figures_of(case: tuple[str, str, str]) -> Mapping[str, Any]:
     }
 
 
-def measured() -> list[Mapping[str, Any]]:
-    """All runs, one a core at a time."""
-    cases = list(product(ROBOTS, CONTROLLERS, SURFACES))
+def measured(robots: Sequence[str]) -> dict[str, list[Mapping[str, Any]]]:
+    """The runs of each table with these robots, one a core at a time."""
+    held = {
+        (robot, controller, name): Case(robot, controller, surface, surface["stiffness_n_m"])
+        for robot, controller, (name, surface) in product(robots, CONTROLLERS, SURFACES.items())
+    }
+    touched = {
+        (robot, speed, name): Case(robot, "predictive", surface, HARDEST_N_M, speed, TOUCH_S, TOUCHED_S)
+        for robot, speed, (name, surface) in product(TOUCHES, SPEEDS_MM_S, TOUCHED.items())
+        if TOUCHES[robot][0] in robots
+    }
+    cases = [*held.values(), *touched.values()]
     with own_processes() as pool:
-        return in_order(pool, figures_of, cases, lambda count: print(".", end="", flush=True), chunk=1)
+        found = in_order(pool, figures_of, cases, lambda count: print(".", end="", flush=True), chunk=1)
+    rows = iter(found)
+    return {
+        "controllers": [{"robot": r, "controller": c, "surface": s, **next(rows)} for r, c, s in held],
+        "touch": [{"robot": r, "approach_mm_s": v, "surface": s, **next(rows)} for r, v, s in touched],
+    }
+
+
+def _key(row: Mapping[str, Any]) -> tuple[Any, ...]:
+    return row["robot"], row.get("controller"), row.get("approach_mm_s"), row["surface"]
 
 
 def _cell(row: Mapping[str, Any]) -> str:
@@ -84,9 +137,17 @@ def _cell(row: Mapping[str, Any]) -> str:
     return f"{row['rms_n']:.2f} N, {row['overshoot_percent']:.0f} %{lost}"
 
 
-def renewed(text: str, rows: Sequence[Mapping[str, Any]]) -> str:
-    """The document with the table of these runs."""
-    found = {(row["robot"], row["controller"], row["surface"]): row for row in rows}
+def _touch_lines(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
+    found = {(row["robot"], row["approach_mm_s"], row["surface"]): row for row in rows}
+    return [
+        (f"`{robot}`", f"{speed:g} mm/s", *(_cell(found[robot, speed, surface]) for surface in TOUCHED))
+        for robot, speed in dict.fromkeys((row["robot"], row["approach_mm_s"]) for row in rows)
+    ]
+
+
+def renewed(text: str, figures: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    """The document with the tables of these runs."""
+    found = {(row["robot"], row["controller"], row["surface"]): row for row in figures["controllers"]}
     lines = [
         (
             f"`{robot}`",
@@ -97,18 +158,27 @@ def renewed(text: str, rows: Sequence[Mapping[str, Any]]) -> str:
         for robot, controller in product(ROBOTS, CONTROLLERS)
         if (robot, controller, next(iter(SURFACES))) in found
     ]
-    return placed(text, {"controllers": table(("robot", "controller", "period", *SURFACES), lines)})
+    tables = {
+        "controllers": table(("robot", "controller", "period", *SURFACES), lines),
+        "touch": table(("robot", "approach", *TOUCHED), _touch_lines(figures["touch"])),
+    }
+    return placed(text, tables)
 
 
 def main() -> int:
     """Measure if wanted, then write or check."""
     options = parser(__doc__ or "")
-    options.add_argument("--measure", action="store_true", help="make the runs first")
+    options.add_argument(
+        "--measure", nargs="*", metavar="ROBOT", help="make the runs first, of all robots or of these"
+    )
     chosen = options.parse_args()
-    if chosen.measure:
-        FIGURES.write_text(json.dumps(measured(), indent=1) + "\n", encoding="utf-8")
-    rows = json.loads(FIGURES.read_text(encoding="utf-8"))
-    return write(DOCUMENT, lambda text: renewed(text, rows), chosen.check)
+    figures = json.loads(FIGURES.read_text(encoding="utf-8"))
+    if chosen.measure is not None:
+        for name, rows in measured(chosen.measure or list(ROBOTS)).items():
+            keyed = {_key(row): row for row in (*figures.get(name, ()), *rows)}
+            figures[name] = list(keyed.values())
+        FIGURES.write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+    return write(DOCUMENT, lambda text: renewed(text, figures), chosen.check)
 
 
 if __name__ == "__main__":

@@ -3,11 +3,13 @@
 A step of the check that mostly waits for downloads. One environment serves all: none of it is the checkout's.
 """
 
+import hashlib
 import json
 import subprocess
 import sys
 import tempfile
 import time
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -70,7 +72,7 @@ def ran(place: Path, *command: str | Path) -> str:
 def installed(elsewhere: Elsewhere) -> None:
     """Build all wheels by one call of pip, and install them by another."""
     folder = elsewhere.place / "wheels"
-    elsewhere.install("hatchling>=1.25")  # one for all that are built, instead of one each
+    elsewhere.install("hatchling>=1.28")  # one for all that are built, instead of one each
     build = ("-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "--wheel-dir", folder)
     elsewhere.run("python", *build, ROOT, *EXAMPLES)
     wheels = sorted(folder.glob("*.whl"))
@@ -78,7 +80,25 @@ def installed(elsewhere: Elsewhere) -> None:
         raise RuntimeError(f"hil-bridge and {len(EXAMPLES)} examples made {len(wheels)} wheels")
     (own,) = (wheel for wheel in wheels if wheel.name.startswith("hil_bridge-"))
     wheels.remove(own)
+    check_same(elsewhere, own)
     elsewhere.install(f"{own}[testing]", *wheels)  # ours first, for the others depend on it
+
+
+def check_same(elsewhere: Elsewhere, wheel: Path) -> None:
+    """Build our wheel again: it has the same bytes, and a list of the parts that it carries."""
+    again = elsewhere.place / "again"
+    elsewhere.run(
+        "python", "-m", "pip", "wheel", "-q", "--no-deps", "--no-build-isolation", "-w", again, ROOT
+    )
+    if (again / wheel.name).read_bytes() != wheel.read_bytes():
+        raise RuntimeError("two builds of the same sources differ")
+    with zipfile.ZipFile(wheel) as archive:
+        (name,) = (one for one in archive.namelist() if one.endswith(".dist-info/sboms/hil-bridge.cdx.json"))
+        told = json.loads(archive.read(name))
+        for file in told["components"][0]["components"]:
+            (path,) = (one for one in archive.namelist() if one.endswith(f"/vendor/{file['name']}"))
+            if hashlib.sha256(archive.read(path)).hexdigest() != file["hashes"][0]["content"]:
+                raise RuntimeError(f"the list of parts has another hash of {path}")
 
 
 def run_alone(elsewhere: Elsewhere) -> None:

@@ -28,6 +28,7 @@ from hil_bridge.cli.panel import panel
 from hil_bridge.cli.plugins import controllers, plugins
 from hil_bridge.cli.probe import probe
 from hil_bridge.cli.replay import replay
+from hil_bridge.cli.requirements import requirements
 from hil_bridge.cli.run import run
 from hil_bridge.cli.runs import runs
 from hil_bridge.cli.serve_jr3 import serve_jr3
@@ -128,7 +129,7 @@ GROUPS: dict[str, tuple[click.Command, ...]] = {
     "Look at recordings": (runs, view, report, why, latency, compare, replay, export, layouts, fidelity),
     "On site": (doctor, probe, identify_tool, monitor, decode, serve_jr3),
     "Emulate and judge": (emulate, panel, faults, conform, force_source),
-    "Many runs": (campaign, experiment),
+    "Many runs": (campaign, experiment, requirements),
     "Settings and lists": (config, profile, plugins),
 }
 """The commands by what they are for, in the order of the help."""

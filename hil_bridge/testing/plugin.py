@@ -4,6 +4,7 @@ pytest loads it at each start where hil-bridge is installed. So it imports nothi
 used, and does nothing for tests that are not those of a suite.
 """
 
+import re
 from collections import Counter
 from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
@@ -18,6 +19,8 @@ that an implementation may fail that has passed before. New words of a message k
 
 _PROPERTY = "hil_suite"
 """Property of a test's report: the suite and its version. JUnit files have it too."""
+REQUIREMENT, RECORDING = "hil_requirement", "hil_recording"
+"""Mark of a test, and property of its report: a requirement that it shows. Property: where a run of it was saved."""
 _MISSING = object()
 """Given to a test whose fixture is missing."""
 
@@ -69,12 +72,20 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         help="a real robot or sensor, KIND+WIRE, for the harmless part of its client's suite: reports and frames are "
         "read, a sensor is zeroed, nothing moves; may be given again",
     )
+    group.addoption(
+        "--hil-recordings",
+        metavar="DIR",
+        help="save the runs of hil_simulate there, also those of tests that pass",
+    )
     parser.addini(
         "hil_suite", "version of the suites of hil_bridge.testing that this project was tested by", default=""
     )
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    config.addinivalue_line(
+        "markers", f"{REQUIREMENT}(*names): requirements that the test shows, such as 'R-12'"
+    )
     wanted = config.getini("hil_suite")
     if wanted and wanted != SUITE_VERSION:
         raise pytest.UsageError(
@@ -89,6 +100,8 @@ def pytest_configure(config: pytest.Config) -> None:
 def pytest_itemcollected(item: pytest.Item) -> None:
     if suite := _suite_of(getattr(item, "function", None)):
         item.user_properties.append((_PROPERTY, f"{suite.title}, suite version {SUITE_VERSION}"))
+    for mark in item.iter_markers(REQUIREMENT):
+        item.user_properties += [(REQUIREMENT, str(name)) for name in mark.args]
 
 
 @pytest.hookimpl(trylast=True)
@@ -151,43 +164,77 @@ def pytest_terminal_summary(terminalreporter: Any) -> None:
 
 # --- fixtures for tests of a user's own
 
-_RUNS: pytest.StashKey[list[tuple[Any, Path]]] = pytest.StashKey()
+_RUNS: pytest.StashKey[list[Any]] = pytest.StashKey()
 
 
 def _saved(result: Any, path: Path) -> str:
-    """The command that explains a run, which is saved for it, or why it is not saved: that ends no tests."""
+    """The reason for which a run could not be saved there, which ends no tests; empty where it was."""
     from hil_bridge.errors import BridgeError
 
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         result.save(path, overwrite=True)
     except (BridgeError, OSError) as error:
-        return f"not saved: {error}"
-    return f"hil-bridge why {path}"
+        return str(error)
+    return ""
+
+
+def _place(item: pytest.Item, number: int) -> tuple[Path, bool]:
+    """A place for a run of a test, and whether the user has named the folder."""
+    if folder := item.config.getoption("--hil-recordings"):
+        name = re.sub(r"[^\w.-]+", "-", item.nodeid.replace("::", "."))
+        return Path(folder) / f"{name}-{number}.mcap", True
+    return item.funcargs["tmp_path"] / f"run-{number}.mcap", False  # type: ignore[attr-defined]
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any, Any]:
     report = yield
-    if report.when == "call" and report.failed and (runs := item.stash.get(_RUNS, [])):
+    if report.when == "call" and (runs := item.stash.get(_RUNS, [])):
         lines = []
-        for number, (result, folder) in enumerate(runs):
-            path = folder / f"run-{number}.mcap"
+        for number, result in enumerate(runs):
+            item.user_properties += told_run(number, result)
+            path, named = _place(item, number)
+            if not (report.failed or named):
+                continue
+            trouble = _saved(result, path)
+            if not trouble:
+                item.user_properties.append((RECORDING, str(path)))
             why = f": {result.text}" if result.text else ""
-            lines.append(f"run {number}: {result.outcome}{why}\n    {_saved(result, path)}")
-        report.sections.append(("hil_simulate", "\n".join(lines)))
+            advice = f"not saved: {trouble}" if trouble else f"hil-bridge why {path}"
+            lines.append(f"run {number}: {result.outcome}{why}\n    {advice}")
+            if not trouble:
+                lines.append(f"[[ATTACHMENT|{path}]]")
+        if lines:
+            report.sections.append(("hil_simulate", "\n".join(lines)))
     return report
+
+
+def told_run(number: int, result: Any) -> list[tuple[str, str]]:
+    """Properties of a run for a test's report: its end, each fault, each step of a program with its verdict."""
+    name = f"hil_run.{number}"
+    told = [(f"{name}.outcome", str(result.outcome)), (f"{name}.left", result.left)]
+    if result.text:
+        told.append((f"{name}.cause", result.text))
+    told += [(f"{name}.fault", event.text) for event in result.events if event.kind == "fault"]
+    return told + [
+        (f"{name}.step.{step.step}", f"{step.label}: {'passed' if step.passed else f'failed: {step.text}'}")
+        for step in result.steps
+    ]
 
 
 @pytest.fixture
 def hil_simulate(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[..., Any]:
-    """`hil_bridge.simulate`; where the test fails, its runs are saved, and the report says how each ended."""
+    """`hil_bridge.simulate`; the test's report says how each run ended, and where it was saved: `--hil-recordings`
+    names a folder for all runs, without it those of a test that fails are kept.
+    """
     import hil_bridge
 
     runs = request.node.stash[_RUNS] = []  # anew where a test is repeated
 
     def simulate(config: Any = None, **more: Any) -> Any:
         result = hil_bridge.simulate(config, **more)
-        runs.append((result, tmp_path))
+        runs.append(result)
         return result
 
     return simulate
