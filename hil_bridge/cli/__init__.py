@@ -118,7 +118,7 @@ def cli(context: click.Context) -> None:
 
     Exit codes: 0 done, 1 a replay or another comparison that differs, 2 configuration or input, 3 device, link or
     safety stop, 4 a demand was not met, 70 a bug, 130 interrupted. Demands are the criteria of a step (run) or of a
-    run (campaign), promises (campaign hunt), scenarios (conform) and constraints (tune).
+    run (campaign), promises (campaign hunt), scenarios (conform), constraints (tune), and requirements.
     """
     if context.invoked_subcommand is None:
         click.echo(context.get_help())
