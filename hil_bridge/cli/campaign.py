@@ -1,22 +1,34 @@
 """`hil-bridge campaign`: a matrix of configurations, faults and seeds in virtual time, judged by criteria."""
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from hil_bridge.cli.options import overwrite_option, tell
+from hil_bridge.cli.options import (
+    GroupedCommand,
+    json_option,
+    option_group,
+    overwrite_option,
+    tell,
+    tell_json,
+)
 from hil_bridge.cli.paths import FILE
+from hil_bridge.cli.setting_options import set_option
 from hil_bridge.errors import ConfigError
 
 if TYPE_CHECKING:
+    from hil_bridge.lab.campaign.digest import Digest
     from hil_bridge.lab.campaign.plan import Plan
-    from hil_bridge.lab.campaign.store import Done
+    from hil_bridge.lab.campaign.store import Done, Store
 
 DIFFERS = 1
 """Exit code when runs or campaigns differ."""
 FAILED = 4
 """Exit code when a run did not meet a criterion."""
+FAILING_SHOWN = 5
+"""Runs that did not pass and that the end of a campaign names. Chosen: a screen holds them."""
 
 
 class _Campaign(click.Group):
@@ -32,6 +44,43 @@ class _Campaign(click.Group):
             args = ["run", *args]
         return super().parse_args(ctx, args)
 
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """The options of `campaign FILE`, by group, and then the commands."""
+        run.format_options(ctx, formatter)
+        self.format_commands(ctx, formatter)
+
+
+class _Outputs(NamedTuple):
+    """Files for build servers that a command writes."""
+
+    junit: Path | None
+    markdown: Path | None
+    overwrite: bool
+
+    def check(self) -> None:
+        """Raises ConfigError for a file that cannot be written, or is there already."""
+        from hil_bridge.record.files import check_place
+
+        for place in (self.junit, self.markdown):
+            if place is not None:
+                check_place(place, self.overwrite)
+
+    def write(self, store: "Store", digest: "Digest") -> None:
+        """Write those that are asked for."""
+        from hil_bridge.lab.campaign.report_text import junit_report, markdown_report
+        from hil_bridge.record.files import write_whole
+
+        if self.junit is not None:
+            write_whole(self.junit, junit_report(store, digest), self.overwrite)
+        if self.markdown is not None:
+            write_whole(self.markdown, markdown_report(digest).encode(), self.overwrite)
+
+
+_junit_option = click.option("--junit", type=FILE, metavar="FILE.xml", help="Write the runs as JUnit XML.")
+_markdown_option = click.option(
+    "--markdown", type=FILE, metavar="FILE.md", help="Write the report as Markdown, for a job's summary."
+)
+
 
 def _seeds(text: str | None) -> tuple[int, ...]:
     from hil_bridge.lab.campaign.plan import seeds_of
@@ -42,14 +91,14 @@ def _seeds(text: str | None) -> tuple[int, ...]:
         raise click.BadParameter(f"must be FROM:TO, such as 1:20, got {text!r}") from error
 
 
-def _plan_of(file: Path, seeds: tuple[int, ...]) -> "Plan":
+def _plan_of(file: Path, seeds: tuple[int, ...], settings: Mapping[str, Any]) -> "Plan":
     """The plan of a file. Tells every problem of it, the last one by a ConfigError."""
     from hil_bridge.lab.campaign.plan_file import PlanErrors, read_plan
 
     if file.suffix == ".sqlite":
         raise ConfigError(f"{file} holds results, no plan; `hil-bridge campaign report {file}` shows them")
     try:
-        return read_plan(file, seeds)
+        return read_plan(file, seeds, settings)
     except PlanErrors as error:
         for problem in error.problems[:-1]:
             click.echo(f"hil-bridge: {problem}", err=True)
@@ -69,27 +118,44 @@ def campaign() -> None:
     """
 
 
-@campaign.command()
+@campaign.command(cls=GroupedCommand)
 @click.argument("file", type=FILE)
-@click.option(
-    "--out", type=FILE, metavar="FILE.sqlite", help="Results.  [default: FILE.sqlite in this folder]"
+@option_group(
+    "Runs",
+    click.option(
+        "--seeds",
+        metavar="FROM:TO",
+        callback=lambda *told: _seeds(told[2]),
+        help="Seeds in place of those of FILE.",
+    ),
+    set_option,
+    click.option(
+        "--check", "only_check", is_flag=True, help="Check the file and tell the number of runs, no more."
+    ),
 )
-@click.option(
-    "--workers", type=click.IntRange(min=1), metavar="N", help="Processes.  [default: one for each core]"
+@option_group(
+    "Where they run",
+    click.option(
+        "--workers",
+        type=click.IntRange(min=1),
+        metavar="N",
+        help="Processes.  [default: one for each core]",
+    ),
+    click.option(
+        "--scheduler",
+        metavar="URL",
+        help="Workers of a Dask scheduler, tcp://host:8786, in place of own processes.",
+    ),
 )
-@click.option(
-    "--scheduler",
-    metavar="URL",
-    help="Workers of a Dask scheduler, tcp://host:8786, in place of own processes.",
-)
-@click.option(
-    "--seeds",
-    metavar="FROM:TO",
-    callback=lambda *told: _seeds(told[2]),
-    help="Seeds in place of those of FILE.",
-)
-@click.option(
-    "--check", "only_check", is_flag=True, help="Check the file and tell the number of runs, no more."
+@option_group(
+    "Results",
+    click.option(
+        "--out", type=FILE, metavar="FILE.sqlite", help="Results.  [default: FILE.sqlite in this folder]"
+    ),
+    _junit_option,
+    _markdown_option,
+    json_option,
+    overwrite_option,
 )
 def run(
     file: Path,
@@ -97,25 +163,38 @@ def run(
     workers: int | None,
     scheduler: str | None,
     seeds: tuple[int, ...],
+    given: dict[str, Any],
     only_check: bool,
+    junit: Path | None,
+    markdown: Path | None,
+    as_json: bool,
+    overwrite: bool,
 ) -> None:
     """Run what is missing of a campaign. Exit code 4 when a run does not meet a criterion."""
     import os
 
     from hil_bridge.console.progress import run_progress
+    from hil_bridge.lab.campaign.digest import digest_of
+    from hil_bridge.lab.campaign.report_text import failing_lines
     from hil_bridge.lab.campaign.scheduler import dask_workers
     from hil_bridge.lab.campaign.store import Store
     from hil_bridge.lab.campaign.working import missing, work
     from hil_bridge.runs.signals import as_ctrl_c
 
-    plan = _plan_of(file, seeds)
+    outputs = _Outputs(junit, markdown, overwrite)
+    outputs.check()
+    plan = _plan_of(file, seeds, given)
+    say = _say_beside if as_json else click.echo
     impossible = len(plan.cases) - len(plan.possible)
     without = f"; {impossible} more cannot be, see the report" if impossible else ""
     share = f", {plan.cases_per_seed} of them for each seed" if plan.cases_per_seed else ""
-    click.echo(
+    say(
         f"{plan.name}: {len(plan.possible)} cases{share} × {len(plan.seeds)} seeds = {plan.count} runs{without}"
     )
     if only_check:
+        if as_json:
+            counts = {"cases": len(plan.possible), "seeds": len(plan.seeds)}
+            tell_json({"name": plan.name, "planned": plan.count, **counts})
         return
     if scheduler is not None and workers is not None:
         raise ConfigError(
@@ -126,7 +205,7 @@ def run(
     with Store.begin(place, plan) as store:
         jobs = missing(plan, store)
         if len(jobs) < plan.count:
-            click.echo(f"{place} has {plan.count - len(jobs)} of them already")
+            say(f"{place} has {plan.count - len(jobs)} of them already")
         with run_progress(len(jobs)) as advance:
             try:
                 with as_ctrl_c():
@@ -135,17 +214,27 @@ def run(
                 kept = len(store.keys())
                 click.echo(f"interrupted: {kept} runs are kept; the same command goes on", err=True)
                 raise
-        kept, failed = len(store.keys()), sum(1 for _ in store.runs("passed = 0"))
+        digest = digest_of(store)
+        outputs.write(store, digest)
         sittings = store.sittings()
+    if as_json:
+        tell_json(digest)
+    else:
         if sittings and jobs:
             last = sittings[-1]
             click.echo(
                 f"{last.runs} runs in {last.wall_s:.1f} s: {last.runs / last.wall_s:.2f} runs/s on "
                 f"{last.workers} process{'es' if last.workers > 1 else ''}"
             )
-    click.echo(f"{kept - failed} passed, {failed} failed; hil-bridge campaign report {place}")
-    if failed:
+        tell(failing_lines(digest, FAILING_SHOWN))
+        click.echo(f"{digest.tally.text}; hil-bridge campaign report {place}")
+    if digest.failing:
         click.get_current_context().exit(FAILED)
+
+
+def _say_beside(text: str) -> None:
+    """Say it where JSON does not stand."""
+    click.echo(text, err=True)
 
 
 @campaign.command()
@@ -160,7 +249,10 @@ def run(
     "--workers", type=click.IntRange(min=1), metavar="N", help="Processes.  [default: one for each core]"
 )
 @click.option("--voided", is_flag=True, help="Hunt also where faults void the bound: what stays uncovered.")
-def hunt(file: Path, minutes: float, out: Path | None, workers: int | None, voided: bool) -> None:
+@set_option
+def hunt(
+    file: Path, minutes: float, out: Path | None, workers: int | None, voided: bool, given: dict[str, Any]
+) -> None:
     """Look for the worst run among all that FILE.toml could draw: true force beyond its bound, a broken promise.
 
     The worst run is shrunk to the fewest faults and the simplest values. Exit code 4 when a promise was broken. The
@@ -176,7 +268,7 @@ def hunt(file: Path, minutes: float, out: Path | None, workers: int | None, void
     from hil_bridge.lab.campaign.telling import describe_run
     from hil_bridge.runs.signals import as_ctrl_c
 
-    plan = plan_hunt(_plan_of(file, ()), voided)
+    plan = plan_hunt(_plan_of(file, (), given), voided)
     place = out or Path(f"{file.stem}-hunt.sqlite")
     worth = badness_voided if voided else badness
     with Store.begin(place, plan) as store:
@@ -207,17 +299,56 @@ def hunt(file: Path, minutes: float, out: Path | None, workers: int | None, void
 @campaign.command()
 @click.argument("results", type=FILE, metavar="FILE.sqlite")
 @click.option("--out", type=FILE, metavar="PAGE.html", help="The page.  [default: beside the results]")
+@click.option(
+    "--reports",
+    is_flag=True,
+    help="Write report.html of the worst runs from their recordings, and link them.",
+)
+@click.option(
+    "--text", is_flag=True, help="Print the report as text, and write no page unless --out names one."
+)
+@json_option
+@_junit_option
+@_markdown_option
 @overwrite_option
-def report(results: Path, out: Path | None, overwrite: bool) -> None:
-    """Make one page of the results, which needs nothing beside itself."""
-    from hil_bridge.lab.campaign.page import page
+def report(
+    results: Path,
+    out: Path | None,
+    reports: bool,
+    text: bool,
+    as_json: bool,
+    junit: Path | None,
+    markdown: Path | None,
+    overwrite: bool,
+) -> None:
+    """Make one page of the results, which needs nothing beside itself; or text, JSON, JUnit, Markdown.
+
+    Without --text, --json, --junit and --markdown it writes the page.
+    """
+    from hil_bridge.errors.text_files import harmless
+    from hil_bridge.lab.campaign.digest import digest_of
+    from hil_bridge.lab.campaign.page import page, write_reports
+    from hil_bridge.lab.campaign.report_text import text_report
     from hil_bridge.lab.campaign.store import Store
     from hil_bridge.record.files import write_whole
 
-    place = out or results.parent / f"{results.stem}.html"
+    outputs = _Outputs(junit, markdown, overwrite)
+    outputs.check()
+    others = text or as_json or junit is not None or markdown is not None
+    place = out if out is not None or others else results.parent / f"{results.stem}.html"
     with Store.open(results) as store:
-        write_whole(place, page(store).encode(), overwrite)
-    click.echo(place)
+        if reports:
+            write_reports(store)
+        if place is not None:
+            write_whole(place, page(store, place).encode(), overwrite)
+        digest = digest_of(store)
+        outputs.write(store, digest)
+    if as_json:
+        tell_json(digest)
+    elif text:
+        tell(harmless(line) for line in text_report(digest))
+    else:
+        tell(str(written) for written in (place, junit, markdown) if written is not None)
 
 
 @campaign.command()

@@ -1,15 +1,21 @@
-"""`hil-bridge compare`: several recordings on one page."""
+"""`hil-bridge compare`: several recordings, or the results of several campaigns, on one page."""
 
+from contextlib import ExitStack
 from pathlib import Path
 
 import click
 
-from hil_bridge.cli.options import overwrite_option
+from hil_bridge.cli.options import json_option, overwrite_option, tell, tell_json
 from hil_bridge.cli.paths import FILE
+from hil_bridge.errors import ConfigError
+
+DIFFERS = 1
+"""Exit code when the last campaign is significantly worse than the first."""
+RESULTS = ".sqlite"
 
 
-@click.command(short_help="Lay runs over each other on one page.")
-@click.argument("recordings", metavar="A B …", nargs=-1, required=True, type=FILE)
+@click.command(short_help="Lay runs or campaigns over each other on one page.")
+@click.argument("files", metavar="A B …", nargs=-1, required=True, type=FILE)
 @click.option(
     "--out", type=FILE, metavar="FILE.html", default=Path("compare.html"), show_default=True, help="The page."
 )
@@ -18,20 +24,65 @@ from hil_bridge.cli.paths import FILE
     type=click.Choice(("touch", "begin")),
     default="touch",
     show_default=True,
-    help="What all runs have at 0 s: the first touch, or the start of the run.",
+    help="What all recordings have at 0 s: the first touch, or the start of the run.",
 )
+@json_option
 @overwrite_option
-def compare(recordings: tuple[Path, ...], out: Path, align: str, overwrite: bool) -> None:
+def compare(files: tuple[Path, ...], out: Path, align: str, as_json: bool, overwrite: bool) -> None:
     """Draw forces, motion and times of 2 to 8 recordings over each other, and tell which settings and figures differ.
 
-    The page needs no network. Each run can be switched off and on.
+    Results of campaigns (.sqlite), oldest first, are summed up by cell of the matrix: runs that passed, and medians of
+    figures. The first is tested against the last, by Fisher's exact test and by that of Mann and Whitney. The exit code
+    is 1 when the last is significantly worse.
+
+    The page needs no network. With --json no page is written.
     """
+    kinds = {path.suffix == RESULTS for path in files}
+    if len(kinds) > 1:
+        raise ConfigError(f"compare takes either recordings or results of campaigns ({RESULTS}), not both")
+    if kinds == {True}:
+        _compare_campaigns(files, out, as_json, overwrite)
+    else:
+        _compare_recordings(files, (out, align), as_json, overwrite)
+
+
+def _compare_recordings(
+    files: tuple[Path, ...], page: tuple[Path, str], as_json: bool, overwrite: bool
+) -> None:
     from hil_bridge.record import read
     from hil_bridge.record.files import check_place, write_whole
-    from hil_bridge.show.report.compare import compare_page, names_of
+    from hil_bridge.show.report.compare import compare_page, compare_values, names_of
 
-    check_place(out, overwrite)
-    names = names_of(recordings)
-    page = compare_page({name: read(path) for name, path in zip(names, recordings, strict=True)}, align)
-    write_whole(out, page.encode(), overwrite)
+    out, align = page
+    names = names_of(files)
+    if not as_json:
+        check_place(out, overwrite)
+    runs = {name: read(path) for name, path in zip(names, files, strict=True)}
+    if as_json:
+        tell_json(compare_values(runs))
+        return
+    write_whole(out, compare_page(runs, align).encode(), overwrite)
     click.echo(out)
+
+
+def _compare_campaigns(files: tuple[Path, ...], out: Path, as_json: bool, overwrite: bool) -> None:
+    from hil_bridge.errors.text_files import harmless
+    from hil_bridge.lab.campaign.store import Store
+    from hil_bridge.lab.campaign.trend_page import trend_lines, trend_page
+    from hil_bridge.lab.campaign.trends import trend_of
+    from hil_bridge.record.files import check_place, write_whole
+    from hil_bridge.show.report.compare import names_of
+
+    if not as_json:
+        check_place(out, overwrite)
+    with ExitStack() as stack:
+        stores = zip(names_of(files), (stack.enter_context(Store.open(path)) for path in files), strict=True)
+        trend = trend_of(dict(stores))
+    if as_json:
+        tell_json(trend)
+    else:
+        write_whole(out, trend_page(trend).encode(), overwrite)
+        tell(harmless(line) for line in trend_lines(trend))
+        click.echo(out)
+    if trend.worse:
+        click.get_current_context().exit(DIFFERS)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 
+from hil_bridge.cli.options import json_option, tell_json
 from hil_bridge.cli.paths import FILE
 
 EXIT_UNFIT = 3
@@ -13,13 +14,19 @@ EXIT_UNFIT = 3
 
 @click.command(short_help="Check ports, CAN interfaces, clock, scheduler.")
 @click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=FILE)
-def doctor(config_file: Path | None) -> None:
+@json_option
+def doctor(config_file: Path | None, as_json: bool) -> None:
     """Tell of ports, CAN interfaces, clock and scheduler what is good, what is not, and what to do: one line each.
 
     With a configuration it also checks what its URLs name, and ends with exit code 3 when that cannot work. Nothing
     is sent to any device, but four questions to web services that a robot's URL names.
     """
     from hil_bridge.site.doctor import doctor as examine
+    from hil_bridge.site.facts import Fact
 
-    if not examine(config_file):
+    facts: list[Fact] = []
+    can_work = examine(config_file, say=facts.append if as_json else None)
+    if as_json:
+        tell_json({"can_work": can_work, "facts": facts})
+    if not can_work:
         sys.exit(EXIT_UNFIT)

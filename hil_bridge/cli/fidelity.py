@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from hil_bridge.cli.options import overwrite_option, tell
+from hil_bridge.cli.options import json_option, overwrite_option, tell
 from hil_bridge.cli.paths import FILE
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.extras import install_command
@@ -36,7 +36,7 @@ from hil_bridge.errors.extras import install_command
     help="Stretch of the recording, s from its first sample.  [default: all]",
 )
 @click.option("--seed", type=int, help="Seed of every random draw in the device.")
-@click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON.")
+@json_option
 @click.option("--page", type=FILE, metavar="FILE.html", help="Draw measured and emulated over each other.")
 @overwrite_option
 def fidelity(

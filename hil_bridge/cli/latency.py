@@ -1,11 +1,11 @@
 """`hil-bridge latency`: where a recorded run's time went, and the same for an emulation."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from hil_bridge.cli.options import output_option, overwrite_option
+from hil_bridge.cli.options import json_option, output_option, overwrite_option, tell_json
 from hil_bridge.cli.paths import FILE
 
 if TYPE_CHECKING:
@@ -21,8 +21,9 @@ if TYPE_CHECKING:
 @click.command(short_help="Tell where the time from force to motion goes.")
 @click.argument("recording", type=FILE)
 @output_option("SITE.toml", "Write settings for an emulation that is as late.")
+@json_option
 @overwrite_option
-def latency(recording: Path, out: Path | None, overwrite: bool) -> None:
+def latency(recording: Path, out: Path | None, as_json: bool, overwrite: bool) -> None:
     """Tell where the time between a force and the motion that answers it went in a recorded run.
 
     With -o the site's turnaround and the jitter of its sensor become a configuration: `hil-bridge run SITE.toml`
@@ -40,7 +41,10 @@ def latency(recording: Path, out: Path | None, overwrite: bool) -> None:
 
     record = read(recording)
     if not record.cycles and out is None:
-        click.echo(f"no times: {NO_CYCLE}")
+        if as_json:
+            tell_json(None)
+        else:
+            click.echo(f"no times: {NO_CYCLE}")
         return
     found = latency_of(record)
     if found is None:
@@ -59,8 +63,39 @@ def latency(recording: Path, out: Path | None, overwrite: bool) -> None:
         text, left_out = _site(record)
         write_whole(out, text.encode(), overwrite)
         lines.append(f"wrote {out}{left_out and f'; {left_out}'}")
+    if as_json:
+        tell_json({**_values(found, answers), "truncated": record.truncated})
+        return
     for line in lines:
         click.echo(harmless(line))
+
+
+def _values(found: "Latency", answers: "Answers | None") -> "dict[str, Any]":
+    """The table as values, ms."""
+
+    def row(part: "Part") -> "dict[str, Any]":
+        hop = part.hop
+        return {"hop": hop.name, "whose": hop.owner, "meaning": hop.words, **part.times.as_ms()}
+
+    told: dict[str, Any] = {
+        "name": found.name,
+        "chain": [row(part) for part in found.chain],
+        "beside": [row(part) for part in found.beside],
+        "total": found.total.as_ms(),
+        "largest": found.largest.hop.name,
+        "not_stamped": [
+            {"meaning": one.words, "ms": one.seconds * 1e3, "source": one.source} for one in found.constants
+        ],
+        "answers": None,
+    }
+    if answers is not None:
+        told["answers"] = {
+            **answers.times.as_ms(),
+            "late": answers.late,
+            "packets": answers.packets,
+            "cycle_ms": answers.cycle_s * 1e3,
+        }
+    return told
 
 
 def _site(record: "Recording") -> tuple[str, str]:

@@ -1,8 +1,8 @@
-"""Parts that several commands share: an option, and output whose reader may leave before its end."""
+"""Parts that several commands share: options, their groups, and output whose reader may leave before its end."""
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import click
 
@@ -44,3 +44,49 @@ def tell(lines: Iterable[str]) -> None:
             click.echo(line)
     except BrokenPipeError:
         pass
+
+
+json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON in place of text.")
+"""Gives the command `as_json`; `tell_json` prints it."""
+
+
+def tell_json(value: object) -> None:
+    """Print a value as JSON. Numbers that JSON does not have become null; keys keep their order."""
+    import msgspec
+
+    tell([msgspec.json.format(msgspec.json.encode(value), indent=2).decode()])
+
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
+
+def option_group(title: str, *options: Callable[[_Function], _Function]) -> Callable[[_Function], _Function]:
+    """Options under a title in the help of a `GroupedCommand`."""
+
+    def decorate(function: _Function) -> _Function:
+        for option in reversed(options):
+            function = option(function)
+            function.__click_params__[-1].group_title = title  # type: ignore[attr-defined]
+        return function
+
+    return decorate
+
+
+class GroupedCommand(click.Command):
+    """A command whose help shows its options under the titles of their groups."""
+
+    def format_options(self, context: click.Context, formatter: click.HelpFormatter) -> None:
+        """The options by group; those without one come last."""
+        rows: dict[str, list[tuple[str, str]]] = {}
+        for parameter in self.get_params(context):
+            record = parameter.get_help_record(context)
+            if isinstance(parameter, click.Option) and record is not None:
+                rows.setdefault(getattr(parameter, "group_title", _OTHERS), []).append(record)
+        others = rows.pop(_OTHERS, [])
+        for title, records in (*rows.items(), (_OTHERS, others)):
+            if records:
+                with formatter.section(title):
+                    formatter.write_dl(records)
+
+
+_OTHERS = "Other options"

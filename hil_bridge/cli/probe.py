@@ -1,11 +1,12 @@
 """`hil-bridge probe`: what is at the other end, and how it wants to be spoken to."""
 
 import sys
+from functools import partial
 from pathlib import Path
 
 import click
 
-from hil_bridge.cli.options import output_option, overwrite_option
+from hil_bridge.cli.options import json_option, output_option, overwrite_option, tell, tell_json
 from hil_bridge.cli.paths import FILE
 
 EXIT_REFUSED = 3
@@ -32,8 +33,16 @@ def probe() -> None:
     metavar="S",
     help="Longest wait for an ACK. [S3]",
 )
+@json_option
 @overwrite_option
-def robot(url: str, config_file: Path | None, out: Path | None, patience_s: float, overwrite: bool) -> None:
+def robot(
+    url: str,
+    config_file: Path | None,
+    out: Path | None,
+    patience_s: float,
+    as_json: bool,
+    overwrite: bool,
+) -> None:
     """Tell what answers at a robot's URL, its rate and its state, and what a run would be refused for.
 
     Nothing is ordered, so that nothing moves. An EGM robot gets no answer; its web services are read too, where the URL
@@ -53,11 +62,22 @@ def robot(url: str, config_file: Path | None, out: Path | None, patience_s: floa
     kind, wire = robot_of(url)
     settings = settings_of(load_config(config_file, {}), kind)
     if kind.name == "s3":
-        wire, settings = probe_robot(wire, out, patience_s, overwrite)
+        say = partial(click.echo, err=as_json)
+        wire, settings = probe_robot(wire, out, patience_s, overwrite, say)
     elif out is not None:
         raise ConfigError(f"-o is for an s3, whose link has settings to be found, not for a {kind.name}")
-    if not robot_probe.probe_robot(kind, wire, settings):
+    found = robot_probe.probe_robot(kind, wire, settings)
+    if as_json:
+        tell_json({"kind": kind.name, "url": _with_kind(kind.name, wire), **robot_probe.probe_values(found)})
+    else:
+        tell(f"{name:<14} {text}" for name, text in robot_probe.probe_rows(found))
+    if found.refusals:
         sys.exit(EXIT_REFUSED)
+
+
+def _with_kind(kind: str, wire: str) -> str:
+    """A URL as `run --robot` takes it."""
+    return wire if wire.startswith(kind) else f"{kind}+{wire}"
 
 
 @probe.command(short_help="Show a force sensor, and name its axes by pushes.")
@@ -73,14 +93,20 @@ def robot(url: str, config_file: Path | None, out: Path | None, patience_s: floa
     metavar="S",
     help="Show the wrench for so long.  [default: until Ctrl-C]",
 )
-def sensor(url: str, config_file: Path | None, no_push: bool, duration_s: float | None) -> None:
+@json_option
+def sensor(
+    url: str, config_file: Path | None, no_push: bool, duration_s: float | None, as_json: bool
+) -> None:
     """Show what a force sensor tells of itself, its noise, and its wrench, live.
 
     On a terminal it asks for a push along +X, +Y and +Z of the tool and names the axis that answers and its sign. Where
     that is not as configured, it says what to set in [sensor]. Nothing is zeroed, nothing moves. URL is that of
-    `run --sensor`.
+    `run --sensor`. With --json it looks for a second, asks for no pushes, and ends.
     """
     from hil_bridge.settings.configuration import load_config
-    from hil_bridge.site.sensor_probe import probe_sensor
+    from hil_bridge.site.sensor_probe import find_sensor, probe_sensor
 
+    if as_json:
+        tell_json(find_sensor(url, load_config(config_file, {})))
+        return
     probe_sensor(url, load_config(config_file, {}), not no_push, duration_s)

@@ -1,11 +1,10 @@
 """`hil-bridge runs`: what lies in the folder of runs."""
 
-import json
 from pathlib import Path
 
 import click
 
-from hil_bridge.cli.options import tell
+from hil_bridge.cli.options import json_option, tell, tell_json
 from hil_bridge.cli.paths import FILE
 
 
@@ -19,7 +18,7 @@ from hil_bridge.cli.paths import FILE
     metavar="N",
     help="The newest so many.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print them as JSON.")
+@json_option
 def runs(folder: Path, last: int, as_json: bool) -> None:
     """List the runs that lie in FOLDER, runs/ by default, by their summaries: outcome, controller, forces, cause.
 
@@ -29,6 +28,6 @@ def runs(folder: Path, last: int, as_json: bool) -> None:
 
     found = list_runs(folder, last)
     if as_json:
-        click.echo(json.dumps([one.values for one in found], indent=2, ensure_ascii=False))
+        tell_json([one.values for one in found])
         return
     tell(run_lines(found))

@@ -4,23 +4,30 @@ from pathlib import Path
 
 import click
 
+from hil_bridge.cli.options import json_option, tell_json
 from hil_bridge.cli.paths import FILE
 
 
 @click.command(short_help="Tell how a recorded run ended.")
 @click.argument("recording", type=FILE)
-def why(recording: Path) -> None:
+@json_option
+def why(recording: Path, as_json: bool) -> None:
     """Tell how a recorded run ended: last good cycle, first symptom, cause, what followed, and what to look at.
 
     Everything comes from the recording, also the traceback of code that failed. A run that failed before its
     first control cycle has a cause, too. A promise of the guard that the run did not keep is told as well.
     """
+    from msgspec.structs import asdict
+
     from hil_bridge.errors.text_files import harmless
     from hil_bridge.lab.invariants.recorded import promises_broken
     from hil_bridge.record import read_with_traffic
-    from hil_bridge.record.analysis.why import tracebacks, why
+    from hil_bridge.record.analysis.why import tracebacks, why, why_values
 
     record, _ = read_with_traffic(recording)
+    if as_json:
+        tell_json({**asdict(why_values(record, recording)), "promises_broken": list(promises_broken(record))})
+        return
     click.echo(harmless(why(record, recording)))
     for text in promises_broken(record):
         click.echo(harmless(f"A promise was broken. {text}."))

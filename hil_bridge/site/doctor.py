@@ -5,7 +5,7 @@ import platform
 import resource
 import socket
 import subprocess
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
@@ -38,20 +38,23 @@ LOCKED_BYTES = 1 << 29
 """Most memory that a process with all its memory locked needs. Chosen."""
 
 
-def doctor(config_file: Path | None, root: Path = Path("/")) -> bool:
-    """Print a line for each fact; whether what the configuration names can work.
+def doctor(
+    config_file: Path | None, root: Path = Path("/"), say: Callable[[Fact], object] | None = None
+) -> bool:
+    """Print a line for each fact, or give it to `say`; whether what the configuration names can work.
 
     Raises ConfigError for a configuration that cannot be read.
     """
+    say = say or _say
     config = None if config_file is None else load_config(config_file, {})
     details = can_details()
     can_work = True
     if config is not None:
         for fact in wires(config, root, details):
             can_work &= fact.level is not Level.FAIL
-            _say(fact)
+            say(fact)
     for fact in computer(root, details, RealTime() if config is None else config.realtime):
-        _say(fact)
+        say(fact)
     return can_work
 
 

@@ -2,8 +2,6 @@
 
 from typing import Any
 
-import click
-
 from hil_bridge.clock import Clock, run_real
 from hil_bridge.devices.device_log import Silence
 from hil_bridge.devices.kinds import KindSettings, RobotKind
@@ -12,8 +10,8 @@ from hil_bridge.devices.wiring import Wiring
 from hil_bridge.errors import ConfigError
 
 
-def probe_robot(kind: RobotKind[Any, Any], wire: str, settings: KindSettings[Any, Any]) -> bool:
-    """Probe in real time and print a row for each finding; whether a run would begin.
+def probe_robot(kind: RobotKind[Any, Any], wire: str, settings: KindSettings[Any, Any]) -> Probed:
+    """Probe in real time; a run would begin where nothing is refused.
 
     Raises ConfigError for a kind without a probe, TransportUnavailable for the wire, DeviceError where nothing answers.
     """
@@ -25,9 +23,7 @@ def probe_robot(kind: RobotKind[Any, Any], wire: str, settings: KindSettings[Any
         finally:
             clock.close()
 
-    found = run_real(main)
-    click.echo("\n".join(f"{name:<14} {text}" for name, text in probe_rows(found)))
-    return not found.refusals
+    return run_real(main)
 
 
 async def probe(
@@ -38,6 +34,15 @@ async def probe(
         raise ConfigError(f"a robot of the kind {kind.name} has no probe")
     found: Probed = await kind.probe(wire, settings, Wiring("robot", clock, Silence()))
     return found
+
+
+def probe_values(found: Probed) -> dict[str, object]:
+    """The same as values."""
+    return {
+        "would_begin": not found.refusals,
+        "rows": [{"name": name, "text": text} for name, text in found.rows],
+        "refusals": [{"fact": trouble.fact, "remedy": trouble.remedy} for trouble in found.refusals],
+    }
 
 
 def probe_rows(found: Probed) -> list[tuple[str, str]]:

@@ -10,9 +10,9 @@ import os
 import signal
 import sys
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext, suppress
-from dataclasses import dataclass
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
+from contextlib import asynccontextmanager, contextmanager, nullcontext, suppress
+from dataclasses import dataclass, replace
 from typing import NamedTuple, TypeVar
 
 import click
@@ -88,6 +88,38 @@ class Stream:
     """About the mean, per axis."""
 
 
+@dataclass(frozen=True, slots=True)
+class Findings:
+    """Facts that a sensor tells of itself and of its stream. Wrenches are in the sensor frame, N and N·m."""
+
+    sensor: str
+    """Its URL."""
+    full_scales: tuple[float, ...]
+    """Empty where the device does not tell them."""
+    filter_delay_s: float
+    stream_hz: float
+    noise: tuple[float, ...]
+    """Root mean square of each axis about its mean."""
+    wrench: tuple[float, ...]
+    """Mean, the weight below the sensor included."""
+    notes: tuple[tuple[str, str], ...] = ()
+    """Kinds and texts of what the device told meanwhile."""
+
+    @property
+    def rows(self) -> Iterator[tuple[str, str]]:
+        """Names and texts, for people."""
+        scales = self.full_scales
+        yield "sensor", self.sensor
+        yield (
+            "full scales",
+            f"{_row(scales, 0, 1)}; compare them with the sensor's plate" if scales else "not told",
+        )
+        yield "filter delay", f"{self.filter_delay_s * 1e3:.1f} ms"
+        yield "stream", f"{self.stream_hz:.0f} frames a second"
+        yield "noise", f"{_row(self.noise, 3, 4)} rms over {NOISE_S:g} s"
+        yield "wrench", f"{_row(self.wrench, 2, 3)}, the weight below the sensor included"
+
+
 def probe_sensor(url: str, config: Config, push: bool, duration_s: float | None) -> None:
     """Probe in real time until Ctrl-C, or for so long.
 
@@ -137,9 +169,44 @@ def _answers(entered: asyncio.Event) -> Iterator[None]:
         loop.remove_reader(terminal)
 
 
+def find_sensor(url: str, config: Config) -> Findings:
+    """Look at a sensor in real time for NOISE_S, without a person. Errors as of `probe_sensor`."""
+
+    async def main() -> Findings:
+        clock = Clock.running()
+        notes: list[tuple[str, str]] = []
+        try:
+            async with _opened(url, config, clock, lambda kind, text: notes.append((kind, text))) as (
+                sensor,
+                look,
+            ):
+                return replace(await _find(sensor, look, url), notes=tuple(notes))
+        finally:
+            clock.close()
+
+    return run_real(main)
+
+
 async def probe(url: str, config: Config, clock: Clock, session: Session) -> None:
     """Open a sensor, tell of it, ask for pushes where a person answers, then show the wrench; errors as above."""
     screen, entered, duration_s = session
+    async with _opened(url, config, clock, lambda kind, text: screen.say(f"{kind}: {text}")) as (
+        sensor,
+        look,
+    ):
+        found = await _find(sensor, look, url)
+        for name, text in found.rows:
+            screen.say(f"{name:<13}{text}")
+        if entered is not None:
+            await _pushes(config, look, found.noise, screen, entered)
+        await _live(look, screen, duration_s)
+
+
+@asynccontextmanager
+async def _opened(
+    url: str, config: Config, clock: Clock, note: Callable[[str, str], object]
+) -> AsyncIterator[tuple[ForceSensor, "_Look"]]:
+    """A sensor that streams, and the look at its last moments. `note` hears what the device tells."""
     frames: deque[WrenchFrame] = deque()
 
     def take(frame: WrenchFrame) -> None:
@@ -147,17 +214,10 @@ async def probe(url: str, config: Config, clock: Clock, session: Session) -> Non
         while frame.at - frames[0].at > 2.0 * NOISE_S:
             frames.popleft()
 
-    def note(kind: str, text: str) -> None:
-        screen.say(f"{kind}: {text}")
-
     sensor = await connect_sensor(sensor_at(config, url), Wiring("sensor", clock, LogTo(take, note)))
     sensor.start()
     try:
-        look = _Look(sensor, frames, clock)
-        noise = await _tell(sensor, look, url, screen)
-        if entered is not None:
-            await _pushes(config, look, noise, screen, entered)
-        await _live(look, screen, duration_s)
+        yield sensor, _Look(sensor, frames, clock)
     finally:
         await sensor.aclose()
 
@@ -193,7 +253,7 @@ class _Look:
         return Stream(len(recent) / seconds, means, rms)
 
 
-async def _tell(sensor: ForceSensor, look: _Look, url: str, screen: Screen) -> tuple[float, ...]:
+async def _find(sensor: ForceSensor, look: _Look, url: str) -> Findings:
     """Facts that the device tells of itself and of its stream, and the noise of each axis."""
     scales = (await sensor.ready()).full_scales
     try:
@@ -205,19 +265,9 @@ async def _tell(sensor: ForceSensor, look: _Look, url: str, screen: Screen) -> t
         ) from error
     await look.after(NOISE_S)
     stream = look.back(NOISE_S)
-    for name, text in (
-        ("sensor", url),
-        (
-            "full scales",
-            f"{_row(scales, 0, 1)}; compare them with the sensor's plate" if scales else "not told",
-        ),
-        ("filter delay", f"{sensor.delay * 1e3:.1f} ms"),
-        ("stream", f"{stream.rate_hz:.0f} frames a second"),
-        ("noise", f"{_row(stream.rms, 3, 4)} rms over {NOISE_S:g} s"),
-        ("wrench", f"{_row(stream.mean, 2, 3)}, the weight below the sensor included"),
-    ):
-        screen.say(f"{name:<13}{text}")
-    return stream.rms
+    return Findings(
+        url, tuple(scales) if scales else (), sensor.delay, stream.rate_hz, stream.rms, stream.mean
+    )
 
 
 def _row(wrench: Sequence[float], force_digits: int, moment_digits: int) -> str:

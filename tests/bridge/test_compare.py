@@ -79,7 +79,7 @@ def test_two_runs_lie_over_each_other_from_the_touch() -> None:
 def test_names_are_as_short_as_tells_them_apart() -> None:
     assert names_of([Path("x/a.mcap"), Path("x/b.mcap")]) == ["a", "b"]
     assert names_of([Path("x/run.mcap"), Path("y/run.mcap")]) == ["x/run", "y/run"]
-    with pytest.raises(ConfigError, match="the same recording twice"):
+    with pytest.raises(ConfigError, match="the same file twice"):
         names_of([Path("a.mcap"), Path("a.mcap")])
     with pytest.raises(ConfigError, match="takes 2 to 8 recordings, not 1"):
         compare_page({"a": run(9.0, 1, {})})

@@ -12,6 +12,8 @@ import time
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from platform import python_version
+from socket import gethostname
 
 import pytest
 from click.testing import CliRunner
@@ -19,7 +21,7 @@ from click.testing import CliRunner
 from hil_bridge.api import simulate
 from hil_bridge.cli.campaign import campaign
 from hil_bridge.errors import BridgeError, ConfigError
-from hil_bridge.lab.campaign import comparison
+from hil_bridge.lab.campaign import comparison, live
 from hil_bridge.lab.campaign.comparison import compare_campaigns
 from hil_bridge.lab.campaign.judging import Job, configure_run, run
 from hil_bridge.lab.campaign.live import Results
@@ -119,21 +121,40 @@ def test_key_is_kept_once_and_a_second_start_finds_nothing_to_do(results: Path) 
     connection.close()
 
 
-def test_page_in_the_browser_is_told_what_is_kept(results: Path) -> None:
-    with Store.open(results) as store:
-        runs = list(store.runs())
-        page = Results(store)
-        seen = page.first()
-        told = page.news(seen)
+def test_page_in_the_browser_is_the_saved_one(
+    results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is told once, and again when another process has changed the file."""
+    monkeypatch.setattr(live, "LOOK_S", 0.0)
+    monkeypatch.setattr(live, "REST", 0.0)
+    other = changed(results, tmp_path / "study.sqlite")
+    with Store.open(other) as store:
+        in_browser = Results(store)
+        seen = in_browser.first()
+        told = in_browser.news(seen)
         assert told is not None
-        assert told["passed"] == sum(run.passed for run in runs)
-        assert told["failed"] == sum(not run.passed for run in runs)
-        assert {row["key"] for row in told["newest"]} == {run.key for run in runs[:100]}
-        assert {row["key"] for row in told["worst"]} == {run.key for run in runs if not run.passed}
-        assert sum(case["passed"] + case["failed"] for case in told["cases"]) == len(runs)
-        assert [page.news(seen) for _ in range(25)] == [None] * 25  # nothing is said twice
+        assert f"<body>\n{told['body']}\n</body>" in page(store)
+        assert (told["title"], told["trouble"]) == ("Campaign study", "")
+        assert [in_browser.news(seen) for _ in range(25)] == [None] * 25  # nothing is said twice
+        changed_by_another(other, "DELETE FROM runs WHERE passed")
+        again = in_browser.news(seen)
+        assert again is not None
+        assert "4 of 8 runs done" in again["body"]
+        changed_by_another(other, "UPDATE runs SET figures = '['")
+        broken = in_browser.news(seen)
+        assert broken is not None
+        assert broken["trouble"].startswith("cannot read ")
+        assert broken["body"] == again["body"]
+        assert in_browser.news(in_browser.first()) == broken  # a new page is told all
         with pytest.raises(ValueError, match="asks for nothing"):
-            page.asked(seen, {"at": 1})
+            in_browser.asked(seen, {"at": 1})
+
+
+def changed_by_another(place: Path, sql: str) -> None:
+    """Change results as another process would."""
+    with sqlite3.connect(place) as connection:
+        connection.execute(sql)
+    connection.close()
 
 
 def test_results_of_another_plan_are_not_touched(results: Path, tmp_path: Path) -> None:
@@ -415,7 +436,7 @@ class _Tags(HTMLParser):
             self.open.append(tag)
 
     def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        assert tag in ("line", "path")
+        assert tag in ("line", "path", "rect")
 
     def handle_endtag(self, tag: str) -> None:
         assert self.open.pop() == tag
@@ -428,7 +449,17 @@ def test_page_tells_cells_worst_runs_and_what_was_never_exercised(results: Path,
     tags.feed(text)
     assert tags.open == []
     assert tags.links == []
-    assert "8 of 8 runs done: 4 passed, 4 failed" in text
+    assert '<span class="badge bad">4 of 8 did not pass</span>' in text
+    assert '<b class="good">4</b> passed' in text
+    assert '<b class="bad">4</b> failed' in text
+    assert "<b>0</b> errors" in text
+    assert text.index("Each case of the matrix") < text.index("Criteria") < text.index("Worst runs first")
+    assert f'<td class="value">{gethostname()}</td>' in text
+    assert f"Python {python_version()}" in text
+    assert re.search(r'Date</td><td class="value">\d{4}-\d\d-\d\d \d\d:\d\d:\d\d UTC', text)
+    assert "<td>outcome</td><td>stopped</td><td>completed</td>" in text  # figure, value, wanted
+    assert text.count('class="strip"') % 2 == 0  # each figure of the two cells
+    assert '<g class="strip"><title>task.force_n 8.0: 4 runs, least ' in text
     assert '<td class="pass">2</td>' in text
     assert '<td class="fail">0/2</td>' in text
     assert text.count("<article>") == 4
@@ -440,6 +471,10 @@ def test_page_tells_cells_worst_runs_and_what_was_never_exercised(results: Path,
     assert "<td>outcome completed</td><td>4</td><td>4</td><td>0</td>" in text  # met, not met, of no concern
     out = tmp_path / "page.html"
     assert CliRunner().invoke(campaign, ["report", str(results), "--out", str(out)]).exit_code == 0
+    linked = _Tags()
+    linked.feed(out.read_text())
+    assert len(linked.links) == 4
+    assert all((tmp_path / link).is_file() for link in linked.links)  # relative to the page
     with pytest.raises(ConfigError, match="there already"):
         CliRunner().invoke(campaign, ["report", str(results), "--out", str(out)], catch_exceptions=False)
 

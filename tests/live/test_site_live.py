@@ -1,5 +1,6 @@
 """The site tools as processes of their own: two tapped lines, and a controller behind RFC 2217."""
 
+import json
 import os
 import pty
 import re
@@ -89,6 +90,35 @@ def test_a_sensor_is_probed_on_a_terminal_and_left_with_ctrl_c() -> None:
         emulator.communicate(timeout=PATIENCE_S)
         os.close(mine)
         os.close(its)
+
+
+def test_probes_print_json_and_nothing_else() -> None:
+    """Where the search for a link prints its tries, they go to standard error."""
+    emulator = start("emulate", "cell", "--json")
+    try:
+        urls = told_first(emulator)
+        told = {
+            device: subprocess.run(
+                [*HIL, "probe", device, urls[device], "--json"],
+                capture_output=True,
+                text=True,
+                check=True,
+                timeout=PATIENCE_S,
+            )
+            for device in ("sensor", "robot")
+        }
+        sensor, robot = (json.loads(told[device].stdout) for device in ("sensor", "robot"))
+    finally:
+        emulator.terminate()
+        emulator.communicate(timeout=PATIENCE_S)
+    assert sensor["sensor"] == urls["sensor"]
+    assert len(sensor["noise"]) == len(sensor["wrench"]) == len(sensor["full_scales"]) == 6
+    assert sensor["stream_hz"] > 50.0
+    assert sensor["filter_delay_s"] >= 0.0
+    assert (robot["kind"], robot["would_begin"], robot["refusals"]) == ("s3", True, [])
+    assert {"name": "state", "text": "in standby"} in robot["rows"]
+    assert robot["url"] == urls["robot"]
+    assert "answered: at 900, -100, 600 mm" in told["robot"].stderr
 
 
 def test_a_controller_behind_a_device_server_is_probed(tmp_path: Path) -> None:

@@ -8,9 +8,8 @@ from click.testing import CliRunner
 
 from hil_bridge.cli import cli
 from hil_bridge.errors import ConfigError
+from hil_bridge.lab.junit import RECORDING, REQUIREMENT
 from hil_bridge.lab.requirements import (
-    RECORDING,
-    REQUIREMENT,
     State,
     Tried,
     as_page,

@@ -7,7 +7,10 @@ from pathlib import Path
 import pytest
 
 from hil_bridge.api import load, simulate
+from hil_bridge.lab.campaign.page import page as render_page
+from hil_bridge.lab.campaign.store import Store
 from hil_bridge.record.analysis.summary import summarise
+from hil_bridge.show.pages import Axis, Chart, Charts, Series, document, in_script, room
 from hil_bridge.show.report import write_report
 from tools.chromium import Page
 from tools.web_run import Serving
@@ -104,19 +107,45 @@ async def test_a_band_of_a_report_is_one_entry_of_the_legend(page: Page, tmp_pat
     assert page.errors == []
 
 
+async def test_an_axis_of_names_shows_them_alone(page: Page, tmp_path: Path) -> None:
+    """Places between two names have none, and the value under the cursor is the name."""
+    axis = Axis("results", "", names=["before", "between", "after"])
+    chart = Chart("passed", "Runs that passed", "%", [Series("all", "share", "all cells")], axis="place")
+    charts = Charts({"place": axis}, [chart], {"all": {"x": [0.0, 1.0, 2.0], "share": [80.0, 90.0, 100.0]}})
+    (tmp_path / "names.html").write_text(document("names", room("names", charts)))
+    await page.open((tmp_path / "names.html").as_uri())
+    await page.until("document.querySelectorAll('.uplot canvas').length === 1")
+    told = in_script(charts)
+    shown = f"""(() => {{ const made = HilCharts.draw(document.body.appendChild(document.createElement('div')), {told});
+      return [0, 1, 1.5, 2].map(x => made.at('place', x)); }})()"""
+    assert await page.value(shown) == ["before", "between", "", "after"]
+    assert page.errors == []
+
+
 async def test_a_browser_follows_a_campaign(page: Page, serving: list[Serving], tmp_path: Path) -> None:
-    """The table counts runs that another process adds while it is looked at, and lists those that failed first."""
+    """The page counts runs that another process adds while it is looked at. Its body is that of the saved page."""
     (tmp_path / "study.toml").write_text(STUDY)
     assert await campaign(tmp_path, "--seeds", "1:2") == FAILED
     viewer = Serving(tmp_path, "view", "study.sqlite")
     serving.append(viewer)
     await page.open(viewer.url)
-    await page.until(f"{text('done')} === '4 of 4 runs done'")
+    body = "(document.getElementById('body')?.textContent ?? '')"
+    await page.until(f"{body}.includes('4 of 4 runs done')")
     more = asyncio.create_task(campaign(tmp_path))
-    await page.until(f"{text('done')} === '12 of 12 runs done'")
+    await page.until(f"{body}.includes('12 of 12 runs done')")
     assert await more == FAILED
-    assert "failed" in await page.value(text("counts"))
-    worst = await page.value("document.querySelector('#worst tr').textContent")
-    assert "task.force_n 10" in worst
-    assert "force_true_max_n" in worst
-    assert page.errors == []
+    await page.until(f"{body}.includes('2 starts')")  # it has ended, and its time is told
+    ways = "document.getElementById('body').innerHTML.split('The run ').length"
+    await page.until(f"{ways} === 13")  # the paragraph of each failing run, from its recording
+    shown = await page.value("document.getElementById('body').innerText")
+    errors = list(page.errors)
+    with Store.open(tmp_path / "study.sqlite") as store:
+        (tmp_path / "study.html").write_text(render_page(store))
+    await page.open((tmp_path / "study.html").as_uri())
+    await page.until("document.readyState === 'complete' && document.querySelector('.badge')")
+    saved = await page.value("document.body.innerText")
+    assert [line for line in shown.split() if "study-failed" not in line] == [
+        line for line in saved.split() if "study-failed" not in line
+    ]
+    assert "12 of 12 did not pass" in shown
+    assert errors == []

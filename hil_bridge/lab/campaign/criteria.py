@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
-from hil_bridge.record.analysis.figures import JUDGED
+from hil_bridge.record.analysis.figures import FIGURES, JUDGED
 
 Figure: TypeAlias = int | float | bool | str | dict[str, str] | None
 """A number in the unit of its name, an answer, a word, or words by the name of a promise; None where the run did not
@@ -24,6 +24,22 @@ BOUNDS: Mapping[str, Callable[[float, float], bool]] = {
 """Words of a bound, and what they compare."""
 _ONLY = "outcomes"
 _IS = "is"
+
+
+@dataclass(frozen=True, slots=True)
+class Unmet:
+    """A criterion that a run did not meet: the value beside its bounds, in words."""
+
+    figure: str
+    """Key of the figure."""
+    value: str
+    """With its unit."""
+    wanted: str
+
+    @property
+    def text(self) -> str:
+        """In words: `overshoot 17.3 %, wanted below 10`."""
+        return f"{FIGURES[self.figure].words} {self.value}, wanted {self.wanted}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,18 +72,23 @@ class Criterion:
     @property
     def text(self) -> str:
         """In words."""
+        return f"{self.figure} {self.bounds}"
+
+    @property
+    def bounds(self) -> str:
+        """The wanted values in words, without the figure."""
         match self.wanted:
             case dict() as bounds:
                 parts = [f"{name.replace('_', ' ')} {bounds[name]:g}" for name in BOUNDS if name in bounds]
                 parts += [str(bounds[_IS]).lower()] if _IS in bounds else []
                 only = f" where {' or '.join(bounds[_ONLY])}" if _ONLY in bounds else ""
-                return f"{self.figure} {', '.join(parts)}{only}"
+                return f"{', '.join(parts)}{only}"
             case list() as allowed:
-                return f"{self.figure} {' or '.join(map(str, allowed))}"
+                return " or ".join(map(str, allowed))
             case bool() as wanted:
-                return f"{self.figure} {str(wanted).lower()}"
+                return str(wanted).lower()
             case other:
-                return f"{self.figure} {other}"
+                return f"{other}"
 
 
 def figure_text(figure: Figure) -> str:
@@ -87,6 +108,21 @@ def find_unmet(criteria: Sequence[Criterion], figures: Figures) -> list[str]:
     """Criteria that a run did not meet, in words. A bug fails every run."""
     broken = ["no bug"] if figures.get("outcome") == "error" else []
     return broken + [criterion.text for criterion in criteria if criterion.judge(figures) is False]
+
+
+def unmet_of(criteria: Sequence[Criterion], figures: Figures) -> tuple[Unmet, ...]:
+    """The same with the value of each figure beside its bounds."""
+    bug = (Unmet("outcome", "error", "no bug"),) if figures.get("outcome") == "error" else ()
+    return bug + tuple(
+        Unmet(one.figure, value_text(one.figure, figures.get(one.figure)), one.bounds)
+        for one in criteria
+        if one.judge(figures) is False
+    )
+
+
+def value_text(key: str, value: Figure) -> str:
+    """A figure's value with its unit, in words."""
+    return f"{figure_text(value)} {FIGURES[key].unit}".rstrip()
 
 
 def problem_of(figure: str, wanted: object) -> str | None:

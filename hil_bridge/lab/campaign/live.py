@@ -1,19 +1,21 @@
-"""The results of a campaign that goes on, for its page in the browser: counts, cases, and the newest and worst runs."""
+"""The page of a campaign that goes on: the body of the saved page, rendered anew when the results have changed."""
 
-from collections import Counter, deque
+import time
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.lab.campaign.store import Done, Store
+from hil_bridge.lab.campaign.page import PageBody, page_title
+from hil_bridge.lab.campaign.store import Store
 
-NEWEST, WORST = 100, 100
-"""Runs that the page lists. Chosen: a person reads no more."""
-AT_ONCE = 2000
-"""Runs that are read at one look. Chosen: a hundredth of a second."""
-LOOK_EVERY = 10
-"""Pictures of a page between two looks at the file: half a second."""
+LOOK_S = 0.5
+"""Least time between two looks at the file. Chosen."""
+REST = 5.0
+"""Least rest after a rendering, in times that it took: a large campaign leaves the computer to its runs. Chosen."""
+
+READ_AT_ONCE = 3
+"""Recordings that a rendering reads, so that the page comes soon. Chosen: a fifth of a second."""
 
 
 @dataclass(slots=True)
@@ -21,7 +23,6 @@ class Seen:
     """The state of one page: the version that it shows."""
 
     version: int = -1
-    waits: int = 0
 
 
 class Results:
@@ -32,14 +33,11 @@ class Results:
 
     def __init__(self, store: Store) -> None:
         self._store = store
-        self._plan = store.plan()
-        self._row = 0
+        self._body = PageBody(read_at_once=READ_AT_ONCE)
+        self._told: dict[str, str] = {}
         self._version = 0
-        self._passed = self._failed = 0
-        self._cases: Counter[tuple[int, bool]] = Counter()
-        self._newest: deque[dict[str, Any]] = deque(maxlen=NEWEST)
-        self._worst: list[tuple[float, int, dict[str, Any]]] = []
-        self._trouble = ""
+        self._file_version: int | None = None
+        self._next_look = 0.0
 
     def first(self) -> Seen:
         """A page that knows nothing."""
@@ -50,77 +48,31 @@ class Results:
         raise ValueError("a page of results asks for nothing")
 
     def news(self, state: Any) -> Mapping[str, Any] | None:
-        """The whole state, when it has changed."""
-        state.waits = (state.waits + 1) % LOOK_EVERY
-        if state.waits == 1:
+        """The whole page, when it has changed."""
+        if time.monotonic() >= self._next_look:
             self._look()
         if state.version == self._version:
             return None
         state.version = self._version
-        return self._values()
+        return self._told
 
     def _look(self) -> None:
+        began = time.monotonic()
         try:
-            rows = self._store.newer(self._row, AT_ONCE)
-            if rows:
-                self._plan = replace(self._plan, seeds=self._store.seeds())
-            self._trouble = ""
+            told = self._render()
         except ConfigError as error:
-            self._trouble, rows = str(error), []
+            told = {**self._told, "trouble": str(error)}
+        if told != self._told:
+            self._told = told
             self._version += 1
-        for row, done in rows:
-            self._row = row
-            self._take(done)
-        self._version += bool(rows) or not self._version
+        now = time.monotonic()
+        self._next_look = now + max(LOOK_S, REST * (now - began))
 
-    def _take(self, done: Done) -> None:
-        self._passed += done.passed
-        self._failed += not done.passed
-        self._cases[done.number, done.passed] += 1
-        row = self._row_of(done)
-        self._newest.append(row)
-        if not done.passed:
-            force = done.figures.get("force_true_max_n")
-            rank = len(done.failed) * 1e6 + (force if isinstance(force, (int, float)) else 0.0)
-            self._worst.append((-rank, self._row, row))
-            self._worst = sorted(self._worst, key=lambda one: one[:2])[:WORST]
-
-    def _row_of(self, done: Done) -> dict[str, Any]:
-        case = self._plan.cases[done.number]
-        force = done.figures.get("force_true_max_n")
-        return {
-            "key": done.key,
-            "seed": done.seed,
-            "cell": case.cell,
-            "fault": f"{case.fault} {case.phase}".strip(),
-            "outcome": done.outcome,
-            "passed": done.passed,
-            "failed": "; ".join(done.failed),
-            "cause": done.cause[:300],
-            "force": force if isinstance(force, (int, float)) else None,
-            "wall_s": done.wall_s,
-        }
-
-    def _values(self) -> dict[str, Any]:
-        cases = [
-            {
-                "cell": case.cell,
-                "fault": f"{case.fault} {case.phase}".strip(),
-                "passed": self._cases[number, True],
-                "failed": self._cases[number, False],
-            }
-            for number, case in enumerate(self._plan.cases)
-            if self._cases[number, True] or self._cases[number, False]
-        ]
-        cases.sort(key=lambda case: (-case["failed"], case["cell"], case["fault"]))  # type: ignore[operator]
-        return {
-            "name": self._plan.name,
-            "file": str(self._store.path),
-            "count": self._plan.count,
-            "passed": self._passed,
-            "failed": self._failed,
-            "trouble": self._trouble,
-            "cases": cases[:500],
-            "newest": list(self._newest)[::-1],
-            "worst": [row for _, _, row in self._worst],
-        }
+    def _render(self) -> dict[str, str]:
+        """Title, file and body; what is told already where the file has not changed."""
+        version = self._store.version()
+        if version == self._file_version and self._body.whole:
+            return self._told
+        body, title = self._body.render(self._store), page_title(self._store.plan())
+        self._file_version = version
+        return {"title": title, "file": str(self._store.path), "body": body, "trouble": ""}

@@ -1,136 +1,231 @@
 """The page of a campaign, which needs nothing beside itself."""
 
 import json
-import shlex
+import os
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from html import escape
+from pathlib import Path
+from urllib.parse import quote
 
 from hil_bridge.devices.kinds import EmulatedKinds
 from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.lab.campaign.criteria import figure_text
-from hil_bridge.lab.campaign.pictures import distributions, drawn_faults, injections, matrix
+from hil_bridge.lab.campaign.digest import (
+    Tally,
+    criterion_results,
+    facts_of,
+    tally_of,
+    true_force,
+    unmet_by,
+    worst_first,
+)
+from hil_bridge.lab.campaign.pictures import drawn_faults, injections, matrix
 from hil_bridge.lab.campaign.plan import Plan
+from hil_bridge.lab.campaign.report_text import rerun_command
+from hil_bridge.lab.campaign.spreads import distributions
 from hil_bridge.lab.campaign.store import Done, Store
 from hil_bridge.lab.campaign.telling import describe_run, fault_of, faults_of_run, settings_of_run
 from hil_bridge.record import read
+from hil_bridge.record.analysis.figures import FIGURES
+from hil_bridge.record.analysis.summary import summarise
 from hil_bridge.record.analysis.why import why
 from hil_bridge.show.pages import document
+from hil_bridge.show.report import write_report
 from hil_bridge.show.report.markup import cells, pairs, prose
 
 WORST, OPEN = 30, 5
 """Failing runs that are told one by one, worst first, and those that need no click. Chosen: a person reads no more."""
+REPORT_NAME = "report.html"
 HARDEST = 10
 """Passing runs that are told, the largest true force first. Chosen."""
 
 
-def page(store: Store) -> str:
-    """The page as HTML, of what is kept so far."""
-    plan, runs = store.plan(), list(store.runs())
-    bad = sum(not run.passed for run in runs)
-    hunted = _render_hunt(store, plan)
-    of_all = "" if hunted else f" of {plan.count}"
-    lead = f"{len(runs)}{of_all} runs done: {len(runs) - bad} passed, {bad} failed."
-    body = f"""<h1>Campaign {escape(plan.name)}</h1>
-<p><strong>{lead}</strong></p>
-{pairs(_facts(store, plan, runs), "facts")}
-{hunted}
-<h2>Criteria</h2><div class="scroll">{_criteria(plan, runs)}</div>
-<h2>Worst runs first</h2>{_worst(store, plan, runs)}
+def page(store: Store, place: Path | None = None) -> str:
+    """The page as HTML, of what is kept so far. `place` is its file, for links to recordings; None: no links."""
+    folder = None if place is None else place.parent
+    return document(page_title(store.plan()), PageBody(folder).render(store), charts=False)
+
+
+def report_place(store: Store, run: Done) -> Path:
+    """Where the page looks for the report of a run."""
+    return store.folder / run.key / REPORT_NAME
+
+
+def write_reports(store: Store) -> int:
+    """Write the reports of the runs that the page tells one by one, where their recordings are kept; how many it wrote.
+
+    A report that is there already stays as it is. A recording that cannot be read any more is left out.
+    """
+    written = 0
+    for run in worst_first(store.runs())[:WORST]:
+        place, recording = report_place(store, run), store.folder / run.recording
+        if not run.recording or place.exists() or not recording.is_file():
+            continue
+        try:
+            record = read(recording)
+        except BridgeError:
+            continue
+        write_report(record, summarise(record), place.parent)
+        written += 1
+    return written
+
+
+def page_title(plan: Plan) -> str:
+    """Title of the page."""
+    return f"Campaign {plan.name}"
+
+
+class PageBody:
+    """Renders the body of a campaign's page: once for a file, again and again for a page in the browser."""
+
+    def __init__(self, folder: Path | None = None, read_at_once: int = WORST) -> None:
+        """`folder` is that of the page's file, for links; None: no links. A rendering reads at most so many recordings;
+        runs whose turn has not come show their cause alone, and `whole` is False.
+        """
+        self._folder = folder
+        self._read_at_once = read_at_once
+        self._unread = 0
+        self._reasons: dict[str, str] = {}
+        """Paragraphs of `why` by the key of the run: a recording does not change any more."""
+
+    def render(self, store: Store) -> str:
+        """The body as HTML, of what is kept so far. Raises ConfigError for a damaged file."""
+        plan, runs = store.plan(), list(store.runs())
+        self._unread = self._read_at_once
+        tally, hunted = tally_of(runs), _render_hunt(store, plan)
+        planned = tally.total if hunted else plan.count
+        return f"""{_head(plan, tally, planned)}
 <h2>Each case of the matrix</h2>
 <p class="quiet">Number of runs where all passed; else how many passed, of how many. A dot is a fault that the cell
 cannot have, a question mark a case without a run.</p>
 {matrix(plan, runs)}
+<h2>When, where and how fast</h2>{pairs(facts_of(store, plan, runs), "facts")}
+{hunted}
+<h2>Criteria</h2><div class="scroll">{_criteria(plan, runs)}</div>
+<h2>Worst runs first</h2>{self._worst(store, plan, runs)}
+<h2>Distribution of the figures</h2>
+<p class="quiet">Bars are all runs. A strip is a cell of the matrix: least to largest value, the middle half, the
+median.</p>
+{distributions(plan, runs)}
 {_render_injections(plan, runs)}
 <h2>How runs ended</h2>{_endings(runs)}
-<h2>Distribution of the figures</h2>{distributions(plan.criteria, runs)}
 <h2>Never exercised</h2>{_never(plan, runs)}"""
-    return document(f"Campaign {plan.name}", body, charts=False)
 
+    @property
+    def whole(self) -> bool:
+        """Whether the last rendering has read every recording that it shows."""
+        return self._unread >= 0
 
-def _facts(store: Store, plan: Plan, runs: Sequence[Done]) -> Iterator[tuple[str, str]]:
-    yield "Code", store.fact("code")
-    if not plan.cases_per_seed:
-        yield "Cases × seeds", f"{len(plan.possible)} × {len(plan.seeds)}"
-    else:
-        yield "Cases and seeds", f"{len(plan.possible)} cases, {len(plan.seeds)} seeds"
-        turns = Counter(case for case, _ in plan.runs())
-        least, most = min(turns[case] for case in plan.possible), max(turns.values())
-        told = (
-            f"{least}"
-            if least == most
-            else f"{least} or {most}"
-            if most == least + 1
-            else f"{least} … {most}"
+    def _worst(self, store: Store, plan: Plan, runs: Sequence[Done]) -> str:
+        """Failing runs by the number of criteria, then by the true force; behind them passing ones by the force."""
+        failing = worst_first(runs)
+        told = "".join(self._failing(store, plan, run) for run in failing[:OPEN])
+        if more := "".join(self._failing(store, plan, run) for run in failing[OPEN:WORST]):
+            words = f"{len(failing) - OPEN} more that failed" + (
+                f", the first {WORST - OPEN} of them" * (len(failing) > WORST)
+            )
+            told += f'<details id="more-failed"><summary>{words}</summary>{more}</details>'
+        hardest = sorted((run for run in runs if run.passed), key=true_force, reverse=True)[:HARDEST]
+        lines = [
+            (
+                f"{true_force(run):.1f} N",
+                f"{run.seed}",
+                plan.cases[run.number].cell,
+                faults_of_run(plan.cases[run.number], run),
+                run.key,
+            )
+            for run in hardest
+        ]
+        passing = cells(("largest true force", "seed", "cell", "fault", "key"), lines, "wide")
+        intro = (
+            f"<p>Of those that passed, these pressed the hardest; {_command(store, 'KEY')} repeats one.</p>"
         )
-        yield "Cases for each seed", f"{plan.cases_per_seed} in turn; seeds for each case: {told}"
-    sittings = store.sittings()
-    count, wall_s = sum(one.runs for one in sittings), sum(one.wall_s for one in sittings)
-    if wall_s > 0:
-        core_s = sum(one.wall_s * one.workers for one in sittings)
-        yield "Runs per second", f"{count / wall_s:.2f}, {count / core_s:.2f} for each process"
-        starts = "one start" if len(sittings) == 1 else f"{len(sittings)} starts"
-        yield "Time", f"{count} runs in {wall_s:.0f} s, {starts}"
-    simulated = sum(run.figures.get("duration_s") or 0.0 for run in runs)  # type: ignore[misc]
-    if (busy_s := sum(run.wall_s for run in runs)) > 0:
-        yield "Simulated time", f"{simulated:.0f} s, {simulated / busy_s:.1f} s in each second of a core"
+        return f'{told or "<p>Every run met its criteria.</p>"}{intro}<div class="scroll">{passing}</div>'
+
+    def _failing(self, store: Store, plan: Plan, run: Done) -> str:
+        case = plan.cases[run.number]
+        ended = f"{run.outcome}: {run.cause}" if run.cause else run.outcome
+        unmet = [(FIGURES[one.figure].words, one.value, one.wanted) for one in unmet_by(plan, run)]
+        return (
+            f"<article><p><strong>{escape(case.cell)}</strong>; fault {escape(faults_of_run(case, run))};"
+            f" seed {run.seed}</p>"
+            f"{cells(('not met', 'value', 'wanted'), unmet, 'narrow unmet')}"
+            f"{_render_drawn(run)}"
+            f"<p>{prose(self._why(store, run) or ended)}</p>"
+            f'<p class="quiet">{self._recording(store, run)}Largest true force {true_force(run):.1f} N. '
+            f"Repeat it with {_command(store, run.key)}</p>"
+            "</article>"
+        )
+
+    def _recording(self, store: Store, run: Done) -> str:
+        """The recording of a run, and its report where there is one, as links."""
+        if not run.recording or not (place := store.folder / run.recording).is_file():
+            return ""
+        parts = [self._link(place, "Recording")]
+        if (report := report_place(store, run)).is_file():
+            parts.append(self._link(report, "report"))
+        return f"{', '.join(parts)}. "
+
+    def _link(self, place: Path, words: str) -> str:
+        if self._folder is None:
+            return f"{words} <code>{escape(str(place))}</code>"
+        target = quote(os.path.relpath(place, self._folder))
+        return f'<a href="{escape(target)}">{words}</a>'
+
+    def _why(self, store: Store, run: Done) -> str:
+        """How the run ended, from the recording that it left; empty where that is not there any more."""
+        if not run.recording:
+            return ""
+        if run.key not in self._reasons:
+            self._unread -= 1
+            if self._unread < 0:
+                return ""
+            place = store.folder / run.recording
+            try:
+                self._reasons[run.key] = why(read(place), f"{store.folder.name}/{run.recording}")
+            except BridgeError:
+                self._reasons[run.key] = ""
+        return self._reasons[run.key]
+
+
+def _head(plan: Plan, tally: Tally, planned: int) -> str:
+    """Name, verdict and counts at one glance."""
+    bad = tally.failed + tally.errors
+    look, words = ("bad", f"{bad} of {tally.total} did not pass") if bad else ("good", "all passed")
+    if not tally.total:
+        look, words = "plain", "no run yet"
+    counts = (
+        ("passed", tally.passed, ' class="good"'),
+        ("failed", tally.failed, ' class="bad"'),
+        ("errors", tally.errors, ' class="bad"'),
+    )
+    told = " ".join(
+        f"<span><b{colour * bool(count)}>{count}</b> {name}</span>" for name, count, colour in counts
+    )
+    good, wrong = (f"{100 * count / max(planned, 1):.2f}" for count in (tally.passed, bad))
+    bars = (
+        f'<rect class="good" width="{good}" height="1"></rect>'
+        f'<rect class="bad" x="{good}" width="{wrong}" height="1"></rect>'
+    )
+    return (
+        f'<header class="headline"><h1>{escape(page_title(plan))}</h1>'
+        f'<span class="badge {look}">{words}</span></header>\n<p class="tally">{told}</p>\n'
+        '<svg class="progress" viewBox="0 0 100 1" preserveAspectRatio="none" role="img"'
+        f' aria-label="runs that are done">{bars}</svg>\n<p>{tally.total} of {planned} runs done.</p>'
+    )
 
 
 def _criteria(plan: Plan, runs: Sequence[Done]) -> str:
-    lines = []
-    for criterion in plan.criteria:
-        verdicts = Counter(criterion.judge(run.figures) for run in runs)
-        lines.append((criterion.text, str(verdicts[True]), str(verdicts[False]), str(verdicts[None])))
+    lines = [
+        (one.criterion, str(one.met), str(one.not_met), str(one.no_concern))
+        for one in criterion_results(plan, runs)
+    ]
     return cells(("criterion", "met", "not met", "did not concern the run"), lines, "narrow")
 
 
-def _force(run: Done) -> float:
-    force = run.figures.get("force_true_max_n")
-    return float(force) if isinstance(force, (int, float)) else 0.0
-
-
-def _worst(store: Store, plan: Plan, runs: Sequence[Done]) -> str:
-    """Failing runs by the number of criteria, then by the true force; behind them passing ones by the true force."""
-    failing = sorted(
-        (run for run in runs if not run.passed), key=lambda run: (-len(run.failed), -_force(run))
-    )
-    told = "".join(_failing(store, plan, run) for run in failing[:OPEN])
-    if more := "".join(_failing(store, plan, run) for run in failing[OPEN:WORST]):
-        words = f"{len(failing) - OPEN} more that failed" + (
-            f", the first {WORST - OPEN} of them" * (len(failing) > WORST)
-        )
-        told += f"<details><summary>{words}</summary>{more}</details>"
-    hardest = sorted((run for run in runs if run.passed), key=_force, reverse=True)[:HARDEST]
-    lines = [
-        (
-            f"{_force(run):.1f} N",
-            f"{run.seed}",
-            plan.cases[run.number].cell,
-            faults_of_run(plan.cases[run.number], run),
-            run.key,
-        )
-        for run in hardest
-    ]
-    passing = cells(("largest true force", "seed", "cell", "fault", "key"), lines, "wide")
-    intro = f"<p>Of those that passed, these pressed the hardest; {_command(store, 'KEY')} repeats one.</p>"
-    return f'{told or "<p>Every run met its criteria.</p>"}{intro}<div class="scroll">{passing}</div>'
-
-
 def _command(store: Store, key: str) -> str:
-    return f"<code>hil-bridge campaign rerun {escape(shlex.quote(store.path.name))} {key}</code>"
-
-
-def _failing(store: Store, plan: Plan, run: Done) -> str:
-    case = plan.cases[run.number]
-    ended = f"{run.outcome}: {run.cause}" if run.cause else run.outcome
-    return (
-        f"<article><p><strong>Not met: {escape('; '.join(run.failed))}</strong><br>"
-        f"{escape(case.cell)}; {escape(faults_of_run(case, run))}; seed {run.seed}</p>"
-        f"{_render_drawn(run)}"
-        f"<p>{prose(_why(store, run) or ended)}</p>"
-        f'<p class="quiet">Largest true force {_force(run):.1f} N. Repeat it with {_command(store, run.key)}</p>'
-        "</article>"
-    )
+    return f"<code>{escape(rerun_command(store.path.name, key))}</code>"
 
 
 def _render_drawn(run: Done) -> str:
@@ -147,15 +242,6 @@ def _render_hunt(store: Store, plan: Plan) -> str:
             lines = "<br>".join(map(escape, describe_run(plan, run, label)))
             parts.append(f"<article><p>{lines}</p><p>{_command(store, run.key)}</p></article>")
     return f"<h2>What the hunt came to</h2>{''.join(parts)}" if parts else ""
-
-
-def _why(store: Store, run: Done) -> str:
-    """How the run ended, from the recording that it left; empty where that is not there any more."""
-    place = store.folder / run.recording
-    try:
-        return why(read(place), f"{store.folder.name}/{run.recording}") if run.recording else ""
-    except BridgeError:
-        return ""
 
 
 def _render_injections(plan: Plan, runs: Sequence[Done]) -> str:
@@ -210,7 +296,8 @@ def _never(plan: Plan, runs: Sequence[Done]) -> str:
         table = cells(("fault", "cells", "why they cannot have it"), left, "wide")
         count = sum(map(len, impossible.values()))
         parts.append(
-            f'<details><summary>{count} cases cannot be</summary><div class="scroll">{table}</div></details>'
+            f'<details id="impossible"><summary>{count} cases cannot be</summary>'
+            f'<div class="scroll">{table}</div></details>'
         )
     return "".join(parts)
 

@@ -63,6 +63,8 @@ class Plan:
     """Cases that each seed takes, in turn; 0 for all."""
     draw: Draw | None = None
     """Settings and faults that are drawn for each run; None where all is given."""
+    requirements: tuple[str, ...] = ()
+    """Requirements that each of its runs shows."""
 
     @cached_property
     def possible(self) -> tuple[Case, ...]:

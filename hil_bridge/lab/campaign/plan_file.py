@@ -30,6 +30,7 @@ _ONLY_FAULT = ("faults", "0")
 """Key of a fault that is the only one of a configuration."""
 _KEYS = (
     "name",
+    "requirements",
     "seeds",
     "cases_per_seed",
     "faults_per_run",
@@ -60,19 +61,23 @@ class _Cell(NamedTuple):
     """By dotted key."""
 
 
-def read_plan(path: Path, seeds: tuple[int, ...] = ()) -> Plan:
-    """The campaign of a file, with these seeds in place of its own where there are any.
+def read_plan(path: Path, seeds: tuple[int, ...] = (), settings: Mapping[str, Any] | None = None) -> Plan:
+    """The campaign of a file, with these seeds in place of its own where there are any. `settings`, by dotted key, go
+    over those that all cells share.
 
     Raises PlanErrors with everything that is wrong, ConfigError for what is no TOML.
     """
-    return _Reading(path, read_toml(path), seeds).plan()
+    return _Reading(path, read_toml(path), seeds, settings or {}).plan()
 
 
 class _Reading:
     """A file on its way to a plan."""
 
-    def __init__(self, path: Path, values: dict[str, Any], instead: tuple[int, ...]) -> None:
+    def __init__(
+        self, path: Path, values: dict[str, Any], instead: tuple[int, ...], given: Mapping[str, Any]
+    ) -> None:
         self._path = path
+        self._given = given
         self._instead = instead
         self._source = format_path(path)
         self._values = values
@@ -96,6 +101,7 @@ class _Reading:
         if type(share) is not int or share < 0:
             self._wrong("campaign.cases_per_seed", f"must be a whole number, got {format_value(share)}")
         criteria = self._criteria(campaign.get("criteria", {}))
+        required = self._requirements(campaign.get("requirements", []))
         base = self._base(campaign.get("config"))
         cells = self._cells(campaign.get("matrix", {}))
         draw = self._draw(campaign)
@@ -109,7 +115,7 @@ class _Reading:
                 cases = [replace(case, fault=DRAWN) for case in cases]
         if self._problems:
             raise PlanErrors(self._problems)
-        plan = Plan(name, seeds, tuple(cases), criteria, share, draw)
+        plan = Plan(name, seeds, tuple(cases), criteria, share, draw, required)
         if share > len(plan.possible):
             self._wrong("campaign.cases_per_seed", f"is more than the {len(plan.possible)} cases there are")
         if plan.count > RUNS_LIMIT:
@@ -120,6 +126,14 @@ class _Reading:
 
     def _wrong(self, key: str, text: str) -> None:
         self._problems.append(f"{self._source}: {key} {text}")
+
+    def _requirements(self, given: object) -> tuple[str, ...]:
+        names = given if isinstance(given, list) else [None]
+        if all(isinstance(name, str) and name.strip() and name.isprintable() for name in names):
+            return tuple(names)
+        wanted = 'must be a list of names such as "R-12"'
+        self._wrong("campaign.requirements", f"{wanted}, got {format_value(given)}")
+        return ()
 
     def _seeds(self, given: object) -> tuple[int, ...]:
         """A list of numbers, or `{ from = 1, to = 50 }`, both ends included."""
@@ -182,10 +196,12 @@ class _Reading:
         if not isinstance(own, dict):
             self._wrong("config", "must be a table of settings")
             return values
+        if bad := [key for key in self._given if key.startswith(("faults", "run.seed"))]:
+            self._wrong("--set", f"cannot give {bad[0]}: faults and seeds have their own settings")
         for place, tables in (("config", own), ("campaign.config", values)):
             if "faults" in tables:
                 self._wrong(f"{place}.faults", "belongs into tables [[campaign.fault]]")
-        for key, value in _leaves(own):
+        for key, value in (*_leaves(own), *_leaves(self._given)):
             _put(values, key, value)
         return values
 
@@ -211,6 +227,8 @@ class _Reading:
                 self._wrong(where, "holds a label twice")
             if any(name == "run.seed" or name.startswith("faults") for one in axis for name in one.values):
                 self._wrong(where, "cannot be an axis: faults and seeds have their own settings")
+            for name in sorted({name for one in axis for name in one.values} & set(self._given)):
+                self._wrong(where, f"sets {name}, and so does --set; leave one of them out")
             axes.append(axis)
         if math.prod(map(len, axes)) > CASES_LIMIT:  # before any is made: they would fill the memory
             self._wrong("campaign.matrix", f"makes more than {CASES_LIMIT} cells")

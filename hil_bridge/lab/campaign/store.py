@@ -8,6 +8,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
+from platform import platform, python_version
+from socket import gethostname
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
@@ -106,6 +108,8 @@ class Store:
             # Seeds that were run before stay: fewer of them this time take nothing away.
             seeds = dict.fromkeys((*store.seeds(), *plan.seeds))
             connection.execute("UPDATE facts SET value = ? WHERE name = 'seeds'", (json.dumps([*seeds]),))
+            hosts = dict.fromkeys((*store.hosts(), gethostname()))
+            connection.execute("INSERT OR REPLACE INTO facts VALUES ('hosts', ?)", (json.dumps([*hosts]),))
             connection.commit()
         except sqlite3.Error as error:
             connection.close()
@@ -141,10 +145,13 @@ class Store:
             "name": plan.name,
             "identity": plan.identity,
             "code": code_version(),
+            "begun": now(),
+            "platform": f"Python {python_version()}, {platform()}",
             "seeds": json.dumps(plan.seeds),
             "cases_per_seed": str(plan.cases_per_seed),
             "draw": "" if plan.draw is None else plan.draw.text,
             "criteria": json.dumps([[item.figure, item.wanted] for item in plan.criteria]),
+            "requirements": json.dumps(plan.requirements),
         }
         rows = [
             (number, case.cell, case.head, case.fault, case.phase, case.config, case.table, case.impossible)
@@ -255,32 +262,37 @@ class Store:
             if (share := int(self.fact("cases_per_seed") or 0)) < 0:
                 raise ValueError(f"{share} cases for each seed")
             draw = Draw.read(text) if (text := self.fact("draw")) else None
-            return Plan(self.fact("name"), self.seeds(), cases, criteria, share, draw)
+            required = msgspec.json.decode(self.fact("requirements") or "[]", type=tuple[str, ...])
+            return Plan(self.fact("name"), self.seeds(), cases, criteria, share, draw, required)
 
     def seeds(self) -> tuple[int, ...]:
         """Seeds that the campaign has now; a later start may add some. Raises ConfigError."""
         with self._readable():
             return tuple(map(int, json.loads(self.fact("seeds"))))
 
+    def hosts(self) -> tuple[str, ...]:
+        """Names of the computers on which it was started; empty in older results. Raises ConfigError."""
+        with self._readable():
+            return msgspec.json.decode(self.fact("hosts") or "[]", type=tuple[str, ...])
+
     def runs(self, where: str = "1", values: Iterable[object] = ()) -> Iterator[Done]:
         """Runs that are kept, by case and seed. Raises ConfigError."""
-        return (done for _, done in self._read(f"WHERE {where} ORDER BY number, seed", values))
-
-    def newer(self, row: int, most: int) -> list[tuple[int, Done]]:
-        """Runs that were kept after this row of the file, oldest first, with their rows. Raises ConfigError."""
-        return list(self._read("WHERE rowid > ? ORDER BY rowid LIMIT ?", (row, most)))
-
-    def _read(self, which: str, values: Iterable[object]) -> Iterator[tuple[int, Done]]:
         columns = "key, number, seed, outcome, cause, failed, figures, wall_s, recording, fault"
         with self._readable():
             cases = self._connection.execute("SELECT count(*) FROM cases").fetchone()[0]
-            query = f"SELECT rowid, {columns} FROM runs {which}"
-            for row, *found in self._connection.execute(query, tuple(values)):
+            query = f"SELECT {columns} FROM runs WHERE {where} ORDER BY number, seed"
+            for row in self._connection.execute(query, tuple(values)):
+                found = list(row)
                 found[5:7] = map(json.loads, found[5:7])
                 done = _as(Done, found)
                 if not 0 <= done.number < cases:
                     raise ValueError(f"run {done.key} is of case {done.number}, and there are {cases}")
-                yield row, done
+                yield done
+
+    def version(self) -> int:
+        """Another number whenever another process has changed the file. Raises ConfigError."""
+        with self._readable():
+            return int(self._connection.execute("PRAGMA data_version").fetchone()[0])
 
     def sittings(self) -> list[Sitting]:
         """Every start so far that came to its end, or was interrupted. Raises ConfigError."""

@@ -2,18 +2,17 @@
 
 import json
 import math
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
-from xml.etree import ElementTree
 
 from hil_bridge.lab.conform.trial import SUITE_VERSION, Played
 from hil_bridge.lab.conform.verdict import Outcome
+from hil_bridge.lab.junit import JunitCase, Verdict, encode_junit
 from protocol.unmodelled import relied_on
 
-_NOT_XML = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+_VERDICTS = {Outcome.PASSED: Verdict.PASSED, Outcome.FAILED: Verdict.FAILED, Outcome.SKIPPED: Verdict.SKIPPED}
 _OUTPUT_LINES = 20
 """Chosen: lines of a client's output that the table shows behind a scenario that failed."""
 
@@ -84,43 +83,24 @@ def as_json(what: tuple[str, str], command: Sequence[str], rules: Any, played: S
 
 def as_junit(kind: str, played: Sequence[Played[Any]]) -> bytes:
     """All of it as JUnit XML: one test case a scenario, its evidence as properties."""
-    failed = [one for one in played if one.verdict.outcome is Outcome.FAILED]
-    skipped = [one for one in played if one.verdict.outcome is Outcome.SKIPPED]
-    counts = {
-        "tests": str(len(played)),
-        "failures": str(len(failed)),
-        "errors": "0",
-        "skipped": str(len(skipped)),
-        "time": f"{sum(one.seconds for one in played):.3f}",
-    }
-    suites = ElementTree.Element("testsuites", counts)
-    suite = ElementTree.SubElement(suites, "testsuite", {"name": f"hil-bridge conform {kind}", **counts})
-    for one in played:
-        attributes = {"classname": f"conform.{kind}", "name": one.name, "time": f"{one.seconds:.3f}"}
-        case = ElementTree.SubElement(suite, "testcase", attributes)
-        properties = ElementTree.SubElement(case, "properties")
-        for key, value in evidence(one).items():
-            text = _xml(json.dumps(value) if isinstance(value, list | tuple) else str(value))
-            ElementTree.SubElement(properties, "property", {"name": key, "value": text})
-        for thing in one.not_modelled:
-            ElementTree.SubElement(
-                properties, "property", {"name": "not_modelled", "value": _xml(str(thing))}
-            )
-        reason = _xml(one.verdict.reason)
-        if one.verdict.outcome is Outcome.FAILED:
-            ElementTree.SubElement(case, "failure", {"message": reason}).text = reason
-        elif one.verdict.outcome is Outcome.SKIPPED:
-            ElementTree.SubElement(case, "skipped", {"message": reason})
-        if one.output:
-            ElementTree.SubElement(case, "system-out").text = _xml(one.output)
-    ElementTree.indent(suites)
-    written: str = ElementTree.tostring(suites, encoding="unicode")
-    return f'<?xml version="1.0" encoding="utf-8"?>\n{written}\n'.encode()
+    cases = [
+        JunitCase(
+            f"conform.{kind}",
+            one.name,
+            one.seconds,
+            _VERDICTS[one.verdict.outcome],
+            one.verdict.reason,
+            properties=[*_evidence_texts(one), *(("not_modelled", str(thing)) for thing in one.not_modelled)],
+            output=one.output,
+        )
+        for one in played
+    ]
+    return encode_junit(f"hil-bridge conform {kind}", cases)
 
 
-def _xml(text: str) -> str:
-    """Text without characters that XML does not have."""
-    return _NOT_XML.sub("\ufffd", text)
+def _evidence_texts(one: Played[Any]) -> Iterator[tuple[str, str]]:
+    for key, value in evidence(one).items():
+        yield key, json.dumps(value) if isinstance(value, list | tuple) else str(value)
 
 
 def _plain(text: str) -> str:

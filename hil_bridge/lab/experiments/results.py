@@ -8,6 +8,7 @@ from operator import call
 from typing import Any, Protocol, TypeAlias
 
 from hil_bridge.lab.processes import in_order, own_processes
+from hil_bridge.lab.text_tables import markdown_table
 from hil_bridge.record.analysis.figures import title_of
 
 Value: TypeAlias = str | int | float | None
@@ -112,12 +113,8 @@ def _value(field: str) -> Value:
 
 def markdown(rows: Sequence[Row], columns: Sequence[str]) -> str:
     """These columns as a Markdown table; underscores of column names become spaces."""
-    lines = [
-        "| " + " | ".join(title_of(column) for column in columns) + " |",
-        "|" + "---|" * len(columns),
-    ]
-    lines += ["| " + " | ".join(digits(row[column]) for column in columns) + " |" for row in rows]
-    return "\n".join(lines)
+    texts = [[digits(row[column]) for column in columns] for row in rows]
+    return markdown_table([title_of(column) for column in columns], texts)
 
 
 def digits(value: Value) -> str:

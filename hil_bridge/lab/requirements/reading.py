@@ -8,10 +8,9 @@ from typing import Any
 from xml.etree import ElementTree
 
 from hil_bridge.errors import ConfigError
+from hil_bridge.lab.junit import RECORDING, REQUIREMENT
 from hil_bridge.lab.requirements.matrix import Requirement, State, Tried
 
-REQUIREMENT, RECORDING = "hil_requirement", "hil_recording"
-"""Properties of a test case, as the plug-in of pytest writes them. Each may stand several times."""
 _LARGEST = 64 * 2**20
 """Chosen: a larger file is no list and no result, bytes."""
 _ENDS = {"failure": State.FAILED, "error": State.FAILED, "skipped": State.SKIPPED}

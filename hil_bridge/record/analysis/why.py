@@ -4,6 +4,8 @@ import math
 from collections.abc import Iterator
 from itertools import pairwise
 
+from msgspec import Struct
+
 from hil_bridge.errors.cause_row import LOOK
 from hil_bridge.errors.cause_table import ROWS
 from hil_bridge.errors.causes import Cause, Part, describe_lateness
@@ -60,6 +62,78 @@ def why(recording: Recording, file: object = "FILE") -> str:
     return _Ending(recording, end, file).text
 
 
+class LastCycle(Struct, frozen=True):
+    """The last good cycle of a run."""
+
+    cycle: int
+    before_s: float
+    """Time before the end, s."""
+    force_n: float
+    depth_mm: float
+
+
+class Symptom(Struct, frozen=True):
+    """The first symptom of the trouble that ended a run."""
+
+    kind: str
+    text: str
+    before_s: float
+    """Time before the end, s."""
+
+
+class Why(Struct, frozen=True):
+    """How a run ended, as values; those of the end have the names of the recording's metadata."""
+
+    outcome: Outcome
+    text: str
+    """The paragraph."""
+    after_s: float
+    """Time of the end from the start of the recording, s."""
+    phase: str
+    """Phase in which it ended; empty before the first."""
+    cycles: int
+    cause: Cause | None
+    """Row of the table of causes."""
+    fact: str
+    """The cause in words; empty without one."""
+    remedy: str
+    last_good: LastCycle | None
+    first_symptom: Symptom | None
+    followed: tuple[str, ...]
+    """Causes after the first one, in words."""
+    left: str
+    """Place at which the tool was left, in words."""
+    retracted: bool | None
+    truncated: bool
+    """The recording is cut short or damaged."""
+    tracebacks: tuple[str, ...]
+
+
+def why_values(recording: Recording, file: object = "FILE") -> Why:
+    """The same as `why`, as values."""
+    end, ending = end_of(recording), _Ending(recording, end_of(recording), file)
+    reason, good, symptom = end.reason, ending.last_good(), ending.symptom
+    return Why(
+        end.outcome,
+        why(recording, file),
+        ending.after_s,
+        ending.phase,
+        len(recording.cycles),
+        end.cause,
+        "" if reason is None else reason.fact,
+        "" if reason is None else reason.remedy,
+        None
+        if good is None
+        else LastCycle(good.cycle, ending.before_s(good.answered_at), good.force, good.depth * 1e3),
+        None if symptom is None else Symptom(symptom.kind, symptom.text, ending.before_s(symptom.at)),
+        tuple(one.fact for one in end.followed),
+        end.left,
+        end.retracted,
+        recording.truncated,
+        tracebacks(recording),
+    )
+
+
 def tracebacks(recording: Recording) -> tuple[str, ...]:
     """Tracebacks of code that failed in a run, oldest first."""
     return tuple(event.text for event in recording.events if event.kind in (TRACEBACK_EVENT, BUG_EVENT))
@@ -89,7 +163,7 @@ class _Ending:
         ]
         self._at = stops[0] if stops else max(lasts, default=self._zero)
         """When the run was stopped, s on its clock."""
-        self._symptom = _first_symptom(recording, self._at)
+        self.symptom = _first_symptom(recording, self._at)
 
     @property
     def text(self) -> str:
@@ -105,10 +179,29 @@ class _Ending:
         ]
         return " ".join(sentence for sentence in sentences if sentence)
 
+    @property
+    def after_s(self) -> float:
+        """Time of the end from the start of the recording, s."""
+        return self._at - self._zero
+
+    @property
+    def phase(self) -> str:
+        """Phase in which it ended; empty before the first."""
+        return next((span.name for span in reversed(phases(self._recording)) if span.begin < self._at), "")
+
+    def before_s(self, at: float) -> float:
+        """Time of a moment before the end, s."""
+        return self._at - at
+
+    def last_good(self) -> CycleRecord | None:
+        """The last cycle before the first symptom; None where there is none."""
+        limit = self._at if self.symptom is None else min(self._at, self.symptom.at)
+        good = [cycle for cycle in self._cycles if cycle.verdict != "stop" and cycle.answered_at <= limit]
+        return good[-1] if good else None
+
     def _how(self) -> str:
-        began = [span.name for span in phases(self._recording) if span.begin < self._at]
-        phase = f", in the phase {began[-1]}" if began else ""
-        when = f"{self._at - self._zero:.2f} s after its start{phase}"
+        phase = f", in the phase {self.phase}" if self.phase else ""
+        when = f"{self.after_s:.2f} s after its start{phase}"
         if self._recording.truncated or not self._recording.end:
             return (
                 f"The recording ends {when}, before the run does: the process was killed, or the file is cut."
@@ -118,22 +211,20 @@ class _Ending:
         return f"The run was stopped {when}."
 
     def _last_good(self) -> str:
-        limit = self._at if self._symptom is None else min(self._at, self._symptom.at)
-        good = [cycle for cycle in self._cycles if cycle.verdict != "stop" and cycle.answered_at <= limit]
         if not self._cycles:
             return "It had no control cycle: the tool had not gone towards the surface."
-        if not good:
+        last = self.last_good()
+        if last is None:
             return "No cycle of it was good."
-        last = good[-1]
         return (
             f"The last good cycle was number {last.cycle}, {_before(self._at - last.answered_at)}: "
             f"{last.force:.1f} N at a depth of {last.depth * 1e3:.1f} mm."
         )
 
     def _first_symptom(self) -> str:
-        if self._symptom is None:
+        if self.symptom is None:
             return ""
-        return f"The first symptom came {_before(self._at - self._symptom.at)}: {self._symptom.text}."
+        return f"The first symptom came {_before(self._at - self.symptom.at)}: {self.symptom.text}."
 
     def _cause(self) -> str:
         reason = self._end.reason

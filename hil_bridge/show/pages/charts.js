@@ -456,8 +456,9 @@ var HilCharts = (() => {
       return {
         stroke: this.css.getPropertyValue("--quiet").trim(), font: "11px system-ui, sans-serif", size: 22,
         labelFont: "11px system-ui, sans-serif", labelSize: 18, gap: 3,
-        label: chart.last ? `${axis.label}, ${axis.unit}` : undefined,
-        values: (u, splits) => splits.map((value, k) => value === null ? ""   // above the label of the last chart the unit is told once more
+        label: chart.last ? [axis.label, axis.unit].filter(Boolean).join(", ") : undefined,
+        ...(axis.names ? {incrs: [1, 2, 5, 10, 20, 50]} : {}),
+        values: (u, splits) => splits.map((value, k) => axis.names ? axis.names[value] ?? "" : value === null ? ""   // above the label of the last chart the unit is told once more
           : minus(Number(value.toPrecision(6))) + (k === splits.length - 1 && !chart.last ? ` ${axis.unit}` : "")),
         ...this.lines(),
       };
@@ -476,7 +477,8 @@ var HilCharts = (() => {
 
     at(axis, x) {
       if (x === null || x === undefined) return "–";
-      const {unit, wall_start_s: start} = this.told.axes[axis];
+      const {unit, names, wall_start_s: start} = this.told.axes[axis];
+      if (names) return names[x] ?? "";
       const wall = start === undefined || start === null ? "" : ` · ${new Date((start + x) * 1e3).toISOString().slice(11, 23)} UTC`;
       return `${x.toFixed(3)} ${unit}${wall}`;
     }

@@ -24,6 +24,8 @@ class Axis(Struct, frozen=True, omit_defaults=True):
     """UTC at x = 0, s since 1970; the values under the cursor then show it, too."""
     log: bool = False
     """Logarithmic; every x must then be above 0."""
+    names: Sequence[str] = ()
+    """Names of x = 0, 1, 2 …, where places of a row stand for things; the axis shows them alone."""
 
 
 class Series(Struct, frozen=True, omit_defaults=True):

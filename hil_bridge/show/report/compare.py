@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from msgspec.structs import replace
@@ -39,10 +40,27 @@ COMPARED = {
 """Charts of the catalogue that are laid over each other, and the column of each that stands for a run."""
 
 
-def compare_page(runs: Mapping[str, Recording], align: str = TOUCH) -> str:
-    """The page of at least two runs by their names. Raises ConfigError for too few or too many."""
+def compare_values(runs: Mapping[str, Recording]) -> dict[str, Any]:
+    """Outcome and figures of each run by its name, and the settings that differ. Raises ConfigError as the page."""
+    _check_number(runs)
+    names = list(runs)
+    summaries = {name: summarise(recording) for name, recording in runs.items()}
+    return {
+        "runs": {name: {"outcome": one.outcome, **one.figures} for name, one in summaries.items()},
+        "settings": {
+            key: dict(zip(names, values, strict=True)) for key, *values in between(list(runs.values()))
+        },
+    }
+
+
+def _check_number(runs: Mapping[str, Recording]) -> None:
     if not 2 <= len(runs) <= RUNS_MOST:
         raise ConfigError(f"compare takes 2 to {RUNS_MOST} recordings, not {len(runs)}")
+
+
+def compare_page(runs: Mapping[str, Recording], align: str = TOUCH) -> str:
+    """The page of at least two runs by their names. Raises ConfigError for too few or too many."""
+    _check_number(runs)
     summaries = {name: summarise(recording) for name, recording in runs.items()}
     charts, left_out = _charts(runs, align)
     names = list(runs)
@@ -69,7 +87,7 @@ def names_of(paths: Sequence[Path]) -> list[str]:
         found = [name(path) for path in paths]
         if len(set(found)) == len(found):
             return found
-    raise ConfigError("compare was given the same recording twice")
+    raise ConfigError("compare was given the same file twice")
 
 
 def _charts(runs: Mapping[str, Recording], align: str) -> tuple[Charts, str]:

@@ -61,10 +61,14 @@ TO_FILL_IN = """
 
 
 def probe_robot(
-    url: str, out: Path | None, patience: float, overwrite: bool = False
+    url: str,
+    out: Path | None,
+    patience: float,
+    overwrite: bool = False,
+    say: Callable[[str], object] = click.echo,
 ) -> tuple[str, KindSettings[Any, Any]]:
-    """Probe in real time, one line a try; write what works to `out`, over a file there only with `overwrite`. Gives the
-    URL and the settings that work.
+    """Probe in real time, one line a try to `say`; write what works to `out`, over a file there only with `overwrite`.
+    Gives the URL and the settings that work.
 
     Raises ConfigError for the URL or the file, TransportUnavailable for the wire, DeviceError when nothing works.
     """
@@ -74,12 +78,12 @@ def probe_robot(
 
     def tell(attempt: Try, outcome: Outcome) -> None:
         log.append((attempt, outcome))
-        click.echo(f"{try_text(attempt):<58} {outcome.reply}" + (f": {outcome.text}" if outcome.text else ""))
+        say(f"{try_text(attempt):<58} {outcome.reply}" + (f": {outcome.text}" if outcome.text else ""))
 
     async def main() -> Finding | None:
         clock = Clock.running()
         try:
-            return await probe(url, clock, patience, tell, lambda text: click.echo(f"robot says: {text}"))
+            return await probe(url, clock, patience, tell, lambda text: say(f"robot says: {text}"))
         finally:
             clock.close()
 
@@ -89,10 +93,10 @@ def probe_robot(
         raise DeviceError(trouble.fact, remedy=trouble.remedy)
     if out is not None:  # before more is said: the reader may have gone
         write_whole(out, site_toml(url, finding).encode(), overwrite)
-    click.echo("\n" + "\n".join(f"{name:<14} {value}" for name, value in finding_rows(url, finding)))
+    say("\n" + "\n".join(f"{name:<14} {value}" for name, value in finding_rows(url, finding)))
     if out is not None:
-        click.echo(f"\nwrote {out}")
-    click.echo("")
+        say(f"\nwrote {out}")
+    say("")
     return (url if finding.line is None else url_with_line(url, finding.line)), link_settings(finding)
 
 

@@ -1,38 +1,19 @@
-/* The page of a campaign's results: takes the server's news and shows them. Every text is set as text. */
+/* The page of a campaign that goes on: shows the body of the saved page, each time that the server sends it anew. */
 "use strict";
 (() => {
   const $ = id => document.getElementById(id);
   let tries = 0;
-  const cell = (row, text, look) => {
-    const made = document.createElement("td");
-    made.textContent = text;
-    if (look) made.className = look;
-    row.append(made);
-  };
-  const fill = (id, rows, make) => $(id).replaceChildren(...rows.map(one => {
-    const row = document.createElement("tr");
-    make(row, one);
-    return row;
-  }));
-  const run = (row, one) => {
-    for (const text of [one.key, one.seed, one.cell, one.fault || "none"]) cell(row, text);
-    cell(row, one.outcome + (one.cause ? `: ${one.cause}` : ""), one.passed ? "good" : "bad");
-    cell(row, one.force === null ? "–" : one.force.toFixed(1));
-    cell(row, one.failed, "bad");
-  };
+  const open = () => [...document.querySelectorAll("details[open][id]")].map(one => one.id);
+  const scrolled = () => [...document.querySelectorAll(".scroll")].map(one => [one.scrollLeft, one.scrollTop]);
   function take(told) {
-    const done = told.passed + told.failed;
-    $("name").textContent = `Campaign ${told.name}`;
-    document.title = `${done} of ${told.count} · ${told.name}`;
-    $("done").textContent = `${done} of ${told.count} runs done`;
-    $("counts").textContent = `${told.passed} passed, ${told.failed} failed`;
+    const opened = open(), places = scrolled();
+    document.title = told.title;
     $("file").textContent = told.file;
     $("trouble").hidden = !told.trouble;
     $("trouble").textContent = told.trouble;
-    for (const [id, count] of [["good", told.passed], ["bad", told.failed]]) $(id).style.width = `${(100 * count) / Math.max(told.count, 1)}%`;
-    fill("cases", told.cases, (row, one) => { cell(row, one.cell); cell(row, one.fault || "none"); cell(row, one.passed); cell(row, one.failed, one.failed ? "bad" : ""); });
-    fill("worst", told.worst, run);
-    fill("newest", told.newest, run);
+    if (told.body !== undefined) $("body").innerHTML = told.body;   // by our own renderer, which escapes every text
+    for (const id of opened) if ($(id)) $(id).open = true;
+    document.querySelectorAll(".scroll").forEach((one, k) => { if (places[k]) [one.scrollLeft, one.scrollTop] = places[k]; });
   }
   function connect() {
     const socket = new WebSocket(`ws://${location.host}/live`);

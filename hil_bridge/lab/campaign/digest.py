@@ -1,0 +1,246 @@
+"""The results of a campaign as values: counts, cases, missed criteria, figures by cell.
+
+The page, the text, Markdown, JSON and JUnit are made from it, and so they tell the same.
+"""
+
+import math
+import statistics
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+from msgspec import Struct
+
+from hil_bridge.lab.campaign.criteria import Unmet, unmet_of
+from hil_bridge.lab.campaign.plan import Plan
+from hil_bridge.lab.campaign.store import Done, Store
+from hil_bridge.lab.campaign.telling import faults_of_run
+from hil_bridge.record.analysis.figures import JUDGED, WORDS
+
+NUMBERS = tuple(key for key in JUDGED if key not in WORDS)
+"""Figures of a run that are numbers."""
+
+
+class Tally(Struct, frozen=True):
+    """How many runs met every criterion, missed one, or ended by a bug."""
+
+    passed: int = 0
+    failed: int = 0
+    errors: int = 0
+
+    @property
+    def total(self) -> int:
+        """All runs."""
+        return self.passed + self.failed + self.errors
+
+    @property
+    def good(self) -> bool:
+        """Whether there are runs, and all of them passed."""
+        return 0 < self.passed == self.total
+
+    @property
+    def text(self) -> str:
+        """In words."""
+        return f"{self.passed} passed, {self.failed} failed, {self.errors} error{'s' * (self.errors != 1)}"
+
+
+class CaseResult(Struct, frozen=True):
+    """A cell of the matrix with one fault."""
+
+    cell: str
+    fault: str
+    phase: str
+    impossible: str
+    """Why the cell cannot have the fault; empty where it can."""
+    tally: Tally
+
+
+class CriterionResult(Struct, frozen=True):
+    """How often a criterion was met."""
+
+    criterion: str
+    met: int
+    not_met: int
+    no_concern: int
+    """Runs that it does not concern, or that have no such figure."""
+
+
+class FigureResult(Struct, frozen=True):
+    """A figure in one cell of the matrix. The numbers are None where no run has a finite one."""
+
+    figure: str
+    cell: str
+    runs: int
+    """Runs that have the figure."""
+    endless: int
+    """Runs among them in which it is infinite."""
+    least: float | None
+    median: float | None
+    largest: float | None
+
+
+class FailedRun(Struct, frozen=True):
+    """A run that did not pass, worst first in a digest."""
+
+    key: str
+    seed: int
+    cell: str
+    fault: str
+    outcome: str
+    cause: str
+    unmet: tuple[Unmet, ...]
+    force_true_max_n: float | None
+    recording: str
+    """File name of its recording in the folder of recordings; empty where none was left."""
+
+
+class Digest(Struct, frozen=True):
+    """A campaign."""
+
+    name: str
+    results: str
+    """File name of the results."""
+    planned: int
+    """Runs that the plan has."""
+    tally: Tally
+    facts: Mapping[str, str]
+    cases: tuple[CaseResult, ...]
+    criteria: tuple[CriterionResult, ...]
+    figures: tuple[FigureResult, ...]
+    failing: tuple[FailedRun, ...]
+
+
+def digest_of(store: Store) -> Digest:
+    """The digest of what is kept so far. Raises ConfigError for a damaged file."""
+    plan, runs = store.plan(), list(store.runs())
+    return Digest(
+        plan.name,
+        store.path.name,
+        plan.count,
+        tally_of(runs),
+        dict(facts_of(store, plan, runs)),
+        tuple(case_results(plan, runs)),
+        tuple(criterion_results(plan, runs)),
+        tuple(figure_results(plan, runs)),
+        tuple(_failed(plan, run) for run in worst_first(runs)),
+    )
+
+
+def tally_of(runs: Iterable[Done]) -> Tally:
+    """Counts of runs."""
+    counts = Counter(
+        "errors" if run.outcome == "error" else "passed" if run.passed else "failed" for run in runs
+    )
+    return Tally(**counts)
+
+
+def facts_of(store: Store, plan: Plan, runs: Sequence[Done]) -> Iterator[tuple[str, str]]:
+    """Names and values of the head: when, where, by which code, how many and how fast."""
+    sittings = store.sittings()
+    begun = store.fact("begun") or (sittings[0].began if sittings else "")
+    last = sittings[-1].began if sittings else ""
+    if begun:
+        yield (
+            "Date",
+            f"{begun} UTC" + (f", last start {last} UTC" if last > begun and len(sittings) > 1 else ""),
+        )
+    if hosts := store.hosts():
+        yield "Host", ", ".join(hosts)
+    yield "Code", f"hil-bridge {store.fact('code')}"
+    if system := store.fact("platform"):
+        yield "Versions", system
+    yield from _size(plan)
+    count, wall_s = sum(one.runs for one in sittings), sum(one.wall_s for one in sittings)
+    if wall_s > 0:
+        core_s = sum(one.wall_s * one.workers for one in sittings)
+        yield "Runs per second", f"{count / wall_s:.2f}, {count / core_s:.2f} for each process"
+        starts = "one start" if len(sittings) == 1 else f"{len(sittings)} starts"
+        yield "Time", f"{count} runs in {wall_s:.0f} s, {starts}"
+    simulated = sum(run.figures.get("duration_s") or 0.0 for run in runs)  # type: ignore[misc]
+    if (busy_s := sum(run.wall_s for run in runs)) > 0:
+        yield "Simulated time", f"{simulated:.0f} s, {simulated / busy_s:.1f} s in each second of a core"
+
+
+def _size(plan: Plan) -> Iterator[tuple[str, str]]:
+    if not plan.cases_per_seed:
+        yield "Cases × seeds", f"{len(plan.possible)} × {len(plan.seeds)}"
+        return
+    yield "Cases and seeds", f"{len(plan.possible)} cases, {len(plan.seeds)} seeds"
+    turns = Counter(case for case, _ in plan.runs())
+    least, most = min(turns[case] for case in plan.possible), max(turns.values())
+    between = "or" if most == least + 1 else "…"
+    told = f"{least}" if least == most else f"{least} {between} {most}"
+    yield "Cases for each seed", f"{plan.cases_per_seed} in turn; seeds for each case: {told}"
+
+
+def case_results(plan: Plan, runs: Iterable[Done]) -> Iterator[CaseResult]:
+    """Every case of the plan, in its order."""
+    by_case: dict[int, list[Done]] = {}
+    for run in runs:
+        by_case.setdefault(run.number, []).append(run)
+    for number, case in enumerate(plan.cases):
+        tally = tally_of(by_case.get(number, ()))
+        yield CaseResult(case.cell, case.fault, case.phase, case.impossible, tally)
+
+
+def criterion_results(plan: Plan, runs: Sequence[Done]) -> Iterator[CriterionResult]:
+    """Every criterion of the plan, in its order."""
+    for criterion in plan.criteria:
+        verdicts = Counter(criterion.judge(run.figures) for run in runs)
+        yield CriterionResult(criterion.text, verdicts[True], verdicts[False], verdicts[None])
+
+
+def figure_results(plan: Plan, runs: Sequence[Done]) -> Iterator[FigureResult]:
+    """Every figure that runs have, by cell."""
+    by_cell = runs_by_cell(plan, runs)
+    for key in NUMBERS:
+        for cell, of_cell in by_cell.items():
+            if values := values_of(key, of_cell):
+                known = [value for value in values if math.isfinite(value)]
+                told = (known[0], statistics.median(known), known[-1]) if known else (None, None, None)
+                yield FigureResult(key, cell, len(values), len(values) - len(known), *told)
+
+
+def runs_by_cell(plan: Plan, runs: Iterable[Done]) -> dict[str, list[Done]]:
+    """Runs by the cell of the matrix, in the order of the plan; cells without a run are left out."""
+    found: dict[str, list[Done]] = {case.cell: [] for case in plan.cases}
+    for run in runs:
+        found[plan.cases[run.number].cell].append(run)
+    return {cell: of_cell for cell, of_cell in found.items() if of_cell}
+
+
+def values_of(key: str, runs: Iterable[Done]) -> list[float]:
+    """The values of a figure that is a number, rising; infinite ones last."""
+    values = (run.figures.get(key) for run in runs)
+    return sorted(float(value) for value in values if isinstance(value, (int, float)) and value == value)
+
+
+def true_force(run: Done) -> float:
+    """Largest true force, N; 0 where the run has none."""
+    force = run.figures.get("force_true_max_n")
+    return float(force) if isinstance(force, (int, float)) else 0.0
+
+
+def worst_first(runs: Iterable[Done]) -> list[Done]:
+    """Runs that did not pass: bugs first, then by the number of missed criteria, then by the true force."""
+    failing = [run for run in runs if not run.passed]
+    return sorted(failing, key=lambda run: (run.outcome != "error", -len(run.failed), -true_force(run)))
+
+
+def unmet_by(plan: Plan, run: Done) -> tuple[Unmet, ...]:
+    """The criteria that a run did not meet, with its values."""
+    return unmet_of(plan.criteria, run.figures)
+
+
+def _failed(plan: Plan, run: Done) -> FailedRun:
+    case, force = plan.cases[run.number], run.figures.get("force_true_max_n")
+    return FailedRun(
+        run.key,
+        run.seed,
+        case.cell,
+        faults_of_run(case, run),
+        run.outcome,
+        run.cause,
+        unmet_by(plan, run),
+        float(force) if isinstance(force, (int, float)) else None,
+        run.recording,
+    )

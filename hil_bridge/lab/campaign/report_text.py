@@ -1,0 +1,175 @@
+"""The report of a campaign as text for a terminal, as Markdown for a build server's summary, and as JUnit XML."""
+
+import shlex
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+from hil_bridge.lab.campaign.criteria import figure_text
+from hil_bridge.lab.campaign.digest import Digest, FailedRun, Tally, unmet_by
+from hil_bridge.lab.campaign.store import Store
+from hil_bridge.lab.campaign.telling import faults_of_run
+from hil_bridge.lab.junit import REQUIREMENT, JunitCase, Verdict, encode_junit
+from hil_bridge.lab.text_tables import aligned, markdown_table
+from hil_bridge.record.analysis.figures import FIGURES, UNKNOWN
+
+FAILING_MOST = 30
+"""Runs that did not pass and that a text names. Chosen: a person reads no more."""
+
+
+class Section(NamedTuple):
+    """A table with its title."""
+
+    title: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    more: str = ""
+    """A sentence below it; empty for none."""
+
+
+def headline(digest: Digest) -> str:
+    """Name and counts in a line."""
+    of_all = (
+        ""
+        if digest.tally.total == digest.planned
+        else f", {digest.tally.total} of {digest.planned} runs done"
+    )
+    return f"{digest.name}: {digest.tally.text}{of_all}"
+
+
+def sections(digest: Digest) -> Iterator[Section]:
+    """The matrix first, then runs that failed, criteria, figures by cell, and the facts."""
+    yield _matrix(digest)
+    if digest.failing:
+        shown = digest.failing[:FAILING_MOST]
+        left = len(digest.failing) - len(shown)
+        yield Section(
+            "Runs that did not pass",
+            ("key", "seed", "cell", "fault", "outcome", "not met"),
+            [
+                (
+                    run.key,
+                    str(run.seed),
+                    run.cell,
+                    run.fault,
+                    run.outcome,
+                    "; ".join(one.text for one in run.unmet),
+                )
+                for run in shown
+            ],
+            (f"{left} more did not pass. " if left else "")
+            + f"`{rerun_command(digest.results, 'KEY')}` repeats one.",
+        )
+    yield Section(
+        "Criteria",
+        ("criterion", "met", "not met", "no concern"),
+        [(one.criterion, str(one.met), str(one.not_met), str(one.no_concern)) for one in digest.criteria],
+    )
+    yield _figures(digest)
+    yield Section("Facts", ("fact", "value"), list(digest.facts.items()))
+
+
+def _matrix(digest: Digest) -> Section:
+    cells = list(dict.fromkeys(case.cell for case in digest.cases))
+    faults = list(dict.fromkeys(_fault(case.fault, case.phase) for case in digest.cases))
+    fields = {
+        (_fault(case.fault, case.phase), case.cell): _field(case.tally, case.impossible)
+        for case in digest.cases
+    }
+    rows = [(cell, *(fields.get((fault, cell), "·") for fault in faults)) for cell in cells]
+    words = "Passed, of how many; a dot is a fault that the cell cannot have, a question mark a case without a run."
+    return Section("Matrix", ("cell", *faults), rows, words)
+
+
+def _fault(fault: str, phase: str) -> str:
+    return f"{fault} {phase}".rstrip()
+
+
+def _field(tally: Tally, impossible: str) -> str:
+    if impossible:
+        return "·"
+    if not tally.total:
+        return "?"
+    return f"{tally.passed}/{tally.total}" + ("" if tally.good else " ✗")
+
+
+def _figures(digest: Digest) -> Section:
+    rows = []
+    for one in digest.figures:
+        numbers = (FIGURES[one.figure].text(value) for value in (one.least, one.median, one.largest))
+        runs = f"{one.runs}" + (f", {one.endless} endless" if one.endless else "")
+        rows.append((FIGURES[one.figure].words, one.cell, runs, *numbers))
+    return Section("Figures by cell", ("figure", "cell", "runs", "least", "median", "largest"), rows)
+
+
+def rerun_command(results: str, key: str) -> str:
+    """The command that repeats a run."""
+    return f"hil-bridge campaign rerun {shlex.quote(results)} {key}"
+
+
+def text_report(digest: Digest) -> Iterator[str]:
+    """The report, line by line."""
+    yield headline(digest)
+    for one in sections(digest):
+        if one.rows:
+            yield ""
+            yield one.title
+            yield from (f"  {line}" for line in aligned(one.columns, one.rows))
+            if one.more:
+                yield f"  {one.more}"
+
+
+def failing_lines(digest: Digest, most: int) -> Iterator[str]:
+    """The worst runs with their values beside the bounds, two lines each."""
+    for run in digest.failing[:most]:
+        yield f"{run.key}: seed {run.seed}, {run.cell}, fault {run.fault}"
+        yield f"  {_reason(run)}"
+    if (left := len(digest.failing) - most) > 0:
+        yield f"and {left} more that did not pass"
+
+
+def _reason(run: FailedRun) -> str:
+    return "; ".join(one.text for one in run.unmet) or run.cause or UNKNOWN
+
+
+def markdown_report(digest: Digest) -> str:
+    """The report as Markdown."""
+    sign = "✅" if digest.tally.good else "❌"
+    parts = [f"## {sign} Campaign {headline(digest)}"]
+    for one in sections(digest):
+        if not one.rows:
+            continue
+        table = markdown_table(one.columns, one.rows)
+        more = f"\n\n{one.more}" if one.more else ""
+        if one.title in ("Figures by cell", "Facts"):  # long, and seldom read
+            parts.append(f"<details><summary>{one.title}</summary>\n\n{table}{more}\n\n</details>")
+        else:
+            parts.append(f"### {one.title}\n\n{table}{more}")
+    return "\n\n".join(parts) + "\n"
+
+
+def junit_report(store: Store, digest: Digest) -> bytes:
+    """The report as JUnit XML: a test case a run, its figures as properties."""
+    plan, cases = store.plan(), []
+    required = [(REQUIREMENT, name) for name in plan.requirements]
+    for run in store.runs():
+        case, unmet = plan.cases[run.number], "; ".join(one.text for one in unmet_by(plan, run))
+        verdict = Verdict.PASSED
+        if not run.passed:
+            verdict = Verdict.ERROR if run.outcome == "error" else Verdict.FAILED
+        lines = (unmet, f"{run.outcome}: {run.cause}", rerun_command(digest.results, run.key))
+        cases.append(
+            JunitCase(
+                case.cell,
+                f"{faults_of_run(case, run)}, seed {run.seed}",
+                run.wall_s,
+                verdict,
+                unmet or run.cause,
+                "\n".join(filter(None, lines)),
+                [
+                    *required,
+                    ("key", run.key),
+                    *((key, figure_text(value)) for key, value in run.figures.items()),
+                ],
+            )
+        )
+    return encode_junit(f"hil-bridge campaign {plan.name}", cases, digest.facts.items())

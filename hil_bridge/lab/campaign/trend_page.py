@@ -1,0 +1,166 @@
+"""The comparison of campaigns as text and as a page."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from html import escape
+
+from hil_bridge.lab.campaign.digest import Tally
+from hil_bridge.lab.campaign.trends import CellChange, Change, FigureChange, Trend
+from hil_bridge.lab.text_tables import aligned
+from hil_bridge.record.analysis.figures import FIGURES, UNKNOWN
+from hil_bridge.show.pages import Axis, Chart, Charts, Series, document, room
+from hil_bridge.show.report.markup import across, cells
+
+SERIES_MOST = 8
+"""Cells in a chart. As many colours as are told apart."""
+CHARTS_MOST = 12
+"""Figures that are drawn, the most significant first. Chosen: a person scrolls no further."""
+FIGURES_SHOWN = 30
+"""Figures that the text names, the most significant first. Chosen: a screen."""
+_PLACE = "place"
+_CLASSES = {Change.WORSE: "bad", Change.BETTER: "good", Change.OTHER: "", Change.NONE: ""}
+
+
+def headline(trend: Trend) -> str:
+    """The outcome in a line."""
+    worse, better = trend.significant
+    words = (
+        f"{worse} significantly worse, {better} better" if worse or better else "no significant difference"
+    )
+    first, last = trend.results[0].name, trend.results[-1].name
+    return (
+        f"{first} → {last}: {words} in {len(trend.cells)} cells and {len(trend.figures)} figures that differ"
+    )
+
+
+def trend_lines(trend: Trend) -> Iterator[str]:
+    """The comparison, line by line."""
+    for one in trend.results:
+        yield f"{one.name}: {one.campaign}, {one.tally.text}; {one.facts.get('Code', '')}"
+    yield headline(trend)
+    names = [one.name for one in trend.results]
+    yield ""
+    yield from aligned(("cell", *names, "p", "adjusted", ""), [_cell_row(row) for row in _cells(trend)])
+    if trend.figures:
+        yield ""
+        rows = sorted(trend.figures, key=_significance)
+        columns = ("figure", "cell", *(f"median {name}" for name in names), "p", "adjusted", "")
+        yield from aligned(columns, [_figure_row(row) for row in rows[:FIGURES_SHOWN]])
+        if len(rows) > FIGURES_SHOWN:
+            yield f"and {len(rows) - FIGURES_SHOWN} figures more, on the page"
+
+
+def trend_page(trend: Trend) -> str:
+    """The comparison as a page that needs nothing beside itself."""
+    names = [one.name for one in trend.results]
+    worse, better = trend.significant
+    look = "bad" if worse else "good" if better else "plain"
+    words = f"{worse} worse, {better} better" if worse or better else "no significant difference"
+    facts = list(dict.fromkeys(name for one in trend.results for name in one.facts))
+    sides = [
+        ("passed, failed, errors", *(one.tally.text for one in trend.results)),
+        ("campaign", *(one.campaign for one in trend.results)),
+        *((name, *(one.facts.get(name, UNKNOWN) for one in trend.results)) for name in facts),
+    ]
+    body = f"""<header class="headline"><h1>{len(names)} campaigns compared</h1>
+<span class="badge {look}">{words}</span></header>
+<p>Tests compare the first results, {escape(names[0])}, with the last, {escape(names[-1])}. A change counts from a
+probability below {trend.level:g} on, adjusted after Holm for the number of tests.</p>
+<h2>Runs that passed, by cell</h2>
+<p class="quiet">Fisher's exact test.</p>
+{_marked(("cell", *names, "p", "adjusted", ""), [(_cell_row(row), row.change) for row in _cells(trend)])}
+<h2>Course over the results</h2>{room("trend", trend_charts(trend))}
+<h2>Figures that differ</h2>
+<p class="quiet">Medians of each cell, the most significant first; test of Mann and Whitney.</p>
+{_figure_table(trend, names)}
+<h2>The results</h2>{cells(("", *names), sides, "narrow")}"""
+    return document(f"compared: {', '.join(names)}", body)
+
+
+def _cells(trend: Trend) -> Sequence[CellChange]:
+    """All cells together, and each, where there are several."""
+    return (trend.overall, *trend.cells) if len(trend.cells) > 1 else trend.cells
+
+
+def _cell_row(row: CellChange) -> tuple[str, ...]:
+    counts = (f"{one.passed}/{one.total}" if one.total else UNKNOWN for one in row.tallies)
+    return row.cell, *counts, _probability(row.probability), _probability(row.adjusted), row.change.value
+
+
+def _figure_row(row: FigureChange) -> tuple[str, ...]:
+    definition = FIGURES[row.figure]
+    medians = (definition.text(value) for value in row.medians)
+    told = _probability(row.probability), _probability(row.adjusted), row.change.value
+    return definition.words, row.cell, *medians, *told
+
+
+def _probability(value: float | None) -> str:
+    if value is None:
+        return UNKNOWN
+    return f"{value:.3f}" if value >= 0.001 else f"{value:.0e}"
+
+
+def _significance(row: FigureChange) -> tuple[float, float]:
+    return (
+        2.0 if row.adjusted is None else row.adjusted,
+        2.0 if row.probability is None else row.probability,
+    )
+
+
+def _figure_table(trend: Trend, names: Sequence[str]) -> str:
+    rows = [(_figure_row(row), row.change) for row in sorted(trend.figures, key=_significance)]
+    if not rows:
+        return "<p>Every figure is the same in all results.</p>"
+    return _marked(("figure", "cell", *names, "p", "adjusted", ""), rows)
+
+
+def _marked(columns: Sequence[str], rows: Sequence[tuple[Sequence[str], Change]]) -> str:
+    """A table whose last column has the colour of its change."""
+    head = "".join(f"<th>{escape(name)}</th>" for name in columns)
+    body = "".join(
+        f"<tr>{''.join(f'<td>{escape(text)}</td>' for text in texts[:-1])}"
+        f'<td class="{_CLASSES[change]}">{escape(texts[-1])}</td></tr>\n'
+        for texts, change in rows
+    )
+    return across(f'<table class="narrow"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>')
+
+
+def trend_charts(trend: Trend) -> Charts:
+    """The share of runs that passed and the medians of figures, over the results in their order. A cell has one colour
+    in all charts; where there are more cells than colours, those that changed most significantly are drawn.
+    """
+    ranked = sorted(trend.cells, key=lambda row: 2.0 if row.probability is None else row.probability)
+    drawn = {row.cell for row in ranked[:SERIES_MOST]}
+    colours = {
+        cell: f"{place + 1}"
+        for place, cell in enumerate(one.cell for one in trend.cells if one.cell in drawn)
+    }
+    sources: dict[str, dict[str, Sequence[float | None]]] = {}
+    charts = []
+
+    def add(name: str, title: str, unit: str, lines: Mapping[str, Sequence[float | None]]) -> None:
+        chosen = {cell: values for cell, values in lines.items() if cell in colours}
+        sources[name] = {
+            "x": list(map(float, range(len(trend.results)))),
+            **{colours[c]: v for c, v in chosen.items()},
+        }
+        series = [Series(name, colours[cell], cell, colours[cell], width=2.0) for cell in chosen]
+        if series:
+            charts.append(Chart(name, title, unit, series, axis=_PLACE, height_px=170))
+
+    add(
+        "passed",
+        "Runs that passed",
+        "%",
+        {row.cell: [_share(one) for one in row.tallies] for row in trend.cells},
+    )
+    by_figure: dict[str, dict[str, Sequence[float | None]]] = {}
+    for row in sorted(trend.figures, key=_significance):
+        by_figure.setdefault(row.figure, {})[row.cell] = row.medians
+    for key, medians in list(by_figure.items())[:CHARTS_MOST]:
+        add(key, f"Median: {FIGURES[key].words}", FIGURES[key].unit, medians)
+    axis = Axis("results", "", names=[one.name for one in trend.results])
+    return Charts({_PLACE: axis}, charts, sources)
+
+
+def _share(tally: Tally) -> float | None:
+    return 100.0 * tally.passed / tally.total if tally.total else None

@@ -1,0 +1,177 @@
+"""Several campaigns side by side, by cell of the matrix: runs that passed, medians of figures, significant changes.
+
+Runs count as drawn independently. Where campaigns share their seeds this is cautious: it finds less, not more.
+"""
+
+import math
+import statistics
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from enum import StrEnum
+from itertools import chain
+from typing import TypeVar
+
+from msgspec import Struct
+from msgspec.structs import replace
+
+from hil_bridge.errors import ConfigError
+from hil_bridge.lab.campaign.digest import NUMBERS, Tally, facts_of, runs_by_cell, tally_of, values_of
+from hil_bridge.lab.campaign.store import Done, Store
+from hil_bridge.lab.significance import LEVEL, fisher_exact, holm, rank_sum
+from hil_bridge.record.analysis.figures import FIGURES, Good
+
+RESULTS_MOST = 50
+"""Results that are compared at once. Chosen: a year of weekly ones."""
+
+
+class Change(StrEnum):
+    """A significant change from the first results to the last."""
+
+    WORSE = "worse"
+    BETTER = "better"
+    OTHER = "changed"
+    """Of a figure that has no good direction."""
+    NONE = ""
+
+
+class Results(Struct, frozen=True):
+    """One of the campaigns."""
+
+    name: str
+    """Name among those compared: its file."""
+    campaign: str
+    tally: Tally
+    facts: Mapping[str, str]
+
+
+class CellChange(Struct, frozen=True):
+    """The runs of a cell in each of the results. The test is of the first against the last."""
+
+    cell: str
+    tallies: tuple[Tally, ...]
+    probability: float | None
+    """Of a difference as large by chance, by Fisher's exact test; None where the first or last has no run."""
+    adjusted: float | None
+    """The same, adjusted after Holm for all cells."""
+    change: Change
+
+
+class FigureChange(Struct, frozen=True):
+    """A figure of a cell in each of the results. The test is of the first against the last."""
+
+    figure: str
+    cell: str
+    runs: tuple[int, ...]
+    medians: tuple[float | None, ...]
+    """None where no run has the figure, and where the median is infinite."""
+    probability: float | None
+    """Of a difference as large by chance, by the test of Mann and Whitney."""
+    adjusted: float | None
+    """The same, adjusted after Holm for all figures and cells."""
+    change: Change
+
+
+_Row = TypeVar("_Row", CellChange, FigureChange)
+
+
+class Trend(Struct, frozen=True):
+    """All results, oldest first."""
+
+    level: float
+    results: tuple[Results, ...]
+    overall: CellChange
+    """All cells together."""
+    cells: tuple[CellChange, ...]
+    figures: tuple[FigureChange, ...]
+    """Figures that are not the same in all results."""
+
+    @property
+    def worse(self) -> bool:
+        """Whether anything is significantly worse in the last results than in the first."""
+        return self.overall.change is Change.WORSE or self.significant[0] > 0
+
+    @property
+    def significant(self) -> tuple[int, int]:
+        """How many cells and figures are worse, and how many better."""
+        changes = [*(one.change for one in self.cells), *(one.change for one in self.figures)]
+        return changes.count(Change.WORSE), changes.count(Change.BETTER)
+
+
+def trend_of(stores: Mapping[str, Store]) -> Trend:
+    """The comparison of results by their names, oldest first. Raises ConfigError for too few, too many, empty ones."""
+    if not 2 <= len(stores) <= RESULTS_MOST:
+        raise ConfigError(f"compare takes the results of 2 to {RESULTS_MOST} campaigns, not of {len(stores)}")
+    results, by_cell = [], []
+    for name, store in stores.items():
+        plan, runs = store.plan(), list(store.runs())
+        if not runs:
+            raise ConfigError(f"{store.path} has no run yet; run the campaign first")
+        results.append(Results(name, plan.name, tally_of(runs), dict(facts_of(store, plan, runs))))
+        by_cell.append(runs_by_cell(plan, runs))
+    cells = list(dict.fromkeys(chain.from_iterable(by_cell)))
+    overall = _adjusted([_cell("all cells", [one.tally for one in results])], _cell_change)
+    rows = [_cell(cell, [tally_of(found.get(cell, ())) for found in by_cell]) for cell in cells]
+    return Trend(
+        LEVEL,
+        tuple(results),
+        overall[0],
+        tuple(_adjusted(rows, _cell_change)),
+        tuple(_adjusted(list(_figures(cells, by_cell)), _figure_change)),
+    )
+
+
+def _cell(cell: str, tallies: Sequence[Tally]) -> CellChange:
+    first, last = tallies[0], tallies[-1]
+    probability = None
+    if first.total and last.total:
+        probability = fisher_exact(
+            (first.passed, first.total - first.passed), (last.passed, last.total - last.passed)
+        )
+    return CellChange(cell, tuple(tallies), probability, None, Change.NONE)
+
+
+def _cell_change(row: CellChange) -> Change:
+    first, last = (one.passed / one.total for one in (row.tallies[0], row.tallies[-1]))
+    return Change.WORSE if last < first else Change.BETTER
+
+
+def _figures(cells: Sequence[str], by_cell: Sequence[Mapping[str, list[Done]]]) -> Iterator[FigureChange]:
+    for key in NUMBERS:
+        for cell in cells:
+            samples = [values_of(key, found.get(cell, ())) for found in by_cell]
+            if any(sample != samples[0] for sample in samples):
+                medians = tuple(_median(sample) for sample in samples)
+                both = samples[0] and samples[-1]
+                probability = rank_sum(samples[0], samples[-1]) if both else None
+                runs = tuple(map(len, samples))
+                yield FigureChange(key, cell, runs, medians, probability, None, Change.NONE)
+
+
+def _median(values: Sequence[float]) -> float | None:
+    if not values:
+        return None
+    found = statistics.median(values)
+    return found if math.isfinite(found) else None
+
+
+def _figure_change(row: FigureChange) -> Change:
+    good, first, last = FIGURES[row.figure].good, row.medians[0], row.medians[-1]
+    if good is Good.NONE or first == last:
+        return Change.OTHER
+    if first is None or last is None:  # an infinite median is a time that never ends
+        return Change.WORSE if last is None else Change.BETTER
+    if good is Good.NEAR_ZERO:
+        first, last = abs(first), abs(last)
+    return Change.WORSE if last > first else Change.BETTER
+
+
+def _adjusted(rows: Sequence[_Row], change_of: Callable[[_Row], Change]) -> list[_Row]:
+    """The rows with their probabilities adjusted, and the changes that are significant."""
+    tested = [row for row in rows if row.probability is not None]
+    adjusted = dict(zip(map(id, tested), holm([row.probability or 0.0 for row in tested]), strict=True))
+    found = []
+    for row in rows:
+        probability = adjusted.get(id(row))
+        significant = probability is not None and probability < LEVEL
+        change = change_of(row) if significant else Change.NONE
+        found.append(replace(row, adjusted=probability, change=change))
+    return found

@@ -1,0 +1,82 @@
+"""JUnit XML, which build servers show as results of tests."""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from xml.etree import ElementTree
+
+_NOT_XML = re.compile("[^\t\n\r -\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+REQUIREMENT, RECORDING = "hil_requirement", "hil_recording"
+"""Properties of a test case, as the plug-in of pytest writes them too: a requirement that it shows, and a recording of
+it. Each may stand several times.
+"""
+
+
+class Verdict(StrEnum):
+    """Verdict on a case; the values are the elements of JUnit."""
+
+    PASSED = "passed"
+    FAILED = "failure"
+    ERROR = "error"
+    SKIPPED = "skipped"
+
+
+@dataclass(frozen=True, slots=True)
+class JunitCase:
+    """One test case."""
+
+    group: str
+    """Its class, as JUnit calls it: build servers sort by it."""
+    name: str
+    seconds: float
+    verdict: Verdict = Verdict.PASSED
+    message: str = ""
+    """Why it did not pass, in a line."""
+    details: str = ""
+    """The same at length; empty for the message alone."""
+    properties: Sequence[tuple[str, str]] = field(default=())
+    output: str = ""
+
+
+def encode_junit(suite: str, cases: Sequence[JunitCase], properties: Iterable[tuple[str, str]] = ()) -> bytes:
+    """One suite of cases as a file. Characters that XML does not have are replaced."""
+    counts = {
+        "tests": str(len(cases)),
+        "failures": str(sum(one.verdict is Verdict.FAILED for one in cases)),
+        "errors": str(sum(one.verdict is Verdict.ERROR for one in cases)),
+        "skipped": str(sum(one.verdict is Verdict.SKIPPED for one in cases)),
+        "time": f"{sum(one.seconds for one in cases):.3f}",
+    }
+    root = ElementTree.Element("testsuites", counts)
+    parent = _element(root, "testsuite", {"name": suite, **counts})
+    _properties(parent, properties)
+    for one in cases:
+        attributes = {"classname": one.group, "name": one.name, "time": f"{one.seconds:.3f}"}
+        case = _element(parent, "testcase", attributes)
+        _properties(case, one.properties)
+        if one.verdict is not Verdict.PASSED:
+            told = _element(case, one.verdict, {"message": one.message})
+            if one.verdict is not Verdict.SKIPPED:
+                told.text = _xml(one.details or one.message)
+        if one.output:
+            _element(case, "system-out", {}).text = _xml(one.output)
+    ElementTree.indent(root)
+    written: str = ElementTree.tostring(root, encoding="unicode")
+    return f'<?xml version="1.0" encoding="utf-8"?>\n{written}\n'.encode()
+
+
+def _element(parent: ElementTree.Element, name: str, attributes: Mapping[str, str]) -> ElementTree.Element:
+    return ElementTree.SubElement(parent, name, {key: _xml(value) for key, value in attributes.items()})
+
+
+def _properties(parent: ElementTree.Element, named: Iterable[tuple[str, str]]) -> None:
+    if pairs := list(named):
+        element = _element(parent, "properties", {})
+        for name, value in pairs:
+            _element(element, "property", {"name": name, "value": value})
+
+
+def _xml(text: str) -> str:
+    """Text without characters that XML does not have."""
+    return _NOT_XML.sub("\ufffd", text)

@@ -1,0 +1,237 @@
+"""The reports of a campaign for people and for build servers: text, Markdown, JSON, JUnit; and its options."""
+
+import json
+import shutil
+import sqlite3
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+from click.testing import CliRunner
+
+from hil_bridge.cli.campaign import campaign
+from hil_bridge.errors import ConfigError
+from hil_bridge.lab.campaign.criteria import Criterion, Unmet, unmet_of
+from hil_bridge.lab.campaign.digest import Tally, digest_of
+from hil_bridge.lab.campaign.plan_file import PlanErrors, read_plan
+from hil_bridge.lab.campaign.report_text import markdown_report, text_report
+from hil_bridge.lab.campaign.store import Store
+from hil_bridge.lab.campaign.working import missing, work
+from hil_bridge.lab.requirements import Requirement, State, matrix_of, read_tests
+from tests.campaign.conftest import SHORT
+
+
+def invoke(*arguments: object) -> str:
+    """Output of a command that ends with 0."""
+    ended = CliRunner().invoke(campaign, [*map(str, arguments)], catch_exceptions=False)
+    assert ended.exit_code == 0, ended.output
+    return ended.output
+
+
+def plan_file(folder: Path, text: str = SHORT) -> Path:
+    path = folder / "short.toml"
+    path.write_text(text)
+    return path
+
+
+def copy(results: Path, place: Path, *statements: str) -> Path:
+    """A copy of the results in which something was changed."""
+    with sqlite3.connect(results) as source, sqlite3.connect(place) as target:
+        source.backup(target)
+        for sql in statements:
+            target.execute(sql)
+    source.close()
+    target.commit()
+    target.close()
+    return place
+
+
+@pytest.mark.parametrize(
+    ("wanted", "figures", "unmet"),
+    [
+        ({"below": 10}, {"overshoot_percent": 17.25}, Unmet("overshoot_percent", "17.25 %", "below 10")),
+        ({"below": 10}, {"overshoot_percent": 9.0}, None),
+        ({"below": 10}, {}, None),
+        (
+            {"at_least": 1, "at_most": 2},
+            {"overshoot_percent": 0.5},
+            Unmet("overshoot_percent", "0.5 %", "at most 2, at least 1"),
+        ),
+    ],
+)
+def test_value_of_a_missed_criterion_stands_beside_its_bounds(
+    wanted: object, figures: dict[str, Any], unmet: Unmet | None
+) -> None:
+    told = unmet_of([Criterion("overshoot_percent", wanted)], figures)
+    assert told == (() if unmet is None else (unmet,))
+
+
+def test_bug_is_counted_apart_from_missed_criteria(short_results: Path, tmp_path: Path) -> None:
+    bug = "UPDATE runs SET outcome = 'error', failed = '[\"no bug\"]', figures = '{\"outcome\": \"error\"}' "
+    other = copy(short_results, tmp_path / "bug.sqlite", f"{bug} WHERE rowid = 1")
+    with Store.open(other) as store:
+        digest = digest_of(store)
+    assert digest.tally == Tally(3, 4, 1)
+    assert digest.failing[0].outcome == "error"
+    assert digest.failing[0].unmet[0] == Unmet("outcome", "error", "no bug")
+    assert digest.tally.text == "3 passed, 4 failed, 1 error"
+
+
+def test_text_report_has_the_matrix_first_and_the_values(short_results: Path) -> None:
+    lines = invoke("report", short_results, "--text").splitlines()
+    assert lines[0] == "short: 4 passed, 4 failed, 0 errors"
+    assert lines[2] == "Matrix"
+    assert lines[4].split() == ["task.force_n", "8.0", "2/2", "0/2", "✗"]
+    with Store.open(short_results) as store:
+        digest = digest_of(store)
+        assert list(text_report(digest)) == lines
+    worst = next(line for line in lines if digest.failing[0].key in line)
+    assert worst.endswith("outcome stopped, wanted completed")
+    assert not (short_results.parent / "short.html").exists()
+
+
+def test_json_has_the_keys_of_the_tables(short_results: Path) -> None:
+    told = json.loads(invoke("report", short_results, "--json"))
+    assert told["tally"] == {"passed": 4, "failed": 4, "errors": 0}
+    assert [(one["cell"], one["fault"]) for one in told["cases"]] == [
+        ("task.force_n 8.0", "none"),
+        ("task.force_n 8.0", "robot: emergency-stop"),
+        ("task.force_n 10.0", "none"),
+        ("task.force_n 10.0", "robot: emergency-stop"),
+    ]
+    assert {one["key"] for one in told["failing"]} == {
+        run.key for run in _runs(short_results) if not run.passed
+    }
+    force = [one for one in told["figures"] if one["figure"] == "force_true_max_n"]
+    assert [one["cell"] for one in force] == ["task.force_n 8.0", "task.force_n 10.0"]
+    largest = max(run.figures["force_true_max_n"] for run in _runs(short_results) if run.number < 2)
+    assert force[0]["largest"] == largest
+
+
+def _runs(results: Path) -> list[Any]:
+    with Store.open(results) as store:
+        return list(store.runs())
+
+
+def test_junit_has_a_test_case_a_run(short_results: Path, tmp_path: Path) -> None:
+    place = tmp_path / "runs.xml"
+    assert invoke("report", short_results, "--junit", place).splitlines() == [str(place)]
+    suite = ElementTree.parse(place).getroot()[0]
+    counts = {name: suite.get(name) for name in ("tests", "failures", "errors", "skipped")}
+    assert counts == {"tests": "8", "failures": "4", "errors": "0", "skipped": "0"}
+    runs = {run.key: run for run in _runs(short_results)}
+    for case in suite.iter("testcase"):
+        values = {one.get("name"): one.get("value") for one in case.iter("property")}
+        run = runs[str(values["key"])]
+        assert case.get("name", "").endswith(f", seed {run.seed}")
+        assert float(values["cycles"] or "nan") == run.figures["cycles"]
+        failure = case.find("failure")
+        assert (failure is None) == run.passed
+        if failure is not None:
+            assert failure.get("message") == "outcome stopped, wanted completed"
+            assert f"campaign rerun short.sqlite {run.key}" in (failure.text or "")
+
+
+def test_runs_of_a_campaign_show_requirements(tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text(SHORT.replace("[campaign]", '[campaign]\nrequirements = ["R-1", "R-2"]', 1))
+    plan = read_plan(file)
+    with Store.begin(tmp_path / "mine.sqlite", plan) as store:
+        work(plan, store, missing(plan, store), workers=1)
+    invoke("report", tmp_path / "mine.sqlite", "--junit", tmp_path / "runs.xml")
+    tests = read_tests(tmp_path / "runs.xml")
+    matrix = matrix_of([Requirement("R-1", "one"), Requirement("R-2", "two")], tests)
+    assert [(row.state, len(row.tests)) for row in matrix.rows] == [(State.FAILED, 8), (State.FAILED, 8)]
+
+
+@pytest.mark.parametrize("wrong", ['"R-1"', '[""]', "[1]", '["a\\u0007"]'])
+def test_requirements_of_a_campaign_are_names(tmp_path: Path, wrong: str) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text(SHORT.replace("[campaign]", f"[campaign]\nrequirements = {wrong}", 1))
+    with pytest.raises(ConfigError, match='requirements must be a list of names such as "R-12"'):
+        read_plan(file)
+
+
+def test_markdown_is_a_summary_for_a_build_server(short_results: Path, tmp_path: Path) -> None:
+    place = tmp_path / "summary.md"
+    invoke("report", short_results, "--markdown", place)
+    lines = place.read_text().splitlines()
+    assert lines[0] == "## ❌ Campaign short: 4 passed, 4 failed, 0 errors"
+    assert "| task.force_n 8.0 | 2/2 | 0/2 ✗ |" in lines
+    with Store.open(short_results) as store:
+        digest = digest_of(store)
+    assert sum(f"| {one.key} |" in line for one in digest.failing for line in lines) == 4
+    with pytest.raises(ConfigError, match="there already"):
+        invoke("report", short_results, "--markdown", place)
+
+
+def test_words_of_a_plan_cannot_break_the_markdown(short_results: Path, tmp_path: Path) -> None:
+    other = copy(short_results, tmp_path / "a.sqlite", "UPDATE cases SET cell = 'a | b <img src=x>'")
+    with Store.open(other) as store:
+        text = markdown_report(digest_of(store))
+    assert "| a \\| b &lt;img src=x>" in text
+    assert "<img" not in text
+
+
+def test_campaign_writes_its_reports_and_names_the_worst_runs(short_results: Path, tmp_path: Path) -> None:
+    path, place = plan_file(tmp_path), copy(short_results, tmp_path / "short.sqlite")
+    files = ["--junit", tmp_path / "a.xml", "--markdown", tmp_path / "a.md"]
+    arguments = [str(one) for one in (path, "--out", place, *files)]
+    ended = CliRunner().invoke(campaign, arguments, catch_exceptions=False)
+    assert ended.exit_code == 4
+    assert "has 8 of them already" in ended.output
+    assert ended.output.count("  outcome stopped, wanted completed\n") == 4
+    assert ElementTree.parse(tmp_path / "a.xml").getroot().get("failures") == "4"
+    with pytest.raises(ConfigError, match="there already"):
+        CliRunner().invoke(campaign, arguments, catch_exceptions=False)
+    as_json = CliRunner().invoke(campaign, [str(path), "--out", str(place), "--json"])
+    assert as_json.exit_code == 4
+    assert json.loads(as_json.stdout)["tally"]["failed"] == 4
+
+
+def test_failing_runs_are_linked_with_their_reports(short_results: Path, tmp_path: Path) -> None:
+    results = copy(short_results, tmp_path / "short.sqlite")
+    shutil.copytree(short_results.parent / "short-failed", tmp_path / "short-failed")
+    failing = [run for run in _runs(results) if not run.passed]
+    (tmp_path / "short-failed" / failing[0].recording).write_bytes(b"damaged")
+    invoke("report", results, "--reports", "--out", tmp_path / "page.html")
+    text = (tmp_path / "page.html").read_text()
+    for run in failing:
+        assert f'href="short-failed/{run.recording}">Recording</a>' in text
+        report = tmp_path / "short-failed" / run.key / "report.html"
+        assert report.is_file() == (run is not failing[0])
+        assert (f'href="short-failed/{run.key}/report.html">report</a>' in text) == report.is_file()
+
+
+def test_set_goes_over_the_settings_of_the_file(tmp_path: Path) -> None:
+    path = plan_file(tmp_path)
+    plan = read_plan(path, (), {"run.duration_s": 0.7, "cell.surface.stiffness_n_m": 9000.0})
+    for case in plan.cases:
+        config = json.loads(case.config)
+        assert config["run"]["duration_s"] == 0.7
+        assert config["cell"]["surface"]["stiffness_n_m"] == 9000.0
+    assert plan.identity != read_plan(path).identity
+    for key, told in (
+        ("task.force_n", "campaign.matrix.task.force_n sets task.force_n, and so does --set"),
+        ("run.seed", "--set cannot give run.seed"),
+        ("faults", "--set cannot give faults"),
+        ("run.durations", "durations"),
+    ):
+        with pytest.raises(PlanErrors, match=told):
+            read_plan(path, (), {key: 1})
+    assert invoke(path, "--set", "run.duration_s=0.7", "--check") == "short: 4 cases × 2 seeds = 8 runs\n"
+    counts = CliRunner().invoke(campaign, [str(path), "--check", "--json"], catch_exceptions=False)
+    assert json.loads(counts.stdout) == {"name": "short", "planned": 8, "cases": 4, "seeds": 2}
+
+
+def test_help_shows_options_by_group_and_then_the_commands() -> None:
+    for arguments in (["--help"], ["run", "--help"]):
+        lines = CliRunner().invoke(campaign, arguments).output.splitlines()
+        places = [
+            lines.index(f"{title}:") for title in ("Runs", "Where they run", "Results", "Other options")
+        ]
+        assert places == sorted(places)
+        assert any("--set KEY=VALUE" in line for line in lines[places[0] : places[1]])
+        assert any("--junit" in line for line in lines[places[2] :])
+        assert ("Commands:" in lines) == (arguments == ["--help"])
