@@ -12,7 +12,13 @@ project = "hil-bridge"
 author = "the authors of hil-bridge"
 version = release = version_of("hil-bridge")
 
-extensions = ["myst_parser", "sphinx.ext.autodoc"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.viewcode"]
+autodoc_member_order = "bysource"
+autodoc_typehints_format = "short"
+autodoc_class_signature = "separated"  # the fields of a value are told one by one below it
+add_module_names = False
+toc_object_entries_show_parents = "hide"
+default_role = "py:obj"  # a name in a docstring is code, and a link where the reference has it
 exclude_patterns = ["_build"]
 source_suffix = {".md": "markdown"}
 
@@ -25,9 +31,11 @@ suppress_warnings = [
 ]  # tables of figures begin at the third level
 
 nitpicky = True
+nitpick_ignore_regex = [("py:.*", ".*")]  # types that the reference does not list
 html_theme = "furo"
 html_title = f"hil-bridge {release}"
 html_static_path = ["_static"]
+html_logo = html_favicon = "_static/logo.svg"
 html_css_files = ["site.css"]
 html_show_copyright = False
 html_copy_source = False

@@ -30,7 +30,7 @@ class SensorTelling:
     __slots__ = ("_events", "_prefix", "_statuses", "_tare", "count", "ended", "ready", "tell")
 
     def __init__(self, prefix: str = "", zero_samples: int = 1) -> None:
-        """`prefix` begins the text of a failure, as in `board: `. So many samples make a zero of the host."""
+        """`prefix` begins the text of a failure, blank included. So many samples make a zero of the host."""
         self._prefix = prefix
         self._tare = HostTare(zero_samples)
         self._events: deque[SensorEvent] = deque()

@@ -2,16 +2,12 @@
 
 import inspect
 import re
-import types
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import click
-import msgspec
 
-import hil_bridge
-from hil_bridge import api
 from hil_bridge.cli import cli
 from hil_bridge.cli.plugins import controller_facts
 from hil_bridge.control.controllers import OURS
@@ -29,7 +25,9 @@ from protocol.devices.rsi.elements import ELEMENTS, POSE_AXES, Element
 from protocol.devices.rtde import packets
 from protocol.devices.rtde.fields import INPUTS, OUTPUTS, Variable
 from protocol.fields import Layout
+from tools.author_names import author_names, package_names
 from tools.computer_link_doc import field_table
+from tools.known_devices import known_devices
 from tools.pages import table
 
 FOLDER = Path(__file__).resolve().parent.parent / "docs" / "reference" / "generated"
@@ -53,9 +51,8 @@ def command_line() -> str:
     """Every command with its options, as `--help` shows them."""
     parts = [
         "# Command line",
-        "Each command tells the same with `--help`. Exit codes: 0 done, 1 a replay that differs, 2 configuration or "
-        "input, 3 device, link or safety stop, 4 a step of a program did not meet its criterion, 70 a bug, "
-        "130 interrupted.",
+        "Each command tells the same with `--help`. "
+        + " ".join((cli.help or "").partition("\n\n")[2].split()),
     ]
     for names, command in _commands(cli, ("hil-bridge",)):
         context = click.Context(
@@ -224,37 +221,6 @@ def controllers() -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def names() -> str:
-    """Public names of the package."""
-    parts = [
-        "# Names of the package",
-        "Every public name of `hil_bridge`. [The Python interface](../api.md) shows how they are used.",
-    ]
-    for name in sorted(api.__all__):
-        parts += [f"## {name}", *_described(getattr(hil_bridge, name))]
-    return "\n\n".join(parts) + "\n"
-
-
-def _described(thing: Any) -> Iterator[str]:
-    if isinstance(thing, types.UnionType):
-        yield "One of: " + ", ".join(f"`{getattr(one, '__name__', one)}`" for one in thing.__args__) + "."
-        return
-    text = inspect.getdoc(thing) or ""
-    if inspect.isfunction(thing):
-        yield f"```python\n{thing.__name__}{inspect.signature(thing)}\n```".replace("typing.", "")
-    if text and not text.startswith(f"{getattr(thing, '__name__', '')}("):
-        yield text
-    if not inspect.isclass(thing) or issubclass(thing, BaseException) or issubclass(thing, msgspec.Struct):
-        return
-    rows = [
-        (f"`{key}`", _cell((inspect.getdoc(one) or "").partition("\n\n")[0]))
-        for key, one in vars(thing).items()
-        if not key.startswith(("_", "model_")) and isinstance(one, types.FunctionType | property)
-    ]
-    if rows:
-        yield table(("name", "meaning"), rows)
-
-
 def _cell(text: str) -> str:
     """A text as one line that is no markup of tables, links or lists."""
     return " ".join(text.split()).replace("[", "\\[").replace("<", "&lt;")
@@ -319,6 +285,7 @@ FIELD_TABLES: Mapping[str, tuple[Layout, ...]] = {
 """Payloads by device."""
 
 PAGES: Mapping[str, Callable[[], str]] = {
+    "known-devices": known_devices,
     "command-line": command_line,
     "configuration": configuration,
     "wires": wires,
@@ -327,6 +294,7 @@ PAGES: Mapping[str, Callable[[], str]] = {
     "topics": topics,
     "controllers": controllers,
     "fields": fields,
-    "names": names,
+    "names": package_names,
+    "authors": author_names,
 }
 """Pages by their file's name."""

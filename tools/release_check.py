@@ -113,7 +113,7 @@ def upgraded(release: Release) -> str:
     core.run("hil-bridge", "run", core.place / "new.toml", *CELL, "--record", core.place / "new.mcap")
     for record in ("old.mcap", "new.mcap"):
         core.run("hil-bridge", "replay", core.place / record)
-        core.run("hil-bridge", "report", core.place / record, "--out", core.place / record[:3])
+        core.run("hil-bridge", "report", core.place / record, "--output", core.place / record[:3])
     return "the old configuration is upgraded and runs, the old recording is replayed and reported"
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 EXAMPLES = sorted(path.parent for path in (ROOT / "examples").glob("*/pyproject.toml"))
 """Packages that another author could have written."""
-OFFERS = {"height-map", "mujoco", "pi-tracking", "toyarm", "toyload", "toyspring"}
+OFFERS = {"height-map", "mujoco", "pi-tracking", "toyarm", "toyline", "toyload", "toyspring"}
 """Names under which they offer something."""
 TOYS = ("--robot", "toyarm", "--sensor", "toyload", "--surface", "toyspring", "--controller", "pi-tracking")
 STEADY_N = 10.0, 0.5
@@ -120,7 +120,7 @@ def run_examples(elsewhere: Elsewhere) -> None:
         record = elsewhere.closes_the_loop(name, *TOYS, "--duration", "3", *time_of)
         elsewhere.run("hil-bridge", "latency", record)
         elsewhere.run("hil-bridge", "replay", record)
-    elsewhere.run("hil-bridge", "report", record, "--out", record.with_suffix(""))
+    elsewhere.run("hil-bridge", "report", record, "--output", record.with_suffix(""))
 
 
 def test_examples(elsewhere: Elsewhere) -> None:

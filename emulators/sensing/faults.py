@@ -63,6 +63,7 @@ SIGNAL_FAULTS: Mapping[str, Fault] = {
         FOREVER,
     ),
 }
+"""Faults by name: the target `signal` of a device. `MeasuredWrench.signal` carries them out."""
 
 WRONG_SCALES: Mapping[str, Fault] = {
     "wrong-scales": Fault(

@@ -42,6 +42,13 @@ def surfaces() -> Sequence[str]:
     return SURFACES.names
 
 
+def link_profiles() -> Sequence[str]:
+    """Named settings of an S3's computer link."""
+    from protocol.devices.s3.adlp import PROFILES
+
+    return tuple(PROFILES)
+
+
 def controllers() -> Sequence[str]:
     """Names of controllers."""
     from hil_bridge.control.controllers import controller_names

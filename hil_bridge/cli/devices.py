@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from hil_bridge.cli.completion import complete, robots, sensors, surfaces
+from hil_bridge.cli.completion import complete, link_profiles, robots, sensors, surfaces
 
 
 def not_empty(context: click.Context, parameter: click.Parameter, url: str | None) -> str | None:
@@ -31,9 +31,19 @@ def known_profile(context: click.Context, parameter: click.Parameter, name: str 
 link_profile_option = click.option(
     "--link-profile",
     metavar="NAME",
+    shell_complete=complete(link_profiles),
     callback=known_profile,
     help="Named settings of an S3's computer link: default, observed-client.  [default: as configured]",
 )
+
+
+def refuse_link_profile(name: str | None, robot: str) -> None:
+    """Raise UsageError for settings of an S3's link where the robot is of another kind."""
+    if name is not None and robot != "s3":
+        raise click.UsageError(
+            f"--link-profile is of an S3's computer link, and the robot is {robot}; leave it out",
+            click.get_current_context(),
+        )
 
 
 def device_options(command: Callable[..., Any]) -> Callable[..., Any]:

@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from hil_bridge.cli.completion import complete, robots, sensors, surfaces
-from hil_bridge.cli.devices import link_profile_option
+from hil_bridge.cli.devices import link_profile_option, refuse_link_profile
 from hil_bridge.cli.paths import FILE
 from hil_bridge.cli.setting_options import over, set_option
 
@@ -111,10 +111,7 @@ def emulate(
             },
         ),
     )
-    if link_profile and (kind := config.robot.emulated or "s3") != "s3":
-        raise click.UsageError(
-            f"--link-profile is of an S3's computer link, and the robot is {kind}; leave it out"
-        )
+    refuse_link_profile(link_profile, config.robot.emulated or "s3")
     if what == "sensor" and config.run.panel_url:
         raise click.UsageError("run.panel_url: `emulate sensor` serves no robot, and a panel is a robot's")
     operable = "inject with `hil-bridge panel`, see --panel" if what != "sensor" else ""

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from hil_bridge.cli.options import output_option
 from hil_bridge.cli.paths import FILE
 from hil_bridge.errors import ConfigError
 
@@ -12,15 +13,7 @@ ALL = "all"
 
 @click.command(short_help="Repeat the paper's figures and tables.")
 @click.argument("names", metavar="NAME…|all", nargs=-1, required=True)
-@click.option(
-    "--out",
-    "folder",
-    type=FILE,
-    default=Path("experiments"),
-    show_default=True,
-    metavar="DIR",
-    help="Where pictures, numbers and texts go.",
-)
+@output_option("DIR", "Where pictures, numbers and texts go.", Path("experiments"))
 @click.option(
     "--seeds",
     type=click.IntRange(min=1),
@@ -41,7 +34,7 @@ ALL = "all"
 @click.option("--overwrite", is_flag=True, help="Replace the FILE of --page; the files in DIR always are.")
 def experiment(
     names: tuple[str, ...],
-    folder: Path,
+    out: Path,
     seeds: int,
     page: Path | None,
     workers: int | None,
@@ -67,7 +60,7 @@ def experiment(
         )
     # Before minutes of work, not after them.
     drawing_library()
-    for directory in (folder, *([page.parent] if page else [])):
+    for directory in (out, *([page.parent] if page else [])):
         _make(directory)
     if page is not None:
         for place in (page, page.with_suffix(".html")):
@@ -90,18 +83,16 @@ def experiment(
     for item in chosen:
         done = jobs[item.name]
         found[item.name] = item.evaluate(done, [results[job] for job in done])
-        write_findings(item, found[item.name], folder)
-        click.echo(f"{item.title}: {folder / item.name}.md")
+        write_findings(item, found[item.name], out)
+        click.echo(f"{item.title}: {out / item.name}.md")
     if page is None and ALL in names:
-        page = folder / "index.md"
+        page = out / "index.md"
     if page is not None:
-        command = f"hil-bridge experiment {' '.join(names)} --seeds {seeds} --out {folder} --page {page}"
-        write_page(page, folder, found, chosen, command)
+        command = f"hil-bridge experiment {' '.join(names)} --seeds {seeds} -o {out} --page {page}"
+        write_page(page, out, found, chosen, command)
         click.echo(f"page: {page}")
         shown = page.with_suffix(".html")
-        write_whole(
-            shown, html_page(found, chosen, command).encode(), overwrite or page == folder / "index.md"
-        )
+        write_whole(shown, html_page(found, chosen, command).encode(), overwrite or page == out / "index.md")
         click.echo(f"page with charts: {shown}")
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from hil_bridge.cli.options import overwrite_option
+from hil_bridge.cli.options import output_option, overwrite_option
 from hil_bridge.cli.paths import FILE
 
 FORMAT_NAMES = ("candump", "blf", "asc", "dbc", "bytes", "csv", "parquet", "rosbag2", "mf4")
@@ -30,9 +30,7 @@ def _formats(_context: click.Context, _parameter: click.Parameter, given: str) -
     help=f"{', '.join(FORMAT_NAMES)}.  [default: all that the recording has something for, "
     "but dbc, parquet, rosbag2 and mf4]",
 )
-@click.option(
-    "--out", type=FILE, metavar="DIR", help="Where to put the files.  [default: beside the recording]"
-)
+@output_option("DIR", "Where to put the files.  [default: beside the recording]")
 @click.option(
     "--channel", default="can0", metavar="NAME", help="CAN interface in candump's text.  [default: can0]"
 )

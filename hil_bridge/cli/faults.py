@@ -2,15 +2,30 @@
 
 import click
 
+from hil_bridge.cli.completion import complete, robots, sensors, surfaces
+
 
 @click.command(short_help="List what can be made to go wrong in the emulated cell.")
-@click.option("--robot", metavar="KIND", default="s3", show_default=True, help="Kind of the emulated robot.")
 @click.option(
-    "--sensor", metavar="KIND", default="jr3", show_default=True, help="Kind of the emulated sensor."
+    "--robot",
+    metavar="KIND",
+    shell_complete=complete(robots),
+    default="s3",
+    show_default=True,
+    help="Kind of the emulated robot.",
+)
+@click.option(
+    "--sensor",
+    metavar="KIND",
+    shell_complete=complete(sensors),
+    default="jr3",
+    show_default=True,
+    help="Kind of the emulated sensor.",
 )
 @click.option(
     "--surface",
     metavar="KIND",
+    shell_complete=complete(surfaces),
     default="",
     help="Kind of the emulated surface: soft-body, or one from a plug-in.",
 )

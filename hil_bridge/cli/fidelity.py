@@ -7,6 +7,7 @@ import click
 from hil_bridge.cli.options import json_option, overwrite_option, tell
 from hil_bridge.cli.paths import FILE
 from hil_bridge.errors import ConfigError
+from hil_bridge.errors.extras import install_command
 
 
 @click.command(short_help="Tell how far an emulated device is from a measured one.")
@@ -66,7 +67,7 @@ def fidelity(
         if not str(error.name).startswith("scipy"):
             raise
         raise ConfigError(
-            'this comparison needs the package scipy; `pip install "hil-bridge[fidelity]"`'
+            f"this comparison needs the package scipy; {install_command('fidelity')}"
         ) from error
     from hil_bridge.record.files import check_place, write_whole
 

@@ -5,13 +5,13 @@ from pathlib import Path
 
 import click
 
-from hil_bridge.cli.options import overwrite_option
+from hil_bridge.cli.options import output_option, overwrite_option
 from hil_bridge.cli.paths import FILE
 
 
 @click.command(short_help="Make a page with charts from a recording.")
 @click.argument("recording", type=FILE)
-@click.option("--out", type=FILE, metavar="DIR", help="Where to put it.  [default: beside the recording]")
+@output_option("DIR", "Where to put it.  [default: beside the recording]")
 @click.option("--png", is_flag=True, help="A picture beside it, report.png.")
 @click.option("--pdf", is_flag=True, help="The same as report.pdf.")
 @overwrite_option

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from hil_bridge.cli.completion import complete, surfaces
 from hil_bridge.cli.paths import FILE
 
 
@@ -13,6 +14,7 @@ from hil_bridge.cli.paths import FILE
 @click.option(
     "--surface",
     metavar="KIND",
+    shell_complete=complete(surfaces),
     help="Kind of the surface: soft-body, or one from a plug-in.  [default: [cell.surface]]",
 )
 @click.option("--duration", "duration_s", type=click.FloatRange(min=0.0, min_open=True), metavar="S")

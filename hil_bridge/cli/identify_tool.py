@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import click
 
+from hil_bridge.cli.completion import complete, robots, sensors
 from hil_bridge.cli.devices import device_settings, not_empty
-from hil_bridge.cli.options import overwrite_option
+from hil_bridge.cli.options import output_option, overwrite_option
 from hil_bridge.cli.paths import FILE
 
 if TYPE_CHECKING:
@@ -24,8 +25,20 @@ LEAST_ANGLE_DEG = 15.0
 
 @click.command("identify-tool", short_help="Find the tool's mass and centre of gravity.")
 @click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=FILE)
-@click.option("--robot", metavar="URL", callback=not_empty, help="Robot's computer link.")
-@click.option("--sensor", metavar="URL", callback=not_empty, help="Force sensor, as for `run`.")
+@click.option(
+    "--robot",
+    metavar="URL",
+    shell_complete=complete(robots),
+    callback=not_empty,
+    help="Robot, KIND+WIRE, as for `hil-bridge run`.",
+)
+@click.option(
+    "--sensor",
+    metavar="URL",
+    shell_complete=complete(sensors),
+    callback=not_empty,
+    help="Force sensor, KIND+WIRE, as for `hil-bridge run`.",
+)
 @click.option("--virtual", is_flag=True, help="Emulated cell in virtual time.")
 @click.option(
     "--angle-deg",
@@ -65,7 +78,7 @@ LEAST_ANGLE_DEG = 15.0
     help="Compute from this table; no device is opened, nothing moves.",
 )
 @click.option("--save", type=FILE, metavar="POSES.csv", help="Keep the poses and readings.")
-@click.option("-o", "--out", type=FILE, metavar="FILE.toml", help="Write [tool] and the sensor's bias.")
+@output_option("FILE.toml", "Write [tool] and the sensor's bias.")
 @overwrite_option
 def identify_tool(
     config_file: Path | None,

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hil_bridge.cli.options import json_option, overwrite_option, tell_json
+from hil_bridge.cli.options import json_option, output_option, overwrite_option, tell_json
 from hil_bridge.cli.paths import FILE
 
 if TYPE_CHECKING:
@@ -20,12 +20,10 @@ if TYPE_CHECKING:
 
 @click.command(short_help="Tell where the time from force to motion goes.")
 @click.argument("recording", type=FILE)
-@click.option(
-    "-o", "--output", type=FILE, metavar="SITE.toml", help="Write settings for an emulation that is as late."
-)
+@output_option("SITE.toml", "Write settings for an emulation that is as late.")
 @json_option
 @overwrite_option
-def latency(recording: Path, output: Path | None, as_json: bool, overwrite: bool) -> None:
+def latency(recording: Path, out: Path | None, as_json: bool, overwrite: bool) -> None:
     """Tell where the time between a force and the motion that answers it went in a recorded run.
 
     With -o the site's turnaround and the jitter of its sensor become a configuration: `hil-bridge run SITE.toml`
@@ -42,7 +40,7 @@ def latency(recording: Path, output: Path | None, as_json: bool, overwrite: bool
     from hil_bridge.record.reader import NO_CYCLE
 
     record = read(recording)
-    if not record.cycles and output is None:
+    if not record.cycles and out is None:
         if as_json:
             tell_json(None)
         else:
@@ -61,10 +59,10 @@ def latency(recording: Path, output: Path | None, as_json: bool, overwrite: bool
     lines = [*_lines(found), *(_answer_lines(answers) if answers is not None else ())]
     if record.truncated:
         lines.append("the recording is cut short or damaged: this is what came before")
-    if output is not None:  # before the first output: a reader such as `head` may have closed the pipe
+    if out is not None:  # before the first output: a reader such as `head` may have closed the pipe
         text, left_out = _site(record)
-        write_whole(output, text.encode(), overwrite)
-        lines.append(f"wrote {output}{left_out and f'; {left_out}'}")
+        write_whole(out, text.encode(), overwrite)
+        lines.append(f"wrote {out}{left_out and f'; {left_out}'}")
     if as_json:
         tell_json({**_values(found, answers), "truncated": record.truncated})
         return

@@ -4,14 +4,11 @@ from pathlib import Path
 
 import click
 
-from hil_bridge.cli.options import overwrite_option
-from hil_bridge.cli.paths import FILE
+from hil_bridge.cli.options import output_option, overwrite_option
 
 
 @click.command(short_help="Write layouts for Foxglove, Lichtblick and PlotJuggler.")
-@click.option(
-    "--out", type=FILE, default=".", metavar="DIR", help="Where to put the files.  [default: this folder]"
-)
+@output_option("DIR", "Where to put the files.", Path("."))
 @overwrite_option
 def layouts(out: Path, overwrite: bool) -> None:
     """Write layouts of panels for the programs that open recordings.

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from hil_bridge.cli.options import json_option, overwrite_option, tell, tell_json
+from hil_bridge.cli.options import json_option, output_option, overwrite_option, tell, tell_json
 from hil_bridge.cli.paths import FILE
 
 EXIT_REFUSED = 3
@@ -23,13 +23,7 @@ def probe() -> None:
 @click.option(
     "--config", "config_file", type=FILE, metavar="FILE", help="Configuration whose [robot.KIND] is taken."
 )
-@click.option(
-    "-o",
-    "--out",
-    type=FILE,
-    metavar="FILE",
-    help="Write a configuration with the settings of the link that work. [S3]",
-)
+@output_option("FILE", "Write a configuration with the settings of the link that work. [S3]")
 @click.option(
     "--patience",
     "patience_s",

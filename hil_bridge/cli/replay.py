@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from hil_bridge.cli.completion import complete, controllers
 from hil_bridge.cli.options import overwrite_option, tell
 from hil_bridge.cli.paths import FILE
 
@@ -23,7 +24,9 @@ EXIT_DIFFERENT = 1
 @click.command(short_help="Decide a recorded run again, and compare.")
 @click.argument("recording", type=FILE)
 @click.argument("config_file", metavar="[CHANGES.toml]", required=False, type=FILE)
-@click.option("--controller", metavar="NAME", help="Ask another controller.")
+@click.option(
+    "--controller", metavar="NAME", shell_complete=complete(controllers), help="Ask another controller."
+)
 @click.option(
     "--csv", "table", type=FILE, metavar="FILE", help="Write recorded and replayed commands of every cycle."
 )

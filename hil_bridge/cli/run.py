@@ -7,7 +7,12 @@ from typing import Any
 import click
 
 from hil_bridge.cli.completion import complete, controllers
-from hil_bridge.cli.devices import device_options, device_settings, link_profile_option
+from hil_bridge.cli.devices import (
+    device_options,
+    device_settings,
+    link_profile_option,
+    refuse_link_profile,
+)
 from hil_bridge.cli.options import overwrite_option
 from hil_bridge.cli.paths import FILE
 from hil_bridge.cli.setting_options import over, set_option
@@ -140,6 +145,7 @@ def run(
     from hil_bridge.runs.session import execute
     from hil_bridge.runs.shown import Views
     from hil_bridge.settings.configuration import lay_over, load_config
+    from hil_bridge.settings.devices import robot_in
     from hil_bridge.settings.program import in_file
 
     if record is not None and no_record:
@@ -170,6 +176,7 @@ def run(
         lay_over(changes, overrides)
         config = resume_config(read(resume), changes)
         click.echo(describe_resume(config))
+    refuse_link_profile(link_profile, robot_in(config).kind.name)
     views = Views(not no_view, web_options(web, web_port, web_origins))
     beside = report == _BESIDE
     outputs = Outputs(

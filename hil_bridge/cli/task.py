@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from hil_bridge.cli.devices import device_options, device_settings
-from hil_bridge.cli.options import overwrite_option, tell
+from hil_bridge.cli.options import output_option, overwrite_option, tell
 from hil_bridge.cli.paths import FILE
 from hil_bridge.console.debugging import debug_option
 
@@ -23,10 +23,10 @@ def task() -> None:
 
 @task.command(short_help="Check a program, and print and draw its steps.")
 @click.argument("file", metavar="FILE", type=FILE)
-@click.option("--out", type=FILE, metavar="PICTURE.png", help="Draw paths and forces into this file.")
+@output_option("PICTURE.png", "Draw paths and forces into this file.")
 @overwrite_option
 def show(file: Path, out: Path | None, overwrite: bool) -> None:
-    """Check the program of a configuration as a whole, and print its steps; with --out draw them.
+    """Check the program of a configuration as a whole, and print its steps; with -o draw them.
 
     FILE is a configuration, or a file with the steps of a program alone. Times are about: corners are taken slower,
     and an approach ends where the surface is.
@@ -100,7 +100,7 @@ def _row(config: "Config", file: Path) -> "Row":
 @click.option(
     "--record", type=FILE, metavar="FILE", help="Record the run there.  [default: a new folder under runs/]"
 )
-@click.option("--out", type=FILE, metavar="FRAME.toml", help="Write the frame as a table [frame] there.")
+@output_option("FRAME.toml", "Write the frame as a table [frame] there.")
 @overwrite_option
 @debug_option
 def teach_frame(

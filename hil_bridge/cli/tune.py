@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hil_bridge.cli.options import overwrite_option, tell
+from hil_bridge.cli.completion import complete, controllers
+from hil_bridge.cli.options import output_option, overwrite_option, tell
 from hil_bridge.cli.paths import FILE
 from hil_bridge.errors import ConfigError
 
@@ -22,7 +23,12 @@ NOTHING_FOUND = 4
 
 @click.command(short_help="Find a controller's parameters for a cell.")
 @click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=FILE)
-@click.option("--controller", metavar="NAME", help="The controller.  [default: that of the configuration]")
+@click.option(
+    "--controller",
+    metavar="NAME",
+    shell_complete=complete(controllers),
+    help="The controller.  [default: that of the configuration]",
+)
 @click.option(
     "--vary",
     multiple=True,
@@ -51,7 +57,7 @@ NOTHING_FOUND = 4
     help="First seed, and the optimiser's.",
 )
 @click.option("--workers", type=click.IntRange(min=1), metavar="N", help="Processes.  [default: one a core]")
-@click.option("--out", type=FILE, metavar="TUNED.toml", help="Write the tuned configuration.")
+@output_option("TUNED.toml", "Write the tuned configuration.")
 @click.option(
     "--trade", metavar="X:Y", help="Two figures of the trade-off.  [default: rise_s:overshoot_percent]"
 )
@@ -96,7 +102,7 @@ def tune(
     """Find parameters of a controller by many runs in virtual time, and compare them with the defaults.
 
     \b
-    hil-bridge tune cell.toml --controller pi --minimise rise_s --minimise overshoot_percent --out tuned.toml
+    hil-bridge tune cell.toml --controller pi --minimise rise_s --minimise overshoot_percent -o tuned.toml
     hil-bridge run tuned.toml --virtual
 
     A run that the guard stops, or whose true force is above the limit, rules its point out. Exit codes: 0 done, 2 wrong

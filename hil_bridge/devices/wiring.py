@@ -13,7 +13,7 @@ from hil_bridge.clock import Clock
 from hil_bridge.devices.device_log import DeviceLog
 from hil_bridge.errors import TransportClosed
 from hil_bridge.transports import Datagrams, Frames, Listening, Tap, Transport, opening
-from hil_bridge.transports.datagram.peer import LEFT
+from hil_bridge.transports.datagram.peer import ABSENT, LEFT
 from hil_bridge.transports.pump import Pump
 from protocol.can.frame import CanFilter
 
@@ -98,20 +98,21 @@ class Serving:
         reads those that have come before it ends a cycle.
         """
         if speak_first:
-            wire = await opening.connect_datagrams(url, self.clock, self._tell_once)
+            wire = await opening.connect_datagrams(url, self.clock, partial(self._tell_once, url))
             self.attach(_Beating(endpoint, wire.take_in) if counts_late else endpoint, wire)
             return url.replace("udp://", "udp-bind://", 1)
         listening = await opening.listen_datagrams(url, self.clock)
         self.attach(endpoint, listening.transport)
         return listening.address
 
-    def _tell_once(self, kind: str, text: str) -> None:
+    def _tell_once(self, url: str, kind: str, text: str) -> None:
         """A device that speaks first goes on speaking where no program listens: one line is enough. Each client that
         leaves has a line.
         """
         if kind == LEFT or kind not in self._told:
             self._told.add(kind)
-            self.say(text)
+            waits = f"{url}: waits for its client; no program listens there yet"
+            self.say(waits if kind == ABSENT else text)
 
     def attach(self, endpoint: Any, wire: Transport[Any]) -> Pump[Any, Any]:
         """Let an endpoint speak over a wire that the room has opened itself."""

@@ -26,6 +26,8 @@ INTEGER_LIMIT = 1 << 63
 """Whole numbers lie below this, and not below its negative. Standard: TOML 1.0 asks for 64 bits and allows no more."""
 SHOWN_CHARACTERS = 80
 """Most characters of a wrong value in a message. Chosen: a line of a terminal."""
+NUMBER_CHARACTERS = 12
+"""A number that is longer is rounded in messages. Chosen: longer ones come from arithmetic."""
 
 _PIECE_BYTES = 1 << 20
 _KINDS = (
@@ -158,8 +160,10 @@ def parse_json(text: str) -> Any:
 
 
 def format_value(value: object) -> str:
-    """A value for a message, cut where it is long."""
-    text = repr(value)
+    """A value for a message: a number with nine digits at most, and all else cut where it is long."""
+    text = (
+        f"{value:.9g}" if isinstance(value, float) and len(repr(value)) > NUMBER_CHARACTERS else repr(value)
+    )
     return text if len(text) <= SHOWN_CHARACTERS else f"{text[:SHOWN_CHARACTERS]}…"
 
 

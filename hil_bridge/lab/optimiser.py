@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 from hil_bridge.errors import ConfigError
+from hil_bridge.errors.extras import install_command
 
 
 def optimiser() -> Callable[..., object]:
@@ -10,6 +11,6 @@ def optimiser() -> Callable[..., object]:
     try:
         from scipy.optimize import differential_evolution
     except ImportError as error:
-        raise ConfigError('an optimiser needs the package scipy; `pip install "hil-bridge[tune]"`') from error
+        raise ConfigError(f"an optimiser needs the package scipy; {install_command('tune')}") from error
     found: Callable[..., object] = differential_evolution
     return found

@@ -72,6 +72,8 @@ class Recording:
     """Steps of a program that have ended."""
     removed: RemovedMap | None = None
     """Depths that the tool removed from an emulated surface; None where it removed nothing."""
+    written_at: float | None = field(default=None, compare=False)
+    """UNIX time at which its file was written, s; None for one that is in no file."""
 
 
 NO_CYCLE = "the run ended before its first control cycle; `hil-bridge why` tells the cause"
@@ -94,7 +96,15 @@ def read(path: Path) -> Recording:
     found = _contents(path, (CYCLE, SENSOR, TRUTH, EVENT, STEP))
     if not found.finished and not found.records[CYCLE.name] and not found.records[EVENT.name]:
         raise ConfigError(f"{path} ends or is damaged before the first event: record the run again")
-    return _recording(found)
+    return dated(_recording(found), path)
+
+
+def dated(recording: Recording, path: Path) -> Recording:
+    """The recording with the time at which this file of it was written, where there is such a file."""
+    try:
+        return replace(recording, written_at=path.stat().st_mtime)
+    except OSError:
+        return recording
 
 
 def read_with_traffic(path: Path) -> tuple[Recording, RawTraffic]:

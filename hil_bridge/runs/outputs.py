@@ -17,6 +17,7 @@ from hil_bridge.record.analysis.figures import FIGURES
 from hil_bridge.record.analysis.steps import step_lines
 from hil_bridge.record.analysis.summary import Summary, summarise, wanted_force
 from hil_bridge.record.files import check_place, check_record_place
+from hil_bridge.record.reader import dated
 
 if TYPE_CHECKING:
     from hil_bridge.record import RunEnd
@@ -105,6 +106,8 @@ def write_outputs(
     troubles: list[BridgeError] = []
     try:
         recording = recorded()
+        if outputs.record is not None:
+            recording = dated(recording, outputs.record)
     except BridgeError as error:
         return lines, [error]
     summary = summarise(recording, end if recording.truncated else None)

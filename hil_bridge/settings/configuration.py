@@ -31,6 +31,8 @@ from hil_bridge.devices.kinds import (
     SURFACES,
     CellSection,
     EmulatedKinds,
+    Registry,
+    field_name,
 )
 from hil_bridge.errors import ConfigError, SettingRefused
 from hil_bridge.errors.text_files import format_value, read_toml
@@ -262,7 +264,7 @@ class ControllerConfig(_Section):
             kind: Any = controller_kind(name)
             known = [field.name for field in dataclasses.fields(kind) if field.init]
             if unknown := [key for key in parameters if key not in known]:
-                raise ValueError(f"{name} has no parameter {unknown[0]!r}, only {', '.join(known)}")
+                raise ValueError(f"{name} has no parameter {unknown[0]!r}{instead_of(known, unknown[0])}")
             try:
                 adapter = TypeAdapter(kind)
             except PydanticUserError as error:
@@ -437,9 +439,22 @@ def explain(
     return SettingRefused(str(own), location, text, joint, further)
 
 
+def _with_kinds_of(location: Sequence[str]) -> Config:
+    """The defaults of all kinds of our own, and of those of other packages of which this key speaks."""
+    robots, sensors, surfaces = (
+        (*registry.built_in, *(name for name in registry.names if _is_named(registry, name, location)))
+        for registry in (ROBOTS, SENSORS, SURFACES)
+    )
+    return _config_class(Chosen(robots, sensors, surfaces))()
+
+
+def _is_named(registry: Registry[Any], name: str, location: Sequence[str]) -> bool:
+    return name not in registry.built_in and field_name(name) in location
+
+
 def _at(location: Sequence[str]) -> object:
     """Value in the default configuration of any devices; None for a key that is not there."""
-    found: Any = with_all_kinds()
+    found: Any = _with_kinds_of(location)
     for part in location:
         found = getattr(found, part, None)
     return found

@@ -70,7 +70,7 @@ class FaultConfig(BaseModel):
     when: str = ""
     """Condition at the end of a cycle at which it comes, such as "force > 8": force, depth_mm, travel_mm or cycle."""
     for_s: float | None = None
-    """Duration; by default that of `hil-bridge faults`."""
+    """Duration, s; by default that of `hil-bridge faults`. A fault that strikes once has none."""
     parameters: dict[str, Any] = Field(default={}, alias="with")
     """Parameters of the fault that differ from their defaults."""
 

@@ -4,6 +4,7 @@ import io
 from typing import TYPE_CHECKING, Any
 
 from hil_bridge.errors import ConfigError
+from hil_bridge.errors.extras import install_command
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -21,7 +22,7 @@ def drawing_library() -> Any:
         import matplotlib
     except ImportError:
         raise ConfigError(
-            "pictures as files need matplotlib: pip install 'hil-bridge[figures]', or leave them out"
+            f"pictures as files need matplotlib: {install_command('figures')}, or leave them out"
         ) from None
     return matplotlib
 

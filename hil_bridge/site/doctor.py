@@ -230,7 +230,8 @@ def judge_lateness(late: Sequence[float], realtime: RealTime) -> Fact:
     return warn(
         "wake-ups",
         text,
-        "the machine is busy, or its processors sleep deeply: end other programs, try `realtime.keep_awake`",
+        "the machine is busy, or its processors sleep deeply: end other programs, then set `realtime.fifo_priority` "
+        "and `realtime.cpus`; `realtime.keep_awake` helps on a computer that is no virtual machine",
     )
 
 

@@ -307,6 +307,14 @@ def with_line(url: str, line: LineSettings) -> str:
     return f"{head}?{'&'.join(options)}"
 
 
+def with_baudrate(url: str, baudrate: int, schemes: Mapping[str, _Scheme]) -> str:
+    """The URL with a device's own baud rate, bit/s, where its wire can have one and the URL names none."""
+    scheme = schemes.get(url.partition(":")[0])
+    if scheme is None or "baudrate" not in scheme.options or split_option(url, "baudrate")[1] is not None:
+        return url
+    return with_option(url, "baudrate", str(baudrate))
+
+
 def _check_host_port(url: str, target: str, lowest: int) -> None:
     host, _, port = target.rpartition(":")
     numeric = port.isascii() and port.isdigit() and len(port) <= _DIGITS

@@ -171,6 +171,10 @@ def test_help_imports_none_of_the_heavy_libraries() -> None:
             ["emulate", "robot", "--robot", "egm", "--link-profile", "default"],
             "--link-profile is of an S3's computer link, and the robot is egm",
         ),
+        (
+            ["run", "--virtual", "--robot", "egm", "--link-profile", "default"],
+            "--link-profile is of an S3's computer link, and the robot is egm",
+        ),
         (["emulate", "sensor", "--web-port", "8000"], "--web is the robot's"),
         (["emulate", "robot", "--panel", "tcp-listen://0.0.0.0:1"], "listens on this computer alone"),
         (["emulate", "robot", "--panel", "tcp://127.0.0.1:1"], "unknown scheme 'tcp'; allowed: tcp-listen"),
@@ -178,6 +182,7 @@ def test_help_imports_none_of_the_heavy_libraries() -> None:
         (["report", "none.mcap"], "cannot read the recording none.mcap: No such file"),
         (["report", "file"], "file is not an MCAP file"),
         (["report", "."], "Is a directory"),
+        (["report", "r.mcap", "--out", "x"], "--out is -o or --output now: write -o x"),
         (["profile", "show", "file"], "file is no TOML"),
         (["config", "init", "file"], "file is there already"),
         (["config", "init", "none/c.toml"], "cannot write none/c.toml: there is no such folder"),
@@ -280,7 +285,7 @@ def test_a_run_prints_its_figures_and_leaves_what_report_makes_again(hil: Comman
     assert lines[-1] == "left: retracted, 0.0 N"
     assert any(line.startswith("  tracked") and "predictive" in line for line in lines)
     assert json.loads(Path("s.json").read_text())["outcome"] == "completed"
-    assert hil("report", "r.mcap", "--out", "again") == (0, "again/report.html\n", "")
+    assert hil("report", "r.mcap", "-o", "again") == (0, "again/report.html\n", "")
     assert Path("again/report.html").read_bytes() == Path("rep/report.html").read_bytes()
     Path("cut.mcap").write_bytes(Path("r.mcap").read_bytes()[:3000])
     Path("empty.mcap").touch()

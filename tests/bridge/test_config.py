@@ -51,7 +51,7 @@ def refusal(tmp_path: Path, text: str, **overrides: object) -> str:
             "robot.s3.link.dle_stuffing: must be 'off' or 'double', got 'x'",
         ),
         ('[controller]\nname = "pid"', "there is no controller 'pid'; choose one of fuzzy, "),
-        ("[controller.parameters]\nfoo = 1", "predictive has no parameter 'foo', only window"),
+        ("[controller.parameters]\nfoo = 1", "predictive has no parameter 'foo'; known here: window"),
         ("[run]\nseed = -1\nx = 1", "(and 1 more)"),
         (
             '[robot.s3.link]\nprofile = "x"',

@@ -373,7 +373,7 @@ def test_a_wire_that_makes_no_sense_is_refused_in_one_line(piece: str) -> None:
             "'xls' is no format; choose from candump,blf,asc,dbc,bytes,csv,parquet,rosbag2,mf4",
         ),
         (["--channel", "a b"], "is no name of a CAN interface"),
-        (["--out", "\0"], "a path must not hold a NUL character"),
+        (["--output", "\0"], "a path must not hold a NUL character"),
     ],
 )
 def test_what_the_command_cannot_take(on_can: Path, arguments: list[str], text: str) -> None:

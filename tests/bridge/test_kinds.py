@@ -274,6 +274,11 @@ def test_settings_of_a_kind_stand_in_sections_of_its_name(tmp_path: Path) -> Non
     file.write_text("[cell.toyspring]\nstiffness_n_mm = -1\n")
     with pytest.raises(ConfigError, match=r"cell\.toyspring\.stiffness_n_mm must be more than 0, got -1"):
         load_config(file, {})
+    file.write_text("[cell.toyspring]\nstiffness_n_m = 7\n")
+    with pytest.raises(
+        ConfigError, match=r"stiffness_n_m is no setting; the unit is part of the name: stiff"
+    ):
+        load_config(file, {})
     file.write_text('[robot]\nemulated = "toyarm"\n[[faults]]\non = "cable"\nfault = "cut"\n')
     with pytest.raises(ConfigError, match=r"no target is called 'cable'; known: arm, signal"):
         load_config(file, {})

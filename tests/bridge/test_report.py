@@ -291,3 +291,17 @@ def test_a_place_that_cannot_be_written_is_told(tmp_path: Path) -> None:
     recording = run(1.5)
     with pytest.raises(ConfigError, match="cannot make the directory"):
         write_report(recording, summarise(recording, END), tmp_path / "file")
+
+
+def test_a_run_in_virtual_time_has_the_date_of_its_file() -> None:
+    virtual = dataclasses.replace(run(1.0), metadata={"time": "virtual"})
+    dated = dataclasses.replace(virtual, written_at=1_700_000_000.0)
+    assert "2023-11-14 22:13:20 UTC; in virtual time" in page(dated, summarise(dated))
+    assert '<td class="value">in virtual time</td>' in page(virtual, summarise(virtual))
+
+
+def test_title_and_head_of_the_page_say_the_same() -> None:
+    recording = run(1.0)
+    text = page(recording, summarise(recording))
+    (head,) = re.findall("<h1>(.*?)</h1>", text)
+    assert text.partition("<title>")[2].startswith(f"{head}, ")

@@ -142,8 +142,8 @@ def test_the_layouts_name_fields_that_recordings_have(tmp_path: Path) -> None:
     assert sorted(panels) == sorted(layout["configById"])
 
     runner = CliRunner()
-    assert runner.invoke(cli, ["layouts", "--out", str(tmp_path)]).exit_code == 0
+    assert runner.invoke(cli, ["layouts", "--output", str(tmp_path)]).exit_code == 0
     assert {path.name for path in tmp_path.iterdir()} == {*LAYOUTS.values()}
-    again = runner.invoke(cli, ["layouts", "--out", str(tmp_path)])
+    again = runner.invoke(cli, ["layouts", "--output", str(tmp_path)])
     assert again.exit_code != 0
     assert "is there already" in str(again.exception)

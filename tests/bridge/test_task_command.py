@@ -120,13 +120,13 @@ def test_the_time_of_all_passes_is_told() -> None:
 def test_the_picture_is_drawn_the_same_again_and_never_over_a_file(hil: Command) -> None:
     Path("whole.toml").write_text(WHOLE)
     Path("steps.toml").write_text(STEPS)
-    assert hil("task", "show", "whole.toml", "--out", "one.png")[1].endswith("wrote one.png\n")
+    assert hil("task", "show", "whole.toml", "--output", "one.png")[1].endswith("wrote one.png\n")
     first = Path("one.png").read_bytes()
     assert first.startswith(b"\x89PNG")
-    assert "--overwrite" in refused(hil("task", "show", "whole.toml", "--out", "one.png"))
-    assert hil("task", "show", "whole.toml", "--out", "one.png", "--overwrite")[0] == 0
+    assert "--overwrite" in refused(hil("task", "show", "whole.toml", "--output", "one.png"))
+    assert hil("task", "show", "whole.toml", "--output", "one.png", "--overwrite")[0] == 0
     assert Path("one.png").read_bytes() == first
-    assert hil("task", "show", "steps.toml", "--out", "two.png")[0] == 0
+    assert hil("task", "show", "steps.toml", "--output", "two.png")[0] == 0
 
 
 def test_a_place_that_only_the_run_knows_is_drawn_too(hil: Command) -> None:
@@ -137,7 +137,7 @@ def test_a_place_that_only_the_run_knows_is_drawn_too(hil: Command) -> None:
         '[[step]]\ndo = "track"\npath = { kind = "line", length_mm = 3 }\n[[step]]\ndo = "retract"\n'
     )
     Path("steps.toml").write_text(steps)
-    assert hil("task", "show", "steps.toml", "--out", "picture.png")[0] == 0
+    assert hil("task", "show", "steps.toml", "--output", "picture.png")[0] == 0
 
 
 @pytest.mark.parametrize(
@@ -379,7 +379,7 @@ def test_the_frame_of_a_slope_is_found_and_a_program_in_it_runs(hil: Command, ro
         "--virtual",
         "--robot",
         robot,
-        "--out",
+        "--output",
         "frame.toml",
     )
     code, output, errors = hil(*command)

@@ -13,7 +13,7 @@ from hil_bridge.control.laws.rules import parse_rules, read_rules
 from hil_bridge.devices.robots.s3.orders_file import parse_orders, read_orders
 from hil_bridge.devices.robots.s3.program_folder import read_programs
 from hil_bridge.errors import ConfigError
-from hil_bridge.errors.text_files import TOML_LIMIT_BYTES, parse_json, read_text
+from hil_bridge.errors.text_files import TOML_LIMIT_BYTES, format_value, parse_json, read_text
 from hil_bridge.record import Recording
 from hil_bridge.runs.replay import changes_of, recorded_config
 from hil_bridge.settings.configuration import Config, dump, load_config
@@ -121,7 +121,7 @@ def test_a_long_wrong_value_is_cut_in_its_message(tmp_path: Path) -> None:
         ("replay", "a\0b"),
         ("replay", "r.mcap", "a\0b"),
         ("report", "a\0b"),
-        ("report", "r.mcap", "--out", "a\0b"),
+        ("report", "r.mcap", "--output", "a\0b"),
         ("latency", "a\0b"),
         ("monitor", "a\0b"),
         ("monitor", "r.mcap", "--config", "a\0b"),
@@ -135,7 +135,7 @@ def test_a_long_wrong_value_is_cut_in_its_message(tmp_path: Path) -> None:
         ("emulate", "cell", "a\0b"),
         ("emulate", "robot", "--robot-port", "s3+pty:?link=/tmp/a%00b"),
         ("identify-tool", "--from", "a\0b"),
-        ("experiment", "rules", "--out", "a\0b"),
+        ("experiment", "rules", "--output", "a\0b"),
         ("serve-jr3", "--pci", "0000:03:00.0", "--program", "a\0b"),
         ("doctor", "deep.toml"),
         ("profile", "show", "deep.toml"),
@@ -263,3 +263,17 @@ def test_any_url_is_taken_or_one_line(scheme: str, rest: str) -> None:
             parse_url(f"{scheme}:{rest}", schemes)
         except ConfigError as error:
             one_line(error)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.1 + 0.2, "0.3"),
+        (-10 / 3, "-3.33333333"),
+        (1e-17, "1e-17"),
+        (0.25, "0.25"),
+        ("0.30000000000000004", "'0.300"),
+    ],
+)
+def test_a_long_number_is_rounded_in_messages(value: object, text: str) -> None:
+    assert format_value(value).startswith(text)

@@ -188,7 +188,7 @@ def test_a_client_may_come_before_the_listener() -> None:
             await pass_time(0.1)
         assert left.statistics.unreachable == 20
         told = "udp+memory:robot: robot cannot be reached: no program listens there; start the other side"
-        assert notices == [("unreachable", told)] * 2  # at most one a second
+        assert notices == [("absent", told)] * 2  # at most one a second
         listening = await listen_datagrams("udp+memory:robot", clock)
         there = Log(listening.transport, clock)
         left.send([b"hello"])

@@ -159,7 +159,7 @@ def told(*arguments: str) -> str:
 def test_the_command_and_the_report_say_the_same(unplugged: Path, tmp_path: Path) -> None:
     text = why(api.read(unplugged))
     assert told("why", str(unplugged)) == text + "\n"
-    told("report", str(unplugged), "--out", str(tmp_path))
+    told("report", str(unplugged), "--output", str(tmp_path))
     assert text.partition("`")[0] in unescape((tmp_path / "report.html").read_text(encoding="utf-8"))
 
 

@@ -70,7 +70,9 @@ def test_a_controller_of_another_package_is_chosen_by_name_like_ours(install, tm
     config = load_config(path, {})
     assert make_controller(config.controller.name, **config.controller.parameters).step_mm == 0.25
     path.write_text('[controller]\nname = "steady"\nparameters.step_m = 0.25\n')
-    with pytest.raises(ConfigError, match="steady has no parameter 'step_m', only step_mm"):
+    with pytest.raises(
+        ConfigError, match="steady has no parameter 'step_m'; the unit is part of the name: step_mm"
+    ):
         load_config(path, {})
     path.write_text('[controller]\nname = "steady"\nparameters.step_mm = "wide"\n')
     with pytest.raises(ConfigError, match="step_mm"):

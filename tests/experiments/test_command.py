@@ -23,7 +23,7 @@ def run(*arguments):
 
 def test_rules_and_simulation_leave_their_files(tmp_path):
     result = run(
-        "rules", "fig3", "--out", tmp_path, "--seeds", 1, "--workers", 1, "--page", tmp_path / "p.md"
+        "rules", "fig3", "--output", tmp_path, "--seeds", 1, "--workers", 1, "--page", tmp_path / "p.md"
     )
     assert result.exit_code == 0
     names = {path.name for path in tmp_path.iterdir()}
@@ -50,23 +50,23 @@ def test_rules_and_simulation_leave_their_files(tmp_path):
 
 def test_same_seeds_give_the_same_files(tmp_path):
     for folder in ("a", "b"):
-        run("fig3", "--out", tmp_path / folder, "--seeds", 2, "--workers", 1)
+        run("fig3", "--output", tmp_path / folder, "--seeds", 2, "--workers", 1)
     for path in (tmp_path / "a").iterdir():
         assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
 
 
 def test_unknown_names_are_answered_with_the_known_ones(tmp_path):
-    result = run("fig4", "--out", tmp_path)
+    result = run("fig4", "--output", tmp_path)
     assert isinstance(result.exception, ConfigError)
     assert result.exception.exit_code == 2
     assert all(name in str(result.exception) for name in (*EXPERIMENTS, "all", "fig4"))
 
 
-@pytest.mark.parametrize("option", ["--out", "--page"])
+@pytest.mark.parametrize("option", ["--output", "--page"])
 def test_unwritable_places_are_refused_in_one_line_before_any_work(tmp_path, option):
     blocked = tmp_path / "file"
     blocked.write_text("in the way")
-    result = run("controllers", "--out", tmp_path, option, blocked / "below")
+    result = run("controllers", "--output", tmp_path, option, blocked / "below")
     assert isinstance(result.exception, ConfigError)
     assert result.exception.exit_code == 2
     assert len(str(result.exception).splitlines()) == 1
@@ -83,7 +83,17 @@ def children_of(pid: int) -> list[int]:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="asks Linux for the workers")
 def test_sigterm_ends_the_command_with_its_workers(tmp_path):
-    command = [sys.executable, "-m", "hil_bridge", "experiment", "fig11", "--workers", "2", "--out", tmp_path]
+    command = [
+        sys.executable,
+        "-m",
+        "hil_bridge",
+        "experiment",
+        "fig11",
+        "--workers",
+        "2",
+        "--output",
+        tmp_path,
+    ]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL) as process:
         try:
             ends = time.monotonic() + 60.0

@@ -15,6 +15,7 @@ from click.testing import CliRunner
 
 from hil_bridge.cli import cli
 from hil_bridge.errors import ConfigError
+from hil_bridge.errors.extras import install_command
 from hil_bridge.lab.fidelity.comparing import Comparison, Line
 from hil_bridge.lab.fidelity.emulating import emulate_robot
 from hil_bridge.lab.fidelity.measures import LEAST_SAMPLES
@@ -456,4 +457,4 @@ def test_without_scipy_the_command_says_what_to_install(
     place.write_text("t\n", encoding="utf-8")
     result = CliRunner().invoke(cli, ["fidelity", str(place), "--as", "contact"])
     assert isinstance(result.exception, ConfigError)
-    assert 'pip install "hil-bridge[fidelity]"' in str(result.exception)
+    assert install_command("fidelity") in str(result.exception)

@@ -49,7 +49,7 @@ def test_a_killed_emulator_ends_the_run_at_once_with_its_cause(tmp_path: Path, n
         assert (code, errors.count("\n")) == (3, 1)
         assert "stopped" in lines
         assert errors.startswith(f"hil-bridge: stopped: {options[1].removeprefix('s3+')}: the other side ")
-    code, _, errors = finish(start("report", str(record), "--out", str(tmp_path)))
+    code, _, errors = finish(start("report", str(record), "--output", str(tmp_path)))
     assert (code, errors) == (0, "")
 
 

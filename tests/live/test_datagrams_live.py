@@ -179,7 +179,7 @@ async def test_an_unreachable_port_is_counted_and_told_and_no_end() -> None:
         assert wire.statistics.sent == 10
         assert 5 <= wire.statistics.unreachable <= 10
         kind, text = notices[0]
-        assert kind == "unreachable"
+        assert kind == "absent"
         assert f"{gone.address.removeprefix('udp://')} cannot be reached: no program listens there" in text
         assert ear.ends == []
         # a device that is switched on later is heard
@@ -201,7 +201,7 @@ async def test_an_emulated_robot_without_a_client_says_so_once() -> None:
         async with emulated_cell(Setup(read_config({}), listen), clock, lambda cause: None, said.append):
             await asyncio.sleep(1.3)  # longer than the least time between two notices of a wire
     (line,) = said
-    assert "cannot be reached: no program listens there; start the other side first" in line
+    assert line == f"{gone.address}: waits for its client; no program listens there yet"
 
 
 async def test_an_emulated_robot_tells_the_end_of_a_session_as_that() -> None:
@@ -223,8 +223,8 @@ async def test_an_emulated_robot_tells_the_end_of_a_session_as_that() -> None:
                 await asyncio.sleep(1.1)  # longer than the least time between two notices of a wire
     place = free.address.removeprefix("udp://")
     left = f"udp://{place}: the program at {place} has left; it was heard before"
-    assert [line for line in said if "cannot be reached" not in line] == [left, left]
-    assert sum("cannot be reached" in line for line in said) <= 1, "before the first client came"
+    assert [line for line in said if "waits for its client" not in line] == [left, left]
+    assert sum("waits for its client" in line for line in said) <= 1, "before the first client came"
 
 
 async def test_the_error_queue_does_not_keep_the_loop_busy() -> None:

@@ -44,7 +44,7 @@ def test_a_search_ends_in_a_file_that_runs(tmp_path: Path) -> None:
     cell, out, found = tmp_path / "cell.toml", tmp_path / "tuned.toml", tmp_path / "all.json"
     cell.write_text(NEAR, encoding="utf-8")
     arguments = (str(cell), *ARGUMENTS, "--workers", "1", "--trade", "rms_error_n:largest_force_n")
-    outputs = ("--out", str(out), "--json", str(found), "--plot", str(tmp_path / "front.png"))
+    outputs = ("--output", str(out), "--json", str(found), "--plot", str(tmp_path / "front.png"))
     code, output = tune(*arguments, *outputs)
     assert code == 0, output
     assert "the same cell, fresh seeds, 4 seeds: " in output

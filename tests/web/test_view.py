@@ -11,6 +11,7 @@ from click.testing import CliRunner
 from hil_bridge.api import load, simulate
 from hil_bridge.cli import cli
 from hil_bridge.errors import ConfigError
+from hil_bridge.errors.extras import install_command
 from hil_bridge.record import Recording
 from hil_bridge.record.ending import reason_of
 from hil_bridge.show.web import feed
@@ -81,4 +82,4 @@ def test_files_of_other_kinds_and_a_missing_extra_are_told_in_a_line(monkeypatch
     assert "neither a recording (.mcap) nor results" in told_by("notes.txt")
     assert "there is no file" in told_by("none.sqlite")
     monkeypatch.setattr(feed, "NEEDED", ("not_installed_at_all",))
-    assert told_by("run.mcap") == "hil-bridge view needs the extra web: pip install 'hil-bridge[web]'"
+    assert told_by("run.mcap") == f"hil-bridge view needs the extra web: {install_command('web')}"

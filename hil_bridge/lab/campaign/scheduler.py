@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from hil_bridge.errors import BridgeError, ConfigError
+from hil_bridge.errors.extras import install_command
 from hil_bridge.lab.processes import Workers
 
 CONNECT_S = 10.0
@@ -24,7 +25,7 @@ def dask_workers(url: str) -> Iterator[Workers]:
         import distributed
     except ImportError as error:
         raise ConfigError(
-            '--scheduler needs the package distributed; `pip install "hil-bridge[dask]"` here and where the workers are'
+            f"--scheduler needs the package distributed; {install_command('dask')} here and where the workers are"
         ) from error
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # errors are told below, in one line
     try:

@@ -15,6 +15,7 @@ from typing import Any
 from msgspec import Struct, structs
 
 from hil_bridge.errors import ConfigError
+from hil_bridge.errors.extras import install_command
 from hil_bridge.record import CycleRecord, SensorRecord
 from protocol.geometry import Wrench
 from protocol.wrench import AXES, wrench_of
@@ -79,7 +80,7 @@ def as_parquet(table: Table) -> bytes:
         from pyarrow import parquet
     except ImportError as error:
         raise ConfigError(
-            'Parquet needs the package pyarrow; `pip install "hil-bridge[parquet]"`, or export csv'
+            f"Parquet needs the package pyarrow; {install_command('parquet')}, or export csv"
         ) from error
     columns = {name: [_known(row.get(name)) for row in table.rows] for name in table.columns}
     sink = pyarrow.BufferOutputStream()

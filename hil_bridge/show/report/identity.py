@@ -66,10 +66,14 @@ def _surface(recording: Recording) -> str:
 
 def _date(recording: Recording) -> str:
     if recording.metadata.get("time") == "virtual":
-        return "none: the run was in virtual time"
+        return f"{_day(recording.written_at)}; in virtual time" if recording.written_at else "in virtual time"
     at = recording.unix_zero_ns * 1e-9 + start_time(recording)
     if not recording.unix_zero_ns or not 0.0 < at < _YEAR_3000_S:
         return _UNKNOWN
+    return _day(at)
+
+
+def _day(at: float) -> str:
     return datetime.fromtimestamp(at, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
 
 

@@ -76,14 +76,18 @@ def page(recording: Recording, summary: Summary) -> str:
 <h2>Events</h2>{_events(recording)}
 <h2>Settings that are not the defaults</h2>{_settings(recording)}
 {_counters(summary)}"""
-    return document(f"{summary.controller or 'run'}: {summary.outcome}", body)
+    return document(f"{_title(summary)}, {summary.outcome}", body)
+
+
+def _title(summary: Summary) -> str:
+    return f"Force control run: {summary.controller or 'no controller named'}"
 
 
 def _head(recording: Recording, summary: Summary) -> str:
     """The facts of the run, and its end."""
     which = reality(recording)
     parts = [
-        f"<h1>Force control run: {escape(summary.controller or 'no controller named')}</h1>",
+        f"<h1>{escape(_title(summary))}</h1>",
         f'<p><span class="badge {_LOOKS.get(summary.outcome, "")}">{escape(summary.outcome)}</span>',
         f' <span class="badge {"bad" if which == REAL else "plain"}">{escape(which)}</span>' if which else "",
         ' <span class="badge bad">NOT retracted</span>' if end_of(recording).retracted is False else "",

@@ -18,6 +18,7 @@ import msgspec
 
 from hil_bridge.devices.panel import OperatedPanel, PanelLook
 from hil_bridge.errors import ConfigError
+from hil_bridge.errors.extras import install_command
 from hil_bridge.record import CycleRecord, RunEnd
 from hil_bridge.record.topics import Record
 from hil_bridge.show.terminal import Health, Scene
@@ -53,7 +54,7 @@ class WebOptions:
 def check_extra(what: str) -> None:
     """Raise ConfigError where the extra `web` is not installed."""
     if any(importlib.util.find_spec(name) is None for name in NEEDED):
-        raise ConfigError(f"{what} needs the extra web: pip install 'hil-bridge[web]'")
+        raise ConfigError(f"{what} needs the extra web: {install_command('web')}")
 
 
 def listening(port: int) -> socket.socket:

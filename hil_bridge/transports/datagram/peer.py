@@ -20,6 +20,8 @@ TELL_AGAIN_S = 1.0
 
 LEFT = "left"
 """Kind of the notice that the other side has left."""
+ABSENT = "absent"
+"""Kind of the notice that no program takes datagrams at the other side, and none was heard from there."""
 
 MISSED = 3
 """Datagrams without a program at their end, in a row, by which one that was heard counts as gone. Chosen: what the
@@ -64,7 +66,7 @@ class Presence:
         """No program takes a datagram at this place."""
         self._missed += 1
         if not self._heard:
-            self._notices.tell("unreachable", f"{wire}: {place} cannot be reached: {advice}")
+            self._notices.tell(ABSENT, f"{wire}: {place} cannot be reached: {advice}")
         elif self._missed == MISSED:
             self._notices.tell(LEFT, f"{wire}: the program at {place} has left; it was heard before")
 

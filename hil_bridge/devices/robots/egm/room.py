@@ -17,6 +17,7 @@ from hil_bridge.devices.robots.probing import Probed, muted, probe_link
 from hil_bridge.devices.robots.streamed import StreamedLink
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.errors import ConfigError, DeviceError
+from hil_bridge.errors.extras import install_command
 from hil_bridge.transports import Datagrams
 from hil_bridge.transports.urls import CONNECT_DATAGRAMS, LISTEN_DATAGRAMS, WireUrl, parse_url, with_option
 from protocol.devices.egm import EgmClient, describe
@@ -119,7 +120,7 @@ def _check_web(url: str, address: WebAddress) -> None:
 def _check_extra() -> None:
     """Raise ConfigError without the library of web services."""
     if importlib.util.find_spec("aiohttp") is None:
-        raise ConfigError(f"{OPTION} needs the extra web: pip install 'hil-bridge[web]'")
+        raise ConfigError(f"{OPTION} needs the extra web: {install_command('web')}")
 
 
 def _parse(url: str, settings: KindSettings[EgmSettings, EgmProfile]) -> WireUrl:

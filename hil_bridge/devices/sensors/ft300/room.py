@@ -1,6 +1,5 @@
 """The room of a Robotiq FT 300: a serial line of 19200 baud, 8N1, where the URL says nothing else."""
 
-from collections.abc import Mapping
 from typing import Any
 
 from emulators.devices.ft300 import FT300_FAULTS, Ft300, Ft300Profile
@@ -8,23 +7,14 @@ from emulators.seams import SensorFactory
 from hil_bridge.devices.kinds import KindSettings, SensorEmulation, SensorKind
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.transports import Transport
-from hil_bridge.transports.urls import CONNECT_BYTES, LISTEN_BYTES, parse_url
+from hil_bridge.transports.urls import CONNECT_BYTES, LISTEN_BYTES, parse_url, with_baudrate
 from protocol.devices.ft300 import BAUDRATE, PERIOD_S, Ft300Client, Ft300ClientProfile, describe
-
-
-def _with_line(url: str, schemes: Mapping[str, Any]) -> str:
-    """The URL with the sensor's baud rate, where the wire can have one and the URL names none."""
-    head, _, query = url.partition("?")
-    known = schemes.get(head.partition(":")[0])
-    if known is None or "baudrate" not in known.options or "baudrate=" in query:
-        return url
-    return f"{head}?baudrate={BAUDRATE}{f'&{query}' if query else ''}"
 
 
 async def _connect(
     url: str, settings: KindSettings[Ft300ClientProfile, Ft300Profile], wiring: Wiring
 ) -> tuple[Transport[Any], Any]:
-    wire = await wiring.bytes(_with_line(url, CONNECT_BYTES))
+    wire = await wiring.bytes(with_baudrate(url, BAUDRATE, CONNECT_BYTES))
     return wire, Ft300Client(settings.client, wiring.clock.now())
 
 
@@ -35,7 +25,7 @@ def _make(settings: KindSettings[Ft300ClientProfile, Ft300Profile]) -> SensorFac
 async def _serve(
     url: str, sensor: Any, settings: KindSettings[Ft300ClientProfile, Ft300Profile], serving: Serving
 ) -> str:
-    return await serving.serve_bytes(_with_line(url, LISTEN_BYTES), sensor.endpoint)
+    return await serving.serve_bytes(with_baudrate(url, BAUDRATE, LISTEN_BYTES), sensor.endpoint)
 
 
 SENSOR = SensorKind(
@@ -50,7 +40,7 @@ SENSOR = SensorKind(
         lambda settings, virtual: "memory:ft300" if virtual else "pty:",
         FT300_FAULTS,
     ),
-    parse=lambda url, settings: parse_url(_with_line(url, CONNECT_BYTES), CONNECT_BYTES),
+    parse=lambda url, settings: parse_url(with_baudrate(url, BAUDRATE, CONNECT_BYTES), CONNECT_BYTES),
     describe=describe,
     period=lambda settings: PERIOD_S,
 )

@@ -1,0 +1,1 @@
+"""A force sensor on a serial line that knows hil-bridge by its seams alone."""

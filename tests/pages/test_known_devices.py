@@ -1,0 +1,34 @@
+"""The page of robots and sensors: every kind has its evidence, and each witness stands on the page of fidelity."""
+
+from pathlib import Path
+
+import pytest
+
+from hil_bridge.devices.kinds import ROBOTS, SENSORS
+from hil_bridge.settings.configuration import with_all_kinds
+from protocol.marks import Mark
+from tools.known_devices import EVIDENCE, count_marks, known_devices
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+FIDELITY = (DOCS / "explanation" / "fidelity.md").read_text(encoding="utf-8")
+
+
+def test_every_kind_of_ours_has_its_evidence() -> None:
+    assert list(EVIDENCE) == [*ROBOTS.built_in, *SENSORS.built_in]
+
+
+@pytest.mark.parametrize("kind", EVIDENCE)
+def test_each_witness_and_page_is_there(kind: str) -> None:
+    evidence = EVIDENCE[kind]
+    assert evidence.witnesses
+    assert [name for name in evidence.witnesses if name not in FIDELITY] == []
+    assert (DOCS / "reference" / f"{evidence.page}.md").is_file()
+
+
+def test_the_marks_are_counted_from_the_settings() -> None:
+    marks = count_marks(with_all_kinds(), "ft300")
+    assert marks[Mark.ASSUMED] > marks[Mark.OBSERVED] > 0
+    row = next(line for line in known_devices().splitlines() if line.startswith("| `ft300` |"))
+    assert [int(cell) for cell in row.split("|")[2:-1]] == [
+        marks[mark] for mark in (Mark.OBSERVED, Mark.DERIVED, Mark.STANDARD, Mark.ASSUMED, Mark.CHOSEN)
+    ]
