@@ -10,6 +10,7 @@ from hil_bridge.cli.options import (
     GroupedCommand,
     json_option,
     option_group,
+    output_option,
     overwrite_option,
     tell,
     tell_json,
@@ -149,9 +150,7 @@ def campaign() -> None:
 )
 @option_group(
     "Results",
-    click.option(
-        "--out", type=FILE, metavar="FILE.sqlite", help="Results.  [default: FILE.sqlite in this folder]"
-    ),
+    output_option("FILE.sqlite", "Results.  [default: FILE.sqlite in this folder]"),
     _junit_option,
     _markdown_option,
     json_option,
@@ -242,9 +241,7 @@ def _say_beside(text: str) -> None:
 @click.option(
     "--minutes", type=click.FloatRange(min=0.0), default=60.0, show_default=True, help="Time to hunt."
 )
-@click.option(
-    "--out", type=FILE, metavar="FILE.sqlite", help="Results.  [default: FILE-hunt.sqlite in this folder]"
-)
+@output_option("FILE.sqlite", "Results.  [default: FILE-hunt.sqlite in this folder]")
 @click.option(
     "--workers", type=click.IntRange(min=1), metavar="N", help="Processes.  [default: one for each core]"
 )
@@ -298,7 +295,7 @@ def hunt(
 
 @campaign.command()
 @click.argument("results", type=FILE, metavar="FILE.sqlite")
-@click.option("--out", type=FILE, metavar="PAGE.html", help="The page.  [default: beside the results]")
+@output_option("PAGE.html", "The page.  [default: beside the results]")
 @click.option(
     "--reports",
     is_flag=True,
@@ -355,7 +352,7 @@ def report(
 @click.argument("results", type=FILE, metavar="FILE.sqlite")
 @click.argument("key", required=False)
 @click.option("--seed", type=click.IntRange(min=0), metavar="N", help="All runs of this seed.")
-@click.option("--out", type=FILE, metavar="DIR", help="Where the recordings go.  [default: this folder]")
+@output_option("DIR", "Where the recordings go.  [default: this folder]")
 @overwrite_option
 def rerun(results: Path, key: str | None, seed: int | None, out: Path | None, overwrite: bool) -> None:
     """Repeat a run by its KEY, or by the first signs of it, or those of a seed, and leave the recordings.
@@ -434,7 +431,7 @@ def compare(before: Path, after: Path) -> None:
     default=["parquet"],
     help="May be given twice.  [default: parquet]",
 )
-@click.option("--out", type=FILE, metavar="DIR", help="Where the files go.  [default: beside the results]")
+@output_option("DIR", "Where the files go.  [default: beside the results]")
 @overwrite_option
 def export(results: Path, formats: tuple[str, ...], out: Path | None, overwrite: bool) -> None:
     """Write the runs as a table, a row a run, for pandas and the like.

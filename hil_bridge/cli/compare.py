@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from hil_bridge.cli.options import json_option, overwrite_option, tell, tell_json
+from hil_bridge.cli.options import json_option, output_option, overwrite_option, tell, tell_json
 from hil_bridge.cli.paths import FILE
 from hil_bridge.errors import ConfigError
 
@@ -16,9 +16,7 @@ RESULTS = ".sqlite"
 
 @click.command(short_help="Lay runs or campaigns over each other on one page.")
 @click.argument("files", metavar="A B …", nargs=-1, required=True, type=FILE)
-@click.option(
-    "--out", type=FILE, metavar="FILE.html", default=Path("compare.html"), show_default=True, help="The page."
-)
+@output_option("FILE.html", "The page.", Path("compare.html"))
 @click.option(
     "--align",
     type=click.Choice(("touch", "begin")),

@@ -159,7 +159,7 @@ def test_drawn_runs_are_kept_and_repeated_by_their_keys(tmp_path: Path) -> None:
     assert "Each fault in each phase" in text
     assert "Not injected yet" in text
     assert all("force_bound_n" in done.figures or done.outcome == "refused" for done in runs)
-    ended = CliRunner().invoke(campaign, ["rerun", str(place), runs[3].key, "--out", str(tmp_path)])
+    ended = CliRunner().invoke(campaign, ["rerun", str(place), runs[3].key, "--output", str(tmp_path)])
     assert ended.exit_code == 0, ended.output
     assert "differs" not in ended.output
 
@@ -267,7 +267,16 @@ def test_smaller_runs_lose_faults_settings_and_digits() -> None:
 def test_the_command_hunts_and_tells_the_worst(tmp_path: Path) -> None:
     planned(tmp_path, HOLE)
     place = tmp_path / "hunt.sqlite"
-    told = ["hunt", str(tmp_path / "drawn.toml"), "--minutes", "0.05", "--workers", "1", "--out", str(place)]
+    told = [
+        "hunt",
+        str(tmp_path / "drawn.toml"),
+        "--minutes",
+        "0.05",
+        "--workers",
+        "1",
+        "--output",
+        str(place),
+    ]
     ended = CliRunner().invoke(campaign, told)
     assert ended.exit_code in (0, 4), ended.output
     assert "the worst:" in ended.output

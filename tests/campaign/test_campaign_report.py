@@ -177,7 +177,7 @@ def test_words_of_a_plan_cannot_break_the_markdown(short_results: Path, tmp_path
 def test_campaign_writes_its_reports_and_names_the_worst_runs(short_results: Path, tmp_path: Path) -> None:
     path, place = plan_file(tmp_path), copy(short_results, tmp_path / "short.sqlite")
     files = ["--junit", tmp_path / "a.xml", "--markdown", tmp_path / "a.md"]
-    arguments = [str(one) for one in (path, "--out", place, *files)]
+    arguments = [str(one) for one in (path, "--output", place, *files)]
     ended = CliRunner().invoke(campaign, arguments, catch_exceptions=False)
     assert ended.exit_code == 4
     assert "has 8 of them already" in ended.output
@@ -185,7 +185,7 @@ def test_campaign_writes_its_reports_and_names_the_worst_runs(short_results: Pat
     assert ElementTree.parse(tmp_path / "a.xml").getroot().get("failures") == "4"
     with pytest.raises(ConfigError, match="there already"):
         CliRunner().invoke(campaign, arguments, catch_exceptions=False)
-    as_json = CliRunner().invoke(campaign, [str(path), "--out", str(place), "--json"])
+    as_json = CliRunner().invoke(campaign, [str(path), "--output", str(place), "--json"])
     assert as_json.exit_code == 4
     assert json.loads(as_json.stdout)["tally"]["failed"] == 4
 
@@ -195,7 +195,7 @@ def test_failing_runs_are_linked_with_their_reports(short_results: Path, tmp_pat
     shutil.copytree(short_results.parent / "short-failed", tmp_path / "short-failed")
     failing = [run for run in _runs(results) if not run.passed]
     (tmp_path / "short-failed" / failing[0].recording).write_bytes(b"damaged")
-    invoke("report", results, "--reports", "--out", tmp_path / "page.html")
+    invoke("report", results, "--reports", "--output", tmp_path / "page.html")
     text = (tmp_path / "page.html").read_text()
     for run in failing:
         assert f'href="short-failed/{run.recording}">Recording</a>' in text

@@ -185,7 +185,7 @@ def test_kill_in_the_middle_loses_nothing_and_doubles_nothing(tmp_path: Path) ->
         "hil_bridge",
         "campaign",
         str(path),
-        "--out",
+        "--output",
         str(place),
         "--workers",
         "2",
@@ -227,7 +227,7 @@ def test_ctrl_c_ends_every_process_with_one_line(tmp_path: Path) -> None:
         "hil_bridge",
         "campaign",
         str(path),
-        "--out",
+        "--output",
         str(place),
         "--workers",
         "2",
@@ -268,14 +268,14 @@ def _kept(place: Path) -> int:
 def test_rerun_gives_the_same_figures_and_the_recording(results: Path, tmp_path: Path) -> None:
     with Store.open(results) as store:
         key = next(store.runs("passed = 0")).key
-    arguments = ["rerun", str(results), key, "--out", str(tmp_path)]
+    arguments = ["rerun", str(results), key, "--output", str(tmp_path)]
     told = CliRunner().invoke(campaign, arguments, catch_exceptions=False)
     assert told.exit_code == 0, told.output
     assert "differs" not in told.output
     assert read(tmp_path / f"{key}.mcap").end["outcome"] == "stopped"
     with pytest.raises(ConfigError, match="there already"):
         CliRunner().invoke(campaign, arguments, catch_exceptions=False)
-    by_part = ["rerun", str(results), key[:6], "--out", str(tmp_path), "--overwrite"]
+    by_part = ["rerun", str(results), key[:6], "--output", str(tmp_path), "--overwrite"]
     assert CliRunner().invoke(campaign, by_part, catch_exceptions=False).output == told.output
     with pytest.raises(ConfigError, match="runs whose keys begin with ; give more of it"):
         CliRunner().invoke(campaign, ["rerun", str(results), ""], catch_exceptions=False)
@@ -326,7 +326,7 @@ def test_results_of_another_hand_are_refused_in_a_line(
 
 
 def test_rerun_of_a_seed_repeats_every_case(results: Path, tmp_path: Path) -> None:
-    told = CliRunner().invoke(campaign, ["rerun", str(results), "--seed", "2", "--out", str(tmp_path)])
+    told = CliRunner().invoke(campaign, ["rerun", str(results), "--seed", "2", "--output", str(tmp_path)])
     assert told.exit_code == 0, told.output
     assert len(list(tmp_path.glob("*.mcap"))) == 4
     with pytest.raises(ConfigError, match="no run with seed 9"):
@@ -344,7 +344,7 @@ def test_rerun_tells_figures_that_differ(results: Path, tmp_path: Path) -> None:
     source.close()
     target.commit()
     target.close()
-    told = CliRunner().invoke(campaign, ["rerun", str(copy), key, "--out", str(tmp_path)])
+    told = CliRunner().invoke(campaign, ["rerun", str(copy), key, "--output", str(tmp_path)])
     assert told.exit_code == 1
     assert "differs: cycles -1 →" in told.output
 
@@ -470,13 +470,13 @@ def test_page_tells_cells_worst_runs_and_what_was_never_exercised(results: Path,
     assert "this criterion concerned no run" in text
     assert "<td>outcome completed</td><td>4</td><td>4</td><td>0</td>" in text  # met, not met, of no concern
     out = tmp_path / "page.html"
-    assert CliRunner().invoke(campaign, ["report", str(results), "--out", str(out)]).exit_code == 0
+    assert CliRunner().invoke(campaign, ["report", str(results), "--output", str(out)]).exit_code == 0
     linked = _Tags()
     linked.feed(out.read_text())
     assert len(linked.links) == 4
     assert all((tmp_path / link).is_file() for link in linked.links)  # relative to the page
     with pytest.raises(ConfigError, match="there already"):
-        CliRunner().invoke(campaign, ["report", str(results), "--out", str(out)], catch_exceptions=False)
+        CliRunner().invoke(campaign, ["report", str(results), "--output", str(out)], catch_exceptions=False)
 
 
 def test_page_without_the_recordings_tells_the_cause(results: Path, tmp_path: Path) -> None:
@@ -502,7 +502,7 @@ def test_page_without_the_recordings_tells_the_cause(results: Path, tmp_path: Pa
 
 def test_runs_as_a_table(results: Path, tmp_path: Path) -> None:
     told = CliRunner().invoke(
-        campaign, ["export", str(results), "--to", "csv", "--out", str(tmp_path / "new")]
+        campaign, ["export", str(results), "--to", "csv", "--output", str(tmp_path / "new")]
     )
     assert told.exit_code == 0, told.output
     rows = list(csv.DictReader((tmp_path / "new" / "study.csv").read_text().splitlines()))
@@ -514,7 +514,7 @@ def test_runs_as_a_table(results: Path, tmp_path: Path) -> None:
     assert [float(row["cycles"]) for row in rows] == [run.figures["cycles"] for run in runs]
     assert rows[0]["cell"] == cell
     assert {row["struck"] for row in rows if row["fault"] == "none"} == {""}
-    again = ["export", str(results), "--to", "csv", "--out", str(tmp_path / "new")]
+    again = ["export", str(results), "--to", "csv", "--output", str(tmp_path / "new")]
     with pytest.raises(ConfigError, match="there already"):
         CliRunner().invoke(campaign, again, catch_exceptions=False)
 
@@ -522,7 +522,7 @@ def test_runs_as_a_table(results: Path, tmp_path: Path) -> None:
 def test_table_as_parquet_holds_the_same(results: Path, tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     told = CliRunner().invoke(
-        campaign, ["export", str(results), "--out", str(tmp_path)], catch_exceptions=False
+        campaign, ["export", str(results), "--output", str(tmp_path)], catch_exceptions=False
     )
     assert told.exit_code == 0
     columns = parquet.read_table(tmp_path / "study.parquet").to_pydict()
@@ -556,7 +556,7 @@ def test_some_runs_of_the_shipped_campaign(tmp_path: Path) -> None:
 def test_seeds_on_the_command_line_add_up(tmp_path: Path) -> None:
     path, place = str(study(tmp_path, 9, STUDY.replace("[8.0, 10.0]", "[8.0]"))), str(tmp_path / "a.sqlite")
     for seeds, kept in (("3", 2), ("1:3", 6)):
-        told = CliRunner().invoke(campaign, [path, "--seeds", seeds, "--out", place, "--workers", "1"])
+        told = CliRunner().invoke(campaign, [path, "--seeds", seeds, "--output", place, "--workers", "1"])
         assert told.exit_code == 4, told.output
         assert f"{kept // 2} passed, {kept // 2} failed" in told.output
     with Store.open(tmp_path / "a.sqlite") as store:

@@ -135,7 +135,7 @@ def test_command_writes_the_page_and_ends_with_1_where_it_is_worse(
 ) -> None:
     after = made(short_results, tmp_path / "after.sqlite", failing=range(8))
     page = tmp_path / "page.html"
-    arguments = ["compare", str(before), str(after), "--out", str(page)]
+    arguments = ["compare", str(before), str(after), "--output", str(page)]
     ended = CliRunner().invoke(cli, arguments, catch_exceptions=False)
     assert ended.exit_code == 1
     assert "before → after: 1 significantly worse, 0 better" in ended.output
@@ -170,6 +170,6 @@ def test_mistake_is_told_in_a_line(before: Path, tmp_path: Path, files: list[str
     target.commit()
     target.close()
     names = {"before": str(before), "run.mcap": "run.mcap", "none": "none.sqlite", "empty": str(empty)}
-    arguments = ["compare", *(names[name] for name in files), "--out", str(tmp_path / "page.html")]
+    arguments = ["compare", *(names[name] for name in files), "--output", str(tmp_path / "page.html")]
     with pytest.raises(ConfigError, match=told):
         CliRunner().invoke(cli, arguments, catch_exceptions=False)

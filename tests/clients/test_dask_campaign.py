@@ -133,7 +133,7 @@ def test_rows_are_those_of_one_machine_and_a_killed_worker_loses_nothing(dask: D
             for _ in range(2)
         ]
         far = tmp_path / "far.sqlite"
-        process = dask.campaign(str(study), "--scheduler", url, "--out", str(far))
+        process = dask.campaign(str(study), "--scheduler", url, "--output", str(far))
         until("a chunk is kept", lambda: len(rows(far)) > 0 or process.poll() is not None)
         assert process.poll() is None, process.communicate()[0]
         first.send_signal(signal.SIGKILL)

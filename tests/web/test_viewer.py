@@ -44,7 +44,7 @@ def text(name: str) -> str:
 
 async def campaign(folder: Path, *options: str) -> int:
     """Run the study; its exit code."""
-    command = [sys.executable, "-m", "hil_bridge", "campaign", "study.toml", "--out", "study.sqlite"]
+    command = [sys.executable, "-m", "hil_bridge", "campaign", "study.toml", "--output", "study.sqlite"]
     quiet = asyncio.subprocess.DEVNULL
     process = await asyncio.create_subprocess_exec(*command, *options, cwd=folder, stdout=quiet, stderr=quiet)
     return await process.wait()
