@@ -302,7 +302,7 @@ def hunt(
     help="Write report.html of the worst runs from their recordings, and link them.",
 )
 @click.option(
-    "--text", is_flag=True, help="Print the report as text, and write no page unless --out names one."
+    "--text", is_flag=True, help="Print the report as text, and write no page unless --output names one."
 )
 @json_option
 @_junit_option

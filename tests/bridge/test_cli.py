@@ -70,7 +70,7 @@ FIRST_DAY = {
     "why r.mcap": "It had no control cycle",
     "latency r.mcap": "no times: the run ended before its first control cycle",
     "replay r.mcap": "no cycle to replay: the run ended before its first control cycle",
-    "compare r.mcap copy.mcap --out c.html": "c.html",
+    "compare r.mcap copy.mcap -o c.html": "c.html",
     "monitor r.mcap": "",
 }
 """Commands on a recording that ended before its first cycle, and words of their output."""

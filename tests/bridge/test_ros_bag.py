@@ -162,7 +162,7 @@ def test_metadata_tell_topics_types_and_offered_qos(made: Path) -> None:
 
 def test_stamps_may_count_from_an_epoch(made: Path, tmp_path: Path) -> None:
     done = CliRunner().invoke(
-        cli, ["export", str(made), "--to", "rosbag2", "--epoch", "100", "--out", str(tmp_path)]
+        cli, ["export", str(made), "--to", "rosbag2", "--epoch", "100", "--output", str(tmp_path)]
     )
     assert done.exit_code == 0, done.output
     told = messages(tmp_path / "run.rosbag2", "rosbags")[SENSED]

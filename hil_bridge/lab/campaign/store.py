@@ -114,7 +114,7 @@ class Store:
         except sqlite3.Error as error:
             connection.close()
             raise ConfigError(
-                f"cannot keep results in {path}: {error}; name another file with --out"
+                f"cannot keep results in {path}: {error}; name another file with --output"
             ) from error
         except BaseException:
             connection.close()
@@ -190,7 +190,7 @@ class Store:
             ("code", code_version(), "results of another version of the code"),
         ):
             if self.fact(name) != mine:
-                raise ConfigError(f"{self.path} holds {what}; name a new file with --out")
+                raise ConfigError(f"{self.path} holds {what}; name a new file with --output")
 
     def __enter__(self) -> Self:
         return self
