@@ -117,8 +117,9 @@ def cli(context: click.Context) -> None:
     """Force control of a position-controlled robot, over its real wires or the same wires emulated.
 
     Exit codes: 0 done, 1 a replay or another comparison that differs, 2 configuration or input, 3 a stop by a
-    device, the link or the guard, 4 a demand was not met, 70 a bug, 130 interrupted. Demands are the criteria of a
-    step (run) or of a run (campaign), promises (campaign hunt), scenarios (conform), constraints (tune), and requirements.
+    device, the link or the guard, 4 a demand was not met, 70 a bug, 130 interrupted. Demands are the criteria
+    of a step (run) or of a run (campaign), promises (campaign hunt), scenarios (conform), constraints (tune),
+    and requirements.
     """
     if context.invoked_subcommand is None:
         click.echo(context.get_help())
