@@ -35,7 +35,7 @@ def late(run: Played, share: float) -> Any:
     return run.forces[(run.times > since) & (run.times < records[-1].started_at)]
 
 
-@pytest.mark.parametrize(("robot", "speed", "off", "most"), [("s3", 2.0, 1.5, 3.0), ("egm", 5.0, 0.6, 1.4)])
+@pytest.mark.parametrize(("robot", "speed", "off", "most"), [("s3", 2.0, 1.5, 3.0), ("egm", 5.0, 0.6, 1.2)])
 def test_a_force_profile_is_followed(play: Play, robot: str, speed: float, off: float, most: float) -> None:
     profile = [[0, 5], [8, 5], [16, 13], [20, 13], [24, 9]]
     run = play(

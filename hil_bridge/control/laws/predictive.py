@@ -24,6 +24,7 @@ from hil_bridge.control.types import (
     FINE_STEP_MM,
     POSITION_STEP_MM,
     SAMPLE_MS,
+    STREAM_SAMPLES_MS,
     Command,
     Measurement,
     Range,
@@ -93,14 +94,9 @@ class Predictive:
     __pydantic_config__: ClassVar = FORBID_EXTRA
     name: ClassVar[str] = "predictive"
     sample_ms: ClassVar[float] = SAMPLE_MS
-    tunings: ClassVar[tuple[Tuning, ...]] = (
-        Tuning(2.0, {"resolution_mm": FINE_STEP_MM, "steepest": 0.1}),
-        Tuning(4.0, {"resolution_mm": FINE_STEP_MM}),
-        Tuning(12.0, {"resolution_mm": FINE_STEP_MM, "steepest": 0.1, "caution": 2.0}),
+    tunings: ClassVar[tuple[Tuning, ...]] = tuple(
+        Tuning(sample_ms, {"resolution_mm": FINE_STEP_MM}) for sample_ms in STREAM_SAMPLES_MS
     )
-    """At 2 ms a robot tells its place with noise. At 12 ms force and place of one moment are known less well: a slope
-    that is seen at the touch is mostly their error.
-    """
 
     ranges: ClassVar[Mapping[str, Range]] = {
         "window": Range(3, 20),

@@ -1,7 +1,5 @@
 """Facts of a robot behind Externally Guided Motion, for recording, report and view."""
 
-import math
-
 from emulators.devices.egm import EgmProfile
 from hil_bridge.devices.facts import Pacing, RobotFacts, ServoFacts, WitnessFacts
 from hil_bridge.devices.robots.egm.settings import EgmSettings
@@ -19,23 +17,21 @@ def robot_facts(client: EgmSettings, assumed: EgmProfile) -> RobotFacts:
         model="ABB, Externally Guided Motion",
         pacing=Pacing.STREAMED,
         cycle_s=client.sample_ms * 1e-3,
-        servo=_servo_facts(client, assumed),
+        servo=_servo_facts(assumed, 0.0 if client.feed_forward else _trail_s(assumed)),
         late="the controller goes on with the last pose and speed, takes a late message a cycle later, and stops after "
         "CommTimeout without one",
         witness=None if client.force_axes == "none" else WitnessFacts(ORDINARY_N, WITNESS_DELAY_S),
     )
 
 
-def _trail_s(client: EgmSettings, profile: EgmProfile) -> float:
-    """Time constant of the set point, s: that of the low-pass where a speed leads, else one by the gain."""
-    if client.feed_forward:
-        return 1.0 / (2.0 * math.pi * client.low_pass_hz) if client.low_pass_hz else 0.0
+def _trail_s(profile: EgmProfile) -> float:
+    """Time constant of a set point that no speed leads, s: one by the gain. Without a gain it never comes."""
     gain = profile.k * profile.pos_corr_gain
     return 1.0 / gain if gain else 0.0
 
 
-def _servo_facts(client: EgmSettings, profile: EgmProfile) -> ServoFacts:
-    arm, trail_s = profile.arm, _trail_s(client, profile)
+def _servo_facts(profile: EgmProfile, trail_s: float) -> ServoFacts:
+    arm = profile.arm
     marks = {
         one.name: str(one.info.mark) if one.value == one.default else str(Mark.CHOSEN)
         for one in (*settings(profile), *settings(arm))
@@ -52,6 +48,6 @@ def _servo_facts(client: EgmSettings, profile: EgmProfile) -> ServoFacts:
             "transport_delay_s": marks["ref_delay_cycles"],
             "natural_frequency_rad_s": marks["natural_frequency_rad_s"],
             "damping_ratio": marks["damping_ratio"],
-            **({"trail_s": marks["lp_hz" if client.feed_forward else "k"]} if trail_s else {}),
+            **({"trail_s": marks["k"]} if trail_s else {}),
         },
     )
