@@ -203,19 +203,6 @@ def test_feed_forward_takes_the_lag_of_the_gain_away() -> None:
     assert -behind[1] > 0.003
 
 
-@pytest.mark.parametrize(("low_pass_hz", "too_far_mm"), [(20.0, (0.0, 0.001)), (0.0, (0.005, 0.03))])
-def test_a_slow_tool_that_comes_to_rest_does_not_go_too_far(
-    low_pass_hz: float, too_far_mm: tuple[float, float]
-) -> None:
-    """At 2.5 mm/s. A client that does not know of the low-pass has it pass its goal by what the low-pass is late."""
-    pair = Pair(EgmClient(CYCLE, low_pass_hz=low_pass_hz)).cycles(250)
-    pair.bridge.begin(START, MotionLimits(0.0025, hold_after=30.0, give_up_after=60.0), pair.now)
-    pair.bridge.aim(START._replace(position=(0.9, -0.1, 0.5975)), pair.now)
-    passed = max(0.5975 - pair.cycles(1).true()[2] for _ in range(500)) * 1e3
-    assert too_far_mm[0] <= max(passed, 0.0) <= too_far_mm[1]
-    assert pair.true()[2] == pytest.approx(0.5975, abs=2e-6)
-
-
 def test_reports_tell_the_measured_pose_of_their_moment() -> None:
     pair = Pair().moves_down()
     pair.bridge.receive(list(pair.robot.endpoint.data_to_send(pair.now)), pair.now)

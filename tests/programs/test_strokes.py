@@ -35,8 +35,8 @@ def late(run: Played, share: float) -> Any:
     return run.forces[(run.times > since) & (run.times < records[-1].started_at)]
 
 
-@pytest.mark.parametrize(("robot", "speed", "off", "most"), [("s3", 2.0, 1.5, 3.0), ("egm", 5.0, 0.6, 1.2)])
-def test_a_force_profile_is_followed(play: Play, robot: str, speed: float, off: float, most: float) -> None:
+@pytest.mark.parametrize(("robot", "speed", "off"), [("s3", 2.0, 1.5), ("egm", 5.0, 0.6)])
+def test_a_force_profile_is_followed(play: Play, robot: str, speed: float, off: float) -> None:
     profile = [[0, 5], [8, 5], [16, 13], [20, 13], [24, 9]]
     run = play(
         robot,
@@ -49,7 +49,7 @@ def test_a_force_profile_is_followed(play: Play, robot: str, speed: float, off: 
         wanted = np.interp((record.travel_commanded - 0.0) * 1e3, places, newtons)
         assert record.force_reference == pytest.approx(wanted, abs=0.5 + speed * 0.18)
     errors = [record.force - record.force_reference for record in run.of(2) if record.travel_commanded > 5e-3]
-    assert max(map(abs, errors)) < most
+    assert max(map(abs, errors)) < 2 * off
     (step,) = [step for step in run.steps if step.step == 2]
     assert step.passed
     assert step.within >= 0.8

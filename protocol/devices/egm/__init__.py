@@ -1,6 +1,6 @@
 """Externally Guided Motion of an ABB robot: its datagrams, and the client that guides it."""
 
-from protocol.devices.egm.client import LOW_PASS_HZ, EgmClient, find_trouble
+from protocol.devices.egm.client import EgmClient, find_trouble
 from protocol.devices.egm.describe import describe
 from protocol.devices.egm.messages import (
     Answer,
@@ -23,7 +23,6 @@ from protocol.devices.egm.schema import RobotWare
 from protocol.devices.egm.units import from_wire, to_wire
 
 __all__ = [
-    "LOW_PASS_HZ",
     "Answer",
     "EgmClient",
     "Guidance",

@@ -2,12 +2,7 @@
 
 The controller moves its set point with `speed = k * (reference - set point) + speed reference` [M], and k is 5 1/s by
 default: alone, a reference that goes 20 mm/s is followed 4 mm behind. So the answer carries the reference's own speed
-too, from one answer to the next. What is left is the delay of the controller, some 20 ms.
-
-The speed passes a low-pass, so the set point comes a little behind. The position of the reference would make up for
-that within 1/k, and a tool that comes to rest would go too far by as much. So the answer carries the position at which
-the low-pass has the set point now, led back by no more than a slow tool needs: a quick one is to get away. Derived, for
-a filter of the first order. When this side falls silent
+too, from one answer to the next. What is left is the delay of the controller, some 20 ms. When this side falls silent
 on its way, the robot goes on with the last speed until the controller's time-out, but never farther than speed / k
 beyond the last reference, for the position term holds it there: 4 mm at 20 mm/s.
 
@@ -61,11 +56,6 @@ _CYCLE_TOLERANCE = 0.2
 _EVENTS_MAX = 1024
 """Chosen: events that are kept until they are taken."""
 _NOWHERE = Pose((math.nan, math.nan, math.nan), (1.0, 0.0, 0.0, 0.0))
-LOW_PASS_HZ = 20.0
-"""Bandwidth of the low-pass of a controller's speed. Source: its default, Default Low Pass Filter Bandwidth."""
-_LED_BACK_MM = 0.05
-"""Chosen: a position is led back by no more; that is the lag at 3.5 mm/s, above the usual speed of an approach."""
-_REST: Vector = (0.0, 0.0, 0.0)
 _STILL = (0.0,) * 6
 
 _FAULTS: tuple[tuple[str, frozenset[int], Trouble], ...] = (
@@ -114,16 +104,9 @@ def find_trouble(message: RobotMessage) -> Trouble:
 class EgmClient:
     """A `protocol.robot.StreamClient` over datagrams; the robot speaks first."""
 
-    def __init__(
-        self,
-        cycle: float,
-        feed_forward: bool = True,
-        force_axes: str = "tool",
-        low_pass_hz: float = LOW_PASS_HZ,
-    ) -> None:
-        """`cycle` is the time between two datagrams of the robot, s. With `feed_forward` answers carry a speed, for a
-        controller with a low-pass of that bandwidth; 0: none. The measured force lies along the axes of the tool or of
-        the base, or is not to be heeded (none).
+    def __init__(self, cycle: float, feed_forward: bool = True, force_axes: str = "tool") -> None:
+        """`cycle` is the time between two datagrams of the robot, s. With `feed_forward` answers carry a speed. The
+        measured force lies along the axes of the tool or of the base, or is not to be heeded (none).
         """
         self._cycle, self._feed_forward, self._force_axes = cycle, feed_forward, force_axes
         self._events: deque[StreamEvent] = deque(maxlen=_EVENTS_MAX)
@@ -162,10 +145,6 @@ class EgmClient:
         self._moving = False
         self._stopped = False
         """The robot could not move in this movement; it stays where it is until the next one."""
-        self._filtered: Vector = _REST
-        """Speed of the reference behind the controller's low-pass, mm/s."""
-        self._kept = math.exp(-2.0 * math.pi * low_pass_hz * cycle) if low_pass_hz else 0.0
-        """Part of a speed that is still in that low-pass a cycle later."""
         self._frames = Frames()
         self._told_at: dict[str, float] = {}
 
@@ -195,9 +174,8 @@ class EgmClient:
         self._due = self._ends = False
         self._waiting_since = now
         speed = self._speed(self._reference) if self._feed_forward else ()
-        place = self._place(self._reference, speed)
         self._sent, self._sent_number, self._sent_speed = self._reference, self._number, any(speed)
-        message = SensorMessage(self._own_seqno, self._tm, place, speed=speed)
+        message = SensorMessage(self._own_seqno, self._tm, self._reference, speed=speed)
         self._own_seqno += 1
         return [encode_answer(message)]
 
@@ -211,7 +189,6 @@ class EgmClient:
 
     def begin(self, pose: Pose) -> None:
         self._moving, self._stopped = True, not self._guided
-        self._filtered = _REST
         if self._guided:
             self._reference = self._sent = to_wire(pose)
 
@@ -345,26 +322,6 @@ class EgmClient:
         if now - self._told_at.get(kind, -math.inf) >= 1.0:
             self._told_at[kind] = now
             self._events.append(StreamNotice(kind, text))
-
-    def _place(self, reference: PoseMm, speed: Sequence[float]) -> PoseMm:
-        """The pose for an answer with this speed: its position is where the low-pass has the set point by now."""
-        before = self._sent
-        if before is None or not speed or not self._moving or self._stopped:
-            self._filtered = _REST
-            return reference
-        share = self._cycle * self._kept / (1.0 - self._kept)
-        lag = [
-            there - (was - share * held)
-            for there, was, held in zip(
-                reference.position_mm, before.position_mm, self._filtered, strict=True
-            )
-        ]
-        kept = self._kept ** max(self._number - self._sent_number, 1)
-        a, b, c = (new + kept * (old - new) for new, old in zip(speed[:3], self._filtered, strict=True))
-        self._filtered = a, b, c
-        part = min(1.0, _LED_BACK_MM / max(math.hypot(*lag), _LED_BACK_MM))
-        x, y, z = (there - part * back for there, back in zip(reference.position_mm, lag, strict=True))
-        return reference._replace(position_mm=(x, y, z))
 
     def _speed(self, reference: PoseMm) -> tuple[float, ...]:
         """Speed from the reference that was sent last to this one: mm/s, then degrees/s."""

@@ -22,7 +22,7 @@ def play(robot: Any, course: Course, settings: Any, now: float) -> Played:
     if course.family == "order_q":
         return _Joints(robot.endpoint, course, now).played()
     own: EgmSettings = settings.client
-    client = EgmClient(own.sample_ms * 1e-3, own.feed_forward, own.force_axes, own.low_pass_hz)
+    client = EgmClient(own.sample_ms * 1e-3, own.feed_forward, own.force_axes)
     return play_stream(robot.endpoint, client, course, now)
 
 

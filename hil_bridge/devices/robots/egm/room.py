@@ -36,7 +36,7 @@ async def connect(
         url = with_option(url, "strangers", "refuse")  # nothing else may take the robot's place
     wire = await wiring.datagrams(url, speak_first=False)
     own: EgmSettings = settings.client
-    client = EgmClient(own.sample_ms * 1e-3, own.feed_forward, own.force_axes, own.low_pass_hz)
+    client = EgmClient(own.sample_ms * 1e-3, own.feed_forward, own.force_axes)
     return StreamedLink(wire, client, facts(url, settings), wiring.clock, wiring.log)
 
 

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
-from protocol.devices.egm import LOW_PASS_HZ
 from protocol.marks import Mark, between, check_settings, setting
 
 
@@ -24,13 +23,6 @@ class EgmSettings:
         True,
         Mark.CHOSEN,
         "answers carry the speed of the reference; without it the robot lags behind by the speed over its gain",
-    )
-    low_pass_hz: float = setting(
-        LOW_PASS_HZ,
-        Mark.OBSERVED,
-        "LpFilter of the RAPID program: the position of an answer is led back by its lag; 0: none",
-        between(0.0, 100.0),
-        unit="Hz",
     )
     force_axes: Literal["tool", "base", "none"] = setting(
         "tool",
