@@ -23,7 +23,7 @@ from tools.pages import table
 
 
 class Evidence(NamedTuple):
-    """What an emulated device was held against."""
+    """The witnesses that an emulated device was held against."""
 
     page: str
     """Its page of the reference, without the ending."""

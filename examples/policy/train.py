@@ -78,7 +78,7 @@ def environment(latency: str) -> Any:
 
 
 def cost(task: tuple[str, tuple[float, ...]]) -> float:
-    """What a candidate costs: the rewards of its episodes, with the other sign."""
+    """The cost of a candidate: the rewards of its episodes, with the other sign."""
     latency, weights = task
     env, policy, total = environment(latency), linear(weights), 0.0
     for seed in SEEDS:

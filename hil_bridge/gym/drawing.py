@@ -24,7 +24,7 @@ class Episodes(NamedTuple):
     base: str
     """The configuration that they share, as JSON."""
     draw: Draw | None
-    """What is drawn for each; None where nothing is."""
+    """The settings and faults that are drawn for each; None where none are."""
 
     def drawn(self, seed: int) -> str:
         """Settings and faults that are drawn for a seed, as JSON."""

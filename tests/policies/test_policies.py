@@ -110,7 +110,7 @@ def test_action_beyond_its_range_is_cut() -> None:
 
 @pytest.mark.parametrize("speed_mm_s", [60.0, 1e12])
 def test_a_way_aside_is_no_faster_than_the_travel(speed_mm_s: float) -> None:
-    """What was commanded in excess would carry the tool aside while it retracts."""
+    """An excess of the command would carry the tool aside while it retracts."""
     policy = PolicyController(lambda observation: [0.0, 1.0], ("along", "across"), speed_mm_s)
     result = hil_bridge.simulate({**SHORT, "robot": {"velocity_mm_s": 80.0}}, controller=policy, seed=2)
     aside = [cycle.across_commanded for cycle in result.cycles]
@@ -122,15 +122,17 @@ def test_a_way_aside_is_no_faster_than_the_travel(speed_mm_s: float) -> None:
     assert len(set(ends)) == 1, "the retraction goes straight back"
 
 
-def test_a_way_aside_that_is_no_number_is_a_controller_that_fails() -> None:
+@pytest.mark.parametrize("aside", [math.inf, math.nan])
+def test_a_way_aside_that_is_no_number_is_a_controller_that_fails(aside: float) -> None:
     class Lost(PolicyController):
         def step(self, state, measurement, reference):
             memory, command = super().step(state, measurement, reference)
-            return memory, replace(command, across=math.inf)
+            return memory, replace(command, across=aside)
 
     result = hil_bridge.simulate(SHORT, controller=Lost(lambda observation: [0.0]), seed=2)
     assert result.cause is Cause.CONTROLLER
-    assert "inf m aside" in result.text
+    assert f"{aside} m aside" in result.text
+    assert all(math.isfinite(cycle.across_commanded) for cycle in result.cycles)
     assert result.retracted
 
 
