@@ -14,7 +14,7 @@ from typing import Any, Literal, Union, get_args, get_origin
 
 from hil_bridge.control import Limits, TaskParameters
 from hil_bridge.control.program.facing import Facing
-from hil_bridge.control.words.steps import Criterion, StepLimits
+from hil_bridge.control.steps.seam import Criterion, StepLimits
 from hil_bridge.record.field_docstrings import field_docstrings
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import FrameConfig, load_config
@@ -91,7 +91,7 @@ def renewed(text: str) -> str:
 def picture(path: Path) -> bytes:
     """The picture of an example."""
     config = load_config(path, {})
-    row: Any = Setup(config).loop.task.row  # type: ignore[union-attr]
+    row: Any = Setup(config).loop.program.row
     steps = list_steps(config.task.step, row)
     return draw_task(steps, f"{path.stem}: {total_line(steps, row)}")
 

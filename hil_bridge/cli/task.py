@@ -12,7 +12,7 @@ from hil_bridge.cli.paths import FILE
 from hil_bridge.console.debugging import debug_option
 
 if TYPE_CHECKING:
-    from hil_bridge.control.program.legs import Row
+    from hil_bridge.control.program.leg import Row
     from hil_bridge.settings.configuration import Config
 
 
@@ -38,7 +38,7 @@ def show(file: Path, out: Path | None, overwrite: bool) -> None:
         check_place(out, overwrite)
     config = _config(file)
     row = _row(config, file)
-    steps = list_steps(config.task.step, row)
+    steps = list_steps(config.task.program(config.run.duration_s), row)
     total = total_line(steps, row)
     lines = [*table_lines(steps), f"total: {total}"]
     if out is not None:
@@ -64,23 +64,19 @@ def _row(config: "Config", file: Path) -> "Row":
     """The program's steps in one row. Raises ConfigError with the number of the first step that cannot be."""
     from dataclasses import replace
 
-    from hil_bridge.control.program.program import Program
-    from hil_bridge.errors import ConfigError, StepError
+    from hil_bridge.errors import StepError
     from hil_bridge.runs.checks import check_program
     from hil_bridge.runs.setup import Setup
     from hil_bridge.settings.program import in_file
 
-    if not config.task.step:
-        raise ConfigError(f"{file} holds no program: give its steps as tables [[task.step]]")
     config = config.model_copy(update={"task": replace(config.task, resume=None)})
     try:
         setup = Setup(config)
-        program = setup.loop.task
+        row = setup.loop.program.row
         check_program(setup)
     except StepError as error:
         raise in_file(error, str(file), config.task.file) from error
-    assert isinstance(program, Program)
-    return program.row
+    return row
 
 
 @task.command("teach-frame", short_help="Touch three places and tell the work frame that they make.")

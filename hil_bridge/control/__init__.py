@@ -5,13 +5,13 @@ pure.
 from hil_bridge.control.analysis.merit import FiguresOfMerit, ForceTrace, figures_of_merit
 from hil_bridge.control.analysis.tool_identification import ToolEstimate, ToolPose, identify_tool
 from hil_bridge.control.controllers import CONTROLLERS, controller_kind, controller_names, make_controller
-from hil_bridge.control.course.contour import Contour, ContourState, normal_force
+from hil_bridge.control.course.intent import Intent, Phase, Target
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.oscillation import OscillationDetector, OscillationState
 from hil_bridge.control.course.parameters import TaskParameters
 from hil_bridge.control.course.peaks import Peaks
+from hil_bridge.control.course.stroke import Stride, Stroke, StrokeState
 from hil_bridge.control.course.supervisor import Supervisor
-from hil_bridge.control.course.task import Phase, Target, Task, TaskOutput, TaskState
 from hil_bridge.control.course.verdict import (
     Allow,
     Clamp,
@@ -67,8 +67,6 @@ __all__ = [
     "Allow",
     "Clamp",
     "Command",
-    "Contour",
-    "ContourState",
     "ControlLoop",
     "Controller",
     "Decision",
@@ -80,6 +78,7 @@ __all__ = [
     "Gates",
     "Inference",
     "InferenceSystem",
+    "Intent",
     "Limits",
     "LoopState",
     "Measurement",
@@ -102,14 +101,14 @@ __all__ = [
     "Stiffness",
     "StiffnessEstimate",
     "Stop",
+    "Stride",
+    "Stroke",
+    "StrokeState",
     "Supervisor",
     "SupervisorState",
     "Surface",
     "Target",
-    "Task",
-    "TaskOutput",
     "TaskParameters",
-    "TaskState",
     "ToolEstimate",
     "ToolPose",
     "Verdict",
@@ -125,7 +124,6 @@ __all__ = [
     "infer",
     "lift_fault",
     "make_controller",
-    "normal_force",
     "numeric_explanation",
     "parse_rules",
     "quantise",

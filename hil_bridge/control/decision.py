@@ -2,13 +2,11 @@
 
 from msgspec import Struct
 
-from hil_bridge.control.course.contour import ContourState
 from hil_bridge.control.course.following import Trail
+from hil_bridge.control.course.intent import Intent, Target
 from hil_bridge.control.course.oscillation import Advice, OscillationState
-from hil_bridge.control.course.task import Target, TaskOutput, TaskState
 from hil_bridge.control.course.verdict import Clamp, Stop, SupervisorState, Verdict
-from hil_bridge.control.program.state import Felt
-from hil_bridge.control.types import Measurement
+from hil_bridge.control.program.state import Felt, ProgramState
 from hil_bridge.errors.causes import Reason
 from protocol.geometry import Quaternion, Vector
 
@@ -18,10 +16,9 @@ class LoopState(Struct, frozen=True):
 
     start: Vector
     """Reported position at the start point, base frame, m."""
-    task: TaskState
+    program: ProgramState
     supervisor: SupervisorState
     oscillation: OscillationState = OscillationState()
-    contour: ContourState = ContourState()
     seen_at: float | None = None
     """`now` of the sample before, s; None before the first."""
     trail: Trail = ()
@@ -29,22 +26,19 @@ class LoopState(Struct, frozen=True):
 
 
 class Proposal(Struct, frozen=True):
-    """Command that task and controller ask for; the supervisor judges it."""
+    """Command that program and controller ask for; the supervisor judges it."""
 
     depth: float
     """Reported position along the approach direction from the start point, m."""
-    measurement: Measurement
-    """Input of the controller."""
-    output: TaskOutput
+    felt: Felt
+    """The sample as the program sees it."""
+    intent: Intent
     failure: Reason | None
     """Fault of the controller, with its package and place; None while there is none."""
     advice: Advice | None
     """The oscillation detector's word; None where it has none."""
-    task: TaskState
+    program: ProgramState
     oscillation: OscillationState
-    contour: ContourState
-    felt: Felt | None = None
-    """The sample as a program knows it; None without a program."""
     trace: str = ""
     """Traceback of the controller's fault; empty where it raised nothing."""
 
@@ -56,13 +50,11 @@ class Decision(Struct, frozen=True):
     """Reported position along the approach direction from the start point, m."""
     force: float
     """The force that was controlled, N: along the approach direction, or along the estimated normal."""
-    angle: float
-    """Estimated angle of the surface to the travel direction, rad; 0 where it is not estimated."""
     target: Target
     """Commanded depth and travel from the start point, m, after the supervisor's clamps."""
     position: Vector
     """The same as a point in the base frame, m, not yet rounded to device words."""
-    output: TaskOutput
+    intent: Intent
     verdict: Verdict
     ended: bool
     """The run is over; nothing more is to be commanded after this."""

@@ -1,26 +1,32 @@
-"""A controller that fails: in words with its package and place, and its traceback."""
+"""A controller or a step that fails: in words with its package and place, and its traceback."""
 
 import math
 from typing import Any, NamedTuple
 
+from hil_bridge.control.course.intent import Target
 from hil_bridge.control.course.limits import Limits
-from hil_bridge.control.types import Command, Controller
+from hil_bridge.control.program.leg import Leg
+from hil_bridge.control.types import Command, Controller, ControllerFailed
 from hil_bridge.errors.causes import Cause, Reason
 from hil_bridge.errors.failures import failure, place_of_method, traceback_of
 
 
 class Failed(NamedTuple):
-    """A fault of a controller."""
+    """A fault of a controller or of a step."""
 
     reason: Reason
     trace: str = ""
     """Traceback of what it raised; empty where it raised nothing."""
 
 
-def blame_error(controller: Controller[Any], error: BaseException) -> Failed:
-    """It raised this, or gave an answer by which this was raised."""
-    said = failure(error, place_of_method(controller, "step"))
-    return _blame(controller, said, traceback_of(error))
+def blame_error(controller: Controller[Any], leg: Leg, error: BaseException) -> Failed:
+    """The controller raised this, or gave an answer by which this was raised; or the step of this leg did."""
+    if isinstance(error, ControllerFailed):
+        raised = error.__cause__ or error
+        said = failure(raised, place_of_method(controller, "step"))
+        return _blame(controller, said, traceback_of(raised))
+    said = failure(error, place_of_method(leg.step, "take"))
+    return Failed(Reason(Cause.STEP_CODE, f"step {leg.label} failed: {said}"), traceback_of(error))
 
 
 def blame_answer(controller: Controller[Any], command: Command) -> Failed:
@@ -29,6 +35,12 @@ def blame_answer(controller: Controller[Any], command: Command) -> Failed:
     aside = f" and {command.across} m aside" if command.across else ""
     said = f"it commands {command.position} m{aside}"
     return _blame(controller, f"{said}{place and f' ({place})'}")
+
+
+def blame_place(leg: Leg, target: Target) -> Failed:
+    """The step of this leg wants a place that is none."""
+    said = f"it leads to {target.travel} m, {target.across} m"
+    return Failed(Reason(Cause.STEP_CODE, f"step {leg.label} failed: {said}"))
 
 
 def _blame(controller: Controller[Any], said: str, trace: str = "") -> Failed:

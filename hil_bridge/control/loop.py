@@ -1,4 +1,4 @@
-"""One cycle's decision as two pure functions: sample → task and controller → supervisor → target position.
+"""One cycle's decision as two pure functions: sample → program and controller → supervisor → target position.
 
 The same functions make the decisions of a run and of its replay; a run looks at the clock between them.
 """
@@ -9,12 +9,11 @@ from dataclasses import dataclass
 from msgspec.structs import replace
 
 from hil_bridge.control.course.answers import calm, explain_halt
-from hil_bridge.control.course.contour import Contour, ContourState, normal_force
 from hil_bridge.control.course.following import Following, Trail
+from hil_bridge.control.course.intent import Intent, Phase, Target
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.oscillation import Advice, OscillationDetector, OscillationState
 from hil_bridge.control.course.supervisor import Supervisor
-from hil_bridge.control.course.task import Phase, Target, Task, TaskOutput, TaskState
 from hil_bridge.control.course.touch import Doubt
 from hil_bridge.control.course.verdict import (
     LEAVES,
@@ -26,9 +25,9 @@ from hil_bridge.control.course.verdict import (
     Verdict,
 )
 from hil_bridge.control.decision import Decision, LoopState, Proposal
-from hil_bridge.control.failing import Failed, blame_answer, blame_error, farthest_answer
+from hil_bridge.control.failing import Failed, blame_answer, blame_error, blame_place, farthest_answer
 from hil_bridge.control.program.program import Program
-from hil_bridge.control.program.state import Felt
+from hil_bridge.control.program.state import Felt, ProgramState
 from hil_bridge.control.sample import Sample
 from hil_bridge.control.types import SAMPLE_MS, Measurement
 from hil_bridge.errors.causes import Cause, Reason
@@ -40,14 +39,14 @@ _APPROACH, _TRACK, _RETRACT, _END = Phase.APPROACH, Phase.TRACK, Phase.RETRACT, 
 _FREE = _APPROACH, Phase.MOVE, Phase.SEEK
 LONGEST_SAMPLES = 2.0
 """Sample times that one sample counts for at most. Chosen: as far off as a control period may be."""
-_NO_CONTOUR, _NO_OSCILLATION = ContourState(), OscillationState()
+_NO_OSCILLATION = OscillationState()
 
 
 @dataclass(frozen=True, slots=True)
 class ControlLoop:
-    """Task and supervisor in the task frame."""
+    """Program and supervisor in the work frame."""
 
-    task: Task | Program
+    program: Program
     supervisor: Supervisor
     approach: Vector
     """Unit vector into the surface, base frame."""
@@ -55,10 +54,6 @@ class ControlLoop:
     """Unit vector along the surface, base frame, perpendicular to `approach`."""
     detector: OscillationDetector | None = None
     """Lowers the gain of a loop that swings, and at last ends the run; None lets it swing."""
-    contour: Contour | None = None
-    """Estimates the surface's normal, along which the force is then controlled; None keeps the approach direction,
-    as the paper does.
-    """
     following: Following | None = None
     """Watches whether the robot goes where it is ordered to; None for a robot whose servo is not known."""
     sample_time: float = SAMPLE_MS * 1e-3
@@ -72,11 +67,11 @@ class ControlLoop:
 
     def initial(self, start: Vector) -> LoopState:
         """State at the start point, away from the surface; its reported position in the base frame, m."""
-        return LoopState(start, self.task.initial(), self.supervisor.initial(start))
+        return LoopState(start, self.program.initial(), self.supervisor.initial(start))
 
     def finish(self, state: LoopState, reason: Reason) -> LoopState:
         """Retract from the next sample on, for a reason from outside: time is up, a person wants it."""
-        return replace(state, task=self.task.finish(state.task, reason))
+        return replace(state, program=self.program.finish(state.program, reason))
 
     def step(self, state: LoopState, sample: Sample) -> tuple[LoopState, Decision]:
         """One cycle: what is proposed, judged."""
@@ -96,58 +91,24 @@ class ControlLoop:
         return 0.0 if passed < 0.0 else LONGEST_SAMPLES * self.sample_time
 
     def propose(self, state: LoopState, sample: Sample) -> Proposal:
-        """Intent of task and controller for a sample."""
-        (x, y, z), (a, b, c) = sample.position, state.start
-        x, y, z = x - a, y - b, z - c
-        (a, b, c), (u, v, w) = self.approach, self.travel
-        depth = x * a + y * b + z * c
-        program = self.task if isinstance(self.task, Program) else None
-        measurement = Measurement(
-            sample.sensor_at,
-            sample.force,
-            depth,
-            state.supervisor.depth,
-            True,  # not looked at: the task judges contact
-            sample.paired_force,
-            x * u + y * v + z * w,
-            saturated=sample.saturated,
-            dt=self.since(state.seen_at, sample.now),
-            against=0.0 if program is not None else sample.force_travel,
-            sample=sample,
-        )
-        contour, before, felt = _NO_CONTOUR, state.task, None
-        before = before if sample.doubt == before.doubt else replace(before, doubt=Doubt(sample.doubt))
-        if program is not None:
-            before, measurement, felt = program.sense(
-                before, measurement, self._feel(state, sample, measurement)
-            )
-        elif self.contour is not None:
-            contour, measurement = self._face(state, measurement, sample)
+        """Intent of program and controller for a sample."""
+        felt = self._feel(state, sample)
+        depth = felt.measurement.position
+        before, felt = self.program.sense(_doubting(state.program, sample), felt)
         if sample.held:
-            measurement = replace(measurement, advance=0.0)
-        task, output, failed = self._decide(before, measurement, felt)
-        oscillation, advice = self._watch(state.oscillation, measurement, output)
+            felt = felt._replace(measurement=replace(felt.measurement, advance=0.0))
+        program, intent, failed = self._decide(before, felt)
+        oscillation, advice = self._watch(state.oscillation, felt.measurement, intent)
         if advice is not None and advice.factor < 1.0:
-            output = calm(output, measurement, advice)
-        trace = "" if failed is None else failed.trace
-        return Proposal(
-            depth,
-            measurement,
-            output,
-            None if failed is None else failed.reason,
-            advice,
-            task,
-            oscillation,
-            contour,
-            felt,
-            trace,
-        )
+            intent = calm(intent, felt.measurement, advice)
+        reason, trace = (None, "") if failed is None else failed
+        return Proposal(depth, felt, intent, reason, advice, program, oscillation, trace)
 
     def judge(self, state: LoopState, sample: Sample, proposal: Proposal) -> tuple[LoopState, Decision]:
         """The supervisor's word on what was proposed for this sample. A stop turns it into a retraction; while
         retracting only the limits of motion apply, and the force that the retraction itself makes.
         """
-        task, output, advice = proposal.task, proposal.output, proposal.advice
+        program, output, advice = proposal.program, proposal.intent, proposal.advice
         seen, guard, follows = _observe(sample, proposal, output), self._guard(output), self.following
         verdict: Verdict
         if output.phase is _RETRACT or output.phase is _END:
@@ -170,7 +131,7 @@ class ControlLoop:
         way: Verdict = verdict
         if reason is not None and output.phase is not _RETRACT:
             # From the state before this sample: the controller's answer to it no longer matters.
-            task, output = self._step(self.task.fail(state.task, reason), proposal.measurement, proposal.felt)
+            program, output = self.program.step(self.program.fail(state.program, reason), proposal.felt)
             supervisor, way = guard.retreat(supervisor, seen, self._request(state, output))
         elif advice is not None and advice.factor < 1.0 and not isinstance(verdict, Stop):
             lowered = Reason(Cause.GAIN, f"the force swings: gain lowered to {advice.factor:g}")
@@ -184,136 +145,107 @@ class ControlLoop:
         if output.phase is _RETRACT and output.target.depth < before.depth <= depth:
             # Held back at the border of the workspace, a retraction has come as far as it can.
             held = not (isinstance(way, Clamp) and way.goes_on)
-            if held and output.reason is None:  # of a program, which has more to do
+            if held and output.reason is None and output.leg < len(self.program.row.legs) - 1:  # more to do
                 output = replace(output, reason=explain_halt(verdict, seen), failed=True)
         trail: Trail = ()
         if follows is not None:
             trail = follows.after(state.trail, (proposal.depth, depth), sample.now, sample.position_at)
-        after = LoopState(
-            state.start, task, supervisor, proposal.oscillation, proposal.contour, sample.now, trail
-        )
+        after = LoopState(state.start, program, supervisor, proposal.oscillation, sample.now, trail)
         return after, Decision(
             proposal.depth,
-            proposal.measurement.force,
-            proposal.contour.angle,
+            proposal.felt.measurement.force,
             Target(depth, output.target.travel, output.target.across),
             position,
             output,
             verdict,
-            ended=task.phase is _END or held or stands,
+            ended=program.phase is _END or held or stands,
             stands=stands,
             quaternion=supervisor.quaternion,
         )
 
-    def _guard(self, output: TaskOutput) -> Supervisor:
+    def _guard(self, output: Intent) -> Supervisor:
         """The supervisor with the limits of the step under way."""
-        if not isinstance(self.task, Program):
-            return self.supervisor
         guard = self.supervisor
-        return Supervisor(self.task.row.legs[output.leg].limits, guard.speed, guard.witness)
+        return Supervisor(self.program.row.legs[output.leg].limits, guard.speed, guard.witness)
 
     def _barrier(self, proposal: Proposal, limits: Limits) -> float:
         """Depth, m, at which the force limit less its margin is predicted. The prediction takes the stiffness in hand,
         the reported position and the force that belongs to it. What the robot has yet to do of its orders lies before
         it.
         """
-        measurement = proposal.measurement
-        command = proposal.output.command
-        stiffness = self.task.parameters.expected_stiffness_n_m
+        measurement = proposal.felt.measurement
+        command = proposal.intent.command
+        stiffness = self.program.parameters.expected_stiffness_n_m
         if command is not None and command.stiffness is not None:
             stiffness = max(stiffness, command.stiffness)
         left = limits.force_limit_n * (1.0 - limits.force_margin_share) - measurement.force_at_position
         barrier = measurement.position + left / stiffness
         return barrier if math.isfinite(barrier) else measurement.position
 
-    def _step(
-        self, state: TaskState, measurement: Measurement, felt: Felt | None
-    ) -> tuple[TaskState, TaskOutput]:
-        if isinstance(self.task, Program):
-            assert felt is not None
-            return self.task.step(state, measurement, felt)
-        return self.task.step(state, measurement)
-
-    def _feel(self, state: LoopState, sample: Sample, measurement: Measurement) -> Felt:
-        """The sample as a program needs it."""
-        x, y, z = (p - s for p, s in zip(sample.position, state.start, strict=True))
-        r, s, t = self.across
-        across, quaternion = 0.0, None
-        if len(sample.quaternion) == 4:
-            quaternion = sample.quaternion
-            if len(sample.wrench) == 6:
-                across = -sum(
-                    f * n for f, n in zip(rotate(quaternion, sample.wrench[:3]), self.across, strict=True)
-                )
-        return Felt(
-            sample.now,
-            (measurement.travel, x * r + y * s + z * t),
-            sample.position,
-            quaternion,
-            (sample.force, sample.force_travel, across),
-            sample.wrench,
-            sample.sensor_sequence,
-            held=sample.held,
+    def _feel(self, state: LoopState, sample: Sample) -> Felt:
+        """The sample in the work frame."""
+        (x, y, z), (a, b, c) = sample.position, state.start
+        x, y, z = x - a, y - b, z - c
+        (a, b, c), (u, v, w), (r, s, t) = self.approach, self.travel, self.across
+        travel, across, beside = x * u + y * v + z * w, x * r + y * s + z * t, 0.0
+        if len(sample.quaternion) == 4 and len(sample.wrench) == 6:
+            i, j, k = rotate(sample.quaternion, sample.wrench[:3])
+            beside = -(i * r + j * s + k * t)
+        measurement = Measurement(
+            sample.sensor_at,
+            sample.force,
+            x * a + y * b + z * c,
+            state.supervisor.depth,
+            True,  # not looked at: the stroke judges contact
+            sample.paired_force,
+            travel,
+            saturated=sample.saturated,
+            dt=self.since(state.seen_at, sample.now),
+            sample=sample,
         )
+        force = sample.force, sample.force_travel, beside
+        return Felt(sample, measurement, (travel, across), force, sample.wrench)
 
-    def _decide(
-        self, state: TaskState, measurement: Measurement, felt: Felt | None
-    ) -> tuple[TaskState, TaskOutput, Failed | None]:
-        """The task's step, and what is wrong with its controller; None while nothing is.
+    def _decide(self, state: ProgramState, felt: Felt) -> tuple[ProgramState, Intent, Failed | None]:
+        """The program's step, and what is wrong with its controller or its step; None while nothing is.
 
-        A controller may come from another package: every error that it raises, and an answer that is not of numbers
-        or cannot be meant, is its failure.
+        Both may come from another package: every error that one raises, and an answer that is not of numbers or cannot
+        be meant, is its failure.
         """
+        measurement = felt.measurement
         try:
-            task, output = self._step(state, measurement, felt)
-            command = output.command
-            if command is None:
-                return task, output, None
-            # neither holds for what is no number; a sum with what is huge would lose where the tool is
-            limits, way = self.supervisor.limits, abs(command.position - measurement.commanded)
-            meant = way <= limits.correction_total_mm * 1e-3 or way <= farthest_answer(limits)
-            if meant and math.isfinite(command.correction + command.across):
-                return task, output, None
-            failed = blame_answer(self.task.controller, command)
+            program, intent = self.program.step(state, felt)
+            command, target = intent.command, intent.target
+            limits, farthest = self.supervisor.limits, farthest_answer(self.supervisor.limits)
+            if not abs(target.travel) + abs(target.across) < math.inf:
+                failed = blame_place(self.program.row.legs[intent.leg], target)
+            elif command is None:
+                return program, intent, None
+            else:
+                # neither holds for what is no number; a sum with what is huge would lose where the tool is
+                way = abs(command.position - measurement.commanded)
+                meant = way <= limits.correction_total_mm * 1e-3 or way <= farthest
+                if meant and math.isfinite(command.correction + command.across):
+                    return program, intent, None
+                failed = blame_answer(self.program.controller, command)
         except RAISED as error:
             raise_if_asked(error)
-            failed = blame_error(self.task.controller, error)
-        return state, self.task.hold(state, measurement), failed
-
-    def _face(
-        self, state: LoopState, measurement: Measurement, sample: Sample
-    ) -> tuple[ContourState, Measurement]:
-        """The measurement along the surface's normal while tracking; the estimate begins again with every contact."""
-        if self.contour is None or state.task.phase is not _TRACK:
-            return _NO_CONTOUR, measurement
-        force, travel = measurement.force, measurement.travel
-        contour = self.contour.after(
-            state.contour, measurement.dt, (travel, measurement.position), (force, sample.force_travel)
-        )
-        if not (math.isfinite(force) and force > self.task.parameters.loss_threshold_n):
-            return contour, measurement
-        pressed = normal_force(contour.angle, force, sample.force_travel)
-        paired = measurement.paired_force
-        return contour, replace(
-            measurement,
-            force=pressed,
-            paired_force=None if paired is None else paired * pressed / force,
-            advance=math.cos(contour.angle),
-        )
+            failed = blame_error(self.program.controller, self.program.row.legs[state.leg], error)
+        return state, self.program.hold(state, measurement), failed
 
     def _watch(
-        self, state: OscillationState, measurement: Measurement, output: TaskOutput
+        self, state: OscillationState, measurement: Measurement, output: Intent
     ) -> tuple[OscillationState, Advice | None]:
         """The detector's word on a sample of TRACK in contact; it begins again with every other phase."""
         if self.detector is None or output.phase is not _TRACK:
             return _NO_OSCILLATION, None
         if output.command is None or not output.in_contact:
             return state, None
-        wanted = self.task.parameters.force_n if output.reference is None else output.reference
+        wanted = self.program.parameters.force_n if output.reference is None else output.reference
         error = measurement.force - wanted
         return self.detector.step(state, error, output.command.stiffness, measurement.dt)
 
-    def _request(self, state: LoopState, output: TaskOutput, barrier: float = math.inf) -> Request:
+    def _request(self, state: LoopState, output: Intent, barrier: float = math.inf) -> Request:
         depth, travel = output.target.depth, output.target.travel
         (x, y, z), (a, b, c), (u, v, w) = state.start, self.approach, self.travel
         target = x + depth * a + travel * u, y + depth * b + travel * v, z + depth * c + travel * w
@@ -323,7 +255,7 @@ class ControlLoop:
         return Request(depth, target, self.approach, barrier, output.turned)
 
 
-def _reason(state: LoopState, output: TaskOutput, verdict: Verdict) -> Reason | None:
+def _reason(state: LoopState, output: Intent, verdict: Verdict) -> Reason | None:
     """Why the run must end; None while it need not. An approach that is held in place would last for ever."""
     match verdict:
         case Stop(reason=reason):
@@ -339,9 +271,9 @@ def _reason(state: LoopState, output: TaskOutput, verdict: Verdict) -> Reason | 
             return None
 
 
-def _observe(sample: Sample, proposal: Proposal, output: TaskOutput) -> Observation:
+def _observe(sample: Sample, proposal: Proposal, output: Intent) -> Observation:
     force, resultant, felt = sample.force, sample.resultant, proposal.felt
-    if felt is not None and proposal.task.course.zero:  # a zero of the program's own hides no force either
+    if proposal.program.zero:  # a zero of the program's own hides no force either
         force = felt.force[0] if abs(felt.force[0]) > abs(force) else force
         resultant = max(resultant, math.hypot(*felt.force))
     # by place, in the order of the fields: by name every one costs as much as to read it
@@ -363,12 +295,19 @@ def _observe(sample: Sample, proposal: Proposal, output: TaskOutput) -> Observat
         None if sample.tilt is None else sample.position,
         sample.tilt or 0.0,
         sample.gap,
-        proposal.measurement.dt,
-        None if proposal.felt is None else proposal.felt.quaternion,
-        proposal.measurement.against,
+        felt.measurement.dt,
+        felt.quaternion,
+        felt.measurement.against,
         sample.witness,
-        proposal.measurement.force if output.phase in _FREE and not output.in_contact else None,
+        felt.measurement.force if output.phase in _FREE and not output.in_contact else None,
         sample.overdue,
         sample.fault_cause or Cause.ROBOT_STATE,
         sample.fault_remedy,
     )
+
+
+def _doubting(state: ProgramState, sample: Sample) -> ProgramState:
+    """State with the newest doubt about a touch."""
+    if sample.doubt == state.stroke.doubt:
+        return state
+    return replace(state, stroke=replace(state.stroke, doubt=Doubt(sample.doubt)))

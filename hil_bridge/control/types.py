@@ -11,6 +11,7 @@ from typing import Any, NamedTuple, Protocol, TypeVar
 from msgspec import Struct
 
 from hil_bridge.control.sample import Sample
+from hil_bridge.errors.failures import RAISED, raise_if_asked
 
 SAMPLE_MS = 180.0
 """Sample time that a controller is taken to be tuned for when it declares none. Source: the paper's chain, whose cycle
@@ -112,11 +113,33 @@ class Command(Struct, frozen=True):
     """
 
 
-def as_answer(answer: Any) -> tuple[Any, Command]:
-    """The state and the command of a controller's step. Raises TypeError for anything else, and as `as_command`."""
-    if not (isinstance(answer, tuple) and len(answer) == 2):
-        raise TypeError(f"step answers {type(answer).__name__}, not a state and a command")
-    return answer[0], as_command(answer[1])
+class ControllerFailed(Exception):
+    """A controller raised the error that is this one's cause, or answered with no command."""
+
+
+def begin(controller: "Controller[Any]") -> Any:
+    """State of a controller before the first sample in contact. Raises ControllerFailed for all that it raises."""
+    try:
+        return controller.initial()
+    except RAISED as error:
+        raise_if_asked(error)
+        raise ControllerFailed from error
+
+
+def ask(
+    controller: "Controller[Any]", memory: Any, measurement: Measurement, reference: float
+) -> tuple[Any, Command]:
+    """State and command of a controller's step, the command as of `as_command`. Raises ControllerFailed for all that
+    it raises, and for an answer that is none.
+    """
+    try:
+        answer: Any = controller.step(memory, measurement, reference)
+        if not (isinstance(answer, tuple) and len(answer) == 2):
+            raise TypeError(f"step answers {type(answer).__name__}, not a state and a command")
+        return answer[0], as_command(answer[1])
+    except RAISED as error:
+        raise_if_asked(error)
+        raise ControllerFailed from error
 
 
 def as_command(answer: Any) -> Command:

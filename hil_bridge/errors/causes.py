@@ -90,6 +90,8 @@ class Cause(StrEnum):
     LOST_WEIGHT = "lost-weight"
     UNCHANGED = "unchanged"
     CONTROLLER = "controller"
+    STEP_CODE = "step-code"
+    STEP_TROUBLE = "step-trouble"
     OSCILLATION = "oscillation"
     OFF_PATH = "off-path"
     # --- the guard, while the tool retracts

@@ -165,6 +165,17 @@ STOPS: tuple[CauseRow, ...] = (
         _P.CONTROLLER,
     ),
     rows.stop(
+        _C.STEP_CODE,
+        "a program's step raised an exception, or leads to a place that is no number",
+        _P.OTHERS_CODE,
+    ),
+    rows.stop(
+        _C.STEP_TROUBLE,
+        "a program's step of another package says that it cannot go on",
+        _P.PATH,
+        "task.step",
+    ),
+    rows.stop(
         _C.OSCILLATION,
         "the force goes on swinging although the gain is at its least",
         _P.CONTACT,

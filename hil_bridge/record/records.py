@@ -8,7 +8,7 @@ from typing import Annotated, TypeAlias
 
 from msgspec import Meta, Struct
 
-from hil_bridge.control.course.task import Phase
+from hil_bridge.control.course.intent import Phase
 from hil_bridge.control.sample import Sample
 from hil_bridge.errors.causes import Cause
 from hil_bridge.errors.failures import BUG_EVENT, TRACEBACK_EVENT, last_line

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 from emulators.cell import Cell
 from hil_bridge.clock import VIRTUAL_EPOCH
 from hil_bridge.clock.realtime import real_time_thread
-from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.reach import check_workspace, outermost
 from hil_bridge.errors import ConfigError, StepError
 from hil_bridge.runs import compose
@@ -100,8 +99,8 @@ def check_program(setup: Setup, start: Start | None = None) -> None:
 
     Where the robot is emulated, its start is known, and so whether it reaches the corners of each path.
     """
-    program = setup.loop.task
-    if not isinstance(program, Program) or not setup.robot.is_emulated:
+    program = setup.loop.program
+    if not setup.robot.is_emulated:
         return
     config, cell = setup.config, setup.config.cell
     check_workspace(program.row, program.frame, metres(cell.start_position_mm), config.limits)

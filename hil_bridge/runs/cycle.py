@@ -11,10 +11,9 @@ from msgspec.structs import replace
 
 from hil_bridge.clock import Clock, Heartbeat
 from hil_bridge.control import LoopState, Peaks, Phase, Sample, WristAtOrientation
-from hil_bridge.control.course.task import CONNECT, TARE
+from hil_bridge.control.course.intent import CONNECT, TARE
 from hil_bridge.control.course.zero import main_axes
-from hil_bridge.control.program.legs import Leg
-from hil_bridge.control.program.program import Program
+from hil_bridge.control.program.leg import Leg
 from hil_bridge.devices.robots.seam import (
     Motion,
     MotionLimits,
@@ -56,8 +55,6 @@ THEN_EVENT = "then"
 """Kind of the events whose text is what followed the cause of a stop."""
 FOLLOWED_MAX = 5
 """Chosen: things told that followed the cause of a stop."""
-TIME_IS_UP = Reason(Cause.TIME_IS_UP, "time is up")
-"""Why a run ends that went as it was meant to."""
 TURNED_RAD = math.radians(0.05)
 """Chosen: turn of a tool that a program turns, below which its wrist counts as the same: 0.01 N of 10 N."""
 
@@ -76,11 +73,11 @@ class Run:
         self._sensor = sensor
         self._log = log
         self._loop = setup.loop_for(robot.facts)
-        self._turns = isinstance(self._loop.task, Program) and self._loop.task.turns
+        self._turns = self._loop.program.turns
         """A program turns the tool."""
         self._wrist = (known_wrist(config) if self._turns else None) or wrist(config)
         self._zeroing = Zeroing(config, clock, robot, sensor, self._check)
-        self._steps = StepTeller(self._loop.task, clock, log, self._event)
+        self._steps = StepTeller(self._loop.program, clock, log, self._event)
         self._way_out = WayOut(config, clock, robot, sensor, self._loop)
         self._heart = Heartbeat(clock)
         self._cycle_s = robot.facts.cycle_s or math.inf
@@ -185,7 +182,7 @@ class Run:
             self.moving = False
         rest = await self._left(start, commanded, answers) if moved else None
         if self._state is not None and self._outcome is not Outcome.COMPLETED:
-            self._steps.cut(self._state.task.course, self._reason, self._stopped_at)
+            self._steps.cut(self._state.program, self._reason, self._stopped_at)
         self._enter("end")
         left = "" if rest is None else rest.text
         self.result = RunResult(self._outcome, self._reason, left, tuple(self._followed), rest)
@@ -245,7 +242,7 @@ class Run:
 
     def _in_step(self, reason: Reason) -> Reason:
         """Why the run stops, with the step of a program in which it does."""
-        return reason if self._state is None else self._steps.where(self._state.task.course, reason)
+        return reason if self._state is None else self._loop.program.where(self._state.program, reason)
 
     async def _retract(self, motion: Motion) -> None:
         """Back to the depth of the start by orders alone."""
@@ -257,9 +254,9 @@ class Run:
     async def _left(self, start: RobotReport, commanded: Vector, answers: bool) -> Left:
         """Where the tool was left; a tool that is left pressing has not completed."""
         origin = (start if self._state is None else self._start).pose.position
-        course = None if self._state is None else self._state.task.course
-        if course is not None and course.zero and self._sensor.peaks is not None:
-            self._sensor.peaks.rezero(course.zero)
+        zero = () if self._state is None else self._state.program.zero
+        if zero and self._sensor.peaks is not None:
+            self._sensor.peaks.rezero(zero)
         if self._state is None:  # it has come no farther than the way to the zero
             self._sensor.peaks = self._zeroing.judge_at_rest()
         depth, force = await self._way_out.rest(origin, commanded, answers)
@@ -294,7 +291,6 @@ class Run:
         """The cycles from the start point to the end of the retraction."""
         state = self._state
         assert state is not None
-        track_ends = math.inf
         unpaced = not self._config.run.period_ms  # then an order is always followed by another at once
         period = self._config.run.period_ms * 1e-3
         slow = SlowCycles(self._config)
@@ -313,8 +309,6 @@ class Run:
             elif self._failed is not None:
                 asked = self._failed
                 self._blame(asked)
-            elif sample.now >= track_ends:
-                asked = TIME_IS_UP
             before = state if asked is None else self._loop.finish(state, asked)
             proposal = self._loop.propose(before, sample)
             if self._pause:
@@ -329,11 +323,9 @@ class Run:
             controlled_at = self._clock.now()
             if proposal.trace:
                 self._event(TRACEBACK_EVENT, proposal.trace)
-            self._enter(decision.output.phase)
-            if decision.output.phase is Phase.TRACK and track_ends == math.inf and not self._config.task.step:
-                track_ends = sample.now + self._config.run.duration_s
-            if decision.output.failed and decision.output.reason is not None:
-                failed = self._steps.where(after.task.course, decision.output.reason)
+            self._enter(decision.intent.phase)
+            if decision.intent.failed and decision.intent.reason is not None:
+                failed = self._loop.program.where(after.program, decision.intent.reason)
                 remedy = "; ".join(filter(None, (failed.remedy, self._sensor.stands)))
                 self._blame(replace(failed, remedy=remedy))
             if decision.stands:
@@ -359,6 +351,7 @@ class Run:
                         start=self._start.pose.position,
                         asked="" if asked is None else str(asked),
                         asked_cause=None if asked is None else asked.cause,
+                        step=self._steps.number(decision.intent.leg),
                         correction=decision.target.depth - commanded_before,
                         sent_at=sent.begun_at,
                         transmitted_at=sent.left_at,
@@ -366,12 +359,11 @@ class Run:
                     self._config.task,
                 )
             )
-            self._steps.ended(state.task.course)
+            self._steps.ended(state.program)
             if decision.ended:
                 break
         if self._outcome is Outcome.COMPLETED:
-            reason = state.task.reason
-            self._reason = Reason(Cause.TIME_IS_UP) if reason == TIME_IS_UP else reason
+            self._reason = self._loop.program.completed(state.program)
 
     def _sample(self, report: RobotReport, frame: WrenchFrame) -> Sample:
         """The newest of everything, now that the robot has told where it is."""

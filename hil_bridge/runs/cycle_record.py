@@ -23,6 +23,7 @@ class Course(NamedTuple):
     start: Vector
     asked: str
     asked_cause: Cause | None
+    step: int
     correction: float
     sent_at: float
     transmitted_at: float
@@ -32,7 +33,7 @@ def cycle_record(
     report: RobotReport, sample: Sample, decision: Decision, course: Course, task: TaskParameters
 ) -> CycleRecord:
     """Record of a cycle."""
-    output = decision.output
+    output = decision.intent
     command = output.command or Command(decision.target.depth, 0.0)
     stamps = dict(report.stamps)
     return CycleRecord(
@@ -52,7 +53,6 @@ def cycle_record(
         depth_commanded=decision.target.depth,
         travel_commanded=decision.target.travel,
         across_commanded=decision.target.across,
-        step=output.leg + 1 if task.step else 0,
         quaternion_commanded=decision.quaternion or (),
         stiffness=command.stiffness,
         gain=command.gain,
@@ -64,7 +64,6 @@ def cycle_record(
             **numeric_explanation(command.explanation),
             "feedback_m": command.correction,
             **output.notes,
-            **({"surface_deg": math.degrees(decision.angle)} if decision.angle else {}),
         },
         target=decision.position,
         sample=sample,

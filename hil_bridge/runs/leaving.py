@@ -126,14 +126,17 @@ class WayOut:
         stands against it. Raises nothing but what cancels the task.
         """
         limits, loop = self._config.limits, self._loop
-        speed_mm_s, took = HASTE * loop.task.parameters.retract_speed_mm_s, loop.sample_time / HASTE
+        speed_mm_s, took = HASTE * loop.program.parameters.retract_speed_mm_s, loop.sample_time / HASTE
         supervisor = state.supervisor
         patience = self._clock.now() + limits.retract_patience_s
         goal = 0.0
-        if state.task.in_contact:  # a surface may have risen above the start
+        if state.program.in_contact:  # a surface may have risen above the start
             goal = min(goal, supervisor.depth - self._config.task.retract_mm * 1e-3)
         while supervisor.depth > goal:
-            begun, depth = self._clock.now(), max(supervisor.depth - loop.task.way(speed_mm_s, took), goal)
+            begun, depth = (
+                self._clock.now(),
+                max(supervisor.depth - loop.program.stroke.way(speed_mm_s, took), goal),
+            )
             request = self._request(supervisor.depth, supervisor.position, depth)
             after, verdict = self._supervisor.retreat(
                 supervisor, self._observe(state, supervisor.depth), request
@@ -184,7 +187,7 @@ class WayOut:
             math.nan if newest is None else newest.at - sensor.late,
             0 if newest is None else newest.sequence,
             saturated=bool(sensor.saturated),
-            pressing=state.task.in_contact,
+            pressing=state.program.in_contact,
             depth=depth,
             fault="" if fault is None else str(fault),
             fault_cause=Cause.SENSOR_FAILED if fault is None else fault.cause,

@@ -8,14 +8,15 @@ the robot.
 
 import math
 from collections.abc import AsyncIterator, Callable
+from dataclasses import fields
 from typing import Any
 
 from hil_bridge.clock import Clock
-from hil_bridge.control import ControlLoop, Supervisor, Task, make_controller
+from hil_bridge.control import ControlLoop, Stroke, Supervisor, TaskParameters, make_controller
 from hil_bridge.control.controllers import PERIOD_FACTOR, check_period, controller_kind, sample_time
 from hil_bridge.control.course.witness import witness_of
 from hil_bridge.control.program.felt import Face, WorkFrame
-from hil_bridge.control.program.legs import legs_of, seconds
+from hil_bridge.control.program.legs import Ground, legs_of, seconds
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.resume import resume_row
 from hil_bridge.control.types import Controller, Tuning
@@ -117,58 +118,63 @@ def control_loop(config: Config, robot: RobotFacts) -> ControlLoop:
         raise ConfigError(f"a {robot.kind} tells no cycle time of its own: set run.period_ms")
     check_period(config.run.period_ms * 1e-3 or robot.cycle_s, controller, config.controller.sample_ms)
     escape_mm_s = min(config.limits.escape_mm_s, config.robot.velocity_mm_s)
-    limits, step = config.limits, robot.order_step_m
-    task = Task(config.task, controller, limits.force_limit_n, step, escape_mm_s, limits.friction_share)
+    limits, step, numbers = (
+        config.limits,
+        robot.order_step_m,
+        TaskParameters(**{field.name: getattr(config.task, field.name) for field in fields(TaskParameters)}),
+    )
+    stroke = Stroke(numbers, controller, limits.force_limit_n, step, escape_mm_s, limits.friction_share)
     own = robot.witness
     witness = None if own is None else witness_of(config.limits, own.ordinary_n, own.delay_s)
     return ControlLoop(
-        program(config, task) if config.task.step else task,
+        program(config, stroke),
         Supervisor(config.limits, config.robot.velocity_mm_s * 1e-3, witness),
         config.frame.approach,
         config.frame.travel,
         config.oscillation if config.limits.oscillation_guard else None,
-        config.frame.contour if config.frame.follow_normal else None,
         following(robot, max(config.run.period_ms * 1e-3, tuned)),
         tuned,
     )
 
 
-def program(config: Config, task: Task) -> Program:
-    """The program of a configuration that has one; `task` has the run's own parameters.
+def program(config: Config, stroke: Stroke) -> Program:
+    """The program of a run; `stroke` has the run's own parameters.
 
     Raises ConfigError with the number of the first step that cannot be.
     """
-    frame, point = config.frame, config.task.resume
+    frame, point, written = config.frame, config.task.resume, bool(config.task.step)
     origin = None if frame.origin_mm is None else metres(frame.origin_mm)
-    known = frame.origin_mm is not None
+    facing = frame.facing if written else frame.contour
+    ground = Ground(
+        stroke,
+        config.limits,
+        config.robot.velocity_mm_s,
+        origin is not None,
+        frame.follow_normal,
+        facing.shows_ground,
+    )
     try:
-        row = legs_of(config.task.step, task, config.limits, known, config.robot.velocity_mm_s)
+        row = legs_of(config.task.program(config.run.duration_s), ground, written)
         seconds(row)
     except StepError as error:
         if not config.task.file:
             raise
         raise in_file(error, "", config.task.file) from error
     if point is not None:
-        row = resume_row(row, point, task)
-    turns = any(getattr(leg.step, "orientation", "fixed") == "normal" for leg in row.legs)
+        row = resume_row(row, point, stroke)
+    turns = any(leg.step.orientation == "normal" for leg in row.legs)
     if turns and config.sensor.url and not config.tool.mass_kg:
         raise ConfigError(
             'a step with orientation = "normal" turns the tool, and its weight with it: set tool.mass_kg '
             "(hil-bridge identify-tool measures it)"
         )
+    safe = None if point is None else point.start_m
     return Program(
         row,
-        task,
-        WorkFrame(
-            frame.approach,
-            frame.travel,
-            frame.across,
-            origin if origin or point is None else point.start_m,
-            None if point is None else point.start_m,
-        ),
-        frame.facing,
+        stroke,
+        WorkFrame(frame.approach, frame.travel, frame.across, origin or safe, safe),
+        facing,
         face(config),
-        frame.follow_normal,
         config.task.safe_height_mm * 1e-3,
     )
 

@@ -37,7 +37,7 @@ class ReplayedCycle:
         record, decision = self.record, self.decision
         pairs: dict[str, tuple[object, object]] = {
             "target": (record.target, decision.position),
-            "phase": (record.phase, str(decision.output.phase)),
+            "phase": (record.phase, str(decision.intent.phase)),
             "depth_commanded": (record.depth_commanded, decision.target.depth),
             "travel_commanded": (record.travel_commanded, decision.target.travel),
             "across_commanded": (record.across_commanded, decision.target.across),

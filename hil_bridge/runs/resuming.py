@@ -3,10 +3,11 @@
 from dataclasses import replace
 from typing import Any
 
-from hil_bridge.control.program.legs import Leg
+from hil_bridge.control.course.intent import Phase
+from hil_bridge.control.program.leg import Leg
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.resume import FIRST, OVERLAP_MM, good_until
-from hil_bridge.control.words.steps import ResumePoint
+from hil_bridge.control.steps.settings import ResumePoint
 from hil_bridge.errors import ConfigError
 from hil_bridge.record import CycleRecord, Recording
 from hil_bridge.runs.replay import recorded_config
@@ -28,9 +29,7 @@ def resume_config(recording: Recording, changes: dict[str, Any], overlap_mm: flo
         raise ConfigError("the recorded run has no program (task.step): start it anew")
     if recording.end.get("outcome") == "completed":
         raise ConfigError("the recorded run completed: there is nothing to resume")
-    task = Setup(config).loop.task
-    assert isinstance(task, Program)
-    point = _point(task, recording, config, overlap_mm)
+    point = _point(Setup(config).loop.program, recording, config, overlap_mm)
     # a fault on purpose belonged to the first run
     return config.model_copy(update={"task": replace(config.task, resume=point), "faults": ()})
 
@@ -50,7 +49,7 @@ def _point(program: Program, recording: Recording, config: Config, overlap_mm: f
     way = _way_done(leg, own, origin, overlap_mm)
     x, y = leg.way.at(way) if leg.way is not None else (0.0, 0.0)
     start = before.start_m if before is not None else _start(recording)
-    if leg.step.do == "retract" and number + 1 < len(program.row.legs):
+    if leg.step.phase is Phase.RETRACT and number + 1 < len(program.row.legs):
         number, way = number + 1, 0.0  # the run has retracted the tool itself
         x, y = (a - b for a, b in zip(_place(own[-1]), origin, strict=True))
     first = _in_frame(program, cycles[0])
@@ -107,9 +106,8 @@ def _quaternion(recording: Recording) -> tuple[float, float, float, float]:
 
 def describe_resume(config: Config) -> str:
     """Where it goes on, in one line."""
-    task = Setup(config).loop.task
-    assert isinstance(task, Program)
+    program = Setup(config).loop.program
     point = config.task.resume
     assert point is not None
-    label = task.row.legs[FIRST].label
+    label = program.row.legs[FIRST].label
     return f"resuming step {label} {point.way_mm:.1f} mm along its path; before it a move, a zero and an approach"

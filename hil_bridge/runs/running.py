@@ -15,7 +15,7 @@ from typing import Any
 
 from emulators.cell import Cell
 from hil_bridge.clock import Clock
-from hil_bridge.control.course.task import TARE
+from hil_bridge.control.course.intent import TARE
 from hil_bridge.devices.facts import Devices, Pacing, RobotFacts, Sensor
 from hil_bridge.devices.wiring import Wrap, unwrapped
 from hil_bridge.errors.causes import Cause, Reason

@@ -5,8 +5,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from hil_bridge.console import keys
-from hil_bridge.control.program.legs import Leg
-from hil_bridge.control.words.steps import Track
+from hil_bridge.control.program.leg import Leg
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.errors import ConfigError
 from hil_bridge.runs.running import Running
@@ -50,7 +49,9 @@ def scene_of(setup: Setup, facts: RobotFacts, legs: Sequence[Leg], record: str) 
         robot=facts,
         total_s=None if legs else config.run.duration_s,
         steps=tuple(leg.label for leg in legs),
-        tracks=frozenset(number for number, leg in enumerate(legs, 1) if isinstance(leg.step, Track)),
+        tracks=frozenset(
+            number for number, leg in enumerate(legs, 1) if leg.step.controls and leg.way is not None
+        ),
         cell=cell.words,
         devices=cell.devices,
         real=cell.real,

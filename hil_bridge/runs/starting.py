@@ -3,7 +3,6 @@
 import math
 
 from hil_bridge.control import ControlLoop
-from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.reach import check_workspace
 from hil_bridge.devices.robots.seam import RobotReport
 from hil_bridge.errors import Cause, ConfigError
@@ -13,9 +12,7 @@ from protocol.geometry import angle_between
 
 def check_start(config: Config, loop: ControlLoop, start: RobotReport) -> None:
     """Raise ConfigError for a path that leaves the workspace, and for a resumed run whose tool stands otherwise."""
-    if not isinstance(loop.task, Program):
-        return
-    check_workspace(loop.task.row, loop.task.frame, start.pose.position, config.limits)
+    check_workspace(loop.program.row, loop.program.frame, start.pose.position, config.limits)
     point = config.task.resume
     if point is None:
         return

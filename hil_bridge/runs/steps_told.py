@@ -4,11 +4,10 @@ from collections.abc import Callable
 from typing import Protocol
 
 from hil_bridge.clock import Clock
-from hil_bridge.control import Task
-from hil_bridge.control.program.legs import Leg
+from hil_bridge.control.program.leg import Leg
 from hil_bridge.control.program.outcome import cut
 from hil_bridge.control.program.program import Program
-from hil_bridge.control.program.state import CourseState, Done
+from hil_bridge.control.program.state import Done, ProgramState
 from hil_bridge.errors.causes import Reason
 from hil_bridge.record.records import StepRecord
 
@@ -24,37 +23,35 @@ class StepLog(Protocol):
 
 
 class StepTeller:
-    """Tells each step of a program once, when it has ended; nothing for a run without a program."""
+    """Tells each step of a program once, when it has ended; nothing for a run whose steps no person has written."""
 
     def __init__(
-        self, task: Task | Program, clock: Clock, log: StepLog, event: Callable[[str, str], None]
+        self, program: Program, clock: Clock, log: StepLog, event: Callable[[str, str], None]
     ) -> None:
         """`event` is told a kind and a text."""
-        self.legs: tuple[Leg, ...] = task.row.legs if isinstance(task, Program) else ()
-        """All steps, passes counted; empty for a run without a program."""
+        self.legs: tuple[Leg, ...] = program.row.legs if program.row.written else ()
+        """All steps that a person has written, passes counted; empty for a run without."""
         self._clock, self._log, self._event = clock, log, event
         self._count = 0
         """Steps that have been told."""
 
-    def ended(self, course: CourseState | None) -> None:
+    def number(self, leg: int) -> int:
+        """Number of a step in the record, from 1; 0 where no person has written it."""
+        return leg + 1 if self.legs else 0
+
+    def ended(self, state: ProgramState) -> None:
         """Tell the steps that have ended since the cycle before."""
-        if course is None or len(course.done) == self._count:
+        if not self.legs or len(state.done) == self._count:
             return
-        for done in course.done[self._count :]:
+        for done in state.done[self._count :]:
             self._tell(done)
-        self._count = len(course.done)
+        self._count = len(state.done)
 
-    def cut(self, course: CourseState | None, reason: Reason | None, at: float | None = None) -> None:
+    def cut(self, state: ProgramState, reason: Reason | None, at: float | None = None) -> None:
         """Tell the step that was under way when the run could decide no more, at this time, s; None for now."""
-        if course is not None and course.began is not None:
+        if self.legs and state.began is not None:
             now = self._clock.now() if at is None else at
-            self._tell(cut(course, self.legs[course.leg], now, reason))
-
-    def where(self, course: CourseState | None, reason: Reason) -> Reason:
-        """Why a run stops, with the step in which it does."""
-        if course is None or course.began is None:
-            return reason
-        return reason.in_step(self.legs[course.leg].label)
+            self._tell(cut(state, self.legs[state.leg], now, reason))
 
     def _tell(self, done: Done) -> None:
         leg = self.legs[done.leg]
@@ -64,7 +61,7 @@ class StepTeller:
 
 def step_record(leg: Leg, done: Done) -> StepRecord:
     """Record of a step that has ended."""
-    criterion = getattr(leg.step, "criterion", None)
+    criterion = leg.step.criterion
     return StepRecord(
         done.ended,
         done.leg + 1,
@@ -75,7 +72,7 @@ def step_record(leg: Leg, done: Done) -> StepRecord:
         done.within,
         None if criterion is None else criterion.for_percent / 100,
         done.passed,
-        getattr(leg.step, "name", ""),
+        leg.step.name,
         done.found or (),
         done.text,
         done.resumable,

@@ -22,9 +22,10 @@ from pydantic import (
 from pydantic_core import InitErrorDetails
 
 from hil_bridge.clock.realtime import RealTime
-from hil_bridge.control import Contour, Limits, OscillationDetector, TaskParameters
+from hil_bridge.control import Limits, OscillationDetector
 from hil_bridge.control.controllers import controller_kind
-from hil_bridge.control.program.facing import Facing
+from hil_bridge.control.program.facing import Contour, Facing
+from hil_bridge.control.steps.settings import TaskSettings
 from hil_bridge.devices.kinds import (
     ROBOTS,
     SENSORS,
@@ -282,7 +283,7 @@ class Config(_Section):
     sensor: SensorConfig = SensorConfig()
     tool: ToolConfig = ToolConfig()
     frame: FrameConfig = FrameConfig()
-    task: TaskParameters = TaskParameters()
+    task: TaskSettings = TaskSettings()
     controller: ControllerConfig = ControllerConfig()
     limits: Limits = Limits()
     oscillation: OscillationDetector = OscillationDetector()
@@ -295,7 +296,7 @@ class Config(_Section):
 
     @field_validator("task")
     @classmethod
-    def _within_reach(cls, task: TaskParameters, info: ValidationInfo) -> TaskParameters:
+    def _within_reach(cls, task: TaskSettings, info: ValidationInfo) -> TaskSettings:
         robot = info.data.get("robot")
         for name in ("speed_mm_s", "approach_speed_mm_s", "retract_speed_mm_s"):
             speed = getattr(task, name)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from emulators.faults import find
-from hil_bridge.control.course.task import BEFORE_TOUCH, Phase
+from hil_bridge.control.course.intent import BEFORE_TOUCH, Phase
 from hil_bridge.devices.kinds import EmulatedKinds
 from hil_bridge.errors import ConfigError
 from protocol.marks import SettingError

@@ -6,19 +6,10 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from hil_bridge.control.words.paths import Arc, Line, Polyline, Raster, Spiral
-from hil_bridge.control.words.steps import (
-    Approach,
-    Criterion,
-    Hold,
-    Move,
-    Repeat,
-    Retract,
-    Seek,
-    StepLimits,
-    Track,
-    Zero,
-)
+from hil_bridge.control.steps.kinds import BUILT_IN, step_kind, step_words
+from hil_bridge.control.steps.paths import Arc, Line, Polyline, Raster, Spiral
+from hil_bridge.control.steps.repeat import Repeat
+from hil_bridge.control.steps.seam import Criterion, StepLimits
 from hil_bridge.errors import ConfigError, SettingRefused, StepError
 from hil_bridge.errors.text_files import format_path, format_value, read_toml
 from protocol.marks import SettingError
@@ -29,8 +20,8 @@ def _by_tag(key: str, *sections: Any) -> Mapping[str, type]:
     return {section.__dataclass_fields__[key].default: section for section in sections}
 
 
-STEPS = _by_tag("do", Approach, Track, Hold, Seek, Retract, Move, Zero, Repeat)
-"""Words of a program: the settings of each."""
+STEPS: Mapping[str, type] = {**BUILT_IN, "repeat": Repeat}
+"""Words of a program of this project: the settings of each."""
 PATHS = _by_tag("kind", Line, Arc, Polyline, Raster, Spiral)
 """Kinds of paths: the settings of each."""
 _SECTIONS: Mapping[str, type] = {"limits": StepLimits, "criterion": Criterion}
@@ -110,7 +101,7 @@ def describe_problem(error: Mapping[str, Any]) -> tuple[str, str] | None:
         number, rest = f"{number}.{rest[2] + 1}", rest[3:]
     word = rest[0] if rest else ""
     label = f" {number} ({word})" if word else f" {number}"
-    keys, section = _keys(STEPS.get(word), rest[1:])
+    keys, section = _keys(_kind(word), rest[1:])
     return label, _words(error, keys, section)
 
 
@@ -136,6 +127,11 @@ def instead_of(names: Collection[str], wrong: str) -> str:
     if close := difflib.get_close_matches(wrong, names, 1):
         return f"; did you mean {close[0]}?"
     return f"; known here: {', '.join(names)}"
+
+
+def _kind(word: str | int) -> type | None:
+    """Settings of a word; None for an unknown one."""
+    return STEPS.get(str(word)) or step_kind(str(word))
 
 
 def _place(location: Sequence[str | int]) -> tuple[str | int, ...]:
@@ -176,7 +172,8 @@ def _words(error: Mapping[str, Any], keys: Sequence[str], section: type | None) 
             return f"{begin}: a value is missing{got}"
         case "union_tag_invalid":
             tag, known = _tags(keys)
-            known = [word for word in known if f"'{word}'" in error["ctx"]["expected_tags"]]
+            expected = error["ctx"]["expected_tags"]
+            known = [word for word in known if f"'{word}'" in expected or word not in {*STEPS, *PATHS}]
             return f": {tag} must be one of {', '.join(known)}, got {format_value(error['ctx']['tag'])}"
         case "union_tag_not_found":
             tag, known = _tags(keys)
@@ -197,7 +194,7 @@ def _words(error: Mapping[str, Any], keys: Sequence[str], section: type | None) 
 
 def _tags(keys: Sequence[str]) -> tuple[str, list[str]]:
     """The key that tells a step's word or a path's kind, and what it may be."""
-    return ("path.kind", list(PATHS)) if keys else ("do", list(STEPS))
+    return ("path.kind", list(PATHS)) if keys else ("do", [*step_words(), "repeat"])
 
 
 def _names(section: type | None) -> list[str]:

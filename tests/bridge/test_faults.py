@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_virtual
-from hil_bridge.control.course.task import CONNECT, TARE, Phase
+from hil_bridge.control.course.intent import CONNECT, TARE, Phase
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.experiments import EmulatedRun, run_emulated
 from hil_bridge.record import PHASE_EVENT, EventRecord, TruthRecord, read

@@ -24,7 +24,7 @@ from msgspec import structs
 
 from hil_bridge import api
 from hil_bridge.control import Predictive
-from hil_bridge.control.course.task import Phase
+from hil_bridge.control.course.intent import Phase
 from hil_bridge.control.sample import Sample
 from hil_bridge.devices.facts import Devices, RobotFacts
 from hil_bridge.errors import BridgeError, ConfigError

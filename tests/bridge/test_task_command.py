@@ -112,7 +112,7 @@ def test_every_step_stands_in_the_table_once(hil: Command) -> None:
 
 def test_the_time_of_all_passes_is_told() -> None:
     config = load_config(None, {"task.step": [{"do": "zero"}]})
-    row = Setup(config).loop.task.row  # type: ignore[union-attr]
+    row = Setup(config).loop.program.row
     assert total_line(list_steps(config.task.step, row), row) == "about 2 s"
     assert (duration(119.4), duration(131.0)) == ("119 s", "2 min 11 s")
 
@@ -280,7 +280,7 @@ def test_the_record_holds_the_steps_of_a_file(hil: Command) -> None:
     Path("steps.toml").write_text(SHORT.replace("0.5", "0.25"))
     Path("change.toml").write_text('[task]\nfile = "steps.toml"\n')
     changed = recorded_config(record, changes_of(Path("change.toml"), None))
-    assert changed.task.step[1].for_s == 0.25  # type: ignore[union-attr]
+    assert changed.task.step[1].for_s == 0.25
 
 
 def test_a_resumed_run_keeps_its_program(hil: Command) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from hil_bridge.control.words.steps import Hold
+from hil_bridge.control.steps.hold import Hold
 from hil_bridge.errors.text_files import parse_toml
 from hil_bridge.settings.configuration import load_config
 from hil_bridge.settings.program import is_program

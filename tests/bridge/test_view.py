@@ -13,7 +13,6 @@ from rich.console import Console
 from hil_bridge.clock import Clock
 from hil_bridge.console import screen
 from hil_bridge.control import Limits
-from hil_bridge.control.program.program import Program
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.robots.s3.facts import robot_facts
 from hil_bridge.errors.failures import TRACEBACK_EVENT
@@ -129,8 +128,7 @@ def test_the_scene_of_a_program_knows_the_steps_that_track() -> None:
     path = {"kind": "line", "length_mm": 5.0}
     steps = [{"do": "approach"}, {"do": "track", "path": path}, {"do": "retract"}]
     setup = Setup(read_config({"task": {"step": steps}}))
-    assert isinstance(setup.loop.task, Program)
-    scene = scene_of(setup, ROBOT, setup.loop.task.row.legs, "")
+    scene = scene_of(setup, ROBOT, setup.loop.program.row.legs, "")
     assert scene.steps == ("1 (approach)", "2 (track)", "3 (retract)")
     assert scene.chart_facts.tracks == {2}
     assert scene.total_s is None

@@ -18,11 +18,11 @@ from hil_bridge.control import (
     Sample,
     Stop,
     Supervisor,
-    Task,
     TaskParameters,
     numeric_explanation,
 )
 from hil_bridge.errors import Cause
+from tests.control.plain import plain_program
 
 START = (0.9, 0.0, 0.6)
 
@@ -51,7 +51,7 @@ def give_up(measurement):
 def drive(controller, cycles=60, force=8.0, **more):
     """Contact from a depth of 2.2 mm on; the decisions until the end."""
     loop = ControlLoop(
-        Task(TaskParameters(retract_mm=4.0), controller, position_step=0.125e-3),
+        plain_program(TaskParameters(retract_mm=4.0), controller, position_step=0.125e-3),
         Supervisor(Limits()),
         (0, 0, -1.0),
         (0, 1.0, 0),
@@ -101,9 +101,9 @@ def test_a_controller_that_fails_ends_in_a_retraction_that_names_it(act, why):
     assert all(after < before for before, after in pairwise(depths[:-1]))
     assert depths[-1] == pytest.approx(depths[0] - 4e-3)
     assert decisions[-1].ended
-    assert {d.output.phase for d in decisions[failed:]} == {Phase.RETRACT}
-    assert state.task.failed
-    assert str(state.task.reason) == verdict.text
+    assert {d.intent.phase for d in decisions[failed:]} == {Phase.RETRACT}
+    assert state.program.failed
+    assert str(state.program.reason) == verdict.text
     assert state.supervisor.stopped == verdict
     assert all(math.isfinite(value) for d in decisions for value in d.position)
 
@@ -120,7 +120,7 @@ def test_an_answer_that_only_behaves_like_numbers_becomes_numbers():
 
     _, decisions = drive(Broken(act), cycles=20)
     assert not any(isinstance(decision.verdict, Stop) for decision in decisions)
-    command = decisions[-1].output.command
+    command = decisions[-1].intent.command
     kinds = [type(getattr(command, name)) for name in ("position", "correction", "stiffness", "gain", "held")]
     assert kinds == [float, float, float, float, bool]
     assert type(decisions[-1].target.depth) is float
@@ -151,10 +151,10 @@ def test_the_text_of_a_failure_is_one_line_of_whole_characters():
         raise ValueError("half \udc80\nand more")
 
     state, _ = drive(Broken(act))
-    assert str(state.task.reason).startswith(
+    assert str(state.program.reason).startswith(
         "controller broken failed: ValueError: half \\udc80 (tests/control/test_loop.py:"
     )
-    assert "\n" not in str(state.task.reason)
+    assert "\n" not in str(state.program.reason)
 
 
 def test_a_controller_that_fails_in_its_first_step_is_no_different():
@@ -165,7 +165,7 @@ def test_a_controller_that_fails_in_its_first_step_is_no_different():
     for controller in (Broken(give_up, after=0), Stillborn(give_up)):
         state, decisions = drive(controller)
         assert decisions[-1].ended
-        assert "controller broken failed" in str(state.task.reason)
+        assert "controller broken failed" in str(state.program.reason)
 
 
 def test_measurement_tells_travel_pair_and_saturation() -> None:

@@ -6,18 +6,23 @@ import math
 import pytest
 from msgspec.structs import replace
 
-from hil_bridge.control import Command, Measurement, Phase, Task, TaskParameters
+from hil_bridge.control import Command, Measurement, Phase, Sample, Stroke, StrokeState, TaskParameters
 from hil_bridge.control.course.limits import Limits
-from hil_bridge.control.course.task import TaskState
-from hil_bridge.control.program import free_steps
 from hil_bridge.control.program.facing import FacingState, inward
 from hil_bridge.control.program.felt import WorkFrame
-from hil_bridge.control.program.legs import legs_of
+from hil_bridge.control.program.legs import Ground, legs_of
 from hil_bridge.control.program.orienting import turn_tool
 from hil_bridge.control.program.program import Program
-from hil_bridge.control.program.state import CourseState, Felt
-from hil_bridge.control.words.paths import Line, Polyline
-from hil_bridge.control.words.steps import Approach, Criterion, Hold, Move, Repeat, Retract, Seek, Track
+from hil_bridge.control.program.state import Felt, ProgramState
+from hil_bridge.control.steps.approach import Approach
+from hil_bridge.control.steps.hold import Hold
+from hil_bridge.control.steps.move import Move
+from hil_bridge.control.steps.paths import Line, Polyline
+from hil_bridge.control.steps.repeat import Repeat
+from hil_bridge.control.steps.retract import Retract
+from hil_bridge.control.steps.seam import Criterion
+from hil_bridge.control.steps.seek import Seek
+from hil_bridge.control.steps.track import Track
 from hil_bridge.errors import Cause
 from protocol.geometry import angle_between, rotate
 
@@ -43,9 +48,18 @@ class Presses:
 
 def program_of(*steps, safe_height=0.0):
     # a retract goes back by more than an approach goes by default
-    task = Task(TaskParameters(approach_depth_limit_mm=30.0), Presses(), 50.0, 1e-6)
-    row = legs_of(steps, task, Limits(), False, 50.0)
-    return Program(row, task, FRAME, safe_height=safe_height)
+    stroke = Stroke(TaskParameters(approach_depth_limit_mm=30.0), Presses(), 50.0, 1e-6)
+    row = legs_of(steps, Ground(stroke, Limits(), 50.0))
+    return Program(row, stroke, FRAME, safe_height=safe_height)
+
+
+def seen(at, place, depth, force, orientation=DOWN):
+    """A sample of a tool that stands where it was ordered to."""
+    measurement = Measurement(at, force[0], depth, depth, dt=DT)
+    sample = Sample(
+        at, (*place, -depth), force[0], math.hypot(*force), at, round(at / DT), quaternion=orientation
+    )
+    return Felt(sample, measurement, place, force, (0.0,) * 6)
 
 
 def flat(x, y):
@@ -57,10 +71,8 @@ def drive(program, surface=flat, push=lambda depth, x, y: (0.0, 0.0)):
     state, depth, (x, y), orientation, told = program.initial(), 0.0, (0.0, 0.0), DOWN, []
     for k in range(2000):
         force = STIFFNESS * max(depth - surface(x, y), 0.0)
-        felt = Felt(k * DT, (x, y), (x, y, -depth), orientation, (force, *push(depth, x, y)), (0.0,) * 6, k)
-        measurement = Measurement(k * DT, force, depth, depth, dt=DT)
-        state, measurement, felt = program.sense(state, measurement, felt)
-        state, output = program.step(state, measurement, felt)
+        felt = seen(k * DT, (x, y), depth, (force, *push(depth, x, y)), orientation)
+        state, output = program.step(*program.sense(state, felt))
         depth, x, y = output.target.depth, output.target.travel, output.target.across
         orientation = output.turned or orientation
         told.append((state, output, force))
@@ -70,7 +82,7 @@ def drive(program, surface=flat, push=lambda depth, x, y: (0.0, 0.0)):
 
 
 def done(told):
-    return told[-1][0].course.done
+    return told[-1][0].done
 
 
 # --- the row of steps
@@ -152,17 +164,16 @@ def test_a_repeat_is_left_when_enough_is_removed():
     )
     state, depth, place = program.initial(), 0.0, (0.0, 0.0)
     for k in range(5000):
-        passes[:] = [step for step in state.course.done if step.leg % 4 == 1]
+        passes[:] = [step for step in state.done if step.leg % 4 == 1]
         force = STIFFNESS * max(depth - worn(*place), 0.0)
-        felt = Felt(k * DT, place, (*place, -depth), DOWN, (force, 0.0, 0.0), (0.0,) * 6, k)
-        sensed = program.sense(state, Measurement(k * DT, force, depth, depth, dt=DT), felt)
-        state, output = program.step(*sensed)
+        felt = seen(k * DT, place, depth, (force, 0.0, 0.0))
+        state, output = program.step(*program.sense(state, felt))
         depth, place = output.target.depth, (output.target.travel, output.target.across)
         if state.phase is Phase.END:
             break
     assert state.phase is Phase.END
     assert len(passes) == 4, "0.1 mm a pass: the fourth lies 0.3 mm deeper than the first"
-    told = state.course.done[-2].text
+    told = state.done[-2].text
     assert float(told.removesuffix(" mm removed")) == pytest.approx(0.3, abs=0.01)
 
 
@@ -253,7 +264,7 @@ def test_a_force_that_grows_on_a_flat_surface_is_no_slope():
     program = normal_program(force_n=((0.0, 5.0), (20.0, 25.0)))
     told = drive(program)
     state = told[-1][0]
-    assert math.degrees(math.atan(state.course.facing.fall[0])) == pytest.approx(0.0, abs=0.5)
+    assert math.degrees(math.atan(state.facing.fall[0])) == pytest.approx(0.0, abs=0.5)
 
 
 @pytest.mark.parametrize(("sigma_deg", "turns"), [(1.0, True), (3.0, False), (math.inf, False)])
@@ -262,10 +273,10 @@ def test_an_uncertain_normal_turns_no_tool(sigma_deg, turns):
     told = drive(program)
     state = next(state for state, output, _ in told if output.phase is Phase.TRACK)
     facing = FacingState(fall=(0.2, 0.0), sigma=math.radians(sigma_deg))
-    course = replace(state.course, facing=facing, turned=None)
-    leg = program.row.legs[course.leg]
+    state = replace(state, facing=facing, turned=None)
+    leg = program.row.legs[state.leg]
     assert leg.step.do == "hold"
-    after = turn_tool(course, leg, program.frame, program.facing, DT)
+    after = turn_tool(state, leg, program.frame, program.facing, DT)
     assert (after.turned is not None) == turns
     if turns:
         found = rotate(after.turned, (0.0, 0.0, 1.0))
@@ -275,13 +286,12 @@ def test_an_uncertain_normal_turns_no_tool(sigma_deg, turns):
 
 
 def test_a_move_whose_tool_never_comes_ends_the_run():
-    course = CourseState(start=(0.0, 0.0), home=DOWN, began=0.0)
     leg = program_of(Move(to_mm=(3.0, 0.0)), Retract()).row.legs[0]
-    state, trouble, at = TaskState(phase=Phase.MOVE, course=course), "", 0.0
-    while not trouble and at < 60.0:
+    state = ProgramState(StrokeState(Phase.MOVE), start=(0.0, 0.0), home=DOWN, began=0.0)
+    trouble, at = None, 0.0
+    while trouble is None and at < 60.0:
         at += DT
-        felt = Felt(at, (0.0, 0.0), (0.0, 0.0, 0.0), DOWN, (0.0, 0.0, 0.0), (0.0,) * 6, 1)
-        state, _, done, trouble = free_steps.move(leg, state, Measurement(at, 0.0, 0.0, 0.0, dt=DT), felt)
+        state, _, done, trouble = leg.step.take(leg, state, seen(at, (0.0, 0.0), 0.0, (0.0, 0.0, 0.0)))
         assert not done
     assert "does not come to its place" in trouble.text
     assert trouble.cause is Cause.NOT_THERE

@@ -6,11 +6,13 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from scipy.spatial.transform import Rotation
 
+from hil_bridge.control import Measurement, Sample
 from hil_bridge.control.program.facing import Facing, FacingState, Look, inward
 from hil_bridge.control.program.felt import Face, WorkFrame, lateral_of, measure_skew, subtract_zero
-from hil_bridge.control.program.state import CourseState, Felt
+from hil_bridge.control.program.state import Felt, ProgramState
 from protocol.geometry import Quaternion, normalise, rotate
 
 DT = 0.012
@@ -202,7 +204,13 @@ def disc_wrench(quaternion: Quaternion, centre: tuple[float, ...] = (0.0, 0.0, 0
 
 
 def felt_of(quaternion: Quaternion, wrench: tuple[float, ...]) -> Felt:
-    return Felt(0.0, (0.0, 0.0), (0.9, 0.0, 0.6), quaternion, (FORCE, 0.0, 0.0), wrench, 1)
+    sample = Sample(0.0, (0.9, 0.0, 0.6), FORCE, FORCE, 0.0, 1, quaternion=quaternion)
+    return Felt(sample, Measurement(0.0, FORCE, 0.0, 0.0), (0.0, 0.0), (FORCE, 0.0, 0.0), wrench)
+
+
+def unknown_pose(felt: Felt) -> Felt:
+    """The same where the orientation is not known."""
+    return felt._replace(sample=replace(felt.sample, quaternion=()))
 
 
 @pytest.mark.parametrize("tip", [(0.0, 0.0), (1.0, 0.0), (0.0, -1.0), (-0.7, 0.7)])
@@ -231,14 +239,14 @@ def test_the_zero_of_a_program_is_added_along_each_axis_of_the_frame():
     felt = felt_of(quaternion, (3.0, -1.0, 7.0, 0.5, 0.6, 0.7))._replace(force=(10.0, 0.5, -0.25))
     w, x, y, z = quaternion
     added = axes @ Rotation.from_quat((x, y, z, w)).apply(zero[:3])
-    result = subtract_zero(felt, CourseState(zero=zero), frame)
+    result = subtract_zero(felt, ProgramState(zero=zero), frame)
     assert result.force == pytest.approx(np.array(felt.force) + added, abs=1e-12)
     assert result.wrench == pytest.approx(np.array(felt.wrench) - np.array(zero), abs=1e-12)
-    assert subtract_zero(
-        felt._replace(quaternion=None), CourseState(zero=zero, home=quaternion), frame
-    ).force == (pytest.approx(result.force))
-    for unknown in (felt._replace(quaternion=None), felt._replace(wrench=())):
-        assert subtract_zero(unknown, CourseState(zero=zero), frame) is unknown
+    assert subtract_zero(unknown_pose(felt), ProgramState(zero=zero, home=quaternion), frame).force == (
+        pytest.approx(result.force)
+    )
+    for unknown in (unknown_pose(felt), felt._replace(wrench=())):
+        assert subtract_zero(unknown, ProgramState(zero=zero), frame) is unknown
 
 
 def test_a_face_is_judged_in_the_work_frame_whatever_its_axes():
@@ -251,7 +259,7 @@ def test_a_face_is_judged_in_the_work_frame_whatever_its_axes():
     w, x, y, z = quaternion
     x, y, z, w = (turn * Rotation.from_quat((x, y, z, w))).as_quat()
     turned = WorkFrame(*(tuple(turn.apply(way)) for way in (FRAME.approach, FRAME.x, FRAME.y)))
-    assert measure_skew(turned, face, felt._replace(quaternion=(w, x, y, z)), PER_ANGLE) == (
+    assert measure_skew(turned, face, felt_of((w, x, y, z), felt.wrench), PER_ANGLE) == (
         pytest.approx(axis),
         pytest.approx(skew),
     )
@@ -262,7 +270,7 @@ def test_a_tool_without_a_face_is_told_no_skew():
     felt = felt_of(quaternion, (0.0,) * 6)
     assert measure_skew(FRAME, Face(), felt, 0.0) == ((1.0, 0.0, 0.0), None)
     assert measure_skew(FRAME, Face(radius=RADIUS), felt._replace(wrench=()), PER_ANGLE)[1] is None
-    assert measure_skew(FRAME, Face(radius=RADIUS), felt._replace(quaternion=None), PER_ANGLE)[1] is None
+    assert measure_skew(FRAME, Face(radius=RADIUS), unknown_pose(felt), PER_ANGLE)[1] is None
 
 
 def test_no_moment_is_taken_for_more_than_10_degrees():

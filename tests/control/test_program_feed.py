@@ -5,17 +5,21 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
-from hil_bridge.control import FuzzyPi, Measurement, Task, TaskParameters
-from hil_bridge.control.program.across import beside
-from hil_bridge.control.program.feed import STUCK_S, feed_of, progress, yielding
-from hil_bridge.control.program.state import CourseState
-from hil_bridge.control.words.paths import Line
-from hil_bridge.control.words.steps import Track
+from hil_bridge.control import FuzzyPi, Measurement, Stroke, TaskParameters
+from hil_bridge.control.program.state import ProgramState
+from hil_bridge.control.program.yielding import yield_aside
+from hil_bridge.control.steps.across import beside
+from hil_bridge.control.steps.feed import STUCK_S, feed_of, progress
+from hil_bridge.control.steps.paths import Line
+from hil_bridge.control.steps.track import Track
 from hil_bridge.errors import Cause, Reason
+from tests.control.plain import felt_of
 
 LINE = Line(length_mm=50.0)
 DT = 0.02
+FRICTION = 0.6
 
 # --- feed
 
@@ -74,57 +78,72 @@ def test_the_feed_is_never_faster_than_the_step_nor_more_than_half_of_it_backwar
 
 
 def test_a_tool_that_gets_along_is_not_stuck():
-    course, local = CourseState(), 0.0
+    state, local = ProgramState(), 0.0
     for _ in range(round(20.0 / DT)):
         local += 0.1 * 5e-3 * DT
-        course = progress(course, 5.0, DT, local)
-        assert course.stuck < STUCK_S
+        state = progress(state, 5.0, DT, local)
+        assert state.stuck < STUCK_S
 
 
 def test_a_tool_that_goes_to_and_fro_before_a_wall_is_stuck():
-    course = CourseState()
+    state = ProgramState()
     for k in range(round(STUCK_S / DT) + 1):
-        course = progress(course, 5.0, DT, 0.2e-3 * math.sin(k))
-    assert course.stuck >= STUCK_S
+        state = progress(state, 5.0, DT, 0.2e-3 * math.sin(k))
+    assert state.stuck >= STUCK_S
 
 
 # --- out of the way of what pushes from the side
 
 
+def yielding(state, force, way):
+    pressed, *aside = force
+    return yield_aside(state, felt_of(Measurement(0.0, pressed, 0.0, 0.0), aside=tuple(aside)), way, FRICTION)
+
+
 def test_a_tool_that_retracts_yields_to_a_force_from_the_side():
-    course = yielding(CourseState(at=(1e-3, 2e-3)), (4.0, 6.0, 8.0), 1e-4)
-    assert course.at == pytest.approx((1e-3 - 0.6e-4, 2e-3 - 0.8e-4))
-    assert course.yielded == pytest.approx(1e-4)
+    state = yielding(ProgramState(at=(1e-3, 2e-3)), (4.0, 6.0, 8.0), 1e-4)
+    assert state.at == pytest.approx((1e-3 - 0.6e-4, 2e-3 - 0.8e-4))
+    assert state.yielded == pytest.approx(1e-4)
 
 
 def test_friction_pushes_no_tool_aside():
-    course = CourseState(at=(1e-3, 2e-3))
-    assert yielding(course, (20.0, 3.0, 4.0), 1e-4) == course
+    state = ProgramState(at=(1e-3, 2e-3))
+    assert yielding(state, (20.0, 8.0, 12.0), 1e-4) == state
+    assert yielding(state, (20.0, 9.0, 15.0), 1e-4) != state
+
+
+def test_a_tool_that_yields_goes_on_until_it_is_let_go():
+    begun = yielding(ProgramState(), (0.0, 6.0, 0.0), 1e-4)
+    again = yielding(begun, (0.0, 2.0, 0.0), 1e-4)
+    assert again.yielded == pytest.approx(2e-4)
+    assert yielding(again, (0.0, 0.9, 0.0), 1e-4) == again
+    assert yielding(ProgramState(), (0.0, 2.0, 0.0), 1e-4) == ProgramState()
 
 
 @given(st.lists(st.tuples(st.floats(-100.0, 100.0), st.floats(-100.0, 100.0)), max_size=40))
 def test_it_never_goes_aside_by_more_than_10_mm(forces):
-    course = CourseState()
+    state = ProgramState()
     for x, y in forces:
-        course = yielding(course, (0.0, x, y), 1e-3)
-    assert math.hypot(*course.at) <= 10e-3 + 1e-9
-    assert course.yielded <= 10e-3 + 1e-9
+        state = yielding(state, (0.0, x, y), 1e-3)
+    assert math.hypot(*state.at) <= 10e-3 + 1e-9
+    assert state.yielded <= 10e-3 + 1e-9
 
 
 # --- across
 
 
 def stroke_of():
-    return Task(TaskParameters(approach_speed_mm_s=5.0), FuzzyPi(), 50.0, 0.01e-3)
+    return Stroke(TaskParameters(approach_speed_mm_s=5.0), FuzzyPi(), 50.0, 0.01e-3)
 
 
 def across(step, force_of, seconds=10.0):
     """Way to the left, m, at each sample of a tool that follows at once; the force is a function of that way."""
-    stroke, course, ways = stroke_of(), CourseState(), []
+    stroke, state, ways = stroke_of(), ProgramState(), []
     for k in range(round(seconds / DT)):
         seen = Measurement(k * DT, 10.0, 0.0, 0.0, dt=DT)
-        course = beside(stroke, step, course, seen, (force_of(course.aside), course.aside))
-        ways.append(course.aside)
+        state, aside = beside(stroke, step, state, seen, (force_of(state.aside), state.aside))
+        state = replace(state, aside=aside)
+        ways.append(aside)
     return ways
 
 

@@ -7,22 +7,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil_bridge.control import FuzzyPi, Task, TaskParameters
+from hil_bridge.control import FuzzyPi, Stroke, TaskParameters
 from hil_bridge.control.course.limits import Limits
-from hil_bridge.control.program.legs import LEGS_MAX, legs_of, seconds
-from hil_bridge.control.words.paths import Line, Polyline, Raster
-from hil_bridge.control.words.steps import (
-    Approach,
-    Criterion,
-    Hold,
-    Move,
-    Repeat,
-    Retract,
-    Seek,
-    StepLimits,
-    Track,
-    Zero,
-)
+from hil_bridge.control.program.legs import LEGS_MAX, Ground, legs_of, seconds
+from hil_bridge.control.steps.approach import Approach
+from hil_bridge.control.steps.hold import Hold
+from hil_bridge.control.steps.move import Move
+from hil_bridge.control.steps.paths import Line, Polyline, Raster
+from hil_bridge.control.steps.repeat import Repeat
+from hil_bridge.control.steps.retract import Retract
+from hil_bridge.control.steps.seam import Criterion, StepLimits
+from hil_bridge.control.steps.seek import Seek
+from hil_bridge.control.steps.track import Track
+from hil_bridge.control.steps.zero import Zero
 from hil_bridge.errors import ConfigError
 
 LINE = Line(length_mm=10.0)
@@ -31,8 +28,8 @@ ROBOT_MM_S = 50.0
 
 def row_of(*steps, origin_known=False, limits=None, **parameters):
     limits = limits or Limits()
-    task = Task(TaskParameters(**parameters), FuzzyPi(), limits.force_limit_n, 0.125e-3)
-    return legs_of(steps, task, limits, origin_known, ROBOT_MM_S)
+    stroke = Stroke(TaskParameters(**parameters), FuzzyPi(), limits.force_limit_n, 0.125e-3)
+    return legs_of(steps, Ground(stroke, limits, ROBOT_MM_S, origin_known))
 
 
 def refused(*steps, **settings):
@@ -71,7 +68,7 @@ def test_a_step_has_the_parameters_of_the_task_but_where_it_has_its_own():
     approach, track, plain, hold, retract = (leg.stroke.parameters for leg in row.legs)
     assert (approach.approach_speed_mm_s, approach.contact_threshold_n) == (1.0, 2.0)
     assert approach.approach_depth_limit_mm == 7.0
-    assert (track.speed_mm_s, track.force_n, track.travel_limit_mm) == (3.0, 12.0, 10.0)
+    assert (track.speed_mm_s, track.force_n) == (3.0, 12.0)
     assert (plain.speed_mm_s, plain.force_n) == (TaskParameters().speed_mm_s, TaskParameters().force_n)
     assert (hold.speed_mm_s, hold.force_n) == (0.0, 4.0)
     assert (retract.retract_mm, retract.retract_speed_mm_s) == (6.0, 4.0)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil_bridge.control.words.paths import (
+from hil_bridge.control.steps.paths import (
     CHORD_MM,
     PIECES_MAX,
     Arc,

@@ -1,12 +1,13 @@
-"""The course of a run: phases, contact, loss, ends."""
+"""The course of a run without steps: phases, contact, loss, ends."""
 
 import math
 from dataclasses import replace
 
 import pytest
 
-from hil_bridge.control import Command, FuzzyAdaptive, FuzzyPi, Measurement, Phase, Task, TaskParameters
+from hil_bridge.control import Command, FuzzyAdaptive, FuzzyPi, Measurement, Phase, TaskParameters
 from hil_bridge.errors import Cause, Reason
+from tests.control.plain import PlainRun
 
 PARAMETERS = TaskParameters(travel_limit_mm=10.0, approach_depth_limit_mm=5.0, retract_mm=4.0)
 
@@ -16,7 +17,7 @@ STEP = 0.125e-3
 
 
 def task_of(parameters, controller, limit=math.inf):
-    return Task(parameters, controller, limit, STEP)
+    return PlainRun(parameters, controller, limit, STEP)
 
 
 class Watched:
@@ -51,8 +52,8 @@ def test_whole_course():
     phases = [output.phase for output in outputs]
     assert sorted(set(phases), key=phases.index) == [Phase.APPROACH, Phase.TRACK, Phase.RETRACT, Phase.END]
     assert phases.count(Phase.TRACK) == 10
-    assert str(state.reason) == "travelled 10 mm"
-    assert state.reason.cause is Cause.TRAVELLED
+    assert state.reason is None
+    assert state.led == Reason(Cause.TRAVELLED, "travelled 10 mm")
     tracked = [output for output in outputs if output.phase is Phase.TRACK]
     assert [o.target.travel for o in tracked] == pytest.approx([k * 1e-3 for k in range(1, 11)])
     assert outputs[-1].target.travel == pytest.approx(10e-3)
@@ -63,7 +64,7 @@ def test_whole_course():
 def test_controller_is_stepped_in_track_only():
     state, outputs = drive(task_of(PARAMETERS, Watched()), surface_at(3e-3), 60)
     assert all((output.command is not None) == (output.phase is Phase.TRACK) for output in outputs)
-    assert state.controller == sum(output.phase is Phase.TRACK for output in outputs)
+    assert state.stroke.controller == sum(output.phase is Phase.TRACK for output in outputs)
 
 
 def test_nothing_there_is_a_cause_and_never_deeper_than_the_limit():
@@ -71,7 +72,7 @@ def test_nothing_there_is_a_cause_and_never_deeper_than_the_limit():
     assert str(state.reason).startswith("no contact found within 5 mm: start nearer")
     assert state.reason.cause is Cause.NO_CONTACT
     assert state.phase is Phase.END
-    assert state.controller is None
+    assert state.stroke.controller is None
     assert max(output.target.depth for output in outputs) == pytest.approx(5e-3)
     assert outputs[-1].target.depth == 0.0
 
@@ -125,7 +126,7 @@ def test_force_that_is_not_finite_never_moves_deeper(force):
     task = task_of(PARAMETERS, Watched())
     state = task.initial()
     after, output = task.step(state, Measurement(0.0, force, 0.0, 1e-3))
-    assert after is state
+    assert after.stroke is state.stroke
     assert output.target.depth == 1e-3
 
 

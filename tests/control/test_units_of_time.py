@@ -20,7 +20,6 @@ from hil_bridge.control import (
     Sample,
     Stop,
     Supervisor,
-    Task,
     TaskParameters,
     make_controller,
 )
@@ -28,6 +27,7 @@ from hil_bridge.control.controllers import check_period, sample_time
 from hil_bridge.control.loop import LONGEST_SAMPLES
 from hil_bridge.control.types import SAMPLE_MS
 from hil_bridge.errors import Cause, ConfigError, Reason
+from tests.control.plain import PlainRun, plain_program
 
 STEP = 0.125e-3
 """Position step of the paper's robot, m."""
@@ -50,7 +50,7 @@ class Still:
         return state, Command(measurement.commanded, 0.0)
 
 
-def outputs(task: Task, dt: float, seconds: float, force: float = 0.0) -> list[Any]:
+def outputs(task: PlainRun, dt: float, seconds: float, force: float = 0.0) -> list[Any]:
     """Commands of a task in cycles of this time; the robot follows at once, and the force is always the same."""
     state, depth, answers = task.initial(), 0.0, []
     for k in range(round(seconds / dt)):
@@ -64,7 +64,7 @@ def outputs(task: Task, dt: float, seconds: float, force: float = 0.0) -> list[A
 @pytest.mark.parametrize("dt", CYCLES_S)
 def test_the_task_keeps_its_speeds_whatever_a_cycle_takes(dt: float, position_step: float | None) -> None:
     parameters = TaskParameters(expected_stiffness_n_m=500.0)
-    task = Task(parameters, Still(), position_step=position_step)
+    task = PlainRun(parameters, Still(), position_step=position_step)
     approach = outputs(task, dt, 3.6)
     assert {answer.phase for answer in approach} == {Phase.APPROACH}
     # whole position steps are as near to the speed as half a step in a cycle allows
@@ -79,24 +79,24 @@ def test_the_task_keeps_its_speeds_whatever_a_cycle_takes(dt: float, position_st
 
 @pytest.mark.parametrize("dt", [0.172, 0.18, 0.187])
 def test_every_cycle_of_the_slow_link_asks_for_the_same_whole_steps(dt: float) -> None:
-    task = Task(TaskParameters(), Still(), position_step=STEP)
-    assert task.way(5.5, dt) == 1e-3
-    assert task.way(2.75, dt) == 0.5e-3
+    task = PlainRun(TaskParameters(), Still(), position_step=STEP)
+    assert task.stroke.way(5.5, dt) == 1e-3
+    assert task.stroke.way(2.75, dt) == 0.5e-3
 
 
 def test_without_a_position_step_nothing_is_rounded() -> None:
-    assert Task(TaskParameters(), Still()).way(5.5, 0.1) == 5.5 * 1e-3 * 0.1
+    assert PlainRun(TaskParameters(), Still()).stroke.way(5.5, 0.1) == 5.5 * 1e-3 * 0.1
 
 
 def test_a_way_below_half_a_step_adds_up_and_is_never_faster() -> None:
-    task = Task(TaskParameters(), Still(), position_step=STEP)
-    assert task.way(5.5, 0.002) == pytest.approx(5.5e-3 * 0.002)
-    assert task.way(0.0, 0.18) == 0.0
+    task = PlainRun(TaskParameters(), Still(), position_step=STEP)
+    assert task.stroke.way(5.5, 0.002) == pytest.approx(5.5e-3 * 0.002)
+    assert task.stroke.way(0.0, 0.18) == 0.0
 
 
 @pytest.mark.parametrize("dt", CYCLES_S)
 def test_a_retraction_keeps_its_speed(dt: float) -> None:
-    task = Task(TaskParameters(retract_mm=4.0), Still())
+    task = PlainRun(TaskParameters(retract_mm=4.0), Still())
     state = task.finish(task.initial(), Reason(Cause.TIME_IS_UP, "enough"))
     _, output = task.step(state, Measurement(0.0, 8.0, 5e-3, 5e-3, dt=dt))
     assert output.phase is Phase.RETRACT
@@ -105,7 +105,7 @@ def test_a_retraction_keeps_its_speed(dt: float) -> None:
 
 @pytest.mark.parametrize("dt", CYCLES_S)
 def test_contact_is_given_up_after_the_same_time(dt: float) -> None:
-    task = Task(TaskParameters(loss_ms=450.0), Still())
+    task = PlainRun(TaskParameters(loss_ms=450.0), Still())
     state, depth = task.initial(), 3e-3
     state, _ = task.step(state, Measurement(0.0, 8.0, depth, depth, dt=dt))
     lost = 0
@@ -114,7 +114,7 @@ def test_contact_is_given_up_after_the_same_time(dt: float) -> None:
         lost += 1
     assert 0.45 - 1e-9 <= lost * dt < 0.45 + dt + 1e-9
     assert state.phase is Phase.APPROACH
-    assert state.losses == 1
+    assert state.stroke.losses == 1
 
 
 SUPERVISOR = Supervisor(Limits())
@@ -158,7 +158,7 @@ def test_a_sensor_that_stands_still_stops_a_run_after_the_same_time(dt: float) -
 
 
 def loop(**more: Any) -> ControlLoop:
-    task = Task(TaskParameters(expected_stiffness_n_m=500.0), Still())
+    task = plain_program(TaskParameters(expected_stiffness_n_m=500.0), Still())
     return ControlLoop(task, Supervisor(Limits()), DOWN, (0.0, 1.0, 0.0), **more)
 
 
@@ -167,7 +167,7 @@ def test_a_cycle_counts_for_its_time_and_the_first_for_the_sample_time() -> None
     state, seen = control.initial(START), []
     for now in (100.0, 100.004, 100.03, 100.030, 109.0, math.nan):
         proposal = control.propose(state, Sample(now, START, 0.0, 0.0, now, 1))
-        seen.append(proposal.measurement.dt)
+        seen.append(proposal.felt.measurement.dt)
         state = structs.replace(state, seen_at=now)
     assert seen == pytest.approx([0.02, 0.004, 0.026, 0.0, LONGEST_SAMPLES * 0.02, 0.02])
 
@@ -185,7 +185,7 @@ def test_a_cycle_without_time_moves_nothing_and_ends_no_retraction() -> None:
     state = structs.replace(control.initial(START), seen_at=100.0)
     state = control.finish(state, Reason(Cause.TIME_IS_UP, "enough"))
     state, decision = control.step(state, Sample(100.0, START, 0.0, 0.0, 99.99, 1))
-    assert (decision.output.phase, decision.target.depth, decision.ended) == (Phase.RETRACT, 0.0, False)
+    assert (decision.intent.phase, decision.target.depth, decision.ended) == (Phase.RETRACT, 0.0, False)
     _, decision = control.step(state, Sample(100.18, START, 0.0, 0.0, 100.17, 2))
     assert decision.target.depth == pytest.approx(-2.75e-3 * 0.18)
 

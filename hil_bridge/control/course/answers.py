@@ -1,19 +1,19 @@
-"""The answer of a decision: the task's where the force swings, and words for a retraction that is held."""
+"""The answer of a decision: the program's where the force swings, and words for a retraction that is held."""
 
 from msgspec.structs import replace
 
+from hil_bridge.control.course.intent import Intent
 from hil_bridge.control.course.oscillation import Advice
-from hil_bridge.control.course.task import TaskOutput
 from hil_bridge.control.course.verdict import Clamp, Observation, Verdict
 from hil_bridge.control.types import Measurement
 from hil_bridge.errors.causes import Cause, Reason
 
 
-def calm(output: TaskOutput, measurement: Measurement, advice: Advice) -> TaskOutput:
-    """The task's answer with the detector's factor on the change of command."""
-    change = output.target.depth - measurement.commanded
+def calm(intent: Intent, measurement: Measurement, advice: Advice) -> Intent:
+    """The program's answer with the detector's factor on the change of command."""
+    change = intent.target.depth - measurement.commanded
     depth = measurement.commanded + advice.factor * change
-    return replace(output, target=replace(output.target, depth=depth))
+    return replace(intent, target=replace(intent.target, depth=depth))
 
 
 def explain_halt(verdict: Verdict, seen: Observation) -> Reason:

@@ -5,7 +5,6 @@ from typing import ClassVar
 
 from hil_bridge.control.checks import require_above_zero, require_not_negative
 from hil_bridge.control.types import POSITION_STEP_MM, SAMPLE_MS
-from hil_bridge.control.words.steps import ResumePoint, Step
 from protocol.marks import SettingError
 
 
@@ -70,15 +69,8 @@ class TaskParameters:
     """Change of the force on that way, or while the tool stands, above which no zero is taken. Source: the paper's
     uncertainty of its sensor.
     """
-
-    step: tuple[Step, ...] = ()
-    """A program, a table [[task.step]] for each step; empty for one approach, one straight way and one retraction."""
     safe_height_mm: float = 0.0
     """Height over the start point, away from the surface, at which a program goes to another place."""
-    resume: ResumePoint | None = None
-    """Where a program goes on that was cut before; `run --resume` fills it in."""
-    file: str = ""
-    """File with the steps of a program, beside the configuration; empty for steps that stand here, or for none."""
 
     @property
     def least_stiffness(self) -> float:

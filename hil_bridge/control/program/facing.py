@@ -2,12 +2,19 @@
 
 Work in the task frame: a into the surface, t along x, b along y. The surface falls away by `fall` = (p, q): its inward
 unit normal is along a − p·t − q·b. A tool that presses with N and slides along the heading h meets friction against h.
-So the force tells the normal across h at once, and along h together with the friction angle φ; see `course.contour`.
-φ is learnt from the path of the last millimetres. A flat tool tells both directions by the moments at its face: a disc
-of radius r on a surface of stiffness K answers a skew angle e by K·r²/4·e while all of it touches. Derived: the mean of
-x² over a disc is r²/4.
+So the force tells the normal across h at once, and along h together with the friction angle φ. With N pressing and the
+surface falling away by θ along h it tells
+
+    ψ = atan2(f_h, f_a) = φ − θ.
+
+φ is learnt from the path of the last millimetres, which tells θ without friction but late. A flat tool tells both
+directions by the moments at its face: a disc of radius r on a surface of stiffness K answers a skew angle e by K·r²/4·e
+while all of it touches. Derived: the mean of x² over a disc is r²/4.
 
 Each source is weighed by its variance. Noise of the force is taken from how far new readings lie from the estimate.
+
+With `directions` = 1 the estimate is that of the paper's experiments on a contour: of the direction along the path
+alone, from reported depths, for a tool that does not turn.
 """
 
 import math
@@ -19,10 +26,14 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from hil_bridge.control.checks import FORBID_EXTRA, require_above_zero, require_shares_and_slope
-from hil_bridge.control.course.contour import PACE_S
-from hil_bridge.control.words.paths import Place
+from hil_bridge.control.steps.paths import Place
 from protocol.geometry import Vector
+from protocol.marks import SettingError
 
+PACE_S = 0.09
+"""Time between two readings of the estimate, s. Chosen: half a sample of the paper's chain, all of whose samples count.
+In the 4 ms of a robot that streams the tool moves by less than the noise of its direction.
+"""
 _UNKNOWN = math.radians(5.0) ** 2
 """Chosen: variance of a direction before anything was read, rad²."""
 _REMEMBERED = 0.8
@@ -102,6 +113,10 @@ class Facing:
     """Standard deviation above which the tool is not turned after the estimate."""
     moment_noise_nm: float = 0.01
     """Noise of a moment at the face, averaged over one reading."""
+    directions: int = 2
+    """1: along the path alone, and the controller is shown reported depths. 2: across it too, and the controller is
+    shown depths from the plane that the normal predicts.
+    """
 
     def __post_init__(self) -> None:
         require_above_zero(
@@ -114,6 +129,13 @@ class Facing:
             "moment_noise_nm",
         )
         require_shares_and_slope(self)
+        if self.directions not in (1, 2):
+            raise SettingError("directions", f"must be 1 or 2, got {self.directions}")
+
+    @property
+    def shows_ground(self) -> bool:
+        """Whether the controller is shown depths from the plane that the normal predicts."""
+        return self.directions == 2
 
     def after(self, state: FacingState, look: Look, stiffness_nm_rad: float) -> FacingState:
         """State after one sample in contact. Samples are averaged to a reading each `PACE_S`. `stiffness_nm_rad` is
@@ -150,7 +172,8 @@ class Facing:
             [],
         ]  # by axis: where the normal is seen, and the variance
         scatter = list(state.variances)
-        if slides:  # else friction may point anywhere
+        both = self.directions == 2
+        if slides and both:  # else friction may point anywhere
             read_across = -math.atan2(force_b * hx - force_t * hy, force)
             scatter[1] = _spread(scatter[1], read_across - across)
             seen[1].append((read_across, scatter[1]))
@@ -158,7 +181,7 @@ class Facing:
             read_along = state.friction_angle - psi
             scatter[0] = _spread(scatter[0], read_along - along)
             seen[0].append((read_along, scatter[0] + state.friction_variance))
-        if look.skew is not None:
+        if look.skew is not None and both:
             for axis, told in enumerate(self._by_moments(look, mean, (hx, hy), stiffness)):
                 seen[axis].append(told)
         share, steepest = self.smoothing_share, math.radians(self.steepest_deg)
@@ -218,6 +241,22 @@ class Facing:
             skew = min(max(skew, -_MOST_SKEW), _MOST_SKEW)
             told.append((-math.atan2(own, a) - skew, noise**2 + (_TRUSTED_STIFFNESS * skew) ** 2))
         return told
+
+
+@dataclass(frozen=True, slots=True)
+class Contour(Facing):
+    """Parameters of the estimate in a run without steps, as in the paper's experiments. All are chosen."""
+
+    __pydantic_config__: ClassVar = FORBID_EXTRA
+
+    learning_share: float = 0.1
+    """Share of a new friction angle that is taken over each reading."""
+    smoothing_share: float = 0.5
+    """Share of a new normal that is taken over each reading."""
+    directions: int = 1
+    """1: along the path alone, and the controller is shown reported depths. 2: across it too, and the controller is
+    shown depths from the plane that the normal predicts.
+    """
 
 
 def _turn_corner(state: FacingState, look: Look) -> FacingState:

@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 from hil_bridge.control.geometry.turning import moment_at
 from hil_bridge.control.program.facing import inward
-from hil_bridge.control.program.state import CourseState, Felt
-from hil_bridge.control.words.paths import Place
+from hil_bridge.control.program.state import Felt, ProgramState
+from hil_bridge.control.steps.paths import Place
 from protocol.geometry import Vector, normalise, rotate
 
 
@@ -40,15 +40,15 @@ def lateral_of(force: Vector, fall: Place) -> float:
     return math.hypot(force[0] - pressed * a, force[1] - pressed * t, force[2] - pressed * b)
 
 
-def subtract_zero(felt: Felt, course: CourseState, frame: WorkFrame) -> Felt:
+def subtract_zero(felt: Felt, state: ProgramState, frame: WorkFrame) -> Felt:
     """The sample from the program's zero."""
-    quaternion = felt.quaternion or course.home
+    quaternion = felt.quaternion or state.home
     if quaternion is None or len(felt.wrench) != 6:
         return felt
-    x, y, z = rotate(normalise(quaternion), course.zero[:3])
+    x, y, z = rotate(normalise(quaternion), state.zero[:3])
     a, t, b = (along((x, y, z), way) for way in (frame.approach, frame.x, frame.y))
     force = felt.force[0] + a, felt.force[1] + t, felt.force[2] + b
-    wrench = tuple(value - zero for value, zero in zip(felt.wrench, course.zero, strict=True))
+    wrench = tuple(value - zero for value, zero in zip(felt.wrench, state.zero, strict=True))
     return felt._replace(force=force, wrench=wrench)
 
 

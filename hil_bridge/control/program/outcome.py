@@ -2,11 +2,10 @@
 
 from msgspec.structs import replace
 
-from hil_bridge.control.course.task import TaskState
-from hil_bridge.control.program.legs import Leg
-from hil_bridge.control.program.state import CourseState, Done, Tally
+from hil_bridge.control.program.leg import Leg
+from hil_bridge.control.program.state import Done, ProgramState, Tally
 from hil_bridge.control.types import Measurement
-from hil_bridge.errors.causes import Reason
+from hil_bridge.errors.causes import Cause, Reason
 from protocol.geometry import Vector
 
 _BAND_SHARE = 0.1
@@ -19,19 +18,20 @@ def added(found: tuple[Vector, int], place: Vector) -> tuple[Vector, int]:
 
 
 def count_sample(
-    course: CourseState, leg: Leg, before: TaskState, after: TaskState, measurement: Measurement
-) -> CourseState:
+    state: ProgramState, leg: Leg, before: ProgramState, measurement: Measurement
+) -> ProgramState:
     """The sums over a leg, with one more sample."""
-    if not after.in_contact:
-        return course
-    moved = after.travel - before.travel
+    stroke = state.stroke
+    if not stroke.in_contact:
+        return state
+    moved = stroke.travel - before.stroke.travel
     amount = measurement.dt if leg.way is None else max(moved, 0.0)
-    local = after.travel - course.base
-    criterion = getattr(leg.step, "criterion", None)
+    local = stroke.travel - state.base
+    criterion = leg.step.criterion
     reference = leg.reference(max(local, 0.0))
     band = reference * _BAND_SHARE if criterion is None else criterion.within_n
     within = abs(measurement.force - reference) <= band
-    tally = course.tally
+    tally = state.tally
     tally = Tally(
         tally.total + amount,
         tally.within + (amount if within else 0.0),
@@ -39,18 +39,18 @@ def count_sample(
         tally.deep + amount * measurement.position,
         local if within else tally.good,
     )
-    deep, way = course.this_pass
+    deep, way = state.this_pass
     if leg.way is not None:
         deep, way = deep + amount * measurement.position, way + amount
-    return replace(course, tally=tally, this_pass=(deep, way))
+    return replace(state, tally=tally, this_pass=(deep, way))
 
 
-def done(course: CourseState, leg: Leg, now: float, at: Vector | None = None) -> Done:
+def outcome(state: ProgramState, leg: Leg, now: float, at: Vector | None = None) -> Done:
     """Outcome of a leg that has ended at this time, s on the run's clock, with the tool at this place."""
-    tally, criterion = course.tally, getattr(leg.step, "criterion", None)
+    tally, criterion = state.tally, leg.step.criterion
     share = tally.within / tally.total if tally.total and criterion is not None else None
     passed = criterion is None or (share is not None and share * 100 >= criterion.for_percent)
-    text = ""
+    text = state.text
     if criterion is not None:
         kept = (
             "never in contact"
@@ -58,25 +58,34 @@ def done(course: CourseState, leg: Leg, now: float, at: Vector | None = None) ->
             else f"{100 * share:.1f} % of the {'time' if leg.way is None else 'way'}"
         )
         text = f"force within ±{criterion.within_n:g} N: {kept}, wanted {criterion.for_percent:g} %"
-    (x, y, z), count = course.found
+    (x, y, z), count = state.found
     found = (x / count, y / count, z / count) if count else None
     if leg.step.do == "approach" and leg.step.name:
         found = at
     return Done(
-        course.leg,
-        now if course.began is None else course.began,
+        state.leg,
+        now if state.began is None else state.began,
         now,
-        course.local,
+        state.local,
         tally.force / tally.total if tally.total else None,
         share,
         passed,
-        found if getattr(leg.step, "name", "") else None,
+        found if leg.step.name else None,
         text,
         tally.good,
     )
 
 
-def cut(course: CourseState, leg: Leg, now: float, reason: Reason | None) -> Done:
+def cut(state: ProgramState, leg: Leg, now: float, reason: Reason | None) -> Done:
     """Outcome of a leg that was cut at this time, s on the run's clock."""
     text = "" if reason is None else str(reason)
-    return replace(done(course, leg, now), passed=False, text=text, found=None)
+    return replace(outcome(state, leg, now), passed=False, text=text, found=None)
+
+
+def ending(state: ProgramState, leg: Leg) -> Reason | None:
+    """Why a leg that leads along the surface ended: its time, or its way; None for another leg."""
+    if leg.way is None:
+        return None
+    if leg.step.for_s is not None and state.local < leg.way.length - 1e-9:
+        return Reason(Cause.TIME_IS_UP)
+    return Reason(Cause.TRAVELLED, f"travelled {leg.way.length * 1e3:g} mm")

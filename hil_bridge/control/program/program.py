@@ -1,11 +1,7 @@
-"""The course of a program as a pure state machine: one leg after the other, each by the task with its parameters.
+"""A program as a pure state machine: one leg after the other, each by its step and its stroke.
 
-It takes the place of `course.task.Task` in the loop, and its state stands in `TaskState.course`. Approach, tracking and
-retraction are the task's own; what a program adds is where the path leads, how fast, with which force and orientation.
-
-While the force is controlled along the surface's normal, the controller is shown depths from the ground: the plane that
-the estimated normal predicts along the path. So a corner or a way back, where the slope changes its sign, is no
-disturbance for it.
+A run without steps is the program of an approach, a straight way and a retraction. See
+`docs/explanation/one-cycle.md` for one sample from the sensor to the order.
 """
 
 import math
@@ -14,27 +10,21 @@ from typing import Any
 
 from msgspec.structs import replace
 
+from hil_bridge.control.course.intent import Intent, Phase, Target
 from hil_bridge.control.course.parameters import TaskParameters
-from hil_bridge.control.course.task import Phase, Stride, Target, Task, TaskOutput, TaskState
-from hil_bridge.control.program import free_steps
-from hil_bridge.control.program.across import beside
+from hil_bridge.control.course.stroke import Order, Stroke
 from hil_bridge.control.program.facing import Facing, Look, elsewhere, inward
-from hil_bridge.control.program.feed import STUCK_S, feed_of, progress, yielding
-from hil_bridge.control.program.felt import Face, WorkFrame, lateral_of, measure_skew, subtract_zero
-from hil_bridge.control.program.legs import Leg, Row
+from hil_bridge.control.program.felt import Face, WorkFrame, measure_skew, subtract_zero
+from hil_bridge.control.program.leg import Leg, Row
 from hil_bridge.control.program.orienting import heading_of, turn_tool
-from hil_bridge.control.program.outcome import added, count_sample, cut
-from hil_bridge.control.program.outcome import done as outcome_of
-from hil_bridge.control.program.state import CourseState, Felt, Tally
-from hil_bridge.control.types import Controller, Measurement
-from hil_bridge.control.words.paths import Place
-from hil_bridge.control.words.steps import Hold, Move, Seek, Track, Zero
-from hil_bridge.errors.causes import Cause, Reason
+from hil_bridge.control.program.outcome import cut, ending, outcome
+from hil_bridge.control.program.state import Felt, ProgramState, Tally
+from hil_bridge.control.program.yielding import yield_aside
+from hil_bridge.control.types import Controller, Measurement, begin
+from hil_bridge.errors.causes import Reason
 from protocol.geometry import normalise
 
 _TRACK, _RETRACT, _END, _APPROACH = Phase.TRACK, Phase.RETRACT, Phase.END, Phase.APPROACH
-_ROUNDING = 1e-9
-"""Slack for sums of steps, m."""
 
 
 POINT = Face()
@@ -45,204 +35,199 @@ FACING = Facing()
 
 @dataclass(frozen=True, slots=True)
 class Program:
-    """Steps a task through the legs of a program."""
+    """Takes samples through the legs of a row."""
 
     row: Row
-    task: Task
-    """The task with the run's own parameters."""
+    stroke: Stroke
+    """The stroke with the run's own parameters."""
     frame: WorkFrame
     facing: Facing = FACING
     face: Face = POINT
-    follows: bool = False
-    """Control the force along the estimated normal whatever the tool's orientation."""
     safe_height: float = 0.0
     """Height over the start point, or the frame's plane, at which the tool goes to other places, m."""
-
-    # --- as a task
 
     @property
     def parameters(self) -> TaskParameters:
         """The run's own parameters."""
-        return self.task.parameters
+        return self.stroke.parameters
 
     @property
     def controller(self) -> Controller[Any]:
-        return self.task.controller
+        return self.stroke.controller
 
     @property
     def turns(self) -> bool:
         """Whether any step turns the tool."""
-        return any(getattr(leg.step, "orientation", "fixed") != "fixed" for leg in self.row.legs)
+        return any(leg.step.orientation != "fixed" for leg in self.row.legs)
 
-    def initial(self) -> TaskState:
+    def initial(self) -> ProgramState:
         """State at the start point, away from the surface."""
-        return TaskState(course=CourseState())
+        return ProgramState()
 
-    def way(self, speed_mm_s: float, dt: float) -> float:
-        """As `Task.way`."""
-        return self.task.way(speed_mm_s, dt)
-
-    def finish(self, state: TaskState, reason: Reason) -> TaskState:
+    def finish(self, state: ProgramState, reason: Reason) -> ProgramState:
         """Retract from the next sample on and end, for a reason from outside."""
         if state.reason or state.phase is _END:
             return state
-        turn = state.turn if state.phase is _RETRACT else None
-        return replace(state, phase=Phase.RETRACT, turn=turn, reason=reason)
+        turn = state.stroke.turn if state.phase is _RETRACT else None
+        return replace(state, stroke=replace(state.stroke, phase=_RETRACT, turn=turn), reason=reason)
 
-    def fail(self, state: TaskState, reason: Reason) -> TaskState:
+    def fail(self, state: ProgramState, reason: Reason) -> ProgramState:
         """Retract from the next sample on and end, because something is wrong."""
         if state.reason or state.phase is _END:
             return state
-        course = state.course
-        if course.began is not None:
-            reason = reason.in_step(self.row.legs[course.leg].label)
-        return replace(self.finish(state, reason), failed=True)
+        return replace(self.finish(state, self.where(state, reason)), failed=True)
 
-    def hold(self, state: TaskState, measurement: Measurement) -> TaskOutput:
+    def where(self, state: ProgramState, reason: Reason) -> Reason:
+        """Why a run stops, with the step in which it does, where a person has written it."""
+        if state.began is None or not self.row.written:
+            return reason
+        return reason.in_step(self.row.legs[state.leg].label)
+
+    def completed(self, state: ProgramState) -> Reason | None:
+        """Why a run that went as it was meant to has ended; None where its steps tell that."""
+        return state.reason or (None if self.row.written else state.led)
+
+    def hold(self, state: ProgramState, measurement: Measurement) -> Intent:
         """The answer that changes nothing."""
-        return self._output(state, self.task.hold(state, measurement))
+        return self._intent(state, Order(state.phase, measurement.commanded))
 
     # --- what is felt
 
-    def sense(
-        self, state: TaskState, measurement: Measurement, felt: Felt
-    ) -> tuple[TaskState, Measurement, Felt]:
+    def sense(self, state: ProgramState, felt: Felt) -> tuple[ProgramState, Felt]:
         """The sample from the program's own zero, with the way along the path, and along the surface's normal where
         that is followed.
         """
-        course = state.course
-        if course.start is None:
-            course = self._start(felt)
-            state = replace(state, course=course)
-        leg = self.row.legs[course.leg]
-        if course.zero:
-            felt = subtract_zero(felt, course, self.frame)
+        if state.start is None:
+            state = self._start(state, felt)
+        leg, measurement = self.row.legs[state.leg], felt.measurement
+        if state.zero:
+            felt = subtract_zero(felt, state, self.frame)
             change = felt.force[0] - measurement.force
             paired = measurement.paired_force
             measurement = replace(
                 measurement, force=felt.force[0], paired_force=None if paired is None else paired + change
             )
         if leg.way is not None:
-            place = felt.place[0] - course.origin[0], felt.place[1] - course.origin[1]
-            along = leg.way.along(course.seen, state.travel - course.base, place)
-            course = replace(course, seen=max(along, 0.0))
-            state, measurement = (
-                replace(state, course=course),
-                replace(measurement, travel=course.base + along),
-            )
-        if state.phase is not _TRACK or not self._follows(leg):
-            return state, measurement, felt
-        return *self._along_normal(state, leg, measurement, felt), felt
+            place = felt.place[0] - state.origin[0], felt.place[1] - state.origin[1]
+            along = leg.way.along(state.seen, state.stroke.travel - state.base, place)
+            state = replace(state, seen=max(along, 0.0))
+            measurement = replace(measurement, travel=state.base + along, against=felt.against(state.heading))
+        elif leg.step.phase is not Phase.MOVE:
+            measurement = replace(measurement, against=felt.against(state.heading))
+        felt = felt._replace(measurement=measurement)
+        if state.phase is not _TRACK or not leg.follows:
+            return state, felt
+        return self._along_normal(state, leg, felt)
 
-    def _start(self, felt: Felt) -> CourseState:
+    def _start(self, state: ProgramState, felt: Felt) -> ProgramState:
         """State at the first sample."""
-        frame = self.frame
+        frame, position, quaternion = self.frame, felt.sample.position, felt.quaternion
         x, y = 0.0, 0.0
         if frame.origin is not None:
             x, y = (
-                sum((p - o) * n for p, o, n in zip(felt.position, frame.origin, axis, strict=True)) - moved
+                sum((p - o) * n for p, o, n in zip(position, frame.origin, axis, strict=True)) - moved
                 for axis, moved in zip((frame.x, frame.y), felt.place, strict=True)
             )
-        plane = frame.plane or felt.position
-        deep = sum((p - q) * n for p, q, n in zip(plane, felt.position, frame.approach, strict=True))
-        home = None if felt.quaternion is None else normalise(felt.quaternion)
-        return CourseState(start=(x, y), safe=min(deep - self.safe_height, 0.0), home=home)
+        plane = frame.plane or position
+        deep = sum((p - q) * n for p, q, n in zip(plane, position, frame.approach, strict=True))
+        home = None if quaternion is None else normalise(quaternion)
+        return replace(state, start=(x, y), safe=min(deep - self.safe_height, 0.0), home=home)
 
-    def _follows(self, leg: Leg) -> bool:
-        return self.follows or getattr(leg.step, "orientation", "") == "normal"
-
-    def _along_normal(
-        self, state: TaskState, leg: Leg, measurement: Measurement, felt: Felt
-    ) -> tuple[TaskState, Measurement]:
+    def _along_normal(self, state: ProgramState, leg: Leg, felt: Felt) -> tuple[ProgramState, Felt]:
         """The estimate after this sample, and the force along the normal."""
-        course, heading = state.course, heading_of(leg, state.course)
+        heading, measurement = heading_of(leg, state), felt.measurement
         if state.in_contact:
-            stiffness = state.stiffness or self.parameters.expected_stiffness_n_m
+            stiffness = state.stroke.stiffness or self.parameters.expected_stiffness_n_m
             per_angle = max(stiffness, 1.0) * self.face.radius**2 / 4.0
-            slides = leg.way is not None and abs(course.feed) > 0.05
+            slides = leg.way is not None and abs(state.feed) > 0.05
+            indented = measurement.force_at_position / max(stiffness, 1.0) if leg.shows_ground else 0.0
             look = Look(
                 measurement.dt,
                 measurement.travel,
-                measurement.position - measurement.force_at_position / max(stiffness, 1.0),
+                measurement.position - indented,
                 felt.force,
                 heading if slides else (0.0, 0.0),
                 *measure_skew(self.frame, self.face, felt, per_angle),
             )
-            course = replace(course, facing=self.facing.after(course.facing, look, per_angle or 1.0))
-            state = replace(state, course=course)
-        a, t, b = inward(course.facing.fall)
+            state = replace(state, facing=self.facing.after(state.facing, look, per_angle or 1.0))
+        a, t, b = inward(state.facing.fall)
         force = measurement.force
         if not (math.isfinite(force) and force > self.parameters.loss_threshold_n):
-            return state, measurement
+            return state, felt
         pressed = felt.force[0] * a + felt.force[1] * t + felt.force[2] * b
         paired = measurement.paired_force
-        p, q = course.facing.fall
+        p, q = state.facing.fall
         slope = p * heading[0] + q * heading[1]
-        return state, replace(
+        measurement = replace(
             measurement,
             force=pressed,
             paired_force=None if paired is None else paired * pressed / force,
             advance=1.0 / math.sqrt(1.0 + slope * slope),
         )
+        return state, felt._replace(measurement=measurement)
 
     # --- one sample
 
-    def step(self, state: TaskState, measurement: Measurement, felt: Felt) -> tuple[TaskState, TaskOutput]:
+    def step(self, state: ProgramState, felt: Felt) -> tuple[ProgramState, Intent]:
         """One sample, after `sense`. Steps that end without it are passed over."""
+        measurement = felt.measurement
         known = math.isfinite(measurement.force) and math.isfinite(measurement.position)
         if not (known or state.reason):
             return state, self.hold(state, measurement)
         while not state.reason and state.phase is not _END:
-            if state.course.began is None:
+            if state.began is None:
                 state = self._begin(state, felt)
-            leg = self.row.legs[state.course.leg]
-            if self._over(state, leg, measurement, felt):
+            leg = self.row.legs[state.leg]
+            if leg.step.is_over(leg, state, felt):
                 state = self._next(state, leg, felt)
                 continue
-            state, output, done = self._take(state, leg, measurement, felt)
-            if not state.reason:
-                course = turn_tool(state.course, leg, self.frame, self.facing, measurement.dt)
-                state = replace(state, course=course)
-            output = self._output(state, output)
-            if state.reason:
-                return replace(state, turn=None), output
-            return (self._next(state, leg, felt) if done else state), output
-        return self._leave(state, measurement, felt)
+            state, order, done, trouble = leg.step.take(leg, state, felt)
+            if trouble is not None:
+                state = self.fail(state, trouble)
+                return state, self._intent(state, order)
+            state = turn_tool(state, leg, self.frame, self.facing, measurement.dt)
+            intent = self._intent(state, order)
+            return (self._next(state, leg, felt) if done else state), intent
+        return self._leave(state, felt)
 
-    def _leave(self, state: TaskState, measurement: Measurement, felt: Felt) -> tuple[TaskState, TaskOutput]:
+    def _leave(self, state: ProgramState, felt: Felt) -> tuple[ProgramState, Intent]:
         """Back out of the surface where the tool is; then the run ends."""
-        course = state.course
-        if course.began is not None:
-            leg = self.row.legs[course.leg]
-            state = replace(
-                state,
-                course=replace(
-                    course, done=(*course.done, cut(course, leg, felt.now, state.reason)), began=None
-                ),
-            )
-        course = yielding(
-            state.course, felt.force, self.way(self.parameters.retract_speed_mm_s, measurement.dt)
-        )
-        state, output = self.task.step(replace(state, course=course), measurement)
+        if state.began is not None:
+            done = cut(state, self.row.legs[state.leg], felt.sample.now, state.reason)
+            state = replace(state, done=(*state.done, done), began=None)
+        way = self.stroke.way(self.parameters.retract_speed_mm_s, felt.measurement.dt)
+        state = yield_aside(state, felt, way, self.stroke.friction_share)
+        stroke, order = self.stroke.step(state.stroke, felt.measurement)
+        state = replace(state, stroke=stroke)
+        intent = self._intent(state, order)
         aside = math.hypot(felt.force[1], felt.force[2])
         if aside > max(self.parameters.contact_threshold_n, -felt.force[0]):  # not by what hangs above
-            output = replace(output, in_contact=True)
-        return state, self._output(state, output)
+            intent = replace(intent, in_contact=True)
+        return state, intent
 
-    def _begin(self, state: TaskState, felt: Felt) -> TaskState:
+    def _begin(self, state: ProgramState, felt: Felt) -> ProgramState:
         """State at the first sample of a leg."""
-        course, leg = state.course, self.row.legs[state.course.leg]
-        presses = state.phase is _TRACK
-        course = replace(
-            course,
-            began=felt.now,
-            origin=course.at,
-            base=state.travel,
+        leg, stroke = self.row.legs[state.leg], state.stroke
+        presses, phase, now = stroke.phase is _TRACK, leg.step.phase, felt.sample.now
+        # a stroke begins elsewhere: what was learnt of places belongs to the one before
+        memory = None if phase is _APPROACH else stroke.controller
+        if phase is _TRACK:
+            memory = begin(self.controller) if memory is None else memory
+            stroke = replace(stroke, phase=phase, turn=None, lost_for=None, settled=False, controller=memory)
+        else:
+            stroke = replace(stroke, phase=phase, turn=None, lost_at=None, controller=memory, touch=None)
+        again = {"first_pass": None, "this_pass": (0.0, 0.0)} if leg.first_of_repeat else {}
+        return replace(
+            state,
+            stroke=stroke,
+            began=now,
+            origin=state.at,
+            base=stroke.travel,
             local=0.0,
             seen=0.0,
             aside=0.0,
             stage=0,
-            since=felt.now,
+            since=now,
             stuck=0.0,
             passed=0.0,
             yielded=0.0,
@@ -251,249 +236,57 @@ class Program:
             found=((0.0, 0.0, 0.0), 0),
             readings=((), 0, -1),
             tally=Tally(),
-            ground=course.ground if presses else 0.0,
-            facing=course.facing if presses else elsewhere(course.facing),
-        )
-        if leg.first_of_repeat:
-            course = replace(course, first_pass=None, this_pass=(0.0, 0.0))
-        phase = _PHASES[leg.step.do]
-        if phase is Phase.SEEK and leg.step.until == "edge":
-            phase = _TRACK
-        # a stroke begins elsewhere: what was learnt of places belongs to the one before
-        memory = None if phase is _APPROACH else state.controller
-        if phase is _TRACK and memory is None:
-            memory = self.controller.initial()
-        if phase is _TRACK:
-            return replace(
-                state, phase=phase, turn=None, lost_for=None, settled=False, controller=memory, course=course
-            )
-        return replace(
-            state, phase=phase, turn=None, lost_at=None, controller=memory, course=course, touch=None
+            text="",
+            ground=state.ground if presses else 0.0,
+            facing=state.facing if presses else elsewhere(state.facing),
+            **again,
         )
 
-    def _over(self, state: TaskState, leg: Leg, measurement: Measurement, felt: Felt) -> bool:
-        """Whether a leg is over before it has used this sample."""
-        step, course = leg.step, state.course
-        if step.do == "approach":
-            touches = measurement.force > leg.stroke.parameters.contact_threshold_n
-            return touches and leg.stroke.is_proven(state)
-        for_s = getattr(step, "for_s", None)
-        return for_s is not None and felt.now - course.began >= for_s
-
-    def _take(
-        self, state: TaskState, leg: Leg, measurement: Measurement, felt: Felt
-    ) -> tuple[TaskState, TaskOutput, bool]:
-        """One sample of a leg: state, answer, and whether the leg ends with it."""
-        step = leg.step
-        if state.phase is _TRACK or (state.phase is _APPROACH and step.do != "approach"):
-            return self._press(state, leg, measurement, felt)
-        match step:
-            case Move():
-                taken = free_steps.move(leg, state, measurement, felt)
-            case Seek():
-                taken = free_steps.seek(leg, state, measurement, felt)
-            case Zero():
-                taken = free_steps.zero(leg, state, measurement, felt)
-            case _:
-                if state.phase is _RETRACT:
-                    way = self.way(leg.stroke.parameters.retract_speed_mm_s, measurement.dt)
-                    state = replace(state, course=yielding(state.course, felt.force, way))
-                state, output = leg.stroke.step(state, measurement)
-                if state.failed:
-                    state = self._label_failure(state, leg)
-                    output = replace(output, reason=state.reason)
-                ended = state.phase is _END
-                if ended:
-                    state = replace(state, phase=Phase.RETRACT)
-                return state, output, ended
-        state, depth, done, trouble = taken
-        if trouble:
-            state = self.fail(state, trouble)
-        phase = _PHASES[step.do]
-        return state, TaskOutput(phase, Target(depth, 0.0), state.in_contact, losses=state.losses), done
-
-    def _press(
-        self, state: TaskState, leg: Leg, measurement: Measurement, felt: Felt
-    ) -> tuple[TaskState, TaskOutput, bool]:
-        """One sample of a leg that presses."""
-        step, course, way = leg.step, state.course, leg.way
-        local = state.travel - course.base
-        reference = leg.reference(max(local, 0.0))
-        feed, trouble = 1.0, None
-        if isinstance(step, Track):
-            lateral = lateral_of(felt.force, course.facing.fall if self._follows(leg) else (0.0, 0.0))
-            feed, trouble = feed_of(step, measurement.force - reference, lateral, local)
-            feed = min(feed, 0.0) if felt.held else feed
-            course = replace(course, feed=feed)
-            if step.lateral_limit_n is not None and state.in_contact and not felt.held:
-                course = progress(course, leg.stroke.parameters.speed_mm_s, measurement.dt, local)
-                if course.stuck >= STUCK_S:
-                    text = (
-                        f"a lateral force of {lateral:.1f} N holds the feed {local * 1e3:.1f} mm along the path: "
-                        "something stands in the way"
-                    )
-                    trouble = trouble or Reason(Cause.NO_PROGRESS, text)
-            state = replace(state, course=course)
-        if trouble:
-            state = self.fail(state, trouble)
-            return state, self.task.hold(state, measurement), False
-        before, ground = state, course.ground
-        fall = course.facing.fall if self._follows(leg) else (0.0, 0.0)
-        seen = measurement
-        if ground or fall != (0.0, 0.0):
-            behind = _rise(fall, felt.place, course.at)
-            seen = replace(
-                measurement,
-                position=measurement.position - (ground - behind),
-                commanded=measurement.commanded - ground,
-            )
-        state, output = leg.stroke.step(state, seen, Stride(reference, feed))
-        if state.travel < course.base:
-            state = replace(state, travel=course.base)
-        local = state.travel - course.base
-        course = state.course
-        if isinstance(step, Track) and step.across != "position":
-            course = beside(leg.stroke, step, course, measurement, _leftwards(leg, state, felt))
-        at = course.at
-        if way is not None:
-            (x, y), (h, k) = way.at(local), way.headings[way.piece(local)]
-            at = course.origin[0] + x - course.aside * k, course.origin[1] + y + course.aside * h
-        raised = ground + _rise(fall, course.at, at)
-        course = count_sample(
-            replace(course, at=at, ground=raised, local=local if way else 0.0),
-            leg,
-            before,
-            state,
-            measurement,
-        )
-        began = felt.now if course.began is None else course.began
-        if isinstance(step, Hold) and felt.now - began >= step.for_s / 2:
-            course = replace(course, found=added(course.found, felt.position))
-        stiffness = state.stiffness if output.command is None else output.command.stiffness or state.stiffness
-        state = replace(state, course=course, stiffness=stiffness)
-        depth = output.target.depth + raised
-        output = replace(
-            output,
-            target=Target(depth, 0.0),
-            reference=reference,
-            command=_shift_answer(output.command, raised),
-        )
-        if isinstance(step, Seek):
-            return self._edge((before, state), leg, output, measurement, felt)
-        if state.phase is _RETRACT:  # the task has given up
-            state = (
-                self._label_failure(state, leg)
-                if state.failed
-                else replace(state, phase=Phase.TRACK, reason=None)
-            )
-            output = replace(output, reason=state.reason, failed=state.failed)
-        return state, output, way is not None and local >= way.length - _ROUNDING
-
-    def _edge(
-        self,
-        states: tuple[TaskState, TaskState],
-        leg: Leg,
-        output: TaskOutput,
-        measurement: Measurement,
-        felt: Felt,
-    ) -> tuple[TaskState, TaskOutput, bool]:
-        """A leg that looks for the end of the surface: a loss of contact is what it wants."""
-        before, state = states
-        course = state.course
-        if state.in_contact:
-            state = replace(state, course=replace(course, found=(felt.position, 1)))
-            assert leg.way is not None
-            if state.travel - course.base >= leg.way.length - _ROUNDING or state.phase is _RETRACT:
-                mm = leg.way.length * 1e3
-                state = self.fail(
-                    replace(state, phase=Phase.TRACK, reason=None, failed=False),
-                    Reason(Cause.NO_EDGE, f"no edge within {mm:g} mm"),
-                )
-            return state, replace(output, reason=state.reason, failed=state.failed), False
-        lost = state.phase is not _TRACK or state.reason is not None
-        if lost:  # stand still: the next leg leads away
-            state = replace(before, course=course, travel=state.travel)
-            target = Target(measurement.commanded, 0.0)
-            output = replace(output, phase=Phase.TRACK, target=target, reason=None, failed=False)
-        return state, output, lost
-
-    def _label_failure(self, state: TaskState, leg: Leg) -> TaskState:
-        """The task's failure with the step's number."""
-        return replace(state, reason=None if state.reason is None else state.reason.in_step(leg.label))
-
-    def _next(self, state: TaskState, leg: Leg, felt: Felt) -> TaskState:
+    def _next(self, state: ProgramState, leg: Leg, felt: Felt) -> ProgramState:
         """State behind a leg: its outcome, and where the row goes on."""
-        course = state.course
-        done = outcome_of(course, leg, felt.now, felt.position)
-        number = course.leg + 1
+        done = outcome(state, leg, felt.sample.now, felt.sample.position)
+        number, first, this = state.leg + 1, state.first_pass, state.this_pass
         if leg.leave_to is not None:
-            deep, way = course.this_pass
+            (deep, way), this = this, (0.0, 0.0)
             mean = deep / way if way else None
-            first = mean if course.first_pass is None else course.first_pass
-            if (
-                leg.removed is not None
-                and mean is not None
-                and first is not None
-                and mean - first >= leg.removed
-            ):
+            first = mean if first is None else first
+            removed = 0.0 if mean is None or first is None else mean - first
+            if leg.removed is not None and mean is not None and removed >= leg.removed:
                 number = leg.leave_to
-                done = replace(done, text=f"{(mean - first) * 1e3:.3f} mm removed")
-            course = replace(course, first_pass=first, this_pass=(0.0, 0.0))
-        course = replace(
-            course, leg=min(number, len(self.row.legs) - 1), began=None, done=(*course.done, done)
+                done = replace(done, text=f"{removed * 1e3:.3f} mm removed")
+        over = number >= len(self.row.legs)
+        return replace(
+            state,
+            stroke=replace(state.stroke, phase=_END) if over else state.stroke,
+            leg=min(number, len(self.row.legs) - 1),
+            began=None,
+            first_pass=first,
+            this_pass=this,
+            led=ending(state, leg) or state.led,
+            done=(*state.done, done),
         )
-        phase = Phase.END if number >= len(self.row.legs) else state.phase
-        return replace(state, phase=phase, course=course)
 
-    def _output(self, state: TaskState, output: TaskOutput) -> TaskOutput:
-        """The task's answer with the place and orientation of the program."""
-        course = state.course
+    def _intent(self, state: ProgramState, order: Order) -> Intent:
+        """The order of a step with the place and orientation of the program."""
         notes = {}
-        if course.feed != 1.0:
-            notes["feed"] = course.feed
-        if math.isfinite(course.facing.sigma):
-            p, q = course.facing.fall
+        if state.feed != 1.0:
+            notes["feed"] = state.feed
+        if math.isfinite(state.facing.sigma):
+            p, q = state.facing.fall
             notes["normal_x_deg"], notes["normal_y_deg"] = (
                 math.degrees(math.atan(slope)) for slope in (p, q)
             )
-            notes["normal_sigma_deg"] = math.degrees(course.facing.sigma)
-        return replace(
-            output,
-            target=Target(output.target.depth, *course.at),
-            reason=state.reason,
-            failed=state.failed,
-            turned=course.turned,
-            leg=course.leg,
-            notes=notes,
+            notes["normal_sigma_deg"] = math.degrees(state.facing.sigma)
+        return Intent(
+            order.phase,
+            Target(order.depth, *state.at),
+            state.in_contact,
+            order.command,
+            state.stroke.losses,
+            state.reason,
+            state.failed,
+            order.reference,
+            state.turned,
+            state.leg,
+            notes,
         )
-
-
-_PHASES = {
-    "approach": Phase.APPROACH,
-    "track": Phase.TRACK,
-    "hold": Phase.TRACK,
-    "seek": Phase.SEEK,
-    "retract": Phase.RETRACT,
-    "move": Phase.MOVE,
-    "zero": Phase.ZERO,
-}
-"""Phase in which a leg begins."""
-
-
-def _rise(fall: Place, before: Place, after: Place) -> float:
-    """How much deeper the surface lies at one place than at another, m, going by its slopes."""
-    return fall[0] * (after[0] - before[0]) + fall[1] * (after[1] - before[1])
-
-
-def _leftwards(leg: Leg, state: TaskState, felt: Felt) -> tuple[float, float]:
-    """Force to the left of the path, N, and the reported way to the left of it, m."""
-    assert leg.way is not None
-    course, local = state.course, state.travel - state.course.base
-    (h, k), (x, y) = heading_of(leg, state.course), leg.way.at(local)
-    dx, dy = felt.place[0] - course.origin[0] - x, felt.place[1] - course.origin[1] - y
-    return h * felt.force[2] - k * felt.force[1], h * dy - k * dx
-
-
-def _shift_answer(command: Any, ground: float) -> Any:
-    """A controller's answer in depths from the start point."""
-    return command if command is None or not ground else replace(command, position=command.position + ground)

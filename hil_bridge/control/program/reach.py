@@ -3,10 +3,10 @@
 from collections.abc import Iterator
 from operator import itemgetter
 
+from hil_bridge.control.course.intent import Phase
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.program.felt import WorkFrame
-from hil_bridge.control.program.legs import Row
-from hil_bridge.control.words.steps import Approach, Move, Retract
+from hil_bridge.control.program.leg import Row
 from hil_bridge.errors import StepError
 from protocol.geometry import Vector
 
@@ -21,20 +21,12 @@ def corners(row: Row, frame: WorkFrame, start: Vector) -> Iterator[tuple[str, Ve
     depth = sum((s - o) * n for s, o, n in zip(start, origin, frame.approach, strict=True))
     touched = 0.0
     for leg, place in zip(row.legs, row.places, strict=True):
-        deep = depth
-        if isinstance(leg.step, Approach):
+        if leg.step.phase is Phase.APPROACH:
             touched = leg.stroke.parameters.approach_depth_limit_mm * 1e-3
-        if isinstance(leg.step, Move):
-            deep -= leg.stroke.parameters.safe_height_mm * 1e-3
-            ends = [leg.step.to_mm] if place is None else [place, leg.step.to_mm]
-            places = [(x * 1e-3, y * 1e-3) for x, y in ends]
-        elif isinstance(leg.step, Retract) and place is not None:
-            deep += min(touched - leg.stroke.parameters.retract_mm * 1e-3, 0.0)
-            places = [(place[0] * 1e-3, place[1] * 1e-3)]
-        elif leg.way is not None and place is not None:
-            places = [(place[0] * 1e-3 + x, place[1] * 1e-3 + y) for x, y in leg.way.points]
-        else:
-            continue
+        places, height = leg.step.places(leg, place)
+        if leg.step.phase is Phase.RETRACT:
+            height = max(height - touched, 0.0)
+        deep = depth - height
         for x, y in places:
             a, b, c = (
                 o + deep * n + x * t + y * s

@@ -3,10 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from hil_bridge.control.course.task import Task
-from hil_bridge.control.program.legs import Leg, Row
-from hil_bridge.control.words.paths import Place, Way
-from hil_bridge.control.words.steps import Approach, Move, ResumePoint, Track, Zero
+from hil_bridge.control.course.stroke import Stroke
+from hil_bridge.control.program.leg import Leg, Row
+from hil_bridge.control.steps.approach import Approach
+from hil_bridge.control.steps.move import Move
+from hil_bridge.control.steps.paths import Place, Way
+from hil_bridge.control.steps.seam import Step
+from hil_bridge.control.steps.settings import ResumePoint
+from hil_bridge.control.steps.zero import Zero
 from hil_bridge.errors import ConfigError
 
 OVERLAP_MM = 2.0
@@ -15,7 +19,7 @@ FIRST = 3
 """Legs that come before the step that was cut: move, zero, approach."""
 
 
-def resume_row(row: Row, point: ResumePoint, task: Task) -> Row:
+def resume_row(row: Row, point: ResumePoint, stroke: Stroke) -> Row:
     """The rest of a program: over to the place, a zero, an approach, and on. Raises ConfigError for a point that is no
     part of it.
     """
@@ -24,16 +28,15 @@ def resume_row(row: Row, point: ResumePoint, task: Task) -> Row:
             f"task.resume: the program has {len(row.legs)} steps, and no number {point.leg + 1}"
         )
     first = row.legs[point.leg]
-    presses = first.step.do in ("track", "hold") or getattr(first.step, "until", "") == "edge"
     head = [
-        _leg(Move(to_mm=point.place_mm), first, task),
-        _leg(Zero(), first, task),
+        _leg(Move(to_mm=point.place_mm), first, stroke),
+        _leg(Zero(), first, stroke),
     ]
-    if presses:
+    if first.step.controls:
         before = next((leg for leg in row.legs[point.leg :: -1] if leg.step.do == "approach"), None)
-        head.append(_leg(Approach(), first, task) if before is None else before)
+        head.append(_leg(Approach(), first, stroke) if before is None else before)
     else:  # a zero more: the places of the rest stay the same
-        head.append(_leg(Zero(), first, task))
+        head.append(_leg(Zero(), first, stroke))
     head = [replace(leg, leave_to=None, first_of_repeat=False) for leg in head]
     shift = FIRST - point.leg
     rest = [
@@ -42,19 +45,19 @@ def resume_row(row: Row, point: ResumePoint, task: Task) -> Row:
     ]
     rest[0] = _cut(first, point)
     return Row(
-        (*head, *rest), (None, point.place_mm, point.place_mm, point.place_mm, *row.places[point.leg + 1 :])
+        (*head, *rest),
+        (None, point.place_mm, point.place_mm, point.place_mm, *row.places[point.leg + 1 :]),
+        row.written,
     )
 
 
-def _leg(step: object, like: Leg, task: Task) -> Leg:
-    return Leg("resume", step, task, like.limits, ((0.0, task.parameters.force_n),))
+def _leg(step: Step, like: Leg, stroke: Stroke) -> Leg:
+    return Leg("resume", step, stroke, like.limits, ((0.0, stroke.parameters.force_n),))
 
 
 def _cut(leg: Leg, point: ResumePoint) -> Leg:
     """The step without the part of its path that is done."""
-    done, step = point.way_mm * 1e-3, leg.step
-    if isinstance(step, Track) and step.for_s is not None:
-        step = replace(step, for_s=max(step.for_s - point.spent_s, 1e-3))
+    done, step = point.way_mm * 1e-3, leg.step.resumed(point.spent_s)
     if leg.way is None or not done:
         return replace(leg, step=step)
     profile = ((0.0, leg.reference(done)), *((at - done, force) for at, force in leg.profile if at > done))
@@ -77,7 +80,7 @@ def good_until(leg: Leg, samples: Sequence[tuple[Place, float, float]], band_sha
     """
     if leg.way is None:
         return 0.0
-    criterion = getattr(leg.step, "criterion", None)
+    criterion = leg.step.criterion
     reached = good = 0.0
     for place, force, wanted in samples:
         ahead = min(reached + 0.05, leg.way.length)

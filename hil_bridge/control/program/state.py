@@ -1,35 +1,41 @@
 """The state of a program from one sample to the next, and its input beside a measurement."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from msgspec import Struct
 
+from hil_bridge.control.course.intent import Phase
+from hil_bridge.control.course.stroke import StrokeState
 from hil_bridge.control.program.facing import FacingState
-from hil_bridge.control.words.paths import Place
+from hil_bridge.control.sample import Sample
+from hil_bridge.control.steps.paths import Place
+from hil_bridge.control.types import Measurement
+from hil_bridge.errors.causes import Reason
 from protocol.geometry import Quaternion, Vector
 
 
 class Felt(NamedTuple):
-    """One sample as a program needs it, beside the measurement along the approach."""
+    """One sample as a program sees it, in the work frame."""
 
-    now: float
-    """When it is looked at, s on the run's clock."""
+    sample: Sample
+    measurement: Measurement
+    """The direction in which the force is controlled."""
     place: Place
     """Reported x and y from the start point, m."""
-    position: Vector
-    """Reported position, base frame, m."""
-    quaternion: Quaternion | None
-    """Reported orientation; None where it is not known."""
     force: Vector
-    """Contact force along the approach, x and y, N, positive where the tool presses that way."""
+    """Contact force along the approach, x and y, N, positive where the tool presses that way; from the newest zero."""
     wrench: tuple[float, ...]
-    """Contact wrench in the tool frame, N and N·m, (6,); empty where it is not known."""
-    sensor_sequence: int
-    """Counter of the sensor frame."""
-    ordered: Place = (0.0, 0.0)
-    """x and y that were ordered in the cycle before, from the start point, m."""
-    held: bool = False
-    """A person holds the tool in its place on the surface."""
+    """Contact wrench in the tool frame from the newest zero, N and N·m, (6,); empty where it is not known."""
+
+    @property
+    def quaternion(self) -> Quaternion | None:
+        """Reported orientation; None where it is not known."""
+        quaternion = self.sample.quaternion
+        return quaternion if len(quaternion) == 4 else None
+
+    def against(self, heading: Place) -> float:
+        """Force against a way in this direction of the work frame, N."""
+        return self.force[1] * heading[0] + self.force[2] * heading[1]
 
 
 class Done(Struct, frozen=True):
@@ -72,9 +78,14 @@ class Tally(Struct, frozen=True):
     """Way until which the force was last within the band, m."""
 
 
-class CourseState(Struct, frozen=True):
-    """Where a program is, beside the task's own state."""
+class ProgramState(Struct, frozen=True):
+    """Where a program is."""
 
+    stroke: StrokeState = StrokeState()
+    reason: Reason | None = None
+    """Why the run retracts and ends before the last step; None while it goes on."""
+    failed: bool = False
+    """The reason is a failure."""
     leg: int = 0
     """Place of the step in the list, from 0."""
     began: float | None = None
@@ -108,11 +119,11 @@ class CourseState(Struct, frozen=True):
     passed: float = 0.0
     """Way along the path at that time, m."""
     yielded: float = 0.0
-    """Way that the tool has gone aside while it retracts, m."""
+    """Way that the tool has yielded to a force from the side while it retracts, m."""
     feed: float = 1.0
     """Share of the speed at which the tool goes along its path."""
-    memory: object = None
-    """State of the controller across the path."""
+    memory: Any = None
+    """The step's own state, or that of the controller across the path; None at the step's first sample."""
     facing: FacingState = FacingState()
     home: Quaternion | None = None
     """Orientation of the start; None before the first sample."""
@@ -129,5 +140,21 @@ class CourseState(Struct, frozen=True):
     """Mean depth of the tracks in the first pass of a repeat, m."""
     this_pass: tuple[float, float] = (0.0, 0.0)
     """Sums of depth x way and of way in this pass, m², m."""
+    text: str = ""
+    """What the step tells of its end, in words."""
     done: tuple[Done, ...] = ()
     """Steps that have ended, oldest first."""
+    led: Reason | None = None
+    """Why the newest step along the surface ended: its time, or its way; None before the first."""
+    heading: Place = (1.0, 0.0)
+    """Direction of the newest path, unit vector in x and y; the travel direction before the first."""
+
+    @property
+    def phase(self) -> Phase:
+        """Phase of the run."""
+        return self.stroke.phase
+
+    @property
+    def in_contact(self) -> bool:
+        """Whether the tool is taken to be in contact."""
+        return self.stroke.in_contact

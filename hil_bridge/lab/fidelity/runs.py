@@ -4,7 +4,7 @@ from itertools import takewhile
 
 import numpy as np
 
-from hil_bridge.control.course.task import Phase
+from hil_bridge.control.course.intent import Phase
 from hil_bridge.devices.facts import Pacing
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.fidelity.measures import LEAST_SAMPLES

@@ -7,7 +7,7 @@ do not lie, and as long as nothing but the robot moves.
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from hil_bridge.control.course.task import BEFORE_TOUCH
+from hil_bridge.control.course.intent import BEFORE_TOUCH
 from hil_bridge.lab.invariants.evidence import Promise
 from hil_bridge.settings.faults import FaultConfig
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from emulators.cell import Cell
 from emulators.faults import FaultNews, Handler, Injection
 from hil_bridge.clock import Clock, Timer
-from hil_bridge.control.course.task import CONNECT
+from hil_bridge.control.course.intent import CONNECT
 from hil_bridge.errors import ConfigError
 from hil_bridge.record import PHASE_EVENT, CycleRecord, EventRecord
 from hil_bridge.record.records import FaultNote

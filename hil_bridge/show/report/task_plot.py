@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from hil_bridge.control.words.paths import Place
+from hil_bridge.control.steps.paths import Place
 from hil_bridge.show.charts.painter import STYLE
 from hil_bridge.show.picture_files import drawing_library, save_figure
 from hil_bridge.show.report.task_steps import Shown
@@ -28,16 +28,7 @@ _LONG_PIECE, _ARROWS = 0.6, 24
 _LETTER = 0.0095
 """Width of a letter above the force, as a share of the axis."""
 
-_FREE, _PATH, _SEEK, _PRESS = "#808080", "#0072B2", "#D55E00", "#009E73"
-_COLOURS = {
-    "approach": "#fff3d6",
-    "track": "#e3f3ec",
-    "hold": "#d3e9c9",
-    "seek": "#fbe3d9",
-    "retract": "#e2f0fa",
-    "move": "#f0f0f0",
-    "zero": "#e4e4ee",
-}
+_PRESS = "#009E73"
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,8 +75,9 @@ def _lines(steps: Sequence[Shown]) -> list[_Line]:
         known = step.begin is not None
         begin = step.begin or guess
         places: tuple[Place, ...] = () if begin is None else (begin,)
-        if step.word == "move":
-            places = (*places, step.leg.step.to_mm)
+        goal = step.leg.step.goal_mm
+        if goal is not None:
+            places = (*places, goal)
         elif step.leg.way is not None:
             x, y = begin or (0.0, 0.0)
             places = tuple((x + u * 1e3, y + v * 1e3) for u, v in step.leg.way.points)
@@ -129,30 +121,36 @@ def _draw_plan(ax: "Axes", lines: Sequence[_Line], box: tuple[Place, Place]) -> 
 
 def _draw_line(ax: "Axes", line: _Line) -> None:
     """One step on the plan."""
-    if not line.places:
+    own, places = line.step.leg.step, line.places
+    drawing = own.drawing
+    if not places or drawing is None:
         return
-    word, (xs, ys) = line.step.word, zip(*line.places, strict=True)
-    if word == "move":
-        for begin in {line.places[0], line.step.again or line.places[0]} - {line.places[-1]}:
-            way = (begin, line.places[-1])
-            ax.plot(
-                *zip(*way, strict=True),
-                color=_FREE,
-                lw=1.2,
-                ls=(0, (4, 3)),
-                label="move, in free space",
-                zorder=2,
-            )
-            _arrow(ax, way, _FREE)
-    elif word == "seek":
-        ax.plot(xs, ys, color=_SEEK, lw=1.6, ls=":", label="seek, at most", zorder=3)
-        _arrow(ax, line.places, _SEEK)
-    elif word == "track":
-        style, label = ("-", "track") if line.known else ((0, (6, 1.5)), "track, placed by the run")
-        ax.plot(xs, ys, color=_PATH, lw=1.8, ls=style, label=label, zorder=3)
-        _arrow(ax, line.places, _PATH)
-    elif word == "hold":
-        ax.plot(xs[:1], ys[:1], ls="none", marker="s", ms=9, mfc=_PRESS, mec="white", label="hold", zorder=4)
+    if not drawing.style:
+        x, y = places[0]
+        ax.plot(
+            [x],
+            [y],
+            ls="none",
+            marker="s",
+            ms=9,
+            mfc=drawing.colour,
+            mec="white",
+            label=drawing.label,
+            zorder=4,
+        )
+        return
+    ways = [places]
+    if own.goal_mm is not None:
+        begins = {places[0], line.step.again or places[0]} - {places[-1]}
+        ways = [(begin, places[-1]) for begin in begins]
+    style, label = drawing.style, drawing.label
+    if own.controls and not line.known:
+        style, label = (0, (6, 1.5)), f"{label}, placed by the run"
+    for way in ways:
+        ax.plot(
+            *zip(*way, strict=True), color=drawing.colour, lw=drawing.width, ls=style, label=label, zorder=3
+        )
+        _arrow(ax, way, drawing.colour)
 
 
 def _arrow(ax: "Axes", places: Sequence[Place], colour: str) -> None:
@@ -222,7 +220,7 @@ def _name(ax: "Axes", lines: Sequence[_Line]) -> None:
     """The names of what is told, where it is found."""
     here: dict[Place, list[str]] = {}
     for line in lines:
-        if (name := getattr(line.step.leg.step, "name", "")) and line.places:
+        if (name := line.step.leg.step.name) and line.places:
             here.setdefault(line.places[-1], []).append(name)
     for place, names in here.items():
         ax.annotate(
@@ -248,7 +246,7 @@ def _draw_force(ax: "Axes", steps: Sequence[Shown]) -> None:
     at, raised = 0.0, False
     for step in steps:
         end = at + step.seconds
-        ax.axvspan(at, end, color=_COLOURS[step.word], lw=0, zorder=0)
+        ax.axvspan(at, end, color=step.leg.step.band, lw=0, zorder=0)
         ax.axvline(end, color="#b8b8b8", lw=0.7, zorder=1)
         room = step.seconds / whole
         times = f" × {step.passes}" if step.passes > 1 else ""
@@ -270,8 +268,8 @@ def _draw_force(ax: "Axes", steps: Sequence[Shown]) -> None:
             ax.plot(xs, ys, color=_PRESS, lw=2.0, zorder=3, solid_capstyle="butt")
             ax.fill_between(xs, ys, color=_PRESS, alpha=0.15, lw=0, zorder=2)
         at = end
-    words = dict.fromkeys(step.word for step in steps)
-    patches = [Patch(facecolor=_COLOURS[word], edgecolor="#b8b8b8", lw=0.7, label=word) for word in words]
+    words = {step.word: step.leg.step.band for step in steps}
+    patches = [Patch(facecolor=band, edgecolor="#b8b8b8", lw=0.7, label=word) for word, band in words.items()]
     ax.legend(
         handles=patches, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=len(words), frameon=False
     )

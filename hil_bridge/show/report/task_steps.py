@@ -4,11 +4,12 @@ import math
 import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
-from hil_bridge.control.program.legs import Leg, Row, seconds
-from hil_bridge.control.words.paths import Place
-from hil_bridge.control.words.steps import Repeat, Step
+from hil_bridge.control.program.leg import Leg, Row
+from hil_bridge.control.program.legs import seconds
+from hil_bridge.control.steps.paths import Place
+from hil_bridge.control.steps.repeat import Repeat
+from hil_bridge.control.steps.seam import Step
 
 HEAD = ("step", "word", "way mm", "force N", "orientation", "time s", "passes", "more")
 _RIGHT = {2, 5}
@@ -38,13 +39,12 @@ class Shown:
     @property
     def word(self) -> str:
         """Word of the step."""
-        word: str = self.leg.step.do
-        return word
+        return self.leg.step.do
 
     @property
     def presses(self) -> bool:
         """Whether the tool presses with the wanted force in the step."""
-        return self.leg.presses and self.word != "approach"
+        return self.leg.step.controls
 
 
 def list_steps(steps: Sequence[Step], row: Row) -> list[Shown]:
@@ -111,10 +111,11 @@ def way_mm(step: Shown) -> float | None:
     """Length of the step's way across the approach, mm; None where it has none, or where it is not known."""
     if step.leg.way is not None:
         return step.leg.way.length * 1e3
-    if step.word == "move":
-        begins = [begin for begin in (step.begin, step.again) if begin is not None]
-        return max((math.dist(begin, step.leg.step.to_mm) for begin in begins), default=None)
-    return None
+    goal = step.leg.step.goal_mm
+    if goal is None:
+        return None
+    begins = [begin for begin in (step.begin, step.again) if begin is not None]
+    return max((math.dist(begin, goal) for begin in begins), default=None)
 
 
 def force_text(step: Shown) -> str:
@@ -133,7 +134,7 @@ def _cells(step: Shown) -> tuple[str, ...]:
         step.word,
         "" if way is None else f"{way:.1f}",
         force_text(step),
-        getattr(step.leg.step, "orientation", ""),
+        step.leg.step.orientation if step.presses else "",
         f"{step.seconds:.1f}",
         "" if step.passes == 1 else f"{step.passes}",
         ", ".join(_more(step)),
@@ -142,34 +143,13 @@ def _cells(step: Shown) -> tuple[str, ...]:
 
 def _more(step: Shown) -> Iterator[str]:
     """Further settings, for which there is no column."""
-    own, task = step.leg.step, step.leg.stroke.parameters
-    match step.word:
-        case "approach":
-            yield f"{task.approach_depth_limit_mm:g} mm at most"
-            yield f"contact at {task.contact_threshold_n:g} N"
-        case "track":
-            yield f"{own.path.kind}, {task.speed_mm_s:g} mm/s"
-            yield from _feed(own)
-        case "seek":
-            yield f"{'the edge' if own.until == 'edge' else 'a force'} towards {own.direction_deg:g}°"
-        case "move":
-            yield f"to {own.to_mm[0]:g}, {own.to_mm[1]:g} mm"
-        case "retract":
-            yield f"{task.retract_mm:g} mm back"
-    if name := getattr(own, "name", ""):
-        yield f'named "{name}"'
-    if (criterion := getattr(own, "criterion", None)) is not None:
-        yield f"within ±{criterion.within_n:g} N for {criterion.for_percent:g} %"
+    own = step.leg.step
+    yield from own.describe(step.leg.stroke.parameters)
+    if own.name:
+        yield f'named "{own.name}"'
+    if own.criterion is not None:
+        yield f"within ±{own.criterion.within_n:g} N for {own.criterion.for_percent:g} %"
     own_limits = [key for key in own.limits.__slots__ if getattr(own.limits, key) is not None]
     yield from (f"{key} {getattr(own.limits, key):g}" for key in own_limits)
     if step.ends:
         yield f"passes {step.ends}"
-
-
-def _feed(track: Any) -> Iterator[str]:
-    if track.lateral_limit_n is not None:
-        yield f"{'stops' if track.at_wall == 'stop' else 'slower'} up to {track.lateral_limit_n:g} N from the side"
-    if track.feed_error_n is not None:
-        yield f"slower up to {track.feed_error_n:g} N of error"
-    if track.across != "position":
-        yield f"{track.across} across"

@@ -7,21 +7,20 @@ from hil_bridge.control import (
     Command,
     ControlLoop,
     Decision,
+    Intent,
     LoopState,
     Measurement,
     Phase,
     Proposal,
     Sample,
+    StrokeState,
     SupervisorState,
     Target,
-    Task,
-    TaskOutput,
-    TaskState,
 )
-from hil_bridge.control.course.contour import ContourState
 from hil_bridge.control.course.free_space import FreeSpace
 from hil_bridge.control.course.oscillation import Advice, Finding, OscillationState
 from hil_bridge.control.course.verdict import Retreat
+from hil_bridge.control.program.state import Felt, ProgramState
 from hil_bridge.errors.causes import Cause, Reason
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config
@@ -164,25 +163,26 @@ class Asked:
             disagreed=seen.disagreed_ms * 1e-3,
             free=FreeSpace(self._at(start, depth - seen.unchanged_mm * 1e-3), _NOW - seen.pulled_ms * 1e-3),
         )
-        task = TaskState(seen.phase, in_contact=pressing)
+        leg = next(number for number, leg in enumerate(loop.program.row.legs) if leg.step.phase is seen.phase)
+        program = ProgramState(StrokeState(seen.phase, in_contact=pressing), leg=leg, began=_NOW)
         measurement = Measurement(
             _NOW, force, depth, commanded, pressing, saturated=seen.saturated, dt=dt, against=seen.against_n
         )
-        task, output = self._output(task, measurement, seen)
+        felt = Felt(sample, measurement, (0.0, 0.0), (force, seen.against_n, 0.0), ())
+        program, intent = self._intend(program, felt, seen)
         advice = Advice(Finding.PERSISTING, 1.0, True, seen.swing_n) if seen.swing_n else None
         proposal = Proposal(
             depth,
-            measurement,
-            output,
+            felt,
+            intent,
             Reason(Cause.CONTROLLER, seen.controller_failure) if seen.controller_failure else None,
             advice,
-            task,
+            program,
             OscillationState(),
-            ContourState(),
         )
         lately = depth + seen.strayed_mm * 1e-3
         trail = ((_NOW, lately, lately),) if seen.strayed_mm else ()
-        _, decision = loop.judge(LoopState(start, task, supervisor, trail=trail), sample, proposal)
+        _, decision = loop.judge(LoopState(start, program, supervisor, trail=trail), sample, proposal)
         return decision
 
     def force(self, seen: Situation) -> float:
@@ -218,21 +218,19 @@ class Asked:
         began = _NOW - seen.retracting_ms * 1e-3
         return Retreat(began, seen.from_contact, lowest, depth + seen.back_mm * 1e-3)
 
-    def _output(
-        self, task: TaskState, measurement: Measurement, seen: Situation
-    ) -> tuple[TaskState, TaskOutput]:
-        """Intent of task and controller; the task's own where it needs no memory of the controller."""
+    def _intend(self, program: ProgramState, felt: Felt, seen: Situation) -> tuple[ProgramState, Intent]:
+        """Intent of program and controller; the stroke's own where it needs no memory of the controller."""
+        measurement = felt.measurement
         if seen.phase is Phase.RETRACT and seen.wanted_mm is None:
-            assert isinstance(self._loop.task, Task)
-            return self._loop.task.step(task, measurement)
+            return self._loop.program.step(program, felt)
         speed_mm_s = self.config.task.approach_speed_mm_s if seen.phase is Phase.APPROACH else 0.0
-        step = self._loop.task.way(speed_mm_s, measurement.dt)
+        step = self._loop.program.stroke.way(speed_mm_s, measurement.dt)
         wanted = measurement.commanded + step if seen.wanted_mm is None else seen.wanted_mm * 1e-3
         command = None
         if seen.phase is Phase.TRACK:
             command = Command(wanted, wanted - measurement.commanded, seen.stiffness_n_m)
         target = Target(wanted, seen.across_mm * 1e-3)
-        return task, TaskOutput(seen.phase, target, measurement.in_contact, command)
+        return program, Intent(seen.phase, target, measurement.in_contact, command, leg=program.leg)
 
 
 def middle(config: Config) -> Vector:

@@ -91,8 +91,8 @@ def explain(config: Config, situation: Situation) -> Explanation:
     rows = tuple(ROWS[each] for each in _causes(decision))
     keys = ruled or tuple(key for row in rows for key in row.settings)
     reasons = decision.reasons
-    if not reasons and decision.output.reason is not None and situation.phase is not Phase.RETRACT:
-        reasons = (str(decision.output.reason),)
+    if not reasons and decision.intent.reason is not None and situation.phase is not Phase.RETRACT:
+        reasons = (str(decision.intent.reason),)
     deepest, because = _deepest(ask, situation, decision)
     return Explanation(
         decision.verdict.kind,
@@ -179,7 +179,7 @@ def _without_numbers(decision: Decision) -> tuple[object, ...]:
 
 def _causes(decision: Decision) -> Iterator[Cause]:
     """Causes for which a decision stops, orders less, or ends an approach that is held."""
-    verdict, reason = decision.verdict, decision.output.reason
+    verdict, reason = decision.verdict, decision.intent.reason
     if isinstance(verdict, Stop):
         yield verdict.cause
     elif isinstance(verdict, Clamp):
@@ -197,7 +197,7 @@ def _then(decision: Decision, situation: Situation, commanded_mm: float) -> str:
     if decision.ended:
         still = "stands still" if isinstance(decision.verdict, Stop) else "has come as far back as it can"
         return f"the tool {still} at {depth}; the run ends"
-    if decision.output.phase is Phase.RETRACT:
+    if decision.intent.phase is Phase.RETRACT:
         goes = f"to {depth}" if way else f"from {depth}"
         return f"the tool retracts, now {goes}; the run ends when it is back"
     if way > 0:

@@ -271,6 +271,12 @@ class Way:
         (x, y), (u, v), rest = self.points[number], self.headings[number], travel - self.begins[number]
         return x + rest * u, y + rest * v
 
+    def points_until(self, travel: float) -> tuple[Place, ...]:
+        """Its corners up to this length of it, m, and the place there."""
+        if travel >= self.length:
+            return self.points
+        return (*self.points[: self.piece(travel) + 1], self.at(travel))
+
     def along(self, low: float, high: float, place: Place) -> float:
         """Length of the way, m, at its point nearest to a place, between two lengths of it."""
         first, last = self.piece(low), self.piece(high)

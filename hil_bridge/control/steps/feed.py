@@ -1,22 +1,19 @@
 """How fast the tool goes along its path: slower where the force is off, or where something pushes against it. Pure."""
 
-import math
+from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
 
-from hil_bridge.control.program.state import CourseState
-from hil_bridge.control.words.steps import Track
+from hil_bridge.control.program.state import ProgramState
 from hil_bridge.errors.causes import Cause, Reason
-from protocol.geometry import Vector
+
+if TYPE_CHECKING:
+    from hil_bridge.control.steps.track import Track
 
 STUCK_S = 2.0
 """Chosen: time without progress along the path until the step fails."""
 _PROGRESS = 0.05
 """Chosen: share of the way that the step's speed makes in this time, that counts as progress."""
-_PUSHED_N = 5.0
-"""Chosen: lateral force that a tool yields to while it retracts; below it may be friction."""
-_YIELD_M = 10e-3
-"""Chosen: farthest that it goes aside, m."""
 _LEAST = 0.1
 """Chosen: share of the speed that the error of the force leaves, so that every path comes to its end."""
 _FROM = 0.5
@@ -25,7 +22,7 @@ _BACK = -0.5
 """Chosen: share of the speed at which the tool backs away from a lateral force beyond its limit."""
 
 
-def feed_of(step: Track, error: float, lateral: float, local: float) -> tuple[float, Reason | None]:
+def feed_of(step: "Track", error: float, lateral: float, local: float) -> tuple[float, Reason | None]:
     """Share of the speed, and why the step must fail; None while it need not.
 
     `error` is the force beyond the wanted one, N, `lateral` the force along the surface, N, `local` the way so far, m.
@@ -46,23 +43,9 @@ def feed_of(step: Track, error: float, lateral: float, local: float) -> tuple[fl
     return min(feed, max(left, _BACK)), None
 
 
-def progress(course: CourseState, speed_mm_s: float, dt: float, local: float) -> CourseState:
+def progress(state: ProgramState, speed_mm_s: float, dt: float, local: float) -> ProgramState:
     """State that knows for how long the tool has not got along its path. `local` is the way so far, m."""
-    stuck = course.stuck + dt
-    if local - course.passed >= _PROGRESS * speed_mm_s * 1e-3 * STUCK_S:
-        return replace(course, stuck=0.0, passed=local)
-    return replace(course, stuck=stuck)
-
-
-def yielding(course: CourseState, force: Vector, way: float) -> CourseState:
-    """State of a tool that retracts, one step away from what pushes it from the side. `way` is that step, m.
-
-    Pulled straight back, a tool that presses against a wall would scrape along it.
-    """
-    x, y = force[1], force[2]
-    length = math.hypot(x, y)
-    if not length > _PUSHED_N or course.yielded >= _YIELD_M:
-        return course
-    step = min(way, _YIELD_M - course.yielded)
-    at = course.at[0] - step * x / length, course.at[1] - step * y / length
-    return replace(course, at=at, yielded=course.yielded + step)
+    stuck = state.stuck + dt
+    if local - state.passed >= _PROGRESS * speed_mm_s * 1e-3 * STUCK_S:
+        return replace(state, stuck=0.0, passed=local)
+    return replace(state, stuck=stuck)

@@ -1,0 +1,71 @@
+"""The axis across the path: yielding to a force, pressing with one, or where the controller leads. Pure."""
+
+from typing import TYPE_CHECKING, Any
+
+from msgspec.structs import replace
+
+from hil_bridge.control.course.stroke import Stroke
+from hil_bridge.control.program.state import ProgramState
+from hil_bridge.control.types import Command, Measurement, ask, begin
+
+if TYPE_CHECKING:
+    from hil_bridge.control.steps.track import Track
+
+_YIELD_S = 0.3
+"""Chosen: time constant with which the tool yields."""
+
+
+def aside_by(stroke: Stroke, step: "Track", state: ProgramState, command: Command | None, dt: float) -> float:
+    """The way to the left of the path, m, with what the controller adds in this sample.
+
+    It is no faster than the travel: what the guard cuts off would be made up for while the tool retracts.
+    """
+    if command is None or not command.across or not state.in_contact:
+        return state.aside
+    most, farthest = stroke.parameters.speed_mm_s * 1e-3 * dt, step.across_mm * 1e-3
+    aside = state.aside + min(max(command.across, -most), most)
+    return min(max(aside, -farthest), farthest)
+
+
+def beside(
+    stroke: Stroke, step: "Track", state: ProgramState, measurement: Measurement, left: tuple[float, float]
+) -> tuple[ProgramState, float]:
+    """State after one sample, and the way to the left of the path, m. `left` is the force to the left of it, N, and the
+    reported way there, m.
+    """
+    farthest, before = step.across_mm * 1e-3, state.aside
+    quickest = stroke.way(stroke.parameters.approach_speed_mm_s, measurement.dt)
+    memory = state.memory
+    if step.across == "compliant":
+        share = min(measurement.dt / _YIELD_S, 1.0)
+        aside = before + share * (-left[0] / step.across_n_mm * 1e-3 - before)
+    else:
+        aside, memory = _press(stroke, step, state, measurement, left)
+    aside = min(max(aside, before - quickest), before + quickest)
+    return replace(state, memory=memory), min(max(aside, -farthest), farthest)
+
+
+def _press(
+    stroke: Stroke, step: "Track", state: ProgramState, measurement: Measurement, left: tuple[float, float]
+) -> tuple[float, Any]:
+    """The way to the left by the run's controller, which presses sideways, and the controller's state."""
+    side = 1.0 if step.across_n > 0 else -1.0
+    force, reported = side * left[0], side * left[1]
+    before = side * state.aside
+    if force < stroke.parameters.contact_threshold_n and state.memory is None:
+        ahead = before - reported
+        return side * (before + stroke.careful_step(ahead, measurement.dt)), None
+    memory = begin(stroke.controller) if state.memory is None else state.memory
+    seen = Measurement(
+        measurement.time,
+        force,
+        reported,
+        before,
+        force > stroke.parameters.loss_threshold_n,
+        travel=measurement.travel,
+        travel_next=measurement.travel,
+        saturated=measurement.saturated,
+        dt=measurement.dt,
+    )
+    memory, command = ask(stroke.controller, memory, seen, abs(step.across_n))
+    return side * command.position, memory

@@ -1,0 +1,67 @@
+"""The step `approach`."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+from hil_bridge.control.checks import FORBID_EXTRA
+from hil_bridge.control.course.intent import Phase
+from hil_bridge.control.course.limits import Limits
+from hil_bridge.control.course.parameters import TaskParameters
+from hil_bridge.control.program.leg import Leg
+from hil_bridge.control.program.state import Felt, ProgramState
+from hil_bridge.control.steps.seam import NO_LIMITS, Step, StepLimits, Taken, above_zero, need_free
+from hil_bridge.control.steps.strokes import take_stroke
+
+
+@dataclass(frozen=True, slots=True)
+class Approach(Step):
+    """Step into the surface until the force says contact."""
+
+    __pydantic_config__: ClassVar = FORBID_EXTRA
+
+    do: Literal["approach"] = "approach"
+    name: str = ""
+    """Name under which the place of the contact is told; empty for none."""
+    speed_mm_s: float | None = None
+    contact_n: float | None = None
+    at_most_mm: float | None = None
+    limits: StepLimits = NO_LIMITS
+
+    def __post_init__(self) -> None:
+        above_zero(self, "speed_mm_s", "contact_n", "at_most_mm")
+
+    @property
+    def phase(self) -> Phase:
+        return Phase.APPROACH
+
+    def check(self, pressing: bool, limits: Limits) -> None:
+        need_free(pressing)
+        if self.speed_mm_s is not None and self.speed_mm_s > limits.correction_mm_s:
+            raise ValueError(f"speed_mm_s of {self.speed_mm_s:g} is above limits.correction_mm_s")
+
+    def parameters(self, task: TaskParameters) -> Mapping[str, Any]:
+        return {
+            "approach_speed_mm_s": self.speed_mm_s,
+            "contact_threshold_n": self.contact_n,
+            "approach_depth_limit_mm": self.at_most_mm,
+        }
+
+    def seconds(self, leg: Leg, begin: object) -> float:
+        task = leg.stroke.parameters
+        return task.approach_depth_limit_mm / task.approach_speed_mm_s / 4
+
+    def is_over(self, leg: Leg, state: ProgramState, felt: Felt) -> bool:
+        touches = felt.measurement.force > leg.stroke.parameters.contact_threshold_n
+        return touches and leg.stroke.is_proven(state.stroke)
+
+    def take(self, leg: Leg, state: ProgramState, felt: Felt) -> Taken:
+        return take_stroke(leg, state, felt.measurement)
+
+    def describe(self, parameters: TaskParameters) -> Iterator[str]:
+        yield f"{parameters.approach_depth_limit_mm:g} mm at most"
+        yield f"contact at {parameters.contact_threshold_n:g} N"
+
+    @property
+    def band(self) -> str:
+        return "#fff3d6"

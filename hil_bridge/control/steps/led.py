@@ -1,0 +1,136 @@
+"""A step that presses and leads the tool by what it feels: the base for steps of other packages. Pure."""
+
+import math
+from typing import Any, NamedTuple
+
+from msgspec.structs import replace
+
+from hil_bridge.control.course.limits import Limits
+from hil_bridge.control.course.stroke import Order, Stride
+from hil_bridge.control.program.leg import Leg
+from hil_bridge.control.program.state import Felt, ProgramState
+from hil_bridge.control.steps.paths import Place
+from hil_bridge.control.steps.pressing import Guide, PressingStep, local_way
+from hil_bridge.control.steps.seam import Taken, need_travel_speed
+from hil_bridge.errors.causes import Cause, Reason
+from protocol.geometry import Vector
+
+
+class Seen(NamedTuple):
+    """One sample as a led step sees it. Places count from where the step began, axes are those of the work frame."""
+
+    s: float
+    """Time since the step began, s."""
+    dt: float
+    """Time since the sample before, s."""
+    force: Vector
+    """Contact force along the approach, x and y, N, positive where the tool presses that way; from the newest zero."""
+    moment: Vector
+    """Contact moment in the tool frame, N·m, from the newest zero; NaN where it is not known."""
+    place: Place
+    """Reported x and y, m."""
+    depth: float
+    """Reported depth along the approach, m."""
+    in_contact: bool
+    """Whether the tool is taken to be in contact."""
+    force_n: float
+    """Force of the step's settings, N."""
+
+
+class Lead(NamedTuple):
+    """Where a led step wants the tool next."""
+
+    to: Place
+    """Commanded x and y from where the step began, m. The tool goes there no faster than the step's speed."""
+    force_n: float | None = None
+    """Force to press with, N; None for that of the step's settings."""
+    done: str = ""
+    """How the step has ended, in words; empty while it goes on."""
+    trouble: str = ""
+    """Why the run must end, in words; empty while it need not."""
+
+
+class LedStep(PressingStep):
+    """Presses with the run's controller and goes where `steer` says.
+
+    A kind is a frozen dataclass with its settings, `do` and `limits` among them. It needs `for_s`, after which the step
+    ends whatever it has found. It may not read a clock, a file or chance: `hil-bridge replay` decides again.
+    """
+
+    __slots__ = ()
+
+    def begin(self) -> Any:
+        """The step's own state before its first sample."""
+        return None
+
+    def steer(self, memory: Any, seen: Seen) -> tuple[Any, Lead]:
+        """The step's own state after a sample, and where it wants the tool."""
+        raise NotImplementedError
+
+    # --- before the run
+
+    def check(self, pressing: bool, limits: Limits) -> None:
+        PressingStep.check(self, pressing, limits)
+        need_travel_speed(self.speed_mm_s, limits)
+
+    def parameters(self, task: object) -> dict[str, float | None]:
+        return {"speed_mm_s": self.speed_mm_s}
+
+    def end(self, leg: Leg, begin: Place | None) -> Place | None:
+        return None
+
+    def seconds(self, leg: Leg, begin: object) -> float:
+        return math.inf if self.for_s is None else self.for_s
+
+    # --- in the run
+
+    def guide(self, leg: Leg, state: ProgramState, felt: Felt) -> Guide:
+        measurement, sample, at = felt.measurement, felt.sample, state.origin
+        memory, first, _ = state.memory or (self.begin(), measurement.position, None)
+        wanted = leg.reference(local_way(state))
+        moment = felt.wrench[3:6] if len(felt.wrench) == 6 else (math.nan, math.nan, math.nan)
+        seen = Seen(
+            sample.now - (sample.now if state.began is None else state.began),
+            measurement.dt,
+            (measurement.force, felt.force[1], felt.force[2]),
+            moment,
+            (felt.place[0] - at[0], felt.place[1] - at[1]),
+            measurement.position - first,
+            state.in_contact,
+            wanted,
+        )
+        memory, lead = self.steer(memory, seen)
+        trouble = Reason(Cause.STEP_TROUBLE, str(lead.trouble)) if lead.trouble else None
+        force = wanted if lead.force_n is None else float(lead.force_n)
+        limit = leg.stroke.force_limit_n
+        if not 0.0 < force < limit:
+            raise ValueError(
+                f"it asks for a force of {force:g} N; allowed is one above 0, and below {limit:g} N"
+            )
+        return Guide(replace(state, memory=(memory, first, lead)), Stride(force), trouble)
+
+    def lead(self, leg: Leg, state: ProgramState, order: Order, felt: Felt) -> ProgramState:
+        lead: Lead = state.memory[2]
+        if not state.in_contact:
+            return state
+        x, y = state.at
+        u, v = state.origin[0] + lead.to[0] - x, state.origin[1] + lead.to[1] - y
+        way, left = leg.stroke.parameters.speed_mm_s * 1e-3 * felt.measurement.dt, math.hypot(u, v)
+        if left == 0.0:
+            return state
+        share = min(way / left, 1.0)
+        stroke = replace(state.stroke, travel=state.stroke.travel + min(way, left))
+        return replace(
+            state,
+            stroke=stroke,
+            at=(x + share * u, y + share * v),
+            local=stroke.travel - state.base,
+            heading=(u / left, v / left),
+        )
+
+    def end_sample(self, leg: Leg, before: ProgramState, taken: Taken, felt: Felt) -> Taken:
+        lead: Lead = taken.state.memory[2]
+        if not lead.done:
+            return taken
+        state = replace(taken.state, text=str(lead.done), found=(felt.sample.position, 1))
+        return taken._replace(state=state, done=True)

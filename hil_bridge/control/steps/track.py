@@ -1,0 +1,199 @@
+"""The step `track`."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from dataclasses import replace as altered
+from typing import ClassVar, Literal
+
+from msgspec.structs import replace
+
+from hil_bridge.control.checks import FORBID_EXTRA
+from hil_bridge.control.course.limits import Limits
+from hil_bridge.control.course.parameters import TaskParameters
+from hil_bridge.control.course.stroke import Order, Stride
+from hil_bridge.control.program.felt import lateral_of
+from hil_bridge.control.program.leg import Leg
+from hil_bridge.control.program.state import Felt, ProgramState
+from hil_bridge.control.steps.across import aside_by, beside
+from hil_bridge.control.steps.feed import STUCK_S, feed_of, progress
+from hil_bridge.control.steps.paths import Line, Path, Place, Way, way_of
+from hil_bridge.control.steps.pressing import FLAT, ROUNDING, Guide, PressingStep
+from hil_bridge.control.steps.seam import (
+    NO_LIMITS,
+    Criterion,
+    Drawing,
+    ForceProfile,
+    Orientation,
+    StepLimits,
+    Taken,
+    above_zero,
+    check_profile,
+    need_travel_speed,
+)
+from hil_bridge.errors.causes import Cause, Reason
+from protocol.marks import SettingError
+
+_NEAR_MM = 0.01
+"""Chosen: a path that begins no farther from the tool begins there."""
+
+
+@dataclass(frozen=True, slots=True)
+class Track(PressingStep):
+    """Press with a force while the tool goes along a path."""
+
+    __pydantic_config__: ClassVar = FORBID_EXTRA
+
+    path: Path
+    do: Literal["track"] = "track"
+    speed_mm_s: float | None = None
+    force_n: ForceProfile | None = None
+    for_s: float | None = None
+    """The step ends after this time too; nothing: at the end of the path alone."""
+    orientation: Orientation = "fixed"
+    lateral_limit_n: float | None = None
+    """Force along the surface, friction included, at which the feed stands still. Nothing: the guard stops the run at
+    `limits.against_travel_n` beyond friction.
+    """
+    at_wall: Literal["slow", "stop"] = "slow"
+    """slow: the feed becomes slower towards the limit, and the step fails when it gets no farther. stop: it fails at
+    the limit.
+    """
+    feed_error_n: float | None = None
+    """Error of the force at which the feed is a tenth; without an error it is whole. Nothing: always whole."""
+    across: Literal["position", "compliant", "force"] = "position"
+    """The axis across the path: on the path; yielding to the force; or pressing with a force."""
+    across_n: float = 0.0
+    """Force across the path, N, positive to the left of it; with across = "force"."""
+    across_n_mm: float = 1.0
+    """Force that moves the tool by 1 mm beside the path; with across = "compliant"."""
+    across_mm: float = 5.0
+    """Farthest that the tool may be beside the path."""
+    criterion: Criterion | None = None
+    limits: StepLimits = NO_LIMITS
+
+    def __post_init__(self) -> None:
+        names = "speed_mm_s", "for_s", "lateral_limit_n", "feed_error_n", "across_n_mm", "across_mm"
+        above_zero(self, *names)
+        check_profile(self.force_n)
+        if self.across == "force" and not (math.isfinite(self.across_n) and self.across_n):
+            raise SettingError("across_n", 'must be a force that is not 0 for across = "force"')
+        if self.across_n and self.across != "force":
+            raise SettingError("across_n", f'needs across = "force", now "{self.across}"')
+
+    # --- before the run
+
+    @property
+    def watches_way(self) -> bool:
+        return self.lateral_limit_n is None
+
+    def check(self, pressing: bool, limits: Limits) -> None:
+        PressingStep.check(self, pressing, limits)
+        need_travel_speed(self.speed_mm_s, limits)
+
+    def make_way(self, begin: Place | None) -> Way:
+        corners = self.path.corners(begin)
+        self._check_begin(corners[0], begin)
+        return way_of(corners)
+
+    def _check_begin(self, first: Place, place: Place | None) -> None:
+        if isinstance(self.path, Line) and self.path.to_mm is None:
+            return
+        begins = f"the path begins at {first[0]:g}, {first[1]:g} mm, but the tool"
+        if place is None:
+            raise ValueError(f"{begins}'s place is not known here: let a move come before")
+        if math.dist(first, place) > _NEAR_MM:
+            raise ValueError(f"{begins} is at {place[0]:g}, {place[1]:g} mm: let a move come before")
+
+    def parameters(self, task: TaskParameters) -> dict[str, float | None]:
+        return {"speed_mm_s": self.speed_mm_s}
+
+    def end(self, leg: Leg, begin: Place | None) -> Place | None:
+        if self.for_s or self.across != "position" or leg.way is None or begin is None:
+            return None
+        x, y = leg.way.points[-1]
+        return begin[0] + x * 1e3, begin[1] + y * 1e3
+
+    def seconds(self, leg: Leg, begin: object) -> float:
+        assert leg.way is not None
+        speed = leg.stroke.parameters.speed_mm_s * 1e-3
+        along = leg.way.length / speed if speed else math.inf
+        return min(along, self.for_s or math.inf)
+
+    def places(self, leg: Leg, begin: Place | None) -> tuple[tuple[Place, ...], float]:
+        if leg.way is None or begin is None:
+            return (), 0.0
+        farthest = math.inf if self.for_s is None else self.for_s * leg.stroke.parameters.speed_mm_s * 1e-3
+        points = leg.way.points_until(farthest)
+        return tuple((begin[0] * 1e-3 + x, begin[1] * 1e-3 + y) for x, y in points), 0.0
+
+    def resumed(self, spent_s: float) -> "Track":
+        return self if self.for_s is None else altered(self, for_s=max(self.for_s - spent_s, 1e-3))
+
+    # --- in the run
+
+    def guide(self, leg: Leg, state: ProgramState, felt: Felt) -> Guide:
+        local = state.stroke.travel - state.base
+        reference = leg.reference(max(local, 0.0))
+        lateral = lateral_of(felt.force, state.facing.fall if leg.shows_ground else FLAT)
+        limit, held = self.lateral_limit_n, felt.sample.held
+        feed, trouble = feed_of(self, felt.measurement.force - reference, lateral, local)
+        feed = min(feed, 0.0) if held else feed
+        state = replace(state, feed=feed)
+        if limit is not None and state.in_contact and not held:
+            state = progress(state, leg.stroke.parameters.speed_mm_s, felt.measurement.dt, local)
+            if state.stuck >= STUCK_S and trouble is None:
+                text = (
+                    f"a lateral force of {lateral:.1f} N holds the feed {local * 1e3:.1f} mm along the path: "
+                    "something stands in the way"
+                )
+                trouble = Reason(Cause.NO_PROGRESS, text)
+        return Guide(state, Stride(reference, feed), trouble)
+
+    def lead(self, leg: Leg, state: ProgramState, order: Order, felt: Felt) -> ProgramState:
+        assert leg.way is not None
+        local = state.stroke.travel - state.base
+        heading = leg.way.headings[leg.way.piece(local)]
+        if self.across == "position":
+            aside = aside_by(leg.stroke, self, state, order.command, felt.measurement.dt)
+        else:
+            state, aside = beside(leg.stroke, self, state, felt.measurement, _leftwards(leg, state, felt))
+        x, y = leg.way.at(local)
+        at = state.origin[0] + x - aside * heading[1], state.origin[1] + y + aside * heading[0]
+        return replace(state, at=at, local=local, aside=aside, heading=heading)
+
+    def end_sample(self, leg: Leg, before: ProgramState, taken: Taken, felt: Felt) -> Taken:
+        assert leg.way is not None
+        state = taken.state
+        if state.stroke.travel - state.base < leg.way.length - ROUNDING:
+            return taken
+        return taken._replace(done=True)
+
+    # --- words and picture
+
+    def describe(self, parameters: TaskParameters) -> Iterator[str]:
+        yield f"{self.path.kind}, {parameters.speed_mm_s:g} mm/s"
+        if self.lateral_limit_n is not None:
+            ends = "stops" if self.at_wall == "stop" else "slower"
+            yield f"{ends} up to {self.lateral_limit_n:g} N from the side"
+        if self.feed_error_n is not None:
+            yield f"slower up to {self.feed_error_n:g} N of error"
+        if self.across != "position":
+            yield f"{self.across} across"
+
+    @property
+    def drawing(self) -> Drawing:
+        return Drawing("#0072B2", "-", "track")
+
+    @property
+    def band(self) -> str:
+        return "#e3f3ec"
+
+
+def _leftwards(leg: Leg, state: ProgramState, felt: Felt) -> tuple[float, float]:
+    """Force to the left of the path, N, and the reported way to the left of it, m."""
+    assert leg.way is not None
+    local = state.stroke.travel - state.base
+    (h, k), (x, y) = leg.way.headings[leg.way.piece(state.local)], leg.way.at(local)
+    dx, dy = felt.place[0] - state.origin[0] - x, felt.place[1] - state.origin[1] - y
+    return h * felt.force[2] - k * felt.force[1], h * dy - k * dx
