@@ -8,6 +8,7 @@ import click
 
 from hil_bridge.cli.campaign_results import compare, export, rerun
 from hil_bridge.cli.options import (
+    ExtrasCommand,
     GroupedCommand,
     json_option,
     option_group,
@@ -235,7 +236,7 @@ def _say_beside(text: str) -> None:
     click.echo(text, err=True)
 
 
-@campaign.command()
+@campaign.command(cls=ExtrasCommand, extras={"the hunt": "tune"})
 @click.argument("file", type=FILE)
 @click.option(
     "--minutes", type=click.FloatRange(min=0.0), default=60.0, show_default=True, help="Time to hunt."
@@ -259,7 +260,7 @@ def hunt(
     """Look for the worst run among all that FILE.toml could draw: true force beyond its bound, a broken promise.
 
     The worst run is shrunk to the fewest faults and the simplest values. Exit code 4 when a promise was broken. The
-    same command goes on after Ctrl-C. Needs `pip install "hil-bridge[tune]"`.
+    same command goes on after Ctrl-C. It needs SciPy.
     """
     import os
 

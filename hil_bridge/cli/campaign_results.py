@@ -4,7 +4,14 @@ from pathlib import Path
 
 import click
 
-from hil_bridge.cli.options import json_option, output_option, overwrite_option, tell, tell_json
+from hil_bridge.cli.options import (
+    ExtrasCommand,
+    json_option,
+    output_option,
+    overwrite_option,
+    tell,
+    tell_json,
+)
 from hil_bridge.cli.paths import FILE
 from hil_bridge.errors import ConfigError
 
@@ -77,7 +84,7 @@ def compare(before: Path, after: Path, as_json: bool) -> None:
         click.get_current_context().exit(DIFFERS)
 
 
-@click.command()
+@click.command(cls=ExtrasCommand, extras={"parquet": "parquet"})
 @click.argument("results", type=FILE, metavar="FILE.sqlite")
 @click.option(
     "--to",
@@ -91,10 +98,7 @@ def compare(before: Path, after: Path, as_json: bool) -> None:
 @json_option
 @overwrite_option
 def export(results: Path, formats: tuple[str, ...], out: Path | None, as_json: bool, overwrite: bool) -> None:
-    """Write the runs as a table, a row a run, for pandas and the like.
-
-    Parquet needs `pip install "hil-bridge[parquet]"`.
-    """
+    """Write the runs as a table, a row a run, for pandas and the like."""
     from hil_bridge.lab.campaign.store import Store
     from hil_bridge.lab.campaign.table import FORMATS, run_table
     from hil_bridge.record.files import check_place, write_whole
