@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from hil_bridge.cli.campaign_results import compare, export, rerun
+from hil_bridge.cli.campaign_results import bundle, compare, export, rerun
 from hil_bridge.cli.options import (
     ExtrasCommand,
     GroupedCommand,
@@ -359,5 +359,5 @@ def report(
         tell(str(written) for written in (place, junit, markdown) if written is not None)
 
 
-for command in (rerun, compare, export):
+for command in (rerun, compare, export, bundle):
     campaign.add_command(command)

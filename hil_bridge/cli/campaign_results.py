@@ -1,4 +1,4 @@
-"""`hil-bridge campaign rerun`, `compare` and `export`: what is done with the results of a campaign."""
+"""`hil-bridge campaign rerun`, `compare`, `export` and `bundle`: what is done with the results of a campaign."""
 
 from pathlib import Path
 
@@ -120,3 +120,39 @@ def export(results: Path, formats: tuple[str, ...], out: Path | None, as_json: b
             click.echo(f"{place}: {len(table.rows)} runs")
     if as_json:
         tell_json({"files": [str(place) for place in made], "runs": len(table.rows)})
+
+
+@click.command()
+@click.argument("results", type=FILE, metavar="FILE.sqlite")
+@click.option(
+    "--seeds",
+    "count",
+    type=click.IntRange(min=0),
+    metavar="N",
+    default=1,
+    show_default=True,
+    help="Seeds that are drawn: their runs are repeated, and their recordings packed.",
+)
+@output_option("BUNDLE.zip", "The bundle.  [default: FILE.zip beside the results]")
+@json_option
+@overwrite_option
+def bundle(results: Path, count: int, out: Path | None, as_json: bool, overwrite: bool) -> None:
+    """Pack results with configurations, versions, recordings and a hash of each file, for `hil-bridge verify`.
+
+    Recordings are those of runs that failed, and of the drawn seeds. Exit code 1, and no bundle, when a repeated
+    run differs from the results.
+    """
+    from hil_bridge.console.progress import run_progress
+    from hil_bridge.errors.text_files import harmless
+    from hil_bridge.lab.campaign.bundle import pack
+    from hil_bridge.lab.campaign.store import Store
+    from hil_bridge.runs.signals import as_ctrl_c
+
+    with Store.open(results) as store, run_progress(None) as advance, as_ctrl_c():
+        packed = pack(store, out or results.with_suffix(".zip"), count, overwrite, advance)
+    if as_json:
+        tell_json(packed)
+    else:
+        tell(harmless(line) for line in packed.lines)
+    if packed.differing:
+        click.get_current_context().exit(DIFFERS)
