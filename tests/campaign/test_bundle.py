@@ -196,6 +196,20 @@ def test_a_recording_of_another_run_differs_from_its_first_cycle(bundle: Path, t
     assert run.fields
 
 
+def test_a_recording_that_cannot_be_read_is_named(bundle: Path, tmp_path: Path) -> None:
+    files = files_of(bundle)
+    (drawn,) = json.loads(files["manifest.json"])["drawn"]
+    (tmp_path / "results.sqlite").write_bytes(files["results.sqlite"])
+    with Store.open(tmp_path / "results.sqlite") as store:
+        key = next(store.runs("seed = ?", [drawn])).key
+    files = with_manifest({**files, f"recordings/{key}.mcap": b"nothing"}, versions={"numpy": "1.0"})
+    verified = verify(packed_anew(tmp_path / "b.zip", files), None)
+    assert verified.unreadable == ""
+    lines = list(verified.lines)
+    assert f"  seed {drawn}, run {key}: its recording differs from cycle 0 on: it cannot be read" in lines
+    assert lines[-1] == "  another version may decide otherwise; verify with the versions of the bundle"
+
+
 def test_another_version_is_told_and_alone_is_no_failure(bundle: Path, tmp_path: Path) -> None:
     files = with_manifest(files_of(bundle), versions={**versions(), "numpy": "1.0", "Python": "3.9.1"})
     place = packed_anew(tmp_path / "b.zip", files)

@@ -128,7 +128,7 @@ class CheckedRun(Struct, frozen=True):
 
 
 def repeat_runs(repeats: Sequence[Repeat], advance: Callable[[int, int], object]) -> list[CheckedRun]:
-    """Do runs again on all cores; what came of them, by seed and key. Raises ConfigError for a damaged recording."""
+    """Do runs again on all cores; what came of them, by seed and key."""
     checked: list[CheckedRun] = []
     with own_processes(jobs=len(repeats)) as pool:
         for chunk in as_completed(pool, _repeat, repeats):
@@ -145,7 +145,10 @@ def _repeat(repeat: Repeat) -> CheckedRun:
     other = tuple(differences(repeat.figures, ran.figures))
     if repeat.recording is None:
         return CheckedRun(job.key, job.seed, other, None, None)
-    before = read(repeat.recording).cycles
+    try:
+        before = read(repeat.recording).cycles
+    except ConfigError:
+        return CheckedRun(job.key, job.seed, other, 0, 0, ("it cannot be read",))
     count = max(len(before), len(cycles))
     return CheckedRun(job.key, job.seed, other, count, *_first_difference(before, cycles))
 
