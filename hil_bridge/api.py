@@ -175,9 +175,10 @@ def simulation(
 def open_devices(config: Configuration = None) -> AbstractAsyncContextManager[OpenDevices]:
     """Robot and sensor alone, started, for a script that drives a cell itself, for `async with`.
 
-    What has no URL is emulated. No guard watches such a script: the robot does what it is told, within its own limits.
-    Both are closed when the context is left. Raises ConfigError for a URL and for planned faults, TransportUnavailable
-    for a wire.
+    What has no URL is emulated, but for the sensor beside a real robot: that robot is opened alone, and to ask for the
+    sensor raises ConfigError. No guard watches such a script: the robot does what it is told, within its own limits.
+    All is closed when the context is left. Raises ConfigError for a URL, for planned faults and for a real device in
+    virtual time, TransportUnavailable for a wire.
     """
     return opening_devices(load(config))
 

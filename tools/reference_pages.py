@@ -5,6 +5,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import click
 
@@ -12,6 +13,7 @@ from hil_bridge.cli import cli
 from hil_bridge.cli.plugins import controller_facts
 from hil_bridge.control.controllers import OURS
 from hil_bridge.devices.kinds import ROBOTS, SENSORS
+from hil_bridge.errors import extras
 from hil_bridge.record.ending import ALARMS, CAUTIONS, EVENT_KINDS
 from hil_bridge.record.scenes import SCENE_TOPICS
 from hil_bridge.record.topics import TOPICS
@@ -58,10 +60,9 @@ def command_line() -> str:
         context = click.Context(
             command, info_name=" ".join(names), terminal_width=WIDTH, max_content_width=WIDTH
         )
-        parts += [
-            f"{'#' * min(len(names) + 1, 4)} {' '.join(names)}",
-            f"```text\n{command.get_help(context)}\n```",
-        ]
+        with patch.object(extras, "_origin", return_value=None):  # as a copy from an index tells it
+            text = command.get_help(context)
+        parts += [f"{'#' * min(len(names) + 1, 4)} {' '.join(names)}", f"```text\n{text}\n```"]
     return "\n\n".join(parts) + "\n"
 
 

@@ -35,6 +35,7 @@ from hil_bridge.cli.serve_jr3 import serve_jr3
 from hil_bridge.cli.supervisor import supervisor
 from hil_bridge.cli.task import task
 from hil_bridge.cli.tune import tune
+from hil_bridge.cli.verify import verify
 from hil_bridge.cli.view import view
 from hil_bridge.cli.why import why
 from hil_bridge.console.debugging import debug_option, debug_wanted, describe_bug
@@ -130,7 +131,7 @@ GROUPS: dict[str, tuple[click.Command, ...]] = {
     "Look at recordings": (runs, view, report, why, latency, compare, replay, export, layouts, fidelity),
     "On site": (doctor, probe, identify_tool, monitor, decode, serve_jr3),
     "Emulate and judge": (emulate, panel, faults, conform, force_source),
-    "Many runs": (campaign, experiment, requirements),
+    "Many runs": (campaign, verify, experiment, requirements),
     "Settings and lists": (config, profile, plugins),
 }
 """The commands by what they are for, in the order of the help."""

@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
+from hil_bridge.cli.campaign_results import bundle, compare, export, rerun
 from hil_bridge.cli.options import (
+    ExtrasCommand,
     GroupedCommand,
     json_option,
     option_group,
@@ -22,10 +24,8 @@ from hil_bridge.errors import ConfigError
 if TYPE_CHECKING:
     from hil_bridge.lab.campaign.digest import Digest
     from hil_bridge.lab.campaign.plan import Plan
-    from hil_bridge.lab.campaign.store import Done, Store
+    from hil_bridge.lab.campaign.store import Store
 
-DIFFERS = 1
-"""Exit code when runs or campaigns differ."""
 FAILED = 4
 """Exit code when a run did not meet a criterion."""
 FAILING_SHOWN = 5
@@ -236,7 +236,7 @@ def _say_beside(text: str) -> None:
     click.echo(text, err=True)
 
 
-@campaign.command()
+@campaign.command(cls=ExtrasCommand, extras={"the hunt": "tune"})
 @click.argument("file", type=FILE)
 @click.option(
     "--minutes", type=click.FloatRange(min=0.0), default=60.0, show_default=True, help="Time to hunt."
@@ -247,13 +247,20 @@ def _say_beside(text: str) -> None:
 )
 @click.option("--voided", is_flag=True, help="Hunt also where faults void the bound: what stays uncovered.")
 @set_option
+@json_option
 def hunt(
-    file: Path, minutes: float, out: Path | None, workers: int | None, voided: bool, given: dict[str, Any]
+    file: Path,
+    minutes: float,
+    out: Path | None,
+    workers: int | None,
+    voided: bool,
+    given: dict[str, Any],
+    as_json: bool,
 ) -> None:
     """Look for the worst run among all that FILE.toml could draw: true force beyond its bound, a broken promise.
 
     The worst run is shrunk to the fewest faults and the simplest values. Exit code 4 when a promise was broken. The
-    same command goes on after Ctrl-C. Needs `pip install "hil-bridge[tune]"`.
+    same command goes on after Ctrl-C. It needs SciPy.
     """
     import os
 
@@ -262,7 +269,7 @@ def hunt(
     from hil_bridge.lab.campaign.hunting import hunt as search
     from hil_bridge.lab.campaign.shrinking import shrink_bad
     from hil_bridge.lab.campaign.store import Store
-    from hil_bridge.lab.campaign.telling import describe_run
+    from hil_bridge.lab.campaign.telling import describe_run, hunt_values
     from hil_bridge.runs.signals import as_ctrl_c
 
     plan = plan_hunt(_plan_of(file, (), given), voided)
@@ -282,13 +289,17 @@ def hunt(
         if worst is None or small is None:
             raise ConfigError("no run was done: give the hunt more --minutes")
         broken = sum(is_broken(done) for done in store.runs())
-        click.echo(f"{len(store.keys())} runs, {broken} of them broke a promise; the worst:")
         store.keep("worst", worst.key)
         store.keep("smallest", small.key)
-        for done, label in ((worst, "worst"), (small, "shrunk")):
-            if label == "worst" or done.key != worst.key:
-                tell(f"  {line}" for line in describe_run(plan, done, label))
-                click.echo(f"    hil-bridge campaign rerun {place} {done.key}")
+        if as_json:
+            runs = {"results": place.name, "runs": len(store.keys()), "broken": broken}
+            tell_json({**runs, "worst": hunt_values(plan, worst), "smallest": hunt_values(plan, small)})
+        else:
+            click.echo(f"{len(store.keys())} runs, {broken} of them broke a promise; the worst:")
+            for done, label in ((worst, "worst"), (small, "shrunk")):
+                if label == "worst" or done.key != worst.key:
+                    tell(f"  {line}" for line in describe_run(plan, done, label))
+                    click.echo(f"    hil-bridge campaign rerun {place} {done.key}")
     if broken:
         click.get_current_context().exit(FAILED)
 
@@ -348,111 +359,5 @@ def report(
         tell(str(written) for written in (place, junit, markdown) if written is not None)
 
 
-@campaign.command()
-@click.argument("results", type=FILE, metavar="FILE.sqlite")
-@click.argument("key", required=False)
-@click.option("--seed", type=click.IntRange(min=0), metavar="N", help="All runs of this seed.")
-@output_option("DIR", "Where the recordings go.  [default: this folder]")
-@overwrite_option
-def rerun(results: Path, key: str | None, seed: int | None, out: Path | None, overwrite: bool) -> None:
-    """Repeat a run by its KEY, or by the first signs of it, or those of a seed, and leave the recordings.
-
-    Exit code 1 when its figures are not those of the campaign.
-    """
-    from hil_bridge.errors.text_files import harmless
-    from hil_bridge.lab.campaign.comparison import differences
-    from hil_bridge.lab.campaign.judging import Job, configure_run
-    from hil_bridge.lab.campaign.judging import run as run_one
-    from hil_bridge.lab.campaign.plan import code_version
-    from hil_bridge.lab.campaign.store import Store
-    from hil_bridge.record.files import check_record_place
-
-    if (key is None) == (seed is None):
-        raise ConfigError("name either the KEY of a run or --seed N")
-    folder, differing = out or Path(), 0
-    with Store.open(results) as store:
-        plan = store.plan()
-        found: list[Done]
-        if seed is None:
-            found = list(store.runs("substr(key, 1, length(?1)) = ?1", [key]))
-        else:
-            found = list(store.runs("seed = ?", [seed]))
-        if not found:
-            raise ConfigError(
-                f"{results} has no run with {f'the key {key}' if seed is None else f'seed {seed}'}"
-            )
-        if seed is None and len(found) > 1:
-            raise ConfigError(f"{results} has {len(found)} runs whose keys begin with {key}; give more of it")
-        if store.fact("code") != code_version():
-            click.echo("the results are of another version of the code, so that figures may differ", err=True)
-        for done in found:
-            check_record_place(folder / f"{done.key}.mcap", overwrite)
-        for done in found:
-            case = plan.cases[done.number]
-            ran = run_one(configure_run(Job(done.key, done.number, case.config, done.table, done.seed)))
-            text = f"{done.key}: seed {done.seed}, {case.cell}, fault {case.fault} {case.phase}"
-            click.echo(harmless(text.rstrip()))
-            outcome = ran.figures["outcome"]
-            click.echo(harmless(f"  {outcome}{ran.cause and f', {ran.cause}'}"))
-            other = list(differences(done.figures, ran.figures))
-            tell(f"  differs: {text}" for text in other)
-            differing += bool(other)
-            if ran.result is not None:
-                click.echo(f"  {ran.result.save(folder / f'{done.key}.mcap', overwrite=overwrite)}")
-    if differing:
-        click.get_current_context().exit(DIFFERS)
-
-
-@campaign.command()
-@click.argument("before", type=FILE, metavar="A.sqlite")
-@click.argument("after", type=FILE, metavar="B.sqlite")
-def compare(before: Path, after: Path) -> None:
-    """Tell what differs between two campaigns, for runs of the same cell, fault, phase and seed.
-
-    Exit code 1 when anything differs.
-    """
-    from hil_bridge.lab.campaign.comparison import compare_campaigns
-    from hil_bridge.lab.campaign.store import Store
-
-    with Store.open(before) as first, Store.open(after) as second:
-        found = compare_campaigns(first, second)
-    tell(found.lines)
-    if found.differing:
-        click.get_current_context().exit(DIFFERS)
-
-
-@campaign.command()
-@click.argument("results", type=FILE, metavar="FILE.sqlite")
-@click.option(
-    "--to",
-    "formats",
-    type=click.Choice(["csv", "parquet"]),
-    multiple=True,
-    default=["parquet"],
-    help="May be given twice.  [default: parquet]",
-)
-@output_option("DIR", "Where the files go.  [default: beside the results]")
-@overwrite_option
-def export(results: Path, formats: tuple[str, ...], out: Path | None, overwrite: bool) -> None:
-    """Write the runs as a table, a row a run, for pandas and the like.
-
-    Parquet needs `pip install "hil-bridge[parquet]"`.
-    """
-    from hil_bridge.lab.campaign.store import Store
-    from hil_bridge.lab.campaign.table import FORMATS, run_table
-    from hil_bridge.record.files import check_place, write_whole
-
-    folder = results.parent if out is None else out
-    places = {folder / f"{results.stem}.{name}": FORMATS[name] for name in dict.fromkeys(formats)}
-    with Store.open(results) as store:
-        table = run_table(store)
-    made = {place: encode(table) for place, encode in places.items()}
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(f"cannot make the folder {folder}: {error.strerror}; name another place") from error
-    for place in made:
-        check_place(place, overwrite)
-    for place, data in made.items():
-        write_whole(place, data, overwrite)
-        click.echo(f"{place}: {len(table.rows)} runs")
+for command in (rerun, compare, export, bundle):
+    campaign.add_command(command)

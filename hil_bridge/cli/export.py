@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from hil_bridge.cli.options import output_option, overwrite_option
+from hil_bridge.cli.options import ExtrasCommand, output_option, overwrite_option
 from hil_bridge.cli.paths import FILE
 
 FORMAT_NAMES = ("candump", "blf", "asc", "dbc", "bytes", "csv", "parquet", "rosbag2", "mf4")
@@ -19,7 +19,11 @@ def _formats(_context: click.Context, _parameter: click.Parameter, given: str) -
     return names
 
 
-@click.command(short_help="Write a recording as CAN logs, text and tables.")
+@click.command(
+    cls=ExtrasCommand,
+    extras={"parquet": "parquet", "rosbag2": "ros", "mf4": "mdf"},
+    short_help="Write a recording as CAN logs, text and tables.",
+)
 @click.argument("recording", type=FILE)
 @click.option(
     "--to",
@@ -60,11 +64,11 @@ def export(
              .sensor.txt   bytes of the sensor's wire, where that is not CAN; run's clock
     csv      .cycle.csv    every control cycle; run's clock
              .sensor.csv   every frame of the sensor, in N and N·m and raw; run's clock
-    parquet  .parquet      the same tables; needs `pip install "hil-bridge[parquet]"`
+    parquet  .parquet      the same tables; needs an extra
     rosbag2  .rosbag2/     a bag of ROS 2 without ROS; UNIX time, or from --epoch;
-                           needs `pip install "hil-bridge[ros]"`
+                           needs an extra
     mf4      .mf4          a measurement of ASAM with units, comments, events; run's clock;
-                           needs `pip install "hil-bridge[mdf]"`
+                           needs an extra
 
     The last line tells the UNIX time at which the run's clock was 0. `canplayer -I run.log vcan0=can0` plays the CAN
     frames back. Files that are there already are kept, unless --overwrite is given.

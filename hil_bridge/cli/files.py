@@ -5,11 +5,15 @@ from pathlib import Path
 
 import click
 
-from hil_bridge.cli.options import output_option, overwrite_option
+from hil_bridge.cli.options import ExtrasCommand, output_option, overwrite_option
 from hil_bridge.cli.paths import FILE
 
 
-@click.command(short_help="Make a page with charts from a recording.")
+@click.command(
+    cls=ExtrasCommand,
+    extras={"pictures": "figures"},
+    short_help="Make a page with charts from a recording.",
+)
 @click.argument("recording", type=FILE)
 @output_option("DIR", "Where to put it.  [default: beside the recording]")
 @click.option("--png", is_flag=True, help="A picture beside it, report.png.")
@@ -18,7 +22,7 @@ from hil_bridge.cli.paths import FILE
 def report(recording: Path, out: Path | None, png: bool, pdf: bool, overwrite: bool) -> None:
     """Make report.html from a recording: one file with charts that zoom, which needs no network.
 
-    The pictures need matplotlib, which `pip install 'hil-bridge[figures]'` brings.
+    The pictures need matplotlib.
     """
     from hil_bridge.record import read
     from hil_bridge.record.analysis.summary import summarise

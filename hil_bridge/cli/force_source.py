@@ -1,4 +1,4 @@
-"""`hil-bridge force-source`: the contact model as the force sensor of a controller that somebody else emulates."""
+"""`hil-bridge force-source`: the contact model as the force sensor of a controller that another program emulates."""
 
 from pathlib import Path
 

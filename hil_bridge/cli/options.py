@@ -1,6 +1,6 @@
 """Parts that several commands share: options, their groups, and output whose reader may leave before its end."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -87,6 +87,24 @@ class GroupedCommand(click.Command):
             if records:
                 with formatter.section(title):
                     formatter.write_dl(records)
+
+
+class ExtrasCommand(click.Command):
+    """A command whose help ends with how to install the extras that parts of it need, as this copy was installed."""
+
+    def __init__(self, *arguments: Any, extras: Mapping[str, str], **options: Any) -> None:
+        """Takes the name of the extra by the part of the command that needs it."""
+        super().__init__(*arguments, **options)
+        self.extras = extras
+
+    def format_epilog(self, context: click.Context, formatter: click.HelpFormatter) -> None:
+        """The commands, each in one line, so that it can be copied."""
+        from hil_bridge.errors.extras import install_command
+
+        super().format_epilog(context, formatter)
+        with formatter.section("Extras"):
+            for part, extra in self.extras.items():
+                formatter.write(f"  {part}: {install_command(extra)}\n")
 
 
 _OTHERS = "Other options"

@@ -18,7 +18,7 @@ from hil_bridge.control.laws.predictive import Predictive
 from hil_bridge.control.types import SAMPLE_MS, Controller, Measurement, as_command
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.failures import failure, one_line, place_of_method, plugin_place
-from hil_bridge.errors.plugins import Found, find_plugin, plugin_names
+from hil_bridge.errors.plugins import Found, find_plugin, offers, plugin_names
 
 GROUP = "hil_bridge.controllers"
 """Entry point group of other packages' controllers."""
@@ -47,6 +47,11 @@ def controller_kind(name: str) -> Callable[..., Controller[Any]]:
     if name not in OURS:
         raise ConfigError(f"there is no controller {name!r}; choose one of {', '.join(controller_names())}")
     return OURS[name]
+
+
+def controller_package(name: str) -> str:
+    """The package that offers a controller, with its version; empty for one of ours and one that no package offers."""
+    return next((package for offer, package, _ in offers(GROUP) if offer == name), "")
 
 
 def make_controller(name: str, **parameters: Any) -> Controller[Any]:

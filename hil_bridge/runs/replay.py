@@ -13,10 +13,12 @@ from msgspec.structs import replace
 from pydantic import ValidationError
 
 from hil_bridge.control import Decision
+from hil_bridge.control.controllers import controller_names
 from hil_bridge.control.types import Controller
 from hil_bridge.errors import Cause, ConfigError, Reason
 from hil_bridge.errors.text_files import parse_json
 from hil_bridge.record import CycleRecord, Recording
+from hil_bridge.runs.run_log import PACKAGE_NAME
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config, explain, read_config, read_values
 from hil_bridge.settings.given import config_of
@@ -54,7 +56,8 @@ def recorded_config(
     """The configuration of a recorded run, with these tables laid over it.
 
     `controller` takes the place of one that a program gave as an object, of which a recording tells the name alone.
-    Raises ConfigError when the recording holds none of this version, or for a change that is wrong.
+    Raises ConfigError when the recording holds none of this version, its controller is not installed here, or for a
+    change that is wrong.
     """
     try:
         recorded = parse_json(recording.metadata.get("config", ""))
@@ -69,6 +72,7 @@ def recorded_config(
     match changes.get("controller"):
         case {"name": wanted} if wanted != name:
             recorded["controller"], other = {}, True  # the parameters belong to the one that was recorded
+    _check_controller(recorded, recording.metadata.get(PACKAGE_NAME, ""))
     try:
         values = read_config(recorded).model_dump(mode="json")
     except ValidationError as error:
@@ -84,6 +88,17 @@ def recorded_config(
         return Setup(config).config if other else config
     except ValidationError as error:
         raise explain(error, None, set()) from error
+
+
+def _check_controller(recorded: Mapping[str, Any], package: str) -> None:
+    """Raise ConfigError for a controller that is not installed here. `package` offered it when it was recorded."""
+    section = recorded.get("controller")
+    name = section.get("name") if isinstance(section, dict) else None
+    if isinstance(name, str) and name not in controller_names():
+        raise ConfigError(
+            f"the recording was made with the controller {name[:80]!r}, which is not installed here: install "
+            f"{package[:80] or 'the package that offers it'}, or ask another by `hil-bridge replay --controller NAME`"
+        )
 
 
 def changes_of(path: Path | None, controller: str | None) -> dict[str, Any]:

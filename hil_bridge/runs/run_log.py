@@ -7,6 +7,7 @@ from socket import gethostname
 from typing import Any
 
 from hil_bridge.clock import Clock
+from hil_bridge.control.controllers import controller_package
 from hil_bridge.errors import BridgeError
 from hil_bridge.record import (
     CycleRecord,
@@ -24,6 +25,9 @@ from hil_bridge.settings.configuration import Config, dump
 from hil_bridge.transports import Direction
 from protocol.wrench import WrenchFrame
 
+PACKAGE_NAME = "controller_package"
+"""In the metadata of a recording: the package that offered the controller, with its version."""
+
 
 def metadata_of(config: Config, virtual: bool) -> dict[str, str]:
     """Facts that are known before the run, for its record. Of a run in virtual time they are the same on every host,
@@ -34,12 +38,17 @@ def metadata_of(config: Config, virtual: bool) -> dict[str, str]:
         if virtual
         else {"time": "real", "host": gethostname(), "platform": f"Python {python_version()}, {platform()}"}
     )
-    return where | {
-        "config": dump(config),
-        "controller": config.controller.name,
-        "seed": str(config.run.seed),
-        "version": version("hil-bridge"),
-    }
+    package = controller_package(config.controller.name)
+    return (
+        where
+        | ({PACKAGE_NAME: package} if package else {})
+        | {
+            "config": dump(config),
+            "controller": config.controller.name,
+            "seed": str(config.run.seed),
+            "version": version("hil-bridge"),
+        }
+    )
 
 
 class RunLog:

@@ -3,7 +3,7 @@
 import asyncio
 import warnings
 from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from contextlib import aclosing, asynccontextmanager
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +13,7 @@ from hil_bridge.clock import Clock
 from hil_bridge.devices.device_log import Silence
 from hil_bridge.devices.robots.seam import RobotLink
 from hil_bridge.devices.sensors.stream import ForceSensor
+from hil_bridge.devices.wiring import Wiring
 from hil_bridge.errors import BridgeError, Cause, ConfigError, Reason
 from hil_bridge.errors.failures import explain_exception
 from hil_bridge.record import (
@@ -130,17 +131,30 @@ class Result:
 class OpenDevices:
     """Started robot and sensor of a configuration."""
 
-    def __init__(self, robot: RobotLink, sensor: ForceSensor, clock: Clock, cell: Cell[Any, Any] | None):
+    def __init__(
+        self, robot: RobotLink, sensor: ForceSensor | None, clock: Clock, cell: Cell[Any, Any] | None
+    ):
         self.robot = robot
         """Reports poses (m, base frame) and takes orders, see `RobotLink`."""
-        self.sensor = sensor
-        """Its newest frame, and the wrench of it in N and N·m, see `ForceSensor`."""
+        self._sensor = sensor
         self.clock = clock
         """Time of the loop, s; waiting on it takes no time in virtual time."""
         self.cell = cell
         """The emulated cell, which knows the truth; None where both devices are real."""
         self.panel = FaultPanel(cell, clock)
         """Injects faults into the emulated cell."""
+
+    @property
+    def sensor(self) -> ForceSensor:
+        """Its newest frame, and the wrench of it in N and N·m, see `ForceSensor`.
+
+        Raises ConfigError beside a real robot whose sensor has no URL.
+        """
+        if self._sensor is None:
+            raise ConfigError(
+                "an emulated sensor cannot feel what a real robot touches: set sensor.url to read forces"
+            )
+        return self._sensor
 
     def truth(self) -> TrueState:
         """Truth of the emulated cell now: pose (m, base frame), contact force (N), joints (rad).
@@ -336,6 +350,13 @@ async def opening_devices(config: Config) -> AsyncIterator[OpenDevices]:
     clock = Clock.running()
     try:
         setup = Setup(config)
+        if setup.sensor.is_emulated and not (setup.robot.is_emulated or clock.is_virtual):
+            compose.check_panel(setup, clock.is_virtual)
+            wiring = Wiring("robot", clock, Silence())
+            async with aclosing(await compose.connect_robot(setup.robot, wiring)) as robot:
+                robot.start()
+                yield OpenDevices(robot, None, clock, None)
+            return
         check_wires(setup, Start(clock.is_virtual))
         async with compose.open_devices(setup, clock, Silence()) as devices:
             yield OpenDevices(devices.robot, devices.sensor, clock, devices.cell)

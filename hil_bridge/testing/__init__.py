@@ -20,7 +20,9 @@ from typing import TYPE_CHECKING, Any
 try:
     import pytest
 except ImportError as error:
-    raise ImportError("hil_bridge.testing needs pytest; install hil-bridge[testing]") from error
+    from hil_bridge.errors.extras import install_command
+
+    raise ImportError(f"hil_bridge.testing needs pytest; {install_command('testing')}") from error
 
 from hil_bridge.testing.plugin import SUITE_VERSION, SUITES
 

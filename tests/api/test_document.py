@@ -13,6 +13,7 @@ EXAMPLES = re.findall(r"^## (.+?)$.*?^```python\n(.*?)^```", PAGE, re.MULTILINE 
 
 @pytest.mark.parametrize(("title", "code"), EXAMPLES, ids=[title for title, _ in EXAMPLES])
 def test_example_runs(title: str, code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An example that raises fails the test; it has its own asserts."""
     monkeypatch.chdir(tmp_path)
     exec(compile(code, f"docs/reference/api.md, {title}", "exec"), {"__name__": "example"})
 

@@ -244,7 +244,9 @@ def test_whether_processors_may_be_kept_awake(monkeypatch: pytest.MonkeyPatch, t
     assert "` asks" in doctor.keeping_awake(wanted=True).text
 
 
-def test_a_port_that_nobody_named_may_be_forbidden(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_forbidden_port_without_a_setting_is_a_warning(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.setattr(
         facts, "serial_ports", lambda root: iter([facts.fail("serial port", "no permission", "ask")])
     )

@@ -1,10 +1,17 @@
 """The command for an extra works for the installation that tells it."""
 
+import ast
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
+from hil_bridge.cli import cli
+from hil_bridge.errors import extras
 from hil_bridge.errors.extras import install_command, requirement
+
+PACKAGES = [Path(str(find_spec(name).submodule_search_locations[0])) for name in ("hil_bridge", "emulators")]  # type: ignore[union-attr, index]
 
 
 @pytest.mark.parametrize("origin", [None, [], {"url": 3}, {"url": "https://h/x.whl", "archive_info": {}}])
@@ -25,3 +32,36 @@ def test_a_checkout_is_named_by_its_folder(tmp_path: Path, editable: bool, flag:
 def test_the_command_is_one_of_pip() -> None:
     assert install_command("tune").startswith("pip install ")
     assert "[tune]" in install_command("tune")
+
+
+@pytest.mark.parametrize(
+    ("command", "extra"), [("export", "mdf"), ("report", "figures"), ("campaign hunt", "tune")]
+)
+def test_help_tells_the_command_of_this_installation(
+    command: str, extra: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "pyproject.toml").touch()
+    origin = {"url": tmp_path.as_uri(), "dir_info": {"editable": True}}
+    monkeypatch.setattr(extras, "_origin", lambda: origin)
+    text = CliRunner().invoke(cli, [*command.split(), "--help"]).output
+    assert any(line.endswith(f"pip install -e '{tmp_path}[{extra}]'") for line in text.splitlines()), text
+
+
+def test_no_message_writes_the_command_by_itself() -> None:
+    """Only the text of a module or class may show one, for the pages: no help of a command, and no error."""
+    found = []
+    for path in (path for package in PACKAGES for path in package.rglob("*.py")):
+        tree = ast.parse(path.read_text())
+        texts = [
+            node.body[0]
+            for node in ast.walk(tree)
+            if isinstance(node, (ast.Module, ast.ClassDef)) and node.body
+        ]
+        modules = {id(text.value) for text in texts if isinstance(text, ast.Expr)}
+        found += [
+            f"{path}:{node.lineno}"
+            for node in ast.walk(tree)
+            if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in modules
+            if "hil-bridge[" in node.value
+        ]
+    assert found == []

@@ -371,7 +371,7 @@ def test_the_truth_of_a_cycle_is_what_its_devices_tell(tmp_path: Path, sensor: s
     assert all(t.force[2] == pytest.approx(c.force, abs=1.0) for c, t in steady if c.phase == "track")
 
 
-def test_nobody_knows_when_a_real_sensor_took_its_sample() -> None:
+def test_the_sample_time_of_a_real_sensor_is_unknown() -> None:
     told: list[TruthRecord] = []
     cell = s3_jr3_cell(PaperCellProfile(), 0.0, 1)
     truths = GroundTruth(cell, False, told.append)

@@ -1,6 +1,7 @@
 """A recording as a measurement of ASAM, and a CAN log with its DBC file, opened by asammdf."""
 
 import math
+import re
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +15,7 @@ from asammdf import MDF
 from msgspec import structs
 
 from hil_bridge.errors import ConfigError
+from hil_bridge.errors.extras import install_command
 from hil_bridge.record import read
 from hil_bridge.record.device_facts import devices_of
 from hil_bridge.record.export import export
@@ -105,7 +107,9 @@ def test_without_asammdf_a_measurement_is_refused_in_one_line(
     made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "asammdf", None)
-    with pytest.raises(ConfigError, match=r'needs the package asammdf; `pip install "hil-bridge\[mdf\]"`$'):
+    with pytest.raises(
+        ConfigError, match=re.escape(f"a measurement needs the package asammdf; {install_command('mdf')}")
+    ):
         export(made, ("mf4",), tmp_path)
 
 

@@ -236,7 +236,7 @@ def test_a_port_that_is_taken_is_named() -> None:
     on_a_server(use)
 
 
-def test_an_answer_from_somebody_else_is_no_answer() -> None:
+def test_an_answer_of_another_program_is_no_answer() -> None:
     with socket.create_server(("127.0.0.1", 0)) as other:
         url = f"tcp://127.0.0.1:{other.getsockname()[1]}"
 

@@ -68,7 +68,9 @@ def at_site(act: Callable[[Site], Awaitable[None]], **profile: str) -> None:
                 "tcp-listen://127.0.0.1:0", robot, Serving(clock, stack, failures.append, site.lines.append)
             )
             await act(site)
-        for _, writer in site.clients:
+        for reader, writer in site.clients:
+            async with asyncio.timeout(10):
+                await reader.read()  # to its end: the controller that ended has closed it
             writer.close()
         server.close()
         assert not failures
@@ -154,6 +156,8 @@ def test_a_program_plays_on_where_its_client_has_left() -> None:
 
 
 def test_a_connection_that_is_open_when_the_controller_ends_is_closed() -> None:
+    """`at_site` reads every connection to its end, once the controller has ended."""
+
     async def act(site: Site) -> None:
         site.play("127.0.0.1", site.port)
         await site.until(lambda: bool(site.clients))

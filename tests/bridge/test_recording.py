@@ -528,14 +528,26 @@ def test_a_message_of_another_version_is_refused_by_name(
         read(tmp_path / "run.mcap")
 
 
+MESSAGES = st.fixed_dictionaries(
+    {},
+    optional={
+        name: st.text(max_size=3)
+        | st.floats(allow_nan=False, allow_infinity=False)
+        | st.lists(st.integers(), max_size=6)
+        for name in ("at", "kind", "text", "sequence", "counts", "data", "direction")
+    },
+).map(lambda values: json.dumps(values).encode())
+
+
 @settings(max_examples=100)
-@given(st.binary(max_size=300))
-def test_arbitrary_messages_raise_value_error_or_nothing(data: bytes) -> None:
+@given(st.binary(max_size=300) | MESSAGES)
+def test_an_arbitrary_message_is_a_record_or_a_value_error(data: bytes) -> None:
     for topic in TOPICS:
         try:
-            topic.decode(data)
+            record = topic.decode(data)
         except (ValueError, RecursionError):
             continue
+        assert isinstance(record, topic.record)
 
 
 @pytest.mark.parametrize(

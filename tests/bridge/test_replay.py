@@ -13,6 +13,7 @@ import pytest
 from msgspec import structs
 
 import hil_bridge.cli
+from hil_bridge import simulate
 from hil_bridge.errors import ConfigError
 from hil_bridge.record import CycleRecord, Outcome, Recorder, Recording, Writing, read
 from hil_bridge.runs.outputs import Outputs
@@ -121,6 +122,47 @@ def test_a_recording_that_names_no_setting_has_the_defaults(recording: Path) -> 
     record = replace(read(recording), metadata={"config": "{}"})
     assert recorded_config(record, changes_of(None, "pi")).controller.name == "pi"
     assert recorded_config(record, {}) == read_config({})
+
+
+OWN_LAW = """
+from dataclasses import dataclass
+from typing import ClassVar
+
+from hil_bridge.control import Command
+
+@dataclass(frozen=True)
+class Own:
+    name: ClassVar[str] = "own-law"
+    sample_ms: ClassVar[float] = 180.0
+
+    def initial(self):
+        return None
+
+    def step(self, state, measurement, reference):
+        return None, Command(measurement.commanded + 1e-5, 1e-5)
+"""
+
+
+def test_a_controller_that_is_not_installed_is_named_with_its_package(tmp_path: Path) -> None:
+    package = tmp_path / "own_control-1.2.dist-info"
+    package.mkdir()
+    (tmp_path / "own_law.py").write_text(OWN_LAW)
+    (package / "METADATA").write_text("Metadata-Version: 2.1\nName: own-control\nVersion: 1.2\n")
+    (package / "entry_points.txt").write_text("[hil_bridge.controllers]\nown-law = own_law:Own\n")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(tmp_path))
+        result = simulate({"run": {"duration_s": 0.2}}, controller="own-law")
+    record = read(result.save(tmp_path / "run.mcap"))
+    with pytest.raises(ConfigError) as refused:
+        recorded_config(record, {})
+    assert str(refused.value) == (
+        "the recording was made with the controller 'own-law', which is not installed here: install own-control 1.2, "
+        "or ask another by `hil-bridge replay --controller NAME`"
+    )
+    assert recorded_config(record, changes_of(None, "pi")).controller.name == "pi"
+    unknown = replace(record, metadata={"config": record.metadata["config"]})
+    with pytest.raises(ConfigError, match="install the package that offers it, or ask another"):
+        recorded_config(unknown, {})
 
 
 @pytest.mark.parametrize("controller", [None, "pi"])

@@ -1,6 +1,7 @@
 """A recording as a bag of ROS 2, read back by the readers of two other makers."""
 
 import math
+import re
 import sys
 from collections import defaultdict
 from dataclasses import replace
@@ -17,6 +18,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from hil_bridge.cli import cli
 from hil_bridge.errors import ConfigError
+from hil_bridge.errors.extras import install_command
 from hil_bridge.record import Recording, read, read_with_traffic
 from hil_bridge.record.device_facts import devices_of
 from hil_bridge.record.export import Choices, export
@@ -205,5 +207,7 @@ def test_without_rosbags_a_bag_is_refused_in_one_line(
     made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "rosbags.rosbag2", None)
-    with pytest.raises(ConfigError, match=r'needs the package rosbags; `pip install "hil-bridge\[ros\]"`$'):
+    with pytest.raises(
+        ConfigError, match=re.escape(f"a bag of ROS 2 needs the package rosbags; {install_command('ros')}")
+    ):
         export(made, ("rosbag2",), tmp_path)

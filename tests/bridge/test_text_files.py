@@ -1,5 +1,6 @@
 """Texts that no sane file holds, at every place that reads one: one line and exit code 2, no traceback."""
 
+import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -16,7 +17,7 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.errors.text_files import TOML_LIMIT_BYTES, format_value, parse_json, read_text
 from hil_bridge.record import Recording
 from hil_bridge.runs.replay import changes_of, recorded_config
-from hil_bridge.settings.configuration import Config, dump, load_config
+from hil_bridge.settings.configuration import Config, dump, load_config, read_config
 from hil_bridge.site.tool.files import read_poses
 from hil_bridge.transports.urls import CONNECT_BYTES, CONNECT_CAN, LISTEN_BYTES, parse_url
 
@@ -208,7 +209,7 @@ def test_any_value_for_any_setting_is_taken_or_one_line(
     except ConfigError as error:
         one_line(error)
     else:
-        dump(config)
+        assert dump(read_config(json.loads(dump(config)))) == dump(config)
 
 
 ORDER_KEYS = [
@@ -238,18 +239,22 @@ RULE_KEYS = [
 @given(st.lists(st.tuples(st.sampled_from(ORDER_KEYS), VALUES), max_size=4))
 def test_any_orders_file_is_taken_or_one_line(pairs: list[tuple[str, str]]) -> None:
     try:
-        parse_orders("[o]\n" + "\n".join(f"{name} = {value}" for name, value in pairs), 240)
+        orders = parse_orders("[o]\n" + "\n".join(f"{name} = {value}" for name, value in pairs), 240)
     except ConfigError as error:
         one_line(error)
+    else:
+        assert [order.name for order in orders.site] == ["o"]
 
 
 @settings(max_examples=150, deadline=None)
 @given(st.lists(st.tuples(st.sampled_from(RULE_KEYS), VALUES), max_size=4))
 def test_any_rules_file_is_taken_or_one_line(pairs: list[tuple[str, str]]) -> None:
     try:
-        parse_rules("\n".join(f"{name} = {value}" for name, value in pairs))
+        rules = parse_rules("\n".join(f"{name} = {value}" for name, value in pairs))
     except ConfigError as error:
         one_line(error)
+    else:
+        assert rules.rules
 
 
 @settings(max_examples=150, deadline=None)
@@ -260,9 +265,11 @@ def test_any_rules_file_is_taken_or_one_line(pairs: list[tuple[str, str]]) -> No
 def test_any_url_is_taken_or_one_line(scheme: str, rest: str) -> None:
     for schemes in (CONNECT_BYTES, CONNECT_CAN, LISTEN_BYTES):
         try:
-            parse_url(f"{scheme}:{rest}", schemes)
+            parsed = parse_url(f"{scheme}:{rest}", schemes)
         except ConfigError as error:
             one_line(error)
+        else:
+            assert parsed.scheme == scheme
 
 
 @pytest.mark.parametrize(

@@ -184,7 +184,7 @@ def test_a_client_may_come_before_the_listener() -> None:
         clock = Clock.running()
         left = await connect_datagrams("udp+memory:robot", clock, lambda *notice: notices.append(notice))
         for _ in range(20):
-            left.send([b"anybody there"])
+            left.send([b"hello"])
             await pass_time(0.1)
         assert left.statistics.unreachable == 20
         told = "udp+memory:robot: robot cannot be reached: no program listens there; start the other side"
@@ -242,11 +242,15 @@ def test_an_answer_may_go_to_a_side_that_spoke_before() -> None:
             await pass_time(0.1)
         first, second = (side_of(datagram) for datagram in there)
         assert first != second
-        told = [Datagram(b"to the first", side=first), Datagram(b"to nobody", side="box#99"), b"to the last"]
+        told = [
+            Datagram(b"to the first", side=first),
+            Datagram(b"to an unknown side", side="box#99"),
+            b"to the last",
+        ]
         listening.transport.send(told)
         clients[0].send([Datagram(b"back", side=second)])
         await pass_time(0.1)
-        assert [log.datagrams for log in logs] == [[b"to the first"], [b"to nobody", b"to the last"]]
+        assert [log.datagrams for log in logs] == [[b"to the first"], [b"to an unknown side", b"to the last"]]
         assert there[-1] == b"back"
         for wire in (*clients, listening.transport):
             await wire.aclose()

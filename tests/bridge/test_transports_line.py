@@ -240,7 +240,7 @@ def test_a_held_line_stays_low_until_it_is_released() -> None:
     run_virtual(main)
 
 
-def test_a_pulled_plug_tells_nobody_and_loses_what_is_on_the_line() -> None:
+def test_a_pulled_plug_loses_the_bytes_on_the_line_without_an_error() -> None:
     async def main() -> None:
         clock = Clock.running()
         inner, far_wire = memory_pair(clock)

@@ -362,7 +362,7 @@ def test_an_unknown_program_is_refused_and_none_starts_in_a_movement() -> None:
     assert pendant.refusal(block(2, 0, b"\0\1")) == 31
 
 
-def test_a_telegram_from_somebody_else_is_incomplete() -> None:
+def test_a_telegram_of_another_sender_is_incomplete() -> None:
     telegram = bytes.fromhex("00 08 05 00 13 01 00 00")
     sent = b"\x10\x02" + telegram + b"\x10\x03" + bytes([reduce(xor, telegram, 3)])
     answer = Pendant().do(sent)

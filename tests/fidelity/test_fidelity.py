@@ -259,7 +259,7 @@ def test_a_surface_of_another_kind_is_pressed_and_a_recording_may_begin_in_conta
 
 
 def ask(folder: Path, kind: str, rows: Sequence[tuple[str, ...]], mapping: str, *more: str) -> str:
-    """What the command says of a table; its columns are `t` and a joint unless a mapping is given."""
+    """The text that the command prints for a table, or its error. Without a mapping the columns are `t` and a joint."""
     table, plan = folder / "log.csv", folder / "log.toml"
     with table.open("w", newline="") as file:
         csv.writer(file).writerows(rows)

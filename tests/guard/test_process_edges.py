@@ -153,7 +153,7 @@ def test_a_loop_goes_on_where_a_callback_would_end_it(run: Any, error: BaseExcep
 
     async def main() -> str:
         asyncio.get_running_loop().call_soon(leave)
-        await asyncio.sleep(0.01)
+        await asyncio.sleep(0)
         return "to its end"
 
     assert run(main, goes_on) == "to its end"

@@ -5,6 +5,10 @@ from typing import Any
 import pytest
 
 import hil_bridge
+from hil_bridge.clock import Clock
+from hil_bridge.runs.compose import emulated_cell
+from hil_bridge.runs.setup import Listen, Setup
+from hil_bridge.settings.configuration import read_config
 
 pytestmark = pytest.mark.live
 
@@ -43,5 +47,26 @@ def test_devices_alone_in_real_time() -> None:
             frame = await cell.sensor.frame()
             assert len(cell.sensor.wrench(frame)) == 6
             assert report.pose.position == pytest.approx(cell.truth().position, abs=1e-3)
+
+    hil_bridge.run_real(main)
+
+
+def test_a_real_robot_without_a_sensor_is_opened_alone() -> None:
+    """The robot listens at a URL as a real one does, and nothing emulates a sensor beside it."""
+    here = read_config({"robot": {"emulated": "rtde"}})
+    at = Listen("rtde+tcp-listen://127.0.0.1:0", None)
+
+    async def main() -> None:
+        async with emulated_cell(Setup(here, at), Clock.running(), lambda error: None) as served:
+            assert served.robot is not None
+            config = {"robot": {"url": f"rtde+{served.robot.url}"}}
+            async with hil_bridge.open_devices(config) as cell:
+                report = await cell.robot.ready()
+                true = served.cell.true_state(served.cell.truth_available_from(cell.clock.now()))
+                assert report.pose.position == pytest.approx(true.position, abs=1e-3)
+                with pytest.raises(hil_bridge.ConfigError, match=r"set sensor\.url to read forces"):
+                    _ = cell.sensor
+                with pytest.raises(hil_bridge.ConfigError, match="of an emulated cell alone"):
+                    cell.truth()
 
     hil_bridge.run_real(main)

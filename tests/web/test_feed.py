@@ -74,25 +74,27 @@ def cycle(at: float) -> CycleRecord:
     return CycleRecord(**values)  # type: ignore[arg-type]
 
 
+async def pause() -> None:
+    """Let the loop take what lies in its sockets: it looks at them at every turn, and no time passes."""
+    for _ in range(16):
+        await asyncio.sleep(0)
+
+
 async def test_one_word_alone_retracts(ends: Ends) -> None:
     ends.listen()
     for word in (b"retrac", b"retract!", b"RETRACT", b"x"):
         ends.other.send(word)
-    await asyncio.sleep(0)
-    for _ in range(8):
-        await asyncio.sleep(0.001)
+    await pause()
     assert (ends.retracted, ends.gone) == ([], [])
     ends.other.send(wire.RETRACT)
-    for _ in range(8):
-        await asyncio.sleep(0.001)
+    await pause()
     assert (ends.retracted, ends.gone) == (["retract"], [])
 
 
 async def test_the_end_of_the_server_is_told_once_with_its_last_line(ends: Ends) -> None:
     ends.listen()
     ends.other.close()
-    for _ in range(8):
-        await asyncio.sleep(0.001)
+    await pause()
     said = list(ends.gone)
     assert not asyncio.get_running_loop().remove_reader(ends.feed._socket.fileno()), (
         "a dead socket would be read for ever"

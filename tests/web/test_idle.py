@@ -69,7 +69,7 @@ async def opened(port: int, count: int, data: bytes = b"") -> list[Streams]:
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
         writer.write(data)
         connections.append((reader, writer))
-    await asyncio.sleep(0.3)  # until the server has taken the last of them
+    await answer_s(port)  # the server takes connections in their order: it has them all
     return connections
 
 

@@ -17,7 +17,7 @@ from hil_bridge.show.web.admission import TOKEN_HEADER, Admission
 from hil_bridge.show.web.panel_news import PanelNews
 from hil_bridge.show.web.server import Server
 from hil_bridge.show.web.teller import Cursor
-from tests.web.test_feed import Ends, ends
+from tests.web.test_feed import Ends, ends, pause
 from tests.web.test_idle import Nothing
 from tools.chromium import Page
 from tools.web_run import Serving, WebRun
@@ -50,11 +50,6 @@ class Lever:
     @property
     def operated(self) -> OperatedPanel:
         return OperatedPanel("toy", self.perform)
-
-
-async def pause() -> None:
-    for _ in range(8):
-        await asyncio.sleep(0.001)
 
 
 # --- the process of the robot

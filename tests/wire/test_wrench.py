@@ -33,7 +33,7 @@ def test_values_times_scales_are_newtons() -> None:
         ({"range": (*SIX[:5], float("nan"))}, "range of a sensor must be six numbers above 0"),
         ({"period": 0.0}, "period of a sensor must be above 0 s, got 0"),
         ({"delay": -0.5}, "delay of a sensor must be at least 0 s, got -0.5"),
-        ({"tares": "nobody"}, "tares of a sensor must be device or host, got 'nobody'"),
+        ({"tares": "robot"}, "tares of a sensor must be device or host, got 'robot'"),
     ],
 )
 def test_facts_that_cannot_be_are_refused(changes: dict[str, Any], message: str) -> None:

@@ -3,9 +3,11 @@
 import math
 import statistics
 from collections.abc import Iterator
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
-from hil_bridge.lab.campaign.criteria import Figures, figure_text
+from msgspec import Struct
+
+from hil_bridge.lab.campaign.criteria import Figure, Figures, figure_text
 from hil_bridge.lab.campaign.store import Done, Store
 from hil_bridge.record.analysis.figures import JUDGED
 
@@ -17,21 +19,109 @@ _Name: TypeAlias = tuple[str, str, str, int]
 """Cell, fault, phase and seed of a run, in words."""
 
 
-class Compared(NamedTuple):
+class Difference(Struct, frozen=True):
+    """A figure that is not the same in two runs; None where a run does not have it."""
+
+    figure: str
+    before: Figure
+    after: Figure
+
+    @property
+    def text(self) -> str:
+        """In words."""
+        return f"{self.figure} {figure_text(self.before) or _NOTHING} → {figure_text(self.after) or _NOTHING}"
+
+
+class Side(Struct, frozen=True):
+    """One of the two campaigns."""
+
+    results: str
+    """File name of its results."""
+    name: str
+    code: str
+    """Version of the code."""
+    runs: int
+
+    @property
+    def text(self) -> str:
+        """In words."""
+        return f"{self.results}: {self.name}, code {self.code}, {self.runs} runs"
+
+
+class ChangedRun(Struct, frozen=True):
+    """A run that is in both campaigns and differs."""
+
+    cell: str
+    fault: str
+    phase: str
+    seed: int
+    differences: tuple[Difference, ...]
+
+    @property
+    def text(self) -> str:
+        """In words."""
+        words = "; ".join(one.text for one in self.differences)
+        return f"{self.cell} | {self.fault} {self.phase} | seed {self.seed}: {words}"
+
+
+class Shift(Struct, frozen=True):
+    """How far a figure has moved, over the runs that differ, in its unit."""
+
+    figure: str
+    runs: int
+    least: float
+    largest: float
+    median: float
+
+    @property
+    def text(self) -> str:
+        """In words."""
+        return (
+            f"{self.figure}: moved in {self.runs} runs, {self.least:+.4g} … {self.largest:+.4g}, "
+            f"median {self.median:+.4g}"
+        )
+
+
+class Compared(Struct, frozen=True):
     """Two campaigns side by side."""
 
-    lines: list[str]
-    """For people."""
-    differing: int
-    """Runs that are in both and differ."""
+    before: Side
+    after: Side
+    common: int
+    """Runs that are in both."""
+    worse: int
+    """Runs that passed and fail now."""
+    better: int
+    """Runs that failed and pass now."""
+    shifts: tuple[Shift, ...]
+    changed: tuple[ChangedRun, ...]
+    """Runs that differ, those with another outcome first."""
+
+    @property
+    def differing(self) -> int:
+        """Runs that are in both and differ."""
+        return len(self.changed)
+
+    @property
+    def lines(self) -> Iterator[str]:
+        """For people: the sums, the shifts, and at most LINES runs."""
+        yield self.before.text
+        yield self.after.text
+        yield f"{self.common} runs in both, {self.differing} of them differ"
+        if self.worse or self.better:
+            yield f"{self.worse} passed and fail now, {self.better} failed and pass now"
+        yield from (shift.text for shift in self.shifts)
+        yield from (run.text for run in self.changed[:LINES])
+        if self.differing > LINES:
+            yield f"and {self.differing - LINES} more"
 
 
-def differences(before: Figures, after: Figures) -> Iterator[str]:
-    """Figures that are not the same, in words."""
+def differences(before: Figures, after: Figures) -> Iterator[Difference]:
+    """Figures that are not the same."""
     for name in JUDGED:
         old, new = before.get(name), after.get(name)
         if old != new:
-            yield f"{name} {figure_text(old) or _NOTHING} → {figure_text(new) or _NOTHING}"
+            yield Difference(name, old, new)
 
 
 def compare_campaigns(first: Store, second: Store) -> Compared:
@@ -39,24 +129,18 @@ def compare_campaigns(first: Store, second: Store) -> Compared:
     old, new = _by_name(first), _by_name(second)
     common = [name for name in old if name in new]
     changed = {
-        name: found for name in common if (found := list(differences(old[name].figures, new[name].figures)))
+        name: found for name in common if (found := tuple(differences(old[name].figures, new[name].figures)))
     }
-    lines = [
-        f"{first.path.name}: {first.fact('name')}, code {first.fact('code')}, {len(old)} runs",
-        f"{second.path.name}: {second.fact('name')}, code {second.fact('code')}, {len(new)} runs",
-        f"{len(common)} runs in both, {len(changed)} of them differ",
-    ]
-    worse = sum(old[name].passed and not new[name].passed for name in common)
-    better = sum(new[name].passed and not old[name].passed for name in common)
-    if worse or better:
-        lines.append(f"{worse} passed and fail now, {better} failed and pass now")
-    lines += _shifts([old[name] for name in changed], [new[name] for name in changed])
-    for name in sorted(changed, key=lambda name: (old[name].outcome == new[name].outcome, name))[:LINES]:
-        cell, fault, phase, seed = name
-        lines.append(f"{cell} | {fault} {phase} | seed {seed}: {'; '.join(changed[name])}")
-    if len(changed) > LINES:
-        lines.append(f"and {len(changed) - LINES} more")
-    return Compared(lines, len(changed))
+    order = sorted(changed, key=lambda name: (old[name].outcome == new[name].outcome, name))
+    return Compared(
+        Side(first.path.name, first.fact("name"), first.fact("code"), len(old)),
+        Side(second.path.name, second.fact("name"), second.fact("code"), len(new)),
+        len(common),
+        sum(old[name].passed and not new[name].passed for name in common),
+        sum(new[name].passed and not old[name].passed for name in common),
+        tuple(_shifts([old[name] for name in changed], [new[name] for name in changed])),
+        tuple(ChangedRun(*name, changed[name]) for name in order),
+    )
 
 
 def _by_name(store: Store) -> dict[_Name, Done]:
@@ -68,8 +152,7 @@ def _by_name(store: Store) -> dict[_Name, Done]:
     }
 
 
-def _shifts(old: list[Done], new: list[Done]) -> Iterator[str]:
-    """How far each figure has moved, over the runs that differ."""
+def _shifts(old: list[Done], new: list[Done]) -> Iterator[Shift]:
     for name in JUDGED:
         moved = []
         for one, other in zip(old, new, strict=True):
@@ -77,5 +160,4 @@ def _shifts(old: list[Done], new: list[Done]) -> Iterator[str]:
             if isinstance(was, (int, float)) and isinstance(now, (int, float)) and was != now:
                 moved.append(float(now) - float(was))
         if moved and all(map(math.isfinite, moved)):
-            median = statistics.median(moved)
-            yield f"{name}: moved in {len(moved)} runs, {min(moved):+.4g} … {max(moved):+.4g}, median {median:+.4g}"
+            yield Shift(name, len(moved), min(moved), max(moved), statistics.median(moved))

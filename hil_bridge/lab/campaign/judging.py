@@ -58,13 +58,7 @@ class Ran:
 def carry_out(job: Job, criteria: tuple[Criterion, ...], folder: Path | None) -> Done:
     """Do a run and judge it. A failing one leaves its recording in `folder`, if there is one."""
     began = time.perf_counter()
-    try:
-        ran = run(configure_run(job))
-    except ConfigError as error:  # settings that were drawn together and do not fit each other
-        ran = Ran({"outcome": "refused", "retracted": True}, str(error))
-    except Exception as error:  # a bug is a result too, and no reason to lose the other runs
-        lines = str(error).splitlines() or [""]
-        ran = Ran({"outcome": "error"}, f"{type(error).__name__}: {lines[0]}")
+    ran = attempt(job)
     broken = find_unmet(criteria, ran.figures)
     name = ""
     if broken and folder is not None and ran.result is not None:
@@ -76,6 +70,17 @@ def carry_out(job: Job, criteria: tuple[Criterion, ...], folder: Path | None) ->
     return Done(
         job.key, job.number, job.seed, outcome, ran.cause, tuple(broken), ran.figures, wall_s, name, job.table
     )
+
+
+def attempt(job: Job) -> Ran:
+    """Do a run; one that cannot be done, and a bug, are results too."""
+    try:
+        return run(configure_run(job))
+    except ConfigError as error:  # settings that were drawn together and do not fit each other
+        return Ran({"outcome": "refused", "retracted": True}, str(error))
+    except Exception as error:  # no reason to lose the other runs
+        lines = str(error).splitlines() or [""]
+        return Ran({"outcome": "error"}, f"{type(error).__name__}: {lines[0]}")
 
 
 def configure_run(job: Job) -> Config:

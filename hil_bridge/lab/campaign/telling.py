@@ -41,3 +41,17 @@ def describe_run(plan: Plan, done: Done, label: str) -> Iterator[str]:
     yield f"  {case.cell}; faults: {faults_of_run(case, done)}"
     if settings := settings_of_run(done):
         yield f"  {settings}"
+
+
+def hunt_values(plan: Plan, done: Done) -> dict[str, object]:
+    """A run that a hunt found, for programs."""
+    case = plan.cases[done.number]
+    return {
+        "key": done.key,
+        "cell": case.cell,
+        "faults": faults_of_table(done.table),
+        "settings": json.loads(done.table).get("config", {}),
+        "outcome": done.outcome,
+        "cause": done.cause,
+        "figures": done.figures,
+    }

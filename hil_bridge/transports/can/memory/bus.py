@@ -200,7 +200,7 @@ class MemoryCanBus:
             and suspended is None
             and self._disturb is None
             and waiting[0].queue.give_up_at > at
-            and not (at_once and self._anybody_off())
+            and not (at_once and self._any_node_off())
         ):
             self._bits = start
             self._begin(waiting)
@@ -275,7 +275,7 @@ class MemoryCanBus:
                 self._tell(attempt, at)
         finally:
             self._calling_back = False
-            if self._anybody_off():
+            if self._any_node_off():
                 # a frame ends in eleven recessive bits, and so does an error frame
                 self._count_sequences(attempt.repeats)
                 self._recover(at)
@@ -301,7 +301,7 @@ class MemoryCanBus:
             else:
                 node.receive_failed(at)
 
-    def _anybody_off(self) -> bool:
+    def _any_node_off(self) -> bool:
         """Whether a node is bus-off."""
         for node in self._nodes:  # noqa: SIM110 (a generator costs more)
             if not node.on_bus:

@@ -1,0 +1,158 @@
+"""`hil-bridge campaign rerun`, `compare`, `export` and `bundle`: what is done with the results of a campaign."""
+
+from pathlib import Path
+
+import click
+
+from hil_bridge.cli.options import (
+    ExtrasCommand,
+    json_option,
+    output_option,
+    overwrite_option,
+    tell,
+    tell_json,
+)
+from hil_bridge.cli.paths import FILE
+from hil_bridge.errors import ConfigError
+
+DIFFERS = 1
+"""Exit code when runs or campaigns differ."""
+
+
+@click.command()
+@click.argument("results", type=FILE, metavar="FILE.sqlite")
+@click.argument("key", required=False)
+@click.option("--seed", type=click.IntRange(min=0), metavar="N", help="All runs of this seed.")
+@output_option("DIR", "Where the recordings go.  [default: this folder]")
+@json_option
+@overwrite_option
+def rerun(
+    results: Path, key: str | None, seed: int | None, out: Path | None, as_json: bool, overwrite: bool
+) -> None:
+    """Repeat a run by its KEY, or by the first signs of it, or those of a seed, and leave the recordings.
+
+    Exit code 1 when its figures are not those of the campaign.
+    """
+    from hil_bridge.errors.text_files import harmless
+    from hil_bridge.lab.campaign.judging import configure_run, run
+    from hil_bridge.lab.campaign.plan import code_version
+    from hil_bridge.lab.campaign.repeating import compare_run, job_again, select_runs
+    from hil_bridge.lab.campaign.store import Store
+    from hil_bridge.record.files import check_record_place
+
+    folder, repeated = out or Path(), []
+    with Store.open(results) as store:
+        plan, chosen = store.plan(), select_runs(store, key, seed)
+        same_code = store.fact("code") == code_version()
+        if not same_code and not as_json:
+            click.echo("the results are of another version of the code, so that figures may differ", err=True)
+        for done in chosen:
+            check_record_place(folder / f"{done.key}.mcap", overwrite)
+        for done in chosen:
+            ran = run(configure_run(job_again(plan, done)))
+            place = folder / f"{done.key}.mcap"
+            left = "" if ran.result is None else str(ran.result.save(place, overwrite=overwrite))
+            again = compare_run(plan, done, ran, left)
+            repeated.append(again)
+            if not as_json:
+                tell(harmless(line) for line in again.lines)
+    if as_json:
+        tell_json({"results": results.name, "same_code": same_code, "runs": repeated})
+    if any(again.differences for again in repeated):
+        click.get_current_context().exit(DIFFERS)
+
+
+@click.command()
+@click.argument("before", type=FILE, metavar="A.sqlite")
+@click.argument("after", type=FILE, metavar="B.sqlite")
+@json_option
+def compare(before: Path, after: Path, as_json: bool) -> None:
+    """Tell what differs between two campaigns, for runs of the same cell, fault, phase and seed.
+
+    Exit code 1 when anything differs.
+    """
+    from hil_bridge.lab.campaign.comparison import compare_campaigns
+    from hil_bridge.lab.campaign.store import Store
+
+    with Store.open(before) as first, Store.open(after) as second:
+        compared = compare_campaigns(first, second)
+    if as_json:
+        tell_json(compared)
+    else:
+        tell(compared.lines)
+    if compared.differing:
+        click.get_current_context().exit(DIFFERS)
+
+
+@click.command(cls=ExtrasCommand, extras={"parquet": "parquet"})
+@click.argument("results", type=FILE, metavar="FILE.sqlite")
+@click.option(
+    "--to",
+    "formats",
+    type=click.Choice(["csv", "parquet"]),
+    multiple=True,
+    default=["parquet"],
+    help="May be given twice.  [default: parquet]",
+)
+@output_option("DIR", "Where the files go.  [default: beside the results]")
+@json_option
+@overwrite_option
+def export(results: Path, formats: tuple[str, ...], out: Path | None, as_json: bool, overwrite: bool) -> None:
+    """Write the runs as a table, a row a run, for pandas and the like."""
+    from hil_bridge.lab.campaign.store import Store
+    from hil_bridge.lab.campaign.table import FORMATS, run_table
+    from hil_bridge.record.files import check_place, write_whole
+
+    folder = results.parent if out is None else out
+    places = {folder / f"{results.stem}.{name}": FORMATS[name] for name in dict.fromkeys(formats)}
+    with Store.open(results) as store:
+        table = run_table(store)
+    made = {place: encode(table) for place, encode in places.items()}
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"cannot make the folder {folder}: {error.strerror}; name another place") from error
+    for place in made:
+        check_place(place, overwrite)
+    for place, data in made.items():
+        write_whole(place, data, overwrite)
+        if not as_json:
+            click.echo(f"{place}: {len(table.rows)} runs")
+    if as_json:
+        tell_json({"files": [str(place) for place in made], "runs": len(table.rows)})
+
+
+@click.command()
+@click.argument("results", type=FILE, metavar="FILE.sqlite")
+@click.option(
+    "--seeds",
+    "count",
+    type=click.IntRange(min=0),
+    metavar="N",
+    default=1,
+    show_default=True,
+    help="Seeds that are drawn: their runs are repeated, and their recordings packed.",
+)
+@output_option("BUNDLE.zip", "The bundle.  [default: FILE.zip beside the results]")
+@json_option
+@overwrite_option
+def bundle(results: Path, count: int, out: Path | None, as_json: bool, overwrite: bool) -> None:
+    """Pack results with configurations, versions, recordings and a hash of each file, for `hil-bridge verify`.
+
+    Recordings are those of runs that failed, and of the drawn seeds. Exit code 1, and no bundle, when a repeated
+    run differs from the results.
+    """
+    from hil_bridge.console.progress import run_progress
+    from hil_bridge.errors.text_files import harmless
+    from hil_bridge.lab.campaign.bundle import pack
+    from hil_bridge.lab.campaign.store import Store
+    from hil_bridge.runs.signals import as_ctrl_c
+
+    with Store.open(results) as store, run_progress(None) as advance, as_ctrl_c():
+        packed = pack(store, out or results.with_suffix(".zip"), count, overwrite, advance)
+    if as_json:
+        tell_json(packed)
+    else:
+        tell(harmless(line) for line in packed.lines)
+    if packed.differing:
+        click.get_current_context().exit(DIFFERS)

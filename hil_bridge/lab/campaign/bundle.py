@@ -1,0 +1,205 @@
+"""A bundle: the results of a campaign in one zip file, with all that another computer needs to verify them.
+
+It holds `results.sqlite`; `plan.json`, the configuration of every case; recordings of the runs that failed and of
+seeds that are drawn; and `manifest.json`, with the versions and the SHA-256 of each file and of each seed's runs.
+"""
+
+import hashlib
+import io
+import json
+import platform
+import tempfile
+import zipfile
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from importlib.metadata import version
+from pathlib import Path
+
+import msgspec
+from msgspec import Struct
+
+from hil_bridge.errors import ConfigError
+from hil_bridge.lab.campaign.digest import worst_first
+from hil_bridge.lab.campaign.plan import Plan, code_version
+from hil_bridge.lab.campaign.repeating import CheckedRun, Repeat, job_again, repeat_runs
+from hil_bridge.lab.campaign.store import Done, Store, now
+from hil_bridge.lab.campaign.unpacking import (
+    FILES_MOST,
+    MANIFEST,
+    MANIFEST_LIMIT_BYTES,
+    PLAN,
+    RECORDINGS,
+    RESULTS,
+    UNPACKED_LIMIT_BYTES,
+    hash_file,
+)
+from hil_bridge.record.files import check_place, write_whole
+
+FORMAT = "hil-bridge bundle 1"
+"""Format of the bundle, for a later version that reads it."""
+PACKAGES = ("numpy",)
+"""Packages beside this one whose arithmetic a run goes through."""
+_ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)
+"""Time stamp of every file, so that two bundles of the same files are equal but for the manifest."""
+
+Advance = Callable[[int, int], object]
+"""Told how many runs have been repeated since, and how many of them differ."""
+
+
+class Manifest(Struct, frozen=True):
+    """All that a bundle tells about itself."""
+
+    format: str
+    campaign: str
+    packed: str
+    """When, UTC."""
+    versions: Mapping[str, str]
+    """Of this package with a hash of its source, of Python and numpy, and the platform."""
+    files: Mapping[str, str]
+    """SHA-256 of each other file."""
+    seeds: Mapping[int, str]
+    """SHA-256 of all that the results keep of the runs of each seed."""
+    drawn: tuple[int, ...]
+    """Seeds that were drawn: their runs were repeated here, and their recordings are in the bundle."""
+
+
+class Packed(Struct, frozen=True):
+    """A bundle that was written, or the runs because of which it was not."""
+
+    bundle: str
+    """File name."""
+    sha256: str
+    """Of the bundle; empty where none was written."""
+    runs: int
+    drawn: tuple[int, ...]
+    recordings: int
+    left_out: int
+    """Recordings of failing runs for which there was no room."""
+    differing: tuple[CheckedRun, ...]
+    """Repeated runs whose figures are not those of the results."""
+
+    @property
+    def lines(self) -> Iterator[str]:
+        """For people."""
+        if self.differing:
+            yield f"not packed: repeated runs differ from the results, {len(self.differing)} of them"
+            for run in self.differing:
+                yield from run.lines
+            return
+        seeds = ", ".join(map(str, self.drawn)) or "none"
+        yield f"{self.bundle}: {self.runs} runs, {self.recordings} recordings; repeated seeds: {seeds}"
+        if self.left_out:
+            yield f"  no room for {self.left_out} recordings of runs that failed"
+        yield f"  SHA-256 {self.sha256}"
+
+
+def versions() -> dict[str, str]:
+    """Versions of all that decides the bits of a run."""
+    return {
+        "hil-bridge": code_version(),
+        "Python": platform.python_version(),
+        **{name: version(name) for name in PACKAGES},
+        "platform": platform.platform(),
+    }
+
+
+def draw_seeds(plan: Plan, seeds: Iterable[int], count: int) -> tuple[int, ...]:
+    """So many of these seeds, spread over them: the same ones for the same plan, and more of them go on from fewer."""
+
+    def place(seed: int) -> str:
+        return hashlib.sha256(f"{plan.identity} {seed}".encode()).hexdigest()
+
+    return tuple(sorted(seeds, key=place)[:count])
+
+
+def plan_text(plan: Plan) -> bytes:
+    """The plan as JSON, for people and for programs without SQLite."""
+    cases = [
+        {
+            "cell": case.cell,
+            "fault": case.fault,
+            "phase": case.phase,
+            "impossible": case.impossible,
+            "config": json.loads(case.config),
+            "laid_over": json.loads(case.table),
+        }
+        for case in plan.cases
+    ]
+    facts = {
+        "name": plan.name,
+        "seeds": plan.seeds,
+        "cases_per_seed": plan.cases_per_seed,
+        "draw": None if plan.draw is None else json.loads(plan.draw.text),
+        "criteria": [[one.figure, one.wanted] for one in plan.criteria],
+        "requirements": plan.requirements,
+    }
+    return json.dumps({**facts, "cases": cases}, indent=1).encode()
+
+
+def pack(
+    store: Store, path: Path, count: int, overwrite: bool, advance: Advance = lambda *told: None
+) -> Packed:
+    """Write a bundle of these results. Runs of `count` seeds are repeated first; none may differ.
+
+    Raises ConfigError for results of another version of the code, and where the file cannot be written.
+    """
+    check_place(path, overwrite)
+    if (code := store.fact("code")) != code_version():
+        raise ConfigError(
+            f"{store.path} has results of version {code}, and this is {code_version()}; pack them with that one, "
+            "or run the campaign anew"
+        )
+    plan, hashes, runs = store.plan(), store.seed_hashes(), list(store.runs())
+    drawn = draw_seeds(plan, hashes, count)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        store.copy(folder / RESULTS)
+        (folder / PLAN).write_bytes(plan_text(plan))
+        recordings = folder / RECORDINGS
+        recordings.mkdir()
+        again = [
+            Repeat(job_again(plan, done), done.figures, save=recordings / f"{done.key}.mcap")
+            for done in runs
+            if done.seed in drawn
+        ]
+        differing = tuple(run for run in repeat_runs(again, advance) if not run.equal)
+        if differing:
+            return Packed(path.name, "", len(runs), drawn, 0, 0, differing)
+        left_out = _add_failing(folder, store, runs)
+        names = sorted(str(one.relative_to(folder)) for one in folder.rglob("*") if one.is_file())
+        files = {name: hash_file(folder / name) for name in names}
+        manifest = Manifest(FORMAT, plan.name, now(), versions(), files, hashes, drawn)
+        text = msgspec.json.format(msgspec.json.encode(manifest), indent=1)
+        if len(text) > MANIFEST_LIMIT_BYTES:
+            raise ConfigError(f"{store.path} has too many seeds for a bundle: {len(hashes)}")
+        data = _zip(folder, names, text)
+    write_whole(path, data, overwrite)
+    count_recordings = sum(name.startswith(RECORDINGS) for name in names)
+    sha256 = hashlib.sha256(data).hexdigest()
+    return Packed(path.name, sha256, len(runs), drawn, count_recordings, left_out, ())
+
+
+def _add_failing(folder: Path, store: Store, runs: Iterable[Done]) -> int:
+    """Take the recordings of failing runs, worst first; the number of those for which there is no room."""
+    size = sum(one.stat().st_size for one in folder.rglob("*") if one.is_file())
+    count, left_out = sum(1 for _ in folder.rglob("*")), 0
+    for done in worst_first(runs):
+        name = f"{done.key}.mcap"
+        source, target = store.folder / name, folder / RECORDINGS / name
+        if done.recording != name or target.exists() or not source.is_file():
+            continue
+        size, count = size + source.stat().st_size, count + 1
+        if size > UNPACKED_LIMIT_BYTES or count >= FILES_MOST:
+            left_out += 1
+        else:
+            target.write_bytes(source.read_bytes())
+    return left_out
+
+
+def _zip(folder: Path, names: Iterable[str], manifest: bytes) -> bytes:
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", allowZip64=False) as target:
+        for name, data in ((MANIFEST, manifest), *((name, (folder / name).read_bytes()) for name in names)):
+            entry = zipfile.ZipInfo(name, _ZIP_EPOCH)
+            entry.external_attr = 0o100644 << 16
+            target.writestr(entry, data, zipfile.ZIP_DEFLATED)
+    return packed.getvalue()

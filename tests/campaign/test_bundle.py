@@ -1,0 +1,382 @@
+"""Bundles of a campaign: packed, verified, altered in every way, and files that only look like one."""
+
+import hashlib
+import io
+import json
+import sqlite3
+import stat
+import struct
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+
+from hil_bridge.cli import cli
+from hil_bridge.errors import ConfigError
+from hil_bridge.lab.campaign import unpacking
+from hil_bridge.lab.campaign.bundle import draw_seeds, versions
+from hil_bridge.lab.campaign.store import Store
+from hil_bridge.lab.campaign.verifying import verify
+
+Files = dict[str, bytes]
+
+
+def invoke(*arguments: object) -> Result:
+    return CliRunner().invoke(cli, [*map(str, arguments)], catch_exceptions=False)
+
+
+@pytest.fixture(scope="module")
+def bundle(short_results: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A bundle of SHORT, with one seed drawn."""
+    place = tmp_path_factory.mktemp("bundle") / "short.zip"
+    ended = invoke("campaign", "bundle", short_results, "-o", place, "--json")
+    assert ended.exit_code == 0, ended.output
+    told = json.loads(ended.stdout)
+    assert (told["bundle"], told["runs"], told["left_out"]) == ("short.zip", 8, 0)
+    assert told["sha256"] == hashlib.sha256(place.read_bytes()).hexdigest()
+    return place
+
+
+def files_of(bundle: Path) -> Files:
+    with zipfile.ZipFile(bundle) as packed:
+        return {name: packed.read(name) for name in packed.namelist()}
+
+
+def packed_anew(place: Path, files: Files) -> Path:
+    """A sound zip file of these files."""
+    with zipfile.ZipFile(place, "w", zipfile.ZIP_DEFLATED) as target:
+        for name, data in files.items():
+            target.writestr(name, data)
+    return place
+
+
+def with_manifest(files: Files, **changes: Any) -> Files:
+    """The same with other values in the manifest, and the hash of each file as it is now."""
+    manifest = json.loads(files["manifest.json"])
+    hashes = {
+        name: hashlib.sha256(data).hexdigest() for name, data in files.items() if name != "manifest.json"
+    }
+    return {**files, "manifest.json": json.dumps({**manifest, "files": hashes, **changes}).encode()}
+
+
+def with_results(files: Files, folder: Path, statement: str) -> Files:
+    """The same with results in which a statement changed something."""
+    place = folder / "changed.sqlite"
+    place.write_bytes(files["results.sqlite"])
+    connection = sqlite3.connect(place)
+    assert connection.execute(statement).rowcount == 1
+    connection.commit()
+    connection.close()
+    return {**files, "results.sqlite": place.read_bytes()}
+
+
+def test_a_bundle_holds_recordings_of_failures_and_of_drawn_seeds(bundle: Path, short_results: Path) -> None:
+    files = files_of(bundle)
+    manifest = json.loads(files["manifest.json"])
+    with Store.open(short_results) as store:
+        plan, runs = store.plan(), list(store.runs())
+    assert manifest["drawn"] == list(draw_seeds(plan, [1, 2], 1))
+    kept = {run.key for run in runs if run.failed or run.seed in manifest["drawn"]}
+    assert len(kept) == 6
+    assert set(files) == {
+        "manifest.json",
+        "plan.json",
+        "results.sqlite",
+        *(f"recordings/{key}.mcap" for key in kept),
+    }
+    assert manifest["versions"] == versions()
+    cases = json.loads(files["plan.json"])["cases"]
+    assert {case["config"]["task"]["force_n"] for case in cases} == {8.0, 10.0}
+
+
+def test_a_sound_bundle_is_verified(bundle: Path) -> None:
+    ended = invoke("verify", bundle)
+    assert ended.exit_code == 0, ended.output
+    assert "8 files are those of the manifest" in ended.output
+    assert "the runs of 2 seeds are those of the manifest" in ended.output
+    assert "4 runs of seed " in ended.output
+    assert ended.output.endswith("4 compared with their recordings\n  the same to the last bit\n")
+    told = json.loads(invoke("verify", bundle, "--seeds", 2, "--json").stdout)
+    assert (told["repeated"], told["runs"], told["recordings"], told["differing"]) == ([1, 2], 8, 6, [])
+    assert told["sha256"] == hashlib.sha256(bundle.read_bytes()).hexdigest()
+
+
+def test_one_altered_byte_names_its_file(bundle: Path, tmp_path: Path) -> None:
+    """Inside the packed data: a byte of the zip's own heads changes no file."""
+    place, data = tmp_path / "altered.zip", bundle.read_bytes()
+    with zipfile.ZipFile(bundle) as packed:
+        entries = packed.infolist()
+    for entry in entries:
+        begin = entry.header_offset + 30 + len(entry.filename)
+        for quarter in (1, 2, 3):
+            byte = begin + quarter * entry.compress_size // 4
+            place.write_bytes(data[:byte] + bytes([data[byte] ^ 1]) + data[byte + 1 :])
+            if entry.filename == "manifest.json":
+                with pytest.raises(ConfigError, match=r"altered\.zip: its manifest\.json is damaged"):
+                    verify(place, 0)
+                continue
+            verified = verify(place, 0)
+            assert verified.altered == (entry.filename,)
+            assert not verified.good
+    ended = invoke("verify", place, "--seeds", 0)
+    assert ended.exit_code == 1
+    assert f"altered: {entries[-1].filename}\n" in ended.output
+
+
+def test_a_byte_altered_before_packing_names_its_file(bundle: Path, tmp_path: Path) -> None:
+    files = files_of(bundle)
+    name = next(name for name in files if name.startswith("recordings/"))
+    data = bytearray(files[name])
+    data[len(data) // 2] ^= 0x80
+    verified = verify(packed_anew(tmp_path / "b.zip", {**files, name: bytes(data)}), 0)
+    assert (verified.altered, verified.seeds_altered) == ((name,), ())
+    del files[name]
+    verified = verify(packed_anew(tmp_path / "b.zip", files), 0)
+    assert (verified.altered, verified.missing, verified.good) == ((), (name,), False)
+    files["recordings/0123456789abcdef.mcap"] = b""
+    assert verify(packed_anew(tmp_path / "b.zip", files), 0).unknown == ("recordings/0123456789abcdef.mcap",)
+
+
+MORE_FORCE = (
+    "UPDATE runs SET figures = json_set(figures, '$.force_true_max_n', 1.5) WHERE rowid = "
+    "(SELECT min(rowid) FROM runs WHERE seed = {seed})"
+)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_an_altered_seed_is_named(bundle: Path, tmp_path: Path, seed: int) -> None:
+    files = with_results(files_of(bundle), tmp_path, MORE_FORCE.format(seed=seed))
+    verified = verify(packed_anew(tmp_path / "b.zip", files), 0)
+    assert (verified.altered, verified.seeds_altered) == (("results.sqlite",), (seed,))
+    assert f"altered: the runs of seed {seed}" in list(verified.lines)
+
+
+def test_a_seed_that_was_given_to_another_run_is_named_by_its_key(bundle: Path, tmp_path: Path) -> None:
+    """Also where the manifest was made anew."""
+    other = "UPDATE runs SET seed = 7 WHERE rowid = (SELECT min(rowid) FROM runs WHERE seed = 2)"
+    files = with_results(files_of(bundle), tmp_path, other)
+    (tmp_path / "results.sqlite").write_bytes(files["results.sqlite"])
+    with Store.open(tmp_path / "results.sqlite") as store:
+        files = with_manifest(files, seeds=store.seed_hashes())
+    verified = verify(packed_anew(tmp_path / "b.zip", files), 0)
+    assert (verified.altered, verified.seeds_altered, verified.good) == ((), (7,), False)
+
+
+def test_a_run_that_is_not_repeated_is_named_though_every_hash_fits(bundle: Path, tmp_path: Path) -> None:
+    files = files_of(bundle)
+    (drawn,) = json.loads(files["manifest.json"])["drawn"]
+    files = with_results(files, tmp_path, MORE_FORCE.format(seed=drawn))
+    (tmp_path / "results.sqlite").write_bytes(files["results.sqlite"])
+    with Store.open(tmp_path / "results.sqlite") as store:
+        files = with_manifest(files, seeds=store.seed_hashes())
+    verified = verify(packed_anew(tmp_path / "b.zip", files), None)
+    assert (verified.altered, verified.seeds_altered) == ((), ())
+    (run,) = verified.differing
+    assert (run.seed, [one.figure for one in run.differences], run.cycle) == (
+        drawn,
+        ["force_true_max_n"],
+        None,
+    )
+
+
+def test_a_recording_of_another_run_differs_from_its_first_cycle(bundle: Path, tmp_path: Path) -> None:
+    files = files_of(bundle)
+    (drawn,) = json.loads(files["manifest.json"])["drawn"]
+    (tmp_path / "results.sqlite").write_bytes(files["results.sqlite"])
+    with Store.open(tmp_path / "results.sqlite") as store:
+        one, other = [f"recordings/{run.key}.mcap" for run in store.runs("seed = ?", [drawn])][:2]
+    files = with_manifest({**files, one: files[other]})
+    verified = verify(packed_anew(tmp_path / "b.zip", files), None)
+    (run,) = verified.differing
+    assert (run.seed, run.differences, f"recordings/{run.key}.mcap") == (drawn, (), one)
+    assert run.cycle is not None
+    assert run.fields
+
+
+def test_a_recording_that_cannot_be_read_is_named(bundle: Path, tmp_path: Path) -> None:
+    files = files_of(bundle)
+    (drawn,) = json.loads(files["manifest.json"])["drawn"]
+    (tmp_path / "results.sqlite").write_bytes(files["results.sqlite"])
+    with Store.open(tmp_path / "results.sqlite") as store:
+        key = next(store.runs("seed = ?", [drawn])).key
+    files = with_manifest({**files, f"recordings/{key}.mcap": b"nothing"}, versions={"numpy": "1.0"})
+    verified = verify(packed_anew(tmp_path / "b.zip", files), None)
+    assert verified.unreadable == ""
+    lines = list(verified.lines)
+    assert f"  seed {drawn}, run {key}: its recording differs from cycle 0 on: it cannot be read" in lines
+    assert lines[-1] == "  another version may decide otherwise; verify with the versions of the bundle"
+
+
+def test_another_version_is_told_and_alone_is_no_failure(bundle: Path, tmp_path: Path) -> None:
+    files = with_manifest(files_of(bundle), versions={**versions(), "numpy": "1.0", "Python": "3.9.1"})
+    place = packed_anew(tmp_path / "b.zip", files)
+    ended = invoke("verify", place)
+    assert ended.exit_code == 0, ended.output
+    assert f"another version of numpy: packed with 1.0, here {versions()['numpy']}\n" in ended.output
+    told = json.loads(invoke("verify", place, "--seeds", 0, "--json").stdout)
+    assert [one["package"] for one in told["other_versions"]] == ["Python", "numpy"]
+
+
+def test_a_plan_that_is_not_that_of_the_results_is_named(bundle: Path, tmp_path: Path) -> None:
+    files = files_of(bundle)
+    files["plan.json"] = files["plan.json"].replace(b'"outcome"', b'"cycles"')
+    assert verify(packed_anew(tmp_path / "b.zip", with_manifest(files)), 0).altered == ("plan.json",)
+
+
+def test_results_that_cannot_be_read_are_told(bundle: Path, tmp_path: Path) -> None:
+    files = with_manifest({**files_of(bundle), "results.sqlite": b"no database"})
+    verified = verify(packed_anew(tmp_path / "b.zip", files), None)
+    assert "results.sqlite" in verified.unreadable
+    assert not verified.good
+
+
+def test_results_that_do_not_repeat_are_not_packed(short_results: Path, tmp_path: Path) -> None:
+    place = tmp_path / "short.sqlite"
+    with Store.open(short_results) as store:
+        store.copy(place)
+        (drawn,) = draw_seeds(store.plan(), [1, 2], 1)
+    (tmp_path / "other.sqlite").write_bytes(
+        with_results({"results.sqlite": place.read_bytes()}, tmp_path, MORE_FORCE.format(seed=drawn))[
+            "results.sqlite"
+        ]
+    )
+    ended = invoke("campaign", "bundle", tmp_path / "other.sqlite")
+    assert ended.exit_code == 1
+    assert "repeated runs differ from the results, 1 of them" in ended.output
+    assert f"seed {drawn}, run " in ended.output
+    assert not (tmp_path / "other.zip").exists()
+
+
+def test_results_of_another_version_of_the_code_are_not_packed(short_results: Path, tmp_path: Path) -> None:
+    with Store.open(short_results) as store:
+        store.copy(tmp_path / "older.sqlite")
+    with Store.open(tmp_path / "older.sqlite") as store:
+        store.keep("code", "0.1+0")
+    with pytest.raises(ConfigError, match=r"has results of version 0\.1\+0, and this is "):
+        invoke("campaign", "bundle", tmp_path / "older.sqlite", "--seeds", 0)
+
+
+def test_a_bundle_that_is_there_is_kept(bundle: Path, short_results: Path) -> None:
+    before = bundle.read_bytes()
+    with pytest.raises(ConfigError, match="is there already"):
+        invoke("campaign", "bundle", short_results, "-o", bundle)
+    assert bundle.read_bytes() == before
+
+
+def entry(name: str, **changes: int) -> zipfile.ZipInfo:
+    made = zipfile.ZipInfo(name)
+    made.external_attr = 0o100644 << 16
+    for key, value in changes.items():
+        setattr(made, key, value)
+    return made
+
+
+def of_entries(*entries: zipfile.ZipInfo) -> bytes:
+    made = io.BytesIO()
+    with zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as target:
+        for one in (entry("manifest.json"), *entries):
+            target.writestr(one, b"{}")
+    return made.getvalue()
+
+
+def encrypted() -> bytes:
+    """One in whose directory the first file is told to be encrypted."""
+    data = bytearray(of_entries())
+    data[data.rindex(b"PK\1\2") + 8] |= 1
+    return bytes(data)
+
+
+def longer(size: int) -> bytes:
+    """One in whose directory the first file is told to have so many bytes."""
+    data = bytearray(of_entries())
+    struct.pack_into("<L", data, data.rindex(b"PK\1\2") + 24, size)
+    return bytes(data)
+
+
+@pytest.mark.filterwarnings("ignore:Duplicate name")
+@pytest.mark.parametrize(
+    ("make", "told"),
+    [
+        (lambda: b"", "is no zip file"),
+        (lambda: b"[campaign]\nname = 'x'\n" * 9, "is no zip file"),
+        (lambda: of_entries()[:-1], "is no zip file"),
+        (lambda: of_entries() + b"more", "is no zip file"),
+        (lambda: of_entries(entry("../results.sqlite")), r"holds '\.\./results\.sqlite'"),
+        (lambda: of_entries(entry("/etc/passwd")), "holds '/etc/passwd'"),
+        (lambda: of_entries(entry("recordings/../../x.mcap")), "holds 'recordings/"),
+        (lambda: of_entries(entry("recordings\\0123456789abcdef.mcap")), "holds 'recordings"),
+        (lambda: of_entries(entry("recordings/0123456789abcdef.mcap\n")), "holds 'recordings"),
+        (lambda: of_entries(entry("other/")), "holds 'other/'"),
+        (lambda: of_entries(entry("notes.txt")), "holds 'notes.txt'"),
+        (lambda: of_entries(entry("plan.json"), entry("plan.json")), r"holds plan\.json twice"),
+        (
+            lambda: of_entries(entry("plan.json", external_attr=(stat.S_IFLNK | 0o777) << 16)),
+            r"holds plan\.json as a link or a device",
+        ),
+        (encrypted, r"holds manifest\.json encrypted"),
+        (
+            lambda: of_entries(entry("plan.json", compress_type=zipfile.ZIP_BZIP2)),
+            r"holds plan\.json encrypted, or packed in another way",
+        ),
+        (lambda: longer(unpacking.UNPACKED_LIMIT_BYTES + 1), "holds more than 1073741824 bytes"),
+        (
+            lambda: of_entries()[:-12] + struct.pack("<2H2LH", 65535, 65535, 1 << 30, 0, 0)[2:],
+            "more files than",
+        ),
+        (lambda: of_entries(), r"its manifest\.json is none that can be read: "),
+    ],
+)
+def test_a_file_that_is_no_bundle_is_refused_in_a_line(
+    make: Callable[[], bytes], told: str, tmp_path: Path
+) -> None:
+    place = tmp_path / "b.zip"
+    place.write_bytes(make())
+    with pytest.raises(ConfigError, match=told) as caught:
+        verify(place, 0)
+    assert "\n" not in str(caught.value)
+    assert [one.name for one in tmp_path.iterdir()] == ["b.zip"]
+
+
+def test_a_zip_without_manifest_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"holds no manifest\.json"):
+        verify(packed_anew(tmp_path / "b.zip", {"plan.json": b"{}"}), 0)
+
+
+def test_a_file_that_unpacks_to_more_than_it_tells_is_damaged(bundle: Path, tmp_path: Path) -> None:
+    """A bomb whose directory tells a small size is read no farther than that."""
+    bomb = packed_anew(tmp_path / "b.zip", {**files_of(bundle), "plan.json": bytes(10_000_000)})
+    data = bytearray(bomb.read_bytes())
+    directory = data.index(b"plan.json", data.index(b"PK\1\2")) - 46
+    struct.pack_into("<L", data, directory + 24, 100)
+    bomb.write_bytes(data)
+    folder = tmp_path / "out"
+    folder.mkdir()
+    assert unpacking.unpack(bomb, folder)["plan.json"] == ""
+    assert (folder / "plan.json").stat().st_size <= 100
+
+
+def test_a_bundle_that_another_program_packed_again_is_one(bundle: Path, tmp_path: Path) -> None:
+    """It gives the folder an entry of its own."""
+    place = packed_anew(tmp_path / "b.zip", files_of(bundle))
+    with zipfile.ZipFile(place, "a") as packed:
+        packed.mkdir("recordings")
+    assert verify(place, 0).good
+
+
+def test_the_form_of_a_later_version_is_told(bundle: Path, tmp_path: Path) -> None:
+    files = with_manifest(files_of(bundle), format="hil-bridge bundle 9")
+    with pytest.raises(ConfigError, match=r"in the form 'hil-bridge bundle 9', and this version reads '"):
+        verify(packed_anew(tmp_path / "b.zip", files), 0)
+
+
+def test_more_seeds_go_on_from_fewer(short_results: Path) -> None:
+    with Store.open(short_results) as store:
+        plan = store.plan()
+    drawn = [draw_seeds(plan, range(100), count) for count in (0, 3, 10, 200)]
+    assert drawn[0] == ()
+    assert drawn[2][:3] == drawn[1]
+    assert sorted(drawn[3]) == list(range(100))
+    assert max(drawn[2]) > 10
