@@ -173,6 +173,8 @@ class Track(PressingStep):
 
     def describe(self, parameters: TaskParameters) -> Iterator[str]:
         yield f"{self.path.kind}, {parameters.speed_mm_s:g} mm/s"
+        if self.for_s is not None:
+            yield f"{self.for_s:g} s at most"
         if self.lateral_limit_n is not None:
             ends = "stops" if self.at_wall == "stop" else "slower"
             yield f"{ends} up to {self.lateral_limit_n:g} N from the side"
