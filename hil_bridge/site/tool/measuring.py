@@ -13,6 +13,7 @@ from hil_bridge.clock import Clock, run_real, run_virtual
 from hil_bridge.control import (
     Observation,
     Request,
+    Sample,
     Stop,
     Supervisor,
     SupervisorState,
@@ -247,9 +248,9 @@ class _Measuring:
         depth = sum((t - s) * n for t, s, n in zip(target, self._start.pose.position, approach, strict=True))
         now = self._clock.now()
         since, self._decided_at = now - (now if self._decided_at is None else self._decided_at), now
-        observation = Observation(
+        sample = Sample(
             now=now,
-            dt=since,
+            position=report.pose.position,
             force=force_along(approach, quaternion, wrench),
             resultant=math.hypot(*wrench[:3]),
             sensor_at=frame.at,
@@ -259,6 +260,7 @@ class _Measuring:
             fault=report.fault,
             fault_remedy=report.remedy,
         )
+        observation = Observation(sample, dt=since)
         self._state, verdict = self._supervisor.step(
             self._state, observation, Request(depth, target, approach)
         )
