@@ -9,7 +9,7 @@ import pytest
 from emulators.orders import Act, HeardOrder, Hindrance, Reach
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.conform.client import Where
-from hil_bridge.lab.conform.reports import as_json, as_junit, not_modelled, table, totals
+from hil_bridge.lab.conform.reports import as_json, as_junit, lateness, not_modelled, table, totals
 from hil_bridge.lab.conform.robots.judging import judge
 from hil_bridge.lab.conform.robots.scenarios import Rules
 from hil_bridge.lab.conform.robots.watching import Seen, ToolLook, Watch
@@ -209,6 +209,21 @@ PLAYED = [
     ),
     Played("cut", "a cut", Verdict(Outcome.SKIPPED, "no"), Seen(moved_m=float("nan")), "", 0.0),
 ]
+
+
+def test_a_computer_that_was_too_busy_is_told() -> None:
+    assert list(lateness(PLAYED)) == []
+    late = [replace(PLAYED[0], seen=replace(WELL, late_s=0.208)), PLAYED[1]]
+    (line,) = lateness(late)
+    assert line.startswith(
+        "this process was late by up to 208 ms in nominal: on a busy computer a verdict may change"
+    )
+
+
+def test_a_verdict_tells_how_often_orders_came() -> None:
+    seen = replace(WELL, first_order_at=1.0, last_order_at=1.5, orders=51)
+    assert "by 51 orders, one each 10.0 ms, at most" in judge("nominal", seen, RULES).reason
+    assert "by 50 orders, at most" in judge("nominal", WELL, RULES).reason
 
 
 def test_junit_is_read_as_it_was_meant() -> None:

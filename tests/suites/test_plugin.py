@@ -184,7 +184,9 @@ for k in range(1, 400):
 
 
 def test_a_wrong_name_fails_the_test_with_one_line(pytester: pytest.Pytester) -> None:
-    pytester.makepyfile(test_mine="def test_my_client(hil_conform):\n    hil_conform('emg', ['true'], 'stopped')\n")
+    pytester.makepyfile(
+        test_mine="def test_my_client(hil_conform):\n    hil_conform('emg', ['true'], 'stopped')\n"
+    )
     result = pytester.runpytest_inprocess(*PLUGIN, "-q")
     result.assert_outcomes(failed=1)
     result.stdout.fnmatch_lines(["stopped: there is no robot or sensor 'emg'; choose one of s3, egm, *"])

@@ -168,10 +168,17 @@ _OWN: Mapping[str, Callable[[Seen, Rules], Iterator[str]]] = {
 
 def _moved(seen: Seen) -> str:
     return (
-        f"moved {seen.moved_m * 1e3:.1f} mm and turned {math.degrees(seen.turned_rad):.1f}° by {seen.orders} orders, "
-        f"at most {seen.fastest_m_s * 1e3:.1f} mm/s; "
+        f"moved {seen.moved_m * 1e3:.1f} mm and turned {math.degrees(seen.turned_rad):.1f}° "
+        f"by {seen.orders} orders{_pace(seen)}, at most {seen.fastest_m_s * 1e3:.1f} mm/s; "
         f"longest pause {seen.longest_pause_s * 1e3:.0f} ms; {describe_end(seen)}"
     )
+
+
+def _pace(seen: Seen) -> str:
+    """How often orders came, in words; empty where it cannot be told."""
+    if seen.orders < 2 or seen.first_order_at is None or seen.last_order_at is None:
+        return ""
+    return f", one each {(seen.last_order_at - seen.first_order_at) / (seen.orders - 1) * 1e3:.1f} ms"
 
 
 def _held_back(seen: Seen, begin: str = "stop") -> str:
