@@ -89,6 +89,20 @@ def test_a_scenario_that_never_came_to_its_fault_is_skipped() -> None:
     assert judge("stopped", replace(WELL, moved_at=None), RULES).outcome is Outcome.SKIPPED
 
 
+@pytest.mark.parametrize("scenario", ["late", "stopped", "emergency", "cut"])
+def test_a_client_that_fails_before_the_fault_is_not_skipped(scenario: str) -> None:
+    """Alone in a test of pytest a skip would be green, and a client that does not even start would stay unseen."""
+    broken = replace(WELL, moved_at=None, orders=0, exit_code=1, ended_at=0.4)
+    verdict = judge(scenario, broken, RULES)
+    assert verdict.outcome is Outcome.FAILED
+    assert (
+        verdict.reason == "failed by itself before the fault came: ended by itself after 0.4 s, exit code 1"
+    )
+    assert "by SIGSEGV" in judge(scenario, replace(broken, exit_code=-11), RULES).reason
+    asked = replace(broken, refusals=["a variable"])
+    assert judge(scenario, asked, RULES).outcome is Outcome.SKIPPED, "the emulator's lack, and no mistake"
+
+
 # --- what is seen
 
 

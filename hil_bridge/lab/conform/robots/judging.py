@@ -43,7 +43,7 @@ def _explain_skip(scenario: str, seen: Seen) -> str:
             f"the client ordered no motion that could be judged; this emulated robot does not have: "
             f"{'; '.join(seen.refusals[:3])}"
         )
-    if scenario in (NOMINAL, REFUSED) or seen.fault_at is not None:
+    if scenario in (NOMINAL, REFUSED) or seen.fault_at is not None or _failed_early(seen):
         return ""
     if seen.moved_at is None:
         return f"the tool did not move, so that nothing could happen in the middle; {describe_end(seen)}"
@@ -52,8 +52,15 @@ def _explain_skip(scenario: str, seen: Seen) -> str:
     )
 
 
+def _failed_early(seen: Seen) -> bool:
+    """Whether the client failed by itself before the fault came: that is its own doing, and no reason to skip."""
+    return seen.fault_at is None and not seen.told_to_end and seen.exit_code not in (0, None)
+
+
 def _find_faults(scenario: str, seen: Seen, rules: Rules) -> Iterator[str]:
     """All that is wrong, the gravest first."""
+    if scenario not in (NOMINAL, REFUSED) and _failed_early(seen) and not seen.crashed:
+        yield f"failed by itself before the fault came: {describe_end(seen)}"
     yield from _OWN[scenario](seen, rules)
     if seen.own_stop and scenario not in (NOMINAL, LATE):
         yield f"its orders stopped the robot: {seen.own_stop}"
