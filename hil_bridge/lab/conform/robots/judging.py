@@ -87,7 +87,8 @@ def _find_haste(seen: Seen, rules: Rules) -> Iterator[str]:
         if turn_deg > rules.max_turn_deg:
             yield f"a turn of {turn_deg:.2f}° between two orders, allowed are {rules.max_turn_deg:g}"
     elif seen.turns:
-        yield f"{seen.turns} of its orders turn the tool at once, by up to {turn_deg:.1f}°"
+        why = ": the w of its quaternion seems to stand at the wrong end" if seen.w_misplaced else ""
+        yield f"{seen.turns} of its orders turn the tool at once, by up to {turn_deg:.1f}°{why}"
     ordered, gone = seen.largest_speed_m_s * 1e3, seen.fastest_m_s * 1e3
     if rules.max_speed_mm_s:
         if gone > rules.max_speed_mm_s:
