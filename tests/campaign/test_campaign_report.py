@@ -18,7 +18,7 @@ from hil_bridge.lab.campaign.plan_file import PlanErrors, read_plan
 from hil_bridge.lab.campaign.report_text import markdown_report, text_report
 from hil_bridge.lab.campaign.store import Store
 from hil_bridge.lab.campaign.working import missing, work
-from hil_bridge.lab.requirements import Requirement, State, matrix_of, read_tests
+from hil_bridge.lab.requirements import Requirement, State, describe, matrix_of, read_tests
 from tests.campaign.conftest import SHORT
 
 
@@ -143,6 +143,7 @@ def test_runs_of_a_campaign_show_requirements(tmp_path: Path) -> None:
     tests = read_tests(tmp_path / "runs.xml")
     matrix = matrix_of([Requirement("R-1", "one"), Requirement("R-2", "two")], tests)
     assert [(row.state, len(row.tests)) for row in matrix.rows] == [(State.FAILED, 8), (State.FAILED, 8)]
+    assert list(describe(matrix))[1].endswith("outcome stopped, wanted completed (and 3 more)")
     assert all(len(test.recordings) == (test.state is State.FAILED) for test in tests)
     assert all(Path(place).is_file() for test in tests for place in test.recordings)
 

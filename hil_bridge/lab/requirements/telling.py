@@ -29,10 +29,13 @@ def describe(matrix: Matrix) -> Iterator[str]:
 
 def _by(row: Row) -> str:
     """The first test that says why, with its words."""
-    test = next((one for one in row.tests if one.state is row.state), None)
-    if test is None:
+    tests = [one for one in row.tests if one.state is row.state]
+    if not tests:
         return ""
-    return f": {test.name}{f': {test.reason}' if test.reason else ''}"
+    first, more = tests[0], len(tests) - 1
+    return (
+        f": {first.name}{f': {first.reason}' if first.reason else ''}{f' (and {more} more)' if more else ''}"
+    )
 
 
 def as_csv(matrix: Matrix) -> bytes:
