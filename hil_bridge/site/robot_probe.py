@@ -31,7 +31,9 @@ async def probe(
 ) -> Probed:
     """Findings of the robot behind a wire. Errors as of `probe_robot`."""
     if kind.probe is None:
-        raise ConfigError(f"a robot of the kind {kind.name} has no probe")
+        raise ConfigError(
+            f"a robot of the kind {kind.name} has no probe; its package gives one as `probe` of its RobotKind"
+        )
     found: Probed = await kind.probe(wire, settings, Wiring("robot", clock, Silence()))
     return found
 

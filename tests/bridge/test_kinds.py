@@ -29,6 +29,7 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.lab.conform.robots.scenarios import SCENARIOS, Rules
 from hil_bridge.lab.conform.robots.stage import RobotTrial
 from hil_bridge.lab.conform.trial import NOMINAL
+from hil_bridge.lab.conform.trying import cell_of, make_trial
 from hil_bridge.record import read
 from hil_bridge.record.device_facts import devices_of
 from hil_bridge.runs.checks import problems
@@ -280,7 +281,7 @@ def test_settings_of_a_kind_stand_in_sections_of_its_name(tmp_path: Path) -> Non
     ):
         load_config(file, {})
     file.write_text('[robot]\nemulated = "toyarm"\n[[faults]]\non = "cable"\nfault = "cut"\n')
-    with pytest.raises(ConfigError, match=r"no target is called 'cable'; known: arm, signal"):
+    with pytest.raises(ConfigError, match=r"no target is called 'cable'; known: robot, signal"):
         load_config(file, {})
 
 
@@ -349,9 +350,27 @@ def test_a_receiver_of_a_jr3_has_the_faults_that_its_room_tells() -> None:
 
 
 @pytest.mark.usefixtures("toys")
-def test_a_toy_has_no_panel() -> None:
-    told = refusal("run", *NAMES, "--panel", "tcp-listen://127.0.0.1:0", "--no-record")
-    assert "an emulated toyarm has no panel" in told
+def test_clients_of_a_robot_of_others_are_judged_and_its_panel_has_its_faults() -> None:
+    trial = make_trial(cell_of("toyarm", None), Rules(), ["true"])
+    assert list(trial.scenarios) == ["nominal", "refused", "stopped", "emergency"]
+    emulation = ROBOTS.kind("toyarm").emulation
+    assert emulation is not None
+    assert emulation.controls is not None
+    assert emulation.controls.faults == emulation.faults
+
+
+@pytest.mark.usefixtures("toys")
+def test_a_robot_whose_clients_cannot_be_judged_says_where_to_look(monkeypatch: pytest.MonkeyPatch) -> None:
+    kind = ROBOTS.kind("toyarm")
+    assert kind.emulation is not None
+    mute = dataclasses.replace(kind, emulation=dataclasses.replace(kind.emulation, mishaps={}), probe=None)
+    monkeypatch.setattr(type(ROBOTS), "kind", lambda self, name: mute)
+    told = refusal("conform", "toyarm", "--", "true")
+    assert told.startswith("toyarm: its clients cannot be judged: its RobotEmulation names no mishaps; ")
+    told = refusal("probe", "robot", "toyarm+udp://127.0.0.1:9")
+    assert (
+        told == "a robot of the kind toyarm has no probe; its package gives one as `probe` of its RobotKind"
+    )
 
 
 @pytest.mark.parametrize("robot", ["egm", "rtde", "rsi"])
