@@ -165,8 +165,8 @@ class ControlLoop:
 
     def _guard(self, output: Intent) -> Supervisor:
         """The supervisor with the limits of the step under way."""
-        guard = self.supervisor
-        return Supervisor(self.program.row.legs[output.leg].limits, guard.speed, guard.witness)
+        guard, limits = self.supervisor, self.program.row.legs[output.leg].limits
+        return guard if limits is guard.limits else Supervisor(limits, guard.speed, guard.witness)
 
     def _barrier(self, proposal: Proposal, limits: Limits) -> float:
         """Depth, m, at which the force limit less its margin is predicted. The prediction takes the stiffness in hand,
