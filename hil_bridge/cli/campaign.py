@@ -253,7 +253,7 @@ def hunt(
     """Look for the worst run among all that FILE.toml could draw: true force beyond its bound, a broken promise.
 
     The worst run is shrunk to the fewest faults and the simplest values. Exit code 4 when a promise was broken. The
-    same command goes on after Ctrl-C. Needs `pip install "hil-bridge[tune]"`.
+    same command goes on after Ctrl-C. Needs the extra `tune`.
     """
     import os
 
@@ -436,7 +436,7 @@ def compare(before: Path, after: Path) -> None:
 def export(results: Path, formats: tuple[str, ...], out: Path | None, overwrite: bool) -> None:
     """Write the runs as a table, a row a run, for pandas and the like.
 
-    Parquet needs `pip install "hil-bridge[parquet]"`.
+    Parquet needs the extra `parquet`.
     """
     from hil_bridge.lab.campaign.store import Store
     from hil_bridge.lab.campaign.table import FORMATS, run_table

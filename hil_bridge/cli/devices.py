@@ -78,10 +78,17 @@ def device_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def device_settings(robot: str | None, sensor: str | None, surface: str | None) -> Mapping[str, object]:
-    """The values of these options in a configuration, by key."""
+    """The values of these options in a configuration, by key. A kind alone also lays the file's URL aside."""
 
     settings: dict[str, object] = {"cell.surface_kind": surface}
     for section, said in (("robot", robot), ("sensor", sensor)):
-        named = said is not None and ":" not in said  # every URL has a colon
-        settings[f"{section}.emulated" if named else f"{section}.url"] = said
+        if said is None or not _is_kind(said):
+            settings[f"{section}.url"] = said
+        else:
+            settings |= {f"{section}.emulated": said, f"{section}.url": ""}
     return settings
+
+
+def _is_kind(said: str) -> bool:
+    """Whether a value is a kind's name: URLs have a colon, ports a slash, and addresses a dot."""
+    return not any(mark in said for mark in ":/.")

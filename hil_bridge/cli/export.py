@@ -60,11 +60,11 @@ def export(
              .sensor.txt   bytes of the sensor's wire, where that is not CAN; run's clock
     csv      .cycle.csv    every control cycle; run's clock
              .sensor.csv   every frame of the sensor, in N and N·m and raw; run's clock
-    parquet  .parquet      the same tables; needs `pip install "hil-bridge[parquet]"`
+    parquet  .parquet      the same tables; needs the extra `parquet`
     rosbag2  .rosbag2/     a bag of ROS 2 without ROS; UNIX time, or from --epoch;
-                           needs `pip install "hil-bridge[ros]"`
+                           needs the extra `ros`
     mf4      .mf4          a measurement of ASAM with units, comments, events; run's clock;
-                           needs `pip install "hil-bridge[mdf]"`
+                           needs the extra `mdf`
 
     The last line tells the UNIX time at which the run's clock was 0. `canplayer -I run.log vcan0=can0` plays the CAN
     frames back. Files that are there already are kept, unless --overwrite is given.

@@ -18,7 +18,7 @@ from hil_bridge.cli.paths import FILE
 def report(recording: Path, out: Path | None, png: bool, pdf: bool, overwrite: bool) -> None:
     """Make report.html from a recording: one file with charts that zoom, which needs no network.
 
-    The pictures need matplotlib, which `pip install 'hil-bridge[figures]'` brings.
+    The pictures need matplotlib, which the extra `figures` brings.
     """
     from hil_bridge.record import read
     from hil_bridge.record.analysis.summary import summarise

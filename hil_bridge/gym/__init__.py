@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from hil_bridge.control.laws.policy import AXES, OBSERVED, Policy, PolicyController, Quantity
 from hil_bridge.errors import ConfigError
+from hil_bridge.errors.extras import install_command
 from hil_bridge.gym.replaying import replay_policy
 from hil_bridge.gym.rewards import REWARDS, Reward, Transition, make_reward
 
@@ -60,7 +61,7 @@ def __getattr__(name: str) -> Any:
     except ModuleNotFoundError as error:
         if error.name != "gymnasium":
             raise
-        raise ConfigError("the environment needs Gymnasium: pip install 'hil-bridge[gymnasium]'") from error
+        raise ConfigError(f"the environment needs Gymnasium: {install_command('gymnasium')}") from error
 
 
 _register()

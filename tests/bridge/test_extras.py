@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+import hil_bridge
 from hil_bridge.errors.extras import install_command, requirement
 
 
@@ -25,3 +26,9 @@ def test_a_checkout_is_named_by_its_folder(tmp_path: Path, editable: bool, flag:
 def test_the_command_is_one_of_pip() -> None:
     assert install_command("tune").startswith("pip install ")
     assert "[tune]" in install_command("tune")
+
+
+def test_no_message_names_an_extra_by_another_way() -> None:
+    package = Path(hil_bridge.__file__).parent
+    named = [file for file in package.rglob("*.py") if "hil-bridge[" in file.read_text(encoding="utf-8")]
+    assert not named

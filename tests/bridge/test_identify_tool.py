@@ -189,6 +189,23 @@ def test_a_wrong_table_is_named_with_its_line(identify: Command, table: str | No
     assert message in refusal(identify("--from", "poses.csv"))
 
 
+SITE = """
+[robot]
+url = "rtde+tcp://192.0.2.1"
+[sensor]
+url = "netft+udp://192.0.2.2"
+"""
+
+
+def test_a_file_of_a_real_cell_is_rehearsed_with_the_kinds_of_its_devices(identify: Command) -> None:
+    code, _, errors = identify("--virtual", config=SITE)
+    assert code == 2
+    assert "rehearse with --robot rtde --sensor netft" in errors
+    code, output, _ = identify("--virtual", "--robot", "rtde", "--sensor", "netft", config=SITE)
+    assert code == 0
+    assert "6 poses" in output
+
+
 def test_files_that_are_read_are_not_written_over(identify: Command) -> None:
     assert "would overwrite the configuration" in refusal(identify("--virtual", "-o", "c.toml"))
     Path("poses.csv").touch()

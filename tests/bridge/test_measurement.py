@@ -105,7 +105,7 @@ def test_without_asammdf_a_measurement_is_refused_in_one_line(
     made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "asammdf", None)
-    with pytest.raises(ConfigError, match=r'needs the package asammdf; `pip install "hil-bridge\[mdf\]"`$'):
+    with pytest.raises(ConfigError, match=r"needs the package asammdf; pip install .*mdf"):
         export(made, ("mf4",), tmp_path)
 
 

@@ -205,5 +205,5 @@ def test_without_rosbags_a_bag_is_refused_in_one_line(
     made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "rosbags.rosbag2", None)
-    with pytest.raises(ConfigError, match=r'needs the package rosbags; `pip install "hil-bridge\[ros\]"`$'):
+    with pytest.raises(ConfigError, match=r"needs the package rosbags; pip install .*ros"):
         export(made, ("rosbag2",), tmp_path)

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from hil_bridge.control.types import SAMPLE_MS, STREAM_SAMPLES_MS, Command, Measurement, Tuning
 from hil_bridge.errors import ConfigError
+from hil_bridge.errors.extras import install_command
 from protocol.marks import SettingError
 
 Observed: TypeAlias = NDArray[np.float32]
@@ -251,7 +252,7 @@ def _load(content: bytes, path: str) -> tuple[Policy, int]:
     try:
         import onnxruntime
     except ImportError as error:
-        raise ConfigError("a policy in a file needs onnxruntime: pip install 'hil-bridge[onnx]'") from error
+        raise ConfigError(f"a policy in a file needs onnxruntime: {install_command('onnx')}") from error
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1  # the same sums in the same order
     options.log_severity_level = 4

@@ -15,6 +15,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from hil_bridge.errors import ConfigError
+from hil_bridge.errors.extras import install_command
 from hil_bridge.record import CycleRecord, EventRecord, Recording, SensorRecord, TruthRecord
 from hil_bridge.record.analysis.columns import Columns
 from hil_bridge.record.device_facts import devices_of
@@ -58,9 +59,7 @@ def measurement(recording: Recording) -> tuple[bytes, int]:
         from asammdf.blocks import v4_constants
         from asammdf.blocks.v4_blocks import EventBlock
     except ImportError as error:
-        raise ConfigError(
-            'a measurement needs the package asammdf; `pip install "hil-bridge[mdf]"`'
-        ) from error
+        raise ConfigError(f"a measurement needs the package asammdf; {install_command('mdf')}") from error
     groups = dict(_groups(recording))
     if not 0 <= recording.unix_zero_ns < _TIME_MAX_NS:
         raise ConfigError("its time is none that a measurement can hold; give --to csv")

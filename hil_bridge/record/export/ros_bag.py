@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 from hil_bridge.errors import ConfigError
+from hil_bridge.errors.extras import install_command
 from hil_bridge.record import CycleRecord, EventRecord, Recording, SensorRecord, TruthRecord
 from hil_bridge.record.device_facts import devices_of
 from hil_bridge.record.ending import ALARMS, CAUTIONS
@@ -83,9 +84,7 @@ def bag_files(recording: Recording, zero_ns: int) -> tuple[Mapping[str, bytes], 
         from rosbags.rosbag2 import StoragePlugin, Writer
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
-        raise ConfigError(
-            'a bag of ROS 2 needs the package rosbags; `pip install "hil-bridge[ros]"`'
-        ) from error
+        raise ConfigError(f"a bag of ROS 2 needs the package rosbags; {install_command('ros')}") from error
     store = get_typestore(Stores.ROS2_HUMBLE)
     made = sorted(_Messages(store.types, zero_ns).of(recording), key=itemgetter(0))
     if not made:
