@@ -131,9 +131,11 @@ def test_an_arm_that_cannot_turn_so_far_is_not_moved(identify: Command) -> None:
 
 def test_a_robot_that_refuses_on_the_way_ends_the_sweep() -> None:
     """A real arm is not known beforehand."""
+    told: list[str] = []
     with pytest.raises(BridgeError) as refused:
-        measure(load_config(None, {}), True, Sweep(90.0), lambda text: None)
+        measure(load_config(None, {}), True, Sweep(90.0), told.append)
     assert "outside" in str(refused.value) or "area" in str(refused.value)
+    assert told[-1].startswith("left: where it stopped, up to 50 mm above its start and turned by up to 90°")
 
 
 @pytest.mark.parametrize(
