@@ -92,6 +92,6 @@ def probe_rows(found: Probed) -> list[tuple[str, str]]:
 
 
 def site_toml(url: str, found: Probed) -> str:
-    """A configuration file with the robot's URL, what the probe found as comments, and those that a person must know."""
+    """A configuration file with the robot's URL; what the probe found, and what a person must know, are comments."""
     rows = [f"# {name}: {harmless(' '.join(text.split()))}" for name, text in found.rows]
     return "\n".join([*FOUND, *rows, toml_pair("url", url)]) + "\n" + TO_FILL_IN

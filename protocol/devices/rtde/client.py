@@ -436,7 +436,7 @@ def _strange_types(names: tuple[str, ...], answer: packets.Types) -> str:
     return f"it answers {len(names)} variables with {len(answer.types)} types and recipe {answer.recipe}"
 
 
-_WHY_STOPPED = "see the pendant's log: a person, another client, or its watchdog when packets stayed away; then begin again"
+_WHY_STOPPED = "see at the pendant whether a person, another client or the watchdog ended it, and begin again"
 
 
 def _slow(scaling: float) -> Trouble:
