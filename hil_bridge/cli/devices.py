@@ -62,7 +62,8 @@ def device_options(command: Callable[..., Any]) -> Callable[..., Any]:
             shell_complete=complete(sensors),
             callback=not_empty,
             help="Force sensor, KIND+WIRE: jr3+can+socketcan://can0, jr3-uart+serial:///dev/ttyACM0, "
-            "netft+udp://192.168.1.1:49152. A kind alone is emulated; hil-bridge plugins lists the kinds.",
+            "netft+udp://192.168.1.1:49152. A kind alone is emulated: jr3, jr3-uart, jr3-board, netft, ft300, ati-can, "
+            "or one of `hil-bridge plugins`.",
         ),
         click.option(
             "--robot",
@@ -70,7 +71,8 @@ def device_options(command: Callable[..., Any]) -> Callable[..., Any]:
             shell_complete=complete(robots),
             callback=not_empty,
             help="Robot, KIND+WIRE: s3+serial:///dev/ttyUSB0?baudrate=9600&parity=E, egm+udp-bind://0.0.0.0:6510, "
-            "rtde+tcp://192.168.1.2. A kind alone is emulated; hil-bridge plugins lists the kinds.",
+            "rtde+tcp://192.168.1.2. A kind alone is emulated: s3 and egm (ABB), rtde (Universal Robots), rsi (KUKA), "
+            "or one of `hil-bridge plugins`.",
         ),
     ):
         command = option(command)

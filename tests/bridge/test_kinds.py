@@ -480,3 +480,11 @@ def test_a_port_or_an_address_is_answered_with_the_url_to_write(said: str, meant
     assert device_settings(said, None, None)["robot.url"] == said
     with pytest.raises(ConfigError, match=re.escape(meant)):
         robot_of(said)
+
+
+def test_the_help_of_a_run_names_every_kind_of_ours() -> None:
+    text = " ".join(CliRunner().invoke(cli, ["run", "--help"]).output.split())
+    robots = text.partition("--robot URL")[2].partition("--sensor URL")[0].partition("emulated:")[2]
+    sensors = text.partition("--sensor URL")[2].partition("--surface")[0].partition("emulated:")[2]
+    assert set(ROBOTS.built_in) <= set(re.findall(r"[\w-]+", robots))
+    assert set(SENSORS.built_in) <= set(re.findall(r"[\w-]+", sensors.replace("- ", "-")))
