@@ -221,12 +221,13 @@ def test_a_controller_without_a_sample_time_is_told_how_rarely_it_decides() -> N
     with pytest.warns(
         UserWarning,
         match="decides every 180 ms, but the robot takes an order every 4 ms",
-    ):
+    ) as warned:
         slow = api.simulate(EGM, controller=Proportional())
     assert [event.text for event in slow.events if event.kind == "pace"] == [
         "controller own declares no sample time, so it decides every 180 ms, but the robot takes an order every 4 ms: "
         "write sample_ms = 4 into its class, or set controller.sample_ms, where its parameters fit that"
     ]
+    assert warned[0].filename == __file__, "it names the line of the program that called"
 
 
 @pytest.mark.filterwarnings("error")

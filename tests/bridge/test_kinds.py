@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,6 +15,7 @@ from msgspec.structs import asdict, replace
 from emulators.arm.told_pose import POSE_FAULTS
 from emulators.faults.packets import BYTES, DATAGRAMS, SENSOR_WIRE, WIRE
 from hil_bridge.cli import cli
+from hil_bridge.cli.devices import device_settings
 from hil_bridge.devices.facts import RobotFacts, ServoFacts
 from hil_bridge.devices.kinds import (
     ROBOTS,
@@ -479,3 +481,29 @@ def test_a_sensor_whose_faults_would_hide_the_robot_s_is_refused() -> None:
     sensor = dataclasses.replace(cell.sensor, emulation=dataclasses.replace(emulation, faults=faults))
     with pytest.raises(ConfigError, match="egm and netft both have faults of the target wire"):
         _ = cell._replace(sensor=sensor).faults
+
+
+def test_a_kind_alone_lays_the_url_of_the_file_aside(tmp_path: Path) -> None:
+    file = tmp_path / "site.toml"
+    file.write_text('[robot]\nurl = "rtde+tcp://192.0.2.1"\n[sensor]\nurl = "netft+udp://192.0.2.2"\n')
+    config = load_config(file, device_settings("egm", None, None))
+    assert (config.robot.url, config.robot.emulated) == ("", "egm")
+    assert config.sensor.url == "netft+udp://192.0.2.2", "of the sensor nothing was said"
+
+
+@pytest.mark.parametrize(
+    ("said", "meant"),
+    [("/dev/ttyUSB0", "s3+serial:///dev/ttyUSB0"), ("192.0.2.1", "rtde+tcp://192.0.2.1")],
+)
+def test_a_port_or_an_address_is_answered_with_the_url_to_write(said: str, meant: str) -> None:
+    assert device_settings(said, None, None)["robot.url"] == said
+    with pytest.raises(ConfigError, match=re.escape(meant)):
+        robot_of(said)
+
+
+def test_the_help_of_a_run_names_every_kind_of_ours() -> None:
+    text = " ".join(CliRunner().invoke(cli, ["run", "--help"]).output.split())
+    robots = text.partition("--robot URL")[2].partition("--sensor URL")[0].partition("emulated:")[2]
+    sensors = text.partition("--sensor URL")[2].partition("--surface")[0].partition("emulated:")[2]
+    assert set(ROBOTS.built_in) <= set(re.findall(r"[\w-]+", robots))
+    assert set(SENSORS.built_in) <= set(re.findall(r"[\w-]+", sensors.replace("- ", "-")))
