@@ -70,6 +70,10 @@ STREAMED: dict[str, Any] = merged(CLOSE, {"run": {"period_ms": 20.0}, "controlle
 
 BRIEF: dict[str, Any] = merged(CLOSE, {"run": {"duration_s": 0.2}})
 """The shortest run that has all phases, for tests that want just any recording."""
+WHOLE: dict[str, Any] = merged(CLOSE, {"run": {"duration_s": 3.0}})
+"""A run that comes to a steady force, for tests that read its figures, charts and tables."""
+EMERGENCY_STOP: dict[str, Any] = {"on": "robot", "fault": "emergency-stop", "phase": "track", "after_s": 1.0}
+"""A fault that ends it in the middle."""
 
 
 def awake_config(values: dict[str, Any]) -> Config:
