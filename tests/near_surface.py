@@ -68,8 +68,8 @@ limits.retract_patience_s = 0.5
 STREAMED: dict[str, Any] = merged(CLOSE, {"run": {"period_ms": 20.0}, "controller": {"sample_ms": 20.0}})
 """The same for a robot that is guided: it is told a set point every 20 ms."""
 
-BRIEF: dict[str, Any] = merged(CLOSE, {"run": {"duration_s": 0.2}})
-"""The shortest run that has all phases, for tests that want just any recording."""
+SHORT: dict[str, Any] = merged(CLOSE, {"run": {"duration_s": 0.5}})
+"""A short run that has all phases, for tests that want just any run or recording."""
 WHOLE: dict[str, Any] = merged(CLOSE, {"run": {"duration_s": 3.0}})
 """A run that comes to a steady force, for tests that read its figures, charts and tables."""
 EMERGENCY_STOP: dict[str, Any] = {"on": "robot", "fault": "emergency-stop", "phase": "track", "after_s": 1.0}

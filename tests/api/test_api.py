@@ -18,9 +18,8 @@ from hil_bridge.control.laws.linear import Pi
 from hil_bridge.record import read_with_traffic
 from hil_bridge.record.ending import reason_of
 from hil_bridge.record.topics import TOPICS, Record
-from tests.near_surface import AWAKE_TOML, CLOSE, CLOSE_TOML, merged
+from tests.near_surface import AWAKE_TOML, CLOSE_TOML, SHORT, merged
 
-SHORT = merged(CLOSE, {"run": {"duration_s": 0.5}})
 STOP = {"on": "robot", "fault": "emergency-stop", "phase": "track"}
 SIGNATURES = {
     "load": "(config=None, *, faults=(), controller=None, seed=None) -> Config",

@@ -8,11 +8,9 @@ import pytest
 import hil_bridge
 from emulators.devices.rsi import RsiController
 from protocol.unmodelled import NotModelled
-from tests.near_surface import BRIEF, CLOSE, merged
+from tests.near_surface import SHORT, merged
 
-RSI = merged(
-    CLOSE, {"robot": {"emulated": "rsi"}, "sensor": {"emulated": "ft300"}, "run": {"duration_s": 0.5}}
-)
+RSI = merged(SHORT, {"robot": {"emulated": "rsi"}, "sensor": {"emulated": "ft300"}})
 
 
 def events(result: Any) -> list[Any]:
@@ -25,7 +23,7 @@ def test_a_run_with_our_own_clients_tells_nothing(robot: str, sensor: str) -> No
     if robot == "rtde" and sensor != "jr3":
         pytest.skip("each device once is enough")
     devices = {"robot": {"emulated": robot}, "sensor": {"emulated": sensor}}
-    assert events(hil_bridge.simulate(merged(BRIEF, devices))) == []
+    assert events(hil_bridge.simulate(merged(SHORT, devices))) == []
 
 
 def test_a_thing_stands_in_the_record_with_its_fields(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:

@@ -21,7 +21,7 @@ from hil_bridge.record.analysis.why import why
 from hil_bridge.record.ending import reason_of
 from hil_bridge.record.records import EventRecord
 from hil_bridge.runs.faults.schedule import FAULT_EVENT
-from tests.near_surface import BRIEF, CLOSE, STREAMED, merged
+from tests.near_surface import CLOSE, SHORT, STREAMED, merged
 from tests.recordings import Recordings
 from tools.faults_doc import CELL, GIVEN, faults_of_device
 
@@ -163,7 +163,7 @@ def test_a_recording_that_was_cut_says_so(unplugged: Path, tmp_path: Path) -> No
 
 
 def test_a_run_that_a_person_ended_by_a_key_was_not_ended_by_a_signal(recordings: Recordings) -> None:
-    recording = recordings(BRIEF)
+    recording = recordings(SHORT)
     key = EventRecord(1.0, "operator", "asked for the end with the key r", Cause.KEY, by="r")
     page = EventRecord(1.0, "operator", "asked for the end on the page in the browser", Cause.PAGE)
     signal = EventRecord(1.0, "signal", "SIGINT", Cause.SIGNAL, by="SIGINT")
@@ -210,7 +210,7 @@ def ended_by(recording: Recording, reason: Reason) -> str:
 
 @pytest.fixture
 def short(recordings: Recordings) -> Recording:
-    return recordings(BRIEF)
+    return recordings(SHORT)
 
 
 @pytest.mark.parametrize(

@@ -34,7 +34,7 @@ emulated = "ft300"
 [config.task]
 retract_mm = 2.0
 [config.cell]
-start_position_mm = [900.0, -100.0, 592.0]
+start_position_mm = [900.0, -100.0, 591.0]
 """
 
 
