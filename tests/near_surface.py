@@ -49,7 +49,10 @@ def merged(settings: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, An
 CLOSE: dict[str, Any] = merged(
     merged(NEAR, {"sensor": {"jr3": {"board": {"poll_s": 0.05}}}}),
     {
-        "cell": {"start_position_mm": (900.0, -100.0, 590.5)},
+        "cell": {
+            "start_position_mm": (900.0, -100.0, 590.5),
+            "jr3": {"board": {"offsets_zeroed_s": 0.2}},
+        },
         "task": {"retract_mm": 2.0, "retract_speed_mm_s": 20.0},
         "limits": {"retract_patience_s": 0.5},
     },
@@ -59,6 +62,7 @@ about what happens on the surface, and how a run is told.
 """
 CLOSE_TOML = """\
 sensor.jr3.board.poll_s = 0.05
+cell.jr3.board.offsets_zeroed_s = 0.2
 cell.start_position_mm = [900.0, -100.0, 590.5]
 task.retract_mm = 2.0
 task.retract_speed_mm_s = 20.0

@@ -33,30 +33,43 @@ class Recordings:
         folder.mkdir(exist_ok=True)
         self._read = lru_cache(KEPT)(api.read)
 
-    def path(self, settings: Settings | Path, *, faults: Faults = (), seed: int | None = None) -> Path:
+    def path(
+        self,
+        settings: Settings | Path,
+        *,
+        faults: Faults = (),
+        seed: int | None = None,
+        refused: bool = False,
+    ) -> Path:
         """The file of a run, which no test may change. It is made where there is none.
 
-        A run that a device refuses before it moves has a recording, too. Raises ConfigError for a configuration.
+        `refused`: a device refuses the run before it moves, which leaves a recording, too. Raises ConfigError for a
+        configuration, and what a run raises that is refused unasked.
         """
         config = api.load(settings, faults=faults, seed=seed)
-        key = json.dumps(config.model_dump(mode="json"), sort_keys=True)
+        key = json.dumps([refused, config.model_dump(mode="json")], sort_keys=True)
         path = self._folder / f"{hashlib.sha256(key.encode()).hexdigest()[:24]}.mcap"
         if path.exists():
             return path
         with path.with_suffix(".lock").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)  # another process may be making it
             if not path.exists():
-                _save(config, path)
+                _save(config, path, refused)
         return path
 
     def __call__(
-        self, settings: Settings | Path, *, faults: Faults = (), seed: int | None = None
+        self,
+        settings: Settings | Path,
+        *,
+        faults: Faults = (),
+        seed: int | None = None,
+        refused: bool = False,
     ) -> Recording:
         """The same, read."""
-        return self._read(self.path(settings, faults=faults, seed=seed))
+        return self._read(self.path(settings, faults=faults, seed=seed, refused=refused))
 
 
-def _save(config: api.Config, path: Path) -> None:
+def _save(config: api.Config, path: Path, refused: bool) -> None:
     """Run, and leave a whole file or none."""
     begun: list[api.Simulation] = []
 
@@ -68,7 +81,7 @@ def _save(config: api.Config, path: Path) -> None:
     try:
         api.run_virtual(main)
     except api.BridgeError:
-        if not begun:
+        if not refused or not begun:
             raise
     unfinished = path.with_suffix(".unfinished")
     begun[0].result.save(unfinished, overwrite=True)

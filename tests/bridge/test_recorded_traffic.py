@@ -25,7 +25,7 @@ FAULTS = {"rtde": "emergency-stop", "egm": "motors-off"}
 def recorded(recordings: Recordings, robot: str, sensor: str) -> Path:
     devices = {"robot": {"emulated": robot}, "sensor": {"emulated": sensor}}
     ended = {"on": "robot", "fault": FAULTS[robot], "phase": "tare"}
-    return recordings.path(merged(STREAMED, devices), faults=[ended])
+    return recordings.path(merged(STREAMED, devices), faults=[ended], refused=True)
 
 
 def monitored(*arguments: object) -> Result:

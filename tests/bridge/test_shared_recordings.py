@@ -65,7 +65,10 @@ def test_two_that_ask_at_the_same_time_wait_for_one_run(
 
 def test_a_refused_run_has_a_recording_and_a_wrong_configuration_none(tmp_path: Path) -> None:
     recordings = Recordings(tmp_path / "recordings")
-    recording = recordings(SHORT, faults=[{"on": "sensor", "fault": "wrong-scales", "phase": "connect"}])
+    wrong = {"on": "sensor", "fault": "wrong-scales", "phase": "connect"}
+    with pytest.raises(api.BridgeError, match="weight"):
+        recordings.path(SHORT, faults=[wrong])
+    recording = recordings(SHORT, faults=[wrong], refused=True)
     assert (recording.cycles, recording.end["outcome"]) == ((), "stopped")
     with pytest.raises(api.ConfigError, match="run\\.speed"):
         recordings.path({"run": {"speed": 1}})

@@ -98,7 +98,8 @@ def fault(job: Job) -> dict[str, Any]:
 
 @pytest.mark.parametrize("job", [*OURS, *SAMPLES], ids=lambda job: "-".join(job))
 def test_a_fault_strikes_and_the_struck_part_is_named(job: Job, recordings: Recordings) -> None:
-    recording = recordings(settings(job), faults=[fault(job)], seed=SEED)
+    refused = job.fault == "wrong-scales"  # found before the tool moves
+    recording = recordings(settings(job), faults=[fault(job)], seed=SEED, refused=refused)
     events = [event.text for event in recording.events if event.kind == FAULT_EVENT]
     assert re.match(rf"{job.on}: {job.fault} (\(.*\) )?(begins|happens)", events[0])
     assert re.match(rf"{job.on}: {job.fault} struck [1-9]", events[-1])
@@ -123,7 +124,7 @@ def test_a_fault_strikes_and_the_struck_part_is_named(job: Job, recordings: Reco
         assert "The tool was left " in rest
         assert ("hil-bridge free" in rest) == ("NOT retracted" in recording.end["left"])
     else:
-        assert job.fault == "wrong-scales"  # found before the tool moves
+        assert refused
         assert "The tool had not been moved." in rest
 
 

@@ -102,7 +102,7 @@ def test_looking_at_the_truth_does_not_change_a_run(results: Path, fault: int) -
     config = configure_run(Job("", fault, case.config, case.table, 1))
     watched, plain = run(config).result, simulate(config)
     assert watched is not None
-    assert len(plain.cycles) > 10
+    assert len(plain.cycles) > 3
     assert repr(watched.cycles) == repr(plain.cycles)
     assert repr(watched.recording.sensors) == repr(plain.recording.sensors)
 

@@ -23,7 +23,7 @@ from hil_bridge.runs.running import running
 from hil_bridge.runs.setup import Setup
 from hil_bridge.runs.watching import Listener
 from hil_bridge.settings.configuration import Config, read_config
-from tests.near_surface import AWAKE, merged
+from tests.near_surface import merged
 
 Floats = NDArray[np.float64]
 WATCH_S = 0.25
@@ -210,7 +210,7 @@ def play() -> Play:
         *more: Mapping[str, Any],
         meddle: Callable[[Played, CycleRecord], None] | None = None,
     ) -> Played:
-        values: dict[str, Any] = {"run": {"seed": 3}, "robot": {"emulated": robot}, "cell": AWAKE}
+        values: dict[str, Any] = {"run": {"seed": 3}, "robot": {"emulated": robot}}
         for settings in more:
             values = merged(values, settings)
         if steps:
