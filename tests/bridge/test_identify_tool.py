@@ -140,7 +140,7 @@ def test_a_robot_that_refuses_on_the_way_ends_the_sweep() -> None:
 
 @pytest.mark.parametrize(
     ("robot", "sensor", "turned"),
-    [("rtde", "jr3-board", 30), ("rtde", "netft", 30), ("rsi", "jr3", 38)],
+    [("rtde", "jr3-board", 30), ("rsi", "jr3", 38), ("s3", "netft", 60)],
 )
 def test_each_robot_turns_its_tool_as_far_as_it_can(
     identify: Command, robot: str, sensor: str, turned: int
