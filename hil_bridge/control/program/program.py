@@ -19,7 +19,7 @@ from hil_bridge.control.program.leg import Leg, Row
 from hil_bridge.control.program.orienting import heading_of, turn_tool
 from hil_bridge.control.program.outcome import cut, ending, outcome
 from hil_bridge.control.program.state import Felt, ProgramState, Tally
-from hil_bridge.control.program.yielding import yield_aside
+from hil_bridge.control.program.yielding import yield_to
 from hil_bridge.control.types import Controller, Measurement, begin
 from hil_bridge.errors.causes import Reason
 from protocol.geometry import normalise
@@ -107,7 +107,7 @@ class Program:
         if leg.way is not None:
             place = felt.place[0] - state.origin[0], felt.place[1] - state.origin[1]
             along = leg.way.along(state.seen, state.stroke.travel - state.base, place)
-            travel = state.base + along
+            travel, state = state.base + along, replace(state, seen=max(along, 0.0))
         elif leg.step.phase is Phase.MOVE:
             against = 0.0
         # by place, in the order of the fields: by name every one costs as much as to read it
@@ -210,12 +210,15 @@ class Program:
             done = cut(state, self.row.legs[state.leg], felt.sample.now, state.reason)
             state = replace(state, done=(*state.done, done), began=None)
         way = self.stroke.way(self.parameters.retract_speed_mm_s, felt.measurement.dt)
-        state = yield_aside(state, felt, way, self.stroke.friction_share)
+        works_aside = self.row.legs[state.leg].step.works_aside
+        state = yield_to(state, felt, (way, self.stroke.friction_share), works_aside)
         stroke, order = self.stroke.step(state.stroke, felt.measurement)
         state = replace(state, stroke=stroke)
         intent = self._intent(state, order)
         aside = math.hypot(felt.force[1], felt.force[2])
-        if aside > max(self.parameters.contact_threshold_n, -felt.force[0]):  # not by what hangs above
+        if works_aside and aside > max(
+            self.parameters.contact_threshold_n, -felt.force[0]
+        ):  # not by what hangs above
             intent = replace(intent, in_contact=True)
         return state, intent
 
@@ -247,6 +250,7 @@ class Program:
             yielded=0.0,
             feed=1.0,
             memory=None,
+            heading=state.heading if leg.way is None else leg.way.headings[0],
             found=((0.0, 0.0, 0.0), 0),
             readings=((), 0, -1),
             tally=Tally(),

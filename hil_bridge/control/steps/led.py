@@ -69,6 +69,10 @@ class LedStep(PressingStep):
 
     # --- before the run
 
+    @property
+    def works_aside(self) -> bool:
+        return True
+
     def check(self, pressing: bool, limits: Limits) -> None:
         PressingStep.check(self, pressing, limits)
         need_travel_speed(self.speed_mm_s, limits)

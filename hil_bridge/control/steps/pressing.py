@@ -110,7 +110,6 @@ class PressingStep(Step):
             aside=led.aside,
             heading=led.heading,
             memory=led.memory,
-            seen=max(measurement.travel - state.base, 0.0) if leg.way is not None else state.seen,
             ground=raised,
             tally=tally,
             this_pass=this_pass,

@@ -84,6 +84,10 @@ class Track(PressingStep):
     # --- before the run
 
     @property
+    def works_aside(self) -> bool:
+        return self.across != "position"
+
+    @property
     def watches_way(self) -> bool:
         return self.lateral_limit_n is None
 
