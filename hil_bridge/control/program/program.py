@@ -107,27 +107,17 @@ class Program:
         if leg.way is not None:
             place = felt.place[0] - state.origin[0], felt.place[1] - state.origin[1]
             along = leg.way.along(state.seen, state.stroke.travel - state.base, place)
-            travel, state = state.base + along, replace(state, seen=max(along, 0.0))
+            travel, reached = state.base + along, max(along, 0.0)
+            if reached != state.seen:
+                state = replace(state, seen=reached)
         elif leg.step.phase is Phase.MOVE:
             against = 0.0
-        # by place, in the order of the fields: by name every one costs as much as to read it
-        measurement = Measurement(
-            measurement.time,
-            felt.force[0],
-            measurement.position,
-            measurement.commanded,
-            True,
-            paired,
-            travel,
-            0.0,
-            None,
-            1.0,
-            measurement.saturated,
-            measurement.dt,
-            against,
-            felt.sample,
-        )
-        felt = Felt(felt.sample, measurement, felt.place, felt.force, felt.wrench)
+        known = travel == measurement.travel and against == measurement.against and not state.zero
+        if not known:
+            measurement = replace(
+                measurement, force=felt.force[0], paired_force=paired, travel=travel, against=against
+            )
+            felt = Felt(felt.sample, measurement, felt.place, felt.force, felt.wrench)
         if not leg.follows or state.stroke.phase is not _TRACK:
             return state, felt
         return self._along_normal(state, leg, felt)
