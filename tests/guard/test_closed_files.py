@@ -120,7 +120,7 @@ import os
 import hil_bridge.runs.cycle as run
 told = run.cycle_record
 def closing(report, sample, decision, *more, **known):
-    if decision.output.phase == 'track' and sample.force > 8.0:
+    if decision.intent.phase == 'track' and sample.force > 8.0:
         for name in os.listdir('/proc/self/fd'):
             try:
                 if int(name) > 2 and {which}:

@@ -1,1 +1,1 @@
-"""The course of a run: task, limits and supervisor around a control law."""
+"""The course of a run: the stroke from the approach to the lifted tool, and the guard around it."""

@@ -135,6 +135,16 @@ class Stroke:
         """Whether a contact may be taken for one."""
         return state.doubt is Doubt.NONE if state.touch is None else state.touch.proven
 
+    def tracking(self, state: StrokeState) -> StrokeState:
+        """State at the first sample of tracking. The first moments of a touch that needed no proof are watched."""
+        memory = begin(self.controller) if state.controller is None else state.controller
+        touch = state.touch
+        if state.phase is _APPROACH:
+            touch = begin_tracking() if touch is None else None
+        return replace(
+            state, phase=_TRACK, turn=None, lost_for=None, settled=False, controller=memory, touch=touch
+        )
+
     def careful_step(self, ahead: float, dt: float) -> float:
         """Way into a place where the tool has not been, m, so short that a touch ends within the force allowed.
 
@@ -155,17 +165,7 @@ class Stroke:
         if state.in_contact and not self.is_proven(state):
             return self._prove(state, measurement)
         if state.in_contact:
-            memory = begin(self.controller) if state.controller is None else state.controller
-            state = replace(
-                state,
-                phase=_TRACK,
-                turn=None,
-                lost_for=None,
-                settled=False,
-                controller=memory,
-                touch=begin_tracking() if state.touch is None else None,
-            )
-            return self._track(state, measurement, Stride(self.parameters.force_n))
+            return self._track(self.tracking(state), measurement, Stride(self.parameters.force_n))
         if state.touch is not None:
             state = replace(state, touch=None)
         turn = measurement.commanded if state.turn is None else state.turn

@@ -1,1 +1,1 @@
-"""A program of a run: steps that a person writes, checked as a whole and then taken one after the other. Pure."""
+"""A program of a run: its legs in one row, checked as a whole and then taken one after the other. Pure."""

@@ -20,7 +20,7 @@ from hil_bridge.control.program.orienting import heading_of, turn_tool
 from hil_bridge.control.program.outcome import cut, ending, outcome
 from hil_bridge.control.program.state import Felt, ProgramState, Tally
 from hil_bridge.control.program.yielding import yield_to
-from hil_bridge.control.types import Controller, Measurement, begin
+from hil_bridge.control.types import Controller, Measurement
 from hil_bridge.errors.causes import Reason
 from protocol.geometry import normalise
 
@@ -216,12 +216,10 @@ class Program:
         """State at the first sample of a leg."""
         leg, stroke = self.row.legs[state.leg], state.stroke
         presses, phase, now = stroke.phase is _TRACK, leg.step.phase, felt.sample.now
-        # a stroke begins elsewhere: what was learnt of places belongs to the one before
-        memory = None if phase is _APPROACH else stroke.controller
         if phase is _TRACK:
-            memory = begin(self.controller) if memory is None else memory
-            stroke = replace(stroke, phase=phase, turn=None, lost_for=None, settled=False, controller=memory)
-        else:
+            stroke = leg.stroke.tracking(stroke)
+        else:  # a stroke begins elsewhere: what was learnt of places belongs to the one before
+            memory = None if phase is _APPROACH else stroke.controller
             stroke = replace(stroke, phase=phase, turn=None, lost_at=None, controller=memory, touch=None)
         again = {"first_pass": None, "this_pass": (0.0, 0.0)} if leg.first_of_repeat else {}
         return replace(

@@ -15,8 +15,11 @@ def corners(row: Row, frame: WorkFrame, start: Vector) -> Iterator[tuple[str, Ve
     """Corners of all paths at the depth of the start, base frame, m, with the label of their step. Those of a move lie
     at the safe height, and a retract ends where it would after the deepest approach.
 
-    Paths that begin where only the run knows are left out.
+    Paths that begin where only the run knows are left out, and the way of a run without steps: its time ends it, or the
+    border, along which it goes on.
     """
+    if not row.written:
+        return
     origin = frame.origin or start
     depth = sum((s - o) * n for s, o, n in zip(start, origin, frame.approach, strict=True))
     touched = 0.0

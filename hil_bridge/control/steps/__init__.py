@@ -1,1 +1,1 @@
-"""The words of a program as settings: steps, and the paths that they follow."""
+"""The kinds of steps: each one with its settings, its part in a run, its words and its picture; and the paths."""
