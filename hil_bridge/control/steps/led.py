@@ -13,6 +13,7 @@ from hil_bridge.control.steps.paths import Place
 from hil_bridge.control.steps.pressing import Guide, PressingStep, local_way
 from hil_bridge.control.steps.seam import Taken, need_travel_speed
 from hil_bridge.errors.causes import Cause, Reason
+from hil_bridge.errors.failures import WrongAnswer
 from protocol.geometry import Vector
 
 
@@ -35,19 +36,25 @@ class Seen(NamedTuple):
     """Whether the tool is taken to be in contact."""
     force_n: float
     """Force of the step's settings, N."""
+    last: bool = False
+    """The time of `for_s` is up: the step ends with this sample, in order or, with `Lead.trouble`, as a failure."""
 
 
 class Lead(NamedTuple):
     """Where a led step wants the tool next."""
 
     to: Place
-    """Commanded x and y from where the step began, m. The tool goes there no faster than the step's speed."""
+    """Commanded x and y from where the step began, m. The tool goes there no faster than the step's speed, and stands
+    while it is not in contact.
+    """
     force_n: float | None = None
     """Force to press with, N; None for that of the step's settings."""
     done: str = ""
     """How the step has ended, in words; empty while it goes on."""
     trouble: str = ""
     """Why the run must end, in words; empty while it need not."""
+    without_contact: bool = False
+    """Go there without contact, too: a tool in a hole may touch its wall alone."""
 
 
 class LedStep(PressingStep):
@@ -84,6 +91,13 @@ class LedStep(PressingStep):
 
     # --- in the run
 
+    def is_over(self, leg: Leg, state: ProgramState, felt: Felt) -> bool:
+        """Never before it has seen the sample: it may have to say that it has found nothing."""
+        return False
+
+    def _is_last(self, state: ProgramState, felt: Felt) -> bool:
+        return self.for_s is not None and state.began is not None and felt.sample.now - state.began >= self.for_s
+
     def guide(self, leg: Leg, state: ProgramState, felt: Felt) -> Guide:
         measurement, sample, at = felt.measurement, felt.sample, state.origin
         memory, first, _ = state.memory or (self.begin(), measurement.position, None)
@@ -98,8 +112,12 @@ class LedStep(PressingStep):
             measurement.position - first,
             state.in_contact,
             wanted,
+            self._is_last(state, felt),
         )
-        memory, lead = self.steer(memory, seen)
+        answer: Any = self.steer(memory, seen)
+        if not (isinstance(answer, tuple) and len(answer) == 2 and isinstance(answer[1], Lead)):
+            raise WrongAnswer(self, "steer", answer, "a state and a Lead")
+        memory, lead = answer
         trouble = Reason(Cause.STEP_TROUBLE, str(lead.trouble)) if lead.trouble else None
         force = wanted if lead.force_n is None else float(lead.force_n)
         limit = leg.stroke.force_limit_n
@@ -111,7 +129,7 @@ class LedStep(PressingStep):
 
     def lead(self, leg: Leg, state: ProgramState, order: Order, felt: Felt) -> ProgramState:
         lead: Lead = state.memory[2]
-        if not state.in_contact:
+        if not (state.in_contact or lead.without_contact):
             return state
         x, y = state.at
         u, v = state.origin[0] + lead.to[0] - x, state.origin[1] + lead.to[1] - y
@@ -130,7 +148,9 @@ class LedStep(PressingStep):
 
     def end_sample(self, leg: Leg, before: ProgramState, taken: Taken, felt: Felt) -> Taken:
         lead: Lead = taken.state.memory[2]
-        if not lead.done:
+        last = self._is_last(before, felt)
+        if not (lead.done or last):
             return taken
-        state = replace(taken.state, text=str(lead.done), found=(felt.sample.position, 1))
+        text = str(lead.done) or f"ended after {self.for_s:g} s"
+        state = replace(taken.state, text=text, found=(felt.sample.position, 1))
         return taken._replace(state=state, done=True)
