@@ -60,7 +60,9 @@ class Insert(LedStep):
         names = "depth_mm", "radius_mm", "spacing_mm", "fallen_mm", "search_n", "force_n", "yield_mm_ns"
         above_zero(self, *names, "speed_mm_s", "for_s")
         if self.fallen_mm >= self.depth_mm:
-            raise SettingError("fallen_mm", f"must be below depth_mm, {self.depth_mm:g}, got {self.fallen_mm:g}")
+            raise SettingError(
+                "fallen_mm", f"must be below depth_mm, {self.depth_mm:g}, got {self.fallen_mm:g}"
+            )
 
     # --- before the run
 
@@ -91,7 +93,9 @@ class Insert(LedStep):
             return memory, Lead(memory.middle, trouble=late, without_contact=True)
         if deep >= self.fallen_mm:
             return Memory(memory.way, seen.place, True), Lead(seen.place)
-        memory = memory._replace(way=memory.way + (self.speed_mm_s * 1e-3 * seen.dt if seen.in_contact else 0.0))
+        memory = memory._replace(
+            way=memory.way + (self.speed_mm_s * 1e-3 * seen.dt if seen.in_contact else 0.0)
+        )
         place, radius = self._on_spiral(memory.way)
         trouble = ""
         if radius > self.radius_mm * 1e-3:

@@ -36,7 +36,11 @@ class PlateWithHole:
         """The way out is the shortest: up out of the plate, or up and aside into the hole."""
         u, v = along - self.hole[0], across - self.hole[1]
         distance = np.hypot(u, v)
-        below, aside, under = self.height - height, distance - self.clearance, self.height - self.deep - height
+        below, aside, under = (
+            self.height - height,
+            distance - self.clearance,
+            self.height - self.deep - height,
+        )
         # from the nearest place in the hole: only aside beside it, only up below it
         inward, up = np.maximum(aside, 0.0), np.maximum(under, 0.0)
         to_hole = np.hypot(inward, up)

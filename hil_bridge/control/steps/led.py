@@ -74,6 +74,13 @@ class LedStep(PressingStep):
         """The step's own state after a sample, and where it wants the tool."""
         raise NotImplementedError
 
+    def answer(self, memory: Any, seen: Seen) -> tuple[Any, Lead]:
+        """What `steer` answers. Raises WrongAnswer for what is no state and no Lead."""
+        answer: Any = self.steer(memory, seen)
+        if not (isinstance(answer, tuple) and len(answer) == 2 and isinstance(answer[1], Lead)):
+            raise WrongAnswer(self, "steer", answer, "a state and a Lead")
+        return answer
+
     # --- before the run
 
     def check(self, pressing: bool, limits: Limits) -> None:
@@ -96,7 +103,9 @@ class LedStep(PressingStep):
         return False
 
     def _is_last(self, state: ProgramState, felt: Felt) -> bool:
-        return self.for_s is not None and state.began is not None and felt.sample.now - state.began >= self.for_s
+        return (
+            self.for_s is not None and state.began is not None and felt.sample.now - state.began >= self.for_s
+        )
 
     def guide(self, leg: Leg, state: ProgramState, felt: Felt) -> Guide:
         measurement, sample, at = felt.measurement, felt.sample, state.origin
@@ -114,10 +123,7 @@ class LedStep(PressingStep):
             wanted,
             self._is_last(state, felt),
         )
-        answer: Any = self.steer(memory, seen)
-        if not (isinstance(answer, tuple) and len(answer) == 2 and isinstance(answer[1], Lead)):
-            raise WrongAnswer(self, "steer", answer, "a state and a Lead")
-        memory, lead = answer
+        memory, lead = self.answer(memory, seen)
         trouble = Reason(Cause.STEP_TROUBLE, str(lead.trouble)) if lead.trouble else None
         force = wanted if lead.force_n is None else float(lead.force_n)
         limit = leg.stroke.force_limit_n

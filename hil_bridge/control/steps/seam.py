@@ -103,6 +103,7 @@ class Step:
     """
 
     __slots__ = ()
+    __pydantic_config__: ClassVar = FORBID_EXTRA
 
     # --- settings that more than one kind has
 
