@@ -48,8 +48,10 @@ class Insert(LedStep):
     """Force of the search."""
     force_n: float | None = None
     """Force in the hole; nothing: that of the task."""
-    yield_mm_ns: float = 0.1
-    """Speed at which the tool yields in the hole, for each newton along the plate."""
+    yield_mm_ns: float = 0.2
+    """Speed at which the tool yields in the hole, for each newton along the plate. More than half of 1 / (stiffness in
+    N/mm × time that the robot takes for an order in s) makes it swing.
+    """
     speed_mm_s: float = 2.0
     """Speed along the spiral, and the highest at which the tool yields."""
     for_s: float = 90.0
