@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal, NamedTuple
 
+from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.steps.led import Lead, LedStep, Seen
 from hil_bridge.control.steps.seam import NO_LIMITS, Drawing, StepLimits, above_zero
 from protocol.marks import SettingError
@@ -75,6 +76,14 @@ class Insert(LedStep):
         whole, points = math.pi * self.radius_mm * turns * 1e-3, math.ceil(turns * _POINTS)
         places = (self._on_spiral(whole * (k / points) ** 2)[0] for k in range(points + 1))
         return tuple((x * 1e3, y * 1e3) for x, y in places)
+
+    def check(self, pressing: bool, limits: Limits) -> None:
+        """`force_n` is checked for all steps; the force of the search is this one's own."""
+        LedStep.check(self, pressing, limits)
+        if self.search_n >= limits.force_limit_n:
+            raise ValueError(
+                f"search_n of {self.search_n:g} N must be below its force limit of {limits.force_limit_n:g} N"
+            )
 
     def parameters(self, task: object) -> dict[str, float | None]:
         """A contact that is lost in the hole is found again on its ground, or on its wall."""

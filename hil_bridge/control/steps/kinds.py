@@ -79,7 +79,7 @@ def step_kind(word: str) -> type[Step] | None:
             )
     try:
         _adapter(kind)
-    except PydanticUserError as error:
+    except (PydanticUserError, NameError) as error:
         raise ConfigError(f"{where} has a setting that no file can hold: {one_line(str(error))}") from error
     return cast(type[Step], kind)
 
@@ -117,7 +117,9 @@ def _is_kind(kind: Any) -> bool:
 
 @cache
 def _adapter(kind: Any) -> TypeAdapter[Any]:
-    return TypeAdapter(kind)
+    adapter = TypeAdapter(kind)
+    adapter.rebuild(raise_errors=True)  # a name in its annotations that is none
+    return adapter
 
 
 def read_step(value: Any, read_built_in: ValidatorFunctionWrapHandler) -> Any:
