@@ -2,8 +2,8 @@
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
-from typing import Any, ClassVar, Literal, NamedTuple
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
 
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.steps.led import Lead, LedStep, Seen
@@ -23,7 +23,7 @@ class Memory(NamedTuple):
     way: float = 0.0
     """Way along the spiral, m."""
     middle: tuple[float, float] = (0.0, 0.0)
-    """Place from which the tool yields in the hole, from where the step began, m."""
+    """Middle of the spiral, or place in the hole: it yields to forces along the plate; from where the step began, m."""
     inside: bool = False
     """The peg has fallen in."""
 
@@ -32,9 +32,7 @@ class Memory(NamedTuple):
 class Insert(LedStep):
     """Press lightly, search a hole by a spiral, and press down into it."""
 
-    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
-
-    depth_mm: float = field()
+    depth_mm: float
     """Depth at which the peg is in, from where the step begins."""
     do: Literal["insert"] = "insert"
     name: str = ""
@@ -50,7 +48,7 @@ class Insert(LedStep):
     force_n: float | None = None
     """Force in the hole; nothing: that of the task."""
     yield_mm_ns: float = 0.2
-    """Speed at which the tool yields in the hole, for each newton along the plate. More than half of 1 / (stiffness in
+    """Speed at which the tool yields for each newton along the plate. More than half of 1 / (stiffness in
     N/mm × time that the robot takes for an order in s) makes it swing.
     """
     speed_mm_s: float = 2.0
@@ -98,22 +96,22 @@ class Insert(LedStep):
         deep = seen.depth * 1e3
         if memory.inside and deep >= self.depth_mm:
             return memory, Lead(memory.middle, done=f"in the hole, {deep:.1f} mm deep", without_contact=True)
+        if not memory.inside and deep >= self.fallen_mm:
+            memory = Memory(memory.way, seen.place, True)
+        memory = self._yielding(memory, seen)
         if memory.inside:
-            memory = self._yielding(memory, seen)
             late = f"only {deep:.1f} mm deep in the hole after {self.for_s:g} s" if seen.last else ""
             return memory, Lead(memory.middle, trouble=late, without_contact=True)
-        if deep >= self.fallen_mm:
-            return Memory(memory.way, seen.place, True), Lead(seen.place)
-        memory = memory._replace(
-            way=memory.way + (self.speed_mm_s * 1e-3 * seen.dt if seen.in_contact else 0.0)
-        )
-        place, radius = self._on_spiral(memory.way)
+        if seen.in_contact:
+            memory = memory._replace(way=memory.way + self.speed_mm_s * 1e-3 * seen.dt)
+        (x, y), radius = self._on_spiral(memory.way)
         trouble = ""
         if radius > self.radius_mm * 1e-3:
             trouble = f"no hole within {self.radius_mm:g} mm"
         elif seen.last:
             trouble = f"no hole within {radius * 1e3:.1f} mm after {self.for_s:g} s"
-        return memory, Lead(place, self.search_n, trouble=trouble)
+        u, v = memory.middle
+        return memory, Lead((u + x, v + y), self.search_n, trouble=trouble)
 
     def _on_spiral(self, way: float) -> tuple[tuple[float, float], float]:
         """Place at this length of the spiral, m, and its distance from the middle, m."""
