@@ -61,9 +61,8 @@ class Insert(LedStep):
         names = "depth_mm", "radius_mm", "spacing_mm", "fallen_mm", "search_n", "force_n", "yield_mm_ns"
         above_zero(self, *names, "speed_mm_s", "for_s")
         if self.fallen_mm >= self.depth_mm:
-            raise SettingError(
-                "fallen_mm", f"must be below depth_mm, {self.depth_mm:g}, got {self.fallen_mm:g}"
-            )
+            problem = f"must be below depth_mm, {self.depth_mm:g}, got {self.fallen_mm:g}"
+            raise SettingError("fallen_mm", problem)
 
     # --- before the run
 
