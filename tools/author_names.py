@@ -1,4 +1,4 @@
-"""Reference of names for authors of devices, controllers, steps, surfaces and tests: autodoc writes types, links and sources.
+"""Reference of names for authors of devices, laws, steps, surfaces and tests: autodoc writes types, links and sources.
 
 `GROUPS` lists the names that a page of the documentation may tell an author to use. A test compares it with the pages.
 """
@@ -164,9 +164,10 @@ def author_names() -> str:
     """Names that an author of a device, a controller, a step, a surface or a test imports."""
     parts = [
         "# Names for authors",
-        "Every name that a page tells you to use for a device, a controller, a step, a surface or a test of your own. *source* "
-        "at the right shows the code. [Devices](../../how-to/devices.md), [controllers](../../how-to/controllers.md), "
-        "[steps](../../how-to/steps.md), [surfaces](../../how-to/surfaces.md) and [tests](../testing.md) tell how they are used. "
+        "Every name that a page tells you to use for a device, a controller, a step, a surface or a test of your own. "
+        "*source* at the right shows the code. [Devices](../../how-to/devices.md), "
+        "[controllers](../../how-to/controllers.md), [steps](../../how-to/steps.md), "
+        "[surfaces](../../how-to/surfaces.md) and [tests](../testing.md) tell how they are used. "
         "[Names of the package](names.md) has those for scripts.",
     ]
     for title, modules in GROUPS.items():
