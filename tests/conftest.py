@@ -6,7 +6,10 @@ Examples are the same in every run, so that a run that fails fails again; `--hyp
 import gc
 import signal
 
+import pytest
 from hypothesis import settings
+
+from tests.recordings import Recordings
 
 settings.register_profile("repeatable", deadline=None, derandomize=True)
 settings.register_profile("explore", deadline=None)
@@ -21,3 +24,11 @@ def pytest_collection_finish() -> None:
     """Let the garbage collector pass over thousands of collected tests: it would look at all of them each time."""
     gc.collect()
     gc.freeze()
+
+
+@pytest.fixture(scope="session")
+def recordings(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> Recordings:
+    """Recordings for tests that only read them. Processes that test side by side share their folder."""
+    base = tmp_path_factory.getbasetemp()
+    side_by_side = hasattr(request.config, "workerinput")
+    return Recordings((base.parent if side_by_side else base) / "recordings")

@@ -46,6 +46,40 @@ def merged(settings: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, An
     return result
 
 
+CLOSE: dict[str, Any] = merged(
+    merged(NEAR, {"sensor": {"jr3": {"board": {"poll_s": 0.05}}}}),
+    {
+        "cell": {
+            "start_position_mm": (900.0, -100.0, 590.5),
+            "jr3": {"board": {"offsets_zeroed_s": 0.2}},
+        },
+        "task": {"retract_mm": 2.0, "retract_speed_mm_s": 20.0},
+        "limits": {"retract_patience_s": 0.5},
+    },
+)
+"""A start 0.5 mm above a flat surface, a quick way back, and little patience with a robot that cannot go it: for tests
+about what happens on the surface, and how a run is told.
+"""
+CLOSE_TOML = """\
+sensor.jr3.board.poll_s = 0.05
+cell.jr3.board.offsets_zeroed_s = 0.2
+cell.start_position_mm = [900.0, -100.0, 590.5]
+task.retract_mm = 2.0
+task.retract_speed_mm_s = 20.0
+limits.retract_patience_s = 0.5
+"""
+"""What CLOSE has beside AWAKE, for the head of a configuration file, behind AWAKE_TOML."""
+STREAMED: dict[str, Any] = merged(CLOSE, {"run": {"period_ms": 20.0}, "controller": {"sample_ms": 20.0}})
+"""The same for a robot that is guided: it is told a set point every 20 ms."""
+
+SHORT: dict[str, Any] = merged(CLOSE, {"run": {"duration_s": 0.5}})
+"""A short run that has all phases, for tests that want just any run or recording."""
+WHOLE: dict[str, Any] = merged(CLOSE, {"run": {"duration_s": 3.0}})
+"""A run that comes to a steady force, for tests that read its figures, charts and tables."""
+EMERGENCY_STOP: dict[str, Any] = {"on": "robot", "fault": "emergency-stop", "phase": "track", "after_s": 1.0}
+"""A fault that ends it in the middle."""
+
+
 def awake_config(values: dict[str, Any]) -> Config:
     """Read a configuration with sensors that answer soon after power-up, unless the values say otherwise."""
     return read_config(merged({"cell": AWAKE}, values))

@@ -65,7 +65,7 @@ def conform(
 
     Exit codes: 0 none failed, 2 wrong input, 3 the emulator or its port, 4 a scenario failed, 130 interrupted.
     """
-    from hil_bridge.lab.conform.reports import as_json, as_junit, not_modelled, table, totals
+    from hil_bridge.lab.conform.reports import as_json, as_junit, lateness, not_modelled, table, totals
     from hil_bridge.lab.conform.rules import describe_rules, read_rules
     from hil_bridge.lab.conform.trial import choose_scenarios
     from hil_bridge.lab.conform.trying import cell_of, make_trial, play_all, rules_of
@@ -90,6 +90,6 @@ def conform(
         write_whole(junit, as_junit(kind, played), overwrite)
     if json_file is not None:
         write_whole(json_file, as_json((trial.thing, kind), command, rules, played).encode(), overwrite)
-    tell([*table(played), totals(played), *not_modelled(played)])
+    tell([*table(played), totals(played), *lateness(played), *not_modelled(played)])
     if any(one.verdict.outcome is Outcome.FAILED for one in played):
         click.get_current_context().exit(FAILED)

@@ -62,7 +62,8 @@ def device_options(command: Callable[..., Any]) -> Callable[..., Any]:
             shell_complete=complete(sensors),
             callback=not_empty,
             help="Force sensor, KIND+WIRE: jr3+can+socketcan://can0, jr3-uart+serial:///dev/ttyACM0, "
-            "netft+udp://192.168.1.1:49152. A kind alone is emulated; hil-bridge plugins lists the kinds.",
+            "netft+udp://192.168.1.1:49152. A kind alone is emulated: jr3, jr3-uart, jr3-board, netft, ft300, ati-can, "
+            "or one of `hil-bridge plugins`.",
         ),
         click.option(
             "--robot",
@@ -70,7 +71,8 @@ def device_options(command: Callable[..., Any]) -> Callable[..., Any]:
             shell_complete=complete(robots),
             callback=not_empty,
             help="Robot, KIND+WIRE: s3+serial:///dev/ttyUSB0?baudrate=9600&parity=E, egm+udp-bind://0.0.0.0:6510, "
-            "rtde+tcp://192.168.1.2. A kind alone is emulated; hil-bridge plugins lists the kinds.",
+            "rtde+tcp://192.168.1.2. A kind alone is emulated: s3 and egm (ABB), rtde (Universal Robots), rsi (KUKA), "
+            "or one of `hil-bridge plugins`.",
         ),
     ):
         command = option(command)
@@ -78,10 +80,17 @@ def device_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def device_settings(robot: str | None, sensor: str | None, surface: str | None) -> Mapping[str, object]:
-    """The values of these options in a configuration, by key."""
+    """The values of these options in a configuration, by key. A kind alone also lays the file's URL aside."""
 
     settings: dict[str, object] = {"cell.surface_kind": surface}
     for section, said in (("robot", robot), ("sensor", sensor)):
-        named = said is not None and ":" not in said  # every URL has a colon
-        settings[f"{section}.emulated" if named else f"{section}.url"] = said
+        if said is None or not _is_kind(said):
+            settings[f"{section}.url"] = said
+        else:
+            settings |= {f"{section}.emulated": said, f"{section}.url": ""}
     return settings
+
+
+def _is_kind(said: str) -> bool:
+    """Whether a value is a kind's name: URLs have a colon, ports a slash, and addresses a dot."""
+    return not any(mark in said for mark in ":/.")

@@ -73,10 +73,15 @@ def emulate(
       robot   s3+pty:?baudrate=9600&parity=E
               s3+tcp-listen://127.0.0.1:0?baudrate=9600&parity=E
               egm+udp://127.0.0.1:6510
+              rsi+udp://127.0.0.1:49152
+              rtde+tcp-listen://127.0.0.1:0
       sensor  jr3+can+slcan+pty:
               jr3+can+socketcan://vcan0
               jr3-uart+tcp-listen://127.0.0.1:0
               jr3-board+tcp-listen://127.0.0.1:0
+              netft+udp-bind://127.0.0.1:0
+              ft300+pty:
+              ati-can+can+slcan+pty:
     """
     from hil_bridge.runs.serve import serve
     from hil_bridge.runs.setup import Listen, Setup

@@ -23,7 +23,7 @@ def probe() -> None:
 @click.option(
     "--config", "config_file", type=FILE, metavar="FILE", help="Configuration whose [robot.KIND] is taken."
 )
-@output_option("FILE", "Write a configuration with the settings of the link that work. [S3]")
+@output_option("FILE", "Write the start of a configuration: the URL, and of an S3 the settings that work.")
 @click.option(
     "--patience",
     "patience_s",
@@ -53,7 +53,7 @@ def robot(
     Exit code 3 when nothing answers, and when a run would be refused.
     """
     from hil_bridge.devices.kinds import robot_of
-    from hil_bridge.errors import ConfigError
+    from hil_bridge.record.files import check_place, write_whole
     from hil_bridge.settings.configuration import load_config
     from hil_bridge.settings.kinds import settings_of
     from hil_bridge.site import robot_probe
@@ -65,8 +65,11 @@ def robot(
         say = partial(click.echo, err=as_json)
         wire, settings = probe_robot(wire, out, patience_s, overwrite, say)
     elif out is not None:
-        raise ConfigError(f"-o is for an s3, whose link has settings to be found, not for a {kind.name}")
+        check_place(out, overwrite)
     found = robot_probe.probe_robot(kind, wire, settings)
+    if out is not None and kind.name != "s3":
+        write_whole(out, robot_probe.site_toml(_with_kind(kind.name, wire), found).encode(), overwrite)
+        click.echo(f"wrote {out}\n", err=as_json)
     if as_json:
         tell_json({"kind": kind.name, "url": _with_kind(kind.name, wire), **robot_probe.probe_values(found)})
     else:

@@ -1,5 +1,6 @@
 """`hil-bridge requirements`: which test shows which requirement."""
 
+from datetime import UTC, datetime
 from pathlib import Path
 
 import click
@@ -31,11 +32,13 @@ def requirements(
     passed, has no test, or is not in the list.
     """
     from hil_bridge.errors.text_files import harmless
+    from hil_bridge.lab.campaign.plan import code_version
     from hil_bridge.lab.requirements import (
         as_csv,
         as_page,
         describe,
         matrix_of,
+        read_digests,
         read_requirements,
         read_tests,
     )
@@ -47,7 +50,14 @@ def requirements(
     wanted = read_requirements(requirements_file)
     matrix = matrix_of(wanted, [test for path in results for test in read_tests(path)])
     if page is not None:
-        write_whole(page, as_page(f"Requirements of {requirements_file.name}", matrix, page), overwrite)
+        facts = (
+            ("Date", f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC"),
+            ("Software", f"hil-bridge {code_version()}"),
+            *((f"SHA-256 of {name}", digest) for name, digest in read_digests((requirements_file, *results))),
+        )
+        write_whole(
+            page, as_page(f"Requirements of {requirements_file.name}", matrix, page, facts), overwrite
+        )
     if table is not None:
         write_whole(table, as_csv(matrix), overwrite)
     tell(harmless(line) for line in describe(matrix))

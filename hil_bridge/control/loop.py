@@ -165,8 +165,8 @@ class ControlLoop:
 
     def _guard(self, output: Intent) -> Supervisor:
         """The supervisor with the limits of the step under way."""
-        guard = self.supervisor
-        return Supervisor(self.program.row.legs[output.leg].limits, guard.speed, guard.witness)
+        guard, limits = self.supervisor, self.program.row.legs[output.leg].limits
+        return guard if limits is guard.limits else Supervisor(limits, guard.speed, guard.witness)
 
     def _barrier(self, proposal: Proposal, limits: Limits) -> float:
         """Depth, m, at which the force limit less its margin is predicted. The prediction takes the stiffness in hand,
@@ -271,38 +271,19 @@ def _reason(state: LoopState, output: Intent, verdict: Verdict) -> Reason | None
             return None
 
 
-def _observe(sample: Sample, proposal: Proposal, output: Intent) -> Observation:
-    force, resultant, felt = sample.force, sample.resultant, proposal.felt
+def _observe(sample: Sample, proposal: Proposal, intent: Intent) -> Observation:
+    felt, measurement = proposal.felt, proposal.felt.measurement
     if proposal.program.zero:  # a zero of the program's own hides no force either
-        force = felt.force[0] if abs(felt.force[0]) > abs(force) else force
-        resultant = max(resultant, math.hypot(*felt.force))
-    # by place, in the order of the fields: by name every one costs as much as to read it
+        force = felt.force[0] if abs(felt.force[0]) > abs(sample.force) else sample.force
+        sample = replace(sample, force=force, resultant=max(sample.resultant, math.hypot(*felt.force)))
+    free = intent.phase in _FREE and not intent.in_contact
     return Observation(
-        sample.now,
-        force,
-        resultant,
-        sample.sensor_at,
-        sample.sensor_sequence,
-        sample.unchanged,
-        sample.saturated,
-        sample.dead_axis,
-        output.in_contact,
+        sample,
         proposal.depth,
-        sample.fault,
-        sample.peak_force,
-        sample.peak_resultant,
-        sample.peak_moment,
-        None if sample.tilt is None else sample.position,
-        sample.tilt or 0.0,
-        sample.gap,
-        felt.measurement.dt,
-        felt.quaternion,
-        felt.measurement.against,
-        sample.witness,
-        felt.measurement.force if output.phase in _FREE and not output.in_contact else None,
-        sample.overdue,
-        sample.fault_cause or Cause.ROBOT_STATE,
-        sample.fault_remedy,
+        measurement.dt,
+        intent.in_contact,
+        measurement.against,
+        measurement.force if free else None,
     )
 
 

@@ -337,7 +337,7 @@ def _kind_of(url: str, registry: Registry[Any]) -> tuple[Any, str]:
     name, wire = registry.split(url)
     if name:
         return registry.kind(name), wire
-    if meant := _meant(url, registry):
+    if meant := _meant(f"serial://{url}" if url.startswith("/") else url, registry):
         raise ConfigError(f"{url!r} names no kind of {registry.thing}; did you mean {meant}?")
     head = url.partition(":")[0]
     if examples := _with_usual_wires(url, registry):

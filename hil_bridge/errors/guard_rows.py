@@ -52,7 +52,7 @@ STOPS: tuple[CauseRow, ...] = (
     ),
     rows.stop(
         _C.WALL,
-        "force against the travel of a plain run, beyond the friction of the contact force: something is in the way",
+        "force against the way along the surface, beyond the friction of the contact force: something is in the way",
         _P.OBSTACLE,
         "limits.against_travel_n",
         "limits.friction_share",

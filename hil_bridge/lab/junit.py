@@ -66,6 +66,11 @@ def encode_junit(suite: str, cases: Sequence[JunitCase], properties: Iterable[tu
     return f'<?xml version="1.0" encoding="utf-8"?>\n{written}\n'.encode()
 
 
+def attachment(path: str) -> str:
+    """A line of a case's output by which build servers find a file that belongs to it."""
+    return f"[[ATTACHMENT|{path}]]"
+
+
 def _element(parent: ElementTree.Element, name: str, attributes: Mapping[str, str]) -> ElementTree.Element:
     return ElementTree.SubElement(parent, name, {key: _xml(value) for key, value in attributes.items()})
 

@@ -52,7 +52,10 @@ def problems(setup: Setup, virtual: bool) -> Iterator[tuple[str, ConfigError]]:
 def check_wires(setup: Setup, start: Start) -> None:
     """Raise ConfigError for URLs that make no cell together, or that virtual time cannot wait for."""
     if start.virtual and not (setup.robot.is_emulated and setup.sensor.is_emulated):
-        raise ConfigError("--virtual runs against the emulated cell alone; leave it out to use real ports")
+        raise ConfigError(
+            f"--virtual runs against the emulated cell alone; rehearse with --robot {setup.robot.kind.name} "
+            f"--sensor {setup.sensor.kind.name} too, or leave it out to use real ports"
+        )
     if setup.sensor.is_emulated and not setup.robot.is_emulated:
         raise ConfigError(
             "a robot without a sensor: the emulated sensor cannot feel what that robot touches; "

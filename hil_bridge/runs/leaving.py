@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from hil_bridge.clock import Clock
-from hil_bridge.control import Clamp, ControlLoop, LoopState, Observation, Request, Stop, Supervisor
+from hil_bridge.control import Clamp, ControlLoop, LoopState, Observation, Request, Sample, Stop, Supervisor
 from hil_bridge.devices.robots.seam import Motion, Pacing, RobotLink, Sent
 from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.errors import BridgeError, Cause, DeviceError, OrderRefused, Reason, TransportError
@@ -20,6 +20,8 @@ from protocol.geometry import Pose, Quaternion, Vector
 
 TRY_AGAIN_S = 0.3
 """Chosen: pause before an order that was refused is given again."""
+UNKNOWN = (math.nan, math.nan, math.nan)
+"""A position that no robot tells."""
 ARRIVED_M = 0.3e-3
 """Chosen: distance from the last order at which the robot counts as come to rest, m."""
 ARRIVAL_S = 3.0
@@ -180,18 +182,18 @@ class WayOut:
             sensor.check()
         except BridgeError as error:
             fault = error.reason(Cause.SENSOR_FAILED)
-        return Observation(
+        sample = Sample(
             now,
+            UNKNOWN,
             force,
             resultant,
             math.nan if newest is None else newest.at - sensor.late,
             0 if newest is None else newest.sequence,
             saturated=bool(sensor.saturated),
-            pressing=state.program.in_contact,
-            depth=depth,
             fault="" if fault is None else str(fault),
             fault_cause=Cause.SENSOR_FAILED if fault is None else fault.cause,
         )
+        return Observation(sample, depth, pressing=state.program.in_contact)
 
     async def rest(self, start: Vector, commanded: Vector, answers: bool) -> tuple[float, float]:
         """Wait until the robot has come to rest at the last order; its depth from the start, m, and the force, N.

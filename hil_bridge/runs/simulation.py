@@ -1,6 +1,7 @@
 """A run inside a program of a user's own: what it leaves, and what can be done while it goes."""
 
 import asyncio
+import sys
 import warnings
 from collections.abc import AsyncIterator, Callable
 from contextlib import aclosing, asynccontextmanager
@@ -44,6 +45,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Observe = Callable[[CycleRecord], object]
+_BETWEEN = frozenset({"hil_bridge", "asyncio", "contextlib", "concurrent", "threading"})
+"""Packages whose frames may stand between a user's program and a run."""
 _NEVER_MOVED = RunResult(Outcome.INTERRUPTED, Reason(Cause.INTERRUPTED, "before the movement began"))
 
 
@@ -277,6 +280,14 @@ class _Observer(Listener):
             raise
 
 
+def _callers_level() -> int:
+    """Level of a warning from the calling function by which it names the line of the user's program."""
+    frame, level = sys._getframe(1).f_back, 2
+    while frame is not None and frame.f_globals.get("__name__", "").partition(".")[0] in _BETWEEN:
+        frame, level = frame.f_back, level + 1
+    return level
+
+
 @asynccontextmanager
 async def simulating(config: Config, observe: Observe | None) -> AsyncIterator[Simulation]:
     """A run that is under way while inside. See `api.simulation`."""
@@ -287,7 +298,7 @@ async def simulating(config: Config, observe: Observe | None) -> AsyncIterator[S
         setup = Setup(config)
         cell = check(setup, clock.is_virtual, clock.now())
         if setup.remark:
-            warnings.warn(setup.remark, stacklevel=2)
+            warnings.warn(setup.remark, stacklevel=_callers_level())
         keeper = KeptRecords(clock.wall_ns, metadata_of(setup.config, clock.is_virtual))
         log = RunLog(clock, [keeper, *([] if observer is None else [observer])])
         simulation: Simulation | None = None

@@ -106,7 +106,7 @@ class RobotConfig(_Section):
     emulated robot.
     """
     emulated: str = USUAL_ROBOT
-    """Kind of the emulated robot; hil-bridge plugins lists the kinds."""
+    """Kind of the emulated robot; `hil-bridge run --help` names the kinds."""
     velocity_mm_s: float = Field(default=50.0, gt=0, le=1000)
     """Path velocity given with every point; no speed of the task may be above it."""
     acceleration_mm_s2: float = Field(default=2000.0, gt=0, le=100000)
@@ -132,7 +132,7 @@ class SensorConfig(_Section):
     starts the emulated sensor.
     """
     emulated: str = USUAL_SENSOR
-    """Kind of the emulated sensor; hil-bridge plugins lists the kinds."""
+    """Kind of the emulated sensor; `hil-bridge run --help` names the kinds."""
     mounting_deg: float = 0.0
     """Rotation of the sensor about the tool's z axis: angle from the tool's x axis to the sensor's."""
     quaternion: Quaternion = (1.0, 0.0, 0.0, 0.0)

@@ -11,7 +11,7 @@
 
 Suites are `controllers`, `steps`, `robot_clients`, `robot_emulators`, `sensor_clients`, `sensor_emulators`, `surfaces`,
 `streams` and `datagrams`; `transports` has the last two. Names of `__all__` here and of a suite's are stable. They need
-pytest and hypothesis: `pip install 'hil-bridge[testing]'`.
+pytest and hypothesis, which the extra `testing` brings.
 """
 
 from importlib import import_module

@@ -276,10 +276,14 @@ def hil_conform(request: pytest.FixtureRequest) -> Callable[..., Any]:
     def judge(
         kind: str, command: Sequence[str], scenario: str = "nominal", config: Any = None, **rules: Any
     ) -> Any:
+        from hil_bridge.errors import BridgeError
         from hil_bridge.lab.conform.reports import evidence
         from hil_bridge.lab.conform.trying import play_once
 
-        played = play_once((kind, scenario), command, config, rules)
+        try:
+            played = play_once((kind, scenario), command, config, rules)
+        except BridgeError as error:  # a wrong name, or a client that does not start: its line says all
+            pytest.fail(f"{scenario}: {error}", pytrace=False)
         outcome, reason = played.verdict.outcome, played.verdict.reason
         properties = {"outcome": str(outcome), "reason": reason, **evidence(played)}
         request.node.user_properties += [(f"{scenario}.{key}", value) for key, value in properties.items()]

@@ -18,8 +18,8 @@ from hil_bridge.control.laws.linear import Pi
 from hil_bridge.record import read_with_traffic
 from hil_bridge.record.ending import reason_of
 from hil_bridge.record.topics import TOPICS, Record
+from tests.near_surface import AWAKE_TOML, CLOSE_TOML, SHORT, merged
 
-SHORT: dict[str, Any] = {"run": {"duration_s": 0.5}}
 STOP = {"on": "robot", "fault": "emergency-stop", "phase": "track"}
 SIGNATURES = {
     "load": "(config=None, *, faults=(), controller=None, seed=None) -> Config",
@@ -116,12 +116,12 @@ def test_import_of_the_package_alone_is_light() -> None:
 
 def test_recording_is_that_of_the_command(result: api.Result, tmp_path: Any) -> None:
     config = tmp_path / "short.toml"
-    config.write_text("[run]\nduration_s = 0.5\n", encoding="utf-8")
+    config.write_text(f"{AWAKE_TOML}{CLOSE_TOML}run.duration_s = 0.5\n", encoding="utf-8")
     path = tmp_path / "run.mcap"
     command = f"run {config} --virtual --no-view --seed 7 --record {path}".split()
     subprocess.run([sys.executable, "-m", "hil_bridge", *command], check=True, stdout=subprocess.DEVNULL)
     recording, traffic = read_with_traffic(path)
-    assert len(recording.cycles) > 10
+    assert len(recording.cycles) > 5
     for there, here in zip(recording.cycles, result.cycles, strict=True):
         assert encoded([there]) == encoded([here]), f"cycle {there.cycle}"
     pairs: list[tuple[tuple[Record, ...], tuple[Record, ...]]] = [
@@ -221,12 +221,13 @@ def test_a_controller_without_a_sample_time_is_told_how_rarely_it_decides() -> N
     with pytest.warns(
         UserWarning,
         match="decides every 180 ms, but the robot takes an order every 4 ms",
-    ):
+    ) as warned:
         slow = api.simulate(EGM, controller=Proportional())
     assert [event.text for event in slow.events if event.kind == "pace"] == [
         "controller own declares no sample time, so it decides every 180 ms, but the robot takes an order every 4 ms: "
         "write sample_ms = 4 into its class, or set controller.sample_ms, where its parameters fit that"
     ]
+    assert warned[0].filename == __file__, "it names the line of the program that called"
 
 
 @pytest.mark.filterwarnings("error")
@@ -238,7 +239,7 @@ def test_nothing_is_told_of_the_pace_where_it_was_chosen_or_fits() -> None:
     for config, controller in (
         (SHORT, Proportional()),
         (EGM, Declared()),
-        ({**EGM, "run": {"duration_s": 0.5, "period_ms": 180.0}}, Proportional()),
+        (merged(EGM, {"run": {"period_ms": 180.0}}), Proportional()),
         ({**EGM, "controller": {"sample_ms": 4.0}}, Proportional(1e-6)),
         (EGM, None),
     ):

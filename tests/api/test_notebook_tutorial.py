@@ -25,7 +25,10 @@ def test_every_cell_runs_and_shows_what_the_text_says(tmp_path: Path) -> None:
     assert "run.duration_s" in shown[0]["text/html"]
     assert "<svg" in shown[1]["text/html"]
     assert "image/png" in shown[2]
-    assert "stopped" in shown[5]["text/plain"]
+    assert "<svg" in shown[5]["text/html"], "the run with a controller of the notebook's own"
+    assert "integral" in shown[6]["text/html"]
+    assert "stopped" in shown[7]["text/plain"]
+    assert "NOT retracted" in shown[7]["text/plain"], "the text says that `left` promises nothing"
     assert shown[-1]["text/plain"].startswith("<Recording: completed")
     assert not any(cell.get("outputs") for cell in nbformat.read(NOTEBOOK, as_version=4).cells), (
         "no outputs are kept"

@@ -38,6 +38,10 @@ class CutCan:
         self._inner.start(lambda frames: None if self.cut else on_data(frames), on_end)
 
 
+SOON_OVER: dict[str, Any] = {"run": {"duration_s": 5.0}, "limits": {"retract_patience_s": 0.5}}
+"""A run of five seconds at most, which waits half a second for a robot that cannot go back."""
+
+
 @dataclass
 class Bench:
     """One run and what it left."""
@@ -106,7 +110,7 @@ def bench() -> Callable[..., Bench]:
         prepare: Callable[[Bench], None] | None = None,
         **sections: Any,
     ) -> Bench:
-        bench = Bench(read_config(merged({**NEAR_START, "run": {"duration_s": 5.0}}, sections)))
+        bench = Bench(read_config(merged({**NEAR_START, **SOON_OVER}, sections)))
         if meddle is not None:
             bench.meddle = meddle
         if prepare is not None:

@@ -19,10 +19,11 @@ CONTOUR = {"cell.surface.kind": "sinusoidal", "frame.follow_normal": True, "run.
 
 
 QUICKLY: dict[str, Any] = {
-    "cell.start_position_mm": [900.0, -100.0, 593.0],
+    "cell.start_position_mm": [900.0, -100.0, 591.0],
     "task.approach_speed_mm_s": 4.0,
     "task.retract_speed_mm_s": 20.0,
-    "task.retract_mm": 5.0,
+    "task.retract_mm": 3.0,
+    "limits.retract_patience_s": 0.5,
     "cell.jr3.gateway.boot_s": 0.2,
     "run.duration_s": 1.2,
     "run.seed": "7",
@@ -72,7 +73,7 @@ def test_the_loop_closes_to_ten_newtons(usual: tuple[Path, Recording, Any]) -> N
 def test_a_run_is_decided_again_to_the_bit(usual: tuple[Path, Recording, Any]) -> None:
     _, record, _ = usual
     cycles = list(replay(record, recorded_config(record, {}), False))
-    assert len(cycles) > 100
+    assert len(cycles) > 50
     assert not any(cycle.differences for cycle in cycles)
 
 

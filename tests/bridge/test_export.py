@@ -3,6 +3,7 @@
 import csv
 import io
 import math
+import shutil
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -30,13 +31,12 @@ from hil_bridge.record.export import FORMATS, export
 from hil_bridge.record.export.can_logs import asc, blf, candump
 from hil_bridge.record.export.tables import COLUMNS_MAX, as_csv, cycle_table, sensor_table
 from hil_bridge.record.export.traffic import WireFrame, can_frames, wire_text
-from hil_bridge.runs.outputs import Outputs
-from hil_bridge.runs.session import execute
-from hil_bridge.settings.configuration import read_config
 from hil_bridge.site.s3.capture import link_pieces, parse_capture
 from hil_bridge.transports.can.message import from_message
 from protocol.can.frame import CanFrame
 from protocol.wrench import AXES
+from tests.near_surface import WHOLE, merged
+from tests.recordings import Recordings
 
 OLD = Path(__file__).parent / "recordings" / "version_0_1_0.mcap"
 ZERO_NS = 1_700_000_000_123_456_789
@@ -48,29 +48,30 @@ ODD = (
 )
 
 
-def made(folder: Path, emulated: str) -> Path:
-    path = folder / "run.mcap"
-    config = read_config({"run": {"duration_s": 2.0}, "sensor": {"emulated": emulated}})
-    assert execute(config, True, Outputs(record=path), view=False) == 0
-    return path
+def made(recordings: Recordings, folder: Path, emulated: str) -> Path:
+    """A recording of a run with this sensor, under a name of its own."""
+    recording = recordings.path(merged(WHOLE, {"sensor": {"emulated": emulated}}))
+    return Path(shutil.copy(recording, folder / "run.mcap"))
 
 
 @pytest.fixture(scope="module")
-def on_can(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return made(tmp_path_factory.mktemp("gateway"), "jr3")
+def on_can(recordings: Recordings, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return made(recordings, tmp_path_factory.mktemp("gateway"), "jr3")
 
 
 @pytest.fixture(scope="module")
-def on_bytes(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return made(tmp_path_factory.mktemp("uart"), "jr3-uart")
+def on_bytes(recordings: Recordings, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return made(recordings, tmp_path_factory.mktemp("uart"), "jr3-uart")
 
 
 # --- DBC
 
 
 @pytest.mark.parametrize("sensor", ["jr3", "ati-can"])
-def test_the_dbc_file_decodes_the_frames_of_its_recording(sensor: str, tmp_path: Path) -> None:
-    path = made(tmp_path, sensor)
+def test_the_dbc_file_decodes_the_frames_of_its_recording(
+    sensor: str, recordings: Recordings, tmp_path: Path
+) -> None:
+    path = made(recordings, tmp_path, sensor)
     export(path, ["candump", "dbc"], tmp_path)
     database: Any = cantools.database.load_file(tmp_path / "run.dbc")
     known = {message.frame_id for message in database.messages}

@@ -131,14 +131,16 @@ def test_an_arm_that_cannot_turn_so_far_is_not_moved(identify: Command) -> None:
 
 def test_a_robot_that_refuses_on_the_way_ends_the_sweep() -> None:
     """A real arm is not known beforehand."""
+    told: list[str] = []
     with pytest.raises(BridgeError) as refused:
-        measure(load_config(None, {}), True, Sweep(90.0), lambda text: None)
+        measure(load_config(None, {}), True, Sweep(90.0), told.append)
     assert "outside" in str(refused.value) or "area" in str(refused.value)
+    assert told[-1].startswith("left: where it stopped, up to 50 mm above its start and turned by up to 90°")
 
 
 @pytest.mark.parametrize(
     ("robot", "sensor", "turned"),
-    [("rtde", "jr3-board", 30), ("rtde", "netft", 30), ("rsi", "jr3", 38)],
+    [("rtde", "jr3-board", 30), ("rsi", "jr3", 38), ("s3", "netft", 60)],
 )
 def test_each_robot_turns_its_tool_as_far_as_it_can(
     identify: Command, robot: str, sensor: str, turned: int
@@ -187,6 +189,23 @@ def test_a_wrong_table_is_named_with_its_line(identify: Command, table: str | No
     if table is not None:
         Path("poses.csv").write_text(table)
     assert message in refusal(identify("--from", "poses.csv"))
+
+
+SITE = """
+[robot]
+url = "rtde+tcp://192.0.2.1"
+[sensor]
+url = "netft+udp://192.0.2.2"
+"""
+
+
+def test_a_file_of_a_real_cell_is_rehearsed_with_the_kinds_of_its_devices(identify: Command) -> None:
+    code, _, errors = identify("--virtual", config=SITE)
+    assert code == 2
+    assert "rehearse with --robot rtde --sensor netft" in errors
+    code, output, _ = identify("--virtual", "--robot", "rtde", "--sensor", "netft", config=SITE)
+    assert code == 0
+    assert "6 poses" in output
 
 
 def test_files_that_are_read_are_not_written_over(identify: Command) -> None:

@@ -1,13 +1,13 @@
 """`--json` of the commands: the values of their tables, and nothing else on standard output."""
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
 import pytest
 from click.testing import CliRunner
 
-from hil_bridge.api import load, simulate
 from hil_bridge.cli import cli
 from hil_bridge.devices.robots.probing import Probed
 from hil_bridge.errors.causes import Cause
@@ -17,15 +17,15 @@ from hil_bridge.record.analysis.summary import summarise
 from hil_bridge.site import doctor, facts
 from hil_bridge.site.robot_probe import probe_values
 from protocol.endpoint import Trouble
+from tests.near_surface import EMERGENCY_STOP, WHOLE, merged
+from tests.recordings import Recordings
 
-STOP = {"on": "robot", "fault": "emergency-stop", "phase": "track", "after_s": 1.0}
 
-
-@pytest.fixture(scope="module")
-def stopped(tmp_path_factory: pytest.TempPathFactory) -> Path:
+@pytest.fixture
+def stopped(recordings: Recordings, tmp_path: Path) -> Path:
     """A recording of a run that an emergency stop ended."""
-    place = tmp_path_factory.mktemp("json") / "stopped.mcap"
-    return Path(simulate(load({"run": {"duration_s": 2.0}}, faults=[STOP], seed=3)).save(place))
+    recording = recordings.path(WHOLE, faults=[EMERGENCY_STOP])
+    return Path(shutil.copy(recording, tmp_path / "stopped.mcap"))
 
 
 def told(*arguments: object, code: int = 0) -> Any:
@@ -57,9 +57,8 @@ def test_why_has_the_values_of_its_paragraph(stopped: Path) -> None:
     assert found["promises_broken"] == []
 
 
-def test_why_of_a_completed_run_tells_no_symptom(tmp_path: Path) -> None:
-    place = simulate(load({"run": {"duration_s": 0.5}}, seed=3)).save(tmp_path / "run.mcap")
-    found = told("why", place)
+def test_why_of_a_completed_run_tells_no_symptom(recordings: Recordings) -> None:
+    found = told("why", recordings.path(WHOLE))
     assert (found["outcome"], found["cause"], found["fact"]) == ("completed", Cause.TIME_IS_UP.value, "")
     assert found["retracted"] is True
     assert found["first_symptom"] is None
@@ -77,10 +76,11 @@ def test_latency_has_every_hop_of_its_table(stopped: Path) -> None:
     assert found["largest"] == latency.largest.hop.name
 
 
-def test_compare_of_recordings_has_figures_and_settings(stopped: Path, tmp_path: Path) -> None:
-    other = simulate(load({"run": {"duration_s": 2.0}, "task": {"force_n": 8.0}}, seed=3)).save(
-        tmp_path / "other.mcap"
-    )
+def test_compare_of_recordings_has_figures_and_settings(
+    stopped: Path, recordings: Recordings, tmp_path: Path
+) -> None:
+    other = tmp_path / "other.mcap"
+    shutil.copy(recordings.path(merged(WHOLE, {"task": {"force_n": 8.0}})), other)
     found = told("compare", stopped, other)
     for name, place in (("stopped", stopped), ("other", other)):
         summary = summarise(read(place))

@@ -2,6 +2,7 @@
 
 import math
 import re
+import shutil
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -20,17 +21,15 @@ from hil_bridge.record import read
 from hil_bridge.record.device_facts import devices_of
 from hil_bridge.record.export import export
 from hil_bridge.record.export.measurement import measurement
-from hil_bridge.runs.outputs import Outputs
-from hil_bridge.runs.session import execute
-from hil_bridge.settings.configuration import read_config
 from protocol.wrench import wrench_of
+from tests.near_surface import WHOLE
+from tests.recordings import Recordings
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def made(recordings: Recordings, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("measurement") / "run.mcap"
-    config = read_config({"run": {"duration_s": 2.0}})
-    assert execute(config, True, Outputs(record=path), view=False) == 0
+    shutil.copy(recordings.path(WHOLE), path)
     export(path, ("mf4",), path.parent)
     return path
 
@@ -113,10 +112,11 @@ def test_without_asammdf_a_measurement_is_refused_in_one_line(
         export(made, ("mf4",), tmp_path)
 
 
-def test_a_can_log_and_its_dbc_file_decode_alike_in_asammdf_and_cantools(tmp_path: Path) -> None:
+def test_a_can_log_and_its_dbc_file_decode_alike_in_asammdf_and_cantools(
+    recordings: Recordings, tmp_path: Path
+) -> None:
     path = tmp_path / "run.mcap"
-    config = read_config({"run": {"duration_s": 2.0}, "sensor": {"emulated": "jr3"}})
-    assert execute(config, True, Outputs(record=path), view=False) == 0
+    shutil.copy(recordings.path(WHOLE), path)
     export(path, ("blf", "dbc"), tmp_path)
     database: Any = cantools.database.load_file(tmp_path / "run.dbc")
     with can.BLFReader(tmp_path / "run.blf") as log:

@@ -11,7 +11,7 @@ from hil_bridge.devices.kinds import ROBOTS, SENSORS
 from hil_bridge.lab.experiments.emulated_run import run_emulated
 from hil_bridge.record import Outcome
 from hil_bridge.settings.configuration import read_config
-from tests.near_surface import AWAKE_TOML, NEAR, NEAR_TOML, merged
+from tests.near_surface import AWAKE_TOML, CLOSE, CLOSE_TOML, merged
 
 CONTOUR = {
     "kind": "sinusoidal",
@@ -28,7 +28,7 @@ STREAMED = [name for name in ROBOTS.built_in if name != "s3"]
 @pytest.mark.parametrize("robot", STREAMED)
 def test_any_robot_holds_ten_newtons_with_any_sensor(robot: str, sensor: str) -> None:
     values = merged(
-        NEAR,
+        CLOSE,
         {
             "run": {"duration_s": 1.0, "seed": 7},
             "robot": {"emulated": robot},
@@ -56,7 +56,7 @@ def test_the_record_tells_how_soon_a_robot_was_answered(robot: str, tmp_path: Pa
     That two runs are the same to the byte, and a replay identical, is held for each robot in its own tests.
     """
     near = tmp_path / "near.toml"
-    near.write_text(f"{AWAKE_TOML}{NEAR_TOML}cell.netft.rate_hz = 1000\n")
+    near.write_text(f"{AWAKE_TOML}{CLOSE_TOML}cell.netft.rate_hz = 1000\n")
     record = str(tmp_path / "run.mcap")
     arguments = ["run", str(near), "--robot", robot, "--sensor", "netft", "--virtual", "--seed", "3"]
     arguments += ["--duration", "0.3", "--no-view", "--record", record]

@@ -118,9 +118,11 @@ def test_the_controls_of_a_universal_robot_act_and_are_refused_in_words() -> Non
     assert bench.do("control", "remote")["control"] == "remote"
     assert bench.do("safeguard", "open")["safety"] == "safeguard stop"
     assert bench.do("safeguard", "close")["safety"] == "normal"
+    with pytest.raises(ValueError, match=r"^there is no protective stop$"):
+        bench.do("protective-stop", "unlock")
     bench.cell.ledger.inject("robot", "protective-stop", bench.now, {})
     with pytest.raises(
-        ValueError, match=r"^the controller refuses protective-stop unlock in its present state$"
+        ValueError, match=r"^the controller refuses to unlock a protective stop earlier than 5 s behind it$"
     ):
         bench.do("protective-stop", "unlock")
     bench.wait(10.0)

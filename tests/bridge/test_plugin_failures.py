@@ -39,6 +39,8 @@ surface_kind = "failspring"
 start_position_mm = [900, -100, 592]
 [task]
 retract_mm = 4.0
+[limits]
+retract_patience_s = 0.5
 """
 PACKAGE = "failing-toys 2.0, failing_toys.py:"
 

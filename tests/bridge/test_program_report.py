@@ -1,6 +1,7 @@
 """The report of a program: its steps as a table, and where they led as pictures."""
 
 import re
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +10,8 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from msgspec import structs
 
-from hil_bridge.record import Recording, read
+from hil_bridge.record import Recording
 from hil_bridge.record.analysis.summary import summarise
-from hil_bridge.runs.outputs import Outputs
-from hil_bridge.runs.session import execute
-from hil_bridge.settings.configuration import load_config
 from hil_bridge.show.charts.columns import FEED, NORMALS, SIGMA
 from hil_bridge.show.charts.maps import path_map
 from hil_bridge.show.charts.painter import paint
@@ -24,8 +22,11 @@ from hil_bridge.show.pages.maps import map_svg
 from hil_bridge.show.report import write_report
 from hil_bridge.show.report.plots import draw
 from hil_bridge.show.report.steps_section import steps_section
+from tests.recordings import Recordings
 
 PROGRAM = """
+[robot]
+emulated = "egm"
 [cell]
 start_position_mm = [900.0, 0.0, 590.3]
 [run]
@@ -49,14 +50,9 @@ back_mm = 0.5
 """
 
 
-@pytest.fixture(scope="module")
-def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
-    folder = tmp_path_factory.mktemp("program")
-    config, record = folder / "task.toml", folder / "run.mcap"
-    config.write_text(PROGRAM)
-    made = load_config(config, {"robot.emulated": "egm"})
-    assert execute(made, True, Outputs(record), view=False) == 4
-    return read(record)
+@pytest.fixture
+def recording(recordings: Recordings) -> Recording:
+    return recordings(tomllib.loads(PROGRAM))
 
 
 def without_program(recording: Recording) -> Recording:

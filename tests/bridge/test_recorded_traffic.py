@@ -1,6 +1,5 @@
 """The monitor of recordings: the traffic of any devices in words, bytes without words as they are."""
 
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,38 +10,31 @@ from hypothesis import strategies as st
 
 from hil_bridge.cli import cli
 from hil_bridge.devices.kinds import ROBOTS, SENSORS
-from hil_bridge.errors import BridgeError, ConfigError
+from hil_bridge.errors import ConfigError
 from hil_bridge.record import LinkLog, LinkRecord
-from hil_bridge.runs.outputs import Outputs
-from hil_bridge.runs.session import execute
-from hil_bridge.settings.configuration import load_config
 from hil_bridge.site.traffic import Piece, in_words, item_text, pieces
 from protocol.can.text import parse_frame
 from protocol.devices.ft300.messages import HEADER, crc16
+from tests.near_surface import STREAMED, merged
+from tests.recordings import Recordings
 
-STEADY = {"run.period_ms": 20.0, "controller.sample_ms": 20.0}
 FAULTS = {"rtde": "emergency-stop", "egm": "motors-off"}
 """They end a run early."""
 
 
-def recorded(tmp_path: Path, robot: str, sensor: str) -> Path:
-    file = tmp_path / "run.mcap"
-    ended = [{"on": "robot", "fault": FAULTS[robot], "phase": "tare"}]
-    config = load_config(
-        None, {**STEADY, "robot.emulated": robot, "sensor.emulated": sensor, "faults": ended}
-    )
-    with suppress(BridgeError):
-        execute(config, True, Outputs(record=file), view=False)
-    return file
+def recorded(recordings: Recordings, robot: str, sensor: str) -> Path:
+    devices = {"robot": {"emulated": robot}, "sensor": {"emulated": sensor}}
+    ended = {"on": "robot", "fault": FAULTS[robot], "phase": "tare"}
+    return recordings.path(merged(STREAMED, devices), faults=[ended], refused=True)
 
 
 def monitored(*arguments: object) -> Result:
     return CliRunner().invoke(cli, ["monitor", *map(str, arguments)])
 
 
-def test_a_run_with_rtde_and_a_net_ft_is_told_in_words(tmp_path: Path) -> None:
+def test_a_run_with_rtde_and_a_net_ft_is_told_in_words(recordings: Recordings) -> None:
     """Its data are read by the agreement on their recipe at the begin, its text as text."""
-    file = recorded(tmp_path, "rtde", "netft")
+    file = recorded(recordings, "rtde", "netft")
     result = monitored(file)
     assert result.exit_code == 0
     lines = result.output.splitlines()
@@ -62,8 +54,8 @@ def test_a_run_with_rtde_and_a_net_ft_is_told_in_words(tmp_path: Path) -> None:
     assert "{12 34 00 02 00 00 00 00}" in sensor
 
 
-def test_frames_and_bytes_without_words_are_shown_too(tmp_path: Path) -> None:
-    lines = monitored(recorded(tmp_path, "egm", "ati-can")).output.splitlines()
+def test_frames_and_bytes_without_words_are_shown_too(recordings: Recordings) -> None:
+    lines = monitored(recorded(recordings, "egm", "ati-can")).output.splitlines()
     assert any("PC→ati-can" in line and line.endswith("serial") for line in lines)
     assert any("EgmSensor: header.seqno 0" in line for line in lines)
     rows = list(in_words([Piece(1.0, "rx", b"\x01\xff")], SENSORS.kind("jr3-board"), "sensor"))
@@ -72,7 +64,7 @@ def test_frames_and_bytes_without_words_are_shown_too(tmp_path: Path) -> None:
     assert (unknown.direction, unknown.text) == ("PC→robot", "01")
 
 
-def test_a_device_is_chosen_from_a_recording_alone(tmp_path: Path) -> None:
+def test_a_device_is_chosen_from_a_recording_alone() -> None:
     error = monitored("tcp://127.0.0.1:1", "--device", "sensor").exception
     assert isinstance(error, ConfigError)
     assert "--device chooses from a recording" in str(error)

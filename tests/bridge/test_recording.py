@@ -52,6 +52,8 @@ from hil_bridge.record.topics import CYCLE, SENSOR, TOPICS, TRUTH, WIRE, Record,
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute
 from hil_bridge.settings.configuration import read_config
+from tests.near_surface import CLOSE, merged
+from tests.recordings import Recordings
 
 METADATA = {"seed": "7", "controller": "fuzzy-pi", "configuration": '{"force_n": 50.0}'}
 
@@ -671,14 +673,11 @@ def as_foxglove_takes_it(schema: Any) -> bool:
 
 
 @pytest.fixture(scope="module", params=["jr3", "jr3-uart", "jr3-board"])
-def recorded(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recorded(request: pytest.FixtureRequest, recordings: Recordings) -> Path:
     """A recording of a run with each of our sensors."""
-    path = tmp_path_factory.mktemp(request.param) / "run.mcap"
     line = {"kind": "line", "length_mm": 20.0}
     steps = [{"do": "approach"}, {"do": "track", "path": line, "for_s": 4.0}, {"do": "retract"}]
-    config = read_config({"task": {"step": steps}, "sensor": {"emulated": request.param}})
-    assert execute(config, True, Outputs(record=path), view=False) == 0
-    return path
+    return recordings.path(merged(CLOSE, {"task": {"step": steps}, "sensor": {"emulated": request.param}}))
 
 
 def test_every_message_of_a_run_is_valid_by_its_own_schema(recorded: Path) -> None:

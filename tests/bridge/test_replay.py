@@ -16,24 +16,17 @@ import hil_bridge.cli
 from hil_bridge import simulate
 from hil_bridge.errors import ConfigError
 from hil_bridge.record import CycleRecord, Outcome, Recorder, Recording, Writing, read
-from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.replay import changes_of, recorded_config, replay
-from hil_bridge.runs.session import execute
 from hil_bridge.settings.configuration import read_config
+from tests.near_surface import CLOSE, merged
+from tests.recordings import Recordings
 
 
-@pytest.fixture(scope="module")
-def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("replay") / "run.mcap"
-    config = read_config(
-        {
-            "run": {"duration_s": 8.0, "seed": 3},
-            "controller": {"name": "fuzzy-adaptive"},
-            "frame": {"follow_normal": True},
-        }
-    )
-    assert execute(config, virtual=True, outputs=Outputs(record=path), view=False) == 0
-    return path
+@pytest.fixture
+def recording(recordings: Recordings) -> Path:
+    """A run of more than 50 cycles."""
+    adaptive = {"controller": {"name": "fuzzy-adaptive"}, "frame": {"follow_normal": True}}
+    return recordings.path(merged(CLOSE, {**adaptive, "run": {"duration_s": 8.5}}))
 
 
 def differences(recording: Recording, forced: bool = False, **changes: object) -> list[int]:

@@ -27,11 +27,12 @@ PROGRAM = """
 [run]
 seed = 5
 [cell]
-start_position_mm = [900.0, -30.0, 593.0]
+start_position_mm = [900.0, -30.0, 591.5]
 [task]
 speed_mm_s = 5.5
-retract_mm = 4.0
-safe_height_mm = 2.0
+retract_mm = 2.5
+retract_speed_mm_s = 20.0
+safe_height_mm = 1.0
 """ + "".join(
     f"""
 [[task.step]]

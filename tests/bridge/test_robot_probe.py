@@ -1,6 +1,7 @@
 """`probe robot` on every kind, healthy and with every fault: the answer, its time, and that nothing moves."""
 
 import asyncio
+import re
 from functools import cache
 from pathlib import Path
 
@@ -12,13 +13,14 @@ from hil_bridge.cli import cli
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.devices.device_log import Silence
 from hil_bridge.devices.kinds import robot_of
+from hil_bridge.devices.robots.probing import Probed
 from hil_bridge.devices.robots.seam import MotionLimits
 from hil_bridge.devices.wiring import Wiring
 from hil_bridge.errors import ConfigError
 from hil_bridge.runs.compose import emulated_cell
 from hil_bridge.runs.setup import Listen, Setup
 from hil_bridge.settings.configuration import load_config
-from hil_bridge.site.robot_probe import probe
+from hil_bridge.site.robot_probe import probe, site_toml
 from protocol.geometry import Pose
 from tools.probe_doc import DOCUMENT, KINDS, Case, Look, cases, look_at, renewed
 
@@ -212,6 +214,24 @@ def test_a_url_without_a_wire_is_answered_with_the_url_to_write(url: str, words:
         assert kind.parse(wire, None) is not None  # type: ignore[arg-type]
 
 
-def test_an_output_file_is_for_a_link_with_settings() -> None:
-    done = CliRunner().invoke(cli, ["probe", "robot", "egm+udp-bind://127.0.0.1:0", "-o", "x.toml"])
-    assert "for an s3" in str(done.exception)
+def test_the_file_of_a_probe_is_the_start_of_a_configuration(tmp_path: Path) -> None:
+    found = Probed((("position", "900 mm"), ("program", "a\nurl = 'forged'\x1b")))
+    file = tmp_path / "cell.toml"
+    file.write_text(site_toml("rtde+tcp://192.0.2.1", found))
+    assert load_config(file, {}).robot.url == "rtde+tcp://192.0.2.1"
+    text = file.read_text()
+    assert "# position: 900 mm\n# program: a url = 'forged'\\x1b\nurl = " in text, (
+        "a robot's words stay comments"
+    )
+    every = re.sub("^#= ", "", text, flags=re.MULTILINE).replace(
+        "jr3+can+socketcan://can0", "netft+udp://192.0.2.2"
+    )
+    file.write_text(every)
+    assert load_config(file, {}).tool.mass_kg == 0.5, "what a person fills in are settings"
+
+
+def test_a_probe_keeps_a_file_that_is_there(tmp_path: Path) -> None:
+    file = tmp_path / "cell.toml"
+    file.touch()
+    done = CliRunner().invoke(cli, ["probe", "robot", "egm+udp-bind://127.0.0.1:0", "-o", str(file)])
+    assert "is there already" in str(done.exception)

@@ -22,7 +22,7 @@ from tests.near_surface import AWAKE_TOML
 
 BASE = (
     '[run]\nperiod_ms = 20\n[controller]\nsample_ms = 20\n[robot]\nemulated = "rsi"\n'
-    "[task]\nretract_mm = 4.0\napproach_depth_limit_mm = 20.0\n"
+    "[task]\nretract_mm = 2.0\nretract_speed_mm_s = 20.0\napproach_depth_limit_mm = 20.0\n"
 )
 ABSOLUTE = '[robot.rsi]\nmode = "absolute"\n[cell.rsi]\nmode = "absolute"\n'
 SLOW = "[robot.rsi]\ncycle_ms = 12\n[cell.rsi]\ncycle_ms = 12\n"
@@ -30,8 +30,14 @@ PERIOD = {SLOW: 24}
 AXES = '[robot.rsi]\ncorrection = "axes"\nmode = "%s"\n[cell.rsi]\ncorrection_tag = "None"\nmode = "%s"\n'
 AXES_ABSOLUTE, AXES_RELATIVE = (AXES % (mode, mode) for mode in ("absolute", "relative"))
 """A program that offers corrections of its axes alone."""
-NEAR = f"{AWAKE_TOML}cell.start_position_mm = [900.0, -100.0, 592.0]\n"
+NEAR = f"{AWAKE_TOML}cell.start_position_mm = [900.0, -100.0, 590.5]\n"
 """For the head of a file: a start just above the surface, and a sensor that answers soon."""
+
+CELL = "[cell]\njr3.gateway.boot_s = 0.2\nstart_position_mm = [900.0, -100.0, 59%s]\n"
+UNDER_GUARD = CELL % "0.5" + "[limits]\nretract_patience_s = 0.3\nfollowing_error_mm = 2.0\n"
+"""For runs that a fault ends."""
+WAVE = CELL % "1.0" + '[cell.surface]\nkind = "sinusoidal"\namplitude_mm = 5.0\nperiod_mm = 200.0\n'
+"""A contour that rises and falls."""
 
 
 def written(place: Path, more: str = "") -> Path:
@@ -59,12 +65,10 @@ def emulated(place: Path, more: str, duration_s: float = 2.0, controller: str | 
 
 
 def with_fault(place: Path, on: str, fault: str, more: str = "", given: str = "") -> EmulatedRun:
-    near = "[cell]\nstart_position_mm = [900.0, -100.0, 592.0]\n"
-    near += "[limits]\nretract_patience_s = 0.3\nfollowing_error_mm = 2.0\n"
     row = f'[[faults]]\non = "{on}"\nfault = "{fault}"\nphase = "track"\nafter_s = 0.3\n{given}'
     if RSI_FAULTS[on][fault].lasts_s is not None:
         row += "for_s = 0.6\n"
-    return emulated(place, near + more + row, duration_s=1.5)
+    return emulated(place, UNDER_GUARD + more + row, duration_s=1.5)
 
 
 def struck(run: EmulatedRun) -> int:
@@ -82,7 +86,7 @@ def struck(run: EmulatedRun) -> int:
 )
 def test_the_loop_closes_at_ten_newtons(more: str, tmp_path: Path) -> None:
     summary = tmp_path / "s.json"
-    code, said = invoke(tmp_path, more, "--duration", "2", "--no-record", "--summary", str(summary))
+    code, said = invoke(tmp_path, more, "--duration", "1.5", "--no-record", "--summary", str(summary))
     assert code == 0, said
     told = json.loads(summary.read_text())
     assert told["outcome"] == "completed"
@@ -93,9 +97,7 @@ def test_the_loop_closes_at_ten_newtons(more: str, tmp_path: Path) -> None:
 
 
 def test_the_force_holds_on_a_contour(tmp_path: Path) -> None:
-    wave = '[cell]\nstart_position_mm = [900.0, -100.0, 605.0]\n[cell.surface]\nkind = "sinusoidal"\n'
-    wave += "amplitude_mm = 5.0\nperiod_mm = 200.0\n"
-    run = emulated(tmp_path, wave, duration_s=3.0)
+    run = emulated(tmp_path, WAVE, duration_s=3.0)
     assert run.result.outcome is Outcome.COMPLETED
     tracked = [cycle for cycle in run.cycles if cycle.phase == "track"]
     assert all(cycle.in_contact for cycle in tracked)
@@ -108,10 +110,8 @@ def test_the_force_holds_on_a_contour(tmp_path: Path) -> None:
 
 def test_corrections_of_axes_keep_the_force_of_cartesian_ones(tmp_path: Path) -> None:
     """The fuzzy-adaptive controller on a contour: the same set points reach the robot by either channel."""
-    wave = '[cell]\nstart_position_mm = [900.0, -100.0, 605.0]\n[cell.surface]\nkind = "sinusoidal"\n'
-    wave += "amplitude_mm = 5.0\nperiod_mm = 200.0\n"
     runs = [
-        emulated(tmp_path, wave + channel, 2.0, "fuzzy-adaptive") for channel in (ABSOLUTE, AXES_ABSOLUTE)
+        emulated(tmp_path, WAVE + channel, 2.0, "fuzzy-adaptive") for channel in (ABSOLUTE, AXES_ABSOLUTE)
     ]
     forces = [[cycle.force for cycle in run.cycles if cycle.phase == "track"] for run in runs]
     assert len(forces[0]) == len(forces[1]) > 50
@@ -135,13 +135,11 @@ def test_corrections_of_axes_keep_the_force_of_cartesian_ones(tmp_path: Path) ->
 def test_the_guard_holds_a_robot_that_is_corrected_by_its_axes(
     faults: tuple[tuple[str, str], ...], tmp_path: Path
 ) -> None:
-    near = "[cell]\nstart_position_mm = [900.0, -100.0, 592.0]\n"
-    near += "[limits]\nretract_patience_s = 0.3\nfollowing_error_mm = 2.0\n"
     rows = "".join(
         f'[[faults]]\non = "{on}"\nfault = "{fault}"\nphase = "track"\nafter_s = 0.3\n'
         for on, fault in faults
     )
-    run = emulated(tmp_path, near + AXES_ABSOLUTE + rows, duration_s=1.5)
+    run = emulated(tmp_path, UNDER_GUARD + AXES_ABSOLUTE + rows, duration_s=1.5)
     assert sum(" struck " in event.text for event in run.events) == len(faults)
     assert run.result.outcome is Outcome.STOPPED
     assert max(cycle.force for cycle in run.cycles) < 15.0

@@ -42,8 +42,11 @@ period_ms = {period}
 [controller]
 sample_ms = {period}
 [task]
-retract_mm = 4.0
+retract_mm = 2.0
+retract_speed_mm_s = 20.0
 approach_depth_limit_mm = 20.0
+[limits]
+retract_patience_s = 0.5
 """
 START = StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2)
 
@@ -58,7 +61,7 @@ class Runs:
     def __call__(self, more: str = "", duration: float = 2.0, period: float = 20.0) -> tuple[int, str, Path]:
         self.number += 1
         config, record = self.place / "c.toml", self.place / f"{self.number}.mcap"
-        near = "" if "[cell]" in more else f"{AWAKE_TOML}cell.start_position_mm = [900.0, -100.0, 592.0]\n"
+        near = "" if "[cell]" in more else f"{AWAKE_TOML}cell.start_position_mm = [900.0, -100.0, 590.5]\n"
         config.write_text(near + RUN.format(period=period) + more)
         arguments = ["run", str(config), "--virtual", "--no-view", "--seed", "7", "--duration", str(duration)]
         files = ["--record", str(record), "--summary", str(record.with_suffix(".json"))]
@@ -98,8 +101,9 @@ def test_it_holds_ten_newtons_and_two_runs_of_a_seed_and_a_replay_are_the_same(r
 
 def test_it_holds_ten_newtons_along_a_contour(runs: Runs) -> None:
     surface = (
-        "[frame]\nfollow_normal = true\n[cell]\nstart_position_mm = [900, -100, 605]\n[cell.surface]\n"
-        "kind = 'sinusoidal'\namplitude_mm = 5.0\nperiod_mm = 200.0\n"
+        "[frame]\nfollow_normal = true\n[cell]\njr3.gateway.boot_s = 0.2\n"
+        "start_position_mm = [900, -100, 591]\n[cell.surface]\nkind = 'sinusoidal'\n"
+        "amplitude_mm = 5.0\nperiod_mm = 200.0\n"
     )
     code, told, record = runs(surface, duration=4.0)
     assert code == 0, told

@@ -28,6 +28,7 @@ from hil_bridge.runs.watching import Listener, Watcher
 from hil_bridge.settings.configuration import read_config
 from hil_bridge.settings.faults import Condition
 from hil_bridge.transports.wrappers import Direction
+from tests.near_surface import SHORT
 
 
 def test_a_close_that_raises_keeps_no_other_from_its_turn(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -67,9 +68,6 @@ def run_in_harness(
             return await run()
 
     return run_virtual(main)
-
-
-SHORT = {"run": {"duration_s": 0.2}}
 
 
 def test_faults_and_truth_end_after_the_devices(monkeypatch: pytest.MonkeyPatch) -> None:

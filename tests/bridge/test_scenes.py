@@ -14,20 +14,19 @@ from click.testing import CliRunner
 from mcap.reader import make_reader
 from scipy.spatial.transform import Rotation
 
-import hil_bridge
 from hil_bridge.cli import cli
 from hil_bridge.record import CycleRecord, TruthRecord
 from hil_bridge.record.export.layouts import LAYOUTS, content
 from hil_bridge.record.scenes import PERIOD_S, TRAIL_POINTS, Scenes, SceneUpdate
 from hil_bridge.record.topics import TOPICS
+from tests.near_surface import STREAMED, merged
+from tests.recordings import Recordings
 
 
 @pytest.fixture(scope="module")
-def messages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[tuple[int, Any]]]:
+def messages(recordings: Recordings) -> dict[str, list[tuple[int, Any]]]:
     """Log times and messages of a run by topic."""
-    path = tmp_path_factory.mktemp("scene") / "run.mcap"
-    result = hil_bridge.simulate({"run": {"duration_s": 3.0}, "robot": {"emulated": "egm"}})
-    result.save(path)
+    path = recordings.path(merged(STREAMED, {"run": {"duration_s": 2.0}, "robot": {"emulated": "egm"}}))
     found: dict[str, list[tuple[int, Any]]] = {}
     with path.open("rb") as file:
         for _, channel, message in make_reader(file).iter_messages():

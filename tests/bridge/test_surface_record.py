@@ -31,20 +31,19 @@ from hil_bridge.show.charts.map_painter import paint_map
 from hil_bridge.show.charts.maps import removed_map
 from hil_bridge.show.charts.surface import tilt_deg, touches
 from hil_bridge.show.report.surface_section import surface_section
+from tests.near_surface import WHOLE
+from tests.recordings import Recordings
 
 
-def recorded(folder: Path, **sections: Any) -> Recording:
-    """A run of two seconds of tracking in virtual time, read back."""
-    sections.setdefault("run", {}).setdefault("duration_s", 2.0)
-    path = folder / "run.mcap"
-    assert execute(read_config(sections), True, Outputs(record=path, overwrite=True), False) == 0
-    return read(path)
+def settings(**sections: Any) -> dict[str, Any]:
+    """A run of two seconds of tracking."""
+    return {"run": {"duration_s": 2.0}, **sections}
 
 
-def test_the_truth_tells_orientation_and_normal(tmp_path: Path) -> None:
+def test_the_truth_tells_orientation_and_normal(recordings: Recordings) -> None:
     surface = {"kind": "sphere", "radius_mm": 300.0, "height_mm": 575.0, "origin_y_mm": -100.0}
     deep = {"approach_depth_limit_mm": 30.0}
-    truths = recorded(tmp_path, cell={"surface": surface}, task=deep).truths
+    truths = recordings(settings(cell={"surface": surface}, task=deep)).truths
     assert len(truths) > 10
     for truth in truths:
         x, y, z = truth.position
@@ -93,8 +92,8 @@ def test_a_face_on_a_surface_with_memory_is_refused_in_one_line(tmp_path: Path) 
 WEARS = {"kind": "sphere", "height_mm": 590.0, "origin_y_mm": -80.0, "removal": {"um_per_n_cm2_m": 50.0}}
 
 
-def test_the_map_of_what_was_removed_stands_in_the_record(tmp_path: Path) -> None:
-    recording = recorded(tmp_path, cell={"surface": WEARS, "tool": {"face_radius_mm": 8.0}})
+def test_the_map_of_what_was_removed_stands_in_the_record(recordings: Recordings) -> None:
+    recording = recordings(settings(cell={"surface": WEARS, "tool": {"face_radius_mm": 8.0}}))
     found = recording.removed
     assert found is not None
     assert found.depths.max() > 0.05
@@ -114,14 +113,15 @@ def test_the_map_of_what_was_removed_stands_in_the_record(tmp_path: Path) -> Non
 def test_two_runs_that_wear_are_the_same_to_the_last_byte(tmp_path: Path) -> None:
     records = []
     for name in ("one", "two"):
-        (tmp_path / name).mkdir()
-        recorded(tmp_path / name, cell={"surface": WEARS, "tool": {"face_radius_mm": 8.0}})
-        records.append((tmp_path / name / "run.mcap").read_bytes())
+        config = read_config(settings(cell={"surface": WEARS, "tool": {"face_radius_mm": 8.0}}))
+        path = tmp_path / f"{name}.mcap"
+        assert execute(config, True, Outputs(record=path), False) == 0
+        records.append(path.read_bytes())
     assert records[0] == records[1]
 
 
-def test_where_nothing_was_removed_there_is_no_map(tmp_path: Path) -> None:
-    assert recorded(tmp_path).removed is None
+def test_where_nothing_was_removed_there_is_no_map(recordings: Recordings) -> None:
+    assert recordings(WHOLE).removed is None
 
 
 def depths(rows: int, columns: int) -> np.ndarray:
@@ -211,8 +211,8 @@ def told(recording: Recording) -> str:
     return page.partition('<img alt="')[0]
 
 
-def test_the_report_shows_the_map_and_the_angle(tmp_path: Path) -> None:
-    recording = recorded(tmp_path, cell={"surface": WEARS})
+def test_the_report_shows_the_map_and_the_angle(recordings: Recordings) -> None:
+    recording = recordings(settings(cell={"surface": WEARS}))
     sentence = re.search(r"removed (\S+) mm³, at the deepest place (\S+) µm", told(recording))
     assert sentence is not None
     assert recording.removed is not None
@@ -256,8 +256,8 @@ def test_the_report_shows_the_map_and_the_angle(tmp_path: Path) -> None:
     assert "mm³" not in without
 
 
-def test_a_record_without_normal_and_map_has_no_such_section(tmp_path: Path) -> None:
-    recording = recorded(tmp_path)
+def test_a_record_without_normal_and_map_has_no_such_section(recordings: Recordings) -> None:
+    recording = recordings(WHOLE)
     assert "0.00° RMS" in told(recording)
     bare = tuple(replace(truth, normal=(math.nan,) * 3) for truth in recording.truths)
     assert surface_section(dataclasses.replace(recording, truths=bare)) == ""

@@ -211,8 +211,15 @@ def test_steps_in_the_configuration_are_told_by_its_name(hil: Command) -> None:
     assert refused(hil("task", "show", "whole.toml")).startswith(
         "whole.toml: task.step 4.3 (track, pass 1): force_n"
     )
-    Path("none.toml").write_text("[run]\nseed = 3\n")
-    assert refused(hil("task", "show", "none.toml")).startswith("none.toml holds no program")
+
+
+def test_a_run_without_steps_is_shown_as_the_program_that_it_is(hil: Command) -> None:
+    Path("none.toml").write_text("[run]\nduration_s = 6.0\n[task]\nspeed_mm_s = 5.0\n")
+    code, output, errors = hil("task", "show", "none.toml")
+    assert (code, errors) == (0, "")
+    words = [line.split()[:2] for line in output.splitlines()[1:4]]
+    assert words == [["1", "approach"], ["2", "track"], ["3", "retract"]]
+    assert "6 s at most" in output
 
 
 @pytest.mark.parametrize("whole", [True, False])

@@ -8,9 +8,9 @@ import pytest
 import hil_bridge
 from emulators.devices.rsi import RsiController
 from protocol.unmodelled import NotModelled
-from tests.near_surface import NEAR
+from tests.near_surface import SHORT, merged
 
-RSI = {**NEAR, "robot": {"emulated": "rsi"}, "sensor": {"emulated": "ft300"}, "run": {"duration_s": 0.5}}
+RSI = merged(SHORT, {"robot": {"emulated": "rsi"}, "sensor": {"emulated": "ft300"}})
 
 
 def events(result: Any) -> list[Any]:
@@ -22,13 +22,8 @@ def events(result: Any) -> list[Any]:
 def test_a_run_with_our_own_clients_tells_nothing(robot: str, sensor: str) -> None:
     if robot == "rtde" and sensor != "jr3":
         pytest.skip("each device once is enough")
-    values = {
-        **NEAR,
-        "robot": {"emulated": robot},
-        "sensor": {"emulated": sensor},
-        "run": {"duration_s": 0.2},
-    }
-    assert events(hil_bridge.simulate(values)) == []
+    devices = {"robot": {"emulated": robot}, "sensor": {"emulated": sensor}}
+    assert events(hil_bridge.simulate(merged(SHORT, devices))) == []
 
 
 def test_a_thing_stands_in_the_record_with_its_fields(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:

@@ -21,7 +21,8 @@ from hil_bridge.record.analysis.why import why
 from hil_bridge.record.ending import reason_of
 from hil_bridge.record.records import EventRecord
 from hil_bridge.runs.faults.schedule import FAULT_EVENT
-from tests.near_surface import NEAR
+from tests.near_surface import CLOSE, SHORT, STREAMED, merged
+from tests.recordings import Recordings
 from tools.faults_doc import CELL, GIVEN, faults_of_device
 
 BLAMED = {
@@ -32,15 +33,12 @@ BLAMED = {
     "computer": "computer",
 }
 """The part that the text names where a fault of this target ended the run."""
-ASKED: dict[str, Any] = {**NEAR, "run": {"duration_s": 1.2}}
-STREAMED: dict[str, Any] = {
-    **NEAR,
-    "robot": {"emulated": "egm"},
-    "sensor": {"emulated": "ft300"},
-    "run": {"period_ms": 20.0, "duration_s": 1.0},
-    "controller": {"sample_ms": 20.0},
-}
-PARAMETERS = {**GIVEN, ("pose", "encoder-offset"): {"z_mm": 20.0}, ("computer", "pause"): {"seconds": 5.0}}
+ASKED = merged(CLOSE, {"run": {"duration_s": 1.0}})
+GUIDED = merged(
+    STREAMED, {"robot": {"emulated": "egm"}, "sensor": {"emulated": "ft300"}, "run": {"duration_s": 0.8}}
+)
+SEED = 7
+PARAMETERS = {**GIVEN, ("pose", "encoder-offset"): {"z_mm": 20.0}, ("computer", "pause"): {"seconds": 2.0}}
 
 
 class Job(NamedTuple):
@@ -82,40 +80,26 @@ SAMPLES = [
 def settings(job: Job) -> dict[str, Any]:
     if job in OURS:
         return ASKED
-    chosen = dict(STREAMED)
+    chosen = GUIDED
     if job.device in ("rtde", "rsi"):
-        chosen["robot"] = {"emulated": job.device}
+        chosen = merged(chosen, {"robot": {"emulated": job.device}})
     if job.device in ("netft", "ati-can"):
-        chosen["sensor"] = {"emulated": job.device}
-        chosen["cell"] = {**NEAR["cell"], "netft": {"rate_hz": 500}}
+        chosen = merged(chosen, {"sensor": {"emulated": job.device}, "cell": {"netft": {"rate_hz": 500}}})
     if job.on == "obstacle" or job.device == "rsi":
-        chosen[
-            "task"
-        ] = {}  # on a longer way back the tool meets the obstacle, and damaged answers are in a row
+        # on a longer way back the tool meets the obstacle, and damaged answers are in a row
+        chosen = {**chosen, "task": {}}
     return chosen
 
 
-def recorded(job: Job) -> Recording:
-    """The recording of the run, whether it came to move or not."""
-    when = {"phase": "connect"} if job.fault == "wrong-scales" else {"phase": "track", "after_s": 0.3}
-    fault = {"on": job.on, "fault": job.fault, "with": PARAMETERS.get((job.on, job.fault), {}), **when}
-    kept = []
-
-    async def main() -> None:
-        async with api.simulation(settings(job), faults=[fault], seed=7) as running:
-            kept.append(running)
-            await running.finished()
-
-    try:
-        api.run_virtual(main)
-    except api.BridgeError:
-        assert job.fault == "wrong-scales"  # found before the tool moves
-    return kept[0].result.recording
+def fault(job: Job) -> dict[str, Any]:
+    when = {"phase": "connect"} if job.fault == "wrong-scales" else {"phase": "track", "after_s": 0.2}
+    return {"on": job.on, "fault": job.fault, "with": PARAMETERS.get((job.on, job.fault), {}), **when}
 
 
 @pytest.mark.parametrize("job", [*OURS, *SAMPLES], ids=lambda job: "-".join(job))
-def test_a_fault_strikes_and_the_struck_part_is_named(job: Job) -> None:
-    recording = recorded(job)
+def test_a_fault_strikes_and_the_struck_part_is_named(job: Job, recordings: Recordings) -> None:
+    refused = job.fault == "wrong-scales"  # found before the tool moves
+    recording = recordings(settings(job), faults=[fault(job)], seed=SEED, refused=refused)
     events = [event.text for event in recording.events if event.kind == FAULT_EVENT]
     assert re.match(rf"{job.on}: {job.fault} (\(.*\) )?(begins|happens)", events[0])
     assert re.match(rf"{job.on}: {job.fault} struck [1-9]", events[-1])
@@ -140,14 +124,13 @@ def test_a_fault_strikes_and_the_struck_part_is_named(job: Job) -> None:
         assert "The tool was left " in rest
         assert ("hil-bridge free" in rest) == ("NOT retracted" in recording.end["left"])
     else:
+        assert refused
         assert "The tool had not been moved." in rest
 
 
-@pytest.fixture(scope="module")
-def unplugged(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    fault = {"on": "sensor-wire", "fault": "off", "phase": "track", "after_s": 0.3}
-    result = api.simulate(ASKED, faults=[fault], seed=7)
-    return result.save(tmp_path_factory.mktemp("why") / "run.mcap")
+@pytest.fixture
+def unplugged(recordings: Recordings) -> Path:
+    return recordings.path(ASKED, faults=[fault(Job("jr3", "sensor-wire", "off"))], seed=SEED)
 
 
 def told(*arguments: str) -> str:
@@ -180,8 +163,8 @@ def test_a_recording_that_was_cut_says_so(unplugged: Path, tmp_path: Path) -> No
     assert "the process was killed, or the file is cut" in text
 
 
-def test_a_run_that_a_person_ended_by_a_key_was_not_ended_by_a_signal() -> None:
-    recording = api.simulate({"run": {"duration_s": 0.2}}).recording
+def test_a_run_that_a_person_ended_by_a_key_was_not_ended_by_a_signal(recordings: Recordings) -> None:
+    recording = recordings(SHORT)
     key = EventRecord(1.0, "operator", "asked for the end with the key r", Cause.KEY, by="r")
     page = EventRecord(1.0, "operator", "asked for the end on the page in the browser", Cause.PAGE)
     signal = EventRecord(1.0, "signal", "SIGINT", Cause.SIGNAL, by="SIGINT")
@@ -226,9 +209,9 @@ def ended_by(recording: Recording, reason: Reason) -> str:
     return why(replace(recording, end=end))
 
 
-@pytest.fixture(scope="module")
-def short() -> Recording:
-    return api.simulate({"run": {"duration_s": 0.2}}).recording
+@pytest.fixture
+def short(recordings: Recordings) -> Recording:
+    return recordings(SHORT)
 
 
 @pytest.mark.parametrize(
@@ -287,11 +270,11 @@ def test_the_end_of_a_run_keeps_how_late_the_computer_was(
     assert ("this computer was late by up to 259 ms" in summarise(result.recording).text) == bool(late_s)
 
 
-@pytest.fixture(scope="module")
-def motors_off() -> Recording:
+@pytest.fixture
+def motors_off(recordings: Recordings) -> Recording:
     """A run of an EGM robot whose motors went off."""
-    fault = {"on": "robot", "fault": "motors-off", "phase": "track", "after_s": 0.2}
-    return api.simulate(STREAMED, faults=[fault], seed=7).recording
+    job = Job("egm", "robot", "motors-off")
+    return recordings(settings(job), faults=[fault(job)], seed=SEED)
 
 
 @pytest.mark.parametrize("host", ["plain", "lost-and-found", "closed", "noise", "workspace", "link-stopped"])

@@ -28,7 +28,7 @@ emulated = "ft300"
 [config.task]
 retract_mm = 2.0
 [config.cell]
-start_position_mm = [900.0, -100.0, 596.0]
+start_position_mm = [900.0, -100.0, 591.0]
 """
 """Two cells with and without an emergency stop, which misses the criterion: 8 runs, of which 4 fail."""
 

@@ -140,9 +140,13 @@ def test_everything_that_is_wrong_is_told_before_the_first_run(
         assert "\n" not in problem
 
 
-@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.toml")), ids=lambda path: path.stem)
-def test_examples_are_plans(path: Path) -> None:
-    plan = read_plan(path)
+LARGE = "guard"
+"""An example that is large: tests/campaign/test_campaign_runs.py reads it, and holds the same of it."""
+
+
+@pytest.mark.parametrize("name", sorted({path.stem for path in EXAMPLES.glob("*.toml")} - {LARGE}))
+def test_examples_are_plans(name: str) -> None:
+    plan = read_plan(EXAMPLES / f"{name}.toml")
     assert plan.count >= 100
     assert not [case for case in plan.cases if case.impossible and case.fault == "none"]
 

@@ -18,7 +18,7 @@ from hil_bridge.lab.campaign.plan_file import PlanErrors, read_plan
 from hil_bridge.lab.campaign.report_text import markdown_report, text_report
 from hil_bridge.lab.campaign.store import Store
 from hil_bridge.lab.campaign.working import missing, work
-from hil_bridge.lab.requirements import Requirement, State, matrix_of, read_tests
+from hil_bridge.lab.requirements import Requirement, State, describe, matrix_of, read_tests
 from tests.campaign.conftest import SHORT
 
 
@@ -143,6 +143,17 @@ def test_runs_of_a_campaign_show_requirements(tmp_path: Path) -> None:
     tests = read_tests(tmp_path / "runs.xml")
     matrix = matrix_of([Requirement("R-1", "one"), Requirement("R-2", "two")], tests)
     assert [(row.state, len(row.tests)) for row in matrix.rows] == [(State.FAILED, 8), (State.FAILED, 8)]
+    assert list(describe(matrix))[1].endswith("outcome stopped, wanted completed (and 3 more)")
+    assert all(len(test.recordings) == (test.state is State.FAILED) for test in tests)
+    assert all(Path(place).is_file() for test in tests for place in test.recordings)
+
+
+def test_a_recording_that_is_gone_is_not_named(short_results: Path, tmp_path: Path) -> None:
+    alone = copy(short_results, tmp_path / "a.sqlite", "UPDATE cases SET cell = 'alone'")
+    invoke("report", alone, "--junit", tmp_path / "a.xml")
+    invoke("report", short_results, "--junit", tmp_path / "short.xml")
+    assert "ATTACHMENT" not in (tmp_path / "a.xml").read_text()
+    assert (tmp_path / "short.xml").read_text().count("[[ATTACHMENT|") == 4
 
 
 @pytest.mark.parametrize("wrong", ['"R-1"', '[""]', "[1]", '["a\\u0007"]'])

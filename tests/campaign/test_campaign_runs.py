@@ -55,7 +55,7 @@ emulated = "ft300"
 [config.task]
 retract_mm = 2.0
 [config.cell]
-start_position_mm = [900.0, -100.0, 596.0]
+start_position_mm = [900.0, -100.0, 591.0]
 """
 
 
@@ -102,7 +102,7 @@ def test_looking_at_the_truth_does_not_change_a_run(results: Path, fault: int) -
     config = configure_run(Job("", fault, case.config, case.table, 1))
     watched, plain = run(config).result, simulate(config)
     assert watched is not None
-    assert len(plain.cycles) > 10
+    assert len(plain.cycles) > 3
     assert repr(watched.cycles) == repr(plain.cycles)
     assert repr(watched.recording.sensors) == repr(plain.recording.sensors)
 
@@ -545,7 +545,10 @@ def test_page_of_a_campaign_that_has_not_begun_names_every_cell(tmp_path: Path) 
 
 def test_some_runs_of_the_shipped_campaign(tmp_path: Path) -> None:
     """The shipped campaign, of which the whole takes an hour: runs that any change of the vocabulary draws anew."""
-    plan = read_plan(Path(__file__).parents[2] / "examples" / "campaigns" / "guard.toml", (4, 8, 12, 33))
+    whole = read_plan(Path(__file__).parents[2] / "examples" / "campaigns" / "guard.toml")
+    assert whole.count >= 100
+    assert not [case for case in whole.cases if case.impossible and case.fault == "none"]
+    plan = replace(whole, seeds=(4, 8, 12, 33))
     assert (plan.count, len({case.cell for case, _ in plan.runs()})) == (4, 4)
     done(plan, tmp_path / "guard.sqlite")
     with Store.open(tmp_path / "guard.sqlite") as store:

@@ -326,10 +326,11 @@ class Planted(NamedTuple):
     scenario: str = "nominal"
 
 
+W_END = "w of its quaternion seems to stand at the wrong end"
 LEAP, TURN, WIRE = "orders leap", "turn the tool at once", "break a rule of the wire"
 GOES_ON = "orders of motion after the stop"
 PLANTED = (
-    Planted(EgmClient, "quaternion", "a quaternion x y z w is sent as w x y z", TURN),
+    Planted(EgmClient, "quaternion", "a quaternion x y z w is sent as w x y z", W_END),
     Planted(EgmClient, "metres", "a place in m is sent as mm", LEAP),
     Planted(EgmClient, "from the start", "a place from the start is sent as one in the base", LEAP),
     Planted(EgmClient, "mirrored", "z has the wrong sign", LEAP),

@@ -9,7 +9,7 @@ import pytest
 from emulators.orders import Act, HeardOrder, Hindrance, Reach
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.conform.client import Where
-from hil_bridge.lab.conform.reports import as_json, as_junit, not_modelled, table, totals
+from hil_bridge.lab.conform.reports import as_json, as_junit, lateness, not_modelled, table, totals
 from hil_bridge.lab.conform.robots.judging import judge
 from hil_bridge.lab.conform.robots.scenarios import Rules
 from hil_bridge.lab.conform.robots.watching import Seen, ToolLook, Watch
@@ -87,6 +87,20 @@ def test_a_scenario_that_never_came_to_its_fault_is_skipped() -> None:
         Outcome.SKIPPED, "the client had ended after 2.0 s, before the fault came; let it move longer"
     )
     assert judge("stopped", replace(WELL, moved_at=None), RULES).outcome is Outcome.SKIPPED
+
+
+@pytest.mark.parametrize("scenario", ["late", "stopped", "emergency", "cut"])
+def test_a_client_that_fails_before_the_fault_is_not_skipped(scenario: str) -> None:
+    """Alone in a test of pytest a skip would be green, and a client that does not even start would stay unseen."""
+    broken = replace(WELL, moved_at=None, orders=0, exit_code=1, ended_at=0.4)
+    verdict = judge(scenario, broken, RULES)
+    assert verdict.outcome is Outcome.FAILED
+    assert (
+        verdict.reason == "failed by itself before the fault came: ended by itself after 0.4 s, exit code 1"
+    )
+    assert "by SIGSEGV" in judge(scenario, replace(broken, exit_code=-11), RULES).reason
+    asked = replace(broken, refusals=["a variable"])
+    assert judge(scenario, asked, RULES).outcome is Outcome.SKIPPED, "the emulator's lack, and no mistake"
 
 
 # --- what is seen
@@ -209,6 +223,21 @@ PLAYED = [
     ),
     Played("cut", "a cut", Verdict(Outcome.SKIPPED, "no"), Seen(moved_m=float("nan")), "", 0.0),
 ]
+
+
+def test_a_computer_that_was_too_busy_is_told() -> None:
+    assert list(lateness(PLAYED)) == []
+    late = [replace(PLAYED[0], seen=replace(WELL, late_s=0.208)), PLAYED[1]]
+    (line,) = lateness(late)
+    assert line.startswith(
+        "this process was late by up to 208 ms in nominal: on a busy computer a verdict may change"
+    )
+
+
+def test_a_verdict_tells_how_often_orders_came() -> None:
+    seen = replace(WELL, first_order_at=1.0, last_order_at=1.5, orders=51)
+    assert "by 51 orders, one each 10.0 ms, at most" in judge("nominal", seen, RULES).reason
+    assert "by 50 orders, at most" in judge("nominal", WELL, RULES).reason
 
 
 def test_junit_is_read_as_it_was_meant() -> None:

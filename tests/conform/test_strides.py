@@ -43,6 +43,22 @@ def test_a_steady_path_of_any_pace_leaps_nowhere(period: float) -> None:
     assert strides[-1].speed_m_s == pytest.approx(0.1)
 
 
+@pytest.mark.parametrize("sent", [(0.2, 0.4, 0.8, -0.4), (0.8, -0.4, 0.2, 0.4), (-0.4, 0.2, 0.4, 0.8)])
+def test_a_quaternion_whose_w_stands_at_the_wrong_end_is_named(
+    sent: tuple[float, float, float, float],
+) -> None:
+    tool = Pose((0.0, 0.0, 0.0), (-0.4, 0.2, 0.4, 0.8))
+    stride = Strides(0.05).take(
+        HeardOrder(0.0, Act.MOTION, "pose", True, Pose(tool.position, sent), reach=STREAM), tool
+    )
+    assert stride.turns == stride.w_misplaced == (sent != tool.quaternion)
+    seen = Seen(
+        contact_at=0.1, moved_at=0.3, turns=1, largest_turn_rad=stride.turn_rad, w_misplaced=True, exit_code=0
+    )
+    assert "the w of its quaternion seems to stand at the wrong end" in judge("nominal", seen, Rules()).reason
+    assert not path([order(0.0, 0.0), order(0.004, 0.0, 2.0)])[-1].w_misplaced, "a turn of another kind"
+
+
 @pytest.mark.parametrize("period", [0.004, 0.02])
 @pytest.mark.parametrize("reach", [STREAM, PLANNED])
 def test_a_leap_of_18_mm_after_a_gap_is_one_by_default(period: float, reach: Reach) -> None:

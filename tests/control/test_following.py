@@ -5,6 +5,7 @@ import pytest
 from hil_bridge.control.course.following import PARTS, Following, Trail
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.verdict import Observation
+from tests.observed import observation
 
 FOLLOWING = Following(0.08)
 LIMITS = Limits(path_error_mm=0.3)
@@ -22,7 +23,7 @@ def ordered(until: float, cycle: float = 0.01) -> Trail:
 
 def at(depth: float) -> Observation:
     """A reported depth, m."""
-    return Observation(1.0, 0.0, 0.0, 1.0, 1, depth=depth, position=(0.0, 0.0, depth))
+    return observation(0.0, 1.0, depth=depth, position=(0.0, 0.0, depth))
 
 
 @pytest.mark.parametrize("behind_s", [0.0, 0.04, 0.08])

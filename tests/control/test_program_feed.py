@@ -106,6 +106,15 @@ def test_a_tool_that_retracts_yields_to_a_force_from_the_side():
     assert state.yielded == pytest.approx(1e-4)
 
 
+def test_a_tool_that_retracts_never_goes_on_along_its_path():
+    assert yielding(ProgramState(), (0.0, -20.0, 0.0), 1e-4) == ProgramState()
+    aside = yielding(ProgramState(), (0.0, -20.0, 20.0), 1e-4)
+    assert aside.at == pytest.approx((0.0, -1e-4))
+    assert yielding(ProgramState(heading=(-1.0, 0.0)), (0.0, -20.0, 0.0), 1e-4).at == pytest.approx(
+        (1e-4, 0.0)
+    )
+
+
 def test_friction_pushes_no_tool_aside():
     state = ProgramState(at=(1e-3, 2e-3))
     assert yielding(state, (20.0, 8.0, 12.0), 1e-4) == state
@@ -141,8 +150,8 @@ def across(step, force_of, seconds=10.0):
     stroke, state, ways = stroke_of(), ProgramState(), []
     for k in range(round(seconds / DT)):
         seen = Measurement(k * DT, 10.0, 0.0, 0.0, dt=DT)
-        state, aside = beside(stroke, step, state, seen, (force_of(state.aside), state.aside))
-        state = replace(state, aside=aside)
+        memory, aside = beside(stroke, step, state, seen, (force_of(state.aside), state.aside))
+        state = replace(state, aside=aside, memory=memory)
         ways.append(aside)
     return ways
 

@@ -8,9 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from hil_bridge.control import Allow, Clamp, Limits, Observation, Request, Stop, Supervisor
+from hil_bridge.control import Allow, Clamp, Limits, Request, Stop, Supervisor
 from hil_bridge.errors import Cause, ConfigError, Part
 from hil_bridge.errors.cause_table import ROWS
+from tests.observed import observation, observed
 
 DOWN = (0.0, 0.0, -1.0)
 LIMITS = Limits(
@@ -18,7 +19,7 @@ LIMITS = Limits(
 )
 SUPERVISOR = Supervisor(LIMITS)
 START = SUPERVISOR.initial((0.0, 0.0, 0.0))
-QUIET = Observation(now=100.0, force=5.0, resultant=6.0, sensor_at=99.99, sensor_sequence=7)
+QUIET = observation(5.0, resultant=6.0, sensor_at=99.99)
 MM = st.floats(-60, 60)
 
 
@@ -26,8 +27,8 @@ def request(depth_mm, across_mm=0.0):
     return Request(depth_mm * 1e-3, (across_mm * 1e-3, 0.0, -depth_mm * 1e-3), DOWN)
 
 
-def step(asked, state=START, **observed):
-    return SUPERVISOR.step(state, replace(QUIET, **observed), asked)
+def step(asked, state=START, **facts):
+    return SUPERVISOR.step(state, observed(QUIET, **facts), asked)
 
 
 def test_request_within_limits_is_allowed_as_it_is():
@@ -52,7 +53,7 @@ def test_depth_in_total_is_clamped():
     state = supervisor.initial((0.0, 0.0, 0.0))
     for _ in range(5):
         state, verdict = supervisor.step(
-            state, replace(QUIET, sensor_sequence=round(state.still)), request(50.0)
+            state, observed(QUIET, sensor_sequence=round(state.still)), request(50.0)
         )
         state = replace(state, sensor_sequence=None)
     assert verdict.depth == pytest.approx(3e-3)

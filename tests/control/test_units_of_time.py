@@ -14,7 +14,6 @@ from hil_bridge.control import (
     ControlLoop,
     Limits,
     Measurement,
-    Observation,
     Phase,
     Request,
     Sample,
@@ -28,6 +27,7 @@ from hil_bridge.control.loop import LONGEST_SAMPLES
 from hil_bridge.control.types import SAMPLE_MS
 from hil_bridge.errors import Cause, ConfigError, Reason
 from tests.control.plain import PlainRun, plain_program
+from tests.observed import observation, observed
 
 STEP = 0.125e-3
 """Position step of the paper's robot, m."""
@@ -118,14 +118,14 @@ def test_contact_is_given_up_after_the_same_time(dt: float) -> None:
 
 
 SUPERVISOR = Supervisor(Limits())
-QUIET = Observation(now=100.0, force=5.0, resultant=6.0, sensor_at=99.99, sensor_sequence=7)
+QUIET = observation(5.0, resultant=6.0, sensor_at=99.99)
 
 
 @pytest.mark.parametrize("dt", CYCLES_S)
 def test_the_guard_limits_speeds_exactly(dt: float) -> None:
     state = SUPERVISOR.initial((0.0, 0.0, 0.0))
     asked = Request(5e-3, (20e-3, 0.0, -5e-3), DOWN)
-    _, verdict = SUPERVISOR.step(state, structs.replace(QUIET, dt=dt), asked)
+    _, verdict = SUPERVISOR.step(state, observed(QUIET, dt=dt), asked)
     assert isinstance(verdict, Clamp)
     assert verdict.depth == 11.0 * 1e-3 * dt
     assert verdict.position == pytest.approx((27.5e-3 * dt, 0.0, -11e-3 * dt))
@@ -137,7 +137,7 @@ def test_a_fast_robot_goes_on_between_frames_of_a_slow_sensor(dt: float) -> None
     """Frames come every 10 ms, cycles every few."""
     state = SUPERVISOR.initial((0.0, 0.0, 0.0))
     for k in range(round(1.0 / dt)):
-        seen = structs.replace(QUIET, now=k * dt, sensor_at=k * dt, sensor_sequence=int(k * dt / 0.01), dt=dt)
+        seen = observed(QUIET, now=k * dt, sensor_at=k * dt, sensor_sequence=int(k * dt / 0.01), dt=dt)
         state, verdict = SUPERVISOR.step(state, seen, Request(0.0, (0.0, 0.0, 0.0), DOWN))
         assert not isinstance(verdict, Stop), k
 
@@ -147,7 +147,7 @@ def test_a_sensor_that_stands_still_stops_a_run_after_the_same_time(dt: float) -
     state, cycles, verdict = SUPERVISOR.initial((0.0, 0.0, 0.0)), 0, None
     while not isinstance(verdict, Stop):
         # as if its age were not known
-        seen = structs.replace(QUIET, dt=dt)
+        seen = observed(QUIET, dt=dt)
         state, verdict = SUPERVISOR.step(state, seen, Request(0.0, (0.0, 0.0, 0.0), DOWN))
         cycles += 1
     assert verdict.cause is Cause.NO_NEW_FRAME

@@ -11,7 +11,7 @@ import pytest
 from msgspec.structs import replace
 
 from hil_bridge import api
-from hil_bridge.control import Clamp, Limits, Measurement, Observation, Request, Stop, Supervisor
+from hil_bridge.control import Clamp, Limits, Measurement, Request, Stop, Supervisor
 from hil_bridge.control.course.answers import explain_halt
 from hil_bridge.control.course.touch import Doubt, Touch, TouchTest
 from hil_bridge.control.course.verdict import LEAVES, SLOWLY
@@ -37,11 +37,12 @@ from hil_bridge.runs.zeroing import known_wrist
 from hil_bridge.settings.configuration import read_config
 from protocol.geometry import Pose
 from protocol.robot import RobotReport
+from tests.observed import observation, observed
 
 DOWN = (0.0, 0.0, -1.0)
 ORIGIN = (0.0, 0.0, 0.0)
 SUPERVISOR = Supervisor(Limits(workspace_min_m=(-1.0, -1.0, -1.0), workspace_max_m=(1.0, 1.0, 0.01)))
-QUIET = Observation(0.0, 5.0, 5.0, 0.0, 1, pressing=True, position=ORIGIN)
+QUIET = observation(5.0, 0.0, sequence=1, pressing=True, position=ORIGIN)
 
 
 def asked(mm: float) -> Request:
@@ -49,7 +50,7 @@ def asked(mm: float) -> Request:
 
 
 def judged(request: Request, **seen: Any) -> Any:
-    return SUPERVISOR.step(SUPERVISOR.initial(ORIGIN), replace(QUIET, **seen), request)[1]
+    return SUPERVISOR.step(SUPERVISOR.initial(ORIGIN), observed(QUIET, **seen), request)[1]
 
 
 def test_an_order_that_is_no_number_is_the_commands() -> None:
@@ -69,7 +70,7 @@ def test_a_retraction_without_a_force_goes_slowly_and_then_no_farther() -> None:
     state = SUPERVISOR.initial((0.0, 0.0, -5e-3), 5e-3)
     for depth, goes_on in ((5e-3, True), (0.0, False)):
         state = replace(state, depth=depth, position=(0.0, 0.0, -depth))
-        verdict = SUPERVISOR.retreat(state, replace(QUIET, force=math.nan, pressing=False), asked(-9.0))[1]
+        verdict = SUPERVISOR.retreat(state, observed(QUIET, force=math.nan, pressing=False), asked(-9.0))[1]
         assert isinstance(verdict, Clamp)
         assert (verdict.is_for(Cause.NO_FORCE), verdict.goes_on) == (True, goes_on)
 
@@ -78,7 +79,7 @@ def test_a_retraction_that_is_held_tells_by_which() -> None:
     border, blind = (Clamp(0.0, ORIGIN, (hold,)) for hold in (LEAVES, SLOWLY))
     assert explain_halt(border, QUIET).cause is Cause.RETRACT_BORDER
     assert explain_halt(blind, QUIET).cause is Cause.RETRACT_BLIND
-    failed = replace(QUIET, fault="it failed", fault_cause=Cause.SENSOR_FAILED)
+    failed = observed(QUIET, fault="it failed", fault_cause=Cause.SENSOR_FAILED)
     assert explain_halt(blind, failed) == Reason(Cause.SENSOR_FAILED, "it failed")
 
 

@@ -12,6 +12,7 @@ from hil_bridge.control.course.verdict import Observation, Retreat, Stage
 from hil_bridge.errors import Cause, Reason
 from hil_bridge.settings.configuration import Config, read_config
 from tests.near_surface import STILL, awake_config
+from tests.observed import observation
 
 Guarded = Any
 Run = Callable[..., Guarded]
@@ -113,15 +114,15 @@ def test_a_blind_retraction_is_short(guarded: Run, robot: str, stiffness: float)
 
 def seen(now: float, force: float, depth_mm: float = 0.0, *, lateral: float = 0.0) -> Observation:
     resultant = math.hypot(force, lateral)
-    return Observation(now, force, resultant, now, 1, pressing=True, depth=depth_mm * 1e-3, dt=0.02)
+    return observation(force, now, resultant, 1, pressing=True, depth=depth_mm * 1e-3, dt=0.02)
 
 
 def stages(course: list[Observation]) -> tuple[list[Stage], Reason | None]:
     """The stages of a retraction through these observations, each once, and why it stood still."""
     state: Retreat | None = None
     passed: list[Stage] = []
-    for observation in course:
-        state, reason = retreat.watch(LIMITS, state, observation)
+    for one in course:
+        state, reason = retreat.watch(LIMITS, state, one)
         if state.stage not in passed:
             passed.append(state.stage)
         if reason is not None:

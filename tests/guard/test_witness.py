@@ -15,6 +15,7 @@ from hil_bridge.record import Outcome
 from hil_bridge.runs.replay import recorded_config, replay
 from hil_bridge.settings.configuration import Config
 from tests.near_surface import awake_config
+from tests.observed import observation
 
 Guarded = Any
 Run = Callable[..., Guarded]
@@ -150,8 +151,8 @@ def test_a_stop_by_the_witness_is_decided_alike_in_a_replay() -> None:
 RULE = Witness(12.0, 0.1)
 
 
-def observed(force: float, witness: float | None, dt: float = 0.02) -> Observation:
-    return Observation(100.0, force, abs(force), 100.0, 7, dt=dt, witness=witness)
+def felt(force: float, witness: float | None, dt: float = 0.02) -> Observation:
+    return observation(force, dt=dt, witness=witness)
 
 
 @pytest.mark.parametrize(
@@ -169,17 +170,17 @@ def observed(force: float, witness: float | None, dt: float = 0.02) -> Observati
 def test_a_difference_must_be_gross_and_last(force: float, witness: float | None, cycles: int | None) -> None:
     before, count = None, 0
     for _ in range(50):
-        before = RULE.disagreed(before, observed(force, witness))
+        before = RULE.disagreed(before, felt(force, witness))
         count += 1
-        if RULE.fault(before, observed(force, witness)):
+        if RULE.fault(before, felt(force, witness)):
             break
     assert (count if count < 50 else None) == cycles
 
 
 def test_a_witness_that_agrees_again_begins_anew() -> None:
-    before = RULE.disagreed(0.09, observed(10.0, 10.0))
+    before = RULE.disagreed(0.09, felt(10.0, 10.0))
     assert before is None
-    assert RULE.disagreed(before, observed(0.0, 93.0)) == 0.0
+    assert RULE.disagreed(before, felt(0.0, 93.0)) == 0.0
 
 
 @pytest.mark.parametrize(("setting_n", "ordinary_n"), [(None, 12.0), (5.0, 5.0), (0.0, None)])

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import hil_bridge
 
-NEAR = {"start_position_mm": [900.0, -100.0, 593.0]}  # just above the surface
-SHORT = {"run": {"duration_s": 0.3}, "task": {"retract_speed_mm_s": 20.0, "retract_mm": 5.0}, "cell": NEAR}
+NEAR = {"start_position_mm": [900.0, -100.0, 590.5]}  # just above the surface
+SHORT = {"run": {"duration_s": 0.3}, "task": {"retract_speed_mm_s": 20.0, "retract_mm": 2.0}, "cell": NEAR}
 
 
 def resident_bytes() -> int:

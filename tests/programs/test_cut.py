@@ -27,6 +27,7 @@ PRESSING = {"track", "hold"}
 CELL = {
     "cell": {"start_position_mm": (900.0, -100.0, 591.5)},
     "task": {"retract_mm": 4.0, "retract_speed_mm_s": 5.5, "safe_height_mm": 1.0},
+    "limits": {"retract_patience_s": 0.5},
 }
 EMERGENCY = {"s3": "emergency-stop", "egm": "motors-off"}
 EACH = pytest.mark.parametrize("word", STEPS)

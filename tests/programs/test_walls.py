@@ -82,11 +82,12 @@ def test_a_slow_stroke_comes_to_its_limit_softly(play: Play) -> None:
 @pytest.mark.parametrize("height", [WALL, STEP], ids=["wall", "step"])
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_without_a_lateral_limit_the_guard_stops_it(play: Play, robot: str, height: float) -> None:
-    """The face pushes at the end of a tool of 200 mm, so that the moment is the first limit that it meets."""
+    """The force against the way is the first limit that it meets, as in a run without steps."""
     speed = ROBOTS[robot][1]
     run, _ = against(play, robot, 5e3, height, speed)
     assert run.stopped
-    assert "is beyond 10 N·m, in step 2 (track)" in run.cause
+    assert "N against the travel is" in run.cause
+    assert run.cause.endswith("something stands in the way, in step 2 (track)")
     assert run.largest <= bound(run.config.limits.resultant_limit_n, robot, speed)
     assert run.result.left == "retracted, 0.0 N"
     assert run.differs() == []

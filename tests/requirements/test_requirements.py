@@ -1,6 +1,7 @@
 """Requirements laid against tests: by marks of pytest, by JUnit files of any tool, as text, table and page."""
 
 import csv
+import hashlib
 from pathlib import Path
 
 import pytest
@@ -108,6 +109,9 @@ def test_the_command_writes_table_and_page(results: Path) -> None:
     ]
     page = (results / "matrix.html").read_text()
     assert 'href="kept/test_mine.py.test_wire-0.mcap"' in page
+    for name in ("list.csv", "tests.xml"):
+        digest = hashlib.sha256((results / name).read_bytes()).hexdigest()
+        assert f'<td>SHA-256 of {name}</td><td class="value">{digest}</td>' in page
     assert isinstance(CliRunner().invoke(cli, arguments).exception, ConfigError), (
         "no file is overwritten unasked"
     )
@@ -163,6 +167,6 @@ def test_words_of_others_do_nothing_to_a_page_or_a_spreadsheet(tmp_path: Path) -
     (tmp_path / "list.csv").write_text('id,text\nR-1,"=1+1<script>"\n')
     test = Tried("<b>", State.FAILED, "<img src=x>", ("R-1",), ('a"b.mcap',))
     matrix = matrix_of(read_requirements(tmp_path / "list.csv"), [test])
-    page = as_page("mine", matrix, tmp_path / "page.html").decode()
+    page = as_page("mine", matrix, tmp_path / "page.html", [("<b>", "<img>")]).decode()
     for words in ("<script>", "<b>", "<img", 'a"b'):
         assert words not in page.partition("<h1>")[2]

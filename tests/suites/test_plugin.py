@@ -162,7 +162,7 @@ def test_my_client(hil_conform, mode):
     assert play.seen.orders > 10
 
 def test_a_wrong_rule(hil_conform):
-    with pytest.raises(Exception, match="a rule: .*fire"):
+    with pytest.raises(pytest.fail.Exception, match="a rule: .*fire"):
         hil_conform("egm", ["true"], fire=1)
 """
 EGM_CLIENT = """
@@ -181,6 +181,16 @@ for k in range(1, 400):
     turn = (b, c, d, a) if sys.argv[2:] == ["turned"] else (a, b, c, d)
     wire.sendto(encode_answer(SensorMessage(k, 0, PoseMm((x, y, z - 0.02 * k), turn))), robot)
 """
+
+
+def test_a_wrong_name_fails_the_test_with_one_line(pytester: pytest.Pytester) -> None:
+    pytester.makepyfile(
+        test_mine="def test_my_client(hil_conform):\n    hil_conform('emg', ['true'], 'stopped')\n"
+    )
+    result = pytester.runpytest_inprocess(*PLUGIN, "-q")
+    result.assert_outcomes(failed=1)
+    result.stdout.fnmatch_lines(["stopped: there is no robot or sensor 'emg'; choose one of s3, egm, *"])
+    result.stdout.no_fnmatch_line("*Error*")
 
 
 @pytest.mark.live

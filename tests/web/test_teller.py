@@ -7,7 +7,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from hil_bridge.api import load, simulate
+from hil_bridge.api import load
 from hil_bridge.errors import Cause, Reason
 from hil_bridge.record import CycleRecord, EventRecord, Recording, RunEnd
 from hil_bridge.record.ending import Outcome
@@ -19,16 +19,16 @@ from hil_bridge.show.charts.run import run_charts
 from hil_bridge.show.terminal import Health, Scene
 from hil_bridge.show.web import wire
 from hil_bridge.show.web.teller import EVENTS, Cursor, Teller
+from tests.near_surface import EMERGENCY_STOP, WHOLE
+from tests.recordings import Recordings
 
-FAULT = {"on": "robot", "fault": "emergency-stop", "phase": "track", "after_s": 1.0}
 
-
-@pytest.fixture(scope="module")
-def stopped() -> tuple[Scene, Recording]:
+@pytest.fixture
+def stopped(recordings: Recordings) -> tuple[Scene, Recording]:
     """A run with an emulated cell that an emergency stop ends."""
-    config = load({"run": {"duration_s": 3.0}}, faults=[FAULT], seed=3)
+    config = load(WHOLE, faults=[EMERGENCY_STOP])
     scene = Scene(10.0, Setup(config).facts, cell=Setup(config).cell_name.words, limits=config.limits)
-    return scene, simulate(config).recording
+    return scene, recordings(WHOLE, faults=[EMERGENCY_STOP])
 
 
 def in_order(recording: Recording) -> list[Record]:

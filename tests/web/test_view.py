@@ -8,7 +8,6 @@ import msgspec
 import pytest
 from click.testing import CliRunner
 
-from hil_bridge.api import load, simulate
 from hil_bridge.cli import cli
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.extras import install_command
@@ -17,14 +16,15 @@ from hil_bridge.record.ending import reason_of
 from hil_bridge.show.web import feed
 from hil_bridge.show.web.recorded import teller_of
 from hil_bridge.show.web.teller import Cursor, Teller
+from tests.near_surface import EMERGENCY_STOP, WHOLE
+from tests.recordings import Recordings
 
 OLD = Path(__file__).parents[1] / "bridge" / "recordings" / "version_0_1_0.mcap"
-FAULT = {"on": "robot", "fault": "emergency-stop", "phase": "track", "after_s": 1.0}
 
 
-@pytest.fixture(scope="module")
-def recording() -> Recording:
-    return simulate(load({"run": {"duration_s": 3.0}}, faults=[FAULT], seed=3)).recording
+@pytest.fixture
+def recording(recordings: Recordings) -> Recording:
+    return recordings(WHOLE, faults=[EMERGENCY_STOP])
 
 
 def told(teller: Teller, place: Cursor) -> Any:

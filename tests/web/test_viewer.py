@@ -6,18 +6,18 @@ from pathlib import Path
 
 import pytest
 
-from hil_bridge.api import load, simulate
 from hil_bridge.lab.campaign.page import page as render_page
 from hil_bridge.lab.campaign.store import Store
 from hil_bridge.record.analysis.summary import summarise
 from hil_bridge.show.pages import Axis, Chart, Charts, Series, document, in_script, room
 from hil_bridge.show.report import write_report
+from tests.near_surface import EMERGENCY_STOP, WHOLE
+from tests.recordings import Recordings
 from tools.chromium import Page
 from tools.web_run import Serving
 
 FAILED = 4
 """Exit code of a campaign in which a run did not meet its criteria."""
-STOP = {"on": "robot", "fault": "emergency-stop", "phase": "track", "after_s": 1.0}
 STUDY = """
 [campaign]
 name = "study"
@@ -34,7 +34,7 @@ emulated = "ft300"
 [config.task]
 retract_mm = 2.0
 [config.cell]
-start_position_mm = [900.0, -100.0, 592.0]
+start_position_mm = [900.0, -100.0, 591.0]
 """
 
 
@@ -56,12 +56,10 @@ def slide(at_s: float) -> str:
 
 
 async def test_a_browser_walks_through_a_recording(
-    page: Page, serving: list[Serving], tmp_path: Path
+    page: Page, serving: list[Serving], recordings: Recordings, tmp_path: Path
 ) -> None:
     """The page begins at the end, with the cause; the slider shows each moment, and play goes on from there."""
-    recording = simulate(load({"run": {"duration_s": 3.0}}, faults=[STOP], seed=3)).save(
-        tmp_path / "run.mcap"
-    )
+    recording = recordings.path(WHOLE, faults=[EMERGENCY_STOP])
     viewer = Serving(tmp_path, "view", str(recording))
     serving.append(viewer)
     await page.open(viewer.url)
@@ -89,9 +87,11 @@ async def test_a_browser_walks_through_a_recording(
     assert page.errors == []
 
 
-async def test_a_band_of_a_report_is_one_entry_of_the_legend(page: Page, tmp_path: Path) -> None:
+async def test_a_band_of_a_report_is_one_entry_of_the_legend(
+    page: Page, recordings: Recordings, tmp_path: Path
+) -> None:
     """Its entry tells both edges, and switches both. Times have their unit at every chart; minus signs are such."""
-    recording = simulate(load({"run": {"duration_s": 2.0}}, seed=3)).recording
+    recording = recordings(WHOLE)
     report = write_report(recording, summarise(recording), tmp_path)
     await page.open(report.as_uri())
     await page.until("document.querySelectorAll('.uplot canvas').length > 3")

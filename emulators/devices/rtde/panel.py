@@ -8,6 +8,7 @@ from emulators.devices.rtde.controller import Controller
 from emulators.devices.rtde.faults import RTDE_FAULTS
 from emulators.devices.rtde.robot import RtdeRobot
 from emulators.panel import Controls, Dial, Move, Switch, millimetres, motion_text, numbers_text
+from protocol.devices.rtde.states import SafetyMode
 
 _PERSON = "a person"
 _RUNTIME_AT = {
@@ -37,6 +38,16 @@ def _give_control(remote: bool) -> Move:
     return _act(give)
 
 
+def _unlock(controller: Controller) -> None:
+    if controller.unlock_protective_stop():
+        return
+    if controller.safety != SafetyMode.PROTECTIVE_STOP:
+        raise ValueError("there is no protective stop")
+    raise ValueError(
+        f"the controller refuses to unlock a protective stop earlier than {controller.profile.unlock_s:g} s behind it"
+    )
+
+
 def _close_popup(controller: Controller) -> None:
     controller.console.popup_open = False
 
@@ -64,9 +75,7 @@ _CONTROLS: Mapping[str, Switch | Dial] = {
         },
         at=lambda state: "open" if state["safety"] == "safeguard stop" else "close",
     ),
-    "protective-stop": Switch(
-        "Unlock a protective stop.", {"unlock": _act(Controller.unlock_protective_stop)}, "unlock"
-    ),
+    "protective-stop": Switch("Unlock a protective stop.", {"unlock": _act(_unlock)}, "unlock"),
     "control": Switch(
         "Switch between remote and local control.",
         {"remote": _give_control(True), "local": _give_control(False)},

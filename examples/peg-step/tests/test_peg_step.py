@@ -39,7 +39,8 @@ def surface() -> SurfaceCase:
 def run(robot: str = "egm", **settings: Any) -> Any:
     approach, insert, retract = STEPS
     steps = [approach, {**insert, **settings}, retract]
-    return hil_bridge.simulate({"robot": {"emulated": robot}, "task": {"step": steps}, "cell": CELL}, seed=7)
+    config = {"robot": {"emulated": robot}, "task": {"step": steps}, "cell": CELL}
+    return hil_bridge.simulate(config, controller="pi", seed=7)
 
 
 @pytest.mark.parametrize("robot", ["s3", "egm"])

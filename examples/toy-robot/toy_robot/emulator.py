@@ -6,20 +6,25 @@ from collections.abc import Sequence
 from emulators.arm.followed import FollowedArm, FollowedProfile
 from emulators.faults import FOREVER, Fault
 from emulators.faults.own import OwnFaults
+from emulators.orders import Act, HeardOrder, Hindrance, Orders, Reach
 from emulators.seams import ArmPath, Handlers, Joints, StartPose
 from protocol.geometry import Pose
 from toy_robot.wire import CYCLE_S, HELLO, REPORT, TARGET
 
 ARM_FAULTS = {
-    "arm": {
+    "robot": {
         "mute": Fault("the arm sends nothing", {}, FOREVER),
-        "stop": Fault("the arm stands still, and says so", {}, FOREVER),
+        "emergency-stop": Fault("the arm stands still, and says so", {}, FOREVER),
     }
 }
+REACH = Reach(CYCLE_S, speed_m_s=0.25, turn_rad_s=1.5)
+"""How fast the arm goes: a set point that is farther from the one before leaps."""
 
 
 class Arm:
-    """An arm that reports each cycle, and follows the set point that it is answered with: an `EmulatedRobot`."""
+    """An arm that reports each cycle, and follows the set point that it is answered with: an `EmulatedRobot` and a
+    `TellingRobot`.
+    """
 
     def __init__(self, profile: FollowedProfile, start: StartPose, now: float) -> None:
         self._arm = FollowedArm(profile, Pose(start.position, start.quaternion), now)
@@ -27,9 +32,10 @@ class Arm:
         self._report_at: float | None = None
         self._out: list[bytes] = []
         self.endpoint = self
+        self.orders = Orders()
         self.path: ArmPath = self._arm.path
         self._faults = OwnFaults()
-        self.handlers: Handlers = {"arm": self._faults.held(ARM_FAULTS["arm"])}
+        self.handlers: Handlers = {"robot": self._faults.held(ARM_FAULTS["robot"])}
 
     @property
     def accepted(self) -> int:
@@ -37,6 +43,11 @@ class Arm:
 
     def begun_at(self, target: int) -> float | None:
         return self._arm.path.begun_at(target)
+
+    def hindrance(self, now: float) -> Hindrance | None:
+        """Why set points do not move it, for `hil-bridge conform` and the panel."""
+        stopped = self._faults.holds("emergency-stop", now)
+        return Hindrance("the emergency stop is pressed", by_order=False) if stopped else None
 
     def joints_holding(self, pose: Pose, at: float) -> Joints | None:
         return None
@@ -47,10 +58,13 @@ class Arm:
                 self._report_at = now
             elif len(datagram) == TARGET.size and datagram.startswith(b"AT"):
                 _, _, x, y, z, w, i, j, k = TARGET.unpack(datagram)
-                if self._faults.under_way("stop", now) is not None:
-                    continue
-                if all(map(math.isfinite, (x, y, z, w, i, j, k))) and any((w, i, j, k)):
-                    self._arm.follow(Pose((x, y, z), (w, i, j, k)), now)
+                pose, taken = Pose((x, y, z), (w, i, j, k)), self.hindrance(now) is None
+                if all(map(math.isfinite, (*pose.position, *pose.quaternion))) and any(pose.quaternion):
+                    self.orders.tell(HeardOrder(now, Act.MOTION, "set point", taken, pose, reach=REACH))
+                    if taken:
+                        self._arm.follow(pose, now)
+                else:
+                    self.orders.tell(HeardOrder(now, Act.UNREADABLE, "set point that is no pose", False))
 
     def next_event(self) -> None:
         return None
@@ -64,7 +78,8 @@ class Arm:
 
     def handle_deadline(self, now: float) -> None:
         while self._report_at is not None and self._report_at <= now:
-            pose, stopped = self._arm.pose(now), self._faults.under_way("stop", now) is not None
+            pose = self._arm.pose(now)
+            stopped = self._faults.under_way("emergency-stop", now) is not None
             self._number += 1
             if stopped:
                 self._arm.follow(pose, now)

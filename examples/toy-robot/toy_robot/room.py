@@ -4,8 +4,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from emulators.arm.followed import FollowedProfile
+from emulators.panel import Controls, motion_text
 from emulators.seams import RobotFactory
 from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
+from hil_bridge.devices.robots.probing import Probed, probe_link
 from hil_bridge.devices.robots.seam import Pacing, RobotFacts
 from hil_bridge.devices.robots.streamed import StreamedLink
 from hil_bridge.devices.wiring import Serving, Wiring
@@ -43,11 +45,31 @@ def usual(settings: KindSettings[NoSettings, FollowedProfile], virtual: bool) ->
     return "udp+memory:toyarm" if virtual else "udp-bind://127.0.0.1:0"
 
 
+async def probe_arm(url: str, settings: KindSettings[NoSettings, FollowedProfile], wiring: Wiring) -> Probed:
+    return await probe_link(url, lambda heard: connect_arm(url, settings, heard), wiring)
+
+
+def state_of(arm: Arm, now: float) -> dict[str, Any]:
+    hindrance = arm.hindrance(now)
+    return {"hindrance": "" if hindrance is None else hindrance.words}
+
+
+PANEL = Controls({}, state_of, lambda state: {"motion": motion_text(state["hindrance"])}, ARM_FAULTS)
+
 ROBOT = RobotKind(
     "toyarm",
     "Toy arm that streams over UDP",
     NoSettings,
     connect_arm,
     lambda url, settings: FACTS,
-    RobotEmulation(FollowedProfile, make_arm, serve, usual, ARM_FAULTS),
+    RobotEmulation(
+        FollowedProfile,
+        make_arm,
+        serve,
+        usual,
+        ARM_FAULTS,
+        PANEL,
+        mishaps={"refused": "emergency-stop", "stopped": "emergency-stop"},
+    ),
+    probe=probe_arm,
 )

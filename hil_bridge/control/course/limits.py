@@ -28,8 +28,9 @@ class Limits:
     resultant_limit_n: float = 100.0
     """Length of the force vector above which the run stops: a collision from the side."""
     against_travel_n: float = 20.0
-    """Force against the travel of a plain run, beyond friction, above which the run stops: a wall in its way. Chosen:
-    below the moment that such a force makes on a common tool before that stops the run.
+    """Force against the way, beyond friction, above which the run stops: something stands in it. A track with a
+    `lateral_limit_n` goes by that, and a seek by its `contact_n`. Chosen: below the moment that such a force makes on a
+    common tool before that stops the run.
     """
     friction_share: float = 0.6
     """Share of the contact force that friction, or a slope, may bring up against the travel. Chosen: a slope of 17°

@@ -24,19 +24,23 @@ def is_known(limits: Limits, before: Retreat | None, seen: Observation) -> bool:
     A saturated reading may have any value and either sign. It counts as a force from the front, and no more, where one
     passed the limit there before.
     """
-    if not math.isfinite(seen.force + seen.resultant + seen.peak_resultant) or seen.fault or seen.dead_axis:
+    if (
+        not math.isfinite(seen.sample.force + seen.sample.resultant + seen.sample.peak_resultant)
+        or seen.sample.fault
+        or seen.sample.dead_axis
+    ):
         return False
-    return not seen.saturated or (before is not None and before.front > limits.force_limit_n)
+    return not seen.sample.saturated or (before is not None and before.front > limits.force_limit_n)
 
 
 def watch(limits: Limits, before: Retreat | None, seen: Observation) -> tuple[Retreat, Reason | None]:
     """State after one cycle whose force is known, and why the tool must stand still; None while it need not."""
     before = before or _begin(limits, seen)
-    if seen.saturated:
+    if seen.sample.saturated:
         return replace(before, stage=Stage.TRUSTED), None
     after = _advance(limits, before, seen)
-    if -seen.force > max(-before.force, 0.0) + limits.pull_limit_n:
-        text = f"a force of {-seen.force:.1f} N from behind met the tool while the tool retracted"
+    if -seen.sample.force > max(-before.force, 0.0) + limits.pull_limit_n:
+        text = f"a force of {-seen.sample.force:.1f} N from behind met the tool while the tool retracted"
         return after, Reason(Cause.BEHIND, text)
     if _from_front(limits, seen):
         return _press(limits, before, after, seen)
@@ -63,15 +67,17 @@ def blind_goal(limits: Limits, pressed: tuple[float, float] | None, before: Retr
 
 def _begin(limits: Limits, seen: Observation) -> Retreat:
     """State of a retraction at its first known force."""
-    within = max(seen.resultant, seen.peak_resultant) <= limits.force_limit_n
-    return Retreat(seen.now, seen.pressing, seen.resultant, seen.depth, within, seen.force)
+    within = max(seen.sample.resultant, seen.sample.peak_resultant) <= limits.force_limit_n
+    return Retreat(
+        seen.sample.now, seen.pressing, seen.sample.resultant, seen.depth, within, seen.sample.force
+    )
 
 
 def _advance(limits: Limits, before: Retreat, seen: Observation) -> Retreat:
     """The lowest force so far; while the retraction has not taken effect yet, the newest."""
-    resultant = seen.resultant
-    front = max(before.front, seen.force, seen.peak_force)
-    if before.from_contact and (seen.now - before.began_at) * 1e3 <= limits.retract_grace_ms:
+    resultant = seen.sample.resultant
+    front = max(before.front, seen.sample.force, seen.sample.peak_force)
+    if before.from_contact and (seen.sample.now - before.began_at) * 1e3 <= limits.retract_grace_ms:
         return replace(before, lowest=max(before.lowest, resultant), depth=seen.depth, front=front)
     depth = seen.depth if resultant < before.lowest - _FELL_N else before.depth
     return replace(before, lowest=min(before.lowest, resultant), depth=depth, front=front)
@@ -79,24 +85,24 @@ def _advance(limits: Limits, before: Retreat, seen: Observation) -> Retreat:
 
 def _ahead(seen: Observation) -> float:
     """Force from where the tool was going: along the approach, and against the travel, from which it yields, N."""
-    return math.hypot(max(seen.force, 0.0), max(seen.against, 0.0))
+    return math.hypot(max(seen.sample.force, 0.0), max(seen.against, 0.0))
 
 
 def _from_front(limits: Limits, seen: Observation) -> bool:
     """Whether the force comes from there, but for friction and noise."""
     ahead = _ahead(seen)
-    return ahead >= _FRONT_SHARE * (seen.resultant - limits.retract_rise_n) and ahead > 0.0
+    return ahead >= _FRONT_SHARE * (seen.sample.resultant - limits.retract_rise_n) and ahead > 0.0
 
 
 def _no_way_back(limits: Limits, before: Retreat, after: Retreat, seen: Observation) -> Reason | None:
     """Why a tool that is pressed from elsewhere must stand still; None while it need not."""
-    force = seen.resultant
+    force = seen.sample.resultant
     if before.within and force > limits.force_limit_n:
         return Reason(Cause.RETRACT_OVER, f"the force rose to {force:.1f} N while the tool retracted")
     if force > after.lowest + limits.retract_rise_n:
         text = f"the force rose from {after.lowest:.1f} N to {force:.1f} N while the tool retracted"
         return Reason(Cause.RETRACT_RISE, text)
-    over = abs(seen.force) > limits.force_limit_n or force > limits.resultant_limit_n
+    over = abs(seen.sample.force) > limits.force_limit_n or force > limits.resultant_limit_n
     if over and _unanswered(limits, before, seen):
         return _stays(force, before, seen)
     return None
@@ -118,11 +124,11 @@ def _press(
     limits: Limits, before: Retreat, after: Retreat, seen: Observation
 ) -> tuple[Retreat, Reason | None]:
     """State of a tool that the surface presses, and why it must stand still."""
-    force, now = _ahead(seen), seen.now
+    force, now = _ahead(seen), seen.sample.now
     match before.stage:
         case Stage.GOES:
             over = force > limits.force_limit_n
-            rose = seen.resultant > after.lowest + limits.retract_rise_n or (before.within and over)
+            rose = seen.sample.resultant > after.lowest + limits.retract_rise_n or (before.within and over)
             if not rose and not (over and _unanswered(limits, before, seen)):
                 return after, None
             return replace(after, stage=Stage.WAITS, since=now, level=force, dt=seen.dt), None
@@ -143,13 +149,13 @@ def _press(
 
 def _wait(limits: Limits, after: Retreat, seen: Observation) -> Retreat:
     """State of a retraction that waits: first for the robot to come to rest, then for what the force does."""
-    waited, force = seen.now - after.since, _ahead(seen)
+    waited, force = seen.sample.now - after.since, _ahead(seen)
     if waited <= _RESTS_S + 2.0 * after.dt:
         return replace(after, level=force)
     if force > after.level + limits.retract_rise_n:
         return replace(after, stage=Stage.TRUSTED)
     if force < after.level - limits.retract_rise_n or waited * 1e3 > limits.retract_grace_ms:
-        return replace(after, stage=Stage.SLOW, level=force, lowest=seen.resultant, depth=seen.depth)
+        return replace(after, stage=Stage.SLOW, level=force, lowest=seen.sample.resultant, depth=seen.depth)
     return after
 
 

@@ -272,7 +272,7 @@ class Stroke:
         turn = commanded if state.turn is None else state.turn
         goal = min(turn - parameters.retract_mm * 1e-3, 0.0)
         step = self.way(parameters.retract_speed_mm_s, measurement.dt)
-        stiffness = max(parameters.expected_stiffness_n_m, state.stiffness or 0.0)
+        stiffness = parameters.expected_stiffness_n_m  # not the one learnt: a harder one goes back less
         escape = escape_way(measurement, self.force_limit_n, stiffness, self.escape_mm_s)
         if commanded > _ROUNDING:
             depth = max(commanded - max(step, escape), 0.0)

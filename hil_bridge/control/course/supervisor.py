@@ -70,10 +70,14 @@ class Supervisor:
         """One cycle. After the first stop every answer is that stop."""
         if state.stopped is not None:
             return state, state.stopped
-        still = state.still + observation.dt if observation.sensor_sequence == state.sensor_sequence else 0.0
+        still = (
+            state.still + observation.dt
+            if observation.sample.sensor_sequence == state.sensor_sequence
+            else 0.0
+        )
         pressed = _find_press(state.pressed, observation)
         disagreed = None
-        if self.witness is not None and observation.witness is not None:
+        if self.witness is not None and observation.sample.witness is not None:
             disagreed = self.witness.disagreed(state.disagreed, observation)
         stop = self._first_fault(state, observation, request, still, pressed)
         if stop is None and disagreed and self.witness is not None:
@@ -85,7 +89,7 @@ class Supervisor:
         if stop is not None:
             return replace(state, still=still, pressed=pressed, stopped=stop, disagreed=disagreed), stop
         verdict = _clamp(self.limits, state, request, observation.dt)
-        if observation.overdue > 0.0 and verdict.depth > state.depth:
+        if observation.sample.overdue > 0.0 and verdict.depth > state.depth:
             verdict = _clamp(self.limits, state, _at_depth(request, state.depth), observation.dt)
             verdict = Clamp(verdict.depth, verdict.position, (OVERDUE,), goes_on=True)
         position = observation.position
@@ -96,11 +100,11 @@ class Supervisor:
             SupervisorState(
                 verdict.depth,
                 verdict.position,
-                observation.sensor_sequence,
+                observation.sample.sensor_sequence,
                 still,
                 pressed,
                 None,
-                None if position is None else (observation.now, position),
+                None if position is None else (observation.sample.now, position),
                 None,
                 quaternion,
                 home,
@@ -117,16 +121,20 @@ class Supervisor:
         """The watch over the sensor while the tool moves through free space, and its stop."""
         if seen.position is None or seen.free_force is None:
             return None, None
-        changed = seen.unchanged < seen.dt  # since the decision before
-        free = watch_sample(state.free, self.limits, seen.now, -seen.free_force, (changed, seen.position))
-        lost = lifeless(free, self.limits, seen.now, -seen.free_force, (seen.unchanged, seen.position))
+        changed = seen.sample.unchanged < seen.dt  # since the decision before
+        free = watch_sample(
+            state.free, self.limits, seen.sample.now, -seen.free_force, (changed, seen.position)
+        )
+        lost = lifeless(
+            free, self.limits, seen.sample.now, -seen.free_force, (seen.sample.unchanged, seen.position)
+        )
         return free, None if lost is None else Stop(lost.cause, lost.text)
 
     def _turn(
         self, state: SupervisorState, seen: Observation, wanted: Quaternion, verdict: Allow | Clamp
     ) -> tuple[Allow | Clamp, Quaternion, Quaternion, float]:
         """The verdict with that on the orientation; the orientation allowed, that of the start, and the new lag."""
-        before = state.quaternion or normalise(seen.quaternion or wanted)
+        before = state.quaternion or normalise(seen.sample.quaternion or wanted)
         home = state.home or before
         given, reasons = orientation.limit_turn(self.limits, home, before, wanted, seen.dt)
         lag = orientation.behind(state.lag, angle_between(before, given), seen.dt)
@@ -169,7 +177,7 @@ class Supervisor:
         return replace(state, depth=verdict.depth, position=verdict.position, retreat=after), verdict
 
     def _fresh(self, seen: Observation) -> bool:
-        return 0.0 <= (seen.now - seen.sensor_at) * 1e3 <= self.limits.stale_after_ms
+        return 0.0 <= (seen.sample.now - seen.sample.sensor_at) * 1e3 <= self.limits.stale_after_ms
 
     def _first_fault(
         self,
@@ -180,71 +188,85 @@ class Supervisor:
         pressed: tuple[float, float] | None,
     ) -> Stop | None:
         """The first reason to end the run, None while there is none. One straight line: this runs in every cycle."""
-        limits = self.limits
+        limits, sample = self.limits, seen.sample
         (x, y, z), (a, b, c), (u, v, w) = state.position, request.direction, request.position
         # A sum is a number only if all its parts are, and no part is infinite.
-        of_scalars = seen.now + seen.force + seen.resultant + seen.sensor_at + seen.depth
-        of_peaks = seen.peak_force + seen.peak_resultant + seen.peak_moment + seen.tilt + seen.gap + seen.dt
+        of_scalars = sample.now + sample.force + sample.resultant + sample.sensor_at + seen.depth
+        of_peaks = sample.peak_force + sample.peak_resultant + sample.peak_moment
+        of_times = (sample.tilt or 0.0) + sample.gap + seen.dt
         if not math.isfinite(
-            of_scalars + of_peaks + request.depth + state.depth + x + y + z + a + b + c + u + v + w,
+            of_scalars
+            + of_peaks
+            + of_times
+            + request.depth
+            + state.depth
+            + x
+            + y
+            + z
+            + a
+            + b
+            + c
+            + u
+            + v
+            + w,
         ):
             return Stop(_not_a_number(seen), "a measurement or command is no number")
-        if seen.fault:
-            return Stop(seen.fault_cause, seen.fault, seen.fault_remedy)
-        force = seen.force if abs(seen.force) >= abs(seen.peak_force) else seen.peak_force
+        if sample.fault:
+            return Stop((sample.fault_cause or Cause.ROBOT_STATE), sample.fault, sample.fault_remedy)
+        force = sample.force if abs(sample.force) >= abs(sample.peak_force) else sample.peak_force
         if abs(force) > limits.force_limit_n:
-            size = f"of at least {abs(force):.1f}" if seen.saturated else f"{force:.1f}"
+            size = f"of at least {abs(force):.1f}" if sample.saturated else f"{force:.1f}"
             return Stop(Cause.FORCE, f"contact force {size} N is beyond {limits.force_limit_n:g} N")
-        resultant = max(seen.resultant, seen.peak_resultant)
+        resultant = max(sample.resultant, sample.peak_resultant)
         if resultant > limits.resultant_limit_n:
             text = f"resultant force {resultant:.1f} N is beyond {limits.resultant_limit_n:g} N"
             return Stop(Cause.RESULTANT_FORCE, text)
-        if seen.peak_moment > limits.moment_limit_nm:
-            text = f"moment {seen.peak_moment:.2f} N·m is beyond {limits.moment_limit_nm:g} N·m"
+        if sample.peak_moment > limits.moment_limit_nm:
+            text = f"moment {sample.peak_moment:.2f} N·m is beyond {limits.moment_limit_nm:g} N·m"
             return Stop(Cause.MOMENT, text)
         most = limits.against_travel_n
         if (
             seen.against > most
-            and (wall := beyond_friction(seen.against, seen.force, limits.friction_share)) > most
+            and (wall := beyond_friction(seen.against, sample.force, limits.friction_share)) > most
         ):
             text = (
                 f"a force of {seen.against:.1f} N against the travel is {wall:.1f} N more than friction, allowed are "
                 f"{limits.against_travel_n:g} N: something stands in the way"
             )
             return Stop(Cause.WALL, text)
-        if seen.saturated:
+        if sample.saturated:
             return Stop(Cause.SATURATED, "the force sensor is at the end of its range")
-        if -seen.force > limits.pull_limit_n:
+        if -sample.force > limits.pull_limit_n:
             text = (
-                f"a pull of {-seen.force:.1f} N is beyond {limits.pull_limit_n:g} N: "
+                f"a pull of {-sample.force:.1f} N is beyond {limits.pull_limit_n:g} N: "
                 "a surface does not pull, so the sensor or its zero is wrong, or the tool hangs on to something"
             )
             return Stop(Cause.PULL, text)
-        if not 0.0 <= (seen.now - seen.sensor_at) * 1e3 <= limits.stale_after_ms:  # as `_fresh`
-            age_ms = (seen.now - seen.sensor_at) * 1e3
+        if not 0.0 <= (sample.now - sample.sensor_at) * 1e3 <= limits.stale_after_ms:  # as `_fresh`
+            age_ms = (sample.now - sample.sensor_at) * 1e3
             digits = 0 if age_ms - limits.stale_after_ms >= 1.0 else 2
             text = f"the newest force is {age_ms:.{digits}f} ms old, allowed are {limits.stale_after_ms:g} ms"
             return Stop(Cause.FORCE_TOO_OLD, text)
-        if seen.unchanged * 1e3 >= limits.frozen_after_ms:
-            text = f"the force sensor repeated the same counts for {seen.unchanged:.1f} s"
+        if sample.unchanged * 1e3 >= limits.frozen_after_ms:
+            text = f"the force sensor repeated the same counts for {sample.unchanged:.1f} s"
             return Stop(Cause.SAME_COUNTS, text)
         if still * 1e3 >= limits.still_after_ms:
             return Stop(Cause.NO_NEW_FRAME, f"no new force for {still * 1e3:.0f} ms")
-        if seen.dead_axis:
-            return Stop(Cause.DEAD_AXIS, seen.dead_axis)
+        if sample.dead_axis:
+            return Stop(Cause.DEAD_AXIS, sample.dead_axis)
         # before the checks that use the reported depth
         if seen.position is not None and (stop := self._untrue_pose(state, seen, seen.position)):
             return stop
         if pressed is not None and (deeper_mm := (seen.depth - pressed[1]) * 1e3) > limits.unanswered_mm:
-            text = f"the force stayed at {seen.force:.2f} N while the tool went {deeper_mm:.1f} mm deeper"
+            text = f"the force stayed at {sample.force:.2f} N while the tool went {deeper_mm:.1f} mm deeper"
             return Stop(Cause.UNANSWERED, text)
         before = state.sensor_sequence
-        if before is not None and seen.sensor_sequence < before:
-            text = f"the sensor's frame counter went back from {before} to {seen.sensor_sequence}"
+        if before is not None and sample.sensor_sequence < before:
+            text = f"the sensor's frame counter went back from {before} to {sample.sensor_sequence}"
             return Stop(Cause.SEQUENCE, text)
-        if seen.gap * 1e3 > limits.cycle_deadline_ms:
+        if sample.gap * 1e3 > limits.cycle_deadline_ms:
             text = (
-                f"no decision for {seen.gap * 1e3:.0f} ms, allowed are {limits.cycle_deadline_ms:g} ms: "
+                f"no decision for {sample.gap * 1e3:.0f} ms, allowed are {limits.cycle_deadline_ms:g} ms: "
                 "the computer or the controller stood still"
             )
             return Stop(Cause.DEADLINE, text)
@@ -263,9 +285,9 @@ class Supervisor:
         if state.reported is not None:
             at, before = state.reported
             moved = math.dist(before, position)
-            if moved > (seen.now - at) * self.speed * _FASTER + _STANDS:
+            if moved > (seen.sample.now - at) * self.speed * _FASTER + _STANDS:
                 text = (
-                    f"the reported position jumped by {moved * 1e3:.1f} mm in {(seen.now - at) * 1e3:.0f} ms, "
+                    f"the reported position jumped by {moved * 1e3:.1f} mm in {(seen.sample.now - at) * 1e3:.0f} ms, "
                     f"the robot moves at {self.speed * 1e3:g} mm/s"
                 )
                 return Stop(Cause.JUMP, text)
@@ -276,7 +298,7 @@ class Supervisor:
                 f"allowed are {limits.following_error_mm:g} mm"
             )
             return Stop(Cause.FOLLOWING, text)
-        tilt_deg = math.degrees(seen.tilt)
+        tilt_deg = math.degrees(seen.sample.tilt or 0.0)
         if tilt_deg > limits.tilt_deg and tilt_deg > limits.tilt_deg + math.degrees(state.lag):
             where = "start" if state.quaternion is None else "ordered orientation"
             text = (
@@ -292,10 +314,14 @@ class Supervisor:
 
 def _not_a_number(seen: Observation) -> Cause:
     """Which part of a cycle's numbers is none, given that one is."""
-    of_sensor = seen.force + seen.resultant + seen.sensor_at
-    if not math.isfinite(of_sensor + seen.peak_force + seen.peak_resultant + seen.peak_moment):
+    of_sensor = seen.sample.force + seen.sample.resultant + seen.sample.sensor_at
+    if not math.isfinite(
+        of_sensor + seen.sample.peak_force + seen.sample.peak_resultant + seen.sample.peak_moment
+    ):
         return Cause.FORCE_NOT_A_NUMBER
-    known = math.isfinite(seen.now + seen.depth + seen.tilt + seen.gap + seen.dt)
+    known = math.isfinite(
+        seen.sample.now + seen.depth + (seen.sample.tilt or 0.0) + seen.sample.gap + seen.dt
+    )
     return Cause.COMMAND_NOT_A_NUMBER if known else Cause.POSE_NOT_A_NUMBER
 
 
@@ -330,9 +356,11 @@ def _find_press(before: tuple[float, float] | None, observation: Observation) ->
     """
     if not observation.pressing:
         return None
-    still = observation.unchanged >= observation.dt  # not one count on any axis since the decision before
-    if before is None or not (still or abs(before[0] - observation.force) < _SAME_N):
-        return observation.force, observation.depth
+    still = (
+        observation.sample.unchanged >= observation.dt
+    )  # not one count on any axis since the decision before
+    if before is None or not (still or abs(before[0] - observation.sample.force) < _SAME_N):
+        return observation.sample.force, observation.depth
     # Where a tool that was pulled back in between comes from does not count.
     return before[0], min(before[1], observation.depth)
 

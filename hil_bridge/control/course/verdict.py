@@ -7,70 +7,34 @@ from typing import ClassVar, TypeAlias
 from msgspec import Struct
 
 from hil_bridge.control.course.free_space import FreeSpace
+from hil_bridge.control.sample import Sample
 from hil_bridge.control.types import SAMPLE_MS
 from hil_bridge.errors.causes import Cause, Reason
 from protocol.geometry import Quaternion, Vector
 
 
 class Observation(Struct, frozen=True):
-    """Facts about the cell in this cycle."""
+    """The facts of a cycle as the guard sees them: the sample, and where it was taken."""
 
-    now: float
-    """s on the run's clock."""
-    force: float
-    """Contact force along the approach direction, N, positive while pressing."""
-    resultant: float
-    """Length of the force vector, N."""
-    sensor_at: float
-    """When the newest sensor frame arrived, s on the run's clock, less the lateness that its stream has shown."""
-    sensor_sequence: int
-    """Counter of the frame, unwrapped."""
-    unchanged: float = 0.0
-    """Time for which the newest frames have carried identical counts on all axes, s."""
-    saturated: bool = False
-    """True when an axis was at the end of its range, so that the force may be anything above."""
-    dead_axis: str = ""
-    """Which axis of the controlled force does not live, in words; empty while all do."""
-    pressing: bool = False
-    """Whether the tool is taken to be in contact."""
+    sample: Sample
+    """Its force is that from the newest zero, or from the zero before it, whichever is more."""
     depth: float = 0.0
     """Reported position along the approach direction from the start point, m."""
-    fault: str = ""
-    """Fault of a device, in words; empty while there is none."""
-    peak_force: float = 0.0
-    """Force along the approach direction farthest from 0 of all frames since the decision before, N, from the zero or
-    without it.
-    """
-    peak_resultant: float = 0.0
-    """Largest length of the force vector of these frames, N."""
-    peak_moment: float = 0.0
-    """Largest length of the moment vector of these frames, N·m."""
-    position: Vector | None = None
-    """Reported position, base frame, m; None where it is not to be judged."""
-    tilt: float = 0.0
-    """Turn of the reported orientation from the ordered one, rad."""
-    gap: float = 0.0
-    """Longest time for which the computer stood still since the decision before, or this one lasted, s."""
     dt: float = SAMPLE_MS * 1e-3
     """Time since the cycle before, as `Measurement.dt`, s."""
-    quaternion: Quaternion | None = None
-    """Reported orientation; None where it is not known."""
+    pressing: bool = False
+    """Whether the tool is taken to be in contact."""
     against: float = 0.0
-    """Contact force against the travel of a plain run, N; 0 where it is not known."""
-    witness: float | None = None
-    """Force along the approach as the robot itself feels it, from its own zero, N, positive while pressing; None where
-    it tells none.
-    """
+    """Contact force against the way, N; 0 where it is not known."""
     free_force: float | None = None
     """Contact force along the approach direction from the newest zero while the tool moves through free space, N; None
     elsewhere.
     """
-    overdue: float = 0.0
-    """Time by which the next sensor frame comes later than the facts of the sensor say, s; 0 while it does not."""
-    fault_cause: Cause = Cause.ROBOT_STATE
-    """Cause of `fault`, where there is one."""
-    fault_remedy: str = ""
-    """Further facts about `fault`, and its remedy, in words."""
+
+    @property
+    def position(self) -> Vector | None:
+        """Reported position, base frame, m; None where it is not to be judged."""
+        return None if self.sample.tilt is None else self.sample.position
 
 
 class Request(Struct, frozen=True):

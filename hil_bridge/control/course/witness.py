@@ -32,11 +32,11 @@ class Witness:
         Each cycle is weighed by how many times the difference is what is allowed. The first one counts nothing: one
         sample is no difference that lasts.
         """
-        witness = seen.witness
+        witness = seen.sample.witness
         if witness is None or not math.isfinite(witness):
             return None
-        apart = abs(witness - seen.force)
-        allowed = max(self.ordinary_n, SHARE * max(abs(witness), abs(seen.force)))
+        apart = abs(witness - seen.sample.force)
+        allowed = max(self.ordinary_n, SHARE * max(abs(witness), abs(seen.sample.force)))
         if apart <= allowed:
             return None
         return 0.0 if before is None else before + seen.dt * apart / allowed
@@ -45,8 +45,9 @@ class Witness:
         """Why the run must end, in words; empty while it need not."""
         if disagreed is None or disagreed < self.lasting_s:
             return ""
+        force, witness = seen.sample.force, seen.sample.witness
         return (
-            f"the force sensor tells {seen.force:.1f} N, the robot itself feels {seen.witness:.1f} N: look whether the "
+            f"the force sensor tells {force:.1f} N, the robot itself feels {witness:.1f} N: look whether the "
             "sensor reads what presses on the tool, and whether anything else touches the robot"
         )
 

@@ -42,6 +42,8 @@ class Leg:
     """The force is controlled along the estimated normal."""
     shows_ground: bool = False
     """The controller is shown depths from the plane that the estimated normal predicts."""
+    turns: bool = True
+    """The tool may be turned in it."""
 
     @property
     def label(self) -> str:

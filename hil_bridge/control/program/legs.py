@@ -143,6 +143,7 @@ def _leg(number: str, step: Step, ground: Ground, before: tuple[Place | None, bo
         way,
         follows=follows,
         shows_ground=follows and ground.shows_ground,
+        turns=step.turns_home or step.orientation != "fixed",
     )
 
 

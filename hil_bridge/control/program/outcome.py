@@ -2,6 +2,7 @@
 
 from msgspec.structs import replace
 
+from hil_bridge.control.course.stroke import StrokeState
 from hil_bridge.control.program.leg import Leg
 from hil_bridge.control.program.state import Done, ProgramState, Tally
 from hil_bridge.control.types import Measurement
@@ -18,17 +19,18 @@ def added(found: tuple[Vector, int], place: Vector) -> tuple[Vector, int]:
 
 
 def count_sample(
-    state: ProgramState, leg: Leg, before: ProgramState, measurement: Measurement
-) -> ProgramState:
-    """The sums over a leg, with one more sample."""
-    stroke = state.stroke
+    state: ProgramState, leg: Leg, stroke: StrokeState, measurement: Measurement, reference: float
+) -> tuple[Tally, tuple[float, float]]:
+    """The sums over a leg and over a pass, with one more sample.
+
+    `stroke` is the state behind it, `reference` the wanted force, N.
+    """
     if not stroke.in_contact:
-        return state
-    moved = stroke.travel - before.stroke.travel
+        return state.tally, state.this_pass
+    moved = stroke.travel - state.stroke.travel
     amount = measurement.dt if leg.way is None else max(moved, 0.0)
     local = stroke.travel - state.base
     criterion = leg.step.criterion
-    reference = leg.reference(max(local, 0.0))
     band = reference * _BAND_SHARE if criterion is None else criterion.within_n
     within = abs(measurement.force - reference) <= band
     tally = state.tally
@@ -42,7 +44,7 @@ def count_sample(
     deep, way = state.this_pass
     if leg.way is not None:
         deep, way = deep + amount * measurement.position, way + amount
-    return replace(state, tally=tally, this_pass=(deep, way))
+    return tally, (deep, way)
 
 
 def outcome(state: ProgramState, leg: Leg, now: float, at: Vector | None = None) -> Done:

@@ -101,23 +101,36 @@ class Program:
         """
         if state.start is None:
             state = self._start(state, felt)
-        leg, measurement = self.row.legs[state.leg], felt.measurement
+        leg, measurement, paired = self.row.legs[state.leg], felt.measurement, felt.measurement.paired_force
         if state.zero:
             felt = subtract_zero(felt, state, self.frame)
-            change = felt.force[0] - measurement.force
-            paired = measurement.paired_force
-            measurement = replace(
-                measurement, force=felt.force[0], paired_force=None if paired is None else paired + change
-            )
+            paired = None if paired is None else paired + (felt.force[0] - measurement.force)
+        travel, against = measurement.travel, felt.against(state.heading)
         if leg.way is not None:
             place = felt.place[0] - state.origin[0], felt.place[1] - state.origin[1]
             along = leg.way.along(state.seen, state.stroke.travel - state.base, place)
-            state = replace(state, seen=max(along, 0.0))
-            measurement = replace(measurement, travel=state.base + along, against=felt.against(state.heading))
-        elif leg.step.phase is not Phase.MOVE:
-            measurement = replace(measurement, against=felt.against(state.heading))
-        felt = felt._replace(measurement=measurement)
-        if state.phase is not _TRACK or not leg.follows:
+            travel = state.base + along
+        elif leg.step.phase is Phase.MOVE:
+            against = 0.0
+        # by place, in the order of the fields: by name every one costs as much as to read it
+        measurement = Measurement(
+            measurement.time,
+            felt.force[0],
+            measurement.position,
+            measurement.commanded,
+            True,
+            paired,
+            travel,
+            0.0,
+            None,
+            1.0,
+            measurement.saturated,
+            measurement.dt,
+            against,
+            felt.sample,
+        )
+        felt = Felt(felt.sample, measurement, felt.place, felt.force, felt.wrench)
+        if not leg.follows or state.stroke.phase is not _TRACK:
             return state, felt
         return self._along_normal(state, leg, felt)
 
@@ -176,7 +189,7 @@ class Program:
         known = math.isfinite(measurement.force) and math.isfinite(measurement.position)
         if not (known or state.reason):
             return state, self.hold(state, measurement)
-        while not state.reason and state.phase is not _END:
+        while state.reason is None and state.stroke.phase is not _END:
             if state.began is None:
                 state = self._begin(state, felt)
             leg = self.row.legs[state.leg]
@@ -188,7 +201,8 @@ class Program:
             if trouble is not None:
                 state = self.fail(state, trouble)
                 return state, self._intent(state, order)
-            state = turn_tool(state, leg, self.frame, self.facing, measurement.dt)
+            if leg.turns:
+                state = turn_tool(state, leg, self.frame, self.facing, measurement.dt)
             intent = self._intent(state, order)
             return (self._next(state, leg, felt) if done else state), intent
         return self._leave(state, felt)

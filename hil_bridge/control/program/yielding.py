@@ -18,9 +18,12 @@ _RELEASED_N = 1.0
 def yield_aside(state: ProgramState, felt: Felt, way: float, friction_share: float) -> ProgramState:
     """State of a tool that retracts, one step away from what pushes it from the side. `way` is that step, m.
 
-    Pulled straight back, a tool that presses against a wall would scrape along it.
+    Pulled straight back, a tool that presses against a wall would scrape along it. It goes aside or back along its
+    path, where it came from, and never on along it.
     """
-    pressed, x, y = felt.force
+    (pressed, x, y), (h, k) = felt.force, state.heading
+    ahead = min(x * h + y * k, 0.0)
+    x, y = x - ahead * h, y - ahead * k
     length = math.hypot(x, y)
     pushed = (
         length > _RELEASED_N

@@ -2,25 +2,25 @@
 
 from typing import TYPE_CHECKING, Any
 
-from msgspec.structs import replace
-
 from hil_bridge.control.course.stroke import Stroke
 from hil_bridge.control.program.state import ProgramState
-from hil_bridge.control.types import Command, Measurement, ask, begin
+from hil_bridge.control.types import Measurement, ask, begin
 
 if TYPE_CHECKING:
+    from hil_bridge.control.steps.pressing import Pressed
     from hil_bridge.control.steps.track import Track
 
 _YIELD_S = 0.3
 """Chosen: time constant with which the tool yields."""
 
 
-def aside_by(stroke: Stroke, step: "Track", state: ProgramState, command: Command | None, dt: float) -> float:
+def aside_by(stroke: Stroke, step: "Track", state: ProgramState, pressed: "Pressed", dt: float) -> float:
     """The way to the left of the path, m, with what the controller adds in this sample.
 
     It is no faster than the travel: what the guard cuts off would be made up for while the tool retracts.
     """
-    if command is None or not command.across or not state.in_contact:
+    command = pressed.order.command
+    if command is None or not command.across or not pressed.stroke.in_contact:
         return state.aside
     most, farthest = stroke.parameters.speed_mm_s * 1e-3 * dt, step.across_mm * 1e-3
     aside = state.aside + min(max(command.across, -most), most)
@@ -29,9 +29,10 @@ def aside_by(stroke: Stroke, step: "Track", state: ProgramState, command: Comman
 
 def beside(
     stroke: Stroke, step: "Track", state: ProgramState, measurement: Measurement, left: tuple[float, float]
-) -> tuple[ProgramState, float]:
-    """State after one sample, and the way to the left of the path, m. `left` is the force to the left of it, N, and the
-    reported way there, m.
+) -> tuple[Any, float]:
+    """The controller's state across the path after one sample, and the way to the left of it, m.
+
+    `left` is the force to the left of it, N, and the reported way there, m.
     """
     farthest, before = step.across_mm * 1e-3, state.aside
     quickest = stroke.way(stroke.parameters.approach_speed_mm_s, measurement.dt)
@@ -42,7 +43,7 @@ def beside(
     else:
         aside, memory = _press(stroke, step, state, measurement, left)
     aside = min(max(aside, before - quickest), before + quickest)
-    return replace(state, memory=memory), min(max(aside, -farthest), farthest)
+    return memory, min(max(aside, -farthest), farthest)
 
 
 def _press(

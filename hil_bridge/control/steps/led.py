@@ -6,11 +6,11 @@ from typing import Any, NamedTuple
 from msgspec.structs import replace
 
 from hil_bridge.control.course.limits import Limits
-from hil_bridge.control.course.stroke import Order, Stride
+from hil_bridge.control.course.stroke import Stride
 from hil_bridge.control.program.leg import Leg
 from hil_bridge.control.program.state import Felt, ProgramState
 from hil_bridge.control.steps.paths import Place
-from hil_bridge.control.steps.pressing import Guide, PressingStep, local_way
+from hil_bridge.control.steps.pressing import Guide, Led, Pressed, PressingStep, local_way
 from hil_bridge.control.steps.seam import Taken, need_travel_speed
 from hil_bridge.errors.causes import Cause, Reason
 from hil_bridge.errors.failures import WrongAnswer
@@ -133,24 +133,16 @@ class LedStep(PressingStep):
             )
         return Guide(replace(state, memory=(memory, first, lead)), Stride(force), trouble)
 
-    def lead(self, leg: Leg, state: ProgramState, order: Order, felt: Felt) -> ProgramState:
+    def lead(self, leg: Leg, state: ProgramState, pressed: Pressed, felt: Felt) -> Led:
         lead: Lead = state.memory[2]
-        if not (state.in_contact or lead.without_contact):
-            return state
-        x, y = state.at
-        u, v = state.origin[0] + lead.to[0] - x, state.origin[1] + lead.to[1] - y
-        way, left = leg.stroke.parameters.speed_mm_s * 1e-3 * felt.measurement.dt, math.hypot(u, v)
-        if left == 0.0:
-            return state
-        share = min(way / left, 1.0)
-        stroke = replace(state.stroke, travel=state.stroke.travel + min(way, left))
-        return replace(
-            state,
-            stroke=stroke,
-            at=(x + share * u, y + share * v),
-            local=stroke.travel - state.base,
-            heading=(u / left, v / left),
-        )
+        (x, y), (u, v) = state.at, (state.origin[0] + lead.to[0], state.origin[1] + lead.to[1])
+        left = math.hypot(u - x, v - y)
+        if left == 0.0 or not (pressed.stroke.in_contact or lead.without_contact):
+            return Led(state.at, state.local, state.aside, state.heading, state.memory)
+        way = min(leg.stroke.parameters.speed_mm_s * 1e-3 * felt.measurement.dt, left)
+        heading = (u - x) / left, (v - y) / left
+        at = x + way * heading[0], y + way * heading[1]
+        return Led(at, state.local + way, state.aside, heading, state.memory)
 
     def end_sample(self, leg: Leg, before: ProgramState, taken: Taken, felt: Felt) -> Taken:
         lead: Lead = taken.state.memory[2]

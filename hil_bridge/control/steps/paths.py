@@ -263,6 +263,8 @@ class Way:
 
     def piece(self, travel: float) -> int:
         """Number of the piece on which this length of the way lies."""
+        if len(self.headings) == 1:
+            return 0
         return min(max(bisect_right(self.begins, travel) - 1, 0), len(self.headings) - 1)
 
     def at(self, travel: float) -> Place:
@@ -279,6 +281,8 @@ class Way:
 
     def along(self, low: float, high: float, place: Place) -> float:
         """Length of the way, m, at its point nearest to a place, between two lengths of it."""
+        if len(self.headings) == 1:
+            return self._on(0, place)
         first, last = self.piece(low), self.piece(high)
         if first == last:
             return self._on(first, place)

@@ -5,13 +5,13 @@ the estimated normal predicts along the path. So a corner or a way back, where t
 disturbance for it.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from msgspec.structs import replace
 
 from hil_bridge.control.course.intent import Phase
 from hil_bridge.control.course.limits import Limits
-from hil_bridge.control.course.stroke import Order, Stride
+from hil_bridge.control.course.stroke import Order, Stride, StrokeState
 from hil_bridge.control.program.leg import Leg
 from hil_bridge.control.program.outcome import count_sample
 from hil_bridge.control.program.state import Felt, ProgramState
@@ -35,6 +35,28 @@ class Guide(NamedTuple):
     """Why the run must end; None while it need not."""
 
 
+class Pressed(NamedTuple):
+    """What the stroke has made of a sample."""
+
+    stroke: StrokeState
+    order: Order
+
+
+class Led(NamedTuple):
+    """Where a step leads the tool, by the names of the program's state."""
+
+    at: Place
+    """Commanded x and y from the start point, m."""
+    local: float
+    """Commanded way along the path of this step, m."""
+    aside: float = 0.0
+    """Commanded way to the left of the path, m."""
+    heading: Place = (1.0, 0.0)
+    """Direction of the path there, unit vector."""
+    memory: Any = None
+    """The step's own state."""
+
+
 class PressingStep(Step):
     """A step that presses. A kind leads it by `guide`, before the stroke takes the sample, and by `lead` after it."""
 
@@ -51,9 +73,9 @@ class PressingStep(Step):
         """Wanted force and feed of this sample."""
         return Guide(state, Stride(leg.reference(local_way(state))))
 
-    def lead(self, leg: Leg, state: ProgramState, order: Order, felt: Felt) -> ProgramState:
-        """State with the place in the plane that this sample orders; `order` is the stroke's answer."""
-        return state
+    def lead(self, leg: Leg, state: ProgramState, pressed: Pressed, felt: Felt) -> Led:
+        """Where this sample orders the tool to in the plane; `state` is that before the stroke, but for `guide`."""
+        return Led(state.at, state.local, state.aside, state.heading, state.memory)
 
     def end_sample(self, leg: Leg, before: ProgramState, taken: Taken, felt: Felt) -> Taken:
         """The sample as the step ends it: whether it is the last one. `before` is the state before the stroke."""
@@ -77,9 +99,22 @@ class PressingStep(Step):
         stroke, order = leg.stroke.step(state.stroke, seen, stride)
         if stroke.travel < state.base:
             stroke = replace(stroke, travel=state.base)
-        state = self.lead(leg, replace(state, stroke=stroke), order, felt)
-        raised = ground + rise(fall, before.at, state.at)
-        state = count_sample(replace(state, ground=raised), leg, before, measurement)
+        led = self.lead(leg, state, Pressed(stroke, order), felt)
+        raised = ground + rise(fall, before.at, led.at) if fall != FLAT else ground
+        tally, this_pass = count_sample(state, leg, stroke, measurement, stride.reference)
+        state = replace(
+            state,
+            stroke=stroke,
+            at=led.at,
+            local=led.local,
+            aside=led.aside,
+            heading=led.heading,
+            memory=led.memory,
+            seen=max(measurement.travel - state.base, 0.0) if leg.way is not None else state.seen,
+            ground=raised,
+            tally=tally,
+            this_pass=this_pass,
+        )
         order = Order(
             order.phase, order.depth + raised, shift_answer(order.command, raised), stride.reference
         )

@@ -11,12 +11,11 @@ from hil_bridge.control.checks import FORBID_EXTRA, require_not_negative
 from hil_bridge.control.course.intent import Phase
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.parameters import TaskParameters
-from hil_bridge.control.course.stroke import Order
 from hil_bridge.control.program.leg import Leg
 from hil_bridge.control.program.state import Felt, ProgramState
 from hil_bridge.control.steps import free_space
 from hil_bridge.control.steps.paths import Line, Place, Way, way_of
-from hil_bridge.control.steps.pressing import ROUNDING, PressingStep
+from hil_bridge.control.steps.pressing import ROUNDING, Led, Pressed, PressingStep
 from hil_bridge.control.steps.seam import (
     NO_LIMITS,
     Drawing,
@@ -103,11 +102,12 @@ class Seek(PressingStep):
             return PressingStep.take(self, leg, state, felt)
         return free_space.seek(self, leg, state, felt)
 
-    def lead(self, leg: Leg, state: ProgramState, order: Order, felt: Felt) -> ProgramState:
+    def lead(self, leg: Leg, state: ProgramState, pressed: Pressed, felt: Felt) -> Led:
         assert leg.way is not None
-        local, heading = state.stroke.travel - state.base, leg.way.headings[0]
+        local = pressed.stroke.travel - state.base
         x, y = leg.way.at(local)
-        return replace(state, at=(state.origin[0] + x, state.origin[1] + y), local=local, heading=heading)
+        at = state.origin[0] + x, state.origin[1] + y
+        return Led(at, local, state.aside, leg.way.headings[0], state.memory)
 
     def end_sample(self, leg: Leg, before: ProgramState, taken: Taken, felt: Felt) -> Taken:
         """A loss of contact is what the step wants."""

@@ -11,14 +11,14 @@ from msgspec.structs import replace
 from hil_bridge.control.checks import FORBID_EXTRA
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.parameters import TaskParameters
-from hil_bridge.control.course.stroke import Order, Stride
+from hil_bridge.control.course.stroke import Stride
 from hil_bridge.control.program.felt import lateral_of
 from hil_bridge.control.program.leg import Leg
 from hil_bridge.control.program.state import Felt, ProgramState
 from hil_bridge.control.steps.across import aside_by, beside
 from hil_bridge.control.steps.feed import STUCK_S, feed_of, progress
 from hil_bridge.control.steps.paths import Line, Path, Place, Way, way_of
-from hil_bridge.control.steps.pressing import FLAT, ROUNDING, Guide, PressingStep
+from hil_bridge.control.steps.pressing import FLAT, ROUNDING, Guide, Led, Pressed, PressingStep
 from hil_bridge.control.steps.seam import (
     NO_LIMITS,
     Criterion,
@@ -135,11 +135,13 @@ class Track(PressingStep):
     def guide(self, leg: Leg, state: ProgramState, felt: Felt) -> Guide:
         local = state.stroke.travel - state.base
         reference = leg.reference(max(local, 0.0))
-        lateral = lateral_of(felt.force, state.facing.fall if leg.shows_ground else FLAT)
-        limit, held = self.lateral_limit_n, felt.sample.held
+        limit, held, lateral = self.lateral_limit_n, felt.sample.held, 0.0
+        if limit is not None:
+            lateral = lateral_of(felt.force, state.facing.fall if leg.shows_ground else FLAT)
         feed, trouble = feed_of(self, felt.measurement.force - reference, lateral, local)
         feed = min(feed, 0.0) if held else feed
-        state = replace(state, feed=feed)
+        if feed != state.feed:
+            state = replace(state, feed=feed)
         if limit is not None and state.in_contact and not held:
             state = progress(state, leg.stroke.parameters.speed_mm_s, felt.measurement.dt, local)
             if state.stuck >= STUCK_S and trouble is None:
@@ -150,17 +152,20 @@ class Track(PressingStep):
                 trouble = Reason(Cause.NO_PROGRESS, text)
         return Guide(state, Stride(reference, feed), trouble)
 
-    def lead(self, leg: Leg, state: ProgramState, order: Order, felt: Felt) -> ProgramState:
+    def lead(self, leg: Leg, state: ProgramState, pressed: Pressed, felt: Felt) -> Led:
         assert leg.way is not None
-        local = state.stroke.travel - state.base
-        heading = leg.way.headings[leg.way.piece(local)]
+        local, memory = pressed.stroke.travel - state.base, state.memory
+        number = leg.way.piece(local)
+        heading, begin = leg.way.headings[number], leg.way.points[number]
+        rest = local - leg.way.begins[number]
+        x, y = begin[0] + rest * heading[0], begin[1] + rest * heading[1]
         if self.across == "position":
-            aside = aside_by(leg.stroke, self, state, order.command, felt.measurement.dt)
+            aside = aside_by(leg.stroke, self, state, pressed, felt.measurement.dt)
         else:
-            state, aside = beside(leg.stroke, self, state, felt.measurement, _leftwards(leg, state, felt))
-        x, y = leg.way.at(local)
+            left = _leftwards(leg, state, (x, y), felt)
+            memory, aside = beside(leg.stroke, self, state, felt.measurement, left)
         at = state.origin[0] + x - aside * heading[1], state.origin[1] + y + aside * heading[0]
-        return replace(state, at=at, local=local, aside=aside, heading=heading)
+        return Led(at, local, aside, heading, memory)
 
     def end_sample(self, leg: Leg, before: ProgramState, taken: Taken, felt: Felt) -> Taken:
         assert leg.way is not None
@@ -173,6 +178,8 @@ class Track(PressingStep):
 
     def describe(self, parameters: TaskParameters) -> Iterator[str]:
         yield f"{self.path.kind}, {parameters.speed_mm_s:g} mm/s"
+        if self.for_s is not None:
+            yield f"{self.for_s:g} s at most"
         if self.lateral_limit_n is not None:
             ends = "stops" if self.at_wall == "stop" else "slower"
             yield f"{ends} up to {self.lateral_limit_n:g} N from the side"
@@ -190,10 +197,9 @@ class Track(PressingStep):
         return "#e3f3ec"
 
 
-def _leftwards(leg: Leg, state: ProgramState, felt: Felt) -> tuple[float, float]:
-    """Force to the left of the path, N, and the reported way to the left of it, m."""
+def _leftwards(leg: Leg, state: ProgramState, place: Place, felt: Felt) -> tuple[float, float]:
+    """Force to the left of the path, N, and the reported way to the left of this place of it, m."""
     assert leg.way is not None
-    local = state.stroke.travel - state.base
-    (h, k), (x, y) = leg.way.headings[leg.way.piece(state.local)], leg.way.at(local)
-    dx, dy = felt.place[0] - state.origin[0] - x, felt.place[1] - state.origin[1] - y
+    h, k = leg.way.headings[leg.way.piece(state.local)]
+    dx, dy = felt.place[0] - state.origin[0] - place[0], felt.place[1] - state.origin[1] - place[1]
     return h * felt.force[2] - k * felt.force[1], h * dy - k * dx

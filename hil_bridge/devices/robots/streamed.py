@@ -75,7 +75,8 @@ class StreamedLink(Generic[Data]):
         """`facts` name the robot's cycle. Raises ValueError where they do not."""
         if not facts.cycle_s:
             raise ValueError(f"{facts.model}: a robot that streams has a cycle")
-        self.name = wire.name
+        self.name = wire.name.partition("?")[0]
+        """Scheme and address of the wire, as messages name the robot; options of the URL are left out."""
         self.facts = msgspec.structs.replace(
             facts, hops=facts.hops or HOPS, routine=ROUTINE, errors=facts.errors or TROUBLES, traffic=TRAFFIC
         )

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 from hil_bridge.lab.campaign.criteria import figure_text
 from hil_bridge.lab.campaign.digest import Digest, FailedRun, Tally, unmet_by
-from hil_bridge.lab.campaign.store import Store
+from hil_bridge.lab.campaign.store import Done, Store
 from hil_bridge.lab.campaign.telling import faults_of_run
-from hil_bridge.lab.junit import REQUIREMENT, JunitCase, Verdict, encode_junit
+from hil_bridge.lab.junit import RECORDING, REQUIREMENT, JunitCase, Verdict, attachment, encode_junit
 from hil_bridge.lab.text_tables import aligned, markdown_table
 from hil_bridge.record.analysis.figures import FIGURES, UNKNOWN
 
@@ -157,6 +157,7 @@ def junit_report(store: Store, digest: Digest) -> bytes:
         if not run.passed:
             verdict = Verdict.ERROR if run.outcome == "error" else Verdict.FAILED
         lines = (unmet, f"{run.outcome}: {run.cause}", rerun_command(digest.results, run.key))
+        kept = _recordings(store, run)
         cases.append(
             JunitCase(
                 case.cell,
@@ -167,9 +168,17 @@ def junit_report(store: Store, digest: Digest) -> bytes:
                 "\n".join(filter(None, lines)),
                 [
                     *required,
+                    *((RECORDING, recording) for recording in kept),
                     ("key", run.key),
                     *((key, figure_text(value)) for key, value in run.figures.items()),
                 ],
+                "\n".join(map(attachment, kept)),
             )
         )
     return encode_junit(f"hil-bridge campaign {plan.name}", cases, digest.facts.items())
+
+
+def _recordings(store: Store, run: Done) -> list[str]:
+    """Path of the recording that a run has left, as seen from the working directory; none where it is not there."""
+    place = store.folder / run.recording
+    return [str(place)] if run.recording and place.is_file() else []

@@ -13,6 +13,8 @@ class Ending:
     """As the shell's; minus the number of a signal. None where the client was killed."""
     told_to_end: bool = False
     killed: bool = False
+    late_s: float = 0.0
+    """Longest time by which this process was late, and the emulated device with it; 0 in virtual time."""
 
     @property
     def crashed(self) -> bool:

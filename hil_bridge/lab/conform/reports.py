@@ -7,6 +7,7 @@ from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
+from hil_bridge.clock.heartbeat import MOST_S
 from hil_bridge.lab.conform.trial import SUITE_VERSION, Played
 from hil_bridge.lab.conform.verdict import Outcome
 from hil_bridge.lab.junit import JunitCase, Verdict, encode_junit
@@ -42,6 +43,16 @@ def not_modelled(played: Sequence[Played[Any]]) -> Iterator[str]:
     things = dict.fromkeys(thing for one in played for thing in one.not_modelled)
     if things:
         yield relied_on(list(things))
+
+
+def lateness(played: Sequence[Played[Any]]) -> Iterator[str]:
+    """One line where this computer was too busy in a scenario; none where it never was."""
+    late = {one.name: one.seen.late_s for one in played if one.seen.late_s >= MOST_S}
+    if late:
+        yield (
+            f"this process was late by up to {max(late.values()) * 1e3:.0f} ms in {', '.join(late)}: "
+            "on a busy computer a verdict may change; end other programs, and repeat it"
+        )
 
 
 def totals(played: Sequence[Played[Any]]) -> str:

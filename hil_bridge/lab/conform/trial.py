@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Generic, NamedTuple, Protocol, TypeVar
 from urllib.parse import parse_qsl, urlsplit
 
 from emulators.cell import Cell
-from hil_bridge.clock import Clock
+from hil_bridge.clock import Clock, Heartbeat
 from hil_bridge.errors import BridgeError, ConfigError, DeviceError
 from hil_bridge.lab.conform.client import Client, Where
 from hil_bridge.lab.conform.ending import Ending
@@ -192,14 +192,17 @@ async def play(name: str, trial: Trial[Seen]) -> Played[Seen]:
     client = trial.make_client()
     failures: list[BaseException] = []
     things: list[NotModelled] = []
-    begun = clock.now()
+    heart, begun = Heartbeat(clock), clock.now()
     try:
         async with emulated_cell(Setup(trial.config, trial.listen), clock, failures.append) as served:
             follow_unmodelled(served.cell, things.append)
             scene = trial.scene(name, InCell(served.cell, clock, failures), client)
+            heart.start()
             await scene.play(where_of(trial.device_of(served)))
+            scene.seen.late_s = heart.take()
     finally:
         client.kill()
+        heart.stop()
         clock.close()
     seconds, seen = clock.now() - begun, scene.seen
     verdict = trial.judge(name, seen)

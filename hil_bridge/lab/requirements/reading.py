@@ -1,8 +1,9 @@
 """A list of requirements as CSV, and results of tests as JUnit XML. Neither is trusted."""
 
 import csv
+import hashlib
 import io
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -25,6 +26,12 @@ def _content(path: Path) -> bytes:
     if len(data) > _LARGEST:
         raise ConfigError(f"{path}: is larger than {_LARGEST // 2**20} MB; name a smaller file")
     return data
+
+
+def read_digests(paths: Iterable[Path]) -> Iterator[tuple[str, str]]:
+    """Name of each file, and the SHA-256 of its content. Raises ConfigError for a file that cannot be read."""
+    for path in paths:
+        yield path.name, hashlib.sha256(_content(path)).hexdigest()
 
 
 def read_requirements(path: Path) -> list[Requirement]:

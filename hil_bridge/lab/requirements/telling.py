@@ -2,14 +2,14 @@
 
 import csv
 import io
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from html import escape
 from pathlib import Path
 from urllib.parse import quote
 
 from hil_bridge.lab.requirements.matrix import Matrix, Row, State, Tried
 from hil_bridge.show.pages import document
-from hil_bridge.show.report.markup import across, table
+from hil_bridge.show.report.markup import across, pairs, table
 
 _TITLES = ("requirement", "text", "state", "test", "verdict", "reason", "recordings")
 _REASON = 160
@@ -29,10 +29,13 @@ def describe(matrix: Matrix) -> Iterator[str]:
 
 def _by(row: Row) -> str:
     """The first test that says why, with its words."""
-    test = next((one for one in row.tests if one.state is row.state), None)
-    if test is None:
+    tests = [one for one in row.tests if one.state is row.state]
+    if not tests:
         return ""
-    return f": {test.name}{f': {test.reason}' if test.reason else ''}"
+    first, more = tests[0], len(tests) - 1
+    return (
+        f": {first.name}{f': {first.reason}' if first.reason else ''}{f' (and {more} more)' if more else ''}"
+    )
 
 
 def as_csv(matrix: Matrix) -> bytes:
@@ -55,8 +58,10 @@ def _plain(text: str) -> str:
     return f"'{text}" if text[:1] in ("=", "+", "-", "@", "\t", "\r") else text
 
 
-def as_page(title: str, matrix: Matrix, place: Path) -> bytes:
-    """The matrix as a page that will lie at `place`; recordings are linked from there."""
+def as_page(title: str, matrix: Matrix, place: Path, facts: Iterable[tuple[str, str]] = ()) -> bytes:
+    """The matrix as a page that will lie at `place`; recordings are linked from there. `facts`, by name, tell of what
+    and when it was made.
+    """
     counts = "".join(
         f'<span class="badge {_BADGES[state]}">{matrix.count(state)} {escape(state)}</span> '
         for state in State
@@ -69,6 +74,8 @@ def as_page(title: str, matrix: Matrix, place: Path) -> bytes:
         for name, test in matrix.strangers
     )
     body = f"<h1>{escape(title)}</h1>\n<p>{counts}</p>\n{across(table(rows, 'narrow', head))}\n{strangers}"
+    if told := list(facts):
+        body += f"\n<h2>What it was made of</h2>\n{across(pairs(told))}"
     return document(title, body, charts=False).encode()
 
 

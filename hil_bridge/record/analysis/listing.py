@@ -49,7 +49,7 @@ def list_runs(folder: Path, last: int) -> Sequence[ListedRun]:
 def run_lines(runs: Sequence[ListedRun]) -> Iterator[str]:
     """A table for people."""
     if not runs:
-        yield "no runs"
+        yield "no runs: each is a folder with the summary.json that `hil-bridge run` writes"
         return
     rows = [("run", "outcome", "controller", *(FIGURES[key].title for key in _SHOWN), "cause")]
     rows += [_row(run.values) for run in runs]

@@ -18,6 +18,7 @@ from hil_bridge.devices.robots.s3.settings import S3Settings
 from hil_bridge.errors import DeviceError, TransportUnavailable
 from hil_bridge.errors.text_files import toml_pair
 from hil_bridge.record.files import check_place, write_whole
+from hil_bridge.site.robot_probe import FOUND, TO_FILL_IN
 from hil_bridge.site.s3.prober import ProbeEvent, Prober, Said, profile_of
 from hil_bridge.site.s3.search import LINE_WRONG, Finding, Outcome, Reply, Search, Try, likely_lines
 from hil_bridge.transports import LineSettings, Parity, Transport, connect_bytes
@@ -30,34 +31,6 @@ PATIENCE_S = 0.7
 """Longest wait for an ACK. Chosen: a device that answers at all does so within some tens of milliseconds."""
 ANSWER_PATIENCE_S = 3.0
 """Longest wait for the answer to an acknowledged query. Chosen."""
-TO_FILL_IN = """
-[sensor]
-# where the force sensor is: jr3+can+slcan:///dev/ttyACM0?bitrate=1000000, jr3-uart+serial:///dev/ttyACM0, jr3-board+tcp://host:1762?filter=2
-#= url = "jr3+can+socketcan://can0"
-# how it sits in the tool frame; `hil-bridge probe sensor URL` names its axes from a push by hand
-#= mounting_deg = 0.0
-#= flip_fx_mx = false
-
-[tool]
-# what hangs below the sensor; `hil-bridge identify-tool` measures it
-#= mass_kg = 0.5
-#= centre_of_gravity_mm = [0.0, 0.0, 0.0]
-
-[frame]
-# into the surface and along it, in the robot's base frame
-#= approach = [0.0, 0.0, -1.0]
-#= travel = [0.0, 1.0, 0.0]
-
-[task]
-#= force_n = 10.0
-
-[limits]
-#= force_limit_n = 50.0
-# corners of the box that the tool may be in, in the robot's base frame
-#= workspace_min_m = [-3.0, -3.0, -3.0]
-#= workspace_max_m = [3.0, 3.0, 3.0]
-"""
-"""Facts that only a person knows, with the defaults."""
 
 
 def probe_robot(
@@ -241,10 +214,7 @@ def site_toml(url: str, finding: Finding) -> str:
     """A configuration file with the settings that work, and as comments those that a person must know."""
     line, evidence = finding.line, finding.stuffing_evidence
     rows = [
-        "# Found by `hil-bridge probe robot`; what is not here has its default. The lines that begin with #= are what",
-        "# no probe can find: take #= away and set them. Then `hil-bridge doctor` tells whether a run would begin.",
-        "",
-        "[robot]",
+        *FOUND,
         toml_pair("url", f"s3+{url if line is None else url_with_line(url, line)}"),
         "",
         "[robot.s3.link]",

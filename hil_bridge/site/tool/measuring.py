@@ -13,6 +13,7 @@ from hil_bridge.clock import Clock, run_real, run_virtual
 from hil_bridge.control import (
     Observation,
     Request,
+    Sample,
     Stop,
     Supervisor,
     SupervisorState,
@@ -21,7 +22,7 @@ from hil_bridge.control import (
 )
 from hil_bridge.devices.device_log import LogTo
 from hil_bridge.devices.robots.seam import GIVE_UP_AFTER_S, Motion, MotionLimits, RobotReport
-from hil_bridge.errors import ConfigError, DeviceError, SafetyStop
+from hil_bridge.errors import BridgeError, ConfigError, DeviceError, SafetyStop
 from hil_bridge.errors.causes import Cause
 from hil_bridge.runs.bounds import turning_bounds
 from hil_bridge.runs.compose import Devices, can_hold, open_devices
@@ -177,16 +178,25 @@ class _Measuring:
             self._config, self._robot.facts, math.radians(self._sweep.angle_deg), start.pose
         )
         limits = MotionLimits(speed, give_up_after=GIVE_UP_AFTER_S + still, bounds=bounds)
-        async with self._robot.motion(limits) as motion:
-            await self._go(motion, lifted, upright)
-            orientations = self._sweep.orientations(upright)
-            for number, orientation in enumerate(orientations, 1):
-                await self._go(motion, lifted, orientation)
-                mean, spread = await self._average()
-                rests = await self._robot.report()  # on arrival it was still on the last tenth of a degree
-                poses.append(ToolPose(rests.pose.quaternion, mean, spread))
-                self._tell(f"pose {number} of {len(orientations)} measured")
-            await self._go(motion, start.pose.position, upright)
+        try:
+            async with self._robot.motion(limits) as motion:
+                await self._go(motion, lifted, upright)
+                orientations = self._sweep.orientations(upright)
+                for number, orientation in enumerate(orientations, 1):
+                    await self._go(motion, lifted, orientation)
+                    mean, spread = await self._average()
+                    rests = (
+                        await self._robot.report()
+                    )  # on arrival it was still on the last tenth of a degree
+                    poses.append(ToolPose(rests.pose.quaternion, mean, spread))
+                    self._tell(f"pose {number} of {len(orientations)} measured")
+                await self._go(motion, start.pose.position, upright)
+        except BridgeError:
+            self._tell(
+                f"left: where it stopped, up to {self._sweep.lift_mm:g} mm above its start and turned by up to "
+                f"{self._sweep.angle_deg:g}°; jog the tool back before the next try"
+            )
+            raise
         return poses
 
     def _lifted(self) -> Vector:
@@ -247,9 +257,9 @@ class _Measuring:
         depth = sum((t - s) * n for t, s, n in zip(target, self._start.pose.position, approach, strict=True))
         now = self._clock.now()
         since, self._decided_at = now - (now if self._decided_at is None else self._decided_at), now
-        observation = Observation(
+        sample = Sample(
             now=now,
-            dt=since,
+            position=report.pose.position,
             force=force_along(approach, quaternion, wrench),
             resultant=math.hypot(*wrench[:3]),
             sensor_at=frame.at,
@@ -259,6 +269,7 @@ class _Measuring:
             fault=report.fault,
             fault_remedy=report.remedy,
         )
+        observation = Observation(sample, dt=since)
         self._state, verdict = self._supervisor.step(
             self._state, observation, Request(depth, target, approach)
         )

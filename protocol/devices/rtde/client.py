@@ -436,6 +436,9 @@ def _strange_types(names: tuple[str, ...], answer: packets.Types) -> str:
     return f"it answers {len(names)} variables with {len(answer.types)} types and recipe {answer.recipe}"
 
 
+_WHY_STOPPED = "see at the pendant whether a person, another client or the watchdog ended it, and begin again"
+
+
 def _slow(scaling: float) -> Trouble:
     return Trouble(f"its speed slider stands at {100.0 * scaling:.0f} %", "put it to 100 %")
 
@@ -446,7 +449,8 @@ def _find_trouble(values: tuple[float, ...], moving: bool) -> Trouble:
         return stop
     runtime, _, _, _, state, _, _, scaling = values[_STATES:]
     if runtime != Runtime.PLAYING:
-        return Trouble(f"our program is {name_of(Runtime, runtime)}", "begin again")
+        remedy = _WHY_STOPPED if runtime == Runtime.STOPPED else "begin again"
+        return Trouble(f"our program is {name_of(Runtime, runtime)}", remedy)
     if state == State.REFUSED:
         return Trouble(
             "no joints near the present ones hold the pose that was ordered",

@@ -43,7 +43,7 @@ def _explain_skip(scenario: str, seen: Seen) -> str:
             f"the client ordered no motion that could be judged; this emulated robot does not have: "
             f"{'; '.join(seen.refusals[:3])}"
         )
-    if scenario in (NOMINAL, REFUSED) or seen.fault_at is not None:
+    if scenario in (NOMINAL, REFUSED) or seen.fault_at is not None or _failed_early(seen):
         return ""
     if seen.moved_at is None:
         return f"the tool did not move, so that nothing could happen in the middle; {describe_end(seen)}"
@@ -52,8 +52,15 @@ def _explain_skip(scenario: str, seen: Seen) -> str:
     )
 
 
+def _failed_early(seen: Seen) -> bool:
+    """Whether the client failed by itself before the fault came: that is its own doing, and no reason to skip."""
+    return seen.fault_at is None and not seen.told_to_end and seen.exit_code not in (0, None)
+
+
 def _find_faults(scenario: str, seen: Seen, rules: Rules) -> Iterator[str]:
     """All that is wrong, the gravest first."""
+    if scenario not in (NOMINAL, REFUSED) and _failed_early(seen) and not seen.crashed:
+        yield f"failed by itself before the fault came: {describe_end(seen)}"
     yield from _OWN[scenario](seen, rules)
     if seen.own_stop and scenario not in (NOMINAL, LATE):
         yield f"its orders stopped the robot: {seen.own_stop}"
@@ -80,7 +87,8 @@ def _find_haste(seen: Seen, rules: Rules) -> Iterator[str]:
         if turn_deg > rules.max_turn_deg:
             yield f"a turn of {turn_deg:.2f}° between two orders, allowed are {rules.max_turn_deg:g}"
     elif seen.turns:
-        yield f"{seen.turns} of its orders turn the tool at once, by up to {turn_deg:.1f}°"
+        why = ": the w of its quaternion seems to stand at the wrong end" if seen.w_misplaced else ""
+        yield f"{seen.turns} of its orders turn the tool at once, by up to {turn_deg:.1f}°{why}"
     ordered, gone = seen.largest_speed_m_s * 1e3, seen.fastest_m_s * 1e3
     if rules.max_speed_mm_s:
         if gone > rules.max_speed_mm_s:
@@ -168,10 +176,17 @@ _OWN: Mapping[str, Callable[[Seen, Rules], Iterator[str]]] = {
 
 def _moved(seen: Seen) -> str:
     return (
-        f"moved {seen.moved_m * 1e3:.1f} mm and turned {math.degrees(seen.turned_rad):.1f}° by {seen.orders} orders, "
-        f"at most {seen.fastest_m_s * 1e3:.1f} mm/s; "
+        f"moved {seen.moved_m * 1e3:.1f} mm and turned {math.degrees(seen.turned_rad):.1f}° "
+        f"by {seen.orders} orders{_pace(seen)}, at most {seen.fastest_m_s * 1e3:.1f} mm/s; "
         f"longest pause {seen.longest_pause_s * 1e3:.0f} ms; {describe_end(seen)}"
     )
+
+
+def _pace(seen: Seen) -> str:
+    """How often orders came, in words; empty where it cannot be told."""
+    if seen.orders < 2 or seen.first_order_at is None or seen.last_order_at is None:
+        return ""
+    return f", one each {(seen.last_order_at - seen.first_order_at) / (seen.orders - 1) * 1e3:.1f} ms"
 
 
 def _held_back(seen: Seen, begin: str = "stop") -> str:

@@ -48,7 +48,10 @@ class RobotTrial(Trial[Seen]):
         """The fault of each scenario, in the order of the scenarios. Raises ConfigError for a robot without any."""
         kind = ROBOTS.kind(self.kind)
         if kind.emulation is None or not kind.emulation.mishaps:
-            raise ConfigError(f"{kind.name}: its emulator says no mishaps by which a client can be judged")
+            raise ConfigError(
+                f"{kind.name}: its clients cannot be judged: its RobotEmulation names no mishaps; "
+                "see the page on conform, A robot of your own"
+            )
         emulation = kind.emulation
         mishaps = {
             LATE: Mishap(WIRE, "late", {"ms": emulation.late_ms, "way": "from"}),

@@ -17,6 +17,8 @@ _STREAM = 10
 """Chosen: orders from which a client of a robot with a way of its own is seen to stream."""
 _FIRST_CYCLES = 5
 """Chosen: cycles of the robot from its tool to the place of a first order."""
+_NEAR_RAD = 0.02
+"""Chosen: a quaternion that is so near to the tool's, put in another order, was meant in that order."""
 
 
 class Stride(NamedTuple):
@@ -34,6 +36,8 @@ class Stride(NamedTuple):
     """The speed that it orders is above the robot's."""
     elsewhere: bool = True
     """It leads to another place than the order before."""
+    w_misplaced: bool = False
+    """It turns the tool, and would not with the w of its quaternion at the other end."""
 
 
 class Strides:
@@ -69,7 +73,9 @@ class Strides:
         elsewhere = far > SAME_PLACE_M or away > SAME_TURN_RAD
         if order.reach is None:
             return Stride(step, turn, elsewhere=elsewhere)
-        return self._judge(order.reach, (step, turn), None if before is None else interval, elsewhere)
+        stride = self._judge(order.reach, (step, turn), None if before is None else interval, elsewhere)
+        misplaced = stride.turns and tool is not None and _has_w_misplaced(order.pose, tool)
+        return stride._replace(w_misplaced=misplaced)
 
     def _judge(
         self, reach: Reach, way: tuple[float, float], interval: float | None, elsewhere: bool
@@ -127,6 +133,12 @@ def _way(pose: Pose, place: Pose) -> tuple[float, float]:
     """Distance, m, and turn, rad."""
     turn = angle_between(pose.quaternion, place.quaternion)
     return math.dist(pose.position, place.position), turn if math.isfinite(turn) else 0.0
+
+
+def _has_w_misplaced(pose: Pose, tool: Pose) -> bool:
+    """Whether x y z w was taken for w x y z, or the other way round: then another order is the tool's orientation."""
+    w, x, y, z = pose.quaternion
+    return any(angle_between(other, tool.quaternion) < _NEAR_RAD for other in ((z, w, x, y), (x, y, z, w)))
 
 
 def _is_beyond(reach: Reach | None, speed: float, turning: float) -> bool:

@@ -49,6 +49,8 @@ class Seen(Ending):
     """Orders farther from the one before than the robot goes in one cycle."""
     turns: int = 0
     """The same of the turn."""
+    w_misplaced: bool = False
+    """One of these has the w of its quaternion at the wrong end, as far as the tool's orientation tells."""
     rushes: int = 0
     """Orders of a speed above the robot's."""
     robot_speed_m_s: float | None = None
@@ -164,6 +166,7 @@ class Watch:
         seen.largest_speed_m_s = max(seen.largest_speed_m_s, stride.speed_m_s)
         seen.leaps += stride.leaps
         seen.turns += stride.turns
+        seen.w_misplaced |= stride.w_misplaced
         seen.rushes += stride.rushes
         if order.reach is not None and not order.reach.own_way:
             seen.robot_speed_m_s = order.reach.speed_m_s
