@@ -233,7 +233,8 @@ def test_a_recording_with_a_step_that_is_not_installed_names_its_package(
             "WrongAnswer: steer answers NoneType, not a state and a Lead (mine 1.0, own_step.py:",
         ),
         ("raise SystemExit(0)", "SystemExit: 0 (mine 1.0, own_step.py:"),
-        ("return memory, Lead(None)", "(mine 1.0, own_step.py:"),
+        ("return memory, Lead(None)", "TypeError: cannot unpack non-iterable NoneType object"),
+        ("return memory, Lead((0.0, 0.0, 0.0))", "ValueError: too many values to unpack (expected 2)"),
     ],
 )
 def test_a_step_that_fails_is_blamed_with_its_package_and_the_tool_is_retracted(
@@ -254,7 +255,9 @@ def test_a_step_that_fails_is_blamed_with_its_package_and_the_tool_is_retracted(
 
 
 def test_trouble_that_a_step_tells_ends_the_run_with_its_words(install: Install) -> None:
-    mine(install, "return memory, Lead((0.0, 0.0), trouble='it is too cold' if seen.s > 0.2 else '')")
+    mine(
+        install, r"return memory, Lead((0.0, 0.0), trouble='it is too cold\nand wet' if seen.s > 0.2 else '')"
+    )
     result = hil_bridge.simulate(RUN)
     assert (result.cause, result.text) == (Cause.STEP_TROUBLE, "it is too cold, in step 2 (mine)")
     assert result.left.startswith("retracted")

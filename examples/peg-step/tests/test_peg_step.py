@@ -33,7 +33,7 @@ def step() -> Insert:
 
 @pytest.fixture
 def surface() -> SurfaceCase:
-    return SurfaceCase(SURFACE, above_m=(0.9, -0.1, 0.7), inside_m=(0.9, -0.1, 0.588))
+    return SurfaceCase(SURFACE, above_m=(0.9, -0.1, 0.7), inside_m=(0.9, -0.1, 0.588), friction=0.2)
 
 
 def run(robot: str = "egm", **settings: Any) -> Any:

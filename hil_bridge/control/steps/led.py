@@ -13,7 +13,7 @@ from hil_bridge.control.steps.paths import Place
 from hil_bridge.control.steps.pressing import Guide, Led, Pressed, PressingStep, local_way
 from hil_bridge.control.steps.seam import Taken, need_travel_speed
 from hil_bridge.errors.causes import Cause, Reason
-from hil_bridge.errors.failures import WrongAnswer
+from hil_bridge.errors.failures import WrongAnswer, one_line
 from protocol.geometry import Vector
 
 
@@ -75,11 +75,13 @@ class LedStep(PressingStep):
         raise NotImplementedError
 
     def answer(self, memory: Any, seen: Seen) -> tuple[Any, Lead]:
-        """What `steer` answers. Raises WrongAnswer for what is no state and no Lead."""
+        """What `steer` answers, its place in plain numbers. Raises WrongAnswer for what is no state and no Lead."""
         answer: Any = self.steer(memory, seen)
         if not (isinstance(answer, tuple) and len(answer) == 2 and isinstance(answer[1], Lead)):
             raise WrongAnswer(self, "steer", answer, "a state and a Lead")
-        return answer
+        memory, lead = answer
+        x, y = lead.to
+        return memory, lead._replace(to=(float(x), float(y)))
 
     # --- before the run
 
@@ -124,7 +126,7 @@ class LedStep(PressingStep):
             self._is_last(state, felt),
         )
         memory, lead = self.answer(memory, seen)
-        trouble = Reason(Cause.STEP_TROUBLE, str(lead.trouble)) if lead.trouble else None
+        trouble = Reason(Cause.STEP_TROUBLE, one_line(str(lead.trouble))) if lead.trouble else None
         force = wanted if lead.force_n is None else float(lead.force_n)
         limit = leg.stroke.force_limit_n
         if not 0.0 < force < limit:
@@ -149,6 +151,6 @@ class LedStep(PressingStep):
         last = self._is_last(before, felt)
         if not (lead.done or last):
             return taken
-        text = str(lead.done) or f"ended after {self.for_s:g} s"
+        text = one_line(str(lead.done)) or f"ended after {self.for_s:g} s"
         state = replace(taken.state, text=text, found=(felt.sample.position, 1))
         return taken._replace(state=state, done=True)
