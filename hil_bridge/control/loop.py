@@ -199,9 +199,13 @@ class ControlLoop:
             True,  # not looked at: the stroke judges contact
             sample.paired_force,
             travel,
-            saturated=sample.saturated,
-            dt=self.since(state.seen_at, sample.now),
-            sample=sample,
+            0.0,
+            None,
+            1.0,
+            sample.saturated,
+            self.since(state.seen_at, sample.now),
+            sample.force_travel * state.program.heading[0] + beside * state.program.heading[1],
+            sample,
         )
         force = sample.force, sample.force_travel, beside
         return Felt(sample, measurement, (travel, across), force, sample.wrench)

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from hil_bridge.control import FuzzyPi, Measurement, Stroke, TaskParameters
 from hil_bridge.control.program.state import ProgramState
-from hil_bridge.control.program.yielding import yield_aside
+from hil_bridge.control.program.yielding import yield_to
 from hil_bridge.control.steps.across import beside
 from hil_bridge.control.steps.feed import STUCK_S, feed_of, progress
 from hil_bridge.control.steps.paths import Line
@@ -95,9 +95,10 @@ def test_a_tool_that_goes_to_and_fro_before_a_wall_is_stuck():
 # --- out of the way of what pushes from the side
 
 
-def yielding(state, force, way):
+def yielding(state, force, way, works_aside=True):
     pressed, *aside = force
-    return yield_aside(state, felt_of(Measurement(0.0, pressed, 0.0, 0.0), aside=tuple(aside)), way, FRICTION)
+    felt = felt_of(Measurement(0.0, pressed, 0.0, 0.0), aside=tuple(aside))
+    return yield_to(state, felt, (way, FRICTION), works_aside)
 
 
 def test_a_tool_that_retracts_yields_to_a_force_from_the_side():
@@ -106,34 +107,43 @@ def test_a_tool_that_retracts_yields_to_a_force_from_the_side():
     assert state.yielded == pytest.approx(1e-4)
 
 
-def test_a_tool_that_retracts_never_goes_on_along_its_path():
-    assert yielding(ProgramState(), (0.0, -20.0, 0.0), 1e-4) == ProgramState()
+def test_a_tool_that_works_along_its_path_alone_yields_back_along_it():
+    state = yielding(ProgramState(at=(1e-3, 2e-3)), (4.0, 8.0, 30.0), 1e-4, works_aside=False)
+    assert state.at == pytest.approx((1e-3 - 1e-4, 2e-3))
+    aside = ProgramState(at=(1e-3, 2e-3))
+    assert yielding(aside, (4.0, 0.0, 30.0), 1e-4, works_aside=False) == aside
+
+
+@pytest.mark.parametrize("works_aside", [False, True])
+def test_friction_pushes_no_tool_aside(works_aside):
+    state = ProgramState(at=(1e-3, 2e-3))
+    assert yielding(state, (20.0, 12.0, 5.0), 1e-4, works_aside) == state
+    assert yielding(state, (20.0, 18.0, 5.0), 1e-4, works_aside) != state
+
+
+@pytest.mark.parametrize("works_aside", [False, True])
+def test_a_tool_that_yields_goes_on_until_it_is_let_go(works_aside):
+    begun = yielding(ProgramState(), (0.0, 6.0, 0.0), 1e-4, works_aside)
+    again = yielding(begun, (0.0, 2.0, 0.0), 1e-4, works_aside)
+    assert again.yielded == pytest.approx(2e-4)
+    assert yielding(again, (0.0, 0.9, 0.0), 1e-4, works_aside) == again
+    assert yielding(ProgramState(), (0.0, 2.0, 0.0), 1e-4, works_aside) == ProgramState()
+
+
+@pytest.mark.parametrize("works_aside", [False, True])
+def test_a_tool_that_retracts_never_goes_on_along_its_path(works_aside):
+    assert yielding(ProgramState(), (0.0, -20.0, 0.0), 1e-4, works_aside) == ProgramState()
+    turned = ProgramState(heading=(-1.0, 0.0))
+    assert yielding(turned, (0.0, -20.0, 0.0), 1e-4, works_aside).at == pytest.approx((1e-4, 0.0))
     aside = yielding(ProgramState(), (0.0, -20.0, 20.0), 1e-4)
     assert aside.at == pytest.approx((0.0, -1e-4))
-    assert yielding(ProgramState(heading=(-1.0, 0.0)), (0.0, -20.0, 0.0), 1e-4).at == pytest.approx(
-        (1e-4, 0.0)
-    )
 
 
-def test_friction_pushes_no_tool_aside():
-    state = ProgramState(at=(1e-3, 2e-3))
-    assert yielding(state, (20.0, 8.0, 12.0), 1e-4) == state
-    assert yielding(state, (20.0, 9.0, 15.0), 1e-4) != state
-
-
-def test_a_tool_that_yields_goes_on_until_it_is_let_go():
-    begun = yielding(ProgramState(), (0.0, 6.0, 0.0), 1e-4)
-    again = yielding(begun, (0.0, 2.0, 0.0), 1e-4)
-    assert again.yielded == pytest.approx(2e-4)
-    assert yielding(again, (0.0, 0.9, 0.0), 1e-4) == again
-    assert yielding(ProgramState(), (0.0, 2.0, 0.0), 1e-4) == ProgramState()
-
-
-@given(st.lists(st.tuples(st.floats(-100.0, 100.0), st.floats(-100.0, 100.0)), max_size=40))
-def test_it_never_goes_aside_by_more_than_10_mm(forces):
+@given(st.lists(st.tuples(st.floats(-100.0, 100.0), st.floats(-100.0, 100.0)), max_size=40), st.booleans())
+def test_it_never_goes_aside_by_more_than_10_mm(forces, works_aside):
     state = ProgramState()
     for x, y in forces:
-        state = yielding(state, (0.0, x, y), 1e-3)
+        state = yielding(state, (0.0, x, y), 1e-3, works_aside)
     assert math.hypot(*state.at) <= 10e-3 + 1e-9
     assert state.yielded <= 10e-3 + 1e-9
 

@@ -222,7 +222,7 @@ class Stroke:
         travel = state.travel + (step if state.in_contact and settled else 0.0)
         seen = replace(measurement, in_contact=state.in_contact, travel_next=travel, free_position=state.free)
         memory, command = ask(self.controller, state.controller, seen, reference)
-        order = Order(_TRACK, command.position, command)
+        order = Order(_TRACK, command.position, command, reference)
         stiffness = command.stiffness or state.stiffness
         if state.in_contact:  # found again, if it was lost
             return replace(

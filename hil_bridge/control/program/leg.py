@@ -42,6 +42,8 @@ class Leg:
     """The force is controlled along the estimated normal."""
     shows_ground: bool = False
     """The controller is shown depths from the plane that the estimated normal predicts."""
+    after_work_aside: bool = False
+    """The step before worked against the side, too."""
     turns: bool = True
     """The tool may be turned in it."""
 

@@ -63,6 +63,7 @@ def legs_of(steps: Sequence[Step], ground: Ground, written: bool = True) -> Row:
             first_of_repeat=turn.is_first,
             repeat=turn.repeat,
             turn=turn.turn,
+            after_work_aside=bool(legs) and legs[-1].step.works_aside,
         )
         legs.append(leg)
         places.append(place)

@@ -19,7 +19,7 @@ from hil_bridge.control.program.leg import Leg, Row, StepFailed
 from hil_bridge.control.program.orienting import heading_of, turn_tool
 from hil_bridge.control.program.outcome import cut, ending, outcome
 from hil_bridge.control.program.state import Felt, ProgramState, Tally
-from hil_bridge.control.program.yielding import yield_aside
+from hil_bridge.control.program.yielding import yield_to
 from hil_bridge.control.steps.seam import Taken
 from hil_bridge.control.types import Controller, ControllerFailed, Measurement, begin
 from hil_bridge.errors.causes import Reason
@@ -109,27 +109,17 @@ class Program:
         if leg.way is not None:
             place = felt.place[0] - state.origin[0], felt.place[1] - state.origin[1]
             along = leg.way.along(state.seen, state.stroke.travel - state.base, place)
-            travel = state.base + along
+            travel, reached = state.base + along, max(along, 0.0)
+            if reached != state.seen:
+                state = replace(state, seen=reached)
         elif leg.step.phase is Phase.MOVE:
             against = 0.0
-        # by place, in the order of the fields: by name every one costs as much as to read it
-        measurement = Measurement(
-            measurement.time,
-            felt.force[0],
-            measurement.position,
-            measurement.commanded,
-            True,
-            paired,
-            travel,
-            0.0,
-            None,
-            1.0,
-            measurement.saturated,
-            measurement.dt,
-            against,
-            felt.sample,
-        )
-        felt = Felt(felt.sample, measurement, felt.place, felt.force, felt.wrench)
+        known = travel == measurement.travel and against == measurement.against and not state.zero
+        if not known:
+            measurement = replace(
+                measurement, force=felt.force[0], paired_force=paired, travel=travel, against=against
+            )
+            felt = Felt(felt.sample, measurement, felt.place, felt.force, felt.wrench)
         if not leg.follows or state.stroke.phase is not _TRACK:
             return state, felt
         return self._along_normal(state, leg, felt)
@@ -213,12 +203,15 @@ class Program:
             done = cut(state, self.row.legs[state.leg], felt.sample.now, state.reason)
             state = replace(state, done=(*state.done, done), began=None)
         way = self.stroke.way(self.parameters.retract_speed_mm_s, felt.measurement.dt)
-        state = yield_aside(state, felt, way, self.stroke.friction_share)
+        works_aside = self.row.legs[state.leg].step.works_aside
+        state = yield_to(state, felt, (way, self.stroke.friction_share), works_aside)
         stroke, order = self.stroke.step(state.stroke, felt.measurement)
         state = replace(state, stroke=stroke)
         intent = self._intent(state, order)
         aside = math.hypot(felt.force[1], felt.force[2])
-        if aside > max(self.parameters.contact_threshold_n, -felt.force[0]):  # not by what hangs above
+        if works_aside and aside > max(
+            self.parameters.contact_threshold_n, -felt.force[0]
+        ):  # not by what hangs above
             intent = replace(intent, in_contact=True)
         return state, intent
 
@@ -250,6 +243,7 @@ class Program:
             yielded=0.0,
             feed=1.0,
             memory=None,
+            heading=state.heading if leg.way is None else leg.way.headings[0],
             found=((0.0, 0.0, 0.0), 0),
             readings=((), 0, -1),
             tally=Tally(),

@@ -15,23 +15,26 @@ _RELEASED_N = 1.0
 """Chosen: force from the side down to which it goes on yielding, N."""
 
 
-def yield_aside(state: ProgramState, felt: Felt, way: float, friction_share: float) -> ProgramState:
-    """State of a tool that retracts, one step away from what pushes it from the side. `way` is that step, m.
+def yield_to(state: ProgramState, felt: Felt, step: tuple[float, float], works_aside: bool) -> ProgramState:
+    """State of a tool that retracts, one step away from what pushes it from the side. `step` is that way, m, and the
+    share of the contact force that friction makes.
 
-    Pulled straight back, a tool that presses against a wall would scrape along it. It goes aside or back along its
-    path, where it came from, and never on along it.
+    Pulled straight back, a tool that presses against a wall would scrape along it. It goes back along its path, where
+    it came from. A tool that works against the side too goes aside as well, and never on along its path.
     """
-    (pressed, x, y), (h, k) = felt.force, state.heading
-    ahead = min(x * h + y * k, 0.0)
-    x, y = x - ahead * h, y - ahead * k
-    length = math.hypot(x, y)
+    (pressed, x, y), (h, k), (way, friction_share) = felt.force, state.heading, step
+    against = felt.against(state.heading)
+    if works_aside:
+        ahead = min(against, 0.0)
+        x, y = x - ahead * h, y - ahead * k
+        against = math.hypot(x, y)
+        h, k = (x / against, y / against) if against > 0.0 else (0.0, 0.0)
     pushed = (
-        length > _RELEASED_N
+        against > _RELEASED_N
         if state.yielded
-        else beyond_friction(length, pressed, friction_share) > _PUSHED_N
+        else beyond_friction(against, pressed, friction_share) > _PUSHED_N
     )
-    step = min(way, YIELD_M - state.yielded)
-    if not (pushed and step > 0.0):
+    way = min(way, YIELD_M - state.yielded)
+    if not (pushed and way > 0.0):
         return state
-    at = state.at[0] - step * x / length, state.at[1] - step * y / length
-    return replace(state, at=at, yielded=state.yielded + step)
+    return replace(state, at=(state.at[0] - way * h, state.at[1] - way * k), yielded=state.yielded + way)

@@ -2,27 +2,31 @@
 
 from typing import TYPE_CHECKING, Any
 
-from hil_bridge.control.course.stroke import Stroke
+from hil_bridge.control.course.stroke import Order, Stroke, StrokeState
+from hil_bridge.control.program.leg import Leg
 from hil_bridge.control.program.state import ProgramState
 from hil_bridge.control.types import Measurement, ask, begin
 
 if TYPE_CHECKING:
-    from hil_bridge.control.steps.pressing import Pressed
     from hil_bridge.control.steps.track import Track
 
 _YIELD_S = 0.3
 """Chosen: time constant with which the tool yields."""
 
 
-def aside_by(stroke: Stroke, step: "Track", state: ProgramState, pressed: "Pressed", dt: float) -> float:
-    """The way to the left of the path, m, with what the controller adds in this sample.
+def aside_by(
+    leg: Leg, step: "Track", state: ProgramState, pressed: tuple[StrokeState, Order], dt: float
+) -> float:
+    """The way to the left of the path, m, with what the controller adds in this sample. `pressed` is what the stroke
+    has made of it.
 
     It is no faster than the travel: what the guard cuts off would be made up for while the tool retracts.
     """
-    command = pressed.order.command
-    if command is None or not command.across or not pressed.stroke.in_contact:
+    stroke, order = pressed
+    command = order.command
+    if command is None or not command.across or not stroke.in_contact:
         return state.aside
-    most, farthest = stroke.parameters.speed_mm_s * 1e-3 * dt, step.across_mm * 1e-3
+    most, farthest = leg.stroke.parameters.speed_mm_s * 1e-3 * dt, step.across_mm * 1e-3
     aside = state.aside + min(max(command.across, -most), most)
     return min(max(aside, -farthest), farthest)
 

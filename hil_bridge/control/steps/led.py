@@ -6,11 +6,11 @@ from typing import Any, NamedTuple
 from msgspec.structs import replace
 
 from hil_bridge.control.course.limits import Limits
-from hil_bridge.control.course.stroke import Stride
+from hil_bridge.control.course.stroke import Order, Stride, StrokeState
 from hil_bridge.control.program.leg import Leg
 from hil_bridge.control.program.state import Felt, ProgramState
 from hil_bridge.control.steps.paths import Place
-from hil_bridge.control.steps.pressing import Guide, Led, Pressed, PressingStep, local_way
+from hil_bridge.control.steps.pressing import Guide, Led, PressingStep, local_way
 from hil_bridge.control.steps.seam import Taken, need_travel_speed
 from hil_bridge.errors.causes import Cause, Reason
 from hil_bridge.errors.failures import WrongAnswer, one_line
@@ -85,6 +85,10 @@ class LedStep(PressingStep):
 
     # --- before the run
 
+    @property
+    def works_aside(self) -> bool:
+        return True
+
     def check(self, pressing: bool, limits: Limits) -> None:
         PressingStep.check(self, pressing, limits)
         need_travel_speed(self.speed_mm_s, limits)
@@ -135,11 +139,11 @@ class LedStep(PressingStep):
             )
         return Guide(replace(state, memory=(memory, first, lead)), Stride(force), trouble)
 
-    def lead(self, leg: Leg, state: ProgramState, pressed: Pressed, felt: Felt) -> Led:
+    def lead(self, leg: Leg, state: ProgramState, stroke: StrokeState, order: Order, felt: Felt) -> Led:
         lead: Lead = state.memory[2]
         (x, y), (u, v) = state.at, (state.origin[0] + lead.to[0], state.origin[1] + lead.to[1])
         left = math.hypot(u - x, v - y)
-        if left == 0.0 or not (pressed.stroke.in_contact or lead.without_contact):
+        if left == 0.0 or not (stroke.in_contact or lead.without_contact):
             return Led(state.at, state.local, state.aside, state.heading, state.memory)
         way = min(leg.stroke.parameters.speed_mm_s * 1e-3 * felt.measurement.dt, left)
         heading = (u - x) / left, (v - y) / left

@@ -35,13 +35,6 @@ class Guide(NamedTuple):
     """Why the run must end; None while it need not."""
 
 
-class Pressed(NamedTuple):
-    """What the stroke has made of a sample."""
-
-    stroke: StrokeState
-    order: Order
-
-
 class Led(NamedTuple):
     """Where a step leads the tool, by the names of the program's state."""
 
@@ -73,8 +66,10 @@ class PressingStep(Step):
         """Wanted force and feed of this sample."""
         return Guide(state, Stride(leg.reference(local_way(state))))
 
-    def lead(self, leg: Leg, state: ProgramState, pressed: Pressed, felt: Felt) -> Led:
-        """Where this sample orders the tool to in the plane; `state` is that before the stroke, but for `guide`."""
+    def lead(self, leg: Leg, state: ProgramState, stroke: StrokeState, order: Order, felt: Felt) -> Led:
+        """Where this sample orders the tool to in the plane. `stroke` and `order` are what the stroke has made of it;
+        `state` is that before the stroke, but for `guide`.
+        """
         return Led(state.at, state.local, state.aside, state.heading, state.memory)
 
     def end_sample(self, leg: Leg, before: ProgramState, taken: Taken, felt: Felt) -> Taken:
@@ -99,7 +94,7 @@ class PressingStep(Step):
         stroke, order = leg.stroke.step(state.stroke, seen, stride)
         if stroke.travel < state.base:
             stroke = replace(stroke, travel=state.base)
-        led = self.lead(leg, state, Pressed(stroke, order), felt)
+        led = self.lead(leg, state, stroke, order, felt)
         raised = ground + rise(fall, before.at, led.at) if fall != FLAT else ground
         tally, this_pass = count_sample(state, leg, stroke, measurement, stride.reference)
         state = replace(
@@ -110,14 +105,13 @@ class PressingStep(Step):
             aside=led.aside,
             heading=led.heading,
             memory=led.memory,
-            seen=max(measurement.travel - state.base, 0.0) if leg.way is not None else state.seen,
             ground=raised,
             tally=tally,
             this_pass=this_pass,
         )
-        order = Order(
-            order.phase, order.depth + raised, shift_answer(order.command, raised), stride.reference
-        )
+        if raised or order.reference is None:
+            command = shift_answer(order.command, raised)
+            order = Order(order.phase, order.depth + raised, command, stride.reference)
         return self.end_sample(leg, before, Taken(state, order, trouble=stroke.trouble), felt)
 
 

@@ -11,7 +11,7 @@ from hil_bridge.control.course.intent import Phase
 from hil_bridge.control.course.parameters import TaskParameters
 from hil_bridge.control.program.leg import Leg
 from hil_bridge.control.program.state import Felt, ProgramState
-from hil_bridge.control.program.yielding import yield_aside
+from hil_bridge.control.program.yielding import yield_to
 from hil_bridge.control.steps.paths import Place
 from hil_bridge.control.steps.seam import NO_LIMITS, Step, StepLimits, Taken, above_zero
 from hil_bridge.control.steps.strokes import take_stroke
@@ -59,7 +59,7 @@ class Retract(Step):
 
     def take(self, leg: Leg, state: ProgramState, felt: Felt) -> Taken:
         way = leg.stroke.way(leg.stroke.parameters.retract_speed_mm_s, felt.measurement.dt)
-        state = yield_aside(state, felt, way, leg.stroke.friction_share)
+        state = yield_to(state, felt, (way, leg.stroke.friction_share), leg.after_work_aside)
         taken = take_stroke(leg, state, felt.measurement)
         stroke = taken.state.stroke
         if stroke.phase is not Phase.END:

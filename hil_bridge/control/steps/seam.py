@@ -177,6 +177,11 @@ class Step:
         return ()
 
     @property
+    def works_aside(self) -> bool:
+        """Whether the tool works against what is beside its path, so that it yields to it while it retracts."""
+        return False
+
+    @property
     def watches_way(self) -> bool:
         """Whether the guard watches the force against the way, as `limits.against_travel_n` says."""
         return True

@@ -11,11 +11,12 @@ from hil_bridge.control.checks import FORBID_EXTRA, require_not_negative
 from hil_bridge.control.course.intent import Phase
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.parameters import TaskParameters
+from hil_bridge.control.course.stroke import Order, StrokeState
 from hil_bridge.control.program.leg import Leg
 from hil_bridge.control.program.state import Felt, ProgramState
 from hil_bridge.control.steps import free_space
 from hil_bridge.control.steps.paths import Line, Place, Way, way_of
-from hil_bridge.control.steps.pressing import ROUNDING, Led, Pressed, PressingStep
+from hil_bridge.control.steps.pressing import ROUNDING, Led, PressingStep
 from hil_bridge.control.steps.seam import (
     NO_LIMITS,
     Drawing,
@@ -102,9 +103,9 @@ class Seek(PressingStep):
             return PressingStep.take(self, leg, state, felt)
         return free_space.seek(self, leg, state, felt)
 
-    def lead(self, leg: Leg, state: ProgramState, pressed: Pressed, felt: Felt) -> Led:
+    def lead(self, leg: Leg, state: ProgramState, stroke: StrokeState, order: Order, felt: Felt) -> Led:
         assert leg.way is not None
-        local = pressed.stroke.travel - state.base
+        local = stroke.travel - state.base
         x, y = leg.way.at(local)
         at = state.origin[0] + x, state.origin[1] + y
         return Led(at, local, state.aside, leg.way.headings[0], state.memory)

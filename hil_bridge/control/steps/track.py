@@ -11,14 +11,14 @@ from msgspec.structs import replace
 from hil_bridge.control.checks import FORBID_EXTRA
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.parameters import TaskParameters
-from hil_bridge.control.course.stroke import Stride
+from hil_bridge.control.course.stroke import Order, Stride, StrokeState
 from hil_bridge.control.program.felt import lateral_of
 from hil_bridge.control.program.leg import Leg
 from hil_bridge.control.program.state import Felt, ProgramState
 from hil_bridge.control.steps.across import aside_by, beside
 from hil_bridge.control.steps.feed import STUCK_S, feed_of, progress
 from hil_bridge.control.steps.paths import Line, Path, Place, Way, way_of
-from hil_bridge.control.steps.pressing import FLAT, ROUNDING, Guide, Led, Pressed, PressingStep
+from hil_bridge.control.steps.pressing import FLAT, ROUNDING, Guide, Led, PressingStep
 from hil_bridge.control.steps.seam import (
     NO_LIMITS,
     Criterion,
@@ -82,6 +82,10 @@ class Track(PressingStep):
             raise SettingError("across_n", f'needs across = "force", now "{self.across}"')
 
     # --- before the run
+
+    @property
+    def works_aside(self) -> bool:
+        return self.across != "position"
 
     @property
     def watches_way(self) -> bool:
@@ -152,15 +156,15 @@ class Track(PressingStep):
                 trouble = Reason(Cause.NO_PROGRESS, text)
         return Guide(state, Stride(reference, feed), trouble)
 
-    def lead(self, leg: Leg, state: ProgramState, pressed: Pressed, felt: Felt) -> Led:
+    def lead(self, leg: Leg, state: ProgramState, stroke: StrokeState, order: Order, felt: Felt) -> Led:
         assert leg.way is not None
-        local, memory = pressed.stroke.travel - state.base, state.memory
+        local, memory = stroke.travel - state.base, state.memory
         number = leg.way.piece(local)
         heading, begin = leg.way.headings[number], leg.way.points[number]
         rest = local - leg.way.begins[number]
         x, y = begin[0] + rest * heading[0], begin[1] + rest * heading[1]
         if self.across == "position":
-            aside = aside_by(leg.stroke, self, state, pressed, felt.measurement.dt)
+            aside = aside_by(leg, self, state, (stroke, order), felt.measurement.dt)
         else:
             left = _leftwards(leg, state, (x, y), felt)
             memory, aside = beside(leg.stroke, self, state, felt.measurement, left)
