@@ -1,4 +1,4 @@
-"""Reference of names for authors of devices, controllers, surfaces and tests: autodoc writes types, links and sources.
+"""Reference of names for authors of devices, laws, steps, surfaces and tests: autodoc writes types, links and sources.
 
 `GROUPS` lists the names that a page of the documentation may tell an author to use. A test compares it with the pages.
 """
@@ -121,6 +121,18 @@ GROUPS: Mapping[str, Names] = {
         "emulators.sensing.faults": ("SIGNAL_FAULTS",),
     },
     "Controllers": {"hil_bridge.control.types": ("Controller", "Measurement", "Command", "Tuning", "Range")},
+    "Steps of a program": {
+        "hil_bridge.control.steps.led": ("LedStep", "Seen", "Lead"),
+        "hil_bridge.control.steps.seam": (
+            "Step",
+            "StepLimits",
+            "NO_LIMITS",
+            "Criterion",
+            "Drawing",
+            "Taken",
+            "above_zero",
+        ),
+    },
     "Tests": {
         "hil_bridge.testing": ("RobotCase", "SensorCase", "SurfaceCase", "SUITE_VERSION"),
         "hil_bridge.testing.ends": ("StreamCase", "DatagramCase"),
@@ -149,11 +161,12 @@ GROUPS: Mapping[str, Names] = {
 
 
 def author_names() -> str:
-    """Names that an author of a device, a controller, a surface or a test imports."""
+    """Names that an author of a device, a controller, a step, a surface or a test imports."""
     parts = [
         "# Names for authors",
-        "Every name that a page tells you to use for a device, a controller, a surface or a test of your own. *source* "
-        "at the right shows the code. [Devices](../../how-to/devices.md), [controllers](../../how-to/controllers.md), "
+        "Every name that a page tells you to use for a device, a controller, a step, a surface or a test of your own. "
+        "*source* at the right shows the code. [Devices](../../how-to/devices.md), "
+        "[controllers](../../how-to/controllers.md), [steps](../../how-to/steps.md), "
         "[surfaces](../../how-to/surfaces.md) and [tests](../testing.md) tell how they are used. "
         "[Names of the package](names.md) has those for scripts.",
     ]

@@ -16,7 +16,17 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 EXAMPLES = sorted(path.parent for path in (ROOT / "examples").glob("*/pyproject.toml"))
 """Packages that another author could have written."""
-OFFERS = {"height-map", "mujoco", "pi-tracking", "toyarm", "toyline", "toyload", "toyspring"}
+OFFERS = {
+    "height-map",
+    "insert",
+    "mujoco",
+    "pi-tracking",
+    "plate-with-hole",
+    "toyarm",
+    "toyline",
+    "toyload",
+    "toyspring",
+}
 """Names under which they offer something."""
 TOYS = ("--robot", "toyarm", "--sensor", "toyload", "--surface", "toyspring", "--controller", "pi-tracking")
 STEADY_N = 10.0, 0.5

@@ -15,9 +15,10 @@ OWN = "hil-bridge"
 @click.option("--all", "with_own", is_flag=True, help="List our own kinds too.")
 @click.option("--json", "as_json", is_flag=True, help="Print the list as JSON.")
 def plugins(with_own: bool, as_json: bool) -> None:
-    """List controllers, robots, sensors and surfaces of other packages, with package, place in it, and state.
+    """List controllers, steps, robots, sensors and surfaces of other packages, with package, place in it, and state.
 
-    Each is imported, as it is when a configuration chooses it; a controller is given one sample. The exit code is 2
+    Each is imported, as it is when a configuration chooses it; a controller and a step are given one
+    sample. The exit code is 2
     where one cannot be used.
     """
     import json
@@ -68,12 +69,17 @@ def controllers(name: str | None, as_json: bool) -> None:
 
 def _rows(with_own: bool) -> list[dict[str, str]]:
     """Everything that can be chosen, by thing and name."""
-    from hil_bridge.control.controllers import GROUP, OURS, controller_kind, trial
+    from hil_bridge.control import controllers
+    from hil_bridge.control.steps import kinds
     from hil_bridge.devices.kinds import ROBOTS, SENSORS, SURFACES
     from hil_bridge.errors import ConfigError
     from hil_bridge.errors.plugins import offers
 
-    found: list[tuple[str, Any, str, list[str]]] = [("controller", controller_kind, GROUP, list(OURS))]
+    found: list[tuple[str, Any, str, list[str]]] = [
+        ("controller", controllers.controller_kind, controllers.GROUP, list(controllers.OURS)),
+        ("step", kinds.step_kind, kinds.GROUP, list(kinds.BUILT_IN)),
+    ]
+    trials = {"controller": controllers.trial, "step": kinds.trial}
     found += [(one.thing, one.kind, one.group, list(one.built_in)) for one in (ROBOTS, SENSORS, SURFACES)]
     rows = []
     for thing, choose, group, own in found:
@@ -82,8 +88,8 @@ def _rows(with_own: bool) -> list[dict[str, str]]:
             try:
                 chosen = choose(name)
                 state, told = "ok", _summary(chosen)
-                if thing == "controller" and package != OWN and (fault := trial(name)):
-                    state, told = "wrong", f"WRONG: controller {name!r} of {package}: {fault}"
+                if thing in trials and package != OWN and (fault := trials[thing](name)):
+                    state, told = "wrong", f"WRONG: {thing} {name!r} of {package}: {fault}"
             except ConfigError as error:
                 state, told = "wrong", f"WRONG: {error}"
             row = {

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 from hil_bridge.control.course.intent import Target
 from hil_bridge.control.course.limits import Limits
-from hil_bridge.control.program.leg import Leg
+from hil_bridge.control.program.leg import Leg, StepFailed
 from hil_bridge.control.types import Command, Controller, ControllerFailed
 from hil_bridge.errors.causes import Cause, Reason
 from hil_bridge.errors.failures import failure, place_of_method, traceback_of
@@ -25,7 +25,9 @@ def blame_error(controller: Controller[Any], leg: Leg, error: BaseException) -> 
         raised = error.__cause__ or error
         said = failure(raised, place_of_method(controller, "step"))
         return _blame(controller, said, traceback_of(raised))
-    said = failure(error, place_of_method(leg.step, "take"))
+    if isinstance(error, StepFailed):  # a sample may end one step and begin the next
+        leg, error = error.leg, error.__cause__ or error
+    said = failure(error, _place_of(leg))
     return Failed(Reason(Cause.STEP_CODE, f"step {leg.label} failed: {said}"), traceback_of(error))
 
 
@@ -39,8 +41,14 @@ def blame_answer(controller: Controller[Any], command: Command) -> Failed:
 
 def blame_place(leg: Leg, target: Target) -> Failed:
     """The step of this leg wants a place that is none."""
-    said = f"it leads to {target.travel} m, {target.across} m"
+    place = _place_of(leg)
+    said = f"it leads to {target.travel} m, {target.across} m{place and f' ({place})'}"
     return Failed(Reason(Cause.STEP_CODE, f"step {leg.label} failed: {said}"))
+
+
+def _place_of(leg: Leg) -> str:
+    """Package and place of the step's own code; empty for a step of ours."""
+    return place_of_method(leg.step, "steer") or place_of_method(leg.step, "take")
 
 
 def _blame(controller: Controller[Any], said: str, trace: str = "") -> Failed:

@@ -174,6 +174,8 @@ STOPS: tuple[CauseRow, ...] = (
         "a program's step of another package says that it cannot go on",
         _P.PATH,
         "task.step",
+        words="that which the step works on, by the word of the step",
+        where="its settings in task.step, and the place where the step began",
     ),
     rows.stop(
         _C.OSCILLATION,

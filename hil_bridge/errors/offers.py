@@ -4,7 +4,9 @@ import sys
 from functools import lru_cache
 from importlib.metadata import EntryPoint, EntryPoints, entry_points
 
-GROUPS = tuple(f"hil_bridge.{name}" for name in ("controllers", "rewards", "robots", "sensors", "surfaces"))
+GROUPS = tuple(
+    f"hil_bridge.{name}" for name in ("controllers", "rewards", "robots", "sensors", "steps", "surfaces")
+)
 """Entry point groups that are looked through."""
 
 

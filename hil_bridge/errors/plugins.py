@@ -1,4 +1,5 @@
-"""Extensions from other packages, found through entry points: controllers, robots, sensors, surfaces.
+"""Extensions from other packages, found through entry points: controllers, robots, sensors,
+steps, surfaces.
 
 A package offers one in its pyproject.toml, for example:
 

@@ -147,7 +147,7 @@ class StepRecord(Struct, frozen=True):
     resumable: float = 0.0
     """Way until which its force was last within its band, m."""
     word: str = ""
-    """Its word alone: approach, track, hold, seek, retract, move or zero."""
+    """Its word alone: approach, track, hold, seek, retract, move, zero, or that of another package."""
     repeat: int = 0
     """Number of the repeat that it belongs to, as it stands in the program; 0 for none."""
     turn: int = 0

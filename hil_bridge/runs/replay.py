@@ -14,11 +14,12 @@ from pydantic import ValidationError
 
 from hil_bridge.control import Decision
 from hil_bridge.control.controllers import controller_names
+from hil_bridge.control.steps.kinds import step_words
 from hil_bridge.control.types import Controller
 from hil_bridge.errors import Cause, ConfigError, Reason
 from hil_bridge.errors.text_files import parse_json
 from hil_bridge.record import CycleRecord, Recording
-from hil_bridge.runs.run_log import PACKAGE_NAME
+from hil_bridge.runs.run_log import PACKAGE_NAME, STEP_PACKAGES
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config, explain, read_config, read_values
 from hil_bridge.settings.given import config_of
@@ -73,6 +74,7 @@ def recorded_config(
         case {"name": wanted} if wanted != name:
             recorded["controller"], other = {}, True  # the parameters belong to the one that was recorded
     _check_controller(recorded, recording.metadata.get(PACKAGE_NAME, ""))
+    _check_steps(recorded, recording.metadata.get(STEP_PACKAGES, "{}"))
     try:
         values = read_config(recorded).model_dump(mode="json")
     except ValidationError as error:
@@ -99,6 +101,37 @@ def _check_controller(recorded: Mapping[str, Any], package: str) -> None:
             f"the recording was made with the controller {name[:80]!r}, which is not installed here: install "
             f"{package[:80] or 'the package that offers it'}, or ask another by `hil-bridge replay --controller NAME`"
         )
+
+
+def _check_steps(recorded: Mapping[str, Any], packages: str) -> None:
+    """Raise ConfigError for a step that is not installed here. `packages` offered them then, as JSON."""
+    unknown = next(
+        (word for word in _words(recorded.get("task")) if word not in {*step_words(), "repeat"}), ""
+    )
+    if not unknown:
+        return
+    try:
+        named = parse_json(packages)
+    except ValueError:
+        named = None
+    package = named.get(unknown) if isinstance(named, dict) else None
+    install = package[:80] if isinstance(package, str) and package else "the package that offers it"
+    raise ConfigError(
+        f"the recording was made with the step {unknown[:80]!r}, which is not installed here: install {install}"
+    )
+
+
+def _words(table: Any) -> Iterator[str]:
+    """Words of the steps in the recorded settings of a task, those of a repeat too."""
+    for step in _steps(table):
+        for each in (step, *_steps(step)):
+            if isinstance(word := each.get("do"), str):
+                yield word
+
+
+def _steps(table: Any) -> list[dict[str, Any]]:
+    steps = table.get("step") if isinstance(table, dict) else None
+    return [step for step in steps if isinstance(step, dict)] if isinstance(steps, list) else []
 
 
 def changes_of(path: Path | None, controller: str | None) -> dict[str, Any]:

@@ -109,5 +109,6 @@ def describe_resume(config: Config) -> str:
     program = Setup(config).loop.program
     point = config.task.resume
     assert point is not None
-    label = program.row.legs[FIRST].label
-    return f"resuming step {label} {point.way_mm:.1f} mm along its path; before it a move, a zero and an approach"
+    leg = program.row.legs[FIRST]
+    where = "from its begin" if leg.way is None else f"{point.way_mm:.1f} mm along its path"
+    return f"resuming step {leg.label} {where}; before it a move, a zero and an approach"

@@ -1,5 +1,6 @@
 """Everything that a run and its devices tell, on its way to the watchers: cycles, events, frames, wires, the truth."""
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from platform import platform, python_version
@@ -8,6 +9,8 @@ from typing import Any
 
 from hil_bridge.clock import Clock
 from hil_bridge.control.controllers import controller_package
+from hil_bridge.control.steps.kinds import step_package
+from hil_bridge.control.steps.repeat import unroll
 from hil_bridge.errors import BridgeError
 from hil_bridge.record import (
     CycleRecord,
@@ -27,6 +30,8 @@ from protocol.wrench import WrenchFrame
 
 PACKAGE_NAME = "controller_package"
 """In the metadata of a recording: the package that offered the controller, with its version."""
+STEP_PACKAGES = "step_packages"
+"""In the metadata of a recording: packages that offered steps, with their versions, by the steps' words, in JSON."""
 
 
 def metadata_of(config: Config, virtual: bool) -> dict[str, str]:
@@ -39,9 +44,12 @@ def metadata_of(config: Config, virtual: bool) -> dict[str, str]:
         else {"time": "real", "host": gethostname(), "platform": f"Python {python_version()}, {platform()}"}
     )
     package = controller_package(config.controller.name)
+    words = {step.do for _, step, _ in unroll(config.task.step)}
+    steps = {word: owner for word in words if (owner := step_package(word))}
     return (
         where
         | ({PACKAGE_NAME: package} if package else {})
+        | ({STEP_PACKAGES: json.dumps(steps, sort_keys=True)} if steps else {})
         | {
             "config": dump(config),
             "controller": config.controller.name,

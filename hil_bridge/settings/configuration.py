@@ -385,11 +385,23 @@ def lay_over(values: dict[str, Any], overrides: Mapping[str, object]) -> set[str
         *sections, name = key.split(".")
         table: Any = values
         for section in sections:
-            table = table.setdefault(section, {}) if isinstance(table, dict) else None
+            if isinstance(table, list):
+                table = _numbered(table, section, key)
+            else:
+                table = table.setdefault(section, {}) if isinstance(table, dict) else None
         if isinstance(table, dict):
             table[name] = value
             given.add(key)
     return given
+
+
+def _numbered(tables: list[Any], number: str, key: str) -> object:
+    """The table of this number, from 1, as messages tell it."""
+    if number.isdecimal() and 0 < int(number) <= len(tables):
+        return tables[int(number) - 1]
+    raise ConfigError(
+        f"--set {key}: there is no {number!r}; give a number from 1 to {len(tables)} in its place"
+    )
 
 
 def dump(config: Config) -> str:

@@ -9,7 +9,7 @@
     def robot_client():
         return RobotCase(ROBOT)
 
-Suites are `controllers`, `robot_clients`, `robot_emulators`, `sensor_clients`, `sensor_emulators`, `surfaces`,
+Suites are `controllers`, `steps`, `robot_clients`, `robot_emulators`, `sensor_clients`, `sensor_emulators`, `surfaces`,
 `streams` and `datagrams`; `transports` has the last two. Names of `__all__` here and of a suite's are stable. They need
 pytest and hypothesis, which the extra `testing` brings.
 """

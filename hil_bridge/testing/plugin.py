@@ -43,6 +43,7 @@ SUITES = {
     f"hil_bridge.testing.{module}": Suite(title, needs, _example(needs, given))
     for module, title, needs, given in (
         ("controllers", "controller", "controller", "MyController()"),
+        ("steps", "step", "step", "MyStep()"),
         ("robot_clients", "robot client", "robot_client", "RobotCase(ROBOT)"),
         ("robot_emulators", "robot emulator", "robot_emulator", "RobotCase(ROBOT)"),
         ("sensor_clients", "sensor client", "sensor_client", "SensorCase(SENSOR)"),

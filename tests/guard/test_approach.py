@@ -83,6 +83,21 @@ def test_an_axis_that_dies_is_no_touch(
 
 
 @CELLS
+def test_an_axis_that_dies_is_no_touch_in_a_written_program_either(
+    guarded: Run, robot: str, stiffness: float
+) -> None:
+    """Its first moments of tracking are watched as those of a run without steps."""
+    way = {"kind": "line", "length_mm": 50.0}
+    steps = [{"do": "approach"}, {"do": "track", "path": way, "for_s": 1.0}, {"do": "retract"}]
+    dies = strikes("dead", TOUCHES_S + 0.05, axis="fz")
+    run = guarded(approach(robot, stiffness, dies, task={"step": steps}))
+    assert run.result.outcome is Outcome.STOPPED
+    assert run.largest <= max(10.0, stiffness * 1.7e-3)
+    assert run.last == 0.0
+    assert "the touch is not answered" in run.cause or "after the retraction" in run.cause
+
+
+@CELLS
 def test_a_pull_in_free_space_ends_the_approach(guarded: Run, robot: str, stiffness: float) -> None:
     """The zero is off by less than `limits.pull_limit_n`: the tool would press on in search of the force it has."""
     run = guarded(approach(robot, stiffness, strikes("offset", 0.3, axis="fz", amount=3.0)))

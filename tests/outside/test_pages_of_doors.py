@@ -9,7 +9,7 @@ ROOT = Path(__file__).resolve().parents[2]
 FILES = [*(ROOT / "examples").glob("*/**/*.py"), *(ROOT / "examples").glob("*/pyproject.toml")]
 PAGES = {
     name: (ROOT / "docs" / "how-to" / f"{name}.md").read_text(encoding="utf-8")
-    for name in ("controllers", "devices", "surfaces")
+    for name in ("controllers", "devices", "steps", "surfaces")
 }
 CODE = [
     (page, number, block)

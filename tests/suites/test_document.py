@@ -38,6 +38,9 @@ def test_example_passes(
     (package / "control.py").write_text(
         "from hil_bridge.control import make_controller\nMyController = lambda: make_controller('pi')\n"
     )
+    (package / "steps.py").write_text(
+        "from hil_bridge.control.steps.hold import Hold\nMyStep = lambda: Hold(for_s=2.0)\n"
+    )
     monkeypatch.syspath_prepend(str(pytester.path))
     pytester.makepyfile(test_mine=code)
     result = pytester.inline_run(*PLUGIN, "-k", LONG)
@@ -50,7 +53,7 @@ def test_example_passes(
 
 
 def test_every_example_is_run_and_every_name_told() -> None:
-    assert len(EXAMPLES) == PAGE.count("```python") == 8
+    assert len(EXAMPLES) == PAGE.count("```python") == 9
     for name in testing.__all__:
         assert name in PAGE
     for module, suite in SUITES.items():

@@ -79,6 +79,14 @@ class Row:
     """A person has written the steps: each is told by its number when it ends, or when the run stops in it."""
 
 
+class StepFailed(Exception):
+    """A step raised the error that is this one's cause."""
+
+    def __init__(self, leg: Leg) -> None:
+        super().__init__(leg.label)
+        self.leg = leg
+
+
 def label_of(number: str, step: "Step", turn: int) -> str:
     """A step's number and word."""
     return f"{number} ({step.do}{(turn and f', pass {turn}') or ''})"

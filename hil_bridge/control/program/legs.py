@@ -1,7 +1,8 @@
 """A program made ready: its steps in one row, each with its stroke; checked before anything moves."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 from hil_bridge.control.course.limits import Limits
@@ -13,6 +14,7 @@ from hil_bridge.control.steps.paths import Place, Way
 from hil_bridge.control.steps.repeat import unroll
 from hil_bridge.control.steps.seam import Step, StepLimits
 from hil_bridge.errors import StepError
+from hil_bridge.errors.failures import failure, of_others
 
 LEGS_MAX = 5000
 """Chosen: most steps of a program, passes counted."""
@@ -48,13 +50,12 @@ def legs_of(steps: Sequence[Step], ground: Ground, written: bool = True) -> Row:
     for number, step, turn in unroll(tuple(steps)):
         if len(legs) >= LEGS_MAX:
             raise StepError(f"more than {LEGS_MAX} steps, with the passes of a repeat")
-        try:
+        with _blaming(label_of(number, step, turn.turn)):
             leg = _leg(number, step, ground, (place, presses))
-        except ValueError as error:
-            raise StepError(str(error), label_of(number, step, turn.turn)) from error
-        if isinstance(step, Approach) and step.at_most_mm is None:
-            leg = _reaching(leg, back_mm)
-        back_mm = step.back_from(leg, back_mm)
+            if isinstance(step, Approach) and step.at_most_mm is None:
+                leg = _reaching(leg, back_mm)
+            back_mm = step.back_from(leg, back_mm)
+            after = step.end(leg, place)
         leg = replace(
             leg,
             leave_to=turn.leave_to,
@@ -67,7 +68,7 @@ def legs_of(steps: Sequence[Step], ground: Ground, written: bool = True) -> Row:
         legs.append(leg)
         places.append(place)
         presses = step.presses
-        place = step.end(leg, place)
+        place = after
     if presses or not legs:
         raise StepError("the last step must be a retract, so that no program ends pressing")
     return Row(tuple(legs), tuple(places), written)
@@ -77,11 +78,25 @@ def seconds(row: Row) -> list[float]:
     """Time that each leg takes about, s: without the corners that are taken slower."""
     taken = []
     for leg, place in zip(row.legs, row.places, strict=True):
-        time = leg.step.seconds(leg, place)
+        with _blaming(leg.label):
+            time = leg.step.seconds(leg, place)
         if not math.isfinite(time):
             raise StepError("it never ends; give speed_mm_s above 0, or for_s", leg.label)
         taken.append(time)
     return taken
+
+
+@contextmanager
+def _blaming(label: str) -> Iterator[None]:
+    """Turn what a step refuses, and what one of another package raises, into a StepError with this label."""
+    try:
+        yield
+    except ValueError as error:
+        raise StepError(str(error), label) from error
+    except Exception as error:
+        if not of_others(error):
+            raise
+        raise StepError(failure(error), label) from error
 
 
 def _reaching(leg: Leg, back_mm: float) -> Leg:

@@ -15,13 +15,15 @@ from hil_bridge.control.course.parameters import TaskParameters
 from hil_bridge.control.course.stroke import Order, Stroke
 from hil_bridge.control.program.facing import Facing, Look, elsewhere, inward
 from hil_bridge.control.program.felt import Face, WorkFrame, measure_skew, subtract_zero
-from hil_bridge.control.program.leg import Leg, Row
+from hil_bridge.control.program.leg import Leg, Row, StepFailed
 from hil_bridge.control.program.orienting import heading_of, turn_tool
 from hil_bridge.control.program.outcome import cut, ending, outcome
 from hil_bridge.control.program.state import Felt, ProgramState, Tally
 from hil_bridge.control.program.yielding import yield_to
-from hil_bridge.control.types import Controller, Measurement
+from hil_bridge.control.steps.seam import Taken
+from hil_bridge.control.types import Controller, ControllerFailed, Measurement
 from hil_bridge.errors.causes import Reason
+from hil_bridge.errors.failures import RAISED, WrongAnswer, raise_if_asked
 from protocol.geometry import normalise
 
 _TRACK, _RETRACT, _END, _APPROACH = Phase.TRACK, Phase.RETRACT, Phase.END, Phase.APPROACH
@@ -181,10 +183,11 @@ class Program:
             if state.began is None:
                 state = self._begin(state, felt)
             leg = self.row.legs[state.leg]
-            if leg.step.is_over(leg, state, felt):
+            taken = _ask(leg, state, felt)
+            if taken is None:
                 state = self._next(state, leg, felt)
                 continue
-            state, order, done, trouble = leg.step.take(leg, state, felt)
+            state, order, done, trouble = taken
             if trouble is not None:
                 state = self.fail(state, trouble)
                 return state, self._intent(state, order)
@@ -296,3 +299,21 @@ class Program:
             state.leg,
             notes,
         )
+
+
+def _ask(leg: Leg, state: ProgramState, felt: Felt) -> Taken | None:
+    """The sample as the step takes it; None for a step that is over before it. Raises StepFailed for all that the step
+    raises, and for an answer that is none.
+    """
+    try:
+        if leg.step.is_over(leg, state, felt):
+            return None
+        taken: Any = leg.step.take(leg, state, felt)
+        if not isinstance(taken, Taken):
+            raise WrongAnswer(leg.step, "take", taken, "a Taken")
+        return taken
+    except ControllerFailed:
+        raise
+    except RAISED as error:
+        raise_if_asked(error)
+        raise StepFailed(leg) from error

@@ -2,12 +2,14 @@
 
 import dataclasses
 import inspect
+import math
 from collections.abc import Mapping
 from functools import cache
 from typing import Annotated, Any, TypeAlias, cast
 
 from pydantic import (
     Discriminator,
+    PydanticUserError,
     SerializeAsAny,
     TypeAdapter,
     ValidationError,
@@ -18,6 +20,7 @@ from pydantic_core import InitErrorDetails
 
 from hil_bridge.control.steps.approach import Approach
 from hil_bridge.control.steps.hold import Hold
+from hil_bridge.control.steps.led import LedStep, Seen
 from hil_bridge.control.steps.move import Move
 from hil_bridge.control.steps.retract import Retract
 from hil_bridge.control.steps.seam import Step
@@ -25,10 +28,13 @@ from hil_bridge.control.steps.seek import Seek
 from hil_bridge.control.steps.track import Track
 from hil_bridge.control.steps.zero import Zero
 from hil_bridge.errors import ConfigError
-from hil_bridge.errors.plugins import find_plugin, plugin_names
+from hil_bridge.errors.failures import failure, one_line, place_of_method
+from hil_bridge.errors.plugins import find_plugin, offers, plugin_names
 
 GROUP = "hil_bridge.steps"
 """Entry points of steps of other packages."""
+FIRST_SEEN = Seen(0.0, 0.18, (5.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0), 0.0, True, 10.0)
+"""A first sample: pressed with half the wanted force."""
 BUILT_IN: Mapping[str, type[Step]] = {
     "approach": Approach,
     "track": Track,
@@ -38,39 +44,82 @@ BUILT_IN: Mapping[str, type[Step]] = {
     "move": Move,
     "zero": Zero,
 }
+TAKEN = (*BUILT_IN, "repeat")
+"""Words that no other package may offer."""
 
 
 def step_words() -> list[str]:
     """Words of all steps."""
-    return [*BUILT_IN, *(name for name in plugin_names(GROUP) if name not in BUILT_IN)]
+    return [*BUILT_IN, *(name for name in plugin_names(GROUP) if name not in TAKEN)]
 
 
-@cache
+def step_package(word: str) -> str:
+    """The package that offers a step, with its version; empty for one of ours and one that no package offers."""
+    return next((package for offer, package, _ in offers(GROUP) if offer == word), "")
+
+
 def step_kind(word: str) -> type[Step] | None:
     """The kind of this word; None for an unknown one. Raises ConfigError for a plug-in that cannot be loaded, or that
     is no step.
     """
-    if word in BUILT_IN:
-        return BUILT_IN[word]
-    found = find_plugin(GROUP, "step", word, BUILT_IN)
+    found = find_plugin(GROUP, "step", word, TAKEN)
     if found is None:
-        return None
+        return BUILT_IN.get(word)
     kind, where = found.value, f"{found.where}: {found.source}"
     if not _is_kind(kind):
-        raise ConfigError(f"{where} is no dataclass that derives from Step")
+        raise ConfigError(f"{where} is no frozen dataclass that derives from Step")
     fields = {field.name: field for field in dataclasses.fields(kind)}
     if "do" not in fields or fields["do"].default != word:
         raise ConfigError(f"{where} must bear the word {word!r} as the default of its field `do`")
+    for field in fields.values():
+        if isinstance(field.default, property):
+            raise ConfigError(
+                f"{where} has no default for {field.name}, and takes a property of Step for one: write "
+                f"`{field.name}: … = field()`"
+            )
+    try:
+        _adapter(kind)
+    except (PydanticUserError, NameError) as error:
+        raise ConfigError(f"{where} has a setting that no file can hold: {one_line(str(error))}") from error
     return cast(type[Step], kind)
 
 
+def trial(word: str) -> str:
+    """The fault of a step when it is made from its defaults and given one sample; empty where nothing is.
+
+    One with a setting that must be given is not tried. Raises ConfigError as `step_kind`.
+    """
+    kind: Any = step_kind(word)
+    missing = dataclasses.MISSING
+    if any(field.default is field.default_factory is missing for field in dataclasses.fields(kind)):
+        return ""
+    try:
+        step = kind()
+    except (Exception, SystemExit) as error:
+        return f"it cannot be made from its defaults: {failure(error)}"
+    if not isinstance(step, LedStep):
+        return ""
+    where = place_of_method(step, "steer")
+    try:
+        _, lead = step.answer(step.begin(), FIRST_SEEN)
+    except (Exception, SystemExit) as error:
+        return f"it fails at its first sample: {failure(error, where)}"
+    if not math.isfinite(sum(lead.to)):
+        return f"it leads to {lead.to} m at its first sample ({where})"
+    return ""
+
+
 def _is_kind(kind: Any) -> bool:
-    return inspect.isclass(kind) and issubclass(kind, Step) and dataclasses.is_dataclass(kind)
+    if not (inspect.isclass(kind) and issubclass(kind, Step) and "__dataclass_params__" in vars(kind)):
+        return False
+    return bool(vars(kind)["__dataclass_params__"].frozen)
 
 
 @cache
 def _adapter(kind: Any) -> TypeAdapter[Any]:
-    return TypeAdapter(kind)
+    adapter = TypeAdapter(kind)
+    adapter.rebuild(raise_errors=True)  # a name in its annotations that is none
+    return adapter
 
 
 def read_step(value: Any, read_built_in: ValidatorFunctionWrapHandler) -> Any:

@@ -13,6 +13,7 @@ from hil_bridge.control.steps.paths import Place
 from hil_bridge.control.steps.pressing import Guide, Led, PressingStep, local_way
 from hil_bridge.control.steps.seam import Taken, need_travel_speed
 from hil_bridge.errors.causes import Cause, Reason
+from hil_bridge.errors.failures import WrongAnswer, one_line
 from protocol.geometry import Vector
 
 
@@ -35,19 +36,25 @@ class Seen(NamedTuple):
     """Whether the tool is taken to be in contact."""
     force_n: float
     """Force of the step's settings, N."""
+    last: bool = False
+    """The time of `for_s` is up: the step ends with this sample, in order or, with `Lead.trouble`, as a failure."""
 
 
 class Lead(NamedTuple):
     """Where a led step wants the tool next."""
 
     to: Place
-    """Commanded x and y from where the step began, m. The tool goes there no faster than the step's speed."""
+    """Commanded x and y from where the step began, m. The tool goes there no faster than the step's speed, and stands
+    while it is not in contact.
+    """
     force_n: float | None = None
     """Force to press with, N; None for that of the step's settings."""
     done: str = ""
     """How the step has ended, in words; empty while it goes on."""
     trouble: str = ""
     """Why the run must end, in words; empty while it need not."""
+    without_contact: bool = False
+    """Go there without contact, too: a tool in a hole may touch its wall alone."""
 
 
 class LedStep(PressingStep):
@@ -66,6 +73,15 @@ class LedStep(PressingStep):
     def steer(self, memory: Any, seen: Seen) -> tuple[Any, Lead]:
         """The step's own state after a sample, and where it wants the tool."""
         raise NotImplementedError
+
+    def answer(self, memory: Any, seen: Seen) -> tuple[Any, Lead]:
+        """What `steer` answers, its place in plain numbers. Raises WrongAnswer for what is no state and no Lead."""
+        answer: Any = self.steer(memory, seen)
+        if not (isinstance(answer, tuple) and len(answer) == 2 and isinstance(answer[1], Lead)):
+            raise WrongAnswer(self, "steer", answer, "a state and a Lead")
+        memory, lead = answer
+        x, y = lead.to
+        return memory, lead._replace(to=(float(x), float(y)))
 
     # --- before the run
 
@@ -88,6 +104,15 @@ class LedStep(PressingStep):
 
     # --- in the run
 
+    def is_over(self, leg: Leg, state: ProgramState, felt: Felt) -> bool:
+        """Never before it has seen the sample: it may have to say that it has found nothing."""
+        return False
+
+    def _is_last(self, state: ProgramState, felt: Felt) -> bool:
+        return (
+            self.for_s is not None and state.began is not None and felt.sample.now - state.began >= self.for_s
+        )
+
     def guide(self, leg: Leg, state: ProgramState, felt: Felt) -> Guide:
         measurement, sample, at = felt.measurement, felt.sample, state.origin
         memory, first, _ = state.memory or (self.begin(), measurement.position, None)
@@ -102,9 +127,10 @@ class LedStep(PressingStep):
             measurement.position - first,
             state.in_contact,
             wanted,
+            self._is_last(state, felt),
         )
-        memory, lead = self.steer(memory, seen)
-        trouble = Reason(Cause.STEP_TROUBLE, str(lead.trouble)) if lead.trouble else None
+        memory, lead = self.answer(memory, seen)
+        trouble = Reason(Cause.STEP_TROUBLE, one_line(str(lead.trouble))) if lead.trouble else None
         force = wanted if lead.force_n is None else float(lead.force_n)
         limit = leg.stroke.force_limit_n
         if not 0.0 < force < limit:
@@ -117,7 +143,7 @@ class LedStep(PressingStep):
         lead: Lead = state.memory[2]
         (x, y), (u, v) = state.at, (state.origin[0] + lead.to[0], state.origin[1] + lead.to[1])
         left = math.hypot(u - x, v - y)
-        if left == 0.0 or not stroke.in_contact:
+        if left == 0.0 or not (stroke.in_contact or lead.without_contact):
             return Led(state.at, state.local, state.aside, state.heading, state.memory)
         way = min(leg.stroke.parameters.speed_mm_s * 1e-3 * felt.measurement.dt, left)
         heading = (u - x) / left, (v - y) / left
@@ -126,7 +152,9 @@ class LedStep(PressingStep):
 
     def end_sample(self, leg: Leg, before: ProgramState, taken: Taken, felt: Felt) -> Taken:
         lead: Lead = taken.state.memory[2]
-        if not lead.done:
+        last = self._is_last(before, felt)
+        if not (lead.done or last):
             return taken
-        state = replace(taken.state, text=str(lead.done), found=(felt.sample.position, 1))
+        text = one_line(str(lead.done)) or f"ended after {self.for_s:g} s"
+        state = replace(taken.state, text=text, found=(felt.sample.position, 1))
         return taken._replace(state=state, done=True)

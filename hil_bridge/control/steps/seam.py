@@ -103,6 +103,7 @@ class Step:
     """
 
     __slots__ = ()
+    __pydantic_config__: ClassVar = FORBID_EXTRA
 
     # --- settings that more than one kind has
 
@@ -169,6 +170,13 @@ class Step:
         return None
 
     @property
+    def sketch_mm(self) -> tuple[Place, ...]:
+        """Places from where the step begins to which it may lead the tool, mm; empty for a step that has a way, a goal,
+        or stays. They must lie in the workspace, and are its line on the plan.
+        """
+        return ()
+
+    @property
     def works_aside(self) -> bool:
         """Whether the tool works against what is beside its path, so that it yields to it while it retracts."""
         return False
@@ -209,9 +217,11 @@ class Step:
         """Places where the path leads, work frame, m, and their height over the start, m. None are known in a step
         whose path begins where the run alone knows.
         """
-        if leg.way is None or begin is None:
+        if begin is None:
             return (), 0.0
         x0, y0 = begin[0] * 1e-3, begin[1] * 1e-3
+        if leg.way is None:
+            return tuple((x0 + x * 1e-3, y0 + y * 1e-3) for x, y in self.sketch_mm), 0.0
         return tuple((x0 + x, y0 + y) for x, y in leg.way.points), 0.0
 
     def resumed(self, spent_s: float) -> "Step":

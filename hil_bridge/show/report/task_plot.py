@@ -81,6 +81,9 @@ def _lines(steps: Sequence[Shown]) -> list[_Line]:
         elif step.leg.way is not None:
             x, y = begin or (0.0, 0.0)
             places = tuple((x + u * 1e3, y + v * 1e3) for u, v in step.leg.way.points)
+        elif sketch := step.leg.step.sketch_mm:
+            x, y = begin or (0.0, 0.0)
+            places = (*places, *((x + u, y + v) for u, v in sketch))
         found.append(_Line(step, places, known))
         guess = places[-1] if places else None
     return found

@@ -1,0 +1,315 @@
+"""Tests that every step of a program has to pass, for the test module of its author.
+
+    import pytest
+    from hil_bridge.testing.steps import *
+    from my_package.steps import MyStep
+
+    @pytest.fixture
+    def step():
+        return MyStep()
+
+pytest then finds these tests in that module. They know a step only by `control.steps.seam.Step`. They take it through
+samples: those of a spring under the tool, and others that are drawn by seeds. Nothing of a guard is between.
+"""
+
+import copy
+import dataclasses
+import math
+import random
+import re
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import pytest
+from pydantic import TypeAdapter, ValidationError
+
+from hil_bridge.control.controllers import make_controller
+from hil_bridge.control.course.intent import Intent
+from hil_bridge.control.course.limits import Limits
+from hil_bridge.control.course.parameters import TaskParameters
+from hil_bridge.control.course.stroke import Stroke
+from hil_bridge.control.program.felt import WorkFrame
+from hil_bridge.control.program.leg import Row, StepFailed
+from hil_bridge.control.program.legs import Ground, legs_of, seconds
+from hil_bridge.control.program.program import Program
+from hil_bridge.control.program.state import Felt, ProgramState
+from hil_bridge.control.sample import Sample
+from hil_bridge.control.steps.approach import Approach
+from hil_bridge.control.steps.led import LedStep
+from hil_bridge.control.steps.retract import Retract
+from hil_bridge.control.steps.seam import Drawing, Step
+from hil_bridge.control.types import Measurement
+from hil_bridge.errors import StepError
+from hil_bridge.errors.failures import failure, place_of_method
+
+__all__ = [
+    "test_a_contact_that_is_not_there_ends_in_order",
+    "test_a_force_far_off_is_survived",
+    "test_a_setting_that_is_not_a_number_is_refused",
+    "test_it_describes_itself",
+    "test_it_ends_by_its_own_time",
+    "test_its_settings_survive_a_recording",
+    "test_places_and_forces_stay_in_bounds",
+    "test_same_samples_give_the_same_orders",
+    "test_the_state_of_a_step_is_not_changed_in_place",
+]
+
+CYCLE = 0.18
+"""Time from one sample to the next, s: the cycle of the computer link at 9600 baud."""
+SAMPLES = 120
+"""Drawn samples of one walk, at most."""
+SEEDS = (1, 2, 3)
+ROBOT_MM_S = 50.0
+"""Path velocity of the robot."""
+STIFFNESS, SURFACE = 5000.0, 2e-3
+"""The spring under the tool, N/m, and its depth, m."""
+_DOWN = 0.0, 1.0, 0.0, 0.0
+_FRAME = WorkFrame(approach=(0.0, 0.0, -1.0), x=(1.0, 0.0, 0.0), y=(0.0, 1.0, 0.0))
+_FORCES = (0.0, 0.3, 2.0, 8.0, 10.0, 12.0, 25.0, 45.0)
+_LONGEST_S = 600.0
+"""Time that a test waits at most for the end of a step, on the run's clock, s."""
+_COLOUR = re.compile(r"#[0-9a-fA-F]{6}")
+_WORD = re.compile(r"[a-z][a-z0-9-]*")
+
+
+class Felt3(NamedTuple):
+    """What a tool feels at one sample."""
+
+    force: tuple[float, float, float]
+    """Along the approach, x and y, N."""
+    aside: tuple[float, float] = (0.0, 0.0)
+    """Reported place beside the commanded one, m."""
+    moments: bool = True
+    """The sensor tells moments."""
+
+
+Feel = Callable[[float], Felt3]
+"""What the tool feels at a depth, m."""
+
+
+class Taken(NamedTuple):
+    """One sample of the step, as the program took it."""
+
+    before: ProgramState
+    felt: Felt
+    after: ProgramState
+    intent: Intent
+
+
+def test_same_samples_give_the_same_orders(step: Step) -> None:
+    for seed in SEEDS:
+        program, taken = _walk(step, _drawn(seed))
+        assert taken == _walk(step, _drawn(seed))[1], (
+            "a second run over the same samples differs from the first: the step reads a clock or chance, or keeps "
+            "state in itself"
+        )
+        for each in reversed(taken):
+            assert program.step(each.before, each.felt) == (each.after, each.intent), (
+                f"asked again out of order, {each.felt.sample} is answered otherwise: the step keeps state in itself"
+            )
+
+
+def test_the_state_of_a_step_is_not_changed_in_place(step: Step) -> None:
+    program, taken = _walk(step, _drawn(SEEDS[0]))
+    for each in taken:
+        before = copy.deepcopy(each.before)
+        program.step(before, each.felt)
+        assert before == each.before, f"the state that was given was changed by {each.felt.sample}"
+    kept = [copy.deepcopy(each.after.memory) for each in taken]
+    for each in taken:
+        program.step(each.before, each.felt)
+    assert kept == [each.after.memory for each in taken], "a state that was answered was changed later"
+
+
+def test_places_and_forces_stay_in_bounds(step: Step) -> None:
+    limits = Limits()
+    fastest = limits.travel_mm_s if step.controls else ROBOT_MM_S
+    for seed in SEEDS:
+        for each in _walk(step, _drawn(seed))[1]:
+            target, reference = each.intent.target, each.intent.reference
+            place = target.depth, target.travel, target.across
+            assert all(map(math.isfinite, place)), f"{each.felt.sample} leads to {place} m"
+            moved = math.dist(each.before.at, each.after.at)
+            assert moved <= fastest * 1e-3 * CYCLE + 1e-9, (
+                f"one sample leads the tool {moved * 1e3:g} mm along the surface: faster than {fastest:g} mm/s"
+            )
+            assert reference is None or 0.0 < reference < limits.force_limit_n, (
+                f"{each.felt.sample} makes it ask for a force of {reference} N"
+            )
+
+
+def test_a_contact_that_is_not_there_ends_in_order(step: Step) -> None:
+    """Without contact the step ends, or the run does; it never fails."""
+    _walk(step, lambda depth: Felt3((0.0, 0.0, 0.0), moments=False))
+    _walk(step, lambda depth: Felt3((-3.0, 0.0, 0.0)))
+
+
+def test_a_force_far_off_is_survived(step: Step) -> None:
+    for force in (1e3, -1e3, 1e6):
+        _walk(step, lambda depth, force=force: Felt3((force, -force, force), (0.05, -0.05), False))  # type: ignore[misc]
+
+
+def test_it_ends_by_its_own_time(step: Step) -> None:
+    """By `for_s` where it has one; else it tells about how long it takes. A led step needs `for_s`."""
+    assert not (isinstance(step, LedStep) and step.for_s is None), (
+        "a led step needs for_s: without, it may last for ever"
+    )
+    row = _row(step)
+    assert sum(seconds(row)) < math.inf
+    if step.for_s is None:
+        return
+    assert 0.0 < step.for_s <= _LONGEST_S, (
+        f"for_s is {step.for_s} s; give the test a step of at most {_LONGEST_S:g} s"
+    )
+    most = round(step.for_s / CYCLE) + 4
+    for feel in (_spring, lambda depth: Felt3((8.0, 0.0, 0.0))):
+        _, taken = _walk(step, feel, most)
+        assert len(taken) < most, f"it goes on after its {step.for_s:g} s"
+
+
+def test_a_setting_that_is_not_a_number_is_refused(step: Step) -> None:
+    settings = _settings(step)
+    for field in dataclasses.fields(step):  # type: ignore[arg-type]
+        if (
+            field.init
+            and "float" in str(field.type)
+            and isinstance(settings[field.name], (float, type(None)))
+        ):
+            with pytest.raises(ValueError):  # noqa: PT011 - the words are the step's own
+                type(step)(**settings | {field.name: math.nan})
+
+
+def test_its_settings_survive_a_recording(step: Step) -> None:
+    adapter: TypeAdapter[Any] = TypeAdapter(type(step))
+    again = adapter.validate_json(adapter.dump_json(step))
+    assert again == step, f"read again from a recording, it is {again}, and was {step}"
+    told = adapter.dump_python(step, mode="json")
+    with pytest.raises(ValidationError):
+        adapter.validate_python({**told, "no_such_setting_mm": 1.0})
+
+
+def test_it_describes_itself(step: Step) -> None:
+    kind = type(step)
+    assert _WORD.fullmatch(step.do), f"its word {step.do!r} must be small letters, digits and hyphens"
+    said = inspect_doc(kind)
+    assert said, f"{kind.__name__} has no docstring: `hil-bridge plugins` shows its first line"
+    (leg,) = (leg for leg in _row(step).legs if leg.step is step)
+    words = [*step.describe(leg.stroke.parameters)]
+    for text in words:
+        assert isinstance(text, str), f"describe tells {text!r}, which is no text"
+        assert [text.strip()] == text.splitlines(), f"describe must tell one line each, got {text!r}"
+    assert step.drawing is None or isinstance(step.drawing, Drawing)
+    for colour in (step.band, *(() if step.drawing is None else (step.drawing.colour,))):
+        assert _COLOUR.fullmatch(colour), f"{colour!r} is no colour as #d3e9c9"
+    assert all(math.isfinite(part) for place in step.sketch_mm for part in place)
+
+
+def inspect_doc(kind: type) -> str:
+    """The first line of a class's own docstring; empty for what dataclasses write."""
+    text = " ".join((vars(kind).get("__doc__") or "").split("\n\n")[0].split())
+    return "" if text.startswith(f"{kind.__name__}(") else text
+
+
+# --- samples
+
+
+def _drawn(seed: int) -> Feel:
+    """Forces, places and moments by chance, the same for the same seed."""
+    chance = random.Random(seed)
+
+    def feel(depth: float) -> Felt3:
+        aside = chance.uniform(-20.0, 20.0), chance.uniform(-20.0, 20.0)
+        place = chance.gauss(0.0, 2e-4), chance.gauss(0.0, 2e-4)
+        return Felt3((chance.choice(_FORCES), *aside), place, chance.random() < 0.8)
+
+    return feel
+
+
+def _spring(depth: float) -> Felt3:
+    return Felt3((STIFFNESS * max(depth - SURFACE, 0.0), 0.0, 0.0))
+
+
+def _settings(step: Step) -> dict[str, Any]:
+    return {
+        field.name: getattr(step, field.name)
+        for field in dataclasses.fields(step)  # type: ignore[arg-type]
+        if field.init
+    }
+
+
+def _stroke() -> Stroke:
+    # a retract goes back by more than an approach goes by default
+    parameters = TaskParameters(approach_depth_limit_mm=40.0)
+    return Stroke(parameters, make_controller("predictive"), Limits().force_limit_n)
+
+
+def _row(step: Step) -> Row:
+    """A short program with the step in a place where it can stand. Fails with its last refusal where there is none."""
+    refused = ""
+    for steps in _programs(step):
+        try:
+            return legs_of(steps, Ground(_stroke(), Limits(), ROBOT_MM_S))
+        except StepError as error:
+            refused = str(error)
+    pytest.fail(f"no program can hold it: {refused}", pytrace=False)
+
+
+def _programs(step: Step) -> Iterator[tuple[Step, ...]]:
+    if step.do == "approach":
+        yield step, Retract()
+    if not step.presses:
+        yield step, Approach(), Retract()
+        yield Approach(), step
+    yield Approach(), step, Retract()
+
+
+def _walk(step: Step, feel: Feel, most: int = SAMPLES) -> tuple[Program, list[Taken]]:
+    """The step from its first sample on, felt so; what comes before it presses on a spring."""
+    row, stroke = _row(step), _stroke()
+    program = Program(row, stroke, _FRAME)
+    own = next(number for number, leg in enumerate(row.legs) if leg.step is step)
+    state, depth, place = program.initial(), 0.0, (0.0, 0.0)
+    taken: list[Taken] = []
+    for number in range(most + SAMPLES):
+        begun = state.leg == own and state.began is not None
+        felt3 = feel(depth) if begun else _spring(depth)
+        before, felt = program.sense(state, _felt(number * CYCLE, depth, place, felt3))
+        try:
+            state, intent = program.step(before, felt)
+        except StepFailed as error:
+            raised = error.__cause__ or error
+            said = failure(raised, place_of_method(step, "steer"))
+            pytest.fail(
+                f"it fails where it feels {felt3}, in contact: {before.in_contact}: {said}", pytrace=False
+            )
+        depth, place = intent.target.depth, (intent.target.travel, intent.target.across)
+        if state.leg == own or begun:
+            taken.append(Taken(before, felt, state, intent))
+        if taken and (_is_left(state, own) or len(taken) >= most):
+            break
+    assert taken, f"the step {step.do} never began"
+    return program, taken
+
+
+def _is_left(state: ProgramState, own: int) -> bool:
+    """Whether the leg of this number is over, or the run retracts."""
+    return state.leg != own or state.began is None or state.reason is not None
+
+
+def _felt(now: float, depth: float, place: tuple[float, float], felt: Felt3) -> Felt:
+    """The sample of a tool that stands where it was ordered to, nearly."""
+    force, x, y = felt.force
+    measurement = Measurement(now, force, depth, depth, dt=CYCLE)
+    wrench = (x, -y, -force, 0.4, -0.3, 0.1) if felt.moments else ()
+    at = place[0] + felt.aside[0], place[1] + felt.aside[1]
+    sample = Sample(
+        now,
+        (*at, -depth),
+        force,
+        math.hypot(*felt.force),
+        now,
+        round(now / CYCLE),
+        quaternion=_DOWN,
+        wrench=wrench,
+    )
+    return Felt(sample, measurement, at, felt.force, wrench)

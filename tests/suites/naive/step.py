@@ -1,0 +1,56 @@
+"""A step that presses and goes in a circle, in forty lines."""
+
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+from hil_bridge.control.steps.led import Lead, LedStep, Seen
+from hil_bridge.control.steps.seam import NO_LIMITS, StepLimits, above_zero
+
+MISTAKES = ("self", "place", "clock", "nan", "endless", "moment", "divides", "far", "words", "file")
+
+
+@dataclass(frozen=True, slots=True)
+class NaiveStep(LedStep):
+    """Press, and go in a circle."""
+
+    do: Literal["naive"] = "naive"
+    radius_mm: float = 3.0
+    speed_mm_s: float = 2.0
+    for_s: float | None = 4.0
+    mistake: str = ""
+    limits: StepLimits = NO_LIMITS
+    seen: ClassVar[list[float]] = []
+
+    def __post_init__(self) -> None:
+        above_zero(self, *(() if self.mistake == "nan" else ("radius_mm",)), "speed_mm_s", "for_s")
+        if self.mistake == "file":  # in degrees each time that it is read
+            object.__setattr__(self, "radius_mm", math.degrees(self.radius_mm))
+        if self.mistake == "endless":
+            object.__setattr__(self, "for_s", None)
+
+    def begin(self) -> Any:
+        return [0.0]
+
+    def steer(self, memory: Any, seen: Seen) -> tuple[Any, Lead]:
+        angle = memory[0] + seen.dt * self.speed_mm_s / self.radius_mm
+        if self.mistake == "place":
+            memory[0] = angle
+        if self.mistake == "self":
+            self.seen.append(angle)
+            angle = 0.1 * len(self.seen)
+        if self.mistake == "clock":
+            angle = 1e3 * time.perf_counter()
+        radius = self.radius_mm * 1e-3
+        x, y = radius * math.cos(angle), radius * math.sin(angle)
+        if self.mistake == "moment":
+            x += 1e-3 * seen.moment[1]
+        if self.mistake == "divides":
+            y += 1e-3 / seen.force[0]
+        force = 2.0 * seen.force[0] + 5.0 if self.mistake == "far" else None
+        return memory if self.mistake == "place" else [angle], Lead((x, y), force)
+
+    def describe(self, parameters: object) -> Iterator[str]:
+        yield f"in a circle\nof {self.radius_mm:g} mm" if self.mistake == "words" else "in a circle"
