@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
+from hil_bridge.control.course.intent import Phase
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.stroke import Stroke
 from hil_bridge.control.steps.paths import Place, Way
@@ -44,6 +45,10 @@ class Leg:
     """The controller is shown depths from the plane that the estimated normal predicts."""
     after_work_aside: bool = False
     """The step before worked against the side, too."""
+    phase: Phase = Phase.TRACK
+    """Phase in which the step begins."""
+    works_aside: bool = False
+    """The tool works against what is beside its path."""
     turns: bool = True
     """The tool may be turned in it."""
 

@@ -144,6 +144,8 @@ def _leg(number: str, step: Step, ground: Ground, before: tuple[Place | None, bo
         way,
         follows=follows,
         shows_ground=follows and ground.shows_ground,
+        phase=step.phase,
+        works_aside=step.works_aside,
         turns=step.turns_home or step.orientation != "fixed",
     )
 

@@ -112,7 +112,7 @@ class Program:
             travel, reached = state.base + along, max(along, 0.0)
             if reached != state.seen:
                 state = replace(state, seen=reached)
-        elif leg.step.phase is Phase.MOVE:
+        elif leg.phase is Phase.MOVE:
             against = 0.0
         known = travel == measurement.travel and against == measurement.against and not state.zero
         if not known:
@@ -203,22 +203,21 @@ class Program:
             done = cut(state, self.row.legs[state.leg], felt.sample.now, state.reason)
             state = replace(state, done=(*state.done, done), began=None)
         way = self.stroke.way(self.parameters.retract_speed_mm_s, felt.measurement.dt)
-        works_aside = self.row.legs[state.leg].step.works_aside
+        works_aside = self.row.legs[state.leg].works_aside
         state = yield_to(state, felt, (way, self.stroke.friction_share), works_aside)
         stroke, order = self.stroke.step(state.stroke, felt.measurement)
         state = replace(state, stroke=stroke)
         intent = self._intent(state, order)
         aside = math.hypot(felt.force[1], felt.force[2])
-        if works_aside and aside > max(
-            self.parameters.contact_threshold_n, -felt.force[0]
-        ):  # not by what hangs above
+        least = max(self.parameters.contact_threshold_n, -felt.force[0])  # not by what hangs above
+        if works_aside and aside > least:
             intent = replace(intent, in_contact=True)
         return state, intent
 
     def _begin(self, state: ProgramState, felt: Felt) -> ProgramState:
         """State at the first sample of a leg."""
         leg, stroke = self.row.legs[state.leg], state.stroke
-        presses, phase, now = stroke.phase is _TRACK, leg.step.phase, felt.sample.now
+        presses, phase, now = stroke.phase is _TRACK, leg.phase, felt.sample.now
         if phase is _TRACK:
             stroke = leg.stroke.tracking(stroke)
         else:  # a stroke begins elsewhere: what was learnt of places belongs to the one before

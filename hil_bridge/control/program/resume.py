@@ -52,7 +52,8 @@ def resume_row(row: Row, point: ResumePoint, stroke: Stroke) -> Row:
 
 
 def _leg(step: Step, like: Leg, stroke: Stroke) -> Leg:
-    return Leg("resume", step, stroke, like.limits, ((0.0, stroke.parameters.force_n),))
+    force = stroke.parameters.force_n
+    return Leg("resume", step, stroke, like.limits, ((0.0, force),), phase=step.phase)
 
 
 def _cut(leg: Leg, point: ResumePoint) -> Leg:
