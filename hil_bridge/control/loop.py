@@ -186,7 +186,7 @@ class ControlLoop:
         """The sample in the work frame."""
         (x, y, z), (a, b, c) = sample.position, state.start
         x, y, z = x - a, y - b, z - c
-        (a, b, c), (u, v, w), (r, s, t) = self.approach, self.travel, self.across
+        (a, b, c), (u, v, w), (r, s, t) = self.approach, self.travel, self.program.frame.y
         travel, across, beside = x * u + y * v + z * w, x * r + y * s + z * t, 0.0
         if len(sample.quaternion) == 4 and len(sample.wrench) == 6:
             i, j, k = rotate(sample.quaternion, sample.wrench[:3])
@@ -220,7 +220,7 @@ class ControlLoop:
         try:
             program, intent = self.program.step(state, felt)
             command, target = intent.command, intent.target
-            limits, farthest = self.supervisor.limits, farthest_answer(self.supervisor.limits)
+            limits = self.supervisor.limits
             if not abs(target.travel) + abs(target.across) < math.inf:
                 failed = blame_place(self.program.row.legs[intent.leg], target)
             elif command is None:
@@ -228,7 +228,7 @@ class ControlLoop:
             else:
                 # neither holds for what is no number; a sum with what is huge would lose where the tool is
                 way = abs(command.position - measurement.commanded)
-                meant = way <= limits.correction_total_mm * 1e-3 or way <= farthest
+                meant = way <= limits.correction_total_mm * 1e-3 or way <= farthest_answer(limits)
                 if meant and math.isfinite(command.correction + command.across):
                     return program, intent, None
                 failed = blame_answer(self.program.controller, command)

@@ -11,7 +11,7 @@ from hil_bridge.control.program.state import Felt, ProgramState
 from hil_bridge.control.steps.settings import plain_steps
 from hil_bridge.errors import Reason
 
-DOWN, ALONG, ACROSS = (0.0, 0.0, -1.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)
+DOWN, ALONG, ACROSS = (0.0, 0.0, -1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)
 LONG_S = 1e6
 """Time of tracking that no test comes to, s."""
 

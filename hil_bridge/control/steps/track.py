@@ -142,7 +142,9 @@ class Track(PressingStep):
         limit, held, lateral = self.lateral_limit_n, felt.sample.held, 0.0
         if limit is not None:
             lateral = lateral_of(felt.force, state.facing.fall if leg.shows_ground else FLAT)
-        feed, trouble = feed_of(self, felt.measurement.force - reference, lateral, local)
+        feed, trouble = 1.0, None
+        if limit is not None or self.feed_error_n is not None:
+            feed, trouble = feed_of(self, felt.measurement.force - reference, lateral, local)
         feed = min(feed, 0.0) if held else feed
         if feed != state.feed:
             state = replace(state, feed=feed)
@@ -163,11 +165,12 @@ class Track(PressingStep):
         heading, begin = leg.way.headings[number], leg.way.points[number]
         rest = local - leg.way.begins[number]
         x, y = begin[0] + rest * heading[0], begin[1] + rest * heading[1]
-        if self.across == "position":
-            aside = aside_by(leg, self, state, (stroke, order), felt.measurement.dt)
-        else:
+        aside = state.aside
+        if self.across != "position":
             left = _leftwards(leg, state, (x, y), felt)
             memory, aside = beside(leg.stroke, self, state, felt.measurement, left)
+        elif order.command is not None and order.command.across:
+            aside = aside_by(leg, self, state, (stroke, order), felt.measurement.dt)
         at = state.origin[0] + x - aside * heading[1], state.origin[1] + y + aside * heading[0]
         return Led(at, local, aside, heading, memory)
 
