@@ -29,7 +29,7 @@ from hil_bridge.control.failing import Failed, blame_answer, blame_error, blame_
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.state import Felt, ProgramState
 from hil_bridge.control.sample import Sample
-from hil_bridge.control.types import SAMPLE_MS, Measurement
+from hil_bridge.control.types import SAMPLE_MS, Command, Measurement
 from hil_bridge.errors.causes import Cause, Reason
 from hil_bridge.errors.failures import RAISED, raise_if_asked
 from protocol.geometry import Vector, rotate
@@ -220,22 +220,23 @@ class ControlLoop:
         try:
             program, intent = self.program.step(state, felt)
             command, target = intent.command, intent.target
-            limits = self.supervisor.limits
-            if not abs(target.travel) + abs(target.across) < math.inf:
-                failed = blame_place(self.program.row.legs[intent.leg], target)
-            elif command is None:
-                return program, intent, None
-            else:
-                # neither holds for what is no number; a sum with what is huge would lose where the tool is
-                way = abs(command.position - measurement.commanded)
-                meant = way <= limits.correction_total_mm * 1e-3 or way <= farthest_answer(limits)
-                if meant and math.isfinite(command.correction + command.across):
-                    return program, intent, None
+            if command is not None and not self._is_meant(command, measurement):
                 failed = blame_answer(self.program.controller, command)
+            elif not abs(target.travel) + abs(target.across) < math.inf:
+                failed = blame_place(self.program.row.legs[intent.leg], target)
+            else:
+                return program, intent, None
         except RAISED as error:
             raise_if_asked(error)
             failed = blame_error(self.program.controller, self.program.row.legs[state.leg], error)
         return state, self.program.hold(state, measurement), failed
+
+    def _is_meant(self, command: Command, measurement: Measurement) -> bool:
+        """Whether a controller's answer is of numbers, and a place that it can mean."""
+        # neither holds for what is no number; a sum with what is huge would lose where the tool is
+        limits, way = self.supervisor.limits, abs(command.position - measurement.commanded)
+        meant = way <= limits.correction_total_mm * 1e-3 or way <= farthest_answer(limits)
+        return meant and math.isfinite(command.correction + command.across)
 
     def _watch(
         self, state: OscillationState, measurement: Measurement, output: Intent

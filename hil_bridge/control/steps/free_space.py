@@ -132,5 +132,5 @@ def _towards(state: ProgramState, place: tuple[float, float], way: float) -> tup
     left = math.hypot(u - x, v - y)
     if left <= way + _ROUNDING:
         return replace(state, at=(u, v)), True
-    share = way / left
-    return replace(state, at=(x + (u - x) * share, y + (v - y) * share)), False
+    share, heading = way / left, ((u - x) / left, (v - y) / left)
+    return replace(state, at=(x + (u - x) * share, y + (v - y) * share), heading=heading), False

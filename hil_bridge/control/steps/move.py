@@ -60,6 +60,10 @@ class Move(Step):
     def turns_home(self) -> bool:
         return True
 
+    @property
+    def works_aside(self) -> bool:
+        return True
+
     def check(self, pressing: bool, limits: Limits) -> None:
         need_free(pressing)
         need_travel_speed(self.speed_mm_s, limits)

@@ -178,7 +178,7 @@ class Step:
 
     @property
     def works_aside(self) -> bool:
-        """Whether the tool works against what is beside its path, so that it yields to it while it retracts."""
+        """Whether the tool may meet what is beside its way, so that it yields to it while it retracts."""
         return False
 
     @property

@@ -73,6 +73,10 @@ class Seek(PressingStep):
         return self.presses
 
     @property
+    def works_aside(self) -> bool:
+        return not self.presses
+
+    @property
     def watches_way(self) -> bool:
         return self.presses
 
