@@ -68,7 +68,7 @@ task.retract_mm = 2.0
 task.retract_speed_mm_s = 20.0
 limits.retract_patience_s = 0.5
 """
-"""What CLOSE has beside AWAKE, for the head of a configuration file, behind AWAKE_TOML."""
+"""The settings of CLOSE that AWAKE lacks, for the head of a configuration file, behind AWAKE_TOML."""
 STREAMED: dict[str, Any] = merged(CLOSE, {"run": {"period_ms": 20.0}, "controller": {"sample_ms": 20.0}})
 """The same for a robot that is guided: it is told a set point every 20 ms."""
 

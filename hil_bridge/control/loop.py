@@ -44,14 +44,10 @@ _NO_OSCILLATION = OscillationState()
 
 @dataclass(frozen=True, slots=True)
 class ControlLoop:
-    """Program and supervisor in the work frame."""
+    """Program and supervisor in the work frame of the program."""
 
     program: Program
     supervisor: Supervisor
-    approach: Vector
-    """Unit vector into the surface, base frame."""
-    travel: Vector
-    """Unit vector along the surface, base frame, perpendicular to `approach`."""
     detector: OscillationDetector | None = None
     """Lowers the gain of a loop that swings, and at last ends the run; None lets it swing."""
     following: Following | None = None
@@ -59,18 +55,12 @@ class ControlLoop:
     sample_time: float = SAMPLE_MS * 1e-3
     """Sample time that the controller is tuned for, s; the first sample counts as that long."""
 
-    @property
-    def across(self) -> Vector:
-        """Third direction of the work frame, base frame: its y axis, travel × approach."""
-        (a, b, c), (u, v, w) = self.approach, self.travel
-        return v * c - w * b, w * a - u * c, u * b - v * a
-
     def initial(self, start: Vector) -> LoopState:
         """State at the start point, away from the surface; its reported position in the base frame, m."""
         return LoopState(start, self.program.initial(), self.supervisor.initial(start))
 
     def finish(self, state: LoopState, reason: Reason) -> LoopState:
-        """Retract from the next sample on, for a reason from outside: time is up, a person wants it."""
+        """Retract from the next sample on, for a reason from outside the decision."""
         return replace(state, program=self.program.finish(state.program, reason))
 
     def step(self, state: LoopState, sample: Sample) -> tuple[LoopState, Decision]:
@@ -108,31 +98,32 @@ class ControlLoop:
         """The supervisor's word on what was proposed for this sample. A stop turns it into a retraction; while
         retracting only the limits of motion apply, and the force that the retraction itself makes.
         """
-        program, output, advice = proposal.program, proposal.intent, proposal.advice
-        seen, guard, follows = _observe(sample, proposal, output), self._guard(output), self.following
+        program, intent, advice = proposal.program, proposal.intent, proposal.advice
+        observation = _observe(sample, proposal, intent)
+        guard, follows = self._guard(intent), self.following
         verdict: Verdict
-        if output.phase is _RETRACT or output.phase is _END:
-            request = self._request(state, output)
-            supervisor, verdict = guard.retreat(state.supervisor, seen, request)
+        if intent.phase is _RETRACT or intent.phase is _END:
+            request = self._request(state, intent)
+            supervisor, verdict = guard.retreat(state.supervisor, observation, request)
             if isinstance(verdict, Stop):
-                output = replace(output, reason=verdict.reason, failed=True)
+                intent = replace(intent, reason=verdict.reason, failed=True)
         elif proposal.failure is not None:
             supervisor, verdict = guard.stop(state.supervisor, proposal.failure.cause, proposal.failure.text)
         elif advice is not None and advice.retract:
             text = f"the force goes on swinging by ±{advice.amplitude:.1f} N at the lowest gain"
             supervisor, verdict = guard.stop(state.supervisor, Cause.OSCILLATION, text)
         else:
-            request = self._request(state, output, self._barrier(proposal, guard.limits))
-            supervisor, verdict = guard.step(state.supervisor, seen, request)
-            strayed = "" if follows is None else follows.fault(state.trail, seen, guard.limits)
+            request = self._request(state, intent, self._barrier(proposal, guard.limits))
+            supervisor, verdict = guard.step(state.supervisor, observation, request)
+            strayed = "" if follows is None else follows.fault(state.trail, observation, guard.limits)
             if strayed and not isinstance(verdict, Stop):
                 supervisor, verdict = guard.stop(state.supervisor, Cause.OFF_PATH, strayed)
-        reason = None if type(verdict) is Allow else _reason(state, output, verdict)
+        reason = None if type(verdict) is Allow else _reason(state, intent, verdict)
         way: Verdict = verdict
-        if reason is not None and output.phase is not _RETRACT:
+        if reason is not None and intent.phase is not _RETRACT:
             # From the state before this sample: the controller's answer to it no longer matters.
-            program, output = self.program.step(self.program.fail(state.program, reason), proposal.felt)
-            supervisor, way = guard.retreat(supervisor, seen, self._request(state, output))
+            program, intent = self.program.step(self.program.fail(state.program, reason), proposal.felt)
+            supervisor, way = guard.retreat(supervisor, observation, self._request(state, intent))
         elif advice is not None and advice.factor < 1.0 and not isinstance(verdict, Stop):
             lowered = Reason(Cause.GAIN, f"the force swings: gain lowered to {advice.factor:g}")
             holds = verdict.holds if isinstance(verdict, Clamp) else ()
@@ -142,11 +133,11 @@ class ControlLoop:
         depth, position = (
             (before.depth, before.position) if isinstance(way, Stop) else (way.depth, way.position)
         )
-        if output.phase is _RETRACT and output.target.depth < before.depth <= depth:
+        if intent.phase is _RETRACT and intent.target.depth < before.depth <= depth:
             # Held back at the border of the workspace, a retraction has come as far as it can.
             held = not (isinstance(way, Clamp) and way.goes_on)
-            if held and output.reason is None and output.leg < len(self.program.row.legs) - 1:  # more to do
-                output = replace(output, reason=explain_halt(verdict, seen), failed=True)
+            if held and intent.reason is None and intent.leg < len(self.program.row.legs) - 1:  # more to do
+                intent = replace(intent, reason=explain_halt(verdict, observation), failed=True)
         trail: Trail = ()
         if follows is not None:
             trail = follows.after(state.trail, (proposal.depth, depth), sample.now, sample.position_at)
@@ -154,18 +145,18 @@ class ControlLoop:
         return after, Decision(
             proposal.depth,
             proposal.felt.measurement.force,
-            Target(depth, output.target.travel, output.target.across),
+            Target(depth, intent.target.travel, intent.target.across),
             position,
-            output,
+            intent,
             verdict,
             ended=program.phase is _END or held or stands,
             stands=stands,
             quaternion=supervisor.quaternion,
         )
 
-    def _guard(self, output: Intent) -> Supervisor:
+    def _guard(self, intent: Intent) -> Supervisor:
         """The supervisor with the limits of the step under way."""
-        guard, limits = self.supervisor, self.program.row.legs[output.leg].limits
+        guard, limits = self.supervisor, self.program.row.legs[intent.leg].limits
         return guard if limits is guard.limits else Supervisor(limits, guard.speed, guard.witness)
 
     def _barrier(self, proposal: Proposal, limits: Limits) -> float:
@@ -186,7 +177,8 @@ class ControlLoop:
         """The sample in the work frame."""
         (x, y, z), (a, b, c) = sample.position, state.start
         x, y, z = x - a, y - b, z - c
-        (a, b, c), (u, v, w), (r, s, t) = self.approach, self.travel, self.program.frame.y
+        frame = self.program.frame
+        (a, b, c), (u, v, w), (r, s, t) = frame.approach, frame.x, frame.y
         travel, across, beside = x * u + y * v + z * w, x * r + y * s + z * t, 0.0
         if len(sample.quaternion) == 4 and len(sample.wrench) == 6:
             i, j, k = rotate(sample.quaternion, sample.wrench[:3])
@@ -239,39 +231,39 @@ class ControlLoop:
         return meant and math.isfinite(command.correction + command.across)
 
     def _watch(
-        self, state: OscillationState, measurement: Measurement, output: Intent
+        self, state: OscillationState, measurement: Measurement, intent: Intent
     ) -> tuple[OscillationState, Advice | None]:
         """The detector's word on a sample of TRACK in contact; it begins again with every other phase."""
-        if self.detector is None or output.phase is not _TRACK:
+        if self.detector is None or intent.phase is not _TRACK:
             return _NO_OSCILLATION, None
-        if output.command is None or not output.in_contact:
+        if intent.command is None or not intent.in_contact:
             return state, None
-        wanted = self.program.parameters.force_n if output.reference is None else output.reference
-        error = measurement.force - wanted
-        return self.detector.step(state, error, output.command.stiffness, measurement.dt)
+        reference = self.program.parameters.force_n if intent.reference is None else intent.reference
+        error = measurement.force - reference
+        return self.detector.step(state, error, intent.command.stiffness, measurement.dt)
 
-    def _request(self, state: LoopState, output: Intent, barrier: float = math.inf) -> Request:
-        depth, travel = output.target.depth, output.target.travel
-        (x, y, z), (a, b, c), (u, v, w) = state.start, self.approach, self.travel
+    def _request(self, state: LoopState, intent: Intent, barrier: float = math.inf) -> Request:
+        frame, depth, travel = self.program.frame, intent.target.depth, intent.target.travel
+        (x, y, z), (a, b, c), (u, v, w) = state.start, frame.approach, frame.x
         target = x + depth * a + travel * u, y + depth * b + travel * v, z + depth * c + travel * w
-        if aside := output.target.across:
-            x, y, z = (p + aside * n for p, n in zip(target, self.across, strict=True))
+        if aside := intent.target.across:
+            x, y, z = (p + aside * n for p, n in zip(target, frame.y, strict=True))
             target = x, y, z
-        return Request(depth, target, self.approach, barrier, output.turned)
+        return Request(depth, target, frame.approach, barrier, intent.turned)
 
 
-def _reason(state: LoopState, output: Intent, verdict: Verdict) -> Reason | None:
+def _reason(state: LoopState, intent: Intent, verdict: Verdict) -> Reason | None:
     """Why the run must end; None while it need not. An approach that is held in place would last for ever."""
     match verdict:
         case Stop(reason=reason):
             return reason
         case Clamp(depth=depth, reasons=reasons) if (
-            output.phase is _APPROACH and depth <= state.supervisor.depth and not verdict.goes_on
+            intent.phase is _APPROACH and depth <= state.supervisor.depth and not verdict.goes_on
         ):
-            held = "the touch" if output.in_contact else "no contact found: the approach"
+            held = "the touch" if intent.in_contact else "no contact found: the approach"
             return Reason(Cause.HELD_APPROACH, f"{held} {', '.join(reasons)}")
-        case Clamp() if output.phase in (Phase.MOVE, Phase.SEEK) and verdict.is_for(Cause.WORKSPACE):
-            return Reason(Cause.LEAVES_WORKSPACE, f"the {output.phase} {LEAVES.text}")
+        case Clamp() if intent.phase in (Phase.MOVE, Phase.SEEK) and verdict.is_for(Cause.WORKSPACE):
+            return Reason(Cause.LEAVES_WORKSPACE, f"the {intent.phase} {LEAVES.text}")
         case _:
             return None
 

@@ -129,8 +129,6 @@ def control_loop(config: Config, robot: RobotFacts) -> ControlLoop:
     return ControlLoop(
         program(config, stroke),
         Supervisor(config.limits, config.robot.velocity_mm_s * 1e-3, witness),
-        config.frame.approach,
-        config.frame.travel,
         config.oscillation if config.limits.oscillation_guard else None,
         following(robot, max(config.run.period_ms * 1e-3, tuned)),
         tuned,

@@ -73,7 +73,7 @@ _WORD = re.compile(r"[a-z][a-z0-9-]*")
 
 
 class Felt3(NamedTuple):
-    """What a tool feels at one sample."""
+    """Force and place of the tool at one sample."""
 
     force: tuple[float, float, float]
     """Along the approach, x and y, N."""
@@ -84,7 +84,7 @@ class Felt3(NamedTuple):
 
 
 Feel = Callable[[float], Felt3]
-"""What the tool feels at a depth, m."""
+"""Force and place of the tool by its depth, m."""
 
 
 class Taken(NamedTuple):

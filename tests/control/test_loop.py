@@ -53,8 +53,6 @@ def drive(controller, cycles=60, force=8.0, **more):
     loop = ControlLoop(
         plain_program(TaskParameters(retract_mm=4.0), controller, position_step=0.125e-3),
         Supervisor(Limits()),
-        (0, 0, -1.0),
-        (0, 1.0, 0),
     )
     state, position, decisions = loop.initial(START), START, []
     for k in range(cycles):

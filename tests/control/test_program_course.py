@@ -177,6 +177,16 @@ def test_a_repeat_is_left_when_enough_is_removed():
     assert float(told.removesuffix(" mm removed")) == pytest.approx(0.3, abs=0.01)
 
 
+def test_a_tool_that_yields_goes_to_the_side_of_a_path_along_any_axis():
+    """A force of 4 N against +x moves it towards −x while its path leads along y."""
+    line = Line(length_mm=10.0, direction_deg=90.0)
+    track = Track(path=line, across="compliant", across_n_mm=2.0, speed_mm_s=2.0)
+    told = drive(program_of(Approach(), track, Retract()), push=lambda depth, x, y: (4.0, 0.0))
+    places = [intent.target for _, intent, _ in told if intent.phase is Phase.TRACK]
+    assert places[-1].travel == pytest.approx(-2e-3, abs=0.1e-3), "4 N at 2 N for each mm, away from the push"
+    assert places[-1].across == pytest.approx(10e-3, abs=0.3e-3)
+
+
 # --- what ends it
 
 

@@ -10,10 +10,11 @@ from hypothesis import strategies as st
 from hil_bridge.control import FuzzyPi, Stroke, TaskParameters
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.program.legs import LEGS_MAX, Ground, legs_of, seconds
+from hil_bridge.control.program.resume import rest_of
 from hil_bridge.control.steps.approach import Approach
 from hil_bridge.control.steps.hold import Hold
 from hil_bridge.control.steps.move import Move
-from hil_bridge.control.steps.paths import Line, Polyline, Raster
+from hil_bridge.control.steps.paths import Line, Polyline, Raster, way_of
 from hil_bridge.control.steps.repeat import Repeat
 from hil_bridge.control.steps.retract import Retract
 from hil_bridge.control.steps.seam import Criterion, StepLimits
@@ -41,6 +42,44 @@ def refused(*steps, **settings):
 
 
 # --- the row
+
+
+def test_a_leg_knows_whether_the_tool_may_lean_on_what_is_beside_it():
+    """A step that works aside hands that on until the tool has lifted; a move before a touch hands nothing on."""
+    side = Track(path=LINE, across="force", across_n=5.0)
+    steps = (
+        Move(to_mm=(0.0, 0.0)),
+        Approach(),
+        side,
+        Hold(for_s=1.0),
+        Retract(),
+        Approach(),
+        Hold(for_s=1.0),
+        Retract(),
+    )
+    assert [leg.works_aside for leg in row_of(*steps).legs] == [
+        True,
+        False,
+        True,
+        True,
+        True,
+        False,
+        False,
+        False,
+    ]
+    met = Seek(direction_deg=0.0), Retract(), Approach(), Retract()
+    assert [leg.works_aside for leg in row_of(*met).legs] == [True, True, False, False]
+
+
+def test_the_rest_of_a_way_leads_where_the_whole_one_does():
+    whole = way_of(((0.0, 0.0), (10.0, 0.0), (10.0, 5.0), (0.0, 5.0)))
+    for done in (0.0, 4e-3, 12e-3, 20e-3):
+        rest, (x, y) = rest_of(whole, done), whole.at(done)
+        assert rest.length == pytest.approx(whole.length - done)
+        for on in (0.0, 1e-3, 3e-3, rest.length):
+            u, v = rest.at(on)
+            assert (x + u, y + v) == pytest.approx(whole.at(done + on), abs=1e-12)
+            assert rest.headings[rest.piece(on)] == whole.headings[whole.piece(done + on)]
 
 
 def test_an_approach_reaches_as_far_as_the_tool_came_back_before():

@@ -159,7 +159,7 @@ def test_a_sensor_that_stands_still_stops_a_run_after_the_same_time(dt: float) -
 
 def loop(**more: Any) -> ControlLoop:
     task = plain_program(TaskParameters(expected_stiffness_n_m=500.0), Still())
-    return ControlLoop(task, Supervisor(Limits()), DOWN, (0.0, 1.0, 0.0), **more)
+    return ControlLoop(task, Supervisor(Limits()), **more)
 
 
 def test_a_cycle_counts_for_its_time_and_the_first_for_the_sample_time() -> None:

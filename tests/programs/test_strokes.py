@@ -85,6 +85,18 @@ def test_a_side_presses_against_a_wall_with_its_force(play: Play, robot: str, of
     assert run.differs() == []
 
 
+@ROBOTS
+def test_a_tool_that_leans_on_a_wall_comes_off_it_behind_a_hold_too(play: Play, robot: str) -> None:
+    """The hold itself works along no side, but the tool still leans on what the track has met."""
+    leaning = stroke(across="force", across_n=-15.0)
+    run = play(robot, [*leaning[:-1], {"do": "hold", "for_s": 1.0}, RETRACT], START, WALL)
+    assert (run.result.outcome, run.result.left) == ("completed", "retracted, 0.0 N")
+    held, lifted = run.of(3)[-1].across_commanded, run.of(4)[-1].across_commanded
+    assert abs(held) > 2e-3, "it has come to the wall"
+    assert lifted > held + 0.5e-3
+    assert run.differs() == []
+
+
 def test_a_side_that_finds_nothing_goes_no_farther_than_it_may(play: Play) -> None:
     run = play("s3", stroke(across="force", across_n=-5.0, across_mm=2.0), START)
     assert run.result.outcome == "completed"

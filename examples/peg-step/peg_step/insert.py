@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 from hil_bridge.control.course.limits import Limits
-from hil_bridge.control.steps.led import Lead, LedStep, Seen
+from hil_bridge.control.steps.led import Lead, LedStep, StepSample
 from hil_bridge.control.steps.seam import NO_LIMITS, Drawing, StepLimits, above_zero
 from protocol.marks import SettingError
 
@@ -18,7 +18,7 @@ _POINTS = 48
 
 
 class Memory(NamedTuple):
-    """What the step knows from one sample to the next; nothing changes it in place."""
+    """State of the step from one sample to the next; nothing changes it in place."""
 
     way: float = 0.0
     """Way along the spiral, m."""
@@ -91,23 +91,23 @@ class Insert(LedStep):
     def begin(self) -> Memory:
         return Memory()
 
-    def steer(self, memory: Memory, seen: Seen) -> tuple[Memory, Lead]:
-        deep = seen.depth * 1e3
+    def steer(self, memory: Memory, sample: StepSample) -> tuple[Memory, Lead]:
+        deep = sample.depth * 1e3
         if memory.inside and deep >= self.depth_mm:
             return memory, Lead(memory.middle, done=f"in the hole, {deep:.1f} mm deep", without_contact=True)
         if not memory.inside and deep >= self.fallen_mm:
-            memory = Memory(memory.way, seen.place, True)
-        memory = self._yielding(memory, seen)
+            memory = Memory(memory.way, sample.place, True)
+        memory = self._yielding(memory, sample)
         if memory.inside:
-            late = f"only {deep:.1f} mm deep in the hole after {self.for_s:g} s" if seen.last else ""
+            late = f"only {deep:.1f} mm deep in the hole after {self.for_s:g} s" if sample.last else ""
             return memory, Lead(memory.middle, trouble=late, without_contact=True)
-        if seen.in_contact:
-            memory = memory._replace(way=memory.way + self.speed_mm_s * 1e-3 * seen.dt)
+        if sample.in_contact:
+            memory = memory._replace(way=memory.way + self.speed_mm_s * 1e-3 * sample.dt)
         (x, y), radius = self._on_spiral(memory.way)
         trouble = ""
         if radius > self.radius_mm * 1e-3:
             trouble = f"no hole within {self.radius_mm:g} mm"
-        elif seen.last:
+        elif sample.last:
             trouble = f"no hole within {radius * 1e3:.1f} mm after {self.for_s:g} s"
         u, v = memory.middle
         return memory, Lead((u + x, v + y), self.search_n, trouble=trouble)
@@ -119,14 +119,14 @@ class Insert(LedStep):
         radius = turn * angle
         return (radius * math.cos(angle), radius * math.sin(angle)), radius
 
-    def _yielding(self, memory: Memory, seen: Seen) -> Memory:
+    def _yielding(self, memory: Memory, sample: StepSample) -> Memory:
         """The middle, away from what pushes along the plate, in both directions, beyond friction."""
-        pressed, x, y = seen.force
+        pressed, x, y = sample.force
         length = math.hypot(x, y)
         beyond = length - _DEAD_SHARE * max(pressed, 0.0)
         if not beyond > 0.0:
             return memory
-        way = min(self.yield_mm_ns * beyond, self.speed_mm_s) * 1e-3 * seen.dt / length
+        way = min(self.yield_mm_ns * beyond, self.speed_mm_s) * 1e-3 * sample.dt / length
         u, v = memory.middle
         return memory._replace(middle=(u - way * x, v - way * y))
 

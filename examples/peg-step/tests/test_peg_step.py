@@ -9,7 +9,7 @@ from peg_step.insert import Insert, Memory
 from peg_step.plate import SURFACE, PlateWithHole
 
 import hil_bridge
-from hil_bridge.control.steps.led import Seen
+from hil_bridge.control.steps.led import StepSample
 from hil_bridge.testing import SurfaceCase
 from hil_bridge.testing.steps import *  # noqa: F403
 from hil_bridge.testing.surfaces import *  # noqa: F403
@@ -70,8 +70,8 @@ def test_in_the_hole_it_yields_to_both_directions_and_not_to_friction() -> None:
     step, memory = Insert(depth_mm=6.0), Memory(inside=True)
 
     def yields(x: float, y: float) -> tuple[float, float]:
-        seen = Seen(1.0, 0.1, (2.0, x, y), (0.0, 0.0, 0.0), (0.0, 0.0), 3e-3, True, 10.0)
-        after, lead = step.steer(memory, seen)
+        sample = StepSample(1.0, 0.1, (2.0, x, y), (0.0, 0.0, 0.0), (0.0, 0.0), 3e-3, True, 10.0)
+        after, lead = step.steer(memory, sample)
         assert lead.to == after.middle
         return lead.to
 

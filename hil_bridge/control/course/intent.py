@@ -1,4 +1,4 @@
-"""What a program wants in one cycle, before the supervisor judges it: phase, place, force. Plain values."""
+"""The intent of a program in one cycle, before the supervisor judges it: phase, place, force. Plain values."""
 
 from enum import StrEnum
 

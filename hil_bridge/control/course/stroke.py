@@ -220,8 +220,10 @@ class Stroke:
         settled = state.settled or measurement.force >= self.parameters.travel_from_share * reference
         step = self.way(self.parameters.speed_mm_s, measurement.dt) * measurement.advance * stride.feed
         travel = state.travel + (step if state.in_contact and settled else 0.0)
-        seen = replace(measurement, in_contact=state.in_contact, travel_next=travel, free_position=state.free)
-        memory, command = ask(self.controller, state.controller, seen, reference)
+        shown = replace(
+            measurement, in_contact=state.in_contact, travel_next=travel, free_position=state.free
+        )
+        memory, command = ask(self.controller, state.controller, shown, reference)
         order = Order(_TRACK, command.position, command, reference)
         stiffness = command.stiffness or state.stiffness
         if state.in_contact:  # found again, if it was lost

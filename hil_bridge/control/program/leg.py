@@ -43,12 +43,10 @@ class Leg:
     """The force is controlled along the estimated normal."""
     shows_ground: bool = False
     """The controller is shown depths from the plane that the estimated normal predicts."""
-    after_work_aside: bool = False
-    """The step before worked against the side, too."""
     phase: Phase = Phase.TRACK
     """Phase in which the step begins."""
     works_aside: bool = False
-    """The tool works against what is beside its path."""
+    """The tool may meet what is beside its way, in this step or in one before of the same touch."""
     turns: bool = True
     """The tool may be turned in it."""
 

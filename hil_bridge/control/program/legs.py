@@ -5,11 +5,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
+from hil_bridge.control.course.intent import Phase
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.parameters import TaskParameters
 from hil_bridge.control.course.stroke import Stroke
 from hil_bridge.control.program.leg import Leg, Row, label_of
-from hil_bridge.control.steps.approach import Approach
 from hil_bridge.control.steps.paths import Place, Way
 from hil_bridge.control.steps.repeat import unroll
 from hil_bridge.control.steps.seam import Step, StepLimits
@@ -52,8 +52,7 @@ def legs_of(steps: Sequence[Step], ground: Ground, written: bool = True) -> Row:
             raise StepError(f"more than {LEGS_MAX} steps, with the passes of a repeat")
         with _blaming(label_of(number, step, turn.turn)):
             leg = _leg(number, step, ground, (place, presses))
-            if isinstance(step, Approach) and step.at_most_mm is None:
-                leg = _reaching(leg, back_mm)
+            leg = step.reach(leg, back_mm)
             back_mm = step.back_from(leg, back_mm)
             after = step.end(leg, place)
         leg = replace(
@@ -63,7 +62,7 @@ def legs_of(steps: Sequence[Step], ground: Ground, written: bool = True) -> Row:
             first_of_repeat=turn.is_first,
             repeat=turn.repeat,
             turn=turn.turn,
-            after_work_aside=bool(legs) and legs[-1].step.works_aside,
+            works_aside=leg.works_aside or _inherits_side(legs, leg),
         )
         legs.append(leg)
         places.append(place)
@@ -86,6 +85,13 @@ def seconds(row: Row) -> list[float]:
     return taken
 
 
+def _inherits_side(before: Sequence[Leg], leg: Leg) -> bool:
+    """Whether the tool may still lean on what the steps before have met beside their way."""
+    if not before or not before[-1].works_aside:
+        return False
+    return before[-1].presses or leg.phase is Phase.RETRACT
+
+
 @contextmanager
 def _blaming(label: str) -> Iterator[None]:
     """Turn what a step refuses, and what one of another package raises, into a StepError with this label."""
@@ -97,15 +103,6 @@ def _blaming(label: str) -> Iterator[None]:
         if not of_others(error):
             raise
         raise StepError(failure(error), label) from error
-
-
-def _reaching(leg: Leg, back_mm: float) -> Leg:
-    """An approach that goes deeper by the way that the tool has come back before it, mm."""
-    if not back_mm:
-        return leg
-    parameters = leg.stroke.parameters
-    deeper = replace(parameters, approach_depth_limit_mm=parameters.approach_depth_limit_mm + back_mm)
-    return replace(leg, stroke=replace(leg.stroke, parameters=deeper))
 
 
 def _leg(number: str, step: Step, ground: Ground, before: tuple[Place | None, bool]) -> Leg:

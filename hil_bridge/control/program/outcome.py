@@ -9,6 +9,8 @@ from hil_bridge.control.types import Measurement
 from hil_bridge.errors.causes import Cause, Reason
 from protocol.geometry import Vector
 
+ROUNDING = 1e-9
+"""Slack for sums of steps, m."""
 _BAND_SHARE = 0.1
 """Chosen: share of the wanted force by which it may be off and still counts as held, where no criterion is given."""
 
@@ -62,7 +64,7 @@ def outcome(state: ProgramState, leg: Leg, now: float, at: Vector | None = None)
         text = f"force within ±{criterion.within_n:g} N: {kept}, wanted {criterion.for_percent:g} %"
     (x, y, z), count = state.found
     found = (x / count, y / count, z / count) if count else None
-    if leg.step.do == "approach" and leg.step.name:
+    if leg.step.finds_end:
         found = at
     return Done(
         state.leg,
@@ -88,6 +90,6 @@ def ending(state: ProgramState, leg: Leg) -> Reason | None:
     """Why a leg that leads along the surface ended: its time, or its way; None for another leg."""
     if leg.way is None:
         return None
-    if leg.step.for_s is not None and state.local < leg.way.length - 1e-9:
+    if leg.step.for_s is not None and state.local < leg.way.length - ROUNDING:
         return Reason(Cause.TIME_IS_UP)
     return Reason(Cause.TRAVELLED, f"travelled {leg.way.length * 1e3:g} mm")

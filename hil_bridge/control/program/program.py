@@ -29,6 +29,8 @@ from protocol.geometry import normalise
 _TRACK, _RETRACT, _END, _APPROACH = Phase.TRACK, Phase.RETRACT, Phase.END, Phase.APPROACH
 
 
+_SLIDES = 0.05
+"""Chosen: share of the speed from which the tool counts as sliding along its path."""
 POINT = Face()
 """A tool that touches in a point, where its contact moments are told about."""
 FACING = Facing()
@@ -108,14 +110,13 @@ class Program:
         travel, against = measurement.travel, felt.against(state.heading)
         if leg.way is not None:
             place = felt.place[0] - state.origin[0], felt.place[1] - state.origin[1]
-            along = leg.way.along(state.seen, state.stroke.travel - state.base, place)
+            along = leg.way.along(state.reached, state.stroke.travel - state.base, place)
             travel, reached = state.base + along, max(along, 0.0)
-            if reached != state.seen:
-                state = replace(state, seen=reached)
+            if reached != state.reached:
+                state = replace(state, reached=reached)
         elif leg.phase is Phase.MOVE:
             against = 0.0
-        known = travel == measurement.travel and against == measurement.against and not state.zero
-        if not known:
+        if state.zero or travel != measurement.travel or against != measurement.against:
             measurement = replace(
                 measurement, force=felt.force[0], paired_force=paired, travel=travel, against=against
             )
@@ -144,7 +145,7 @@ class Program:
         if state.in_contact:
             stiffness = state.stroke.stiffness or self.parameters.expected_stiffness_n_m
             per_angle = max(stiffness, 1.0) * self.face.radius**2 / 4.0
-            slides = leg.way is not None and abs(state.feed) > 0.05
+            slides = leg.way is not None and abs(state.feed) > _SLIDES
             indented = measurement.force_at_position / max(stiffness, 1.0) if leg.shows_ground else 0.0
             look = Look(
                 measurement.dt,
@@ -176,8 +177,8 @@ class Program:
     def step(self, state: ProgramState, felt: Felt) -> tuple[ProgramState, Intent]:
         """One sample, after `sense`. Steps that end without it are passed over."""
         measurement = felt.measurement
-        known = math.isfinite(measurement.force) and math.isfinite(measurement.position)
-        if not (known or state.reason):
+        finite = math.isfinite(measurement.force) and math.isfinite(measurement.position)
+        if not (finite or state.reason):
             return state, self.hold(state, measurement)
         while state.reason is None and state.stroke.phase is not _END:
             if state.began is None:
@@ -231,7 +232,7 @@ class Program:
             origin=state.at,
             base=stroke.travel,
             local=0.0,
-            seen=0.0,
+            reached=0.0,
             aside=0.0,
             stage=0,
             since=now,

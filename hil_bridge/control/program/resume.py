@@ -53,7 +53,9 @@ def resume_row(row: Row, point: ResumePoint, stroke: Stroke) -> Row:
 
 def _leg(step: Step, like: Leg, stroke: Stroke) -> Leg:
     force = stroke.parameters.force_n
-    return Leg("resume", step, stroke, like.limits, ((0.0, force),), phase=step.phase)
+    return Leg(
+        "resume", step, stroke, like.limits, ((0.0, force),), phase=step.phase, works_aside=step.works_aside
+    )
 
 
 def _cut(leg: Leg, point: ResumePoint) -> Leg:

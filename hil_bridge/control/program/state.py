@@ -102,7 +102,7 @@ class ProgramState(Struct, frozen=True):
     """Way of the run at which this step begins, m."""
     local: float = 0.0
     """Commanded way along the path of this step, m."""
-    seen: float = 0.0
+    reached: float = 0.0
     """Reported way along the path of this step, m."""
     ground: float = 0.0
     """Depth of the plane that the normal predicts at the commanded place, from that of the first contact, m."""
@@ -141,7 +141,7 @@ class ProgramState(Struct, frozen=True):
     this_pass: tuple[float, float] = (0.0, 0.0)
     """Sums of depth x way and of way in this pass, m², m."""
     text: str = ""
-    """What the step tells of its end, in words."""
+    """Words of the step on its end; empty for none."""
     done: tuple[Done, ...] = ()
     """Steps that have ended, oldest first."""
     led: Reason | None = None

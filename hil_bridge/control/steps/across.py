@@ -24,7 +24,7 @@ def aside_by(
     """
     stroke, order = pressed
     command = order.command
-    if command is None or not command.across or not stroke.in_contact:
+    if command is None or not stroke.in_contact:
         return state.aside
     most, farthest = leg.stroke.parameters.speed_mm_s * 1e-3 * dt, step.across_mm * 1e-3
     aside = state.aside + min(max(command.across, -most), most)
@@ -61,7 +61,7 @@ def _press(
         ahead = before - reported
         return side * (before + stroke.careful_step(ahead, measurement.dt)), None
     memory = begin(stroke.controller) if state.memory is None else state.memory
-    seen = Measurement(
+    sideways = Measurement(
         measurement.time,
         force,
         reported,
@@ -72,5 +72,5 @@ def _press(
         saturated=measurement.saturated,
         dt=measurement.dt,
     )
-    memory, command = ask(stroke.controller, memory, seen, abs(step.across_n))
+    memory, command = ask(stroke.controller, memory, sideways, abs(step.across_n))
     return side * command.position, memory

@@ -1,7 +1,7 @@
 """The step `approach`."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal
 
 from hil_bridge.control.checks import FORBID_EXTRA
@@ -50,6 +50,18 @@ class Approach(Step):
     def seconds(self, leg: Leg, begin: object) -> float:
         task = leg.stroke.parameters
         return task.approach_depth_limit_mm / task.approach_speed_mm_s / 4
+
+    def reach(self, leg: Leg, back_mm: float) -> Leg:
+        """It goes deeper by the way that the tool has come back, where no bound of its own is set."""
+        if self.at_most_mm is not None or not back_mm:
+            return leg
+        parameters = leg.stroke.parameters
+        deeper = replace(parameters, approach_depth_limit_mm=parameters.approach_depth_limit_mm + back_mm)
+        return replace(leg, stroke=replace(leg.stroke, parameters=deeper))
+
+    @property
+    def finds_end(self) -> bool:
+        return True
 
     def is_over(self, leg: Leg, state: ProgramState, felt: Felt) -> bool:
         touches = felt.measurement.force > leg.stroke.parameters.contact_threshold_n

@@ -20,7 +20,7 @@ from pydantic_core import InitErrorDetails
 
 from hil_bridge.control.steps.approach import Approach
 from hil_bridge.control.steps.hold import Hold
-from hil_bridge.control.steps.led import LedStep, Seen
+from hil_bridge.control.steps.led import LedStep, StepSample
 from hil_bridge.control.steps.move import Move
 from hil_bridge.control.steps.retract import Retract
 from hil_bridge.control.steps.seam import Step
@@ -33,7 +33,7 @@ from hil_bridge.errors.plugins import find_plugin, offers, plugin_names
 
 GROUP = "hil_bridge.steps"
 """Entry points of steps of other packages."""
-FIRST_SEEN = Seen(0.0, 0.18, (5.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0), 0.0, True, 10.0)
+FIRST_SAMPLE = StepSample(0.0, 0.18, (5.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0), 0.0, True, 10.0)
 """A first sample: pressed with half the wanted force."""
 BUILT_IN: Mapping[str, type[Step]] = {
     "approach": Approach,
@@ -101,7 +101,7 @@ def trial(word: str) -> str:
         return ""
     where = place_of_method(step, "steer")
     try:
-        _, lead = step.answer(step.begin(), FIRST_SEEN)
+        _, lead = step.answer(step.begin(), FIRST_SAMPLE)
     except (Exception, SystemExit) as error:
         return f"it fails at its first sample: {failure(error, where)}"
     if not math.isfinite(sum(lead.to)):

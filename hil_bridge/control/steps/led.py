@@ -17,7 +17,7 @@ from hil_bridge.errors.failures import WrongAnswer, one_line
 from protocol.geometry import Vector
 
 
-class Seen(NamedTuple):
+class StepSample(NamedTuple):
     """One sample as a led step sees it. Places count from where the step began, axes are those of the work frame."""
 
     s: float
@@ -70,13 +70,13 @@ class LedStep(PressingStep):
         """The step's own state before its first sample."""
         return None
 
-    def steer(self, memory: Any, seen: Seen) -> tuple[Any, Lead]:
+    def steer(self, memory: Any, sample: StepSample) -> tuple[Any, Lead]:
         """The step's own state after a sample, and where it wants the tool."""
         raise NotImplementedError
 
-    def answer(self, memory: Any, seen: Seen) -> tuple[Any, Lead]:
-        """What `steer` answers, its place in plain numbers. Raises WrongAnswer for what is no state and no Lead."""
-        answer: Any = self.steer(memory, seen)
+    def answer(self, memory: Any, sample: StepSample) -> tuple[Any, Lead]:
+        """The answer of `steer`, its place in plain numbers. Raises WrongAnswer for one without a state and a Lead."""
+        answer: Any = self.steer(memory, sample)
         if not (isinstance(answer, tuple) and len(answer) == 2 and isinstance(answer[1], Lead)):
             raise WrongAnswer(self, "steer", answer, "a state and a Lead")
         memory, lead = answer
@@ -114,24 +114,24 @@ class LedStep(PressingStep):
         )
 
     def guide(self, leg: Leg, state: ProgramState, felt: Felt) -> Guide:
-        measurement, sample, at = felt.measurement, felt.sample, state.origin
+        measurement, now, at = felt.measurement, felt.sample.now, state.origin
         memory, first, _ = state.memory or (self.begin(), measurement.position, None)
-        wanted = leg.reference(local_way(state))
+        reference = leg.reference(local_way(state))
         moment = felt.wrench[3:6] if len(felt.wrench) == 6 else (math.nan, math.nan, math.nan)
-        seen = Seen(
-            sample.now - (sample.now if state.began is None else state.began),
+        sample = StepSample(
+            now - (now if state.began is None else state.began),
             measurement.dt,
             (measurement.force, felt.force[1], felt.force[2]),
             moment,
             (felt.place[0] - at[0], felt.place[1] - at[1]),
             measurement.position - first,
             state.in_contact,
-            wanted,
+            reference,
             self._is_last(state, felt),
         )
-        memory, lead = self.answer(memory, seen)
+        memory, lead = self.answer(memory, sample)
         trouble = Reason(Cause.STEP_TROUBLE, one_line(str(lead.trouble))) if lead.trouble else None
-        force = wanted if lead.force_n is None else float(lead.force_n)
+        force = reference if lead.force_n is None else float(lead.force_n)
         limit = leg.stroke.force_limit_n
         if not 0.0 < force < limit:
             raise ValueError(

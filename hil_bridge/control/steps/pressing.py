@@ -20,14 +20,12 @@ from hil_bridge.control.steps.seam import Step, Taken, need_contact
 from hil_bridge.control.types import Command
 from hil_bridge.errors.causes import Reason
 
-ROUNDING = 1e-9
-"""Slack for sums of steps, m."""
 FLAT = (0.0, 0.0)
 """Slopes of a surface that does not fall away."""
 
 
 class Guide(NamedTuple):
-    """How a step leads one sample."""
+    """Force and feed of one sample, and the state with them."""
 
     state: ProgramState
     stride: Stride
@@ -83,15 +81,15 @@ class PressingStep(Step):
             return Taken(state, Order(Phase.RETRACT, measurement.commanded), trouble=trouble)
         before, ground = state, state.ground
         fall = state.facing.fall if leg.shows_ground else FLAT
-        seen = measurement
+        shown = measurement
         if ground or fall != FLAT:
             behind = rise(fall, felt.place, state.at)
-            seen = replace(
+            shown = replace(
                 measurement,
                 position=measurement.position - (ground - behind),
                 commanded=measurement.commanded - ground,
             )
-        stroke, order = leg.stroke.step(state.stroke, seen, stride)
+        stroke, order = leg.stroke.step(state.stroke, shown, stride)
         if stroke.travel < state.base:
             stroke = replace(stroke, travel=state.base)
         led = self.lead(leg, state, stroke, order, felt)

@@ -59,7 +59,7 @@ class Retract(Step):
 
     def take(self, leg: Leg, state: ProgramState, felt: Felt) -> Taken:
         way = leg.stroke.way(leg.stroke.parameters.retract_speed_mm_s, felt.measurement.dt)
-        state = yield_to(state, felt, (way, leg.stroke.friction_share), leg.after_work_aside)
+        state = yield_to(state, felt, (way, leg.stroke.friction_share), leg.works_aside)
         taken = take_stroke(leg, state, felt.measurement)
         stroke = taken.state.stroke
         if stroke.phase is not Phase.END:

@@ -74,7 +74,7 @@ class Criterion:
 
 
 class Taken(NamedTuple):
-    """What a step makes of a sample."""
+    """The answer of a step for one sample."""
 
     state: "ProgramState"
     order: Order
@@ -209,6 +209,10 @@ class Step:
         """Time that the step takes about, s."""
         raise NotImplementedError
 
+    def reach(self, leg: "Leg", back_mm: float) -> "Leg":
+        """The leg where the tool has come back from the surface by up to `back_mm` before it, mm."""
+        return leg
+
     def back_from(self, leg: "Leg", before: float) -> float:
         """How far the tool has come back from the surface behind the step, at most; `before` it likewise."""
         return 0.0 if self.presses else before
@@ -227,6 +231,11 @@ class Step:
     def resumed(self, spent_s: float) -> "Step":
         """The rest of a step that was cut after this time, s."""
         return self
+
+    @property
+    def finds_end(self) -> bool:
+        """Whether the place where it ends is the one that it tells under its name."""
+        return False
 
     # --- in the run
 

@@ -24,7 +24,7 @@ class ListedRun(NamedTuple):
 
     @property
     def values(self) -> Mapping[str, Any]:
-        """What is listed, by name."""
+        """The columns of the list, by name."""
         figures = self.summary.get("figures")
         known = figures if isinstance(figures, dict) else {}
         return {

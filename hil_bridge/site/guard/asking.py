@@ -163,7 +163,7 @@ class Asked:
             disagreed=seen.disagreed_ms * 1e-3,
             free=FreeSpace(self._at(start, depth - seen.unchanged_mm * 1e-3), _NOW - seen.pulled_ms * 1e-3),
         )
-        leg = next(number for number, leg in enumerate(loop.program.row.legs) if leg.step.phase is seen.phase)
+        leg = next(number for number, leg in enumerate(loop.program.row.legs) if leg.phase is seen.phase)
         program = ProgramState(StrokeState(seen.phase, in_contact=pressing), leg=leg, began=_NOW)
         measurement = Measurement(
             _NOW, force, depth, commanded, pressing, saturated=seen.saturated, dt=dt, against=seen.against_n
@@ -201,7 +201,7 @@ class Asked:
         return 0.0 if seen.phase is Phase.APPROACH else task.force_n / task.expected_stiffness_n_m * 1e3
 
     def _at(self, start: Vector, depth: float) -> Vector:
-        (x, y, z), (a, b, c) = start, self._loop.approach
+        (x, y, z), (a, b, c) = start, self._loop.program.frame.approach
         return x + a * depth, y + b * depth, z + c * depth
 
     def _cycle(self, seen: Situation) -> float:

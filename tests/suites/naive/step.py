@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
-from hil_bridge.control.steps.led import Lead, LedStep, Seen
+from hil_bridge.control.steps.led import Lead, LedStep, StepSample
 from hil_bridge.control.steps.seam import NO_LIMITS, StepLimits, above_zero
 
 MISTAKES = ("self", "place", "clock", "nan", "endless", "moment", "divides", "far", "words", "file")
@@ -22,7 +22,7 @@ class NaiveStep(LedStep):
     for_s: float | None = 4.0
     mistake: str = ""
     limits: StepLimits = NO_LIMITS
-    seen: ClassVar[list[float]] = []
+    sample: ClassVar[list[float]] = []
 
     def __post_init__(self) -> None:
         above_zero(self, *(() if self.mistake == "nan" else ("radius_mm",)), "speed_mm_s", "for_s")
@@ -34,22 +34,22 @@ class NaiveStep(LedStep):
     def begin(self) -> Any:
         return [0.0]
 
-    def steer(self, memory: Any, seen: Seen) -> tuple[Any, Lead]:
-        angle = memory[0] + seen.dt * self.speed_mm_s / self.radius_mm
+    def steer(self, memory: Any, sample: StepSample) -> tuple[Any, Lead]:
+        angle = memory[0] + sample.dt * self.speed_mm_s / self.radius_mm
         if self.mistake == "place":
             memory[0] = angle
         if self.mistake == "self":
-            self.seen.append(angle)
-            angle = 0.1 * len(self.seen)
+            self.sample.append(angle)
+            angle = 0.1 * len(self.sample)
         if self.mistake == "clock":
             angle = 1e3 * time.perf_counter()
         radius = self.radius_mm * 1e-3
         x, y = radius * math.cos(angle), radius * math.sin(angle)
         if self.mistake == "moment":
-            x += 1e-3 * seen.moment[1]
+            x += 1e-3 * sample.moment[1]
         if self.mistake == "divides":
-            y += 1e-3 / seen.force[0]
-        force = 2.0 * seen.force[0] + 5.0 if self.mistake == "far" else None
+            y += 1e-3 / sample.force[0]
+        force = 2.0 * sample.force[0] + 5.0 if self.mistake == "far" else None
         return memory if self.mistake == "place" else [angle], Lead((x, y), force)
 
     def describe(self, parameters: object) -> Iterator[str]:
