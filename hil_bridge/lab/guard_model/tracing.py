@@ -127,9 +127,10 @@ def _after_cycle(model: GuardModel, states: States, shown: Shown) -> States:
     """States behind a cycle."""
     found = set()
     for state in states:
+        # once the run ends it retracts, whatever its step; and a sample may end one step and begin the next unshown
+        phases = CYCLES if shown.causes or state.code is not None else shown.phases
         for conditions in _conditions(model, state, shown):
-            # a sample may end one step and begin the next, of which its phase is not shown
-            for step in _steps(model, state, conditions, CYCLES if shown.causes else shown.phases):
+            for step in _steps(model, state, conditions, phases):
                 if (step.shown, step.way, step.after.away) == (shown.phase, shown.way, shown.away):
                     found.add(step.after)
     return frozenset(found)
