@@ -2,8 +2,8 @@
 
 `python -m pytest -p tools.exercising --exercised FILE` writes which causes ended or held something, which injected
 faults had an effect, and which promises and criteria were missed, each with the first test that did it.
-`tools.exercised` reads the file. Every run in a process of the tests is watched; runs in other processes are not. Each run is also held
-against the model of the guard.
+`tools.exercised` reads the file. Every run in a process of the tests is watched; runs in other processes are not. Each
+run is also held against the model of the guard.
 """
 
 import json
@@ -15,21 +15,18 @@ from typing import Any
 
 import pytest
 
-from emulators.cell import OWN_FAULTS
 from hil_bridge.control import Clamp, ControlLoop, Stop, Supervisor
 from hil_bridge.control.decision import Decision
-from hil_bridge.errors import BridgeError, Cause
+from hil_bridge.errors import BridgeError
 from hil_bridge.lab.campaign.criteria import Criterion
 from hil_bridge.lab.campaign.plan import code_version
+from hil_bridge.lab.campaign.striking import causes_of, struck_faults
 from hil_bridge.lab.guard_model import GuardModel, first_unaccepted
 from hil_bridge.lab.invariants import CHECKERS, Evidence, Promise, Violation
 from hil_bridge.record import CycleRecord, EventRecord, Recording
-from hil_bridge.record.ending import followed_of, reason_of
 from hil_bridge.runs.running import Running
 from hil_bridge.runs.watching import Listener
 
-OWN = "every cell"
-"""Stands for the faults that no device has."""
 GROUPS = ("causes", "faults", "promises", "criteria", "unaccepted")
 
 
@@ -55,34 +52,9 @@ class _Watched(Listener):
         """Keep the end."""
         self.end = end
 
-    def causes(self) -> Iterator[Cause]:
-        """Causes of the run, its end and all that followed."""
-        told = (*(event.cause for event in self.events), *(cycle.asked_cause for cycle in self.cycles))
-        yield from (cause for cause in told if cause is not None)
-        reason = reason_of(self.end)
-        yield from (each.cause for each in (*([] if reason is None else [reason]), *followed_of(self.end)))
-
-    def faults(self) -> Iterator[str]:
-        """Faults that had an effect, with the device that has them."""
-        setup, cell = self.running.setup, self.running.cell
-        for injection in () if cell is None else cell.faults:
-            if injection.struck:
-                yield fault_key(
-                    _owner(setup, injection.target, injection.fault), injection.target, injection.fault
-                )
-
-
-def fault_key(device: str, on: str, fault: str) -> str:
-    """Name of a fault of a device."""
-    return f"{device}: {on}: {fault}"
-
-
-def _owner(setup: Any, on: str, fault: str) -> str:
-    """Name of the device of a run that has a fault."""
-    for kind in (setup.robot.kind, setup.sensor.kind):
-        if kind.emulation is not None and fault in kind.emulation.faults.get(on, {}):
-            return str(kind.name)
-    return OWN if fault in OWN_FAULTS.get(on, {}) else "other"
+    def recording(self) -> Recording:
+        """As a file would have it, without what the run tells before its devices are open."""
+        return Recording(tuple(self.cycles), events=tuple(self.events), end=dict(self.end))
 
 
 class Exercising:
@@ -162,11 +134,12 @@ class Exercising:
     def pytest_runtest_teardown(self) -> None:
         runs, self._runs = self._runs, []
         for run in runs:
-            for cause in run.causes():
+            recording, running = run.recording(), run.running
+            for cause in causes_of(recording):
                 self._strike("causes", cause)
-            for fault in run.faults():
+            cell = running.cell
+            for fault in () if cell is None else struck_faults(running.setup.config, cell.faults):
                 self._strike("faults", fault)
-            recording = Recording(tuple(run.cycles), events=tuple(run.events), end=dict(run.end))
             if (found := first_unaccepted(recording, self._model)) is not None:
                 self._strike("unaccepted", f"{self._test}: cycle {found.cycle}")
 

@@ -193,6 +193,10 @@ def fault(on: str, name: str, phase: str = "connect", after_s: float = 0.0, **va
 RUNS: dict[Cause, tuple[dict[str, Any], list[dict[str, Any]]]] = {
     Cause.ROBOT_NOT_READY: (S3, [fault("robot", "emergency-stop")]),
     Cause.SENSOR_FAILED: (S3, [{**fault("sensor-wire", "off"), "for_s": 600.0}]),
+    Cause.ZERO_SILENT: (
+        {**S3, "robot": {"emulated": "egm"}},
+        [{**fault("sensor-wire", "mute", "tare", 0.6), "for_s": 600.0}],
+    ),
     Cause.UNSTEADY: (S3, [fault("signal", "drift", per_s=30.0)]),
     Cause.WEIGHT: (S3, [fault("signal", "dead")]),
     Cause.UNVERIFIED_AXIS: ({**S3, "cell": {"tool": {"mass_kg": 0.05}}}, []),

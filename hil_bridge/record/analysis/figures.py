@@ -130,6 +130,24 @@ _TABLE = (
     Definition("cycles", "cycles", "", "control cycles", _RUN, Good.NONE, ".0f"),
     Definition("struck", "faults struck", "", "times that faults had an effect", _CAMPAIGN, Good.NONE, ".0f"),
     Definition(
+        "faults_struck",
+        "struck by",
+        "",
+        "the same for each fault, by device, target and fault",
+        _CAMPAIGN,
+        Good.NONE,
+        "",
+    ),
+    Definition(
+        "causes",
+        "causes",
+        "",
+        "how often the run told each row of the table of causes that ended it or followed",
+        _CAMPAIGN,
+        Good.NONE,
+        "",
+    ),
+    Definition(
         "recovery_s",
         "recovery",
         "s",
@@ -237,7 +255,9 @@ TUNED = tuple(dict.fromkeys(one.key for one in (*MERIT, *_TABLE) if one.least is
 """Figures that a search may make small."""
 JUDGED = tuple(one.key for one in _TABLE[: _TABLE.index(MERIT[-1]) + 1])
 """Figures of a campaign's run, which a criterion may name."""
-WORDS = ("outcome", "retracted", "promises")
+COUNTED = ("faults_struck", "causes")
+"""Figures that are counts by name."""
+WORDS = ("outcome", "retracted", "promises", *COUNTED)
 """Figures that are no numbers."""
 
 
