@@ -205,15 +205,14 @@ class GuardModel:
         elif reaction is Reaction.STANDS:
             for shown in {phase, str(Phase.RETRACT)}:
                 yield GuardStep(conditions, shown, Way.SAME, rest)
-        elif reaction is Reaction.RETRACTS_OR_LEFT:
-            yield GuardStep(conditions, "", None, here._replace(phase=BY_ORDERS))
-            yield GuardStep(conditions, "", None, rest._replace(away=False))
-        elif reaction is Reaction.RETRACTS:
+        elif reaction in (Reaction.RETRACTS, Reaction.RETRACTS_OR_LEFT):
             for shown in {phase, str(Phase.RETRACT)}:
                 for way in self.asks[Phase.RETRACT]:
                     yield from _moved(GuardStep(conditions, shown, way, back))
             if any(row.when is When.ALWAYS for row in rows):  # an exception leaves the cycles
                 yield GuardStep(conditions, "", None, here._replace(phase=BY_ORDERS))
+            if reaction is Reaction.RETRACTS_OR_LEFT:
+                yield GuardStep(conditions, "", None, rest._replace(away=False))
         else:
             held = reaction is Reaction.CLAMPED
             for stage in self.stages[here.stage] if phase == Phase.RETRACT else (Stage.GOES,):
