@@ -130,8 +130,11 @@ def _measure(seen: _Seen, running: Simulation) -> Ran:
             if figures["outcome"] == "completed":
                 figures["recovery_s"] = recovery_s(result.recording, seen.watch.fault_ends(), times, forces)
         figures |= _promises(running, seen.watch)
-    if causes := struck_causes(result.recording):
-        figures["causes"] = causes
+    causes = struck_causes(result.recording)
+    if seen.error is not None and seen.error.cause is not None:
+        causes |= {str(seen.error.cause): 1}
+    if causes:
+        figures["causes"] = dict(causes)
     if result.events:
         figures["duration_s"] = result.events[-1].at - result.events[0].at
     if result.cycles:
