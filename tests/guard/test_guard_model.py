@@ -1,7 +1,6 @@
 """The small model of the guard: it keeps its rules, finds planted mistakes, and accepts what the guard really does."""
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -299,9 +298,10 @@ def test_the_command_holds_a_recording_against_the_model(
         0,
         f"the model accepts {len(recordings(NEAR).cycles)} cycles and the end of the run\n",
     )
-    wrong: Callable[[Any], Recording] = lambda path: altered(
-        stopped, len(stopped.cycles) - 3, depth_commanded=0.1
-    )  # noqa: E731
+
+    def wrong(path: Any) -> Recording:
+        return altered(stopped, len(stopped.cycles) - 3, depth_commanded=0.1)
+
     monkeypatch.setattr("hil_bridge.record.read", wrong)
     code, said = answer(str(path))
     assert code == 1

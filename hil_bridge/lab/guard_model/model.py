@@ -1,7 +1,7 @@
 """The guard as a small machine: phases, the conditions of the table of causes, and what follows from each.
 
 Conditions and reactions are those of `hil_bridge.errors.cause_table`, from which the code and the pages tell them too.
-The four tables below are the rest of the model: which conditions a phase looks at, which orders it asks for, and which
+The tables below are the rest of the model: which conditions a phase looks at, which orders it asks for, and which
 phases may follow. It knows no forces and no times. An order is compared with the one before it: back, same or deeper.
 """
 
