@@ -16,8 +16,11 @@ from typing import Any
 import pytest
 
 from hil_bridge.control import Clamp, ControlLoop, Stop, Supervisor
+from hil_bridge.control.course.touch import TouchTest
 from hil_bridge.control.decision import Decision
-from hil_bridge.errors import BridgeError
+from hil_bridge.control.program.program import Program
+from hil_bridge.control.program.state import ProgramState
+from hil_bridge.errors import BridgeError, Reason
 from hil_bridge.lab.campaign.criteria import Criterion
 from hil_bridge.lab.campaign.plan import code_version
 from hil_bridge.lab.campaign.striking import causes_of, struck_faults
@@ -81,6 +84,8 @@ class Exercising:
         _beside(ControlLoop, "judge", lambda answer, *given: self._decided(answer[1]))
         for name in ("step", "retreat", "stop"):
             _beside(Supervisor, name, lambda answer, *given: self._judged(answer[1]))
+        _beside(Program, "step", lambda answer, *given: self._led(answer[0]))
+        _beside(TouchTest, "after", lambda answer, *given: self._told(answer[2]))
         _beside(BridgeError, "__init__", lambda answer, error, *given, **more: self._raised(error))
         _beside(Criterion, "judge", lambda answer, criterion, figures: self._criterion(answer, criterion))
         for promise, check in CHECKERS.items():
@@ -102,6 +107,14 @@ class Exercising:
                 self._strike("causes", reason.cause)
         elif isinstance(verdict, Stop):
             self._strike("causes", verdict.cause)
+
+    def _led(self, state: ProgramState) -> None:
+        self._told(state.reason)
+        self._told(state.led)
+
+    def _told(self, reason: Reason | None) -> None:
+        if reason is not None:
+            self._strike("causes", reason.cause)
 
     def _raised(self, error: BridgeError) -> None:
         """A refusal counts where the product made it, not a test."""

@@ -126,7 +126,7 @@ def _measure(seen: _Seen, running: Simulation) -> Ran:
         figures |= {"force_true_max_n": float(forces.max()), "force_true_end_n": float(forces[-1])}
         if faults := running.cell.faults:
             figures["struck"] = sum(fault.struck for fault in faults)
-            figures["faults_struck"] = struck_faults(running.config, faults)
+            figures["faults_struck"] = {**struck_faults(running.config, faults)}
             if figures["outcome"] == "completed":
                 figures["recovery_s"] = recovery_s(result.recording, seen.watch.fault_ends(), times, forces)
         figures |= _promises(running, seen.watch)
@@ -134,7 +134,7 @@ def _measure(seen: _Seen, running: Simulation) -> Ran:
     if seen.error is not None and seen.error.cause is not None:
         causes |= {str(seen.error.cause): 1}
     if causes:
-        figures["causes"] = dict(causes)
+        figures["causes"] = {**causes}
     if result.events:
         figures["duration_s"] = result.events[-1].at - result.events[0].at
     if result.cycles:

@@ -5,6 +5,7 @@ states are followed in which the run may be; a cycle that fits none of them is n
 """
 
 import json
+import math
 from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple
 
@@ -65,11 +66,21 @@ class Unaccepted(NamedTuple):
 
 
 def first_unaccepted(recording: Recording, model: GuardModel) -> Unaccepted | None:
-    """The first cycle, or the end, that the model does not accept; None for a recording that it accepts."""
+    """The first cycle, or the end, that the model does not accept; None for a recording that it accepts.
+
+    What came in the moment in which the last cycle ended may belong to that cycle, or come behind it: both are tried.
+    """
+    found = _first(recording, model, behind=False)
+    if found is None or _first(recording, model, behind=True) is None:
+        return None
+    return found
+
+
+def _first(recording: Recording, model: GuardModel, behind: bool) -> Unaccepted | None:
     cycles, events = recording.cycles, _causes(recording.events)
     states = _silent(model, frozenset({GuardState()}), ())
     known: dict[tuple[States, Shown], States] = {}
-    for cycle, shown in zip(cycles, _shown(recording), strict=True):
+    for cycle, shown in zip(cycles, _shown(recording, behind), strict=True):
         after = known.get((states, shown))
         if after is None:
             after = known[states, shown] = _after_cycle(model, states, shown)
@@ -79,7 +90,7 @@ def first_unaccepted(recording: Recording, model: GuardModel) -> Unaccepted | No
     if not recording.end:
         return None
     last = cycles[-1].answered_at if cycles else -1.0
-    causes = [cause for at, cause in events if at > last]
+    causes = [cause for at, cause in events if at > last or (behind and at == last)]
     if not _ends(model, states, causes, recording.end, any(cause for _, cause in events)):
         at = recording.events[-1].at if recording.events else last
         return Unaccepted(len(cycles), at, tuple(sorted(states)), None)
@@ -92,12 +103,15 @@ def _causes(events: Iterable[EventRecord]) -> list[tuple[float, Cause]]:
     return [(event.at, event.cause) for event in events if event.kind in kinds and event.cause is not None]
 
 
-def _shown(recording: Recording) -> Iterator[Shown]:
+def _shown(recording: Recording, behind: bool) -> Iterator[Shown]:
     causes, next_cause = _causes(recording.events), 0
     before, away = None, True
     for cycle in recording.cycles:
         found = [] if cycle.asked_cause is None else [cycle.asked_cause]
-        while next_cause < len(causes) and causes[next_cause][0] <= cycle.answered_at:
+        until = cycle.answered_at
+        if behind and cycle is recording.cycles[-1]:
+            until = math.nextafter(until, -math.inf)
+        while next_cause < len(causes) and causes[next_cause][0] <= until:
             found.append(causes[next_cause][1])
             next_cause += 1
         depth = 0.0 if before is None else before.depth_commanded
