@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from hil_bridge.errors import BridgeError, Cause
+from hil_bridge.lab.campaign.criteria import Figure, find_unmet
 from hil_bridge.lab.campaign.judging import carry_out
 from hil_bridge.lab.campaign.plan_file import read_plan
 from hil_bridge.lab.campaign.store import Store
@@ -169,3 +170,12 @@ def test_all_that_could_be_exercised_is_counted() -> None:
     assert len(names[FAULTS]) == len(set(names[FAULTS])) > 250
     assert names[GROUPS[3]] == [str(promise) for promise in Promise]
     assert names[GROUPS[4]] == ["outcome", "promises_broken", "retracted"]
+
+
+def test_each_criterion_of_the_guards_campaign_can_be_missed() -> None:
+    criteria = read_plan(exercised.PLAN).criteria
+    well: dict[str, Figure] = {"outcome": "completed", "promises_broken": 0, "retracted": True}
+    assert find_unmet(criteria, well) == []
+    for figure, wrong in (("outcome", "interrupted"), ("promises_broken", 1), ("retracted", False)):
+        (text,) = find_unmet(criteria, {**well, figure: wrong})
+        assert text.startswith(figure)
