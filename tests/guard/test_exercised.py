@@ -173,7 +173,7 @@ def test_all_that_could_be_exercised_is_counted() -> None:
 
 
 def test_each_criterion_of_the_guards_campaign_can_be_missed() -> None:
-    criteria = read_plan(exercised.PLAN).criteria
+    criteria = read_plan(exercised.PLAN, (1,)).criteria
     well: dict[str, Figure] = {"outcome": "completed", "promises_broken": 0, "retracted": True}
     assert find_unmet(criteria, well) == []
     for figure, wrong in (("outcome", "interrupted"), ("promises_broken", 1), ("retracted", False)):
