@@ -182,4 +182,6 @@ def _read_sqlite(path: Path, wants: Wants, bag: Bag) -> None:
     except ConfigError:
         raise
     except Exception as error:  # the library lets everything through: SQLite, YAML, struct
-        raise ConfigError(f"{format_path(path)} is damaged, or no bag of ROS 2: {quote_error(error)}") from error
+        raise ConfigError(
+            f"{format_path(path)} is damaged, or no bag of ROS 2: {quote_error(error)}"
+        ) from error

@@ -48,6 +48,13 @@ TOPICS: Mapping[str, str] = {
 }
 """Type of the messages of each topic."""
 _SENSED, _CONTACT, _TRUTH, _REPORTED, _COMMANDED, _JOINTS, _EVENTS, _TF = TOPICS
+TOPICS_OF: Mapping[type, tuple[str, ...]] = {
+    SensorRecord: (_SENSED,),
+    CycleRecord: (_CONTACT, _REPORTED, _COMMANDED, _TF),
+    TruthRecord: (_TRUTH, _JOINTS, _TF),
+    EventRecord: (_EVENTS,),
+}
+"""Topics that have messages of a record, by its type."""
 
 
 class Stamped(NamedTuple):
@@ -71,6 +78,11 @@ class Messages:
         self._zero_ns = zero_ns
         self._start: Sequence[float] = ()
         """Orientation of the tool in the first cycle, which is commanded until another one is."""
+
+    def remember(self, record: object) -> None:
+        """Take note of a record whose messages are not wanted."""
+        if not self._start and isinstance(record, CycleRecord):
+            self._start = record.quaternion
 
     def of(self, record: object) -> Iterator[Stamped]:
         """Messages of a record. What has no time has no message. Raises ConfigError for a time that a stamp cannot
@@ -96,7 +108,7 @@ class Messages:
         return text
 
     def _of_cycle(self, cycle: CycleRecord) -> Iterator[Stamped]:
-        self._start = self._start or cycle.quaternion
+        self.remember(cycle)
         yield from self._wrench(_CONTACT, cycle.sensor_at, TOOL, cycle.wrench)
         yield from self._pose(_REPORTED, cycle.status_at, TOOL, (cycle.position, cycle.quaternion))
         turn = cycle.quaternion_commanded or self._start

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil_bridge.errors import ConfigError
+from hil_bridge.errors.failures import one_line
 from hil_bridge.errors.text_files import format_path, harmless
 from hil_bridge.record.foreign import HEADER, LARGEST, POSE, TARGET, WRENCH, BagChoices, ForeignTopic
 from hil_bridge.record.ros import messages
@@ -106,7 +107,7 @@ def stream_of(bag: Bag, role: str, choices: BagChoices, store: Any) -> Stream:
 
 def _show(name: str) -> str:
     """A name of a bag in one line, without characters that act on a terminal."""
-    return harmless(" ".join(name.split()))
+    return harmless(one_line(name))
 
 
 def _placed(message: Any, child: str) -> Sequence[tuple[Any, Any]]:
