@@ -11,7 +11,9 @@ import aiohttp
 from tools.web_run import WebRun
 
 
-async def foxglove(session: aiohttp.ClientSession, run: WebRun, seconds: float) -> dict[str, Any]:
+async def foxglove(
+    session: aiohttp.ClientSession, run: WebRun, seconds: float, protocol: str = "foxglove.sdk.v1"
+) -> dict[str, Any]:
     """Channels and, for so long, the messages of all of them: values of JSON, or the bytes of another encoding.
 
     Reference: the protocol's specification: `advertise` and `subscribe` are JSON, a message is the byte 1, its
@@ -19,7 +21,7 @@ async def foxglove(session: aiohttp.ClientSession, run: WebRun, seconds: float) 
     """
     found: dict[str, Any] = {"channels": {}, "messages": {}}
     until = time.monotonic() + seconds
-    async with session.ws_connect(f"{run.origin}/", protocols=("foxglove.sdk.v1",), max_msg_size=0) as socket:
+    async with session.ws_connect(f"{run.origin}/", protocols=(protocol,), max_msg_size=0) as socket:
         topics: dict[int, str] = {}
         while time.monotonic() < until:
             with suppress(TimeoutError):

@@ -1,5 +1,6 @@
 """The run as messages of ROS 2, live: what a client of Foxglove's protocol decodes is what the run recorded."""
 
+import asyncio
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -58,7 +59,7 @@ def six(message: Any) -> tuple[float, ...]:
 async def test_a_client_decodes_the_values_of_the_run(web_run: Callable[..., WebRun], tmp_path: Path) -> None:
     run = web_run("--record", "run.mcap", "--duration", "20", config=NEAR_AND_STOPPED)
     async with aiohttp.ClientSession() as session:
-        found = await foxglove(session, run, 60.0)
+        found = await foxglove(session, run, 60.0, "foxglove.websocket.v1")
     assert run.ended() == 3
     recording = read(tmp_path / "0" / "run.mcap")
     told = decoded(found)
@@ -91,3 +92,25 @@ async def test_a_client_decodes_the_values_of_the_run(web_run: Callable[..., Web
     assert children == {"tool0", "tool0_target", "tool0_true"}
     levels = {status.name: status.level for _, message in told["/diagnostics"] for status in message.status}
     assert levels["hil_bridge: stop"] == 2
+
+
+async def test_a_client_that_takes_nothing_does_not_hold_the_run(
+    web_run: Callable[..., WebRun], tmp_path: Path
+) -> None:
+    run = web_run(
+        "--record", "run.mcap", "--duration", "3", config=NEAR_AND_STOPPED.partition("[[faults]]")[0]
+    )
+    async with aiohttp.ClientSession() as session:
+        socket = await session.ws_connect(f"{run.origin}/", protocols=("foxglove.sdk.v1",), max_msg_size=0)
+        told: dict[str, Any] = {}
+        while told.get("op") != "advertise":
+            told = await socket.receive_json()
+        wanted = [{"id": one["id"], "channelId": one["id"]} for one in told["channels"]]
+        await socket.send_json({"op": "subscribe", "subscriptions": wanted})
+        transport = socket._response.connection.transport  # type: ignore[union-attr]
+        transport.pause_reading()  # type: ignore[union-attr]
+        assert await asyncio.to_thread(run.ended) == 0
+        transport.abort()  # type: ignore[union-attr]
+    recording = read(tmp_path / "0" / "run.mcap")
+    assert recording.end["outcome"] == "completed"
+    assert not [event for event in recording.events if event.kind in ("web", "recorder", "overrun")]

@@ -32,7 +32,9 @@ from hil_bridge.record.time_axis import TimeAxis
 from hil_bridge.record.topics import TOPICS, Record, Topic
 
 PROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
-"""Names of the protocol in a WebSocket's handshake, newest first."""
+"""Names of the protocol in a WebSocket's handshake, newest first. The SDK knows the first alone; older clients, as
+Lichtblick until 2025, ask by the second. The messages are the same. Source: Lichtblick, as it took the first.
+"""
 BACKLOG = 2048
 """Messages that wait for one client at most; the oldest are dropped. Chosen: 2 s of a fast run."""
 AGAIN_S = 2.0
