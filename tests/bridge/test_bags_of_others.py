@@ -5,7 +5,7 @@ import math
 import re
 import shutil
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,6 @@ from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
 
 import hil_bridge
 from hil_bridge import BagChoices
@@ -26,92 +25,26 @@ from hil_bridge.record.analysis.contact import contact_figures
 from hil_bridge.record.analysis.figures import CONTACT
 from hil_bridge.record.export import export
 from protocol.geometry import rotate, turn_about
+from tests.bags import (
+    DOWN,
+    POSE,
+    STORAGES,
+    STORE,
+    TRANSFORMS,
+    WRENCH,
+    ZERO_NS,
+    Row,
+    pose,
+    press,
+    pressed,
+    transform,
+    wrench,
+    write,
+)
 from tests.near_surface import EMERGENCY_STOP, WHOLE
 from tests.recordings import Recordings
 
-STORE = get_typestore(Stores.ROS2_HUMBLE)
-WRENCH, POSE = "geometry_msgs/msg/WrenchStamped", "geometry_msgs/msg/PoseStamped"
-TRANSFORMS = "tf2_msgs/msg/TFMessage"
-ZERO_NS = 1_700_000_000_250_000_000
-STORAGES = (StoragePlugin.MCAP, StoragePlugin.SQLITE3)
-DOWN = (0.0, 1.0, 0.0, 0.0)
-"""Orientation w x y z of a tool whose z axis points down."""
-Row = tuple[float, Sequence[float]]
-"""Time, s, and the parts of a message."""
 CHOSEN = BagChoices(topics={"wrench": "/contact/wrench", "pose": "/pose_broadcaster/pose"})
-
-
-def make(kind: str, *parts: Any) -> Any:
-    return STORE.types[kind](*parts)
-
-
-def header(at: float, frame: str) -> Any:
-    stamp_ns = ZERO_NS + round(at * 1e9) if math.isfinite(at) else 0
-    return make("std_msgs/msg/Header", make("builtin_interfaces/msg/Time", *divmod(stamp_ns, 10**9)), frame)
-
-
-def wrench(at: float, parts: Sequence[float], frame: str = "ft") -> Any:
-    force, torque = (make("geometry_msgs/msg/Vector3", *parts[k : k + 3]) for k in (0, 3))
-    return make(WRENCH, header(at, frame), make("geometry_msgs/msg/Wrench", force, torque))
-
-
-def turn(parts: Sequence[float]) -> Any:
-    w, x, y, z = parts
-    return make("geometry_msgs/msg/Quaternion", x, y, z, w)
-
-
-def pose(at: float, parts: Sequence[float], frame: str = "base_link") -> Any:
-    place = make("geometry_msgs/msg/Point", *parts[:3])
-    return make(POSE, header(at, frame), make("geometry_msgs/msg/Pose", place, turn(parts[3:])))
-
-
-def transform(at: float, parts: Sequence[float], child: str = "tcp") -> Any:
-    moved = make(
-        "geometry_msgs/msg/Transform", make("geometry_msgs/msg/Vector3", *parts[:3]), turn(parts[3:])
-    )
-    return make(
-        TRANSFORMS,
-        [
-            make("geometry_msgs/msg/TransformStamped", header(at, "base_link"), name, moved)
-            for name in ("elbow", child)
-        ],
-    )
-
-
-def press(count: int = 200, rate: float = 100.0) -> tuple[list[Row], list[Row]]:
-    """Wrenches and poses of a tool that goes down 10 mm/s, and is pressed back by 1 N/mm from 10 mm on."""
-    times = [number / rate for number in range(count)]
-    forces = [max(0.0, 10.0 * at - 10.0) for at in times]
-    wrenches = [
-        (at, (0.3, 0.0, -force, 0.0, 0.01 * force, 0.0)) for at, force in zip(times, forces, strict=True)
-    ]
-    poses = [(at, (0.5, 0.1, 0.4 - 0.01 * at, *DOWN)) for at in times]
-    return wrenches, poses
-
-
-def write(
-    path: Path,
-    topics: Mapping[str, tuple[str, Sequence[Any]]],
-    storage: StoragePlugin = StoragePlugin.MCAP,
-    logged: Callable[[int], int] = lambda number: ZERO_NS + number * 10_000_000,
-) -> Path:
-    """A bag of topics by name: type and messages. `logged` is the time of recording of each, ns."""
-    with Writer(path, version=9, storage_plugin=storage) as bag:
-        for name, (kind, rows) in topics.items():
-            connection = bag.add_connection(name, kind, typestore=STORE)
-            for number, message in enumerate(rows):
-                bag.write(connection, logged(number), STORE.serialize_cdr(message, kind))
-    return path
-
-
-def pressed(path: Path, storage: StoragePlugin = StoragePlugin.MCAP, **more: Any) -> Path:
-    """A bag of `press`."""
-    wrenches, poses = press()
-    topics = {
-        "/ft/wrench": (WRENCH, [wrench(*row) for row in wrenches]),
-        "/tcp": (POSE, [pose(*row) for row in poses]),
-    }
-    return write(path, {**topics, **more}, storage)
 
 
 def refused(path: Path, **choices: Any) -> str:
@@ -176,7 +109,7 @@ def test_figures_of_an_exported_bag_are_those_of_the_recording(
 
 def test_topics_are_named_where_there_are_several(tmp_path: Path) -> None:
     raw = [wrench(at, (0.0, 0.0, -50.0, 0.0, 0.0, 0.0)) for at, _ in press()[0]]
-    bag = pressed(tmp_path / "two", **{"/ft/raw": (WRENCH, raw)})
+    bag = pressed(tmp_path / "two", more={"/ft/raw": (WRENCH, raw)})
     said = refused(bag)
     assert (
         "several geometry_msgs/WrenchStamped: /ft/raw, /ft/wrench; name one with --topic wrench=/ft/raw"
@@ -214,7 +147,7 @@ def test_frames_axis_sign_and_zero_are_choices(tmp_path: Path) -> None:
     tilted = [(at, (*place[:3], *leaning)) for at, place in poses]
     based = [(at, (*rotate(leaning, parts[:3]), *rotate(leaning, parts[3:]))) for at, parts in wrenches]
     shifted = [(at, tuple(2.0 - part for part in parts)) for at, parts in wrenches]
-    told = {"tool": wrenches, "base": based, "shifted": shifted}
+    told: dict[str, list[Row]] = {"tool": wrenches, "base": list(based), "shifted": list(shifted)}
     bags = {
         name: write(
             tmp_path / name,
@@ -244,7 +177,7 @@ def test_frames_axis_sign_and_zero_are_choices(tmp_path: Path) -> None:
 
 
 def test_choices_that_there_are_not_are_refused_in_one_line() -> None:
-    for choice in (
+    choices: Sequence[Mapping[str, Any]] = (
         {"axis": "z"},
         {"axis": "flange:z"},
         {"axis": "tool:w"},
@@ -254,9 +187,10 @@ def test_choices_that_there_are_not_are_refused_in_one_line() -> None:
         {"contact_n": math.nan},
         {"stamps": "clock"},
         {"topics": {"force": "/ft"}},
-    ):
+    )
+    for choice in choices:
         with pytest.raises(ConfigError, match=rf"^{next(iter(choice))} [^\n]+$"):
-            BagChoices(**choice)  # type: ignore[arg-type]
+            BagChoices(**choice)
 
 
 def test_wrenches_far_from_every_pose_are_left_out(tmp_path: Path) -> None:
@@ -443,6 +377,23 @@ def test_a_bag_is_compared_with_a_run(recordings: Recordings, tmp_path: Path) ->
     page = (tmp_path / "both.html").read_text()
     assert "press, read as" in page
     assert "no end and no cause is told in it" in page
+
+
+def test_a_bag_shows_how_far_an_emulated_contact_is_from_it(tmp_path: Path) -> None:
+    """The bag's contact is linear, 1 N/mm. A surface of that stiffness fits it, one of twice that does not."""
+    bag, apart = pressed(tmp_path / "press"), []
+    for stiffness in (1000.0, 2000.0):
+        cell = tmp_path / "cell.toml"
+        cell.write_text(f"[cell.surface]\nstiffness_n_m = {stiffness}\ndamping_ns_m = 0.0\n")
+        done = run("fidelity", bag, "--as", "contact", "--config", cell, "--axis", "base:-z", "--json")
+        assert done.exit_code == 0, done.output
+        (line,) = json.loads(done.stdout)["lines"]
+        assert line["output"] == "press"
+        apart.append(line["apart_rms"])
+    assert apart[0] < 1e-3
+    assert apart[1] > 1.0
+    refusal = run("fidelity", bag, "--as", "contact", "--columns", cell).exception
+    assert "is a bag of ROS 2: give --topic in place of --columns" in str(refusal)
 
 
 def test_options_of_a_bag_are_checked(tmp_path: Path) -> None:
