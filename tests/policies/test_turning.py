@@ -8,13 +8,14 @@ import pytest
 from msgspec.structs import replace
 
 import hil_bridge
+from hil_bridge.control.laws.policy import Axis
 from hil_bridge.errors import Cause, ConfigError
 from hil_bridge.gym import PolicyController, replay_policy
 from hil_bridge.runs.simulation import Result
 from protocol.geometry import angle_between, angle_of_vectors, inverse, product, rotation_vector, tool_axis
 from tests.near_surface import CLOSE, STREAMED, merged
 
-AXES = ("along", "turn")
+AXES: tuple[Axis, ...] = ("along", "turn")
 
 
 def tipping(share: float) -> Any:
