@@ -228,7 +228,7 @@ class ControlLoop:
         # neither holds for what is no number; a sum with what is huge would lose where the tool is
         limits, way = self.supervisor.limits, abs(command.position - measurement.commanded)
         meant = way <= limits.correction_total_mm * 1e-3 or way <= farthest_answer(limits)
-        return meant and math.isfinite(command.correction + command.across)
+        return meant and math.isfinite(command.correction + command.across + command.turn)
 
     def _watch(
         self, state: OscillationState, measurement: Measurement, intent: Intent
