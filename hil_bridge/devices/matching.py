@@ -39,7 +39,7 @@ class SensorFigures(NamedTuple):
     """Of the zero of each force."""
     period_s: float = math.nan
     """Between two frames."""
-    scales: Wrench = (1.0,) * 6
+    scales: Wrench = _UNKNOWN
     """N and N·m of a count."""
 
 

@@ -71,19 +71,23 @@ def motion_values(
     emulated: Table | None = None
     if seen.robot.pacing is Pacing.ASKED and seen.cycles:
         yield LAG.unseen(Why.STANDS)
-        estimate = None if usual is None else servo_of_steps(seen, usual)
-        yield (
-            SERVO.unseen(Why.NO_STEPS)
-            if estimate is None
-            else SERVO.value(
-                estimate,
-                "shift and smoothing of the ordered depth with the least rest to the force, from the robot's answer on",
-            )
-        )
+        yield _servo_of_steps(seen, usual)
     else:
         emulated = None if seen.orders is None or _orders_of(seen.orders) is None else twin(seen.orders)
         yield from _lags(seen.orders, usual, emulated)
     yield from _places(seen, emulated)
+
+
+def _servo_of_steps(seen: Seen, usual: ServoFacts | None) -> Value:
+    estimate = None if usual is None else servo_of_steps(seen, usual)
+    if estimate is None:
+        return SERVO.unseen(Why.NO_STEPS)
+    if not estimate.half < estimate.value:
+        return SERVO.unseen(Why.TOO_OPEN)
+    return SERVO.value(
+        estimate,
+        "shift and smoothing of the ordered depth with the least rest to the force, from the robot's answer on",
+    )
 
 
 # --- times
@@ -121,6 +125,7 @@ def _turnarounds(seen: Seen) -> Iterator[Value]:
     told = {hop.name: hop for hop in known if hop.owner is Owner.ROBOT}
     if hops is None or not told:
         why = Why.DRIVES if seen.robot.pacing is Pacing.STREAMED else Why.NO_STAMPS
+        why = why if seen.cycles else Why.OF_TABLE
         yield from (quantity.unseen(why) for quantity in (MOVE_TURNAROUND, MOVE_SPREAD, STATUS_TURNAROUND))
         return
     moment = timestamps(seen.cycles, hops)

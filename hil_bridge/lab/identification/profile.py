@@ -57,7 +57,11 @@ def profile_text(identified: Identified, source: str) -> str:
 
 def _robot(identified: Identified) -> Sections:
     device, values = robot_in(identified.config), identified.values
-    if device.kind.emulation is None or device.kind.emulation.match is None:
+    if (
+        device.kind.emulation is None
+        or device.kind.emulation.match is None
+        or not _named(identified, "robot")
+    ):
         return {}
     quantiles: Mapping[str, list[float]] = {}
     if identified.run is not None:
@@ -69,9 +73,18 @@ def _robot(identified: Identified) -> Sections:
     return device.kind.emulation.match(device.settings, figures)
 
 
+def _named(identified: Identified, device: str) -> bool:
+    """Whether the kind of a device is known: a table has only those that its configuration names."""
+    return identified.run is not None or device in identified.config.model_fields_set
+
+
 def _sensor(identified: Identified) -> Sections:
     device, values = sensor_in(identified.config), identified.values
-    if device.kind.emulation is None or device.kind.emulation.match is None:
+    if (
+        device.kind.emulation is None
+        or device.kind.emulation.match is None
+        or not _named(identified, "sensor")
+    ):
         return {}
     x, y, z, u, v, w = (values.get(quantity.key) for quantity in NOISE)
     facts = None if identified.seen.stream is None else identified.seen.stream.facts

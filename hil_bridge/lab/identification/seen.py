@@ -253,6 +253,10 @@ def _contact_of_table(table: Table) -> Contact | None:
     depth, press = table.columns["depth"], table.columns["press"]
     place = table.rows("position") if table.has("position") else unknown
     force = table.rows("force") if table.has("force") else unknown
+    begin, end = _free_of(table)
+    free = (table.times >= begin) & (table.times < end)
+    if free.sum() >= LEAST_FREE:  # nothing has taken a zero
+        press, force = press - press[free].mean(), force - force[free].mean(axis=0)
     columns = (table.times, depth, press, place, force, np.ones(len(depth)))
     return _pressing(np.column_stack(columns), DOWN, (table.times, press))
 

@@ -35,6 +35,8 @@ _HALF_WINDOW_S = 0.3
 """Chosen: the direction of the way is that over twice this time."""
 _LEAST_SPEED_M_S = 0.001
 """Chosen: a slower tool stands."""
+_MOST_STRETCHES = 6
+"""Chosen: a tool that begins to press more often bounces, and tells no friction."""
 _FULL_SPEED = 0.9
 """Chosen: samples at a lower share of the usual speed are at the begin or the end of the way."""
 _RISE = 3.0
@@ -55,6 +57,11 @@ def surface_values(seen: Seen) -> Iterator[Value]:
         return
     slopes = _aligned(contact, seen.robot)
     stiffness = jackknife(slopes[0].blocks, lambda mask: _best(slopes, mask).stiffness(mask))
+    if not stiffness.half < stiffness.value:
+        yield from (quantity.unseen(Why.TOO_OPEN) for quantity in (STIFFNESS, DAMPING))
+        yield _exponent(contact)
+        yield _friction(contact, 0.0)
+        return
     yield STIFFNESS.value(
         stiffness.wider(_SCALE_SHARE * abs(stiffness.value), "and 2 % for the sensor's creep and scale"),
         "slope of the force over the reported depth while the tool presses; the delay between both is fitted, and "
@@ -62,7 +69,7 @@ def surface_values(seen: Seen) -> Iterator[Value]:
     )
     yield _damping(contact, _best(slopes, np.ones(len(contact.times), bool)), stiffness.value)
     yield _exponent(contact)
-    yield _friction(contact)
+    yield _friction(contact, stiffness.value)
 
 
 def _aligned(contact: Contact, robot: RobotFacts) -> "Sequence[_Slopes]":
@@ -203,12 +210,14 @@ def _exponent(contact: Contact) -> Value:
     )
 
 
-def _friction(contact: Contact) -> Value:
+def _friction(contact: Contact, stiffness: float) -> Value:
     """Force against the way over the force along the normal."""
     known = np.isfinite(contact.place).all() and np.isfinite(contact.force).all()
     if not known:
         return FRICTION.unseen(Why.NO_TRAVEL)
-    way, speed = _directions(contact)
+    if len(np.unique(contact.stretch)) > _MOST_STRETCHES:
+        return FRICTION.unseen(Why.BOUNCES)
+    way, speed = _directions(contact, stiffness)
     moving = speed > _LEAST_SPEED_M_S
     if moving.any():  # where the way begins, the speed that tells it is still rising
         moving &= speed > _FULL_SPEED * float(np.median(speed[moving]))
@@ -224,27 +233,38 @@ def _friction(contact: Contact) -> Value:
         return float(pressed[mask] @ against[mask] / (pressed[mask] @ pressed[mask]))
 
     friction = jackknife(blocks_of(np.ones(len(pressed))), ratio)
-    method = "force against the way over force along the normal, while the tool moves across; the path tells the normal"
+    method = (
+        "force against the way over force along the normal while the tool moves across; the path, less the depth that "
+        "is pressed in, tells the normal"
+    )
     return FRICTION.value(
         friction.wider(_SCALE_SHARE * abs(friction.value), "and 2 % for the sensor's axes"), method
     )
 
 
-def _directions(contact: Contact) -> tuple[Floats, Floats]:
-    """Unit vectors of the way, (n, 3), and its speed, m/s."""
-    times, place = contact.times, contact.place
-    before, behind = np.empty_like(place), np.empty_like(place)
-    since, until = np.empty(len(times)), np.empty(len(times))
-    for stretch in np.unique(contact.stretch):
-        inside = np.flatnonzero(contact.stretch == stretch)
-        at = times[inside]
-        low = inside[0] + np.searchsorted(at, at - _HALF_WINDOW_S)
-        high = inside[0] + np.searchsorted(at, at + _HALF_WINDOW_S, side="right") - 1
-        before[inside], behind[inside] = place[low], place[high]
-        since[inside], until[inside] = times[low], times[high]
-    step = behind - before
+def _averaged(rows: Floats, count: int) -> Floats:
+    """Means of so many rows about each, of fewer at both ends."""
+    sums = np.concatenate([np.zeros((1, rows.shape[1])), np.cumsum(rows, axis=0)])
+    places = np.arange(len(rows))
+    low = np.maximum(places - count // 2, 0)
+    high = np.minimum(places + (count - 1) // 2 + 1, len(rows))
+    means: Floats = (sums[high] - sums[low]) / (high - low)[:, None]
+    return means
+
+
+def _directions(contact: Contact, stiffness: float) -> tuple[Floats, Floats]:
+    """Unit vectors along the surface below the way, (n, 3), and the speed of the tool across it, m/s."""
+    times, approach = contact.times, contact.approach
+    place = contact.place
+    if stiffness > 0.0:  # the surface is where the tool would be if it did not press it in
+        place = place - np.outer(contact.press / stiffness, approach)
+    span = max(float(np.median(np.diff(times))), 1e-6)
+    place = _averaged(place, max(1, round(_HALF_WINDOW_S / span)))
+    low = np.searchsorted(times, times - _HALF_WINDOW_S)
+    high = np.searchsorted(times, times + _HALF_WINDOW_S, side="right") - 1
+    step = place[high] - place[low]
     length = np.linalg.norm(step, axis=1)
-    across = step - np.outer(step @ contact.approach, contact.approach)
-    took = np.maximum(until - since, 1e-9)
+    across = step - np.outer(step @ approach, approach)
+    took = np.maximum(times[high] - times[low], 1e-9)
     speed: Floats = np.linalg.norm(across, axis=1) / took
     return step / np.maximum(length, 1e-12)[:, None], speed

@@ -1,7 +1,7 @@
 """Values of a recording as text for people and for programs."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import groupby
 from typing import Any
 
@@ -18,24 +18,33 @@ _PREFIXED = ("s", "m", "N", "N·m")
 
 
 def describe(values: Values, methods: bool = True) -> Iterator[str]:
-    """Lines by part of the cell: a value with its interval, or why it is not seen; then method and interval, once for
-    all values that share them.
+    """Lines by part of the cell: values with their intervals; behind them method and interval, once for all values that
+    share them; then what is not seen, by reason.
     """
+    yield f"{'':<{_WORDS + 2}}{'found':<{_VALUE}}interval of 95 %"
     for part in Part:
         rows = [value for value in values if value.part is part]
-        yield f"{part.value}"
-        for (method, interval), group in groupby(rows, key=lambda value: (value.method, value.interval)):
+        yield part.value
+        seen = [value for value in rows if value.why is None]
+        for (method, interval), group in groupby(seen, key=lambda value: (value.method, value.interval)):
             for value in group:
-                yield _line(value)
-            if methods and method:
+                number, low, high = format_value(value)
+                yield f"  {value.words:<{_WORDS}}{number:<{_VALUE}}{low} … {high}"
+            if methods:
                 yield f"      {method}; {interval}"
+        for why in dict.fromkeys(value.why for value in rows if value.why is not None):
+            missing = _together([value.words for value in rows if value.why is why])
+            yield f"  not seen in this recording: {missing}"
+            yield f"      {why.value}"
 
 
-def _line(value: Value) -> str:
-    if value.why is not None:
-        return f"  {value.words:<{_WORDS}}not seen in this recording: {value.why.value}"
-    number, low, high = format_value(value)
-    return f"  {value.words:<{_WORDS}}{number:<{_VALUE}}{low} … {high}"
+def _together(words: Sequence[str]) -> str:
+    """Words of several values; of those that differ in their axis, the axes alone."""
+    axes: dict[str, list[str]] = {}
+    for text in words:
+        general, _, last = text.rpartition(" ")
+        axes.setdefault(general, []).append(last)
+    return "; ".join(f"{general} {', '.join(last)}" for general, last in axes.items())
 
 
 def format_value(value: Value) -> tuple[str, str, str]:
@@ -44,7 +53,9 @@ def format_value(value: Value) -> tuple[str, str, str]:
     numbers = [number / size for number in (value.value, value.low, value.high)]
     half = 0.5 * (numbers[2] - numbers[1])
     decimals = 3 if half <= 0.0 else min(max(1 - math.floor(math.log10(half)), 0), _MOST_DECIMALS)
-    number, low, high = (f"{number:.{decimals}f}".replace("-", "−") for number in numbers)
+    number, low, high = (
+        f"{round(number, decimals) + 0.0:.{decimals}f}".replace("-", "−") for number in numbers
+    )
     return f"{number} {unit}".rstrip(), low, f"{high} {unit}".rstrip()
 
 

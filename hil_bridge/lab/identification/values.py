@@ -43,10 +43,12 @@ class Why(StrEnum):
     WHITE = "the noise is white up to half the rate of the frames"
     EVEN = "the times are even to 1 µs"
     NO_NOISE = "the noise is not seen, and it is what tells a filter"
+    TOO_OPEN = "the recording leaves it open by more than its own size"
+    BOUNCES = "the tool bounces: it loses the surface again and again"
     NO_RAMP = "no part of the contact rises or falls for long enough without moving across"
     BEHIND_DELAY = "20 ms of delay between place and force would hide it"
     DRIVES = "it is the other side that drives this robot"
-    OF_TABLE = "a table has no packets"
+    OF_TABLE = "a table has no packets and no stamps of them"
 
 
 class Value(Struct, frozen=True):
