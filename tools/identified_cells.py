@@ -101,6 +101,9 @@ SENSOR: Mapping[str, Sequence[Setting]] = {
         _between("cell.ati_can.slope_n_min", -1.0, 1.0),
     ),
 }
+_SPEED_MM_S, _SMOOTHING_MM_S = 5.5, 1.0
+_AT_SPEED = _SPEED_MM_S / math.hypot(_SPEED_MM_S, _SMOOTHING_MM_S)
+"""Share of its friction that the emulated surface has at the usual speed across it; an S3's steps are quicker."""
 _PACKETS: Mapping[str, int] = {"jr3": 2, "netft": 1, "ft300": 16, "ati-can": 2}
 """Packets of a wire in a frame of each sensor."""
 
@@ -163,7 +166,7 @@ def true_values(settings: Mapping[str, Any]) -> dict[str, float]:
         "surface.stiffness": surface["stiffness_n_m"],
         "surface.damping": surface["damping_ns_m"],
         "surface.exponent": 1.0,
-        "surface.friction": surface["friction"],
+        "surface.friction": surface["friction"] * (1.0 if robot == "s3" else _AT_SPEED),
         **_robot_truth(robot, cell[robot]),
         **_sensor_truth(sensor, cell[sensor.replace("-", "_")], settings),
     }

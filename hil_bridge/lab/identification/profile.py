@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from hil_bridge.devices.facts import Pacing
 from hil_bridge.devices.matching import RobotFigures, Sections, SensorFigures
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.identification.identifying import Identified
@@ -115,7 +116,8 @@ def _cell(identified: Identified) -> Sections:
             surface |= _place(seen.contact, stiffness)
     for quantity, name in ((DAMPING, "damping_ns_m"), (FRICTION, "friction")):
         if math.isfinite(value := values.get(quantity.key)):
-            surface[name] = _rounded(max(value, 0.0))
+            full = _full_friction(identified) if quantity is FRICTION else 1.0
+            surface[name] = _rounded(max(value, 0.0) * full)
     found: dict[str, dict[str, Any]] = {"cell.surface": surface} if surface else {}
     exponent = values.find(EXPONENT.key)
     if (
@@ -143,6 +145,17 @@ def _cell(identified: Identified) -> Sections:
             "centre_of_gravity_mm": list(config.tool.centre_of_gravity_mm),
         }
     return found
+
+
+def _full_friction(identified: Identified) -> float:
+    """The emulated surface's coefficient over its friction at the speed of a run; a robot that goes by steps is quick."""
+    config = identified.config
+    if identified.seen.robot.pacing is Pacing.ASKED or not config.task.speed_mm_s:
+        return 1.0
+    return (
+        math.hypot(config.task.speed_mm_s, config.cell.surface.friction_smoothing_mm_s)
+        / config.task.speed_mm_s
+    )
 
 
 def _place(contact: Contact, stiffness: float) -> dict[str, Any]:
