@@ -19,7 +19,7 @@ from emulators.devices.rtde.profile import RtdeProfile
 from hil_bridge.lab.campaign.drawing import Between, Draw, Setting, draw_values, numbers_of
 from hil_bridge.lab.identification.identifying import identify_run
 from hil_bridge.lab.identification.telling import format_value
-from hil_bridge.lab.identification.values import Part, Value
+from hil_bridge.lab.identification.values import Part, Value, Values
 from hil_bridge.lab.processes import in_order, own_processes
 from hil_bridge.record import Recording
 from hil_bridge.settings.configuration import lay_over
@@ -258,11 +258,11 @@ def run_of(number: int) -> Recording:
     return hil_bridge.simulate(cell(number)).recording
 
 
-def rows_of(number: int, recording: Recording) -> list[Row]:
-    """The values of a recording of a cell that have a true one."""
+def rows_of(number: int, values: Values) -> list[Row]:
+    """The values of a cell that have a true one."""
     true = true_values(cell(number))
     rows = []
-    for value in identify_run(recording).values:
+    for value in values:
         if value.key in true:
             numbers = (value.value, value.low, value.high) if value.seen else (None, None, None)
             why = None if value.why is None else value.why.value
@@ -274,7 +274,7 @@ def figures_of(number: int) -> dict[str, Any]:
     """One cell, run and identified."""
     recording = run_of(number)
     robot, sensor = CELLS[number]
-    rows = [row._asdict() for row in rows_of(number, recording)]
+    rows = [row._asdict() for row in rows_of(number, identify_run(recording).values)]
     return {
         "cell": number,
         "robot": robot,

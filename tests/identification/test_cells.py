@@ -35,8 +35,8 @@ def identified(recording: Recording) -> Identified:
     return identify_run(recording)
 
 
-def test_the_true_values_lie_within(recording: Recording, number: int) -> None:
-    rows = rows_of(number, recording)
+def test_the_true_values_lie_within(identified: Identified, number: int) -> None:
+    rows = rows_of(number, identified.values)
     seen = [row for row in rows if row.found is not None]
     assert sum(row.within for row in seen) >= SHARE * len(seen), [row for row in seen if not row.within]
     found = {row.key for row in seen}

@@ -148,7 +148,7 @@ def _cell(identified: Identified) -> Sections:
 
 
 def _full_friction(identified: Identified) -> float:
-    """The emulated surface's coefficient over its friction at the speed of a run; a robot that goes by steps is quick."""
+    """The emulated surface's coefficient over its friction at the speed of a run; a robot that steps is quick."""
     config = identified.config
     if identified.seen.robot.pacing is Pacing.ASKED or not config.task.speed_mm_s:
         return 1.0

@@ -78,15 +78,18 @@ def _aligned(contact: Contact, robot: RobotFacts) -> "Sequence[_Slopes]":
     """
     if robot.pacing is Pacing.ASKED and robot.kind:
         rounding = (robot.position_step_m or 0.0) / math.sqrt(12.0)
-        return [_slopes(contact, contact.press, 0.0, rounding)]
+        return [_slopes(contact, contact.press, 0.0, rounding, moves=False)]
     course = CubicSpline(*contact.course)  # straight lines would cut the peaks of a slow sensor
     noise = smooth_noise_of(contact.depth)
     return [_slopes(contact, course(contact.times + delay), float(delay), noise) for delay in _DELAYS_S]
 
 
 def _best(slopes: "Sequence[_Slopes]", mask: Mask) -> "_Slopes":
-    """The regression of the delay with the least rest of the samples that count."""
-    return min(slopes, key=lambda one: one.rest(mask))
+    """The regression of the delay with the least rest of the samples that count. No surface has a damping below 0: a
+    delay that needs one is none.
+    """
+    possible = [one for one in slopes if one.damping(mask) >= 0.0] or slopes
+    return min(possible, key=lambda one: one.rest(mask))
 
 
 class _Slopes(NamedTuple):
@@ -122,17 +125,21 @@ class _Slopes(NamedTuple):
         inputs = self._inputs(mask)
         products = inputs.T @ inputs
         products[0, 0] -= min(self.noise_m**2 * int(mask.sum()), _NOISE_SHARE * float(products[0, 0]))
+        if not products[1, 1] > 0.0:  # a robot that stands when it is asked has no speed
+            return np.array([float(inputs[:, 0] @ self.press[mask]) / float(products[0, 0]), 0.0])
         return np.asarray(np.linalg.solve(products, inputs.T @ self.press[mask]), np.float64)
 
 
-def _slopes(contact: Contact, press: Floats, delay: float, noise: float) -> _Slopes:
-    """The regression with forces that come later than the place by a delay, s."""
+def _slopes(contact: Contact, press: Floats, delay: float, noise: float, moves: bool = True) -> _Slopes:
+    """The regression with forces that come later than the place by a delay, s. A robot `moves`, or stands when it tells
+    its place.
+    """
     way = _way_of(contact)
     windows = contact.stretch * 1e4 + np.floor(way / _WINDOW_M)
     rate = np.zeros(len(way))
     for stretch in np.unique(contact.stretch):
         inside = contact.stretch == stretch
-        if inside.sum() > _RATE_OVER:
+        if moves and inside.sum() > _RATE_OVER:
             rate[inside] = _rate_of(contact.times[inside], contact.depth[inside])
     columns = np.column_stack([contact.depth, press, rate])
     rest = np.zeros_like(columns)
