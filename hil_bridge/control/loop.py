@@ -86,7 +86,7 @@ class ControlLoop:
         depth = felt.measurement.position
         before, felt = self.program.sense(_doubting(state.program, sample), felt)
         if sample.held:
-            felt = felt._replace(measurement=replace(felt.measurement, advance=0.0))
+            felt = replace(felt, measurement=replace(felt.measurement, advance=0.0))
         program, intent, failed = self._decide(before, felt)
         oscillation, advice = self._watch(state.oscillation, felt.measurement, intent)
         if advice is not None and advice.factor < 1.0:

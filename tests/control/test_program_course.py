@@ -8,6 +8,7 @@ from msgspec.structs import replace
 
 from hil_bridge.control import Command, Measurement, Phase, Sample, Stroke, StrokeState, TaskParameters
 from hil_bridge.control.course.limits import Limits
+from hil_bridge.control.course.stroke import Order
 from hil_bridge.control.program.facing import FacingState, inward
 from hil_bridge.control.program.felt import WorkFrame
 from hil_bridge.control.program.legs import Ground, legs_of
@@ -20,7 +21,7 @@ from hil_bridge.control.steps.move import Move
 from hil_bridge.control.steps.paths import Line, Polyline
 from hil_bridge.control.steps.repeat import Repeat
 from hil_bridge.control.steps.retract import Retract
-from hil_bridge.control.steps.seam import Criterion
+from hil_bridge.control.steps.seam import Criterion, Taken
 from hil_bridge.control.steps.seek import Seek
 from hil_bridge.control.steps.track import Track
 from hil_bridge.errors import Cause
@@ -298,11 +299,11 @@ def test_an_uncertain_normal_turns_no_tool(sigma_deg, turns):
 def test_a_move_whose_tool_never_comes_ends_the_run():
     leg = program_of(Move(to_mm=(3.0, 0.0)), Retract()).row.legs[0]
     state = ProgramState(StrokeState(Phase.MOVE), start=(0.0, 0.0), home=DOWN, began=0.0)
-    trouble, at = None, 0.0
-    while trouble is None and at < 60.0:
+    taken, at = Taken(state, Order(Phase.MOVE, 0.0)), 0.0
+    while taken.trouble is None and at < 60.0:
         at += DT
-        state, _, done, trouble = leg.step.take(leg, state, seen(at, (0.0, 0.0), 0.0, (0.0, 0.0, 0.0)))
-        assert not done
-    assert "does not come to its place" in trouble.text
-    assert trouble.cause is Cause.NOT_THERE
+        taken = leg.step.take(leg, taken.state, seen(at, (0.0, 0.0), 0.0, (0.0, 0.0, 0.0)))
+        assert not taken.done
+    assert "does not come to its place" in taken.trouble.text
+    assert taken.trouble.cause is Cause.NOT_THERE
     assert 5.0 < at < 6.0

@@ -210,7 +210,7 @@ def felt_of(quaternion: Quaternion, wrench: tuple[float, ...]) -> Felt:
 
 def unknown_pose(felt: Felt) -> Felt:
     """The same where the orientation is not known."""
-    return felt._replace(sample=replace(felt.sample, quaternion=()))
+    return replace(felt, sample=replace(felt.sample, quaternion=()))
 
 
 @pytest.mark.parametrize("tip", [(0.0, 0.0), (1.0, 0.0), (0.0, -1.0), (-0.7, 0.7)])
@@ -236,7 +236,7 @@ def test_the_zero_of_a_program_is_added_along_each_axis_of_the_frame():
     frame = WorkFrame(*(tuple(row) for row in axes.tolist()))
     quaternion = normalise((0.2, 0.7, -0.5, 0.4))
     zero = (1.0, 2.0, -4.0, 0.1, -0.2, 0.3)
-    felt = felt_of(quaternion, (3.0, -1.0, 7.0, 0.5, 0.6, 0.7))._replace(force=(10.0, 0.5, -0.25))
+    felt = replace(felt_of(quaternion, (3.0, -1.0, 7.0, 0.5, 0.6, 0.7)), force=(10.0, 0.5, -0.25))
     w, x, y, z = quaternion
     added = axes @ Rotation.from_quat((x, y, z, w)).apply(zero[:3])
     result = subtract_zero(felt, ProgramState(zero=zero), frame)
@@ -245,7 +245,7 @@ def test_the_zero_of_a_program_is_added_along_each_axis_of_the_frame():
     assert subtract_zero(unknown_pose(felt), ProgramState(zero=zero, home=quaternion), frame).force == (
         pytest.approx(result.force)
     )
-    for unknown in (unknown_pose(felt), felt._replace(wrench=())):
+    for unknown in (unknown_pose(felt), replace(felt, wrench=())):
         assert subtract_zero(unknown, ProgramState(zero=zero), frame) is unknown
 
 
@@ -269,7 +269,7 @@ def test_a_tool_without_a_face_is_told_no_skew():
     quaternion = tool_at(2.0, 0.0)
     felt = felt_of(quaternion, (0.0,) * 6)
     assert measure_skew(FRAME, Face(), felt, 0.0) == ((1.0, 0.0, 0.0), None)
-    assert measure_skew(FRAME, Face(radius=RADIUS), felt._replace(wrench=()), PER_ANGLE)[1] is None
+    assert measure_skew(FRAME, Face(radius=RADIUS), replace(felt, wrench=()), PER_ANGLE)[1] is None
     assert measure_skew(FRAME, Face(radius=RADIUS), unknown_pose(felt), PER_ANGLE)[1] is None
 
 

@@ -6,7 +6,7 @@ learnt stiffness is kept. `in_contact` tells it of the loss.
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -22,7 +22,7 @@ from hil_bridge.errors.causes import Cause, Reason
 _APPROACH, _TRACK, _RETRACT, _END = Phase.APPROACH, Phase.TRACK, Phase.RETRACT, Phase.END
 
 
-class Stride(NamedTuple):
+class Stride(Struct, frozen=True):
     """How a step leads one sample of tracking."""
 
     reference: float
@@ -31,7 +31,7 @@ class Stride(NamedTuple):
     """Share of the speed along the surface; negative goes back."""
 
 
-class Order(NamedTuple):
+class Order(Struct, frozen=True):
     """The answer of a stroke, or of a step, for one sample."""
 
     phase: Phase

@@ -3,6 +3,8 @@
 import math
 from typing import NamedTuple
 
+from msgspec.structs import replace
+
 from hil_bridge.control.geometry.turning import moment_at
 from hil_bridge.control.program.facing import inward
 from hil_bridge.control.program.state import Felt, ProgramState
@@ -49,7 +51,7 @@ def subtract_zero(felt: Felt, state: ProgramState, frame: WorkFrame) -> Felt:
     a, t, b = (along((x, y, z), way) for way in (frame.approach, frame.x, frame.y))
     force = felt.force[0] + a, felt.force[1] + t, felt.force[2] + b
     wrench = tuple(value - zero for value, zero in zip(felt.wrench, state.zero, strict=True))
-    return felt._replace(force=force, wrench=wrench)
+    return replace(felt, force=force, wrench=wrench)
 
 
 def measure_skew(frame: WorkFrame, face: Face, felt: Felt, per_angle: float) -> tuple[Vector, Place | None]:

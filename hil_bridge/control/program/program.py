@@ -170,7 +170,7 @@ class Program:
             paired_force=None if paired is None else paired * pressed / force,
             advance=1.0 / math.sqrt(1.0 + slope * slope),
         )
-        return state, felt._replace(measurement=measurement)
+        return state, replace(felt, measurement=measurement)
 
     # --- one sample
 
@@ -188,14 +188,14 @@ class Program:
             if taken is None:
                 state = self._next(state, leg, felt)
                 continue
-            state, order, done, trouble = taken
-            if trouble is not None:
-                state = self.fail(state, trouble)
-                return state, self._intent(state, order)
+            state = taken.state
+            if taken.trouble is not None:
+                state = self.fail(state, taken.trouble)
+                return state, self._intent(state, taken.order)
             if leg.turns:
                 state = turn_tool(state, leg, self.frame, self.facing, measurement.dt)
-            intent = self._intent(state, order)
-            return (self._next(state, leg, felt) if done else state), intent
+            intent = self._intent(state, taken.order)
+            return (self._next(state, leg, felt) if taken.done else state), intent
         return self._leave(state, felt)
 
     def _leave(self, state: ProgramState, felt: Felt) -> tuple[ProgramState, Intent]:

@@ -1,6 +1,6 @@
 """The state of a program from one sample to the next, and its input beside a measurement."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 from msgspec import Struct
 
@@ -14,7 +14,7 @@ from hil_bridge.errors.causes import Reason
 from protocol.geometry import Quaternion, Vector
 
 
-class Felt(NamedTuple):
+class Felt(Struct, frozen=True):
     """One sample as a program sees it, in the work frame."""
 
     sample: Sample

@@ -50,7 +50,7 @@ class Hold(PressingStep):
         state, began = taken.state, before.began
         if began is None or felt.sample.now - began < self.for_s / 2:
             return taken
-        return taken._replace(state=replace(state, found=added(state.found, felt.sample.position)))
+        return replace(taken, state=replace(state, found=added(state.found, felt.sample.position)))
 
     @property
     def drawing(self) -> Drawing:

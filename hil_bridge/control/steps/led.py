@@ -157,4 +157,4 @@ class LedStep(PressingStep):
             return taken
         text = one_line(str(lead.done)) or f"ended after {self.for_s:g} s"
         state = replace(taken.state, text=text, found=(felt.sample.position, 1))
-        return taken._replace(state=state, done=True)
+        return replace(taken, state=state, done=True)

@@ -5,8 +5,9 @@ the estimated normal predicts along the path. So a corner or a way back, where t
 disturbance for it.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
+from msgspec import Struct
 from msgspec.structs import replace
 
 from hil_bridge.control.course.intent import Phase
@@ -24,7 +25,7 @@ FLAT = (0.0, 0.0)
 """Slopes of a surface that does not fall away."""
 
 
-class Guide(NamedTuple):
+class Guide(Struct, frozen=True):
     """Force and feed of one sample, and the state with them."""
 
     state: ProgramState
@@ -33,7 +34,7 @@ class Guide(NamedTuple):
     """Why the run must end; None while it need not."""
 
 
-class Led(NamedTuple):
+class Led(Struct, frozen=True):
     """Where a step leads the tool, by the names of the program's state."""
 
     at: Place
@@ -76,9 +77,10 @@ class PressingStep(Step):
 
     def take(self, leg: Leg, state: ProgramState, felt: Felt) -> Taken:
         measurement = felt.measurement
-        state, stride, trouble = self.guide(leg, state, felt)
-        if trouble is not None:
-            return Taken(state, Order(Phase.RETRACT, measurement.commanded), trouble=trouble)
+        guide = self.guide(leg, state, felt)
+        state, stride = guide.state, guide.stride
+        if guide.trouble is not None:
+            return Taken(state, Order(Phase.RETRACT, measurement.commanded), trouble=guide.trouble)
         before, ground = state, state.ground
         fall = state.facing.fall if leg.shows_ground else FLAT
         shown = measurement

@@ -64,8 +64,8 @@ class Retract(Step):
         stroke = taken.state.stroke
         if stroke.phase is not Phase.END:
             return taken
-        return taken._replace(
-            state=replace(taken.state, stroke=replace(stroke, phase=Phase.RETRACT)), done=True
+        return replace(
+            taken, state=replace(taken.state, stroke=replace(stroke, phase=Phase.RETRACT)), done=True
         )
 
     def describe(self, parameters: TaskParameters) -> Iterator[str]:

@@ -14,6 +14,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, TypeAlias
 
+from msgspec import Struct
+
 from hil_bridge.control.checks import FORBID_EXTRA, require_above_zero
 from hil_bridge.control.course.intent import Phase
 from hil_bridge.control.course.limits import Limits
@@ -73,7 +75,7 @@ class Criterion:
             raise SettingError("for_percent", f"must be at most 100, got {self.for_percent:g}")
 
 
-class Taken(NamedTuple):
+class Taken(Struct, frozen=True):
     """The answer of a step for one sample."""
 
     state: "ProgramState"

@@ -124,13 +124,13 @@ class Seek(PressingStep):
             trouble = None
             if stroke.travel - state.base >= leg.way.length - ROUNDING or taken.trouble is not None:
                 trouble = Reason(Cause.NO_EDGE, f"no edge within {leg.way.length * 1e3:g} mm")
-            return taken._replace(state=state, trouble=trouble)
+            return replace(taken, state=state, trouble=trouble)
         lost = stroke.phase is not Phase.TRACK
         if not lost:
             return taken
         # stand still: the next leg leads away
         state = replace(state, stroke=replace(before.stroke, travel=stroke.travel))
-        order = taken.order._replace(phase=Phase.TRACK, depth=felt.measurement.commanded)
+        order = replace(taken.order, phase=Phase.TRACK, depth=felt.measurement.commanded)
         return Taken(state, order, done=True)
 
     # --- words and picture

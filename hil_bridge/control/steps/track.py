@@ -180,7 +180,7 @@ class Track(PressingStep):
         state = taken.state
         if state.stroke.travel - state.base < leg.way.length - ROUNDING:
             return taken
-        return taken._replace(done=True)
+        return replace(taken, done=True)
 
     # --- words and picture
 
