@@ -40,12 +40,14 @@ from hil_bridge.errors import (
     TransportUnavailable,
 )
 from hil_bridge.record import CycleRecord, Outcome
+from hil_bridge.record.foreign import BagChoices
 from hil_bridge.runs.recorded import Recording, read
 from hil_bridge.runs.simulation import OpenDevices, Result, Simulation, opening_devices, simulating
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.given import config_of
 
 __all__ = [
+    "BagChoices",
     "BridgeError",
     "Cause",
     "Command",

@@ -91,6 +91,7 @@ STEPS: dict[str, Callable[[], int]] = {
         *tests("tests", "tests/guard/test_campaign.py", "tests", "--ignore", "tests/wire"),
         *("-m", "not live and not vcan and not driver", "--numprocesses", "auto"),
         *("--dist", "loadfile", "--no-loadscope-reorder"),
+        *("-p", "tools.exercising", "--exercised", "runs/tests/exercised.json"),
     ),
     "live": at_once(
         tests("live-quick", *REAL, *QUICK),

@@ -36,6 +36,7 @@ TRACK_S, AFTER_S = 2.0, 0.5
 """Time for which a run tracks, and when the fault comes after the begin of that, s."""
 GIVEN: Mapping[tuple[str, str], Mapping[str, float]] = {
     ("pose", "offset"): {"z_mm": 20.0},
+    ("pose", "encoder-offset"): {"z_mm": 2.0},
     ("pose", "drift"): {"z_mm_s": 5.0},
     ("witness", "offset"): {"z_n": 60.0},
 }

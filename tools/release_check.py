@@ -2,7 +2,8 @@
 
 The wheel is made from the source distribution, both are judged by twine, and the wheel goes into a clean environment of
 the oldest Python that pyproject.toml names. There the last build of 0.1.0 is replaced by this one; its configuration
-and its recording have to serve on. The size of the installation and the time of an import are told.
+and its recording have to serve on. The size of the installation and the time of an import are told. Evidence of the
+tests and of the guard's campaign must show that nothing of the guard is left unexercised, by `tools/exercised.py`.
 """
 
 import re
@@ -73,6 +74,12 @@ def built(release: Release) -> str:
         if not any(name.endswith(wanted) for name in names):
             raise RuntimeError(f"the wheel has no {wanted}")
     return ", ".join(f"{path.name} {path.stat().st_size / 1e6:.2f} MB" for path in sorted(dist.iterdir()))
+
+
+def exercised(release: Release) -> str:
+    """Nothing of the guard is left that no test, no seed of its campaign and no run of its own has struck."""
+    told = ran(ROOT, sys.executable, "-m", "tools.exercised", "--strike")
+    return "; ".join(line for line in told.splitlines() if line and not line.startswith(" "))
 
 
 def told_changes(release: Release) -> str:
@@ -154,7 +161,7 @@ def _archive(commit: str) -> bytes:
     return _git("archive", "--format=tar", commit)
 
 
-STEPS: tuple[Callable[[Release], str], ...] = (told_changes, built, kept, upgraded, light)
+STEPS: tuple[Callable[[Release], str], ...] = (told_changes, exercised, built, kept, upgraded, light)
 
 
 def main() -> int:

@@ -44,7 +44,7 @@ OF_THE_TASK: Mapping[tuple[str, str], str] = {
 MEANINGS: Mapping[str, str] = {
     "path": "Where the tool goes; see the paths below.",
     "orientation": "`fixed`: as at the start. `along-path`: turned about the approach so that it looks along the path. "
-    "`normal`: perpendicular to the surface.",
+    "`normal`: perpendicular to the surface. `led`: tipped along the travel by a controller that does that.",
     "criterion": "How good the step must have been; see below.",
     "limits": "Limits of this step; see below.",
     "speed_mm_s": "Speed.",

@@ -20,6 +20,7 @@ from hil_bridge.cli.fidelity import fidelity
 from hil_bridge.cli.files import config, profile, report
 from hil_bridge.cli.force_source import force_source
 from hil_bridge.cli.free import free
+from hil_bridge.cli.identify_cell import identify_cell
 from hil_bridge.cli.identify_tool import identify_tool
 from hil_bridge.cli.latency import latency
 from hil_bridge.cli.layouts import layouts
@@ -129,7 +130,7 @@ def cli(context: click.Context) -> None:
 GROUPS: dict[str, tuple[click.Command, ...]] = {
     "Run": (run, free, task, supervisor, controllers, tune),
     "Look at recordings": (runs, view, report, why, latency, compare, replay, export, layouts, fidelity),
-    "On site": (doctor, probe, identify_tool, monitor, decode, serve_jr3),
+    "On site": (doctor, probe, identify_tool, identify_cell, monitor, decode, serve_jr3),
     "Emulate and judge": (emulate, panel, faults, conform, force_source),
     "Many runs": (campaign, verify, experiment, requirements),
     "Settings and lists": (config, profile, plugins),

@@ -1,13 +1,20 @@
 """`hil-bridge compare`: several recordings, or the results of several campaigns, on one page."""
 
+from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
+from hil_bridge.cli.bag_options import bag_options
 from hil_bridge.cli.options import json_option, output_option, overwrite_option, tell, tell_json
 from hil_bridge.cli.paths import FILE
 from hil_bridge.errors import ConfigError
+
+if TYPE_CHECKING:
+    from hil_bridge.record import Recording
+    from hil_bridge.record.foreign import BagChoices
 
 DIFFERS = 1
 """Exit code when the last campaign is significantly worse than the first."""
@@ -26,8 +33,12 @@ RESULTS = ".sqlite"
 )
 @json_option
 @overwrite_option
-def compare(files: tuple[Path, ...], out: Path, align: str, as_json: bool, overwrite: bool) -> None:
+@bag_options
+def compare(
+    files: tuple[Path, ...], out: Path, align: str, as_json: bool, overwrite: bool, bag: "BagChoices"
+) -> None:
     """Draw forces, motion and times of 2 to 8 recordings over each other, and tell which settings and figures differ.
+    A bag of ROS 2 with a WrenchStamped and a PoseStamped is one of them; it needs the extra ros.
 
     Results of campaigns (.sqlite), oldest first, are summed up by cell of the matrix: runs that passed, and medians of
     figures. The first is tested against the last, by Fisher's exact test and by that of Mann and Whitney. The exit code
@@ -41,21 +52,23 @@ def compare(files: tuple[Path, ...], out: Path, align: str, as_json: bool, overw
     if kinds == {True}:
         _compare_campaigns(files, out, as_json, overwrite)
     else:
-        _compare_recordings(files, (out, align), as_json, overwrite)
+        from hil_bridge.record.files import check_place
+        from hil_bridge.record.ros.bag_reader import read_any
+        from hil_bridge.show.report.compare import names_of
+
+        if not as_json:
+            check_place(out, overwrite)
+        runs = {name: read_any(path, bag) for name, path in zip(names_of(files), files, strict=True)}
+        _compare_recordings(runs, (out, align), as_json, overwrite)
 
 
 def _compare_recordings(
-    files: tuple[Path, ...], page: tuple[Path, str], as_json: bool, overwrite: bool
+    runs: "Mapping[str, Recording]", page: tuple[Path, str], as_json: bool, overwrite: bool
 ) -> None:
-    from hil_bridge.record import read
-    from hil_bridge.record.files import check_place, write_whole
-    from hil_bridge.show.report.compare import compare_page, compare_values, names_of
+    from hil_bridge.record.files import write_whole
+    from hil_bridge.show.report.compare import compare_page, compare_values
 
     out, align = page
-    names = names_of(files)
-    if not as_json:
-        check_place(out, overwrite)
-    runs = {name: read(path) for name, path in zip(names, files, strict=True)}
     if as_json:
         tell_json(compare_values(runs))
         return

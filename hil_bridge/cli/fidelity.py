@@ -1,13 +1,18 @@
 """`hil-bridge fidelity`: how far an emulated device is from a measured one."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
+from hil_bridge.cli.bag_options import bag_options
 from hil_bridge.cli.options import json_option, overwrite_option, tell
 from hil_bridge.cli.paths import FILE
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.extras import install_command
+
+if TYPE_CHECKING:
+    from hil_bridge.record.foreign import BagChoices
 
 
 @click.command(short_help="Tell how far an emulated device is from a measured one.")
@@ -39,6 +44,7 @@ from hil_bridge.errors.extras import install_command
 @json_option
 @click.option("--page", type=FILE, metavar="FILE.html", help="Draw measured and emulated over each other.")
 @overwrite_option
+@bag_options
 def fidelity(
     recording: Path,
     kind: str,
@@ -49,6 +55,7 @@ def fidelity(
     as_json: bool,
     page: Path | None,
     overwrite: bool,
+    bag: "BagChoices",
 ) -> None:
     """Play a recording's inputs to an emulated device, and compare what it tells with what was measured.
 
@@ -56,8 +63,8 @@ def fidelity(
     hil-bridge fidelity run.mcap --as rsi
     hil-bridge fidelity log.csv --columns log.toml --config cell.toml --as rtde --page log.html
 
-    RECORDING is a recording of a run, or a table of text with --columns. The device works in virtual time, over the
-    bytes of its protocol; nothing real is opened.
+    RECORDING is a recording of a run, a table of text with --columns, or a bag of ROS 2. The device works in virtual
+    time, over the bytes of its protocol; nothing real is opened.
     """
     try:
         from hil_bridge.lab.fidelity.subjects import compare_with, read
@@ -73,7 +80,7 @@ def fidelity(
 
     if page is not None:
         check_place(page, overwrite)
-    measured = read(recording, columns, kind)
+    measured = read(recording, columns, kind, bag)
     if between is not None:
         measured = measured._replace(table=measured.table.between(*between))
     compared = compare_with(kind, measured, config_file, seed)

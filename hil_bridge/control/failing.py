@@ -35,7 +35,8 @@ def blame_answer(controller: Controller[Any], command: Command) -> Failed:
     """It answered with a command that is no number, or so far away that it cannot be meant."""
     place = place_of_method(controller, "step")
     aside = f" and {command.across} m aside" if command.across else ""
-    said = f"it commands {command.position} m{aside}"
+    turn = f" and a turn of {command.turn} rad" if command.turn else ""
+    said = f"it commands {command.position} m{aside}{turn}"
     return _blame(controller, f"{said}{place and f' ({place})'}")
 
 

@@ -102,13 +102,13 @@ class ControlLoop:
         observation = _observe(sample, proposal, intent)
         guard, follows = self._guard(intent), self.following
         verdict: Verdict
-        if intent.phase is _RETRACT or intent.phase is _END:
+        if proposal.failure is not None:  # of a step that follows a retraction, too
+            supervisor, verdict = guard.stop(state.supervisor, proposal.failure.cause, proposal.failure.text)
+        elif intent.phase is _RETRACT or intent.phase is _END:
             request = self._request(state, intent)
             supervisor, verdict = guard.retreat(state.supervisor, observation, request)
             if isinstance(verdict, Stop):
                 intent = replace(intent, reason=verdict.reason, failed=True)
-        elif proposal.failure is not None:
-            supervisor, verdict = guard.stop(state.supervisor, proposal.failure.cause, proposal.failure.text)
         elif advice is not None and advice.retract:
             text = f"the force goes on swinging by ±{advice.amplitude:.1f} N at the lowest gain"
             supervisor, verdict = guard.stop(state.supervisor, Cause.OSCILLATION, text)
@@ -120,7 +120,7 @@ class ControlLoop:
                 supervisor, verdict = guard.stop(state.supervisor, Cause.OFF_PATH, strayed)
         reason = None if type(verdict) is Allow else _reason(state, intent, verdict)
         way: Verdict = verdict
-        if reason is not None and intent.phase is not _RETRACT:
+        if reason is not None and (intent.phase is not _RETRACT or proposal.failure is not None):
             # From the state before this sample: the controller's answer to it no longer matters.
             program, intent = self.program.step(self.program.fail(state.program, reason), proposal.felt)
             supervisor, way = guard.retreat(supervisor, observation, self._request(state, intent))
@@ -228,7 +228,7 @@ class ControlLoop:
         # neither holds for what is no number; a sum with what is huge would lose where the tool is
         limits, way = self.supervisor.limits, abs(command.position - measurement.commanded)
         meant = way <= limits.correction_total_mm * 1e-3 or way <= farthest_answer(limits)
-        return meant and math.isfinite(command.correction + command.across)
+        return meant and math.isfinite(command.correction + command.across + command.turn)
 
     def _watch(
         self, state: OscillationState, measurement: Measurement, intent: Intent

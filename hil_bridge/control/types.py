@@ -111,6 +111,11 @@ class Command(Struct, frozen=True):
     """Way along the third direction of the work frame that this sample adds, m; no more than the travel's speed
     (`task.speed_mm_s`) allows. A program, which leads the way itself, leaves it out.
     """
+    turn: float = 0.0
+    """Turn of the tool that this sample adds, rad, about the third direction of the work frame: a positive one tips its
+    axis towards the travel. Looked at where the step's orientation is `led`, and never faster or farther than the
+    guard's limits allow.
+    """
 
 
 class ControllerFailed(Exception):
@@ -156,6 +161,7 @@ def as_command(answer: Any) -> Command:
         and type(answer.held) is bool
         and type(answer.explanation) is dict
         and type(getattr(answer, "across", 0.0)) is float
+        and type(getattr(answer, "turn", 0.0)) is float
     ):
         command: Command = answer
         return command
@@ -167,6 +173,7 @@ def as_command(answer: Any) -> Command:
         bool(answer.held),
         dict(answer.explanation),
         float(getattr(answer, "across", 0.0)),
+        float(getattr(answer, "turn", 0.0)),
     )
 
 
@@ -204,7 +211,7 @@ class Controller(Protocol[State]):
     Gains may count per sample. A controller says for which sample time it is tuned by an attribute `sample_ms`, in ms.
     One without it is taken for `SAMPLE_MS`; `controller.sample_ms` of a configuration goes before both. A run whose
     control period differs from it by more than a factor of two is refused. `Measurement.dt` is the measured time, for a
-    controller that counts in seconds.
+    controller that counts in seconds. One that turns the tool in a run without steps says so by `turns`, True.
     """
 
     @property

@@ -26,6 +26,7 @@ from emulators.panel import Controls
 from emulators.seams import RobotFactory, SensorFactory, SurfaceFactory
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.kind_checks import fault_of
+from hil_bridge.devices.matching import MatchRobot, MatchSensor
 from hil_bridge.devices.playing import Play
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.errors import ConfigError
@@ -108,6 +109,8 @@ class RobotEmulation(Generic[_Client, _Emulated]):
     """How late what it says comes in the scenario `late`, ms."""
     play: Play | None = None
     """Plays a course of orders to the emulated robot over its protocol, for `hil-bridge fidelity`; None: it cannot."""
+    match: MatchRobot | None = None
+    """Settings under which the emulated robot shows measured figures, for `hil-bridge identify-cell`; None: none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,6 +174,10 @@ class SensorEmulation(Generic[_Client, _Emulated]):
     """Faults of its target `sensor`, by scenario of `hil-bridge conform`: status. In them it says that its values are
     wrong or not new.
     """
+    match: MatchSensor | None = None
+    """As of a `RobotEmulation`."""
+    packets_per_frame: int = 1
+    """Packets on its wire that make a frame: each of them may be lost."""
 
 
 class CanBus(NamedTuple):

@@ -141,7 +141,11 @@ BEFORE: tuple[CauseRow, ...] = (
         words=SENSOR_OR_TOUCH,
         where=FREELY,
     ),
-    _lift(_C.ZERO_SILENT, "the sensor does not stream again within 20 s of its zero", _P.SENSOR),
+    _lift(
+        _C.ZERO_SILENT,
+        "the sensor sends too few frames for a zero within 5 s, or does not stream again within 20 s of it",
+        _P.SENSOR,
+    ),
 )
 """Looked at before the first cycle."""
 

@@ -29,9 +29,13 @@ STOPS: tuple[CauseRow, ...] = (
         "the robot's status shows emergency stop, standby, a key not in AUTO, or link control taken back",
         _P.ROBOT,
         "robot.s3.link.check_flags",
+        when=_W.ALWAYS,
+        reaction=_R.RETRACTS_OR_LEFT,
     ),
     rows.stop(_C.ORIENTATION, "the robot reports an orientation that is none", _P.POSE),
-    rows.stop(_C.SENSOR_FAILED, "the sensor failed, began anew, or its wire ended", _P.SENSOR),
+    rows.stop(
+        _C.SENSOR_FAILED, "the sensor failed, began anew, or its wire ended", _P.SENSOR, when=_W.ALWAYS
+    ),
     rows.stop(
         _C.FORCE,
         "force along the approach, of any frame since the decision before, either sign, with and without the zero",

@@ -51,8 +51,9 @@ class Ended(NamedTuple):
 class Episode:
     """A run, one decision at a time."""
 
-    def __init__(self, config: Config, axes: tuple[Axis, ...], speed_mm_s: float) -> None:
-        self.config = config_of(config, controller=PolicyController(self._ask, axes, speed_mm_s))
+    def __init__(self, config: Config, axes: tuple[Axis, ...], speeds: tuple[float, float]) -> None:
+        """`speeds` are those for an action of 1, mm/s and °/s."""
+        self.config = config_of(config, controller=PolicyController(self._ask, axes, *speeds))
         self._hold = np.zeros(len(axes))
         self._cycles: list[CycleRecord] = []
         self._simulation: Simulation | None = None

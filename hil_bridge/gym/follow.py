@@ -39,6 +39,8 @@ class Options(TypedDict, total=False):
     """Axes of the action, of `AXES`; `("along",)` where it is left out."""
     speed_mm_s: float
     """Speed at which the set point moves for an action of 1, mm/s; 5 where it is left out."""
+    turn_deg_s: float
+    """Speed at which the tool turns for an action of 1, °/s; 5 where it is left out."""
     reward: str | Reward
     """Name of a reward, or a function of a `Transition`; `"force-error"` where it is left out."""
     randomise: Mapping[str, Any]
@@ -89,10 +91,8 @@ class FollowEnv(gymnasium.Env[Observed, Action]):
             options.get("faults_per_run"),
         )
         self._axes = tuple(options.get("actions", AXES[:1]))
-        self._speed_mm_s = options.get("speed_mm_s", 5.0)
-        PolicyController(
-            lambda observation: observation, self._axes, self._speed_mm_s
-        )  # refuses what cannot be
+        self._speeds = options.get("speed_mm_s", 5.0), options.get("turn_deg_s", 5.0)
+        PolicyController(lambda observation: observation, self._axes, *self._speeds)  # refuses what cannot be
         reward = options.get("reward", "force-error")
         self._reward: Reward = make_reward(reward) if isinstance(reward, str) else reward
         keep = options.get("keep")
@@ -127,7 +127,7 @@ class FollowEnv(gymnasium.Env[Observed, Action]):
         text = ""
         for _ in range(SKIPPED_MAX):
             self._seed = int(self.np_random.integers(_SEEDS)) if chosen is None else int(chosen)
-            self._episode = Episode(self.config(self._seed), self._axes, self._speed_mm_s)
+            self._episode = Episode(self.config(self._seed), self._axes, self._speeds)
             begun = self._episode.start()
             if isinstance(begun, Asked):
                 self._asked = begun

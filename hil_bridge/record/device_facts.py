@@ -15,7 +15,12 @@ _Facts = TypeVar("_Facts", bound=Struct)
 
 def devices_of(recording: Recording) -> Devices:
     """Facts of the devices in a recording; without any where the run ended before they were ready."""
-    told = {name: json_or_none(text) for name, text in recording.devices.items()}
+    return devices_in(recording.devices)
+
+
+def devices_in(facts: Mapping[str, str]) -> Devices:
+    """Facts of devices from JSON by name, as a recording keeps them; those that are not told are the defaults."""
+    told = {name: json_or_none(text) for name, text in facts.items()}
     return Devices(_told(told.get("robot"), RobotFacts), _told(told.get("sensor"), Sensor))
 
 

@@ -181,7 +181,7 @@ class SceneTopic:
         return {**schema_of(self.message), "title": self.schema_name}
 
 
-TRANSFORMS = SceneTopic("/tf", FrameTransforms)
+TRANSFORMS = SceneTopic("/scene/frames", FrameTransforms)
 TOOL = SceneTopic("/scene/tool", SceneUpdate)
 FORCE = SceneTopic("/scene/force", SceneUpdate)
 SURFACE = SceneTopic("/scene/surface", SceneUpdate)

@@ -8,7 +8,7 @@ the robot.
 
 import math
 from collections.abc import AsyncIterator, Callable
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any
 
 from hil_bridge.clock import Clock
@@ -19,6 +19,7 @@ from hil_bridge.control.program.felt import Face, WorkFrame
 from hil_bridge.control.program.legs import Ground, legs_of, seconds
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.resume import resume_row
+from hil_bridge.control.steps.track import Track
 from hil_bridge.control.types import Controller, Tuning
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.errors import ConfigError, StepError
@@ -152,7 +153,12 @@ def program(config: Config, stroke: Stroke) -> Program:
         facing.shows_ground,
     )
     try:
-        row = legs_of(config.task.program(config.run.duration_s), ground, written)
+        steps = config.task.program(config.run.duration_s)
+        if not written and getattr(stroke.controller, "turns", False) is True:
+            steps = tuple(
+                replace(step, orientation="led") if isinstance(step, Track) else step for step in steps
+            )
+        row = legs_of(steps, ground, written)
         seconds(row)
     except StepError as error:
         if not config.task.file:
@@ -160,10 +166,11 @@ def program(config: Config, stroke: Stroke) -> Program:
         raise in_file(error, "", config.task.file) from error
     if point is not None:
         row = resume_row(row, point, stroke)
-    turns = any(leg.step.orientation == "normal" for leg in row.legs)
-    if turns and config.sensor.url and not config.tool.mass_kg:
+    orientations = {leg.step.orientation for leg in row.legs}
+    tips = next((one for one in ("normal", "led") if one in orientations), "")
+    if tips and config.sensor.url and not config.tool.mass_kg:
         raise ConfigError(
-            'a step with orientation = "normal" turns the tool, and its weight with it: set tool.mass_kg '
+            f'a step with orientation = "{tips}" turns the tool, and its weight with it: set tool.mass_kg '
             "(hil-bridge identify-tool measures it)"
         )
     safe = None if point is None else point.start_m

@@ -36,7 +36,8 @@ class Page:
             self._feed.cycle(record)
 
     def devices(self, facts: Mapping[str, str]) -> None:
-        """The scene of a run tells them."""
+        """The devices are ready."""
+        self._feed.devices(facts)
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """A page shows no attachment."""

@@ -11,6 +11,8 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.record import CycleRecord, EventRecord, SensorRecord, StepRecord, TruthRecord, reader
 from hil_bridge.record.analysis.columns import Column, Columns
 from hil_bridge.record.analysis.summary import Summary, summarise
+from hil_bridge.record.foreign import BagChoices
+from hil_bridge.record.ros.bag_reader import read_any
 from hil_bridge.show.charts.facts import start_time
 
 if TYPE_CHECKING:
@@ -53,6 +55,8 @@ class Recording(reader.Recording):
         return cls(**{field.name: getattr(found, field.name) for field in fields(found)})
 
     def __repr__(self) -> str:
+        if self.foreign is not None:
+            return f"<Recording: the bag {self.foreign.file}; {len(self.cycles)} samples>"
         outcome = self.end.get("outcome", "cut off")
         return f"<Recording: {outcome}; {len(self.cycles)} cycles, {len(self.sensors)} frames of the sensor>"
 
@@ -100,6 +104,11 @@ class Recording(reader.Recording):
             raise ConfigError(f"the run ended before its first control cycle: it has no {thing}")
 
 
-def read(path: Path | str) -> Recording:
-    """The recording in a file. Raises ConfigError as `record.read`."""
-    return Recording.of(reader.read(Path(path)))
+def read(path: Path | str, bag: BagChoices | None = None) -> Recording:
+    """The recording in a file, or a bag of ROS 2 as a recording: a folder, or its MCAP file alone.
+
+    A bag needs the extra `ros`. It has a sample for each wrench in place of a cycle; what it does not tell, as
+    decisions and verdicts, is NaN or empty. `bag` says which topics are taken, and what is taken for granted of them.
+    Raises ConfigError for a file that cannot be used.
+    """
+    return Recording.of(read_any(Path(path), bag))

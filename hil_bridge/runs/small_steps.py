@@ -87,10 +87,10 @@ class SmallSteps:
                 )
 
     async def quiet(self) -> Reading:
-        """Reading of the sensor once its filter has settled."""
+        """Reading of the sensor on the way to a zero, once its filter has settled."""
         since = self._clock.now() + TIME_CONSTANTS * self._sensor.delay
         await self._clock.sleep_until(since)
-        return await self._reading(since, FRAMES_MIN)
+        return await self._reading(since, FRAMES_MIN, Cause.ZERO_SILENT)
 
     async def steady(self, change_n: float) -> Reading:
         """Reading of the sensor once it drifts by less than `change_n`, N. Raises DeviceError when it does not."""
@@ -110,10 +110,10 @@ class SmallSteps:
                     cause=Cause.UNSTEADY,
                 )
 
-    async def _reading(self, since: float, count: int) -> Reading:
+    async def _reading(self, since: float, count: int, silent: Cause = Cause.STREAM) -> Reading:
         """Reading from at least so many frames from this time on, and from as many as their noise asks for.
 
-        Raises DeviceError when they do not come.
+        Raises DeviceError with the cause `silent` when they do not come.
         """
         sensor, patience = self._sensor, self._clock.now() + STREAM_PATIENCE_S
         while len(frames := sensor.window(since)) < count:
@@ -122,7 +122,7 @@ class SmallSteps:
                 raise DeviceError(
                     f"force sensor on {sensor.name} sent {len(frames)} frames in {STREAM_PATIENCE_S:g} s, "
                     f"{count} are the least to take a zero from",
-                    cause=Cause.STREAM,
+                    cause=silent,
                 )
             await self._clock.sleep_until(self._clock.now() + WINDOW_S / 10)
         found, patience = reading(frames), self._clock.now() + ERROR_PATIENCE_S

@@ -27,7 +27,7 @@ SIGNATURES = {
     "simulate_async": "(config=None, *, faults=(), controller=None, observe=None, seed=None) -> Result",
     "simulation": "(config=None, *, faults=(), controller=None, observe=None, seed=None) -> Simulation",
     "open_devices": "(config=None) -> OpenDevices",
-    "read": "(path) -> Recording",
+    "read": "(path, bag=None) -> Recording",
     "run_virtual": "(main) -> T",
     "run_real": "(main, busy_poll_s=0.0) -> T",
 }
@@ -43,8 +43,8 @@ ERRORS = (
     "TransportError TransportUnavailable"
 )
 TYPES = (
-    "Cause Command Config Configuration Controller CycleRecord Measurement OpenDevices Outcome Part Reason Recording "
-    "Result Simulation"
+    "BagChoices Cause Command Config Configuration Controller CycleRecord Measurement OpenDevices Outcome Part Reason "
+    "Recording Result Simulation"
 )
 
 

@@ -181,7 +181,7 @@ def test_help_imports_none_of_the_heavy_libraries() -> None:
         (["emulate", "arm"], "'arm' is not one of 'cell', 'robot', 'sensor'"),
         (["report", "none.mcap"], "cannot read the recording none.mcap: No such file"),
         (["report", "file"], "file is not an MCAP file"),
-        (["report", "."], "Is a directory"),
+        (["report", "."], "is no bag of ROS 2: no file in it ends in .mcap or .db3"),
         (["report", "r.mcap", "--out", "x"], "--out is -o or --output now: write -o x"),
         (["profile", "show", "file"], "file is no TOML"),
         (["config", "init", "file"], "file is there already"),

@@ -19,7 +19,7 @@ from hil_bridge.devices.robots.s3.program_folder import read_programs
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.text_files import TOML_LIMIT_BYTES, parse_toml, read_text
 from hil_bridge.lab.campaign.store import FORMAT, Store
-from hil_bridge.record import read, reader
+from hil_bridge.record import mcap_file, read
 from hil_bridge.settings.configuration import load_config
 from hil_bridge.site.s3.monitor import monitor_file
 from hil_bridge.site.traffic import is_recording
@@ -118,7 +118,7 @@ HEADER = b"\x89MCAP0\r\n" + record(1, text_of("") + text_of(""))
 def test_a_recording_of_endless_records_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, packed: bool
 ) -> None:
-    monkeypatch.setattr(reader, "RECORD_LIMIT", 100_000)
+    monkeypatch.setattr(mcap_file, "RECORD_LIMIT", 100_000)
     message = record(5, struct.pack("<HIQQ", 1, 0, 0, 0))
     inside = record(3, struct.pack("<H", 1) + text_of("s") + text_of("") + struct.pack("<I", 0))
     inside += record(4, struct.pack("<HH", 1, 1) + text_of("/x") + text_of("") + struct.pack("<I", 0))

@@ -84,7 +84,7 @@ def test_compare_of_recordings_has_figures_and_settings(
     found = told("compare", stopped, other)
     for name, place in (("stopped", stopped), ("other", other)):
         summary = summarise(read(place))
-        assert found["runs"][name] == {"outcome": summary.outcome, **summary.figures}
+        assert found["runs"][name] == {"outcome": summary.outcome, **summary.figures, **summary.contact}
     assert found["settings"]["task.force_n"] == {"stopped": "10.0", "other": "8.0"}
     assert not Path("compare.html").exists()
 

@@ -38,9 +38,9 @@ from hil_bridge.record import (
     Recording,
     SensorRecord,
     Writing,
+    mcap_file,
     read,
 )
-from hil_bridge.record import reader as reader_module
 from hil_bridge.record import recorder as recorder_module
 from hil_bridge.record.device_facts import devices_of
 from hil_bridge.record.recorder import Chunks
@@ -464,7 +464,7 @@ def test_many_chunks_of_ordinary_size_are_refused_together(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = write(tmp_path / "run.mcap", stream(10.0))
-    monkeypatch.setattr(reader_module, "UNPACKED_LIMIT_BYTES", 160_000)
+    monkeypatch.setattr(mcap_file, "UNPACKED_LIMIT_BYTES", 160_000)
     assert path.stat().st_size < 160_000
     with pytest.raises(ConfigError, match=r"it holds [0-9]+ bytes unpacked, but at most 160000"):
         read(path)
@@ -474,8 +474,8 @@ def test_a_file_that_hides_its_chunks_is_stopped_on_the_way(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = write(tmp_path / "run.mcap", stream(10.0))
-    monkeypatch.setattr(reader_module, "UNPACKED_LIMIT_BYTES", 160_000)
-    monkeypatch.setattr(reader_module, "_claims", lambda data: ())
+    monkeypatch.setattr(mcap_file, "UNPACKED_LIMIT_BYTES", 160_000)
+    monkeypatch.setattr(mcap_file, "_claims", lambda data: ())
     with pytest.raises(ConfigError, match=r"a chunk of [0-9]+ bytes unpacked"):
         read(path)
 

@@ -23,7 +23,7 @@ from hil_bridge.errors.extras import install_command
 from hil_bridge.record import Recording, read, read_with_traffic
 from hil_bridge.record.device_facts import devices_of
 from hil_bridge.record.export import Choices, export
-from hil_bridge.record.export.ros_bag import TOPICS
+from hil_bridge.record.ros.messages import TOPICS
 from protocol.wrench import wrench_of
 from tests.near_surface import EMERGENCY_STOP, WHOLE
 from tests.recordings import Recordings

@@ -3,7 +3,6 @@
 import itertools
 import json
 import math
-import re
 import xml.etree.ElementTree as xml
 from pathlib import Path
 from typing import Any
@@ -12,11 +11,14 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from mcap.reader import make_reader
+from rosbags.interfaces import Nodetype
 from scipy.spatial.transform import Rotation
 
 from hil_bridge.cli import cli
 from hil_bridge.record import CycleRecord, TruthRecord
 from hil_bridge.record.export.layouts import LAYOUTS, content
+from hil_bridge.record.ros.messages import TOPICS as ROS_TOPICS
+from hil_bridge.record.ros.messages import message_store
 from hil_bridge.record.scenes import PERIOD_S, TRAIL_POINTS, Scenes, SceneUpdate
 from hil_bridge.record.topics import TOPICS
 from tests.near_surface import STREAMED, merged
@@ -43,7 +45,7 @@ def test_the_frames_are_the_poses_of_the_records(messages: dict[str, list[tuple[
         poses = dict(messages[topic])
         moved = [
             (at, one)
-            for at, message in messages["/tf"]
+            for at, message in messages["/scene/frames"]
             for one in message["transforms"]
             if one["child_frame_id"] == frame
         ]
@@ -111,7 +113,7 @@ def test_forces_without_a_direction_of_their_own_make_valid_messages(
     truth = TruthRecord(1, 1.0, 1.0, 1.0, (0.0,) * 3, force, (0.0,) * 6, (), (1.0, 0.0, 0.0, 0.0))
     found = dict(Scenes(lambda at: round(at * 1e9)).of(truth))
     told = {topic.name for topic in found}
-    assert told == {"/scene/tool", "/tf"} | ({"/scene/force"} if force[0] == force[0] else set())
+    assert told == {"/scene/tool", "/scene/frames"} | ({"/scene/force"} if force[0] == force[0] else set())
 
 
 def test_the_layouts_name_fields_that_recordings_have(tmp_path: Path) -> None:
@@ -120,13 +122,42 @@ def test_the_layouts_name_fields_that_recordings_have(tmp_path: Path) -> None:
         for topic in TOPICS
         for field in topic.schema["properties"]  # type: ignore[attr-defined]
     }
-    layout = json.loads(content("foxglove.json"))
+    check_layouts("foxglove.json", "plotjuggler.xml", fields)
+
+    runner = CliRunner()
+    assert runner.invoke(cli, ["layouts", "--output", str(tmp_path)]).exit_code == 0
+    assert {path.name for path in tmp_path.iterdir()} == {*LAYOUTS.values()}
+    again = runner.invoke(cli, ["layouts", "--output", str(tmp_path)])
+    assert again.exit_code != 0
+    assert "is there already" in str(again.exception)
+
+
+def test_the_layouts_of_ros_name_fields_that_its_messages_have() -> None:
+    store = message_store()
+
+    def leaves(kind: str, before: str) -> set[str]:
+        found = set()
+        for name, (form, told) in store.fielddefs[kind][1]:
+            plain = form == Nodetype.NAME
+            found |= leaves(told, f"{before}.{name}") if plain else {f"{before}.{name}"}
+        return found
+
+    fields = {field for topic, kind in ROS_TOPICS.items() for field in leaves(kind, topic)}
+    check_layouts("ros2-foxglove.json", "ros2-plotjuggler.xml", fields)
+    topics = json.loads(content("ros2-foxglove.json"))["configById"]
+    named = {*topics["3D!hil"]["topics"], topics["DiagnosticSummary!events"]["topicToRender"]}
+    assert named <= {*ROS_TOPICS}
+
+
+def check_layouts(foxglove: str, plotjuggler: str, fields: set[str]) -> None:
+    """Both layouts name these fields alone, and each panel once."""
+    layout = json.loads(content(foxglove))
     paths = [path["value"] for panel in layout["configById"].values() for path in panel.get("paths", ())]
-    curves = [curve.get("name") for curve in xml.fromstring(content("plotjuggler.xml")).iter("curve")]
+    curves = [curve.get("name") for curve in xml.fromstring(content(plotjuggler)).iter("curve")]
     assert paths
     assert {*paths} <= fields
     assert curves
-    assert {re.sub(r"(?<!^)/", ".", str(curve)) for curve in curves} <= fields
+    assert {str(curve) for curve in curves} <= {field.replace(".", "/") for field in fields}
 
     panels: list[str] = []
 
@@ -139,10 +170,3 @@ def test_the_layouts_name_fields_that_recordings_have(tmp_path: Path) -> None:
 
     walk(layout["layout"])
     assert sorted(panels) == sorted(layout["configById"])
-
-    runner = CliRunner()
-    assert runner.invoke(cli, ["layouts", "--output", str(tmp_path)]).exit_code == 0
-    assert {path.name for path in tmp_path.iterdir()} == {*LAYOUTS.values()}
-    again = runner.invoke(cli, ["layouts", "--output", str(tmp_path)])
-    assert again.exit_code != 0
-    assert "is there already" in str(again.exception)

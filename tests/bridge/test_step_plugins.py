@@ -254,6 +254,37 @@ def test_a_step_that_fails_is_blamed_with_its_package_and_the_tool_is_retracted(
     assert all(trace.startswith("Traceback") for trace in tracebacks(result.recording))
 
 
+AWAY = (
+    STEP.partition("@dataclass")[0]
+    + """
+from hil_bridge.control.course.intent import Phase
+from hil_bridge.control.steps.seam import Step
+@dataclass(frozen=True, slots=True)
+class S(Step):
+    '''Go somewhere.'''
+    do: Literal["mine"] = "mine"
+    limits: StepLimits = NO_LIMITS
+    phase = Phase.MOVE
+    presses = False
+    def check(self, pressing, limits):
+        pass
+    def seconds(self, leg, begin):
+        return 1.0
+    def take(self, leg, state, felt):
+        raise RuntimeError("lost")
+"""
+)
+
+
+def test_a_step_that_fails_behind_a_retraction_ends_the_run(install: Install) -> None:
+    install("mine", "[hil_bridge.steps]\nmine = own_step:S\n", own_step=AWAY)
+    steps = [{"do": "approach"}, {"do": "retract", "back_mm": 1.0}, {"do": "mine"}, {"do": "retract"}]
+    result = hil_bridge.simulate({**RUN, "task": {"retract_mm": 3.0, "step": steps}})
+    assert (result.outcome, result.cause) == ("stopped", Cause.STEP_CODE)
+    assert result.text.startswith("step 3 (mine) failed: RuntimeError: lost (mine 1.0, own_step.py:")
+    assert result.left.startswith("retracted")
+
+
 def test_trouble_that_a_step_tells_ends_the_run_with_its_words(install: Install) -> None:
     mine(
         install, r"return memory, Lead((0.0, 0.0), trouble='it is too cold\nand wet' if seen.s > 0.2 else '')"

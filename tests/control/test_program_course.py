@@ -24,7 +24,7 @@ from hil_bridge.control.steps.retract import Retract
 from hil_bridge.control.steps.seam import Criterion, Taken
 from hil_bridge.control.steps.seek import Seek
 from hil_bridge.control.steps.track import Track
-from hil_bridge.errors import Cause
+from hil_bridge.errors import Cause, Reason
 from protocol.geometry import angle_between, rotate
 
 DT = 0.1
@@ -307,3 +307,19 @@ def test_a_move_whose_tool_never_comes_ends_the_run():
     assert "does not come to its place" in taken.trouble.text
     assert taken.trouble.cause is Cause.NOT_THERE
     assert 5.0 < at < 6.0
+
+
+def test_an_end_that_comes_in_a_longer_retraction_orders_nothing_deeper():
+    program = program_of(Approach(), Retract(back_mm=40.0), Approach(), Retract())
+    state, depth = program.initial(), 0.0
+    while depth > -35e-3:  # farther back than task.retract_mm
+        state, intent = program.step(
+            *program.sense(
+                state, seen(0.1, (0.0, 0.0), depth, (max(depth - 2e-3, 0.0) * STIFFNESS, 0.0, 0.0))
+            )
+        )
+        depth = intent.target.depth
+    state = program.finish(state, Reason(Cause.SIGNAL, "enough"))
+    state, intent = program.step(*program.sense(state, seen(0.2, (0.0, 0.0), depth, (0.0, 0.0, 0.0))))
+    assert intent.phase is Phase.RETRACT
+    assert intent.target.depth <= depth

@@ -157,7 +157,6 @@ NOT_REACHED = {
     "LEFT_UNKNOWN": "a sensor that falls silent while the tool comes to rest is stale in a cycle before",
     "NO_READING": "a sensor that tells nothing while it stands is stale, which comes first",
     "ZERO_CHANGED": "a force that changes within the one frame before a zero has no fault of its own",
-    "ZERO_SILENT": "a sensor that stays silent for 20 s is told by its client before",
 }
 """Causes that no test names, with the reason."""
 

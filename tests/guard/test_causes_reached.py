@@ -66,6 +66,15 @@ def test_a_late_frame_holds_the_way_deeper() -> None:
     assert verdict.goes_on
 
 
+def test_a_turn_that_is_too_fast_is_held_back() -> None:
+    turned = (math.cos(0.4), 0.0, 0.0, math.sin(0.4))
+    state = SUPERVISOR.initial(ORIGIN)
+    request = replace(asked(0.0), quaternion=turned)
+    verdict = SUPERVISOR.step(state, observed(QUIET, quaternion=(1.0, 0.0, 0.0, 0.0)), request)[1]
+    assert isinstance(verdict, Clamp)
+    assert verdict.is_for(Cause.TURN)
+
+
 def test_a_retraction_without_a_force_goes_slowly_and_then_no_farther() -> None:
     state = SUPERVISOR.initial((0.0, 0.0, -5e-3), 5e-3)
     for depth, goes_on in ((5e-3, True), (0.0, False)):
@@ -193,6 +202,10 @@ def fault(on: str, name: str, phase: str = "connect", after_s: float = 0.0, **va
 RUNS: dict[Cause, tuple[dict[str, Any], list[dict[str, Any]]]] = {
     Cause.ROBOT_NOT_READY: (S3, [fault("robot", "emergency-stop")]),
     Cause.SENSOR_FAILED: (S3, [{**fault("sensor-wire", "off"), "for_s": 600.0}]),
+    Cause.ZERO_SILENT: (
+        {**S3, "robot": {"emulated": "egm"}},
+        [{**fault("sensor-wire", "mute", "tare", 0.6), "for_s": 600.0}],
+    ),
     Cause.UNSTEADY: (S3, [fault("signal", "drift", per_s=30.0)]),
     Cause.WEIGHT: (S3, [fault("signal", "dead")]),
     Cause.UNVERIFIED_AXIS: ({**S3, "cell": {"tool": {"mass_kg": 0.05}}}, []),

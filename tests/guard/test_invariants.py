@@ -104,6 +104,13 @@ def decided_otherwise(evidence: Evidence) -> Evidence:
     return recorded(evidence, cycles=(*cycles[:4], other, *cycles[5:]))
 
 
+def tracks_again(evidence: Evidence) -> Evidence:
+    """A recording without inputs, which no replay can judge."""
+    cycles = [changed(cycle, sample=None) for cycle in evidence.recording.cycles]
+    cycles[-1] = changed(cycles[-1], phase="track")
+    return recorded(evidence, cycles=tuple(cycles))
+
+
 PLANTS: dict[str, tuple[Promise, Plant]] = {
     "order deeper": (Promise.ORDERS, deeper_after_stop),
     "pressing end": (
@@ -119,6 +126,7 @@ PLANTS: dict[str, tuple[Promise, Plant]] = {
     "decided otherwise": (Promise.REPLAY, decided_otherwise),
     "cut": (Promise.WHOLE, lambda run: recorded(run, truncated=True)),
     "no end": (Promise.WHOLE, lambda run: recorded(run, end={})),
+    "phase goes back": (Promise.MODEL, tracks_again),
     "exit code": (Promise.EXIT, lambda run: replace(run, exit_code=3)),
 }
 
@@ -132,7 +140,9 @@ def test_a_healthy_run_keeps_every_promise(healthy: Evidence) -> None:
 def test_a_planted_violation_is_found_alone(healthy: Evidence, name: str) -> None:
     promise, plant = PLANTS[name]
     violations = broken_promises(plant(healthy))
-    others = {Promise.REPLAY} if promise is Promise.ORDERS else set()  # no other order was decided
+    others = {"order deeper": {Promise.REPLAY}}.get(name, set())  # no other order was decided
+    if name in ("order deeper", "gate", "other depth"):  # the model sees them too
+        others |= {Promise.MODEL}
     assert {violation.promise for violation in violations} == {promise} | others
     text = violation_text(violations[0])
     assert text.startswith(f"{promise}: ")
@@ -148,7 +158,8 @@ def test_an_unknown_force_is_no_lie(healthy: Evidence) -> None:
     assert healthy.trace is not None
     forces = last(healthy.trace.forces, 30.0)
     unknown = rest(traced(healthy, forces=forces), force_n=None, retracted=False)
-    stopped = recorded(unknown, end={**unknown.recording.end, "outcome": "stopped"})
+    end = {**unknown.recording.end, "outcome": "stopped", "cause": Cause.CELL_FAILED}
+    stopped = recorded(unknown, end=end)
     assert broken_promises(replace(stopped, exit_code=3)) == ()
 
 

@@ -1,5 +1,6 @@
 """The environment of Gymnasium: a run of the bridge, one decision at a time."""
 
+import math
 import threading
 import warnings
 from pathlib import Path
@@ -15,6 +16,7 @@ import hil_bridge
 from hil_bridge.control.laws.policy import OBSERVED
 from hil_bridge.errors import Cause, ConfigError
 from hil_bridge.gym import ENVIRONMENT, FollowEnv, PolicyController, Transition, replay_policy
+from protocol.geometry import angle_between
 from tests import near_surface
 from tests.near_surface import merged
 
@@ -46,7 +48,8 @@ def play(env: Any, policy: Any, seed: int | None = None) -> tuple[list[float], l
 def test_checker_of_gymnasium_finds_nothing() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        check_env(gymnasium.make(ENVIRONMENT, config=NEAR).unwrapped)
+        for actions in (("along",), ("along", "turn")):
+            check_env(gymnasium.make(ENVIRONMENT, config=NEAR, actions=actions).unwrapped)
 
 
 def test_seed_repeats_episodes() -> None:
@@ -63,7 +66,12 @@ def test_seed_repeats_episodes() -> None:
 
 @pytest.mark.parametrize(
     ("robot", "sensor", "axes"),
-    [("s3", "jr3", ("along",)), ("s3", "jr3", ("along", "across")), ("egm", "netft", ("along",))],
+    [
+        ("s3", "jr3", ("along",)),
+        ("s3", "jr3", ("along", "across")),
+        ("s3", "jr3", ("along", "turn")),
+        ("egm", "netft", ("along",)),
+    ],
 )
 def test_policy_decides_alike_in_a_run(robot: str, sensor: str, axes: Any) -> None:
     policy = gentle if len(axes) == 1 else lambda observation: [*gentle(observation), 0.3]
@@ -81,7 +89,10 @@ def test_policy_decides_alike_in_a_run(robot: str, sensor: str, axes: Any) -> No
     assert len(observed) > 3
     assert result.outcome == info["outcome"] == "completed"
     assert info["truncated"]
-    if len(axes) == 2:
+    if axes[-1] == "turn":
+        commanded = result.cycles[-1].quaternion_commanded
+        assert angle_between(commanded, result.cycles[0].quaternion) > math.radians(0.5)
+    if axes[-1] == "across":
         assert result.cycles[-1].across_commanded > 1e-4
 
 
@@ -207,7 +218,7 @@ def test_memory_and_threads_stay_flat() -> None:
     [
         ({"reward": "none-such"}, "there is no reward 'none-such'; choose one of force-error"),
         ({"gravity": 1}, "has no argument 'gravity'"),
-        ({"actions": ("down",)}, "axes must be one or more of along, across"),
+        ({"actions": ("down",)}, "axes must be one or more of along, across, turn"),
         (
             {"randomise": {"cell.surface.stiffness_n_m": 5}},
             "randomise.cell.surface.stiffness_n_m must be a range",

@@ -280,7 +280,7 @@ class Stroke:
             depth = max(commanded - max(step, escape), 0.0)
         else:
             careful = min(step, self.careful_step(measurement.position - commanded, measurement.dt))
-            depth = max(commanded - max(careful, escape), goal)
+            depth = max(commanded - max(careful, escape), min(goal, commanded))  # it may be beyond the goal
         # A command that the supervisor held back at the workspace's border does not count as arrived.
         phase = _END if commanded <= goal + _ROUNDING else state.phase
         return replace(state, phase=phase, turn=turn), Order(_RETRACT, depth)

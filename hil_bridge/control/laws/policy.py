@@ -26,9 +26,12 @@ Policy: TypeAlias = Callable[[Observed], ArrayLike]
 """Takes an observation, shape `(len(OBSERVED),)`, and answers an action in −1 … 1 for each axis. It must be pure: the
 same observation, the same action. A replay is exact because of this.
 """
-Axis: TypeAlias = Literal["along", "across"]
-AXES: tuple[Axis, ...] = ("along", "across")
-"""Axes of an action: the approach direction, and the third direction of the work frame, beside the way."""
+Axis: TypeAlias = Literal["along", "across", "turn"]
+AXES: tuple[Axis, ...] = ("along", "across", "turn")
+"""Axes of an action: the approach direction; the third direction of the work frame, beside the way; and the turn about
+that direction, which tips the tool towards the way.
+"""
+TURN = AXES[2]
 
 
 class Quantity(NamedTuple):
@@ -127,7 +130,7 @@ class PolicyState(Struct, frozen=True):
 
 def _check(controller: "PolicyController | PolicyFile") -> None:
     """Raise SettingError for a setting that cannot be."""
-    for name in ("speed_mm_s", "sample_ms"):
+    for name in ("speed_mm_s", "turn_deg_s", "sample_ms"):
         value = getattr(controller, name)
         if not (math.isfinite(value) and value > 0.0):
             raise SettingError(name, "must be above 0")
@@ -151,12 +154,11 @@ def _answer(
     if not np.isfinite(action).all():
         raise ValueError(f"the policy answers {action.tolist()}: no numbers")
     farthest = controller.speed_mm_s * 1e-3 * measurement.dt
-    ways = {
-        axis: float(share) * farthest for axis, share in zip(axes, np.clip(action, -1.0, 1.0), strict=True)
-    }
-    along, across = ways.get("along", 0.0), ways.get("across", 0.0)
+    within = dict(zip(axes, np.clip(action, -1.0, 1.0).tolist(), strict=True))
+    along, across = (within.get(axis, 0.0) * farthest for axis in AXES[:2])
+    turn = within.get(TURN, 0.0) * math.radians(controller.turn_deg_s) * measurement.dt
     shares = {f"action_{axis}": float(share) for axis, share in zip(axes, action, strict=True)}
-    command = Command(measurement.commanded + along, along, explanation=shares, across=across)
+    command = Command(measurement.commanded + along, along, explanation=shares, across=across, turn=turn)
     return PolicyState(measurement.force), command
 
 
@@ -175,8 +177,15 @@ class PolicyController:
     """Axes of the action, in its order."""
     speed_mm_s: float = 5.0
     """Speed at which the set point moves for an action of 1, mm/s. Chosen: below the guard's limit for going deeper."""
+    turn_deg_s: float = 5.0
+    """Speed at which the tool turns for an action of 1, °/s. Chosen: below the guard's limit, `limits.turn_deg_s`."""
     sample_ms: float = SAMPLE_MS
     """Sample time that the policy was made for, ms; a run takes that of the robot's cycle."""
+
+    @property
+    def turns(self) -> bool:
+        """Whether it turns the tool."""
+        return TURN in self.axes
 
     def __post_init__(self) -> None:
         _check(self)
@@ -198,7 +207,8 @@ class PolicyController:
 
 @dataclass(frozen=True)
 class PolicyFile:
-    """A policy in an ONNX file. Its input is one observation, its output an action: along, or along and across.
+    """A policy in an ONNX file. Its input is one observation, its output an action: 1 to 3 numbers for the axes along,
+    across and turn, in this order.
 
     The file is read once, before the run. It needs the extra `onnx`.
     """
@@ -212,6 +222,8 @@ class PolicyFile:
     """SHA-256 of the file: another content is refused. Empty takes any."""
     speed_mm_s: float = 5.0
     """Speed at which the set point moves for an action of 1, mm/s: that with which the policy was trained."""
+    turn_deg_s: float = 5.0
+    """Speed at which the tool turns for an action of 1, °/s: that with which the policy was trained."""
     sample_ms: float = SAMPLE_MS
     """Sample time that the policy was made for, ms; a run takes that of the robot's cycle."""
     policy: Policy = field(init=False, repr=False, compare=False)
@@ -233,7 +245,12 @@ class PolicyFile:
         object.__setattr__(self, "axes", AXES[:count])
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return PolicyFile, (self.file, self.sha256, self.speed_mm_s, self.sample_ms)
+        return PolicyFile, (self.file, self.sha256, self.speed_mm_s, self.turn_deg_s, self.sample_ms)
+
+    @property
+    def turns(self) -> bool:
+        """Whether it turns the tool."""
+        return TURN in self.axes
 
     def initial(self) -> PolicyState:
         """State before the first sample in contact."""

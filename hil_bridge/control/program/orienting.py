@@ -9,11 +9,9 @@ from hil_bridge.control.program.facing import Facing, inward
 from hil_bridge.control.program.felt import WorkFrame
 from hil_bridge.control.program.leg import Leg
 from hil_bridge.control.program.state import ProgramState
+from hil_bridge.control.steps.across import TURNED_SHARE
 from hil_bridge.control.steps.paths import Place
-from protocol.geometry import Quaternion
-
-_BELOW = 0.999
-"""Share of the turning speed that is used: rounding must not make the guard clamp."""
+from protocol.geometry import Quaternion, product, turn_about
 
 
 def heading_of(leg: Leg, state: ProgramState) -> Place:
@@ -27,7 +25,7 @@ def turn_tool(state: ProgramState, leg: Leg, frame: WorkFrame, facing: Facing, d
     """State with the orientation that the leg wants, as far as it may be turned in one sample."""
     if state.home is None or (wanted := _choose_orientation(state, leg, frame, facing)) is None:
         return state
-    rate = math.radians(leg.limits.turn_deg_s) * _BELOW
+    rate = math.radians(leg.limits.turn_deg_s) * TURNED_SHARE
     return replace(state, turned=brought(state.turned or state.home, wanted, rate * dt))
 
 
@@ -45,5 +43,8 @@ def _choose_orientation(state: ProgramState, leg: Leg, frame: WorkFrame, facing:
                 a * i + t * j + b * k for i, j, k in zip(frame.approach, frame.x, frame.y, strict=True)
             )
             return tip_tool(state.home, (x, y, z))
+        case "led" if state.lean or state.turned is not None:
+            x, y, z = frame.y
+            return product(turn_about((-x, -y, -z), state.lean), state.home)
         case _:
             return None

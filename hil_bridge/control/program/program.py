@@ -234,6 +234,7 @@ class Program:
             local=0.0,
             reached=0.0,
             aside=0.0,
+            lean=0.0,
             stage=0,
             since=now,
             stuck=0.0,

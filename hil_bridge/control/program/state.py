@@ -108,6 +108,8 @@ class ProgramState(Struct, frozen=True):
     """Depth of the plane that the normal predicts at the commanded place, from that of the first contact, m."""
     aside: float = 0.0
     """Commanded way to the left of the path, m."""
+    lean: float = 0.0
+    """Angle by which the controller tips the tool's axis towards the travel, from the start's orientation, rad."""
     stage: int = 0
     """Part of a step that has several."""
     stage_at: float = 0.0

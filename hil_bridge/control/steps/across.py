@@ -1,5 +1,8 @@
-"""The axis across the path: yielding to a force, pressing with one, or where the controller leads. Pure."""
+"""The axis across the path: yielding to a force, pressing with one, or where the controller leads; and the turn about
+it, where the controller tips the tool. Pure.
+"""
 
+import math
 from typing import TYPE_CHECKING, Any
 
 from hil_bridge.control.course.stroke import Order, Stroke, StrokeState
@@ -10,6 +13,8 @@ from hil_bridge.control.types import Measurement, ask, begin
 if TYPE_CHECKING:
     from hil_bridge.control.steps.track import Track
 
+TURNED_SHARE = 0.999
+"""Share of the guard's limits of turning that is used: rounding must not make the guard clamp."""
 _YIELD_S = 0.3
 """Chosen: time constant with which the tool yields."""
 
@@ -29,6 +34,22 @@ def aside_by(
     most, farthest = leg.stroke.parameters.speed_mm_s * 1e-3 * dt, step.across_mm * 1e-3
     aside = state.aside + min(max(command.across, -most), most)
     return min(max(aside, -farthest), farthest)
+
+
+def leaning(leg: Leg, before: float, pressed: tuple[StrokeState, Order], dt: float) -> float:
+    """The angle by which the controller tips the tool towards the travel, rad, with what it adds in this sample to that
+    before. `pressed` is what the stroke has made of it.
+
+    It is no faster and no farther than the guard allows, so that nothing that was cut off is made up for later.
+    """
+    stroke, order = pressed
+    command = order.command
+    if command is None or not stroke.in_contact:
+        return before
+    most = math.radians(leg.limits.turn_deg_s) * TURNED_SHARE * dt
+    farthest = math.radians(leg.limits.turn_total_deg) * TURNED_SHARE
+    lean = before + min(max(command.turn, -most), most)
+    return min(max(lean, -farthest), farthest)
 
 
 def beside(

@@ -16,6 +16,7 @@ from hil_bridge.control.course.stroke import Order, Stride, StrokeState
 from hil_bridge.control.program.leg import Leg
 from hil_bridge.control.program.outcome import count_sample
 from hil_bridge.control.program.state import Felt, ProgramState
+from hil_bridge.control.steps.across import leaning
 from hil_bridge.control.steps.paths import Place
 from hil_bridge.control.steps.seam import Step, Taken, need_contact
 from hil_bridge.control.types import Command
@@ -94,7 +95,9 @@ class PressingStep(Step):
         stroke, order = leg.stroke.step(state.stroke, shown, stride)
         if stroke.travel < state.base:
             stroke = replace(stroke, travel=state.base)
-        led = self.lead(leg, state, stroke, order, felt)
+        led, lean = self.lead(leg, state, stroke, order, felt), state.lean
+        if self.orientation == "led" and not felt.sample.held:
+            lean = leaning(leg, lean, (stroke, order), measurement.dt)
         raised = ground + rise(fall, before.at, led.at) if fall != FLAT else ground
         tally, this_pass = count_sample(state, leg, stroke, measurement, stride.reference)
         state = replace(
@@ -105,6 +108,7 @@ class PressingStep(Step):
             aside=led.aside,
             heading=led.heading,
             memory=led.memory,
+            lean=lean,
             ground=raised,
             tally=tally,
             this_pass=this_pass,

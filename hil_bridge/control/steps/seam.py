@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     from hil_bridge.control.program.leg import Leg
     from hil_bridge.control.program.state import Felt, ProgramState
 
-Orientation: TypeAlias = Literal["fixed", "along-path", "normal"]
+Orientation: TypeAlias = Literal["fixed", "along-path", "normal", "led"]
 """fixed: as at the start. along-path: turned about the approach so that it looks along the path as at its begin.
-normal: perpendicular to the surface.
+normal: perpendicular to the surface. led: tipped along the travel by the controller.
 """
 ForceProfile: TypeAlias = float | tuple[tuple[float, float], ...]
 """A force, N, or pairs of way in mm and force in N, with straight ramps between."""

@@ -5,11 +5,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
-from hil_bridge.record.analysis.figures import FIGURES, JUDGED
+from hil_bridge.record.analysis.figures import COUNTED, FIGURES, JUDGED
 
-Figure: TypeAlias = int | float | bool | str | dict[str, str] | None
-"""A number in the unit of its name, an answer, a word, or words by the name of a promise; None where the run did not
-show it.
+Figure: TypeAlias = int | float | bool | str | dict[str, str | int] | None
+"""A number in the unit of its name, an answer, a word, words by the name of a promise, or counts by name; None where
+the run did not show it.
 """
 Figures: TypeAlias = Mapping[str, Figure]
 
@@ -131,6 +131,8 @@ def problem_of(figure: str, wanted: object) -> str | None:
         return f"is no figure; choose from {', '.join(JUDGED)}"
     if figure == "promises":
         return "is in words; use promises_broken"
+    if figure in COUNTED:
+        return "is a table of counts, and no criterion"
     if figure == "outcome":
         asked = wanted if isinstance(wanted, list) else [wanted]
         if not asked or any(word not in OUTCOMES for word in asked):

@@ -10,6 +10,7 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.lab.campaign.criteria import Criterion, Figure, find_unmet
 from hil_bridge.lab.campaign.overlay import config_with
 from hil_bridge.lab.campaign.store import Done
+from hil_bridge.lab.campaign.striking import struck_causes, struck_faults
 from hil_bridge.lab.campaign.watching import Watch, recovery_s
 from hil_bridge.lab.invariants import (
     Evidence,
@@ -125,9 +126,15 @@ def _measure(seen: _Seen, running: Simulation) -> Ran:
         figures |= {"force_true_max_n": float(forces.max()), "force_true_end_n": float(forces[-1])}
         if faults := running.cell.faults:
             figures["struck"] = sum(fault.struck for fault in faults)
+            figures["faults_struck"] = {**struck_faults(running.config, faults)}
             if figures["outcome"] == "completed":
                 figures["recovery_s"] = recovery_s(result.recording, seen.watch.fault_ends(), times, forces)
         figures |= _promises(running, seen.watch)
+    causes = struck_causes(result.recording)
+    if seen.error is not None and seen.error.cause is not None:
+        causes |= {str(seen.error.cause): 1}
+    if causes:
+        figures["causes"] = {**causes}
     if result.events:
         figures["duration_s"] = result.events[-1].at - result.events[0].at
     if result.cycles:

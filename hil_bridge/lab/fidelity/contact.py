@@ -83,7 +83,7 @@ def _pressed(surface: Surface, profile: SurfaceProfile, times: Floats, depth: Fl
 
 def laws_of(measured: Table, emulated: Table) -> tuple[Law, ...]:
     """The law force = a · depth^n of both, with a, n and the touch fitted: n, and the law's stiffness at forces."""
-    fits = [_fit(table) for table in (measured, emulated)]
+    fits = [fit_law(table) for table in (measured, emulated)]
     laws = [Law("exponent of the depth", "", *(exponent for exponent, _ in fits))]
     laws += [
         Law(
@@ -100,12 +100,12 @@ def laws_of(measured: Table, emulated: Table) -> tuple[Law, ...]:
     return tuple(law for law in laws if not (math.isnan(law.measured) and math.isnan(law.emulated)))
 
 
-def _fit(table: Table) -> tuple[float, float]:
-    """Exponent n and scale a, N/m^n; NaN where the force tells none."""
+def fit_law(table: Table) -> tuple[float, float]:
+    """Exponent n and scale a, N/m^n, of force = a · depth^n; NaN where the force tells none."""
     depth, press = table.columns["depth"], table.columns["press"]
     most = float(press.max())
     inside = press > _LAW_SHARE * most
-    if not most > 0.0 or inside.sum() < LEAST_SAMPLES or not np.ptp(depth[inside]):
+    if not most > 0.0 or inside.sum() < LEAST_SAMPLES // 2 or not np.ptp(depth[inside]):
         return math.nan, math.nan
     depth, press = depth[inside] - float(depth[inside].min()), press[inside] / most
     span = float(np.ptp(depth))

@@ -9,6 +9,7 @@ from msgspec.structs import replace
 from hil_bridge.devices.kinds import ROBOTS, SENSORS
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.text_files import format_path
+from hil_bridge.lab.fidelity.bags import table_of_bag
 from hil_bridge.lab.fidelity.comparing import (
     Comparison,
     Sides,
@@ -24,6 +25,9 @@ from hil_bridge.lab.fidelity.sensing import LOADS, emulate_sensor, with_load
 from hil_bridge.lab.fidelity.tables import WRENCH, Table, read_table
 from hil_bridge.record import Recording
 from hil_bridge.record import read as read_recording
+from hil_bridge.record.foreign import BagChoices
+from hil_bridge.record.ros.bag_file import is_bag
+from hil_bridge.record.ros.bag_reader import read_bag
 from hil_bridge.runs.replay import changes_of, recorded_config
 from hil_bridge.settings.configuration import Config, lay_over, load_config
 
@@ -46,11 +50,20 @@ class Measured(NamedTuple):
 
     table: Table
     run: Recording | None = None
-    """The run that it is of; None for a table."""
+    """The run that it is of; None for a table and for a bag."""
 
 
-def read(recording: Path, mapping: Path | None, kind: str) -> Measured:
-    """The quantities of a recording, of a table with a mapping, else of a run, for a kind. Raises ConfigError."""
+def read(recording: Path, mapping: Path | None, kind: str, bag: BagChoices | None = None) -> Measured:
+    """The quantities of a recording for a kind: of a table with a mapping, of a bag of ROS 2, else of a run.
+
+    Raises ConfigError.
+    """
+    if is_bag(recording):
+        if mapping is not None:
+            raise ConfigError(
+                f"{format_path(recording)} is a bag of ROS 2: give --topic in place of --columns"
+            )
+        return Measured(table_of_bag(read_bag(recording, bag)))
     if mapping is not None:
         return Measured(read_table(recording, mapping))
     if recording.suffix.lower() in _TABLES:

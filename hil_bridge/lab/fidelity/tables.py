@@ -28,6 +28,7 @@ from hil_bridge.devices.playing import FAMILIES as OF_ROBOTS
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.text_files import format_path, format_value, read_text, read_toml
 from hil_bridge.lab.fidelity.measures import LEAST_SAMPLES, Floats
+from hil_bridge.record.foreign import LARGEST
 
 ROTATION = tuple(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
 FAMILIES: Mapping[str, tuple[str, ...]] = {
@@ -59,8 +60,6 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 """Units of each family, and their sizes in its own, which is the first."""
 LONGEST_S = 3600.0
 """Chosen: the longest recording that is played. It keeps a wrong unit of time from running for days."""
-LARGEST = 1e6
-"""Chosen: the largest value of a quantity, in its first unit. No device comes near, and squares stay numbers."""
 ROWS_MOST = 2_000_000
 """Chosen: rows of a table at most. An hour at 500 Hz has less."""
 _SEPARATORS = {",": ",", ";": ";", "tab": "\t", "space": None}

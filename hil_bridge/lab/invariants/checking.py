@@ -6,6 +6,7 @@ from hil_bridge.lab.invariants.course import bugs, gate_stops, unfit_codes, unwh
 from hil_bridge.lab.invariants.ends import untold_ends, untrue_lines
 from hil_bridge.lab.invariants.evidence import Evidence, Promise, Violation
 from hil_bridge.lab.invariants.force import beyond_bound
+from hil_bridge.lab.invariants.modelled import unaccepted_cycles
 from hil_bridge.lab.invariants.orders import deeper_orders
 from hil_bridge.lab.invariants.replayed import other_decisions
 from hil_bridge.lab.invariants.speed import too_fast
@@ -22,6 +23,7 @@ CHECKERS: Mapping[Promise, Callable[[Evidence], Iterator[Violation]]] = {
     Promise.WHOLE: unwhole,
     Promise.EXIT: unfit_codes,
     Promise.BUG: bugs,
+    Promise.MODEL: unaccepted_cycles,
 }
 """The checker of each promise."""
 

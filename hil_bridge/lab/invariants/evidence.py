@@ -28,6 +28,7 @@ class Promise(StrEnum):
     WHOLE = "ended-and-whole"
     EXIT = "exit-code-fits"
     BUG = "no-bug"
+    MODEL = "model-accepts"
 
 
 _TEXTS: Mapping[Promise, str] = {
@@ -41,6 +42,7 @@ _TEXTS: Mapping[Promise, str] = {
     Promise.WHOLE: "the recording is not whole, or the run lasted {lasted_s:.0f} s",
     Promise.EXIT: "the exit code {code:.0f} does not fit the outcome",
     Promise.BUG: "a bug ended the run",
+    Promise.MODEL: "the model of the guard does not accept what cycle {cycle:.0f} shows",
 }
 """Words for each promise that was broken, with places for its figures."""
 

@@ -3,11 +3,9 @@
 import math
 from collections.abc import Iterator
 
+from hil_bridge.lab.guard_model.tracing import ROUNDING_M
 from hil_bridge.lab.invariants.evidence import Evidence, Promise, Violation
 from hil_bridge.record import STOP_EVENT
-
-ROUNDING_M = 1e-6
-"""Chosen: two orders for the same depth differ by less, m."""
 
 
 def deeper_orders(evidence: Evidence) -> Iterator[Violation]:

@@ -27,6 +27,8 @@ class Group(StrEnum):
     """Of the tracked force: `Summary.figures`, and the fields of `FiguresOfMerit`."""
     RUN = "run"
     """Other facts of a run: fields of `Summary`."""
+    CONTACT = "contact"
+    """Of the force while the tool touches, whatever was wanted: `Summary.contact`."""
     CAMPAIGN = "campaign"
     """Figures that a campaign adds from the truth of an emulated cell."""
 
@@ -71,7 +73,7 @@ def quantity(value: float | None, scale: float, form: str, unit: str) -> str:
     return UNKNOWN if value is None else f"{value * scale:{form}} {unit}".rstrip().replace("-", "−")
 
 
-_CAMPAIGN, _RUN = Group.CAMPAIGN, Group.RUN
+_CAMPAIGN, _CONTACT, _RUN = Group.CAMPAIGN, Group.CONTACT, Group.RUN
 _TABLE = (
     Definition(
         "outcome",
@@ -129,6 +131,24 @@ _TABLE = (
     ),
     Definition("cycles", "cycles", "", "control cycles", _RUN, Good.NONE, ".0f"),
     Definition("struck", "faults struck", "", "times that faults had an effect", _CAMPAIGN, Good.NONE, ".0f"),
+    Definition(
+        "faults_struck",
+        "struck by",
+        "",
+        "the same for each fault, by device, target and fault",
+        _CAMPAIGN,
+        Good.NONE,
+        "",
+    ),
+    Definition(
+        "causes",
+        "causes",
+        "",
+        "how often the run told each row of the table of causes that ended it or followed",
+        _CAMPAIGN,
+        Good.NONE,
+        "",
+    ),
     Definition(
         "recovery_s",
         "recovery",
@@ -228,16 +248,78 @@ _TABLE = (
         ".1f",
         scale=1e3,
     ),
+    Definition(
+        "contact_force_mean_n",
+        "mean contact force",
+        "N",
+        "mean force of the samples in contact",
+        _CONTACT,
+        Good.NONE,
+        ".2f",
+    ),
+    Definition(
+        "contact_force_rms_n",
+        "RMS contact force",
+        "N",
+        "root mean square of the same",
+        _CONTACT,
+        Good.NONE,
+        ".2f",
+    ),
+    Definition(
+        "contact_force_deviation_n",
+        "deviation of the contact force",
+        "N",
+        "standard deviation of the same",
+        _CONTACT,
+        Good.NONE,
+        ".2f",
+    ),
+    Definition(
+        "contact_force_peak_n", "peak contact force", "N", "largest of the same", _CONTACT, Good.NONE, ".2f"
+    ),
+    Definition(
+        "contact_lateral_peak_n",
+        "peak lateral force",
+        "N",
+        "largest force across the contact axis, in contact",
+        _CONTACT,
+        Good.NONE,
+        ".2f",
+    ),
+    Definition(
+        "contact_moment_peak_nm",
+        "peak moment",
+        "N·m",
+        "largest magnitude of the moment, in contact",
+        _CONTACT,
+        Good.NONE,
+        ".3f",
+    ),
+    Definition(
+        "contact_s",
+        "time in contact",
+        "s",
+        "time for which the force was above the threshold of the contact",
+        _CONTACT,
+        Good.NONE,
+        ".2f",
+    ),
+    Definition("contacts", "contacts", "", "times that the force rose above it", _CONTACT, Good.NONE, ".0f"),
 )
 FIGURES: Mapping[str, Definition] = {one.key: one for one in _TABLE}
 """Every figure by its key."""
 MERIT = tuple(one for one in _TABLE if one.group is Group.MERIT)
 """Figures of merit, in the order in which they are shown."""
+CONTACT = tuple(one for one in _TABLE if one.group is Group.CONTACT)
+"""Figures of a contact, in the order in which they are shown."""
 TUNED = tuple(dict.fromkeys(one.key for one in (*MERIT, *_TABLE) if one.least is not None))
 """Figures that a search may make small."""
 JUDGED = tuple(one.key for one in _TABLE[: _TABLE.index(MERIT[-1]) + 1])
 """Figures of a campaign's run, which a criterion may name."""
-WORDS = ("outcome", "retracted", "promises")
+COUNTED = ("faults_struck", "causes")
+"""Figures that are counts by name."""
+WORDS = ("outcome", "retracted", "promises", *COUNTED)
 """Figures that are no numbers."""
 
 

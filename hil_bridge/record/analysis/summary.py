@@ -12,6 +12,7 @@ import msgspec
 from hil_bridge.control.analysis.merit import STEADY_SAMPLES
 from hil_bridge.errors.causes import Cause, Reason
 from hil_bridge.record.analysis.answers import answers_of
+from hil_bridge.record.analysis.contact import contact_figures
 from hil_bridge.record.analysis.figures import MERIT
 from hil_bridge.record.analysis.latency import latency_of
 from hil_bridge.record.analysis.steps import StepOutcome, step_outcomes
@@ -27,6 +28,8 @@ from hil_bridge.record.topics import SENSOR, TOPICS
 
 RETRACT = "retract"
 """The phase in which the tool is pulled back."""
+UNTOLD = "not told"
+"""Outcome of a recording that tells none, as a bag of ROS 2."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +76,10 @@ class Summary:
     """Figures of merit of the tracking phase, by the keys of `analysis.figures`. The sample that stopped it counts for
     the largest force and the overshoot. Of several strokes: the slowest rise, the steady state of the last, else over
     all.
+    """
+    contact: Mapping[str, float | None]
+    """Figures of the contact, by the keys of `analysis.figures`: of the samples whose force is above 1 N, or above the
+    threshold with which a bag was read.
     """
     phases_s: Mapping[str, float]
     """Duration by phase, in order of first appearance."""
@@ -126,16 +133,18 @@ def summarise(recording: Recording, end: RunEnd | None = None) -> Summary:
     )
     steady = figures.get("steady_mean_error_n") is not None
     tracked = [cycle for stroke in strokes for cycle in stroke]
-    references = [cycle.force_reference for cycle in tracked or cycles]
+    references = [
+        cycle.force_reference for cycle in tracked or cycles if not math.isnan(cycle.force_reference)
+    ]
     tail = strokes[-1][-STEADY_SAMPLES:] if strokes else []
     steady = steady and len({cycle.force_reference for cycle in tail}) == 1
     spans = phases(recording)
     latency, answers = latency_of(recording), answers_of(cycles, robot, end.link)
     steps = step_outcomes(recording.steps)
     return Summary(
-        outcome=end.outcome.value,
-        cause=end.cause or "",
-        text=end.text,
+        outcome=end.outcome.value if recording.foreign is None else UNTOLD,
+        cause="" if recording.foreign else end.cause or "",
+        text="" if recording.foreign else end.text,
         late_s=end.reason.late_s if end.reason else 0.0,
         followed=tuple(map(str, end.followed)),
         left=end.left,
@@ -148,6 +157,7 @@ def summarise(recording: Recording, end: RunEnd | None = None) -> Summary:
         force_mean_steady_n=statistics.fmean(cycle.force for cycle in tail) if steady else None,
         strokes=len(strokes),
         figures=figures,
+        contact=contact_figures(recording),
         phases_s={
             name: sum(span.end - span.begin for span in spans if span.name == name)
             for name in dict.fromkeys(span.name for span in spans)

@@ -56,6 +56,8 @@ def why(recording: Recording, file: object = "FILE") -> str:
     One sentence for a run that completed. `file` names the recording for commands to give next. Times count from the
     start of the recording.
     """
+    if recording.foreign is not None:
+        return "It is a bag of ROS 2: no end and no cause is told in it."
     end = end_of(recording)
     if end.outcome is Outcome.COMPLETED:
         return _describe_completed(recording, end)

@@ -1,70 +1,24 @@
 """A recording as a bag of ROS 2: a folder with `metadata.yaml` and an MCAP file of CDR messages; no ROS is needed.
 
-| topic | type | frame | content |
-| --- | --- | --- | --- |
-| /force_torque_sensor_broadcaster/wrench | WrenchStamped | ft_frame | every frame of the sensor, from its zero |
-| /contact/wrench | WrenchStamped | tool0 | wrench on the tool after bias and gravity |
-| /truth/wrench | WrenchStamped | base | force of the emulated surface; its torque is not known, NaN |
-| /pose_broadcaster/pose | PoseStamped | base | reported pose of the tool |
-| /target_pose | PoseStamped | base | commanded pose of the tool |
-| /joint_states | JointState | base | true joints of an emulated robot, rad |
-| /diagnostics | DiagnosticArray | | events of the run |
-| /tf | TFMessage | base | tool0, tool0_target and tool0_true in base |
-
-Wrenches are N and N·m, positions m. Frames have the names of ROS-Industrial's robots.
-Reference: REP 103 for units, REP 199 for `base` and `tool0`.
+`record.ros.messages` tells the topics.
 """
 
-import math
+import itertools
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from operator import itemgetter
+from collections.abc import Mapping
+from operator import attrgetter
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Literal
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.errors.extras import install_command
-from hil_bridge.record import CycleRecord, EventRecord, Recording, SensorRecord, TruthRecord
+from hil_bridge.record import Recording
 from hil_bridge.record.device_facts import devices_of
-from hil_bridge.record.ending import ALARMS, CAUTIONS
-from hil_bridge.record.scenes import whole_text
-from protocol.wrench import wrench_of
+from hil_bridge.record.ros.messages import TOPICS, Messages, need_rosbags
 
 BAG_NAME = "bag"
 """Name of the MCAP file in the folder, which the metadata tell."""
-BASE, TOOL, TARGET, TRUE, SENSOR = "base", "tool0", "tool0_target", "tool0_true", "ft_frame"
-_SECONDS_MAX = 1 << 31
-"""A stamp lies below this, s. Source: builtin_interfaces/msg/Time has 32 bits with a sign."""
 _METADATA_VERSION: Literal[8] = 8
 """Of rosbag2's metadata, in the form that ROS 2 Humble and later read."""
-
-WRENCH, POSE, JOINTS, DIAGNOSTICS, TRANSFORMS = (
-    "geometry_msgs/msg/WrenchStamped",
-    "geometry_msgs/msg/PoseStamped",
-    "sensor_msgs/msg/JointState",
-    "diagnostic_msgs/msg/DiagnosticArray",
-    "tf2_msgs/msg/TFMessage",
-)
-TOPICS: Mapping[str, str] = {
-    "/force_torque_sensor_broadcaster/wrench": WRENCH,
-    "/contact/wrench": WRENCH,
-    "/truth/wrench": WRENCH,
-    "/pose_broadcaster/pose": POSE,
-    "/target_pose": POSE,
-    "/joint_states": JOINTS,
-    "/diagnostics": DIAGNOSTICS,
-    "/tf": TRANSFORMS,
-}
-"""Type of the messages of each topic."""
-_SENSED, _CONTACT, _TRUTH, _REPORTED, _COMMANDED, _JOINTS, _EVENTS, _TF = TOPICS
-
-
-class _Stamped(NamedTuple):
-    """A message and its place."""
-
-    stamp_ns: int
-    topic: str
-    message: Any
 
 
 def bag_files(recording: Recording, zero_ns: int) -> tuple[Mapping[str, bytes], int]:
@@ -72,21 +26,22 @@ def bag_files(recording: Recording, zero_ns: int) -> tuple[Mapping[str, bytes], 
 
     Raises ConfigError where rosbags is not installed, and for a time that a stamp cannot hold.
     """
-    try:
-        from rosbags.interfaces import (
-            Qos,
-            QosDurability,
-            QosHistory,
-            QosLiveliness,
-            QosReliability,
-            QosTime,
-        )
-        from rosbags.rosbag2 import StoragePlugin, Writer
-        from rosbags.typesys import Stores, get_typestore
-    except ImportError as error:
-        raise ConfigError(f"a bag of ROS 2 needs the package rosbags; {install_command('ros')}") from error
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    made = sorted(_Messages(store.types, zero_ns).of(recording), key=itemgetter(0))
+    need_rosbags()
+    from rosbags.interfaces import (
+        Qos,
+        QosDurability,
+        QosHistory,
+        QosLiveliness,
+        QosReliability,
+        QosTime,
+    )
+    from rosbags.rosbag2 import StoragePlugin, Writer
+
+    facts = devices_of(recording).sensor.facts
+    messages = Messages(zero_ns, None if facts is None else facts.scales)
+    streams = (recording.sensors, recording.cycles, recording.truths, recording.events)
+    records = itertools.chain.from_iterable(streams)
+    made = sorted((one for record in records for one in messages.of(record)), key=attrgetter("stamp_ns"))
     if not made:
         raise ConfigError("it holds nothing that a bag of ROS 2 has a place for; give --to bytes")
     unset = QosTime(0, 0)
@@ -108,134 +63,11 @@ def bag_files(recording: Recording, zero_ns: int) -> tuple[Mapping[str, bytes], 
         with Writer(place, version=_METADATA_VERSION, storage_plugin=StoragePlugin.MCAP) as bag:
             bag.set_custom_data("hil_bridge", recording.metadata.get("version", ""))
             connections = {
-                topic: bag.add_connection(topic, kind, typestore=store, offered_qos_profiles=[qos])
+                topic: bag.add_connection(topic, kind, typestore=messages.store, offered_qos_profiles=[qos])
                 for topic, kind in TOPICS.items()
                 if topic in used
             }
-            for stamp_ns, topic, message in made:
-                bag.write(connections[topic], stamp_ns, store.serialize_cdr(message, TOPICS[topic]))
+            for one in made:
+                bag.write(connections[one.topic], one.stamp_ns, messages.encode(one))
         files = {file.name: file.read_bytes() for file in sorted(place.iterdir())}
     return files, len(made)
-
-
-class _Messages:
-    """Makes messages of ROS 2 from the records of a run."""
-
-    def __init__(self, types: Mapping[str, Callable[..., Any]], zero_ns: int) -> None:
-        self._types = types
-        self._zero_ns = zero_ns
-
-    def of(self, recording: Recording) -> Iterator[_Stamped]:
-        """Messages of all records, not in order of time. What has no time has no message."""
-        facts = devices_of(recording).sensor.facts
-        for frame in recording.sensors if facts is not None else ():
-            assert facts is not None
-            yield from self._of_sensor(frame, facts.scales)
-        start = recording.cycles[0].quaternion if recording.cycles else ()
-        for cycle in recording.cycles:
-            yield from self._of_cycle(cycle, start)
-        for truth in recording.truths:
-            yield from self._of_truth(truth)
-        for event in recording.events:
-            yield from self._of_event(event)
-
-    def _of_sensor(self, frame: SensorRecord, scales: Sequence[float]) -> Iterator[_Stamped]:
-        yield from self._wrench(_SENSED, frame.at, SENSOR, wrench_of(frame.counts, scales))
-
-    def _of_cycle(self, cycle: CycleRecord, start: Sequence[float]) -> Iterator[_Stamped]:
-        yield from self._wrench(_CONTACT, cycle.sensor_at, TOOL, cycle.wrench)
-        yield from self._pose(_REPORTED, cycle.status_at, TOOL, (cycle.position, cycle.quaternion))
-        turn = cycle.quaternion_commanded or start
-        yield from self._pose(_COMMANDED, cycle.sent_at, TARGET, (cycle.target, turn))
-
-    def _of_truth(self, truth: TruthRecord) -> Iterator[_Stamped]:
-        if not math.isfinite(truth.at):
-            return
-        yield from self._wrench(_TRUTH, truth.at, BASE, (*truth.force, *[math.nan] * 3))
-        yield from self._pose("", truth.at, TRUE, (truth.position, truth.quaternion))
-        if all(map(math.isfinite, truth.joints_deg)):
-            yield self._joints(truth)
-
-    def _joints(self, truth: TruthRecord) -> _Stamped:
-        import numpy as np
-
-        names = [f"joint_{number}" for number in range(1, len(truth.joints_deg) + 1)]
-        empty = np.array([], dtype=np.float64)
-        return self._stamped(
-            _JOINTS,
-            truth.at,
-            lambda stamp: self._make(
-                JOINTS, self._header(stamp, BASE), names, np.radians(truth.joints_deg), empty, empty
-            ),
-        )
-
-    def _of_event(self, event: EventRecord) -> Iterator[_Stamped]:
-        if not math.isfinite(event.at):
-            return
-        level = 2 if event.kind in ALARMS else 1 if event.kind in CAUTIONS else 0
-        values = {"kind": event.kind, "text": event.text, "by": event.by}
-        values["cause"] = "" if event.cause is None else event.cause.value
-        values["fault"] = "" if event.fault is None else event.fault.title
-        pairs = [
-            self._make("diagnostic_msgs/msg/KeyValue", key, whole_text(text))
-            for key, text in values.items()
-            if text
-        ]
-        status = self._make(
-            "diagnostic_msgs/msg/DiagnosticStatus",
-            level,
-            f"hil_bridge: {whole_text(event.kind)}",
-            whole_text(event.line),
-            "hil_bridge",
-            pairs,
-        )
-        yield self._stamped(
-            _EVENTS, event.at, lambda stamp: self._make(DIAGNOSTICS, self._header(stamp, ""), [status])
-        )
-
-    def _wrench(self, topic: str, at: float, frame: str, values: Sequence[float]) -> Iterator[_Stamped]:
-        if math.isfinite(at):
-            parts = (self._vector(values[:3]), self._vector(values[3:]))
-            wrench = self._make("geometry_msgs/msg/Wrench", *parts)
-            yield self._stamped(
-                topic, at, lambda stamp: self._make(WRENCH, self._header(stamp, frame), wrench)
-            )
-
-    def _pose(
-        self, topic: str, at: float, frame: str, pose: tuple[Sequence[float], Sequence[float]]
-    ) -> Iterator[_Stamped]:
-        """A pose in the base as a message of its topic, where it has one, and as a transform."""
-        position, quaternion = pose
-        if not all(map(math.isfinite, (at, *position, *quaternion))):
-            return
-        w, x, y, z = quaternion
-        turn = self._make("geometry_msgs/msg/Quaternion", x, y, z, w)
-        if topic:
-            place = self._make("geometry_msgs/msg/Point", *position)
-            placed = self._make("geometry_msgs/msg/Pose", place, turn)
-            yield self._stamped(topic, at, lambda stamp: self._make(POSE, self._header(stamp, BASE), placed))
-        moved = self._make("geometry_msgs/msg/Transform", self._vector(position), turn)
-        kind = "geometry_msgs/msg/TransformStamped"
-        yield self._stamped(
-            _TF,
-            at,
-            lambda stamp: self._make(TRANSFORMS, [self._make(kind, self._header(stamp, BASE), frame, moved)]),
-        )
-
-    def _stamped(self, topic: str, at: float, make: Callable[[int], Any]) -> _Stamped:
-        stamp_ns = self._zero_ns + round(at * 1e9)
-        if not 0 <= stamp_ns < _SECONDS_MAX * 10**9:
-            raise ConfigError(
-                f"a stamp of ROS 2 cannot hold {stamp_ns / 1e9:.3f} s; give --epoch from 0 to 2000000000"
-            )
-        return _Stamped(stamp_ns, topic, make(stamp_ns))
-
-    def _header(self, stamp_ns: int, frame: str) -> Any:
-        time = self._make("builtin_interfaces/msg/Time", *divmod(stamp_ns, 10**9))
-        return self._make("std_msgs/msg/Header", time, frame)
-
-    def _vector(self, values: Sequence[float]) -> Any:
-        return self._make("geometry_msgs/msg/Vector3", *values)
-
-    def _make(self, kind: str, *fields: Any) -> Any:
-        return self._types[kind](*fields)

@@ -45,9 +45,9 @@ DEPTH = LimitLine("correction_total_mm", "depth", "mm")
 AGE = LimitLine("stale_after_ms", "age", "ms", column="age_ms")
 
 
-def time_axis(wall_start_s: float | None = None) -> Axis:
-    """The axis of time; `wall_start_s` is UTC at its 0."""
-    return Axis("time since the run began", "s", wall_start_s)
+def time_axis(wall_start_s: float | None = None, begin: str = "the run began") -> Axis:
+    """The axis of time; `wall_start_s` is UTC at its 0, and `begin` says what was then."""
+    return Axis(f"time since {begin}", "s", wall_start_s)
 
 
 def layers(truth: bool, stream: bool) -> list[Layer]:
@@ -113,6 +113,16 @@ def _contact(facts: ChartFacts) -> list[Chart]:
 
 
 def _motion(facts: ChartFacts) -> list[Chart]:
+    places = [
+        Chart(
+            "place",
+            "Place of the tool from the start point, base frame",
+            "mm",
+            tuple(Series(CYCLE, f"p{axis}", axis, f"{k + 1}") for k, axis in enumerate(_AXES)),
+            height_px=170,
+            least_span=0.5,
+        )
+    ]
     return [
         Chart(
             "depth",
@@ -138,6 +148,7 @@ def _motion(facts: ChartFacts) -> list[Chart]:
             height_px=140,
             quiet_span=0.0,
         ),
+        *(places if facts.foreign else ()),
         Chart(
             "correction",
             "Correction of the depth per cycle",

@@ -23,6 +23,8 @@ class ChartFacts(NamedTuple):
     approach: Vector | None = None
     """Unit vector of the approach in the base frame; None: the tool's axis at the start."""
     line_floor_s: float | None = None
+    foreign: bool = False
+    """Another program has made the recording: its way over the surface is measured, and none is commanded."""
 
 
 def facts_of_recording(recording: Recording) -> ChartFacts:
@@ -35,6 +37,7 @@ def facts_of_recording(recording: Recording) -> ChartFacts:
         frozenset(step.step for step in recording.steps if step.word == TRACK),
         approach_of(recording),
         float(floor) if isinstance(floor, (int, float)) else None,
+        recording.foreign is not None,
     )
 
 

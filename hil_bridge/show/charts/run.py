@@ -19,8 +19,9 @@ def run_charts(recording: Recording) -> tuple[Charts, str]:
     tables = run_tables(recording, zero, facts)
     sources = Sources()
     charts = [sources.chart(chart, tables) for chart in with_values(catalogue(facts), tables)]
+    begin = "the run began" if recording.foreign is None else "the first sample"
     described = Charts(
-        axes={"time": time_axis(wall_start_s(recording, zero))},
+        axes={"time": time_axis(wall_start_s(recording, zero), begin)},
         charts=charts,
         sources=sources.held,
         marks=run_marks(recording, zero),

@@ -19,8 +19,9 @@ from hil_bridge.show.charts.facts import facts_of_recording, start_time
 from hil_bridge.show.charts.run import run_marks
 from hil_bridge.show.charts.sources import Sources
 from hil_bridge.show.pages import Axis, Chart, Charts, Layer, Limit, Mark, Series, document, room
+from hil_bridge.show.report.bag_page import taken_table
 from hil_bridge.show.report.differences import between
-from hil_bridge.show.report.figures import merit_rows, run_rows
+from hil_bridge.show.report.figures import contact_rows, figure_tables
 from hil_bridge.show.report.identity import identity_rows
 from hil_bridge.show.report.markup import across, cells, prose
 
@@ -43,12 +44,14 @@ COMPARED = {
 def compare_values(runs: Mapping[str, Recording]) -> dict[str, Any]:
     """Outcome and figures of each run by its name, and the settings that differ. Raises ConfigError as the page."""
     _check_number(runs)
-    names = list(runs)
+    ours = _own(runs)
     summaries = {name: summarise(recording) for name, recording in runs.items()}
     return {
-        "runs": {name: {"outcome": one.outcome, **one.figures} for name, one in summaries.items()},
+        "runs": {
+            name: {"outcome": one.outcome, **one.figures, **one.contact} for name, one in summaries.items()
+        },
         "settings": {
-            key: dict(zip(names, values, strict=True)) for key, *values in between(list(runs.values()))
+            key: dict(zip(ours, values, strict=True)) for key, *values in between(list(ours.values()))
         },
     }
 
@@ -68,7 +71,8 @@ def compare_page(runs: Mapping[str, Recording], align: str = TOUCH) -> str:
         f"<dt><strong>{escape(name)}</strong>: {escape(summaries[name].outcome)}</dt><dd>{prose(why(runs[name]))}</dd>"
         for name in names
     )
-    settings = between(list(runs.values()))
+    ours = _own(runs)
+    settings = between(list(ours.values()))
     body = f"""<h1>{len(runs)} runs compared</h1>
 <dl>{ends}</dl>
 <h2>Course</h2>
@@ -77,8 +81,20 @@ def compare_page(runs: Mapping[str, Recording], align: str = TOUCH) -> str:
 <p class="quiet">What is the same in all runs is quiet.</p>
 {across(_figures(runs, summaries))}
 <h2>Settings that differ</h2>
-{cells(("setting", *names), settings, "narrow settings")}"""
+{cells(("setting", *ours), settings, "narrow settings")}{_bags(runs)}"""
     return document(f"compared: {', '.join(names)}", body)
+
+
+def _own(runs: Mapping[str, Recording]) -> Mapping[str, Recording]:
+    """Those that have settings: not those of other programs."""
+    return {name: recording for name, recording in runs.items() if recording.foreign is None}
+
+
+def _bags(runs: Mapping[str, Recording]) -> str:
+    """How the bags among them were read."""
+    bags = {name: recording.foreign for name, recording in runs.items() if recording.foreign is not None}
+    parts = (f"<h2>{escape(name)}, read as</h2>{taken_table(bag)}" for name, bag in bags.items())
+    return "".join(parts)
 
 
 def names_of(paths: Sequence[Path]) -> list[str]:
@@ -143,13 +159,17 @@ def _same_limits(chart: Chart, runs: Mapping[str, Recording]) -> list[Limit]:
 
 
 def _zero(recording: Recording, align: str) -> float:
-    """The moment at 0, s on the run's clock; a run that never tracked begins there."""
+    """The moment at 0, s on the run's clock; a run that never tracked begins there, and a bag at its first contact."""
+    if recording.foreign is not None and align == TOUCH:
+        touches = (cycle.controlled_at for cycle in recording.cycles if cycle.in_contact)
+        return next(touches, start_time(recording))
     touched = [span.begin for span in phases(recording) if span.name == TRACK]
     return touched[0] if touched and align == TOUCH else start_time(recording)
 
 
 def _same_target(recordings: Sequence[Recording]) -> float | None:
-    wanted = {cycle.force_reference for recording in recordings for cycle in recording.cycles}
+    ours = [recording for recording in recordings if recording.foreign is None]
+    wanted = {cycle.force_reference for recording in ours for cycle in recording.cycles}
     return wanted.pop() if len(wanted) == 1 else None
 
 
@@ -160,7 +180,9 @@ def _figures(runs: Mapping[str, Recording], summaries: Mapping[str, Summary]) ->
         summary = summaries[name]
         told = dict(identity_rows(recording, summary))
         told["outcome"] = summary.outcome
-        told |= {row.label: row.value for row in (*merit_rows(summary), *run_rows(summary))}
+        tables = (rows for _, rows in figure_tables(recording, summary))
+        shown = [*(row for rows in tables for row in rows), *contact_rows(summary)]
+        told |= {row.label: row.value for row in shown}
         columns.append(told)
     lines = []
     for label in dict.fromkeys(label for told in columns for label in told):

@@ -2,8 +2,9 @@
 
 from dataclasses import dataclass
 
-from hil_bridge.record.analysis.figures import FIGURES, MERIT, UNKNOWN, quantity
+from hil_bridge.record.analysis.figures import CONTACT, FIGURES, MERIT, UNKNOWN, Group, quantity
 from hil_bridge.record.analysis.summary import Summary
+from hil_bridge.record.reader import Recording
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +27,33 @@ def merit_rows(summary: Summary) -> tuple[Row, ...]:
         Row(one.words, one.text(summary.figures.get(one.key)), (several and one.of_several) or one.how)
         for one in MERIT
     )
+
+
+def contact_rows(summary: Summary) -> tuple[Row, ...]:
+    """Figures of the contact."""
+    return tuple(Row(one.words, one.text(summary.contact.get(one.key)), one.how) for one in CONTACT)
+
+
+def bag_rows(recording: Recording, summary: Summary) -> tuple[Row, ...]:
+    """Other facts of a recording that another program has made."""
+    cycles = recording.cycles
+    span_s = cycles[-1].controlled_at - cycles[0].controlled_at if cycles else None
+    return (
+        Row("samples", f"{summary.cycles}", "wrenches with a pose"),
+        Row("rate", quantity(summary.cycle_rate_hz, 1.0, ".1f", "Hz"), "mean of the samples"),
+        Row(
+            FIGURES["duration_s"].words,
+            quantity(span_s, 1.0, ".1f", "s"),
+            "from the first sample to the last",
+        ),
+    )
+
+
+def figure_tables(recording: Recording, summary: Summary) -> tuple[tuple[str, tuple[Row, ...]], ...]:
+    """Titles and rows of the two tables of figures."""
+    if recording.foreign is not None:
+        return ("figures of the contact", contact_rows(summary)), ("bag", bag_rows(recording, summary))
+    return (Group.MERIT.value, merit_rows(summary)), (Group.RUN.value, run_rows(summary))
 
 
 def run_rows(summary: Summary) -> tuple[Row, ...]:

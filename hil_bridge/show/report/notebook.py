@@ -7,7 +7,7 @@ from hil_bridge.errors import ConfigError
 from hil_bridge.record.analysis.summary import Summary, summarise
 from hil_bridge.record.reader import NO_CYCLE, Recording
 from hil_bridge.show.picture_files import save_figure
-from hil_bridge.show.report.figures import merit_rows
+from hil_bridge.show.report.figures import Row, contact_rows, merit_rows
 
 _CHART = "force"
 """The chart beside the figures."""
@@ -21,6 +21,9 @@ def run_html(recording: Recording) -> str:
     if not recording.cycles:
         return f"<p>{escape(NO_CYCLE)}</p>"
     summary = summarise(recording)
+    if recording.foreign is not None:
+        title = f"<p><b>{escape(recording.foreign.file)}</b></p>"
+        return f"{title}{_picture(recording)}{_figures_html(contact_rows(summary))}"
     words = (
         f"<p><b>{escape(summary.controller or 'run')}: {escape(summary.outcome)}</b> {escape(summary.text)}"
     )
@@ -30,7 +33,11 @@ def run_html(recording: Recording) -> str:
 
 def figures_html(summary: Summary) -> str:
     """The figures of merit with their meaning."""
-    return _table((row.label, row.value, row.explanation) for row in merit_rows(summary))
+    return _figures_html(merit_rows(summary))
+
+
+def _figures_html(rows: Iterable[Row]) -> str:
+    return _table((row.label, row.value, row.explanation) for row in rows)
 
 
 def _picture(recording: Recording) -> str:

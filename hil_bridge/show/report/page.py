@@ -13,6 +13,7 @@ from hil_bridge.record.reader import Recording
 from hil_bridge.show.charts.facts import start_time
 from hil_bridge.show.charts.run import run_charts
 from hil_bridge.show.pages import document, room
+from hil_bridge.show.report.bag_page import bag_page
 from hil_bridge.show.report.differences import from_defaults
 from hil_bridge.show.report.figures import NAMED, merit_rows, run_rows
 from hil_bridge.show.report.identity import REAL, identity_rows, reality
@@ -58,6 +59,8 @@ def write_report(
 
 def page(recording: Recording, summary: Summary) -> str:
     """The page as HTML."""
+    if recording.foreign is not None:
+        return bag_page(recording, recording.foreign, summary)
     charts, left_out = run_charts(recording)
     thinned = f'<p class="quiet">{escape(left_out)}</p>' if left_out else ""
     checks = "".join(f"<li>{escape(text)}</li>" for text in summary.checks)

@@ -15,7 +15,7 @@ from hil_bridge.show.charts.painter import GREY, STYLE, paint
 from hil_bridge.show.charts.run import run_charts
 from hil_bridge.show.pages.description import Chart, Charts
 from hil_bridge.show.picture_files import drawing_library, save_figure
-from hil_bridge.show.report.figures import Row, merit_rows, run_rows
+from hil_bridge.show.report.figures import Row, figure_tables
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,13 +38,14 @@ def draw(recording: Recording, summary: Summary, kind: str = "png") -> bytes:
     with matplotlib.rc_context(STYLE):
         maps_px = [_MAPS_PX] if maps else []
         figure, grid = _figure(charts.charts, [*maps_px, _FIGURES_PX], _TITLE_PX)
-        figure.suptitle(_title(summary), fontsize=15, fontweight="bold", parse_math=False)
+        title = recording.foreign.file if recording.foreign else _title(summary)
+        figure.suptitle(title, fontsize=15, fontweight="bold", parse_math=False)
         _paint_charts(figure, grid, charts)
         heights = charts.charts
         for place, drawn in enumerate(maps):
             beside = grid[len(heights)].subgridspec(1, len(maps))
             paint_map(figure.add_subplot(beside[place]), drawn, WIDTH_PX / len(maps))
-        _draw_table(figure.add_subplot(grid[-1]), merit_rows(summary), run_rows(summary))
+        _draw_tables(figure.add_subplot(grid[-1]), figure_tables(recording, summary))
         return save_figure(figure, kind)
 
 
@@ -100,10 +101,10 @@ def _title(summary: Summary) -> str:
     return textwrap.shorten(text, 110, placeholder=" …")
 
 
-def _draw_table(ax: "Axes", left: Sequence[Row], right: Sequence[Row]) -> None:
+def _draw_tables(ax: "Axes", tables: Sequence[tuple[str, Sequence[Row]]]) -> None:
     ax.axis("off")
-    lines = max(len(left), len(right)) + 1
-    for at, title, rows in ((0.0, "figures of merit", left), (0.51, "run", right)):
+    lines = max(len(rows) for _, rows in tables) + 1
+    for at, (title, rows) in zip((0.0, 0.51), tables, strict=True):
         ax.text(at, 1.0, title, transform=ax.transAxes, va="top", fontweight="bold", parse_math=False)
         for number, row in enumerate(rows, start=1):
             y = 1.0 - number / lines

@@ -9,7 +9,7 @@ import socket
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import IO
@@ -174,6 +174,10 @@ class Feed:
     def begin(self, scene: Scene, unix_zero_ns: int) -> None:
         """Tell the facts of the run, and again when more is known."""
         self._send(wire.encode_message(wire.Begin(scene, unix_zero_ns)), 0)
+
+    def devices(self, facts: Mapping[str, str]) -> None:
+        """Tell the facts of the devices, JSON by name, once they are ready."""
+        self._send(wire.encode_message(wire.Devices(facts)), 0)
 
     def put(self, record: Record) -> None:
         """Take a record."""

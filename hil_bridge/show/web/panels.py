@@ -1,17 +1,23 @@
 """The run in Foxglove's own protocol, by its SDK, which serves an inner address. Clients reach it through our server.
 
-Topics and schemas are those of a recording. All that a client could write, parameters and services are off.
+Topics and schemas are those of a recording and, where the extra `ros` is installed, those of its bag of ROS 2. All that
+a client could write, parameters and services are off.
 """
 
 import logging
 import secrets
 from collections.abc import Mapping
+from contextlib import suppress
 
 import foxglove
 from foxglove import Channel, Context, Schema
 from foxglove.websocket import WebSocketServer
 from msgspec import Struct
 
+from hil_bridge.errors import ConfigError
+from hil_bridge.record.device_facts import devices_in
+from hil_bridge.record.ros.messages import TOPICS as ROS_TOPICS
+from hil_bridge.record.ros.messages import TOPICS_OF, Messages
 from hil_bridge.record.scenes import (
     SCENE_TOPICS,
     SURFACE,
@@ -26,7 +32,9 @@ from hil_bridge.record.time_axis import TimeAxis
 from hil_bridge.record.topics import TOPICS, Record, Topic
 
 PROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
-"""Names of the protocol in a WebSocket's handshake, newest first."""
+"""Names of the protocol in a WebSocket's handshake, newest first. The SDK knows the first alone; older clients, as
+Lichtblick until 2025, ask by the second. The messages are the same. Source: Lichtblick, as it took the first.
+"""
 BACKLOG = 2048
 """Messages that wait for one client at most; the oldest are dropped. Chosen: 2 s of a fast run."""
 AGAIN_S = 2.0
@@ -47,6 +55,12 @@ class Panels:
         self._channels = {topic.name: self._channel(topic) for topic in (*TOPICS, *SCENE_TOPICS)}
         self._topics: Mapping[type, Topic] = {topic.record: topic for topic in TOPICS}
         self._scenes = Scenes(self._wall_ns)
+        self._ros = _ros_messages(unix_zero_ns)
+        self._ros_channels = {} if self._ros is None else self._open_ros_channels(self._ros)
+        self._ros_channels_of = {
+            kind: [self._ros_channels[name] for name in names if name in self._ros_channels]
+            for kind, names in TOPICS_OF.items()
+        }
         self._kept: dict[str, tuple[str, bytes]] = {}
         self._again_at = 0.0
         self._axis = TimeAxis(self._wall_ns)
@@ -66,6 +80,23 @@ class Panels:
         schema = Schema(name=topic.schema_name, encoding="jsonschema", data=encode(topic.schema))
         return Channel(topic.name, schema=schema, message_encoding="json", context=self._context)
 
+    def _open_ros_channels(self, ros: Messages) -> dict[str, Channel]:
+        return {
+            name: Channel(
+                name,
+                schema=Schema(name=kind, encoding="ros2msg", data=ros.definition(kind).encode()),
+                message_encoding="cdr",
+                context=self._context,
+            )
+            for name, kind in ROS_TOPICS.items()
+        }
+
+    def devices(self, facts: Mapping[str, str]) -> None:
+        """The devices are ready: frames of the sensor have messages of ROS 2 from now on."""
+        sensor = devices_in(facts).sensor.facts
+        if self._ros is not None and sensor is not None:
+            self._ros.scales = sensor.scales
+
     def _wall_ns(self, at: float) -> int:
         return self._zero_ns + round(at * 1e9)
 
@@ -76,12 +107,26 @@ class Panels:
         channel = self._channels[topic.name]
         if channel.has_sinks():
             channel.log(topic.encode(record), log_time=placed)
+        self._give_ros(record)
         for scene, message in self._scenes.of(record):
             self._show(scene, message, placed)
         if self._axis.newest >= self._again_at:
             self._again_at = self._axis.newest + AGAIN_S
             for name, data in self._kept.values():
                 self._channels[name].log(data, log_time=placed)
+
+    def _give_ros(self, record: Record) -> None:
+        """Give the messages of ROS 2 to those that want them; where no client does, none is made."""
+        if self._ros is None:
+            return
+        if not any(channel.has_sinks() for channel in self._ros_channels_of.get(type(record), ())):
+            self._ros.remember(record)
+            return
+        with suppress(ConfigError):  # of a clock that is set to a time that no stamp can hold
+            for stamped in self._ros.of(record):
+                channel = self._ros_channels[stamped.topic]
+                if channel.has_sinks():
+                    channel.log(self._ros.encode(stamped), log_time=stamped.stamp_ns)
 
     def _show(self, scene: SceneTopic, message: Struct, placed: int) -> None:
         keeps = scene in _STILL
@@ -97,3 +142,11 @@ class Panels:
     def close(self) -> None:
         """Stop the inner server."""
         self._server.stop()
+
+
+def _ros_messages(unix_zero_ns: int) -> Messages | None:
+    """What makes messages of ROS 2; None where the extra is not installed."""
+    try:
+        return Messages(unix_zero_ns)
+    except ConfigError:
+        return None

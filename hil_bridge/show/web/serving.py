@@ -116,7 +116,9 @@ class Live:
             return
         if self.teller is None or self.panels is None:
             return
-        if isinstance(message, wire.Records):
+        if isinstance(message, wire.Devices):
+            self.panels.devices(message.facts)
+        elif isinstance(message, wire.Records):
             for record in wire.records_of(message):
                 self.teller.take(record)
                 self.panels.take(record)

@@ -36,7 +36,7 @@ class Splicing:
         self._server.hold(outer, request)
         try:
             async with self._session.ws_connect(
-                self._url, protocols=(chosen,), max_msg_size=0, compress=0
+                self._url, protocols=PROTOCOLS[:1], max_msg_size=0, compress=0
             ) as inner:
                 await outer.prepare(request)
                 await self._carry(request, outer, inner)

@@ -29,6 +29,12 @@ class Begin(Struct, tag="begin", frozen=True):
     """Time at 0 of the run's clock, ns since 1970."""
 
 
+class Devices(Struct, tag="devices", frozen=True):
+    """The devices are ready: their facts, JSON by name, as a recording keeps them."""
+
+    facts: Mapping[str, str]
+
+
 class Records(Struct, tag="records", frozen=True):
     """Records of the run in order, each with the number of its topic."""
 
@@ -85,7 +91,7 @@ class Asked(Struct, frozen=True):
     request: Mapping[str, Any]
 
 
-Message: TypeAlias = Begin | Records | Pulse | End | Panel | PanelState | Answered
+Message: TypeAlias = Begin | Devices | Records | Pulse | End | Panel | PanelState | Answered
 
 _NUMBERS = {topic.record: number for number, topic in enumerate(TOPICS)}
 _encoder = msgspec.msgpack.Encoder(enc_hook=lambda value: value.tolist())

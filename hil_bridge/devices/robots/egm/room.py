@@ -10,6 +10,7 @@ from emulators.seams import RobotFactory
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
 from hil_bridge.devices.robots.egm.facts import robot_facts
+from hil_bridge.devices.robots.egm.matching import match
 from hil_bridge.devices.robots.egm.playing import play
 from hil_bridge.devices.robots.egm.settings import EgmSettings
 from hil_bridge.devices.robots.egm.web_address import OPTION, WebAddress, split_web
@@ -140,7 +141,7 @@ ROBOT = RobotKind(
     EgmSettings,
     connect,
     facts,
-    RobotEmulation(EgmProfile, make, serve, usual, EGM_FAULTS, EGM_CONTROLS, MISHAPS, play=play),
+    RobotEmulation(EgmProfile, make, serve, usual, EGM_FAULTS, EGM_CONTROLS, MISHAPS, play=play, match=match),
     check=check,
     parse=_parse,
     describe=describe,

@@ -9,6 +9,7 @@ from hil_bridge.devices.facts import Pacing, RobotFacts, ServoFacts
 from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
 from hil_bridge.devices.playing import Course, Played, play_stream
 from hil_bridge.devices.robots.probing import Probed, probe_link
+from hil_bridge.devices.robots.rsi.matching import match
 from hil_bridge.devices.robots.streamed import StreamedLink
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.transports import Datagrams
@@ -101,7 +102,9 @@ ROBOT = RobotKind(
     RsiLink,
     connect,
     facts,
-    RobotEmulation(RsiProfile, make, serve, usual, RSI_FAULTS, RSI_CONTROLS, MISHAPS, late_ms=6.0, play=play),
+    RobotEmulation(
+        RsiProfile, make, serve, usual, RSI_FAULTS, RSI_CONTROLS, MISHAPS, late_ms=6.0, play=play, match=match
+    ),
     parse=lambda url, settings: parse_url(url, LISTEN_DATAGRAMS),
     describe=describe,
     probe=probe,

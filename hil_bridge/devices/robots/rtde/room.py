@@ -12,6 +12,7 @@ from hil_bridge.devices.robots.rtde import serving as ports
 from hil_bridge.devices.robots.rtde.addresses import RTDE_PORT, parse_address
 from hil_bridge.devices.robots.rtde.bundle import Bundle
 from hil_bridge.devices.robots.rtde.facts import robot_facts
+from hil_bridge.devices.robots.rtde.matching import match
 from hil_bridge.devices.robots.rtde.playing import play
 from hil_bridge.devices.robots.rtde.program_folder import read_programs
 from hil_bridge.devices.robots.streamed import StreamedLink
@@ -122,7 +123,9 @@ ROBOT = RobotKind(
     ClientProfile,
     connect,
     facts,
-    RobotEmulation(RtdeProfile, make, serve, usual, RTDE_FAULTS, RTDE_CONTROLS, MISHAPS, play=play),
+    RobotEmulation(
+        RtdeProfile, make, serve, usual, RTDE_FAULTS, RTDE_CONTROLS, MISHAPS, play=play, match=match
+    ),
     check=check,
     parse=_parse,
     describe=describe,

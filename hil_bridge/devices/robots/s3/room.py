@@ -11,6 +11,7 @@ from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
 from hil_bridge.devices.robots.probing import Probed, first_answer
 from hil_bridge.devices.robots.s3.facts import robot_facts
 from hil_bridge.devices.robots.s3.link import S3Link
+from hil_bridge.devices.robots.s3.matching import match
 from hil_bridge.devices.robots.s3.orders_file import read_orders
 from hil_bridge.devices.robots.s3.program_folder import read_programs
 from hil_bridge.devices.robots.s3.settings import S3Settings
@@ -131,7 +132,7 @@ ROBOT = RobotKind(
     S3Settings,
     connect,
     facts,
-    RobotEmulation(S3Profiles, make, serve, usual, S3_FAULTS, S3_CONTROLS, MISHAPS, 200.0),
+    RobotEmulation(S3Profiles, make, serve, usual, S3_FAULTS, S3_CONTROLS, MISHAPS, 200.0, match=match),
     check=robot_site,
     parse=lambda url, settings: parse_url(url, CONNECT_BYTES),
     describe=describe,

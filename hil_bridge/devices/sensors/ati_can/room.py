@@ -6,6 +6,7 @@ from emulators.devices.ati_can import ATI_CAN_FAULTS, AtiCanBoard, AtiCanProfile
 from emulators.seams import SensorFactory
 from emulators.wires.slcan_adapter import SlcanAdapter, SlcanProfile
 from hil_bridge.devices.kinds import CanBus, KindSettings, SensorEmulation, SensorKind
+from hil_bridge.devices.sensors.ati_can.matching import match
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.errors import ConfigError
 from hil_bridge.transports import Transport
@@ -56,6 +57,8 @@ SENSOR = SensorKind(
         lambda settings, virtual: f"can+memory:ati-can?bitrate={BITRATE}" if virtual else f"{_SLCAN}pty:",
         ATI_CAN_FAULTS,
         {"status": "status"},
+        match,
+        packets_per_frame=2,
     ),
     parse=lambda url, settings: parse_url(url, CONNECT_CAN),
     describe=describe,

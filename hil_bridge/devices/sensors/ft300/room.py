@@ -5,6 +5,7 @@ from typing import Any
 from emulators.devices.ft300 import FT300_FAULTS, Ft300, Ft300Profile
 from emulators.seams import SensorFactory
 from hil_bridge.devices.kinds import KindSettings, SensorEmulation, SensorKind
+from hil_bridge.devices.sensors.ft300.matching import match
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.transports import Transport
 from hil_bridge.transports.urls import CONNECT_BYTES, LISTEN_BYTES, parse_url, with_baudrate
@@ -28,6 +29,9 @@ async def _serve(
     return await serving.serve_bytes(with_baudrate(url, BAUDRATE, LISTEN_BYTES), sensor.endpoint)
 
 
+_FRAME_BYTES = 16
+"""Derived: bytes of a message of the stream, each of which the line may lose."""
+
 SENSOR = SensorKind(
     "ft300",
     "Robotiq FT 300: stream or Modbus RTU over a serial line",
@@ -39,6 +43,8 @@ SENSOR = SensorKind(
         _serve,
         lambda settings, virtual: "memory:ft300" if virtual else "pty:",
         FT300_FAULTS,
+        match=match,
+        packets_per_frame=_FRAME_BYTES,
     ),
     parse=lambda url, settings: parse_url(with_baudrate(url, BAUDRATE, CONNECT_BYTES), CONNECT_BYTES),
     describe=describe,

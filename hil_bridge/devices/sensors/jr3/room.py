@@ -9,6 +9,7 @@ from emulators.devices.jr3.faults import BOARD_FAULTS, CAN_GATEWAY_FAULTS, UART_
 from emulators.seams import SensorFactory
 from emulators.wires.slcan_adapter import SlcanAdapter, SlcanProfile
 from hil_bridge.devices.kinds import CanBus, KindSettings, SensorEmulation, SensorKind
+from hil_bridge.devices.sensors.jr3.matching import match_gateway, match_uart
 from hil_bridge.devices.sensors.jr3.registers import (
     ListenerProfile,
     Watcher,
@@ -40,6 +41,8 @@ from protocol.devices.jr3.registers import BoardClient
 SLCAN = "can+slcan+"
 """Before a listening byte URL: an emulated slcan adapter on that wire."""
 _SECTION = "jr3"
+_UART_BYTES = 18
+"""Derived: bytes of a frame on the UART gateway's line, each of which the line may lose."""
 """Name of the sections that the receivers share."""
 
 
@@ -176,6 +179,8 @@ CAN_GATEWAY = SensorKind(
         _usual(f"{SLCAN}pty:", "can+memory:sensor"),
         CAN_GATEWAY_FAULTS,
         {"status": "unplugged"},
+        match_gateway,
+        packets_per_frame=2,
     ),
     parse=lambda url, settings: _parse_can(url),
     describe=_describe_frame,
@@ -195,6 +200,8 @@ UART_GATEWAY = SensorKind(
         _usual("pty:", "memory:sensor"),
         UART_GATEWAY_FAULTS,
         {"status": "unplugged"},
+        match_uart,
+        packets_per_frame=_UART_BYTES,
     ),
     parse=lambda url, settings: parse_url(uart_line(url, CONNECT_BYTES), CONNECT_BYTES),
     describe=uart_gateway.describe,

@@ -5,7 +5,10 @@ from pathlib import Path
 
 from hil_bridge.record.files import check_place, write_whole
 
-LAYOUTS = {"foxglove.json": "hil-bridge.foxglove.json", "plotjuggler.xml": "hil-bridge.plotjuggler.xml"}
+LAYOUTS = {
+    name: f"hil-bridge.{name}"
+    for name in ("foxglove.json", "plotjuggler.xml", "ros2-foxglove.json", "ros2-plotjuggler.xml")
+}
 """Files of this package, and the names under which they are written."""
 
 

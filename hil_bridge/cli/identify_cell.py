@@ -1,0 +1,83 @@
+"""`hil-bridge identify-cell`: what a recording shows of its cell, as values and as a configuration."""
+
+from pathlib import Path
+
+import click
+
+from hil_bridge.cli.options import json_option, output_option, overwrite_option, tell, tell_json
+from hil_bridge.cli.paths import FILE
+from hil_bridge.errors import ConfigError
+from hil_bridge.errors.extras import install_command
+
+
+@click.command("identify-cell", short_help="Find a cell's figures from a recording of it.")
+@click.argument("recording", type=FILE)
+@click.option(
+    "--columns",
+    type=FILE,
+    metavar="MAPPING.toml",
+    help="Which column of a table is which quantity, in which unit.",
+)
+@click.option(
+    "--config",
+    "config_file",
+    type=FILE,
+    metavar="CELL.toml",
+    help="Kinds and settings of the cell of a table.",
+)
+@click.option(
+    "--between",
+    type=float,
+    nargs=2,
+    metavar="BEGIN END",
+    help="Stretch of a table, s from its first sample.  [default: all]",
+)
+@json_option
+@output_option("PROFILE.toml", "Write a configuration that runs such a cell virtually.")
+@overwrite_option
+def identify_cell(
+    recording: Path,
+    columns: Path | None,
+    config_file: Path | None,
+    between: tuple[float, float] | None,
+    as_json: bool,
+    out: Path | None,
+    overwrite: bool,
+) -> None:
+    """Find latency, noise, filter, contact, friction and line errors of a cell from a recording of it.
+
+    \b
+    hil-bridge identify-cell site.mcap -o profile.toml
+    hil-bridge run profile.toml --virtual
+
+    Each value has an interval that holds it with 95 %, or says why the recording does not show it. RECORDING is a
+    recording of a run, or a table of text with --columns. Nothing is opened, and nothing moves.
+    """
+    try:
+        from hil_bridge.lab.identification.identifying import identify_run, identify_table
+        from hil_bridge.lab.identification.profile import profile_text
+        from hil_bridge.lab.identification.telling import as_values, describe
+    except ImportError as error:
+        if not str(error.name).startswith("scipy"):
+            raise
+        raise ConfigError(f"this needs the package scipy; {install_command('fidelity')}") from error
+    from hil_bridge.record import read
+    from hil_bridge.record.files import check_place, write_whole
+
+    if out is not None:
+        check_place(out, overwrite)
+    if columns is not None:
+        identified = identify_table(recording, columns, config_file, between)
+    elif config_file is not None or between is not None:
+        raise ConfigError(
+            "--config and --between are for a table with --columns: a recording has its own settings"
+        )
+    else:
+        identified = identify_run(read(recording))
+    if as_json:
+        tell_json({"recording": recording.name, "values": as_values(identified.values)})
+    else:
+        tell(describe(identified.values))
+    if out is not None:
+        write_whole(out, profile_text(identified, recording.name).encode(), overwrite)
+        click.echo(f"wrote {out}", err=as_json)

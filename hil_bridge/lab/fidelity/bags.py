@@ -1,0 +1,31 @@
+"""A bag of ROS 2 as columns of known quantities."""
+
+import numpy as np
+
+from hil_bridge.errors import ConfigError
+from hil_bridge.lab.fidelity.measures import LEAST_SAMPLES
+from hil_bridge.lab.fidelity.tables import FAMILIES, ROTATION, WRENCH, Table
+from hil_bridge.record import Recording
+from protocol.geometry import rotation_rows
+
+
+def table_of_bag(bag: Recording) -> Table:
+    """All that a bag tells: wrench along the tool's axes, place and rotation of the tool, depth and pressing force.
+
+    Moments that it does not tell are left out, and so is all but the first sample of a time. Raises ConfigError.
+    """
+    times = np.array([sample.controlled_at for sample in bag.cycles])
+    new = np.concatenate([[True], np.diff(times) > 0.0])
+    samples = [sample for sample, taken in zip(bag.cycles, new, strict=True) if taken]
+    if len(samples) < LEAST_SAMPLES:
+        raise ConfigError(f"the bag has {len(samples)} samples; at least {LEAST_SAMPLES} are compared")
+    rotations = np.array([rotation_rows(sample.quaternion) for sample in samples]).reshape(len(samples), 9)
+    values = {
+        WRENCH: np.array([sample.wrench for sample in samples]),
+        FAMILIES["position"]: np.array([sample.position for sample in samples]),
+        ROTATION: rotations,
+        ("depth", "press"): np.array([(sample.depth, sample.force) for sample in samples]),
+    }
+    columns = {name: rows[:, k] for names, rows in values.items() for k, name in enumerate(names)}
+    told = {name: column for name, column in columns.items() if np.isfinite(column).all()}
+    return Table(times[new], told)

@@ -1,0 +1,272 @@
+"""The guard as a small machine: phases, the conditions of the table of causes, and what follows from each.
+
+Conditions and reactions are those of `hil_bridge.errors.cause_table`, from which the code and the pages tell them too.
+The tables below are the rest of the model: which conditions a phase looks at, which orders it asks for, and which
+phases may follow. It knows no forces and no times. An order is compared with the one before it: back, same or deeper.
+"""
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field
+from enum import IntEnum, StrEnum
+from typing import NamedTuple
+
+from hil_bridge.control.course.intent import CONNECT, TARE, Phase
+from hil_bridge.control.course.verdict import Stage
+from hil_bridge.errors.cause_row import COMPLETED, INTERRUPTED, STOPPED, CauseRow, Reaction, When
+from hil_bridge.errors.cause_table import ROWS
+from hil_bridge.errors.causes import Cause
+
+
+class Way(IntEnum):
+    """An order along the approach, against the one before."""
+
+    BACK = -1
+    SAME = 0
+    DEEPER = 1
+
+
+class Told(StrEnum):
+    """What is told of the tool at the end."""
+
+    NOTHING = ""
+    """The run has not ended."""
+    UNMOVED = "nothing has moved"
+    RETRACTED = "retracted"
+    LEFT = "NOT retracted"
+
+
+BY_ORDERS, AT_REST = "by orders", "at rest"
+"""Phases after the cycles: back by orders alone, when the run can decide no more; and the look at what was left."""
+WORKING = frozenset({Phase.APPROACH, Phase.TRACK, Phase.SEEK, Phase.MOVE, Phase.ZERO})
+CYCLES = WORKING | {Phase.RETRACT}
+"""Phases that go cycle by cycle, and so stand in a recording."""
+PHASES = (CONNECT, TARE, *sorted(WORKING), Phase.RETRACT, BY_ORDERS, AT_REST, Phase.END)
+
+
+class GuardState(NamedTuple):
+    """Where a run is."""
+
+    phase: str = CONNECT
+    code: int | None = None
+    """Exit code that the run will have; None while it goes on."""
+    away: bool = True
+    """The tool is ordered to be no deeper than the start, and nothing says otherwise."""
+    stage: Stage = Stage.GOES
+    """Of a retraction."""
+    told: Told = Told.NOTHING
+
+
+class GuardStep(NamedTuple):
+    """One step: the conditions that hold, the order that is given, and where the run is then."""
+
+    conditions: tuple[Cause, ...]
+    shown: str
+    """Phase of the cycle that records it; empty for a step without a cycle."""
+    way: Way | None
+    """None where nothing is ordered."""
+    after: GuardState
+
+
+LOOKS: Mapping[str, frozenset[When]] = {
+    CONNECT: frozenset({When.BEFORE_MOTION, When.ALWAYS}),
+    TARE: frozenset({When.LIFT, When.ALWAYS}),
+    **dict.fromkeys(WORKING, frozenset({When.CYCLE, When.ALWAYS})),
+    Phase.RETRACT: frozenset({When.RETRACTION, When.ALWAYS}),
+    BY_ORDERS: frozenset({When.RETRACTION, When.ALWAYS}),
+    AT_REST: frozenset({When.END}),
+    Phase.END: frozenset(),
+}
+"""When the conditions are looked at that hold in a phase."""
+ASKS: Mapping[str, frozenset[Way]] = {
+    TARE: frozenset({Way.BACK, Way.SAME}),
+    Phase.APPROACH: frozenset({Way.SAME, Way.DEEPER}),
+    Phase.TRACK: frozenset(Way),
+    Phase.SEEK: frozenset({Way.SAME}),
+    Phase.MOVE: frozenset({Way.BACK, Way.SAME}),
+    Phase.ZERO: frozenset({Way.SAME}),
+    Phase.RETRACT: frozenset({Way.BACK, Way.SAME}),
+    BY_ORDERS: frozenset({Way.BACK, Way.SAME}),
+}
+"""Orders that a phase asks for."""
+FOLLOWS: Mapping[str, frozenset[str]] = {
+    CONNECT: frozenset({CONNECT, TARE}),
+    TARE: frozenset({TARE, *CYCLES}),
+    **dict.fromkeys(CYCLES, CYCLES),
+}
+"""Phases in which the next sample may be while the run goes on. A program takes its steps in any order."""
+WITHIN: Mapping[str, frozenset[str]] = {
+    **{phase: frozenset({phase}) for phase in CYCLES},
+    Phase.APPROACH: frozenset({Phase.APPROACH, Phase.TRACK}),
+    Phase.TRACK: frozenset({Phase.TRACK, Phase.APPROACH}),
+}
+"""The same within one step of a program: contact is found, and lost."""
+ENDS: Mapping[str, frozenset[str]] = {
+    Phase.RETRACT: frozenset({Phase.RETRACT}),
+    BY_ORDERS: frozenset({BY_ORDERS}),
+    AT_REST: frozenset({AT_REST}),
+}
+"""Phases in which the next sample may be once the run ends."""
+STAGES: Mapping[Stage, frozenset[Stage]] = {
+    Stage.GOES: frozenset({Stage.GOES, Stage.WAITS, Stage.TRUSTED}),
+    Stage.WAITS: frozenset({Stage.WAITS, Stage.SLOW, Stage.TRUSTED}),
+    Stage.SLOW: frozenset({Stage.SLOW, Stage.TRUSTED}),
+    Stage.TRUSTED: frozenset({Stage.TRUSTED}),
+}
+"""Stages that may follow in a retraction: it waits once, and tries once more."""
+STRONGEST = (
+    Reaction.REFUSED,
+    Reaction.LEFT,
+    Reaction.STANDS,
+    Reaction.RETRACTS_OR_LEFT,
+    Reaction.RETRACTS,
+    Reaction.CLAMPED,
+)
+"""Of two conditions at once the reaction that comes first here is taken."""
+
+
+@dataclass(frozen=True)
+class GuardModel:
+    """The machine. Every table may be replaced, so that a test can plant a mistake."""
+
+    rows: Mapping[Cause, CauseRow] = field(default_factory=lambda: ROWS)
+    looks: Mapping[str, frozenset[When]] = field(default_factory=lambda: LOOKS)
+    asks: Mapping[str, frozenset[Way]] = field(default_factory=lambda: ASKS)
+    follows: Mapping[str, frozenset[str]] = field(default_factory=lambda: FOLLOWS)
+    ends: Mapping[str, frozenset[str]] = field(default_factory=lambda: ENDS)
+    stages: Mapping[Stage, frozenset[Stage]] = field(default_factory=lambda: STAGES)
+    strongest: tuple[Reaction, ...] = STRONGEST
+    believes_orders: bool = False
+    """A mistake to plant: a tool that was ordered away is told as retracted, whatever is found at the end."""
+
+    def conditions(self, phase: str) -> tuple[Cause, ...]:
+        """Conditions that are looked at in a phase. The limits of motion hold in a retraction too."""
+        whens = self.looks[phase]
+        return tuple(
+            cause
+            for cause, row in self.rows.items()
+            if row.when in whens
+            or (phase == Phase.RETRACT and row.when is When.CYCLE and row.reaction is Reaction.CLAMPED)
+        )
+
+    def next_phases(self, state: GuardState) -> frozenset[str]:
+        """Phases in which the next sample may be."""
+        if state.code is None and state.phase in self.follows:
+            return self.follows[state.phase]
+        return self.ends.get(state.phase, frozenset())
+
+    def steps(
+        self, state: GuardState, conditions: tuple[Cause, ...], phases: Collection[str] | None = None
+    ) -> Iterator[GuardStep]:
+        """Every step from a state while these conditions hold; `phases` leaves out those of other phases."""
+        for phase in self.next_phases(state):
+            if phases is None or phase in phases:
+                yield from self.judge(state, phase, conditions)
+
+    def judge(self, state: GuardState, phase: str, conditions: tuple[Cause, ...]) -> Iterator[GuardStep]:
+        """Every step of a sample in this phase."""
+        rows = [self.rows[cause] for cause in conditions]
+        ending = [row for row in rows if row.exit_code not in (None, COMPLETED)]
+        reactions = {row.reaction for row in rows if row.exit_code != COMPLETED}
+        reaction = next((each for each in self.strongest if each in reactions), None)
+        code = _code_after(state.code, ending)
+        stage = state.stage if state.phase == phase else Stage.GOES
+        here = state._replace(phase=phase, code=code, stage=stage)
+        if phase == CONNECT:
+            after = here if reaction is None else here._replace(phase=Phase.END, told=Told.UNMOVED)
+            yield GuardStep(conditions, "", None, after)
+        elif phase == TARE:
+            yield from self._lift(here, conditions, reaction)
+        elif phase == AT_REST:
+            yield self._tell(here, conditions)
+        elif phase == BY_ORDERS:
+            yield from self._leave(here, conditions, reaction)
+        else:
+            yield from self._cycle(here, conditions, reaction)
+
+    def _lift(
+        self, here: GuardState, conditions: tuple[Cause, ...], reaction: Reaction | None
+    ) -> Iterator[GuardStep]:
+        """The way to the zero. Every trouble leaves the tool where it has come to."""
+        if reaction is None:
+            for way in self.asks[TARE]:
+                yield GuardStep(conditions, "", way, here)
+            return
+        yield GuardStep(conditions, "", None, here._replace(phase=AT_REST))
+        yield GuardStep(conditions, "", None, here._replace(phase=Phase.END, told=Told.UNMOVED))
+
+    def _cycle(
+        self, here: GuardState, conditions: tuple[Cause, ...], reaction: Reaction | None
+    ) -> Iterator[GuardStep]:
+        """A cycle, or what ends the cycles."""
+        phase, rows = here.phase, [self.rows[cause] for cause in conditions]
+        back, rest = here._replace(phase=Phase.RETRACT), here._replace(phase=AT_REST)
+        if reaction is Reaction.LEFT:
+            yield GuardStep(conditions, "", None, rest._replace(away=False))
+        elif reaction is Reaction.STANDS:
+            for shown in {phase, str(Phase.RETRACT)}:
+                yield GuardStep(conditions, shown, Way.SAME, rest)
+        elif reaction in (Reaction.RETRACTS, Reaction.RETRACTS_OR_LEFT):
+            for shown in {phase, str(Phase.RETRACT)}:
+                for way in self.asks[Phase.RETRACT]:
+                    yield from _moved(GuardStep(conditions, shown, way, back))
+            if any(row.when is When.ALWAYS for row in rows):  # an exception leaves the cycles
+                yield GuardStep(conditions, "", None, here._replace(phase=BY_ORDERS))
+            if reaction is Reaction.RETRACTS_OR_LEFT:
+                yield GuardStep(conditions, "", None, rest._replace(away=False))
+        else:
+            held = reaction is Reaction.CLAMPED
+            for stage in self.stages[here.stage] if phase == Phase.RETRACT else (Stage.GOES,):
+                for way in self._ways(phase, stage, conditions, held):
+                    yield from _moved(GuardStep(conditions, phase, way, here._replace(stage=stage)))
+            if phase == Phase.RETRACT and not held:
+                yield GuardStep(conditions, "", None, rest)
+
+    def _ways(self, phase: str, stage: Stage, conditions: tuple[Cause, ...], held: bool) -> frozenset[Way]:
+        """Orders of a cycle that goes on. A clamp gives less than what is asked for, and never more than standing."""
+        if phase == Phase.RETRACT and stage is Stage.WAITS and Cause.NO_FORCE not in conditions:
+            return frozenset({Way.SAME})
+        asked = self.asks[phase]
+        return asked | {Way.SAME, Way.BACK} if held else asked
+
+    def _leave(
+        self, here: GuardState, conditions: tuple[Cause, ...], reaction: Reaction | None
+    ) -> Iterator[GuardStep]:
+        """Back by orders alone, as long as the robot takes them."""
+        if reaction not in (Reaction.STANDS, Reaction.LEFT):
+            for way in self.asks[BY_ORDERS]:
+                yield from _moved(GuardStep(conditions, "", way, here))
+        if reaction is Reaction.CLAMPED:
+            return
+        unknown = reaction in (Reaction.LEFT, Reaction.RETRACTS_OR_LEFT)
+        rest = here._replace(phase=AT_REST)
+        yield GuardStep(conditions, "", None, rest._replace(away=False) if unknown else rest)
+
+    def _tell(self, here: GuardState, conditions: tuple[Cause, ...]) -> GuardStep:
+        """The verdict on what was left. A tool that is not known to be away, and free, has not been retracted."""
+        free = here.away and (self.believes_orders or not conditions)
+        code = (here.code or COMPLETED) if free else (here.code or STOPPED)
+        if not free and code == INTERRUPTED:
+            code = STOPPED
+        told = Told.RETRACTED if free else Told.LEFT
+        return GuardStep(conditions, "", None, here._replace(phase=Phase.END, code=code, told=told))
+
+
+def _code_after(before: int | None, ending: Collection[CauseRow]) -> int | None:
+    """Exit code after these conditions: a person's wish gives way to a failure, and nothing else does."""
+    codes = [row.exit_code for row in ending if row.exit_code != INTERRUPTED]
+    if before not in (None, INTERRUPTED) or not ending:
+        return before
+    return codes[0] if codes else INTERRUPTED
+
+
+def _moved(step: GuardStep) -> Iterator[GuardStep]:
+    """The step with each place that its order may lead to."""
+    match step.way:
+        case Way.DEEPER:
+            places = {False, step.after.away}
+        case Way.BACK:
+            places = {True, step.after.away}
+        case _:
+            places = {step.after.away}
+    for away in places:
+        yield step._replace(after=step.after._replace(away=away))

@@ -1,0 +1,89 @@
+"""A recording to values: the run or the table that it is of, and the emulated robot that is played its orders."""
+
+import copy
+from itertools import chain
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from pydantic import ValidationError
+
+from hil_bridge.errors import ConfigError
+from hil_bridge.lab.fidelity.emulating import emulate_robot
+from hil_bridge.lab.fidelity.tables import Table, read_table
+from hil_bridge.lab.identification.line import line_values
+from hil_bridge.lab.identification.motion import motion_values
+from hil_bridge.lab.identification.seen import Seen, see_run, see_table
+from hil_bridge.lab.identification.stream import stream_values
+from hil_bridge.lab.identification.surface import surface_values
+from hil_bridge.lab.identification.values import Values
+from hil_bridge.record import Recording
+from hil_bridge.record.device_facts import devices_of, recorded_configuration
+from hil_bridge.runs.zeroing import wrist
+from hil_bridge.settings.configuration import Config, explain, load_config, read_config
+from hil_bridge.settings.devices import robot_in
+
+_HIDDEN = ("cell", "faults")
+"""Sections of a recorded configuration that only an emulated cell has: they tell the truth of it."""
+
+
+class Identified(NamedTuple):
+    """The values of a recording, and what they were found with."""
+
+    values: Values
+    seen: Seen
+    config: Config
+    """Settings of the client, with the emulated devices of its kinds at their defaults."""
+    run: Recording | None
+
+
+def identify_run(run: Recording) -> Identified:
+    """The values of a recorded run. Raises ConfigError for one that cannot be used."""
+    config = client_config(run)
+    robot = config.robot
+    pace = robot.velocity_mm_s * 1e-3, robot.acceleration_mm_s2 * 1e-3
+    return _identified(see_run(run, wrist(config).alignment(), pace), config, run)
+
+
+def identify_table(
+    recording: Path, mapping: Path, config_file: Path | None, between: tuple[float, float] | None
+) -> Identified:
+    """The values of a table with a mapping; the file has the settings of the cell. Raises ConfigError."""
+    table = read_table(recording, mapping)
+    if between is not None:
+        table = table.between(*between)
+    table.check()
+    return _identified(see_table(table), load_config(config_file, {}), None)
+
+
+def client_config(run: Recording) -> Config:
+    """The configuration that the client of a recorded run had, without the emulated cell and its faults. The devices
+    are the emulated ones of the same kinds. Raises ConfigError for one that this version cannot read.
+    """
+    recorded: dict[str, Any] = copy.deepcopy(dict(recorded_configuration(run)))
+    if not recorded:
+        raise ConfigError("the recording holds no configuration: it cannot be identified")
+    for section in _HIDDEN:
+        recorded.pop(section, None)
+    facts = devices_of(run)
+    for name, kind in (("robot", facts.robot.kind), ("sensor", facts.sensor.kind)):
+        section = recorded.setdefault(name, {})
+        if isinstance(section, dict):
+            section["url"] = ""
+            if kind:
+                section["emulated"] = kind
+    try:
+        return read_config(recorded)
+    except ValidationError as error:
+        raise explain(error, None, set()) from error
+
+
+def _identified(seen: Seen, config: Config, run: Recording | None) -> Identified:
+    device = robot_in(config)
+
+    def twin(table: Table) -> Table | None:
+        playable = device.kind.emulation is not None and device.kind.emulation.play is not None
+        return emulate_robot(config, table) if playable else None
+
+    usual = device.kind.facts("", device.settings).servo
+    parts = (motion_values(seen, usual, twin), stream_values(seen), surface_values(seen), line_values(seen))
+    return Identified(Values(chain.from_iterable(parts)), seen, config, run)

@@ -1,0 +1,82 @@
+"""Errors on the wires of a recording: lost and damaged packets, for each thousand."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.special import betaincinv
+
+from hil_bridge.devices.facts import PACKETS
+from hil_bridge.lab.identification.blocks import Estimate
+from hil_bridge.lab.identification.seen import Seen
+from hil_bridge.lab.identification.values import Part, Quantity, Value, Why
+
+_LOST_GAP = 1.5
+"""Chosen: a longer gap between frames, in usual ones, misses some."""
+_PAUSE_S = 1.0
+"""Chosen: a longer gap is a pause and no loss."""
+_TAIL = 0.025
+"""Probability on each side of an interval of 95 %."""
+
+FRAMES_LOST = Quantity("line.sensor.lost", Part.LINE, "frames of the sensor lost", "‰")
+PACKETS_LOST = Quantity("line.robot.lost", Part.LINE, "packets of the robot lost", "‰")
+REPEATED = Quantity("line.robot.repeated", Part.LINE, "messages that had to be sent again", "‰")
+DAMAGED = Quantity("line.robot.damaged", Part.LINE, "blocks of the robot damaged", "‰")
+LATE = Quantity("line.robot.late", Part.LINE, "packets of the robot stale", "‰")
+"""Words for the counters of the links, see `devices.robots`."""
+_MISSING, _STALE = "packets missing", "stale packets"
+_BLOCKS = "blocks received"
+_BAD = ("bad block", "bad checksum", "gap in block")
+_SENT = "messages sent"
+_AGAIN = ("block repeated", "bid repeated")
+
+
+def line_values(seen: Seen) -> Iterator[Value]:
+    """All values of the wires."""
+    yield _frames(seen)
+    packets = seen.packets
+    if packets is None:
+        why = Why.NO_COUNTERS if seen.cycles else Why.OF_TABLE
+        yield from (quantity.unseen(why) for quantity in (PACKETS_LOST, LATE, DAMAGED, REPEATED))
+        return
+    came = packets.get(PACKETS)
+    missing = packets.get(_MISSING, 0.0)
+    yield _share(
+        PACKETS_LOST, missing, came and came + missing, "packets that the robot's own number says are missing"
+    )
+    yield _share(LATE, packets.get(_STALE, 0.0), came, "packets that are older than the newest")
+    blocks = packets.get(_BLOCKS)
+    bad = sum(packets.get(name, 0.0) for name in _BAD)
+    yield _share(DAMAGED, bad, blocks and blocks + bad, "blocks with a wrong check character, form or gap")
+    sent = packets.get(_SENT)
+    again = sum(packets.get(name, 0.0) for name in _AGAIN)
+    yield _share(REPEATED, again, sent and sent + again, "bids and blocks that were repeated")
+
+
+def _frames(seen: Seen) -> Value:
+    """By the gaps of the stream, for not every sensor numbers its frames."""
+    if seen.stream is None or not seen.cycles:
+        return FRAMES_LOST.unseen(Why.NO_FORCE if seen.cycles else Why.OF_TABLE)
+    times = seen.stream.times
+    times = times[(times >= seen.cycles[0].started_at) & (times <= seen.cycles[-1].answered_at)]
+    gaps = np.diff(times)
+    if len(gaps) < 2:
+        return FRAMES_LOST.unseen(Why.NO_SAMPLES)
+    usual = float(np.median(gaps))
+    long = gaps[(gaps > _LOST_GAP * usual) & (gaps < _PAUSE_S)]
+    facts = seen.stream.facts
+    asked = facts is not None and facts.period is None  # one lost answer is a whole time-out
+    lost = float(len(long)) if asked else float(np.sum(np.round(long / usual) - 1.0))
+    return _share(
+        FRAMES_LOST, lost, len(gaps) + lost, "gaps in the stream of more than one and a half usual times"
+    )
+
+
+def _share(quantity: Quantity, count: float, total: float | None, method: str) -> Value:
+    """A share with the interval of Clopper and Pearson, in thousandths."""
+    if not total or not math.isfinite(count + total) or not 0.0 <= count <= total:
+        return quantity.unseen(Why.NO_COUNTERS)
+    low = float(betaincinv(count, total - count + 1.0, _TAIL)) if count else 0.0
+    high = float(betaincinv(count + 1.0, total - count, 1.0 - _TAIL)) if count < total else 1.0
+    estimate = Estimate(count / total, low, high, "Clopper and Pearson, as if each were struck by itself")
+    return quantity.value(estimate.times(1e3), method)

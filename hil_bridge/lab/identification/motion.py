@@ -1,0 +1,315 @@
+"""The robot of a recording: turnaround, time of a cycle, lag behind its orders, noise and step of its place."""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from hil_bridge.devices.facts import Owner, Pacing, ServoFacts
+from hil_bridge.lab.fidelity.measures import PARTS, Floats, grid_of, shift_of, smooth_noise_of
+from hil_bridge.lab.fidelity.tables import FAMILIES, Table
+from hil_bridge.lab.identification.blocks import (
+    LEAST_BLOCKS,
+    Estimate,
+    Ints,
+    deviation_of,
+    jackknife,
+    mean_of,
+)
+from hil_bridge.lab.identification.seen import Seen
+from hil_bridge.lab.identification.steps import servo_of_steps
+from hil_bridge.lab.identification.values import Part, Quantity, Value, Why
+from hil_bridge.record.analysis.latency import timestamps
+
+_LOST_GAP = 1.5
+"""Chosen: a longer time, in usual ones, misses a packet."""
+_PAUSE_CYCLES = 50.0
+"""Chosen: over so many cycles the packets in between can be counted."""
+_EVEN_S = 1e-6
+"""Chosen: a smaller deviation of times is the rounding of stamps."""
+_LEAST_CYCLES = 20
+"""Chosen: cycles at least."""
+_PARTS = 8
+"""Chosen: parts of a recording whose lags are told apart."""
+_ABOVE_ORDERS = 2.0
+"""Chosen: noise of a place is told where it is so many times that of the orders, which the robot follows."""
+_NEAR = 0.05
+"""Chosen: a difference so near to a multiple, in steps, is one."""
+_NEARLY_ALL = 0.98
+"""Chosen: share of the differences that are multiples of a step."""
+_ONE_SPEED = 0.9
+"""Chosen: where more of the differences are the same multiple, they are one speed and no step."""
+_DECIMALS_M = tuple(10.0**-places for places in range(3, 10))
+"""Last decimals that are tried, m."""
+_FLOATS = 1e-14
+"""Derived: a smaller share of a place is the rounding of numbers of 64 bits."""
+_STEP_SHARE = 0.01
+"""Chosen: a step is told to one hundredth."""
+
+CYCLE = Quantity("robot.cycle", Part.ROBOT, "time of a cycle", "s")
+JITTER = Quantity("robot.jitter", Part.ROBOT, "deviation of that time", "s")
+MOVE_TURNAROUND = Quantity("robot.turnaround.move", Part.ROBOT, "turnaround of moves", "s")
+MOVE_SPREAD = Quantity("robot.turnaround.spread", Part.ROBOT, "deviation of that turnaround", "s")
+STATUS_TURNAROUND = Quantity("robot.turnaround.status", Part.ROBOT, "turnaround of status orders", "s")
+LAG = Quantity("robot.lag", Part.ROBOT, "lag of the place behind the orders", "s")
+SERVO = Quantity("robot.servo", Part.ROBOT, "delay and response of the servo", "s")
+NOISE = tuple(Quantity(f"robot.noise.{axis}", Part.ROBOT, f"noise of {axis}", "m") for axis in "xyz")
+NOISE_RATIO = Quantity("robot.noise.ratio", Part.ROBOT, "noise over that of the emulated robot", "")
+STEP = Quantity("robot.step", Part.ROBOT, "step of the place", "m")
+_HOPS = {"turnaround": MOVE_TURNAROUND, "status_turnaround": STATUS_TURNAROUND}
+
+
+def motion_values(
+    seen: Seen, usual: ServoFacts | None, twin: Callable[[Table], Table | None]
+) -> Iterator[Value]:
+    """All values of the robot. `usual` is the emulated robot's servo, and `twin` the table of that robot when it is
+    played a table; None where it cannot be played.
+    """
+    yield from _cycles(seen)
+    yield from _turnarounds(seen)
+    emulated: Table | None = None
+    if seen.robot.pacing is Pacing.ASKED and seen.cycles:
+        yield LAG.unseen(Why.STANDS)
+        yield _servo_of_steps(seen, usual)
+    else:
+        emulated = None if seen.orders is None or _orders_of(seen.orders) is None else twin(seen.orders)
+        yield from _lags(seen.orders, usual, emulated)
+    yield from _places(seen, emulated)
+
+
+def _servo_of_steps(seen: Seen, usual: ServoFacts | None) -> Value:
+    estimate = None if usual is None else servo_of_steps(seen, usual)
+    if estimate is None:
+        return SERVO.unseen(Why.NO_STEPS)
+    if not estimate.half < estimate.value:
+        return SERVO.unseen(Why.TOO_OPEN)
+    return SERVO.value(
+        estimate,
+        "shift and smoothing of the ordered depth with the least rest to the force, from the robot's answer on",
+    )
+
+
+# --- times
+
+
+def _cycles(seen: Seen) -> Iterator[Value]:
+    if seen.cycles and seen.robot.pacing is Pacing.ASKED:
+        times = np.array([cycle.started_at for cycle in seen.cycles])
+        method = "mean time between the begins of control cycles"
+    elif seen.motion is not None:
+        times, method = seen.motion.times, "mean time between the robot's packets, lost ones left out"
+    else:
+        times, method = np.empty(0), ""
+    gaps = np.diff(times)
+    if nominal := seen.robot.cycle_s:  # a control cycle may take several packets
+        packets = np.maximum(np.round(gaps / nominal), 1.0)
+        gaps = (gaps / packets)[gaps < _PAUSE_CYCLES * nominal]
+    if len(gaps) < _LEAST_CYCLES:
+        yield CYCLE.unseen(Why.NO_SAMPLES)
+        yield JITTER.unseen(Why.NO_SAMPLES)
+        return
+    usual = gaps[gaps < _LOST_GAP * float(np.median(gaps))]
+    yield CYCLE.value(mean_of(usual).wider(0.1 * _EVEN_S, "and the rounding of the stamps"), method)
+    jitter = deviation_of(usual)
+    yield (
+        JITTER.unseen(Why.EVEN)
+        if jitter.value < _EVEN_S
+        else JITTER.value(jitter, "standard deviation of these times")
+    )
+
+
+def _turnarounds(seen: Seen) -> Iterator[Value]:
+    hops = seen.robot.hops
+    known = () if hops is None else (*hops.beside, *hops.to_answer)
+    told = {hop.name: hop for hop in known if hop.owner is Owner.ROBOT}
+    if hops is None or not told:
+        why = Why.DRIVES if seen.robot.pacing is Pacing.STREAMED else Why.NO_STAMPS
+        why = why if seen.cycles else Why.OF_TABLE
+        yield from (quantity.unseen(why) for quantity in (MOVE_TURNAROUND, MOVE_SPREAD, STATUS_TURNAROUND))
+        return
+    moment = timestamps(seen.cycles, hops)
+    for name, quantity in _HOPS.items():
+        hop = told.get(name)
+        took = np.empty(0) if hop is None else moment(hop.end) - moment(hop.begin)
+        took = took[np.isfinite(took)]
+        quantities = (MOVE_TURNAROUND, MOVE_SPREAD) if quantity is MOVE_TURNAROUND else (quantity,)
+        if len(took) < _LEAST_CYCLES:
+            yield from (one.unseen(Why.NO_STAMPS) for one in quantities)
+            continue
+        yield quantity.value(
+            mean_of(took), "from the last character of an order to the first of its answer, mean"
+        )
+        if quantity is MOVE_TURNAROUND:
+            yield MOVE_SPREAD.value(deviation_of(took), "standard deviation of that time")
+
+
+# --- lag
+
+
+def _lags(motion: Table | None, servo: ServoFacts | None, emulated: Table | None) -> Iterator[Value]:
+    given = None if motion is None else _orders_of(motion)
+    if motion is None or given is None:
+        why = Why.NO_MOTION if motion is None else Why.NO_ORDERS
+        yield LAG.unseen(why)
+        yield SERVO.unseen(why)
+        return
+    lags = _lag_parts(motion, given)
+    if _count_parts(lags) < LEAST_BLOCKS:
+        yield LAG.unseen(Why.QUIET_ORDERS)
+        yield SERVO.unseen(Why.QUIET_ORDERS)
+        return
+    yield LAG.value(
+        _mean_lag(lags),
+        "shift of the orders with the least rest to the reported places, in eight parts, by how far the orders move",
+    )
+    if emulated is None or servo is None:
+        yield SERVO.unseen(Why.NOT_PLAYED)
+        return
+    others = _lag_parts(emulated, given)
+    later = {
+        key: _Lag(lag.seconds - others[key].seconds, lag.weight) for key, lag in lags.items() if key in others
+    }
+    if _count_parts(later) < LEAST_BLOCKS:
+        yield SERVO.unseen(Why.QUIET_ORDERS)
+        return
+    default = servo.transport_delay_s + 2.0 * servo.damping_ratio / servo.natural_frequency_rad_s
+    quarter = 0.25 * servo.interpolation_s
+    more = _mean_lag(later).wider(
+        quarter, "and a quarter of a cycle for the moment at which an order is taken"
+    )
+    yield SERVO.value(
+        Estimate(default + more.value, default + more.low, default + more.high, more.interval),
+        "what the emulated robot has, and by how much the real one is later when both follow the same orders",
+    )
+
+
+def _count_parts(lags: "_Lags") -> int:
+    return len({part for part, _ in lags})
+
+
+def _orders_of(table: Table) -> str | None:
+    return next((name for name in ("order_position", "target_position") if table.has(name)), None)
+
+
+class _Lag(NamedTuple):
+    """Lag of an axis in a part of the time."""
+
+    seconds: float
+    weight: float
+    """Variance of the orders there, m²: what moves farther tells more."""
+
+
+_Lags: TypeAlias = dict[tuple[int, int], _Lag]
+"""By part and axis, of those that tell one."""
+
+
+def _lag_parts(table: Table, given: str) -> _Lags:
+    lags = {}
+    edges = np.linspace(table.times[0], table.times[-1] + 1e-9, _PARTS + 1)
+    for part in range(_PARTS):
+        inside = (table.times >= edges[part]) & (table.times < edges[part + 1])
+        for axis, (source, output) in enumerate(zip(FAMILIES[given], FAMILIES["position"], strict=True)):
+            if inside.sum() > PARTS * _LEAST_CYCLES and source in table.columns:
+                orders, places = table.columns[source][inside], table.columns[output][inside]
+                lag = shift_of(table.times[inside], orders, places)
+                if math.isfinite(lag.seconds):
+                    lags[part, axis] = _Lag(lag.seconds, float(np.var(orders)))
+    return lags
+
+
+def _mean_lag(lags: _Lags) -> Estimate:
+    """The mean by weight, each part of the time a block."""
+    values = np.array([lag.seconds for lag in lags.values()])
+    weights = np.array([lag.weight for lag in lags.values()])
+    parts: Ints = np.array([part for part, _ in lags], np.int64)
+    return jackknife(parts, lambda mask: float(values[mask] @ weights[mask] / weights[mask].sum()))
+
+
+# --- place
+
+
+def _places(seen: Seen, emulated: Table | None) -> Iterator[Value]:
+    motion = seen.motion
+    if motion is None or not motion.has("position"):
+        yield from (quantity.unseen(Why.NO_MOTION) for quantity in (*NOISE, NOISE_RATIO, STEP))
+        return
+    places = motion.rows("position")
+    given = _orders_of(motion)
+    orders = None if given is None else motion.rows(given)
+    step = _step_of(places)
+    noises = [
+        _noise(quantity, places[:, axis], None if orders is None else orders[:, axis], step)
+        for axis, quantity in enumerate(NOISE)
+    ]
+    yield from noises
+    yield _noise_ratio(noises, emulated, motion)
+    if math.isnan(step):
+        yield STEP.unseen(Why.NO_STEP)
+    else:
+        margin = _STEP_SHARE * step
+        yield STEP.value(
+            Estimate(step, step - margin, step + margin, "chosen: it is told to 1 %"),
+            "step of which the differences of successive places are multiples",
+        )
+
+
+def _noise_ratio(noises: Sequence[Value], emulated: Table | None, motion: Table) -> Value:
+    """Of the three axes together, at the times between samples of the recording."""
+    if not all(noise.seen for noise in noises) or emulated is None:
+        why = next((noise.why for noise in noises if noise.why), Why.NOT_PLAYED)
+        return NOISE_RATIO.unseen(why)
+    every = max(1, round(float(np.median(np.diff(motion.times)) / np.median(np.diff(emulated.times)))))
+    usual = math.sqrt(sum(smooth_noise_of(row[::every]) ** 2 for row in emulated.rows("position").T))
+    if not usual > 0.0:
+        return NOISE_RATIO.unseen(Why.NOT_PLAYED)
+    value = math.sqrt(sum(noise.value**2 for noise in noises)) / usual
+    half = math.sqrt(sum((noise.value * 0.5 * (noise.high - noise.low)) ** 2 for noise in noises))
+    half /= value * usual**2
+    return NOISE_RATIO.value(
+        Estimate(value, value - half, value + half, "that of the three axes together"),
+        "root of the sum of the squares of all three axes, of both",
+    )
+
+
+def _step_of(places: Floats) -> float:
+    """The smallest step of the axes, else the last decimal of all; NaN where none is seen."""
+    steps = [size for axis in places.T if math.isfinite(size := grid_of(axis)) and _lie_on(axis, size)]
+    if steps:
+        return min(steps)
+    largest = float(np.max(np.abs(places)))
+    for decimal in _DECIMALS_M:
+        if decimal < _FLOATS * largest:
+            break
+        if np.abs(places / decimal - np.round(places / decimal)).max() < _NEAR:
+            return decimal
+    return math.nan
+
+
+def _lie_on(places: Floats, step: float) -> bool:
+    """Whether nearly all differences are multiples of a step, and not of one speed alone."""
+    multiples = np.abs(np.diff(places)) / step
+    whole = np.round(multiples)
+    near = np.abs(multiples - whole) < _NEAR
+    moved = whole[near & (whole > 0.0)]
+    if not len(moved):
+        return False
+    _, counts = np.unique(moved, return_counts=True)
+    return float(near.mean()) > _NEARLY_ALL and float(counts.max()) < _ONE_SPEED * len(moved)
+
+
+def _noise(quantity: Quantity, place: Floats, orders: Floats | None, step: float) -> Value:
+    noise = smooth_noise_of(place)
+    rounding = 0.0 if math.isnan(step) else step / math.sqrt(12.0)
+    if noise < 1.5 * rounding:
+        return quantity.unseen(Why.BELOW_STEP)
+    if orders is not None and noise < _ABOVE_ORDERS * smooth_noise_of(orders):
+        return quantity.unseen(Why.BELOW_MOTION)
+    parts = np.array_split(place, 12)
+    variances = [smooth_noise_of(part) ** 2 - rounding**2 for part in parts if len(part) > 8]
+    if len(variances) < LEAST_BLOCKS:
+        return quantity.unseen(Why.NO_SAMPLES)
+    estimate = mean_of(np.sqrt(np.maximum(variances, 0.0)))
+    return quantity.value(
+        estimate, "third differences of the reported place, which a smooth motion does not change"
+    )

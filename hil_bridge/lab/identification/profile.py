@@ -1,0 +1,207 @@
+"""The configuration of an emulated cell that shows what a recording shows."""
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from hil_bridge.devices.facts import Pacing
+from hil_bridge.devices.matching import RobotFigures, Sections, SensorFigures
+from hil_bridge.errors import ConfigError
+from hil_bridge.lab.identification.identifying import Identified
+from hil_bridge.lab.identification.line import FRAMES_LOST, PACKETS_LOST
+from hil_bridge.lab.identification.motion import NOISE_RATIO, SERVO
+from hil_bridge.lab.identification.seen import Contact
+from hil_bridge.lab.identification.stream import CUTOFF, DRIFT, NOISE, PERIOD
+from hil_bridge.lab.identification.surface import DAMPING, EXPONENT, FRICTION, STIFFNESS
+from hil_bridge.lab.identification.telling import describe
+from hil_bridge.lab.tuning.writing import absolute_files, toml
+from hil_bridge.record.analysis.site_latency import robot_quantiles_ms
+from hil_bridge.settings.configuration import lay_over
+from hil_bridge.settings.devices import robot_in, sensor_in
+
+_DRIFTS = 2.0
+"""Chosen: a drift is set where it is so many half widths of its interval from zero; else it may be none."""
+_LEVEL_DEG = 0.3
+"""Chosen: a path that rises by less is level."""
+_DOWN = 0.999
+"""Chosen: the surface of an emulated cell can lie below the tool where the approach is so near to downwards."""
+_SHARE = 0.1
+"""Chosen: the height of the surface is told by the first part of the contact."""
+_MM = 1e3
+
+
+def profile_text(identified: Identified, source: str) -> str:
+    """The configuration as TOML, with the values as comments. `source` names the recording."""
+    config = identified.config
+    values: dict[str, Any] = config.model_dump(mode="json", exclude_defaults=True, exclude_none=True)
+    for section in ("cell", "faults"):
+        values.pop(section, None)
+    for name, device in (("robot", robot_in(config)), ("sensor", sensor_in(config))):
+        table = values.setdefault(name, {})
+        table.pop("url", None)
+        table["emulated"] = device.kind.name
+    absolute_files(values)
+    for sections in (_robot(identified), _sensor(identified), _cell(identified)):
+        lay_over(
+            values, {f"{name}.{key}": value for name, rows in sections.items() for key, value in rows.items()}
+        )
+    if faults := list(_faults(identified)):
+        values = {"faults": faults, **values}
+    notes = (
+        f"Identified from {source}; a value and its interval of 95 % in each line.",
+        *(f"  {line}" for line in describe(identified.values, methods=False)),
+    )
+    return toml(values, notes)
+
+
+def _robot(identified: Identified) -> Sections:
+    device, values = robot_in(identified.config), identified.values
+    if (
+        device.kind.emulation is None
+        or device.kind.emulation.match is None
+        or not _named(identified, "robot")
+    ):
+        return {}
+    quantiles: Mapping[str, list[float]] = {}
+    if identified.run is not None:
+        try:
+            quantiles = robot_quantiles_ms(identified.run)
+        except ConfigError:  # too short, or nothing that is the robot's own
+            quantiles = {}
+    figures = RobotFigures(values.get(SERVO.key), values.get(NOISE_RATIO.key), quantiles)
+    return device.kind.emulation.match(device.settings, figures)
+
+
+def _named(identified: Identified, device: str) -> bool:
+    """Whether the kind of a device is known: a table has only those that its configuration names."""
+    return identified.run is not None or device in identified.config.model_fields_set
+
+
+def _sensor(identified: Identified) -> Sections:
+    device, values = sensor_in(identified.config), identified.values
+    if (
+        device.kind.emulation is None
+        or device.kind.emulation.match is None
+        or not _named(identified, "sensor")
+    ):
+        return {}
+    x, y, z, u, v, w = (values.get(quantity.key) for quantity in NOISE)
+    facts = None if identified.seen.stream is None else identified.seen.stream.facts
+    drift = [values.find(quantity.key) for quantity in DRIFT]
+    certain = [
+        0.0 if one is None or not abs(one.value) > _DRIFTS * 0.5 * (one.high - one.low) else one.value
+        for one in drift
+    ]
+    figures = SensorFigures(
+        (x, y, z, u, v, w),
+        values.get(CUTOFF.key),
+        (certain[0], certain[1], certain[2]) if any(certain) else (math.nan,) * 3,
+        values.get(PERIOD.key),
+    )
+    if facts is not None:
+        figures = figures._replace(scales=facts.scales)
+    return device.kind.emulation.match(device.settings, figures)
+
+
+def _cell(identified: Identified) -> Sections:
+    """Surface and start of the cell."""
+    config, seen, values = identified.config, identified.seen, identified.values
+    surface: dict[str, Any] = {}
+    stiffness = values.get(STIFFNESS.key)
+    if math.isfinite(stiffness) and stiffness > 0.0:
+        surface["stiffness_n_m"] = _rounded(stiffness)
+        if seen.contact is not None and seen.cycles:
+            surface |= _place(seen.contact, stiffness)
+    for quantity, name in ((DAMPING, "damping_ns_m"), (FRICTION, "friction")):
+        if math.isfinite(value := values.get(quantity.key)):
+            full = _full_friction(identified) if quantity is FRICTION else 1.0
+            surface[name] = _rounded(max(value, 0.0) * full)
+    found: dict[str, dict[str, Any]] = {"cell.surface": surface} if surface else {}
+    exponent = values.find(EXPONENT.key)
+    if (
+        exponent is not None
+        and exponent.seen
+        and exponent.low > 1.0
+        and seen.contact is not None
+        and stiffness > 0.0
+    ):
+        depth = float(np.mean(seen.contact.press)) / stiffness
+        found["cell.surface.material"] = {
+            "kind": "hunt_crossley",
+            "exponent": _rounded(exponent.value),
+            "reference_depth_mm": _rounded(depth * _MM),
+        }
+    if seen.cycles:
+        first = seen.cycles[0]
+        found["cell"] = {
+            "start_position_mm": [round(part * _MM, 4) for part in first.position],
+            "start_quaternion": [round(part, 9) for part in first.quaternion],
+        }
+    if config.tool.mass_kg:
+        found["cell.tool"] = {
+            "mass_kg": config.tool.mass_kg,
+            "centre_of_gravity_mm": list(config.tool.centre_of_gravity_mm),
+        }
+    return found
+
+
+def _full_friction(identified: Identified) -> float:
+    """The emulated surface's coefficient over its friction at the speed of a run; a robot that steps is quick."""
+    config = identified.config
+    if identified.seen.robot.pacing is Pacing.ASKED or not config.task.speed_mm_s:
+        return 1.0
+    return (
+        math.hypot(config.task.speed_mm_s, config.cell.surface.friction_smoothing_mm_s)
+        / config.task.speed_mm_s
+    )
+
+
+def _place(contact: Contact, stiffness: float) -> dict[str, Any]:
+    """Where the surface lies below the tool: level, or rising along the way. Nothing where the approach is not down."""
+    if -contact.approach[2] < _DOWN or not np.isfinite(contact.place).all():
+        return {}
+    heights = contact.place[:, 2] + contact.press / stiffness
+    begin, end = contact.place[0], contact.place[-1]
+    step = (end - begin)[:2]
+    length = float(np.linalg.norm(step))
+    first = max(1, int(_SHARE * len(heights)))
+    found: dict[str, Any] = {
+        "origin_x_mm": round(float(begin[0]) * _MM, 3),
+        "origin_y_mm": round(float(begin[1]) * _MM, 3),
+        "height_mm": round(float(heights[:first].mean()) * _MM, 3),
+    }
+    if length * _MM < 1.0:
+        return found
+    along = (contact.place[:, :2] - begin[:2]) @ (step / length)
+    rise, level = np.polyfit(along, heights, 1)
+    slope = math.degrees(math.atan(float(rise)))
+    found["path_deg"] = round(math.degrees(math.atan2(float(step[1]), float(step[0]))), 3)
+    if abs(slope) > _LEVEL_DEG:
+        found |= {"kind": "sloped", "slope_deg": round(slope, 3), "height_mm": round(float(level) * _MM, 3)}
+    return found
+
+
+def _faults(identified: Identified) -> Iterator[dict[str, Any]]:
+    """Losses on both wires, as faults from the begin on."""
+    values, emulation = identified.values, sensor_in(identified.config).kind.emulation
+    share = values.get(FRAMES_LOST.key) * 1e-3
+    if share > 0.0 and emulation is not None:
+        yield _lost("sensor-wire", 1.0 - (1.0 - share) ** (1.0 / emulation.packets_per_frame))
+    share = values.get(PACKETS_LOST.key) * 1e-3
+    if share > 0.0:
+        yield _lost("wire", share)
+
+
+def _lost(on: str, probability: float) -> dict[str, Any]:
+    return {
+        "on": on,
+        "fault": "lost",
+        "phase": "connect",
+        "with": {"probability": _rounded(min(probability, 1.0)), "way": "from"},
+    }
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.4g}")

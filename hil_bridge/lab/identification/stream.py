@@ -1,0 +1,331 @@
+"""The sensor of a recording: noise of each axis, cut-off of its filter, step, drift of the zero, times of frames."""
+
+import math
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from hil_bridge.lab.fidelity.measures import Floats, grid_of
+from hil_bridge.lab.identification.blocks import (
+    LEAST_BLOCKS,
+    Estimate,
+    Ints,
+    Mask,
+    deviation_of,
+    jackknife,
+    mean_of,
+)
+from hil_bridge.lab.identification.seen import Seen, Stream
+from hil_bridge.lab.identification.values import Part, Quantity, Value, Why
+from protocol.wrench import AXES
+
+_SEGMENTS = 12
+"""Chosen: stretches of the standing tool whose spectra are averaged, if there are frames enough."""
+_SHORTEST, _LONGEST = 16, 128
+"""Chosen: frames of such a stretch."""
+_SLOW_HZ = 20.0
+"""Chosen: arms that were recorded vibrate at 9 to 16 Hz. Slower noise is not the sensor's."""
+_LEAKING = 3
+"""Derived: lines of a spectrum up to which a slow change leaks through Hann's window."""
+_PEAK = 4.0
+"""Chosen: lines stand out of the noise by so many standard errors; they are the arm's, and left out."""
+_DISTURBED = 5.0
+"""Chosen: a stretch with so many times the usual power is one in which something happened."""
+_SEEN_STEPS = 0.55
+"""Derived: with a smaller deviation, in steps, rounding is not noise of its own any more. Half a step, and rounding."""
+_MEMORY_LEAST = 0.05
+"""Chosen: a correlation from frame to frame below this is none."""
+_LOST_GAP = 1.5
+"""Chosen: a longer gap, in usual ones, misses a frame."""
+_EVEN_S = 1e-6
+"""Chosen: a smaller deviation of times is the rounding of stamps."""
+_STEP_SHARE = 0.01
+"""Chosen: a step is told to one hundredth."""
+_FREE_LEAST_S = 1.0
+"""Chosen: free space at each end from which a drift is told."""
+_MEAN_S = 0.5
+"""Chosen: means over so long tell the drift. Vibrations of an arm are gone in them."""
+_CREEP_SHARE = 0.01
+"""Chosen: share of the force that a sensor may keep after the tool is lifted. Recorded: up to 1 %."""
+
+UNITS = ("N",) * 3 + ("N·m",) * 3
+NOISE = tuple(
+    Quantity(f"sensor.noise.{axis}", Part.SENSOR, f"noise of {axis}", unit)
+    for axis, unit in zip(AXES, UNITS, strict=True)
+)
+STEP = tuple(
+    Quantity(f"sensor.step.{axis}", Part.SENSOR, f"step of {axis}", unit)
+    for axis, unit in zip(AXES, UNITS, strict=True)
+)
+DRIFT = tuple(
+    Quantity(f"sensor.drift.{axis}", Part.SENSOR, f"drift of the zero of {axis}", "N/min")
+    for axis in AXES[:3]
+)
+CUTOFF = Quantity("sensor.cutoff", Part.SENSOR, "cut-off of the filter", "Hz")
+PERIOD = Quantity("sensor.period", Part.SENSOR, "time between frames", "s")
+JITTER = Quantity("sensor.jitter", Part.SENSOR, "deviation of that time", "s")
+ALL = (*NOISE, CUTOFF, *STEP, *DRIFT, PERIOD, JITTER)
+
+
+def stream_values(seen: Seen) -> Iterator[Value]:
+    """All values of the sensor."""
+    stream = seen.stream
+    if stream is None:
+        yield from (quantity.unseen(Why.NO_FORCE) for quantity in ALL)
+        return
+    yield from _noise(stream)
+    yield from _steps(stream)
+    yield from _drift(stream, seen)
+    yield from _times(stream)
+
+
+# --- noise and filter
+
+
+class _Spectra(NamedTuple):
+    """Periodograms of the standing tool."""
+
+    power: Floats
+    """(segments, lines, axes), scaled so that white noise has its variance in each line."""
+    angles: Floats
+    """(lines,): 2π times frequency over the rate of the frames."""
+    rounding: Floats
+    """(axes,): variance of the rounding to a step."""
+    rate: float
+
+    def shape(self, memory: float) -> Floats:
+        """(lines,): spectrum of noise with variance 1 behind a filter of first order, with this correlation from frame
+        to frame.
+        """
+        lines: Floats = (1.0 - memory**2) / (1.0 - 2.0 * memory * np.cos(self.angles) + memory**2)
+        return lines
+
+    def variances(self, memory: float, segments: Mask, lines: Mask) -> Floats:
+        """(axes,): variance of the noise without rounding, from these segments and lines."""
+        shape, power = self.shape(memory)[lines], self.power[segments][:, lines].mean(axis=0)
+        found = (power / shape[:, None]).mean(axis=0)
+        for _ in range(3):  # weights by the spectrum itself, rounding included
+            weight = (shape[:, None] / (found * shape[:, None] + self.rounding)) ** 2
+            found = (weight * (power - self.rounding) / shape[:, None]).sum(axis=0) / weight.sum(axis=0)
+            found = np.maximum(found, 1e-3 * self.rounding + 1e-30)
+        variances: Floats = found
+        return variances
+
+    def unlikelihood(self, memory: float, segments: Mask, lines: Mask) -> float:
+        """Of this correlation, by Whittle: the smaller the better."""
+        model = np.outer(self.shape(memory)[lines], self.variances(memory, segments, lines)) + self.rounding
+        power = self.power[segments][:, lines].mean(axis=0)
+        return float((np.log(model) + power / model).sum())
+
+    def memory(self, segments: Mask, lines: Mask) -> float:
+        """The likeliest correlation from frame to frame."""
+        best = minimize_scalar(
+            lambda memory: self.unlikelihood(float(memory), segments, lines),
+            bounds=(-0.5, 0.995),
+            method="bounded",
+        )
+        return float(best.x)
+
+    def calm_lines(self, segments: Mask) -> Mask:
+        """Lines that do not stand out of the noise in any axis: peaks are vibrations."""
+        lines = np.ones(len(self.angles), bool)
+        error = 1.0 / math.sqrt(int(segments.sum()))
+        for _ in range(4):
+            memory = self.memory(segments, lines)
+            model = np.outer(self.shape(memory), self.variances(memory, segments, lines)) + self.rounding
+            excess = (self.power[segments].mean(axis=0) / model).max(axis=1)
+            calm = excess < 1.0 + _PEAK * error
+            if calm.sum() < len(lines) // 2 or (calm == lines).all():
+                break
+            lines = calm
+        return lines
+
+
+def _noise(stream: Stream) -> Iterator[Value]:
+    spectra, axes = _spectra_of(stream), range(len(AXES))
+    if spectra is None:
+        yield from (quantity.unseen(Why.NO_FRAMES) for quantity in (*NOISE, CUTOFF))
+        return
+    total = np.sqrt(spectra.power.mean(axis=(0, 1)))
+    steps = np.sqrt(12.0 * spectra.rounding)
+    told = [k for k in axes if total[k] > _SEEN_STEPS * steps[k] and total[k] > 0.0]
+    places = {axis: place for place, axis in enumerate(told)}
+    if not told:
+        yield from (NOISE[k].unseen(Why.BELOW_STEP if total[k] >= 0.0 else Why.NO_FORCE) for k in axes)
+        yield CUTOFF.unseen(Why.NO_NOISE)
+        return
+    spectra = spectra._replace(power=spectra.power[:, :, told], rounding=spectra.rounding[told])
+    numbers = np.arange(len(spectra.power))
+    everything = np.ones(len(numbers), bool)
+    lines = spectra.calm_lines(everything)
+
+    def memory_of(mask: Mask) -> float:
+        return spectra.memory(mask, lines)
+
+    memory = jackknife(numbers, memory_of)
+    white = memory.low < _MEMORY_LEAST
+    if not white and _hertz(memory.low, spectra.rate) < _SLOW_HZ:
+        yield from (NOISE[k].unseen(Why.SLOW_FILTER if k in places else Why.BELOW_STEP) for k in axes)
+        yield CUTOFF.unseen(Why.SLOW_FILTER)
+        return
+    method = (
+        "level of the spectrum above 20 Hz while the tool stands in free space, peaks and rounding taken off"
+    )
+    for axis in axes:
+        if axis not in places:
+            yield NOISE[axis].unseen(Why.BELOW_STEP)
+            continue
+        place = places[axis]
+
+        def deviation(mask: Mask, place: int = place) -> float:
+            used = 0.0 if white else memory_of(mask)
+            return math.sqrt(float(spectra.variances(used, mask, lines)[place]))
+
+        yield NOISE[axis].value(jackknife(numbers, deviation), method)
+    yield _cutoff(memory, spectra.rate) if not white else CUTOFF.unseen(Why.WHITE)
+
+
+def _hertz(memory: float, rate: float) -> float:
+    """Cut-off of a filter of first order with this correlation from frame to frame."""
+    return -math.log(min(max(memory, 1e-3), 0.9999)) * rate / (2.0 * math.pi)
+
+
+def _cutoff(memory: Estimate, rate: float) -> Value:
+    value, low, high = (_hertz(one, rate) for one in (memory.value, memory.high, memory.low))
+    estimate = Estimate(value, low, high, memory.interval)
+    return CUTOFF.value(estimate, "colour of that noise, taken for a filter of first order")
+
+
+def _spectra_of(stream: Stream) -> _Spectra | None:
+    """Periodograms by stretch; None for too few frames, or of a table without a step where nothing is left."""
+    begin, end = stream.standing
+    inside = (stream.times >= begin) & (stream.times < end)
+    times, wrench = stream.times[inside], stream.wrench[inside]
+    length = 2 ** int(math.log2(max(1, min(_LONGEST, len(times) // _SEGMENTS * 2))))
+    length = max(length, _SHORTEST)
+    if len(times) < LEAST_BLOCKS * length:
+        return None
+    usual = float(np.median(np.diff(times)))
+    rate = 1.0 / float(np.diff(times)[np.diff(times) < _LOST_GAP * usual].mean())
+    window = np.hanning(length + 1)[:-1]
+    scale = 1.0 / float(window @ window)
+    frequencies = np.fft.rfftfreq(length, 1.0 / rate)
+    lines = (frequencies > _SLOW_HZ) & (np.arange(len(frequencies)) >= _LEAKING)
+    lines[-1] = False
+    if lines.sum() < 3:
+        return None
+    about = np.linspace(-1.0, 1.0, length)
+    power = []
+    for place in range(0, len(times) - length + 1, length):
+        part = wrench[place : place + length]
+        level = part - part.mean(axis=0)
+        level = level - np.outer(about, about @ level / (about @ about))
+        power.append(np.abs(np.fft.rfft(level * window[:, None], axis=0)[lines]) ** 2 * scale)
+    powers = np.array(power)
+    sums = powers.sum(axis=1)
+    calm = (sums <= _DISTURBED * np.median(sums, axis=0) + 1e-30).all(axis=1)
+    if calm.sum() < LEAST_BLOCKS:
+        return None
+    steps = np.where(np.isfinite(stream.step), stream.step, 0.0)
+    told = _step_sizes(stream)
+    rounding: Floats = np.where(np.isfinite(told), told, steps) ** 2 / 12.0
+    angles = np.asarray(2.0 * math.pi * frequencies[lines] / rate, np.float64)
+    return _Spectra(powers[calm], angles, rounding, rate)
+
+
+# --- step
+
+
+def _step_sizes(stream: Stream) -> Floats:
+    """(6,): the step on which the values of each axis lie; NaN where none is seen."""
+    return np.array([grid_of(stream.wrench[:, axis]) for axis in range(len(AXES))])
+
+
+def _steps(stream: Stream) -> Iterator[Value]:
+    for quantity, size in zip(STEP, _step_sizes(stream), strict=True):
+        if math.isnan(size):
+            yield quantity.unseen(Why.NO_STEP)
+            continue
+        margin = _STEP_SHARE * float(size)
+        estimate = Estimate(
+            float(size), float(size) - margin, float(size) + margin, "chosen: it is told to 1 %"
+        )
+        yield quantity.value(estimate, "step of which the differences of successive values are multiples")
+
+
+# --- drift
+
+
+def _drift(stream: Stream, seen: Seen) -> Iterator[Value]:
+    spans = [span for span in stream.free if span[1] - span[0] >= _FREE_LEAST_S]
+    if len(spans) < 2 or seen.contact is None:
+        yield from (quantity.unseen(Why.NO_FREE_ENDS) for quantity in DRIFT)
+        return
+    means = [_means(stream, span) for span in spans]
+    times = np.concatenate([part[0] for part in means])
+    zeros = np.concatenate([part[1] for part in means])
+    blocks: Ints = np.arange(len(times))
+    apart = float(means[1][0].mean() - means[0][0].mean()) / 60.0
+    walk = _walk(means) * math.sqrt(max(apart, 1e-9) * 60.0) / max(apart, 1e-9)
+    loads = np.abs(seen.contact.press).mean() * np.ones(3)
+    for axis, quantity in enumerate(DRIFT):
+
+        def slope(mask: Mask, axis: int = axis) -> float:
+            about = times[mask] - times[mask].mean()
+            return 60.0 * float(about @ zeros[mask, axis] / (about @ about))
+
+        own = jackknife(blocks, slope)
+        half = (
+            math.hypot(own.half, 1.96 * walk)
+            - own.half
+            + _CREEP_SHARE * float(loads[axis]) / max(apart, 1e-9)
+        )
+        yield quantity.value(
+            own.wider(half, "and what a walk of the zero, and 1 % of the pressed force as creep, can make"),
+            "line through means of 0.5 s in free space before the contact and behind it",
+        )
+
+
+def _means(stream: Stream, span: tuple[float, float]) -> tuple[Floats, Floats]:
+    """Times and forces (n, 3) of means over `_MEAN_S`."""
+    begin, end = span
+    count = int((end - begin) / _MEAN_S)
+    edges = np.searchsorted(stream.times, begin + _MEAN_S * np.arange(count + 1))
+    parts = [slice(a, b) for a, b in pairwise(edges.tolist()) if b > a]
+    times = np.array([stream.times[part].mean() for part in parts])
+    return times, np.array([stream.wrench[part, :3].mean(axis=0) for part in parts])
+
+
+def _walk(means: list[tuple[Floats, Floats]]) -> float:
+    """Random walk of the zero beyond the noise of the means, N/√s: of all three axes together."""
+    steps = np.concatenate([np.diff(zeros, axis=0) for _, zeros in means])
+    far = np.concatenate([zeros[4:] - zeros[:-4] for _, zeros in means if len(zeros) > 4] or [steps[:0]])
+    if not len(far) or not len(steps):
+        return 0.0
+    more = float((far**2).mean() - (steps**2).mean()) / (3.0 * _MEAN_S)
+    return math.sqrt(max(more, 0.0))
+
+
+# --- times
+
+
+def _times(stream: Stream) -> Iterator[Value]:
+    gaps = np.diff(stream.times)
+    usual = gaps[gaps < _LOST_GAP * float(np.median(gaps))]
+    if len(usual) < LEAST_BLOCKS * 2:
+        yield PERIOD.unseen(Why.NO_SAMPLES)
+        yield JITTER.unseen(Why.NO_SAMPLES)
+        return
+    period = mean_of(usual)
+    yield PERIOD.value(
+        period.wider(0.1 * _EVEN_S, "and the rounding of the stamps"),
+        "mean time between frames, lost ones left out",
+    )
+    jitter = deviation_of(usual)
+    if jitter.value < _EVEN_S:
+        yield JITTER.unseen(Why.EVEN)
+    else:
+        yield JITTER.value(jitter, "standard deviation of these times")

@@ -1,0 +1,187 @@
+"""A bag of ROS 2 as a recording: a sample for each wrench, with the place of the tool at that time.
+
+A sample is a `CycleRecord` that tells what was measured: times, wrench, force, pose and depth, and the commanded depth
+where a topic has it. What a bag does not tell, as decisions and verdicts, is NaN or empty.
+"""
+
+import math
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_bridge.errors import ConfigError
+from hil_bridge.errors.text_files import format_path
+from hil_bridge.record.foreign import BASE_FRAME, POSE, TARGET, TOOL_FRAME, WRENCH, BagChoices, Foreign
+from hil_bridge.record.reader import Recording, dated, read
+from hil_bridge.record.records import CycleRecord
+from hil_bridge.record.ros.bag_file import is_bag, read_messages
+from hil_bridge.record.ros.messages import message_store
+from hil_bridge.record.ros.streams import Floats, Nanoseconds, Stream, stream_of, wants_of
+from protocol.geometry import rotation_rows
+
+GAP_S = 0.5
+"""Longest time between two poses over which the place of the tool is taken for known. Chosen."""
+_NAN = math.nan
+
+
+def read_any(path: Path, choices: BagChoices | None = None) -> Recording:
+    """The recording of a run, or a bag of ROS 2 as a recording. Raises ConfigError."""
+    return read_bag(path, choices) if is_bag(path) else read(path)
+
+
+def read_bag(path: Path, choices: BagChoices | None = None) -> Recording:
+    """A bag of ROS 2 as a recording. The clock of it is 0 at the stamp of its first sample.
+
+    Raises ConfigError where rosbags is not installed, and for a bag that cannot be used.
+    """
+    choices = choices or BagChoices()
+    store = message_store()
+    bag = read_messages(path, wants_of(choices))
+    streams = {role: stream_of(bag, role, choices, store) for role in (WRENCH, POSE)}
+    if choices.named(TARGET):
+        streams[TARGET] = stream_of(bag, TARGET, choices, store)
+    known, places = _places(streams[WRENCH].stamps_ns, streams[POSE])
+    if not known.any():
+        raise ConfigError(f"{format_path(path)}: no wrench has a pose within {GAP_S:g} s of it")
+    samples = _Samples(streams[WRENCH].stamps_ns[known], streams[WRENCH].values[known], places[known])
+    foreign = Foreign(
+        path.name,
+        {role: stream.topic for role, stream in streams.items()},
+        choices,
+        left_out=int((~known).sum()),
+        moments=bool(np.isfinite(samples.wrenches[:, 3:]).any()),
+    )
+    recording = Recording(
+        _records(samples, streams.get(TARGET), choices),
+        truncated=bag.truncated,
+        unix_zero_ns=int(samples.stamps_ns[0]),
+        foreign=foreign,
+    )
+    return dated(recording, path)
+
+
+class _Samples(NamedTuple):
+    """Wrenches, and where the tool was."""
+
+    stamps_ns: Nanoseconds
+    wrenches: Floats
+    """(n, 6), as told."""
+    places: Floats
+    """(n, 7)."""
+
+
+def _places(at_ns: Nanoseconds, poses: Stream) -> tuple[NDArray[np.bool_], Floats]:
+    """Which times have a pose, and the poses there: on the straight line between two, the turn likewise."""
+    zero = int(at_ns[0])
+    at, told = (at_ns - zero) * 1e-9, (poses.stamps_ns - zero) * 1e-9
+    after = np.clip(np.searchsorted(told, at, side="right"), 0, len(told) - 1)
+    before = np.maximum(np.searchsorted(told, at, side="right") - 1, 0)
+    gap = told[after] - told[before]
+    share = np.where(gap > 0.0, (at - told[before]) / np.where(gap > 0.0, gap, 1.0), 0.0)[:, None]
+    inside = (at >= told[0]) & (at <= told[-1])
+    edge = np.minimum(np.abs(at - told[0]), np.abs(at - told[-1]))
+    known = np.where(inside, (gap <= GAP_S) | (share[:, 0] == 0.0), edge <= GAP_S)
+    first, second = poses.values[before], poses.values[after].copy()
+    second[(first[:, 3:] * second[:, 3:]).sum(axis=1) < 0.0, 3:] *= -1.0  # the shorter way round
+    places = first + share * (second - first)
+    places[:, 3:] /= np.linalg.norm(places[:, 3:], axis=1, keepdims=True)
+    return known, places
+
+
+def _records(samples: _Samples, target: Stream | None, choices: BagChoices) -> tuple[CycleRecord, ...]:
+    times: Floats = (samples.stamps_ns - int(samples.stamps_ns[0])).astype(np.float64) * 1e-9
+    turns = _matrices(samples.places[:, 3:])
+    axis = np.array(choices.direction)
+    approach = axis if choices.axis_frame == BASE_FRAME else turns[0] @ axis
+    wrenches = _in_tool(samples.wrenches, times, turns, choices)
+    along = (
+        np.tile(axis, (len(times), 1)) if choices.axis_frame == TOOL_FRAME else _turn_back(turns, axis[None])
+    )
+    forces = -(wrenches[:, :3] * along).sum(axis=1)
+    positions = samples.places[:, :3]
+    depths = (positions - positions[0]) @ approach
+    commanded = _commanded(samples, target)
+    ordered = (commanded - positions[0]) @ approach
+    columns = (
+        times,
+        wrenches,
+        forces,
+        positions,
+        samples.places[:, 3:],
+        depths,
+        commanded,
+        ordered,
+        forces > choices.contact_n,
+    )
+    start: tuple[float, ...] = tuple(positions[0].tolist())
+    return tuple(
+        CycleRecord(
+            cycle=number,
+            phase="",
+            started_at=at,
+            status_at=_NAN,
+            sensor_at=_NAN,
+            controlled_at=at,
+            sent_at=_NAN,
+            answered_at=_NAN,
+            sensor_sequence=number,
+            force=force,
+            force_reference=_NAN,
+            wrench=tuple(wrench),
+            position=tuple(position),
+            quaternion=tuple(quaternion),
+            depth=depth,
+            depth_commanded=depth_ordered,
+            travel_commanded=_NAN,
+            correction=_NAN,
+            gain=_NAN,
+            in_contact=touches,
+            verdict="",
+            target=tuple(place),
+            start=start,
+            across_commanded=_NAN,
+        )
+        for number, (
+            at,
+            wrench,
+            force,
+            position,
+            quaternion,
+            depth,
+            place,
+            depth_ordered,
+            touches,
+        ) in enumerate(zip(*(column.tolist() for column in columns), strict=True))
+    )
+
+
+def _in_tool(wrenches: Floats, times: Floats, turns: Floats, choices: BagChoices) -> Floats:
+    """Wrenches on the tool along the tool's axes, less their mean at the begin where that is wanted."""
+    if choices.zero_s > 0.0:
+        wrenches = wrenches - wrenches[times <= choices.zero_s].mean(axis=0)
+    wrenches = choices.sign * wrenches
+    if choices.wrench_in == TOOL_FRAME:
+        return wrenches
+    return np.hstack([_turn_back(turns, wrenches[:, :3]), _turn_back(turns, wrenches[:, 3:])])
+
+
+def _turn_back(turns: Floats, vectors: Floats) -> Floats:
+    """Vectors of the base, (n, 3) or (1, 3), along the axes of the tool."""
+    turned: Floats = np.einsum("nji,nj->ni", turns, np.broadcast_to(vectors, (len(turns), 3)))
+    return turned
+
+
+def _matrices(quaternions: Floats) -> Floats:
+    """Rotations (n, 3, 3) of unit quaternions w x y z (n, 4): they turn vectors of the tool into those of the base."""
+    return np.array([rotation_rows(quaternion) for quaternion in quaternions.tolist()])
+
+
+def _commanded(samples: _Samples, target: Stream | None) -> Floats:
+    """The newest commanded place at each time, (n, 3), m; NaN before the first, and where there is none."""
+    places = np.full((len(samples.stamps_ns), 3), math.nan)
+    if target is not None:
+        newest = np.searchsorted(target.stamps_ns, samples.stamps_ns, side="right") - 1
+        places[newest >= 0] = target.values[newest[newest >= 0], :3]
+    return places

@@ -1,0 +1,177 @@
+"""Messages of a bag as checked arrays: the wrenches and the poses of the topics that were chosen."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil_bridge.errors import ConfigError
+from hil_bridge.errors.failures import one_line
+from hil_bridge.errors.text_files import format_path, harmless
+from hil_bridge.record.foreign import HEADER, LARGEST, POSE, TARGET, WRENCH, BagChoices, ForeignTopic
+from hil_bridge.record.ros import messages
+from hil_bridge.record.ros.bag_file import Bag, Wants
+
+Floats: TypeAlias = NDArray[np.float64]
+Nanoseconds: TypeAlias = NDArray[np.int64]
+TYPES = {WRENCH: messages.WRENCH, POSE: messages.POSE, TARGET: messages.POSE}
+"""Type of the topic of a role."""
+CHILD = ":"
+"""Stands before the name of a frame, in the name of a topic of transforms."""
+_PARTS = {
+    WRENCH: ("force x", "force y", "force z", "torque x", "torque y", "torque z"),
+    POSE: ("x", "y", "z", "orientation w", "orientation x", "orientation y", "orientation z"),
+}
+_LEAST_TURN = 1e-6
+"""Chosen: a quaternion that is shorter has no direction."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stream:
+    """The values of a topic over time."""
+
+    topic: ForeignTopic
+    stamps_ns: Nanoseconds
+    """(n,), ascending."""
+    values: Floats
+    """(n, 6) fx fy fz mx my mz, N and N·m; or (n, 7) x y z, m, and w x y z of unit length."""
+
+
+def wants_of(choices: BagChoices) -> Wants:
+    """Which topics are needed."""
+    named = {name.partition(CHILD)[0] for role in TYPES for name in choices.named(role)}
+    free = {TYPES[role] for role in (WRENCH, POSE) if not choices.named(role)}
+    return lambda name, kind: name in named or kind in free
+
+
+def topic_of(bag: Bag, role: str, choices: BagChoices) -> str:
+    """Name of the topic of a role, the child of a transform with it. Raises ConfigError."""
+    source, named, there = format_path(bag.path), choices.named(role), bag.of_type(TYPES[role])
+    words = TYPES[role].replace("/msg", "")
+    for name in named:
+        plain, _, child = name.partition(CHILD)
+        kind = messages.TRANSFORMS if child else TYPES[role]
+        if role != WRENCH and bag.types.get(plain) == messages.TRANSFORMS and not child:
+            raise ConfigError(
+                f"{source}: {plain} has many frames; name one with --topic {role}={plain}:CHILD"
+            )
+        if plain in bag.types and bag.types[plain] != kind:
+            raise ConfigError(f"{source}: {plain} is {_show(bag.types[plain])}, and {words} is wanted")
+        if plain in bag.types:
+            return name
+    listed = _show(", ".join(there)) or "none"
+    if named:
+        raise ConfigError(f"{source} has no topic {' or '.join(named)}; of {words} there are: {listed}")
+    if len(there) > 1:
+        raise ConfigError(f"{source} has several {words}: {listed}; name one with --topic {role}={there[0]}")
+    if not there:
+        transforms = role == POSE and bag.of_type(messages.TRANSFORMS)
+        advice = f"; --topic pose={transforms[0]}:CHILD takes one from its transforms" if transforms else ""
+        raise ConfigError(f"{source} has no topic of {words}{advice}")
+    return there[0]
+
+
+def stream_of(bag: Bag, role: str, choices: BagChoices, store: Any) -> Stream:
+    """The values of the topic of a role. Raises ConfigError for what cannot be used."""
+    name = topic_of(bag, role, choices)
+    plain, _, child = name.partition(CHILD)
+    source, kind = format_path(bag.path), bag.types[plain]
+    where = f"{source}: {_show(plain)}"
+    rows, stamps, frames = [], [], set[str]()
+    row_of = _wrench_row if role == WRENCH else _pose_row
+    for number, (at_ns, data) in enumerate(bag.messages.get(plain, ())):
+        try:
+            message = store.deserialize_cdr(data, kind)
+            for header, part in _placed(message, child):
+                rows.append(row_of(part))
+                stamps.append(_stamp_ns(header) if choices.stamps == HEADER else at_ns)
+                frames.add(str(header.frame_id))
+        except Exception as error:  # the library lets everything through
+            raise ConfigError(f"{where}: message {number + 1} is damaged, or of another type") from error
+    if not rows:
+        missing = f"no frame {child!r}" if child and bag.messages.get(plain) else "no message"
+        raise ConfigError(f"{where} has {missing}{' before the damage' if bag.truncated else ''}")
+    if len(frames) > 1:
+        listed = ", ".join(sorted(frames)[:4])
+        raise ConfigError(f"{where} names several frames: {_show(listed)}; record one source alone")
+    told = ForeignTopic(name, kind, frames.pop(), len(rows))
+    try:
+        stamps_ns = np.array(stamps, dtype=np.int64)
+    except OverflowError as error:
+        raise ConfigError(f"{where} has a time beyond all clocks") from error
+    _check_times(stamps_ns, where, choices)
+    return Stream(told, stamps_ns, _checked(np.array(rows, dtype=np.float64), role, where))
+
+
+def _show(name: str) -> str:
+    """A name of a bag in one line, without characters that act on a terminal."""
+    return harmless(one_line(name))
+
+
+def _placed(message: Any, child: str) -> Sequence[tuple[Any, Any]]:
+    """Header and content of a message; of transforms, of those of a child."""
+    if child:
+        return [(one.header, one.transform) for one in message.transforms if one.child_frame_id == child]
+    return [(message.header, getattr(message, "wrench", None) or message.pose)]
+
+
+def _wrench_row(wrench: Any) -> Sequence[float]:
+    force, torque = wrench.force, wrench.torque
+    return force.x, force.y, force.z, torque.x, torque.y, torque.z
+
+
+def _pose_row(pose: Any) -> Sequence[float]:
+    """Of a pose or of a transform."""
+    place = getattr(pose, "position", None) or pose.translation
+    turn = getattr(pose, "orientation", None) or pose.rotation
+    return place.x, place.y, place.z, turn.w, turn.x, turn.y, turn.z
+
+
+def _stamp_ns(header: Any) -> int:
+    return int(header.stamp.sec) * 10**9 + int(header.stamp.nanosec)
+
+
+def _check_times(stamps_ns: Nanoseconds, where: str, choices: BagChoices) -> None:
+    if choices.stamps == HEADER and not stamps_ns.any():
+        raise ConfigError(
+            f"{where} has no stamps in its headers; --stamps log takes the times of the recording"
+        )
+    if (back := np.flatnonzero(np.diff(stamps_ns) < 0)).size:
+        first = int(back[0])
+        by_s = (int(stamps_ns[first]) - int(stamps_ns[first + 1])) * 1e-9
+        raise ConfigError(
+            f"{where}: the time goes back by {by_s:.6g} s at message {first + 2}; "
+            "--stamps log takes the times of the recording"
+        )
+
+
+def _checked(values: Floats, role: str, where: str) -> Floats:
+    """Values without what is no number; quaternions of unit length. Torques that are never told are NaN."""
+    parts = _PARTS[WRENCH if role == WRENCH else POSE]
+    untold = 3 if role == WRENCH and bool(np.isnan(values[:, 3:]).all()) else None
+    told = values[:, :untold]
+    _refuse_first(
+        ~np.isfinite(told), lambda row, part: f"{parts[part]} of message {row + 1} is no number", where
+    )
+    _refuse_first(
+        np.abs(told) > LARGEST,
+        lambda row, part: f"{parts[part]} of message {row + 1} is {told[row, part]:.3g}: is it in SI units?",
+        where,
+    )
+    if role == WRENCH:
+        return values
+    lengths = np.linalg.norm(values[:, 3:], axis=1, keepdims=True)
+    _refuse_first(
+        lengths < _LEAST_TURN, lambda row, _: f"the orientation of message {row + 1} is all zero", where
+    )
+    values[:, 3:] /= lengths
+    return values
+
+
+def _refuse_first(bad: NDArray[np.bool_], words: Callable[[int, int], str], where: str) -> None:
+    """Raise ConfigError for the first value that is bad."""
+    if bad.any():
+        row, part = (int(place) for place in np.argwhere(bad)[0])
+        raise ConfigError(f"{where}: {words(row, part)}")

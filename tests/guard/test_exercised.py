@@ -1,0 +1,181 @@
+"""The list of what nothing has exercised: made from evidence, with reasoned exceptions, and a gate."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+from hil_bridge.errors import BridgeError, Cause
+from hil_bridge.lab.campaign.criteria import Figure, find_unmet
+from hil_bridge.lab.campaign.judging import carry_out
+from hil_bridge.lab.campaign.plan_file import read_plan
+from hil_bridge.lab.campaign.store import Store
+from hil_bridge.lab.campaign.working import missing
+from hil_bridge.lab.invariants import Promise
+from tools import exercised
+from tools.exercised import (
+    CONDITIONS,
+    FAULTS,
+    GROUPS,
+    REACTIONS,
+    Balance,
+    Kept,
+    balance,
+    of_campaign,
+    of_tests,
+)
+from tools.faults_doc import Job
+
+ROOT = Path(__file__).resolve().parents[2]
+PLAN = """
+[campaign]
+name = "an emergency stop"
+seeds = { from = 1, to = 1 }
+without_fault = false
+
+[[campaign.fault]]
+on = "robot"
+fault = "emergency-stop"
+phase = ["track"]
+
+[campaign.criteria]
+outcome = ["completed"]
+
+[config.run]
+duration_s = 1.0
+[config.cell]
+start_position_mm = [900.0, -100.0, 591.0]
+"""
+
+
+def everything(without: Sequence[str] = ()) -> Balance:
+    names = exercised.all_names()
+    kept = (Kept(group, name, "a test") for group, of in names.items() for name in of if name not in without)
+    return balance(kept)
+
+
+def test_what_nothing_has_struck_is_listed() -> None:
+    assert list(everything().troubles({}, {})) == []
+    left = everything(["wall", "egm: robot: emergency-stop"])
+    assert list(left.troubles({}, {})) == [
+        "never exercised, of the conditions: wall",
+        "never exercised, of the faults: egm: robot: emergency-stop",
+    ]
+    assert list(left.troubles({"wall": "no wall is emulated"}, {})) == [
+        "never exercised, of the faults: egm: robot: emergency-stop"
+    ]
+    lines = list(exercised.describe(left, {"wall": "no wall is emulated"}))
+    assert f"conditions: {len(Cause) - 1} of {len(Cause)} exercised" in lines
+    assert "  never: wall – no wall is emulated" in lines
+
+
+def test_an_exception_that_has_been_exercised_is_an_error() -> None:
+    assert list(everything().troubles({"wall": "no wall is emulated"}, {})) == [
+        "an exception that has been exercised: wall"
+    ]
+    assert list(everything().troubles({"wal": "misspelt"}, {})) == ["an exception that there is not: wal"]
+
+
+def test_every_exception_has_a_reason_and_is_something_that_there_is() -> None:
+    names = {name for of in exercised.all_names().values() for name in of}
+    for name, reason in exercised.EXCEPTIONS.items():
+        assert name in names
+        assert len(reason.split()) > 3
+    for test in exercised.PLANTED:
+        path, _, name = test.partition("::")
+        assert f"def {name.partition('[')[0]}(" in (ROOT / path).read_text(encoding="utf-8")
+
+
+def test_a_run_that_the_model_does_not_accept_is_an_error_unless_it_was_planted() -> None:
+    found = Balance(everything().all_names, everything().exercised, ("tests/a.py::test_b: cycle 3",))
+    assert list(found.troubles({}, {})) == [
+        "the model of the guard does not accept tests/a.py::test_b: cycle 3"
+    ]
+    assert list(found.troubles({}, {"tests/a.py::test_b": "the guard is broken there"})) == []
+
+
+def test_a_reaction_is_exercised_by_its_conditions() -> None:
+    found = balance([Kept(CONDITIONS, "force", "a test")])
+    assert found.exercised[REACTIONS] == {"retracts and ends": "force: a test"}
+    assert set(found.never(REACTIONS)) == set(found.all_names[REACTIONS]) - {"retracts and ends"}
+
+
+def test_the_plugin_writes_what_a_test_strikes(tmp_path: Path) -> None:
+    """In two processes, as the check does."""
+    test = "tests/guard/test_causes_reached.py"
+    chosen = [
+        f"{test}::test_a_run_ends_for_its_cause[sensor-failed]",
+        f"{test}::test_a_late_frame_holds_the_way_deeper",
+    ]
+    path = tmp_path / "exercised.json"
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        "-p",
+        "tools.exercising",
+        "-n",
+        "2",
+    ]
+    done = subprocess.run(
+        [*command, "--exercised", path, *chosen], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout
+    told = json.loads(path.read_text())
+    assert told["causes"] == {"overdue": chosen[1], "sensor-failed": chosen[0]}
+    assert told["faults"] == {"jr3: sensor-wire: off": chosen[0]}
+    assert told["promises"] == told["criteria"] == told["unaccepted"] == {}
+    assert {(one.group, one.name) for one in of_tests(path)} == {
+        (CONDITIONS, "overdue"),
+        (CONDITIONS, "sensor-failed"),
+        (FAULTS, "jr3: sensor-wire: off"),
+    }
+
+
+def test_a_campaign_tells_what_its_runs_struck(tmp_path: Path) -> None:
+    (tmp_path / "stop.toml").write_text(PLAN)
+    plan, path = read_plan(tmp_path / "stop.toml"), tmp_path / "stop.sqlite"
+    with Store.begin(path, plan) as store:
+        store.put([carry_out(job, plan.criteria, None) for job in missing(plan, store)], plan.cases)
+    found = {(one.group, one.name): one.where for one in of_campaign(path)}
+    assert found[FAULTS, "s3: robot: emergency-stop"] == "seed 1 of stop.sqlite"
+    assert (CONDITIONS, "robot-state") in found or (CONDITIONS, "refused-order") in found
+
+
+def test_a_fault_that_is_left_gets_a_run() -> None:
+    name, phase, broken = exercised.strike(Job("egm", "robot", "emergency-stop"))
+    assert (name, phase, json.loads(broken)) == ("egm: robot: emergency-stop", "track", "")
+
+
+@pytest.mark.parametrize("text", [None, "{", "[]"])
+def test_evidence_that_is_none_is_one_line(text: str | None, tmp_path: Path) -> None:
+    path = tmp_path / "exercised.json"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(BridgeError) as refused:
+        list(of_tests(path))
+    assert str(path) in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_all_that_could_be_exercised_is_counted() -> None:
+    names = exercised.all_names()
+    assert tuple(names) == GROUPS
+    assert len(names[FAULTS]) == len(set(names[FAULTS])) > 250
+    assert names[GROUPS[3]] == [str(promise) for promise in Promise]
+    assert names[GROUPS[4]] == ["outcome", "promises_broken", "retracted"]
+
+
+def test_each_criterion_of_the_guards_campaign_can_be_missed() -> None:
+    criteria = read_plan(exercised.PLAN, (1,)).criteria
+    well: dict[str, Figure] = {"outcome": "completed", "promises_broken": 0, "retracted": True}
+    assert find_unmet(criteria, well) == []
+    for figure, wrong in (("outcome", "interrupted"), ("promises_broken", 1), ("retracted", False)):
+        (text,) = find_unmet(criteria, {**well, figure: wrong})
+        assert text.startswith(figure)

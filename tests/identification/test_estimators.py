@@ -1,0 +1,174 @@
+"""The methods by themselves, on signals whose truth is written down here."""
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from hil_bridge.devices.facts import RobotFacts
+from hil_bridge.lab.fidelity.tables import Table
+from hil_bridge.lab.identification.blocks import blocks_of, jackknife, mean_of
+from hil_bridge.lab.identification.line import line_values
+from hil_bridge.lab.identification.motion import motion_values
+from hil_bridge.lab.identification.seen import DOWN, Seen, Stream, see_table
+from hil_bridge.lab.identification.stream import stream_values
+from hil_bridge.lab.identification.surface import surface_values
+from hil_bridge.lab.identification.values import Value, Why
+
+RATE_HZ = 500.0
+Floats = np.ndarray[Any, np.dtype[np.float64]]
+
+
+def by_key(values: Any) -> dict[str, Value]:
+    return {value.key: value for value in values}
+
+
+def coloured(draw: np.random.Generator, count: int, memory: float, size: float) -> Floats:
+    """Noise of a standard deviation with this correlation from sample to sample, once it has settled."""
+    white = draw.normal(0.0, size * math.sqrt(1.0 - memory**2), count + 200)
+    settled: Floats = lfilter([1.0], [1.0, -memory], white)[200:]
+    return settled
+
+
+def test_the_interval_of_a_mean_of_coloured_noise_holds_it_as_often_as_it_says() -> None:
+    draw = np.random.default_rng(1)
+    trials = 300
+    held = sum(
+        estimate.low <= 0.0 <= estimate.high
+        for estimate in (mean_of(coloured(draw, 2400, 0.8, 1.0)) for _ in range(trials))
+    )
+    assert 0.90 <= held / trials <= 0.98
+
+
+def test_an_interval_needs_some_blocks() -> None:
+    estimate = jackknife(np.array([0, 0, 1, 1]), lambda mask: float(mask.sum()))
+    assert math.isnan(estimate.low)
+
+
+def test_blocks_have_equal_weights() -> None:
+    weights = np.array([1.0, 1.0, 1.0, 9.0, 1.0, 1.0, 1.0, 9.0])
+    numbers = blocks_of(weights, 2)
+    assert [weights[numbers == number].sum() for number in (0, 1)] == [12.0, 12.0]
+
+
+def stream_of(wrench: Floats, step: float) -> Seen:
+    times = np.arange(len(wrench)) / RATE_HZ
+    stream = Stream(times, wrench, np.full(6, step), (0.0, float(times[-1])), (), None, DOWN)
+    return Seen(None, None, None, stream, RobotFacts())
+
+
+@pytest.mark.parametrize("cutoff_hz", [0.0, 40.0, 100.0])
+def test_noise_and_filter_are_told_below_a_vibration_of_the_arm(cutoff_hz: float) -> None:
+    draw = np.random.default_rng(2)
+    memory = math.exp(-2.0 * math.pi * cutoff_hz / RATE_HZ) if cutoff_hz else 0.0
+    times = np.arange(3000) / RATE_HZ
+    wrench = np.column_stack([coloured(draw, 3000, memory, 0.02) for _ in range(6)])
+    wrench[:, 2] += 0.1 * np.sin(2.0 * math.pi * 12.0 * times)
+    values = by_key(stream_values(stream_of(wrench, 1e-6)))
+    within = [values[f"sensor.noise.{axis}"].holds(0.02) for axis in ("fx", "fy", "fz", "mx", "my", "mz")]
+    assert sum(within) >= 5
+    assert np.std(wrench[:, 2]) > 0.07
+    if cutoff_hz:
+        assert values["sensor.cutoff"].holds(cutoff_hz)
+        assert values["sensor.cutoff"].high < 1.5 * cutoff_hz
+    else:
+        assert values["sensor.cutoff"].why is Why.WHITE
+
+
+def test_noise_below_half_a_step_is_not_told_and_the_step_is() -> None:
+    draw = np.random.default_rng(3)
+    level = 0.5 * np.arange(3000) / RATE_HZ
+    wrench = np.column_stack([np.round(draw.normal(0.0, 0.05, 3000) + level) * 0.01 for _ in range(6)])
+    values = by_key(stream_values(stream_of(wrench, 0.01)))
+    assert values["sensor.noise.fx"].why is Why.BELOW_STEP
+    assert values["sensor.cutoff"].why is Why.NO_NOISE
+
+
+def test_a_filter_below_twenty_hertz_is_not_guessed() -> None:
+    draw = np.random.default_rng(4)
+    memory = math.exp(-2.0 * math.pi * 5.0 / RATE_HZ)
+    wrench = np.column_stack([coloured(draw, 3000, memory, 0.02) for _ in range(6)])
+    values = by_key(stream_values(stream_of(wrench, 1e-6)))
+    assert values["sensor.cutoff"].why is Why.SLOW_FILTER
+    assert values["sensor.noise.fx"].why is Why.SLOW_FILTER
+
+
+def pressed_table(stiffness: float, friction: float, exponent: float = 1.0) -> Table:
+    """A tool that comes down, presses, slides, and feels the force of a surface that rises by 1 mm in 20."""
+    draw = np.random.default_rng(5)
+    times = np.arange(0.0, 12.0, 0.01)
+    way = 0.005 * np.clip(times - 4.0, 0.0, None)
+    depth = np.interp(times, [0.0, 1.0, 3.0, 4.0], [-0.01, -0.004, 0.0, 0.002])
+    depth += np.where(times > 4.0, 0.0004 * np.sin(3.0 * (times - 4.0)), 0.0)
+    height = -depth + 0.05 * way
+    press = stiffness * np.clip(depth, 0.0, None) ** exponent
+    normal = np.array([-0.05, 0.0, 1.0]) / math.hypot(0.05, 1.0)
+    along = np.array([1.0, 0.0, 0.05]) / math.hypot(0.05, 1.0)
+    force = np.outer(press, normal) - np.outer(friction * press * (times > 4.0), along)
+    force += draw.normal(0.0, 0.02, force.shape) + np.array([0.4, -0.2, 0.3])  # nothing has taken a zero
+    columns = {
+        "x": way,
+        "y": np.zeros(len(times)),
+        "z": height,
+        **{axis: force[:, k] for k, axis in enumerate(("fx", "fy", "fz"))},
+        "depth": -height,
+        "press": force[:, 2],
+    }
+    return Table(times, columns)
+
+
+def test_stiffness_and_friction_of_a_slope_are_told_from_a_table() -> None:
+    values = by_key(surface_values(see_table(pressed_table(4000.0, 0.25))))
+    stiffness, friction = values["surface.stiffness"], values["surface.friction"]
+    assert stiffness.holds(4000.0)
+    assert stiffness.high - stiffness.low < 800.0
+    assert friction.holds(0.25)
+    assert friction.high - friction.low < 0.05
+    assert values["surface.damping"].why is Why.BEHIND_DELAY
+
+
+def test_a_table_without_a_contact_tells_no_surface() -> None:
+    table = pressed_table(4000.0, 0.25)
+    free = Table(table.times, {name: values for name, values in table.columns.items() if name != "press"})
+    assert {value.why for value in surface_values(see_table(free))} == {Why.NO_CONTACT}
+
+
+def test_the_lag_of_a_table_is_that_of_its_places() -> None:
+    times = np.arange(0.0, 20.0, 0.004)
+
+    def course(at: Floats) -> Floats:
+        moved: Floats = 0.05 * np.sin(0.9 * at) + 0.01 * np.sin(2.3 * at)
+        return moved
+
+    draw = np.random.default_rng(6)
+    columns = {"x": course(times - 0.043) + draw.normal(0.0, 2e-5, len(times))}
+    columns |= {"order_x": course(times), "order_y": 0.0 * times, "order_z": 0.0 * times}
+    columns |= {"y": 0.0 * times, "z": 0.0 * times}
+    values = by_key(motion_values(see_table(Table(times, columns)), None, lambda table: None))
+    assert values["robot.lag"].holds(0.043)
+    assert values["robot.lag"].high - values["robot.lag"].low < 0.002
+    assert values["robot.noise.x"].holds(2e-5)
+    assert values["robot.servo"].why is Why.NOT_PLAYED
+    assert values["robot.turnaround.move"].why is Why.OF_TABLE
+
+
+def counted(**packets: float) -> dict[str, Value]:
+    names = {name.replace("_", " "): value for name, value in packets.items()}
+    seen = Seen(None, None, None, None, RobotFacts(), (), names)
+    return by_key(line_values(seen))
+
+
+def test_losses_have_the_interval_of_clopper_and_pearson() -> None:
+    """5 of 100: 1.64 to 11.28 %, none of 100: up to 3.62 %. Source: tables of the exact binomial interval."""
+    lost = counted(packets=95.0, packets_missing=5.0)["line.robot.lost"]
+    assert (lost.value, lost.low, lost.high) == pytest.approx((50.0, 16.43, 112.83), rel=1e-3)
+    none = counted(packets=100.0)["line.robot.lost"]
+    assert (none.value, none.low, none.high) == pytest.approx((0.0, 0.0, 36.22), rel=1e-3)
+
+
+def test_counters_that_cannot_be_are_not_believed() -> None:
+    assert counted(packets=-5.0)["line.robot.lost"].why is Why.NO_COUNTERS
+    assert counted(packets=math.nan)["line.robot.lost"].why is Why.NO_COUNTERS
+    assert counted(blocks_received=3.0)["line.robot.lost"].why is Why.NO_COUNTERS

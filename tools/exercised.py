@@ -1,0 +1,296 @@
+"""List what nothing has ever exercised: conditions of the guard, faults, reactions, promises and criteria.
+
+The evidence is what the tests struck, and what the runs of the guard's campaign told:
+
+    python tools/check.py --only tests
+    hil-bridge campaign examples/campaigns/guard.toml --output runs/guard.sqlite
+    python -m tools.exercised --strike
+
+The first command leaves runs/tests/exercised.json.
+With --strike each fault that both have left gets a run of its own first, judged by every promise of the guard. The
+results go to runs/tests/struck.json.
+
+The exit code is 1 where something has never been exercised and is no reasoned exception, where an exception has been
+exercised after all, and where the model of the guard did not accept a run of the tests.
+"""
+
+import argparse
+import json
+import sys
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from hil_bridge.errors import BridgeError, Cause
+from hil_bridge.errors.cause_row import Reaction
+from hil_bridge.errors.cause_table import ROWS
+from hil_bridge.lab.campaign.judging import run
+from hil_bridge.lab.campaign.plan import code_version
+from hil_bridge.lab.campaign.plan_file import read_plan
+from hil_bridge.lab.campaign.store import Store
+from hil_bridge.lab.campaign.striking import fault_key
+from hil_bridge.lab.invariants import Promise
+from hil_bridge.lab.processes import in_order, own_processes
+from hil_bridge.settings.configuration import load_config
+from tools.faults_doc import CELL, ROBOT_NAMES, SENSOR_NAMES, Job, faults_of_device, settings
+
+ROOT = Path(__file__).resolve().parent.parent
+TESTS, STRUCK, CAMPAIGN = (
+    ROOT / "runs" / name for name in ("tests/exercised.json", "tests/struck.json", "guard.sqlite")
+)
+PLAN = ROOT / "examples" / "campaigns" / "guard.toml"
+CONDITIONS, REACTIONS, FAULTS, PROMISES, CRITERIA = GROUPS = (
+    "conditions",
+    "reactions",
+    "faults",
+    "promises found broken",
+    "criteria missed",
+)
+
+_ALONE = (
+    "tests/guard/test_causes_reached.py reaches the function that tells it, which the plug-in does not watch"
+)
+_PRESSED = "only a person presses it: tests in real time do, in processes that the plug-in does not watch"
+_PROGRAM = "no run of the bridge opens that wire; tests/emulation strikes it at the emulated robot alone"
+EXCEPTIONS: Mapping[str, str] = {
+    "zero-changed": "a force that changes within the one frame before a zero has no fault of its own",
+    "retract-border": _ALONE,
+    "leaves-workspace": "a program checks its path before it moves, and the clamp that it follows from is exercised",
+    "not-there": "tests/control/test_program_course.py asks the step itself, which the plug-in does not watch",
+    "no-reading": "a sensor that tells nothing while it stands is stale, which comes first",
+    "output": _ALONE,
+    "key": _PRESSED,
+    "page": _PRESSED,
+    "cut": "it is read from a file that was cut, and does not come in a run",
+    "place-unknown": _ALONE,
+    "rtde: robot: primary-silent": _PROGRAM,
+    **{
+        f"rtde: program-wire: {fault}": _PROGRAM
+        for fault in (
+            *("off", "mute", "deaf", "lost", "late", "twice"),
+            *("corrupted", "garbled", "malformed", "reordered", "dropped"),
+        )
+    },
+}
+"""Names that nothing exercises, each with its reason."""
+PLANTED: Mapping[str, str] = {}
+"""Tests whose runs the model must not accept, each with its reason."""
+
+
+class Kept(NamedTuple):
+    """Something that was exercised, with the place that shows it."""
+
+    group: str
+    name: str
+    where: str
+
+
+@dataclass(frozen=True)
+class Balance:
+    """Evidence against all that there is."""
+
+    all_names: Mapping[str, Sequence[str]]
+    exercised: Mapping[str, Mapping[str, str]]
+    """Place that shows it, by group and name."""
+    unaccepted: Sequence[str] = field(default=())
+    """Runs of tests that the model of the guard did not accept."""
+
+    def never(self, group: str) -> list[str]:
+        """Names of a group that nothing has exercised."""
+        return [name for name in self.all_names[group] if name not in self.exercised.get(group, {})]
+
+    def troubles(self, exceptions: Mapping[str, str], planted: Mapping[str, str]) -> Iterator[str]:
+        """Why a release must wait, a line each."""
+        known = {name for names in self.all_names.values() for name in names}
+        for group in GROUPS:
+            for name in self.never(group):
+                if name not in exceptions:
+                    yield f"never exercised, of the {group}: {name}"
+        for name in exceptions:
+            if name not in known:
+                yield f"an exception that there is not: {name}"
+            elif not any(name in self.never(group) for group in GROUPS if name in self.all_names[group]):
+                yield f"an exception that has been exercised: {name}"
+        for one in self.unaccepted:
+            if not any(one.startswith(test) for test in planted):
+                yield f"the model of the guard does not accept {one}"
+
+
+@cache
+def all_names() -> dict[str, list[str]]:
+    """Everything that could be exercised."""
+    devices = (*ROBOT_NAMES, *SENSOR_NAMES, CELL)
+    faults = [
+        fault_key(device, on, fault)
+        for device in devices
+        for on, of in faults_of_device(device).items()
+        for fault in of
+    ]
+    return {
+        CONDITIONS: [str(cause) for cause in Cause],
+        REACTIONS: [str(reaction) for reaction in Reaction],
+        FAULTS: faults,
+        PROMISES: [str(promise) for promise in Promise],
+        CRITERIA: [criterion.figure for criterion in read_plan(PLAN, (1,)).criteria],
+    }
+
+
+def of_tests(path: Path) -> Iterator[Kept]:
+    """What the tests struck, or the runs of --strike."""
+    told = _read(path)
+    for group, key in (
+        (CONDITIONS, "causes"),
+        (FAULTS, "faults"),
+        (PROMISES, "promises"),
+        (CRITERIA, "criteria"),
+    ):
+        yield from (Kept(group, name, where) for name, where in told.get(key, {}).items())
+
+
+def of_campaign(path: Path) -> Iterator[Kept]:
+    """What the runs of a campaign told: their causes, the faults that struck, the criteria that they missed."""
+    with Store.open(path) as store:
+        for done in store.runs():
+            where = f"seed {done.seed} of {path.name}"
+            for group, key in ((CONDITIONS, "causes"), (FAULTS, "faults_struck")):
+                counts = done.figures.get(key)
+                yield from (Kept(group, name, where) for name in (counts if isinstance(counts, dict) else ()))
+
+
+def balance(kept: Iterable[Kept], unaccepted: Iterable[str] = ()) -> Balance:
+    """Evidence in order. A reaction is exercised by each of its conditions."""
+    found: dict[str, dict[str, str]] = {group: {} for group in GROUPS}
+    for group, name, where in kept:
+        found[group].setdefault(name, where)
+        if group == CONDITIONS:
+            found[REACTIONS].setdefault(str(ROWS[Cause(name)].reaction), f"{name}: {where}")
+    return Balance(all_names(), found, tuple(unaccepted))
+
+
+def describe(found: Balance, exceptions: Mapping[str, str]) -> Iterator[str]:
+    """How many of each group were exercised, and the exceptions with the reason for each."""
+    for group in GROUPS:
+        never, count = found.never(group), len(found.all_names[group])
+        yield f"{group}: {count - len(never)} of {count} exercised"
+        for name in never:
+            if name in exceptions:
+                yield f"  never: {name} – {exceptions[name]}"
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        told = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise BridgeError(f"cannot read {path}: {error}", remedy="make test writes it") from error
+    if not isinstance(told, dict):
+        raise BridgeError(f"{path} holds no evidence", remedy="make test writes it")
+    return told
+
+
+# --- a run for each fault that is left
+
+QUICK: Mapping[str, object] = {
+    "run.duration_s": 0.5,
+    "task.retract_mm": 2.0,
+    "task.retract_speed_mm_s": 11.0,
+    "cell.start_position_mm": (900.0, -100.0, 591.5),
+}
+"""Near the surface, so that no time is spent on the way."""
+AWAKE: Mapping[str, Mapping[str, object]] = {
+    "jr3": {"cell.jr3.gateway.boot_s": 0.2},
+    "jr3-uart": {"cell.jr3.uart.boot_s": 0.2},
+    "netft": {"cell.netft.boot_s": 0.2},
+}
+"""Sensors that else take long to start."""
+MOMENTS: Sequence[Mapping[str, object]] = (
+    {"phase": "track", "after_s": 0.1},
+    {"phase": "connect"},
+    {"phase": "tare"},
+    {"phase": "approach"},
+    {"phase": "retract"},
+)
+"""When a fault comes: the first moment at which it strikes serves."""
+
+
+def strike(job: Job) -> tuple[str, str, str]:
+    """Name of a fault, the phase in which it struck, and the promises that were broken then; empty for none."""
+    for moment in MOMENTS:
+        given = {**settings(job), **QUICK}
+        given |= AWAKE.get(str(given["sensor.emulated"]), {})
+        if given["robot.emulated"] == "s3":  # goes at the pace of its line
+            given = {
+                key: value
+                for key, value in given.items()
+                if key not in ("run.period_ms", "controller.sample_ms")
+            }
+        (fault,) = given["faults"]  # type: ignore[misc]
+        plain = {key: value for key, value in fault.items() if key not in ("phase", "after_s")}
+        try:
+            figures = run(load_config(None, {**given, "faults": [{**plain, **moment}]})).figures
+        except BridgeError:  # it cannot come then
+            continue
+        struck = figures.get("faults_struck")
+        if isinstance(struck, dict) and job.key in struck:
+            return job.key, str(moment["phase"]), json.dumps(figures.get("promises", ""))
+    return job.key, "", ""
+
+
+def strike_all(names: Sequence[str]) -> dict[str, Any]:
+    """A run for each of these faults."""
+    jobs = [Job(*name.split(": ")) for name in names]
+    with own_processes() as pool:
+        ends = list(in_order(pool, strike, jobs, chunk=1))
+    return {
+        "code": code_version(),
+        "faults": {name: f"a run of its own, in {phase}" for name, phase, _ in ends if phase},
+        "broken": {name: broken for name, _, broken in ends if broken not in ("", '""')},
+    }
+
+
+def main() -> int:
+    """Read the evidence, strike what is left if wanted, and print the list."""
+    options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    options.add_argument("--tests", nargs="+", type=Path, default=[TESTS], metavar="FILE.json")
+    options.add_argument("--campaign", nargs="*", type=Path, default=[CAMPAIGN], metavar="FILE.sqlite")
+    options.add_argument("--strike", action="store_true", help="make a run for each fault that is left")
+    options.add_argument(
+        "--other-code", action="store_true", help="take evidence of other versions of the code"
+    )
+    chosen = options.parse_args()
+    try:
+        return _judge(chosen)
+    except BridgeError as error:
+        print(error, file=sys.stderr)
+        return error.exit_code
+
+
+def _judge(chosen: argparse.Namespace) -> int:
+    files = [*chosen.tests, *([STRUCK] if STRUCK.is_file() and not chosen.strike else [])]
+    kept = [one for path in files for one in of_tests(path)]
+    kept += [one for path in chosen.campaign for one in of_campaign(path)]
+    if chosen.strike:
+        struck = strike_all(balance(kept).never(FAULTS))
+        STRUCK.parent.mkdir(parents=True, exist_ok=True)
+        STRUCK.write_text(json.dumps(struck, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+        files.append(STRUCK)
+        kept += of_tests(STRUCK)
+    told = {path: _read(path) for path in files}
+    found = balance(kept, (each for one in told.values() for each in one.get("unaccepted", ())))
+    print(*describe(found, EXCEPTIONS), sep="\n")
+    troubles = list(found.troubles(EXCEPTIONS, PLANTED))
+    for path, one in told.items():
+        troubles += [f"{name}: broken promises {words}" for name, words in one.get("broken", {}).items()]
+        if one.get("code") != code_version() and not chosen.other_code:
+            troubles.append(f"{path} is of another version of the code: run it again")
+    for path in chosen.campaign:
+        with Store.open(path) as store:
+            if store.fact("code") != code_version() and not chosen.other_code:
+                troubles.append(f"{path} is of another version of the code: run the campaign again")
+    print(*troubles, sep="\n")
+    return int(bool(troubles))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
