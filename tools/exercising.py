@@ -47,7 +47,7 @@ class _Watched(Listener):
     def __init__(self, running: Running) -> None:
         self.cycles: list[CycleRecord] = []
         self.events: list[EventRecord] = []
-        self.end: Mapping[str, str] = {}
+        self.end: Mapping[str, str] | None = None
         self.running = running
         super().__init__({CycleRecord: self.cycles.append, EventRecord: self.events.append})
 
@@ -57,7 +57,7 @@ class _Watched(Listener):
 
     def recording(self) -> Recording:
         """As a file would have it, without what the run tells before its devices are open."""
-        return Recording(tuple(self.cycles), events=tuple(self.events), end=dict(self.end))
+        return Recording(tuple(self.cycles), events=tuple(self.events), end=dict(self.end or {}))
 
 
 class Exercising:
@@ -92,8 +92,10 @@ class Exercising:
             CHECKERS[promise] = self._checked(promise, check)  # type: ignore[index]
 
     def _join(self, running: Running, log: Any) -> None:
+        ended = [run for run in self._runs if run.end is not None]
+        self._judge_runs(ended)  # a test of a hundred runs keeps one of them in memory
         watched = _Watched(running)
-        self._runs.append(watched)
+        self._runs = [run for run in self._runs if run not in ended] + [watched]
         log.join(watched)
 
     def _decided(self, decision: Decision) -> None:
@@ -146,6 +148,9 @@ class Exercising:
     @pytest.hookimpl(trylast=True)
     def pytest_runtest_teardown(self) -> None:
         runs, self._runs = self._runs, []
+        self._judge_runs(runs)
+
+    def _judge_runs(self, runs: list[_Watched]) -> None:
         for run in runs:
             recording, running = run.recording(), run.running
             for cause in causes_of(recording):
