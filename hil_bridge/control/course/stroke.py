@@ -51,6 +51,8 @@ class StrokeState(Struct, frozen=True):
     """Phase of the run. A stroke takes samples in APPROACH, TRACK and RETRACT; END tells that it has lifted."""
     travel: float = 0.0
     """Length of the way commanded so far, m."""
+    pace: float = 0.0
+    """Speed of the travel in the newest sample, m/s; 0 without contact."""
     turn: float | None = None
     """Depth at which the present approach or retraction began, m; None before its first sample."""
     in_contact: bool = False
@@ -218,8 +220,11 @@ class Stroke:
                 return self._prove(replace(state, phase=_APPROACH, turn=None, touch=touch), measurement)
         reference = stride.reference
         settled = state.settled or measurement.force >= self.parameters.travel_from_share * reference
-        step = self.way(self.parameters.speed_mm_s, measurement.dt) * measurement.advance * stride.feed
-        travel = state.travel + (step if state.in_contact and settled else 0.0)
+        travel, pace = state.travel, 0.0
+        if state.in_contact and settled:
+            way = self.way(self.parameters.speed_mm_s, measurement.dt) * measurement.advance * stride.feed
+            way = min(way, (state.pace + self._acceleration * measurement.dt) * measurement.dt)
+            travel, pace = travel + way, max(way, 0.0) / measurement.dt if measurement.dt else state.pace
         shown = replace(
             measurement, in_contact=state.in_contact, travel_next=travel, free_position=state.free
         )
@@ -230,6 +235,7 @@ class Stroke:
             return replace(
                 state,
                 travel=travel,
+                pace=pace,
                 settled=settled,
                 lost_at=None,
                 lost_for=None,
@@ -242,6 +248,7 @@ class Stroke:
         lost_at = measurement.commanded if first and state.lost_at is None else state.lost_at
         state = replace(
             state,
+            pace=0.0,
             settled=settled,
             controller=memory,
             stiffness=stiffness,
@@ -257,6 +264,14 @@ class Stroke:
         if lost_for * 1e3 >= self.parameters.loss_ms:
             state = replace(state, phase=_APPROACH, turn=None)
         return state, order
+
+    @property
+    def _acceleration(self) -> float:
+        """Largest acceleration of the travel, m/s²."""
+        rise = self.parameters.travel_rise_s
+        if rise is None:
+            rise = 0.0 if self.position_step else _RISE_S
+        return self.parameters.speed_mm_s * 1e-3 / rise if rise else math.inf
 
     # --- retract
 
@@ -288,6 +303,9 @@ class Stroke:
 
 _ROUNDING = 1e-9
 """Slack for sums of steps, m."""
+
+_RISE_S = 0.8
+"""See `TaskParameters.travel_rise_s`."""
 
 _SLOWEST = 0.2e-3
 """Speed of the approach whatever the stiffness, m/s. Chosen: 0.036 mm in a cycle of 180 ms, less than a step of the

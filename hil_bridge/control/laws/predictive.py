@@ -38,6 +38,13 @@ _SWING_FACTOR, _CALM_FACTOR, _ROBUSTNESS_MOST = 1.5, 0.95, 8.0
 value. Chosen.
 """
 
+_NEAR_SHARE = 0.1
+"""Share of the desired force: closer than this the first touch is over. Chosen."""
+_LANDINGS = 3.0
+"""Times of `landing_ms` after which it is over in any case: a surface that falls away must not be followed late.
+Chosen.
+"""
+
 
 class Pair(NamedTuple):
     """Force and position of one moment."""
@@ -62,6 +69,8 @@ class PredictiveState(Struct, frozen=True):
     """Sign of the last force error that was clearly above the noise."""
     robustness: float = 0.0
     """Factor on the stiffness while the error swings from side to side; below 1 the stiffness is used as it is."""
+    landing: float = 0.0
+    """Time in contact until the force is near the desired one, s; infinite from then on."""
 
 
 class Line(Struct, frozen=True):
@@ -103,6 +112,7 @@ class Predictive:
         "caution": Range(0.0, 4.0),
         "steepest": Range(0.02, 2.0, by_factor=True),
         "smallest_radius_mm": Range(10.0, 1000.0, by_factor=True),
+        "landing_ms": Range(10.0, 1000.0, by_factor=True),
     }
     """Chosen: about a tenth to ten times of the defaults, as far as a line through pairs makes sense."""
 
@@ -122,11 +132,18 @@ class Predictive:
     """Smallest step of the robot's position."""
     force_uncertainty_n: float = 0.1
     """Standard deviation of the force."""
+    landing_ms: float = 100.0
+    """Time in which a move inwards makes 63 % of its way at a first touch: until the force has been near the desired
+    one, or this time has passed three times. A longer sample time makes the whole move. Chosen: twice the time that
+    an order takes with EGM.
+    """
     pairing: Pairing = field(init=False, repr=False, compare=False)
     """Settings for the pairing of force and position."""
 
     def __post_init__(self) -> None:
-        require_above_zero(self, "window", "stiffest_n_m", "steepest", "smallest_radius_mm", "step_limit_mm")
+        require_above_zero(
+            self, "window", "stiffest_n_m", "steepest", "smallest_radius_mm", "step_limit_mm", "landing_ms"
+        )
         require_not_negative(self, "caution")
         pairing = Pairing(resolution_mm=self.resolution_mm, force_uncertainty_n=self.force_uncertainty_n)
         object.__setattr__(self, "pairing", pairing)
@@ -148,7 +165,7 @@ class Predictive:
         estimate = observe(state.estimate, self.pairing, measurement, state.slope)
         if not measurement.in_contact:
             correction = self._search(estimate, reference)
-            state = PredictiveState(estimate, robustness=state.robustness)
+            state = PredictiveState(estimate, robustness=state.robustness, landing=state.landing)
             return state, self._answer(measurement, estimate, correction)
         newest = Pair(measurement.travel, measurement.position, measurement.force_at_position)
         pairs = (*state.pairs, newest)[-self.window :]
@@ -189,20 +206,27 @@ class Predictive:
             "band_n": band,
         }
         correction = 0.0 if resting else line.value - measurement.commanded
+        landing = math.inf if error > -_NEAR_SHARE * reference else state.landing + measurement.dt
+        if correction > 0.0 and landing <= _LANDINGS * self.landing_ms * 1e-3:
+            correction *= self._share(measurement.dt)
         command = self._answer(measurement, estimate, correction, explanation, resting)
         slope = line.slope if moving else 0.0
-        return PredictiveState(estimate, pairs, slope, side, robustness), command
+        return PredictiveState(estimate, pairs, slope, side, robustness, landing), command
 
     def _probe(self, pairs: tuple[Pair, ...], measurement: Measurement, reference: float) -> float:
         """Correction while the stiffness is unknown, m."""
         error = reference - measurement.force
         if error >= 0:
-            return error / self._stiffest(pairs)
+            return error / self._stiffest(pairs) * self._share(measurement.dt)
         if measurement.free_position is None:
             return error / self.stiffest_n_m
         # Contact began behind the last position without it, so the surface is at least this stiff.
         travelled = max(measurement.position - measurement.free_position, self.resolution_mm * 1e-3)
         return error * travelled / (2 * max(measurement.force_at_position, -error))
+
+    def _share(self, dt: float) -> float:
+        """Share of a move inwards that a sample of this time, s, makes at a first touch."""
+        return min(1.0, dt / (self.landing_ms * 1e-3))
 
     def _stiffest(self, pairs: tuple[Pair, ...]) -> float:
         """Upper bound of the stiffness, twice over, from moves inwards that hardly changed the force, N/m."""
