@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import ClassVar, NamedTuple
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from hil_bridge.control.checks import (
     FORBID_EXTRA,
@@ -70,7 +71,9 @@ class PredictiveState(Struct, frozen=True):
     robustness: float = 0.0
     """Factor on the stiffness while the error swings from side to side; below 1 the stiffness is used as it is."""
     landing: float = 0.0
-    """Time in contact until the force is near the desired one, s; infinite from then on."""
+    """Time in contact until the force is near the desired one, s; infinite from then on. A contact that is lost and
+    found again does not begin anew, for the stiffness is known.
+    """
 
 
 class Line(Struct, frozen=True):
@@ -169,9 +172,11 @@ class Predictive:
             return state, self._answer(measurement, estimate, correction)
         newest = Pair(measurement.travel, measurement.position, measurement.force_at_position)
         pairs = (*state.pairs, newest)[-self.window :]
+        near = measurement.force - reference > -_NEAR_SHARE * reference
+        state = replace(state, landing=math.inf if near else state.landing + measurement.dt)
         if estimate.value is None:
-            correction = self._probe(pairs, measurement, reference)
-            state = PredictiveState(estimate, pairs, state.slope, state.side, state.robustness)
+            correction = self._land(state, self._probe(pairs, measurement, reference), measurement.dt)
+            state = replace(state, estimate=estimate, pairs=pairs)
             return state, self._answer(measurement, estimate, correction)
         return self._follow(state, estimate, pairs, measurement, reference)
 
@@ -206,27 +211,28 @@ class Predictive:
             "band_n": band,
         }
         correction = 0.0 if resting else line.value - measurement.commanded
-        landing = math.inf if error > -_NEAR_SHARE * reference else state.landing + measurement.dt
-        if correction > 0.0 and landing <= _LANDINGS * self.landing_ms * 1e-3:
-            correction *= self._share(measurement.dt)
+        correction = self._land(state, correction, measurement.dt)
         command = self._answer(measurement, estimate, correction, explanation, resting)
         slope = line.slope if moving else 0.0
-        return PredictiveState(estimate, pairs, slope, side, robustness, landing), command
+        return PredictiveState(estimate, pairs, slope, side, robustness, state.landing), command
 
     def _probe(self, pairs: tuple[Pair, ...], measurement: Measurement, reference: float) -> float:
         """Correction while the stiffness is unknown, m."""
         error = reference - measurement.force
         if error >= 0:
-            return error / self._stiffest(pairs) * self._share(measurement.dt)
+            return error / self._stiffest(pairs)
         if measurement.free_position is None:
             return error / self.stiffest_n_m
         # Contact began behind the last position without it, so the surface is at least this stiff.
         travelled = max(measurement.position - measurement.free_position, self.resolution_mm * 1e-3)
         return error * travelled / (2 * max(measurement.force_at_position, -error))
 
-    def _share(self, dt: float) -> float:
-        """Share of a move inwards that a sample of this time, s, makes at a first touch."""
-        return min(1.0, dt / (self.landing_ms * 1e-3))
+    def _land(self, state: PredictiveState, correction: float, dt: float) -> float:
+        """The part of a correction that a sample of this time, s, makes at a first touch."""
+        landing = self.landing_ms * 1e-3
+        if correction <= 0.0 or state.landing > _LANDINGS * landing:
+            return correction
+        return correction * min(1.0, dt / landing)
 
     def _stiffest(self, pairs: tuple[Pair, ...]) -> float:
         """Upper bound of the stiffness, twice over, from moves inwards that hardly changed the force, N/m."""
