@@ -52,12 +52,16 @@ class StrokeState(Struct, frozen=True):
     travel: float = 0.0
     """Length of the way commanded so far, m."""
     pace: float = 0.0
-    """Speed of the travel in the newest sample, m/s; 0 without contact."""
+    """Speed up to which the travel has risen since the touch, mm/s; 0 without contact, and where it stands or goes
+    back.
+    """
     turn: float | None = None
     """Depth at which the present approach or retraction began, m; None before its first sample."""
     in_contact: bool = False
     settled: bool = False
-    """The force has been high enough for the tool to travel, since contact was found."""
+    """The force has been high enough for the tool to travel, or the controller has come to rest, since contact was
+    found.
+    """
     free: float | None = None
     """Reported position of the newest sample without contact, m."""
     lost_at: float | None = None
@@ -140,11 +144,18 @@ class Stroke:
     def tracking(self, state: StrokeState) -> StrokeState:
         """State at the first sample of tracking. The first moments of a touch that needed no proof are watched."""
         memory = begin(self.controller) if state.controller is None else state.controller
-        touch = state.touch
+        touch, pace = state.touch, state.pace if state.phase is _TRACK else 0.0
         if state.phase is _APPROACH:
             touch = begin_tracking() if touch is None else None
         return replace(
-            state, phase=_TRACK, turn=None, lost_for=None, settled=False, controller=memory, touch=touch
+            state,
+            phase=_TRACK,
+            pace=pace,
+            turn=None,
+            lost_for=None,
+            settled=False,
+            controller=memory,
+            touch=touch,
         )
 
     def careful_step(self, ahead: float, dt: float) -> float:
@@ -222,21 +233,22 @@ class Stroke:
         settled = state.settled or measurement.force >= self.parameters.travel_from_share * reference
         travel, pace = state.travel, 0.0
         if state.in_contact and settled:
-            way = self.way(self.parameters.speed_mm_s, measurement.dt) * measurement.advance * stride.feed
-            way = min(way, (state.pace + self._acceleration * measurement.dt) * measurement.dt)
-            travel, pace = travel + way, max(way, 0.0) / measurement.dt if measurement.dt else state.pace
+            rising, share = self._raise(state.pace, measurement.dt), measurement.advance * stride.feed
+            travel += self.way(rising, measurement.dt) * share
+            pace = rising if share > 0.0 else 0.0
         shown = replace(
             measurement, in_contact=state.in_contact, travel_next=travel, free_position=state.free
         )
         memory, command = ask(self.controller, state.controller, shown, reference)
         order = Order(_TRACK, command.position, command, reference)
         stiffness = command.stiffness or state.stiffness
+        rests = command.position == measurement.commanded
         if state.in_contact:  # found again, if it was lost
             return replace(
                 state,
                 travel=travel,
                 pace=pace,
-                settled=settled,
+                settled=settled or rests,
                 lost_at=None,
                 lost_for=None,
                 controller=memory,
@@ -260,18 +272,17 @@ class Stroke:
             return self._give_up(state, measurement, self._edge)
         if state.losses >= self.parameters.loss_limit:
             reason = Reason(Cause.CONTACT_LOST, f"contact lost {state.losses} times")
-            return replace(state, phase=_RETRACT, turn=None, trouble=reason), order
+            return self._give_up(state, measurement, reason)
         if lost_for * 1e3 >= self.parameters.loss_ms:
             state = replace(state, phase=_APPROACH, turn=None)
         return state, order
 
-    @property
-    def _acceleration(self) -> float:
-        """Largest acceleration of the travel, m/s²."""
-        rise = self.parameters.travel_rise_s
+    def _raise(self, pace: float, dt: float) -> float:
+        """Speed of the travel, mm/s, one sample after it had risen to `pace`."""
+        speed, rise = self.parameters.speed_mm_s, self.parameters.travel_rise_s
         if rise is None:
             rise = 0.0 if self.position_step else _RISE_S
-        return self.parameters.speed_mm_s * 1e-3 / rise if rise else math.inf
+        return min(pace + speed * dt / rise, speed) if rise else speed
 
     # --- retract
 
