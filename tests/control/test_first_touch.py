@@ -54,7 +54,7 @@ class Digs:
 
 
 class Rests:
-    """Never moves."""
+    """Rests in its dead band."""
 
     name = "rests"
 
@@ -62,7 +62,7 @@ class Rests:
         return 0
 
     def step(self, state: int, measurement: Measurement, reference: float) -> tuple[int, Command]:
-        return state, Command(measurement.commanded, 0.0)
+        return state, Command(measurement.commanded, 0.0, held=True)
 
 
 def pressed(force: float, position: float = 0.0, dt: float = DT, **more: Any) -> Measurement:

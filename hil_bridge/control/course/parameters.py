@@ -50,7 +50,7 @@ class TaskParameters:
     travel_from_share: float = 0.0
     """Share of the desired force that must be reached after contact was found before the tool travels; 0
     travels at once. Waiting keeps an unknown slope out of the first estimate of the stiffness. A controller that rests
-    at less comes no nearer: then the tool travels too.
+    in its dead band comes no nearer: then the tool travels too.
     """
     travel_rise_s: float | None = None
     """Time from the touch, and from a stop on the way, in which the travel comes to its speed: an unknown slope shows

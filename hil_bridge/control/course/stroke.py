@@ -59,8 +59,8 @@ class StrokeState(Struct, frozen=True):
     """Depth at which the present approach or retraction began, m; None before its first sample."""
     in_contact: bool = False
     settled: bool = False
-    """The force has been high enough for the tool to travel, or the controller has come to rest, since contact was
-    found.
+    """The force has been high enough for the tool to travel, or the controller rests in its dead band, since contact
+    was found.
     """
     free: float | None = None
     """Reported position of the newest sample without contact, m."""
@@ -242,13 +242,12 @@ class Stroke:
         memory, command = ask(self.controller, state.controller, shown, reference)
         order = Order(_TRACK, command.position, command, reference)
         stiffness = command.stiffness or state.stiffness
-        rests = command.position == measurement.commanded
         if state.in_contact:  # found again, if it was lost
             return replace(
                 state,
                 travel=travel,
                 pace=pace,
-                settled=settled or rests,
+                settled=settled or command.held,
                 lost_at=None,
                 lost_for=None,
                 controller=memory,
