@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import ClassVar, NamedTuple
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from hil_bridge.control.checks import (
     FORBID_EXTRA,
@@ -38,6 +39,13 @@ _SWING_FACTOR, _CALM_FACTOR, _ROBUSTNESS_MOST = 1.5, 0.95, 8.0
 value. Chosen.
 """
 
+_NEAR_SHARE = 0.1
+"""Share of the desired force: closer than this the first touch is over. Chosen."""
+_LANDINGS = 3.0
+"""Times of `landing_ms` after which it is over in any case: a surface that falls away must not be followed late.
+Chosen.
+"""
+
 
 class Pair(NamedTuple):
     """Force and position of one moment."""
@@ -62,6 +70,10 @@ class PredictiveState(Struct, frozen=True):
     """Sign of the last force error that was clearly above the noise."""
     robustness: float = 0.0
     """Factor on the stiffness while the error swings from side to side; below 1 the stiffness is used as it is."""
+    landing: float = 0.0
+    """Time in contact until the force is near the desired one, s; infinite from then on. A contact that is lost and
+    found again does not begin anew, for the stiffness is known.
+    """
 
 
 class Line(Struct, frozen=True):
@@ -103,6 +115,7 @@ class Predictive:
         "caution": Range(0.0, 4.0),
         "steepest": Range(0.02, 2.0, by_factor=True),
         "smallest_radius_mm": Range(10.0, 1000.0, by_factor=True),
+        "landing_ms": Range(10.0, 1000.0, by_factor=True),
     }
     """Chosen: about a tenth to ten times of the defaults, as far as a line through pairs makes sense."""
 
@@ -122,11 +135,18 @@ class Predictive:
     """Smallest step of the robot's position."""
     force_uncertainty_n: float = 0.1
     """Standard deviation of the force."""
+    landing_ms: float = 100.0
+    """Time in which a move inwards makes 63 % of its way at a first touch: until the force has been near the desired
+    one, or this time has passed three times. A longer sample time makes the whole move. Chosen: twice the time that
+    an order takes with EGM.
+    """
     pairing: Pairing = field(init=False, repr=False, compare=False)
     """Settings for the pairing of force and position."""
 
     def __post_init__(self) -> None:
-        require_above_zero(self, "window", "stiffest_n_m", "steepest", "smallest_radius_mm", "step_limit_mm")
+        require_above_zero(
+            self, "window", "stiffest_n_m", "steepest", "smallest_radius_mm", "step_limit_mm", "landing_ms"
+        )
         require_not_negative(self, "caution")
         pairing = Pairing(resolution_mm=self.resolution_mm, force_uncertainty_n=self.force_uncertainty_n)
         object.__setattr__(self, "pairing", pairing)
@@ -148,13 +168,15 @@ class Predictive:
         estimate = observe(state.estimate, self.pairing, measurement, state.slope)
         if not measurement.in_contact:
             correction = self._search(estimate, reference)
-            state = PredictiveState(estimate, robustness=state.robustness)
+            state = PredictiveState(estimate, robustness=state.robustness, landing=state.landing)
             return state, self._answer(measurement, estimate, correction)
         newest = Pair(measurement.travel, measurement.position, measurement.force_at_position)
         pairs = (*state.pairs, newest)[-self.window :]
+        near = measurement.force - reference > -_NEAR_SHARE * reference
+        state = replace(state, landing=math.inf if near else state.landing + measurement.dt)
         if estimate.value is None:
-            correction = self._probe(pairs, measurement, reference)
-            state = PredictiveState(estimate, pairs, state.slope, state.side, state.robustness)
+            correction = self._land(state, self._probe(pairs, measurement, reference), measurement.dt)
+            state = replace(state, estimate=estimate, pairs=pairs)
             return state, self._answer(measurement, estimate, correction)
         return self._follow(state, estimate, pairs, measurement, reference)
 
@@ -189,9 +211,10 @@ class Predictive:
             "band_n": band,
         }
         correction = 0.0 if resting else line.value - measurement.commanded
+        correction = self._land(state, correction, measurement.dt)
         command = self._answer(measurement, estimate, correction, explanation, resting)
         slope = line.slope if moving else 0.0
-        return PredictiveState(estimate, pairs, slope, side, robustness), command
+        return PredictiveState(estimate, pairs, slope, side, robustness, state.landing), command
 
     def _probe(self, pairs: tuple[Pair, ...], measurement: Measurement, reference: float) -> float:
         """Correction while the stiffness is unknown, m."""
@@ -203,6 +226,13 @@ class Predictive:
         # Contact began behind the last position without it, so the surface is at least this stiff.
         travelled = max(measurement.position - measurement.free_position, self.resolution_mm * 1e-3)
         return error * travelled / (2 * max(measurement.force_at_position, -error))
+
+    def _land(self, state: PredictiveState, correction: float, dt: float) -> float:
+        """The part of a correction that a sample of this time, s, makes at a first touch."""
+        landing = self.landing_ms * 1e-3
+        if correction <= 0.0 or state.landing > _LANDINGS * landing:
+            return correction
+        return correction * min(1.0, dt / landing)
 
     def _stiffest(self, pairs: tuple[Pair, ...]) -> float:
         """Upper bound of the stiffness, twice over, from moves inwards that hardly changed the force, N/m."""

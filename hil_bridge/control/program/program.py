@@ -189,9 +189,10 @@ class Program:
                 state = self._next(state, leg, felt)
                 continue
             state = taken.state
-            if taken.trouble is not None:
+            if taken.trouble is not None:  # whatever the step asked for: nothing goes deeper from here on
+                depth = min(taken.order.depth, measurement.commanded)
                 state = self.fail(state, taken.trouble)
-                return state, self._intent(state, taken.order)
+                return state, self._intent(state, replace(taken.order, depth=depth))
             if leg.turns:
                 state = turn_tool(state, leg, self.frame, self.facing, measurement.dt)
             intent = self._intent(state, taken.order)

@@ -114,9 +114,11 @@ class LedStep(PressingStep):
         )
 
     def guide(self, leg: Leg, state: ProgramState, felt: Felt) -> Guide:
+        """Force of this sample. While a person holds the tool the step sees none: it stays where it was."""
+        if felt.sample.held and state.memory is not None:
+            return Guide(state, Stride(self._force(leg, state, state.memory[2])))
         measurement, now, at = felt.measurement, felt.sample.now, state.origin
         memory, first, _ = state.memory or (self.begin(), measurement.position, None)
-        reference = leg.reference(local_way(state))
         moment = felt.wrench[3:6] if len(felt.wrench) == 6 else (math.nan, math.nan, math.nan)
         sample = StepSample(
             now - (now if state.began is None else state.began),
@@ -126,24 +128,31 @@ class LedStep(PressingStep):
             (felt.place[0] - at[0], felt.place[1] - at[1]),
             measurement.position - first,
             state.in_contact,
-            reference,
+            leg.reference(local_way(state)),
             self._is_last(state, felt),
         )
         memory, lead = self.answer(memory, sample)
         trouble = Reason(Cause.STEP_TROUBLE, one_line(str(lead.trouble))) if lead.trouble else None
-        force = reference if lead.force_n is None else float(lead.force_n)
-        limit = leg.stroke.force_limit_n
+        force = self._force(leg, state, lead)
+        return Guide(replace(state, memory=(memory, first, lead)), Stride(force), trouble)
+
+    def _force(self, leg: Leg, state: ProgramState, lead: Lead) -> float:
+        """Wanted force, N. Raises ValueError for one that is not allowed."""
+        force, limit = leg.reference(local_way(state)), leg.stroke.force_limit_n
+        if lead.force_n is not None:
+            force = float(lead.force_n)
         if not 0.0 < force < limit:
             raise ValueError(
                 f"it asks for a force of {force:g} N; allowed is one above 0, and below {limit:g} N"
             )
-        return Guide(replace(state, memory=(memory, first, lead)), Stride(force), trouble)
+        return force
 
     def lead(self, leg: Leg, state: ProgramState, stroke: StrokeState, order: Order, felt: Felt) -> Led:
         lead: Lead = state.memory[2]
         (x, y), (u, v) = state.at, (state.origin[0] + lead.to[0], state.origin[1] + lead.to[1])
         left = math.hypot(u - x, v - y)
-        if left == 0.0 or not (stroke.in_contact or lead.without_contact):
+        goes = (stroke.in_contact or lead.without_contact) and not felt.sample.held
+        if left == 0.0 or not goes:
             return Led(state.at, state.local, state.aside, state.heading, state.memory)
         way = min(leg.stroke.parameters.speed_mm_s * 1e-3 * felt.measurement.dt, left)
         heading = (u - x) / left, (v - y) / left
@@ -153,7 +162,7 @@ class LedStep(PressingStep):
     def end_sample(self, leg: Leg, before: ProgramState, taken: Taken, felt: Felt) -> Taken:
         lead: Lead = taken.state.memory[2]
         last = self._is_last(before, felt)
-        if not (lead.done or last):
+        if felt.sample.held or not (lead.done or last):
             return taken
         text = one_line(str(lead.done)) or f"ended after {self.for_s:g} s"
         state = replace(taken.state, text=text, found=(felt.sample.position, 1))

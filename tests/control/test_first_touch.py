@@ -1,0 +1,334 @@
+"""A first touch: the controller closes in slowly, and the travel rises to its speed. A stop orders nothing deeper."""
+
+import math
+from dataclasses import replace as altered
+from typing import Any
+
+import pytest
+from msgspec.structs import replace
+
+from hil_bridge.control import (
+    Command,
+    ControlLoop,
+    Measurement,
+    Phase,
+    Predictive,
+    Sample,
+    Stroke,
+    StrokeState,
+    Supervisor,
+    TaskParameters,
+)
+from hil_bridge.control.course.limits import Limits
+from hil_bridge.control.course.stroke import Order, Stride
+from hil_bridge.control.steps.approach import Approach
+from hil_bridge.control.steps.hold import Hold
+from hil_bridge.control.steps.paths import Line
+from hil_bridge.control.steps.retract import Retract
+from hil_bridge.control.steps.seam import Taken
+from hil_bridge.control.steps.seek import Seek
+from hil_bridge.control.steps.track import Track
+from hil_bridge.errors import Cause, Reason
+from tests.control.plain import plain_program
+from tests.control.test_program_course import program_of, seen
+
+FORCE = 10.0
+DT = 0.004
+LANDING = 0.1
+"""Default of `landing_ms`, s."""
+SPEED, RISE = 5.5, 0.8
+"""Defaults of the task: speed of the travel, mm/s, and the time in which it rises, s."""
+STEP = 0.125e-3
+
+
+class Digs:
+    """Asks for a tenth of a millimetre deeper in every sample."""
+
+    name = "digs"
+
+    def initial(self) -> int:
+        return 0
+
+    def step(self, state: int, measurement: Measurement, reference: float) -> tuple[int, Command]:
+        return state, Command(measurement.commanded + 1e-4, 1e-4)
+
+
+class Rests:
+    """Rests in its dead band."""
+
+    name = "rests"
+
+    def initial(self) -> int:
+        return 0
+
+    def step(self, state: int, measurement: Measurement, reference: float) -> tuple[int, Command]:
+        return state, Command(measurement.commanded, 0.0, held=True)
+
+
+def pressed(force: float, position: float = 0.0, dt: float = DT, **more: Any) -> Measurement:
+    return Measurement(0.0, force, position, more.pop("commanded", position), dt=dt, **more)
+
+
+# --- the controller closes in slowly
+
+
+def known(stiffness: float, landing_ms: float = 1e3 * LANDING) -> tuple[Predictive, Any]:
+    """A controller that has seen two samples of a touch, and has an estimate."""
+    controller = Predictive(landing_ms=landing_ms, resolution_mm=0.01)
+    state, _ = controller.step(controller.initial(), pressed(2.0, 0.0), FORCE)
+    state, command = controller.step(state, pressed(4.0, 2.0 / stiffness), FORCE)
+    assert command.stiffness == pytest.approx(stiffness, rel=0.1)
+    return controller, state
+
+
+def share(controller: Predictive, state: Any, measurement: Measurement) -> float:
+    """Part of the whole move inwards that a sample makes."""
+    whole = controller.step(replace(state, landing=math.inf), measurement, FORCE)[1].correction
+    return controller.step(state, measurement, FORCE)[1].correction / whole
+
+
+@pytest.mark.parametrize("landing_ms", [10.0, 100.0, 1000.0])
+@pytest.mark.parametrize("dt", [0.0, 0.002, 0.004, 0.012, 0.05, 0.179])
+def test_a_sample_of_a_first_touch_makes_its_share_of_the_move(dt: float, landing_ms: float) -> None:
+    exact = min(1.0, dt / (landing_ms * 1e-3))
+    controller, state = known(5e3, landing_ms)
+    assert share(controller, state, pressed(4.0, 0.4e-3, dt)) == pytest.approx(exact)
+    probing = Predictive(landing_ms=landing_ms)
+    assert share(probing, probing.initial(), pressed(2.0, 0.0, dt)) == pytest.approx(exact)
+
+
+def test_a_move_outwards_is_made_in_full() -> None:
+    controller, state = known(5e3)
+    assert share(controller, state, pressed(14.0, 2.4e-3)) == 1.0
+
+
+def test_a_force_near_the_desired_one_ends_the_first_touch_for_good() -> None:
+    controller, state = known(5e3)
+    far, _ = controller.step(state, pressed(8.9, 1.38e-3), FORCE)
+    assert math.isfinite(far.landing)
+    near, _ = controller.step(state, pressed(9.1, 1.42e-3), FORCE)
+    assert near.landing == math.inf
+    assert share(controller, near, pressed(4.0, 1.42e-3)) == 1.0
+
+
+@pytest.mark.parametrize("estimated", [True, False])
+def test_three_landing_times_in_contact_end_it(estimated: bool) -> None:
+    controller, state = known(5e3)
+    if not estimated:  # a surface that hardly answers is not followed late either
+        state = controller.initial()
+    measurement = pressed(4.0, 0.4e-3, dt=0.007)
+    for left in range(math.floor((3 * LANDING - state.landing) / 0.007), 0, -1):
+        assert share(controller, state, measurement) == pytest.approx(0.07), left
+        state, _ = controller.step(state, measurement, FORCE)
+    assert share(controller, state, measurement) == 1.0
+
+
+def test_time_without_contact_does_not_count_and_the_touch_is_not_a_first_one_again() -> None:
+    controller, state = known(5e3)
+    before = state.landing
+    for _ in range(1000):
+        state, _ = controller.step(state, pressed(0.0, 0.0, in_contact=False), FORCE)
+    assert state.landing == before
+    landed = replace(state, landing=math.inf)
+    landed, _ = controller.step(landed, pressed(0.0, 0.0, in_contact=False), FORCE)
+    landed, _ = controller.step(landed, pressed(2.0, 0.0), FORCE)
+    assert landed.landing == math.inf
+
+
+def test_a_softer_desired_force_is_near_at_once() -> None:
+    controller, state = known(5e3)
+    state, _ = controller.step(state, pressed(4.0, 0.4e-3), 4.2)
+    assert state.landing == math.inf
+
+
+# --- the travel rises to its speed
+
+
+def travelling(
+    stroke: Stroke, state: StrokeState, samples: int, dt: float = DT, force: float = FORCE, **more: Any
+) -> tuple[StrokeState, list[float]]:
+    """State after some samples of tracking, and the way of each, m."""
+    ways, stride = [], more.pop("stride", Stride(FORCE))
+    for _ in range(samples):
+        before = state.travel
+        state, _ = stroke.step(state, pressed(force, dt=dt, **more), stride)
+        ways.append(state.travel - before)
+    return state, ways
+
+
+def tracking(**settings: Any) -> tuple[Stroke, StrokeState]:
+    step = settings.pop("position_step", None)
+    stroke = Stroke(TaskParameters(**settings), Rests(), position_step=step)
+    return stroke, StrokeState(phase=Phase.TRACK, in_contact=True, controller=0)
+
+
+@pytest.mark.parametrize("dt", [0.002, 0.004, 0.012, 0.05, 0.179])
+def test_the_pace_rises_linearly_to_the_speed_and_stays(dt: float) -> None:
+    stroke, state = tracking()
+    _, ways = travelling(stroke, state, round(1.5 * RISE / dt), dt)
+    exact = [min(k * dt / RISE, 1.0) * SPEED * 1e-3 * dt for k in range(1, len(ways) + 1)]
+    assert ways == pytest.approx(exact, rel=1e-9, abs=1e-15)
+
+
+def test_it_begins_when_the_force_lets_the_tool_travel() -> None:
+    stroke, state = tracking(travel_from_share=0.8)
+    stroke = altered(stroke, controller=Digs())
+    state, ways = travelling(stroke, state, 50, force=7.9)
+    assert ways == [0.0] * 50
+    _, ways = travelling(stroke, state, 2, force=8.0)
+    assert ways == pytest.approx([k * DT / RISE * SPEED * 1e-3 * DT for k in (1, 2)])
+
+
+def test_a_controller_that_rests_below_that_force_does_not_wait_for_ever() -> None:
+    stroke, state = tracking(travel_from_share=0.9)
+    _, ways = travelling(stroke, state, 3, force=8.0)
+    assert ways[0] == 0.0
+    assert ways[1] > 0.0
+
+
+@pytest.mark.parametrize("settings", [{"position_step": STEP}, {"travel_rise_s": 0.0}])
+def test_without_a_rise_the_first_sample_goes_at_full_speed(settings: dict[str, Any]) -> None:
+    stroke, state = tracking(**settings)
+    for dt in (0.0, 0.004, 0.18):
+        _, ways = travelling(stroke, state, 1, dt)
+        assert ways == [stroke.way(SPEED, dt)]
+
+
+def test_a_robot_with_a_position_step_rises_in_whole_ones_where_it_is_told_to() -> None:
+    stroke, state = tracking(position_step=STEP, travel_rise_s=RISE)
+    _, ways = travelling(stroke, state, 5, 0.18)
+    steps = [round(min(k * 0.18 / RISE, 1.0) * SPEED * 1e-3 * 0.18 / STEP) for k in range(1, 6)]
+    assert ways == pytest.approx([number * STEP for number in steps])
+
+
+def test_a_sample_without_time_changes_nothing() -> None:
+    stroke, state = tracking()
+    state, _ = travelling(stroke, state, 10)
+    after, ways = travelling(stroke, state, 1, 0.0)
+    assert ways == [0.0]
+    assert after.pace == state.pace
+
+
+@pytest.mark.parametrize(("advance", "feed"), [(0.0, 1.0), (1.0, 0.0), (1.0, -0.5)])
+def test_a_travel_that_stood_or_went_back_rises_anew(advance: float, feed: float) -> None:
+    stroke, state = tracking()
+    state, _ = travelling(stroke, state, 400)
+    assert state.pace == SPEED
+    state, ways = travelling(stroke, state, 1, advance=advance, stride=Stride(FORCE, feed))
+    assert ways == pytest.approx([feed * advance * SPEED * 1e-3 * DT])
+    assert state.pace == 0.0
+    _, ways = travelling(stroke, state, 1)
+    assert ways == pytest.approx([DT / RISE * SPEED * 1e-3 * DT])
+
+
+def test_a_feed_that_wavers_does_not_slow_the_travel_beyond_it() -> None:
+    """One slow sample costs its own way alone."""
+    stroke, state = tracking()
+    state, _ = travelling(stroke, state, 400)
+    state, slow = travelling(stroke, state, 1, stride=Stride(FORCE, 0.5))
+    _, ways = travelling(stroke, state, 1)
+    assert slow == pytest.approx([0.5 * SPEED * 1e-3 * DT])
+    assert ways == pytest.approx([SPEED * 1e-3 * DT])
+
+
+def test_a_lost_contact_begins_the_rise_anew() -> None:
+    stroke, state = tracking()
+    state, _ = travelling(stroke, state, 400)
+    state, ways = travelling(stroke, state, 1, force=0.0)
+    assert (state.pace, ways) == (0.0, [0.0])
+    _, ways = travelling(stroke, state, 1)
+    assert ways == pytest.approx([DT / RISE * SPEED * 1e-3 * DT])
+
+
+@pytest.mark.parametrize("phase", [Phase.APPROACH, Phase.RETRACT, Phase.MOVE])
+def test_the_next_touch_of_a_program_rises_anew(phase: Phase) -> None:
+    stroke, state = tracking()
+    state, _ = travelling(stroke, state, 400)
+    assert stroke.tracking(state).pace == SPEED, "from one track to the next it goes on"
+    assert stroke.tracking(replace(state, phase=phase)).pace == 0.0
+
+
+# --- after a stop nothing goes deeper
+
+
+def test_the_last_loss_of_contact_orders_nothing_deeper() -> None:
+    stroke = Stroke(TaskParameters(loss_limit=1), Digs())
+    state = StrokeState(phase=Phase.TRACK, in_contact=True, controller=0)
+    state, order = stroke.step(state, pressed(0.0, 1e-3))
+    assert state.trouble == Reason(Cause.CONTACT_LOST, "contact lost 1 times")
+    assert order.phase is Phase.RETRACT
+    assert order.depth < 1e-3
+
+
+def test_the_loop_stands_or_goes_back_from_the_cycle_that_tells_the_last_loss() -> None:
+    program = plain_program(TaskParameters(loss_limit=1, speed_mm_s=0.0), Digs())
+    loop = ControlLoop(program, Supervisor(Limits()), sample_time=0.02)
+    state, told, depth = loop.initial((0.0, 0.0, 0.0)), None, 0.0
+    for k in range(40):
+        force = 10.0 if k < 20 else 0.0
+        sample = Sample(0.02 * k, (0.0, 0.0, -depth), force, force, 0.02 * k, k)
+        state, decision = loop.step(state, sample)
+        if decision.intent.reason is not None:
+            told = told or decision.intent.reason.cause
+            assert decision.depth <= state.start[2] + depth + 1e-12
+            assert decision.target.depth <= depth + 1e-12, k
+        depth = decision.target.depth
+    assert told is Cause.CONTACT_LOST
+
+
+@pytest.mark.parametrize("phase", [Phase.TRACK, Phase.APPROACH])
+def test_a_step_in_trouble_orders_nothing_deeper_whatever_it_asks_for(
+    phase: Phase, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program = program_of(Approach(), Hold(for_s=1.0), Retract())
+    reason = Reason(Cause.STEP_TROUBLE, "it says so")
+
+    def take(step: Any, leg: Any, state: Any, felt: Any) -> Taken:
+        return Taken(state, Order(phase, 2e-3), trouble=reason)
+
+    monkeypatch.setattr(Approach, "take", take)
+    felt = seen(0.0, (0.0, 0.0), 1e-3, (0.0, 0.0, 0.0))
+    state, intent = program.step(*program.sense(program.initial(), felt))
+    assert state.failed
+    assert intent.target.depth == 1e-3
+
+
+def test_an_edge_that_is_not_found_orders_nothing_deeper() -> None:
+    program = program_of(Approach(), Seek(direction_deg=0.0, until="edge", at_most_mm=1.0), Retract())
+    state, depth = program.initial(), 0.0
+    for k in range(200):
+        felt = seen(0.1 * k, state.at, depth, (8.0 if depth > 1e-3 else 0.0, 0.0, 0.0))
+        state, intent = program.step(*program.sense(state, felt))
+        if state.failed:
+            break
+        depth = intent.target.depth
+    assert state.reason is not None
+    assert state.reason.cause is Cause.NO_EDGE
+    assert intent.target.depth <= depth
+
+
+def test_a_second_stroke_of_a_program_rises_as_the_first_did() -> None:
+    line = Line(length_mm=2.0)
+    steps = (Approach(), Track(line, speed_mm_s=SPEED), Retract(back_mm=1.0)) * 2
+    program = program_of(*steps)
+    program = altered(
+        program,
+        row=altered(
+            program.row,
+            legs=tuple(
+                altered(leg, stroke=altered(leg.stroke, position_step=None)) for leg in program.row.legs
+            ),
+        ),
+    )
+    state, depth, firsts, legs = program.initial(), 0.0, [], set()
+    for k in range(400):
+        force = 5e3 * max(depth - 1e-3, 0.0)
+        felt = seen(0.1 * k, state.at, depth, (force, 0.0, 0.0))
+        before = state.stroke.travel
+        state, intent = program.step(*program.sense(state, felt))
+        depth = intent.target.depth
+        if state.stroke.travel > before and intent.leg not in legs:
+            legs.add(intent.leg)
+            firsts.append(state.stroke.travel - before)
+    assert len(firsts) == 2
+    assert firsts == pytest.approx([0.1 / RISE * SPEED * 1e-3 * 0.1] * 2)

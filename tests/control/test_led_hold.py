@@ -1,0 +1,52 @@
+"""A person holds the tool while a step of another package leads it: it stays, and the step goes on afterwards."""
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from msgspec.structs import replace
+
+from hil_bridge.control.program.state import Felt
+from hil_bridge.control.steps.approach import Approach
+from hil_bridge.control.steps.led import Lead, LedStep, StepSample
+from hil_bridge.control.steps.retract import Retract
+from hil_bridge.control.steps.seam import NO_LIMITS, StepLimits
+from tests.control.test_program_course import program_of, seen
+
+DT = 0.1
+FOR_S = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class Slides(LedStep):
+    """Goes along x without an end, contact or none, and says so when its time is up."""
+
+    do: Literal["slides"] = "slides"
+    speed_mm_s: float = 5.0
+    for_s: float | None = FOR_S
+    limits: StepLimits = NO_LIMITS
+
+    def steer(self, memory: Any, sample: StepSample) -> tuple[Any, Lead]:
+        late = "its time is up" if sample.last else ""
+        return (memory or 0) + 1, Lead((1.0, 0.0), 8.0, trouble=late, without_contact=True)
+
+
+def test_a_led_tool_stays_where_a_person_holds_it() -> None:
+    program = program_of(Approach(), Slides(), Retract())
+    state, depth, places, asked, forces = program.initial(), 0.0, [], [], []
+    for k in range(80):
+        now, held = DT * k, 20 <= k < 70
+        felt: Felt = seen(now, state.at, depth, (5e3 * max(depth - 1e-3, 0.0), 0.0, 0.0))
+        felt = replace(felt, sample=replace(felt.sample, held=held))
+        state, intent = program.step(*program.sense(state, felt))
+        if state.failed:
+            break
+        depth = intent.target.depth
+        places.append(state.at)
+        asked.append(state.memory and state.memory[0])
+        forces.append(intent.reference)
+    assert state.began is not None
+    assert places[18] < places[19], "it moves before"
+    assert len(set(places[19:70])) == 1, "it stays, and does not end although its time is up meanwhile"
+    assert len(set(asked[19:70])) == 1, "and its step is not asked"
+    assert set(forces[19:70]) == {8.0}, "the step's force is kept"
+    assert (k, str(state.reason)) == (70, "its time is up, in step 2 (slides)"), "then the step has its say"
