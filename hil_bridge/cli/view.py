@@ -33,9 +33,10 @@ def view(file: Path, port: int, bag: "BagChoices") -> None:
     """
     from hil_bridge.record.ros.bag_file import is_bag
     from hil_bridge.show.web.feed import check_extra
-    from hil_bridge.show.web.serving import show
 
     check_extra("hil-bridge view")
+    from hil_bridge.show.web.serving import show
+
     if file.suffix == RESULTS:
         from hil_bridge.lab.campaign.live import Results
         from hil_bridge.lab.campaign.store import Store

@@ -1,6 +1,7 @@
 """Recordings and campaigns on a page: what it is told is what the file holds."""
 
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -106,4 +107,5 @@ def test_files_of_other_kinds_and_a_missing_extra_are_told_in_a_line(
     assert "has no topic /gone" in told_by(str(bag), "--topic", "wrench=/gone")
     assert "no file in it ends in .mcap or .db3" in told_by(str(tmp_path))
     monkeypatch.setattr(feed, "NEEDED", ("not_installed_at_all",))
+    monkeypatch.setitem(sys.modules, "hil_bridge.show.web.serving", None)  # whose import needs the extra
     assert told_by("run.mcap") == f"hil-bridge view needs the extra web: {install_command('web')}"

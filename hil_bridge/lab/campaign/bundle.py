@@ -97,13 +97,18 @@ class Packed(Struct, frozen=True):
                 yield from run.lines
             return
         seeds = ", ".join(map(str, self.drawn)) or "none"
-        files = {0: "", 1: ", 1 file that settings name"}.get(
-            self.inputs, f", {self.inputs} files that settings name"
-        )
-        yield f"{self.bundle}: {self.runs} runs, {self.recordings} recordings{files}; repeated seeds: {seeds}"
+        parts = [count_words(self.runs, "run"), count_words(self.recordings, "recording")]
+        if self.inputs:
+            parts.append(f"{count_words(self.inputs, 'file')} that settings name")
+        yield f"{self.bundle}: {', '.join(parts)}; repeated seeds: {seeds}"
         if self.left_out:
             yield f"  no room for {self.left_out} recordings of runs that failed"
         yield f"  SHA-256 {self.sha256}"
+
+
+def count_words(count: int, word: str) -> str:
+    """A count with its word."""
+    return f"{count} {word}" if count == 1 else f"{count} {word}s"
 
 
 def versions(more: Iterable[str] = ()) -> dict[str, str]:

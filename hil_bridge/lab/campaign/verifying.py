@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from hil_bridge.control.controllers import controller_names
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.text_files import format_path, read_text
-from hil_bridge.lab.campaign.bundle import FORMAT, Manifest, draw_seeds, plan_text, versions
+from hil_bridge.lab.campaign.bundle import FORMAT, Manifest, count_words, draw_seeds, plan_text, versions
 from hil_bridge.lab.campaign.inputs import controller_named, with_inputs
 from hil_bridge.lab.campaign.judging import REFUSED, Job
 from hil_bridge.lab.campaign.overlay import config_with
@@ -54,8 +54,7 @@ class NotRepeated(Struct, frozen=True):
     @property
     def text(self) -> str:
         """For people."""
-        runs = "1 run" if self.runs == 1 else f"{self.runs} runs"
-        return f"not repeated, {runs} of {_seed_words(self.seeds)}: {self.why}"
+        return f"not repeated, {count_words(self.runs, 'run')} of {_seed_words(self.seeds)}: {self.why}"
 
 
 class Verified(Struct, frozen=True):
@@ -141,7 +140,7 @@ class Verified(Struct, frozen=True):
             yield "no run was repeated"
             return
         seeds = _seed_words(self.repeated)
-        yield f"{self.runs} runs of {seeds} repeated, {self.recordings} compared with their recordings"
+        yield f"{count_words(self.runs, 'run')} of {seeds} repeated, {self.recordings} compared with their recordings"
         for run in self.differing:
             yield from run.lines
         if not self.differing:
