@@ -87,7 +87,7 @@ Feel = Callable[[float], Felt3]
 """Force and place of the tool by its depth, m."""
 
 
-class Taken(NamedTuple):
+class Walked(NamedTuple):
     """One sample of the step, as the program took it."""
 
     before: ProgramState
@@ -263,13 +263,13 @@ def _programs(step: Step) -> Iterator[tuple[Step, ...]]:
     yield Approach(), step, Retract()
 
 
-def _walk(step: Step, feel: Feel, most: int = SAMPLES) -> tuple[Program, list[Taken]]:
+def _walk(step: Step, feel: Feel, most: int = SAMPLES) -> tuple[Program, list[Walked]]:
     """The step from its first sample on, felt so; what comes before it presses on a spring."""
     row, stroke = _row(step), _stroke()
     program = Program(row, stroke, _FRAME)
     own = next(number for number, leg in enumerate(row.legs) if leg.step is step)
     state, depth, place = program.initial(), 0.0, (0.0, 0.0)
-    taken: list[Taken] = []
+    taken: list[Walked] = []
     for number in range(most + SAMPLES):
         begun = state.leg == own and state.began is not None
         felt3 = feel(depth) if begun else _spring(depth)
@@ -284,7 +284,7 @@ def _walk(step: Step, feel: Feel, most: int = SAMPLES) -> tuple[Program, list[Ta
             )
         depth, place = intent.target.depth, (intent.target.travel, intent.target.across)
         if state.leg == own or begun:
-            taken.append(Taken(before, felt, state, intent))
+            taken.append(Walked(before, felt, state, intent))
         if taken and (_is_left(state, own) or len(taken) >= most):
             break
     assert taken, f"the step {step.do} never began"

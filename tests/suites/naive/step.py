@@ -22,7 +22,7 @@ class NaiveStep(LedStep):
     for_s: float | None = 4.0
     mistake: str = ""
     limits: StepLimits = NO_LIMITS
-    sample: ClassVar[list[float]] = []
+    angles: ClassVar[list[float]] = []
 
     def __post_init__(self) -> None:
         above_zero(self, *(() if self.mistake == "nan" else ("radius_mm",)), "speed_mm_s", "for_s")
@@ -39,8 +39,8 @@ class NaiveStep(LedStep):
         if self.mistake == "place":
             memory[0] = angle
         if self.mistake == "self":
-            self.sample.append(angle)
-            angle = 0.1 * len(self.sample)
+            self.angles.append(angle)
+            angle = 0.1 * len(self.angles)
         if self.mistake == "clock":
             angle = 1e3 * time.perf_counter()
         radius = self.radius_mm * 1e-3
