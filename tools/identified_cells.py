@@ -22,7 +22,7 @@ from hil_bridge.lab.identification.telling import format_value
 from hil_bridge.lab.identification.values import Part, Value, Values
 from hil_bridge.lab.processes import in_order, own_processes
 from hil_bridge.record import Recording
-from hil_bridge.settings.configuration import lay_over
+from hil_bridge.settings.configuration import lay_over, read_config
 from protocol.devices.netft.page import FILTERS_HZ, filter_weight
 from protocol.devices.netft.records import INTERNAL_RATE_HZ, output_step
 from protocol.wrench import AXES
@@ -295,6 +295,56 @@ def measure() -> list[dict[str, Any]]:
 # --- the page
 
 
+def drawn_settings() -> Iterator[tuple[str, Setting]]:
+    """Every setting that is drawn, and of which cells."""
+    for setting in SURFACE:
+        yield "all", setting
+    for kind, settings in (*ROBOT.items(), *SENSOR.items()):
+        for setting in settings:
+            yield f"`{kind}`", setting
+
+
+def _draws() -> Iterator[tuple[str, str, str, str]]:
+    for cells, setting in drawn_settings():
+        if setting.between is None:
+            keys = " and ".join(f"`{key}`" for key in setting.options[0])
+            pairs = "; ".join(", ".join(f"{value:g}" for value in one.values()) for one in setting.options)
+            usual = ", ".join(_format_default(key) for key in setting.options[0])
+            yield cells, keys, f"one of: {pairs}", usual
+        else:
+            low, high, log, whole = (
+                setting.between.low,
+                setting.between.high,
+                setting.between.log,
+                setting.between.whole,
+            )
+            law = "uniform, rounded to a whole number" if whole else "uniform in its logarithm" if log else "uniform"
+            yield cells, f"`{setting.key}`", f"{low:g} … {high:g}, {law}", _format_default(setting.key)
+
+
+def _format_default(key: str) -> str:
+    """The default of a setting; of one for each axis, those of the three axes."""
+    robot, sensor = next(
+        (robot, sensor)
+        for robot, sensor in CELLS
+        if {robot, sensor.replace("-", "_")} & {*key.split(".")} or key.startswith("cell.surface.")
+    )
+    value: Any = read_config({"robot": {"emulated": robot}, "sensor": {"emulated": sensor}}).model_dump()
+    for name in key.split("."):
+        value = value[name]
+    return ", ".join(f"{one:g}" for one in value) if isinstance(value, tuple) else f"{value:g}"
+
+
+def _losses() -> str:
+    """How many cells lose packets on which wire."""
+    lost = [{fault["on"] for fault in cell(number)["faults"]} for number in range(len(CELLS))]
+    both, sensor, robot = ({"sensor-wire", "wire"}, {"sensor-wire"}, {"wire"})
+    return (
+        f"{lost.count(sensor)} cells lose packets of the sensor alone, {lost.count(robot)} packets of the robot alone, "
+        f"and {lost.count(both)} both."
+    )
+
+
 def all_rows(figures: Sequence[Mapping[str, Any]]) -> list[tuple[Mapping[str, Any], Row]]:
     """Every row with its cell."""
     return [(one, Row(**row)) for one in figures for row in one["rows"]]
@@ -366,6 +416,8 @@ def renewed(document: str, figures: Sequence[Mapping[str, Any]]) -> str:
     return placed(
         document,
         {
+            "drawn": table(("cells", "setting", "drawn from", "default"), _draws()),
+            "losses": _losses(),
             "coverage": _coverage(figures),
             "quantities": table(
                 ("value", "seen", "within", "half width, median", "not seen, and why"), _quantities(rows)

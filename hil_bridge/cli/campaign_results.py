@@ -139,8 +139,8 @@ def export(results: Path, formats: tuple[str, ...], out: Path | None, as_json: b
 def bundle(results: Path, count: int, out: Path | None, as_json: bool, overwrite: bool) -> None:
     """Pack results with configurations, versions, recordings and a hash of each file, for `hil-bridge verify`.
 
-    Recordings are those of runs that failed, and of the drawn seeds. Exit code 1, and no bundle, when a repeated
-    run differs from the results.
+    Recordings are those of runs that failed, and of the drawn seeds. Policies, rules and maps of heights that settings
+    name are packed too. Exit code 1, and no bundle, when a repeated run differs from the results.
     """
     from hil_bridge.console.progress import run_progress
     from hil_bridge.errors.text_files import harmless

@@ -25,8 +25,8 @@ def verify(bundle: Path, count: int | None, as_json: bool) -> None:
     """Check each file of a bundle against its hash, and repeat the runs of some seeds.
 
     Every figure of a repeated run must be the same to the last bit, and every cycle where the bundle has its
-    recording. Exit code 1 when a file or a seed was altered, or a run differs. Another version is told, and alone is
-    no failure. `hil-bridge campaign bundle` makes bundles.
+    recording. Exit code 1 when a file or a seed was altered, or a run differs or cannot be repeated here. Another
+    version is told, and alone is no failure. No program of a bundle is run. `hil-bridge campaign bundle` makes bundles.
     """
     from hil_bridge.console.progress import run_progress
     from hil_bridge.errors.text_files import harmless

@@ -1,10 +1,17 @@
-"""`hil-bridge view`: a recording or a campaign's results on a page in the browser."""
+"""`hil-bridge view`: a recording, a bag of ROS 2 or a campaign's results on a page in the browser."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
+from hil_bridge.cli.bag_options import bag_options
 from hil_bridge.cli.paths import FILE
+from hil_bridge.errors import ConfigError
+
+if TYPE_CHECKING:
+    from hil_bridge.record.foreign import BagChoices
+    from hil_bridge.show.web.recorded import Report
 
 RECORDING, RESULTS = ".mcap", ".sqlite"
 
@@ -14,30 +21,49 @@ RECORDING, RESULTS = ".mcap", ".sqlite"
 @click.option(
     "--port", type=click.IntRange(0, 65535), default=0, metavar="N", help="Port.  [default: one that is free]"
 )
-def view(file: Path, port: int) -> None:
+@bag_options
+def view(file: Path, port: int, bag: "BagChoices") -> None:
     """Serve a page for FILE on this machine alone, until Ctrl-C: a recording (.mcap) with a slider for its time, or the
     results of a campaign (.sqlite), which may go on meanwhile.
 
+    FILE may be a bag of ROS 2 with a WrenchStamped and a PoseStamped: its folder, or an MCAP file. Its page is that of
+    `hil-bridge report`, without a slider: a bag tells no phases, targets and limits. That needs the extra ros.
+
     A run that goes on is shown by `hil-bridge run --web`. Needs the extra web.
     """
-    from hil_bridge.errors import ConfigError
+    from hil_bridge.record.ros.bag_file import is_bag
     from hil_bridge.show.web.feed import check_extra
 
     check_extra("hil-bridge view")
-    if file.suffix == RECORDING:
-        from hil_bridge.record import read
-        from hil_bridge.show.web.recorded import teller_of
-        from hil_bridge.show.web.serving import show
+    from hil_bridge.show.web.serving import show
 
-        show(teller_of(read(file), str(file)), "page.html", port, click.echo)
-    elif file.suffix == RESULTS:
+    if file.suffix == RESULTS:
         from hil_bridge.lab.campaign.live import Results
         from hil_bridge.lab.campaign.store import Store
-        from hil_bridge.show.web.serving import show
 
         with Store.open(file) as store:
             show(Results(store), "table.html", port, click.echo)
+    elif is_bag(file):
+        show(_report_of(file, bag), "table.html", port, click.echo)
+    elif file.suffix == RECORDING:
+        from hil_bridge.record import read
+        from hil_bridge.show.web.recorded import teller_of
+
+        show(teller_of(read(file), str(file)), "page.html", port, click.echo)
     else:
         raise ConfigError(
-            f"{file} is neither a recording ({RECORDING}) nor results of a campaign ({RESULTS})"
+            f"{file} is neither a recording ({RECORDING}), nor results of a campaign ({RESULTS}), nor a bag of ROS 2"
         )
+
+
+def _report_of(file: Path, bag: "BagChoices") -> "Report":
+    """The report of a bag. Raises ConfigError."""
+    from hil_bridge.record.analysis.summary import summarise
+    from hil_bridge.record.ros.bag_reader import read_bag
+    from hil_bridge.show.report.bag_page import bag_body
+    from hil_bridge.show.web.recorded import Report
+
+    recording = read_bag(file, bag)
+    assert recording.foreign is not None
+    title, body = bag_body(recording, recording.foreign, summarise(recording))
+    return Report(title, str(file), body)

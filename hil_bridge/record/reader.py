@@ -32,6 +32,7 @@ LAST_READER = "0.5"
 CLOCK_LIMIT_S = 1e10
 """A time of a run's clock lies below this. Chosen: three centuries."""
 
+_BAG_READERS = "`hil-bridge report`, `view`, `compare` and `fidelity` read a bag"
 _VERSION = re.compile(r"(\d{1,4})\.(\d{1,4})(?:\.|$)")
 
 
@@ -144,6 +145,8 @@ class _Contents:
 
 def _contents(path: Path, topics: Sequence[Topic]) -> _Contents:
     """Records of topics, and all metadata. Raises ConfigError."""
+    if path.is_dir():
+        raise ConfigError(f"{path} is a folder, and no recording of a run; {_BAG_READERS}")
     data = read_mcap(path, "the recording")
     if not data:
         raise ConfigError(f"{path} is empty: the run was ended before anything was recorded; record it again")
@@ -158,10 +161,7 @@ def _contents(path: Path, topics: Sequence[Topic]) -> _Contents:
         for item in _items(data, topics):
             match item:
                 case Header(profile=profile) if profile == ROS_PROFILE:
-                    raise ConfigError(
-                        f"{path} is a bag of ROS 2 and no recording of a run; `hil-bridge report` and "
-                        "`hil-bridge compare` read it"
-                    )
+                    raise ConfigError(f"{path} is a bag of ROS 2 and no recording of a run; {_BAG_READERS}")
                 case Metadata() if item.name in found.metadata:
                     found.metadata[item.name] = item.metadata
                 case Attachment() if item.name == REMOVED_NAME:

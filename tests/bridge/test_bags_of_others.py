@@ -411,10 +411,16 @@ def test_options_of_a_bag_are_checked(tmp_path: Path) -> None:
 
 
 def test_other_commands_name_those_that_read_a_bag(tmp_path: Path) -> None:
-    file = pressed(tmp_path / "press") / "press.mcap"
-    done = run("why", file)
-    assert isinstance(done.exception, ConfigError)
-    assert "is a bag of ROS 2 and no recording of a run; `hil-bridge report`" in str(done.exception)
+    bag = pressed(tmp_path / "press")
+    readers = "`hil-bridge report`, `view`, `compare` and `fidelity` read a bag"
+    for command in ("why", "replay", "export"):
+        for path, words in (
+            (bag / "press.mcap", "is a bag of ROS 2 and no recording of a run"),
+            (bag, "is a folder, and no recording of a run"),
+        ):
+            done = run(command, path)
+            assert isinstance(done.exception, ConfigError)
+            assert str(done.exception).endswith(f"{path} {words}; {readers}")
 
 
 def test_without_rosbags_a_bag_is_refused_by_its_extra(

@@ -9,7 +9,6 @@ import struct
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
@@ -20,8 +19,7 @@ from hil_bridge.lab.campaign import unpacking
 from hil_bridge.lab.campaign.bundle import draw_seeds, versions
 from hil_bridge.lab.campaign.store import Store
 from hil_bridge.lab.campaign.verifying import verify
-
-Files = dict[str, bytes]
+from tests.bundles import Files, files_of, packed_anew, with_manifest
 
 
 def invoke(*arguments: object) -> Result:
@@ -38,28 +36,6 @@ def bundle(short_results: Path, tmp_path_factory: pytest.TempPathFactory) -> Pat
     assert (told["bundle"], told["runs"], told["left_out"]) == ("short.zip", 8, 0)
     assert told["sha256"] == hashlib.sha256(place.read_bytes()).hexdigest()
     return place
-
-
-def files_of(bundle: Path) -> Files:
-    with zipfile.ZipFile(bundle) as packed:
-        return {name: packed.read(name) for name in packed.namelist()}
-
-
-def packed_anew(place: Path, files: Files) -> Path:
-    """A sound zip file of these files."""
-    with zipfile.ZipFile(place, "w", zipfile.ZIP_DEFLATED) as target:
-        for name, data in files.items():
-            target.writestr(name, data)
-    return place
-
-
-def with_manifest(files: Files, **changes: Any) -> Files:
-    """The same with other values in the manifest, and the hash of each file as it is now."""
-    manifest = json.loads(files["manifest.json"])
-    hashes = {
-        name: hashlib.sha256(data).hexdigest() for name, data in files.items() if name != "manifest.json"
-    }
-    return {**files, "manifest.json": json.dumps({**manifest, "files": hashes, **changes}).encode()}
 
 
 def with_results(files: Files, folder: Path, statement: str) -> Files:

@@ -1,7 +1,9 @@
 """The page of the hidden cells has the tables of its figures, and its figures are those of the cells that are drawn."""
 
 import json
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from tools.identified_cells import (
     CELLS,
@@ -30,6 +32,63 @@ def test_the_figures_are_of_the_cells_that_are_drawn() -> None:
         assert {row["key"]: row["true"] for row in one["rows"]} == {
             key: value for key, value in true.items() if any(row["key"] == key for row in one["rows"])
         }, "run python -m tools.identified_cells --measure"
+
+
+def test_every_cell_draws_within_the_ranges_of_the_page_and_nothing_else() -> None:
+    """A setting that the table lacks is the same in all cells, and told beside it."""
+    told = dict(drawn_settings_of_page())
+    shared = {"run.duration_s": 10.0, "task.expected_stiffness_n_m": 3e4}
+    for number in range(len(CELLS)):
+        settings = dict(_leaves(cell(number)))
+        assert settings.pop("run.seed") == number + 1
+        assert (settings.pop("robot.emulated"), settings.pop("sensor.emulated")) == CELLS[number]
+        for fault in settings.pop("faults"):
+            assert 5e-4 <= fault["with"]["probability"] <= 1e-2
+        for key, value in shared.items():
+            assert settings.pop(key) == value
+        for key, value in settings.items():
+            low, high = told[key]
+            assert low <= value <= high, key
+    keys = {key for number in range(len(CELLS)) for key, _ in _leaves(cell(number))}
+    assert set(told) < keys, "a setting of the table is drawn for no cell"
+
+
+def test_the_sentences_about_the_draw_are_true() -> None:
+    jr3 = [cell(number) for number in range(5)]
+    pairs = [tuple(one["sensor"]["jr3"]["gateway"].values()) for one in jr3]
+    assert (10.0, 10.0) not in pairs, "the page says that none drew the default filter"
+    least = [true_values(one)["sensor.noise.fx"] / (115.0 / 2**14) for one in jr3]
+    assert sum(noise < 0.5 for noise in least) == 1, "the page says so of one cell"
+    friction = [
+        true_values(cell(number))["surface.friction"] / cell(number)["cell"]["surface"]["friction"]
+        for number in range(len(CELLS))
+    ]
+    assert friction[:5] == [1.0] * 5
+    assert {round(share, 3) for share in friction[5:]} == {0.984}
+    assert "has 98.4 %" in PAGE
+    assert "is 0.984 of the drawn one" in " ".join(PAGE.split())
+
+
+def drawn_settings_of_page() -> Iterator[tuple[str, tuple[float, float]]]:
+    """Ranges of the table by setting; of pairs the least and the greatest of each."""
+    table = PAGE.partition("<!-- drawn: begin -->")[2].partition("<!-- drawn: end -->")[0]
+    for line in table.splitlines()[3:]:
+        _, _, keys, words, *_ = [part.strip() for part in line.split("|")]
+        named = [key.strip("`") for key in keys.split(" and ")]
+        if words.startswith("one of: "):
+            rows = [[*map(float, one.split(", "))] for one in words.removeprefix("one of: ").split("; ")]
+        else:
+            rows = [[float(end)] for end in words.partition(",")[0].split(" … ")]
+        for key, values in zip(named, zip(*rows, strict=True), strict=True):
+            yield key, (min(values), max(values))
+
+
+def _leaves(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in table.items():
+        if isinstance(value, dict):
+            yield from _leaves(value, f"{before}{key}.")
+        else:
+            yield before + key, value
 
 
 def test_nine_values_in_ten_lie_within_their_intervals() -> None:

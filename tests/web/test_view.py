@@ -1,6 +1,7 @@
 """Recordings and campaigns on a page: what it is told is what the file holds."""
 
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,9 @@ from hil_bridge.errors.extras import install_command
 from hil_bridge.record import Recording
 from hil_bridge.record.ending import reason_of
 from hil_bridge.show.web import feed
-from hil_bridge.show.web.recorded import teller_of
+from hil_bridge.show.web.recorded import Report, teller_of
 from hil_bridge.show.web.teller import Cursor, Teller
+from tests.bags import pressed
 from tests.near_surface import EMERGENCY_STOP, WHOLE
 from tests.recordings import Recordings
 
@@ -68,18 +70,42 @@ def test_a_page_of_a_recording_can_ask_for_a_moment_alone(
         teller_of(recording, "run.mcap").asked(Cursor(at=0.0), message)
 
 
+def test_a_page_of_a_report_is_told_once_and_asks_for_nothing() -> None:
+    report = Report("press", "press.mcap", "<p>measured</p>")
+    place = report.first()
+    assert report.news(place) == {
+        "title": "press",
+        "file": "press.mcap",
+        "body": "<p>measured</p>",
+        "trouble": "",
+        "still": True,
+    }
+    assert report.news(place) is None
+    assert report.news(report.first()) is not None
+    with pytest.raises(ValueError, match="nothing"):
+        report.asked(place, {"at": 1.0})
+
+
 def test_an_older_recording_is_refused_in_one_line() -> None:
     with pytest.raises(ConfigError, match=r"^[^\n]+; 0\.5 is the last version that reads it$"):
         CliRunner().invoke(cli, ["view", str(OLD)], catch_exceptions=False)
 
 
-def test_files_of_other_kinds_and_a_missing_extra_are_told_in_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_files_of_other_kinds_and_a_missing_extra_are_told_in_a_line(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     def told_by(*arguments: str) -> str:
         result = CliRunner().invoke(cli, ["view", *arguments])
         assert isinstance(result.exception, ConfigError), result
         return str(result.exception)
 
-    assert "neither a recording (.mcap) nor results" in told_by("notes.txt")
+    assert told_by("notes.txt").endswith(
+        "neither a recording (.mcap), nor results of a campaign (.sqlite), nor a bag of ROS 2"
+    )
     assert "there is no file" in told_by("none.sqlite")
+    bag = pressed(tmp_path / "press")
+    assert "has no topic /gone" in told_by(str(bag), "--topic", "wrench=/gone")
+    assert "no file in it ends in .mcap or .db3" in told_by(str(tmp_path))
     monkeypatch.setattr(feed, "NEEDED", ("not_installed_at_all",))
+    monkeypatch.setitem(sys.modules, "hil_bridge.show.web.serving", None)  # whose import needs the extra
     assert told_by("run.mcap") == f"hil-bridge view needs the extra web: {install_command('web')}"

@@ -9,8 +9,11 @@ import pytest
 from hil_bridge.lab.campaign.page import page as render_page
 from hil_bridge.lab.campaign.store import Store
 from hil_bridge.record.analysis.summary import summarise
+from hil_bridge.record.foreign import BagChoices
+from hil_bridge.record.ros.bag_reader import read_bag
 from hil_bridge.show.pages import Axis, Chart, Charts, Series, document, in_script, room
 from hil_bridge.show.report import write_report
+from tests.bags import WRENCH, press, pressed, wrench
 from tests.near_surface import EMERGENCY_STOP, WHOLE
 from tests.recordings import Recordings
 from tools.chromium import Page
@@ -105,6 +108,32 @@ async def test_a_band_of_a_report_is_one_entry_of_the_legend(
     assert await page.value(shown)
     assert await page.value(edge.format(count - 2))
     assert page.errors == []
+
+
+async def test_a_browser_shows_a_bag_of_others(page: Page, serving: list[Serving], tmp_path: Path) -> None:
+    """Charts, figures and choices are those of its saved report. No slider and no cell are made up for it."""
+    raw = [wrench(at, (0.0, 0.0, -50.0, 0.0, 0.0, 0.0)) for at, _ in press()[0]]
+    bag = pressed(tmp_path / "press", more={"/ft/raw": (WRENCH, raw)})
+    choices = BagChoices(topics={"wrench": "/ft/wrench"}, contact_n=2.0)
+    viewer = Serving(tmp_path, "view", "press", "--topic", "wrench=/ft/wrench", "--contact", "2")
+    serving.append(viewer)
+    await page.open(viewer.url)
+    charts = "document.querySelectorAll('.uplot canvas').length"
+    await page.until(f"{charts} > 3")
+    shown = await page.value("document.getElementById('body').innerText")
+    count = await page.value(charts)
+    assert await page.value("document.title") == "bag: press"
+    assert await page.value(text("link")) == ""
+    assert not await page.value("!!document.getElementById('slider')")
+    errors = list(page.errors)
+    recording = read_bag(bag, choices)
+    report = write_report(recording, summarise(recording), tmp_path / "report")
+    await page.open(report.as_uri())
+    await page.until(f"{charts} === {count}")
+    assert shown.split() == (await page.value("document.body.innerText")).split()
+    assert "force above 2 N" in shown
+    assert "EMULATED" not in shown
+    assert errors == []
 
 
 async def test_an_axis_of_names_shows_them_alone(page: Page, tmp_path: Path) -> None:

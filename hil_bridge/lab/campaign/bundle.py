@@ -1,7 +1,8 @@
 """A bundle: the results of a campaign in one zip file, with all that another computer needs to verify them.
 
-It holds `results.sqlite`; `plan.json`, the configuration of every case; recordings of the runs that failed and of
-seeds that are drawn; and `manifest.json`, with the versions and the SHA-256 of each file and of each seed's runs.
+It holds `results.sqlite`; `plan.json`, the configuration of every case; files of data that settings name, such as a
+policy; recordings of the runs that failed and of seeds that are drawn; and `manifest.json`, with the versions and the
+SHA-256 of each file and of each seed's runs.
 """
 
 import hashlib
@@ -11,7 +12,7 @@ import platform
 import tempfile
 import zipfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import msgspec
@@ -19,6 +20,7 @@ from msgspec import Struct
 
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.campaign.digest import worst_first
+from hil_bridge.lab.campaign.inputs import POLICY_RUNTIME, controllers_of_others, pack_inputs, uses_policy
 from hil_bridge.lab.campaign.plan import Plan, code_version
 from hil_bridge.lab.campaign.repeating import CheckedRun, Repeat, job_again, repeat_runs
 from hil_bridge.lab.campaign.store import Done, Store, now
@@ -41,6 +43,9 @@ PACKAGES = ("numpy",)
 _ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)
 """Time stamp of every file, so that two bundles of the same files are equal but for the manifest."""
 
+MISSING = "none"
+"""Version of a package that is not installed."""
+
 Advance = Callable[[int, int], object]
 """Told how many runs have been repeated since, and how many of them differ."""
 
@@ -60,6 +65,10 @@ class Manifest(Struct, frozen=True):
     """SHA-256 of all that the results keep of the runs of each seed."""
     drawn: tuple[int, ...]
     """Seeds that were drawn: their runs were repeated here, and their recordings are in the bundle."""
+    inputs: Mapping[str, str] = {}
+    """SHA-256 of the files that settings name, by the path in the settings."""
+    packages: Mapping[str, str] = {}
+    """Packages with their versions, by the controllers that the campaign took from them."""
 
 
 class Packed(Struct, frozen=True):
@@ -76,6 +85,8 @@ class Packed(Struct, frozen=True):
     """Recordings of failing runs for which there was no room."""
     differing: tuple[CheckedRun, ...]
     """Repeated runs whose figures are not those of the results."""
+    inputs: int = 0
+    """Files that settings name."""
 
     @property
     def lines(self) -> Iterator[str]:
@@ -86,20 +97,35 @@ class Packed(Struct, frozen=True):
                 yield from run.lines
             return
         seeds = ", ".join(map(str, self.drawn)) or "none"
-        yield f"{self.bundle}: {self.runs} runs, {self.recordings} recordings; repeated seeds: {seeds}"
+        parts = [count_words(self.runs, "run"), count_words(self.recordings, "recording")]
+        if self.inputs:
+            parts.append(f"{count_words(self.inputs, 'file')} that settings name")
+        yield f"{self.bundle}: {', '.join(parts)}; repeated seeds: {seeds}"
         if self.left_out:
             yield f"  no room for {self.left_out} recordings of runs that failed"
         yield f"  SHA-256 {self.sha256}"
 
 
-def versions() -> dict[str, str]:
-    """Versions of all that decides the bits of a run."""
+def count_words(count: int, word: str) -> str:
+    """A count with its word."""
+    return f"{count} {word}" if count == 1 else f"{count} {word}s"
+
+
+def versions(more: Iterable[str] = ()) -> dict[str, str]:
+    """Versions of all that decides the bits of a run, and those of `more` packages."""
     return {
         "hil-bridge": code_version(),
         "Python": platform.python_version(),
-        **{name: version(name) for name in PACKAGES},
+        **{name: _version(name) for name in (*PACKAGES, *more)},
         "platform": platform.platform(),
     }
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except (PackageNotFoundError, ValueError):
+        return MISSING
 
 
 def draw_seeds(plan: Plan, seeds: Iterable[int], count: int) -> tuple[int, ...]:
@@ -140,7 +166,8 @@ def pack(
 ) -> Packed:
     """Write a bundle of these results. Runs of `count` seeds are repeated first; none may differ.
 
-    Raises ConfigError for results of another version of the code, and where the file cannot be written.
+    Raises ConfigError for results of another version of the code, for a file that settings name and that is gone or
+    has another content now, and where the bundle cannot be written.
     """
     check_place(path, overwrite)
     if (code := store.fact("code")) != code_version():
@@ -154,6 +181,7 @@ def pack(
         folder = Path(name)
         store.copy(folder / RESULTS)
         (folder / PLAN).write_bytes(plan_text(plan))
+        inputs, packages = pack_inputs(folder, plan, runs), controllers_of_others(plan)
         recordings = folder / RECORDINGS
         recordings.mkdir()
         again = [
@@ -167,7 +195,8 @@ def pack(
         left_out = _add_failing(folder, store, runs)
         names = sorted(str(one.relative_to(folder)) for one in folder.rglob("*") if one.is_file())
         files = {name: hash_file(folder / name) for name in names}
-        manifest = Manifest(FORMAT, plan.name, now(), versions(), files, hashes, drawn)
+        known = versions([*_runtimes(plan), *(one.rpartition(" ")[0] for one in packages.values())])
+        manifest = Manifest(FORMAT, plan.name, now(), known, files, hashes, drawn, inputs, packages)
         text = msgspec.json.format(msgspec.json.encode(manifest), indent=1)
         if len(text) > MANIFEST_LIMIT_BYTES:
             raise ConfigError(f"{store.path} has too many seeds for a bundle: {len(hashes)}")
@@ -175,7 +204,12 @@ def pack(
     write_whole(path, data, overwrite)
     count_recordings = sum(name.startswith(RECORDINGS) for name in names)
     sha256 = hashlib.sha256(data).hexdigest()
-    return Packed(path.name, sha256, len(runs), drawn, count_recordings, left_out, ())
+    return Packed(path.name, sha256, len(runs), drawn, count_recordings, left_out, (), len(inputs))
+
+
+def _runtimes(plan: Plan) -> list[str]:
+    """Packages that compute the controllers of a plan."""
+    return [POLICY_RUNTIME] if uses_policy(plan) else []
 
 
 def _add_failing(folder: Path, store: Store, runs: Iterable[Done]) -> int:

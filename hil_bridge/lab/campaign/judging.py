@@ -24,6 +24,9 @@ from hil_bridge.lab.invariants import (
 from hil_bridge.record.analysis.summary import summarise
 from hil_bridge.runs.beside import going_on
 
+REFUSED = "refused"
+"""Outcome of a run whose settings do not fit each other, or that a device refused before the movement."""
+
 
 @dataclass(frozen=True, slots=True)
 class Job:
@@ -78,7 +81,7 @@ def attempt(job: Job) -> Ran:
     try:
         return run(configure_run(job))
     except ConfigError as error:  # settings that were drawn together and do not fit each other
-        return Ran({"outcome": "refused", "retracted": True}, str(error))
+        return Ran({"outcome": REFUSED, "retracted": True}, str(error))
     except Exception as error:  # no reason to lose the other runs
         lines = str(error).splitlines() or [""]
         return Ran({"outcome": "error"}, f"{type(error).__name__}: {lines[0]}")
@@ -109,7 +112,7 @@ def run(config: Config) -> Ran:
     run_virtual(main)
     if seen.simulation is None:
         assert seen.error is not None
-        return Ran({"outcome": "refused", "retracted": True}, str(seen.error))
+        return Ran({"outcome": REFUSED, "retracted": True}, str(seen.error))
     return _measure(seen, seen.simulation)
 
 
@@ -117,7 +120,7 @@ def _measure(seen: _Seen, running: Simulation) -> Ran:
     result = running.result
     refused = seen.error is not None
     figures: dict[str, Figure] = {
-        "outcome": "refused" if refused else result.outcome.value,
+        "outcome": REFUSED if refused else result.outcome.value,
         "retracted": result.retracted,
         "cycles": len(result.cycles),
     }

@@ -6,10 +6,14 @@ from functools import lru_cache
 from typing import Any
 
 from hil_bridge.control import make_controller
+from hil_bridge.control.laws.policy import PolicyFile
 from hil_bridge.runs.faults.lying import CONTROLLER, CONTROLLER_FAULTS, LyingController
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config, lay_over, read_config
 from hil_bridge.settings.given import config_of
+
+POLICY_FILE = "controller.parameters.file"
+"""Setting that names the file of a policy."""
 
 
 def config_with(config: str, table: str, seed: int) -> Config:
@@ -21,6 +25,8 @@ def config_with(config: str, table: str, seed: int) -> Config:
     if "config" not in over:
         return config_of(_config(config), [over] if over else [], seed=seed)
     values = json.loads(config)
+    if POLICY_FILE in over["config"] and values["controller"]["name"] == PolicyFile.name:
+        values["controller"]["parameters"].pop("sha256", None)  # of the case's own policy
     lay_over(values, over["config"])
     lies = [fault for fault in over["faults"] if fault["on"] == CONTROLLER]
     told = [fault for fault in over["faults"] if fault["on"] != CONTROLLER]

@@ -17,6 +17,7 @@ from hil_bridge.errors.text_files import format_path, format_value, read_toml
 from hil_bridge.lab.campaign.criteria import Criterion, problem_of
 from hil_bridge.lab.campaign.draw_file import draw_of, try_options
 from hil_bridge.lab.campaign.drawing import DRAWN, Draw
+from hil_bridge.lab.campaign.inputs import pin_policy
 from hil_bridge.lab.campaign.plan import RUNS_LIMIT, Case, Plan, fault_label
 from hil_bridge.runs.checks import check
 from hil_bridge.runs.setup import Setup
@@ -272,7 +273,7 @@ class _Reading:
             except BridgeError as error:
                 told.setdefault(error.without_source, []).append(label)
                 continue
-            text = dump(config)
+            text = dump(pin_policy(config))
             for number, table in enumerate(faults):
                 refusal = _refusal(config, table)
                 if table and refusal:

@@ -24,11 +24,14 @@ MANIFEST = "manifest.json"
 RESULTS = "results.sqlite"
 PLAN = "plan.json"
 RECORDINGS = "recordings"
+INPUTS = "inputs"
+"""Folder of the files that settings name, each under the SHA-256 of its content."""
 
 _NAME = re.compile(
-    rf"(?:{re.escape(MANIFEST)}|{re.escape(RESULTS)}|{re.escape(PLAN)}|{RECORDINGS}/[0-9a-f]{{16}}\.mcap)"
+    rf"(?:{re.escape(MANIFEST)}|{re.escape(RESULTS)}|{re.escape(PLAN)}|{RECORDINGS}/[0-9a-f]{{16}}\.mcap"
+    rf"|{INPUTS}/[0-9a-f]{{64}})"
 )
-_FOLDER = f"{RECORDINGS}/"
+_FOLDERS = (f"{RECORDINGS}/", f"{INPUTS}/")
 """Other programs give a folder an entry of its own, which holds nothing."""
 _PIECE_BYTES = 1 << 20
 _END = struct.Struct("<4s4H2LH")
@@ -57,7 +60,7 @@ def unpack(path: Path, folder: Path) -> dict[str, str]:
         try:
             _check_end(file, path)
             with zipfile.ZipFile(file) as packed:
-                entries = [one for one in packed.infolist() if one.filename != _FOLDER]
+                entries = [one for one in packed.infolist() if one.filename not in _FOLDERS]
                 for problem in _problems(entries):
                     raise ConfigError(f"{format_path(path)} {problem}; it is not a bundle of this program")
                 return {entry.filename: _unpack_one(packed, entry, folder) for entry in entries}

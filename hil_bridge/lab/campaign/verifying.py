@@ -1,20 +1,26 @@
 """Verifying a bundle: its files against the manifest, and a sample of its runs, done again bit by bit."""
 
 import tempfile
-from collections.abc import Callable, Container, Iterator, Mapping
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
 from msgspec import Struct
+from pydantic import ValidationError
 
+from hil_bridge.control.controllers import controller_names
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.text_files import format_path, read_text
-from hil_bridge.lab.campaign.bundle import FORMAT, Manifest, draw_seeds, plan_text, versions
+from hil_bridge.lab.campaign.bundle import FORMAT, Manifest, count_words, draw_seeds, plan_text, versions
+from hil_bridge.lab.campaign.inputs import controller_named, with_inputs
+from hil_bridge.lab.campaign.judging import REFUSED, Job
+from hil_bridge.lab.campaign.overlay import config_with
 from hil_bridge.lab.campaign.plan import Plan
 from hil_bridge.lab.campaign.repeating import CheckedRun, Repeat, job_again, repeat_runs
 from hil_bridge.lab.campaign.store import Done, Store
 from hil_bridge.lab.campaign.unpacking import (
+    INPUTS,
     MANIFEST,
     MANIFEST_LIMIT_BYTES,
     PLAN,
@@ -23,6 +29,7 @@ from hil_bridge.lab.campaign.unpacking import (
     hash_file,
     unpack,
 )
+from hil_bridge.settings.configuration import explain
 
 Advance = Callable[[int, int], object]
 """Told how many runs have been repeated since, and how many of them differ."""
@@ -34,6 +41,20 @@ class OtherVersion(Struct, frozen=True):
     package: str
     packed: str
     here: str
+
+
+class NotRepeated(Struct, frozen=True):
+    """Runs that cannot be repeated here, all for the same reason."""
+
+    why: str
+    """Reason, and remedy."""
+    seeds: tuple[int, ...]
+    runs: int
+
+    @property
+    def text(self) -> str:
+        """For people."""
+        return f"not repeated, {count_words(self.runs, 'run')} of {_seed_words(self.seeds)}: {self.why}"
 
 
 class Verified(Struct, frozen=True):
@@ -69,6 +90,10 @@ class Verified(Struct, frozen=True):
     """Repeated runs that were compared with their recordings, cycle by cycle."""
     differing: tuple[CheckedRun, ...]
     """Repeated runs that are not the same to the last bit."""
+    not_repeated: tuple[NotRepeated, ...] = ()
+    """Runs of these seeds that cannot be repeated here."""
+    inputs: Mapping[str, str] = {}
+    """Files of the bundle that settings name, by the path in the settings."""
 
     @property
     def good(self) -> bool:
@@ -80,6 +105,7 @@ class Verified(Struct, frozen=True):
             self.unreadable,
             self.seeds_altered,
             self.differing,
+            self.not_repeated,
         )
         return not any(wrong)
 
@@ -89,7 +115,7 @@ class Verified(Struct, frozen=True):
         yield f"{self.bundle}: campaign {self.campaign}, packed {self.packed} UTC"
         yield f"  SHA-256 {self.sha256}"
         for names, word in ((self.altered, "altered"), (self.missing, "missing"), (self.unknown, "unknown")):
-            yield from (f"{word}: {name}" for name in names)
+            yield from (f"{word}: {name}{self._settings_name(name)}" for name in names)
         if not (self.altered or self.missing or self.unknown):
             yield f"{self.files} files are those of the manifest"
         for other in self.other_versions:
@@ -102,13 +128,19 @@ class Verified(Struct, frozen=True):
             yield f"the runs of {self.seeds} seeds are those of the manifest"
         yield from self._repeated()
 
+    def _settings_name(self, name: str) -> str:
+        """Path by which the settings name a file of the bundle, in words; empty for every other file."""
+        paths = [format_path(Path(path)) for path, packed in self.inputs.items() if packed == name]
+        return f", which the settings name {' and '.join(paths)}" if paths else ""
+
     def _repeated(self) -> Iterator[str]:
+        for one in self.not_repeated:
+            yield one.text
         if not self.repeated:
             yield "no run was repeated"
             return
-        seeds = ", ".join(map(str, self.repeated))
-        word = "seed" if len(self.repeated) == 1 else "seeds"
-        yield f"{self.runs} runs of {word} {seeds} repeated, {self.recordings} compared with their recordings"
+        seeds = _seed_words(self.repeated)
+        yield f"{count_words(self.runs, 'run')} of {seeds} repeated, {self.recordings} compared with their recordings"
         for run in self.differing:
             yield from run.lines
         if not self.differing:
@@ -124,6 +156,7 @@ class _Found(NamedTuple):
     seeds_altered: tuple[int, ...] = ()
     repeated: tuple[int, ...] = ()
     checked: tuple[CheckedRun, ...] = ()
+    not_repeated: tuple[NotRepeated, ...] = ()
     other_plan: bool = False
     """The plan as JSON is not that of the results."""
 
@@ -139,7 +172,7 @@ def verify(path: Path, count: int | None, advance: Advance = lambda *told: None)
         if not hashes.pop(MANIFEST):
             raise ConfigError(f"{format_path(path)}: its {MANIFEST} is damaged; get the bundle anew")
         manifest = _manifest(path, folder / MANIFEST)
-        whole = {name for name, sha256 in hashes.items() if sha256 and manifest.files.get(name) == sha256}
+        whole = {name for name, sha256 in hashes.items() if _is_whole(name, sha256, manifest)}
         altered = (hashes.keys() & manifest.files.keys()) - whole
         found, unreadable = _Found(), f"there is no whole {RESULTS}"
         if hashes.get(RESULTS):
@@ -166,6 +199,8 @@ def verify(path: Path, count: int | None, advance: Advance = lambda *told: None)
             len(found.checked),
             sum(run.cycles is not None for run in found.checked),
             tuple(run for run in found.checked if not run.equal),
+            found.not_repeated,
+            {path: f"{INPUTS}/{sha256}" for path, sha256 in manifest.inputs.items()},
         )
 
 
@@ -195,20 +230,65 @@ def _check_results(
         if plan.cases[done.number].key(code, done.seed, done.table) != done.key:
             altered.add(done.seed)
     wanted = manifest.drawn if count is None else draw_seeds(plan, hashes, count)
-    again = [_repeat_of(folder, plan, done, whole) for done in runs if done.seed in wanted]
+    again, left = _repeats(folder, manifest, plan, [done for done in runs if done.seed in wanted], whole)
     checked = repeat_runs(again, advance)
     repeated = tuple(sorted({run.seed for run in checked}))
     other = (folder / PLAN).is_file() and (folder / PLAN).read_bytes() != plan_text(plan)
-    return _Found(len(hashes), tuple(sorted(altered)), repeated, tuple(checked), other)
+    return _Found(len(hashes), tuple(sorted(altered)), repeated, tuple(checked), left, other)
 
 
-def _repeat_of(folder: Path, plan: Plan, done: Done, whole: Container[str]) -> Repeat:
-    name = f"{RECORDINGS}/{done.key}.mcap"
-    return Repeat(job_again(plan, done), done.figures, folder / name if name in whole else None)
+def _repeats(
+    folder: Path, manifest: Manifest, plan: Plan, runs: Iterable[Done], whole: Container[str]
+) -> tuple[list[Repeat], tuple[NotRepeated, ...]]:
+    """The runs that can be repeated here, with files of the bundle where their settings name some; and the others."""
+    again: list[Repeat] = []
+    left: dict[str, list[int]] = {}
+    for done in runs:
+        try:
+            job = with_inputs(job_again(plan, done), folder, manifest.inputs, whole)
+            problem = "" if done.outcome == REFUSED else _problem(job, manifest.packages)
+        except ConfigError as error:
+            problem = f"{error}; get the bundle anew"
+        except (ValueError, TypeError, KeyError, RecursionError) as error:
+            problem = f"their settings cannot be read: {error}"
+        if problem:
+            left.setdefault(problem, []).append(done.seed)
+        else:
+            name = f"{RECORDINGS}/{done.key}.mcap"
+            again.append(Repeat(job, done.figures, folder / name if name in whole else None))
+    return again, tuple(NotRepeated(why, tuple(sorted({*seeds})), len(seeds)) for why, seeds in left.items())
+
+
+def _problem(job: Job, packages: Mapping[str, str]) -> str:
+    """Why a run cannot be done here; empty where it can. Code of a bundle is never run: a controller of
+    another package has to be installed by a person.
+    """
+    name = controller_named(job.config, job.table)
+    if name not in controller_names():
+        package = packages.get(name, "")[:80] or "the package that offers it"
+        return f"the controller {name[:80]!r} is not installed here, and a bundle holds no programs: install {package}"
+    try:
+        config_with(job.config, job.table, job.seed)
+    except ValidationError as error:
+        return explain(error, None, set()).without_source
+    except ConfigError as error:
+        return str(error)
+    return ""
+
+
+def _is_whole(name: str, sha256: str, manifest: Manifest) -> bool:
+    """Whether a file is that of the manifest, and one that settings name that of its own name."""
+    if not sha256 or manifest.files.get(name) != sha256:
+        return False
+    return not name.startswith(f"{INPUTS}/") or name == f"{INPUTS}/{sha256}"
+
+
+def _seed_words(seeds: Sequence[int]) -> str:
+    return f"{'seed' if len(seeds) == 1 else 'seeds'} {', '.join(map(str, seeds))}"
 
 
 def _other_versions(packed: Mapping[str, str]) -> Iterator[OtherVersion]:
-    here = versions()
+    here = versions(packed.keys() - versions().keys())
     for package, version in packed.items():
-        if (mine := here.get(package, "none")) != version:
+        if (mine := here[package]) != version:
             yield OtherVersion(package, version, mine)

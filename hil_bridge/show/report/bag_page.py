@@ -26,6 +26,11 @@ _FRAMES = {TOOL_FRAME: "child frame of the pose", BASE_FRAME: "parent frame of t
 
 def bag_page(recording: Recording, foreign: Foreign, summary: Summary) -> str:
     """The page of a bag as HTML."""
+    return document(*bag_body(recording, foreign, summary))
+
+
+def bag_body(recording: Recording, foreign: Foreign, summary: Summary) -> tuple[str, str]:
+    """Title of the page, and its body as HTML."""
     charts, left_out = run_charts(recording)
     drawn = {chart.id for chart in charts.charts}
     untold = [chart.title for chart in catalogue(facts_of_recording(recording)) if chart.id not in drawn]
@@ -46,7 +51,7 @@ def bag_page(recording: Recording, foreign: Foreign, summary: Summary) -> str:
 <h2>Not in the bag</h2>
 <p>A bag does not tell {escape(", ".join(UNTOLD[:-1]))} or {escape(UNTOLD[-1])}; nothing stands for them here.
 These charts have no values: {escape("; ".join(untold))}.</p>"""
-    return document(f"{about}: {foreign.file}", body)
+    return f"{about}: {foreign.file}", body
 
 
 def _topics(foreign: Foreign) -> str:

@@ -1,9 +1,10 @@
-"""A recording for the page of a run: told as a run that has ended, at the moment that a slider names."""
+"""Recordings for pages: one of ours as a run that has ended, at the moment that a slider names; a bag as its report."""
 
 from collections.abc import Mapping
 from typing import Any
 
 import msgspec
+from msgspec import Struct
 from pydantic import ValidationError
 
 from hil_bridge.control.course.limits import Limits
@@ -17,6 +18,38 @@ from hil_bridge.show.charts.facts import approach_of, facts_of_recording, start_
 from hil_bridge.show.terminal import Health, Scene
 from hil_bridge.show.web.teller import Teller
 from hil_bridge.show.web.wire import Begin, End, Pulse
+
+
+class Told(Struct):
+    """The state of one page: whether it has been told."""
+
+    whole: bool = False
+
+
+class Report:
+    """Tells pages of a report that stays as it is."""
+
+    over = False
+    """It is shown until the server is ended."""
+
+    def __init__(self, title: str, file: str, body: str) -> None:
+        """`body` is HTML of our own renderer, and `file` stands for the file that it reports."""
+        self._told = {"title": title, "file": file, "body": body, "trouble": "", "still": True}
+
+    def first(self) -> Told:
+        """A page that knows nothing."""
+        return Told()
+
+    def asked(self, state: Any, message: Mapping[str, Any]) -> None:
+        """A page of a report asks for nothing."""
+        raise ValueError("a page of a report asks for nothing")
+
+    def news(self, state: Any) -> Mapping[str, Any] | None:
+        """The whole page, once."""
+        if state.whole:
+            return None
+        state.whole = True
+        return self._told
 
 
 def teller_of(recording: Recording, name: str) -> Teller:

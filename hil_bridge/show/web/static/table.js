@@ -1,4 +1,4 @@
-/* The page of a campaign that goes on: shows the body of the saved page, each time that the server sends it anew. */
+/* A saved page that is served: shows its body, each time that the server sends it anew. That of a campaign may go on. */
 "use strict";
 (() => {
   const $ = id => document.getElementById(id);
@@ -11,7 +11,10 @@
     $("file").textContent = told.file;
     $("trouble").hidden = !told.trouble;
     $("trouble").textContent = told.trouble;
+    if (told.still) $("link").textContent = "";
     if (told.body !== undefined) $("body").innerHTML = told.body;   // by our own renderer, which escapes every text
+    for (const place of document.querySelectorAll("[data-charts]"))
+      HilCharts.draw(place, JSON.parse($(place.dataset.charts).textContent));
     for (const id of opened) if ($(id)) $(id).open = true;
     document.querySelectorAll(".scroll").forEach((one, k) => { if (places[k]) [one.scrollLeft, one.scrollTop] = places[k]; });
   }

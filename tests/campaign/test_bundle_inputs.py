@@ -1,0 +1,248 @@
+"""Bundles of campaigns whose settings name files, or take a controller of another package."""
+
+import hashlib
+import json
+import re
+import runpy
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from textwrap import dedent
+
+import pytest
+from click.testing import CliRunner
+
+from hil_bridge.cli import cli
+from hil_bridge.control.laws.rules import PAPER_RULES, rules_as_toml
+from hil_bridge.errors import ConfigError
+from hil_bridge.lab.campaign.bundle import pack
+from hil_bridge.lab.campaign.plan_file import read_plan
+from hil_bridge.lab.campaign.store import Store
+from hil_bridge.lab.campaign.verifying import verify
+from hil_bridge.lab.campaign.working import missing, work
+from tests.bundles import files_of, packed_anew, with_manifest
+
+ROOT = Path(__file__).resolve().parents[2]
+TRAIN = runpy.run_path(str(ROOT / "examples" / "policy" / "train.py"))
+PLAN = """
+[campaign]
+name = "{name}"
+seeds = [1, 2]
+{more}
+[campaign.criteria]
+outcome = "completed"
+[config.run]
+duration_s = 0.3
+[config.robot]
+emulated = "egm"
+[config.sensor]
+emulated = "ft300"
+[config.task]
+retract_mm = 2.0
+[config.cell]
+start_position_mm = [900.0, -100.0, 591.0]
+"""
+POLICY = """
+[config.controller]
+name = "policy"
+parameters.file = "policy.onnx"
+"""
+LAW = """
+    from dataclasses import dataclass
+    from pathlib import Path
+    from typing import ClassVar
+
+    from hil_bridge.control import Command
+
+    @dataclass(frozen=True)
+    class Steady:
+        name: ClassVar[str] = "steady"
+        sample_ms: ClassVar[float] = 4.0
+        file: str = ""
+
+        def initial(self):
+            return None
+
+        def step(self, state, measurement, reference):
+            return None, Command(measurement.commanded, 0.0)
+"""
+
+
+def results_of(folder: Path, text: str) -> Path:
+    """Results of a campaign that is run in this folder."""
+    (folder / "plan.toml").write_text(text)
+    plan = read_plan(folder / "plan.toml")
+    with Store.begin(folder / "plan.sqlite", plan) as store:
+        work(plan, store, missing(plan, store), workers=1)
+        assert [run.outcome for run in store.runs()] == ["completed"] * plan.count, [
+            run.cause for run in store.runs()
+        ]
+    return folder / "plan.sqlite"
+
+
+def packed(results: Path, count: int = 1) -> Path:
+    """The bundle of results."""
+    place = results.with_suffix(".zip")
+    with Store.open(results) as store:
+        assert pack(store, place, count, overwrite=False).differing == ()
+    return place
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """The folder in which a campaign with a policy was run, as the working directory."""
+    folder = tmp_path_factory.mktemp("site")
+    TRAIN["write_onnx"]((2.0, -0.4, -0.1), folder / "policy.onnx")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        results_of(folder, PLAN.format(name="policy", more="") + POLICY)
+        yield folder
+
+
+@pytest.fixture(scope="module")
+def bundle(site: Path) -> Path:
+    return packed(site / "plan.sqlite")
+
+
+def test_a_policy_is_packed_under_its_hash_and_found_elsewhere(
+    bundle: Path, site: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    content = (site / "policy.onnx").read_bytes()
+    digest = hashlib.sha256(content).hexdigest()
+    files = files_of(bundle)
+    assert files[f"inputs/{digest}"] == content
+    manifest = json.loads(files["manifest.json"])
+    assert manifest["inputs"] == {"policy.onnx": digest}
+    assert manifest["versions"]["onnxruntime"]
+    (case,) = json.loads(files["plan.json"])["cases"]
+    assert case["config"]["controller"]["parameters"] == {"file": "policy.onnx", "sha256": digest}
+    monkeypatch.chdir(tmp_path)  # where there is no policy
+    ended = CliRunner().invoke(cli, ["verify", str(bundle), "--seeds", "2"], catch_exceptions=False)
+    assert ended.exit_code == 0, ended.output
+    assert "2 runs of seeds 1, 2 repeated, 1 compared with their recordings" in ended.output
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "policy.onnx").write_bytes(b"another content")
+    assert verify(bundle, 1).good
+
+
+def test_one_altered_byte_of_a_policy_is_named(bundle: Path, tmp_path: Path) -> None:
+    """By the name that the settings have for it, also where the manifest has the hash of the altered file."""
+    files = files_of(bundle)
+    name = next(one for one in files if one.startswith("inputs/"))
+    data = bytearray(files[name])
+    data[-1] ^= 1
+    for altered in ({**files, name: bytes(data)}, with_manifest({**files, name: bytes(data)})):
+        place = packed_anew(tmp_path / "altered.zip", altered)
+        ended = CliRunner().invoke(cli, ["verify", str(place)], catch_exceptions=False)
+        assert ended.exit_code == 1
+        assert f"altered: {name}, which the settings name policy.onnx\n" in ended.output
+        assert "policy.onnx is altered in the bundle; get the bundle anew\n" in ended.output
+        assert ended.output.endswith("no run was repeated\n")
+
+
+def test_a_policy_in_place_of_another_is_refused(bundle: Path, tmp_path: Path) -> None:
+    """Every hash of the manifest fits, but it is not the policy with which the campaign was run."""
+    TRAIN["write_onnx"]((0.5, 0.0, 0.0), tmp_path / "other.onnx")
+    content = (tmp_path / "other.onnx").read_bytes()
+    digest = hashlib.sha256(content).hexdigest()
+    files = {name: data for name, data in files_of(bundle).items() if not name.startswith("inputs/")}
+    files = with_manifest({**files, f"inputs/{digest}": content}, inputs={"policy.onnx": digest})
+    verified = verify(packed_anew(tmp_path / "other.zip", files), None)
+    (left,) = verified.not_repeated
+    assert re.fullmatch(rf"controller\.parameters\.sha256 is not that of .*, which has {digest}", left.why)
+    assert not verified.good
+
+
+def test_no_file_of_this_computer_stands_in_for_one_that_the_bundle_lacks(
+    bundle: Path, site: Path, tmp_path: Path
+) -> None:
+    files = {name: data for name, data in files_of(bundle).items() if not name.startswith("inputs/")}
+    place = packed_anew(tmp_path / "without.zip", with_manifest(files, inputs={}))
+    assert (site / "policy.onnx").is_file()  # in the working directory
+    verified = verify(place, 2)
+    (left,) = verified.not_repeated
+    assert left.text == (
+        "not repeated, 2 runs of seeds 1, 2: policy.onnx is not in the bundle; get the bundle anew"
+    )
+    assert (verified.runs, verified.good) == (0, False)
+    assert verify(place, 0).good
+
+
+def test_a_policy_that_was_changed_since_is_not_packed_and_is_another_plan(
+    site: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with Store.open(site / "plan.sqlite") as store:
+        with pytest.raises(ConfigError, match=r"policy\.onnx: No such file.*: put it back$"):
+            pack(store, tmp_path / "b.zip", 0, overwrite=False)
+        TRAIN["write_onnx"]((0.5, 0.0, 0.0), tmp_path / "policy.onnx")
+        with pytest.raises(
+            ConfigError, match=r"policy\.onnx is not the file with which .* put that one back"
+        ):
+            pack(store, tmp_path / "b.zip", 0, overwrite=False)
+    with pytest.raises(ConfigError, match="holds another plan"):
+        Store.begin(site / "plan.sqlite", read_plan(site / "plan.toml"))
+
+
+def test_rules_a_map_of_heights_and_drawn_policies_are_packed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "rules.toml").write_text(rules_as_toml(PAPER_RULES))
+    (tmp_path / "heights.txt").write_text("0 0\n0 0\n")
+    TRAIN["write_onnx"]((2.0, -0.4, -0.1), tmp_path / "one.onnx")
+    TRAIN["write_onnx"]((1.5, -0.4, -0.1), tmp_path / "two.onnx")
+    fuzzy = """
+        [config.controller]
+        name = "fuzzy"
+        parameters.rules_file = "rules.toml"
+        [config.cell.surface]
+        kind = "height_map"
+        height_map_file = "heights.txt"
+    """
+    drawn = 'draw.controller.parameters.file = ["one.onnx", "two.onnx"]'
+    policy = POLICY.replace("policy.onnx", "one.onnx")
+    for name, more, section, expected in (
+        ("fuzzy", "", dedent(fuzzy), {"rules.toml", "heights.txt"}),
+        ("drawn", drawn, policy, {"one.onnx", "two.onnx"}),
+    ):
+        folder = tmp_path / name
+        folder.mkdir()
+        for path in tmp_path.glob("*.*"):
+            (folder / path.name).write_bytes(path.read_bytes())
+        monkeypatch.chdir(folder)
+        place = packed(results_of(folder, PLAN.format(name=name, more=more) + section), 0)
+        assert set(json.loads(files_of(place)["manifest.json"])["inputs"]) >= {*expected} - {"two.onnx"}
+        monkeypatch.chdir("/")
+        for path in folder.glob("*.*"):
+            if path != place:
+                path.unlink()
+        verified = verify(place, 2)
+        assert list(verified.lines)[-1] == "  the same to the last bit"
+        assert (verified.runs, verified.good) == (2, True)
+
+
+def test_a_controller_of_another_package_is_not_packed_and_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its file is a program, whatever its parameter is named."""
+    package, info = tmp_path / "lab", tmp_path / "lab" / "steady_law-1.2.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: steady-law\nVersion: 1.2\n")
+    (info / "entry_points.txt").write_text("[hil_bridge.controllers]\nsteady = steady_law:Steady\n")
+    (package / "steady_law.py").write_text(dedent(LAW))
+    section = '[config.controller]\nname = "steady"\nparameters.file = "steady_law.py"\n'
+    with monkeypatch.context() as patch:
+        patch.syspath_prepend(str(package))
+        place = packed(results_of(tmp_path, PLAN.format(name="steady", more="") + section), 0)
+    sys.modules.pop("steady_law", None)
+    files = files_of(place)
+    assert not any(name.startswith("inputs/") or name.endswith(".py") for name in files)
+    verified = verify(place, 1)
+    (left,) = verified.not_repeated
+    assert left.why == (
+        "the controller 'steady' is not installed here, and a bundle holds no programs: install steady-law 1.2"
+    )
+    assert "another version of steady-law: packed with 1.2, here none" in list(verified.lines)
+    assert not verified.good
+    assert "steady_law" not in sys.modules
