@@ -52,12 +52,6 @@ class TaskParameters:
     travels at once. Waiting keeps an unknown slope out of the first estimate of the stiffness. A controller that rests
     in its dead band comes no nearer: then the tool travels too.
     """
-    travel_rise_s: float | None = None
-    """Time from the touch, and from a stop on the way, in which the travel comes to its speed: an unknown slope shows
-    before the tool goes fast. A step of another package leads by its own speed. 0 travels at once. None for 0.8 s, and
-    for 0 where the robot moves in whole position steps. Chosen: on a slope of 0.126 and 50 kN/m the force then goes a
-    tenth too high.
-    """
     travel_limit_mm: float = 500.0
     """Travel after which tracking ends."""
     retract_speed_mm_s: float = 5.5
@@ -119,8 +113,6 @@ class TaskParameters:
         )
         if self.least_stiffness_n_m is not None:
             require_above_zero(self, "least_stiffness_n_m")
-        if self.travel_rise_s is not None:
-            require_not_negative(self, "travel_rise_s")
         if self.loss_threshold_n > self.contact_threshold_n:
             raise SettingError("loss_threshold_n", "must not be above contact_threshold_n")
         if self.travel_from_share > 1:

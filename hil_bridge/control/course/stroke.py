@@ -51,10 +51,6 @@ class StrokeState(Struct, frozen=True):
     """Phase of the run. A stroke takes samples in APPROACH, TRACK and RETRACT; END tells that it has lifted."""
     travel: float = 0.0
     """Length of the way commanded so far, m."""
-    pace: float = 0.0
-    """Speed up to which the travel has risen since the touch, mm/s; 0 without contact, and where it stands or goes
-    back.
-    """
     turn: float | None = None
     """Depth at which the present approach or retraction began, m; None before its first sample."""
     in_contact: bool = False
@@ -144,18 +140,11 @@ class Stroke:
     def tracking(self, state: StrokeState) -> StrokeState:
         """State at the first sample of tracking. The first moments of a touch that needed no proof are watched."""
         memory = begin(self.controller) if state.controller is None else state.controller
-        touch, pace = state.touch, state.pace if state.phase is _TRACK else 0.0
+        touch = state.touch
         if state.phase is _APPROACH:
             touch = begin_tracking() if touch is None else None
         return replace(
-            state,
-            phase=_TRACK,
-            pace=pace,
-            turn=None,
-            lost_for=None,
-            settled=False,
-            controller=memory,
-            touch=touch,
+            state, phase=_TRACK, turn=None, lost_for=None, settled=False, controller=memory, touch=touch
         )
 
     def careful_step(self, ahead: float, dt: float) -> float:
@@ -231,11 +220,8 @@ class Stroke:
                 return self._prove(replace(state, phase=_APPROACH, turn=None, touch=touch), measurement)
         reference = stride.reference
         settled = state.settled or measurement.force >= self.parameters.travel_from_share * reference
-        travel, pace = state.travel, 0.0
-        if state.in_contact and settled:
-            rising, share = self._raise(state.pace, measurement.dt), measurement.advance * stride.feed
-            travel += self.way(rising, measurement.dt) * share
-            pace = rising if share > 0.0 else 0.0
+        step = self.way(self.parameters.speed_mm_s, measurement.dt) * measurement.advance * stride.feed
+        travel = state.travel + (step if state.in_contact and settled else 0.0)
         shown = replace(
             measurement, in_contact=state.in_contact, travel_next=travel, free_position=state.free
         )
@@ -246,7 +232,6 @@ class Stroke:
             return replace(
                 state,
                 travel=travel,
-                pace=pace,
                 settled=settled or command.held,
                 lost_at=None,
                 lost_for=None,
@@ -259,7 +244,6 @@ class Stroke:
         lost_at = measurement.commanded if first and state.lost_at is None else state.lost_at
         state = replace(
             state,
-            pace=0.0,
             settled=settled,
             controller=memory,
             stiffness=stiffness,
@@ -275,13 +259,6 @@ class Stroke:
         if lost_for * 1e3 >= self.parameters.loss_ms:
             state = replace(state, phase=_APPROACH, turn=None)
         return state, order
-
-    def _raise(self, pace: float, dt: float) -> float:
-        """Speed of the travel, mm/s, one sample after it had risen to `pace`."""
-        speed, rise = self.parameters.speed_mm_s, self.parameters.travel_rise_s
-        if rise is None:
-            rise = 0.0 if self.position_step else _RISE_S
-        return min(pace + speed * dt / rise, speed) if rise else speed
 
     # --- retract
 
@@ -313,9 +290,6 @@ class Stroke:
 
 _ROUNDING = 1e-9
 """Slack for sums of steps, m."""
-
-_RISE_S = 0.8
-"""See `TaskParameters.travel_rise_s`."""
 
 _SLOWEST = 0.2e-3
 """Speed of the approach whatever the stiffness, m/s. Chosen: 0.036 mm in a cycle of 180 ms, less than a step of the

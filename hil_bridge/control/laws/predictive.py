@@ -39,6 +39,10 @@ _SWING_FACTOR, _CALM_FACTOR, _ROBUSTNESS_MOST = 1.5, 0.95, 8.0
 value. Chosen.
 """
 
+_LANDINGS_MS = {2.0: 0.0, 4.0: 100.0, 12.0: 100.0}
+"""`landing_ms` by sample time, ms. Chosen: twice the time that an order takes with EGM; none for an arm of Universal
+Robots, which leaves its targets by more than a slow landing gains.
+"""
 _NEAR_SHARE = 0.1
 """Share of the desired force: closer than this the first touch is over. Chosen."""
 _LANDINGS = 3.0
@@ -107,7 +111,8 @@ class Predictive:
     name: ClassVar[str] = "predictive"
     sample_ms: ClassVar[float] = SAMPLE_MS
     tunings: ClassVar[tuple[Tuning, ...]] = tuple(
-        Tuning(sample_ms, {"resolution_mm": FINE_STEP_MM}) for sample_ms in STREAM_SAMPLES_MS
+        Tuning(sample_ms, {"resolution_mm": FINE_STEP_MM, "landing_ms": _LANDINGS_MS[sample_ms]})
+        for sample_ms in STREAM_SAMPLES_MS
     )
 
     ranges: ClassVar[Mapping[str, Range]] = {
@@ -135,19 +140,16 @@ class Predictive:
     """Smallest step of the robot's position."""
     force_uncertainty_n: float = 0.1
     """Standard deviation of the force."""
-    landing_ms: float = 100.0
+    landing_ms: float = 0.0
     """Time in which a move inwards makes 63 % of its way at a first touch: until the force has been near the desired
-    one, or this time has passed three times. A longer sample time makes the whole move. Chosen: twice the time that
-    an order takes with EGM.
+    one, or this time has passed three times. 0, or a longer sample time, makes the whole move.
     """
     pairing: Pairing = field(init=False, repr=False, compare=False)
     """Settings for the pairing of force and position."""
 
     def __post_init__(self) -> None:
-        require_above_zero(
-            self, "window", "stiffest_n_m", "steepest", "smallest_radius_mm", "step_limit_mm", "landing_ms"
-        )
-        require_not_negative(self, "caution")
+        require_above_zero(self, "window", "stiffest_n_m", "steepest", "smallest_radius_mm", "step_limit_mm")
+        require_not_negative(self, "caution", "landing_ms")
         pairing = Pairing(resolution_mm=self.resolution_mm, force_uncertainty_n=self.force_uncertainty_n)
         object.__setattr__(self, "pairing", pairing)
 
@@ -230,9 +232,9 @@ class Predictive:
     def _land(self, state: PredictiveState, correction: float, dt: float) -> float:
         """The part of a correction that a sample of this time, s, makes at a first touch."""
         landing = self.landing_ms * 1e-3
-        if correction <= 0.0 or state.landing > _LANDINGS * landing:
+        if correction <= 0.0 or dt >= landing or state.landing > _LANDINGS * landing:
             return correction
-        return correction * min(1.0, dt / landing)
+        return correction * dt / landing
 
     def _stiffest(self, pairs: tuple[Pair, ...]) -> float:
         """Upper bound of the stiffness, twice over, from moves inwards that hardly changed the force, N/m."""
