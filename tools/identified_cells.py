@@ -318,7 +318,13 @@ def _draws() -> Iterator[tuple[str, str, str, str]]:
                 setting.between.log,
                 setting.between.whole,
             )
-            law = "uniform, rounded to a whole number" if whole else "uniform in its logarithm" if log else "uniform"
+            law = (
+                "uniform, rounded to a whole number"
+                if whole
+                else "uniform in its logarithm"
+                if log
+                else "uniform"
+            )
             yield cells, f"`{setting.key}`", f"{low:g} … {high:g}, {law}", _format_default(setting.key)
 
 
