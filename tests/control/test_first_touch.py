@@ -1,7 +1,6 @@
-"""A first touch: the controller closes in slowly, and the travel rises to its speed. A stop orders nothing deeper."""
+"""A first touch: the controller closes in slowly, and a stop orders nothing deeper."""
 
 import math
-from dataclasses import replace as altered
 from typing import Any
 
 import pytest
@@ -23,11 +22,9 @@ from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.stroke import Order, Stride
 from hil_bridge.control.steps.approach import Approach
 from hil_bridge.control.steps.hold import Hold
-from hil_bridge.control.steps.paths import Line
 from hil_bridge.control.steps.retract import Retract
 from hil_bridge.control.steps.seam import Taken
 from hil_bridge.control.steps.seek import Seek
-from hil_bridge.control.steps.track import Track
 from hil_bridge.errors import Cause, Reason
 from tests.control.plain import plain_program
 from tests.control.test_program_course import program_of, seen
@@ -35,10 +32,7 @@ from tests.control.test_program_course import program_of, seen
 FORCE = 10.0
 DT = 0.004
 LANDING = 0.1
-"""Default of `landing_ms`, s."""
-SPEED, RISE = 5.5, 0.8
-"""Defaults of the task: speed of the travel, mm/s, and the time in which it rises, s."""
-STEP = 0.125e-3
+"""`landing_ms` of a robot that streams every 4 ms, s."""
 
 
 class Digs:
@@ -141,111 +135,26 @@ def test_a_softer_desired_force_is_near_at_once() -> None:
     assert state.landing == math.inf
 
 
-# --- the travel rises to its speed
+def test_robots_that_stream_every_4_ms_or_slower_land_slowly() -> None:
+    landings = {tuning.sample_ms: tuning.parameters["landing_ms"] for tuning in Predictive.tunings}
+    assert landings == {2.0: 0.0, 4.0: 1e3 * LANDING, 12.0: 1e3 * LANDING}
+    assert share(Predictive(), Predictive().initial(), pressed(2.0)) == 1.0, (
+        "without a tuning the move is whole"
+    )
 
 
-def travelling(
-    stroke: Stroke, state: StrokeState, samples: int, dt: float = DT, force: float = FORCE, **more: Any
-) -> tuple[StrokeState, list[float]]:
-    """State after some samples of tracking, and the way of each, m."""
-    ways, stride = [], more.pop("stride", Stride(FORCE))
-    for _ in range(samples):
+# --- the travel begins
+
+
+def test_a_controller_that_rests_below_the_force_of_the_travel_does_not_wait_for_ever() -> None:
+    stroke = Stroke(TaskParameters(travel_from_share=0.9), Rests())
+    state, ways = StrokeState(phase=Phase.TRACK, in_contact=True, controller=0), []
+    for _ in range(3):
         before = state.travel
-        state, _ = stroke.step(state, pressed(force, dt=dt, **more), stride)
+        state, _ = stroke.step(state, pressed(8.0), Stride(FORCE))
         ways.append(state.travel - before)
-    return state, ways
-
-
-def tracking(**settings: Any) -> tuple[Stroke, StrokeState]:
-    step = settings.pop("position_step", None)
-    stroke = Stroke(TaskParameters(**settings), Rests(), position_step=step)
-    return stroke, StrokeState(phase=Phase.TRACK, in_contact=True, controller=0)
-
-
-@pytest.mark.parametrize("dt", [0.002, 0.004, 0.012, 0.05, 0.179])
-def test_the_pace_rises_linearly_to_the_speed_and_stays(dt: float) -> None:
-    stroke, state = tracking()
-    _, ways = travelling(stroke, state, round(1.5 * RISE / dt), dt)
-    exact = [min(k * dt / RISE, 1.0) * SPEED * 1e-3 * dt for k in range(1, len(ways) + 1)]
-    assert ways == pytest.approx(exact, rel=1e-9, abs=1e-15)
-
-
-def test_it_begins_when_the_force_lets_the_tool_travel() -> None:
-    stroke, state = tracking(travel_from_share=0.8)
-    stroke = altered(stroke, controller=Digs())
-    state, ways = travelling(stroke, state, 50, force=7.9)
-    assert ways == [0.0] * 50
-    _, ways = travelling(stroke, state, 2, force=8.0)
-    assert ways == pytest.approx([k * DT / RISE * SPEED * 1e-3 * DT for k in (1, 2)])
-
-
-def test_a_controller_that_rests_below_that_force_does_not_wait_for_ever() -> None:
-    stroke, state = tracking(travel_from_share=0.9)
-    _, ways = travelling(stroke, state, 3, force=8.0)
     assert ways[0] == 0.0
     assert ways[1] > 0.0
-
-
-@pytest.mark.parametrize("settings", [{"position_step": STEP}, {"travel_rise_s": 0.0}])
-def test_without_a_rise_the_first_sample_goes_at_full_speed(settings: dict[str, Any]) -> None:
-    stroke, state = tracking(**settings)
-    for dt in (0.0, 0.004, 0.18):
-        _, ways = travelling(stroke, state, 1, dt)
-        assert ways == [stroke.way(SPEED, dt)]
-
-
-def test_a_robot_with_a_position_step_rises_in_whole_ones_where_it_is_told_to() -> None:
-    stroke, state = tracking(position_step=STEP, travel_rise_s=RISE)
-    _, ways = travelling(stroke, state, 5, 0.18)
-    steps = [round(min(k * 0.18 / RISE, 1.0) * SPEED * 1e-3 * 0.18 / STEP) for k in range(1, 6)]
-    assert ways == pytest.approx([number * STEP for number in steps])
-
-
-def test_a_sample_without_time_changes_nothing() -> None:
-    stroke, state = tracking()
-    state, _ = travelling(stroke, state, 10)
-    after, ways = travelling(stroke, state, 1, 0.0)
-    assert ways == [0.0]
-    assert after.pace == state.pace
-
-
-@pytest.mark.parametrize(("advance", "feed"), [(0.0, 1.0), (1.0, 0.0), (1.0, -0.5)])
-def test_a_travel_that_stood_or_went_back_rises_anew(advance: float, feed: float) -> None:
-    stroke, state = tracking()
-    state, _ = travelling(stroke, state, 400)
-    assert state.pace == SPEED
-    state, ways = travelling(stroke, state, 1, advance=advance, stride=Stride(FORCE, feed))
-    assert ways == pytest.approx([feed * advance * SPEED * 1e-3 * DT])
-    assert state.pace == 0.0
-    _, ways = travelling(stroke, state, 1)
-    assert ways == pytest.approx([DT / RISE * SPEED * 1e-3 * DT])
-
-
-def test_a_feed_that_wavers_does_not_slow_the_travel_beyond_it() -> None:
-    """One slow sample costs its own way alone."""
-    stroke, state = tracking()
-    state, _ = travelling(stroke, state, 400)
-    state, slow = travelling(stroke, state, 1, stride=Stride(FORCE, 0.5))
-    _, ways = travelling(stroke, state, 1)
-    assert slow == pytest.approx([0.5 * SPEED * 1e-3 * DT])
-    assert ways == pytest.approx([SPEED * 1e-3 * DT])
-
-
-def test_a_lost_contact_begins_the_rise_anew() -> None:
-    stroke, state = tracking()
-    state, _ = travelling(stroke, state, 400)
-    state, ways = travelling(stroke, state, 1, force=0.0)
-    assert (state.pace, ways) == (0.0, [0.0])
-    _, ways = travelling(stroke, state, 1)
-    assert ways == pytest.approx([DT / RISE * SPEED * 1e-3 * DT])
-
-
-@pytest.mark.parametrize("phase", [Phase.APPROACH, Phase.RETRACT, Phase.MOVE])
-def test_the_next_touch_of_a_program_rises_anew(phase: Phase) -> None:
-    stroke, state = tracking()
-    state, _ = travelling(stroke, state, 400)
-    assert stroke.tracking(state).pace == SPEED, "from one track to the next it goes on"
-    assert stroke.tracking(replace(state, phase=phase)).pace == 0.0
 
 
 # --- after a stop nothing goes deeper
@@ -305,30 +214,3 @@ def test_an_edge_that_is_not_found_orders_nothing_deeper() -> None:
     assert state.reason is not None
     assert state.reason.cause is Cause.NO_EDGE
     assert intent.target.depth <= depth
-
-
-def test_a_second_stroke_of_a_program_rises_as_the_first_did() -> None:
-    line = Line(length_mm=2.0)
-    steps = (Approach(), Track(line, speed_mm_s=SPEED), Retract(back_mm=1.0)) * 2
-    program = program_of(*steps)
-    program = altered(
-        program,
-        row=altered(
-            program.row,
-            legs=tuple(
-                altered(leg, stroke=altered(leg.stroke, position_step=None)) for leg in program.row.legs
-            ),
-        ),
-    )
-    state, depth, firsts, legs = program.initial(), 0.0, [], set()
-    for k in range(400):
-        force = 5e3 * max(depth - 1e-3, 0.0)
-        felt = seen(0.1 * k, state.at, depth, (force, 0.0, 0.0))
-        before = state.stroke.travel
-        state, intent = program.step(*program.sense(state, felt))
-        depth = intent.target.depth
-        if state.stroke.travel > before and intent.leg not in legs:
-            legs.add(intent.leg)
-            firsts.append(state.stroke.travel - before)
-    assert len(firsts) == 2
-    assert firsts == pytest.approx([0.1 / RISE * SPEED * 1e-3 * 0.1] * 2)

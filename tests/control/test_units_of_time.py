@@ -63,7 +63,7 @@ def outputs(task: PlainRun, dt: float, seconds: float, force: float = 0.0) -> li
 @pytest.mark.parametrize("position_step", [None, STEP])
 @pytest.mark.parametrize("dt", CYCLES_S)
 def test_the_task_keeps_its_speeds_whatever_a_cycle_takes(dt: float, position_step: float | None) -> None:
-    parameters = TaskParameters(expected_stiffness_n_m=500.0, travel_rise_s=0.0)
+    parameters = TaskParameters(expected_stiffness_n_m=500.0)
     task = PlainRun(parameters, Still(), position_step=position_step)
     approach = outputs(task, dt, 3.6)
     assert {answer.phase for answer in approach} == {Phase.APPROACH}

@@ -120,7 +120,7 @@ class Predictive:
         "caution": Range(0.0, 4.0),
         "steepest": Range(0.02, 2.0, by_factor=True),
         "smallest_radius_mm": Range(10.0, 1000.0, by_factor=True),
-        "landing_ms": Range(10.0, 1000.0, by_factor=True),
+        "landing_ms": Range(0.0, 300.0),
     }
     """Chosen: about a tenth to ten times of the defaults, as far as a line through pairs makes sense."""
 
