@@ -101,6 +101,7 @@ WITHIN: Mapping[str, frozenset[str]] = {
 }
 """The same within one step of a program: contact is found, and lost."""
 ENDS: Mapping[str, frozenset[str]] = {
+    TARE: frozenset({TARE}),
     Phase.RETRACT: frozenset({Phase.RETRACT}),
     BY_ORDERS: frozenset({BY_ORDERS}),
     AT_REST: frozenset({AT_REST}),
@@ -186,11 +187,15 @@ class GuardModel:
     def _lift(
         self, here: GuardState, conditions: tuple[Cause, ...], reaction: Reaction | None
     ) -> Iterator[GuardStep]:
-        """The way to the zero. Every trouble leaves the tool where it has come to."""
-        if reaction is None:
+        """The way to the zero. Every trouble leaves the tool where it has come to, and the robot may also refuse to end
+        its movement.
+        """
+        if reaction is None and here.code is None:
             for way in self.asks[TARE]:
                 yield GuardStep(conditions, "", way, here)
             return
+        if reaction is not None:
+            yield GuardStep(conditions, "", None, here)
         yield GuardStep(conditions, "", None, here._replace(phase=AT_REST))
         yield GuardStep(conditions, "", None, here._replace(phase=Phase.END, told=Told.UNMOVED))
 

@@ -61,8 +61,13 @@ def _forward(model: GuardModel, before: GuardState, step: GuardStep) -> bool:
 def _still(model: GuardModel, before: GuardState, step: GuardStep) -> bool:
     reactions = {model.rows[cause].reaction for cause in step.conditions}
     if reactions & {Reaction.STANDS, Reaction.LEFT} and before.phase not in (CONNECT, AT_REST):
-        return step.way in (None, Way.SAME) and step.after.phase in (AT_REST, Phase.END)
-    return before.phase not in (AT_REST, Phase.END) or step.way is None
+        return step.way in (None, Way.SAME) and _rests(step.after)
+    return not _rests(before) or step.way is None
+
+
+def _rests(state: GuardState) -> bool:
+    """Whether nothing is ordered from here on. A run that ends on the way to its zero orders nothing either."""
+    return state.phase in (AT_REST, Phase.END) or (state.phase == TARE and state.code is not None)
 
 
 def _clamp(model: GuardModel, before: GuardState, step: GuardStep) -> bool:

@@ -7,6 +7,7 @@ states are followed in which the run may be; a cycle that fits none of them is n
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping
+from itertools import groupby
 from typing import NamedTuple
 
 from hil_bridge.control.course.intent import Phase
@@ -90,8 +91,10 @@ def _first(recording: Recording, model: GuardModel, behind: bool) -> Unaccepted 
     if not recording.end:
         return None
     last = cycles[-1].answered_at if cycles else -1.0
-    causes = [cause for at, cause in events if at > last or (behind and at == last)]
-    if not _ends(model, states, causes, recording.end, any(cause for _, cause in events)):
+    told = [(at, cause) for at, cause in events if at > last or (behind and at == last)]
+    alone = [(cause,) for _, cause in told]
+    moments = [tuple(cause for _, cause in group) for _, group in groupby(told, lambda each: each[0])]
+    if not any(_ends(model, states, causes, recording.end, bool(events)) for causes in (alone, moments)):
         at = recording.events[-1].at if recording.events else last
         return Unaccepted(len(cycles), at, tuple(sorted(states)), None)
     return None
@@ -188,12 +191,14 @@ def _silent(model: GuardModel, states: States, conditions: tuple[Cause, ...]) ->
 
 
 def _ends(
-    model: GuardModel, states: States, causes: list[Cause], end: Mapping[str, str], was_told: bool
+    model: GuardModel, states: States, causes: list[tuple[Cause, ...]], end: Mapping[str, str], was_told: bool
 ) -> bool:
-    """Whether a run that may be in these states can end so, with these causes on the way."""
+    """Whether a run that may be in these states can end so, with these causes on the way: those that hold at once
+    together.
+    """
     cause = Cause(end["cause"]) if end.get("cause") in set(Cause) else None
     if cause is not None and not was_told and model.rows[cause].exit_code != COMPLETED:
-        causes = [*causes, cause]  # it ended before there was a cycle that could tell it
+        causes = [*causes, (cause,)]  # it ended before there was a cycle that could tell it
     states = _silent(model, states, ())
     for number, each in enumerate(causes, 1):
         # a cycle whose order the robot did not take is not recorded: the next cause tells of it
@@ -211,10 +216,10 @@ def _ends(
     )
 
 
-def _with(model: GuardModel, state: GuardState, cause: Cause, unrecorded: bool) -> States:
-    """States behind a step with this condition, and all that follow without a cycle."""
+def _with(model: GuardModel, state: GuardState, conditions: tuple[Cause, ...], unrecorded: bool) -> States:
+    """States behind a step with these conditions, and all that follow without a cycle."""
     found = set()
-    for step in _steps(model, state, (cause,), model.next_phases(state)):
+    for step in _steps(model, state, conditions, model.next_phases(state)):
         if unrecorded or not step.shown:
             found.add(step.after)
     return _silent(model, frozenset(found), ()) if found else frozenset()
