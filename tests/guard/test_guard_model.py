@@ -246,7 +246,12 @@ FAULTS: dict[str, dict[str, Any]] = {
     "a surface that rises": {"on": "surface", "fault": "step", "phase": "track", "with": {"mm": 5.0}},
     "a sensor without its tool": {"on": "signal", "fault": "dead", "phase": "connect"},
     "a refused point": {"on": "robot", "fault": "refuses", "phase": "approach", "after_s": 0.3},
-    "a key turned on the way to the zero": {"on": "robot", "fault": "key-manual", "phase": "tare", "after_s": 0.5},
+    "a key turned on the way to the zero": {
+        "on": "robot",
+        "fault": "key-manual",
+        "phase": "tare",
+        "after_s": 0.5,
+    },
 }
 
 
