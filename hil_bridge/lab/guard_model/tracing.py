@@ -92,7 +92,7 @@ def _first(recording: Recording, model: GuardModel, behind: bool) -> Unaccepted 
         return None
     last = cycles[-1].answered_at if cycles else -1.0
     told = [(at, cause) for at, cause in events if at > last or (behind and at == last)]
-    alone = [(cause,) for _, cause in told]
+    alone: list[tuple[Cause, ...]] = [(cause,) for _, cause in told]
     moments = [tuple(cause for _, cause in group) for _, group in groupby(told, lambda each: each[0])]
     if not any(_ends(model, states, causes, recording.end, bool(events)) for causes in (alone, moments)):
         at = recording.events[-1].at if recording.events else last
