@@ -19,6 +19,7 @@ from hil_bridge.lab.invariants import (
     Promise,
     Trace,
     broken_promises,
+    stated_bound_n,
     violation_text,
     void_reasons,
 )
@@ -208,3 +209,14 @@ def test_a_recording_tells_the_promise_that_was_broken(healthy: Evidence) -> Non
     assert promises_broken(healthy.recording) == ()
     (text,) = promises_broken(replace(healthy.recording, truths=pressed))
     assert text.startswith("bound-kept: the true force reached 500.0 N, and the bound is ")
+
+
+def test_the_bound_counts_a_wall_that_is_harder_than_the_surface(healthy: Evidence) -> None:
+    def bound_n(**surface: float) -> float:
+        return stated_bound_n(replace(healthy, config=hil_bridge.load({"cell": {"surface": surface}})))
+
+    soft, hard = bound_n(stiffness_n_m=5e3), bound_n(stiffness_n_m=5e4)
+    assert soft < hard
+    assert bound_n(stiffness_n_m=5e3, wall_stiffness_n_m=5e4) == soft, "there is no wall"
+    assert bound_n(stiffness_n_m=5e3, wall_at_mm=20.0, wall_stiffness_n_m=5e4) == hard
+    assert bound_n(stiffness_n_m=5e4, wall_at_mm=20.0, wall_stiffness_n_m=5e3) == hard

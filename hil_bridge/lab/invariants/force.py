@@ -13,9 +13,12 @@ from hil_bridge.runs.force_bound import force_bound_n
 
 def stated_bound_n(evidence: Evidence) -> float:
     """Largest true force that a run's facts allow, N; infinite where they do not tell it."""
-    stiffness = float(evidence.config.cell.surface.stiffness_n_m)
+    surface = evidence.config.cell.surface
+    hardest = surface.stiffness_n_m
+    if surface.wall_at_mm is not None:
+        hardest = max(hardest, surface.wall_stiffness_n_m)
     try:
-        return force_bound_n(evidence.config, devices_of(evidence.recording), stiffness)
+        return force_bound_n(evidence.config, devices_of(evidence.recording), float(hardest))
     except ConfigError:  # the sensor was never ready, so that nothing has moved
         return math.inf
 
