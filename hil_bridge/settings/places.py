@@ -6,6 +6,7 @@ from typing import Any
 FILE_KEYS = (
     "cell.s3.robot.program_folder",
     "cell.surface.height_map_file",
+    "controller.parameters.file",
     "controller.parameters.rules_file",
     "task.file",
 )

@@ -57,6 +57,13 @@ def test_file_runs_and_replays_bit_by_bit(onnx_file: Path, tmp_path: Path) -> No
     assert "is not that of" in str(changed.exception)
 
 
+def test_file_is_looked_for_beside_the_configuration(onnx_file: Path, tmp_path: Path) -> None:
+    text = '[controller]\nname = "policy"\n[controller.parameters]\nfile = "policy.onnx"\n'
+    (tmp_path / "policy.toml").write_text(text)
+    config = hil_bridge.load(tmp_path / "policy.toml")
+    assert config.controller.parameters["file"] == str(onnx_file)
+
+
 def test_file_is_one_among_processes(onnx_file: Path) -> None:
     controller = make_controller("policy", file=str(onnx_file))
     again = pickle.loads(pickle.dumps(controller))

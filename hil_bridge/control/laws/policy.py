@@ -217,7 +217,7 @@ class PolicyFile:
     tunings: ClassVar[tuple[Tuning, ...]] = _TUNINGS
 
     file: str = ""
-    """Path of the ONNX file; from the working directory where it is relative."""
+    """Path of the ONNX file; looked for beside the configuration where it is relative."""
     sha256: str = ""
     """SHA-256 of the file: another content is refused. Empty takes any."""
     speed_mm_s: float = 5.0
