@@ -58,8 +58,6 @@ EXCEPTIONS: Mapping[str, str] = {
     "zero-changed": "a force that changes within the one frame before a zero has no fault of its own",
     "retract-border": _ALONE,
     "leaves-workspace": "a program checks its path before it moves, and the clamp that it follows from is exercised",
-    "not-there": "tests/control/test_program_course.py asks the step itself, which the plug-in does not watch",
-    "no-reading": "a sensor that tells nothing while it stands is stale, which comes first",
     "output": _ALONE,
     "key": _PRESSED,
     "page": _PRESSED,
