@@ -35,7 +35,7 @@ Topics: TypeAlias = Mapping[str, str | Sequence[str]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BagChoices:
-    """What a reader takes for granted of a bag of ROS 2. Raises ConfigError for a choice that there is not."""
+    """Assumptions of a reader about a bag of ROS 2. Raises ConfigError for a choice that there is not."""
 
     topics: Topics = field(default_factory=dict)
     """Topic, or several of which a bag has one, by role: wrench, pose, target. `/tf:CHILD` is a frame of `/tf`."""

@@ -58,7 +58,7 @@ class NotRepeated(Struct, frozen=True):
 
 
 class Verified(Struct, frozen=True):
-    """What came of the check."""
+    """The result of the check."""
 
     bundle: str
     """File name."""
@@ -150,7 +150,7 @@ class Verified(Struct, frozen=True):
 
 
 class _Found(NamedTuple):
-    """What the results of a bundle show."""
+    """The findings on the results of a bundle."""
 
     seeds: int = 0
     seeds_altered: tuple[int, ...] = ()

@@ -26,7 +26,7 @@ class Way(IntEnum):
 
 
 class Told(StrEnum):
-    """What is told of the tool at the end."""
+    """The word on the tool at the end of a run."""
 
     NOTHING = ""
     """The run has not ended."""

@@ -120,7 +120,7 @@ CHECKS: Mapping[GuardRule, Check] = {
 
 @dataclass(frozen=True)
 class GuardSearch:
-    """What a search has found."""
+    """The result of a search."""
 
     states: int
     steps: int

@@ -1,4 +1,4 @@
-"""What the client of a recording saw, as arrays: of a run, or of a table with a mapping.
+"""The samples of a recording as arrays: of a run, or of a table with a mapping.
 
 Nothing here reads the truth of an emulated cell, its settings or its faults.
 """
@@ -99,7 +99,7 @@ class Seen:
 
 
 def see_run(run: Recording, alignment: Floats, pace: tuple[float, float]) -> Seen:
-    """What a recorded run shows. `alignment` (3, 3) takes forces as the sensor counts them to the tool's axes. `pace`
+    """Samples of a recorded run. `alignment` (3, 3) takes forces as the sensor counts them to the tool's axes. `pace`
     is speed, m/s, and acceleration, m/s², of the client's set points. Raises ConfigError for a run without cycles.
     """
     if not run.cycles:
@@ -137,7 +137,7 @@ def approach_of(run: Recording) -> Vector:
 
 
 def see_table(table: Table) -> Seen:
-    """What a table shows: places, and forces in the base frame. `press` and `depth` lie along one axis."""
+    """Samples of a table: places, and forces in the base frame. `press` and `depth` lie along one axis."""
     stream = None
     if table.has("force"):
         moments = table.rows("moment") if table.has("moment") else np.full((len(table.times), 3), math.nan)

@@ -93,7 +93,7 @@ def _best(slopes: "Sequence[_Slopes]", mask: Mask) -> "_Slopes":
 
 
 class _Slopes(NamedTuple):
-    """What a regression of the force on the depth needs."""
+    """Input of a regression of the force on the depth."""
 
     depth: Floats
     press: Floats

@@ -63,7 +63,7 @@ def _topics(foreign: Foreign) -> str:
 
 
 def taken_table(foreign: Foreign) -> str:
-    """What was taken for granted, in words."""
+    """The assumptions of the reader, in words."""
     choices = foreign.choices
     body = "the surroundings on the tool" if choices.sign == 1 else "the tool on the surroundings"
     named = {
