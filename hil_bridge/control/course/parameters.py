@@ -52,6 +52,11 @@ class TaskParameters:
     travels at once. Waiting keeps an unknown slope out of the first estimate of the stiffness. A controller that rests
     in its dead band comes no nearer: then the tool travels too.
     """
+    travel_rise_s: float | None = None
+    """Time in which the travel comes to its speed, from the touch and from each stop: an unknown slope shows before the
+    tool goes fast. 0 travels at once. None for 1.2 s where the tool follows the normal of a surface and the robot has a
+    cycle of 4 ms or more; for 0 elsewhere.
+    """
     travel_limit_mm: float = 500.0
     """Travel after which tracking ends."""
     retract_speed_mm_s: float = 5.5
@@ -113,6 +118,8 @@ class TaskParameters:
         )
         if self.least_stiffness_n_m is not None:
             require_above_zero(self, "least_stiffness_n_m")
+        if self.travel_rise_s is not None:
+            require_not_negative(self, "travel_rise_s")
         if self.loss_threshold_n > self.contact_threshold_n:
             raise SettingError("loss_threshold_n", "must not be above contact_threshold_n")
         if self.travel_from_share > 1:
