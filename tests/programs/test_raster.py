@@ -38,7 +38,8 @@ def cell(robot: str, kind: str, stiffness: float) -> dict[str, Any]:
 
 @pytest.fixture(scope="module", params=RUNS.values(), ids=list(RUNS))
 def runs(request: pytest.FixtureRequest, play: Play) -> tuple[Played, Played, float]:
-    """The raster, and the straight run of the same robot, which follows the contour without turning the tool.
+    """The raster, and the straight run of the same robot, which follows the contour without turning the tool. Both
+    travel at once.
 
     The raster's far corner is 95 mm from the top of the sphere, where it falls away by 18°.
     """
@@ -49,7 +50,7 @@ def runs(request: pytest.FixtureRequest, play: Play) -> tuple[Played, Played, fl
     straight = {
         "run": {"duration_s": 60.0},
         "frame": {"follow_normal": True},
-        "task": {"speed_mm_s": speed, "travel_limit_mm": 60.0},
+        "task": {"speed_mm_s": speed, "travel_limit_mm": 60.0, "travel_rise_s": 0.0},
     }
     return (
         play(robot, steps, cell(robot, "sphere", stiffness)),
