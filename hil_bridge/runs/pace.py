@@ -31,7 +31,8 @@ from protocol.geometry import Vector
 
 
 def set_pace(config: Config, cycle_s: float | None, frame_s: float) -> Config:
-    """The configuration with period, sample time and tuning written out, so that the record and a replay have them.
+    """The configuration with period, sample time, tuning and rise of the travel written out, so that the record and a
+    replay have them.
 
     `cycle_s` is the robot's own cycle, `frame_s` the time between two frames of the sensor, 0 where it is not known.
     It stays as it is for a robot without a cycle of its own, and where it gives `controller.sample_ms` itself.
@@ -62,7 +63,10 @@ def set_pace(config: Config, cycle_s: float | None, frame_s: float) -> Config:
     else:
         parameters = {**tuning.parameters, **section.parameters}
         section = section.model_copy(update={"sample_ms": tuning.sample_ms, "parameters": parameters})
-    return config.model_copy(update={"controller": section})
+    task = config.task
+    if task.travel_rise_s is None and config.frame.follow_normal and cycle_s >= _RISE_FROM_S:
+        task = replace(task, travel_rise_s=_RISE_S)
+    return config.model_copy(update={"controller": section, "task": task})
 
 
 def describe_pace(config: Config, paced: Config, cycle_s: float | None) -> str:
@@ -124,9 +128,6 @@ def control_loop(config: Config, robot: RobotFacts) -> ControlLoop:
         robot.order_step_m,
         TaskParameters(**{field.name: getattr(config.task, field.name) for field in fields(TaskParameters)}),
     )
-    if numbers.travel_rise_s is None:
-        unknown = config.frame.follow_normal and robot.cycle_s is not None and robot.cycle_s >= _RISE_FROM_S
-        numbers = replace(numbers, travel_rise_s=_RISE_S if unknown else 0.0)
     stroke = Stroke(numbers, controller, limits.force_limit_n, step, escape_mm_s, limits.friction_share)
     own = robot.witness
     witness = None if own is None else witness_of(config.limits, own.ordinary_n, own.delay_s)
@@ -228,7 +229,7 @@ async def cycle_starts(
 
 
 _RISE_S = 1.2
-"""Default of `task.travel_rise_s` on a slope that is not known, s. Chosen: on EGM, a slope of 0.126 and 50 kN/m the
+"""`task.travel_rise_s` on a slope that is not known, s. Chosen: on EGM, a slope of 0.126 and 50 kN/m the
 force then goes 8 to 10 % too high; with 0.8 s 10 to 12 %, with 2 s no less.
 """
 _RISE_FROM_S = 0.004

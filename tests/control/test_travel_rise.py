@@ -77,14 +77,14 @@ def test_a_sample_without_time_changes_nothing() -> None:
     state, _ = travelling(stroke, state, 10)
     after, ways = travelling(stroke, state, 1, dt=0.0)
     assert ways == [0.0]
-    assert after.pace == state.pace > 0.0
+    assert after.speed_mm_s == state.speed_mm_s > 0.0
 
 
 @pytest.mark.parametrize(("advance", "feed"), [(0.0, 1.0), (1.0, 0.0), (1.0, -0.5)])
 def test_a_travel_that_stood_or_went_back_rises_anew(advance: float, feed: float) -> None:
     stroke, state = tracking()
     state, _ = travelling(stroke, state, 400)
-    assert state.pace == SPEED
+    assert state.speed_mm_s == SPEED
     state, ways = travelling(stroke, state, 1, Stride(FORCE, feed), advance=advance)
     assert ways == pytest.approx([feed * advance * SPEED * 1e-3 * DT])
     assert travelling(stroke, state, 3)[1] == pytest.approx(first(3))
@@ -111,28 +111,37 @@ def test_a_slow_sample_costs_its_own_way_alone() -> None:
     assert travelling(stroke, state, 1)[1] == pytest.approx([SPEED * 1e-3 * DT])
 
 
+def resolved(robot: str, **sections: dict[str, Any]) -> Setup:
+    devices = {"robot": {"emulated": robot}, "sensor": {"emulated": "jr3" if robot == "s3" else "netft"}}
+    return Setup(read_config({**devices, **sections}))
+
+
 @pytest.mark.parametrize(
     ("robot", "follows", "given", "rise"),
     [
-        ("s3", True, None, 0.0),
-        ("rtde", True, None, 0.0),
+        ("s3", True, None, None),
+        ("rtde", True, None, None),
         ("egm", True, None, RISE),
         ("rsi", True, None, RISE),
-        ("egm", False, None, 0.0),
+        ("egm", False, None, None),
         ("egm", True, 0.0, 0.0),
         ("rtde", False, 0.5, 0.5),
     ],
 )
-def test_the_default_by_robot(robot: str, follows: bool, given: float | None, rise: float) -> None:
-    config = read_config(
-        {
-            "robot": {"emulated": robot},
-            "sensor": {"emulated": "jr3" if robot == "s3" else "netft"},
-            "frame": {"follow_normal": follows},
-            "task": {} if given is None else {"travel_rise_s": given},
-        }
-    )
-    assert Setup(config).loop.program.parameters.travel_rise_s == rise
+def test_the_default_by_robot_stands_in_the_record(
+    robot: str, follows: bool, given: float | None, rise: float | None
+) -> None:
+    task = {} if given is None else {"travel_rise_s": given}
+    setup = resolved(robot, frame={"follow_normal": follows}, task=task)
+    assert setup.config.task.travel_rise_s == rise
+    assert setup.loop.program.parameters.travel_rise_s == rise
+
+
+def test_a_recording_from_before_the_setting_is_replayed_as_it_was() -> None:
+    """A record holds its sample time, and one of an earlier version holds no rise: it had none."""
+    recorded = resolved("egm", frame={"follow_normal": True}, controller={"sample_ms": 4.0})
+    stroke, state = tracking(travel_rise_s=recorded.config.task.travel_rise_s)
+    assert travelling(stroke, state, 1)[1] == [SPEED * 1e-3 * DT]
 
 
 def test_a_negative_time_is_refused() -> None:

@@ -51,7 +51,7 @@ class StrokeState(Struct, frozen=True):
     """Phase of the run. A stroke takes samples in APPROACH, TRACK and RETRACT; END tells that it has lifted."""
     travel: float = 0.0
     """Length of the way commanded so far, m."""
-    pace: float = 0.0
+    speed_mm_s: float = 0.0
     """Speed to which the travel has risen since the touch, mm/s; 0 without contact, and where it stands or goes
     back.
     """
@@ -144,13 +144,13 @@ class Stroke:
     def tracking(self, state: StrokeState) -> StrokeState:
         """State at the first sample of tracking. The first moments of a touch that needed no proof are watched."""
         memory = begin(self.controller) if state.controller is None else state.controller
-        touch, pace = state.touch, state.pace if state.phase is _TRACK else 0.0
+        touch, risen = state.touch, state.speed_mm_s if state.phase is _TRACK else 0.0
         if state.phase is _APPROACH:
             touch = begin_tracking() if touch is None else None
         return replace(
             state,
             phase=_TRACK,
-            pace=pace,
+            speed_mm_s=risen,
             turn=None,
             lost_for=None,
             settled=False,
@@ -231,12 +231,13 @@ class Stroke:
                 return self._prove(replace(state, phase=_APPROACH, turn=None, touch=touch), measurement)
         reference = stride.reference
         settled = state.settled or measurement.force >= self.parameters.travel_from_share * reference
-        travel, pace = state.travel, 0.0
+        travel, risen = state.travel, 0.0
         if state.in_contact and settled:
             speed, rise = self.parameters.speed_mm_s, self.parameters.travel_rise_s
-            rising = min(state.pace + speed * measurement.dt / rise, speed) if rise else speed
-            travel += self.way(rising, measurement.dt) * measurement.advance * stride.feed
-            pace = rising if measurement.advance * stride.feed > 0.0 else 0.0
+            if rise:
+                speed = min(state.speed_mm_s + speed * measurement.dt / rise, speed)
+            travel += self.way(speed, measurement.dt) * measurement.advance * stride.feed
+            risen = speed if measurement.advance * stride.feed > 0.0 else 0.0
         shown = replace(
             measurement, in_contact=state.in_contact, travel_next=travel, free_position=state.free
         )
@@ -247,7 +248,7 @@ class Stroke:
             return replace(
                 state,
                 travel=travel,
-                pace=pace,
+                speed_mm_s=risen,
                 settled=settled or command.held,
                 lost_at=None,
                 lost_for=None,
@@ -260,7 +261,7 @@ class Stroke:
         lost_at = measurement.commanded if first and state.lost_at is None else state.lost_at
         state = replace(
             state,
-            pace=0.0,
+            speed_mm_s=0.0,
             settled=settled,
             controller=memory,
             stiffness=stiffness,
