@@ -101,6 +101,11 @@ class ServoFacts(Struct, frozen=True):
     """Time constant by which the robot's own set point nears what is ordered; 0 for one that takes it at once."""
 
     @property
+    def lag_s(self) -> float:
+        """Time by which a steady motion comes after its orders, s."""
+        return self.transport_delay_s + self.trail_s + 2.0 * self.damping_ratio / self.natural_frequency_rad_s
+
+    @property
     def wait_s(self) -> float:
         """Mean time for which an order waits for the interpolator, s: half of the time between two set points.
 
@@ -144,6 +149,8 @@ class RobotFacts(Struct, frozen=True):
     """Resolution of the position that is reached; None: finer than matters, or not known."""
     order_step_m: _Positive | None = None
     """Resolution of a position that is ordered; None: finer than matters, or not known."""
+    position_noise_m: _NotNegative = 0.0
+    """Standard deviation of the reported position beside its resolution; 0: less than matters, or not known."""
     line_floor_s: _Positive | None = None
     """Shortest time of one cycle on the robot's wire; None: too short to matter."""
     byte_time_s: _Positive | None = None

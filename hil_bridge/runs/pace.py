@@ -30,15 +30,16 @@ from hil_bridge.settings.program import in_file
 from protocol.geometry import Vector
 
 
-def set_pace(config: Config, cycle_s: float | None, frame_s: float) -> Config:
+def set_pace(config: Config, robot: RobotFacts, frame_s: float) -> Config:
     """The configuration with period, sample time, tuning and rise of the travel written out, so that the record and a
     replay have them.
 
-    `cycle_s` is the robot's own cycle, `frame_s` the time between two frames of the sensor, 0 where it is not known.
+    `robot` is what is known of the robot, `frame_s` the time between two frames of the sensor, 0 where it is not known.
     It stays as it is for a robot without a cycle of its own, and where it gives `controller.sample_ms` itself.
     Parameters that it gives take precedence over those of a tuning. Raises ConfigError for an unknown
     controller and for one that declares no sample time.
     """
+    cycle_s = robot.cycle_s
     if cycle_s is None or config.controller.sample_ms is not None:
         return config
     cycle_ms = cycle_s * 1e3
@@ -61,10 +62,10 @@ def set_pace(config: Config, cycle_s: float | None, frame_s: float) -> Config:
     if isinstance(section, GivenController):
         section = section.tuned(tuning)
     else:
-        parameters = {**tuning.parameters, **section.parameters}
+        parameters = {**tuning.parameters, **_servo_parameters(kind, robot), **section.parameters}
         section = section.model_copy(update={"sample_ms": tuning.sample_ms, "parameters": parameters})
     task = config.task
-    if task.travel_rise_s is None and config.frame.follow_normal and cycle_s >= _RISE_FROM_S:
+    if task.travel_rise_s is None and config.frame.follow_normal:
         task = replace(task, travel_rise_s=_RISE_S)
     return config.model_copy(update={"controller": section, "task": task})
 
@@ -97,6 +98,14 @@ def _tunings(kind: Any) -> tuple[Tuning, ...]:
     """Tunings that a controller declares; one of another package may declare anything."""
     declared = getattr(kind, "tunings", ())
     return tuple(tuning for tuning in declared if isinstance(tuning, Tuning))
+
+
+def _servo_parameters(kind: Any, robot: RobotFacts) -> dict[str, float]:
+    """The servo of a robot that reports its position with noise, for a controller that has a model of it."""
+    servo = robot.servo
+    if servo is None or not robot.position_noise_m or not hasattr(kind, "servo_lag_ms"):
+        return {}
+    return {"servo_lag_ms": servo.lag_s * 1e3, "servo_damping": servo.damping_ratio}
 
 
 def _off(tuning: Tuning, period_ms: float) -> float:
@@ -231,8 +240,4 @@ async def cycle_starts(
 _RISE_S = 1.2
 """`task.travel_rise_s` on a slope that is not known, s. Chosen: on EGM, a slope of 0.126 and 50 kN/m the
 force then goes 8 to 10 % too high; with 0.8 s 10 to 12 %, with 2 s no less.
-"""
-_RISE_FROM_S = 0.004
-"""Shortest cycle of a robot that needs it, s. Chosen: a robot with 2 ms follows its orders sooner, and learns the
-stiffness of a hard surface from the travel.
 """

@@ -102,7 +102,7 @@ class Setup:
     def config(self) -> Config:
         """The configuration as it is run: period, sample time and tuning written out."""
         frame_s = self.sensor.kind.period(self.sensor.settings) or 0.0
-        return set_pace(self._given, self.facts.cycle_s, frame_s)
+        return set_pace(self._given, self.facts, frame_s)
 
     @property
     def remark(self) -> str:

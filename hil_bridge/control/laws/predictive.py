@@ -20,6 +20,7 @@ from hil_bridge.control.checks import (
     require_above_zero,
     require_not_negative,
 )
+from hil_bridge.control.laws.servo import Served, Servo
 from hil_bridge.control.laws.stiffness import Pairing, Stiffness, observe
 from hil_bridge.control.types import (
     FINE_STEP_MM,
@@ -39,9 +40,15 @@ _SWING_FACTOR, _CALM_FACTOR, _ROBUSTNESS_MOST = 1.5, 0.95, 8.0
 value. Chosen.
 """
 
-_LANDINGS_MS = {2.0: 0.0, 4.0: 100.0, 12.0: 100.0}
-"""`landing_ms` by sample time, ms. Chosen: twice the time that an order takes with EGM; none for an arm of Universal
-Robots, which leaves its targets by more than a slow landing gains.
+_LANDING_MS = 100.0
+"""`landing_ms` of robots that stream. Chosen: twice the time that an order takes with EGM."""
+_STEPS_MM = {2.0: 0.015, 4.0: FINE_STEP_MM, 12.0: FINE_STEP_MM}
+"""`resolution_mm` by sample time, ms. Chosen: an arm of Universal Robots leaves its targets by a little more in each
+sample than the resolution of its position.
+"""
+_SPAN_MS = 100.0
+"""`Pairing.span_ms` with a model of the servo, which has no dead band. Chosen: an arm of Universal Robots leaves its
+targets by another error after that time, see `follow_error_ms` of the emulated one.
 """
 _NEAR_SHARE = 0.1
 """Share of the desired force: closer than this the first touch is over. Chosen."""
@@ -78,6 +85,8 @@ class PredictiveState(Struct, frozen=True):
     """Time in contact until the force is near the desired one, s; infinite from then on. A contact that is lost and
     found again does not begin anew, for the stiffness is known.
     """
+    served: Served | None = None
+    """The model of the robot's servo; None without contact."""
 
 
 class Line(Struct, frozen=True):
@@ -111,7 +120,7 @@ class Predictive:
     name: ClassVar[str] = "predictive"
     sample_ms: ClassVar[float] = SAMPLE_MS
     tunings: ClassVar[tuple[Tuning, ...]] = tuple(
-        Tuning(sample_ms, {"resolution_mm": FINE_STEP_MM, "landing_ms": _LANDINGS_MS[sample_ms]})
+        Tuning(sample_ms, {"resolution_mm": _STEPS_MM[sample_ms], "landing_ms": _LANDING_MS})
         for sample_ms in STREAM_SAMPLES_MS
     )
 
@@ -144,14 +153,34 @@ class Predictive:
     """Time in which a move inwards makes 63 % of its way at a first touch: until the force has been near the desired
     one, or this time has passed three times. 0, or a longer sample time, makes the whole move.
     """
+    servo_lag_ms: float = 0.0
+    """Time by which the robot comes after its orders, for a model of its servo that tells the position in place of the
+    robot; 0 takes the position that it reports. Written out for a robot that reports it with noise.
+    """
+    servo_damping: float = 1.0
+    """Damping ratio of that model."""
+    servo_error_mm: float = 0.15
+    """Farthest that the model's position may be from the reported one. Chosen: the largest error behind its target that
+    an arm of Universal Robots has here.
+    """
     pairing: Pairing = field(init=False, repr=False, compare=False)
     """Settings for the pairing of force and position."""
+    servo: Servo | None = field(init=False, repr=False, compare=False)
+    """The model of the robot's servo; None where the reported position is taken."""
 
     def __post_init__(self) -> None:
         require_above_zero(self, "window", "stiffest_n_m", "steepest", "smallest_radius_mm", "step_limit_mm")
-        require_not_negative(self, "caution", "landing_ms")
-        pairing = Pairing(resolution_mm=self.resolution_mm, force_uncertainty_n=self.force_uncertainty_n)
+        require_above_zero(self, "servo_damping", "servo_error_mm")
+        require_not_negative(self, "caution", "landing_ms", "servo_lag_ms")
+        modelled = self.servo_lag_ms > 0.0
+        pairing = Pairing(
+            resolution_mm=self.resolution_mm,
+            force_uncertainty_n=self.force_uncertainty_n,
+            span_ms=_SPAN_MS if modelled else 0.0,
+        )
+        servo = Servo(self.servo_lag_ms * 1e-3, self.servo_damping, self.servo_error_mm * 1e-3)
         object.__setattr__(self, "pairing", pairing)
+        object.__setattr__(self, "servo", servo if modelled else None)
 
     def initial(self) -> PredictiveState:
         """State before the first sample in contact."""
@@ -167,6 +196,10 @@ class Predictive:
         check_reference(reference)
         if not (measurement.is_finite and math.isfinite(measurement.travel + measurement.travel_next)):
             return state, Command(measurement.commanded, 0.0, state.estimate.value)
+        served = None
+        if self.servo is not None and measurement.in_contact:
+            served = self.servo.after(state.served, measurement)
+            measurement = replace(measurement, position=served.position)
         estimate = observe(state.estimate, self.pairing, measurement, state.slope)
         if not measurement.in_contact:
             correction = self._search(estimate, reference)
@@ -175,7 +208,8 @@ class Predictive:
         newest = Pair(measurement.travel, measurement.position, measurement.force_at_position)
         pairs = (*state.pairs, newest)[-self.window :]
         near = measurement.force - reference > -_NEAR_SHARE * reference
-        state = replace(state, landing=math.inf if near else state.landing + measurement.dt)
+        landing = math.inf if near else state.landing + measurement.dt
+        state = replace(state, landing=landing, served=served)
         if estimate.value is None:
             correction = self._land(state, self._probe(pairs, measurement, reference), measurement.dt)
             state = replace(state, estimate=estimate, pairs=pairs)
@@ -216,7 +250,7 @@ class Predictive:
         correction = self._land(state, correction, measurement.dt)
         command = self._answer(measurement, estimate, correction, explanation, resting)
         slope = line.slope if moving else 0.0
-        return PredictiveState(estimate, pairs, slope, side, robustness, state.landing), command
+        return PredictiveState(estimate, pairs, slope, side, robustness, state.landing, state.served), command
 
     def _probe(self, pairs: tuple[Pair, ...], measurement: Measurement, reference: float) -> float:
         """Correction while the stiffness is unknown, m."""

@@ -16,7 +16,7 @@ from typing import ClassVar
 from msgspec import Struct
 from msgspec.structs import replace
 
-from hil_bridge.control.checks import require_above_zero
+from hil_bridge.control.checks import require_above_zero, require_not_negative
 from hil_bridge.control.types import POSITION_STEP_MM, Measurement
 from protocol.marks import SettingError
 
@@ -47,6 +47,8 @@ class Pairing:
     |Δf|/k; otherwise pairs would be chosen in which |φ| is large by quantisation alone. Chosen: a reversal moves the
     robot by one step less than it reports.
     """
+    span_ms: float = 0.0
+    """Time over which small moves add up once there is an estimate; 0 compares neighbouring samples alone."""
     stiffness_min: float = 1e2
     """Smallest stiffness that is believed, N/m."""
     stiffness_max: float = 1e6
@@ -62,6 +64,7 @@ class Pairing:
             "stiffness_min",
             "stiffness_max",
         )
+        require_not_negative(self, "span_ms")
         if self.forgetting > 1:
             raise SettingError("forgetting", f"must be at most 1, got {self.forgetting}")
         if self.stiffness_min >= self.stiffness_max:
@@ -111,7 +114,8 @@ def observe(
     """Take one sample. `slope` is how much deeper the surface lies per travel, where the caller knows it better.
 
     Without contact the estimate stays and pairs begin again. A sample that is saturated or not finite is passed over.
-    So is a move that is too small: its older half is replaced, for sums of small moves carry the robot's dead band.
+    So is a move that is too small: its older half is replaced once it is older than `span_ms`, for sums of small moves
+    carry the robot's dead band.
     """
     if not measurement.in_contact:
         return replace(estimate, force=None)
@@ -135,7 +139,8 @@ def observe(
         # Until there is an estimate, small moves of a careful beginning add up, though not for ever. A
         # surface that moves sideways under the tool would enter the quotient without bound.
         age = estimate.age + measurement.dt
-        return replace(estimate, age=age) if known is None and age < _FIRST_SPAN_S else newer
+        span = _FIRST_SPAN_S if known is None else pairing.span_ms * 1e-3
+        return replace(estimate, age=age) if age < span else newer
     possible = moved and pairing.stiffness_min <= pressed / moved <= pairing.stiffness_max
     if not possible or abs(pressed) < 2 * pairing.force_uncertainty_n:
         return newer

@@ -1,0 +1,46 @@
+"""Where the robot is by its orders: a model of its servo.
+
+A robot may report its position with a noise that is larger than the moves of a sample. Its orders have none, and the
+force shows each error of the arm at once. So the model leads the orders through a loop of second order, as late as the
+robot is, and the position stays within a bound of the reported one. Source: internal model control, as textbooks have
+it.
+"""
+
+from dataclasses import dataclass
+
+from msgspec import Struct
+
+from hil_bridge.control.types import Measurement
+
+
+class Served(Struct, frozen=True):
+    """State of the loop."""
+
+    position: float
+    """m"""
+    speed: float = 0.0
+    """m/s"""
+
+
+@dataclass(frozen=True, slots=True)
+class Servo:
+    """A loop of second order."""
+
+    lag_s: float
+    """Time by which a steady motion comes after its orders, s."""
+    damping: float
+    """Damping ratio."""
+    error_m: float
+    """Farthest that the position is taken to be from the reported one, m."""
+
+    def after(self, served: Served | None, measurement: Measurement) -> Served:
+        """The state after a sample; the first one begins where the robot is. Backward Euler: stable for any time."""
+        reported, dt = measurement.position, measurement.dt
+        if served is None:
+            return Served(reported)
+        frequency = 2.0 * self.damping / self.lag_s
+        pull = dt * frequency
+        speed = served.speed + pull * frequency * (measurement.commanded - served.position)
+        speed /= 1.0 + pull * (2.0 * self.damping + pull)
+        position = served.position + dt * speed
+        return Served(min(max(position, reported - self.error_m), reported + self.error_m), speed)
