@@ -167,7 +167,9 @@ class Times:
     """Result of one run, s and N; None where it did not happen."""
 
     order_s: float | None
-    """Time from the begin to the first order of the retraction."""
+    """Time from the begin to the first order of the retraction; None also where a force beyond the limit was to be the
+    begin and never came.
+    """
     below_s: float | None
     """Time from the begin until the true force is below the limit for good; None where it never was above."""
     largest_n: float
@@ -218,7 +220,7 @@ def _times(running: Simulation, watch: Watch, began: float, by_force: bool) -> T
     stops = [event.at for event in result.events if event.kind == STOP_EVENT]
     below = bool(len(above)) and above[-1] < times[-1]
     return Times(
-        back[0] - began if back else None,
+        back[0] - began if back and not math.isnan(began) else None,
         float(above[-1]) + TICK_S - began if below else None,
         float(forces.max()),
         float(forces[-1]),

@@ -120,7 +120,7 @@ def resolved(robot: str, **sections: dict[str, Any]) -> Setup:
     ("robot", "follows", "given", "rise"),
     [
         ("s3", True, None, None),
-        ("rtde", True, None, None),
+        ("rtde", True, None, RISE),
         ("egm", True, None, RISE),
         ("rsi", True, None, RISE),
         ("egm", False, None, None),

@@ -1,0 +1,220 @@
+"""A model of the robot's servo tells the controller the position, where the robot reports its own with noise."""
+
+import math
+from statistics import fmean
+from typing import Any
+
+import pytest
+from msgspec.structs import replace
+
+from hil_bridge.control import Measurement, Pairing, Predictive, Stiffness
+from hil_bridge.control.laws.servo import Served, Servo
+from hil_bridge.control.laws.stiffness import observe
+from hil_bridge.lab.experiments.emulated_run import run_emulated
+from hil_bridge.runs.setup import Setup
+from hil_bridge.settings.configuration import read_config
+from protocol.marks import SettingError
+
+FORCE = 10.0
+DT = 0.002
+LAG, DAMPING, BOUND = 0.034, 0.67, 0.15e-3
+SERVO = Servo(LAG, DAMPING, BOUND)
+TUNED: dict[str, Any] = {"resolution_mm": 0.015, "landing_ms": 100.0}
+
+
+def at(position: float, commanded: float, force: float = FORCE, dt: float = DT, **more: Any) -> Measurement:
+    return Measurement(0.0, force, position, commanded, dt=dt, **more)
+
+
+# --- the model
+
+
+def test_it_begins_where_the_robot_is() -> None:
+    assert SERVO.after(None, at(1e-3, 2e-3)) == Served(1e-3, 0.0)
+
+
+@pytest.mark.parametrize("dt", [0.001, 0.002, 0.008])
+@pytest.mark.parametrize("damping", [0.5, 1.0, 2.0])
+def test_a_steady_motion_comes_later_by_the_lag(dt: float, damping: float) -> None:
+    servo, speed = Servo(LAG, damping, math.inf), 0.01
+    served = Served(0.0)
+    samples = round(1.0 / dt)
+    for k in range(samples):
+        served = servo.after(served, at(0.0, speed * dt * k, dt=dt))
+    assert served.speed == pytest.approx(speed, rel=1e-6)
+    assert speed * dt * (samples - 1) - served.position == pytest.approx(speed * LAG, rel=1e-6)
+
+
+@pytest.mark.parametrize("dt", [0.0005, 0.002, 0.36])
+@pytest.mark.parametrize("lag", [1e-6, LAG, 1.0])
+def test_it_ends_at_an_order_that_stands_and_never_swings_up(dt: float, lag: float) -> None:
+    servo, served = Servo(lag, DAMPING, math.inf), Served(0.0)
+    for _ in range(round(20 * max(lag, dt) / dt)):
+        served = servo.after(served, at(0.0, 1e-3, dt=dt))
+        assert -1e-12 <= served.position < 1.1e-3
+    assert served.position == pytest.approx(1e-3, rel=1e-3)
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_it_stays_near_the_reported_position_and_leaves_the_bound_at_once(way: float) -> None:
+    """A robot that is held up: the model must not run away from it, nor keep what it was ordered meanwhile."""
+    served = Served(0.0)
+    for k in range(500):
+        served = SERVO.after(served, at(0.0, way * 1e-5 * k))
+        assert abs(served.position) <= BOUND
+    assert served.position == way * BOUND
+    back = SERVO.after(replace(served, speed=0.0), at(0.0, 0.0))
+    assert abs(back.position) < BOUND
+
+
+def test_a_sample_without_time_changes_nothing() -> None:
+    served = Served(1e-4, 0.02)
+    assert SERVO.after(served, at(1e-4, 9e-3, dt=0.0)) == served
+
+
+# --- the controller with it
+
+
+def held(**parameters: float) -> tuple[float, str]:
+    """Root mean square of the force error after 0.5 s on 50 kN/m, N, and why the run stopped. The arm is on its
+    targets, and reports where it is with noise.
+    """
+    config = read_config(
+        {
+            "run": {"duration_s": 1.5, "seed": 1},
+            "robot": {"emulated": "rtde"},
+            "sensor": {"emulated": "netft"},
+            "controller": {"parameters": parameters},
+            "cell": {
+                "start_position_mm": (900.0, -100.0, 591.0),
+                "surface": {"stiffness_n_m": 5e4},
+                "rtde": {"follow_error_urad": 0.0, "fast_follow_error_urad": 0.0},
+            },
+        }
+    )
+    run = run_emulated(config)
+    track = [cycle for cycle in run.cycles if cycle.phase == "track"]
+    settled = [cycle.force for cycle in track if cycle.sensor_at >= track[0].sensor_at + 0.5]
+    return math.sqrt(fmean((force - FORCE) ** 2 for force in settled)), run.result.text
+
+
+def test_a_noisy_position_no_longer_shakes_the_tool() -> None:
+    modelled, cause = held()
+    assert cause == ""
+    assert modelled < 0.5
+    reported, _ = held(servo_lag_ms=0.0)
+    assert reported > 4 * modelled
+
+
+@pytest.mark.parametrize("parameters", [{"servo_lag_ms": 24.0}, {"servo_lag_ms": 44.0, "servo_damping": 1.0}])
+def test_a_servo_that_is_known_badly_still_holds(parameters: dict[str, float]) -> None:
+    rms, cause = held(**parameters)
+    assert cause == ""
+    assert rms < 1.0
+
+
+def test_a_blocked_robot_is_ordered_no_deeper_than_the_bound_beyond_the_force() -> None:
+    """It stands and its force stays too low: the order must not wander off into the surface."""
+    controller = Predictive(**TUNED, servo_lag_ms=34.0)
+    state, commanded, stiffness = controller.initial(), 0.0, 2e4
+    for k in range(40):  # it learns the stiffness in motion
+        position = k * 1e-5
+        state, command = controller.step(state, at(position, position, stiffness * position + 2.0), FORCE)
+    deepest = 0.0
+    for _ in range(1000):
+        state, command = controller.step(state, at(position, commanded, 4.0), FORCE)
+        commanded = command.position
+        deepest = max(deepest, commanded - position)
+    assert command.stiffness is not None
+    assert deepest <= (FORCE - 4.0) / command.stiffness + BOUND + 1e-5
+
+
+def test_a_lost_contact_begins_the_model_anew() -> None:
+    controller = Predictive(servo_lag_ms=34.0)
+    state, _ = controller.step(controller.initial(), at(0.0, 1e-4), FORCE)
+    state, _ = controller.step(state, at(0.0, 1e-4), FORCE)
+    assert state.served is not None
+    assert state.served.position > 0.0
+    state, _ = controller.step(state, at(0.0, 1e-4, 0.0, in_contact=False), FORCE)
+    assert state.served is None
+    state, _ = controller.step(state, at(5e-4, 1e-4), FORCE)
+    assert state.served == Served(5e-4, 0.0)
+
+
+def test_without_a_lag_the_reported_position_counts() -> None:
+    controller = Predictive()
+    state, _ = controller.step(controller.initial(), at(0.0, 1e-4), FORCE)
+    state, _ = controller.step(state, at(3e-4, 1e-4), FORCE)
+    assert state.served is None
+    assert state.pairs[-1].position == 3e-4
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"servo_lag_ms": -1.0}, {"servo_damping": 0.0}, {"servo_error_mm": 0.0}, {"servo_lag_ms": math.nan}],
+)
+def test_impossible_settings_are_refused(wrong: dict[str, float]) -> None:
+    with pytest.raises(SettingError, match=next(iter(wrong))):
+        Predictive(**wrong)
+
+
+# --- small moves that add up
+
+
+@pytest.mark.parametrize(("span_ms", "found"), [(0.0, False), (50.0, True)])
+def test_small_moves_add_up_for_the_span_once_there_is_an_estimate(span_ms: float, found: bool) -> None:
+    """The surface is twice as hard as the estimate says; no two neighbours are far enough apart to show it."""
+    pairing = Pairing(resolution_mm=0.01, span_ms=span_ms)
+    estimate = Stiffness(moved=1e-8, pressed=1e-8 * 1e4, force=2.0, position=0.0)
+    for k in range(1, 40):
+        position = k * 2e-6
+        estimate = observe(estimate, pairing, at(position, position, 2.0 + 2e4 * position))
+    assert (estimate.value != pytest.approx(1e4, rel=1e-6)) is found
+
+
+def test_an_older_half_is_given_up_after_the_span() -> None:
+    pairing = Pairing(resolution_mm=0.01, span_ms=50.0)
+    estimate = Stiffness(moved=1e-8, pressed=1e-8 * 1e4, force=2.0, position=0.0)
+    for _ in range(24):
+        estimate = observe(estimate, pairing, at(1e-6, 1e-6, 2.0))
+    assert estimate.position == 0.0
+    estimate = observe(estimate, pairing, at(1e-6, 1e-6, 2.0))
+    assert estimate.position == 1e-6
+
+
+# --- robots
+
+
+def parameters(robot: str, controller: dict[str, Any] | None = None, **more: Any) -> dict[str, Any]:
+    sections: dict[str, Any] = {"robot": {"emulated": robot}, "sensor": {"emulated": "netft"}}
+    config = Setup(
+        read_config({**sections, "controller": controller or {"name": "predictive"}, **more})
+    ).config
+    return dict(config.controller.parameters)
+
+
+def test_a_robot_that_reports_with_noise_is_known_by_its_servo() -> None:
+    found = parameters("rtde")
+    # 30 ms of servoj's lookahead, and two cycles to the arm
+    assert found["servo_lag_ms"] == pytest.approx(34.0)
+    assert found["servo_damping"] == pytest.approx(0.67, abs=0.01)
+    slow = parameters("rtde", cell={"rtde": {"servo_gain_scale": 0.25}})
+    assert slow["servo_damping"] == pytest.approx(found["servo_damping"] / 2)
+
+
+@pytest.mark.parametrize("robot", ["egm", "rsi"])
+def test_a_robot_that_reports_without_noise_is_believed(robot: str) -> None:
+    assert "servo_lag_ms" not in parameters(robot)
+
+
+@pytest.mark.parametrize("name", ["pi", "fuzzy-adaptive"])
+def test_a_controller_without_a_model_is_told_of_none(name: str) -> None:
+    assert "servo_lag_ms" not in parameters("rtde", {"name": name})
+
+
+def test_a_given_lag_counts_and_a_given_sample_time_leaves_all_as_it_is() -> None:
+    given = parameters("rtde", {"name": "predictive", "parameters": {"servo_lag_ms": 0.0}})
+    assert given["servo_lag_ms"] == 0.0
+    assert "servo_lag_ms" not in parameters("rtde", {"name": "predictive", "sample_ms": 2.0}), (
+        "as of a recording from before the model"
+    )
