@@ -14,11 +14,13 @@ from itertools import pairwise, product
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from emulators.devices.rtde.profile import RtdeProfile
 from hil_bridge.control import CONTROLLERS
 from hil_bridge.lab.experiments.emulated_run import run_emulated
 from hil_bridge.lab.processes import in_order, own_processes
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import read_config
+from tools.arm_error import left_over
 from tools.pages import parser, placed, table, write
 
 DOCS = Path(__file__).resolve().parent.parent / "docs" / "explanation"
@@ -35,10 +37,11 @@ SURFACES: Mapping[str, Mapping[str, Any]] = {
     "curved, 5 kN/m": {"stiffness_n_m": 5e3, **CURVED},
     "curved, 50 kN/m": {"stiffness_n_m": 5e4, **CURVED},
 }
+STIFFNESSES = (5e3, 2e4, 5e4)
 TOUCHED: Mapping[str, Mapping[str, Any]] = {
     f"{shape}, {stiffness / 1e3:g} kN/m": {"stiffness_n_m": stiffness, **how}
     for shape, how in (("level", {}), ("curved", CURVED))
-    for stiffness in (5e3, 2e4, 5e4)
+    for stiffness in STIFFNESSES
 }
 
 
@@ -53,6 +56,11 @@ HARDEST_N_M = 5e4
 """Stiffness that the task expects at most; the surface has it, or is softer."""
 TOUCH_S, TOUCHED_S = 2.5, 1.0
 """Time of tracking, and the begin of it that does not count for the error, s."""
+
+
+ORDER_S = 0.036
+"""Time of an order of a Universal Robot: the lag of its servo and one cycle, s."""
+BOUNDS = ("held for the next order", "forecast at best")
 
 
 class Case(NamedTuple):
@@ -120,9 +128,13 @@ def measured(robots: Sequence[str]) -> dict[str, list[Mapping[str, Any]]]:
     with own_processes() as pool:
         found = in_order(pool, figures_of, cases, lambda count: print(".", end="", flush=True), chunk=1)
     rows = iter(found)
+    bound = [left._asdict() for left in left_over(RtdeProfile(), ORDER_S)] if "rtde" in robots else []
     return {
         "controllers": [{"robot": r, "controller": c, "surface": s, **next(rows)} for r, c, s in held],
         "touch": [{"robot": r, "approach_mm_s": v, "surface": s, **next(rows)} for r, v, s in touched],
+        "bound": [
+            {"robot": f"rtde, {how}", "surface": "", **left} for how, left in zip(BOUNDS, bound, strict=False)
+        ],
     }
 
 
@@ -145,6 +157,16 @@ def _touch_lines(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
     ]
 
 
+def _bound_lines(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
+    return [
+        (
+            how,
+            *(f"{k * row['rms']:.2f} N, {100 * k * row['peak'] / FORCE_N:.0f} %" for k in STIFFNESSES),
+        )
+        for how, row in zip(BOUNDS, rows, strict=True)
+    ]
+
+
 def renewed(text: str, figures: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
     """The document with the tables of these runs."""
     found = {(row["robot"], row["controller"], row["surface"]): row for row in figures["controllers"]}
@@ -161,6 +183,9 @@ def renewed(text: str, figures: Mapping[str, Sequence[Mapping[str, Any]]]) -> st
     tables = {
         "controllers": table(("robot", "controller", "period", *SURFACES), lines),
         "touch": table(("robot", "approach", *TOUCHED), _touch_lines(figures["touch"])),
+        "bound": table(
+            ("error of the arm", *(f"{k / 1e3:g} kN/m" for k in STIFFNESSES)), _bound_lines(figures["bound"])
+        ),
     }
     return placed(text, tables)
 

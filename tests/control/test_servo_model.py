@@ -29,8 +29,9 @@ def at(position: float, commanded: float, force: float = FORCE, dt: float = DT, 
 # --- the model
 
 
-def test_it_begins_where_the_robot_is() -> None:
-    assert SERVO.after(None, at(1e-3, 2e-3)) == Served(1e-3, 0.0)
+def test_it_begins_where_the_robot_is_as_if_it_had_come_with_an_even_speed() -> None:
+    assert SERVO.after(None, at(1e-3, 1e-3)) == Served(1e-3, 0.0)
+    assert SERVO.after(None, at(1e-3, 1e-3 + 0.01 * LAG)) == Served(1e-3, pytest.approx(0.01))
 
 
 @pytest.mark.parametrize("dt", [0.001, 0.002, 0.008])
@@ -137,7 +138,7 @@ def test_a_lost_contact_begins_the_model_anew() -> None:
     assert state.served.position > 0.0
     state, _ = controller.step(state, at(0.0, 1e-4, 0.0, in_contact=False), FORCE)
     assert state.served is None
-    state, _ = controller.step(state, at(5e-4, 1e-4), FORCE)
+    state, _ = controller.step(state, at(5e-4, 5e-4), FORCE)
     assert state.served == Served(5e-4, 0.0)
 
 

@@ -34,10 +34,13 @@ class Servo:
     """Farthest that the position is taken to be from the reported one, m."""
 
     def after(self, served: Served | None, measurement: Measurement) -> Served:
-        """The state after a sample; the first one begins where the robot is. Backward Euler: stable for any time."""
+        """The state after a sample; the first one begins where the robot is, as if it had come with an even speed.
+
+        Backward Euler: stable for any time.
+        """
         reported, dt = measurement.position, measurement.dt
         if served is None:
-            return Served(reported)
+            return Served(reported, (measurement.commanded - reported) / self.lag_s)
         frequency = 2.0 * self.damping / self.lag_s
         pull = dt * frequency
         speed = served.speed + pull * frequency * (measurement.commanded - served.position)
