@@ -29,9 +29,18 @@ def at(position: float, commanded: float, force: float = FORCE, dt: float = DT, 
 # --- the model
 
 
-def test_it_begins_where_the_robot_is_as_if_it_had_come_with_an_even_speed() -> None:
-    assert SERVO.after(None, at(1e-3, 1e-3)) == Served(1e-3, 0.0)
-    assert SERVO.after(None, at(1e-3, 1e-3 + 0.01 * LAG)) == Served(1e-3, pytest.approx(0.01))
+def test_it_begins_where_the_robot_is_and_comes_with_an_even_speed_or_stands() -> None:
+    ordered = at(1e-3, 1e-3 + 0.01 * LAG)
+    assert SERVO.begin(ordered, coming=False) == Served(1e-3, 0.0)
+    assert SERVO.begin(ordered, coming=True) == Served(1e-3, pytest.approx(0.01))
+
+
+def test_an_even_approach_goes_on_without_a_jolt() -> None:
+    """The robot comes with 5 mm/s, and so does the model from its first sample on."""
+    served = SERVO.begin(at(0.0, 5e-3 * LAG), coming=True)
+    for k in range(1, 20):
+        served = SERVO.after(served, at(5e-3 * DT * k, 5e-3 * (LAG + DT * k)))
+        assert served.position == pytest.approx(5e-3 * DT * k, rel=0.05)
 
 
 @pytest.mark.parametrize("dt", [0.001, 0.002, 0.008])
@@ -133,12 +142,14 @@ def test_a_blocked_robot_is_ordered_no_deeper_than_the_bound_beyond_the_force() 
 def test_a_lost_contact_begins_the_model_anew() -> None:
     controller = Predictive(servo_lag_ms=34.0)
     state, _ = controller.step(controller.initial(), at(0.0, 1e-4), FORCE)
+    assert state.served == Served(0.0, pytest.approx(1e-4 / LAG)), "at a first touch the tool is on its way"
     state, _ = controller.step(state, at(0.0, 1e-4), FORCE)
     assert state.served is not None
     assert state.served.position > 0.0
     state, _ = controller.step(state, at(0.0, 1e-4, 0.0, in_contact=False), FORCE)
     assert state.served is None
-    state, _ = controller.step(state, at(5e-4, 5e-4), FORCE)
+    known = replace(state, estimate=Stiffness(moved=1e-8, pressed=1e-4))
+    state, _ = controller.step(known, at(5e-4, 7e-4), FORCE)
     assert state.served == Served(5e-4, 0.0)
 
 

@@ -42,7 +42,7 @@ value. Chosen.
 
 _LANDING_MS = 100.0
 """`landing_ms` of robots that stream. Chosen: twice the time that an order takes with EGM."""
-_STEPS_MM = {2.0: 0.015, 4.0: FINE_STEP_MM, 12.0: FINE_STEP_MM}
+_STEPS_MM = {2.0: 0.02, 4.0: FINE_STEP_MM, 12.0: FINE_STEP_MM}
 """`resolution_mm` by sample time, ms. Chosen: an arm of Universal Robots leaves its targets by a little more in each
 sample than the resolution of its position.
 """
@@ -198,7 +198,10 @@ class Predictive:
             return state, Command(measurement.commanded, 0.0, state.estimate.value)
         served = None
         if self.servo is not None and measurement.in_contact:
-            served = self.servo.after(state.served, measurement)
+            if state.served is None:
+                served = self.servo.begin(measurement, coming=state.estimate.value is None)
+            else:
+                served = self.servo.after(state.served, measurement)
             measurement = replace(measurement, position=served.position)
         estimate = observe(state.estimate, self.pairing, measurement, state.slope)
         if not measurement.in_contact:

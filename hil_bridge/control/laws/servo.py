@@ -33,14 +33,16 @@ class Servo:
     error_m: float
     """Farthest that the position is taken to be from the reported one, m."""
 
-    def after(self, served: Served | None, measurement: Measurement) -> Served:
-        """The state after a sample; the first one begins where the robot is, as if it had come with an even speed.
-
-        Backward Euler: stable for any time.
+    def begin(self, measurement: Measurement, coming: bool) -> Served:
+        """The state at the first sample in contact: the robot is where it reports. `coming`: it comes with an even
+        speed, as at a first touch; else it stands.
         """
+        speed = (measurement.commanded - measurement.position) / self.lag_s if coming else 0.0
+        return Served(measurement.position, speed)
+
+    def after(self, served: Served, measurement: Measurement) -> Served:
+        """The state after a sample. Backward Euler: stable for any time."""
         reported, dt = measurement.position, measurement.dt
-        if served is None:
-            return Served(reported, (measurement.commanded - reported) / self.lag_s)
         frequency = 2.0 * self.damping / self.lag_s
         pull = dt * frequency
         speed = served.speed + pull * frequency * (measurement.commanded - served.position)
