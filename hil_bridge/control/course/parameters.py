@@ -54,8 +54,8 @@ class TaskParameters:
     """
     travel_rise_s: float | None = None
     """Time in which the travel comes to its speed, from the touch and from each stop: an unknown slope shows before the
-    tool goes fast. 0 travels at once. None for 1.2 s where the tool follows the normal of a surface, the robot has a
-    cycle of 4 ms or more, and `controller.sample_ms` is not given; for 0 elsewhere.
+    tool goes fast. 0 travels at once. None for 1.2 s where the tool follows the normal of a surface, the robot streams,
+    and `controller.sample_ms` is not given; for 0 elsewhere.
     """
     travel_limit_mm: float = 500.0
     """Travel after which tracking ends."""
