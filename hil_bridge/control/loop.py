@@ -149,7 +149,7 @@ class ControlLoop:
             position,
             intent,
             verdict,
-            ended=program.phase is _END or held or stands,
+            ended=program.stroke.phase is _END or held or stands,
             stands=stands,
             quaternion=supervisor.quaternion,
         )
@@ -166,7 +166,7 @@ class ControlLoop:
         """
         measurement = proposal.felt.measurement
         command = proposal.intent.command
-        stiffness = self.program.parameters.expected_stiffness_n_m
+        stiffness = self.program.stroke.parameters.expected_stiffness_n_m
         if command is not None and command.stiffness is not None:
             stiffness = max(stiffness, command.stiffness)
         left = limits.force_limit_n * (1.0 - limits.force_margin_share) - measurement.force_at_position

@@ -58,7 +58,7 @@ class Following:
     def fault(self, trail: Trail, seen: Observation, limits: Limits) -> str:
         """Why a robot at the reported depth does not follow, in words; empty while it may."""
         depth = seen.depth
-        if not trail or seen.position is None:
+        if not trail or seen.sample.tilt is None:
             return ""
         allowed = limits.path_error_mm * 1e-3 + self.step_m
         _, lowest, deepest = trail[-1]

@@ -32,6 +32,7 @@ from hil_bridge.control.course.verdict import (
 )
 from hil_bridge.control.course.wall import beyond_friction
 from hil_bridge.control.course.witness import Witness
+from hil_bridge.control.sample import Sample
 from hil_bridge.errors import Cause, ConfigError, Reason
 from protocol.geometry import Quaternion, Vector, angle_between, normalise
 
@@ -70,14 +71,11 @@ class Supervisor:
         """One cycle. After the first stop every answer is that stop."""
         if state.stopped is not None:
             return state, state.stopped
-        still = (
-            state.still + observation.dt
-            if observation.sample.sensor_sequence == state.sensor_sequence
-            else 0.0
-        )
+        sample = observation.sample
+        still = state.still + observation.dt if sample.sensor_sequence == state.sensor_sequence else 0.0
         pressed = _find_press(state.pressed, observation)
         disagreed = None
-        if self.witness is not None and observation.sample.witness is not None:
+        if self.witness is not None and sample.witness is not None:
             disagreed = self.witness.disagreed(state.disagreed, observation)
         stop = self._first_fault(state, observation, request, still, pressed)
         if stop is None and disagreed and self.witness is not None:
@@ -89,10 +87,9 @@ class Supervisor:
         if stop is not None:
             return replace(state, still=still, pressed=pressed, stopped=stop, disagreed=disagreed), stop
         verdict = _clamp(self.limits, state, request, observation.dt)
-        if observation.sample.overdue > 0.0 and verdict.depth > state.depth:
+        if sample.overdue > 0.0 and verdict.depth > state.depth:
             verdict = _clamp(self.limits, state, _at_depth(request, state.depth), observation.dt)
             verdict = Clamp(verdict.depth, verdict.position, (OVERDUE,), goes_on=True)
-        position = observation.position
         quaternion, home, lag = state.quaternion, state.home, state.lag
         if request.quaternion is not None:
             verdict, quaternion, home, lag = self._turn(state, observation, request.quaternion, verdict)
@@ -100,11 +97,11 @@ class Supervisor:
             SupervisorState(
                 verdict.depth,
                 verdict.position,
-                observation.sample.sensor_sequence,
+                sample.sensor_sequence,
                 still,
                 pressed,
                 None,
-                None if position is None else (observation.sample.now, position),
+                None if sample.tilt is None else (sample.now, sample.position),
                 None,
                 quaternion,
                 home,
@@ -255,7 +252,7 @@ class Supervisor:
         if sample.dead_axis:
             return Stop(Cause.DEAD_AXIS, sample.dead_axis)
         # before the checks that use the reported depth
-        if seen.position is not None and (stop := self._untrue_pose(state, seen, seen.position)):
+        if sample.tilt is not None and (stop := self._untrue_pose(state, sample, sample.tilt)):
             return stop
         if pressed is not None and (deeper_mm := (seen.depth - pressed[1]) * 1e3) > limits.unanswered_mm:
             text = f"the force stayed at {sample.force:.2f} N while the tool went {deeper_mm:.1f} mm deeper"
@@ -279,15 +276,15 @@ class Supervisor:
             return Stop(Cause.INCONSISTENT, text)
         return None
 
-    def _untrue_pose(self, state: SupervisorState, seen: Observation, position: Vector) -> Stop | None:
+    def _untrue_pose(self, state: SupervisorState, sample: Sample, tilt: float) -> Stop | None:
         """Why the reported pose cannot be true, or is not where it was ordered to be; None while it may be."""
-        limits = self.limits
+        limits, position = self.limits, sample.position
         if state.reported is not None:
             at, before = state.reported
             moved = math.dist(before, position)
-            if moved > (seen.sample.now - at) * self.speed * _FASTER + _STANDS:
+            if moved > (sample.now - at) * self.speed * _FASTER + _STANDS:
                 text = (
-                    f"the reported position jumped by {moved * 1e3:.1f} mm in {(seen.sample.now - at) * 1e3:.0f} ms, "
+                    f"the reported position jumped by {moved * 1e3:.1f} mm in {(sample.now - at) * 1e3:.0f} ms, "
                     f"the robot moves at {self.speed * 1e3:g} mm/s"
                 )
                 return Stop(Cause.JUMP, text)
@@ -298,7 +295,7 @@ class Supervisor:
                 f"allowed are {limits.following_error_mm:g} mm"
             )
             return Stop(Cause.FOLLOWING, text)
-        tilt_deg = math.degrees(seen.sample.tilt or 0.0)
+        tilt_deg = math.degrees(tilt)
         if tilt_deg > limits.tilt_deg and tilt_deg > limits.tilt_deg + math.degrees(state.lag):
             where = "start" if state.quaternion is None else "ordered orientation"
             text = (

@@ -139,7 +139,7 @@ class Track(PressingStep):
 
     def guide(self, leg: Leg, state: ProgramState, felt: Felt) -> Guide:
         local = state.stroke.travel - state.base
-        reference = leg.reference(max(local, 0.0))
+        reference = leg.reference(local)
         limit, held, lateral = self.lateral_limit_n, felt.sample.held, 0.0
         if limit is not None:
             lateral = lateral_of(felt.force, state.facing.fall if leg.shows_ground else FLAT)
@@ -160,11 +160,12 @@ class Track(PressingStep):
         return Guide(state, Stride(reference, feed), trouble)
 
     def lead(self, leg: Leg, state: ProgramState, stroke: StrokeState, order: Order, felt: Felt) -> Led:
-        assert leg.way is not None
+        way = leg.way
+        assert way is not None
         local, memory = stroke.travel - state.base, state.memory
-        number = leg.way.piece(local)
-        heading, begin = leg.way.headings[number], leg.way.points[number]
-        rest = local - leg.way.begins[number]
+        number = way.piece(local)
+        heading, begin = way.headings[number], way.points[number]
+        rest = local - way.begins[number]
         x, y = begin[0] + rest * heading[0], begin[1] + rest * heading[1]
         aside = state.aside
         if self.across != "position":
