@@ -214,7 +214,8 @@ class Supervisor:
         if abs(force) > limits.force_limit_n:
             size = f"of at least {abs(force):.1f}" if sample.saturated else f"{force:.1f}"
             return Stop(Cause.FORCE, f"contact force {size} N is beyond {limits.force_limit_n:g} N")
-        resultant = max(sample.resultant, sample.peak_resultant)
+        peak = sample.peak_resultant
+        resultant = peak if peak > sample.resultant else sample.resultant
         if resultant > limits.resultant_limit_n:
             text = f"resultant force {resultant:.1f} N is beyond {limits.resultant_limit_n:g} N"
             return Stop(Cause.RESULTANT_FORCE, text)
@@ -353,13 +354,12 @@ def _find_press(before: tuple[float, float] | None, observation: Observation) ->
     """
     if not observation.pressing:
         return None
-    still = (
-        observation.sample.unchanged >= observation.dt
-    )  # not one count on any axis since the decision before
-    if before is None or not (still or abs(before[0] - observation.sample.force) < _SAME_N):
-        return observation.sample.force, observation.depth
+    sample, depth = observation.sample, observation.depth
+    still = sample.unchanged >= observation.dt  # not one count on any axis since the decision before
+    if before is None or not (still or abs(before[0] - sample.force) < _SAME_N):
+        return sample.force, depth
     # Where a tool that was pulled back in between comes from does not count.
-    return before[0], min(before[1], observation.depth)
+    return (before[0], depth) if depth < before[1] else before
 
 
 def _clamp(limits: Limits, state: SupervisorState, request: Request, dt: float) -> Allow | Clamp:
@@ -402,18 +402,18 @@ def _clamp(limits: Limits, state: SupervisorState, request: Request, dt: float) 
         # A tool that stands a little outside since its start may stay there, and come back.
         low = min(low[0], bx), min(low[1], by), min(low[2], bz)
         high = max(high[0], bx), max(high[1], by), max(high[2], bz)
-    if not (low[0] <= tx <= high[0] and low[1] <= ty <= high[1] and low[2] <= tz <= high[2]):
-        # The part across the approach is cut first: a border beside the way must not hold the depth.
-        target = bx + nx * along, by + ny * along, bz + nz * along
-        share = min(map(_share_inside, state.position, target, low, high))
-        # The last allowed position is inside; the border only takes off an error of the arithmetic.
-        x, y, z = (
-            min(max(before + share * (to - before), lowest), highest)
-            for before, to, lowest, highest in zip(state.position, target, low, high, strict=True)
-        )
-        target = x, y, z
-        depth = state.depth + share * (depth - state.depth)
-        reasons.append(LEAVES)
+        if not (low[0] <= tx <= high[0] and low[1] <= ty <= high[1] and low[2] <= tz <= high[2]):
+            # The part across the approach is cut first: a border beside the way must not hold the depth.
+            target = bx + nx * along, by + ny * along, bz + nz * along
+            share = min(map(_share_inside, state.position, target, low, high))
+            # The last allowed position is inside; the border only takes off an error of the arithmetic.
+            x, y, z = (
+                min(max(before + share * (to - before), lowest), highest)
+                for before, to, lowest, highest in zip(state.position, target, low, high, strict=True)
+            )
+            target = x, y, z
+            depth = state.depth + share * (depth - state.depth)
+            reasons.append(LEAVES)
 
     if not reasons:
         return Allow(depth, request.position)

@@ -72,16 +72,6 @@ class PredictiveState(Struct, frozen=True):
     """
 
 
-class Line(Struct, frozen=True):
-    """A straight line through values along the travel."""
-
-    value: float
-    """Value at the travel asked for."""
-    slope: float
-    slope_error: float
-    """Standard error of the slope."""
-
-
 @dataclass(frozen=True, slots=True)
 class Predictive:
     """x(k+1) = ẑ(travel commanded with it), ẑ the weighted line through z_i = x_i + (f_d − f_i)/k_est.
@@ -188,23 +178,25 @@ class Predictive:
             robustness = min(state.robustness * _SWING_FACTOR, _ROBUSTNESS_MOST)
         else:
             robustness = max(state.robustness * _CALM_FACTOR, 1.0 / _SWING_FACTOR)
-        guard = max(robustness, 1.0)
-        line = self._fit(pairs, stiffness * guard, relative_error, measurement.travel_next, reference)
-        moving = abs(line.slope) > 2 * line.slope_error
+        guard = 1.0 if robustness < 1.0 else robustness
+        predicted, slope, slope_error = self._fit(
+            pairs, stiffness * guard, relative_error, measurement.travel_next, reference
+        )
+        moving = abs(slope) > 2 * slope_error
         resting = abs(error) <= band and not moving
         explanation = {
             "relative_error": relative_error,
             "guard": guard,
-            "slope": line.slope,
-            "predicted_m": line.value,
+            "slope": slope,
+            "predicted_m": predicted,
             "band_n": band,
         }
-        correction = 0.0 if resting else line.value - measurement.commanded
+        correction = 0.0 if resting else predicted - measurement.commanded
         correction = self._limit(self._land(state, correction, measurement.dt))
         position, gain = measurement.commanded + correction, 1.0 / (1.0 + relative_error)
         command = Command(position, correction, stiffness, gain, resting, explanation)
-        slope = line.slope if moving else 0.0
-        return PredictiveState(estimate, pairs, slope, side, robustness, state.landing), command
+        learnt = slope if moving else 0.0
+        return PredictiveState(estimate, pairs, learnt, side, robustness, state.landing), command
 
     def _probe(self, pairs: tuple[Pair, ...], measurement: Measurement, reference: float) -> float:
         """Correction while the stiffness is unknown, m."""
@@ -243,8 +235,10 @@ class Predictive:
 
     def _fit(
         self, pairs: tuple[Pair, ...], stiffness: float, relative_error: float, at: float, reference: float
-    ) -> Line:
-        """Weighted least squares with a slope that is 0 ± `steepest` before any pair is seen."""
+    ) -> tuple[float, float, float]:
+        """The straight line through the wanted positions: its value at this travel, its slope, and the standard error
+        of that. Weighted least squares with a slope that is 0 ± `steepest` before any pair is seen.
+        """
         relative_error = min(relative_error, 1.0)
         inwards = stiffness * (1 + self.caution * relative_error)
         still = (self.resolution_mm * 1e-3) ** 2 / 12 + (self.force_uncertainty_n / stiffness) ** 2
@@ -265,7 +259,7 @@ class Predictive:
         s2 += 1.0 / self.steepest**2
         determinant = s0 * s2 - s1 * s1
         slope = (s0 * t1 - s1 * t0) / determinant
-        return Line(base + (s2 * t0 - s1 * t1) / determinant, slope, math.sqrt(s0 / determinant))
+        return base + (s2 * t0 - s1 * t1) / determinant, slope, math.sqrt(s0 / determinant)
 
     def _answer(self, measurement: Measurement, estimate: Stiffness, correction: float) -> Command:
         """The command with this correction where no line is followed. Its gain is 0 without an estimate."""

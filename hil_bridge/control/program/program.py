@@ -27,7 +27,7 @@ from hil_bridge.errors.failures import RAISED, WrongAnswer, raise_if_asked
 from protocol.geometry import normalise
 
 _TRACK, _RETRACT, _END, _APPROACH = Phase.TRACK, Phase.RETRACT, Phase.END, Phase.APPROACH
-
+_MOVE = Phase.MOVE
 
 _SLIDES = 0.05
 """Chosen: share of the speed from which the tool counts as sliding along its path."""
@@ -111,17 +111,16 @@ class Program:
             measurement = replace(
                 measurement, force=felt.force[0], paired_force=paired, against=felt.against(state.heading)
             )
-        travel, against = measurement.travel, measurement.against
         if leg.way is not None:
             place = felt.place[0] - state.origin[0], felt.place[1] - state.origin[1]
             along = leg.way.along(state.reached, state.stroke.travel - state.base, place)
-            travel, reached = state.base + along, max(along, 0.0)
+            reached = 0.0 if along < 0.0 else along
             if reached != state.reached:
                 state = replace(state, reached=reached)
-        elif leg.phase is Phase.MOVE:
-            against = 0.0
-        if state.zero or travel != measurement.travel or against != measurement.against:
-            measurement = replace(measurement, travel=travel, against=against)
+            measurement = replace(measurement, travel=state.base + along)
+        elif leg.phase is _MOVE:
+            measurement = replace(measurement, against=0.0)
+        if measurement is not felt.measurement:
             felt = Felt(felt.sample, measurement, felt.place, felt.force, felt.wrench)
         if not leg.follows or state.stroke.phase is not _TRACK:
             return state, felt

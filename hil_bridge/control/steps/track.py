@@ -178,8 +178,7 @@ class Track(PressingStep):
 
     def end_sample(self, leg: Leg, before: ProgramState, taken: Taken, felt: Felt) -> Taken:
         assert leg.way is not None
-        state = taken.state
-        if state.stroke.travel - state.base < leg.way.length - ROUNDING:
+        if taken.state.local < leg.way.length - ROUNDING:
             return taken
         return replace(taken, done=True)
 
