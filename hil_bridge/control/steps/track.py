@@ -146,7 +146,8 @@ class Track(PressingStep):
         feed, trouble = 1.0, None
         if limit is not None or self.feed_error_n is not None:
             feed, trouble = feed_of(self, felt.measurement.force - reference, lateral, local)
-        feed = min(feed, 0.0) if held else feed
+        if held:
+            feed = min(feed, 0.0)
         if feed != state.feed:
             state = replace(state, feed=feed)
         if limit is not None and state.in_contact and not held:
@@ -164,16 +165,15 @@ class Track(PressingStep):
         assert way is not None
         local, memory = stroke.travel - state.base, state.memory
         number = way.piece(local)
-        heading, begin = way.headings[number], way.points[number]
-        rest = local - way.begins[number]
-        x, y = begin[0] + rest * heading[0], begin[1] + rest * heading[1]
-        aside = state.aside
+        heading, (x, y), rest = way.headings[number], way.points[number], local - way.begins[number]
+        u, v = heading
+        x, y, aside = x + rest * u, y + rest * v, state.aside
         if self.across != "position":
             left = _leftwards(leg, state, (x, y), felt)
             memory, aside = beside(leg.stroke, self, state, felt.measurement, left)
         elif order.command is not None and order.command.across:
             aside = aside_by(leg, self, state, (stroke, order), felt.measurement.dt)
-        at = state.origin[0] + x - aside * heading[1], state.origin[1] + y + aside * heading[0]
+        at = state.origin[0] + x - aside * v, state.origin[1] + y + aside * u
         return Led(at, local, aside, heading, memory)
 
     def end_sample(self, leg: Leg, before: ProgramState, taken: Taken, felt: Felt) -> Taken:
