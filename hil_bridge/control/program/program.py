@@ -117,8 +117,10 @@ class Program:
             reached = 0.0 if along < 0.0 else along
             if reached != state.reached:
                 state = replace(state, reached=reached)
-            measurement = replace(measurement, travel=state.base + along)
-        elif leg.phase is _MOVE:
+            travel = state.base + along
+            if travel != measurement.travel:
+                measurement = replace(measurement, travel=travel)
+        elif leg.phase is _MOVE and measurement.against:
             measurement = replace(measurement, against=0.0)
         if measurement is not felt.measurement:
             felt = Felt(felt.sample, measurement, felt.place, felt.force, felt.wrench)
