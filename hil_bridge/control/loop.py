@@ -149,7 +149,7 @@ class ControlLoop:
             position,
             intent,
             verdict,
-            ended=program.phase is _END or held or stands,
+            ended=program.stroke.phase is _END or held or stands,
             stands=stands,
             quaternion=supervisor.quaternion,
         )
@@ -166,9 +166,10 @@ class ControlLoop:
         """
         measurement = proposal.felt.measurement
         command = proposal.intent.command
-        stiffness = self.program.parameters.expected_stiffness_n_m
-        if command is not None and command.stiffness is not None:
-            stiffness = max(stiffness, command.stiffness)
+        stiffness = self.program.stroke.parameters.expected_stiffness_n_m
+        learnt = None if command is None else command.stiffness
+        if learnt is not None and learnt > stiffness:
+            stiffness = learnt
         left = limits.force_limit_n * (1.0 - limits.force_margin_share) - measurement.force_at_position
         barrier = measurement.position + left / stiffness
         return barrier if math.isfinite(barrier) else measurement.position
@@ -178,11 +179,11 @@ class ControlLoop:
         (x, y, z), (a, b, c) = sample.position, state.start
         x, y, z = x - a, y - b, z - c
         frame = self.program.frame
-        (a, b, c), (u, v, w), (r, s, t) = frame.approach, frame.x, frame.y
+        (a, b, c), (u, v, w), (r, s, t), (h, k) = frame.approach, frame.x, frame.y, state.program.heading
         travel, across, beside = x * u + y * v + z * w, x * r + y * s + z * t, 0.0
         if len(sample.quaternion) == 4 and len(sample.wrench) == 6:
-            i, j, k = rotate(sample.quaternion, sample.wrench[:3])
-            beside = -(i * r + j * s + k * t)
+            e, f, g = rotate(sample.quaternion, sample.wrench[:3])
+            beside = -(e * r + f * s + g * t)
         measurement = Measurement(
             sample.sensor_at,
             sample.force,
@@ -196,7 +197,7 @@ class ControlLoop:
             1.0,
             sample.saturated,
             self.since(state.seen_at, sample.now),
-            sample.force_travel * state.program.heading[0] + beside * state.program.heading[1],
+            sample.force_travel * h + beside * k,
             sample,
         )
         force = sample.force, sample.force_travel, beside

@@ -160,7 +160,7 @@ def test_without_a_lag_the_reported_position_counts() -> None:
     state, _ = controller.step(controller.initial(), at(0.0, 1e-4), FORCE)
     state, _ = controller.step(state, at(3e-4, 1e-4), FORCE)
     assert state.served is None
-    assert state.pairs[-1].position == 3e-4
+    assert state.pairs[-1][1] == 3e-4
 
 
 @pytest.mark.parametrize(

@@ -36,8 +36,8 @@ class Following:
         reported, depth = depths
         trail = trail or self._begin(now, reported)
         passed = (now if at is None else at) - self.within_s
-        if len(trail) > 1 and trail[1][0] <= passed:
-            trail = self._keep(trail, passed)
+        while len(trail) > 1 and trail[1][0] <= passed:
+            trail = trail[1:]
         began, low, high = trail[-1]
         if now - began >= self.within_s / PARTS:
             return (*trail, (now, depth, depth))
@@ -48,17 +48,10 @@ class Following:
     def _begin(self, now: float, reported: float) -> Trail:
         return ((now, min(reported, 0.0), max(reported, 0.0)),)
 
-    def _keep(self, trail: Trail, passed: float) -> Trail:
-        """The trail from the part on that this moment, s, lies in."""
-        first = 0
-        while first + 1 < len(trail) and trail[first + 1][0] <= passed:
-            first += 1
-        return trail[first:]
-
     def fault(self, trail: Trail, seen: Observation, limits: Limits) -> str:
         """Why a robot at the reported depth does not follow, in words; empty while it may."""
         depth = seen.depth
-        if not trail or seen.position is None:
+        if not trail or seen.sample.tilt is None:
             return ""
         allowed = limits.path_error_mm * 1e-3 + self.step_m
         _, lowest, deepest = trail[-1]

@@ -127,20 +127,18 @@ class OscillationDetector:
         if not math.isfinite(error):
             return state, Advice(_CALM, state.factor, state.retract)
         now, window = state.time + dt, self.window_ms * 1e-3
-        band = self.band(stiffness)
         extreme, extreme_at, peaks = state.extreme, state.extreme_at, state.peaks
         if error * extreme < 0.0:
-            peaks = _add(peaks, extreme_at, extreme, band)
+            peaks = _add(peaks, extreme_at, extreme, self.band(stiffness))
             extreme, extreme_at = error, now
         elif abs(error) > abs(extreme):
             extreme, extreme_at = error, now
         if peaks and now - peaks[0][0] > window:
             peaks = tuple(peak for peak in peaks if now - peak[0] <= window)
-        if self._sustained(peaks):
+        if len(peaks) >= self.peaks and self._sustained(peaks):
             return self._lower_gain(now, extreme, extreme_at, peaks, state)
         factor, since = state.factor, state.quiet_since
-        patience = window * 2.0**state.found
-        if factor < 1.0 and not peaks and now - since >= patience:
+        if factor < 1.0 and not peaks and now - since >= window * 2.0**state.found:
             factor, since = min(1.0, factor / self.notch), now
         state = OscillationState(now, since, extreme, extreme_at, peaks, factor, state.retract, state.found)
         return state, Advice(_CALM, factor, state.retract)
@@ -151,8 +149,6 @@ class OscillationDetector:
         return max(self.band_min_n, step + self.force_uncertainty_n)
 
     def _sustained(self, peaks: tuple[tuple[float, float], ...]) -> bool:
-        if len(peaks) < self.peaks:
-            return False
         sizes = [abs(error) for _, error in peaks[-self.peaks :]]
         half = self.peaks // 2
         return min(sizes[-half:]) >= self.decay * max(sizes[:half])

@@ -229,11 +229,11 @@ class Stroke:
             touch, doubtful = keep_tracking(touch, state.doubt, measurement)
             if doubtful:
                 return self._prove(replace(state, phase=_APPROACH, turn=None, touch=touch), measurement)
-        reference = stride.reference
-        settled = state.settled or measurement.force >= self.parameters.travel_from_share * reference
+        parameters, reference = self.parameters, stride.reference
+        settled = state.settled or measurement.force >= parameters.travel_from_share * reference
         travel, risen = state.travel, 0.0
         if state.in_contact and settled:
-            speed, rise = self.parameters.speed_mm_s, self.parameters.travel_rise_s
+            speed, rise = parameters.speed_mm_s, parameters.travel_rise_s
             if rise:
                 speed = min(state.speed_mm_s + speed * measurement.dt / rise, speed)
             travel += self.way(speed, measurement.dt) * measurement.advance * stride.feed
@@ -271,10 +271,10 @@ class Stroke:
         )
         if self._beyond_edge(state, command.position):
             return self._give_up(state, measurement, self._edge)
-        if state.losses >= self.parameters.loss_limit:
+        if state.losses >= parameters.loss_limit:
             reason = Reason(Cause.CONTACT_LOST, f"contact lost {state.losses} times")
             return self._give_up(state, measurement, reason)
-        if lost_for * 1e3 >= self.parameters.loss_ms:
+        if lost_for * 1e3 >= parameters.loss_ms:
             state = replace(state, phase=_APPROACH, turn=None)
         return state, order
 

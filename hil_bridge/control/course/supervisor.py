@@ -32,6 +32,7 @@ from hil_bridge.control.course.verdict import (
 )
 from hil_bridge.control.course.wall import beyond_friction
 from hil_bridge.control.course.witness import Witness
+from hil_bridge.control.sample import Sample
 from hil_bridge.errors import Cause, ConfigError, Reason
 from protocol.geometry import Quaternion, Vector, angle_between, normalise
 
@@ -70,14 +71,11 @@ class Supervisor:
         """One cycle. After the first stop every answer is that stop."""
         if state.stopped is not None:
             return state, state.stopped
-        still = (
-            state.still + observation.dt
-            if observation.sample.sensor_sequence == state.sensor_sequence
-            else 0.0
-        )
+        sample = observation.sample
+        still = state.still + observation.dt if sample.sensor_sequence == state.sensor_sequence else 0.0
         pressed = _find_press(state.pressed, observation)
         disagreed = None
-        if self.witness is not None and observation.sample.witness is not None:
+        if self.witness is not None and sample.witness is not None:
             disagreed = self.witness.disagreed(state.disagreed, observation)
         stop = self._first_fault(state, observation, request, still, pressed)
         if stop is None and disagreed and self.witness is not None:
@@ -89,10 +87,9 @@ class Supervisor:
         if stop is not None:
             return replace(state, still=still, pressed=pressed, stopped=stop, disagreed=disagreed), stop
         verdict = _clamp(self.limits, state, request, observation.dt)
-        if observation.sample.overdue > 0.0 and verdict.depth > state.depth:
+        if sample.overdue > 0.0 and verdict.depth > state.depth:
             verdict = _clamp(self.limits, state, _at_depth(request, state.depth), observation.dt)
             verdict = Clamp(verdict.depth, verdict.position, (OVERDUE,), goes_on=True)
-        position = observation.position
         quaternion, home, lag = state.quaternion, state.home, state.lag
         if request.quaternion is not None:
             verdict, quaternion, home, lag = self._turn(state, observation, request.quaternion, verdict)
@@ -100,11 +97,11 @@ class Supervisor:
             SupervisorState(
                 verdict.depth,
                 verdict.position,
-                observation.sample.sensor_sequence,
+                sample.sensor_sequence,
                 still,
                 pressed,
                 None,
-                None if position is None else (observation.sample.now, position),
+                None if sample.tilt is None else (sample.now, sample.position),
                 None,
                 quaternion,
                 home,
@@ -217,7 +214,8 @@ class Supervisor:
         if abs(force) > limits.force_limit_n:
             size = f"of at least {abs(force):.1f}" if sample.saturated else f"{force:.1f}"
             return Stop(Cause.FORCE, f"contact force {size} N is beyond {limits.force_limit_n:g} N")
-        resultant = max(sample.resultant, sample.peak_resultant)
+        peak = sample.peak_resultant
+        resultant = peak if peak > sample.resultant else sample.resultant
         if resultant > limits.resultant_limit_n:
             text = f"resultant force {resultant:.1f} N is beyond {limits.resultant_limit_n:g} N"
             return Stop(Cause.RESULTANT_FORCE, text)
@@ -255,7 +253,7 @@ class Supervisor:
         if sample.dead_axis:
             return Stop(Cause.DEAD_AXIS, sample.dead_axis)
         # before the checks that use the reported depth
-        if seen.position is not None and (stop := self._untrue_pose(state, seen, seen.position)):
+        if sample.tilt is not None and (stop := self._untrue_pose(state, sample, sample.tilt)):
             return stop
         if pressed is not None and (deeper_mm := (seen.depth - pressed[1]) * 1e3) > limits.unanswered_mm:
             text = f"the force stayed at {sample.force:.2f} N while the tool went {deeper_mm:.1f} mm deeper"
@@ -279,15 +277,15 @@ class Supervisor:
             return Stop(Cause.INCONSISTENT, text)
         return None
 
-    def _untrue_pose(self, state: SupervisorState, seen: Observation, position: Vector) -> Stop | None:
+    def _untrue_pose(self, state: SupervisorState, sample: Sample, tilt: float) -> Stop | None:
         """Why the reported pose cannot be true, or is not where it was ordered to be; None while it may be."""
-        limits = self.limits
+        limits, position = self.limits, sample.position
         if state.reported is not None:
             at, before = state.reported
             moved = math.dist(before, position)
-            if moved > (seen.sample.now - at) * self.speed * _FASTER + _STANDS:
+            if moved > (sample.now - at) * self.speed * _FASTER + _STANDS:
                 text = (
-                    f"the reported position jumped by {moved * 1e3:.1f} mm in {(seen.sample.now - at) * 1e3:.0f} ms, "
+                    f"the reported position jumped by {moved * 1e3:.1f} mm in {(sample.now - at) * 1e3:.0f} ms, "
                     f"the robot moves at {self.speed * 1e3:g} mm/s"
                 )
                 return Stop(Cause.JUMP, text)
@@ -298,7 +296,7 @@ class Supervisor:
                 f"allowed are {limits.following_error_mm:g} mm"
             )
             return Stop(Cause.FOLLOWING, text)
-        tilt_deg = math.degrees(seen.sample.tilt or 0.0)
+        tilt_deg = math.degrees(tilt)
         if tilt_deg > limits.tilt_deg and tilt_deg > limits.tilt_deg + math.degrees(state.lag):
             where = "start" if state.quaternion is None else "ordered orientation"
             text = (
@@ -356,13 +354,12 @@ def _find_press(before: tuple[float, float] | None, observation: Observation) ->
     """
     if not observation.pressing:
         return None
-    still = (
-        observation.sample.unchanged >= observation.dt
-    )  # not one count on any axis since the decision before
-    if before is None or not (still or abs(before[0] - observation.sample.force) < _SAME_N):
-        return observation.sample.force, observation.depth
+    sample, depth = observation.sample, observation.depth
+    still = sample.unchanged >= observation.dt  # not one count on any axis since the decision before
+    if before is None or not (still or abs(before[0] - sample.force) < _SAME_N):
+        return sample.force, depth
     # Where a tool that was pulled back in between comes from does not count.
-    return before[0], min(before[1], observation.depth)
+    return (before[0], depth) if depth < before[1] else before
 
 
 def _clamp(limits: Limits, state: SupervisorState, request: Request, dt: float) -> Allow | Clamp:
@@ -405,18 +402,18 @@ def _clamp(limits: Limits, state: SupervisorState, request: Request, dt: float) 
         # A tool that stands a little outside since its start may stay there, and come back.
         low = min(low[0], bx), min(low[1], by), min(low[2], bz)
         high = max(high[0], bx), max(high[1], by), max(high[2], bz)
-    if not (low[0] <= tx <= high[0] and low[1] <= ty <= high[1] and low[2] <= tz <= high[2]):
-        # The part across the approach is cut first: a border beside the way must not hold the depth.
-        target = bx + nx * along, by + ny * along, bz + nz * along
-        share = min(map(_share_inside, state.position, target, low, high))
-        # The last allowed position is inside; the border only takes off an error of the arithmetic.
-        x, y, z = (
-            min(max(before + share * (to - before), lowest), highest)
-            for before, to, lowest, highest in zip(state.position, target, low, high, strict=True)
-        )
-        target = x, y, z
-        depth = state.depth + share * (depth - state.depth)
-        reasons.append(LEAVES)
+        if not (low[0] <= tx <= high[0] and low[1] <= ty <= high[1] and low[2] <= tz <= high[2]):
+            # The part across the approach is cut first: a border beside the way must not hold the depth.
+            target = bx + nx * along, by + ny * along, bz + nz * along
+            share = min(map(_share_inside, state.position, target, low, high))
+            # The last allowed position is inside; the border only takes off an error of the arithmetic.
+            x, y, z = (
+                min(max(before + share * (to - before), lowest), highest)
+                for before, to, lowest, highest in zip(state.position, target, low, high, strict=True)
+            )
+            target = x, y, z
+            depth = state.depth + share * (depth - state.depth)
+            reasons.append(LEAVES)
 
     if not reasons:
         return Allow(depth, request.position)

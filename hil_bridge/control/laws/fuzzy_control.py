@@ -120,6 +120,7 @@ class _Adaptive(_Fuzzy):
     """Half-width of the force noise."""
     feedforward_limit_mm: float | None = None
     """Farthest that the feedforward may move the command in a sample, either way; the paper has no such limit."""
+    _gates: Gates = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         _Fuzzy.__post_init__(self)
@@ -127,6 +128,8 @@ class _Adaptive(_Fuzzy):
         require_not_negative(self, "force_uncertainty_n")
         if self.feedforward_limit_mm is not None:
             require_above_zero(self, "feedforward_limit_mm")
+        gates = Gates(self.resolution_mm * 1e-3 / 2, 2 * self.force_uncertainty_n)
+        object.__setattr__(self, "_gates", gates)
 
     def initial(self) -> AdaptiveState:
         """State before the first sample in contact."""
@@ -155,10 +158,7 @@ class _Adaptive(_Fuzzy):
         """The estimate behind a sample."""
         if not measurement.in_contact:
             return contact_lost(estimate)
-        gates = Gates(
-            position_change=self.resolution_mm * 1e-3 / 2, force_change=2 * self.force_uncertainty_n
-        )
-        return update(estimate, gates, measurement.position, self._force(measurement))
+        return update(estimate, self._gates, measurement.position, self._force(measurement))
 
     def _force(self, measurement: Measurement) -> float:
         """Force of the reported position, N."""

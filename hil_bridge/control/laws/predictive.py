@@ -9,7 +9,7 @@ a straight line to its last few values. The command is that line's value at the 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, TypeAlias
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -58,15 +58,8 @@ Chosen.
 """
 
 
-class Pair(NamedTuple):
-    """Force and position of one moment."""
-
-    travel: float
-    """m"""
-    position: float
-    """m"""
-    force: float
-    """N"""
+Pair: TypeAlias = tuple[float, float, float]
+"""Travel, m, position, m, and force, N, of one moment."""
 
 
 class PredictiveState(Struct, frozen=True):
@@ -87,16 +80,6 @@ class PredictiveState(Struct, frozen=True):
     """
     served: Served | None = None
     """The model of the robot's servo; None without contact."""
-
-
-class Line(Struct, frozen=True):
-    """A straight line through values along the travel."""
-
-    value: float
-    """Value at the travel asked for."""
-    slope: float
-    slope_error: float
-    """Standard error of the slope."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,32 +187,27 @@ class Predictive:
                 served = self.servo.after(state.served, measurement)
             measurement = replace(measurement, position=served.position)
         estimate = observe(state.estimate, self.pairing, measurement, state.slope)
+        stiffness = estimate.value
         if not measurement.in_contact:
-            correction = self._search(estimate, reference)
+            correction = self._search(stiffness, reference)
             state = PredictiveState(estimate, robustness=state.robustness, landing=state.landing)
             return state, self._answer(measurement, estimate, correction)
-        newest = Pair(measurement.travel, measurement.position, measurement.force_at_position)
+        newest = measurement.travel, measurement.position, measurement.force_at_position
         pairs = (*state.pairs, newest)[-self.window :]
         near = measurement.force - reference > -_NEAR_SHARE * reference
         landing = math.inf if near else state.landing + measurement.dt
-        state = replace(state, landing=landing, served=served)
-        if estimate.value is None:
+        state = PredictiveState(estimate, pairs, state.slope, state.side, state.robustness, landing, served)
+        if stiffness is None:
             correction = self._land(state, self._probe(pairs, measurement, reference), measurement.dt)
-            state = replace(state, estimate=estimate, pairs=pairs)
             return state, self._answer(measurement, estimate, correction)
-        return self._follow(state, estimate, pairs, measurement, reference)
+        return self._follow(state, stiffness, measurement, reference)
 
     def _follow(
-        self,
-        state: PredictiveState,
-        estimate: Stiffness,
-        pairs: tuple[Pair, ...],
-        measurement: Measurement,
-        reference: float,
+        self, state: PredictiveState, stiffness: float, measurement: Measurement, reference: float
     ) -> tuple[PredictiveState, Command]:
-        """The answer where there is an estimate, and the state after it."""
-        stiffness, relative_error = estimate.value or math.nan, estimate.relative_error(self.pairing)
-        error = measurement.force - reference
+        """The answer where there is an estimate, and the state after it. `state` has this sample's pair."""
+        estimate, pairs = state.estimate, state.pairs
+        error, relative_error = measurement.force - reference, estimate.relative_error(self.pairing)
         band = stiffness * self.resolution_mm * 1e-3 / 2 + self.force_uncertainty_n
         side = (error > 2 * band) - (error < -2 * band) or state.side
         swung = side * state.side < 0
@@ -237,23 +215,27 @@ class Predictive:
             robustness = min(state.robustness * _SWING_FACTOR, _ROBUSTNESS_MOST)
         else:
             robustness = max(state.robustness * _CALM_FACTOR, 1.0 / _SWING_FACTOR)
-        line = self._fit(
-            pairs, stiffness * max(robustness, 1.0), relative_error, measurement.travel_next, reference
+        guard = 1.0 if robustness < 1.0 else robustness
+        predicted, slope, slope_error = self._fit(
+            pairs, stiffness * guard, relative_error, measurement.travel_next, reference
         )
-        moving = abs(line.slope) > 2 * line.slope_error
+        moving = abs(slope) > 2 * slope_error
         resting = abs(error) <= band and not moving
         explanation = {
             "relative_error": relative_error,
-            "guard": max(robustness, 1.0),
-            "slope": line.slope,
-            "predicted_m": line.value,
+            "guard": guard,
+            "slope": slope,
+            "predicted_m": predicted,
             "band_n": band,
         }
-        correction = 0.0 if resting else line.value - measurement.commanded
-        correction = self._land(state, correction, measurement.dt)
-        command = self._answer(measurement, estimate, correction, explanation, resting)
-        slope = line.slope if moving else 0.0
-        return PredictiveState(estimate, pairs, slope, side, robustness, state.landing, state.served), command
+        correction = 0.0 if resting else predicted - measurement.commanded
+        correction = self._limit(self._land(state, correction, measurement.dt))
+        position, gain = measurement.commanded + correction, 1.0 / (1.0 + relative_error)
+        command = Command(position, correction, stiffness, gain, resting, explanation)
+        learnt = slope if moving else 0.0
+        return PredictiveState(
+            estimate, pairs, learnt, side, robustness, state.landing, state.served
+        ), command
 
     def _probe(self, pairs: tuple[Pair, ...], measurement: Measurement, reference: float) -> float:
         """Correction while the stiffness is unknown, m."""
@@ -275,57 +257,56 @@ class Predictive:
 
     def _stiffest(self, pairs: tuple[Pair, ...]) -> float:
         """Upper bound of the stiffness, twice over, from moves inwards that hardly changed the force, N/m."""
-        newest, least = pairs[-1], self.stiffest_n_m / _PROBE_RANGE
-        for pair in pairs[:-1]:
-            moved = newest.position - pair.position - self.resolution_mm * 1e-3
+        (_, newest, pressing), least = pairs[-1], self.stiffest_n_m / _PROBE_RANGE
+        for _, position, force in pairs[:-1]:
+            moved = newest - position - self.resolution_mm * 1e-3
             if moved > self.resolution_mm * 1e-3 / 2:
-                pressed = max(newest.force - pair.force, 0.0) + 2 * self.force_uncertainty_n
+                pressed = max(pressing - force, 0.0) + 2 * self.force_uncertainty_n
                 return min(max(2 * pressed / moved, least), self.stiffest_n_m)
         return self.stiffest_n_m
 
-    def _search(self, estimate: Stiffness, reference: float) -> float:
+    def _search(self, stiffness: float | None, reference: float) -> float:
         """Correction while contact is lost, m."""
-        if estimate.value is None:
+        if stiffness is None:
             return max(reference / self.stiffest_n_m, self.resolution_mm * 1e-3)
         # A third: a contact found again shows two cycles late, and the force must not be threefold by then.
-        return reference / (3 * estimate.value)
+        return reference / (3 * stiffness)
 
     def _fit(
         self, pairs: tuple[Pair, ...], stiffness: float, relative_error: float, at: float, reference: float
-    ) -> Line:
-        """Weighted least squares with a slope that is 0 ± `steepest` before any pair is seen."""
+    ) -> tuple[float, float, float]:
+        """The straight line through the wanted positions: its value at this travel, its slope, and the standard error
+        of that. Weighted least squares with a slope that is 0 ± `steepest` before any pair is seen.
+        """
         relative_error = min(relative_error, 1.0)
         inwards = stiffness * (1 + self.caution * relative_error)
         still = (self.resolution_mm * 1e-3) ** 2 / 12 + (self.force_uncertainty_n / stiffness) ** 2
         bend = 0.5 / (self.smallest_radius_mm * 1e-3)
         s0 = s1 = s2 = t0 = t1 = 0.0
-        base = pairs[-1].position
+        base = pairs[-1][1]
         for travel, position, force in pairs:
             short, away = reference - force, travel - at
             wanted = position - base + short / (inwards if short > 0 else stiffness)
             variance = still + (relative_error * short / stiffness) ** 2 + (bend * away * away) ** 2
             weight = 1.0 / variance
+            far = weight * away
             s0 += weight
-            s1 += weight * away
-            s2 += weight * away * away
+            s1 += far
+            s2 += far * away
             t0 += weight * wanted
-            t1 += weight * away * wanted
+            t1 += far * wanted
         s2 += 1.0 / self.steepest**2
         determinant = s0 * s2 - s1 * s1
         slope = (s0 * t1 - s1 * t0) / determinant
-        return Line(base + (s2 * t0 - s1 * t1) / determinant, slope, math.sqrt(s0 / determinant))
+        return base + (s2 * t0 - s1 * t1) / determinant, slope, math.sqrt(s0 / determinant)
 
-    def _answer(
-        self,
-        measurement: Measurement,
-        estimate: Stiffness,
-        correction: float,
-        explanation: dict[str, float] | None = None,
-        resting: bool = False,
-    ) -> Command:
-        """The command with this correction. Its gain is 0 without an estimate and nears 1 as the error falls."""
+    def _answer(self, measurement: Measurement, estimate: Stiffness, correction: float) -> Command:
+        """The command with this correction where no line is followed. Its gain is 0 without an estimate."""
+        correction = self._limit(correction)
+        gain = 1.0 / (1.0 + estimate.relative_error(self.pairing))
+        return Command(measurement.commanded + correction, correction, estimate.value, gain)
+
+    def _limit(self, correction: float) -> float:
+        """As much of a correction as a sample may make, m."""
         limit = self.step_limit_mm * 1e-3
-        correction = min(max(correction, -limit), limit)
-        position = measurement.commanded + correction
-        confidence = 1.0 / (1.0 + estimate.relative_error(self.pairing))
-        return Command(position, correction, estimate.value, confidence, resting, explanation or {})
+        return min(max(correction, -limit), limit)

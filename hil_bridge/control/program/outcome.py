@@ -29,24 +29,21 @@ def count_sample(
     """
     if not stroke.in_contact:
         return state.tally, state.this_pass
-    moved = stroke.travel - state.stroke.travel
-    amount = measurement.dt if leg.way is None else max(moved, 0.0)
-    local = stroke.travel - state.base
-    criterion = leg.step.criterion
+    tally, this_pass, criterion = state.tally, state.this_pass, leg.step.criterion
+    moved = measurement.dt if leg.way is None else stroke.travel - state.stroke.travel
+    amount = 0.0 if moved < 0.0 else moved
+    deep = amount * measurement.position
+    if leg.way is not None:
+        this_pass = this_pass[0] + deep, this_pass[1] + amount
     band = reference * _BAND_SHARE if criterion is None else criterion.within_n
     within = abs(measurement.force - reference) <= band
-    tally = state.tally
-    tally = Tally(
+    return Tally(
         tally.total + amount,
-        tally.within + (amount if within else 0.0),
+        tally.within + amount if within else tally.within,
         tally.force + amount * measurement.force,
-        tally.deep + amount * measurement.position,
-        local if within else tally.good,
-    )
-    deep, way = state.this_pass
-    if leg.way is not None:
-        deep, way = deep + amount * measurement.position, way + amount
-    return tally, (deep, way)
+        tally.deep + deep,
+        stroke.travel - state.base if within else tally.good,
+    ), this_pass
 
 
 def outcome(state: ProgramState, leg: Leg, now: float, at: Vector | None = None) -> Done:

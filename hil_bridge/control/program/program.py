@@ -27,7 +27,7 @@ from hil_bridge.errors.failures import RAISED, WrongAnswer, raise_if_asked
 from protocol.geometry import normalise
 
 _TRACK, _RETRACT, _END, _APPROACH = Phase.TRACK, Phase.RETRACT, Phase.END, Phase.APPROACH
-
+_MOVE = Phase.MOVE
 
 _SLIDES = 0.05
 """Chosen: share of the speed from which the tool counts as sliding along its path."""
@@ -103,23 +103,26 @@ class Program:
         """
         if state.start is None:
             state = self._start(state, felt)
-        leg, measurement, paired = self.row.legs[state.leg], felt.measurement, felt.measurement.paired_force
+        leg, measurement = self.row.legs[state.leg], felt.measurement
         if state.zero:
             felt = subtract_zero(felt, state, self.frame)
+            paired = measurement.paired_force
             paired = None if paired is None else paired + (felt.force[0] - measurement.force)
-        travel, against = measurement.travel, felt.against(state.heading)
+            measurement = replace(
+                measurement, force=felt.force[0], paired_force=paired, against=felt.against(state.heading)
+            )
         if leg.way is not None:
             place = felt.place[0] - state.origin[0], felt.place[1] - state.origin[1]
             along = leg.way.along(state.reached, state.stroke.travel - state.base, place)
-            travel, reached = state.base + along, max(along, 0.0)
+            reached = 0.0 if along < 0.0 else along
             if reached != state.reached:
                 state = replace(state, reached=reached)
-        elif leg.phase is Phase.MOVE:
-            against = 0.0
-        if state.zero or travel != measurement.travel or against != measurement.against:
-            measurement = replace(
-                measurement, force=felt.force[0], paired_force=paired, travel=travel, against=against
-            )
+            travel = state.base + along
+            if travel != measurement.travel:
+                measurement = replace(measurement, travel=travel)
+        elif leg.phase is _MOVE and measurement.against:
+            measurement = replace(measurement, against=0.0)
+        if measurement is not felt.measurement:
             felt = Felt(felt.sample, measurement, felt.place, felt.force, felt.wrench)
         if not leg.follows or state.stroke.phase is not _TRACK:
             return state, felt
@@ -279,7 +282,7 @@ class Program:
 
     def _intent(self, state: ProgramState, order: Order) -> Intent:
         """The order of a step with the place and orientation of the program."""
-        notes = {}
+        (x, y), notes = state.at, {}
         if state.feed != 1.0:
             notes["feed"] = state.feed
         if math.isfinite(state.facing.sigma):
@@ -290,8 +293,8 @@ class Program:
             notes["normal_sigma_deg"] = math.degrees(state.facing.sigma)
         return Intent(
             order.phase,
-            Target(order.depth, *state.at),
-            state.in_contact,
+            Target(order.depth, x, y),
+            state.stroke.in_contact,
             order.command,
             state.stroke.losses,
             state.reason,

@@ -84,8 +84,8 @@ class PressingStep(Step):
             return Taken(state, Order(Phase.RETRACT, measurement.commanded), trouble=guide.trouble)
         before, ground = state, state.ground
         fall = state.facing.fall if leg.shows_ground else FLAT
-        shown = measurement
-        if ground or fall != FLAT:
+        shown, slopes = measurement, fall != FLAT
+        if ground or slopes:
             behind = rise(fall, felt.place, state.at)
             shown = replace(
                 measurement,
@@ -98,7 +98,7 @@ class PressingStep(Step):
         led, lean = self.lead(leg, state, stroke, order, felt), state.lean
         if self.orientation == "led" and not felt.sample.held:
             lean = leaning(leg, lean, (stroke, order), measurement.dt)
-        raised = ground + rise(fall, before.at, led.at) if fall != FLAT else ground
+        raised = ground + rise(fall, before.at, led.at) if slopes else ground
         tally, this_pass = count_sample(state, leg, stroke, measurement, stride.reference)
         state = replace(
             state,

@@ -139,14 +139,15 @@ class Track(PressingStep):
 
     def guide(self, leg: Leg, state: ProgramState, felt: Felt) -> Guide:
         local = state.stroke.travel - state.base
-        reference = leg.reference(max(local, 0.0))
+        reference = leg.reference(local)
         limit, held, lateral = self.lateral_limit_n, felt.sample.held, 0.0
         if limit is not None:
             lateral = lateral_of(felt.force, state.facing.fall if leg.shows_ground else FLAT)
         feed, trouble = 1.0, None
         if limit is not None or self.feed_error_n is not None:
             feed, trouble = feed_of(self, felt.measurement.force - reference, lateral, local)
-        feed = min(feed, 0.0) if held else feed
+        if held:
+            feed = min(feed, 0.0)
         if feed != state.feed:
             state = replace(state, feed=feed)
         if limit is not None and state.in_contact and not held:
@@ -160,25 +161,24 @@ class Track(PressingStep):
         return Guide(state, Stride(reference, feed), trouble)
 
     def lead(self, leg: Leg, state: ProgramState, stroke: StrokeState, order: Order, felt: Felt) -> Led:
-        assert leg.way is not None
+        way = leg.way
+        assert way is not None
         local, memory = stroke.travel - state.base, state.memory
-        number = leg.way.piece(local)
-        heading, begin = leg.way.headings[number], leg.way.points[number]
-        rest = local - leg.way.begins[number]
-        x, y = begin[0] + rest * heading[0], begin[1] + rest * heading[1]
-        aside = state.aside
+        number = way.piece(local)
+        heading, (x, y), rest = way.headings[number], way.points[number], local - way.begins[number]
+        u, v = heading
+        x, y, aside = x + rest * u, y + rest * v, state.aside
         if self.across != "position":
             left = _leftwards(leg, state, (x, y), felt)
             memory, aside = beside(leg.stroke, self, state, felt.measurement, left)
         elif order.command is not None and order.command.across:
             aside = aside_by(leg, self, state, (stroke, order), felt.measurement.dt)
-        at = state.origin[0] + x - aside * heading[1], state.origin[1] + y + aside * heading[0]
+        at = state.origin[0] + x - aside * v, state.origin[1] + y + aside * u
         return Led(at, local, aside, heading, memory)
 
     def end_sample(self, leg: Leg, before: ProgramState, taken: Taken, felt: Felt) -> Taken:
         assert leg.way is not None
-        state = taken.state
-        if state.stroke.travel - state.base < leg.way.length - ROUNDING:
+        if taken.state.local < leg.way.length - ROUNDING:
             return taken
         return replace(taken, done=True)
 
