@@ -101,11 +101,11 @@ def _tunings(kind: Any) -> tuple[Tuning, ...]:
 
 
 def _servo_parameters(kind: Any, robot: RobotFacts) -> dict[str, float]:
-    """The servo of a robot that reports its position with noise, for a controller that has a model of it."""
-    servo = robot.servo
-    if servo is None or not robot.position_noise_m or not hasattr(kind, "servo_lag_ms"):
+    """The servo of a robot that reports its position with noise, for a controller that has these parameters."""
+    if robot.servo is None or not robot.position_noise_m:
         return {}
-    return {"servo_lag_ms": servo.lag_s * 1e3, "servo_damping": servo.damping_ratio}
+    known = {"servo_lag_ms": robot.servo.lag_s * 1e3, "servo_damping": robot.servo.damping_ratio}
+    return {name: value for name, value in known.items() if hasattr(kind, name)}
 
 
 def _off(tuning: Tuning, period_ms: float) -> float:

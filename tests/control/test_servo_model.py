@@ -226,6 +226,18 @@ def test_a_controller_without_a_model_is_told_of_none(name: str) -> None:
     assert "servo_lag_ms" not in parameters("rtde", {"name": name})
 
 
+def test_a_controller_of_another_package_is_told_what_it_has_a_field_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    class Lagging:
+        sample_ms = 2.0
+        servo_lag_ms = 0.0
+
+    monkeypatch.setattr("hil_bridge.runs.pace.controller_kind", lambda name: Lagging)
+    assert parameters("rtde", {"name": "lagging"}) == {"servo_lag_ms": pytest.approx(34.0)}
+    assert parameters("egm", {"name": "lagging"}) == {}
+
+
 def test_a_given_lag_counts_and_a_given_sample_time_leaves_all_as_it_is() -> None:
     given = parameters("rtde", {"name": "predictive", "parameters": {"servo_lag_ms": 0.0}})
     assert given["servo_lag_ms"] == 0.0
