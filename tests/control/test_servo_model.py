@@ -234,8 +234,8 @@ def test_a_controller_of_another_package_is_told_what_it_has_a_field_for(
         servo_lag_ms = 0.0
 
     monkeypatch.setattr("hil_bridge.runs.pace.controller_kind", lambda name: Lagging)
-    assert parameters("rtde", {"name": "lagging"}) == {"servo_lag_ms": pytest.approx(34.0)}
-    assert parameters("egm", {"name": "lagging"}) == {}
+    assert parameters("rtde", {"name": "pi"}) == {"servo_lag_ms": pytest.approx(34.0)}
+    assert parameters("egm", {"name": "pi"}) == {}
 
 
 def test_a_given_lag_counts_and_a_given_sample_time_leaves_all_as_it_is() -> None:
