@@ -46,8 +46,8 @@ class S(LedStep):
 '''
 RUN = {
     "robot": {"emulated": "egm"},
-    "task": {"step": [{"do": "approach"}, {"do": "mine"}, {"do": "retract"}]},
-    "cell": {"start_position_mm": [900.0, -100.0, 592.0]},
+    "task": {"retract_mm": 3.0, "step": [{"do": "approach"}, {"do": "mine"}, {"do": "retract"}]},
+    "cell": {"start_position_mm": [900.0, -100.0, 590.5]},
 }
 
 
