@@ -168,6 +168,8 @@ class Stroke:
         """
         parameters = self.parameters
         allowed = min(parameters.force_n, self.force_limit_n / 2) / parameters.expected_stiffness_n_m
+        if self.position_step is None:
+            allowed *= _CLOSING
         lead = max(ahead, 0.0) if math.isfinite(ahead) else 0.0
         way = self.way(parameters.approach_speed_mm_s, dt)
         return max(min(way, allowed / 2, allowed - lead), _SLOWEST * dt)
@@ -308,6 +310,11 @@ class Stroke:
 
 _ROUNDING = 1e-9
 """Slack for sums of steps, m."""
+
+_CLOSING = 0.6
+"""Share of the force allowed that a robot which moves in no whole steps may make by a touch. Chosen: the rest is for
+the moves that it makes until the touch has shown.
+"""
 
 _SLOWEST = 0.2e-3
 """Speed of the approach whatever the stiffness, m/s. Chosen: 0.036 mm in a cycle of 180 ms, less than a step of the

@@ -50,7 +50,7 @@ _SPAN_MS = 100.0
 """`Pairing.span_ms` with a model of the servo, which has no dead band. Chosen: an arm of Universal Robots leaves its
 targets by another error after that time, see `follow_error_ms` of the emulated one.
 """
-_NEAR_SHARE = 0.1
+_NEAR_SHARE = 0.03
 """Share of the desired force: closer than this the first touch is over. Chosen."""
 _LANDINGS = 3.0
 """Times of `landing_ms` after which it is over in any case: a surface that falls away must not be followed late.
