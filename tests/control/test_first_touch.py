@@ -98,11 +98,11 @@ def test_a_move_outwards_is_made_in_full() -> None:
 
 def test_a_force_near_the_desired_one_ends_the_first_touch_for_good() -> None:
     controller, state = known(5e3)
-    far, _ = controller.step(state, pressed(8.9, 1.38e-3), FORCE)
+    far, _ = controller.step(state, pressed(9.6, 1.52e-3), FORCE)
     assert math.isfinite(far.landing)
-    near, _ = controller.step(state, pressed(9.1, 1.42e-3), FORCE)
+    near, _ = controller.step(state, pressed(9.8, 1.56e-3), FORCE)
     assert near.landing == math.inf
-    assert share(controller, near, pressed(4.0, 1.42e-3)) == 1.0
+    assert share(controller, near, pressed(4.0, 1.56e-3)) == 1.0
 
 
 @pytest.mark.parametrize("estimated", [True, False])
@@ -131,7 +131,7 @@ def test_time_without_contact_does_not_count_and_the_touch_is_not_a_first_one_ag
 
 def test_a_softer_desired_force_is_near_at_once() -> None:
     controller, state = known(5e3)
-    state, _ = controller.step(state, pressed(4.0, 0.4e-3), 4.2)
+    state, _ = controller.step(state, pressed(4.0, 0.4e-3), 4.1)
     assert state.landing == math.inf
 
 
@@ -141,6 +141,27 @@ def test_robots_that_stream_land_slowly() -> None:
     assert share(Predictive(), Predictive().initial(), pressed(2.0)) == 1.0, (
         "without a tuning the move is whole"
     )
+
+
+# --- the approach
+
+
+@pytest.mark.parametrize(("step", "share"), [(None, 0.6), (1e-4, 1.0)])
+def test_an_order_is_ahead_of_the_tool_by_less_than_the_force_allowed(
+    step: float | None, share: float
+) -> None:
+    """The tool stands: the orders go no farther than that part of 10 N on 10 kN/m, in whole steps or none."""
+    task = TaskParameters(expected_stiffness_n_m=1e4, approach_speed_mm_s=50.0, approach_depth_limit_mm=50.0)
+    stroke, state, commanded = Stroke(task, Rests(), position_step=step), StrokeState(), 0.0
+    ways = []
+    for _ in range(12):
+        state, order = stroke.step(state, pressed(0.0, 0.0, commanded=commanded))
+        ways.append(order.depth - commanded)
+        commanded = order.depth
+    slowest = 0.2e-3 * DT
+    quick = [way for way in ways if way > 2 * slowest]
+    assert sum(quick) == pytest.approx(share * 1e-3, abs=2 * slowest)
+    assert ways[-1] == pytest.approx(slowest)
 
 
 # --- the travel begins

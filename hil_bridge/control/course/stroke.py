@@ -158,18 +158,16 @@ class Stroke:
             touch=touch,
         )
 
-    def careful_step(self, ahead: float, dt: float) -> float:
+    def careful_step(self, ahead: float, dt: float, share: float = 1.0) -> float:
         """Way into a place where the tool has not been, m, so short that a touch ends within the force allowed.
 
         Derived: there is no contact at the reported position. So however late a touch shows, it ends no deeper below
         the surface than the command is `ahead` of that position. What is already under way is the delay as it is
         measured; half of what is allowed at once keeps the steps even. A position that is no number counts as no lead:
-        a retraction goes on without it.
+        a retraction goes on without it. `share` is the part of that force which a touch may make.
         """
         parameters = self.parameters
-        allowed = min(parameters.force_n, self.force_limit_n / 2) / parameters.expected_stiffness_n_m
-        if self.position_step is None:
-            allowed *= _CLOSING
+        allowed = share * min(parameters.force_n, self.force_limit_n / 2) / parameters.expected_stiffness_n_m
         lead = max(ahead, 0.0) if math.isfinite(ahead) else 0.0
         way = self.way(parameters.approach_speed_mm_s, dt)
         return max(min(way, allowed / 2, allowed - lead), _SLOWEST * dt)
@@ -185,7 +183,8 @@ class Stroke:
             state = replace(state, touch=None)
         turn = measurement.commanded if state.turn is None else state.turn
         ahead = measurement.commanded - measurement.position
-        depth = measurement.commanded + self.careful_step(ahead, measurement.dt)
+        share = _CLOSING if self.position_step is None else 1.0
+        depth = measurement.commanded + self.careful_step(ahead, measurement.dt, share)
         limit_mm = self.parameters.approach_depth_limit_mm
         if depth - turn > limit_mm * 1e-3 + _ROUNDING:
             text = (
@@ -312,8 +311,8 @@ _ROUNDING = 1e-9
 """Slack for sums of steps, m."""
 
 _CLOSING = 0.6
-"""Share of the force allowed that a robot which moves in no whole steps may make by a touch. Chosen: the rest is for
-the moves that it makes until the touch has shown.
+"""Share of the force allowed for the approach of a robot that moves in no whole steps. Chosen: the rest is for its way
+until the touch has shown.
 """
 
 _SLOWEST = 0.2e-3
