@@ -29,7 +29,7 @@ PAST, STRIDE = 30, 2
 
 
 class Left(NamedTuple):
-    """What is left of the arm's error, m."""
+    """The part of the arm's error that stays, m."""
 
     rms: float
     peak: float
@@ -42,13 +42,13 @@ def errors_m(profile: RtdeProfile, seed: int) -> NDArray[np.float64]:
     x, y, z = START_M
     joints = nearest(arm, Pose(START_M, _DOWN), USUAL)
     assert joints is not None, "the arm reaches the start"
-    drives, found = Drives(profile, joints, seed), []
+    drives, errors = Drives(profile, joints, seed), []
     for k in range(round(LENGTH_S / period)):
         target = nearest(arm, Pose((x, y + SPEED_M_S * period * k, z), _DOWN), joints)
         assert target is not None, "the arm reaches the path"
         joints = target
-        found.append(z - flange(arm, drives.step(target)).position[2])
-    return np.array(found[round(BEGIN_S / period) :])
+        errors.append(z - flange(arm, drives.step(target)).position[2])
+    return np.array(errors[round(BEGIN_S / period) :])
 
 
 def left_over(profile: RtdeProfile, lag_s: float) -> tuple[Left, Left]:

@@ -8,6 +8,7 @@ out.
     python -m tools.mutants --seed 1 --write drawn.json     draws 30 mutants and judges them
     python -m tools.mutants --again drawn.json              judges the same mutants in this tree
     python -m tools.mutants --seed 1 --list                 only names them
+    python -m tools.mutants --area control --count 40       draws from one area
 
 The exit code is 1 when a mutant survived. One that outlives the time limit is told apart: further tests might kill it.
 Libraries for this mutate the checkout, or run one list of tests for all code. This tool draws, and takes tests by area.
@@ -166,13 +167,13 @@ def all_places(root: Path, area: str) -> Iterator[Place]:
             yield from places(area, file.relative_to(root).as_posix(), file.read_text(encoding="utf-8"))
 
 
-def drawn(root: Path, seed: int, count: int) -> list[Place]:
+def drawn(root: Path, seed: int, count: int, areas: Sequence[str] = tuple(AREAS)) -> list[Place]:
     """Mutants by a seed, as many of each area as of the others, at places of which each is as likely."""
     random_ = random.Random(seed)
-    shares = [count // len(AREAS) + (k < count % len(AREAS)) for k in range(len(AREAS))]
+    shares = [count // len(areas) + (k < count % len(areas)) for k in range(len(areas))]
     return [
         place
-        for area, share in zip(AREAS, shares, strict=True)
+        for area, share in zip(areas, shares, strict=True)
         for place in random_.sample(list(all_places(root, area)), share)
     ]
 
@@ -291,12 +292,16 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--count", type=int, default=30)
+    parser.add_argument("--area", choices=AREAS, action="append", help="draw from this area (default: from all)")
     parser.add_argument("--limit", type=float, default=240.0, help="time for one mutant, s (default: 240)")
     parser.add_argument("--list", action="store_true", help="name the mutants, and run nothing")
     parser.add_argument("--write", type=Path, help="file for the mutants and the verdicts, JSON")
     parser.add_argument("--again", type=Path, help="file of an earlier --write: judge its mutants")
     options = parser.parse_args()
-    mutants = list(again(ROOT, options.again) if options.again else drawn(ROOT, options.seed, options.count))
+    areas = options.area or tuple(AREAS)
+    mutants = list(
+        again(ROOT, options.again) if options.again else drawn(ROOT, options.seed, options.count, areas)
+    )
     if options.list:
         for each in mutants:
             is_gone = isinstance(each, Mutant)

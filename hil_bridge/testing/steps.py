@@ -99,12 +99,15 @@ class Walked(NamedTuple):
 def test_same_samples_give_the_same_orders(step: Step) -> None:
     for seed in SEEDS:
         program, taken = _walk(step, _drawn(seed))
-        assert taken == _walk(step, _drawn(seed))[1], (
+        # a name of its own: pytest takes a minute to lay two long walks side by side where CI is set
+        same = taken == _walk(step, _drawn(seed))[1]
+        assert same, (
             "a second run over the same samples differs from the first: the step reads a clock or chance, or keeps "
             "state in itself"
         )
         for each in reversed(taken):
-            assert program.step(each.before, each.felt) == (each.after, each.intent), (
+            same = program.step(each.before, each.felt) == (each.after, each.intent)
+            assert same, (
                 f"asked again out of order, {each.felt.sample} is answered otherwise: the step keeps state in itself"
             )
 
@@ -118,7 +121,8 @@ def test_the_state_of_a_step_is_not_changed_in_place(step: Step) -> None:
     kept = [copy.deepcopy(each.after.memory) for each in taken]
     for each in taken:
         program.step(each.before, each.felt)
-    assert kept == [each.after.memory for each in taken], "a state that was answered was changed later"
+    same = kept == [each.after.memory for each in taken]
+    assert same, "a state that was answered was changed later"
 
 
 def test_places_and_forces_stay_in_bounds(step: Step) -> None:

@@ -10,6 +10,7 @@ from msgspec.structs import replace
 from hil_bridge.control import Measurement, Pairing, Predictive, Stiffness
 from hil_bridge.control.laws.servo import Served, Servo
 from hil_bridge.control.laws.stiffness import observe
+from hil_bridge.devices.facts import ServoFacts
 from hil_bridge.lab.experiments.emulated_run import run_emulated
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import read_config
@@ -175,6 +176,11 @@ def test_impossible_settings_are_refused(wrong: dict[str, Any]) -> None:
 # --- small moves that add up
 
 
+def test_with_a_model_small_moves_add_up_and_without_one_they_do_not() -> None:
+    assert Predictive(servo_lag_ms=34.0).pairing.span_ms == 100.0
+    assert Predictive().pairing.span_ms == 0.0
+
+
 @pytest.mark.parametrize(("span_ms", "found"), [(0.0, False), (50.0, True)])
 def test_small_moves_add_up_for_the_span_once_there_is_an_estimate(span_ms: float, found: bool) -> None:
     """The surface is twice as hard as the estimate says; no two neighbours are far enough apart to show it."""
@@ -187,12 +193,12 @@ def test_small_moves_add_up_for_the_span_once_there_is_an_estimate(span_ms: floa
 
 
 def test_an_older_half_is_given_up_after_the_span() -> None:
-    pairing = Pairing(resolution_mm=0.01, span_ms=50.0)
+    pairing = Pairing(resolution_mm=0.01, span_ms=62.5)
     estimate = Stiffness(moved=1e-8, pressed=1e-8 * 1e4, force=2.0, position=0.0)
-    for _ in range(24):
-        estimate = observe(estimate, pairing, at(1e-6, 1e-6, 2.0))
+    for _ in range(3):
+        estimate = observe(estimate, pairing, at(1e-6, 1e-6, 2.0, dt=2**-6))
     assert estimate.position == 0.0
-    estimate = observe(estimate, pairing, at(1e-6, 1e-6, 2.0))
+    estimate = observe(estimate, pairing, at(1e-6, 1e-6, 2.0, dt=2**-6))  # as old as the span, to the bit
     assert estimate.position == 1e-6
 
 
@@ -214,6 +220,18 @@ def test_a_robot_that_reports_with_noise_is_known_by_its_servo() -> None:
     assert found["servo_damping"] == pytest.approx(0.67, abs=0.01)
     slow = parameters("rtde", cell={"rtde": {"servo_gain_scale": 0.25}})
     assert slow["servo_damping"] == pytest.approx(found["servo_damping"] / 2)
+
+
+def test_a_set_point_that_trails_makes_a_servo_later() -> None:
+    servo = ServoFacts(
+        interpolation_s=0.004,
+        transport_delay_s=0.01,
+        natural_frequency_rad_s=50.0,
+        damping_ratio=0.5,
+        trail_s=0.03,
+    )
+    assert servo.lag_s == pytest.approx(0.06)
+    assert replace(servo, trail_s=0.0).lag_s == pytest.approx(0.03)
 
 
 @pytest.mark.parametrize("robot", ["egm", "rsi"])
