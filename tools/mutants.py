@@ -292,7 +292,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--count", type=int, default=30)
-    parser.add_argument("--area", choices=AREAS, action="append", help="draw from this area (default: from all)")
+    parser.add_argument(
+        "--area", choices=AREAS, action="append", help="draw from this area (default: from all)"
+    )
     parser.add_argument("--limit", type=float, default=240.0, help="time for one mutant, s (default: 240)")
     parser.add_argument("--list", action="store_true", help="name the mutants, and run nothing")
     parser.add_argument("--write", type=Path, help="file for the mutants and the verdicts, JSON")

@@ -203,7 +203,8 @@ def test_a_file_of_a_real_cell_is_rehearsed_with_the_kinds_of_its_devices(identi
     code, _, errors = identify("--virtual", config=SITE)
     assert code == 2
     assert "rehearse with --robot rtde --sensor netft" in errors
-    code, output, _ = identify("--virtual", "--robot", "rtde", "--sensor", "netft", config=SITE)
+    quick = "--settle-s", "0.3", "--average-s", "0.3"
+    code, output, _ = identify("--virtual", "--robot", "rtde", "--sensor", "netft", *quick, config=SITE)
     assert code == 0
     assert "6 poses" in output
 

@@ -10,7 +10,14 @@ from functools import lru_cache
 
 import numpy as np
 
-from hil_bridge.control.geometry.frames import Array, rotation_matrix, tool_gravity_wrench, transform_wrench
+from hil_bridge.control.geometry.frames import (
+    STANDARD_GRAVITY,
+    Array,
+    rotation_matrix,
+    tool_gravity_wrench,
+    transform_wrench,
+    unit_rows,
+)
 from protocol.geometry import Quaternion, Vector, Wrench
 
 NO_WRENCH = (0.0,) * 6
@@ -69,21 +76,52 @@ class Wrist:
     def at_orientation(
         self, quaternion: Sequence[float], quaternion_tare: Sequence[float] | None, *directions_base: Vector
     ) -> "WristAtOrientation":
-        """`contact_wrench` and these directions, worked out once for as long as the tool keeps this orientation."""
-        offset = self.contact_wrench(NO_WRENCH, quaternion, quaternion_tare)
-        to_tool = rotation_matrix(quaternion).T
-        return WristAtOrientation(
-            _matrix(self),
-            tuple(offset.tolist()),
-            tuple(tuple((to_tool @ direction).tolist()) for direction in directions_base),
+        """`contact_wrench` and these directions, worked out once for as long as the tool keeps this orientation.
+
+        A robot that tells its orientation with noise asks for it in every cycle. Raises ValueError as
+        `rotation_matrix` does.
+        """
+        matrix, unloaded, weight = _at_any_orientation(self)
+        rows = unit_rows(quaternion)
+        offset = unloaded if quaternion_tare is None else NO_WRENCH
+        if weight is not None and (quaternion_tare is None or tuple(quaternion) != tuple(quaternion_tare)):
+            x, y, z = rows[2]
+            if quaternion_tare is not None:
+                a, b, c = unit_rows(quaternion_tare)[2]
+                x, y, z = x - a, y - b, z - c
+            offset = tuple(at + a * x + b * y + c * z for at, (a, b, c) in zip(offset, weight, strict=True))
+        (a, b, c), (d, e, f), (g, h, i) = rows
+        directions = tuple(
+            (a * x + d * y + g * z, b * x + e * y + h * z, c * x + f * y + i * z)
+            for x, y, z in directions_base
         )
+        return WristAtOrientation(matrix, offset, directions)
+
+
+Rows = tuple[tuple[float, ...], ...]
 
 
 @lru_cache(maxsize=8)
-def _matrix(wrist: Wrist) -> tuple[tuple[float, ...], ...]:
-    """As `WristAtOrientation.matrix`, which is the same at every orientation."""
-    bare = replace(wrist, bias=NO_WRENCH, mass=0.0)
-    columns = [bare.contact_wrench(unit, (1.0, 0.0, 0.0, 0.0), None) + 0.0 for unit in np.eye(6).tolist()]
+def _at_any_orientation(wrist: Wrist) -> tuple[Rows, tuple[float, ...], Rows | None]:
+    """What is the same at every orientation: `WristAtOrientation.matrix`, the contact wrench that the bias alone makes,
+    and a matrix (6, 3). It takes the base's upward direction along the tool's axes to what the weight below the sensor
+    adds to the contact wrench; None without a weight.
+    """
+    bare, level = replace(wrist, bias=NO_WRENCH, mass=0.0), (1.0, 0.0, 0.0, 0.0)
+    columns = [bare.contact_wrench(unit, level, None) + 0.0 for unit in np.eye(6).tolist()]
+    unloaded = replace(wrist, mass=0.0).contact_wrench(NO_WRENCH, level, None)
+    weight = None
+    if wrist.mass:
+        up = wrist.mass * STANDARD_GRAVITY * np.eye(3)
+        moments = [np.cross(wrist.centre_of_gravity, force) for force in up]
+        pulls = [
+            transform_wrench(np.eye(3), wrist.position, [*f, *m]) for f, m in zip(up, moments, strict=True)
+        ]
+        weight = _rows(pulls)
+    return _rows(columns), tuple(unloaded.tolist()), weight
+
+
+def _rows(columns: Sequence[Array]) -> Rows:
     return tuple(map(tuple, np.transpose(columns).tolist()))
 
 
