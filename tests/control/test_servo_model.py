@@ -15,6 +15,7 @@ from hil_bridge.lab.experiments.emulated_run import run_emulated
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import read_config
 from protocol.marks import SettingError
+from tests.near_surface import CLOSE, merged
 
 FORCE = 10.0
 DT = 0.002
@@ -91,19 +92,17 @@ def held(**parameters: float) -> tuple[float, str]:
     """Root mean square of the force error after 0.5 s on 50 kN/m, N, and why the run stopped. The arm is on its
     targets, and reports where it is with noise.
     """
-    config = read_config(
-        {
-            "run": {"duration_s": 1.5, "seed": 1},
-            "robot": {"emulated": "rtde"},
-            "sensor": {"emulated": "netft"},
-            "controller": {"parameters": parameters},
-            "cell": {
-                "start_position_mm": (900.0, -100.0, 591.0),
-                "surface": {"stiffness_n_m": 5e4},
-                "rtde": {"follow_error_urad": 0.0, "fast_follow_error_urad": 0.0},
-            },
-        }
-    )
+    settings = {
+        "run": {"duration_s": 1.5, "seed": 1},
+        "robot": {"emulated": "rtde"},
+        "sensor": {"emulated": "netft"},
+        "controller": {"parameters": parameters},
+        "cell": {
+            "surface": {"stiffness_n_m": 5e4},
+            "rtde": {"follow_error_urad": 0.0, "fast_follow_error_urad": 0.0},
+        },
+    }
+    config = read_config(merged(CLOSE, settings))
     run = run_emulated(config)
     track = [cycle for cycle in run.cycles if cycle.phase == "track"]
     settled = [cycle.force for cycle in track if cycle.sensor_at >= track[0].sensor_at + 0.5]
