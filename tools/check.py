@@ -69,8 +69,8 @@ QUICK = (
     ),
 )
 """Tests in real time of devices that speak every few milliseconds: one at a time."""
-SLOW = ("--numprocesses", "2", "--dist", "load", "--maxschedchunk", "1")
-"""Beside them two at a time of slow lines, which mostly wait."""
+SLOW = ("--numprocesses", "3", "--dist", "load", "--maxschedchunk", "1")
+"""Beside them three at a time of slow lines, which mostly wait."""
 
 STEPS: dict[str, Callable[[], int]] = {
     "format": tool("ruff", "format", "--check", "."),

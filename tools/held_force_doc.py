@@ -4,7 +4,6 @@ With --measure the runs are made first, in virtual time, and their figures go to
 takes some four minutes. With --check nothing is written; the exit code is 1 when the document is not up to date.
 """
 
-import json
 import math
 import statistics
 import sys
@@ -17,7 +16,7 @@ import hil_bridge
 from hil_bridge.control import CONTROLLERS
 from hil_bridge.lab.processes import in_order, own_processes
 from hil_bridge.record.analysis.latency import latency_of
-from tools.pages import parser, placed, table, write
+from tools.pages import document_of_figures, placed, table
 
 DOCS = Path(__file__).resolve().parent.parent / "docs" / "reference"
 DOCUMENT, FIGURES = DOCS / "rtde.md", DOCS / "held-force.json"
@@ -99,16 +98,5 @@ def renewed(document: str, rows: Sequence[Mapping[str, Any]]) -> str:
     return placed(document, {"held": table(("controller", "sensor", *heads, "lag"), lines)})
 
 
-def main() -> int:
-    """Measure if that is asked for, then write or check."""
-    options = parser(__doc__ or "")
-    options.add_argument("--measure", action="store_true", help="make the runs first")
-    chosen = options.parse_args()
-    if chosen.measure:
-        FIGURES.write_text(json.dumps(measure(), indent=1) + "\n", encoding="utf-8")
-    rows = json.loads(FIGURES.read_text(encoding="utf-8"))
-    return write(DOCUMENT, lambda document: renewed(document, rows), chosen.check)
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(document_of_figures(__doc__ or "", DOCUMENT, FIGURES, measure, renewed))

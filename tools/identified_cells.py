@@ -26,7 +26,7 @@ from hil_bridge.settings.configuration import lay_over, read_config
 from protocol.devices.netft.page import FILTERS_HZ, filter_weight
 from protocol.devices.netft.records import INTERNAL_RATE_HZ, output_step
 from protocol.wrench import AXES
-from tools.pages import parser, placed, table, write
+from tools.pages import document_of_figures, placed, table
 
 DOCS = Path(__file__).resolve().parent.parent / "docs" / "reference"
 DOCUMENT, FIGURES = DOCS / "identify-cell.md", DOCS / "identified-cells.json"
@@ -434,16 +434,5 @@ def renewed(document: str, figures: Sequence[Mapping[str, Any]]) -> str:
     )
 
 
-def main() -> int:
-    """Measure if that is asked for, then write or check."""
-    options = parser(__doc__ or "")
-    options.add_argument("--measure", action="store_true", help="run and identify the cells first")
-    chosen = options.parse_args()
-    if chosen.measure:
-        FIGURES.write_text(json.dumps(measure(), indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    figures = json.loads(FIGURES.read_text(encoding="utf-8"))
-    return write(DOCUMENT, lambda document: renewed(document, figures), chosen.check)
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(document_of_figures(__doc__ or "", DOCUMENT, FIGURES, measure, renewed))

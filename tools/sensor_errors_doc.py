@@ -6,7 +6,6 @@ to date.
 """
 
 import gc
-import json
 import math
 import statistics
 import sys
@@ -18,7 +17,7 @@ from typing import Any, NamedTuple
 import hil_bridge
 from hil_bridge.errors import BridgeError
 from hil_bridge.lab.processes import in_order, own_processes
-from tools.pages import parser, placed, table, write
+from tools.pages import document_of_figures, placed, table
 
 DOCS = Path(__file__).resolve().parent.parent / "docs" / "explanation"
 DOCUMENT, FIGURES = DOCS / "fidelity.md", DOCS / "sensor-errors.json"
@@ -200,16 +199,5 @@ def renewed(document: str, rows: Sequence[Mapping[str, Any]]) -> str:
     )
 
 
-def main() -> int:
-    """Measure if that is asked for, then write or check."""
-    options = parser(__doc__ or "")
-    options.add_argument("--measure", action="store_true", help="make the runs first")
-    chosen = options.parse_args()
-    if chosen.measure:
-        FIGURES.write_text(json.dumps(measure(), indent=1) + "\n", encoding="utf-8")
-    rows = json.loads(FIGURES.read_text(encoding="utf-8"))
-    return write(DOCUMENT, lambda document: renewed(document, rows), chosen.check)
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(document_of_figures(__doc__ or "", DOCUMENT, FIGURES, measure, renewed))

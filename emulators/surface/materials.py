@@ -181,6 +181,21 @@ class HuntCrossley:
         return np.maximum(pressing, 0.0, out=pressing)
 
 
+def _told(times: Floats | None) -> Floats:
+    """The times of the samples. Raises ValueError where there are none."""
+    if times is None:
+        raise ValueError("a material with memory must be told the times of the samples")
+    return times
+
+
+def _relaxing(times: Floats, memory: Memory, time_constant: float) -> tuple[Floats, Floats]:
+    """The share of what was there that stays in each step to a sample: at its end, and in its mean."""
+    steps = np.maximum(np.diff(times, prepend=memory.time), 0.0) / time_constant
+    means = np.ones_like(steps)
+    np.divide(-np.expm1(-steps), steps, out=means, where=steps > 0.0)
+    return np.exp(-steps), means
+
+
 @dataclass(frozen=True, slots=True)
 class Relaxing:
     """f = e − s with the force e of a spring that hardens, and ṡ = (g·e − s)/τ: at a constant depth s comes to g·e.
@@ -201,15 +216,11 @@ class Relaxing:
     def press(
         self, depth: Floats, approach: Floats, factor: Floats | float, times: Floats | None, memory: Memory
     ) -> tuple[Floats, Memory]:
-        if times is None:
-            raise ValueError("a material with memory must be told the times of the samples")
+        times = _told(times)
         time = max(memory.time, float(times[-1]))
         if memory.dent == 0.0 and not (depth > 0.0).any():
             return np.zeros_like(depth), Memory(time)
-        steps = np.maximum(np.diff(times, prepend=memory.time), 0.0) / self.relaxation_time
-        keeps = np.exp(-steps)
-        means = np.ones_like(steps)
-        np.divide(-np.expm1(-steps), steps, out=means, where=steps > 0.0)
+        keeps, means = _relaxing(times, memory, self.relaxation_time)
         share, relaxed, forces = self.share, memory.relaxed, []
         before = float(self.spring.spring(np.array([memory.dent]))[0])
         gone = float(self.spring.spring(np.array([_LEVEL_M]))[0])
@@ -250,16 +261,12 @@ class StandardLinearSolid:
     def press(
         self, depth: Floats, approach: Floats, factor: Floats | float, times: Floats | None, memory: Memory
     ) -> tuple[Floats, Memory]:
-        if times is None:
-            raise ValueError("a material with memory must be told the times of the samples")
+        times = _told(times)
         time = max(memory.time, float(times[-1]))
         if memory.dent == 0.0 and not (depth > 0.0).any():
             return np.zeros_like(depth), Memory(time)
         # Over a step h the strain keeps exp(-h/τ) of itself and gains g of the growth of the dent.
-        steps = np.maximum(np.diff(times, prepend=memory.time), 0.0) / self.relaxation_time
-        keeps = np.exp(-steps)
-        gains = np.ones_like(steps)
-        np.divide(-np.expm1(-steps), steps, out=gains, where=steps > 0.0)
+        keeps, gains = _relaxing(times, memory, self.relaxation_time)
         share, dent, strain, forces = self.share, memory.dent, memory.strain, []
         for sunk, keep, gain in zip(depth.tolist(), keeps.tolist(), gains.tolist(), strict=True):
             rigid = 1.0 + share * gain

@@ -141,6 +141,7 @@ stale_after_ms = 1500.0
 retract_patience_s = 2.0
 [cell]
 start_position_mm = [900.0, -100.0, 592.0]
+jr3.gateway.boot_s = 0.2
 """
 RUN = ("--no-view", "--duration", "1.5", "--record", "run.mcap")
 NAMED = "os.readlink('/proc/self/fd/' + name)"

@@ -22,8 +22,10 @@ NEAR = """
 retract_mm = 3.0
 [cell]
 start_position_mm = [900.0, -100.0, 592.0]
+jr3.gateway.boot_s = 0.2
+netft.boot_s = 0.2
 """
-"""A configuration that begins near the surface and retracts by little, to save time."""
+"""A configuration that begins near the surface, with sensors that answer soon, and retracts by little, to save time."""
 PATIENT = "[limits]\npath_error_mm = 3.0\n"
 """A busy machine sends a set point late, and the guard sees that the robot does not follow: its limit is held in
 virtual time. 0.3 mm is the usual one.

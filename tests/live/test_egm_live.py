@@ -24,6 +24,7 @@ retract_speed_mm_s = 20.0
 retract_mm = 5.0
 [cell]
 start_position_mm = [900.0, -100.0, 593.0]
+jr3.gateway.boot_s = 0.2
 [cell.egm]
 retry_s = 0.5
 """

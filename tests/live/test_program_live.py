@@ -13,6 +13,7 @@ pytestmark = pytest.mark.live
 PROGRAM = """
 [cell]
 start_position_mm = [900.0, -12.0, 592.0]
+netft.boot_s = 0.2
 [cell.surface]
 kind = "sphere"
 radius_mm = 300.0

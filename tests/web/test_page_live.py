@@ -35,10 +35,11 @@ after_s = {}
 NEAR = """
 [cell]
 start_position_mm = [900.0, -100.0, 591.0]
+jr3.gateway.boot_s = 0.2
 [task]
 retract_mm = 1.0
 """
-"""A short way to the surface, and back."""
+"""A short way to the surface, and back, and a sensor that answers soon."""
 LIMIT = "[limits]\nforce_limit_n = 15.0\n"
 """A limit that the wanted 10 N come near to."""
 LONG = f"{NEAR}[run]\nduration_s = 60.0\n"

@@ -21,6 +21,7 @@ pytestmark = pytest.mark.live
 NEAR_AND_STOPPED = """
 [cell]
 start_position_mm = [900.0, -100.0, 591.0]
+jr3.gateway.boot_s = 0.2
 [task]
 retract_mm = 1.0
 [[faults]]
