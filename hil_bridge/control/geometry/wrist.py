@@ -7,6 +7,7 @@ In the second the tool's weight is taken off. The contact wrench is about the to
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -81,9 +82,9 @@ class Wrist:
         A robot that tells its orientation with noise asks for it in every cycle. Raises ValueError as
         `rotation_matrix` does.
         """
-        matrix, unloaded, weight = _at_any_orientation(self)
+        matrix, biased, weight = _fixed(self)
         rows = unit_rows(quaternion)
-        offset = unloaded if quaternion_tare is None else NO_WRENCH
+        offset = biased if quaternion_tare is None else NO_WRENCH
         if weight is not None and (quaternion_tare is None or tuple(quaternion) != tuple(quaternion_tare)):
             x, y, z = rows[2]
             if quaternion_tare is not None:
@@ -101,24 +102,32 @@ class Wrist:
 Rows = tuple[tuple[float, ...], ...]
 
 
-@lru_cache(maxsize=8)
-def _at_any_orientation(wrist: Wrist) -> tuple[Rows, tuple[float, ...], Rows | None]:
-    """What is the same at every orientation: `WristAtOrientation.matrix`, the contact wrench that the bias alone makes,
-    and a matrix (6, 3). It takes the base's upward direction along the tool's axes to what the weight below the sensor
-    adds to the contact wrench; None without a weight.
+class Fixed(NamedTuple):
+    """What is the same at every orientation of a wrist."""
+
+    matrix: Rows
+    """As `WristAtOrientation.matrix`."""
+    biased: tuple[float, ...]
+    """Contact wrench that the bias alone makes, N and N·m, (6,)."""
+    weight: Rows | None
+    """Matrix (6, 3): it takes the upward direction along the tool's axes to the part of the contact wrench that the
+    weight below the sensor makes, N and N·m. None without a weight.
     """
+
+
+@lru_cache(maxsize=8)
+def _fixed(wrist: Wrist) -> Fixed:
     bare, level = replace(wrist, bias=NO_WRENCH, mass=0.0), (1.0, 0.0, 0.0, 0.0)
     columns = [bare.contact_wrench(unit, level, None) + 0.0 for unit in np.eye(6).tolist()]
-    unloaded = replace(wrist, mass=0.0).contact_wrench(NO_WRENCH, level, None)
+    biased = replace(wrist, mass=0.0).contact_wrench(NO_WRENCH, level, None)
     weight = None
     if wrist.mass:
-        up = wrist.mass * STANDARD_GRAVITY * np.eye(3)
-        moments = [np.cross(wrist.centre_of_gravity, force) for force in up]
-        pulls = [
-            transform_wrench(np.eye(3), wrist.position, [*f, *m]) for f, m in zip(up, moments, strict=True)
-        ]
+        pulls = []
+        for force in wrist.mass * STANDARD_GRAVITY * np.eye(3):
+            pull = [*force, *np.cross(wrist.centre_of_gravity, force)]
+            pulls.append(transform_wrench(np.eye(3), wrist.position, pull))
         weight = _rows(pulls)
-    return _rows(columns), tuple(unloaded.tolist()), weight
+    return Fixed(_rows(columns), tuple(biased.tolist()), weight)
 
 
 def _rows(columns: Sequence[Array]) -> Rows:
@@ -129,11 +138,11 @@ def _rows(columns: Sequence[Array]) -> Rows:
 class WristAtOrientation:
     """A wrist at one orientation, in plain numbers: arrays of three would take ten times as long in every cycle."""
 
-    matrix: tuple[tuple[float, ...], ...]
+    matrix: Rows
     """Matrix that takes a measured wrench to the contact wrench, before the offset is added, (6, 6)."""
     offset: tuple[float, ...]
     """Contact wrench where nothing is measured, N and N·m, (6,)."""
-    directions: tuple[tuple[float, ...], ...]
+    directions: Rows
     """The directions asked for, along the tool's axes."""
 
     def contact_wrench(self, measured: Sequence[float]) -> Wrench:
