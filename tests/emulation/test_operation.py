@@ -18,7 +18,7 @@ from emulators.faults import Ledger
 from emulators.panel import Panel
 from protocol.devices.egm import Motors, PathCorrection, Rapid, SensorMessage
 from protocol.devices.rsi import Telegram
-from tests.emulation.test_egm_controller import AT_ONCE, CYCLE, Line, planned, to
+from tests.emulation.egm_line import AT_ONCE, CYCLE, Line, planned, to
 from tests.emulation.test_egm_web_services import EXECUTION, MOTORS, Served
 from tests.emulation.test_rsi import PLAIN, QUICK, Rig, answer
 
