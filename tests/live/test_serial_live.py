@@ -27,7 +27,6 @@ pytestmark = [
     pytest.mark.skipif(os.name != "posix", reason="needs pseudo-terminals"),
 ]
 
-
 WHOLE = b"\x00\x03\x0d\x0a\x11\x13\x1a\xff"
 """Bytes that a terminal changes when it is not set right."""
 
