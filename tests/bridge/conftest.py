@@ -1,11 +1,14 @@
 """The whole loop in virtual time, with hands on the cell and the wires while it runs."""
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+import hil_bridge.cli
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.devices.robots.seam import RobotLink
 from hil_bridge.record import CycleRecord, EventRecord
@@ -19,6 +22,7 @@ from hil_bridge.runs.watching import Listener
 from hil_bridge.settings.configuration import Config, read_config
 from hil_bridge.testing.wires import Faults, Faulty
 from hil_bridge.transports import Frames, Transport
+from tests.bridge.command_line import Command, Result
 from tests.near_surface import NEAR_START, merged
 from tests.paper_cell import PaperCell
 
@@ -119,3 +123,18 @@ def bench() -> Callable[..., Bench]:
         return bench
 
     return run
+
+
+@pytest.fixture
+def hil(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path) -> Command:
+    """Run `hil-bridge` with these arguments in an empty folder: exit code, standard output, standard error."""
+    monkeypatch.chdir(tmp_path)
+
+    def command(*arguments: str) -> Result:
+        monkeypatch.setattr(sys, "argv", ["hil-bridge", *arguments])
+        with pytest.raises(SystemExit) as ended:
+            hil_bridge.cli.main()
+        output, errors = capfd.readouterr()
+        return int(ended.value.code or 0), output, errors
+
+    return command

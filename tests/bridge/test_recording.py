@@ -1,31 +1,22 @@
+"""Recordings: what was put is read back, also from a cut file; what a run puts there, and when it is written."""
+
 import errno
 import io
 import json
 import math
 import re
-import struct
 import threading
 import time
-import tracemalloc
-from collections import Counter
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import jsonschema
-import lz4.frame
-import msgspec
 import pytest
-import zstandard
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from mcap.reader import make_reader
 from msgspec import structs
 
 from hil_bridge import api
 from hil_bridge.control import Predictive
-from hil_bridge.control.course.intent import Phase
-from hil_bridge.control.sample import Sample
 from hil_bridge.devices.facts import Devices, RobotFacts
 from hil_bridge.errors import BridgeError, ConfigError
 from hil_bridge.lab.experiments import run_emulated
@@ -38,78 +29,18 @@ from hil_bridge.record import (
     Recording,
     SensorRecord,
     Writing,
-    mcap_file,
     read,
 )
 from hil_bridge.record import recorder as recorder_module
 from hil_bridge.record.device_facts import devices_of
 from hil_bridge.record.recorder import Chunks
-from hil_bridge.record.records import TruthRecord, WireRecord
+from hil_bridge.record.records import WireRecord
 from hil_bridge.record.scenes import SCENE_TOPICS
-from hil_bridge.record.stored_cycle import SHARED
-from hil_bridge.record.time_axis import ORDER_WINDOW_S
-from hil_bridge.record.topics import CYCLE, SENSOR, TOPICS, TRUTH, WIRE, Record, Topic
+from hil_bridge.record.topics import WIRE
 from hil_bridge.runs.outputs import Outputs
 from hil_bridge.runs.session import execute
 from hil_bridge.settings.configuration import read_config
-from tests.near_surface import CLOSE, merged
-from tests.recordings import Recordings
-
-METADATA = {"seed": "7", "controller": "fuzzy-pi", "configuration": '{"force_n": 50.0}'}
-
-
-def wall_ns(loop_time: float) -> int:
-    return 1_700_000_000_000_000_000 + round(loop_time * 1e9)
-
-
-def cycle(number: int, at: float, **changes: object) -> CycleRecord:
-    values: dict[str, object] = {
-        "cycle": number,
-        "phase": "track",
-        "started_at": at,
-        "status_at": at + 0.07,
-        "sensor_at": at + 0.069,
-        "controlled_at": at + 0.0705,
-        "sent_at": at + 0.071,
-        "answered_at": at + 0.16,
-        "sensor_sequence": number * 160,
-        "force": 49.5,
-        "force_reference": 50.0,
-        "wrench": (0.1, -0.2, 49.5, 0.0, 0.01, 0.0),
-        "position": (0.9, 0.1, 0.5),
-        "quaternion": (0.0, 0.0, 1.0, 0.0),
-        "depth": 0.0025,
-        "depth_commanded": 0.002625,
-        "travel_commanded": 0.01,
-        "correction": -0.000125,
-        "stiffness": 2e4,
-        "gain": 0.5,
-        "held": False,
-        "in_contact": True,
-        "verdict": "clamp",
-        "reasons": ("step",),
-        "explanation": {"error_level": -1.0},
-    }
-    return CycleRecord(**(values | changes))  # type: ignore[arg-type]
-
-
-def stream(seconds: float = 3.0) -> list[Record]:
-    """A 200 Hz sensor stream with a cycle every 0.16 s, in the order in which a run puts them."""
-    records: list[Record] = [EventRecord(100.0, "phase", "track – µ ü")]
-    for k in range(round(seconds * 200)):
-        at = 100.0 + k / 200
-        records.append(SensorRecord(at, k, (k % 7, -k, 3, 4, 5, -16384)))
-        if k % 32 == 31:
-            records.append(cycle(k // 32, at))
-    return records
-
-
-def write(path: Path, records: list[Record], end: dict[str, str] | None = None) -> Path:
-    recorder = Recorder(path, wall_ns, METADATA, Writing(threaded=False))
-    for record in records:
-        recorder.put(record)
-    recorder.close(end)
-    return path
+from tests.bridge.written_recordings import METADATA, cycle, stream, wall_ns, write
 
 
 def test_what_was_put_is_read_back(tmp_path: Path) -> None:
@@ -393,183 +324,6 @@ def test_garbage_in_the_middle_keeps_what_came_before(tmp_path: Path, offset: in
     assert 100.9 < recording.cycles[-1].started_at < 102.1
 
 
-# --- bombs
-
-
-def zstd_bomb(size: int, *, told: bool) -> bytes:
-    """Zeros, packed; `told`: the frame's header holds their number."""
-    packer = zstandard.ZstdCompressor(write_content_size=told).compressobj(size if told else -1)
-    zeros = bytes(1 << 20)
-    return b"".join(packer.compress(zeros) for _ in range(size >> 20)) + packer.flush()
-
-
-def lz4_bomb(size: int) -> bytes:
-    packer = lz4.frame.LZ4FrameCompressor()
-    zeros = bytes(1 << 20)
-    return packer.begin() + b"".join(packer.compress(zeros) for _ in range(size >> 20)) + packer.flush()
-
-
-def with_chunk(path: Path, claim: int, compression: str, packed: bytes) -> Path:
-    """A recording with one more chunk behind its last, and nothing after that."""
-    data, at = write(path, stream(1.0)).read_bytes(), 8
-    while data[at] != 15:  # the record that ends the data
-        at += 9 + int.from_bytes(data[at + 1 : at + 9], "little")
-    head, name = data[:at], compression.encode()
-    body = struct.pack("<QQQII", 0, 0, claim, 0, len(name)) + name + struct.pack("<Q", len(packed)) + packed
-    path.write_bytes(head + struct.pack("<BQ", 6, len(body)) + body)
-    return path
-
-
-def peak_bytes(path: Path) -> tuple[str, int]:
-    """Result of reading, and the most memory that Python and the unpackers took for it."""
-    tracemalloc.start()
-    try:
-        said = "truncated" if read(path).truncated else "whole"
-    except ConfigError as error:
-        said = str(error)
-    finally:
-        peak = tracemalloc.get_traced_memory()[1]
-        tracemalloc.stop()
-    return said, peak
-
-
-BOMB = 256 << 20
-"""Large enough that taking it is seen, small enough that a reader which does take it survives."""
-PACKERS = {
-    "zstd": lambda: zstd_bomb(BOMB, told=False),
-    "zstd whose header tells": lambda: zstd_bomb(BOMB, told=True),
-    "lz4": lambda: lz4_bomb(BOMB),
-}
-
-
-@pytest.mark.parametrize("name", PACKERS)
-@pytest.mark.parametrize("claim", [BOMB, 1 << 40, 1 << 63])
-def test_a_chunk_that_claims_too_much_is_refused_while_packed(tmp_path: Path, name: str, claim: int) -> None:
-    path = with_chunk(tmp_path / "bomb.mcap", claim, name.partition(" ")[0], PACKERS[name]())
-    said, peak = peak_bytes(path)
-    assert "bomb.mcap is refused: it says that it holds" in said
-    assert "\n" not in said
-    assert peak < BOMB / 4
-
-
-@pytest.mark.parametrize("name", PACKERS)
-def test_a_chunk_that_holds_more_than_it_claims_is_damage(tmp_path: Path, name: str) -> None:
-    path = with_chunk(tmp_path / "bomb.mcap", 1000, name.partition(" ")[0], PACKERS[name]())
-    said, peak = peak_bytes(path)
-    assert said == "truncated"
-    assert peak < BOMB / 4
-
-
-def test_many_chunks_of_ordinary_size_are_refused_together(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = write(tmp_path / "run.mcap", stream(10.0))
-    monkeypatch.setattr(mcap_file, "UNPACKED_LIMIT_BYTES", 160_000)
-    assert path.stat().st_size < 160_000
-    with pytest.raises(ConfigError, match=r"it holds [0-9]+ bytes unpacked, but at most 160000"):
-        read(path)
-
-
-def test_a_file_that_hides_its_chunks_is_stopped_on_the_way(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = write(tmp_path / "run.mcap", stream(10.0))
-    monkeypatch.setattr(mcap_file, "UNPACKED_LIMIT_BYTES", 160_000)
-    monkeypatch.setattr(mcap_file, "_claims", lambda data: ())
-    with pytest.raises(ConfigError, match=r"a chunk of [0-9]+ bytes unpacked"):
-        read(path)
-
-
-def test_a_file_without_an_end_is_no_recording() -> None:
-    with pytest.raises(ConfigError, match="it is a device; name an ordinary file"):
-        read(Path("/dev/zero"))
-    with pytest.raises(ConfigError, match=r"a NUL stands in it$"):
-        read(Path("a\0b"))
-
-
-@pytest.mark.parametrize("compression", ["lz4", ""])
-def test_chunks_packed_by_other_programs_are_read(tmp_path: Path, compression: str) -> None:
-    plain = struct.pack("<BQHIQQ", 5, 24, 999, 0, 0, 0) + b"{}"
-    packed = lz4.frame.compress(plain) if compression else plain
-    path = with_chunk(tmp_path / "run.mcap", len(plain), compression, packed)
-    path.write_bytes(path.read_bytes() + struct.pack("<BQQQI", 2, 20, 0, 0, 0) + b"\x89MCAP0\r\n")
-    assert not read(path).truncated
-
-
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        (b"", "is empty"),
-        (b"time,force\n0,1\n", "is not an MCAP file"),
-        (b"\x89MCAP0\r\n", "is damaged before the first event"),
-        (b"\x89MCAP0\r\n" + b"\xff" * 200, "is damaged before the first event"),
-        (b"\x89MCAP0\r\n" + struct.pack("<BQ", 6, 1 << 62) + b"x" * 50, "is damaged before"),
-    ],
-)
-def test_what_is_no_recording_is_refused_in_one_line(tmp_path: Path, content: bytes, message: str) -> None:
-    path = tmp_path / "x.mcap"
-    path.write_bytes(content)
-    with pytest.raises(ConfigError, match=message) as caught:
-        read(path)
-    assert str(path) in str(caught.value)
-    assert caught.value.exit_code == 2
-
-
-def test_a_missing_file_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="No such file"):
-        read(tmp_path / "missing.mcap")
-
-
-def test_a_message_of_another_version_is_refused_by_name(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with monkeypatch.context() as patch:
-        patch.setattr(type(CYCLE), "encode", lambda self, record: b'{"cycle":"one"}')
-        write(tmp_path / "run.mcap", [cycle(0, 100.0)])
-    with pytest.raises(ConfigError, match=r"message of /cycle: Expected `int`, got `str` - at `\$\.cycle`"):
-        read(tmp_path / "run.mcap")
-
-
-MESSAGES = st.fixed_dictionaries(
-    {},
-    optional={
-        name: st.text(max_size=3)
-        | st.floats(allow_nan=False, allow_infinity=False)
-        | st.lists(st.integers(), max_size=6)
-        for name in ("at", "kind", "text", "sequence", "counts", "data", "direction")
-    },
-).map(lambda values: json.dumps(values).encode())
-
-
-@settings(max_examples=100)
-@given(st.binary(max_size=300) | MESSAGES)
-def test_an_arbitrary_message_is_a_record_or_a_value_error(data: bytes) -> None:
-    for topic in TOPICS:
-        try:
-            record = topic.decode(data)
-        except (ValueError, RecursionError):
-            continue
-        assert isinstance(record, topic.record)
-
-
-@pytest.mark.parametrize(
-    "message",
-    [
-        b'{"at":true,"sequence":1,"counts":[1,2,3,4,5,6]}',
-        b'{"at":1,"sequence":1.5,"counts":[1,2,3,4,5,6]}',
-        b'{"at":1,"sequence":1,"counts":[1,2,3,4,5]}',
-        b'{"at":1,"sequence":1,"counts":{"a":1}}',
-        b'{"at":NaN,"sequence":1,"counts":[1,2,3,4,5,6]}',
-        b'{"at":1' + b"0" * 400 + b',"sequence":1,"counts":[1,2,3,4,5,6]}',
-        b'{"sequence":1,"counts":[1,2,3,4,5,6]}',
-        b"[1,2]",
-    ],
-)
-def test_wrong_columns_are_refused(message: bytes) -> None:
-    with pytest.raises(ValueError, match=r".+"):
-        SENSOR.decode(message)
-
-
 def test_what_a_controller_explains_is_recorded_as_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
     step = Predictive.step
 
@@ -582,183 +336,6 @@ def test_what_a_controller_explains_is_recorded_as_numbers(monkeypatch: pytest.M
     told = [cycle.explanation for cycle in cycles if cycle.phase == "track"]
     assert told
     assert all(math.isnan(one["why"]) and one["found"] == 1.0 for one in told)
-
-
-def test_a_cycle_says_each_fact_once_in_the_file(recorded: Path) -> None:
-    cycles = read(recorded).cycles
-    for record in cycles:
-        message = json.loads(CYCLE.encode(record))
-        assert not SHARED.keys() & message["sample"].keys()
-        assert message.keys() >= {*SHARED.values()}
-        assert repr(CYCLE.decode(CYCLE.encode(record))) == repr(record)
-        assert record.sample is not None
-        assert (record.sample.now, record.sample.wrench) == (record.status_at, record.wrench)
-
-
-def test_a_fact_of_the_sample_that_differs_from_the_cycle_stays(recorded: Path) -> None:
-    record = read(recorded).cycles[-1]
-    assert record.sample is not None
-    start = msgspec.structs.replace(record.sample, quaternion=(1.0, 0.0, 0.0, 0.0))
-    other = msgspec.structs.replace(record, quaternion=(math.nan,) * 4, sample=start)
-    assert json.loads(CYCLE.encode(other))["sample"]["quaternion"] == [1.0, 0.0, 0.0, 0.0]
-    assert repr(CYCLE.decode(CYCLE.encode(other))) == repr(other)
-    alone = msgspec.structs.replace(record, sample=None)
-    assert repr(CYCLE.decode(CYCLE.encode(alone))) == repr(alone)
-
-
-def test_the_schema_says_what_the_fields_say_of_themselves() -> None:
-    schema: Any = CYCLE.schema
-    columns = schema["properties"]
-    assert columns["correction"] == {
-        "type": "number",
-        "description": "Change of the commanded depth in this cycle, m; the feedback law's part of it is in "
-        "`explanation`.",
-    }
-    assert columns["stiffness"]["type"] == "number"
-    assert columns["sample"]["type"] == "object"
-    assert columns["sample"]["properties"]["position"]["items"] == {"type": "number"}
-    assert columns["explanation"]["additionalProperties"] == {"type": ["number", "null"]}
-    assert columns["verdict"]["enum"] == ["allow", "clamp", "stop"]
-    assert columns["phase"]["enum"] == [*Phase]
-    assert columns["wrench"] == {
-        "type": "array",
-        "prefixItems": [{"type": ["number", "null"]}] * 6,
-        "items": {"type": "number"},
-        "minItems": 6,
-        "maxItems": 6,
-        "description": "fx fy fz mx my mz on the tool in the tool frame, N and N·m, after bias and gravity.",
-    }
-    assert {"cycle", "phase", "controlled_at", "wrench"} <= {*schema["required"]}
-    assert not {"force", "status_at", "stiffness", "sample"} & {*schema["required"]}
-    sensor: Any = SENSOR.schema["properties"]
-    assert sensor["counts"]["items"] == {"type": "number"}  # a device may tell N
-    for topic in TOPICS:
-        properties: Any = topic.schema["properties"]
-        assert all(column["description"] for column in properties.values()), topic.name
-
-
-# --- strict readers
-
-
-def checked_messages(path: Path) -> tuple[dict[str, int], list[str]]:
-    """How many messages of each topic are valid by their own schema, and what is wrong with the others."""
-    valid: Counter[str] = Counter()
-    wrong = []
-    validators: dict[int, Any] = {}
-    with path.open("rb") as file:
-        for schema, channel, message in make_reader(file).iter_messages(log_time_order=False):
-            assert schema is not None
-            if schema.id not in validators:
-                rules = json.loads(schema.data)
-                judge = jsonschema.validators.validator_for(rules, jsonschema.Draft202012Validator)
-                judge.check_schema(rules)
-                validators[schema.id] = judge(rules)
-            told = json.loads(message.data, parse_constant=pytest.fail)
-            flaws = [f"{channel.topic} {flaw.json_path}" for flaw in validators[schema.id].iter_errors(told)]
-            valid[channel.topic] += not flaws
-            wrong += flaws
-    return dict(valid), wrong
-
-
-def as_foxglove_takes_it(schema: Any) -> bool:
-    """Whether its reader finds a type of one word everywhere. Source: parseJsonSchema.ts of foxglove/studio."""
-    words = ("boolean", "string", "number", "integer", "object", "array")
-    match schema["type"]:
-        case "object":
-            return all(map(as_foxglove_takes_it, schema["properties"].values()))
-        case "array":
-            return schema["items"]["type"] != "array" and as_foxglove_takes_it(schema["items"])
-        case word:
-            return isinstance(word, str) and word in words
-
-
-@pytest.fixture(scope="module", params=["jr3", "jr3-uart", "jr3-board"])
-def recorded(request: pytest.FixtureRequest, recordings: Recordings) -> Path:
-    """A recording of a run with each of our sensors."""
-    line = {"kind": "line", "length_mm": 20.0}
-    steps = [{"do": "approach"}, {"do": "track", "path": line, "for_s": 4.0}, {"do": "retract"}]
-    return recordings.path(merged(CLOSE, {"task": {"step": steps}, "sensor": {"emulated": request.param}}))
-
-
-def test_every_message_of_a_run_is_valid_by_its_own_schema(recorded: Path) -> None:
-    valid, wrong = checked_messages(recorded)
-    assert wrong == []
-    assert valid.keys() == {topic.name for topic in (*TOPICS, *SCENE_TOPICS)}
-    assert valid["/cycle"] > 20
-    assert valid["/sensor"] > 500
-
-
-def test_schemas_are_those_that_foxglove_takes() -> None:
-    assert all(as_foxglove_takes_it(topic.schema) for topic in (*TOPICS, *SCENE_TOPICS))
-    assert not as_foxglove_takes_it({"type": "object", "properties": {"a": {"type": ["number", "null"]}}})
-
-
-def test_log_times_fall_by_no_more_than_the_window(recorded: Path) -> None:
-    newest, behind = 0, 0
-    with recorded.open("rb") as file:
-        for _, _, message in make_reader(file).iter_messages(log_time_order=False):
-            newest = max(newest, message.log_time)
-            behind = max(behind, newest - message.log_time)
-            assert message.publish_time == message.log_time  # no usual run comes near the window
-    assert 0 < behind < ORDER_WINDOW_S * 1e9
-
-
-def test_a_record_that_was_put_too_late_is_placed_at_the_window(tmp_path: Path) -> None:
-    late = EventRecord(100.0, "phase", "track")
-    path = write(tmp_path / "run.mcap", [cycle(0, 150.0), late])
-    with path.open("rb") as file:
-        ((_, _, told),) = make_reader(file).iter_messages(topics="/event", log_time_order=False)
-    assert told.log_time == wall_ns(150.0705 - ORDER_WINDOW_S)
-    assert told.publish_time == wall_ns(100.0)
-    assert [*read(path).events] == [late]
-
-
-KNOWN = st.none() | st.floats(allow_nan=False, allow_infinity=False)
-
-
-@given(
-    st.lists(st.floats(), min_size=6, max_size=6),
-    st.floats(),
-    KNOWN,
-    st.dictionaries(st.text(), st.floats()),
-)
-def test_no_number_makes_a_message_that_its_schema_refuses(
-    six: list[float], force: float, stiffness: float | None, explanation: dict[str, float]
-) -> None:
-    sample = Sample(force, (force, 0.0, 0.0), force, 1.0, 1.0, 1, wrench=tuple(six), position_at=stiffness)
-    sample = structs.replace(sample, peak_force=force, gap=six[0])
-    odd = cycle(0, 1.0, wrench=tuple(six), force=force, stiffness=stiffness, gain=force, sample=sample)
-    odd = structs.replace(odd, explanation=explanation)
-    for topic, record in (
-        (CYCLE, odd),
-        (SENSOR, SensorRecord(1.0, 1, tuple(six))),
-        (TRUTH, TruthRecord(1, 1.0, force, force, (force,) * 3, (force,) * 3, tuple(six))),
-    ):
-        told = json.loads(topic.encode(record))
-        jsonschema.Draft202012Validator(topic.schema).validate(told)
-        back = topic.decode(topic.encode(record))
-        assert in_nan(back) == in_nan(record)
-
-
-def in_nan(record: Record) -> str:
-    """A record in words, as it is read back: what JSON lacks is NaN."""
-    return re.sub(r"-?\binf\b", "nan", repr(msgspec.to_builtins(record)))
-
-
-def test_a_null_is_nan_for_a_number_and_none_where_nothing_is_allowed() -> None:
-    message = json.loads(CYCLE.encode(cycle(0, 100.0)))
-    message["explanation"] = {"stiffness": None}
-    message["stiffness"] = message["force"] = None
-    message["position"] = [None, 1, 2]
-    back = CYCLE.decode(json.dumps(message).encode())
-    assert isinstance(back, CycleRecord)
-    assert math.isnan(back.explanation["stiffness"])
-    assert math.isnan(back.force)
-    assert math.isnan(back.position[0])
-    assert back.stiffness is None
-    message["phase"] = None
-    with pytest.raises(ValueError, match=r"\$\.phase"):
-        CYCLE.decode(json.dumps(message).encode())
 
 
 @pytest.mark.parametrize(
@@ -829,14 +406,3 @@ def test_facts_are_written_before_the_run_ends(tmp_path: Path) -> None:
 )
 def test_facts_that_cannot_be_are_no_facts(text: str) -> None:
     assert devices_of(Recording((), devices={"robot": text})) == Devices()
-
-
-@pytest.mark.parametrize("topic", TOPICS, ids=lambda topic: topic.name)
-def test_the_schema_speaks_of_any_robot_and_of_all_phases(topic: Topic) -> None:
-    """Every recording carries it, whatever robot moved."""
-    told = json.dumps(topic.schema).lower()
-    for word in ("status order", "status answer", "move order", "its bid", "enq", "s3"):
-        assert word not in told, word
-    if topic is CYCLE:
-        described = json.loads(json.dumps(topic.schema))["properties"]["phase"]["description"]
-        assert all(str(phase) in described for phase in Phase)

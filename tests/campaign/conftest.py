@@ -7,6 +7,7 @@ import pytest
 from hil_bridge.lab.campaign.plan_file import read_plan
 from hil_bridge.lab.campaign.store import Store
 from hil_bridge.lab.campaign.working import missing, work
+from tests.campaign.study import done, study
 
 SHORT = """
 [campaign]
@@ -42,3 +43,11 @@ def short_results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with Store.begin(folder / "short.sqlite", plan) as store:
         work(plan, store, missing(plan, store), workers=1)
     return folder / "short.sqlite"
+
+
+@pytest.fixture(scope="session")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The results of a study; a test changes a copy."""
+    folder = tmp_path_factory.mktemp("campaign")
+    done(read_plan(study(folder)), folder / "study.sqlite")
+    return folder / "study.sqlite"

@@ -1,7 +1,5 @@
-"""Campaigns that run: each key once, also after a kill; rerun, compare and the page."""
+"""Campaigns that run: each key once, also after a kill; rerun and compare."""
 
-import csv
-import math
 import os
 import re
 import signal
@@ -10,10 +8,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
-from html.parser import HTMLParser
 from pathlib import Path
-from platform import python_version
-from socket import gethostname
 
 import pytest
 from click.testing import CliRunner
@@ -21,60 +16,18 @@ from click.testing import CliRunner
 from hil_bridge.api import simulate
 from hil_bridge.cli.campaign import campaign
 from hil_bridge.errors import BridgeError, ConfigError
-from hil_bridge.lab.campaign import comparison, live
+from hil_bridge.lab.campaign import comparison
 from hil_bridge.lab.campaign.comparison import compare_campaigns
 from hil_bridge.lab.campaign.judging import Job, configure_run, run
-from hil_bridge.lab.campaign.live import Results
 from hil_bridge.lab.campaign.page import page
-from hil_bridge.lab.campaign.plan import Plan
 from hil_bridge.lab.campaign.plan_file import read_plan
 from hil_bridge.lab.campaign.store import Store
-from hil_bridge.lab.campaign.working import missing, work
+from hil_bridge.lab.campaign.working import missing
 from hil_bridge.record import read
+from tests.campaign.study import STUDY, changed, done, study
 
 PATIENCE_S = 90.0
 """Longest wait for a whole process on a busy machine, s."""
-STUDY = """
-[campaign]
-name = "study"
-seeds = { from = 1, to = SEEDS }
-[campaign.matrix]
-task.force_n = [8.0, 10.0]
-[[campaign.fault]]
-on = "robot"
-fault = "emergency-stop"
-phase = "track"
-[campaign.criteria]
-outcome = "completed"
-force_true_max_n = { below = 60 }
-overshoot_percent = { below = 1000, outcomes = ["interrupted"] }
-[config.run]
-duration_s = 0.3
-[config.sensor]
-emulated = "ft300"
-[config.task]
-retract_mm = 2.0
-[config.cell]
-start_position_mm = [900.0, -100.0, 591.0]
-"""
-
-
-def study(folder: Path, seeds: int = 2, text: str = STUDY) -> Path:
-    path = folder / "study.toml"
-    path.write_text(text.replace("SEEDS", str(seeds)))
-    return path
-
-
-def done(plan: Plan, place: Path) -> None:
-    with Store.begin(place, plan) as store:
-        work(plan, store, missing(plan, store), workers=1)
-
-
-@pytest.fixture(scope="module")
-def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("campaign")
-    done(read_plan(study(folder)), folder / "study.sqlite")
-    return folder / "study.sqlite"
 
 
 def test_failing_runs_leave_their_recordings_and_the_others_their_figures(results: Path) -> None:
@@ -118,42 +71,6 @@ def test_key_is_kept_once_and_a_second_start_finds_nothing_to_do(results: Path) 
             "INSERT INTO runs SELECT 'another', number, config_hash, code, fault, phase, seed, outcome, cause, "
             "passed, failed, figures, wall_s, recording FROM runs LIMIT 1"
         )
-    connection.close()
-
-
-def test_page_in_the_browser_is_the_saved_one(
-    results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """It is told once, and again when another process has changed the file."""
-    monkeypatch.setattr(live, "LOOK_S", 0.0)
-    monkeypatch.setattr(live, "REST", 0.0)
-    other = changed(results, tmp_path / "study.sqlite")
-    with Store.open(other) as store:
-        in_browser = Results(store)
-        seen = in_browser.first()
-        told = in_browser.news(seen)
-        assert told is not None
-        assert f"<body>\n{told['body']}\n</body>" in page(store)
-        assert (told["title"], told["trouble"]) == ("Campaign study", "")
-        assert [in_browser.news(seen) for _ in range(25)] == [None] * 25  # nothing is said twice
-        changed_by_another(other, "DELETE FROM runs WHERE passed")
-        again = in_browser.news(seen)
-        assert again is not None
-        assert "4 of 8 runs done" in again["body"]
-        changed_by_another(other, "UPDATE runs SET figures = '['")
-        broken = in_browser.news(seen)
-        assert broken is not None
-        assert broken["trouble"].startswith("cannot read ")
-        assert broken["body"] == again["body"]
-        assert in_browser.news(in_browser.first()) == broken  # a new page is told all
-        with pytest.raises(ValueError, match="asks for nothing"):
-            in_browser.asked(seen, {"at": 1})
-
-
-def changed_by_another(place: Path, sql: str) -> None:
-    """Change results as another process would."""
-    with sqlite3.connect(place) as connection:
-        connection.execute(sql)
     connection.close()
 
 
@@ -360,18 +277,6 @@ def test_compare_tells_what_differs_for_equal_runs(results: Path, tmp_path: Path
     assert re.search(r"task.force_n 8.0 \| none  \| seed 1: .*duration_s", other.output)
 
 
-def changed(results: Path, place: Path, *statements: str) -> Path:
-    """A copy of the results in which something was changed."""
-    with sqlite3.connect(results) as source, sqlite3.connect(place) as target:
-        source.backup(target)
-        for sql in statements:
-            target.execute(sql)
-    source.close()
-    target.commit()
-    target.close()
-    return place
-
-
 def test_compare_counts_what_got_worse_and_better_and_how_far(results: Path, tmp_path: Path) -> None:
     """A verdict is told also where it changed in one direction alone, and the shift over the runs that differ."""
     failing = changed(
@@ -424,123 +329,6 @@ def test_results_of_another_version_are_told_as_such(results: Path, tmp_path: Pa
         ConfigError, match=r"has results in the form 'form 0' of another version, and this one reads '"
     ):
         Store.open(older)
-
-
-class _Tags(HTMLParser):
-    def __init__(self) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.links: list[str] = []
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.links += [value or "" for name, value in attrs if name in ("src", "href")]
-        if tag not in ("meta", "br"):
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        assert tag in ("line", "path", "rect")
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-
-def test_page_tells_cells_worst_runs_and_what_was_never_exercised(results: Path, tmp_path: Path) -> None:
-    with Store.open(results) as store:
-        text, worst = page(store), next(store.runs("passed = 0")).key
-    tags = _Tags()
-    tags.feed(text)
-    assert tags.open == []
-    assert tags.links == []
-    assert '<span class="badge bad">4 of 8 did not pass</span>' in text
-    assert '<b class="good">4</b> passed' in text
-    assert '<b class="bad">4</b> failed' in text
-    assert "<b>0</b> errors" in text
-    assert text.index("Each case of the matrix") < text.index("Criteria") < text.index("Worst runs first")
-    assert f'<td class="value">{gethostname()}</td>' in text
-    assert f"Python {python_version()}" in text
-    assert re.search(r'Date</td><td class="value">\d{4}-\d\d-\d\d \d\d:\d\d:\d\d UTC', text)
-    assert "<td>outcome</td><td>stopped</td><td>completed</td>" in text  # figure, value, wanted
-    assert text.count('class="strip"') % 2 == 0  # each figure of the two cells
-    assert '<g class="strip"><title>task.force_n 8.0: 4 runs, least ' in text
-    assert '<td class="pass">2</td>' in text
-    assert '<td class="fail">0/2</td>' in text
-    assert text.count("<article>") == 4
-    assert "The run was stopped" in text
-    assert "Look at: " in text  # the paragraph of `why`
-    assert "and that the plan does not inject: robot: safeguard-stop" in text
-    assert f"hil-bridge campaign rerun study.sqlite {worst}" in text
-    assert "this criterion concerned no run" in text
-    assert "<td>outcome completed</td><td>4</td><td>4</td><td>0</td>" in text  # met, not met, of no concern
-    out = tmp_path / "page.html"
-    assert CliRunner().invoke(campaign, ["report", str(results), "--output", str(out)]).exit_code == 0
-    linked = _Tags()
-    linked.feed(out.read_text())
-    assert len(linked.links) == 4
-    assert all((tmp_path / link).is_file() for link in linked.links)  # relative to the page
-    with pytest.raises(ConfigError, match="there already"):
-        CliRunner().invoke(campaign, ["report", str(results), "--output", str(out)], catch_exceptions=False)
-
-
-def test_page_without_the_recordings_tells_the_cause(results: Path, tmp_path: Path) -> None:
-    copy = tmp_path / "alone.sqlite"
-    with sqlite3.connect(results) as source, sqlite3.connect(copy) as target:
-        source.backup(target)
-        target.execute("DELETE FROM runs WHERE seed = 1 AND passed")
-    source.close()
-    target.close()
-    with Store.open(results) as store:
-        again = [
-            replace(run, figures={**run.figures, "rise_s": math.inf})
-            for run in store.runs("seed = 1 AND passed")
-        ]
-    with Store.open(copy) as store:
-        store.put(again, store.plan().cases)
-        assert [run.figures["rise_s"] for run in store.runs("seed = 1 AND passed")] == [math.inf, math.inf]
-        text = page(store)
-    assert "The run was stopped" not in text
-    assert "<p>stopped: robot on memory:robot" in text
-    assert "2 runs, all without an end" in text
-
-
-def test_runs_as_a_table(results: Path, tmp_path: Path) -> None:
-    told = CliRunner().invoke(
-        campaign, ["export", str(results), "--to", "csv", "--output", str(tmp_path / "new")]
-    )
-    assert told.exit_code == 0, told.output
-    rows = list(csv.DictReader((tmp_path / "new" / "study.csv").read_text().splitlines()))
-    with Store.open(results) as store:
-        runs = list(store.runs())
-        cell = store.plan().cases[runs[0].number].cell
-    assert [row["key"] for row in rows] == [run.key for run in runs]
-    assert [row["passed"] for row in rows] == [str(run.passed) for run in runs]
-    assert [float(row["cycles"]) for row in rows] == [run.figures["cycles"] for run in runs]
-    assert rows[0]["cell"] == cell
-    assert {row["struck"] for row in rows if row["fault"] == "none"} == {""}
-    again = ["export", str(results), "--to", "csv", "--output", str(tmp_path / "new")]
-    with pytest.raises(ConfigError, match="there already"):
-        CliRunner().invoke(campaign, again, catch_exceptions=False)
-
-
-def test_table_as_parquet_holds_the_same(results: Path, tmp_path: Path) -> None:
-    parquet = pytest.importorskip("pyarrow.parquet")
-    told = CliRunner().invoke(
-        campaign, ["export", str(results), "--output", str(tmp_path)], catch_exceptions=False
-    )
-    assert told.exit_code == 0
-    columns = parquet.read_table(tmp_path / "study.parquet").to_pydict()
-    with Store.open(results) as store:
-        runs = list(store.runs())
-    assert columns["key"] == [run.key for run in runs]
-    assert columns["force_true_max_n"] == [run.figures["force_true_max_n"] for run in runs]
-
-
-def test_page_of_a_campaign_that_has_not_begun_names_every_cell(tmp_path: Path) -> None:
-    text = STUDY.replace("emergency-stop", "late-answer")
-    plan = read_plan(study(tmp_path, 1, text))
-    with Store.begin(tmp_path / "a.sqlite", plan) as store:
-        assert page(store).count("<td>no run yet</td>") == 4
-        work(plan, store, missing(plan, store)[:1], workers=1)
-        assert page(store).count("<td>no run yet</td>") == 3
 
 
 def test_some_runs_of_the_shipped_campaign(tmp_path: Path) -> None:

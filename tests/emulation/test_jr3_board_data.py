@@ -1,6 +1,4 @@
-"""Computations of the board: filters, transforms, rate, peaks, load envelopes; and that blocks change nothing."""
-
-from collections.abc import Callable
+"""Computations of the board: filters, transforms, rate, peaks, load envelopes."""
 
 import numpy as np
 import pytest
@@ -12,8 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from emulators.devices.jr3.board import Board, BoardProfile
 from emulators.devices.jr3.board.filters import ORDER, SECTION_COEFFICIENTS, run_stage
-from emulators.devices.jr3.sensor import Jr3Sensor, SensorProfile
-from emulators.sensing import KnownWrench
+from emulators.devices.jr3.sensor import SensorProfile
 from protocol.devices.jr3.board import (
     REGISTERS,
     Link,
@@ -24,42 +21,10 @@ from protocol.devices.jr3.board import (
     encode_transform,
     from_signed,
 )
-
-Floats = NDArray[np.float64]
-Wrench = Callable[[Floats], Floats]
-POWERED = 1000.0
-"""On the sensor's grid, so that the board's sample j is at POWERED + j / 8000."""
-QUIET = SensorProfile(noise_counts=0.0, adc_bits=16)
-NEVER_ZEROED = BoardProfile(offsets_zeroed_s=10.0)
-FULL = np.array([115.0, 111.0, 185.0, 5.6, 5.2, 6.1])
-
-
-def board_of(
-    wrench_at: Wrench,
-    profile: BoardProfile = NEVER_ZEROED,
-    sensor: SensorProfile = QUIET,
-    committed_until: Callable[[float], float] | None = None,
-) -> Board:
-    return Board(profile, Jr3Sensor(sensor, KnownWrench(wrench_at, committed_until), 7), POWERED)
-
-
-def get(board: Board, name: str, now: float) -> tuple[int, ...]:
-    register = REGISTERS[name]
-    return register.values(board.read(register.address, register.count, now))
-
-
-def put(board: Board, name: str, values: tuple[int, ...], now: float) -> None:
-    board.write(REGISTERS[name].address, values, now)
-
-
-def do(board: Board, code: int, now: float) -> float:
-    done = board.command(code, now)
-    assert get(board, "command_word0", done) == (0,)
-    return done
-
+from tests.emulation.jr3_board_host import Floats, get, put
+from tests.emulation.jr3_board_samples import FULL, POWERED, Wrench, board_of, do
 
 # --- filters
-
 
 RATES_HZ = {n: 8000 / 4 ** (n - 1) for n in range(1, 7)}
 CUTOFFS_HZ = {1: 500.0, 2: 125.04, 3: 31.262, 4: 7.8155, 5: 1.9539, 6: 0.48847}
@@ -418,106 +383,7 @@ def test_envelopes_and_peaks_look_at_any_word() -> None:
     assert get(board, "maximum", at_sample(4102))[2] == pytest.approx(count, abs=2)
 
 
-# --- blocks
-
-
-def noisy(times: Floats) -> Floats:
-    return np.outer(np.sin(40.0 * times), FULL)
-
-
-WRITES = st.lists(
-    st.tuples(
-        st.floats(0.0, 0.05),
-        st.sampled_from(
-            [
-                (0x88, 900),
-                (0x8B, -900),
-                (0x7F, 0xA8),
-                (0xE2, 0x90),
-                (0xE3, 3),
-                (0xE4, 2),
-                (0xF2, 5),
-                (0x6F, 1),
-                (0xE0, 12000),
-                (0xE7, 0x0501),
-                (0xE7, 0x0800),
-                (0xE7, 0x0B00),
-                (0xE7, 0x0C00),
-                (0xE7, 0x0909),
-                (0x81, 50),
-                (0xE7, 0x0A00),
-                (None, 0),
-            ]
-        ),
-    ),
-    max_size=12,
-)
-
-
-@settings(max_examples=40, deadline=None)
-@given(WRITES, st.floats(0.0, 0.4))
-def test_looking_ahead_changes_nothing_and_asks_for_no_sample_twice(
-    writes: list[tuple[float, tuple[int | None, int]]], certain: float
-) -> None:
-    asked: list[float] = []
-
-    def wrench_at(times: Floats) -> Floats:
-        asked.extend(times.tolist())
-        return noisy(times)
-
-    sensor = SensorProfile(noise_counts=1.5)
-    profile = BoardProfile(offsets_zeroed_s=0.1)
-    plain = board_of(noisy, profile, sensor)
-    ahead = board_of(wrench_at, profile, sensor, lambda now: now + certain)
-    now = POWERED + 0.06
-    envelope = encode_envelope(LoadEnvelope(3, (Threshold(0x98, 5000, 1), Threshold(0x9A, 9000, 2))))
-    for board in (plain, ahead):
-        put(board, "transform1", encode_transform([Link(LinkType.ROTATE_Y, 3000)]), now)
-        put(board, "load_envelope1", envelope, now)
-    for wait, (address, value) in writes:
-        now += wait
-        for board in (plain, ahead):
-            if address is None:
-                board.unplug(now)
-                board.plug_in(now)
-            else:
-                board.write_word(address, value, now)
-        assert plain.read(0, 0x300, now) == ahead.read(0, 0x300, now)
-    now += 0.03
-    assert plain.read(0, 0x300, now) == ahead.read(0, 0x300, now)
-    assert all(np.diff(asked) > 0)
-    assert not asked or asked[-1] <= now + certain + 1e-9
-
-
-@settings(max_examples=20, deadline=None)
-@given(st.lists(st.floats(0.0, 0.5), max_size=10))
-def test_the_moments_of_reading_change_nothing(waits: list[float]) -> None:
-    sensor = SensorProfile(noise_counts=1.5)
-    often, once = (board_of(noisy, BoardProfile(offsets_zeroed_s=0.3), sensor) for _ in range(2))
-    now = POWERED
-    for wait in waits:
-        now += wait
-        often.read(0x90, 98, now)
-    assert often.read(0, 0x300, now) == once.read(0, 0x300, now)
-
-
-def test_a_host_that_polls_asks_the_sensor_seldom_when_it_is_certain() -> None:
-    calls = []
-
-    def wrench_at(times: Floats) -> Floats:
-        calls.append(len(times))
-        return noisy(times)
-
-    board = board_of(wrench_at, sensor=SensorProfile(), committed_until=lambda now: POWERED + 1.0)
-    for k in range(1000):
-        board.read(0x90, 98, POWERED + k / 1000)
-    assert sum(calls) < 8000
-    assert len(calls) < 15
-
-
-def test_a_source_that_is_certain_for_ever() -> None:
-    board = board_of(noisy, committed_until=lambda now: float("inf"))
-    assert board.read(0x90, 98, POWERED + 1.0) == board_of(noisy).read(0x90, 98, POWERED + 1.0)
+# --- signs
 
 
 def test_words_wrap_where_the_table_says_signed() -> None:

@@ -1,81 +1,29 @@
-"""The board as a host sees it: power-up, words, commands, full scales, offsets, plug, ISA ports."""
+"""The board as a host sees it: power-up, words, plug, saturation, ISA ports."""
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
-from emulators.devices.jr3.board import Board, BoardProfile, IsaPorts, IsaProfile
-from emulators.devices.jr3.sensor import Jr3Sensor, SensorProfile
-from emulators.sensing import KnownWrench
-from protocol.devices.jr3.board import (
-    COMMANDS,
-    MEMORY_WORDS,
-    REGISTERS,
-    CommandCode,
-    Errors,
-    Link,
-    LinkType,
-    Warnings,
-    encode_transform,
-    from_signed,
-    to_signed,
-)
+from emulators.devices.jr3.board import BoardProfile, IsaPorts, IsaProfile
+from emulators.devices.jr3.sensor import SensorProfile
+from protocol.devices.jr3.board import MEMORY_WORDS, CommandCode, Errors, Warnings, from_signed, to_signed
 from protocol.endpoint import RemoteProtocolError
-
-Floats = NDArray[np.float64]
-POWERED = 1000.0003
-"""Not on the sensor's grid."""
-STEADY = POWERED + 4.0
-"""After the board has zeroed its offsets."""
-QUIET = SensorProfile(noise_counts=0.0, adc_bits=16)
-LOAD = (11.5, -22.2, 37.0, 0.56, -1.04, 1.22)
-"""A tenth, a fifth of full scale: 1638, −3277, 3277, 1638, −3277, 3277 counts."""
-LOAD_COUNTS = (1638, -3277, 3277, 1638, -3277, 3277)
-
-
-def constant(*wrench: float) -> Callable[[Floats], Floats]:
-    return lambda times: np.tile(np.array(wrench), (len(times), 1))
-
-
-def loaded_from(time: float, wrench: tuple[float, ...] = LOAD) -> Callable[[Floats], Floats]:
-    return lambda times: np.outer(times >= time, wrench)
-
-
-UNLOADED = constant(*[0.0] * 6)
-
-
-def board_of(
-    wrench_at: Callable[[Floats], Floats] = UNLOADED,
-    profile: BoardProfile | None = None,
-    sensor: SensorProfile = QUIET,
-    filter_number: int = 0,
-) -> Board:
-    return Board(
-        profile or BoardProfile(), Jr3Sensor(sensor, KnownWrench(wrench_at), 7), POWERED, filter_number
-    )
-
-
-def get(board: Board, name: str, now: float) -> tuple[int, ...]:
-    register = REGISTERS[name]
-    return register.values(board.read(register.address, register.count, now))
-
-
-def put(board: Board, name: str, values: tuple[int, ...], now: float) -> None:
-    board.write(REGISTERS[name].address, values, now)
-
-
-def do(board: Board, code: int, now: float, word1: int = 0, word2: int = 0) -> tuple[int, int, float]:
-    """A command: command_word0 and command_word2 when it is done, and the time then."""
-    done = board.command(code, now, word1, word2)
-    assert done > now
-    assert get(board, "command_word0", done - 1e-6)[0] == to_signed(code)
-    return get(board, "command_word0", done)[0], board.read_word(0xE5, done), done
-
+from tests.emulation.jr3_board_host import (
+    LOAD,
+    LOAD_COUNTS,
+    POWERED,
+    STEADY,
+    Floats,
+    board_of,
+    constant,
+    do,
+    get,
+    loaded_from,
+    put,
+)
 
 # --- power-up
 
@@ -248,158 +196,6 @@ def test_the_truth_is_when_a_hosts_count_was_new(n: int) -> None:
     assert told[1:] == pytest.approx(list(new.values())[1:], abs=1e-9)
     assert len(new) >= 3
     assert board.sampled_at((count + 1) % 65536) is None, "no reader has seen this count since the reset"
-
-
-# --- commands
-
-
-@pytest.mark.parametrize("which", ["typical", "maximum"])
-def test_commands_take_the_manuals_times(which: str) -> None:
-    board = board_of(profile=BoardProfile(command_times=which))  # type: ignore[arg-type]
-    now = STEADY
-    for code, info in COMMANDS.items():
-        _, _, done = do(board, code, now, 0x40)
-        assert done - now == pytest.approx(info.typical if which == "typical" else info.maximum)
-        now = done + 0.01
-
-
-def test_memory_commands() -> None:
-    board = board_of()
-    now = STEADY
-    assert do(board, 0x0100, now, 0xF9)[:2] == (0, 1)
-    assert do(board, 0x0200, now + 1, 0x1234, 0x00F0)[:2] == (0, 0)
-    assert do(board, 0x0300, now + 2, 0x1234, 0x0F01)[:2] == (0, 0x00F0)
-    assert do(board, 0x0400, now + 3, 0x1234, 0x0011)[:2] == (0, 0x0FF1)
-    assert board.read_word(0x1234, now + 4) == 0x0FE0
-    assert do(board, 0x0200, now + 5, REGISTERS["offsets"].address, 50)[0] == 0
-    assert get(board, "filter0", now + 5.1)[0] == -50
-
-
-@pytest.mark.parametrize(
-    ("code", "word1"), [(0x0D00, 0), (0x0001, 0), (0x0510, 0), (0x8000, 0), (0x0100, 0x4000), (0x0200, 0xF9)]
-)
-def test_wrong_commands_answer_minus_one(code: int, word1: int) -> None:
-    board = board_of()
-    assert do(board, code, STEADY, word1)[0] == -1
-    assert do(board, 0x0100, STEADY + 1, 0xF9)[0] == 0
-
-
-def test_a_command_written_while_another_runs_is_lost() -> None:
-    board = board_of()
-    done = board.command(0x0500, STEADY)
-    assert board.command(0x0603, STEADY + 1e-3) == done
-    assert get(board, "command_word0", done) == (0,)
-    assert get(board, "offset_num", done + 0.1) == (0,)
-
-
-def test_busy_while_a_transform_or_full_scales_are_worked_out() -> None:
-    board = board_of(constant(*LOAD))
-    put(board, "transform2", encode_transform([Link(LinkType.TRANSLATE_X, 0)] * 4), STEADY)
-    done = board.command(0x0502, STEADY)
-    assert done - STEADY == pytest.approx(2.25e-3 + 4 * 0.75e-3)
-    count = get(board, "count1", STEADY + 1e-3)
-    assert get(board, "errors", STEADY + 1e-3)[0] == Errors.SYSTEM_BUSY
-    assert get(board, "count1", done - 1e-4) == count
-    assert get(board, "errors", done) == (0,)
-    assert get(board, "transform_num", done) == (2,)
-    assert get(board, "count1", done + 1e-3)[0] == count[0] + 8
-    later = done + 0.1
-    assert board.command(0x0A00, later) - later == pytest.approx(3.4e-3 + 4 * 0.75e-3)
-
-
-def test_full_scales_change_the_counts_and_vectors() -> None:
-    at = STEADY + 1.0
-    board = board_of(loaded_from(at))
-    put(board, "full_scale", (230, 222, 370, 112, 104, 122), STEADY)
-    assert do(board, 0x0A00, STEADY)[0] == 0
-    assert get(board, "full_scale", at) == (230, 222, 370, 112, 104, 122, 370, 122)
-    assert get(board, "filter0", at + 0.1)[:6] == (819, -1638, 1638, 819, -1638, 1638)
-    assert get(board, "min_full_scale", at) == (115, 111, 185, 56, 52, 61)
-    assert get(board, "max_full_scale", at) == (115, 111, 185, 56, 52, 61)
-
-
-@pytest.mark.parametrize(
-    ("span", "largest"),
-    [
-        (1.0, (115, 111, 185, 56, 52, 61)),
-        (2.5, (287, 277, 462, 140, 130, 152)),
-        (4.0, (460, 444, 740, 224, 208, 244)),
-        (16.0, (460, 444, 740, 224, 208, 244)),
-    ],
-)
-def test_max_full_scale_keeps_every_step_of_the_converter(span: float, largest: tuple[int, ...]) -> None:
-    sensor = SensorProfile(noise_counts=0.0, adc_bits=14)
-    board = board_of(sensor=sensor, profile=BoardProfile(full_scale_span=span))
-    assert get(board, "min_full_scale", STEADY) == (115, 111, 185, 56, 52, 61)
-    assert get(board, "max_full_scale", STEADY) == largest
-    assert get(board, "sat_value", STEADY) == (32768 - 4,)
-
-
-@pytest.mark.parametrize("wrong", [0, -1, -32768])
-def test_a_full_scale_that_is_none_is_refused(wrong: int) -> None:
-    board = board_of(constant(*LOAD))
-    put(board, "full_scale", (115, 111, wrong), STEADY)
-    assert do(board, 0x0A00, STEADY)[0] == -1
-    assert get(board, "errors", STEADY + 1) == (0,)
-
-
-def test_small_full_scales_saturate_and_smaller_ones_overflow() -> None:
-    at = STEADY + 1.0
-    sensor = SensorProfile(full_scales_n=(1000.0, 1000.0, 1000.0), noise_counts=0.0, adc_bits=16)
-    board = board_of(loaded_from(at, (100.0, -100.0, 10.0, 0.0, 0.0, 0.0)), sensor=sensor)
-    put(board, "full_scale", (10, 10, 3), STEADY)
-    do(board, 0x0A00, STEADY)
-    fx, fy, fz = get(board, "filter0", at + 0.1)[:3]
-    assert (fx, fy) == (32767, -32768)
-    # 0.3 % of min_full_scale: 10 N are 54613 counts, which wrap.
-    assert fz == pytest.approx(10 / 3 * 16384 - 65536, abs=70)
-
-
-def test_offsets_and_their_slots() -> None:
-    at = STEADY + 1.0
-    board = board_of(loaded_from(at))
-    now = at + 1.0
-    assert do(board, 0x0800, now)[0] == 0
-    assert get(board, "offsets", now + 0.1) == LOAD_COUNTS
-    assert get(board, "filter0", now + 0.1)[:6] == (0,) * 6
-    assert do(board, 0x0700, now + 0.1)[0] == 0
-    assert do(board, 0x060F, now + 0.2)[0] == 0
-    assert get(board, "offset_num", now + 0.3) == (15,)
-    assert get(board, "offsets", now + 0.3) == (0,) * 6
-    assert get(board, "filter0", now + 0.3)[:6] == LOAD_COUNTS
-    do(board, 0x0600, now + 0.4)
-    assert get(board, "offsets", now + 0.5) == LOAD_COUNTS
-    assert do(board, 0x0800, now + 1.0)[0] == 0
-    assert get(board, "offsets", now + 1.1) == LOAD_COUNTS
-
-
-def test_vector_axes() -> None:
-    board = board_of(loaded_from(STEADY + 1.0))
-
-    def vectors(code: int, now: float) -> tuple[int, ...]:
-        assert do(board, code, now)[0] == 0
-        assert get(board, "vect_axes", now + 0.1) == (code & 0xFF,)
-        return (*get(board, "filter0", now + 0.1)[6:], *get(board, "full_scale", now + 0.1)[6:])
-
-    fx, fy, fz, mx, my, mz = 11.5, 22.2, 37.0, 0.56, 1.04, 1.22
-    now = STEADY + 2.0
-
-    def counts(value: float, scale: float) -> int:
-        return pytest.approx(value / scale * 16384, abs=1)  # type: ignore[return-value]
-
-    assert vectors(0x093F, now) == (
-        counts(np.hypot(np.hypot(fx, fy), fz), 185),
-        counts(np.hypot(np.hypot(mx, my), mz), 6.1),
-        *(185, 61),
-    )
-    assert vectors(0x0900 | 0x03 | 0x28, now + 1) == (
-        counts(np.hypot(fx, fy), 115),
-        counts(np.hypot(mx, mz), 6.1),
-        *(115, 61),
-    )
-    assert vectors(0x0900 | 0x40 | 0x3F, now + 2)[2:] == (185, 185)
-    assert vectors(0x0900 | 0x80 | 0x11, now + 3) == (counts(mx, 5.6), counts(my, 5.2), 56, 52)
-    assert vectors(0x0900, now + 4) == (0, 0, 0, 0)
 
 
 # --- the plug

@@ -18,9 +18,9 @@ from emulators.faults import Ledger
 from emulators.panel import Panel
 from protocol.devices.egm import Motors, PathCorrection, Rapid, SensorMessage
 from protocol.devices.rsi import Telegram
-from tests.emulation.test_egm_controller import AT_ONCE, CYCLE, Line, planned, to
+from tests.emulation.egm_line import AT_ONCE, CYCLE, Line, planned, to
+from tests.emulation.rsi_rig import PLAIN, QUICK, Rig, answer
 from tests.emulation.test_egm_web_services import EXECUTION, MOTORS, Served
-from tests.emulation.test_rsi import PLAIN, QUICK, Rig, answer
 
 SPEED, MODE = "/rw/panel/speedratio", "/rw/panel/opmode"
 

@@ -1,8 +1,7 @@
-"""The clients of a controller over RTDE, against a scripted one: each way to fail says in one line what to do."""
+"""The client of a controller over RTDE, against a scripted one: each way to fail says in one line what to do."""
 
 import math
 import struct
-from collections.abc import Callable
 from itertools import pairwise
 
 import pytest
@@ -10,108 +9,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from protocol.devices.rtde import packets
-from protocol.devices.rtde.client import ANSWER_S, EXPECTED, OUTPUT_NAMES, PLAY_S, TRIES, RtdeClient
-from protocol.devices.rtde.fields import Recipe
-from protocol.devices.rtde.force import INPUTS, NO_FORCE, OUTPUTS, ForceClient, Lost, Seen
+from protocol.devices.rtde.client import ANSWER_S, EXPECTED, OUTPUT_NAMES, PLAY_S, TRIES
 from protocol.devices.rtde.packets import HEADER, Kind, Text, Types
 from protocol.devices.rtde.profile import ClientProfile
 from protocol.devices.rtde.program import INPUT_NAMES
-from protocol.devices.rtde.states import Runtime, SafetyBits
-from protocol.devices.rtde.wires import Piece, Pieces, Port
+from protocol.devices.rtde.states import Runtime
+from protocol.devices.rtde.wires import Piece, Port
 from protocol.endpoint import Trouble
 from protocol.geometry import Pose
-from protocol.robot import ReportReceived, StreamLost, StreamNotice
-
-T0 = 1000.25
-FIRST = 100_001
-"""First sequence number at a controller whose clock shows 100 s."""
-SIX = (0.4, -0.1, 0.3, 0.0, 3.0, 0.5)
-OUT = Recipe(1, OUTPUT_NAMES, EXPECTED[OUTPUT_NAMES])
-IN = Recipe(3, INPUT_NAMES, EXPECTED[INPUT_NAMES])
-ANSWERS = {
-    Kind.VERSION: packets.accepted(Kind.VERSION, True),
-    Kind.OUTPUTS: packets.types_answer(Kind.OUTPUTS, Types(1, EXPECTED[OUTPUT_NAMES])),
-    Kind.INPUTS: packets.types_answer(Kind.INPUTS, Types(3, EXPECTED[INPUT_NAMES])),
-    Kind.START: packets.accepted(Kind.START, True),
-}
-LINES = {
-    "is in remote control\n": "true\n",
-    "safetystatus\n": "Safetystatus: NORMAL\n",
-    "robotmode\n": "Robotmode: RUNNING\n",
-}
-NO_DASHBOARD = ClientProfile(dashboard_port=0)
-
-
-def data(
-    stamp: float,
-    state: int = 1,
-    runtime: int = Runtime.PLAYING,
-    pose: tuple[float, ...] = SIX,
-    **more: float,
-) -> bytes:
-    """A data packet of a controller that is ready."""
-    values = {"mode": 7, "safety": int(SafetyBits.NORMAL), "scaling": 1.0, "taken": FIRST, **more}
-    return OUT.pack(
-        stamp,
-        *pose,
-        *(0.0,) * 12,
-        *SIX,
-        runtime,
-        values["mode"],
-        values["safety"],
-        3,
-        state,
-        int(values["taken"]),
-        0,
-        values["scaling"],
-    )
-
-
-class Talk:
-    """A client, and all that it said and told."""
-
-    def __init__(self, profile: ClientProfile = NO_DASHBOARD) -> None:
-        self.now = T0
-        self.client = RtdeClient(profile, T0)
-        self.said: list[Piece] = []
-        self.lost: list[str] = []
-        self.notices: list[str] = []
-        self.reports: list[str] = []
-        self.take()
-
-    def take(self) -> None:
-        while (event := self.client.next_event()) is not None:
-            match event:
-                case StreamLost(text=text, remedy=remedy):
-                    self.lost.append(str(Trouble(text, remedy)))
-                case StreamNotice(text=text):
-                    self.notices.append(text)
-                case ReportReceived(report=report):
-                    self.reports.append(str(Trouble(report.fault, report.remedy)))
-                    self.client.hold(self.now)
-        self.said += self.client.data_to_send(self.now)
-
-    def hear(self, raw: bytes, port: Port = Port.RTDE) -> None:
-        self.client.receive((Piece(port, raw),), self.now)
-        self.take()
-
-    def wait(self, seconds: float) -> None:
-        end = self.now + seconds
-        while (due := self.client.next_deadline()) is not None and due <= end:
-            self.now = due
-            self.client.handle_deadline(due)
-            self.take()
-            if self.lost:
-                return
-        self.now = end
-
-    def up_to(self, kind: Kind) -> "Talk":
-        """Let the controller agree to all before this packet."""
-        for each, answer in ANSWERS.items():
-            if each is kind:
-                break
-            self.hear(answer)
-        return self
+from protocol.robot import ReportReceived
+from tests.wire.rtde_talk import ANSWERS, FIRST, IN, LINES, NO_DASHBOARD, T0, Talk, data
 
 
 def test_it_asks_the_dashboard_then_agrees_then_uploads_and_then_streams() -> None:
@@ -440,69 +347,3 @@ def test_no_bytes_raise(pieces: list[tuple[Port, bytes]], dashboard: bool) -> No
         talk.hear(raw, port)
     talk.wait(1.5)
     assert len(talk.lost) <= 2 + len(pieces)
-
-
-# --- the force client
-
-FORCE_OUT = Recipe(1, OUTPUTS, ("DOUBLE", "VECTOR6D", "VECTOR6D", "VECTOR6D"))
-FORCE_IN = Recipe(2, INPUTS, ("VECTOR6D",))
-FORCE_ANSWERS = [
-    packets.accepted(Kind.VERSION, True),
-    packets.types_answer(Kind.OUTPUTS, Types(1, FORCE_OUT.types)),
-    packets.types_answer(Kind.INPUTS, Types(2, FORCE_IN.types)),
-    packets.accepted(Kind.START, True),
-]
-
-
-def hear(client: ForceClient, *raw: bytes) -> Pieces:
-    for one in raw:
-        client.receive((Piece(Port.SCRIPT, b"state"), Piece(Port.RTDE, one)), T0)
-    return client.data_to_send(T0)
-
-
-@pytest.mark.parametrize("enable", [True, False])
-def test_the_force_client_enables_reads_and_gives(enable: bool) -> None:
-    client = ForceClient(500.0, enable, T0)
-    assert not client.farewell()
-    client = ForceClient(500.0, enable, T0)
-    said = hear(client, *FORCE_ANSWERS)
-    assert [piece.data for piece in said if piece.port is Port.RTDE] == [
-        packets.version_request(),
-        packets.outputs_request(OUTPUTS, 500.0),
-        packets.inputs_request(INPUTS),
-        packets.encode(Kind.START),
-    ]
-    assert (b"def hil_ft():" in said[-1].data) == enable
-    tip = (0.0, 0.0, 0.2, 0.0, 0.0, 0.0)
-    hear(client, FORCE_OUT.pack(100.0, *SIX, 1.0, 2.0, 3.0, 0.0, 0.0, 0.0, *tip))
-    seen = client.next_event()
-    assert isinstance(seen, Seen)
-    assert (seen.stamp, seen.velocity, seen.tip.position) == (100.0, (1.0, 2.0, 3.0), (0.0, 0.0, 0.2))
-    client.give((0.0, 0.0, -12.5, 0.0, 0.25, 0.0))
-    assert client.data_to_send(T0)[0].data == FORCE_IN.pack(0.0, 0.0, -12.5, 0.0, 0.25, 0.0)
-    assert client.farewell()[0].data == FORCE_IN.pack(*NO_FORCE)
-
-
-def gone(raw: list[bytes], act: Callable[[ForceClient], object] = lambda client: None) -> str:
-    client = ForceClient(500.0, True, T0)
-    hear(client, *raw)
-    act(client)
-    event = client.next_event()
-    assert isinstance(event, Lost)
-    assert client.next_deadline() is None
-    hear(client, *FORCE_ANSWERS)
-    assert client.next_event() is None
-    return event.text
-
-
-def test_the_force_client_says_in_one_line_what_is_wrong() -> None:
-    used = packets.types_answer(Kind.INPUTS, Types(0, ("IN_USE",)))
-    missing = packets.types_answer(Kind.OUTPUTS, Types(0, ("NOT_FOUND",)))
-    wild = FORCE_OUT.pack(100.0, math.inf, *(0.0,) * 17)
-    assert "another client holds external_force_torque" in gone([*FORCE_ANSWERS[:2], used])
-    assert "its software has not all of timestamp" in gone([FORCE_ANSWERS[0], missing])
-    assert "refuses to speak version 2" in gone([packets.accepted(Kind.VERSION, False)])
-    assert "speaks no RTDE" in gone([HEADER.pack(1, Kind.DATA)])
-    assert "speaks no RTDE" in gone([*FORCE_ANSWERS, packets.encode(Kind.DATA, b"\x01")])
-    assert "no numbers" in gone([*FORCE_ANSWERS, wild])
-    assert "nothing came for 1 s" in gone([], lambda client: client.handle_deadline(T0 + 1.0))

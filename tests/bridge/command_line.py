@@ -1,0 +1,18 @@
+"""What a command answers in this process, and how a run in virtual time is begun; the fixture `hil` gives commands."""
+
+from collections.abc import Callable
+from typing import TypeAlias
+
+Result: TypeAlias = tuple[int, str, str]
+Command: TypeAlias = Callable[..., Result]
+
+VIRTUAL = ("run", "--virtual", "--no-view")
+
+
+def refused(result: Result) -> str:
+    """The one line that a refusal is."""
+    code, _, errors = result
+    assert code == 2, errors
+    assert errors.startswith("hil-bridge: ")
+    assert errors.count("\n") == 1
+    return errors

@@ -1,0 +1,13 @@
+"""A log of a device that keeps what the device says."""
+
+from hil_bridge.devices.device_log import Silence
+
+
+class Notices(Silence):
+    """Keeps what a device says beside its frames and answers."""
+
+    def __init__(self) -> None:
+        self.notices: list[tuple[str, str]] = []
+
+    def notice(self, kind: str, text: str) -> None:
+        self.notices.append((kind, text))

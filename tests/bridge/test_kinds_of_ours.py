@@ -1,0 +1,116 @@
+"""What all our kinds of devices have: faults, targets, scenarios, marks, and a place in the help."""
+
+import dataclasses
+import re
+
+import pytest
+from click.testing import CliRunner
+from msgspec.structs import asdict, replace
+
+from emulators.arm.told_pose import POSE_FAULTS
+from emulators.faults.packets import BYTES, DATAGRAMS, SENSOR_WIRE, WIRE
+from hil_bridge.cli import cli
+from hil_bridge.devices.facts import RobotFacts, ServoFacts
+from hil_bridge.devices.kinds import ROBOTS, SENSORS, EmulatedKinds
+from hil_bridge.devices.sensors.jr3.room import CAN_GATEWAY, UART_GATEWAY
+from hil_bridge.errors import ConfigError
+from hil_bridge.lab.conform.robots.scenarios import SCENARIOS, Rules
+from hil_bridge.lab.conform.robots.stage import RobotTrial
+from hil_bridge.lab.conform.trial import NOMINAL
+from hil_bridge.runs.setup import Setup
+from hil_bridge.settings.configuration import load_config, read_config
+from hil_bridge.settings.kinds import settings_of
+from protocol.marks import Mark
+from tools.faults_doc import ROBOT_NAMES, SENSOR_NAMES, faults_of_device
+
+
+def test_the_receivers_of_a_jr3_share_their_sections() -> None:
+    config = read_config({"sensor": {"emulated": "jr3-uart", "jr3": {"uart": {"period_ms": 2.0}}}})
+    assert settings_of(config, UART_GATEWAY).client.uart.period_ms == 2.0
+    assert settings_of(config, CAN_GATEWAY).client is settings_of(config, UART_GATEWAY).client
+
+
+def test_a_receiver_of_a_jr3_has_the_faults_that_its_room_tells() -> None:
+    faults = {
+        name: set(EmulatedKinds.named("s3", name).faults["sensor"])
+        for name in ("jr3", "jr3-uart", "jr3-board")
+    }
+    assert faults["jr3"] == faults["jr3-uart"] > faults["jr3-board"] == {"unplugged", "wrong-scales"}
+    second = {"on": "sensor", "fault": "unplugged", "with": {"sensor": "second"}}
+    read_config({"sensor": {"emulated": "jr3-board"}, "faults": [second]})
+    with pytest.raises(ValueError, match="unplugged with sensor = second needs sensor"):
+        read_config({"sensor": {"emulated": "jr3-uart"}, "faults": [second]})
+
+
+@pytest.mark.parametrize("name", [name for name in (*ROBOT_NAMES, *SENSOR_NAMES) if name != "jr3-board"])
+def test_every_device_of_ours_has_every_fault_of_a_wire(name: str) -> None:
+    """But for the receiver board: its registers are read, and no frames come."""
+    faults = faults_of_device(name)[WIRE if name in ROBOT_NAMES else SENSOR_WIRE]
+    line = name in ("s3", "jr3-uart", "ft300")
+    assert {*faults} >= {*(BYTES if line else DATAGRAMS).faults}
+    assert ("reordered" in faults, "malformed" in faults) == (not line, not line)
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_every_robot_of_ours_has_every_fault_of_a_pose_that_it_can_tell(name: str) -> None:
+    without = {"s3": {"nan", "missing"}, "rtde": {"missing"}}.get(name, set())
+    faults = faults_of_device(name)["pose"]
+    assert {*POSE_FAULTS} - {*faults} == without
+    assert all(faults[fault] is POSE_FAULTS[fault] for fault in {*POSE_FAULTS} - without)
+    assert "emergency-stop" in faults_of_device(name)["robot"]
+
+
+@pytest.mark.parametrize("name", [*ROBOT_NAMES, *SENSOR_NAMES])
+def test_the_targets_are_the_same_for_every_device(name: str) -> None:
+    own = (
+        {"robot", "pose", WIRE, "program-wire", "witness"}
+        if name in ROBOT_NAMES
+        else {"signal", "sensor", SENSOR_WIRE}
+    )
+    assert {*faults_of_device(name)} <= own
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_every_robot_of_ours_can_try_a_client_in_every_scenario(name: str) -> None:
+    config = load_config(None, {"robot.emulated": name})
+    trial = RobotTrial(config, "", Rules(), lambda: pytest.fail("no client is tried"))
+    assert [*trial.mishaps] == [*SCENARIOS]
+    assert [name for name, mishap in trial.mishaps.items() if mishap is None] == [NOMINAL]
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_the_marks_of_a_servo_have_the_names_of_its_numbers(name: str) -> None:
+    servo = Setup(load_config(None, {"robot.emulated": name})).facts.servo
+    assert servo is not None
+    assert {*servo.marks} == {key for key, value in asdict(servo).items() if key != "marks" and value}
+    assert {*servo.marks.values()} <= {*map(str, Mark)}
+
+
+def test_a_real_robot_names_the_mark_of_each_number_of_its_servo() -> None:
+    servo = ServoFacts(
+        0.02, 0.02, 40.0, 1.0, marks={"transport_delay_s": "derived", "damping_ratio": "observed"}
+    )
+    robot = RobotFacts(servo=servo)
+    assert robot.servo_source("transport_delay_s") == "derived, from the profile"
+    both = "assumed and observed, from the profile"
+    assert robot.servo_source("natural_frequency_rad_s", "damping_ratio") == both
+    emulated = replace(robot, emulated=True)
+    assert emulated.servo_source("transport_delay_s") == "as configured for the emulated robot"
+
+
+def test_a_sensor_whose_faults_would_hide_the_robot_s_is_refused() -> None:
+    cell = EmulatedKinds.named("egm", "netft")
+    emulation = cell.sensor.emulation
+    assert emulation is not None
+    faults = {**emulation.faults, WIRE: DATAGRAMS.faults}
+    sensor = dataclasses.replace(cell.sensor, emulation=dataclasses.replace(emulation, faults=faults))
+    with pytest.raises(ConfigError, match="egm and netft both have faults of the target wire"):
+        _ = cell._replace(sensor=sensor).faults
+
+
+def test_the_help_of_a_run_names_every_kind_of_ours() -> None:
+    text = " ".join(CliRunner().invoke(cli, ["run", "--help"]).output.split())
+    robots = text.partition("--robot URL")[2].partition("--sensor URL")[0].partition("emulated:")[2]
+    sensors = text.partition("--sensor URL")[2].partition("--surface")[0].partition("emulated:")[2]
+    assert set(ROBOTS.built_in) <= set(re.findall(r"[\w-]+", robots))
+    assert set(SENSORS.built_in) <= set(re.findall(r"[\w-]+", sensors.replace("- ", "-")))
