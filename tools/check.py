@@ -100,10 +100,10 @@ STEPS: dict[str, Callable[[], int]] = {
 }
 BESIDE: dict[str, tuple[str, ...]] = {
     "docs": ("sphinx-build", "-E", "-W", "--keep-going", "-q", "docs", "docs/_build/html"),
-    "wheels": ("python", "tools/wheels.py"),
     "kernel": ("python", "tools/vcan_vm.py", "--driver"),
+    "wheels": ("python", "tools/wheels.py"),
 }
-"""Commands that wait for downloads or keep one processor busy: one by one beside the steps."""
+"""Commands that wait for downloads or keep one processor busy: two at a time beside the steps."""
 REAL_TIME = "live"
 """The step beside which nothing runs that others could notice."""
 IDLE = ("kernel",)
@@ -132,7 +132,7 @@ def main() -> int:
         timed(name, began, code)
         return output
 
-    with ThreadPoolExecutor(1) as beside:
+    with ThreadPoolExecutor(2) as beside:
         others = {name: beside.submit(quietly, name) for name in BESIDE if only in (None, name)}
 
         def show_others(but: tuple[str, ...] = ()) -> None:

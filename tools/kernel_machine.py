@@ -4,6 +4,7 @@ The kernel is unpacked from its package, not installed. The machine sees this co
 device whose memory is plain, which can stand for a board.
 """
 
+import compileall
 import os
 import re
 import shlex
@@ -18,6 +19,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 BIN = Path(sys.executable).parent
+OWN_PACKAGES = ("hil_bridge", "emulators", "protocol", "tools")
 CACHE = Path(sys.prefix) / "cache" / "vcan-kernel"
 """Within the environment, which is not under version control."""
 
@@ -229,6 +231,8 @@ def in_machine(command: Sequence[str], settings: dict[str, str], limit: float) -
     Raises Unavailable where there can be no machine.
     """
     image = unpacked_kernel()
+    for package in OWN_PACKAGES:  # the machine cannot keep what it compiles
+        compileall.compile_dir(ROOT / package, quiet=1)
     inside = {
         "PATH": f"{BIN}:{os.environ.get('PATH', '')}:{SYSTEM_FOLDERS}",
         "HOME": "/tmp",
