@@ -50,3 +50,9 @@ def test_a_led_tool_stays_where_a_person_holds_it() -> None:
     assert len(set(asked[19:70])) == 1, "and its step is not asked"
     assert set(forces[19:70]) == {8.0}, "the step's force is kept"
     assert (k, str(state.reason)) == (70, "its time is up, in step 2 (slides)"), "then the step has its say"
+
+
+def test_a_led_tool_may_lean_on_what_is_beside_it_until_it_has_lifted() -> None:
+    """A step of another package may press aside: a retraction then yields to it."""
+    legs = program_of(Approach(), Slides(), Retract(), Approach(), Retract()).row.legs
+    assert [leg.works_aside for leg in legs] == [False, True, True, False, False]

@@ -221,6 +221,20 @@ def test_an_edge_is_found_where_the_surface_ends():
     assert done(told)[1].found[0] == pytest.approx(12e-3, abs=0.5e-3)
 
 
+def test_an_edge_is_looked_for_from_where_the_tool_is():
+    """A track has led it 4 mm along y. It goes on along x from there, and never leaps."""
+    aside = Track(path=Polyline(points_mm=((0.0, 0.0), (0.0, 4.0))), speed_mm_s=4.0)
+    program = program_of(
+        Approach(), aside, Seek(direction_deg=0.0, until="edge", at_most_mm=9.0, speed_mm_s=2.0), Retract()
+    )
+    sought = [output.target for state, output, _ in drive(program) if state.leg == 2 and not state.failed]
+    assert all(target.across == pytest.approx(4e-3, abs=0.5e-3) for target in sought)
+    assert max(
+        math.dist((a.travel, a.across), (b.travel, b.across)) for a, b in itertools.pairwise(sought)
+    ) <= (4e-3 * DT + 1e-9)
+    assert sought[-1].travel == pytest.approx(9e-3, abs=0.5e-3)
+
+
 def test_an_edge_that_is_not_there_is_told_with_the_step():
     program = program_of(
         Approach(), Seek(direction_deg=0.0, until="edge", at_most_mm=10.0, speed_mm_s=2.0), Retract()
