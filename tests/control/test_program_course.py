@@ -67,12 +67,14 @@ def flat(x, y):
     return 2e-3
 
 
-def drive(program, surface=flat, push=lambda depth, x, y: (0.0, 0.0)):
-    """Every sample's state and output until the end. `push` gives the forces along x and y."""
+def drive(program, surface=flat, push=lambda depth, x, y: (0.0, 0.0), told_at=lambda x, y: (x, y)):
+    """Every sample's state and output until the end. `push` gives the forces along x and y, `told_at` the place that
+    the robot reports.
+    """
     state, depth, (x, y), orientation, told = program.initial(), 0.0, (0.0, 0.0), DOWN, []
     for k in range(2000):
         force = STIFFNESS * max(depth - surface(x, y), 0.0)
-        felt = seen(k * DT, (x, y), depth, (force, *push(depth, x, y)), orientation)
+        felt = seen(k * DT, told_at(x, y), depth, (force, *push(depth, x, y)), orientation)
         state, output = program.step(*program.sense(state, felt))
         depth, x, y = output.target.depth, output.target.travel, output.target.across
         orientation = output.turned or orientation
@@ -219,6 +221,43 @@ def test_an_edge_is_found_where_the_surface_ends():
     told = drive(program, surface=lambda x, y: 2e-3 if x < 12e-3 else 1.0)
     assert not told[-1][0].failed
     assert done(told)[1].found[0] == pytest.approx(12e-3, abs=0.5e-3)
+
+
+@pytest.mark.parametrize("aside_mm", [1.0, 4.0])
+def test_a_tool_presses_aside_from_any_place(aside_mm):
+    """The path begins there, and a wall stands 1 mm to the left of it."""
+    to = Track(path=Polyline(points_mm=((0.0, 0.0), (0.0, aside_mm))), speed_mm_s=4.0)
+    along = Track(path=LINE, across="force", across_n=5.0, speed_mm_s=2.0)
+    wall = aside_mm * 1e-3 + 1e-3
+    program = program_of(Approach(), to, along, Retract())
+    told = drive(program, push=lambda depth, x, y: (0.0, STIFFNESS * max(y - wall, 0.0)))
+    places = [output.target.across for state, output, _ in told if state.leg == 2 and not state.failed]
+    pressed = wall + 5.0 / STIFFNESS
+    assert places[-1] == pytest.approx(pressed, abs=0.1e-3)
+    assert max(places) <= pressed + 0.1e-3
+
+
+@pytest.mark.parametrize("direction_deg", [0.0, 90.0, 30.0])
+@pytest.mark.parametrize("aside_mm", [1.0, 4.0])
+def test_a_tool_that_is_held_up_aside_is_not_ordered_on(aside_mm, direction_deg):
+    """The robot stays on the path, and nothing pushes: the order may be ahead by what makes the force allowed."""
+    held, angle = aside_mm * 1e-3 + 0.5e-3, math.radians(direction_deg)
+    u, v = -math.sin(angle), math.cos(angle)  # to the left of the path
+    begin = aside_mm * u, aside_mm * v
+
+    def told_at(x, y):
+        beyond = max(x * u + y * v - held, 0.0)
+        return x - beyond * u, y - beyond * v
+
+    to = Track(path=Polyline(points_mm=((0.0, 0.0), begin)), speed_mm_s=4.0)
+    path = Line(length_mm=20.0, direction_deg=direction_deg)
+    along = Track(path=path, across="force", across_n=5.0, speed_mm_s=2.0)
+    told = drive(program_of(Approach(), to, along, Retract()), told_at=told_at)
+    targets = [output.target for state, output, _ in told if state.leg == 2 and not state.failed]
+    ahead = [target.travel * u + target.across * v - held for target in targets]
+    allowed, slowly = 10.0 / STIFFNESS, 0.2e-3 * DT  # an approach never stands
+    assert allowed - slowly <= ahead[12] <= allowed + 6 * slowly
+    assert max(ahead) <= allowed + slowly * len(ahead)
 
 
 def test_an_edge_is_looked_for_from_where_the_tool_is():
