@@ -181,7 +181,7 @@ class HuntCrossley:
         return np.maximum(pressing, 0.0, out=pressing)
 
 
-def _told(times: Floats | None) -> Floats:
+def _require_times(times: Floats | None) -> Floats:
     """The times of the samples. Raises ValueError where there are none."""
     if times is None:
         raise ValueError("a material with memory must be told the times of the samples")
@@ -189,7 +189,7 @@ def _told(times: Floats | None) -> Floats:
 
 
 def _relaxing(times: Floats, memory: Memory, time_constant: float) -> tuple[Floats, Floats]:
-    """The share of what was there that stays in each step to a sample: at its end, and in its mean."""
+    """Shares of the earlier strain that stay in each step to a sample: at its end, and as the mean over it."""
     steps = np.maximum(np.diff(times, prepend=memory.time), 0.0) / time_constant
     means = np.ones_like(steps)
     np.divide(-np.expm1(-steps), steps, out=means, where=steps > 0.0)
@@ -216,7 +216,7 @@ class Relaxing:
     def press(
         self, depth: Floats, approach: Floats, factor: Floats | float, times: Floats | None, memory: Memory
     ) -> tuple[Floats, Memory]:
-        times = _told(times)
+        times = _require_times(times)
         time = max(memory.time, float(times[-1]))
         if memory.dent == 0.0 and not (depth > 0.0).any():
             return np.zeros_like(depth), Memory(time)
@@ -226,7 +226,7 @@ class Relaxing:
         gone = float(self.spring.spring(np.array([_LEVEL_M]))[0])
         pressed = self.spring.spring(depth).tolist()
         for elastic, keep, mean in zip(pressed, keeps.tolist(), means.tolist(), strict=True):
-            # What is relaxed at the end of a step is a part that e has no hand in, and a share of the new e.
+            # The relaxed force at the end of a step is a part without e, and a share of the new e.
             part, own = keep * relaxed + share * before * (mean - keep), share * (1.0 - mean)
             free = part / (1.0 - own)
             force = (1.0 - own) * (elastic - free) if elastic > free else 0.0
@@ -261,7 +261,7 @@ class StandardLinearSolid:
     def press(
         self, depth: Floats, approach: Floats, factor: Floats | float, times: Floats | None, memory: Memory
     ) -> tuple[Floats, Memory]:
-        times = _told(times)
+        times = _require_times(times)
         time = max(memory.time, float(times[-1]))
         if memory.dent == 0.0 and not (depth > 0.0).any():
             return np.zeros_like(depth), Memory(time)

@@ -1,4 +1,4 @@
-"""What a command answers in this process, and how a run in virtual time is begun; the fixture `hil` gives commands."""
+"""The answer of a command in this process, and the arguments of a virtual run; the fixture `hil` runs commands."""
 
 from collections.abc import Callable
 from typing import TypeAlias

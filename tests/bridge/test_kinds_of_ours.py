@@ -1,4 +1,4 @@
-"""What all our kinds of devices have: faults, targets, scenarios, marks, and a place in the help."""
+"""All our kinds of devices have faults, targets, scenarios, marks, and a place in the help."""
 
 import dataclasses
 import re

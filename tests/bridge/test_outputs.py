@@ -7,7 +7,7 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,32 +15,15 @@ from typing import Any, BinaryIO
 
 import pytest
 
-import hil_bridge.cli
 from hil_bridge.errors import ConfigError
 from hil_bridge.record import Outcome, read
 from hil_bridge.record import files as files_module
 from hil_bridge.record import recorder as recorder_module
 from hil_bridge.record.files import open_record, write_whole
 from hil_bridge.runs import outputs
+from tests.bridge.command_line import Command, Result
 
-Result = tuple[int, str, str]
-Command = Callable[..., Result]
 VIRTUAL = ("run", "--virtual", "--no-view", "--duration", "0.5")
-
-
-@pytest.fixture
-def hil(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path) -> Command:
-    """Run `hil-bridge` with these arguments in an empty folder: exit code, standard output, standard error."""
-    monkeypatch.chdir(tmp_path)
-
-    def command(*arguments: str) -> Result:
-        monkeypatch.setattr(sys, "argv", ["hil-bridge", *arguments])
-        with pytest.raises(SystemExit) as ended:
-            hil_bridge.cli.main()
-        output, errors = capfd.readouterr()
-        return int(ended.value.code or 0), output, errors
-
-    return command
 
 
 def refused(result: Result) -> str:

@@ -6,12 +6,10 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-import hil_bridge.cli
 from hil_bridge.console.screen import Screen, Terminal
 from hil_bridge.control import ControlLoop
 from hil_bridge.record import CycleRecord, read
@@ -19,25 +17,9 @@ from hil_bridge.runs import outputs, session
 from hil_bridge.runs.leaving import WayOut
 from hil_bridge.runs.notes import Notes
 from hil_bridge.runs.signals import ENDING, Signals, as_ctrl_c
+from tests.bridge.command_line import Command
 
-Result = tuple[int, str, str]
-Command = Callable[..., Result]
 VIRTUAL = ("run", "--virtual", "--no-view", "--duration", "2", "--record", "r.mcap")
-
-
-@pytest.fixture
-def hil(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path) -> Command:
-    """Run `hil-bridge` with these arguments in an empty folder: exit code, standard output, standard error."""
-    monkeypatch.chdir(tmp_path)
-
-    def command(*arguments: str) -> Result:
-        monkeypatch.setattr(sys, "argv", ["hil-bridge", *arguments])
-        with pytest.raises(SystemExit) as ended:
-            hil_bridge.cli.main()
-        output, errors = capfd.readouterr()
-        return int(ended.value.code or 0), output, errors
-
-    return command
 
 
 # --- signals

@@ -1,24 +1,18 @@
 """Programs as files and on the command line: the table, the picture, a file of its own, and what is wrong in words."""
 
 import math
-import sys
 import tomllib
-from collections.abc import Callable
 from pathlib import Path
-from typing import TypeAlias
 
 import pytest
 
-import hil_bridge.cli
 from hil_bridge.errors import ConfigError
 from hil_bridge.record import read
 from hil_bridge.runs.replay import changes_of, recorded_config
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import load_config
 from hil_bridge.show.report.task_steps import duration, list_steps, total_line
-
-Result: TypeAlias = tuple[int, str, str]
-Command: TypeAlias = Callable[..., Result]
+from tests.bridge.command_line import Command, Result
 
 STEPS = """
 [[step]]
@@ -54,21 +48,6 @@ limits = { travel_mm_s = 12 }
 """
 WHOLE = "[task]\nsafe_height_mm = 3\n" + STEPS.replace("[[step", "[[task.step")
 SHORT = '[[step]]\ndo = "approach"\n[[step]]\ndo = "hold"\nfor_s = 0.5\n[[step]]\ndo = "retract"\n'
-
-
-@pytest.fixture
-def hil(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path) -> Command:
-    """Run `hil-bridge` with these arguments in an empty folder: exit code, standard output, standard error."""
-    monkeypatch.chdir(tmp_path)
-
-    def command(*arguments: str) -> Result:
-        monkeypatch.setattr(sys, "argv", ["hil-bridge", *arguments])
-        with pytest.raises(SystemExit) as ended:
-            hil_bridge.cli.main()
-        output, errors = capfd.readouterr()
-        return int(ended.value.code or 0), output, errors
-
-    return command
 
 
 def refused(result: Result) -> str:

@@ -2,7 +2,6 @@
 
 import json
 import shutil
-import sqlite3
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -20,6 +19,7 @@ from hil_bridge.lab.campaign.store import Store
 from hil_bridge.lab.campaign.working import missing, work
 from hil_bridge.lab.requirements import Requirement, State, describe, matrix_of, read_tests
 from tests.campaign.conftest import SHORT
+from tests.campaign.study import changed
 
 
 def invoke(*arguments: object) -> str:
@@ -33,18 +33,6 @@ def plan_file(folder: Path, text: str = SHORT) -> Path:
     path = folder / "short.toml"
     path.write_text(text)
     return path
-
-
-def copy(results: Path, place: Path, *statements: str) -> Path:
-    """A copy of the results in which something was changed."""
-    with sqlite3.connect(results) as source, sqlite3.connect(place) as target:
-        source.backup(target)
-        for sql in statements:
-            target.execute(sql)
-    source.close()
-    target.commit()
-    target.close()
-    return place
 
 
 @pytest.mark.parametrize(
@@ -69,7 +57,7 @@ def test_value_of_a_missed_criterion_stands_beside_its_bounds(
 
 def test_bug_is_counted_apart_from_missed_criteria(short_results: Path, tmp_path: Path) -> None:
     bug = "UPDATE runs SET outcome = 'error', failed = '[\"no bug\"]', figures = '{\"outcome\": \"error\"}' "
-    other = copy(short_results, tmp_path / "bug.sqlite", f"{bug} WHERE rowid = 1")
+    other = changed(short_results, tmp_path / "bug.sqlite", f"{bug} WHERE rowid = 1")
     with Store.open(other) as store:
         digest = digest_of(store)
     assert digest.tally == Tally(3, 4, 1)
@@ -149,7 +137,7 @@ def test_runs_of_a_campaign_show_requirements(tmp_path: Path) -> None:
 
 
 def test_a_recording_that_is_gone_is_not_named(short_results: Path, tmp_path: Path) -> None:
-    alone = copy(short_results, tmp_path / "a.sqlite", "UPDATE cases SET cell = 'alone'")
+    alone = changed(short_results, tmp_path / "a.sqlite", "UPDATE cases SET cell = 'alone'")
     invoke("report", alone, "--junit", tmp_path / "a.xml")
     invoke("report", short_results, "--junit", tmp_path / "short.xml")
     assert "ATTACHMENT" not in (tmp_path / "a.xml").read_text()
@@ -178,7 +166,7 @@ def test_markdown_is_a_summary_for_a_build_server(short_results: Path, tmp_path:
 
 
 def test_words_of_a_plan_cannot_break_the_markdown(short_results: Path, tmp_path: Path) -> None:
-    other = copy(short_results, tmp_path / "a.sqlite", "UPDATE cases SET cell = 'a | b <img src=x>'")
+    other = changed(short_results, tmp_path / "a.sqlite", "UPDATE cases SET cell = 'a | b <img src=x>'")
     with Store.open(other) as store:
         text = markdown_report(digest_of(store))
     assert "| a \\| b &lt;img src=x>" in text
@@ -186,7 +174,7 @@ def test_words_of_a_plan_cannot_break_the_markdown(short_results: Path, tmp_path
 
 
 def test_campaign_writes_its_reports_and_names_the_worst_runs(short_results: Path, tmp_path: Path) -> None:
-    path, place = plan_file(tmp_path), copy(short_results, tmp_path / "short.sqlite")
+    path, place = plan_file(tmp_path), changed(short_results, tmp_path / "short.sqlite")
     files = ["--junit", tmp_path / "a.xml", "--markdown", tmp_path / "a.md"]
     arguments = [str(one) for one in (path, "--output", place, *files)]
     ended = CliRunner().invoke(campaign, arguments, catch_exceptions=False)
@@ -202,7 +190,7 @@ def test_campaign_writes_its_reports_and_names_the_worst_runs(short_results: Pat
 
 
 def test_failing_runs_are_linked_with_their_reports(short_results: Path, tmp_path: Path) -> None:
-    results = copy(short_results, tmp_path / "short.sqlite")
+    results = changed(short_results, tmp_path / "short.sqlite")
     shutil.copytree(short_results.parent / "short-failed", tmp_path / "short-failed")
     failing = [run for run in _runs(results) if not run.passed]
     (tmp_path / "short-failed" / failing[0].recording).write_bytes(b"damaged")

@@ -1,4 +1,4 @@
-"""What is known of the CAN gateway, as transcripts: one for every sentence.
+"""The known facts of the CAN gateway as transcripts: one for every sentence.
 
 A line is milliseconds since power-up, direction (`>` to the gateway, `<` from it) and frame; `! unplug` and `! plug_in`
 are the sensor's plug. Frames are written out;

@@ -309,7 +309,7 @@ def test_no_number_moves_it_faster_than_it_may_or_breaks_it(mode: str, messages:
 
 
 def _ramp_in_joints(k: float) -> tuple[list[float], float]:
-    """What a joint is behind a ramp, cycle by cycle from its start, and its speed, degrees and degrees/s."""
+    """Lag of a joint behind a ramp, cycle by cycle from its start, and its speed, degrees and degrees/s."""
     line, speed = Line(mode="joint", k=k).cycles(1), 40.0
     assert line.last.feedback is not None
     joints = line.last.feedback.joints_deg

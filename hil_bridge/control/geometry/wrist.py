@@ -103,7 +103,7 @@ Rows = tuple[tuple[float, ...], ...]
 
 
 class Fixed(NamedTuple):
-    """What is the same at every orientation of a wrist."""
+    """The numbers of a wrist that do not change when the tool turns."""
 
     matrix: Rows
     """As `WristAtOrientation.matrix`."""
