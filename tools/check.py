@@ -63,12 +63,14 @@ REAL = ("-m", "live", "--reruns", "2")
 """Tests in real time. Where a busy machine made one late it has two more tries, and their number is shown."""
 QUICK = (
     "tests/clients",
+    "tests/live/test_egm_web_live.py",
+    "tests/web/test_panel_page.py",
     *(
         f"tests/live/test_{name}_live.py"
         for name in ("api", "bench", "clock", "egm", "program", "rtde", "today")
     ),
 )
-"""Tests in real time of devices that speak every few milliseconds: one at a time."""
+"""Tests in real time of devices that speak every few milliseconds, or take EGM's usual port: one at a time."""
 SLOW = ("--numprocesses", "3", "--dist", "load", "--maxschedchunk", "1")
 """Beside them three at a time of slow lines, which mostly wait."""
 
