@@ -28,8 +28,6 @@ class LoopState(Struct, frozen=True):
 class Proposal(Struct, frozen=True):
     """Command that program and controller ask for; the supervisor judges it."""
 
-    depth: float
-    """Reported position along the approach direction from the start point, m."""
     felt: Felt
     """The sample as the program sees it."""
     intent: Intent

@@ -32,7 +32,7 @@ from hil_bridge.control.sample import Sample
 from hil_bridge.control.types import SAMPLE_MS, Command, Measurement
 from hil_bridge.errors.causes import Cause, Reason
 from hil_bridge.errors.failures import RAISED, raise_if_asked
-from protocol.geometry import Vector, rotate
+from protocol.geometry import Vector
 
 # Asked for in every cycle, by names of this module: until Python 3.12 an enum's own name costs ten times that.
 _APPROACH, _TRACK, _RETRACT, _END = Phase.APPROACH, Phase.TRACK, Phase.RETRACT, Phase.END
@@ -82,24 +82,23 @@ class ControlLoop:
 
     def propose(self, state: LoopState, sample: Sample) -> Proposal:
         """Intent of program and controller for a sample."""
-        felt = self._feel(state, sample)
-        depth = felt.measurement.position
-        before, felt = self.program.sense(_doubting(state.program, sample), felt)
-        if sample.held:
-            felt = replace(felt, measurement=replace(felt.measurement, advance=0.0))
+        (x, y, z), (a, b, c) = sample.position, state.start
+        moved, dt = (x - a, y - b, z - c), self.since(state.seen_at, sample.now)
+        doubting, ordered = _doubting(state.program, sample), state.supervisor.depth
+        before, felt = self.program.sense(doubting, sample, moved, ordered, dt)
         program, intent, failed = self._decide(before, felt)
         oscillation, advice = self._watch(state.oscillation, felt.measurement, intent)
         if advice is not None and advice.factor < 1.0:
             intent = calm(intent, felt.measurement, advice)
         reason, trace = (None, "") if failed is None else failed
-        return Proposal(depth, felt, intent, reason, advice, program, oscillation, trace)
+        return Proposal(felt, intent, reason, advice, program, oscillation, trace)
 
     def judge(self, state: LoopState, sample: Sample, proposal: Proposal) -> tuple[LoopState, Decision]:
         """The supervisor's word on what was proposed for this sample. A stop turns it into a retraction; while
         retracting only the limits of motion apply, and the force that the retraction itself makes.
         """
         program, intent, advice = proposal.program, proposal.intent, proposal.advice
-        observation = _observe(sample, proposal, intent)
+        observation, reported = _observe(sample, proposal, intent), proposal.felt.measurement.position
         guard, follows = self._guard(intent), self.following
         verdict: Verdict
         if proposal.failure is not None:  # of a step that follows a retraction, too
@@ -140,10 +139,10 @@ class ControlLoop:
                 intent = replace(intent, reason=explain_halt(verdict, observation), failed=True)
         trail: Trail = ()
         if follows is not None:
-            trail = follows.after(state.trail, (proposal.depth, depth), sample.now, sample.position_at)
+            trail = follows.after(state.trail, (reported, depth), sample.now, sample.position_at)
         after = LoopState(state.start, program, supervisor, proposal.oscillation, sample.now, trail)
         return after, Decision(
-            proposal.depth,
+            reported,
             proposal.felt.measurement.force,
             Target(depth, intent.target.travel, intent.target.across),
             position,
@@ -173,35 +172,6 @@ class ControlLoop:
         left = limits.force_limit_n * (1.0 - limits.force_margin_share) - measurement.force_at_position
         barrier = measurement.position + left / stiffness
         return barrier if math.isfinite(barrier) else measurement.position
-
-    def _feel(self, state: LoopState, sample: Sample) -> Felt:
-        """The sample in the work frame."""
-        (x, y, z), (a, b, c) = sample.position, state.start
-        x, y, z = x - a, y - b, z - c
-        frame = self.program.frame
-        (a, b, c), (u, v, w), (r, s, t), (h, k) = frame.approach, frame.x, frame.y, state.program.heading
-        travel, across, beside = x * u + y * v + z * w, x * r + y * s + z * t, 0.0
-        if len(sample.quaternion) == 4 and len(sample.wrench) == 6:
-            e, f, g = rotate(sample.quaternion, sample.wrench[:3])
-            beside = -(e * r + f * s + g * t)
-        measurement = Measurement(
-            sample.sensor_at,
-            sample.force,
-            x * a + y * b + z * c,
-            state.supervisor.depth,
-            True,  # not looked at: the stroke judges contact
-            sample.paired_force,
-            travel,
-            0.0,
-            None,
-            1.0,
-            sample.saturated,
-            self.since(state.seen_at, sample.now),
-            sample.force_travel * h + beside * k,
-            sample,
-        )
-        force = sample.force, sample.force_travel, beside
-        return Felt(sample, measurement, (travel, across), force, sample.wrench)
 
     def _decide(self, state: ProgramState, felt: Felt) -> tuple[ProgramState, Intent, Failed | None]:
         """The program's step, and what is wrong with its controller or its step; None while nothing is.
@@ -277,7 +247,7 @@ def _observe(sample: Sample, proposal: Proposal, intent: Intent) -> Observation:
     free = intent.phase in _FREE and not intent.in_contact
     return Observation(
         sample,
-        proposal.depth,
+        measurement.position,
         measurement.dt,
         intent.in_contact,
         measurement.against,

@@ -5,7 +5,7 @@ from typing import Annotated
 from msgspec import Meta, Struct
 
 from hil_bridge.errors.causes import Cause
-from protocol.geometry import Vector
+from protocol.geometry import Quaternion, Vector
 
 
 class Sample(Struct, frozen=True):
@@ -34,7 +34,7 @@ class Sample(Struct, frozen=True):
     force_travel: float = 0.0
     """Contact force along the travel direction, N, positive where the surface pushes against the travel."""
     wrench: Annotated[tuple[float, ...], Meta(max_length=6)] = ()
-    """The whole contact wrench, tool frame, N and N·m: for the record alone."""
+    """The whole contact wrench, tool frame, N and N·m."""
     position_at: float | None = None
     """When `position` was true, s on the run's clock; None where that is not known."""
     paired_force: float | None = None
@@ -69,3 +69,12 @@ class Sample(Struct, frozen=True):
     """Row of the table of causes for `fault`; None while there is none."""
     fault_remedy: str = ""
     """Further facts about `fault`, and its remedy, in words."""
+    force_across: float | None = None
+    """Contact force along the third direction of the work frame, N, positive where the tool presses that way; None in
+    recordings of earlier versions.
+    """
+
+    @property
+    def orientation(self) -> Quaternion | None:
+        """Reported orientation, tool in base; None where it is not known."""
+        return self.quaternion if len(self.quaternion) == 4 else None

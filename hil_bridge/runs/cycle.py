@@ -58,7 +58,7 @@ FOLLOWED_MAX = 5
 TURNED_RAD = math.radians(0.05)
 """Chosen: turn of a tool that a program turns, below which its wrist counts as the same: 0.01 N of 10 N."""
 
-_APPROACH, _TRAVEL = 0, 1
+_APPROACH, _TRAVEL, _ACROSS = 0, 1, 2
 """Directions in which the contact force is taken, by their place in `WristAtOrientation.directions`."""
 
 
@@ -91,6 +91,8 @@ class Run:
         self._state: LoopState | None = None
         self._peaks: Peaks | None = None
         """After the last order that the robot took; None before the first cycle."""
+        frame = config.frame
+        self._directions = frame.approach, frame.travel, frame.across
         self._turned_wrist: tuple[Quaternion, WristAtOrientation] | None = None
         self._interrupted: Cause | None = None
         """Cause by which the end was asked for; None while the run goes on."""
@@ -412,6 +414,7 @@ class Run:
             overdue=max(now - frame.at - self._due_after, 0.0),
             fault_cause=None if fault is None else fault.cause,
             fault_remedy="" if fault is None else fault.remedy,
+            force_across=wrist.force_along(_ACROSS, wrench),
         )
 
     def _frame(self) -> WrenchFrame:
@@ -431,10 +434,7 @@ class Run:
     def _wrist_at(self, quaternion: Quaternion) -> WristAtOrientation:
         """The wrist at this orientation, made again only when the tool has turned."""
         if self._turned_wrist is None or self._is_another(self._turned_wrist[0], quaternion):
-            frame = self._config.frame
-            wrist = self._wrist.at_orientation(
-                quaternion, self._quaternion_tare, frame.approach, frame.travel
-            )
+            wrist = self._wrist.at_orientation(quaternion, self._quaternion_tare, *self._directions)
             self._turned_wrist = quaternion, wrist
             if self._turns and self._peaks is not None:
                 self._peaks.turn(wrist, self._sensor.facts.scales)

@@ -38,7 +38,6 @@ from hil_bridge.control.steps.approach import Approach
 from hil_bridge.control.steps.led import LedStep
 from hil_bridge.control.steps.retract import Retract
 from hil_bridge.control.steps.seam import Drawing, Step
-from hil_bridge.control.types import Measurement
 from hil_bridge.errors import StepError
 from hil_bridge.errors.failures import failure, place_of_method
 
@@ -277,7 +276,8 @@ def _walk(step: Step, feel: Feel, most: int = SAMPLES) -> tuple[Program, list[Wa
     for number in range(most + SAMPLES):
         begun = state.leg == own and state.began is not None
         felt3 = feel(depth) if begun else _spring(depth)
-        before, felt = program.sense(state, _felt(number * CYCLE, depth, place, felt3))
+        sample = _sample(number * CYCLE, depth, place, felt3)
+        before, felt = program.sense(state, sample, sample.position, depth, CYCLE)
         try:
             state, intent = program.step(before, felt)
         except StepFailed as error:
@@ -300,20 +300,20 @@ def _is_left(state: ProgramState, own: int) -> bool:
     return state.leg != own or state.began is None or state.reason is not None
 
 
-def _felt(now: float, depth: float, place: tuple[float, float], felt: Felt3) -> Felt:
+def _sample(now: float, depth: float, place: tuple[float, float], felt: Felt3) -> Sample:
     """The sample of a tool that stands where it was ordered to, nearly."""
     force, x, y = felt.force
-    measurement = Measurement(now, force, depth, depth, dt=CYCLE)
     wrench = (x, -y, -force, 0.4, -0.3, 0.1) if felt.moments else ()
     at = place[0] + felt.aside[0], place[1] + felt.aside[1]
-    sample = Sample(
+    return Sample(
         now,
         (*at, -depth),
         force,
         math.hypot(*felt.force),
         now,
         round(now / CYCLE),
-        quaternion=_DOWN,
+        force_travel=x,
         wrench=wrench,
+        quaternion=_DOWN,
+        force_across=y,
     )
-    return Felt(sample, measurement, at, felt.force, wrench)

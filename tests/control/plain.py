@@ -50,7 +50,13 @@ class PlainRun:
         return self.program.finish(state, reason)
 
     def step(self, state: ProgramState, measurement: Measurement) -> tuple[ProgramState, Intent]:
-        return self.program.step(*self.program.sense(state, felt_of(measurement, state.at)))
+        return self.program.step(*sense(self.program, state, felt_of(measurement, state.at)))
+
+
+def sense(program: Program, state: ProgramState, felt: Felt) -> tuple[ProgramState, Felt]:
+    """The sample of a tool that began at 0, 0, 0, as this program sees it."""
+    sample, measurement = felt.sample, felt.measurement
+    return program.sense(state, sample, sample.position, measurement.commanded, measurement.dt)
 
 
 def felt_of(
@@ -59,5 +65,16 @@ def felt_of(
     """A sample as a program sees it, of a tool that points down; `aside` are the forces along x and y, N."""
     force = measurement.force
     position = place[0], place[1], -measurement.position
-    sample = Sample(measurement.time, position, force, abs(force), measurement.time, 1)
+    sample = Sample(
+        measurement.time,
+        position,
+        force,
+        abs(force),
+        measurement.time,
+        1,
+        saturated=measurement.saturated,
+        force_travel=aside[0],
+        paired_force=measurement.paired_force,
+        force_across=aside[1],
+    )
     return Felt(sample, measurement, place, (force, *aside), (0.0,) * 6)

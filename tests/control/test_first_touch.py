@@ -26,7 +26,7 @@ from hil_bridge.control.steps.retract import Retract
 from hil_bridge.control.steps.seam import Taken
 from hil_bridge.control.steps.seek import Seek
 from hil_bridge.errors import Cause, Reason
-from tests.control.plain import plain_program
+from tests.control.plain import plain_program, sense
 from tests.control.test_program_course import program_of, seen
 
 FORCE = 10.0
@@ -218,7 +218,7 @@ def test_a_step_in_trouble_orders_nothing_deeper_whatever_it_asks_for(
 
     monkeypatch.setattr(Approach, "take", take)
     felt = seen(0.0, (0.0, 0.0), 1e-3, (0.0, 0.0, 0.0))
-    state, intent = program.step(*program.sense(program.initial(), felt))
+    state, intent = program.step(*sense(program, program.initial(), felt))
     assert state.failed
     assert intent.target.depth == 1e-3
 
@@ -228,7 +228,7 @@ def test_an_edge_that_is_not_found_orders_nothing_deeper() -> None:
     state, depth = program.initial(), 0.0
     for k in range(200):
         felt = seen(0.1 * k, state.at, depth, (8.0 if depth > 1e-3 else 0.0, 0.0, 0.0))
-        state, intent = program.step(*program.sense(state, felt))
+        state, intent = program.step(*sense(program, state, felt))
         if state.failed:
             break
         depth = intent.target.depth

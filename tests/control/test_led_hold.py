@@ -10,6 +10,7 @@ from hil_bridge.control.steps.approach import Approach
 from hil_bridge.control.steps.led import Lead, LedStep, StepSample
 from hil_bridge.control.steps.retract import Retract
 from hil_bridge.control.steps.seam import NO_LIMITS, StepLimits
+from tests.control.plain import sense
 from tests.control.test_program_course import program_of, seen
 
 DT = 0.1
@@ -37,7 +38,7 @@ def test_a_led_tool_stays_where_a_person_holds_it() -> None:
         now, held = DT * k, 20 <= k < 70
         felt: Felt = seen(now, state.at, depth, (5e3 * max(depth - 1e-3, 0.0), 0.0, 0.0))
         felt = replace(felt, sample=replace(felt.sample, held=held))
-        state, intent = program.step(*program.sense(state, felt))
+        state, intent = program.step(*sense(program, state, felt))
         if state.failed:
             break
         depth = intent.target.depth

@@ -26,6 +26,7 @@ from hil_bridge.control.steps.seek import Seek
 from hil_bridge.control.steps.track import Track
 from hil_bridge.errors import Cause, Reason
 from protocol.geometry import angle_between, rotate
+from tests.control.plain import sense
 
 DT = 0.1
 DOWN = 0.0, 1.0, 0.0, 0.0
@@ -58,7 +59,16 @@ def seen(at, place, depth, force, orientation=DOWN):
     """A sample of a tool that stands where it was ordered to."""
     measurement = Measurement(at, force[0], depth, depth, dt=DT)
     sample = Sample(
-        at, (*place, -depth), force[0], math.hypot(*force), at, round(at / DT), quaternion=orientation
+        at,
+        (*place, -depth),
+        force[0],
+        math.hypot(*force),
+        at,
+        round(at / DT),
+        force_travel=force[1],
+        wrench=(0.0,) * 6,
+        quaternion=orientation,
+        force_across=force[2],
     )
     return Felt(sample, measurement, place, force, (0.0,) * 6)
 
@@ -75,7 +85,7 @@ def drive(program, surface=flat, push=lambda depth, x, y: (0.0, 0.0), told_at=la
     for k in range(2000):
         force = STIFFNESS * max(depth - surface(x, y), 0.0)
         felt = seen(k * DT, told_at(x, y), depth, (force, *push(depth, x, y)), orientation)
-        state, output = program.step(*program.sense(state, felt))
+        state, output = program.step(*sense(program, state, felt))
         depth, x, y = output.target.depth, output.target.travel, output.target.across
         orientation = output.turned or orientation
         told.append((state, output, force))
@@ -170,7 +180,7 @@ def test_a_repeat_is_left_when_enough_is_removed():
         passes[:] = [step for step in state.done if step.leg % 4 == 1]
         force = STIFFNESS * max(depth - worn(*place), 0.0)
         felt = seen(k * DT, place, depth, (force, 0.0, 0.0))
-        state, output = program.step(*program.sense(state, felt))
+        state, output = program.step(*sense(program, state, felt))
         depth, place = output.target.depth, (output.target.travel, output.target.across)
         if state.phase is Phase.END:
             break
@@ -367,12 +377,12 @@ def test_an_end_that_comes_in_a_longer_retraction_orders_nothing_deeper():
     state, depth = program.initial(), 0.0
     while depth > -35e-3:  # farther back than task.retract_mm
         state, intent = program.step(
-            *program.sense(
-                state, seen(0.1, (0.0, 0.0), depth, (max(depth - 2e-3, 0.0) * STIFFNESS, 0.0, 0.0))
+            *sense(
+                program, state, seen(0.1, (0.0, 0.0), depth, (max(depth - 2e-3, 0.0) * STIFFNESS, 0.0, 0.0))
             )
         )
         depth = intent.target.depth
     state = program.finish(state, Reason(Cause.SIGNAL, "enough"))
-    state, intent = program.step(*program.sense(state, seen(0.2, (0.0, 0.0), depth, (0.0, 0.0, 0.0))))
+    state, intent = program.step(*sense(program, state, seen(0.2, (0.0, 0.0), depth, (0.0, 0.0, 0.0))))
     assert intent.phase is Phase.RETRACT
     assert intent.target.depth <= depth

@@ -11,7 +11,14 @@ from scipy.spatial.transform import Rotation
 
 from hil_bridge.control import Measurement, Sample
 from hil_bridge.control.program.facing import Facing, FacingState, Look, inward
-from hil_bridge.control.program.felt import Face, WorkFrame, lateral_of, measure_skew, subtract_zero
+from hil_bridge.control.program.felt import (
+    Face,
+    WorkFrame,
+    find_across,
+    lateral_of,
+    measure_skew,
+    subtract_zero,
+)
 from hil_bridge.control.program.state import Felt, ProgramState
 from protocol.geometry import Quaternion, normalise, rotate
 
@@ -204,7 +211,7 @@ def disc_wrench(quaternion: Quaternion, centre: tuple[float, ...] = (0.0, 0.0, 0
 
 
 def felt_of(quaternion: Quaternion, wrench: tuple[float, ...]) -> Felt:
-    sample = Sample(0.0, (0.9, 0.0, 0.6), FORCE, FORCE, 0.0, 1, quaternion=quaternion)
+    sample = Sample(0.0, (0.9, 0.0, 0.6), FORCE, FORCE, 0.0, 1, wrench=wrench, quaternion=quaternion)
     return Felt(sample, Measurement(0.0, FORCE, 0.0, 0.0), (0.0, 0.0), (FORCE, 0.0, 0.0), wrench)
 
 
@@ -236,17 +243,28 @@ def test_the_zero_of_a_program_is_added_along_each_axis_of_the_frame():
     frame = WorkFrame(*(tuple(row) for row in axes.tolist()))
     quaternion = normalise((0.2, 0.7, -0.5, 0.4))
     zero = (1.0, 2.0, -4.0, 0.1, -0.2, 0.3)
-    felt = replace(felt_of(quaternion, (3.0, -1.0, 7.0, 0.5, 0.6, 0.7)), force=(10.0, 0.5, -0.25))
+    force, wrench = (10.0, 0.5, -0.25), (3.0, -1.0, 7.0, 0.5, 0.6, 0.7)
+    sample, lost = felt_of(quaternion, wrench).sample, ProgramState(zero=zero)
     w, x, y, z = quaternion
     added = axes @ Rotation.from_quat((x, y, z, w)).apply(zero[:3])
-    result = subtract_zero(felt, ProgramState(zero=zero), frame)
-    assert result.force == pytest.approx(np.array(felt.force) + added, abs=1e-12)
-    assert result.wrench == pytest.approx(np.array(felt.wrench) - np.array(zero), abs=1e-12)
-    assert subtract_zero(unknown_pose(felt), ProgramState(zero=zero, home=quaternion), frame).force == (
-        pytest.approx(result.force)
-    )
-    for unknown in (unknown_pose(felt), replace(felt, wrench=())):
-        assert subtract_zero(unknown, ProgramState(zero=zero), frame) is unknown
+    for known, state in ((sample, lost), (replace(sample, quaternion=()), replace(lost, home=quaternion))):
+        counted, rest = subtract_zero(state, frame, known, force)
+        assert counted == pytest.approx(np.array(force) + added, abs=1e-12)
+        assert rest == pytest.approx(np.array(wrench) - np.array(zero), abs=1e-12)
+    for unknown in (replace(sample, quaternion=()), replace(sample, wrench=())):
+        assert subtract_zero(lost, frame, unknown, force) == (force, unknown.wrench)
+
+
+def test_a_force_across_that_was_not_recorded_is_found_in_the_wrench():
+    """Against scipy, for a turned tool and a frame of which no axis is one of the base; 0 where it is not known."""
+    axes = Rotation.from_rotvec((0.3, -0.8, 0.5)).as_matrix()
+    frame = WorkFrame(*(tuple(row) for row in axes.tolist()))
+    w, x, y, z = quaternion = normalise((0.2, 0.7, -0.5, 0.4))
+    sample = felt_of(quaternion, (3.0, -1.0, 7.0, 0.5, 0.6, 0.7)).sample
+    expected = -axes[2] @ Rotation.from_quat((x, y, z, w)).apply((3.0, -1.0, 7.0))
+    assert find_across(frame, sample) == pytest.approx(expected, abs=1e-12)
+    for unknown in (replace(sample, quaternion=()), replace(sample, wrench=())):
+        assert find_across(frame, unknown) == 0.0
 
 
 def test_a_face_is_judged_in_the_work_frame_whatever_its_axes():

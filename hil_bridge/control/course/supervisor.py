@@ -185,47 +185,32 @@ class Supervisor:
         pressed: tuple[float, float] | None,
     ) -> Stop | None:
         """The first reason to end the run, None while there is none. One straight line: this runs in every cycle."""
-        limits, sample = self.limits, seen.sample
+        limits, sample, force = self.limits, seen.sample, seen.sample.force
+        age, peak = sample.now - sample.sensor_at, sample.peak_force
         (x, y, z), (a, b, c), (u, v, w) = state.position, request.direction, request.position
-        # A sum is a number only if all its parts are, and no part is infinite.
-        of_scalars = sample.now + sample.force + sample.resultant + sample.sensor_at + seen.depth
-        of_peaks = sample.peak_force + sample.peak_resultant + sample.peak_moment
-        of_times = (sample.tilt or 0.0) + sample.gap + seen.dt
-        if not math.isfinite(
-            of_scalars
-            + of_peaks
-            + of_times
-            + request.depth
-            + state.depth
-            + x
-            + y
-            + z
-            + a
-            + b
-            + c
-            + u
-            + v
-            + w,
-        ):
+        slip = a * (u - x) + b * (v - y) + c * (w - z) - (request.depth - state.depth)
+        # A sum is a number only if all its parts are, and no part is infinite. The places are in the slip.
+        of_scalars = age + force + sample.resultant + seen.depth + (sample.tilt or 0.0) + sample.gap + seen.dt
+        of_peaks = peak + sample.peak_resultant + sample.peak_moment
+        if not math.isfinite(of_scalars + of_peaks + slip):
             return Stop(_not_a_number(seen), "a measurement or command is no number")
         if sample.fault:
             return Stop((sample.fault_cause or Cause.ROBOT_STATE), sample.fault, sample.fault_remedy)
-        force = sample.force if abs(sample.force) >= abs(sample.peak_force) else sample.peak_force
-        if abs(force) > limits.force_limit_n:
-            size = f"of at least {abs(force):.1f}" if sample.saturated else f"{force:.1f}"
+        if abs(force) > limits.force_limit_n or abs(peak) > limits.force_limit_n:
+            most = force if abs(force) >= abs(peak) else peak
+            size = f"of at least {abs(most):.1f}" if sample.saturated else f"{most:.1f}"
             return Stop(Cause.FORCE, f"contact force {size} N is beyond {limits.force_limit_n:g} N")
-        peak = sample.peak_resultant
-        resultant = peak if peak > sample.resultant else sample.resultant
-        if resultant > limits.resultant_limit_n:
+        if sample.resultant > limits.resultant_limit_n or sample.peak_resultant > limits.resultant_limit_n:
+            resultant = max(sample.resultant, sample.peak_resultant)
             text = f"resultant force {resultant:.1f} N is beyond {limits.resultant_limit_n:g} N"
             return Stop(Cause.RESULTANT_FORCE, text)
         if sample.peak_moment > limits.moment_limit_nm:
             text = f"moment {sample.peak_moment:.2f} N·m is beyond {limits.moment_limit_nm:g} N·m"
             return Stop(Cause.MOMENT, text)
-        most = limits.against_travel_n
         if (
-            seen.against > most
-            and (wall := beyond_friction(seen.against, sample.force, limits.friction_share)) > most
+            seen.against > limits.against_travel_n
+            and (wall := beyond_friction(seen.against, force, limits.friction_share))
+            > limits.against_travel_n
         ):
             text = (
                 f"a force of {seen.against:.1f} N against the travel is {wall:.1f} N more than friction, allowed are "
@@ -234,14 +219,14 @@ class Supervisor:
             return Stop(Cause.WALL, text)
         if sample.saturated:
             return Stop(Cause.SATURATED, "the force sensor is at the end of its range")
-        if -sample.force > limits.pull_limit_n:
+        if -force > limits.pull_limit_n:
             text = (
-                f"a pull of {-sample.force:.1f} N is beyond {limits.pull_limit_n:g} N: "
+                f"a pull of {-force:.1f} N is beyond {limits.pull_limit_n:g} N: "
                 "a surface does not pull, so the sensor or its zero is wrong, or the tool hangs on to something"
             )
             return Stop(Cause.PULL, text)
-        if not 0.0 <= (sample.now - sample.sensor_at) * 1e3 <= limits.stale_after_ms:  # as `_fresh`
-            age_ms = (sample.now - sample.sensor_at) * 1e3
+        age_ms = age * 1e3
+        if not 0.0 <= age_ms <= limits.stale_after_ms:  # as `_fresh`
             digits = 0 if age_ms - limits.stale_after_ms >= 1.0 else 2
             text = f"the newest force is {age_ms:.{digits}f} ms old, allowed are {limits.stale_after_ms:g} ms"
             return Stop(Cause.FORCE_TOO_OLD, text)
@@ -256,7 +241,7 @@ class Supervisor:
         if sample.tilt is not None and (stop := self._untrue_pose(state, sample, sample.tilt)):
             return stop
         if pressed is not None and (deeper_mm := (seen.depth - pressed[1]) * 1e3) > limits.unanswered_mm:
-            text = f"the force stayed at {sample.force:.2f} N while the tool went {deeper_mm:.1f} mm deeper"
+            text = f"the force stayed at {force:.2f} N while the tool went {deeper_mm:.1f} mm deeper"
             return Stop(Cause.UNANSWERED, text)
         before = state.sensor_sequence
         if before is not None and sample.sensor_sequence < before:
@@ -268,10 +253,9 @@ class Supervisor:
                 "the computer or the controller stood still"
             )
             return Stop(Cause.DEADLINE, text)
-        slip = abs(a * (u - x) + b * (v - y) + c * (w - z) - (request.depth - state.depth))
-        if slip > _CONSISTENT or abs(math.hypot(a, b, c) - 1.0) > 1e-6:
+        if abs(slip) > _CONSISTENT or abs(math.hypot(a, b, c) - 1.0) > 1e-6:
             text = (
-                f"requested depth and position differ by {slip * 1e3:.3f} mm, "
+                f"requested depth and position differ by {abs(slip) * 1e3:.3f} mm, "
                 "or the direction is no unit vector"
             )
             return Stop(Cause.INCONSISTENT, text)
@@ -367,9 +351,7 @@ def _clamp(limits: Limits, state: SupervisorState, request: Request, dt: float) 
     in every cycle, and arrays of three would cost ten times as much.
     """
     reasons: list[Reason] = []
-    depth, (tx, ty, tz) = request.depth, request.position
-    (bx, by, bz), (nx, ny, nz) = state.position, request.direction
-
+    depth, target = request.depth, request.position
     deepest_now = state.depth + limits.correction_mm_s * 1e-3 * dt
     deepest_total = limits.correction_total_mm * 1e-3
     if state.depth > deepest_total:
@@ -383,28 +365,28 @@ def _clamp(limits: Limits, state: SupervisorState, request: Request, dt: float) 
         else:
             text = f"deeper than {limits.correction_total_mm:g} mm in total"
             reasons.append(Reason(Cause.TOTAL, text))
-        excess = depth - deepest
-        tx, ty, tz = tx - nx * excess, ty - ny * excess, tz - nz * excess
-        depth = deepest
+        excess, (x, y, z), (a, b, c) = depth - deepest, target, request.direction
+        target, depth = (x - a * excess, y - b * excess, z - c * excess), deepest
 
-    mx, my, mz = tx - bx, ty - by, tz - bz
-    along = mx * nx + my * ny + mz * nz
-    ax, ay, az = mx - nx * along, my - ny * along, mz - nz * along
-    length, longest = math.hypot(ax, ay, az), limits.travel_mm_s * 1e-3 * dt
-    if length > longest + _ROUNDING:
-        cut = 1 - longest / length
-        tx, ty, tz = tx - ax * cut, ty - ay * cut, tz - az * cut
-        reasons.append(Reason(Cause.ACROSS, f"across faster than {limits.travel_mm_s:g} mm/s"))
+    longest = limits.travel_mm_s * 1e-3 * dt
+    if math.dist(state.position, target) > longest:  # so that the part across may be longer, too
+        (x, y, z), (_, (a, b, c)) = target, _parts(state.position, target, request.direction)
+        length = math.hypot(a, b, c)
+        if length > longest + _ROUNDING:
+            cut = 1 - longest / length
+            target = x - a * cut, y - b * cut, z - c * cut
+            reasons.append(Reason(Cause.ACROSS, f"across faster than {limits.travel_mm_s:g} mm/s"))
 
-    target: Vector = (tx, ty, tz)
-    low, high = limits.workspace_min_m, limits.workspace_max_m
-    if not (low[0] <= tx <= high[0] and low[1] <= ty <= high[1] and low[2] <= tz <= high[2]):
+    (x, y, z), low, high = target, limits.workspace_min_m, limits.workspace_max_m
+    if not (low[0] <= x <= high[0] and low[1] <= y <= high[1] and low[2] <= z <= high[2]):
+        u, v, w = state.position
         # A tool that stands a little outside since its start may stay there, and come back.
-        low = min(low[0], bx), min(low[1], by), min(low[2], bz)
-        high = max(high[0], bx), max(high[1], by), max(high[2], bz)
-        if not (low[0] <= tx <= high[0] and low[1] <= ty <= high[1] and low[2] <= tz <= high[2]):
+        low = min(low[0], u), min(low[1], v), min(low[2], w)
+        high = max(high[0], u), max(high[1], v), max(high[2], w)
+        if not (low[0] <= x <= high[0] and low[1] <= y <= high[1] and low[2] <= z <= high[2]):
             # The part across the approach is cut first: a border beside the way must not hold the depth.
-            target = bx + nx * along, by + ny * along, bz + nz * along
+            (along, _), (a, b, c) = _parts(state.position, target, request.direction), request.direction
+            target = u + a * along, v + b * along, w + c * along
             share = min(map(_share_inside, state.position, target, low, high))
             # The last allowed position is inside; the border only takes off an error of the arithmetic.
             x, y, z = (
@@ -418,6 +400,13 @@ def _clamp(limits: Limits, state: SupervisorState, request: Request, dt: float) 
     if not reasons:
         return Allow(depth, request.position)
     return Clamp(depth, target, tuple(reasons))
+
+
+def _parts(before: Vector, after: Vector, direction: Vector) -> tuple[float, Vector]:
+    """A way from one place to another: its part along a direction, m, and that across."""
+    (x, y, z), (a, b, c) = (v - u for u, v in zip(before, after, strict=True)), direction
+    along = x * a + y * b + z * c
+    return along, (x - a * along, y - b * along, z - c * along)
 
 
 def _share_inside(before: float, target: float, low: float, high: float) -> float:

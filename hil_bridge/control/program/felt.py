@@ -3,11 +3,10 @@
 import math
 from typing import NamedTuple
 
-from msgspec.structs import replace
-
 from hil_bridge.control.geometry.turning import moment_at
 from hil_bridge.control.program.facing import inward
 from hil_bridge.control.program.state import Felt, ProgramState
+from hil_bridge.control.sample import Sample
 from hil_bridge.control.steps.paths import Place
 from protocol.geometry import Vector, normalise, rotate
 
@@ -42,23 +41,32 @@ def lateral_of(force: Vector, fall: Place) -> float:
     return math.hypot(force[0] - pressed * a, force[1] - pressed * t, force[2] - pressed * b)
 
 
-def subtract_zero(felt: Felt, state: ProgramState, frame: WorkFrame) -> Felt:
-    """The sample from the program's zero."""
-    quaternion = felt.quaternion or state.home
-    if quaternion is None or len(felt.wrench) != 6:
-        return felt
-    x, y, z = rotate(normalise(quaternion), state.zero[:3])
-    a, t, b = (along((x, y, z), way) for way in (frame.approach, frame.x, frame.y))
-    force = felt.force[0] + a, felt.force[1] + t, felt.force[2] + b
-    wrench = tuple(value - zero for value, zero in zip(felt.wrench, state.zero, strict=True))
-    return replace(felt, force=force, wrench=wrench)
+def subtract_zero(
+    state: ProgramState, frame: WorkFrame, sample: Sample, force: Vector
+) -> tuple[Vector, tuple[float, ...]]:
+    """Force along the approach, x and y, N, and wrench of a sample from the program's zero."""
+    quaternion = sample.orientation or state.home
+    if quaternion is None or len(sample.wrench) != 6:
+        return force, sample.wrench
+    turned = rotate(normalise(quaternion), state.zero[:3])
+    a, t, b = (along(turned, way) for way in (frame.approach, frame.x, frame.y))
+    wrench = tuple(value - zero for value, zero in zip(sample.wrench, state.zero, strict=True))
+    return (force[0] + a, force[1] + t, force[2] + b), wrench
+
+
+def find_across(frame: WorkFrame, sample: Sample) -> float:
+    """Contact force along y, N, of a recording that has it in the wrench alone; 0 where it is not known."""
+    if sample.orientation is None or len(sample.wrench) != 6:
+        return 0.0
+    return -along(rotate(sample.orientation, sample.wrench[:3]), frame.y)
 
 
 def measure_skew(frame: WorkFrame, face: Face, felt: Felt, per_angle: float) -> tuple[Vector, Place | None]:
     """The tool's axis, and how its face's moments say that it must tip, in the task frame."""
-    if felt.quaternion is None or not per_angle or len(felt.wrench) != 6:
+    orientation = felt.sample.orientation
+    if orientation is None or not per_angle or len(felt.wrench) != 6:
         return (1.0, 0.0, 0.0), None
-    quaternion = normalise(felt.quaternion)
+    quaternion = normalise(orientation)
     axis = rotate(quaternion, (0.0, 0.0, 1.0))
     u, v, _ = moment_at(felt.wrench, face.centre)
     # the tool yields to the moment: a turn about it by moment / stiffness tips the axis

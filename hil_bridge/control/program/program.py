@@ -14,17 +14,19 @@ from hil_bridge.control.course.intent import Intent, Phase, Target
 from hil_bridge.control.course.parameters import TaskParameters
 from hil_bridge.control.course.stroke import Order, Stroke
 from hil_bridge.control.program.facing import Facing, Look, elsewhere, inward
-from hil_bridge.control.program.felt import Face, WorkFrame, measure_skew, subtract_zero
+from hil_bridge.control.program.felt import Face, WorkFrame, find_across, measure_skew, subtract_zero
 from hil_bridge.control.program.leg import Leg, Row, StepFailed
 from hil_bridge.control.program.orienting import heading_of, turn_tool
 from hil_bridge.control.program.outcome import cut, ending, outcome
 from hil_bridge.control.program.state import Felt, ProgramState, Tally
 from hil_bridge.control.program.yielding import yield_to
+from hil_bridge.control.sample import Sample
+from hil_bridge.control.steps.paths import Place
 from hil_bridge.control.steps.seam import Taken
 from hil_bridge.control.types import Controller, ControllerFailed, Measurement
 from hil_bridge.errors.causes import Reason
 from hil_bridge.errors.failures import RAISED, WrongAnswer, raise_if_asked
-from protocol.geometry import normalise
+from protocol.geometry import Vector, normalise
 
 _TRACK, _RETRACT, _END, _APPROACH = Phase.TRACK, Phase.RETRACT, Phase.END, Phase.APPROACH
 _MOVE = Phase.MOVE
@@ -97,45 +99,62 @@ class Program:
 
     # --- what is felt
 
-    def sense(self, state: ProgramState, felt: Felt) -> tuple[ProgramState, Felt]:
-        """The sample from the program's own zero, with the way along the path, and along the surface's normal where
-        that is followed.
+    def sense(
+        self, state: ProgramState, sample: Sample, moved: Vector, ordered: float, dt: float
+    ) -> tuple[ProgramState, Felt]:
+        """The sample as the program sees it: in the work frame, from the program's own zero, with the way along the
+        path, and along the surface's normal where that is followed.
+
+        `moved` is the reported way from the start point, base frame, m, `ordered` the depth that was ordered before,
+        m, `dt` the time since the sample before, s.
         """
+        frame, wrench, paired = self.frame, sample.wrench, sample.paired_force
+        (x, y, z), (a, b, c), (u, v, w), (r, s, t) = moved, frame.approach, frame.x, frame.y
+        depth, place = x * a + y * b + z * c, (x * u + y * v + z * w, x * r + y * s + z * t)
         if state.start is None:
-            state = self._start(state, felt)
-        leg, measurement = self.row.legs[state.leg], felt.measurement
+            state = self._start(state, sample, place)
+        across = sample.force_across
+        force = sample.force, sample.force_travel, find_across(frame, sample) if across is None else across
         if state.zero:
-            felt = subtract_zero(felt, state, self.frame)
-            paired = measurement.paired_force
-            paired = None if paired is None else paired + (felt.force[0] - measurement.force)
-            measurement = replace(
-                measurement, force=felt.force[0], paired_force=paired, against=felt.against(state.heading)
-            )
+            force, wrench = subtract_zero(state, frame, sample, force)
+            paired = None if paired is None else paired + (force[0] - sample.force)
+        leg, travel = self.row.legs[state.leg], place[0]
+        against = 0.0 if leg.phase is _MOVE else force[1] * state.heading[0] + force[2] * state.heading[1]
         if leg.way is not None:
-            place = felt.place[0] - state.origin[0], felt.place[1] - state.origin[1]
-            along = leg.way.along(state.reached, state.stroke.travel - state.base, place)
-            reached = 0.0 if along < 0.0 else along
+            there = place[0] - state.origin[0], place[1] - state.origin[1]
+            along = leg.way.along(state.reached, state.stroke.travel - state.base, there)
+            reached, travel = 0.0 if along < 0.0 else along, state.base + along
             if reached != state.reached:
                 state = replace(state, reached=reached)
-            travel = state.base + along
-            if travel != measurement.travel:
-                measurement = replace(measurement, travel=travel)
-        elif leg.phase is _MOVE and measurement.against:
-            measurement = replace(measurement, against=0.0)
-        if measurement is not felt.measurement:
-            felt = Felt(felt.sample, measurement, felt.place, felt.force, felt.wrench)
+        measurement = Measurement(
+            sample.sensor_at,
+            force[0],
+            depth,
+            ordered,
+            True,  # not looked at: the stroke judges contact
+            paired,
+            travel,
+            0.0,
+            None,
+            0.0 if sample.held else 1.0,
+            sample.saturated,
+            dt,
+            against,
+            sample,
+        )
+        felt = Felt(sample, measurement, place, force, wrench)
         if not leg.follows or state.stroke.phase is not _TRACK:
             return state, felt
         return self._along_normal(state, leg, felt)
 
-    def _start(self, state: ProgramState, felt: Felt) -> ProgramState:
+    def _start(self, state: ProgramState, sample: Sample, place: Place) -> ProgramState:
         """State at the first sample."""
-        frame, position, quaternion = self.frame, felt.sample.position, felt.quaternion
+        frame, position, quaternion = self.frame, sample.position, sample.orientation
         x, y = 0.0, 0.0
         if frame.origin is not None:
             x, y = (
                 sum((p - o) * n for p, o, n in zip(position, frame.origin, axis, strict=True)) - moved
-                for axis, moved in zip((frame.x, frame.y), felt.place, strict=True)
+                for axis, moved in zip((frame.x, frame.y), place, strict=True)
             )
         plane = frame.plane or position
         deep = sum((p - q) * n for p, q, n in zip(plane, position, frame.approach, strict=True))
@@ -171,7 +190,7 @@ class Program:
             measurement,
             force=pressed,
             paired_force=None if paired is None else paired * pressed / force,
-            advance=1.0 / math.sqrt(1.0 + slope * slope),
+            advance=measurement.advance / math.sqrt(1.0 + slope * slope),
         )
         return state, replace(felt, measurement=measurement)
 

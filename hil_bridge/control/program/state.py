@@ -27,12 +27,6 @@ class Felt(Struct, frozen=True):
     wrench: tuple[float, ...]
     """Contact wrench in the tool frame from the newest zero, N and N·m, (6,); empty where it is not known."""
 
-    @property
-    def quaternion(self) -> Quaternion | None:
-        """Reported orientation; None where it is not known."""
-        quaternion = self.sample.quaternion
-        return quaternion if len(quaternion) == 4 else None
-
     def against(self, heading: Place) -> float:
         """Force against a way in this direction of the work frame, N."""
         return self.force[1] * heading[0] + self.force[2] * heading[1]

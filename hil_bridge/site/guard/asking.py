@@ -172,7 +172,6 @@ class Asked:
         program, intent = self._intend(program, felt, seen)
         advice = Advice(Finding.PERSISTING, 1.0, True, seen.swing_n) if seen.swing_n else None
         proposal = Proposal(
-            depth,
             felt,
             intent,
             Reason(Cause.CONTROLLER, seen.controller_failure) if seen.controller_failure else None,
