@@ -154,17 +154,17 @@ def as_command(answer: Any) -> Command:
     conversion. The values of the explanation are not converted.
     """
     if (
-        type(answer.position) is float
+        type(answer) is Command
+        and type(answer.position) is float
         and type(answer.correction) is float
         and type(answer.gain) is float
         and (answer.stiffness is None or type(answer.stiffness) is float)
         and type(answer.held) is bool
         and type(answer.explanation) is dict
-        and type(getattr(answer, "across", 0.0)) is float
-        and type(getattr(answer, "turn", 0.0)) is float
+        and type(answer.across) is float
+        and type(answer.turn) is float
     ):
-        command: Command = answer
-        return command
+        return answer
     return Command(
         float(answer.position),
         float(answer.correction),

@@ -77,13 +77,12 @@ class Supervisor:
         disagreed = None
         if self.witness is not None and sample.witness is not None:
             disagreed = self.witness.disagreed(state.disagreed, observation)
-        stop = self._first_fault(state, observation, request, still, pressed)
-        if stop is None and disagreed and self.witness is not None:
-            text = self.witness.fault(disagreed, observation)
-            stop = Stop(Cause.WITNESS, text) if text else None
-        free = None
-        if stop is None and observation.free_force is not None:
-            free, stop = self._in_free_space(state, observation)
+        stop, free = self._first_fault(state, observation, request, still, pressed), None
+        if stop is None:
+            if disagreed and self.witness is not None and (text := self.witness.fault(disagreed, observation)):
+                stop = Stop(Cause.WITNESS, text)
+            elif observation.free_force is not None:
+                free, stop = self._in_free_space(state, observation)
         if stop is not None:
             return replace(state, still=still, pressed=pressed, stopped=stop, disagreed=disagreed), stop
         verdict = _clamp(self.limits, state, request, observation.dt)

@@ -22,28 +22,20 @@ def added(found: tuple[Vector, int], place: Vector) -> tuple[Vector, int]:
 
 def count_sample(
     state: ProgramState, leg: Leg, stroke: StrokeState, measurement: Measurement, reference: float
-) -> tuple[Tally, tuple[float, float]]:
-    """The sums over a leg and over a pass, with one more sample.
-
-    `stroke` is the state behind it, `reference` the wanted force, N.
-    """
+) -> Tally:
+    """The sums over a leg with one more sample. `stroke` is the state behind it, `reference` the wanted force, N."""
+    tally = state.tally
     if not stroke.in_contact:
-        return state.tally, state.this_pass
-    tally, this_pass, criterion = state.tally, state.this_pass, leg.step.criterion
-    moved = measurement.dt if leg.way is None else stroke.travel - state.stroke.travel
-    amount = 0.0 if moved < 0.0 else moved
-    deep = amount * measurement.position
-    if leg.way is not None:
-        this_pass = this_pass[0] + deep, this_pass[1] + amount
-    band = reference * _BAND_SHARE if criterion is None else criterion.within_n
-    within = abs(measurement.force - reference) <= band
-    return Tally(
-        tally.total + amount,
-        tally.within + amount if within else tally.within,
-        tally.force + amount * measurement.force,
-        tally.deep + deep,
-        stroke.travel - state.base if within else tally.good,
-    ), this_pass
+        return tally
+    amount = measurement.dt if leg.way is None else stroke.travel - state.stroke.travel
+    if amount < 0.0:
+        amount = 0.0
+    force, criterion = measurement.force, leg.step.criterion
+    total, pressed = tally.total + amount, tally.force + amount * force
+    deep = tally.deep + amount * measurement.position
+    if abs(force - reference) <= (reference * _BAND_SHARE if criterion is None else criterion.within_n):
+        return Tally(total, tally.within + amount, pressed, deep, stroke.travel - state.base)
+    return Tally(total, tally.within, pressed, deep, tally.good)
 
 
 def outcome(state: ProgramState, leg: Leg, now: float, at: Vector | None = None) -> Done:

@@ -199,7 +199,7 @@ class Program:
     def step(self, state: ProgramState, felt: Felt) -> tuple[ProgramState, Intent]:
         """One sample, after `sense`. Steps that end without it are passed over."""
         measurement = felt.measurement
-        finite = math.isfinite(measurement.force) and math.isfinite(measurement.position)
+        finite = math.isfinite(measurement.force + measurement.position)
         if not (finite or state.reason):
             return state, self.hold(state, measurement)
         while state.reason is None and state.stroke.phase is not _END:
@@ -279,6 +279,8 @@ class Program:
         """State behind a leg: its outcome, and where the row goes on."""
         done = outcome(state, leg, felt.sample.now, felt.sample.position)
         number, first, this = state.leg + 1, state.first_pass, state.this_pass
+        if leg.way is not None:
+            this = this[0] + state.tally.deep, this[1] + state.tally.total
         if leg.leave_to is not None:
             (deep, way), this = this, (0.0, 0.0)
             mean = deep / way if way else None

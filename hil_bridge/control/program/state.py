@@ -135,7 +135,7 @@ class ProgramState(Struct, frozen=True):
     first_pass: float | None = None
     """Mean depth of the tracks in the first pass of a repeat, m."""
     this_pass: tuple[float, float] = (0.0, 0.0)
-    """Sums of depth x way and of way in this pass, m², m."""
+    """Sums of depth x way and of way of the steps of this pass that have ended, m², m."""
     text: str = ""
     """Words of the step on its end; empty for none."""
     done: tuple[Done, ...] = ()

@@ -269,9 +269,13 @@ class Way:
 
     def at(self, travel: float) -> Place:
         """The place at this length of the way, m; straight on behind its end."""
+        return self.place_and_heading(travel)[0]
+
+    def place_and_heading(self, travel: float) -> tuple[Place, Place]:
+        """The place at this length of the way, m, as `at`, and the unit vector of its piece."""
         number = self.piece(travel)
-        (x, y), (u, v), rest = self.points[number], self.headings[number], travel - self.begins[number]
-        return x + rest * u, y + rest * v
+        (x, y), heading, rest = self.points[number], self.headings[number], travel - self.begins[number]
+        return (x + rest * heading[0], y + rest * heading[1]), heading
 
     def points_until(self, travel: float) -> tuple[Place, ...]:
         """Its corners up to this length of it, m, and the place there."""

@@ -99,7 +99,6 @@ class PressingStep(Step):
         if self.orientation == "led" and not felt.sample.held:
             lean = leaning(leg, lean, (stroke, order), measurement.dt)
         raised = ground + rise(fall, before.at, led.at) if slopes else ground
-        tally, this_pass = count_sample(state, leg, stroke, measurement, stride.reference)
         state = replace(
             state,
             stroke=stroke,
@@ -110,8 +109,7 @@ class PressingStep(Step):
             memory=led.memory,
             lean=lean,
             ground=raised,
-            tally=tally,
-            this_pass=this_pass,
+            tally=count_sample(state, leg, stroke, measurement, stride.reference),
         )
         if raised or order.reference is None:
             command = shift_answer(order.command, raised)

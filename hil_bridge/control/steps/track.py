@@ -140,11 +140,9 @@ class Track(PressingStep):
     def guide(self, leg: Leg, state: ProgramState, felt: Felt) -> Guide:
         local = state.stroke.travel - state.base
         reference = leg.reference(local)
-        limit, held, lateral = self.lateral_limit_n, felt.sample.held, 0.0
-        if limit is not None:
-            lateral = lateral_of(felt.force, state.facing.fall if leg.shows_ground else FLAT)
-        feed, trouble = 1.0, None
+        limit, held, lateral, feed, trouble = self.lateral_limit_n, felt.sample.held, 0.0, 1.0, None
         if limit is not None or self.feed_error_n is not None:
+            lateral = lateral_of(felt.force, state.facing.fall if leg.shows_ground else FLAT)
             feed, trouble = feed_of(self, felt.measurement.force - reference, lateral, local)
         if held:
             feed = min(feed, 0.0)
@@ -163,18 +161,17 @@ class Track(PressingStep):
     def lead(self, leg: Leg, state: ProgramState, stroke: StrokeState, order: Order, felt: Felt) -> Led:
         way = leg.way
         assert way is not None
-        local, memory = stroke.travel - state.base, state.memory
-        number = way.piece(local)
-        heading, (x, y), rest = way.headings[number], way.points[number], local - way.begins[number]
-        u, v = heading
-        x, y, aside = x + rest * u, y + rest * v, state.aside
+        local, memory, aside = stroke.travel - state.base, state.memory, state.aside
+        place, heading = way.place_and_heading(local)
         if self.across != "position":
-            left = _leftwards(leg, state, (x, y), felt)
+            left = _leftwards(leg, state, place, felt)
             memory, aside = beside(leg.stroke, self, state, felt.measurement, left)
         elif order.command is not None and order.command.across:
             aside = aside_by(leg, self, state, (stroke, order), felt.measurement.dt)
-        at = state.origin[0] + x - aside * v, state.origin[1] + y + aside * u
-        return Led(at, local, aside, heading, memory)
+        x, y = state.origin[0] + place[0], state.origin[1] + place[1]
+        if aside:
+            x, y = x - aside * heading[1], y + aside * heading[0]
+        return Led((x, y), local, aside, heading, memory)
 
     def end_sample(self, leg: Leg, before: ProgramState, taken: Taken, felt: Felt) -> Taken:
         assert leg.way is not None
