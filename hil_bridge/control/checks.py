@@ -11,7 +11,7 @@ FORBID_EXTRA: dict[str, str] = {"extra": "forbid"}
 
 def check_reference(reference: float) -> None:
     """Raise ValueError for a desired force that is not a finite number above 0."""
-    if not (math.isfinite(reference) and reference > 0):
+    if not (math.isfinite(reference) and reference > 0.0):
         raise ValueError(f"the desired force must be above 0 N, got {reference}")
 
 

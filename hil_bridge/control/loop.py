@@ -4,7 +4,7 @@ The same functions make the decisions of a run and of its replay; a run looks at
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from msgspec.structs import replace
 
@@ -54,6 +54,13 @@ class ControlLoop:
     """Watches whether the robot goes where it is ordered to; None for a robot whose servo is not known."""
     sample_time: float = SAMPLE_MS * 1e-3
     """Sample time that the controller is tuned for, s; the first sample counts as that long."""
+    guards: tuple[Supervisor, ...] = field(init=False, repr=False, compare=False)
+    """The supervisor with the limits of each leg."""
+
+    def __post_init__(self) -> None:
+        whole = self.supervisor
+        guards = (Supervisor(leg.limits, whole.speed, whole.witness) for leg in self.program.row.legs)
+        object.__setattr__(self, "guards", tuple(guards))
 
     def initial(self, start: Vector) -> LoopState:
         """State at the start point, away from the surface; its reported position in the base frame, m."""
@@ -84,8 +91,10 @@ class ControlLoop:
         """Intent of program and controller for a sample."""
         (x, y, z), (a, b, c) = sample.position, state.start
         moved, dt = (x - a, y - b, z - c), self.since(state.seen_at, sample.now)
-        doubting, ordered = _doubting(state.program, sample), state.supervisor.depth
-        before, felt = self.program.sense(doubting, sample, moved, ordered, dt)
+        before = state.program
+        if sample.doubt != before.stroke.doubt:
+            before = replace(before, stroke=replace(before.stroke, doubt=Doubt(sample.doubt)))
+        before, felt = self.program.sense(before, sample, moved, state.supervisor.depth, dt)
         program, intent, failed = self._decide(before, felt)
         oscillation, advice = self._watch(state.oscillation, felt.measurement, intent)
         if advice is not None and advice.factor < 1.0:
@@ -99,7 +108,7 @@ class ControlLoop:
         """
         program, intent, advice = proposal.program, proposal.intent, proposal.advice
         observation, reported = _observe(sample, proposal, intent), proposal.felt.measurement.position
-        guard, follows = self._guard(intent), self.following
+        guard, follows = self.guards[intent.leg], self.following
         verdict: Verdict
         if proposal.failure is not None:  # of a step that follows a retraction, too
             supervisor, verdict = guard.stop(state.supervisor, proposal.failure.cause, proposal.failure.text)
@@ -152,11 +161,6 @@ class ControlLoop:
             stands=stands,
             quaternion=supervisor.quaternion,
         )
-
-    def _guard(self, intent: Intent) -> Supervisor:
-        """The supervisor with the limits of the step under way."""
-        guard, limits = self.supervisor, self.program.row.legs[intent.leg].limits
-        return guard if limits is guard.limits else Supervisor(limits, guard.speed, guard.witness)
 
     def _barrier(self, proposal: Proposal, limits: Limits) -> float:
         """Depth, m, at which the force limit less its margin is predicted. The prediction takes the stiffness in hand,
@@ -253,10 +257,3 @@ def _observe(sample: Sample, proposal: Proposal, intent: Intent) -> Observation:
         measurement.against,
         measurement.force if free else None,
     )
-
-
-def _doubting(state: ProgramState, sample: Sample) -> ProgramState:
-    """State with the newest doubt about a touch."""
-    if sample.doubt == state.stroke.doubt:
-        return state
-    return replace(state, stroke=replace(state.stroke, doubt=Doubt(sample.doubt)))

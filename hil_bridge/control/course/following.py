@@ -40,7 +40,7 @@ class Following:
             trail = trail[1:]
         began, low, high = trail[-1]
         if now - began >= self.within_s / PARTS:
-            return (*trail, (now, depth, depth))
+            return trail + ((now, depth, depth),)  # noqa: RUF005 – half the time of unpacking
         if low <= depth <= high:
             return trail
         return (*trail[:-1], (began, min(low, depth), max(high, depth)))

@@ -79,7 +79,11 @@ class Supervisor:
             disagreed = self.witness.disagreed(state.disagreed, observation)
         stop, free = self._first_fault(state, observation, request, still, pressed), None
         if stop is None:
-            if disagreed and self.witness is not None and (text := self.witness.fault(disagreed, observation)):
+            if (
+                disagreed
+                and self.witness is not None
+                and (text := self.witness.fault(disagreed, observation))
+            ):
                 stop = Stop(Cause.WITNESS, text)
             elif observation.free_force is not None:
                 free, stop = self._in_free_space(state, observation)

@@ -20,6 +20,7 @@ from hil_bridge.control.checks import (
 from hil_bridge.control.laws.estimate import Gates, StiffnessEstimate, contact_lost, update
 from hil_bridge.control.laws.fuzzy import InferenceSystem, Surface, paper_system
 from hil_bridge.control.laws.rules import read_rules
+from hil_bridge.control.limiting import within
 from hil_bridge.control.types import POSITION_STEP_MM, SAMPLE_MS, Command, Measurement, Range
 from protocol.marks import SettingError
 
@@ -176,7 +177,7 @@ class _Adaptive(_Fuzzy):
         if self.feedforward_limit_mm is None:
             return expected
         limit = self.feedforward_limit_mm * 1e-3
-        return min(max(expected, measurement.commanded - limit), measurement.commanded + limit)
+        return within(expected, measurement.commanded - limit, measurement.commanded + limit)
 
 
 @dataclass(frozen=True, slots=True)

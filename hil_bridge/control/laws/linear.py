@@ -21,6 +21,7 @@ from hil_bridge.control.checks import (
 )
 from hil_bridge.control.exponential import exponential
 from hil_bridge.control.laws.stiffness import Pairing, Stiffness, observe
+from hil_bridge.control.limiting import within
 from hil_bridge.control.types import (
     POSITION_STEP_MM,
     SAMPLE_MS,
@@ -265,7 +266,7 @@ def _gain(model: Pi | Admittance, estimate: Stiffness) -> float:
 
 def _limit(correction: float, limit_mm: float) -> float:
     limit = limit_mm * 1e-3
-    return min(max(correction, -limit), limit)
+    return within(correction, -limit, limit)
 
 
 def _answer(measurement: Measurement, correction: float, estimate: Stiffness, gain: float) -> Command:

@@ -22,6 +22,7 @@ from hil_bridge.control.checks import (
 )
 from hil_bridge.control.laws.servo import Served, Servo
 from hil_bridge.control.laws.stiffness import Pairing, Stiffness, observe
+from hil_bridge.control.limiting import within
 from hil_bridge.control.types import (
     FINE_STEP_MM,
     POSITION_STEP_MM,
@@ -177,7 +178,9 @@ class Predictive:
         Raises ValueError for a reference that is not above 0.
         """
         check_reference(reference)
-        if not (measurement.is_finite and math.isfinite(measurement.travel + measurement.travel_next)):
+        acting, position, travel = measurement.force_at_position, measurement.position, measurement.travel
+        known = measurement.force + acting + position + measurement.commanded + travel
+        if not math.isfinite(known + measurement.travel_next):
             return state, Command(measurement.commanded, 0.0, state.estimate.value)
         served = None
         if self.servo is not None and measurement.in_contact:
@@ -192,7 +195,7 @@ class Predictive:
             correction = self._search(stiffness, reference)
             state = PredictiveState(estimate, robustness=state.robustness, landing=state.landing)
             return state, self._answer(measurement, estimate, correction)
-        newest = measurement.travel, measurement.position, measurement.force_at_position
+        newest = travel, measurement.position, acting
         pairs = (*state.pairs, newest)[-self.window :]
         near = measurement.force - reference > -_NEAR_SHARE * reference
         landing = math.inf if near else state.landing + measurement.dt
@@ -209,17 +212,15 @@ class Predictive:
         estimate, pairs = state.estimate, state.pairs
         error, relative_error = measurement.force - reference, estimate.relative_error(self.pairing)
         band = stiffness * self.resolution_mm * 1e-3 / 2 + self.force_uncertainty_n
-        side = (error > 2 * band) - (error < -2 * band) or state.side
+        side = (error > 2.0 * band) - (error < -2.0 * band) or state.side
         swung = side * state.side < 0
-        if swung:
-            robustness = min(state.robustness * _SWING_FACTOR, _ROBUSTNESS_MOST)
-        else:
-            robustness = max(state.robustness * _CALM_FACTOR, 1.0 / _SWING_FACTOR)
+        robustness = state.robustness * (_SWING_FACTOR if swung else _CALM_FACTOR)
+        robustness = within(robustness, 1.0 / _SWING_FACTOR, _ROBUSTNESS_MOST)
         guard = 1.0 if robustness < 1.0 else robustness
         predicted, slope, slope_error = self._fit(
             pairs, stiffness * guard, relative_error, measurement.travel_next, reference
         )
-        moving = abs(slope) > 2 * slope_error
+        moving = abs(slope) > 2.0 * slope_error
         resting = abs(error) <= band and not moving
         explanation = {
             "relative_error": relative_error,
@@ -262,7 +263,7 @@ class Predictive:
             moved = newest - position - self.resolution_mm * 1e-3
             if moved > self.resolution_mm * 1e-3 / 2:
                 pressed = max(pressing - force, 0.0) + 2 * self.force_uncertainty_n
-                return min(max(2 * pressed / moved, least), self.stiffest_n_m)
+                return within(2 * pressed / moved, least, self.stiffest_n_m)
         return self.stiffest_n_m
 
     def _search(self, stiffness: float | None, reference: float) -> float:
@@ -278,17 +279,17 @@ class Predictive:
         """The straight line through the wanted positions: its value at this travel, its slope, and the standard error
         of that. Weighted least squares with a slope that is 0 ± `steepest` before any pair is seen.
         """
-        relative_error = min(relative_error, 1.0)
-        inwards = stiffness * (1 + self.caution * relative_error)
+        relative_error = relative_error if relative_error < 1.0 else 1.0
+        inwards, doubt = stiffness * (1.0 + self.caution * relative_error), relative_error / stiffness
         still = (self.resolution_mm * 1e-3) ** 2 / 12 + (self.force_uncertainty_n / stiffness) ** 2
         bend = 0.5 / (self.smallest_radius_mm * 1e-3)
         s0 = s1 = s2 = t0 = t1 = 0.0
         base = pairs[-1][1]
         for travel, position, force in pairs:
             short, away = reference - force, travel - at
-            wanted = position - base + short / (inwards if short > 0 else stiffness)
-            variance = still + (relative_error * short / stiffness) ** 2 + (bend * away * away) ** 2
-            weight = 1.0 / variance
+            wanted = position - base + short / (inwards if short > 0.0 else stiffness)
+            unsure, bent = doubt * short, bend * away * away
+            weight = 1.0 / (still + unsure * unsure + bent * bent)
             far = weight * away
             s0 += weight
             s1 += far
@@ -309,4 +310,4 @@ class Predictive:
     def _limit(self, correction: float) -> float:
         """As much of a correction as a sample may make, m."""
         limit = self.step_limit_mm * 1e-3
-        return min(max(correction, -limit), limit)
+        return within(correction, -limit, limit)

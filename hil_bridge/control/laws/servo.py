@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from msgspec import Struct
 
+from hil_bridge.control.limiting import within
 from hil_bridge.control.types import Measurement
 
 
@@ -48,4 +49,4 @@ class Servo:
         speed = served.speed + pull * frequency * (measurement.commanded - served.position)
         speed /= 1.0 + pull * (2.0 * self.damping + pull)
         position = served.position + dt * speed
-        return Served(min(max(position, reported - self.error_m), reported + self.error_m), speed)
+        return Served(within(position, reported - self.error_m, reported + self.error_m), speed)

@@ -10,13 +10,14 @@ alone.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 from msgspec import Struct
 from msgspec.structs import replace
 
 from hil_bridge.control.checks import require_above_zero, require_not_negative
+from hil_bridge.control.limiting import within
 from hil_bridge.control.types import POSITION_STEP_MM, Measurement
 from protocol.marks import SettingError
 
@@ -53,6 +54,8 @@ class Pairing:
     """Smallest stiffness that is believed, N/m."""
     stiffness_max: float = 1e6
     """Largest stiffness that is believed, N/m: sensor, tool and robot are no stiffer together."""
+    step_variance: float = field(init=False, repr=False, compare=False)
+    """Variance of the difference of two reported positions, m²: two roundings to whole steps."""
 
     def __post_init__(self) -> None:
         require_above_zero(
@@ -69,11 +72,7 @@ class Pairing:
             raise SettingError("forgetting", f"must be at most 1, got {self.forgetting}")
         if self.stiffness_min >= self.stiffness_max:
             raise SettingError("stiffness_min", "must be below stiffness_max")
-
-    @property
-    def step_variance(self) -> float:
-        """Variance of the difference of two reported positions, m²: two roundings to whole steps."""
-        return (self.resolution_mm * 1e-3) ** 2 / 6
+        object.__setattr__(self, "step_variance", (self.resolution_mm * 1e-3) ** 2 / 6)
 
 
 class Stiffness(Struct, frozen=True):
@@ -97,15 +96,14 @@ class Stiffness(Struct, frozen=True):
     @property
     def value(self) -> float | None:
         """Estimate in N/m; None before the first pair that counted."""
-        return self.pressed / self.moved if self.moved > 0 else None
+        return self.pressed / self.moved if self.moved > 0.0 else None
 
     def relative_error(self, pairing: Pairing) -> float:
         """Standard error of the estimate, as a share of it; infinite without one."""
-        stiffness = self.value
-        if stiffness is None:
+        if not self.moved > 0.0:
             return math.inf
-        variance = 2 * (pairing.force_uncertainty_n / stiffness) ** 2 + pairing.step_variance
-        return math.sqrt(variance / self.moved)
+        noise = pairing.force_uncertainty_n * self.moved / self.pressed
+        return math.sqrt((2.0 * noise * noise + pairing.step_variance) / self.moved)
 
 
 def observe(
@@ -132,9 +130,9 @@ def observe(
     learnt = estimate.slope
     if known is not None and abs(travelled) > _LEAST_TRAVEL:
         seen = (position - estimate.position - pressed / known) / travelled
-        learnt = slope + _SLOPE_GAIN * (min(max(seen, -1.0), 1.0) - slope)
-    newer = Stiffness(estimate.moved, estimate.pressed, force, position, travel, 0, learnt)
-    size = abs(moved) if known is None else (abs(moved) + abs(pressed) / known) / 2
+        learnt = slope + _SLOPE_GAIN * (within(seen, -1.0, 1.0) - slope)
+    newer = Stiffness(estimate.moved, estimate.pressed, force, position, travel, 0.0, learnt)
+    size = abs(moved) if known is None else (abs(moved) + abs(pressed) / known) / 2.0
     if size < pairing.smallest_move * pairing.resolution_mm * 1e-3 * (1 - 1e-6):
         # Until there is an estimate, small moves of a careful beginning add up, though not for ever. A
         # surface that moves sideways under the tool would enter the quotient without bound.

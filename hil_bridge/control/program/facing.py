@@ -26,6 +26,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from hil_bridge.control.checks import FORBID_EXTRA, require_above_zero, require_shares_and_slope
+from hil_bridge.control.limiting import within
 from hil_bridge.control.steps.paths import Place
 from protocol.geometry import Vector
 from protocol.marks import SettingError
@@ -191,7 +192,7 @@ class Facing:
                 continue
             weight = sum(1.0 / variance for _, variance in told_by)
             wanted = sum(angle / variance for angle, variance in told_by) / weight
-            wanted = min(max(wanted, -steepest), steepest)
+            wanted = within(wanted, -steepest, steepest)
             angles[axis] += share * (wanted - angles[axis])
             variances[axis] = share / (2.0 - share) / weight
         u, v = math.tan(angles[0]), math.tan(angles[1])
@@ -238,7 +239,7 @@ class Facing:
             (t * hx + b * hy, mean[3] * hx + mean[4] * hy),
             (b * hx - t * hy, mean[4] * hx - mean[3] * hy),
         ):
-            skew = min(max(skew, -_MOST_SKEW), _MOST_SKEW)
+            skew = within(skew, -_MOST_SKEW, _MOST_SKEW)
             told.append((-math.atan2(own, a) - skew, noise**2 + (_TRUSTED_STIFFNESS * skew) ** 2))
         return told
 

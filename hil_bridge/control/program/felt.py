@@ -3,6 +3,8 @@
 import math
 from typing import NamedTuple
 
+from msgspec import Struct
+
 from hil_bridge.control.geometry.turning import moment_at
 from hil_bridge.control.program.facing import inward
 from hil_bridge.control.program.state import Felt, ProgramState
@@ -11,7 +13,7 @@ from hil_bridge.control.steps.paths import Place
 from protocol.geometry import Vector, normalise, rotate
 
 
-class WorkFrame(NamedTuple):
+class WorkFrame(Struct, frozen=True):
     """Axes of the work frame in the base frame, unit vectors, and its origin."""
 
     approach: Vector

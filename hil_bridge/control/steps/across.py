@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from hil_bridge.control.course.stroke import Order, Stroke, StrokeState
+from hil_bridge.control.limiting import within
 from hil_bridge.control.program.leg import Leg
 from hil_bridge.control.program.state import ProgramState
 from hil_bridge.control.types import Measurement, ask, begin
@@ -32,8 +33,8 @@ def aside_by(
     if command is None or not stroke.in_contact:
         return state.aside
     most, farthest = leg.stroke.parameters.speed_mm_s * 1e-3 * dt, step.across_mm * 1e-3
-    aside = state.aside + min(max(command.across, -most), most)
-    return min(max(aside, -farthest), farthest)
+    aside = state.aside + within(command.across, -most, most)
+    return within(aside, -farthest, farthest)
 
 
 def leaning(leg: Leg, before: float, pressed: tuple[StrokeState, Order], dt: float) -> float:
@@ -48,8 +49,8 @@ def leaning(leg: Leg, before: float, pressed: tuple[StrokeState, Order], dt: flo
         return before
     most = math.radians(leg.limits.turn_deg_s) * TURNED_SHARE * dt
     farthest = math.radians(leg.limits.turn_total_deg) * TURNED_SHARE
-    lean = before + min(max(command.turn, -most), most)
-    return min(max(lean, -farthest), farthest)
+    lean = before + within(command.turn, -most, most)
+    return within(lean, -farthest, farthest)
 
 
 def beside(
@@ -67,8 +68,8 @@ def beside(
         aside = before + share * (-left[0] / step.across_n_mm * 1e-3 - before)
     else:
         aside, memory = _press(stroke, step, state, measurement, left)
-    aside = min(max(aside, before - quickest), before + quickest)
-    return memory, min(max(aside, -farthest), farthest)
+    aside = within(aside, before - quickest, before + quickest)
+    return memory, within(aside, -farthest, farthest)
 
 
 def _press(

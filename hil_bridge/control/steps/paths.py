@@ -263,9 +263,7 @@ class Way:
 
     def piece(self, travel: float) -> int:
         """Number of the piece on which this length of the way lies."""
-        if len(self.headings) == 1:
-            return 0
-        return min(max(bisect_right(self.begins, travel) - 1, 0), len(self.headings) - 1)
+        return bisect_right(self.begins, travel, 1, len(self.headings)) - 1
 
     def at(self, travel: float) -> Place:
         """The place at this length of the way, m; straight on behind its end."""
