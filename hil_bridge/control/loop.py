@@ -136,11 +136,9 @@ class ControlLoop:
             lowered = Reason(Cause.GAIN, f"the force swings: gain lowered to {advice.factor:g}")
             holds = verdict.holds if isinstance(verdict, Clamp) else ()
             way = verdict = Clamp(verdict.depth, verdict.position, (*holds, lowered))
-        before = state.supervisor
-        stands, held = isinstance(way, Stop), False
-        depth, position = (
-            (before.depth, before.position) if isinstance(way, Stop) else (way.depth, way.position)
-        )
+        before, stands, held = state.supervisor, isinstance(way, Stop), False
+        last = before if isinstance(way, Stop) else way
+        depth, position = last.depth, last.position
         if intent.phase is _RETRACT and intent.target.depth < before.depth <= depth:
             # Held back at the border of the workspace, a retraction has come as far as it can.
             held = not (isinstance(way, Clamp) and way.goes_on)
@@ -189,7 +187,7 @@ class ControlLoop:
             command, target = intent.command, intent.target
             if command is not None and not self._is_meant(command, measurement):
                 failed = blame_answer(self.program.controller, command)
-            elif not abs(target.travel) + abs(target.across) < math.inf:
+            elif not math.isfinite(target.travel + target.across):
                 failed = blame_place(self.program.row.legs[intent.leg], target)
             else:
                 return program, intent, None
@@ -220,10 +218,10 @@ class ControlLoop:
     def _request(self, state: LoopState, intent: Intent, barrier: float = math.inf) -> Request:
         frame, depth, travel = self.program.frame, intent.target.depth, intent.target.travel
         (x, y, z), (a, b, c), (u, v, w) = state.start, frame.approach, frame.x
-        target = x + depth * a + travel * u, y + depth * b + travel * v, z + depth * c + travel * w
+        target = x, y, z = x + depth * a + travel * u, y + depth * b + travel * v, z + depth * c + travel * w
         if aside := intent.target.across:
-            x, y, z = (p + aside * n for p, n in zip(target, frame.y, strict=True))
-            target = x, y, z
+            r, s, t = frame.y
+            target = x + aside * r, y + aside * s, z + aside * t
         return Request(depth, target, frame.approach, barrier, intent.turned)
 
 

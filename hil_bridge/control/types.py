@@ -84,7 +84,7 @@ class Measurement(Struct, frozen=True):
     def is_finite(self) -> bool:
         """Whether forces and positions are numbers at all."""
         # A sum is a number only if all its parts are, and no part is infinite.
-        return math.isfinite(self.force + self.force_at_position + self.position + self.commanded)
+        return math.isfinite(self.force + (self.paired_force or 0.0) + self.position + self.commanded)
 
     @property
     def force_at_position(self) -> float:
@@ -153,8 +153,9 @@ def as_command(answer: Any) -> Command:
     A controller of another package may answer with types that only behave alike. Raises every error of the
     conversion. The values of the explanation are not converted.
     """
+    ours = type(answer) is Command
     if (
-        type(answer) is Command
+        ours
         and type(answer.position) is float
         and type(answer.correction) is float
         and type(answer.gain) is float
@@ -164,7 +165,8 @@ def as_command(answer: Any) -> Command:
         and type(answer.across) is float
         and type(answer.turn) is float
     ):
-        return answer
+        command: Command = answer
+        return command
     return Command(
         float(answer.position),
         float(answer.correction),

@@ -55,6 +55,9 @@ class Advice(Struct, frozen=True):
     """Mean time from a peak to the next but one, s; 0 while calm."""
 
 
+_WHOLE = Advice(_CALM, 1.0)
+
+
 class OscillationState(Struct, frozen=True):
     """State of the detector between samples."""
 
@@ -141,7 +144,7 @@ class OscillationDetector:
         if factor < 1.0 and not peaks and now - since >= window * 2.0**state.found:
             factor, since = min(1.0, factor / self.notch), now
         state = OscillationState(now, since, extreme, extreme_at, peaks, factor, state.retract, state.found)
-        return state, Advice(_CALM, factor, state.retract)
+        return state, _WHOLE if factor == 1.0 and not state.retract else Advice(_CALM, factor, state.retract)
 
     def band(self, stiffness: float | None) -> float:
         """Error that counts as rest, either way, N."""

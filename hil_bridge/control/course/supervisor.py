@@ -53,7 +53,7 @@ class Supervisor:
         Raises ConfigError when that is outside the workspace. A reported position is taken with the same tolerance as
         in a run: a tool may stand that far outside, and goes no farther out.
         """
-        if not _inside(self.limits, position, _STANDS):
+        if not _inside_nearly(self.limits, position):
             raise ConfigError(
                 f"the robot stands at {position} m, outside the box of limits.workspace_…_m",
                 remedy=_in_millimetres(self.limits, position),
@@ -283,7 +283,7 @@ class Supervisor:
                 f"allowed are {limits.following_error_mm:g} mm"
             )
             return Stop(Cause.FOLLOWING, text)
-        tilt_deg = math.degrees(tilt)
+        tilt_deg = math.degrees(tilt) if tilt else 0.0
         if tilt_deg > limits.tilt_deg and tilt_deg > limits.tilt_deg + math.degrees(state.lag):
             where = "start" if state.quaternion is None else "ordered orientation"
             text = (
@@ -291,7 +291,7 @@ class Supervisor:
                 f"allowed are {limits.tilt_deg:g}°"
             )
             return Stop(Cause.TILT, text)
-        if not _inside(limits, position, _STANDS):
+        if not (_inside(limits, position) or _inside_nearly(limits, position)):
             text = f"the robot reports {position} m, outside the box of limits.workspace_…_m"
             return Stop(Cause.OUTSIDE, text)
         return None
@@ -313,9 +313,15 @@ def _not_a_number(seen: Observation) -> Cause:
 _BEYOND_BARRIER = Reason(Cause.BARRIER, "deeper than where the force limit is predicted")
 
 
-def _inside(limits: Limits, position: Vector, slack: float = 0.0) -> bool:
+def _inside(limits: Limits, position: Vector) -> bool:
     (a, b, c), (x, y, z), (d, e, f) = limits.workspace_min_m, position, limits.workspace_max_m
-    return a - slack <= x <= d + slack and b - slack <= y <= e + slack and c - slack <= z <= f + slack
+    return a <= x <= d and b <= y <= e and c <= z <= f
+
+
+def _inside_nearly(limits: Limits, position: Vector) -> bool:
+    """Inside, or as little outside as a reported position may be wrong."""
+    corners = limits.workspace_min_m, position, limits.workspace_max_m
+    return all(low - _STANDS <= at <= high + _STANDS for low, at, high in zip(*corners, strict=True))
 
 
 def _in_millimetres(limits: Limits, position: Vector) -> str:
@@ -380,8 +386,8 @@ def _clamp(limits: Limits, state: SupervisorState, request: Request, dt: float) 
             target = x - a * cut, y - b * cut, z - c * cut
             reasons.append(Reason(Cause.ACROSS, f"across faster than {limits.travel_mm_s:g} mm/s"))
 
-    (x, y, z), low, high = target, limits.workspace_min_m, limits.workspace_max_m
-    if not (low[0] <= x <= high[0] and low[1] <= y <= high[1] and low[2] <= z <= high[2]):
+    if not _inside(limits, target):
+        (x, y, z), low, high = target, limits.workspace_min_m, limits.workspace_max_m
         u, v, w = state.position
         # A tool that stands a little outside since its start may stay there, and come back.
         low = min(low[0], u), min(low[1], v), min(low[2], w)

@@ -51,7 +51,7 @@ def update(estimate: StiffnessEstimate, gates: Gates, position: float, force: fl
 
     A sample that is not finite changes nothing. The mean is taken of logarithms, for stiffness spans decades.
     """
-    if not (math.isfinite(position) and math.isfinite(force)):
+    if not math.isfinite(position + force):
         return estimate
     if estimate.position is None:
         return StiffnessEstimate(estimate.stiffness, position, force)

@@ -178,7 +178,7 @@ def quantise(percent: float, edges: tuple[float, ...], levels: tuple[float, ...]
 def _index(percent: float, edges: tuple[float, ...]) -> int:
     if math.isnan(percent):
         raise ValueError("cannot quantise a value that is not a number")
-    return bisect_left(edges, percent) if percent > 0 else bisect_right(edges, percent)
+    return bisect_left(edges, percent) if percent > 0.0 else bisect_right(edges, percent)
 
 
 def _position(percent: float, edges: tuple[float, ...]) -> float:

@@ -66,12 +66,16 @@ class _Fuzzy:
     def _infer(self, before: float | None, error: float, reference: float) -> dict[str, float]:
         """Levels of both inputs and of the answer, and the rules behind it with their weights."""
         change = 0.0 if before is None else error - before
-        percents = 100.0 * error / reference, 100.0 * change / reference
-        inference, explanation = self._system.explain(*percents)
+        share = 100.0 * error / reference
+        inference, explanation = self._system.explain(share, 100.0 * change / reference)
         explanation["level_error"] = inference.level_error
         explanation["level_change"] = inference.level_change
         explanation["level_output"] = inference.level_output
         return explanation
+
+    def _correction(self, explanation: dict[str, float], gain: float) -> float:
+        """Answer of the rules, m."""
+        return gain * explanation["level_output"] * self.output_step_mm * 1e-3
 
     def _correct(
         self,
@@ -81,7 +85,7 @@ class _Fuzzy:
         stiffness: float | None = None,
     ) -> Command:
         """The answer of the fuzzy PI."""
-        correction = gain * explanation["level_output"] * self.output_step_mm * 1e-3
+        correction = self._correction(explanation, gain)
         return Command(measurement.commanded + correction, correction, stiffness, gain, False, explanation)
 
 
@@ -195,13 +199,12 @@ class FuzzyAdaptive(_Adaptive):
         self, measurement: Measurement, reference: float, explanation: dict[str, float], stiffness: float
     ) -> Command:
         gain = scheduled_gain(stiffness)
-        command = self._correct(measurement, explanation, gain, stiffness)
         if not measurement.in_contact:
-            return command
+            return self._correct(measurement, explanation, gain, stiffness)
+        correction = self._correction(explanation, gain)
         feedforward = self._feedforward(measurement, reference, stiffness)
         explanation["feedforward_m"] = feedforward
-        position = feedforward + command.correction
-        return Command(position, command.correction, stiffness, gain, False, explanation)
+        return Command(feedforward + correction, correction, stiffness, gain, False, explanation)
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,9 +245,9 @@ class ResolutionAware(_Adaptive):
 def scheduled_gain(stiffness: float) -> float:
     """The paper's adaptation rule: factor on the fuzzy output for a stiffness in N/m."""
     decade = math.log10(stiffness)
-    if decade <= 4:
+    if decade <= 4.0:
         return 1.0
-    return 0.5 if decade <= 5 else 0.25
+    return 0.5 if decade <= 5.0 else 0.25
 
 
 def _ready(surface: str, rules_file: str) -> InferenceSystem:

@@ -108,7 +108,7 @@ class Program:
         `moved` is the reported way from the start point, base frame, m, `ordered` the depth that was ordered before,
         m, `dt` the time since the sample before, s.
         """
-        frame, wrench, paired = self.frame, sample.wrench, sample.paired_force
+        frame, wrench, paired, (h, k) = self.frame, sample.wrench, sample.paired_force, state.heading
         (x, y, z), (a, b, c), (u, v, w), (r, s, t) = moved, frame.approach, frame.x, frame.y
         depth, place = x * a + y * b + z * c, (x * u + y * v + z * w, x * r + y * s + z * t)
         if state.start is None:
@@ -119,7 +119,7 @@ class Program:
             force, wrench = subtract_zero(state, frame, sample, force)
             paired = None if paired is None else paired + (force[0] - sample.force)
         leg, travel = self.row.legs[state.leg], place[0]
-        against = 0.0 if leg.phase is _MOVE else force[1] * state.heading[0] + force[2] * state.heading[1]
+        against = 0.0 if leg.phase is _MOVE else force[1] * h + force[2] * k
         if leg.way is not None:
             there = place[0] - state.origin[0], place[1] - state.origin[1]
             along = leg.way.along(state.reached, state.stroke.travel - state.base, there)

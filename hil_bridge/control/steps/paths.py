@@ -271,7 +271,7 @@ class Way:
 
     def place_and_heading(self, travel: float) -> tuple[Place, Place]:
         """The place at this length of the way, m, as `at`, and the unit vector of its piece."""
-        number = self.piece(travel)
+        number = self.piece(travel) if len(self.headings) > 1 else 0
         (x, y), heading, rest = self.points[number], self.headings[number], travel - self.begins[number]
         return (x + rest * heading[0], y + rest * heading[1]), heading
 

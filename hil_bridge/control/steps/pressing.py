@@ -83,10 +83,10 @@ class PressingStep(Step):
         if guide.trouble is not None:
             return Taken(state, Order(Phase.RETRACT, measurement.commanded), trouble=guide.trouble)
         before, ground = state, state.ground
-        fall = state.facing.fall if leg.shows_ground else FLAT
-        shown, slopes = measurement, fall != FLAT
+        fall, shown = state.facing.fall, measurement
+        slopes = leg.shows_ground and fall != FLAT
         if ground or slopes:
-            behind = rise(fall, felt.place, state.at)
+            behind = rise(fall, felt.place, state.at) if slopes else 0.0
             shown = replace(
                 measurement,
                 position=measurement.position - (ground - behind),
