@@ -57,7 +57,8 @@ class Following:
         _, lowest, deepest = trail[-1]
         if lowest - allowed <= depth <= deepest + allowed:  # in the newest part, as in nearly every cycle
             return ""
-        lowest, deepest = min(part[1] for part in trail), max(part[2] for part in trail)
+        _, lows, depths = zip(*trail, strict=True)
+        lowest, deepest = min(lows), max(depths)
         if lowest - allowed <= depth <= deepest + allowed:
             return ""
         outside, side = max((lowest - depth, "behind"), (depth - deepest, "ahead of"))

@@ -237,8 +237,8 @@ class Stroke:
             speed, rise = parameters.speed_mm_s, parameters.travel_rise_s
             if rise:
                 speed = min(state.speed_mm_s + speed * measurement.dt / rise, speed)
-            way = self.way(speed, measurement.dt) * measurement.advance * stride.feed
-            travel, risen = travel + way, speed if way > 0.0 else 0.0
+            travel += self.way(speed, measurement.dt) * measurement.advance * stride.feed
+            risen = speed if measurement.advance * stride.feed > 0.0 else 0.0
         shown = replace(
             measurement, in_contact=state.in_contact, travel_next=travel, free_position=state.free
         )

@@ -40,6 +40,8 @@ _SWING_FACTOR, _CALM_FACTOR, _ROBUSTNESS_MOST = 1.5, 0.95, 8.0
 """Robustness factor: a swing multiplies it by the first, every other sample by the second; the third is its largest
 value. Chosen.
 """
+_ROBUSTNESS_LEAST = 1.0 / _SWING_FACTOR
+"""Its smallest value: the next swing makes it 1."""
 
 _LANDING_MS = 100.0
 """`landing_ms` of robots that stream. Chosen: twice the time that an order takes with EGM."""
@@ -149,6 +151,8 @@ class Predictive:
     """
     pairing: Pairing = field(init=False, repr=False, compare=False)
     """Settings for the pairing of force and position."""
+    spreads: tuple[float, float, float] = field(init=False, repr=False, compare=False)
+    """Of the line: variance of a rounded position, m², half the curvature, 1/m, and weight of the slope 0."""
     servo: Servo | None = field(init=False, repr=False, compare=False)
     """The model of the robot's servo; None where the reported position is taken."""
 
@@ -164,6 +168,8 @@ class Predictive:
         )
         servo = Servo(self.servo_lag_ms * 1e-3, self.servo_damping, self.servo_error_mm * 1e-3)
         object.__setattr__(self, "pairing", pairing)
+        rounded, bend = (self.resolution_mm * 1e-3) ** 2 / 12, 0.5 / (self.smallest_radius_mm * 1e-3)
+        object.__setattr__(self, "spreads", (rounded, bend, 1.0 / self.steepest**2))
         object.__setattr__(self, "servo", servo if modelled else None)
 
     def initial(self) -> PredictiveState:
@@ -196,7 +202,7 @@ class Predictive:
             state = PredictiveState(estimate, robustness=state.robustness, landing=state.landing)
             return state, self._answer(measurement, estimate, correction)
         newest = travel, measurement.position, acting
-        pairs = (*state.pairs, newest)[-self.window :]
+        pairs = (state.pairs + (newest,))[-self.window :]  # noqa: RUF005 – half the time of unpacking
         near = measurement.force - reference > -_NEAR_SHARE * reference
         landing = math.inf if near else state.landing + measurement.dt
         state = PredictiveState(estimate, pairs, state.slope, state.side, state.robustness, landing, served)
@@ -212,10 +218,10 @@ class Predictive:
         estimate, pairs = state.estimate, state.pairs
         error, relative_error = measurement.force - reference, estimate.relative_error(self.pairing)
         band = stiffness * self.resolution_mm * 1e-3 / 2 + self.force_uncertainty_n
-        side = (error > 2.0 * band) - (error < -2.0 * band) or state.side
+        side = 1 if error > 2.0 * band else -1 if error < -2.0 * band else state.side
         swung = side * state.side < 0
         robustness = state.robustness * (_SWING_FACTOR if swung else _CALM_FACTOR)
-        robustness = within(robustness, 1.0 / _SWING_FACTOR, _ROBUSTNESS_MOST)
+        robustness = within(robustness, _ROBUSTNESS_LEAST, _ROBUSTNESS_MOST)
         guard = 1.0 if robustness < 1.0 else robustness
         predicted, slope, slope_error = self._fit(
             pairs, stiffness * guard, relative_error, measurement.travel_next, reference
@@ -281,9 +287,9 @@ class Predictive:
         """
         relative_error = relative_error if relative_error < 1.0 else 1.0
         inwards, doubt = stiffness * (1.0 + self.caution * relative_error), relative_error / stiffness
-        still = (self.resolution_mm * 1e-3) ** 2 / 12 + (self.force_uncertainty_n / stiffness) ** 2
-        bend = 0.5 / (self.smallest_radius_mm * 1e-3)
-        s0 = s1 = s2 = t0 = t1 = 0.0
+        (rounded, bend, s2), noise = self.spreads, self.force_uncertainty_n / stiffness
+        still = rounded + noise * noise
+        s0 = s1 = t0 = t1 = 0.0
         base = pairs[-1][1]
         for travel, position, force in pairs:
             short, away = reference - force, travel - at
@@ -296,7 +302,6 @@ class Predictive:
             s2 += far * away
             t0 += weight * wanted
             t1 += far * wanted
-        s2 += 1.0 / self.steepest**2
         determinant = s0 * s2 - s1 * s1
         slope = (s0 * t1 - s1 * t0) / determinant
         return base + (s2 * t0 - s1 * t1) / determinant, slope, math.sqrt(s0 / determinant)
