@@ -89,12 +89,10 @@ class ControlLoop:
 
     def propose(self, state: LoopState, sample: Sample) -> Proposal:
         """Intent of program and controller for a sample."""
-        (x, y, z), (a, b, c) = sample.position, state.start
-        moved, dt = (x - a, y - b, z - c), self.since(state.seen_at, sample.now)
-        before = state.program
+        before, dt = state.program, self.since(state.seen_at, sample.now)
         if sample.doubt != before.stroke.doubt:
             before = replace(before, stroke=replace(before.stroke, doubt=Doubt(sample.doubt)))
-        before, felt = self.program.sense(before, sample, moved, state.supervisor.depth, dt)
+        before, felt = self.program.sense(before, sample, state.start, state.supervisor.depth, dt)
         program, intent, failed = self._decide(before, felt)
         oscillation, advice = self._watch(state.oscillation, felt.measurement, intent)
         if advice is not None and advice.factor < 1.0:

@@ -277,7 +277,7 @@ def _walk(step: Step, feel: Feel, most: int = SAMPLES) -> tuple[Program, list[Wa
         begun = state.leg == own and state.began is not None
         felt3 = feel(depth) if begun else _spring(depth)
         sample = _sample(number * CYCLE, depth, place, felt3)
-        before, felt = program.sense(state, sample, sample.position, depth, CYCLE)
+        before, felt = program.sense(state, sample, (0.0, 0.0, 0.0), depth, CYCLE)
         try:
             state, intent = program.step(before, felt)
         except StepFailed as error:

@@ -55,8 +55,8 @@ class PlainRun:
 
 def sense(program: Program, state: ProgramState, felt: Felt) -> tuple[ProgramState, Felt]:
     """The sample of a tool that began at 0, 0, 0, as this program sees it."""
-    sample, measurement = felt.sample, felt.measurement
-    return program.sense(state, sample, sample.position, measurement.commanded, measurement.dt)
+    measurement = felt.measurement
+    return program.sense(state, felt.sample, (0.0, 0.0, 0.0), measurement.commanded, measurement.dt)
 
 
 def felt_of(

@@ -100,16 +100,18 @@ class Program:
     # --- what is felt
 
     def sense(
-        self, state: ProgramState, sample: Sample, moved: Vector, ordered: float, dt: float
+        self, state: ProgramState, sample: Sample, start: Vector, ordered: float, dt: float
     ) -> tuple[ProgramState, Felt]:
         """The sample as the program sees it: in the work frame, from the program's own zero, with the way along the
         path, and along the surface's normal where that is followed.
 
-        `moved` is the reported way from the start point, base frame, m, `ordered` the depth that was ordered before,
-        m, `dt` the time since the sample before, s.
+        `start` is the position that was reported at the start point, base frame, m, `ordered` the depth that was
+        ordered before, m, `dt` the time since the sample before, s.
         """
         frame, wrench, paired, (h, k) = self.frame, sample.wrench, sample.paired_force, state.heading
-        (x, y, z), (a, b, c), (u, v, w), (r, s, t) = moved, frame.approach, frame.x, frame.y
+        (x, y, z), (a, b, c) = sample.position, start
+        x, y, z = x - a, y - b, z - c
+        (a, b, c), (u, v, w), (r, s, t) = frame.approach, frame.x, frame.y
         depth, place = x * a + y * b + z * c, (x * u + y * v + z * w, x * r + y * s + z * t)
         if state.start is None:
             state = self._start(state, sample, place)

@@ -7,7 +7,7 @@ m, along x (the travel direction) and y (across it) of the work frame.
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, ClassVar, Literal, TypeAlias
 
 from pydantic import Discriminator
@@ -255,11 +255,11 @@ class Way:
     """Unit vector of each piece."""
     begins: tuple[float, ...]
     """Length of the way at which each piece begins, m; the length of the whole comes last."""
+    length: float = field(init=False, repr=False, compare=False)
+    """m"""
 
-    @property
-    def length(self) -> float:
-        """m"""
-        return self.begins[-1]
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "length", self.begins[-1])
 
     def piece(self, travel: float) -> int:
         """Number of the piece on which this length of the way lies."""
