@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil_bridge.control.laws.fuzzy import InferenceSystem, Surface
+from hil_bridge.control.laws.fuzzy import Inference, InferenceSystem, Surface
 from hil_bridge.control.laws.rules import PAPER_RULES, parse_rules, read_rules, rules_as_toml
 from hil_bridge.control.laws.tables import GAIN_MATRIX
 from hil_bridge.errors import ConfigError
@@ -99,7 +99,9 @@ def test_its_continuous_surface_is_not_rounded():
 @given(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3), st.sampled_from(Surface))
 def test_what_fired_explains_the_answer(error, change, surface):
     system = InferenceSystem(PAPER_RULES, surface)
-    _, fired = system.explain(error, change)
+    fired = system.explain(error, change)
+    levels = fired.pop("level_error"), fired.pop("level_change"), fired.pop("level_output")
+    assert Inference(*levels) == system.evaluate(error, change)
     assert fired
     assert all(0.0 < weight <= 1.0 for weight in fired.values())
     shapes = {term.name: term.degrees for term in PAPER_RULES.output.terms}
@@ -116,7 +118,7 @@ def test_what_fired_explains_the_answer(error, change, surface):
 def test_rules_that_fire_are_named_with_their_weights():
     system = InferenceSystem(PAPER_RULES, Surface.PAPER)
     # Error level −6: NB 1, NM 0.3. Change level 0: ZO 1, NS and PS 0.3.
-    assert system.explain(-100.0, 0.0)[1] == {
+    fired = {
         "NB∧NS→PB": 0.3,
         "NB∧ZO→PB": 1.0,
         "NB∧PS→PM": 0.3,
@@ -124,8 +126,10 @@ def test_rules_that_fire_are_named_with_their_weights():
         "NM∧ZO→PM": 0.3,
         "NM∧PS→PS": 0.3,
     }
-    system.explain(-100.0, 0.0)[1].clear()
-    assert len(system.explain(-100.0, 0.0)[1]) == 6
+    levels = {"level_error": -6.0, "level_change": 0.0, "level_output": 4.0}
+    assert system.explain(-100.0, 0.0) == {**fired, **levels}
+    system.explain(-100.0, 0.0).clear()
+    assert system.explain(-100.0, 0.0) == {**fired, **levels}
 
 
 @pytest.mark.parametrize(

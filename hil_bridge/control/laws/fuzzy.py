@@ -73,10 +73,12 @@ class InferenceSystem:
 
     def evaluate(self, error_percent: float, change_percent: float) -> Inference:
         """Output level for an error and its change, percent of the desired force. ValueError for a NaN."""
-        return self.explain(error_percent, change_percent)[0]
+        found = self.explain(error_percent, change_percent)
+        return Inference(found["level_error"], found["level_change"], found["level_output"])
 
-    def explain(self, error_percent: float, change_percent: float) -> tuple[Inference, dict[str, float]]:
-        """As `evaluate`, and the rules that fire and to what degree, by names such as `NB∧ZO→PM`.
+    def explain(self, error_percent: float, change_percent: float) -> dict[str, float]:
+        """The levels of `evaluate` by name, behind the rules that fire and to what degree, by names such as
+        `NB∧ZO→PM`.
 
         With quantised inputs they are those of the two levels: the rules behind the table's entry, even
         where a printed table says otherwise.
@@ -87,13 +89,14 @@ class InferenceSystem:
             column = _position(change_percent, change.edges_percent)
             rules, outputs = self._fire(row, column)
             levels = _level_at(row, error.levels), _level_at(column, change.levels)
-            return Inference(*levels, self._centre(outputs)), rules
+            return _explanation(rules, *levels, self._centre(outputs))
         i = _index(error_percent, error.edges_percent)
         j = _index(change_percent, change.edges_percent)
         found = self._explanations.get((i, j))
         if found is None:
-            found = self._explanations[i, j] = self._fire(i, j)[0]
-        return Inference(error.levels[i], change.levels[j], self._table[i][j]), found.copy()
+            levels, rules = (error.levels[i], change.levels[j]), self._fire(i, j)[0]
+            found = self._explanations[i, j] = _explanation(rules, *levels, self._table[i][j])
+        return found.copy()
 
     def infer(self, row: float, column: float) -> float:
         """Centre of gravity over the output's levels for two places among the levels of error and change.
@@ -140,6 +143,10 @@ class InferenceSystem:
                 if output not in outputs or strength > outputs[output]:
                     outputs[output] = strength
         return fired, outputs
+
+
+def _explanation(rules: Strengths, error: float, change: float, output: float) -> dict[str, float]:
+    return {**rules, "level_error": error, "level_change": change, "level_output": output}
 
 
 @cache

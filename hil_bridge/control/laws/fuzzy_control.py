@@ -66,12 +66,7 @@ class _Fuzzy:
     def _infer(self, before: float | None, error: float, reference: float) -> dict[str, float]:
         """Levels of both inputs and of the answer, and the rules behind it with their weights."""
         change = 0.0 if before is None else error - before
-        share = 100.0 * error / reference
-        inference, explanation = self._system.explain(share, 100.0 * change / reference)
-        explanation["level_error"] = inference.level_error
-        explanation["level_change"] = inference.level_change
-        explanation["level_output"] = inference.level_output
-        return explanation
+        return self._system.explain(100.0 * error / reference, 100.0 * change / reference)
 
     def _correction(self, explanation: dict[str, float], gain: float) -> float:
         """Answer of the rules, m."""
