@@ -40,7 +40,8 @@ def steps_us(config: Config, cycles: tuple[CycleRecord, ...]) -> list[float]:
     paired wrench, their forces along the task's directions, controller, supervisor.
     """
     compensation, loop = wrist(config), Setup(config).loop
-    approach, travel = config.frame.approach, config.frame.travel
+    frame = config.frame
+    directions = frame.approach, frame.travel, frame.across
     times = []
     turned, at_orientation = None, None
     for _ in range(ROUNDS):
@@ -54,11 +55,11 @@ def steps_us(config: Config, cycles: tuple[CycleRecord, ...]) -> list[float]:
             if at_orientation is None or turned != quaternion:  # as a run does, only when the tool has turned
                 turned, at_orientation = (
                     quaternion,
-                    compensation.at_orientation(quaternion, quaternion, approach, travel),
+                    compensation.at_orientation(quaternion, quaternion, *directions),
                 )
             wrench = at_orientation.contact_wrench(sample.wrench)
-            at_orientation.force_along(0, wrench)
-            at_orientation.force_along(1, wrench)
+            for number in range(len(directions)):
+                at_orientation.force_along(number, wrench)
             at_orientation.force_along(0, at_orientation.contact_force(sample.wrench))
             state, _ = loop.step(state, sample)
             times.append((time.perf_counter_ns() - began) * MICRO)
