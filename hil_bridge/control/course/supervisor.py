@@ -413,7 +413,8 @@ def _clamp(limits: Limits, state: SupervisorState, request: Request, dt: float) 
 
 def _parts(before: Vector, after: Vector, direction: Vector) -> tuple[float, Vector]:
     """A way from one place to another: its part along a direction, m, and that across."""
-    (x, y, z), (a, b, c) = (v - u for u, v in zip(before, after, strict=True)), direction
+    (u, v, w), (x, y, z), (a, b, c) = before, after, direction
+    x, y, z = x - u, y - v, z - w
     along = x * a + y * b + z * c
     return along, (x - a * along, y - b * along, z - c * along)
 
