@@ -1,4 +1,4 @@
-"""A number between two others, in every cycle: `min` and `max` take four times as long."""
+"""Keeps a number between two others. This runs in every cycle, and `min` and `max` take four times as long."""
 
 
 def within(value: float, low: float, high: float) -> float:

@@ -70,8 +70,8 @@ class Sample(Struct, frozen=True):
     fault_remedy: str = ""
     """Further facts about `fault`, and its remedy, in words."""
     force_across: float | None = None
-    """Contact force along the third direction of the work frame, N, positive where the tool presses that way; None in
-    recordings of earlier versions.
+    """Contact force along the third direction of the work frame, N, positive where the tool presses that way. None
+    where it is not told, as in recordings of earlier versions: the wrench has it.
     """
 
     @property

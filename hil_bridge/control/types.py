@@ -76,7 +76,7 @@ class Measurement(Struct, frozen=True):
     dt: float = SAMPLE_MS * 1e-3
     """Time since the sample before, s, at most twice the controller's sample time; that time for the first sample."""
     against: float = 0.0
-    """Contact force against the travel, N; 0 where a program leads the way."""
+    """Contact force against the way along the path, N; 0 on a way through free space without one."""
     sample: Sample | None = None
     """The whole sample: wrench, pose, ages, states; None where a controller is tried without a run."""
 
@@ -153,9 +153,9 @@ def as_command(answer: Any) -> Command:
     A controller of another package may answer with types that only behave alike. Raises every error of the
     conversion. The values of the explanation are not converted.
     """
-    ours = type(answer) is Command
+    exact = type(answer) is Command  # a name of its own, so that the fields' types count as open
     if (
-        ours
+        exact
         and type(answer.position) is float
         and type(answer.correction) is float
         and type(answer.gain) is float

@@ -303,7 +303,7 @@ def _is_left(state: ProgramState, own: int) -> bool:
 def _sample(now: float, depth: float, place: tuple[float, float], felt: Felt3) -> Sample:
     """The sample of a tool that stands where it was ordered to, nearly."""
     force, x, y = felt.force
-    wrench = (x, -y, -force, 0.4, -0.3, 0.1) if felt.moments else ()
+    wrench = (-x, y, -force, 0.4, -0.3, 0.1) if felt.moments else ()
     at = place[0] + felt.aside[0], place[1] + felt.aside[1]
     return Sample(
         now,

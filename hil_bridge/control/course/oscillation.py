@@ -6,7 +6,7 @@ controller was given and its stiffness estimate:
     state, advice = detector.step(state, force - reference, command.stiffness, dt)
 
 `advice.factor` is the factor to put on the feedback law's output from the next sample on, until another one
-comes. `advice.retract` asks to end the run (`Task.fail`): the swing went on although the gain was at its
+comes. `advice.retract` asks to end the run (`Program.fail`): the swing went on although the gain was at its
 least. Start from `initial()` at every beginning of TRACK; while contact is lost do not step it.
 
 What counts as a swing. The error has a peak between two changes of its sign. A peak counts when it is beyond the band

@@ -77,11 +77,9 @@ class InferenceSystem:
         return Inference(found["level_error"], found["level_change"], found["level_output"])
 
     def explain(self, error_percent: float, change_percent: float) -> dict[str, float]:
-        """The levels of `evaluate` by name, behind the rules that fire and to what degree, by names such as
-        `NB∧ZO→PM`.
+        """The rules that fire, by names such as `NB∧ZO→PM`, and to what degree; then the levels of `evaluate`.
 
-        With quantised inputs they are those of the two levels: the rules behind the table's entry, even
-        where a printed table says otherwise.
+        With quantised inputs the rules are those of the two levels, even where a printed table says otherwise.
         """
         error, change = self.base.error, self.base.change
         if self._table is None:
@@ -146,6 +144,7 @@ class InferenceSystem:
 
 
 def _explanation(rules: Strengths, error: float, change: float, output: float) -> dict[str, float]:
+    """The rules and the three levels, by name."""
     return {**rules, "level_error": error, "level_change": change, "level_output": output}
 
 

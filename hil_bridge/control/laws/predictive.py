@@ -151,8 +151,8 @@ class Predictive:
     """
     pairing: Pairing = field(init=False, repr=False, compare=False)
     """Settings for the pairing of force and position."""
-    spreads: tuple[float, float, float] = field(init=False, repr=False, compare=False)
-    """Of the line: variance of a rounded position, m², half the curvature, 1/m, and weight of the slope 0."""
+    constants: tuple[float, float, float] = field(init=False, repr=False, compare=False)
+    """Constants of the line: variance of a rounded position, m², half the curvature, 1/m, and weight of slope 0."""
     servo: Servo | None = field(init=False, repr=False, compare=False)
     """The model of the robot's servo; None where the reported position is taken."""
 
@@ -169,7 +169,7 @@ class Predictive:
         servo = Servo(self.servo_lag_ms * 1e-3, self.servo_damping, self.servo_error_mm * 1e-3)
         object.__setattr__(self, "pairing", pairing)
         rounded, bend = (self.resolution_mm * 1e-3) ** 2 / 12, 0.5 / (self.smallest_radius_mm * 1e-3)
-        object.__setattr__(self, "spreads", (rounded, bend, 1.0 / self.steepest**2))
+        object.__setattr__(self, "constants", (rounded, bend, 1.0 / self.steepest**2))
         object.__setattr__(self, "servo", servo if modelled else None)
 
     def initial(self) -> PredictiveState:
@@ -287,7 +287,7 @@ class Predictive:
         """
         relative_error = relative_error if relative_error < 1.0 else 1.0
         inwards, doubt = stiffness * (1.0 + self.caution * relative_error), relative_error / stiffness
-        (rounded, bend, s2), noise = self.spreads, self.force_uncertainty_n / stiffness
+        (rounded, bend, s2), noise = self.constants, self.force_uncertainty_n / stiffness
         still = rounded + noise * noise
         s0 = s1 = t0 = t1 = 0.0
         base = pairs[-1][1]

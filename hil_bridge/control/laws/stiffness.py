@@ -122,7 +122,7 @@ def observe(
     if measurement.saturated or not math.isfinite(force + position + travel + slope):
         return estimate
     if estimate.force is None:
-        return replace(estimate, force=force, position=position, travel=travel, age=0)
+        return replace(estimate, force=force, position=position, travel=travel, age=0.0)
     travelled = travel - estimate.travel
     moved = position - estimate.position - slope * travelled
     pressed = force - estimate.force

@@ -102,11 +102,11 @@ class Program:
     def sense(
         self, state: ProgramState, sample: Sample, start: Vector, ordered: float, dt: float
     ) -> tuple[ProgramState, Felt]:
-        """The sample as the program sees it: in the work frame, from the program's own zero, with the way along the
-        path, and along the surface's normal where that is followed.
+        """The sample as the program sees it: in the work frame and from the program's own zero.
 
-        `start` is the position that was reported at the start point, base frame, m, `ordered` the depth that was
-        ordered before, m, `dt` the time since the sample before, s.
+        The measurement tells the way along the path. Its force is that along the surface's normal where that is
+        followed. `start` is the position that was reported at the start point, base frame, m. `ordered` is the depth
+        that was ordered before, m, `dt` the time since then, s.
         """
         frame, wrench, paired, (h, k) = self.frame, sample.wrench, sample.paired_force, state.heading
         (x, y, z), (a, b, c) = sample.position, start
@@ -120,14 +120,15 @@ class Program:
         if state.zero:
             force, wrench = subtract_zero(state, frame, sample, force)
             paired = None if paired is None else paired + (force[0] - sample.force)
-        leg, travel = self.row.legs[state.leg], place[0]
-        against = 0.0 if leg.phase is _MOVE else force[1] * h + force[2] * k
+        leg, travel, against = self.row.legs[state.leg], place[0], force[1] * h + force[2] * k
         if leg.way is not None:
             there = place[0] - state.origin[0], place[1] - state.origin[1]
             along = leg.way.along(state.reached, state.stroke.travel - state.base, there)
             reached, travel = 0.0 if along < 0.0 else along, state.base + along
             if reached != state.reached:
                 state = replace(state, reached=reached)
+        elif leg.phase is _MOVE:  # no path leads there
+            against = 0.0
         measurement = Measurement(
             sample.sensor_at,
             force[0],
