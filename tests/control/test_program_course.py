@@ -2,7 +2,6 @@
 
 import itertools
 import math
-from dataclasses import dataclass
 
 import pytest
 from msgspec.structs import replace
@@ -19,7 +18,7 @@ from hil_bridge.control.program.state import Felt, ProgramState
 from hil_bridge.control.steps.approach import Approach
 from hil_bridge.control.steps.hold import Hold
 from hil_bridge.control.steps.move import Move
-from hil_bridge.control.steps.paths import Line, Polyline, way_of
+from hil_bridge.control.steps.paths import Line, Polyline
 from hil_bridge.control.steps.repeat import Repeat
 from hil_bridge.control.steps.retract import Retract
 from hil_bridge.control.steps.seam import Criterion, Taken
@@ -387,20 +386,3 @@ def test_an_end_that_comes_in_a_longer_retraction_orders_nothing_deeper():
     state, intent = program.step(*sense(program, state, seen(0.2, (0.0, 0.0), depth, (0.0, 0.0, 0.0))))
     assert intent.phase is Phase.RETRACT
     assert intent.target.depth <= depth
-
-
-@dataclass(frozen=True, slots=True)
-class Sweeps(Move):
-    """A move of another package, along a path."""
-
-    def make_way(self, begin):
-        return way_of(LINE.corners((0.0, 0.0)))
-
-
-@pytest.mark.parametrize(
-    ("step", "against"), [(Move(to_mm=(5.0, 0.0)), 0.0), (Sweeps(to_mm=(5.0, 0.0)), 30.0)]
-)
-def test_a_force_against_a_move_counts_where_a_path_leads_it(step, against):
-    program = program_of(step, Approach(), Retract())
-    _, felt = sense(program, program.initial(), seen(0.0, (0.0, 0.0), 0.0, (0.0, 30.0, 0.0)))
-    assert felt.measurement.against == against

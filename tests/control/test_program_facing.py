@@ -14,7 +14,6 @@ from hil_bridge.control.program.facing import Facing, FacingState, Look, inward
 from hil_bridge.control.program.felt import (
     Face,
     WorkFrame,
-    find_across,
     lateral_of,
     measure_skew,
     subtract_zero,
@@ -253,18 +252,6 @@ def test_the_zero_of_a_program_is_added_along_each_axis_of_the_frame():
         assert rest == pytest.approx(np.array(wrench) - np.array(zero), abs=1e-12)
     for unknown in (replace(sample, quaternion=()), replace(sample, wrench=())):
         assert subtract_zero(lost, frame, unknown, force) == (force, unknown.wrench)
-
-
-def test_a_force_across_that_was_not_recorded_is_found_in_the_wrench():
-    """Against scipy, for a turned tool and a frame of which no axis is one of the base; 0 where it is not known."""
-    axes = Rotation.from_rotvec((0.3, -0.8, 0.5)).as_matrix()
-    frame = WorkFrame(*(tuple(row) for row in axes.tolist()))
-    w, x, y, z = quaternion = normalise((0.2, 0.7, -0.5, 0.4))
-    sample = felt_of(quaternion, (3.0, -1.0, 7.0, 0.5, 0.6, 0.7)).sample
-    expected = -axes[2] @ Rotation.from_quat((x, y, z, w)).apply((3.0, -1.0, 7.0))
-    assert find_across(frame, sample) == pytest.approx(expected, abs=1e-12)
-    for unknown in (replace(sample, quaternion=()), replace(sample, wrench=())):
-        assert find_across(frame, unknown) == 0.0
 
 
 def test_a_face_is_judged_in_the_work_frame_whatever_its_axes():
