@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from hil_bridge.control import (
     Command,
@@ -17,12 +18,22 @@ from hil_bridge.control import (
     Phase,
     Sample,
     Stop,
+    Stroke,
+    StrokeState,
     Supervisor,
     TaskParameters,
     numeric_explanation,
 )
+from hil_bridge.control.program.felt import WorkFrame
+from hil_bridge.control.program.legs import Ground, legs_of
+from hil_bridge.control.program.program import Program
+from hil_bridge.control.steps.approach import Approach
+from hil_bridge.control.steps.paths import Line
+from hil_bridge.control.steps.retract import Retract
+from hil_bridge.control.steps.seam import StepLimits
+from hil_bridge.control.steps.track import Track
 from hil_bridge.errors import Cause
-from tests.control.plain import plain_program
+from tests.control.plain import ACROSS, ALONG, DOWN, plain_program
 
 START = (0.9, 0.0, 0.6)
 
@@ -180,3 +191,30 @@ def test_measurement_tells_travel_pair_and_saturation() -> None:
     assert [m.travel_next - m.travel for m in seen] == pytest.approx([1e-3] * len(seen))
     assert seen[0].free_position == pytest.approx(2e-3)
     assert seen[0].position == pytest.approx(2.5e-3)
+
+
+class Feels:
+    """A rule for the robot's own force that says nothing."""
+
+    def disagreed(self, before, seen):
+        return None
+
+    def fault(self, since, seen):
+        return ""
+
+
+def test_each_leg_has_the_guard_of_the_run_with_its_own_limits():
+    run, speed, witness = Limits(), 0.25, Feels()
+    stroke = Stroke(TaskParameters(), Broken(give_up), run.force_limit_n)
+    gentle = Track(path=Line(length_mm=20.0), limits=StepLimits(force_limit_n=20.0))
+    row = legs_of((Approach(), gentle, Track(path=Line(length_mm=20.0)), Retract()), Ground(stroke, run))
+    program = Program(row, stroke, WorkFrame(DOWN, ALONG, ACROSS))
+    loop = ControlLoop(program, Supervisor(run, speed, witness))
+    assert [guard.limits.force_limit_n for guard in loop.guards] == [50.0, 20.0, 50.0, 50.0]
+    assert [(guard.speed, guard.witness) for guard in loop.guards] == [(speed, witness)] * 4
+    sample = Sample(100.0, START, 25.0, 25.0, 99.99, 1)
+    for leg, stops in ((1, True), (2, False)):
+        state = loop.initial(START)
+        began = replace(state.program, leg=leg, began=99.0, stroke=StrokeState(Phase.TRACK, controller=0))
+        _, decision = loop.step(replace(state, program=began), sample)
+        assert isinstance(decision.verdict, Stop) is stops

@@ -47,6 +47,8 @@ def test_a_lasting_oscillation_lowers_the_gain_then_retracts():
 
 def test_the_gain_is_given_back_when_calm_has_lasted():
     advices = watch(swing(25, 10.0, 6) + [0.1] * 200)
+    lowered = next(k for k, a in enumerate(advices) if a.finding is Finding.OSCILLATING)
+    assert [a.factor for a in advices[lowered : lowered + 40]] == [0.5] * 40, "until then it stays lowered"
     assert min(a.factor for a in advices) == 0.5
     assert advices[-1].factor == 1.0
     assert not advices[-1].retract

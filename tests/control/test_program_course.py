@@ -13,8 +13,9 @@ from hil_bridge.control.program.facing import FacingState, inward
 from hil_bridge.control.program.felt import WorkFrame
 from hil_bridge.control.program.legs import Ground, legs_of
 from hil_bridge.control.program.orienting import turn_tool
+from hil_bridge.control.program.outcome import count_sample
 from hil_bridge.control.program.program import Program
-from hil_bridge.control.program.state import Felt, ProgramState
+from hil_bridge.control.program.state import Felt, ProgramState, Tally
 from hil_bridge.control.steps.approach import Approach
 from hil_bridge.control.steps.hold import Hold
 from hil_bridge.control.steps.move import Move
@@ -188,6 +189,40 @@ def test_a_repeat_is_left_when_enough_is_removed():
     assert len(passes) == 4, "0.1 mm a pass: the fourth lies 0.3 mm deeper than the first"
     told = state.done[-2].text
     assert float(told.removesuffix(" mm removed")) == pytest.approx(0.3, abs=0.01)
+
+
+def test_the_depth_of_a_pass_is_the_mean_along_all_of_its_paths():
+    """20 mm on a surface 2 mm deep and 40 mm on one 3 mm deep; a hold is no way. It lands a little above."""
+    long, back = Line(length_mm=30.0), Line(length_mm=10.0, direction_deg=180.0)
+    strokes = (
+        (Approach(), Track(path=LINE), Retract()),
+        (Move(to_mm=(0.0, 50.0)), Approach(), Track(path=long), Track(path=back), Hold(for_s=3.0), Retract()),
+    )
+    program = program_of(Repeat(times=1, step=(*strokes[0], *strokes[1])), Retract())
+    told = drive(program, surface=lambda x, y: 2e-3 if y < 25e-3 else 3e-3)
+    pressed = 10.0 / STIFFNESS
+    mean = (20.0 * 2e-3 + (30.0 + 10.0) * 3e-3) / 60.0 + pressed
+    assert told[-1][0].first_pass == pytest.approx(mean, abs=0.05e-3)
+    sums = [step.force_mean for step in done(told) if step.force_mean is not None]
+    assert sums == pytest.approx([10.0] * len(sums), abs=0.5)
+
+
+def test_a_way_back_counts_for_nothing_and_a_force_beyond_the_band_is_no_place_to_resume_from():
+    program = program_of(Approach(), Track(path=LINE), Retract())
+    leg, tracking = program.row.legs[1], StrokeState(Phase.TRACK, travel=5e-3, in_contact=True)
+    held = ProgramState(tracking, leg=1, base=1e-3)
+
+    def count(travel, force, before=held):
+        after = replace(tracking, travel=travel)
+        return count_sample(before, leg, after, Measurement(0.0, force, 2e-3, 2e-3), 10.0)
+
+    good = count(6e-3, 10.5)
+    assert good == Tally(1e-3, 1e-3, pytest.approx(10.5e-3), pytest.approx(2e-6), pytest.approx(5e-3))
+    assert count(4e-3, 10.5).total == 0.0
+    off = count(6e-3, 12.0, replace(held, tally=good))
+    assert (off.total, off.within, off.good) == pytest.approx((2e-3, 1e-3, 5e-3))
+    lost = count_sample(held, leg, replace(tracking, in_contact=False), Measurement(0.0, 0.0, 0.0, 0.0), 10.0)
+    assert lost == Tally()
 
 
 def test_a_tool_that_yields_goes_to_the_side_of_a_path_along_any_axis():
