@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from matplotlib.figure import Figure
 from msgspec.structs import replace
 
+from hil_bridge.control.program.felt import WorkFrame, find_across
 from hil_bridge.errors import ConfigError
 from hil_bridge.record import EventRecord, Recorder, Recording, TruthRecord, Writing, read
 from hil_bridge.record.removed_map import (
@@ -50,6 +51,22 @@ def test_the_truth_tells_orientation_and_normal(recordings: Recordings) -> None:
         away = np.array([x - 0.9, y + 0.1, z - 0.275])
         assert truth.normal == pytest.approx(away / np.linalg.norm(away))
         assert truth.quaternion == (0.0, 1.0, 0.0, 0.0)
+
+
+def test_a_sample_tells_the_force_along_all_axes_of_the_frame(recordings: Recordings) -> None:
+    """On a sphere whose top lies beside the tool's way, against the wrench and the reported orientation."""
+    surface = {"kind": "sphere", "radius_mm": 300.0, "height_mm": 575.0, "origin_y_mm": -60.0}
+    run = settings(
+        cell={"surface": surface}, task={"approach_depth_limit_mm": 30.0}, frame={"travel": [1.0, 0.0, 0.0]}
+    )
+    frame = WorkFrame((0.0, 0.0, -1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+    samples = [cycle.sample for cycle in recordings(run).cycles if cycle.sample]
+    told = [sample.force_across or 0.0 for sample in samples]
+    assert told == pytest.approx([find_across(frame, sample) for sample in samples], abs=1e-9)
+    slopes = [
+        across / sample.force for across, sample in zip(told, samples, strict=True) if sample.force > 5.0
+    ]
+    assert np.median(slopes) == pytest.approx(40.0 / 300.0, rel=0.1), "40 mm beside the top"
 
 
 def test_an_older_truth_has_no_normal() -> None:

@@ -24,6 +24,7 @@ from hil_bridge.control import (
     TaskParameters,
     numeric_explanation,
 )
+from hil_bridge.control.course.touch import Doubt
 from hil_bridge.control.program.felt import WorkFrame
 from hil_bridge.control.program.legs import Ground, legs_of
 from hil_bridge.control.program.program import Program
@@ -135,6 +136,24 @@ def test_an_answer_that_only_behaves_like_numbers_becomes_numbers():
     assert type(decisions[-1].target.depth) is float
 
 
+def test_a_command_of_another_type_with_the_right_fields_becomes_a_command():
+    class Own(Command, frozen=True):
+        """Of another package, with a field of its own."""
+
+    _, decisions = drive(Broken(lambda m: Own(m.commanded, 0.0)), cycles=20)
+    assert type(decisions[-1].intent.command) is Command
+
+
+def test_a_doubt_of_the_sample_holds_until_the_next_sample_has_none():
+    doubts = []
+    loop = ControlLoop(plain_program(TaskParameters(), Broken(give_up)), Supervisor(Limits()))
+    state = loop.initial(START)
+    for k, doubt in enumerate((Doubt.NONE, Doubt.AXIS, Doubt.NONE)):
+        state, _ = loop.step(state, Sample(100.0 + k, START, 0.0, 0.0, 99.99 + k, k, doubt=int(doubt)))
+        doubts.append(state.program.stroke.doubt)
+    assert doubts == [Doubt.NONE, Doubt.AXIS, Doubt.NONE]
+
+
 def test_what_explains_a_command_is_recorded_as_numbers():
     class Nameless:
         def __str__(self):
@@ -191,6 +210,14 @@ def test_measurement_tells_travel_pair_and_saturation() -> None:
     assert [m.travel_next - m.travel for m in seen] == pytest.approx([1e-3] * len(seen))
     assert seen[0].free_position == pytest.approx(2e-3)
     assert seen[0].position == pytest.approx(2.5e-3)
+
+
+@pytest.mark.parametrize("name", ["force", "position", "commanded", "paired_force"])
+def test_a_measurement_with_a_part_that_is_no_number_is_not_finite(name: str) -> None:
+    whole = Measurement(0.0, 1.0, 2.0, 3.0, paired_force=4.0)
+    assert whole.is_finite
+    assert replace(whole, paired_force=None).is_finite
+    assert not replace(whole, **{name: math.nan}).is_finite
 
 
 class Feels:

@@ -96,6 +96,13 @@ def test_too_much_force_at_first_touch_backs_off():
     assert command.correction == pytest.approx(-20.0 * 0.5e-3 / (2 * 30.0))
 
 
+def test_no_order_goes_further_than_a_step_inwards_or_outwards():
+    _, state = learnt(5e3)
+    for force, wanted in ((40.0, -0.1e-3), (2.0, 0.1e-3)):
+        _, command = Predictive(step_limit_mm=0.1).step(state, sample(force, 2e-3), 10.0)
+        assert command.correction == pytest.approx(wanted)
+
+
 def test_doubt_makes_inward_moves_smaller():
     surer, unsure = Predictive(caution=0.0), Predictive(caution=3.0)
     moves = []

@@ -219,8 +219,8 @@ def test_a_way_back_counts_for_nothing_and_a_force_beyond_the_band_is_no_place_t
     good = count(6e-3, 10.5)
     assert good == Tally(1e-3, 1e-3, pytest.approx(10.5e-3), pytest.approx(2e-6), pytest.approx(5e-3))
     assert count(4e-3, 10.5).total == 0.0
-    off = count(6e-3, 12.0, replace(held, tally=good))
-    assert (off.total, off.within, off.good) == pytest.approx((2e-3, 1e-3, 5e-3))
+    off = count(7e-3, 12.0, replace(held, tally=good))
+    assert (off.total, off.within, off.good) == pytest.approx((3e-3, 1e-3, 5e-3))
     lost = count_sample(held, leg, replace(tracking, in_contact=False), Measurement(0.0, 0.0, 0.0, 0.0), 10.0)
     assert lost == Tally()
 
