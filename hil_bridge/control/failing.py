@@ -1,14 +1,14 @@
 """A controller or a step that fails: in words with its package and place, and its traceback."""
 
-import math
 from typing import Any, NamedTuple
 
-from hil_bridge.control.course.intent import Target
-from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.program.leg import Leg, StepFailed
 from hil_bridge.control.types import Command, Controller, ControllerFailed
 from hil_bridge.errors.causes import Cause, Reason
 from hil_bridge.errors.failures import failure, place_of_method, traceback_of
+
+_METHODS = "steer", "take", "guide", "lead", "end_sample", "is_over"
+"""Methods by which a step of another package takes part in a run; the first that it has is told."""
 
 
 class Failed(NamedTuple):
@@ -28,7 +28,8 @@ def blame_error(controller: Controller[Any], leg: Leg, error: BaseException) -> 
     if isinstance(error, StepFailed):  # a sample may end one step and begin the next
         leg, error = error.leg, error.__cause__ or error
     said = failure(error, _place_of(leg))
-    return Failed(Reason(Cause.STEP_CODE, f"step {leg.label} failed: {said}"), traceback_of(error))
+    reason = Reason(Cause.STEP_CODE, f"step {leg.label} failed: {said}", step=leg.label)
+    return Failed(reason, traceback_of(error))
 
 
 def blame_answer(controller: Controller[Any], command: Command) -> Failed:
@@ -40,24 +41,10 @@ def blame_answer(controller: Controller[Any], command: Command) -> Failed:
     return _blame(controller, f"{said}{place and f' ({place})'}")
 
 
-def blame_place(leg: Leg, target: Target) -> Failed:
-    """The step of this leg wants a place that is none."""
-    place = _place_of(leg)
-    said = f"it leads to {target.travel} m, {target.across} m{place and f' ({place})'}"
-    return Failed(Reason(Cause.STEP_CODE, f"step {leg.label} failed: {said}"))
-
-
 def _place_of(leg: Leg) -> str:
     """Package and place of the step's own code; empty for a step of ours."""
-    return place_of_method(leg.step, "steer") or place_of_method(leg.step, "take")
+    return next(filter(None, (place_of_method(leg.step, name) for name in _METHODS)), "")
 
 
 def _blame(controller: Controller[Any], said: str, trace: str = "") -> Failed:
     return Failed(Reason(Cause.CONTROLLER, f"controller {controller.name} failed: {said}"), trace)
-
-
-def farthest_answer(limits: Limits) -> float:
-    """Distance from the command before beyond which an answer cannot be meant, m; no place in the workspace is as
-    far.
-    """
-    return limits.correction_total_mm * 1e-3 + math.dist(limits.workspace_min_m, limits.workspace_max_m)

@@ -25,7 +25,8 @@ from hil_bridge.control.course.verdict import (
     Verdict,
 )
 from hil_bridge.control.decision import Decision, LoopState, Proposal
-from hil_bridge.control.failing import Failed, blame_answer, blame_error, blame_place, farthest_answer
+from hil_bridge.control.failing import Failed, blame_answer, blame_error
+from hil_bridge.control.program.answer import farthest_answer
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.state import Felt, ProgramState
 from hil_bridge.control.sample import Sample
@@ -107,10 +108,11 @@ class ControlLoop:
         program, intent, advice = proposal.program, proposal.intent, proposal.advice
         observation, reported = _observe(sample, proposal, intent), proposal.felt.measurement.position
         guard, follows = self.guards[intent.leg], self.following
+        backs = (intent.phase is _RETRACT or intent.phase is _END) and _goes_back(state, proposal)
         verdict: Verdict
         if proposal.failure is not None:  # of a step that follows a retraction, too
             supervisor, verdict = guard.stop(state.supervisor, proposal.failure.cause, proposal.failure.text)
-        elif intent.phase is _RETRACT or intent.phase is _END:
+        elif backs:
             request = self._request(state, intent)
             supervisor, verdict = guard.retreat(state.supervisor, observation, request)
             if isinstance(verdict, Stop):
@@ -126,9 +128,11 @@ class ControlLoop:
                 supervisor, verdict = guard.stop(state.supervisor, Cause.OFF_PATH, strayed)
         reason = None if type(verdict) is Allow else _reason(state, intent, verdict)
         way: Verdict = verdict
-        if reason is not None and (intent.phase is not _RETRACT or proposal.failure is not None):
+        if reason is not None and not (backs and intent.phase is _RETRACT and proposal.failure is None):
             # From the state before this sample: the controller's answer to it no longer matters.
-            program, intent = self.program.step(self.program.fail(state.program, reason), proposal.felt)
+            program, intent = self.program.step(
+                self.program.fail(state.program, proposal.failure or reason), proposal.felt
+            )
             supervisor, way = guard.retreat(supervisor, observation, self._request(state, intent))
         elif advice is not None and advice.factor < 1.0 and not isinstance(verdict, Stop):
             lowered = Reason(Cause.GAIN, f"the force swings: gain lowered to {advice.factor:g}")
@@ -182,13 +186,10 @@ class ControlLoop:
         measurement = felt.measurement
         try:
             program, intent = self.program.step(state, felt)
-            command, target = intent.command, intent.target
-            if command is not None and not self._is_meant(command, measurement):
-                failed = blame_answer(self.program.controller, command)
-            elif not math.isfinite(target.travel + target.across):
-                failed = blame_place(self.program.row.legs[intent.leg], target)
-            else:
+            command = intent.command
+            if command is None or self._is_meant(command, measurement):
                 return program, intent, None
+            failed = blame_answer(self.program.controller, command)
         except RAISED as error:
             raise_if_asked(error)
             failed = blame_error(self.program.controller, self.program.row.legs[state.leg], error)
@@ -221,6 +222,15 @@ class ControlLoop:
             r, s, t = frame.y
             target = x + aside * r, y + aside * s, z + aside * t
         return Request(depth, target, frame.approach, barrier, intent.turned)
+
+
+def _goes_back(state: LoopState, proposal: Proposal) -> bool:
+    """Whether an intent is the retraction that its phase tells. One that goes deeper, or that stands before its step is
+    over, is watched as any other.
+    """
+    program, depth, before = proposal.program, proposal.intent.target.depth, state.supervisor.depth
+    over = program.reason is not None or program.began is None
+    return depth <= before if over else depth < before
 
 
 def _reason(state: LoopState, intent: Intent, verdict: Verdict) -> Reason | None:

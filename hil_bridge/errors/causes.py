@@ -177,7 +177,9 @@ class Reason(Struct, frozen=True):
     @property
     def fact(self) -> str:
         """The fact with the step in which it came, without a remedy."""
-        return f"{self.text}, in step {self.step}" if self.step else self.text
+        if not self.step or self.cause is Cause.STEP_CODE:  # its text begins with the step
+            return self.text
+        return f"{self.text}, in step {self.step}"
 
     def in_step(self, label: str) -> "Reason":
         """The same, come in a step of a program; the first step that was named stays."""

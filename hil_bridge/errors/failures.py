@@ -160,6 +160,11 @@ def plugin_place(error: BaseException) -> str:
     return ""
 
 
+def is_ours(thing: Any) -> bool:
+    """Whether the class of an object is one of this project."""
+    return type(thing).__module__.partition(".")[0] in OWN
+
+
 def place_of_method(thing: Any, name: str) -> str:
     """Package, file and line where another package defines a method of an object; empty where it is ours or unknown."""
     kind = type(thing)

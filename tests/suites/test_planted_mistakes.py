@@ -61,7 +61,7 @@ NAMED = {
         "clock": "reads a clock",
         "nan": "DID NOT RAISE",
         "endless": "a led step needs for_s",
-        "moment": "leads to (",
+        "moment": "it leads to nan m, nan m",
         "divides": "ZeroDivisionError: float division by zero",
         "far": "it asks for a force of",
         "words": "describe must tell one line each",

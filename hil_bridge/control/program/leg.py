@@ -49,6 +49,8 @@ class Leg:
     """The tool may meet what is beside its way, in this step or in one before of the same touch."""
     turns: bool = True
     """The tool may be turned in it."""
+    foreign: bool = False
+    """The step is one of another package: its answers are looked through."""
 
     @property
     def label(self) -> str:

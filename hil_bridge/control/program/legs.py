@@ -14,7 +14,7 @@ from hil_bridge.control.steps.paths import Place, Way
 from hil_bridge.control.steps.repeat import unroll
 from hil_bridge.control.steps.seam import Step, StepLimits
 from hil_bridge.errors import StepError
-from hil_bridge.errors.failures import failure, of_others
+from hil_bridge.errors.failures import failure, is_ours, of_others
 
 LEGS_MAX = 5000
 """Chosen: most steps of a program, passes counted."""
@@ -144,6 +144,7 @@ def _leg(number: str, step: Step, ground: Ground, before: tuple[Place | None, bo
         phase=step.phase,
         works_aside=step.works_aside,
         turns=step.turns_home or step.orientation != "fixed",
+        foreign=not is_ours(step),
     )
 
 

@@ -13,6 +13,7 @@ from msgspec.structs import replace
 from hil_bridge.control.course.intent import Intent, Phase, Target
 from hil_bridge.control.course.parameters import TaskParameters
 from hil_bridge.control.course.stroke import Order, Stroke
+from hil_bridge.control.program.answer import check_taken
 from hil_bridge.control.program.facing import Facing, Look, elsewhere, inward
 from hil_bridge.control.program.felt import Face, WorkFrame, find_across, measure_skew, subtract_zero
 from hil_bridge.control.program.leg import Leg, Row, StepFailed
@@ -25,7 +26,7 @@ from hil_bridge.control.steps.paths import Place
 from hil_bridge.control.steps.seam import Taken
 from hil_bridge.control.types import Controller, ControllerFailed, Measurement
 from hil_bridge.errors.causes import Reason
-from hil_bridge.errors.failures import RAISED, WrongAnswer, raise_if_asked
+from hil_bridge.errors.failures import RAISED, raise_if_asked
 from protocol.geometry import Vector, normalise
 
 _TRACK, _RETRACT, _END, _APPROACH = Phase.TRACK, Phase.RETRACT, Phase.END, Phase.APPROACH
@@ -337,9 +338,9 @@ def _ask(leg: Leg, state: ProgramState, felt: Felt) -> Taken | None:
     try:
         if leg.step.is_over(leg, state, felt):
             return None
-        taken: Any = leg.step.take(leg, state, felt)
-        if not isinstance(taken, Taken):
-            raise WrongAnswer(leg.step, "take", taken, "a Taken")
+        taken = leg.step.take(leg, state, felt)
+        if leg.foreign:
+            check_taken(leg, state, taken, felt.measurement.commanded)
         return taken
     except ControllerFailed:
         raise

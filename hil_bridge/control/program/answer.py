@@ -1,0 +1,70 @@
+"""The answer of a step of another package, looked through before anything is made of it. Pure."""
+
+import math
+from typing import Any
+
+from hil_bridge.control.course.intent import Phase
+from hil_bridge.control.course.limits import Limits
+from hil_bridge.control.course.stroke import Order, StrokeState
+from hil_bridge.control.program.leg import Leg
+from hil_bridge.control.program.state import ProgramState
+from hil_bridge.control.steps.seam import Taken
+from hil_bridge.control.types import Command
+from hil_bridge.errors.causes import Reason
+from hil_bridge.errors.failures import WrongAnswer
+
+_OF_THE_PROGRAM = ("leg", "began", "reason", "failed", "done", "start", "safe", "home", "turned", "facing")
+"""Parts of the state that the program alone changes."""
+
+
+def check_taken(leg: Leg, before: ProgramState, taken: Any, commanded: float) -> None:
+    """Look through what a step made of one sample. `before` is the state that it was given, `commanded` the depth that
+    was ordered before, m.
+
+    Raises WrongAnswer where a part has another type. Raises ValueError for an order that is no number or cannot be
+    meant, for a part of the state that is not the step's, and for an end of the run.
+    """
+    _require(leg, taken, Taken, "a Taken")
+    state, order = taken.state, taken.order
+    _require(leg, state, ProgramState, "a ProgramState in its Taken")
+    _require(leg, state.stroke, StrokeState, "a StrokeState in the state of its Taken")
+    _require(leg, order, Order, "an Order in its Taken")
+    _require(leg, order.phase, Phase, "a Phase in its Order")
+    _require(leg, order.command, (Command, type(None)), "a Command in its Order")
+    _require(leg, taken.trouble, (Reason, type(None)), "a Reason as its trouble")
+    _require(leg, taken.done, bool, "True or False for the end of the step")
+    for name in _OF_THE_PROGRAM:
+        if getattr(state, name) is not getattr(before, name):
+            raise ValueError(f"it changes {name} of the state, which is the program's own")
+    if Phase.END in (order.phase, state.stroke.phase):
+        raise ValueError("it ends the run by the phase end: a step that is over answers done = True")
+    if len(state.zero) not in (0, 6):
+        raise ValueError(f"its zero has {len(state.zero)} numbers, not the 6 of a wrench")
+    numbers = (
+        *state.at,
+        *state.heading,
+        *state.zero,
+        state.local,
+        state.aside,
+        state.lean,
+        state.ground,
+        state.stroke.travel,
+        state.stroke.turn or 0.0,
+        order.reference or 0.0,
+    )
+    (x, y), farthest = state.at, farthest_answer(leg.limits)
+    near = abs(order.depth - commanded) <= farthest and math.dist(state.at, before.at) <= farthest
+    if not (near and math.isfinite(sum(numbers))):
+        raise ValueError(f"it leads to {x:g} m, {y:g} m at a depth of {order.depth:g} m")
+
+
+def farthest_answer(limits: Limits) -> float:
+    """Distance from the command before beyond which an answer cannot be meant, m; no place in the workspace is as
+    far.
+    """
+    return limits.correction_total_mm * 1e-3 + math.dist(limits.workspace_min_m, limits.workspace_max_m)
+
+
+def _require(leg: Leg, part: Any, wanted: type | tuple[type, ...], words: str) -> None:
+    if not isinstance(part, wanted):
+        raise WrongAnswer(leg.step, "take", part, words)
