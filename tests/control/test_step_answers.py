@@ -1,0 +1,210 @@
+"""Answers of a step of another package: a retraction that is none, and what is no answer at all."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+from msgspec.structs import replace
+
+from hil_bridge.control import (
+    Allow,
+    ControlLoop,
+    Decision,
+    Limits,
+    Phase,
+    Sample,
+    Stop,
+    Stroke,
+    Supervisor,
+    TaskParameters,
+)
+from hil_bridge.control.course.stroke import Order, StrokeState
+from hil_bridge.control.program.felt import WorkFrame
+from hil_bridge.control.program.leg import Leg
+from hil_bridge.control.program.legs import Ground, legs_of
+from hil_bridge.control.program.program import Program
+from hil_bridge.control.program.state import Felt, ProgramState
+from hil_bridge.control.steps.approach import Approach
+from hil_bridge.control.steps.hold import Hold
+from hil_bridge.control.steps.retract import Retract
+from hil_bridge.control.steps.seam import Step, Taken
+from hil_bridge.errors import Cause
+from tests.control.plain import ACROSS, ALONG, DOWN
+from tests.control.test_program_course import Presses
+
+START = (0.9, 0.0, 0.6)
+DT = 0.012
+LIMITS = Limits(workspace_min_m=(0.0, -1.0, 0.0), workspace_max_m=(2.0, 1.0, 2.0))
+Answer = Callable[[ProgramState, Felt], Any]
+
+
+@dataclass(frozen=True, slots=True)
+class Takes(Step):
+    """Answers with this."""
+
+    answer: Answer
+    do: str = "takes"
+    for_s: float = 8.0
+
+    def seconds(self, leg: Leg, begin: object) -> float:
+        return self.for_s
+
+    def take(self, leg: Leg, state: ProgramState, felt: Felt) -> Taken:
+        taken: Taken = self.answer(state, felt)
+        return taken
+
+
+def run(answer: Answer, stiffness: float = 5e3, rises: float = 0.0) -> tuple[list[Decision], list[float]]:
+    """Decisions of approach, that step and a retraction, and the forces. The surface is 2 mm deep; it rises by m/s from 1
+    to 5 s. The robot is where it is sent.
+    """
+    stroke = Stroke(TaskParameters(retract_mm=4.0, expected_stiffness_n_m=stiffness), Presses(), 50.0)
+    row = legs_of((Approach(), Takes(answer), Retract()), Ground(stroke, LIMITS))
+    loop = ControlLoop(
+        Program(row, stroke, WorkFrame(DOWN, ALONG, ACROSS)), Supervisor(LIMITS), sample_time=DT
+    )
+    state, position = loop.initial(START), START
+    decisions: list[Decision] = []
+    forces: list[float] = []
+    for k in range(3000):
+        now = 100.0 + k * DT
+        force = stiffness * max(START[2] - position[2] - 2e-3 + rises * min(max(k * DT - 1.0, 0.0), 4.0), 0.0)
+        sample = Sample(now, position, force, force, now - 1e-3, k)
+        state, decision = loop.step(state, sample)
+        decisions.append(decision)
+        forces.append(force)
+        position = decision.position
+        if decision.ended:
+            return decisions, forces
+    pytest.fail("the run does not end")
+
+
+def deeper(phase: Phase, rate: float) -> Answer:
+    """One that orders the tool deeper by m/s and calls it that phase."""
+    return lambda state, felt: Taken(state, Order(phase, felt.measurement.commanded + rate * DT))
+
+
+# --- a retraction that is none
+
+
+@pytest.mark.parametrize("stiffness", [5e3, 50e3])
+@pytest.mark.parametrize("phase", [Phase.RETRACT, Phase.TRACK, Phase.MOVE, Phase.ZERO])
+def test_a_step_that_presses_is_held_at_the_force_limit_whatever_it_calls_its_order(
+    phase: Phase, stiffness: float
+) -> None:
+    _, forces = run(deeper(phase, 4e-3), stiffness)
+    assert 40.0 < max(forces) <= 50.0 + 1e-6
+    assert forces[-1] == 0.0
+
+
+def test_a_step_that_retracts_by_standing_still_yields_to_a_surface_that_rises() -> None:
+    """10 mm/s on 5 kN/m, 50 N in each second: the guard orders it back before the limit."""
+    decisions, forces = run(deeper(Phase.RETRACT, 0.0), rises=10e-3)
+    assert 40.0 < max(forces) <= 50.0
+    depths = [each.target.depth for each in decisions]
+    # the surface has risen to 38 mm over the start, 9 mm are pressed in, and the retraction is 4 mm
+    assert min(depths) == pytest.approx(-33e-3, abs=0.5e-3)
+
+
+def test_an_order_that_goes_back_is_a_retraction_beyond_the_force_limit() -> None:
+    """A step may lead a tool out of a force that is over the limit, as a retraction of ours."""
+    decisions, _ = run(deeper(Phase.RETRACT, -4e-3))
+    back = [each for each in decisions if each.intent.phase is Phase.RETRACT]
+    assert all(isinstance(each.verdict, Allow) for each in back)
+    assert decisions[-1].intent.reason is None
+
+
+def test_a_retraction_of_ours_is_one_to_its_last_sample() -> None:
+    """Its last order stands where it has come to."""
+    decisions, _ = run(
+        lambda state, felt: Taken(state, Order(Phase.TRACK, felt.measurement.commanded), done=True)
+    )
+    depths = [each.target.depth for each in decisions]
+    assert depths[-1] == depths[-2]
+    assert isinstance(decisions[-1].verdict, Allow)
+    assert decisions[-1].intent.reason is None
+
+
+# --- what is no answer
+
+
+def at(state: ProgramState, felt: Felt, **changes: Any) -> Taken:
+    return Taken(replace(state, **changes), Order(Phase.TRACK, felt.measurement.commanded))
+
+
+def order(state: ProgramState, felt: Felt, *parts: Any) -> Taken:
+    return Taken(state, Order(*parts) if parts else None)  # type: ignore[arg-type]
+
+
+FAR = 10.0
+"""Farther than the box of the run, m."""
+
+
+@pytest.mark.parametrize(
+    ("answer", "says"),
+    [
+        (lambda s, f: None, "take answers NoneType, not a Taken"),
+        (lambda s, f: Taken(None, Order(Phase.TRACK, 0.0)), "take answers NoneType, not a ProgramState"),  # type: ignore[arg-type]
+        (lambda s, f: order(s, f), "take answers NoneType, not an Order in its Taken"),
+        (lambda s, f: order(s, f, "track", 0.0), "take answers str, not a Phase in its Order"),
+        (lambda s, f: order(s, f, Phase.TRACK, None), "TypeError: "),
+        (lambda s, f: order(s, f, Phase.TRACK, "deep"), "TypeError: "),
+        (lambda s, f: order(s, f, Phase.TRACK, 0.0, 3.0), "take answers float, not a Command in its Order"),
+        (
+            lambda s, f: Taken(s, Order(Phase.TRACK, 0.0), 1),  # type: ignore[arg-type]
+            "take answers int, not True or False for the end",
+        ),
+        (lambda s, f: Taken(s, Order(Phase.TRACK, 0.0), trouble="no"), "take answers str, not a Reason"),  # type: ignore[arg-type]
+        (lambda s, f: order(s, f, Phase.TRACK, math.nan), "it leads to 0 m, 0 m at a depth of nan m"),
+        (lambda s, f: order(s, f, Phase.RETRACT, math.nan), "it leads to 0 m, 0 m at a depth of nan m"),
+        (lambda s, f: order(s, f, Phase.RETRACT, -math.inf), "it leads to 0 m, 0 m at a depth of -inf m"),
+        (lambda s, f: order(s, f, Phase.RETRACT, -FAR), "it leads to 0 m, 0 m at a depth of -10 m"),
+        (
+            lambda s, f: order(s, f, Phase.TRACK, 0.0, None, math.nan),
+            "it leads to 0 m, 0 m at a depth of 0 m",
+        ),
+        (lambda s, f: at(s, f, at=(0.0, math.nan)), "it leads to 0 m, nan m at a depth of 0.00"),
+        (lambda s, f: at(s, f, at=(FAR, 0.0)), "it leads to 10 m, 0 m at a depth of 0.00"),
+        (lambda s, f: at(s, f, at=None), "TypeError: "),
+        (lambda s, f: at(s, f, heading=(1.0, math.inf)), "it leads to 0 m, 0 m at a depth of 0.00"),
+        (lambda s, f: at(s, f, zero=(1.0,)), "its zero has 1 numbers, not the 6 of a wrench"),
+        (lambda s, f: at(s, f, zero=(0.0,) * 5 + (math.nan,)), "it leads to 0 m, 0 m at a depth of 0.00"),
+        (lambda s, f: at(s, f, stroke=None), "take answers NoneType, not a StrokeState"),
+        (
+            lambda s, f: at(s, f, stroke=StrokeState(Phase.RETRACT, turn=math.nan)),
+            "it leads to 0 m, 0 m at a ",
+        ),
+        (
+            lambda s, f: at(s, f, stroke=replace(s.stroke, phase=Phase.END)),
+            "it ends the run by the phase end",
+        ),
+        (lambda s, f: order(s, f, Phase.END, 0.0), "it ends the run by the phase end"),
+        (lambda s, f: at(s, f, leg=99), "it changes leg of the state, which is the program's own"),
+        (lambda s, f: at(s, f, began=None), "it changes began of the state, which is the program's own"),
+        (
+            lambda s, f: at(s, f, turned=(1.0, 0.0)),
+            "it changes turned of the state, which is the program's own",
+        ),
+        (lambda s, f: at(s, f, done=()), "it changes done of the state, which is the program's own"),
+    ],
+)
+def test_what_is_no_answer_is_the_steps_failure_and_the_tool_is_retracted(answer: Answer, says: str) -> None:
+    decisions, forces = run(answer)
+    stop = next(each.verdict for each in decisions if isinstance(each.verdict, Stop))
+    assert stop.cause is Cause.STEP_CODE
+    assert stop.text.startswith("step 2 (takes) failed: ")
+    assert says in stop.text
+    assert "tests/control/test_step_answers.py:" in stop.text
+    last = decisions[-1].intent.reason
+    assert last is not None
+    assert (last.step, str(last)) == ("2 (takes)", stop.text), "the step is named once, as a value too"
+    assert forces[-1] == 0.0
+    assert all(math.isfinite(part) for each in decisions for part in each.position)
+
+
+def test_answers_of_our_own_steps_are_not_looked_through() -> None:
+    stroke = Stroke(TaskParameters(), Presses(), 50.0)
+    row = legs_of((Approach(), Takes(at), Hold(for_s=1.0), Retract()), Ground(stroke, LIMITS))
+    assert [leg.foreign for leg in row.legs] == [False, True, False, False]
