@@ -11,6 +11,10 @@ _METHODS = "steer", "take", "guide", "lead", "end_sample", "is_over"
 """Methods by which a step of another package takes part in a run; the first that it has is told."""
 
 
+STIFFEST_N_M = 1e12
+"""Stiffness that a controller can mean at most, N/m. Chosen: that of no contact by far, and its square is a number."""
+
+
 class Failed(NamedTuple):
     """A fault of a controller or of a step."""
 
@@ -37,7 +41,10 @@ def blame_answer(controller: Controller[Any], command: Command) -> Failed:
     place = place_of_method(controller, "step")
     aside = f" and {command.across} m aside" if command.across else ""
     turn = f" and a turn of {command.turn} rad" if command.turn else ""
-    said = f"it commands {command.position} m{aside}{turn}"
+    stiffness = command.stiffness
+    told = stiffness is None or abs(stiffness) <= STIFFEST_N_M
+    learnt = "" if told else f" and learns a stiffness of {stiffness} N/m"
+    said = f"it commands {command.position} m{aside}{turn}{learnt}"
     return _blame(controller, f"{said}{place and f' ({place})'}")
 
 

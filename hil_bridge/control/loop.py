@@ -25,7 +25,7 @@ from hil_bridge.control.course.verdict import (
     Verdict,
 )
 from hil_bridge.control.decision import Decision, LoopState, Proposal
-from hil_bridge.control.failing import Failed, blame_answer, blame_error
+from hil_bridge.control.failing import STIFFEST_N_M, Failed, blame_answer, blame_error
 from hil_bridge.control.program.answer import farthest_answer
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.state import Felt, ProgramState
@@ -106,7 +106,8 @@ class ControlLoop:
         retracting only the limits of motion apply, and the force that the retraction itself makes.
         """
         program, intent, advice = proposal.program, proposal.intent, proposal.advice
-        observation, reported = _observe(sample, proposal, intent), proposal.felt.measurement.position
+        against = self._against(state.program, proposal)
+        observation, reported = _observe(sample, proposal, against), proposal.felt.measurement.position
         guard, follows = self.guards[intent.leg], self.following
         backs = (intent.phase is _RETRACT or intent.phase is _END) and _goes_back(state, proposal)
         verdict: Verdict
@@ -130,9 +131,8 @@ class ControlLoop:
         way: Verdict = verdict
         if reason is not None and not (backs and intent.phase is _RETRACT and proposal.failure is None):
             # From the state before this sample: the controller's answer to it no longer matters.
-            program, intent = self.program.step(
-                self.program.fail(state.program, proposal.failure or reason), proposal.felt
-            )
+            reason = proposal.failure or self.program.in_step(intent.leg, reason)
+            program, intent = self.program.step(self.program.fail(state.program, reason), proposal.felt)
             supervisor, way = guard.retreat(supervisor, observation, self._request(state, intent))
         elif advice is not None and advice.factor < 1.0 and not isinstance(verdict, Stop):
             lowered = Reason(Cause.GAIN, f"the force swings: gain lowered to {advice.factor:g}")
@@ -200,7 +200,20 @@ class ControlLoop:
         # neither holds for what is no number; a sum with what is huge would lose where the tool is
         limits, way = self.supervisor.limits, abs(command.position - measurement.commanded)
         meant = way <= limits.correction_total_mm * 1e-3 or way <= farthest_answer(limits)
-        return meant and math.isfinite(command.correction + command.across + command.turn)
+        numbers = math.isfinite(command.correction + command.across + command.turn)
+        return meant and numbers and (command.stiffness is None or abs(command.stiffness) <= STIFFEST_N_M)
+
+    def _against(self, before: ProgramState, proposal: Proposal) -> float:
+        """Force against the way that the tool is ordered on, N. A sample that begins a step was felt on the way of the
+        one before.
+        """
+        number = proposal.intent.leg
+        if number == before.leg:
+            return proposal.felt.measurement.against
+        leg = self.program.row.legs[number]
+        if leg.way is None and leg.phase is Phase.MOVE:  # no path leads there
+            return 0.0
+        return proposal.felt.against(proposal.program.heading)
 
     def _watch(
         self, state: OscillationState, measurement: Measurement, intent: Intent
@@ -249,8 +262,8 @@ def _reason(state: LoopState, intent: Intent, verdict: Verdict) -> Reason | None
             return None
 
 
-def _observe(sample: Sample, proposal: Proposal, intent: Intent) -> Observation:
-    felt, measurement = proposal.felt, proposal.felt.measurement
+def _observe(sample: Sample, proposal: Proposal, against: float) -> Observation:
+    felt, measurement, intent = proposal.felt, proposal.felt.measurement, proposal.intent
     if proposal.program.zero:  # a zero of the program's own hides no force either
         force = felt.force[0] if abs(felt.force[0]) > abs(sample.force) else sample.force
         sample = replace(sample, force=force, resultant=max(sample.resultant, math.hypot(*felt.force)))
@@ -260,6 +273,6 @@ def _observe(sample: Sample, proposal: Proposal, intent: Intent) -> Observation:
         measurement.position,
         measurement.dt,
         intent.in_contact,
-        measurement.against,
+        against,
         measurement.force if free else None,
     )

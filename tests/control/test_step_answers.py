@@ -57,8 +57,8 @@ class Takes(Step):
 
 
 def run(answer: Answer, stiffness: float = 5e3, rises: float = 0.0) -> tuple[list[Decision], list[float]]:
-    """Decisions of approach, that step and a retraction, and the forces. The surface is 2 mm deep; it rises by m/s from 1
-    to 5 s. The robot is where it is sent.
+    """Decisions of approach, that step and a retraction, and the forces. The surface is 2 mm deep; from 1 to 5 s it
+    rises by this, m/s. The robot is where it is sent.
     """
     stroke = Stroke(TaskParameters(retract_mm=4.0, expected_stiffness_n_m=stiffness), Presses(), 50.0)
     row = legs_of((Approach(), Takes(answer), Retract()), Ground(stroke, LIMITS))

@@ -139,8 +139,8 @@ class Supervisor:
         given, reasons = orientation.limit_turn(self.limits, home, before, wanted, seen.dt)
         lag = orientation.behind(state.lag, angle_between(before, given), seen.dt)
         if reasons:
-            told = verdict.holds if isinstance(verdict, Clamp) else ()
-            verdict = Clamp(verdict.depth, verdict.position, (*told, *reasons))
+            told, goes_on = (verdict.holds, verdict.goes_on) if isinstance(verdict, Clamp) else ((), True)
+            verdict = Clamp(verdict.depth, verdict.position, (*told, *reasons), goes_on)
         return verdict, given, home, lag
 
     def stop(self, state: SupervisorState, cause: Cause, text: str) -> tuple[SupervisorState, Stop]:
@@ -193,7 +193,16 @@ class Supervisor:
         (x, y, z), (a, b, c), (u, v, w) = state.position, request.direction, request.position
         slip = a * (u - x) + b * (v - y) + c * (w - z) - (request.depth - state.depth)
         # A sum is a number only if all its parts are, and no part is infinite. The places are in the slip.
-        of_scalars = age + force + sample.resultant + seen.depth + (sample.tilt or 0.0) + sample.gap + seen.dt
+        of_scalars = (
+            age
+            + force
+            + sample.resultant
+            + seen.depth
+            + (sample.tilt or 0.0)
+            + sample.gap
+            + seen.dt
+            + seen.against
+        )
         of_peaks = peak + sample.peak_resultant + sample.peak_moment
         if not math.isfinite(of_scalars + of_peaks + slip):
             return Stop(_not_a_number(seen), "a measurement or command is no number")
@@ -299,7 +308,7 @@ class Supervisor:
 
 def _not_a_number(seen: Observation) -> Cause:
     """Which part of a cycle's numbers is none, given that one is."""
-    of_sensor = seen.sample.force + seen.sample.resultant + seen.sample.sensor_at
+    of_sensor = seen.sample.force + seen.sample.resultant + seen.sample.sensor_at + seen.against
     if not math.isfinite(
         of_sensor + seen.sample.peak_force + seen.sample.peak_resultant + seen.sample.peak_moment
     ):

@@ -86,9 +86,11 @@ class Program:
 
     def where(self, state: ProgramState, reason: Reason) -> Reason:
         """Why a run stops, with the step in which it does, where a person has written it."""
-        if state.began is None or not self.row.written:
-            return reason
-        return reason.in_step(self.row.legs[state.leg].label)
+        return reason if state.began is None else self.in_step(state.leg, reason)
+
+    def in_step(self, number: int, reason: Reason) -> Reason:
+        """A reason that came in this leg, with its step where a person has written it."""
+        return reason.in_step(self.row.legs[number].label) if self.row.written else reason
 
     def completed(self, state: ProgramState) -> Reason | None:
         """Why a run that went as it was meant to has ended; None where its steps tell that."""
@@ -121,11 +123,17 @@ class Program:
         if state.zero:
             force, wrench = subtract_zero(state, frame, sample, force)
             paired = None if paired is None else paired + (force[0] - sample.force)
-        leg, travel, against = self.row.legs[state.leg], place[0], force[1] * h + force[2] * k
+        leg, travel, way = self.row.legs[state.leg], place[0], state
+        if (
+            state.began is None and leg.way is not None and state.reason is None
+        ):  # it begins where the tool was ordered to
+            way = self._on_the_way(way, leg)
+            h, k = way.heading
+        against = force[1] * h + force[2] * k
         if leg.way is not None:
-            there = place[0] - state.origin[0], place[1] - state.origin[1]
-            along = leg.way.along(state.reached, state.stroke.travel - state.base, there)
-            reached, travel = 0.0 if along < 0.0 else along, state.base + along
+            there = place[0] - way.origin[0], place[1] - way.origin[1]
+            along = leg.way.along(way.reached, way.stroke.travel - way.base, there)
+            reached, travel = 0.0 if along < 0.0 else along, way.base + along
             if reached != state.reached:
                 state = replace(state, reached=reached)
         elif leg.phase is _MOVE:  # no path leads there
@@ -164,6 +172,13 @@ class Program:
         deep = sum((p - q) * n for p, q, n in zip(plane, position, frame.approach, strict=True))
         home = None if quaternion is None else normalise(quaternion)
         return replace(state, start=(x, y), safe=min(deep - self.safe_height, 0.0), home=home)
+
+    def _on_the_way(self, state: ProgramState, leg: Leg) -> ProgramState:
+        """State at the begin of a leg's way, from where the tool was ordered to."""
+        heading = state.heading if leg.way is None else leg.way.headings[0]
+        return replace(
+            state, origin=state.at, base=state.stroke.travel, local=0.0, reached=0.0, heading=heading
+        )
 
     def _along_normal(self, state: ProgramState, leg: Leg, felt: Felt) -> tuple[ProgramState, Felt]:
         """The estimate after this sample, and the force along the normal."""
@@ -246,20 +261,17 @@ class Program:
         """State at the first sample of a leg."""
         leg, stroke = self.row.legs[state.leg], state.stroke
         presses, phase, now = stroke.phase is _TRACK, leg.phase, felt.sample.now
-        if phase is _TRACK:
-            stroke = leg.stroke.tracking(stroke)
+        if phase is _TRACK:  # a touch that is sought or tested yet stays in doubt, whatever step comes
+            if not self._seeks(state):
+                stroke = leg.stroke.tracking(stroke)
         else:  # a stroke begins elsewhere: what was learnt of places belongs to the one before
             memory = None if phase is _APPROACH else stroke.controller
             stroke = replace(stroke, phase=phase, turn=None, lost_at=None, controller=memory, touch=None)
         again = {"first_pass": None, "this_pass": (0.0, 0.0)} if leg.first_of_repeat else {}
         return replace(
-            state,
+            self._on_the_way(state, leg),
             stroke=stroke,
             began=now,
-            origin=state.at,
-            base=stroke.travel,
-            local=0.0,
-            reached=0.0,
             aside=0.0,
             lean=0.0,
             stage=0,
@@ -269,7 +281,6 @@ class Program:
             yielded=0.0,
             feed=1.0,
             memory=None,
-            heading=state.heading if leg.way is None else leg.way.headings[0],
             found=((0.0, 0.0, 0.0), 0),
             readings=((), 0, -1),
             tally=Tally(),
@@ -278,6 +289,13 @@ class Program:
             facing=state.facing if presses else elsewhere(state.facing),
             **again,
         )
+
+    def _seeks(self, state: ProgramState) -> bool:
+        """Whether the step before has ended while its touch was sought or tested; that of an approach is found."""
+        if state.stroke.phase is not _APPROACH or not state.done:
+            return False
+        before = self.row.legs[state.done[-1].leg]
+        return before.step.controls or not before.stroke.is_proven(state.stroke)
 
     def _next(self, state: ProgramState, leg: Leg, felt: Felt) -> ProgramState:
         """State behind a leg: its outcome, and where the row goes on."""

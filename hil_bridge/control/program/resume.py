@@ -28,8 +28,9 @@ def resume_row(row: Row, point: ResumePoint, stroke: Stroke) -> Row:
             f"task.resume: the program has {len(row.legs)} steps, and no number {point.leg + 1}"
         )
     first = row.legs[point.leg]
+    move = Move(to_mm=point.place_mm)
     head = [
-        _leg(Move(to_mm=point.place_mm), first, stroke),
+        _leg(replace(move, speed_mm_s=min(move.speed_mm_s, first.limits.travel_mm_s)), first, stroke),
         _leg(Zero(), first, stroke),
     ]
     if first.step.controls:

@@ -35,6 +35,6 @@ def yield_to(state: ProgramState, felt: Felt, step: tuple[float, float], works_a
         else beyond_friction(against, pressed, friction_share) > _PUSHED_N
     )
     way = min(way, YIELD_M - state.yielded)
-    if not (pushed and way > 0.0):
+    if not (pushed and way > 0.0 and math.isfinite(against)):
         return state
     return replace(state, at=(state.at[0] - way * h, state.at[1] - way * k), yielded=state.yielded + way)

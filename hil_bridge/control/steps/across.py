@@ -9,7 +9,7 @@ from hil_bridge.control.course.stroke import Order, Stroke, StrokeState
 from hil_bridge.control.limiting import within
 from hil_bridge.control.program.leg import Leg
 from hil_bridge.control.program.state import ProgramState
-from hil_bridge.control.types import Measurement, ask, begin
+from hil_bridge.control.types import ControllerFailed, Measurement, ask, begin
 
 if TYPE_CHECKING:
     from hil_bridge.control.steps.track import Track
@@ -95,4 +95,6 @@ def _press(
         dt=measurement.dt,
     )
     memory, command = ask(stroke.controller, memory, sideways, abs(step.across_n))
+    if not math.isfinite(command.position):
+        raise ControllerFailed from ValueError(f"it commands {command.position} m across the path")
     return side * command.position, memory

@@ -121,8 +121,8 @@ class Seek(PressingStep):
         state, stroke = taken.state, taken.state.stroke
         if stroke.in_contact:
             state = replace(state, found=(felt.sample.position, 1))
-            trouble = None
-            if stroke.travel - state.base >= leg.way.length - ROUNDING or taken.trouble is not None:
+            trouble = taken.trouble
+            if stroke.travel - state.base >= leg.way.length - ROUNDING and trouble is None:
                 trouble = Reason(Cause.NO_EDGE, f"no edge within {leg.way.length * 1e3:g} mm")
             return replace(taken, state=state, trouble=trouble)
         lost = stroke.phase is not Phase.TRACK
