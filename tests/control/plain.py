@@ -1,17 +1,35 @@
 """A run without steps, sample by sample: an approach, a straight way, a retraction."""
 
 import math
+from collections.abc import Callable, Sequence
 from typing import Any
 
-from hil_bridge.control import Intent, Limits, Measurement, Sample, Stroke, TaskParameters
+from hil_bridge.control import (
+    ControlLoop,
+    Decision,
+    Intent,
+    Limits,
+    Measurement,
+    Sample,
+    Stroke,
+    Supervisor,
+    TaskParameters,
+)
+from hil_bridge.control.decision import LoopState
 from hil_bridge.control.program.felt import WorkFrame
 from hil_bridge.control.program.legs import Ground, legs_of
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.state import Felt, ProgramState
+from hil_bridge.control.steps.seam import Step
 from hil_bridge.control.steps.settings import plain_steps
 from hil_bridge.errors import Reason
+from protocol.geometry import Vector
 
 DOWN, ALONG, ACROSS = (0.0, 0.0, -1.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0)
+START = (0.9, 0.0, 0.6)
+"""Where the tool of `walk` begins, m."""
+DT = 0.012
+"""Its sample time, s."""
 LONG_S = 1e6
 """Time of tracking that no test comes to, s."""
 
@@ -28,6 +46,33 @@ def plain_program(
     limits = Limits(force_limit_n=min(limit, Limits().force_limit_n))
     row = legs_of(plain_steps(parameters, duration_s), Ground(stroke, limits), written=False)
     return Program(row, stroke, WorkFrame(DOWN, ALONG, ACROSS))
+
+
+def guarded(steps: Sequence[Step], stroke: Stroke, limits: Limits) -> ControlLoop:
+    """These steps under the guard."""
+    program = Program(legs_of(steps, Ground(stroke, limits)), stroke, WorkFrame(DOWN, ALONG, ACROSS))
+    return ControlLoop(program, Supervisor(limits), sample_time=DT)
+
+
+def walk(
+    loop: ControlLoop, tell: Callable[[LoopState, float, Vector], dict[str, Any]], most: int = 3000
+) -> list[Decision]:
+    """Decisions until the run ends, of a robot that is where it is sent. `tell` gives the force and further parts of a
+    sample, by the state before it, the time since the begin, s, and the way from the start point, m: deep, x, y.
+    """
+    state, position = loop.initial(START), START
+    decisions: list[Decision] = []
+    for k in range(most):
+        x, y, z = (at - begin for at, begin in zip(position, START, strict=True))
+        told = tell(state, k * DT, (-z, y, -x))
+        now, force = 100.0 + k * DT, told.pop("force")
+        sample = Sample(now, position, force, abs(force), now - 1e-3, k, **told)
+        state, decision = loop.step(state, sample)
+        decisions.append(decision)
+        position = decision.position
+        if decision.ended:
+            return decisions
+    raise AssertionError("the run does not end")
 
 
 class PlainRun:

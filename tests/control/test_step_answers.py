@@ -10,32 +10,27 @@ from msgspec.structs import replace
 
 from hil_bridge.control import (
     Allow,
-    ControlLoop,
     Decision,
     Limits,
     Phase,
-    Sample,
     Stop,
     Stroke,
-    Supervisor,
     TaskParameters,
 )
 from hil_bridge.control.course.stroke import Order, StrokeState
-from hil_bridge.control.program.felt import WorkFrame
+from hil_bridge.control.decision import LoopState
 from hil_bridge.control.program.leg import Leg
 from hil_bridge.control.program.legs import Ground, legs_of
-from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.state import Felt, ProgramState
 from hil_bridge.control.steps.approach import Approach
 from hil_bridge.control.steps.hold import Hold
 from hil_bridge.control.steps.retract import Retract
 from hil_bridge.control.steps.seam import Step, Taken
 from hil_bridge.errors import Cause
-from tests.control.plain import ACROSS, ALONG, DOWN
+from protocol.geometry import Vector
+from tests.control.plain import DT, guarded, walk
 from tests.control.test_program_course import Presses
 
-START = (0.9, 0.0, 0.6)
-DT = 0.012
 LIMITS = Limits(workspace_min_m=(0.0, -1.0, 0.0), workspace_max_m=(2.0, 1.0, 2.0))
 Answer = Callable[[ProgramState, Felt], Any]
 
@@ -58,27 +53,17 @@ class Takes(Step):
 
 def run(answer: Answer, stiffness: float = 5e3, rises: float = 0.0) -> tuple[list[Decision], list[float]]:
     """Decisions of approach, that step and a retraction, and the forces. The surface is 2 mm deep; from 1 to 5 s it
-    rises by this, m/s. The robot is where it is sent.
+    rises by this, m/s.
     """
     stroke = Stroke(TaskParameters(retract_mm=4.0, expected_stiffness_n_m=stiffness), Presses(), 50.0)
-    row = legs_of((Approach(), Takes(answer), Retract()), Ground(stroke, LIMITS))
-    loop = ControlLoop(
-        Program(row, stroke, WorkFrame(DOWN, ALONG, ACROSS)), Supervisor(LIMITS), sample_time=DT
-    )
-    state, position = loop.initial(START), START
-    decisions: list[Decision] = []
     forces: list[float] = []
-    for k in range(3000):
-        now = 100.0 + k * DT
-        force = stiffness * max(START[2] - position[2] - 2e-3 + rises * min(max(k * DT - 1.0, 0.0), 4.0), 0.0)
-        sample = Sample(now, position, force, force, now - 1e-3, k)
-        state, decision = loop.step(state, sample)
-        decisions.append(decision)
-        forces.append(force)
-        position = decision.position
-        if decision.ended:
-            return decisions, forces
-    pytest.fail("the run does not end")
+
+    def tell(state: LoopState, time: float, way: Vector) -> dict[str, Any]:
+        risen = rises * min(max(time - 1.0, 0.0), 4.0)
+        forces.append(stiffness * max(way[0] - 2e-3 + risen, 0.0))
+        return {"force": forces[-1]}
+
+    return walk(guarded((Approach(), Takes(answer), Retract()), stroke, LIMITS), tell), forces
 
 
 def deeper(phase: Phase, rate: float) -> Answer:

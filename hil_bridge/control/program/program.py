@@ -218,7 +218,7 @@ class Program:
     def step(self, state: ProgramState, felt: Felt) -> tuple[ProgramState, Intent]:
         """One sample, after `sense`. Steps that end without it are passed over."""
         measurement = felt.measurement
-        finite = math.isfinite(measurement.force + measurement.position)
+        finite = math.isfinite(measurement.force + measurement.position + measurement.against)
         if not (finite or state.reason):
             return state, self.hold(state, measurement)
         while state.reason is None and state.stroke.phase is not _END:

@@ -1,0 +1,259 @@
+"""Where one step ends and the next one begins: the doubt of a touch, the way, the limits, and the name that is told."""
+
+import itertools
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+
+from hil_bridge.control import (
+    Clamp,
+    Command,
+    Decision,
+    Limits,
+    Measurement,
+    Phase,
+    Request,
+    Stop,
+    Stroke,
+    Supervisor,
+    TaskParameters,
+)
+from hil_bridge.control.course.touch import Doubt
+from hil_bridge.control.decision import LoopState
+from hil_bridge.control.steps.approach import Approach
+from hil_bridge.control.steps.hold import Hold
+from hil_bridge.control.steps.led import Lead, LedStep, StepSample
+from hil_bridge.control.steps.paths import Line
+from hil_bridge.control.steps.retract import Retract
+from hil_bridge.control.steps.seam import NO_LIMITS, StepLimits
+from hil_bridge.control.steps.seek import Seek
+from hil_bridge.control.steps.track import Track
+from hil_bridge.errors import Cause
+from protocol.geometry import Vector
+from tests.control.plain import DOWN, guarded, walk
+from tests.control.test_program_course import Presses
+from tests.observed import observation, observed
+
+STIFFNESS = 5e3
+GROUND = 2e-3
+"""Depth of the surface, m."""
+
+
+@dataclass(frozen=True, slots=True)
+class Waits(LedStep):
+    """Presses for a time."""
+
+    for_s: float
+    do: str = "waits"
+    limits: StepLimits = NO_LIMITS
+
+    def steer(self, memory: None, sample: StepSample) -> tuple[None, Lead]:
+        return None, Lead((0.0, 0.0))
+
+
+class Careful(Presses):
+    """Goes no more than 0.2 mm a sample."""
+
+    def step(self, state: Any, measurement: Measurement, reference: float) -> tuple[Any, Command]:
+        way = max(min((reference - measurement.force) / 20e3, 0.2e-3), -0.2e-3)
+        return state, Command(measurement.commanded + way, way, STIFFNESS)
+
+
+def stroke_of(controller: Any = None, **more: Any) -> Stroke:
+    return Stroke(TaskParameters(retract_mm=4.0, **more), controller or Careful(), 50.0)
+
+
+def press(way: Vector) -> float:
+    return STIFFNESS * max(way[0] - GROUND, 0.0)
+
+
+def stop_of(decisions: list[Decision]) -> Stop:
+    return next(each.verdict for each in decisions if isinstance(each.verdict, Stop))
+
+
+# --- a touch in doubt
+
+
+@pytest.mark.parametrize("kind", [Hold, Waits])
+@pytest.mark.parametrize("first_s", [0.2, 0.5, 1.0, 2.0])
+def test_a_touch_in_doubt_stays_so_when_its_step_ends(kind: type[Hold] | type[Waits], first_s: float) -> None:
+    """The sensor dies in the first step: it tells 2 N, the weight that it has lost. Its test ends the run."""
+    deepest = 0.0
+
+    def tell(state: LoopState, time: float, way: Vector) -> dict[str, Any]:
+        nonlocal deepest
+        deepest = max(deepest, press(way))
+        if state.program.leg == 0:
+            return {"force": press(way)}
+        jitter = 3e-3 * (round(time / 0.012) % 2)
+        return {"force": 2.0 + jitter, "doubt": int(Doubt.WEIGHT)}
+
+    steps = (Approach(), kind(for_s=first_s), Hold(for_s=4.0), Retract())
+    reason = walk(guarded(steps, stroke_of(), Limits()), tell)[-1].intent.reason
+    assert reason is not None
+    assert reason.cause is Cause.UNANSWERED_TOUCH
+    assert deepest < 15.0
+
+
+def test_a_touch_sought_while_its_step_ends_is_tested_in_the_next() -> None:
+    """An axis that was never verified: the surface falls, and a tenth of the force is told from then on."""
+    deepest = 0.0
+
+    def tell(state: LoopState, time: float, way: Vector) -> dict[str, Any]:
+        nonlocal deepest
+        fell = time > 2.0
+        true = STIFFNESS * max(way[0] - GROUND - 4e-3 * fell, 0.0)
+        deepest = max(deepest, true)
+        return {"force": true * (0.1 if fell else 1.0), "doubt": int(Doubt.AXIS)}
+
+    stroke = stroke_of(loss_ms=100.0, search_depth_limit_mm=8.0)
+    for first_s in (1.0, 1.5, 6.0):
+        deepest = 0.0
+        steps = (Approach(), Hold(for_s=first_s), Hold(for_s=8.0), Retract())
+        reason = walk(guarded(steps, stroke, Limits()), tell)[-1].intent.reason
+        assert reason is not None
+        assert reason.cause is Cause.UNANSWERED_TOUCH, first_s
+        assert deepest < 30.0
+
+
+def test_a_touch_that_is_not_answered_is_no_edge_that_was_not_found() -> None:
+    def tell(state: LoopState, time: float, way: Vector) -> dict[str, Any]:
+        if state.program.leg == 0:
+            return {"force": press(way)}
+        return {"force": 2.0 + 3e-3 * (round(time / 0.012) % 2), "doubt": int(Doubt.WEIGHT)}
+
+    steps = (Approach(), Seek(direction_deg=0.0, until="edge", at_most_mm=50.0), Retract())
+    reason = walk(guarded(steps, stroke_of(), Limits()), tell)[-1].intent.reason
+    assert reason is not None
+    assert (reason.cause, reason.step) == (Cause.UNANSWERED_TOUCH, "2 (seek)")
+
+
+# --- the way and the limits
+
+
+@pytest.mark.parametrize("end", [{"for_s": 2.0, "length_mm": 50.0}, {"length_mm": 8.0}])
+def test_the_way_of_a_step_is_that_of_its_first_sample(end: dict[str, float]) -> None:
+    """30 N stand against the first track, which allows them. The second leads away from them."""
+    length = end["length_mm"]
+    there = Track(path=Line(length_mm=length), speed_mm_s=4.0, lateral_limit_n=60.0, for_s=end.get("for_s"))
+    back = Track(path=Line(length_mm=4.0, direction_deg=180.0), speed_mm_s=4.0)
+
+    def tell(state: LoopState, time: float, way: Vector) -> dict[str, Any]:
+        return {"force": press(way), "force_travel": 30.0 if state.program.leg in (1, 2) else 0.0}
+
+    decisions = walk(guarded((Approach(), there, back, Retract()), stroke_of(), Limits()), tell)
+    assert decisions[-1].intent.reason is None
+    assert not any(isinstance(each.verdict, Stop) for each in decisions)
+
+
+def test_the_travel_told_in_the_first_sample_of_a_step_is_that_of_its_own_way() -> None:
+    """10 mm along x, then 10 mm along y: the travel goes on."""
+    told: list[float] = []
+
+    class Notes(Careful):
+        def step(self, state: Any, measurement: Measurement, reference: float) -> tuple[Any, Command]:
+            told.append(measurement.travel)
+            return Careful.step(self, state, measurement, reference)
+
+    legs = [Track(path=Line(length_mm=10.0, direction_deg=angle), speed_mm_s=4.0) for angle in (0.0, 90.0)]
+    walk(
+        guarded((Approach(), *legs, Retract()), stroke_of(Notes()), Limits()),
+        lambda s, t, way: {"force": press(way)},
+    )
+    steps = [after - before for before, after in itertools.pairwise(told)]
+    assert told[-1] == pytest.approx(20e-3, abs=0.2e-3)
+    assert min(steps) >= -1e-9
+    assert max(steps) < 0.06e-3
+
+
+def test_a_limit_of_the_next_step_is_told_with_that_step() -> None:
+    gentle = Hold(for_s=3.0, force_n=5.0, limits=StepLimits(force_limit_n=8.0))
+    decisions = walk(
+        guarded((Approach(), Hold(for_s=2.0), gentle, Retract()), stroke_of(), Limits()),
+        lambda state, time, way: {"force": press(way)},
+    )
+    reason = decisions[-1].intent.reason
+    assert reason is not None
+    assert (reason.cause, reason.step) == (Cause.FORCE, "3 (hold)")
+
+
+# --- clamps that hold no approach
+
+
+@pytest.mark.parametrize("overdue", [0.0, 0.02])
+def test_a_tool_that_may_not_turn_farther_holds_no_depth(overdue: float) -> None:
+    """It is asked to turn by 10° and may by 1°. A late force holds the depth, and lets it go on later."""
+    supervisor = Supervisor(Limits(turn_total_deg=1.0))
+    half = math.radians(5.0)
+    request = Request(1e-3, (0.0, 0.0, -1e-3), DOWN, quaternion=(math.sin(half), math.cos(half), 0.0, 0.0))
+    seen = observed(observation(1.0, sensor_at=99.99), quaternion=(0.0, 1.0, 0.0, 0.0), overdue=overdue)
+    state, verdict = supervisor.initial((0.0, 0.0, 0.0)), None
+    for number in range(20):
+        state, verdict = supervisor.step(state, observed(seen, sensor_sequence=number), request)
+    assert isinstance(verdict, Clamp)
+    assert verdict.is_for(Cause.TIP)
+    assert verdict.is_for(Cause.OVERDUE) is bool(overdue)
+    assert verdict.depth == (0.0 if overdue else 1e-3)
+    assert verdict.goes_on
+
+
+# --- controllers
+
+
+@pytest.mark.parametrize("stiffness", [math.inf, math.nan, 1e308, -1e308])
+def test_a_stiffness_that_is_no_number_is_the_controllers_failure(stiffness: float) -> None:
+    class Learns(Careful):
+        def step(self, state: Any, measurement: Measurement, reference: float) -> tuple[Any, Command]:
+            _, command = Careful.step(self, state, measurement, reference)
+            return state, Command(command.position, command.correction, stiffness)
+
+    decisions = walk(
+        guarded((Approach(), Hold(for_s=1.0), Retract()), stroke_of(Learns()), Limits()),
+        lambda state, time, way: {"force": press(way)},
+    )
+    stop = stop_of(decisions)
+    assert stop.cause is Cause.CONTROLLER
+    assert f"learns a stiffness of {stiffness} N/m" in stop.text
+
+
+@pytest.mark.parametrize("answer", [math.nan, math.inf, -math.inf])
+def test_an_answer_across_the_path_that_is_no_number_is_the_controllers_failure(answer: float) -> None:
+    class Aside(Careful):
+        def step(self, state: Any, measurement: Measurement, reference: float) -> tuple[Any, Command]:
+            if reference == 3.0:
+                return state, Command(answer, 0.0)
+            return Careful.step(self, state, measurement, reference)
+
+    track = Track(path=Line(length_mm=10.0), speed_mm_s=2.0, across="force", across_n=3.0)
+    decisions = walk(
+        guarded((Approach(), track, Retract()), stroke_of(Aside()), Limits()),
+        lambda state, time, way: {"force": press(way), "force_across": 3.0},
+    )
+    stop = stop_of(decisions)
+    assert stop.cause is Cause.CONTROLLER
+    assert f"it commands {answer} m across the path" in stop.text
+    assert all(math.isfinite(part) for each in decisions for part in each.position)
+
+
+@pytest.mark.parametrize("force", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("name", ["force_travel", "force_across"])
+@pytest.mark.parametrize("across", ["position", "compliant", "force"])
+def test_a_force_from_the_side_that_is_no_number_orders_no_place_that_is_none(
+    name: str, force: float, across: Any
+) -> None:
+    track = Track(
+        path=Line(length_mm=10.0, direction_deg=40.0),
+        speed_mm_s=2.0,
+        across=across,
+        across_n=3.0 * (across == "force"),
+    )
+
+    def tell(state: LoopState, time: float, way: Vector) -> dict[str, Any]:
+        bad = {name: force} if state.program.phase is Phase.TRACK and time > 2.0 else {}
+        return {"force": press(way), **bad}
+
+    decisions = walk(guarded((Approach(), track, Retract()), stroke_of(), Limits()), tell)
+    assert all(math.isfinite(part) for each in decisions for part in each.position)
+    assert stop_of(decisions).cause is Cause.FORCE_NOT_A_NUMBER
