@@ -1,6 +1,7 @@
 """The paragraph on how a run ended: for every fault of the S3 and the JR3, and samples of the other devices."""
 
 import re
+from collections.abc import Mapping
 from dataclasses import replace
 from html import unescape
 from pathlib import Path
@@ -8,6 +9,7 @@ from typing import Any, NamedTuple
 
 import pytest
 from click.testing import CliRunner
+from msgspec.structs import replace as replace_struct
 
 from emulators.devices.rtde.packages import PACKAGES
 from hil_bridge import api
@@ -17,7 +19,7 @@ from hil_bridge.errors import Cause, Part, Reason
 from hil_bridge.errors.cause_table import ROWS
 from hil_bridge.record import Outcome, Recording, RunEnd
 from hil_bridge.record.analysis.summary import summarise
-from hil_bridge.record.analysis.why import why
+from hil_bridge.record.analysis.why import why, why_values
 from hil_bridge.record.ending import reason_of
 from hil_bridge.record.records import EventRecord
 from hil_bridge.runs.faults.schedule import FAULT_EVENT
@@ -181,17 +183,106 @@ def test_a_run_that_a_person_ended_by_a_key_was_not_ended_by_a_signal(recordings
         assert "symptom" not in text or mark in events
 
 
-def test_an_interrupted_run_was_not_stopped_by_a_device() -> None:
+def interrupted(settings: Mapping[str, Any], phase: str, after_s: float) -> tuple[Recording, float]:
+    """A run that a program asks to end so long after the begin of a phase, and when that was, from its start, s."""
+    asked: list[float] = []
+
     async def main() -> api.Simulation:
-        async with api.simulation(ASKED) as running:
-            await running.reached("track")
+        async with api.simulation(settings) as running:
+            await running.reached(phase)
+            await running.clock.sleep_until(running.clock.now() + after_s)
             running.interrupt()
+            asked.append(running.clock.now())
         return running
 
-    text = why(api.run_virtual(main).result.recording)
+    recording = api.run_virtual(main).result.recording
+    return recording, asked[0] - recording.events[0].at
+
+
+def test_an_interrupted_run_was_not_stopped_by_a_device() -> None:
+    text = why(interrupted(ASKED, "track", 0.0)[0])
     assert text.startswith("The run was interrupted ")
     assert "What ended it" not in text
     assert "The tool was left retracted" in text
+
+
+@pytest.mark.parametrize(
+    ("settings", "cycle_s"), [(ASKED, 0.2), (GUIDED, 0.02)], ids=["in whole cycles", "streamed"]
+)
+def test_an_interrupt_is_told_when_it_came_and_not_when_the_tool_was_back(
+    settings: Mapping[str, Any], cycle_s: float
+) -> None:
+    recording, asked_s = interrupted(settings, "track", 0.3)
+    (ended,) = (cycle for cycle in recording.cycles if cycle.asked)
+    before = recording.cycles[ended.cycle - 1]
+    told = why_values(recording)
+    assert told.after_s == ended.status_at - recording.events[0].at
+    assert 0.0 <= told.after_s - asked_s <= cycle_s
+    assert (told.phase, told.step, told.first_symptom) == ("track", "", None)
+    assert told.last_good is not None
+    assert told.last_good.cycle == before.cycle
+    assert told.last_good.before_s == ended.status_at - before.answered_at
+    assert before.phase == "track"
+    assert told.text.startswith(
+        f"The run was interrupted {told.after_s:.2f} s after its start, in the phase track. "
+        f"The last good cycle was number {before.cycle}, {told.last_good.before_s:.2f} s before that: "
+    )
+
+
+def test_an_interrupt_in_a_step_of_a_program_tells_the_step() -> None:
+    path = {"kind": "line", "to_mm": [20.0, 0.0]}
+    steps = [{"do": "approach"}, {"do": "track", "path": path, "speed_mm_s": 10.0}, {"do": "retract"}]
+    recording, asked_s = interrupted(merged(GUIDED, {"task": {"step": steps}}), "track", 0.5)
+    told = why_values(recording)
+    assert 0.0 <= told.after_s - asked_s <= 0.02
+    assert (told.phase, told.step) == ("track", "2 (track)")
+    assert told.last_good is not None
+    assert recording.cycles[told.last_good.cycle + 1].asked
+    assert told.text.startswith(
+        f"The run was interrupted {told.after_s:.2f} s after its start, in the phase track, in step 2 (track). "
+    )
+
+
+def test_an_interrupt_on_the_way_back_is_told_there() -> None:
+    recording, asked_s = interrupted(ASKED, "retract", 0.1)
+    told = why_values(recording)
+    assert 0.0 <= told.after_s - asked_s <= 0.2
+    assert told.phase == "retract"
+    assert told.last_good is not None
+    assert recording.cycles[told.last_good.cycle].phase == "retract"
+
+
+def test_a_request_before_the_first_cycle_is_told_by_its_event(short: Recording) -> None:
+    """No cycle tells of it; the devices close later."""
+    begin = short.events[0].at
+    key = EventRecord(begin + 0.5, "operator", "asked for the end with the key r", Cause.KEY, by="r")
+    wire = EventRecord(begin + 4.0, "wire_lost", "the connection broke")
+    tare = next(event for event in short.events if event.text == "tare")
+    assert tare.at < key.at
+    end = RunEnd(Outcome.INTERRUPTED, Reason(Cause.KEY, "before the movement began")).as_metadata()
+    told = why_values(replace(short, cycles=(), events=(short.events[0], tare, key, wire), end=end))
+    assert (told.after_s, told.phase, told.first_symptom) == (key.at - begin, "tare", None)
+
+
+def test_a_recording_that_was_cut_on_the_way_back_ends_where_it_was_cut() -> None:
+    recording, _ = interrupted(ASKED, "track", 0.3)
+    last = max(event.at for event in recording.events)
+    told = why_values(replace(recording, end={}))
+    assert told.after_s == last - recording.events[0].at
+    assert told.text.startswith(
+        f"The recording ends {told.after_s:.2f} s after its start, in the phase retract"
+    )
+
+
+def test_the_retraction_that_a_stop_begins_is_not_its_phase(unplugged: Path) -> None:
+    """In real time the event of the stop comes a few microseconds after that of the retraction."""
+    recording = api.read(unplugged)
+    events = [
+        replace_struct(event, at=event.at + 5e-5) if event.kind == "stop" else event
+        for event in recording.events
+    ]
+    late = replace(recording, events=tuple(events))
+    assert why_values(late).phase == why_values(recording).phase == "track"
 
 
 def test_the_step_of_a_program_is_told_and_is_no_symptom() -> None:

@@ -11,7 +11,7 @@ from hil_bridge.errors.cause_table import ROWS
 from hil_bridge.errors.causes import Cause, Part, describe_lateness
 from hil_bridge.errors.failures import BUG_EVENT, TRACEBACK_EVENT
 from hil_bridge.record.analysis.steps import failed_criteria, step_outcomes
-from hil_bridge.record.analysis.summary import end_of, phases
+from hil_bridge.record.analysis.summary import RETRACT, end_of, phases
 from hil_bridge.record.device_facts import devices_of
 from hil_bridge.record.ending import (
     CHECK_EVENT,
@@ -93,6 +93,8 @@ class Why(Struct, frozen=True):
     """Time of the end from the start of the recording, s."""
     phase: str
     """Phase in which it ended; empty before the first."""
+    step: str
+    """Label of the program's step in which it ended; empty without one."""
     cycles: int
     cause: Cause | None
     """Row of the table of causes."""
@@ -120,6 +122,7 @@ def why_values(recording: Recording, file: object = "FILE") -> Why:
         why(recording, file),
         ending.after_s,
         ending.phase,
+        ending.step,
         len(recording.cycles),
         end.cause,
         "" if reason is None else reason.fact,
@@ -159,13 +162,25 @@ class _Ending:
         self._cycles = recording.cycles
         times = [event.at for event in recording.events] + [cycle.started_at for cycle in self._cycles[:1]]
         self._zero = min(times, default=0.0)
-        stops = [event.at for event in recording.events if event.kind == STOP_EVENT]
-        lasts = [event.at for event in recording.events] + [
-            cycle.answered_at for cycle in self._cycles[-1:] if math.isfinite(cycle.answered_at)
-        ]
-        self._at = stops[0] if stops else max(lasts, default=self._zero)
-        """When the run was stopped, s on its clock."""
+        self._at = self._find_end()
+        """When the reason of the end came up, s on the run's clock."""
         self.symptom = _first_symptom(recording, self._at)
+
+    def _find_end(self) -> float:
+        """When the run was stopped or asked to end; the last time of the recording where that is not told."""
+        events, cause = self._recording.events, self._end.cause
+        told = [event.at for event in events if event.kind == STOP_EVENT]
+        if not self._is_cut:
+            told += [cycle.status_at for cycle in self._cycles if cycle.asked]
+            told += [event.at for event in events if event.cause is not None and event.cause is cause]
+        lasts = [event.at for event in events]
+        lasts += [cycle.answered_at for cycle in self._cycles[-1:] if math.isfinite(cycle.answered_at)]
+        return told[0] if told else max(lasts, default=self._zero)
+
+    @property
+    def _is_cut(self) -> bool:
+        """Whether the recording ends before the run does."""
+        return self._recording.truncated or not self._recording.end
 
     @property
     def text(self) -> str:
@@ -188,28 +203,50 @@ class _Ending:
 
     @property
     def phase(self) -> str:
-        """Phase in which it ended; empty before the first."""
-        return next((span.name for span in reversed(phases(self._recording)) if span.begin < self._at), "")
+        """Phase in which it ended; empty before the first. The retraction that the end began does not count."""
+        spans = [span for span in phases(self._recording) if span.begin < self._at]
+        if spans and spans[-1].name == RETRACT and not self._went_back(spans[-1].begin):
+            spans.pop()
+        return spans[-1].name if spans else ""
+
+    def _went_back(self, begin: float) -> bool:
+        """Whether a cycle of the retraction that began at this time was over before the end, s on the run's clock."""
+        return any(
+            cycle.phase == RETRACT and begin <= cycle.answered_at <= self._at for cycle in self._cycles
+        )
+
+    @property
+    def step(self) -> str:
+        """Label of the program's step in which it ended; empty without one."""
+        if self._end.reason is not None and self._end.reason.step:
+            return self._end.reason.step
+        numbers = [cycle.step for cycle in self._cycles if cycle.asked]
+        return next((step.label for step in self._recording.steps if step.step in numbers[:1]), "")
 
     def before_s(self, at: float) -> float:
         """Time of a moment before the end, s."""
         return self._at - at
 
     def last_good(self) -> CycleRecord | None:
-        """The last cycle before the first symptom; None where there is none."""
+        """The last cycle before the end and its first symptom; None where there is none."""
         limit = self._at if self.symptom is None else min(self._at, self.symptom.at)
-        good = [cycle for cycle in self._cycles if cycle.verdict != "stop" and cycle.answered_at <= limit]
+        good = [
+            cycle
+            for cycle in self._cycles
+            if cycle.answered_at <= limit and cycle.verdict != "stop" and not cycle.asked
+        ]
         return good[-1] if good else None
 
     def _how(self) -> str:
         phase = f", in the phase {self.phase}" if self.phase else ""
         when = f"{self.after_s:.2f} s after its start{phase}"
-        if self._recording.truncated or not self._recording.end:
+        if self._is_cut:
             return (
                 f"The recording ends {when}, before the run does: the process was killed, or the file is cut."
             )
         if self._end.outcome is Outcome.INTERRUPTED:
-            return f"The run was interrupted {when}."
+            step = f", in step {self.step}" if self.step else ""
+            return f"The run was interrupted {when}{step}."
         return f"The run was stopped {when}."
 
     def _last_good(self) -> str:
