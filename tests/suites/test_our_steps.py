@@ -1,18 +1,24 @@
 """Our own steps pass the suite for steps of others."""
 
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
 import pytest
 
 from hil_bridge.control.steps.approach import Approach
 from hil_bridge.control.steps.hold import Hold
 from hil_bridge.control.steps.kinds import BUILT_IN
+from hil_bridge.control.steps.led import Lead, LedStep, StepSample
 from hil_bridge.control.steps.move import Move
 from hil_bridge.control.steps.paths import Line, Polyline
 from hil_bridge.control.steps.retract import Retract
-from hil_bridge.control.steps.seam import Criterion
+from hil_bridge.control.steps.seam import NO_LIMITS, Criterion, StepLimits
 from hil_bridge.control.steps.seek import Seek
 from hil_bridge.control.steps.track import Track
 from hil_bridge.control.steps.zero import Zero
 from hil_bridge.testing.steps import *  # noqa: F403
+from hil_bridge.testing.steps import test_places_and_forces_stay_in_bounds as walk
 
 CORNERS = Polyline(points_mm=((0.0, 0.0), (8.0, 0.0), (8.0, 4.0)))
 STEPS = {
@@ -36,3 +42,32 @@ def step(request):
 
 def test_each_built_in_word_is_tried():
     assert {step.do for step in STEPS.values()} == set(BUILT_IN)
+
+
+@dataclass(frozen=True, slots=True)
+class Listening(LedStep):
+    """Press for two seconds, and keep the moments."""
+
+    do: Literal["listening"] = "listening"
+    for_s: float | None = 2.0
+    limits: StepLimits = NO_LIMITS
+    walks: ClassVar[list[list[tuple[float, ...]]]] = []
+
+    def steer(self, memory: Any, sample: StepSample) -> tuple[Any, Lead]:
+        if sample.s == 0.0:
+            self.walks.append([])
+        self.walks[-1].append(sample.moment)
+        return memory, Lead((0.0, 0.0))
+
+
+def test_a_step_of_two_seconds_feels_each_moment_with_both_signs_and_zero():
+    """Some walk begins with each sign, and keeps it for more than one sample."""
+    Listening.walks.clear()
+    walk(Listening())
+    for axis in range(3):
+        felt = [[each[axis] for each in walk if not math.isnan(each[axis])] for walk in Listening.walks]
+        signs = [[(value > 0.0) - (value < 0.0) for value in values if value] for values in felt]
+        assert all({-1, 1} == set(values) for values in signs)
+        assert {values[0] for values in signs if values[0] == values[1]} == {-1, 1}
+        assert any(0.0 in values for values in felt)
+        assert all(abs(value) < 5.0 for values in felt for value in values)

@@ -9,7 +9,20 @@ from typing import Any, ClassVar, Literal
 from hil_bridge.control.steps.led import Lead, LedStep, StepSample
 from hil_bridge.control.steps.seam import NO_LIMITS, StepLimits, above_zero
 
-MISTAKES = ("self", "place", "clock", "nan", "endless", "moment", "divides", "far", "words", "file")
+MISTAKES = (
+    "self",
+    "place",
+    "clock",
+    "nan",
+    "endless",
+    "moment",
+    "turns",
+    "negative",
+    "divides",
+    "far",
+    "words",
+    "file",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +45,7 @@ class NaiveStep(LedStep):
             object.__setattr__(self, "for_s", None)
 
     def begin(self) -> Any:
-        return [0.0]
+        return [0.0, 0.0]
 
     def steer(self, memory: Any, sample: StepSample) -> tuple[Any, Lead]:
         angle = memory[0] + sample.dt * self.speed_mm_s / self.radius_mm
@@ -43,6 +56,10 @@ class NaiveStep(LedStep):
             angle = 0.1 * len(self.angles)
         if self.mistake == "clock":
             angle = 1e3 * time.perf_counter()
+        first, moment = memory[1], sample.moment[0]
+        turned = first * moment < 0.0
+        if self.mistake == "turns" and turned:
+            raise ArithmeticError("the moment has turned")
         radius = self.radius_mm * 1e-3
         x, y = radius * math.cos(angle), radius * math.sin(angle)
         if self.mistake == "moment":
@@ -50,7 +67,11 @@ class NaiveStep(LedStep):
         if self.mistake == "divides":
             y += 1e-3 / sample.force[0]
         force = 2.0 * sample.force[0] + 5.0 if self.mistake == "far" else None
-        return memory if self.mistake == "place" else [angle], Lead((x, y), force)
+        if self.mistake == "negative" and turned:
+            force = -10.0
+        if first == 0.0 and math.isfinite(moment):
+            first = moment
+        return memory if self.mistake == "place" else [angle, first], Lead((x, y), force)
 
     def describe(self, parameters: object) -> Iterator[str]:
         yield f"in a circle\nof {self.radius_mm:g} mm" if self.mistake == "words" else "in a circle"
