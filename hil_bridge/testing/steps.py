@@ -24,7 +24,7 @@ import pytest
 from pydantic import TypeAdapter, ValidationError
 
 from hil_bridge.control.controllers import make_controller
-from hil_bridge.control.course.intent import Intent
+from hil_bridge.control.course.intent import Intent, Phase
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.parameters import TaskParameters
 from hil_bridge.control.course.stroke import Stroke
@@ -136,6 +136,10 @@ def test_places_and_forces_stay_in_bounds(step: Step) -> None:
             target, reference = each.intent.target, each.intent.reference
             place = target.depth, target.travel, target.across
             assert all(map(math.isfinite, place)), f"it leads to {place} m, by {each.felt.sample}"
+            deeper = target.depth - each.felt.measurement.commanded
+            assert each.intent.phase is not Phase.RETRACT or deeper <= 1e-9, (
+                f"it calls an order a retraction that goes {deeper * 1e3:g} mm deeper, by {each.felt.sample}"
+            )
             moved = math.dist(each.before.at, each.after.at)
             assert moved <= fastest * 1e-3 * CYCLE + 1e-9, (
                 f"one sample leads the tool {moved * 1e3:g} mm along the surface: faster than {fastest:g} mm/s"

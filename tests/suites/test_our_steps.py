@@ -6,6 +6,10 @@ from typing import Any, ClassVar, Literal
 
 import pytest
 
+from hil_bridge.control.course.intent import Phase
+from hil_bridge.control.course.stroke import Order
+from hil_bridge.control.program.leg import Leg
+from hil_bridge.control.program.state import Felt, ProgramState
 from hil_bridge.control.steps.approach import Approach
 from hil_bridge.control.steps.hold import Hold
 from hil_bridge.control.steps.kinds import BUILT_IN
@@ -13,7 +17,7 @@ from hil_bridge.control.steps.led import Lead, LedStep, StepSample
 from hil_bridge.control.steps.move import Move
 from hil_bridge.control.steps.paths import Line, Polyline
 from hil_bridge.control.steps.retract import Retract
-from hil_bridge.control.steps.seam import NO_LIMITS, Criterion, StepLimits
+from hil_bridge.control.steps.seam import NO_LIMITS, Criterion, Step, StepLimits, Taken
 from hil_bridge.control.steps.seek import Seek
 from hil_bridge.control.steps.track import Track
 from hil_bridge.control.steps.zero import Zero
@@ -71,3 +75,22 @@ def test_a_step_of_two_seconds_feels_each_moment_with_both_signs_and_zero():
         assert {values[0] for values in signs if values[0] == values[1]} == {-1, 1}
         assert any(0.0 in values for values in felt)
         assert all(abs(value) < 5.0 for values in felt for value in values)
+
+
+@dataclass(frozen=True, slots=True)
+class Deepens(Step):
+    """Press, and call it a retraction."""
+
+    do: Literal["deepens"] = "deepens"
+    for_s: float | None = 1.0
+
+    def seconds(self, leg: Leg, begin: object) -> float:
+        return 1.0
+
+    def take(self, leg: Leg, state: ProgramState, felt: Felt) -> Taken:
+        return Taken(state, Order(Phase.RETRACT, felt.measurement.commanded + 1e-6))
+
+
+def test_a_retraction_that_goes_deeper_is_found():
+    with pytest.raises(AssertionError, match=r"it calls an order a retraction that goes 0\.001 mm deeper"):
+        walk(Deepens())
