@@ -123,6 +123,7 @@ GROUPS: Mapping[str, Names] = {
     "Controllers": {"hil_bridge.control.types": ("Controller", "Measurement", "Command", "Tuning", "Range")},
     "Steps of a program": {
         "hil_bridge.control.steps.led": ("LedStep", "StepSample", "Lead"),
+        "hil_bridge.control.steps.pressing": ("PressingStep", "Guide", "Led"),
         "hil_bridge.control.steps.seam": (
             "Step",
             "StepLimits",
@@ -132,6 +133,10 @@ GROUPS: Mapping[str, Names] = {
             "Taken",
             "above_zero",
         ),
+        "hil_bridge.control.course.intent": ("Phase",),
+        "hil_bridge.control.course.stroke": ("Order", "Stroke", "StrokeState"),
+        "hil_bridge.control.program.leg": ("Leg",),
+        "hil_bridge.control.program.state": ("Felt", "ProgramState"),
     },
     "Tests": {
         "hil_bridge.testing": ("RobotCase", "SensorCase", "SurfaceCase", "SUITE_VERSION"),

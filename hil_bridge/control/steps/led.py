@@ -27,13 +27,15 @@ class StepSample(NamedTuple):
     force: Vector
     """Contact force along the approach, x and y, N, positive where the tool presses that way; from the newest zero."""
     moment: Vector
-    """Contact moment in the tool frame, N·m, from the newest zero; NaN where it is not known."""
+    """Contact moment that acts on the tool, in the tool frame, N·m, from the newest zero; NaN where it is not known. It
+    is about that frame's origin, if `sensor.position_mm` tells where the sensor is; by default about the sensor.
+    """
     place: Place
     """Reported x and y, m."""
     depth: float
     """Reported depth along the approach, m."""
     in_contact: bool
-    """Whether the tool is taken to be in contact."""
+    """Whether the tool was taken to be in contact by the sample before."""
     force_n: float
     """Force of the step's settings, N."""
     last: bool = False
