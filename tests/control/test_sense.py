@@ -22,6 +22,7 @@ from hil_bridge.control.steps.paths import Line, Place, Polyline, Way, way_of
 from hil_bridge.control.steps.retract import Retract
 from hil_bridge.control.steps.seam import Step
 from hil_bridge.control.steps.track import Track
+from hil_bridge.errors import Cause, Reason
 from protocol.geometry import Vector
 from tests.control.test_program_course import Presses
 
@@ -97,6 +98,20 @@ def test_the_way_along_a_path_counts_from_where_it_begins_and_the_force_against_
     assert state.reached == pytest.approx(along, abs=1e-15)
     assert felt.measurement.travel == pytest.approx(0.1 + along, abs=1e-15)
     assert felt.measurement.against == pytest.approx(2.0 * HEADING[0] - 3.0 * HEADING[1], abs=1e-15)
+
+
+def test_a_step_that_has_not_begun_is_felt_on_its_own_way_from_where_the_tool_was_ordered_to() -> None:
+    before = replace(ON_THE_TRACK, began=None, at=(2e-3, 1e-3), heading=(0.0, 1.0), reached=0.01)
+    _, felt = sense(TRACKING, before)
+    x, y = felt.place
+    along = (x - 2e-3) * HEADING[0] + (y - 1e-3) * HEADING[1]
+    assert felt.measurement.travel == pytest.approx(before.stroke.travel + along, abs=1e-15)
+    assert felt.measurement.against == pytest.approx(2.0 * HEADING[0] - 3.0 * HEADING[1], abs=1e-15)
+
+
+def test_a_tool_that_leaves_is_pushed_against_the_way_that_it_was_on() -> None:
+    leaving = replace(ON_THE_TRACK, began=None, reason=Reason(Cause.FORCE, "too much"), heading=(0.0, 1.0))
+    assert sense(TRACKING, leaving)[1].measurement.against == -3.0
 
 
 def test_the_zero_of_a_program_comes_off_force_and_paired_force() -> None:

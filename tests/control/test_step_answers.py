@@ -101,6 +101,34 @@ def test_an_order_that_goes_back_is_a_retraction_beyond_the_force_limit() -> Non
     assert decisions[-1].intent.reason is None
 
 
+def test_a_step_that_is_stopped_in_what_it_calls_a_retraction_is_retracted() -> None:
+    """80 N come from nowhere while it goes deeper."""
+    stroke = Stroke(TaskParameters(retract_mm=4.0), Presses(), 50.0)
+    steps = (Approach(), Takes(deeper(Phase.RETRACT, 1e-6)), Retract())
+    decisions = walk(
+        guarded(steps, stroke, LIMITS),
+        lambda state, time, way: {"force": 80.0 if 2.0 < time < 2.1 else 5e3 * max(way[0] - 2e-3, 0.0)},
+    )
+    reason = decisions[-1].intent.reason
+    assert reason is not None
+    assert reason.cause is Cause.FORCE
+    assert len(decisions) < 4.0 / DT, "at once, and not when its time is up"
+
+
+def test_a_retraction_of_ours_is_not_stopped_in_its_last_sample() -> None:
+    """That sample stands. A sensor that repeats its counts stops no retraction."""
+    stroke = Stroke(TaskParameters(retract_mm=1.0), Presses(), 50.0)
+    decisions = walk(
+        guarded((Approach(), Hold(for_s=1.0), Retract()), stroke, LIMITS),
+        lambda state, time, way: {
+            "force": 5e3 * max(way[0] - 2e-3, 0.0),
+            "unchanged": 99.0 if state.program.leg == 2 and state.program.began is not None else 0.0,
+        },
+    )
+    assert decisions[-1].target.depth == decisions[-2].target.depth
+    assert not any(isinstance(each.verdict, Stop) for each in decisions)
+
+
 def test_a_retraction_of_ours_is_one_to_its_last_sample() -> None:
     """Its last order stands where it has come to."""
     decisions, _ = run(

@@ -148,6 +148,39 @@ def test_the_way_of_a_step_is_that_of_its_first_sample(end: dict[str, float]) ->
     assert not any(isinstance(each.verdict, Stop) for each in decisions)
 
 
+@pytest.mark.parametrize("end", [{"for_s": 2.0, "length_mm": 50.0}, {"length_mm": 8.0}])
+def test_a_step_that_begins_against_a_force_is_stopped_in_its_first_sample(end: dict[str, float]) -> None:
+    length = end["length_mm"]
+    there = Track(path=Line(length_mm=length), speed_mm_s=4.0, for_s=end.get("for_s"))
+    back = Track(path=Line(length_mm=4.0, direction_deg=180.0), speed_mm_s=4.0)
+    decisions = walk(
+        guarded((Approach(), there, back, Retract()), stroke_of(), Limits()),
+        lambda state, time, way: {"force": press(way), "force_travel": -40.0 * (state.program.leg in (1, 2))},
+    )
+    stop = stop_of(decisions)
+    number = next(i for i, each in enumerate(decisions) if each.verdict is stop)
+    reason = decisions[number].intent.reason
+    assert reason is not None
+    assert (reason.cause, reason.step) == (Cause.WALL, "3 (track)")
+    assert all(each.intent.leg < 2 for each in decisions[:number])
+
+
+def test_a_contact_that_was_lost_when_its_step_ended_is_sought_on() -> None:
+    """Also by a sensor without doubts: the next step does not begin as one that is in contact."""
+    decisions = walk(
+        guarded(
+            (Approach(), Hold(for_s=1.5), Hold(for_s=3.0), Retract()),
+            stroke_of(loss_ms=100.0, search_depth_limit_mm=8.0),
+            Limits(),
+        ),
+        lambda state, time, way: {"force": STIFFNESS * max(way[0] - GROUND - 4e-3 * (time > 2.0), 0.0)},
+    )
+    second = [each.intent for each in decisions if each.intent.leg == 2]
+    assert second[0].phase is Phase.APPROACH
+    assert second[-1].phase is Phase.TRACK
+    assert decisions[-1].intent.reason is None
+
+
 def test_the_travel_told_in_the_first_sample_of_a_step_is_that_of_its_own_way() -> None:
     """10 mm along x, then 10 mm along y: the travel goes on."""
     told: list[float] = []
