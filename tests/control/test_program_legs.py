@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hil_bridge.control import FuzzyPi, Stroke, TaskParameters
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.program.legs import LEGS_MAX, Ground, legs_of, seconds
-from hil_bridge.control.program.resume import rest_of
+from hil_bridge.control.program.resume import rest_of, resume_row
 from hil_bridge.control.steps.approach import Approach
 from hil_bridge.control.steps.hold import Hold
 from hil_bridge.control.steps.move import Move
@@ -19,6 +19,7 @@ from hil_bridge.control.steps.repeat import Repeat
 from hil_bridge.control.steps.retract import Retract
 from hil_bridge.control.steps.seam import Criterion, StepLimits
 from hil_bridge.control.steps.seek import Seek
+from hil_bridge.control.steps.settings import ResumePoint
 from hil_bridge.control.steps.track import Track
 from hil_bridge.control.steps.zero import Zero
 from hil_bridge.errors import ConfigError
@@ -69,6 +70,16 @@ def test_a_leg_knows_whether_the_tool_may_lean_on_what_is_beside_it():
     ]
     met = Seek(direction_deg=0.0), Retract(), Approach(), Retract()
     assert [leg.works_aside for leg in row_of(*met).legs] == [True, True, False, False]
+
+
+@pytest.mark.parametrize("limit", [2.0, 40.0])
+def test_a_resumed_program_goes_to_its_place_within_the_limit_of_its_step(limit):
+    track = Track(path=LINE, speed_mm_s=1.0, limits=StepLimits(travel_mm_s=limit))
+    stroke = Stroke(TaskParameters(), FuzzyPi(), 50.0)
+    row = legs_of((Approach(), track, Retract()), Ground(stroke, Limits(travel_mm_s=50.0)))
+    point = ResumePoint(1, 4.0, (4.0, 0.0), (0.9, 0.0, 0.6), (0.0, 1.0, 0.0, 0.0))
+    move = resume_row(row, point, stroke).legs[0].step
+    assert (move.do, move.speed_mm_s) == ("move", min(limit, 10.0))
 
 
 def test_the_rest_of_a_way_leads_where_the_whole_one_does():
