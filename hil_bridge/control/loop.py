@@ -109,7 +109,7 @@ class ControlLoop:
         against = self._against(state.program, proposal)
         observation, reported = _observe(sample, proposal, against), proposal.felt.measurement.position
         guard, follows = self.guards[intent.leg], self.following
-        backs = (intent.phase is _RETRACT or intent.phase is _END) and _goes_back(state, proposal)
+        backs = (intent.phase is _RETRACT or intent.phase is _END) and self._retracts(proposal)
         verdict: Verdict
         if proposal.failure is not None:  # of a step that follows a retraction, too
             supervisor, verdict = guard.stop(state.supervisor, proposal.failure.cause, proposal.failure.text)
@@ -203,6 +203,12 @@ class ControlLoop:
         numbers = math.isfinite(command.correction + command.across + command.turn)
         return meant and numbers and (command.stiffness is None or abs(command.stiffness) <= STIFFEST_N_M)
 
+    def _retracts(self, proposal: Proposal) -> bool:
+        """Whether an intent is the retraction that its phase tells. That of a step of another package is watched as any
+        other intent: a stop brings a retraction of ours.
+        """
+        return proposal.program.reason is not None or not self.program.row.legs[proposal.intent.leg].foreign
+
     def _against(self, before: ProgramState, proposal: Proposal) -> float:
         """Force against the way that the tool is ordered on, N. A sample that begins a step was felt on the way of the
         one before.
@@ -235,15 +241,6 @@ class ControlLoop:
             r, s, t = frame.y
             target = x + aside * r, y + aside * s, z + aside * t
         return Request(depth, target, frame.approach, barrier, intent.turned)
-
-
-def _goes_back(state: LoopState, proposal: Proposal) -> bool:
-    """Whether an intent is the retraction that its phase tells. One that goes deeper, or that stands before its step is
-    over, is watched as any other.
-    """
-    program, depth, before = proposal.program, proposal.intent.target.depth, state.supervisor.depth
-    over = program.reason is not None or program.began is None
-    return depth <= before if over else depth < before
 
 
 def _reason(state: LoopState, intent: Intent, verdict: Verdict) -> Reason | None:

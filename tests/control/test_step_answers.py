@@ -5,11 +5,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import pytest
 from msgspec.structs import replace
 
 from hil_bridge.control import (
     Allow,
+    Command,
     Decision,
     Limits,
     Phase,
@@ -93,8 +95,17 @@ def test_a_step_that_retracts_by_standing_still_yields_to_a_surface_that_rises()
     assert min(depths) == pytest.approx(-33e-3, abs=0.5e-3)
 
 
-def test_an_order_that_goes_back_is_a_retraction_beyond_the_force_limit() -> None:
-    """A step may lead a tool out of a force that is over the limit, as a retraction of ours."""
+@pytest.mark.parametrize("back", [1e-9, 0.1e-3])
+def test_a_step_that_retracts_too_slowly_from_a_surface_that_rises_is_retracted_by_the_guard(
+    back: float,
+) -> None:
+    """30 mm/s on 5 kN/m are 150 N in each second: the guard stops it, and its own retraction escapes."""
+    decisions, forces = run(deeper(Phase.RETRACT, -back), rises=30e-3)
+    assert max(forces) < 70.0
+    assert min(each.target.depth for each in decisions) < -50e-3
+
+
+def test_a_step_may_retract_from_a_force_within_the_limit() -> None:
     decisions, _ = run(deeper(Phase.RETRACT, -4e-3))
     back = [each for each in decisions if each.intent.phase is Phase.RETRACT]
     assert all(isinstance(each.verdict, Allow) for each in back)
@@ -151,6 +162,11 @@ def order(state: ProgramState, felt: Felt, *parts: Any) -> Taken:
     return Taken(state, Order(*parts) if parts else None)  # type: ignore[arg-type]
 
 
+def done(state: ProgramState, answer: Any) -> Taken:
+    return Taken(state, Order(Phase.TRACK, 0.0), answer)
+
+
+COMMAND = Command("x", 0.0)  # type: ignore[arg-type]
 FAR = 10.0
 """Farther than the box of the run, m."""
 
@@ -165,10 +181,13 @@ FAR = 10.0
         (lambda s, f: order(s, f, Phase.TRACK, None), "TypeError: "),
         (lambda s, f: order(s, f, Phase.TRACK, "deep"), "TypeError: "),
         (lambda s, f: order(s, f, Phase.TRACK, 0.0, 3.0), "take answers float, not a Command in its Order"),
-        (
-            lambda s, f: Taken(s, Order(Phase.TRACK, 0.0), 1),  # type: ignore[arg-type]
-            "take answers int, not True or False for the end",
-        ),
+        (lambda s, f: done(s, np.zeros(2)), "ValueError: The truth value of an array"),
+        (lambda s, f: at(s, f, zero=np.zeros(6)), "take answers ndarray, not a tuple as zero"),
+        (lambda s, f: at(s, f, heading=(1.0,)), "ValueError: not enough values to unpack"),
+        (lambda s, f: at(s, f, found=None), "TypeError: cannot unpack"),
+        (lambda s, f: at(s, f, tally=None), "take answers NoneType, not a Tally"),
+        (lambda s, f: at(s, f, this_pass=None), "it changes this_pass of the state"),
+        (lambda s, f: order(s, f, Phase.TRACK, 0.0, COMMAND), "ValueError: could not convert string"),
         (lambda s, f: Taken(s, Order(Phase.TRACK, 0.0), trouble="no"), "take answers str, not a Reason"),  # type: ignore[arg-type]
         (lambda s, f: order(s, f, Phase.TRACK, math.nan), "it leads to 0 m, 0 m at a depth of nan m"),
         (lambda s, f: order(s, f, Phase.RETRACT, math.nan), "it leads to 0 m, 0 m at a depth of nan m"),
@@ -221,3 +240,15 @@ def test_answers_of_our_own_steps_are_not_looked_through() -> None:
     stroke = Stroke(TaskParameters(), Presses(), 50.0)
     row = legs_of((Approach(), Takes(at), Hold(for_s=1.0), Retract()), Ground(stroke, LIMITS))
     assert [leg.foreign for leg in row.legs] == [False, True, False, False]
+
+
+def test_numbers_of_numpy_are_numbers() -> None:
+    def answer(state: ProgramState, felt: Felt) -> Taken:
+        place = (np.float64(0.0), np.float32(0.0))
+        depth = np.float32(felt.measurement.commanded)
+        done = np.bool_(felt.sample.now - (state.began or 0.0) > 0.5)
+        return Taken(replace(state, at=place), Order(Phase.TRACK, depth), done)  # type: ignore[arg-type]
+
+    decisions, _ = run(answer)
+    assert decisions[-1].intent.reason is None
+    assert len(decisions) < 6.0 / DT

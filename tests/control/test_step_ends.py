@@ -25,6 +25,7 @@ from hil_bridge.control.decision import LoopState
 from hil_bridge.control.steps.approach import Approach
 from hil_bridge.control.steps.hold import Hold
 from hil_bridge.control.steps.led import Lead, LedStep, StepSample
+from hil_bridge.control.steps.move import Move
 from hil_bridge.control.steps.paths import Line
 from hil_bridge.control.steps.retract import Retract
 from hil_bridge.control.steps.seam import NO_LIMITS, StepLimits
@@ -130,6 +131,22 @@ def test_a_touch_that_is_not_answered_is_no_edge_that_was_not_found() -> None:
     assert (reason.cause, reason.step) == (Cause.UNANSWERED_TOUCH, "2 (seek)")
 
 
+@pytest.mark.parametrize("offset", [0.0, -0.05, -0.3, 0.3])
+def test_a_spike_makes_no_retraction_wait_for_ever(offset: float) -> None:
+    """60 N for three samples of a tool that is free. The force before and after them is about 0, or a little below."""
+    spiked = 0
+
+    def tell(state: LoopState, time: float, way: Vector) -> dict[str, Any]:
+        nonlocal spiked
+        free = state.program.phase is Phase.RETRACT and way[0] < 1e-3
+        spiked += free
+        return {"force": press(way) + offset + (60.0 if free and spiked <= 3 else 0.0)}
+
+    decisions = walk(guarded((Approach(), Hold(for_s=0.5), Retract()), stroke_of(), Limits()), tell)
+    assert decisions[-1].intent.reason is None
+    assert any(each.verdict.holds for each in decisions if isinstance(each.verdict, Clamp))
+
+
 # --- the way and the limits
 
 
@@ -163,6 +180,51 @@ def test_a_step_that_begins_against_a_force_is_stopped_in_its_first_sample(end: 
     assert reason is not None
     assert (reason.cause, reason.step) == (Cause.WALL, "3 (track)")
     assert all(each.intent.leg < 2 for each in decisions[:number])
+
+
+def test_an_edge_is_one_of_a_surface_that_the_step_has_felt() -> None:
+    """Contact is lost before the step begins: it is found again 4 mm deeper, and the edge is where that ends."""
+
+    def tell(state: LoopState, time: float, way: Vector) -> dict[str, Any]:
+        ground = GROUND + 4e-3 * (time > 2.0) + 99.0 * (way[1] > 6e-3)
+        return {"force": STIFFNESS * max(way[0] - ground, 0.0)}
+
+    steps = (Approach(), Hold(for_s=1.5), Seek(direction_deg=0.0, until="edge", at_most_mm=20.0), Retract())
+    loop = guarded(steps, stroke_of(loss_ms=100.0, search_depth_limit_mm=8.0), Limits())
+    decisions = walk(loop, tell)
+    assert decisions[-1].intent.reason is None
+    sought = [each.intent.target.travel for each in decisions if each.intent.leg == 2]
+    assert sought[-1] == pytest.approx(6e-3, abs=1e-3)
+
+
+# --- a force that is no number
+
+
+@pytest.mark.parametrize("name", ["force", "force_travel"])
+@pytest.mark.parametrize("samples", [1, 10_000])
+def test_a_retraction_goes_on_slowly_while_its_force_is_no_number(name: str, samples: int) -> None:
+    """One sample, or all from there on. The run goes on where the force is known again, else it ends by that cause."""
+    left = samples
+
+    def tell(state: LoopState, time: float, way: Vector) -> dict[str, Any]:
+        nonlocal left
+        began = state.program.leg >= 1 and state.program.began is not None
+        if not left or (left == samples and not began):
+            return {"force": press(way)}
+        left -= 1
+        return {"force": press(way), name: math.nan}
+
+    row = (Approach(), Retract(back_mm=2.0), Move(to_mm=(5.0, 0.0)), Approach(), Retract())
+    decisions = walk(guarded(row, stroke_of(), Limits()), tell, 6000)
+    assert all(math.isfinite(part) for each in decisions for part in each.position)
+    reason = decisions[-1].intent.reason
+    if samples == 1:
+        assert reason is None
+    else:
+        assert reason is not None
+        assert reason.cause is Cause.FORCE_NOT_A_NUMBER
+        first = [each.target.depth for each in decisions if each.intent.leg == 1]
+        assert first[-1] <= GROUND - 2e-3 + 1e-9
 
 
 def test_a_contact_that_was_lost_when_its_step_ended_is_sought_on() -> None:

@@ -44,6 +44,8 @@ def watch(limits: Limits, before: Retreat | None, seen: Observation) -> tuple[Re
         return after, Reason(Cause.BEHIND, text)
     if _from_front(limits, seen):
         return _press(limits, before, after, seen)
+    if before.stage is Stage.WAITS:  # what pressed is gone
+        after = _wait(limits, after, seen)
     return after, _no_way_back(limits, before, after, seen)
 
 

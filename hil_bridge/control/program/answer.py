@@ -7,13 +7,16 @@ from hil_bridge.control.course.intent import Phase
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.stroke import Order, StrokeState
 from hil_bridge.control.program.leg import Leg
-from hil_bridge.control.program.state import ProgramState
+from hil_bridge.control.program.state import ProgramState, Tally
 from hil_bridge.control.steps.seam import Taken
-from hil_bridge.control.types import Command
+from hil_bridge.control.types import Command, as_command
 from hil_bridge.errors.causes import Reason
 from hil_bridge.errors.failures import WrongAnswer
 
-_OF_THE_PROGRAM = ("leg", "began", "reason", "failed", "done", "start", "safe", "home", "turned", "facing")
+_OF_THE_PROGRAM = (
+    *("leg", "began", "reason", "failed", "done", "start", "safe", "home", "turned", "facing"),
+    *("first_pass", "this_pass", "led"),
+)
 """Parts of the state that the program alone changes."""
 
 
@@ -32,7 +35,11 @@ def check_taken(leg: Leg, before: ProgramState, taken: Any, commanded: float) ->
     _require(leg, order.phase, Phase, "a Phase in its Order")
     _require(leg, order.command, (Command, type(None)), "a Command in its Order")
     _require(leg, taken.trouble, (Reason, type(None)), "a Reason as its trouble")
-    _require(leg, taken.done, bool, "True or False for the end of the step")
+    _require(leg, state.tally, Tally, "a Tally in the state of its Taken")
+    _require(leg, state.zero, tuple, "a tuple as zero")
+    bool(taken.done)  # of numpy, too
+    if order.command is not None:
+        as_command(order.command)
     for name in _OF_THE_PROGRAM:
         if getattr(state, name) is not getattr(before, name):
             raise ValueError(f"it changes {name} of the state, which is the program's own")
@@ -40,9 +47,11 @@ def check_taken(leg: Leg, before: ProgramState, taken: Any, commanded: float) ->
         raise ValueError("it ends the run by the phase end: a step that is over answers done = True")
     if len(state.zero) not in (0, 6):
         raise ValueError(f"its zero has {len(state.zero)} numbers, not the 6 of a wrench")
+    (h, k), ((a, b, c), _) = state.heading, state.found
     numbers = (
         *state.at,
-        *state.heading,
+        *(h, k),
+        *(a, b, c),
         *state.zero,
         state.local,
         state.aside,

@@ -98,7 +98,8 @@ class Program:
 
     def hold(self, state: ProgramState, measurement: Measurement) -> Intent:
         """The answer that changes nothing."""
-        return self._intent(state, Order(state.phase, measurement.commanded))
+        phase = self.row.legs[state.leg].phase if state.began is None else state.phase
+        return self._intent(state, Order(phase, measurement.commanded))
 
     # --- what is felt
 
@@ -219,8 +220,10 @@ class Program:
         """One sample, after `sense`. Steps that end without it are passed over."""
         measurement = felt.measurement
         finite = math.isfinite(measurement.force + measurement.position + measurement.against)
-        if not (finite or state.reason):
-            return state, self.hold(state, measurement)
+        if not (finite or state.reason):  # a retraction of ours needs neither
+            leg = self.row.legs[state.leg]
+            if leg.phase is not _RETRACT or leg.foreign:
+                return state, self.hold(state, measurement)
         while state.reason is None and state.stroke.phase is not _END:
             if state.began is None:
                 state = self._begin(state, felt)
@@ -260,10 +263,10 @@ class Program:
     def _begin(self, state: ProgramState, felt: Felt) -> ProgramState:
         """State at the first sample of a leg."""
         leg, stroke = self.row.legs[state.leg], state.stroke
-        presses, phase, now = stroke.phase is _TRACK, leg.phase, felt.sample.now
-        if phase is _TRACK:  # a touch that is sought or tested yet stays in doubt, whatever step comes
-            if not self._seeks(state):
-                stroke = leg.stroke.tracking(stroke)
+        seeks, phase, now = self._seeks(state), leg.phase, felt.sample.now
+        presses = seeks or stroke.phase is _TRACK
+        if phase is _TRACK:  # a touch that is sought or tested yet stays so, whatever step comes
+            stroke = stroke if seeks else leg.stroke.tracking(stroke)
         else:  # a stroke begins elsewhere: what was learnt of places belongs to the one before
             memory = None if phase is _APPROACH else stroke.controller
             stroke = replace(stroke, phase=phase, turn=None, lost_at=None, controller=memory, touch=None)

@@ -125,8 +125,8 @@ class Seek(PressingStep):
             if stroke.travel - state.base >= leg.way.length - ROUNDING and trouble is None:
                 trouble = Reason(Cause.NO_EDGE, f"no edge within {leg.way.length * 1e3:g} mm")
             return replace(taken, state=state, trouble=trouble)
-        lost = stroke.phase is not Phase.TRACK
-        if not lost:
+        lost, pressed = stroke.phase is not Phase.TRACK, before.found[1] > 0
+        if not (lost and pressed):  # a contact that this step has not had yet is sought on
             return taken
         # stand still: the next leg leads away
         state = replace(state, stroke=replace(before.stroke, travel=stroke.travel))
