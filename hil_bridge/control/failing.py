@@ -9,10 +9,8 @@ from hil_bridge.errors.failures import failure, place_of_method, traceback_of
 
 _METHODS = "steer", "take", "guide", "lead", "end_sample", "is_over"
 """Methods by which a step of another package takes part in a run; the first that it has is told."""
-
-
-STIFFEST_N_M = 1e12
-"""Stiffness that a controller can mean at most, N/m. Chosen: that of no contact by far, and its square is a number."""
+_STIFFEST_N_M = 1e12
+"""Stiffness that a controller can mean at most, N/m. Chosen: above that of any contact, and its square is a number."""
 
 
 class Failed(NamedTuple):
@@ -36,14 +34,17 @@ def blame_error(controller: Controller[Any], leg: Leg, error: BaseException) -> 
     return Failed(reason, traceback_of(error))
 
 
+def is_stiffness(value: float | None) -> bool:
+    """Whether a controller can mean this stiffness, N/m, or tells none."""
+    return value is None or abs(value) <= _STIFFEST_N_M
+
+
 def blame_answer(controller: Controller[Any], command: Command) -> Failed:
     """It answered with a command that is no number, or so far away that it cannot be meant."""
     place = place_of_method(controller, "step")
     aside = f" and {command.across} m aside" if command.across else ""
     turn = f" and a turn of {command.turn} rad" if command.turn else ""
-    stiffness = command.stiffness
-    told = stiffness is None or abs(stiffness) <= STIFFEST_N_M
-    learnt = "" if told else f" and learns a stiffness of {stiffness} N/m"
+    learnt = "" if is_stiffness(command.stiffness) else f" and learns a stiffness of {command.stiffness} N/m"
     said = f"it commands {command.position} m{aside}{turn}{learnt}"
     return _blame(controller, f"{said}{place and f' ({place})'}")
 

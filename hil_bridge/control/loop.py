@@ -25,7 +25,7 @@ from hil_bridge.control.course.verdict import (
     Verdict,
 )
 from hil_bridge.control.decision import Decision, LoopState, Proposal
-from hil_bridge.control.failing import STIFFEST_N_M, Failed, blame_answer, blame_error
+from hil_bridge.control.failing import Failed, blame_answer, blame_error, is_stiffness
 from hil_bridge.control.program.answer import farthest_answer
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.state import Felt, ProgramState
@@ -106,10 +106,12 @@ class ControlLoop:
         retracting only the limits of motion apply, and the force that the retraction itself makes.
         """
         program, intent, advice = proposal.program, proposal.intent, proposal.advice
-        against = self._against(state.program, proposal)
-        observation, reported = _observe(sample, proposal, against), proposal.felt.measurement.position
+        begins, measurement = intent.leg != state.program.leg, proposal.felt.measurement
+        against = self._against(proposal) if begins else measurement.against
+        observation, reported = _observe(sample, proposal, against), measurement.position
         guard, follows = self.guards[intent.leg], self.following
-        backs = (intent.phase is _RETRACT or intent.phase is _END) and self._retracts(proposal)
+        ends = intent.phase is _RETRACT or intent.phase is _END
+        backs = ends and proposal.failure is None and self._retracts(proposal)
         verdict: Verdict
         if proposal.failure is not None:  # of a step that follows a retraction, too
             supervisor, verdict = guard.stop(state.supervisor, proposal.failure.cause, proposal.failure.text)
@@ -129,7 +131,7 @@ class ControlLoop:
                 supervisor, verdict = guard.stop(state.supervisor, Cause.OFF_PATH, strayed)
         reason = None if type(verdict) is Allow else _reason(state, intent, verdict)
         way: Verdict = verdict
-        if reason is not None and not (backs and intent.phase is _RETRACT and proposal.failure is None):
+        if reason is not None and not (backs and intent.phase is _RETRACT):
             # From the state before this sample: the controller's answer to it no longer matters.
             reason = proposal.failure or self.program.in_step(intent.leg, reason)
             program, intent = self.program.step(self.program.fail(state.program, reason), proposal.felt)
@@ -152,7 +154,7 @@ class ControlLoop:
         after = LoopState(state.start, program, supervisor, proposal.oscillation, sample.now, trail)
         return after, Decision(
             reported,
-            proposal.felt.measurement.force,
+            measurement.force,
             Target(depth, intent.target.travel, intent.target.across),
             position,
             intent,
@@ -201,7 +203,7 @@ class ControlLoop:
         limits, way = self.supervisor.limits, abs(command.position - measurement.commanded)
         meant = way <= limits.correction_total_mm * 1e-3 or way <= farthest_answer(limits)
         numbers = math.isfinite(command.correction + command.across + command.turn)
-        return meant and numbers and (command.stiffness is None or abs(command.stiffness) <= STIFFEST_N_M)
+        return meant and numbers and is_stiffness(command.stiffness)
 
     def _retracts(self, proposal: Proposal) -> bool:
         """Whether an intent is the retraction that its phase tells. That of a step of another package is watched as any
@@ -209,14 +211,11 @@ class ControlLoop:
         """
         return proposal.program.reason is not None or not self.program.row.legs[proposal.intent.leg].foreign
 
-    def _against(self, before: ProgramState, proposal: Proposal) -> float:
-        """Force against the way that the tool is ordered on, N. A sample that begins a step was felt on the way of the
-        one before.
+    def _against(self, proposal: Proposal) -> float:
+        """Force against the way of the step that has begun with this sample, N. The sample was felt on the way of the
+        step before.
         """
-        number = proposal.intent.leg
-        if number == before.leg:
-            return proposal.felt.measurement.against
-        leg = self.program.row.legs[number]
+        leg = self.program.row.legs[proposal.intent.leg]
         if leg.way is None and leg.phase is Phase.MOVE:  # no path leads there
             return 0.0
         return proposal.felt.against(proposal.program.heading)

@@ -61,10 +61,10 @@ def test_a_sample_tells_the_force_along_all_axes_of_the_frame(recordings: Record
     )
     frame = WorkFrame((0.0, 0.0, -1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
     samples = [cycle.sample for cycle in recordings(run).cycles if cycle.sample]
-    told = [sample.force_across or 0.0 for sample in samples]
-    assert told == pytest.approx([find_across(frame, sample) for sample in samples], abs=1e-9)
+    forces = [sample.force_across or 0.0 for sample in samples]
+    assert forces == pytest.approx([find_across(frame, sample) for sample in samples], abs=1e-9)
     slopes = [
-        across / sample.force for across, sample in zip(told, samples, strict=True) if sample.force > 5.0
+        across / sample.force for across, sample in zip(forces, samples, strict=True) if sample.force > 5.0
     ]
     assert np.median(slopes) == pytest.approx(40.0 / 300.0, rel=0.1), "40 mm beside the top"
 

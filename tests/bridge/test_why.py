@@ -215,17 +215,17 @@ def test_an_interrupt_is_told_when_it_came_and_not_when_the_tool_was_back(
     recording, asked_s = interrupted(settings, "track", 0.3)
     (ended,) = (cycle for cycle in recording.cycles if cycle.asked)
     before = recording.cycles[ended.cycle - 1]
-    told = why_values(recording)
-    assert told.after_s == ended.status_at - recording.events[0].at
-    assert 0.0 <= told.after_s - asked_s <= cycle_s
-    assert (told.phase, told.step, told.first_symptom) == ("track", "", None)
-    assert told.last_good is not None
-    assert told.last_good.cycle == before.cycle
-    assert told.last_good.before_s == ended.status_at - before.answered_at
+    values = why_values(recording)
+    assert values.after_s == ended.status_at - recording.events[0].at
+    assert 0.0 <= values.after_s - asked_s <= cycle_s
+    assert (values.phase, values.step, values.first_symptom) == ("track", "", None)
+    assert values.last_good is not None
+    assert values.last_good.cycle == before.cycle
+    assert values.last_good.before_s == ended.status_at - before.answered_at
     assert before.phase == "track"
-    assert told.text.startswith(
-        f"The run was interrupted {told.after_s:.2f} s after its start, in the phase track. "
-        f"The last good cycle was number {before.cycle}, {told.last_good.before_s:.2f} s before that: "
+    assert values.text.startswith(
+        f"The run was interrupted {values.after_s:.2f} s after its start, in the phase track. "
+        f"The last good cycle was number {before.cycle}, {values.last_good.before_s:.2f} s before that: "
     )
 
 
@@ -233,23 +233,23 @@ def test_an_interrupt_in_a_step_of_a_program_tells_the_step() -> None:
     path = {"kind": "line", "to_mm": [20.0, 0.0]}
     steps = [{"do": "approach"}, {"do": "track", "path": path, "speed_mm_s": 10.0}, {"do": "retract"}]
     recording, asked_s = interrupted(merged(GUIDED, {"task": {"step": steps}}), "track", 0.5)
-    told = why_values(recording)
-    assert 0.0 <= told.after_s - asked_s <= 0.02
-    assert (told.phase, told.step) == ("track", "2 (track)")
-    assert told.last_good is not None
-    assert recording.cycles[told.last_good.cycle + 1].asked
-    assert told.text.startswith(
-        f"The run was interrupted {told.after_s:.2f} s after its start, in the phase track, in step 2 (track). "
+    values = why_values(recording)
+    assert 0.0 <= values.after_s - asked_s <= 0.02
+    assert (values.phase, values.step) == ("track", "2 (track)")
+    assert values.last_good is not None
+    assert recording.cycles[values.last_good.cycle + 1].asked
+    assert values.text.startswith(
+        f"The run was interrupted {values.after_s:.2f} s after its start, in the phase track, in step 2 (track). "
     )
 
 
 def test_an_interrupt_on_the_way_back_is_told_there() -> None:
     recording, asked_s = interrupted(ASKED, "retract", 0.1)
-    told = why_values(recording)
-    assert 0.0 <= told.after_s - asked_s <= 0.2
-    assert told.phase == "retract"
-    assert told.last_good is not None
-    assert recording.cycles[told.last_good.cycle].phase == "retract"
+    values = why_values(recording)
+    assert 0.0 <= values.after_s - asked_s <= 0.2
+    assert values.phase == "retract"
+    assert values.last_good is not None
+    assert recording.cycles[values.last_good.cycle].phase == "retract"
 
 
 def test_a_request_before_the_first_cycle_is_told_by_its_event(short: Recording) -> None:
@@ -260,17 +260,17 @@ def test_a_request_before_the_first_cycle_is_told_by_its_event(short: Recording)
     tare = next(event for event in short.events if event.text == "tare")
     assert tare.at < key.at
     end = RunEnd(Outcome.INTERRUPTED, Reason(Cause.KEY, "before the movement began")).as_metadata()
-    told = why_values(replace(short, cycles=(), events=(short.events[0], tare, key, wire), end=end))
-    assert (told.after_s, told.phase, told.first_symptom) == (key.at - begin, "tare", None)
+    values = why_values(replace(short, cycles=(), events=(short.events[0], tare, key, wire), end=end))
+    assert (values.after_s, values.phase, values.first_symptom) == (key.at - begin, "tare", None)
 
 
 def test_a_recording_that_was_cut_on_the_way_back_ends_where_it_was_cut() -> None:
     recording, _ = interrupted(ASKED, "track", 0.3)
     last = max(event.at for event in recording.events)
-    told = why_values(replace(recording, end={}))
-    assert told.after_s == last - recording.events[0].at
-    assert told.text.startswith(
-        f"The recording ends {told.after_s:.2f} s after its start, in the phase retract"
+    values = why_values(replace(recording, end={}))
+    assert values.after_s == last - recording.events[0].at
+    assert values.text.startswith(
+        f"The recording ends {values.after_s:.2f} s after its start, in the phase retract"
     )
 
 

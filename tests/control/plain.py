@@ -64,9 +64,9 @@ def walk(
     decisions: list[Decision] = []
     for k in range(most):
         x, y, z = (at - begin for at, begin in zip(position, START, strict=True))
-        told = tell(state, k * DT, (-z, y, -x))
-        now, force = 100.0 + k * DT, told.pop("force")
-        sample = Sample(now, position, force, abs(force), now - 1e-3, k, **told)
+        parts = tell(state, k * DT, (-z, y, -x))
+        now, force = 100.0 + k * DT, parts.pop("force")
+        sample = Sample(now, position, force, abs(force), now - 1e-3, k, **parts)
         state, decision = loop.step(state, sample)
         decisions.append(decision)
         position = decision.position

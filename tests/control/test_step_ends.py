@@ -245,11 +245,11 @@ def test_a_contact_that_was_lost_when_its_step_ended_is_sought_on() -> None:
 
 def test_the_travel_told_in_the_first_sample_of_a_step_is_that_of_its_own_way() -> None:
     """10 mm along x, then 10 mm along y: the travel goes on."""
-    told: list[float] = []
+    travels: list[float] = []
 
     class Notes(Careful):
         def step(self, state: Any, measurement: Measurement, reference: float) -> tuple[Any, Command]:
-            told.append(measurement.travel)
+            travels.append(measurement.travel)
             return Careful.step(self, state, measurement, reference)
 
     legs = [Track(path=Line(length_mm=10.0, direction_deg=angle), speed_mm_s=4.0) for angle in (0.0, 90.0)]
@@ -257,8 +257,8 @@ def test_the_travel_told_in_the_first_sample_of_a_step_is_that_of_its_own_way() 
         guarded((Approach(), *legs, Retract()), stroke_of(Notes()), Limits()),
         lambda s, t, way: {"force": press(way)},
     )
-    steps = [after - before for before, after in itertools.pairwise(told)]
-    assert told[-1] == pytest.approx(20e-3, abs=0.2e-3)
+    steps = [after - before for before, after in itertools.pairwise(travels)]
+    assert travels[-1] == pytest.approx(20e-3, abs=0.2e-3)
     assert min(steps) >= -1e-9
     assert max(steps) < 0.06e-3
 

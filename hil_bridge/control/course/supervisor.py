@@ -139,8 +139,8 @@ class Supervisor:
         given, reasons = orientation.limit_turn(self.limits, home, before, wanted, seen.dt)
         lag = orientation.behind(state.lag, angle_between(before, given), seen.dt)
         if reasons:
-            told, goes_on = (verdict.holds, verdict.goes_on) if isinstance(verdict, Clamp) else ((), True)
-            verdict = Clamp(verdict.depth, verdict.position, (*told, *reasons), goes_on)
+            holds, goes_on = (verdict.holds, verdict.goes_on) if isinstance(verdict, Clamp) else ((), True)
+            verdict = Clamp(verdict.depth, verdict.position, (*holds, *reasons), goes_on)
         return verdict, given, home, lag
 
     def stop(self, state: SupervisorState, cause: Cause, text: str) -> tuple[SupervisorState, Stop]:
@@ -193,18 +193,11 @@ class Supervisor:
         (x, y, z), (a, b, c), (u, v, w) = state.position, request.direction, request.position
         slip = a * (u - x) + b * (v - y) + c * (w - z) - (request.depth - state.depth)
         # A sum is a number only if all its parts are, and no part is infinite. The places are in the slip.
-        of_scalars = (
-            age
-            + force
-            + sample.resultant
-            + seen.depth
-            + (sample.tilt or 0.0)
-            + sample.gap
-            + seen.dt
-            + seen.against
+        of_forces = (
+            force + sample.resultant + seen.against + peak + sample.peak_resultant + sample.peak_moment
         )
-        of_peaks = peak + sample.peak_resultant + sample.peak_moment
-        if not math.isfinite(of_scalars + of_peaks + slip):
+        of_scalars = age + seen.depth + (sample.tilt or 0.0) + sample.gap + seen.dt
+        if not math.isfinite(of_scalars + of_forces + slip):
             return Stop(_not_a_number(seen), "a measurement or command is no number")
         if sample.fault:
             return Stop((sample.fault_cause or Cause.ROBOT_STATE), sample.fault, sample.fault_remedy)

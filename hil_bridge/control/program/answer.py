@@ -1,4 +1,4 @@
-"""The answer of a step of another package, looked through before anything is made of it. Pure."""
+"""The answer of a step of another package, checked before it is used. Pure."""
 
 import math
 from typing import Any
@@ -21,7 +21,7 @@ _OF_THE_PROGRAM = (
 
 
 def check_taken(leg: Leg, before: ProgramState, taken: Any, commanded: float) -> None:
-    """Look through what a step made of one sample. `before` is the state that it was given, `commanded` the depth that
+    """Check the answer of a step to one sample. `before` is the state that it was given, `commanded` the depth that
     was ordered before, m.
 
     Raises WrongAnswer where a part has another type. Raises ValueError for an order that is no number or cannot be
@@ -49,17 +49,8 @@ def check_taken(leg: Leg, before: ProgramState, taken: Any, commanded: float) ->
         raise ValueError(f"its zero has {len(state.zero)} numbers, not the 6 of a wrench")
     (h, k), ((a, b, c), _) = state.heading, state.found
     numbers = (
-        *state.at,
-        *(h, k),
-        *(a, b, c),
-        *state.zero,
-        state.local,
-        state.aside,
-        state.lean,
-        state.ground,
-        state.stroke.travel,
-        state.stroke.turn or 0.0,
-        order.reference or 0.0,
+        *(*state.at, h, k, a, b, c, *state.zero, state.local, state.aside, state.lean, state.ground),
+        *(state.stroke.travel, state.stroke.turn or 0.0, order.reference or 0.0),
     )
     (x, y), farthest = state.at, farthest_answer(leg.limits)
     near = abs(order.depth - commanded) <= farthest and math.dist(state.at, before.at) <= farthest
@@ -74,6 +65,6 @@ def farthest_answer(limits: Limits) -> float:
     return limits.correction_total_mm * 1e-3 + math.dist(limits.workspace_min_m, limits.workspace_max_m)
 
 
-def _require(leg: Leg, part: Any, wanted: type | tuple[type, ...], words: str) -> None:
-    if not isinstance(part, wanted):
+def _require(leg: Leg, part: Any, kind: type | tuple[type, ...], words: str) -> None:
+    if not isinstance(part, kind):
         raise WrongAnswer(leg.step, "take", part, words)

@@ -50,7 +50,7 @@ class Leg:
     turns: bool = True
     """The tool may be turned in it."""
     foreign: bool = False
-    """The step is one of another package: its answers are looked through."""
+    """The step is one of another package: its answers are checked, and its retractions watched as any order."""
 
     @property
     def label(self) -> str:

@@ -124,17 +124,15 @@ class Program:
         if state.zero:
             force, wrench = subtract_zero(state, frame, sample, force)
             paired = None if paired is None else paired + (force[0] - sample.force)
-        leg, travel, way = self.row.legs[state.leg], place[0], state
-        if (
-            state.began is None and leg.way is not None and state.reason is None
-        ):  # it begins where the tool was ordered to
-            way = self._on_the_way(way, leg)
-            h, k = way.heading
+        leg, travel = self.row.legs[state.leg], place[0]
+        if state.began is None and leg.way is not None and state.reason is None:
+            state = self._on_the_way(state, leg)
+            h, k = state.heading
         against = force[1] * h + force[2] * k
         if leg.way is not None:
-            there = place[0] - way.origin[0], place[1] - way.origin[1]
-            along = leg.way.along(way.reached, way.stroke.travel - way.base, there)
-            reached, travel = 0.0 if along < 0.0 else along, way.base + along
+            there = place[0] - state.origin[0], place[1] - state.origin[1]
+            along = leg.way.along(state.reached, state.stroke.travel - state.base, there)
+            reached, travel = 0.0 if along < 0.0 else along, state.base + along
             if reached != state.reached:
                 state = replace(state, reached=reached)
         elif leg.phase is _MOVE:  # no path leads there

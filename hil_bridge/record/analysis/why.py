@@ -169,13 +169,13 @@ class _Ending:
     def _find_end(self) -> float:
         """When the run was stopped or asked to end; the last time of the recording where that is not told."""
         events, cause = self._recording.events, self._end.cause
-        told = [event.at for event in events if event.kind == STOP_EVENT]
+        moments = [event.at for event in events if event.kind == STOP_EVENT]
         if not self._is_cut:
-            told += [cycle.status_at for cycle in self._cycles if cycle.asked]
-            told += [event.at for event in events if event.cause is not None and event.cause is cause]
+            moments += [cycle.status_at for cycle in self._cycles if cycle.asked]
+            moments += [event.at for event in events if event.cause is not None and event.cause is cause]
         lasts = [event.at for event in events]
         lasts += [cycle.answered_at for cycle in self._cycles[-1:] if math.isfinite(cycle.answered_at)]
-        return told[0] if told else max(lasts, default=self._zero)
+        return moments[0] if moments else max(lasts, default=self._zero)
 
     @property
     def _is_cut(self) -> bool:
