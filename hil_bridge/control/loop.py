@@ -41,6 +41,8 @@ _FREE = _APPROACH, Phase.MOVE, Phase.SEEK
 LONGEST_SAMPLES = 2.0
 """Sample times that one sample counts for at most. Chosen: as far off as a control period may be."""
 _NO_OSCILLATION = OscillationState()
+_ROUNDING = 1e-9
+"""Slack for arithmetic, m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +62,10 @@ class ControlLoop:
 
     def __post_init__(self) -> None:
         whole = self.supervisor
-        guards = (Supervisor(leg.limits, whole.speed, whole.witness) for leg in self.program.row.legs)
+        guards = (
+            Supervisor(leg.limits, whole.speed, whole.witness, leg.works_aside or not leg.step.watches_way)
+            for leg in self.program.row.legs
+        )
         object.__setattr__(self, "guards", tuple(guards))
 
     def initial(self, start: Vector) -> LoopState:
@@ -143,7 +148,8 @@ class ControlLoop:
         before, stands, held = state.supervisor, isinstance(way, Stop), False
         last = before if isinstance(way, Stop) else way
         depth, position = last.depth, last.position
-        if intent.phase is _RETRACT and intent.target.depth < before.depth <= depth:
+        aside = math.dist(before.position, position) > _ROUNDING
+        if intent.phase is _RETRACT and intent.target.depth < before.depth <= depth and not aside:
             # Held back at the border of the workspace, a retraction has come as far as it can.
             held = not (isinstance(way, Clamp) and way.goes_on)
             if held and intent.reason is None and intent.leg < len(self.program.row.legs) - 1:  # more to do
@@ -270,5 +276,6 @@ def _observe(sample: Sample, proposal: Proposal, against: float) -> Observation:
         measurement.dt,
         intent.in_contact,
         against,
+        felt.aside,
         measurement.force if free else None,
     )

@@ -73,6 +73,10 @@ class Sample(Struct, frozen=True):
     """Contact force along the third direction of the work frame, N, positive where the tool presses that way. None
     where it is not told, as in recordings of earlier versions: the wrench has it.
     """
+    hidden: float | None = None
+    """Force across the approach that the moments show and the force axes do not, N: 0 where none, or where the tool's
+    end is not known. None where those axes are verified.
+    """
 
     @property
     def orientation(self) -> Quaternion | None:

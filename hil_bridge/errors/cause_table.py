@@ -96,10 +96,12 @@ BEFORE: tuple[CauseRow, ...] = (
     ),
     _refused(
         _C.UNVERIFIED_AXIS,
-        "the tool's weight does not verify an axis that the approach mainly lies on, unless a person takes that on",
+        "nothing verifies axes that carry more than a tenth of a force along the approach, or along a path where no "
+        "moment shows it, and they are not waived",
         _P.CONFIGURATION,
         "tool.mass_kg",
         "limits.weight_tolerance_n",
+        "sensor.verified",
         "sensor.unverified",
         "sensor.unchecked",
         exit_code=CONFIGURATION,
@@ -158,7 +160,13 @@ ENDS: tuple[CauseRow, ...] = (
         words="the path, or a limit that holds it",
         where="the setting that held it, which the first symptom names, and the start of the run",
     ),
-    stop(_C.NO_CONTACT, "no contact found on the way", _P.SURFACE, "task.approach_depth_limit_mm"),
+    stop(
+        _C.NO_CONTACT,
+        "no contact found on the way",
+        _P.SURFACE,
+        "task.approach_depth_limit_mm",
+        "task.unverified_depth_mm",
+    ),
     stop(
         _C.UNANSWERED_TOUCH,
         "a touch that the tool's weight could not vouch for: the force does not rise as the tool goes deeper",

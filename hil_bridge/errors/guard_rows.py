@@ -56,7 +56,8 @@ STOPS: tuple[CauseRow, ...] = (
     ),
     rows.stop(
         _C.WALL,
-        "force against the way along the surface, beyond the friction of the contact force: something is in the way",
+        "force against the way along the surface, beyond the friction of the contact force; where no weight verified "
+        "the axes, the force in any direction across the approach",
         _P.OBSTACLE,
         "limits.against_travel_n",
         "limits.friction_share",
@@ -86,7 +87,7 @@ STOPS: tuple[CauseRow, ...] = (
     rows.stop(
         _C.DEAD_AXIS,
         "an axis that the controlled force mainly lies on did not change since the zero while another moved by a "
-        "tenth of its range",
+        "tenth of its range; or the moments show 10 N across the approach that unverified force axes do not",
         _P.SENSOR,
     ),
     rows.stop(

@@ -100,8 +100,9 @@ class RunEnd:
     """Place at which the tool was left, in words; empty when it never moved."""
     followed: tuple[Reason, ...] = ()
     """Causes after the first one, in order."""
-    rest: Mapping[str, bool | float | None] = field(default_factory=dict)
-    """Place at which the tool was left, as values: retracted, depth_m, force_n; empty when it never moved."""
+    rest: Mapping[str, bool | float | list[str] | None] = field(default_factory=dict)
+    """Place at which the tool was left, as values: retracted, depth_m, force_n, unverified; empty when it never moved.
+    """
     place: str = ""
     """The place alone, in words; empty when it never moved."""
 

@@ -12,8 +12,8 @@ from msgspec.structs import replace
 from hil_bridge.clock import Clock, Heartbeat
 from hil_bridge.control import LoopState, Peaks, Phase, Sample, WristAtOrientation
 from hil_bridge.control.course.intent import CONNECT, TARE
-from hil_bridge.control.course.zero import main_axes
 from hil_bridge.control.program.leg import Leg
+from hil_bridge.control.program.reach import ways_across
 from hil_bridge.devices.robots.seam import (
     Motion,
     MotionLimits,
@@ -35,6 +35,7 @@ from hil_bridge.errors.failures import (
 )
 from hil_bridge.record import CHECK_EVENT, PHASE_EVENT, STOP_EVENT, EventRecord, Outcome
 from hil_bridge.record.ending import Check
+from hil_bridge.runs.axis_evidence import dead_axis_text
 from hil_bridge.runs.bounds import check_depth, run_bounds
 from hil_bridge.runs.cycle_record import Course, cycle_record
 from hil_bridge.runs.leaving import ARRIVED_M, Left, WayOut, in_words, not_away, stand_still
@@ -49,7 +50,7 @@ from hil_bridge.runs.steps_told import StepTeller
 from hil_bridge.runs.watching import Log
 from hil_bridge.runs.zeroing import Zeroing, known_wrist, wrist
 from protocol.geometry import Pose, Quaternion, Vector, angle_between
-from protocol.wrench import AXES, WrenchFrame
+from protocol.wrench import WrenchFrame
 
 THEN_EVENT = "then"
 """Kind of the events whose text is what followed the cause of a stop."""
@@ -164,7 +165,7 @@ class Run:
         self._loop.initial(start.pose.position)  # refuses a start outside the workspace
         check_start(self._config, self._loop, start)
         self._enter(TARE)
-        await self._zeroing.weigh(start)
+        await self._zeroing.weigh(start, ways_across(self._loop.program))
         self._orientation = start.pose.quaternion
         self.moving, moved, answers = True, False, True
         commanded = start.pose.position
@@ -264,8 +265,14 @@ class Run:
         depth, force = await self._way_out.rest(origin, commanded, answers)
         limits = self._config.limits
         away = depth <= ARRIVED_M
-        saturated = bool(self._sensor.saturated)
-        pressing = saturated or not force <= limits.weight_tolerance_n
+        saturated, newest, hidden = bool(self._sensor.saturated), self._sensor.newest, 0.0
+        unverified: tuple[str, ...] = ()
+        if self._state is not None:
+            axes, wrist = self._zeroing.axes, self._wrist_at(self._orientation)
+            if newest is not None and math.isfinite(force):
+                hidden = axes.hidden_at_rest(wrist, self._sensor.wrench(newest), limits.weight_tolerance_n)
+            unverified = axes.unverified(aside=math.hypot(*self._state.program.at) > ARRIVED_M)
+        pressing = saturated or not force <= limits.weight_tolerance_n or hidden > 0.0
         own = math.nan
         if answers and self._loop.supervisor.witness is not None:
             own = await self._zeroing.own_force.beside(force, self._loop.supervisor.witness, self._robot)
@@ -287,7 +294,7 @@ class Run:
         last = self._followed[-1] if self._followed else self._reason
         because = "" if last is None else last.fact
         free = away and not pressing and math.isnan(own)
-        return Left(free, depth, force, because, saturated, own)
+        return Left(free, depth, force, because, saturated, own, hidden, unverified)
 
     async def _cycles(self, motion: Motion) -> None:
         """The cycles from the start point to the end of the retraction."""
@@ -326,6 +333,8 @@ class Run:
             if proposal.trace:
                 self._event(TRACEBACK_EVENT, proposal.trace)
             self._enter(decision.intent.phase)
+            if decision.intent.phase is Phase.TRACK:
+                self._zeroing.axes.tracked = True
             if decision.intent.failed and decision.intent.reason is not None:
                 failed = self._loop.program.where(after.program, decision.intent.reason)
                 remedy = "; ".join(filter(None, (failed.remedy, self._sensor.stands)))
@@ -396,7 +405,7 @@ class Run:
             frame.sequence,
             sensor.repeated,
             saturated or bool(sensor.saturated),
-            self._dead_axis(quaternion),
+            dead_axis_text(self._wrist, self._config.frame.approach, quaternion, sensor.dead),
             "" if fault is None else fault.text,
             wrist.force_along(_TRAVEL, wrench),
             wrench,
@@ -415,6 +424,7 @@ class Run:
             fault_cause=None if fault is None else fault.cause,
             fault_remedy="" if fault is None else fault.remedy,
             force_across=wrist.force_along(_ACROSS, wrench),
+            hidden=self._zeroing.axes.hidden(wrist, wrench, force),
         )
 
     def _frame(self) -> WrenchFrame:
@@ -422,14 +432,6 @@ class Run:
         frame = self._sensor.newest
         assert frame is not None, "the tare waited for a frame"
         return frame
-
-    def _dead_axis(self, quaternion: Quaternion) -> str:
-        """Fault of a force axis that carries most of the controlled force, in words; empty while there is none."""
-        if not self._sensor.dead:
-            return ""
-        main = main_axes(self._wrist, self._config.frame.approach, quaternion)
-        dead = " and ".join(AXES[k] for k in main if k in self._sensor.dead)
-        return dead and f"{dead} of the force sensor did not change since the zero while other axes moved"
 
     def _wrist_at(self, quaternion: Quaternion) -> WristAtOrientation:
         """The wrist at this orientation, made again only when the tool has turned."""

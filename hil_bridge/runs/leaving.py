@@ -79,13 +79,22 @@ class Left:
     """The sensor was at the end of its range, so that the force may be any above."""
     own_force: float = math.nan
     """Length of the force that the robot itself feels, N, where that is no ordinary difference; else NaN."""
+    hidden: float = 0.0
+    """Force across the approach that the moments show and the force axes do not, N."""
+    unverified: tuple[str, ...] = ()
+    """Force axes on which something may press that nothing has verified in this run."""
 
     @property
-    def values(self) -> dict[str, bool | float | None]:
+    def values(self) -> dict[str, bool | float | list[str] | None]:
         """The same as plain values, for the record; None for what is not known."""
         depth = self.depth if math.isfinite(self.depth) else None
-        force = self.force if math.isfinite(self.force) and not self.saturated else None
-        return {"retracted": self.retracted, "depth_m": depth, "force_n": force}
+        known = math.isfinite(self.force) and not self.saturated and not self.hidden
+        return {
+            "retracted": self.retracted,
+            "depth_m": depth,
+            "force_n": self.force if known else None,
+            "unverified": list(self.unverified),
+        }
 
     @property
     def place(self) -> str:
@@ -93,6 +102,10 @@ class Left:
         force = in_words(self.force, self.saturated) if math.isfinite(self.force) else "force unknown"
         if math.isfinite(self.own_force):
             force += f" (the robot itself feels {self.own_force:.0f} N)"
+        if self.hidden:
+            force += f" (the moments show {self.hidden:.0f} N across the approach)"
+        if self.unverified:
+            force += f" ({' '.join(self.unverified)} not verified)"
         if self.retracted:
             return f"retracted, {force}"
         depth = f"{self.depth * 1e3:.1f} mm" if math.isfinite(self.depth) else "an unknown depth"

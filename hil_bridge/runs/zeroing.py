@@ -18,14 +18,17 @@ from hil_bridge.control import (
     weight_fault,
     weight_reading,
 )
+from hil_bridge.control.course.sideways import Lever, is_vouched
 from hil_bridge.control.course.touch import Doubt
-from hil_bridge.control.course.zero import AXES, lost_forces, main_axes, unverified_axes
+from hil_bridge.control.course.zero import AXES, doubtful_axes, lost_forces, unverified_axes
 from hil_bridge.control.geometry.frames import STANDARD_GRAVITY
 from hil_bridge.control.geometry.wrist import NO_WRENCH
 from hil_bridge.devices.robots.seam import Motion, RobotLink, RobotReport
 from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.errors import Cause, ConfigError, DeviceError, SafetyStop
 from hil_bridge.record.ending import Check
+from hil_bridge.runs.axis_evidence import AxisEvidence, lever_of
+from hil_bridge.runs.pace import metres
 from hil_bridge.runs.small_steps import LIFT_SPEED_M_S, SmallSteps, numbers
 from hil_bridge.runs.witness import OwnForce
 from hil_bridge.settings.configuration import Config
@@ -33,6 +36,9 @@ from protocol.geometry import Quaternion, Vector, normalise, product, turn_about
 
 ZERO_PATIENCE_S = 20.0
 """Chosen: how long a zero may take; a UART gateway is deaf for a second after every command, and repeats some."""
+
+
+_ALONG_Z = Lever((0.0, 0.0, 1.0), (0.0, 0.0, 0.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,11 +62,11 @@ def wrist(config: Config) -> Wrist:
     mounting = turn_about((0.0, 0.0, 1.0), math.radians(sensor.mounting_deg))
     return Wrist(
         product(sensor.quaternion, mounting),
-        _metres(sensor.position_mm),
+        metres(sensor.position_mm),
         sensor.flip_fx_mx,
         (*sensor.bias_n, *sensor.bias_nm),
         tool.mass_kg or 0.0,
-        _metres(tool.centre_of_gravity_mm),
+        metres(tool.centre_of_gravity_mm),
     )
 
 
@@ -77,18 +83,13 @@ def known_wrist(config: Config) -> Wrist | None:
         return None
     if not config.sensor.url:
         tool = config.cell.tool
-        return replace(seen, mass=tool.mass_kg, centre_of_gravity=_metres(tool.centre_of_gravity_mm))
+        return replace(seen, mass=tool.mass_kg, centre_of_gravity=metres(tool.centre_of_gravity_mm))
     raise ConfigError(
         "the tool is not known, so the sensor cannot be checked before the robot moves: set tool.mass_kg "
         "(--tool-mass-kg; hil-bridge identify-tool measures it), or sensor.unchecked = true (--unchecked) to take "
         "that on yourself",
         cause=Cause.UNKNOWN_TOOL,
     )
-
-
-def _metres(vector_mm: Vector) -> Vector:
-    x, y, z = vector_mm
-    return x * 1e-3, y * 1e-3, z * 1e-3
 
 
 class Zeroing:
@@ -115,31 +116,37 @@ class Zeroing:
         self._taken_off: tuple[float, ...] | None = NO_WRENCH
         """Contact wrench in the tool frame that the device's zero took off, N and N·m; None while that is not known."""
 
-        self._unverified = False
-        """The weight has not verified an axis that the approach mainly lies on."""
+        self.axes = AxisEvidence(lever_of(config))
+        """Evidence on the force axes that the weight does not verify."""
         self._lost: tuple[float, ...] = ()
         """As `lost_forces`."""
         self._tared = False
         """The device counts from its own zero."""
 
-    async def weigh(self, start: RobotReport) -> None:
-        """See that the sensor is at rest and reads the tool's weight, with nothing moving.
+    async def weigh(self, start: RobotReport, ways: Sequence[Vector]) -> None:
+        """See that the sensor is at rest and reads the tool's weight, with nothing moving. `ways` are the directions in
+        which the run goes across the approach, unit vectors, base frame.
 
-        Raises DeviceError with the axis and what it looks like.
+        Raises DeviceError with the axis and what it looks like, and ConfigError for an axis that nothing verifies.
         """
         self._say(self._told_facts(), Check.FACTS)
         self._quaternion = normalise(start.pose.quaternion)
         self._first = self._before = await self._steps.steady(self._config.task.zero_change_n)
-        limits, approach = self._config.limits, self._config.frame.approach
-        quaternion = start.pose.quaternion
+        limits, frame = self._config.limits, self._config.frame
+        approach, quaternion = frame.approach, start.pose.quaternion
         unverified = unverified_axes(
             self._known, quaternion, limits.weight_tolerance_n, limits.weight_tolerance_nm
         )
         if unverified:
             names = " ".join(AXES[k] for k in unverified)
             self._say(f"not verified by the tool's weight: {names}", Check.UNVERIFIED)
-        main = main_axes(self._wrist, approach, quaternion)
-        self._unverified = bool(set(main) & set(unverified))
+        trusted = self._config.sensor.verified
+        unverified = tuple(k for k in unverified if AXES[k].lower() not in trusted)
+        self.axes.along = doubtful_axes(self._wrist, approach, quaternion, unverified)
+        aside = [
+            doubtful_axes(self._wrist, way, quaternion, unverified) for way in (frame.travel, frame.across)
+        ]
+        self.axes.across = tuple(sorted({k for axes in aside for k in axes}))
         self._lost = lost_forces(self._known, approach, quaternion)
         if self._known is None:
             self._say("sensor unchecked: the tool's weight is not known", Check.UNCHECKED)
@@ -156,7 +163,22 @@ class Zeroing:
                 or "nothing has moved, and hil-bridge free lifts off a tool that presses",
                 cause=Cause.WEIGHT,
             )
-        await self._refuse([k for k in main if k in unverified], start, expected)
+        await self._refuse("the approach presses", self.axes.along, start, expected)
+        open_ways = {
+            k
+            for way in ways
+            if not self._is_vouched(way, quaternion)
+            for k in doubtful_axes(self._wrist, way, quaternion, unverified)
+        }
+        await self._refuse("the run goes", sorted(open_ways), start, expected)
+
+    def _is_vouched(self, way: Vector, quaternion: Quaternion) -> bool:
+        """Whether moments tell a force in this direction, base frame. A tool whose end is not known is taken to point
+        along its z axis.
+        """
+        (direction,) = self._wrist.at_orientation(quaternion, quaternion, way).directions
+        x, y, z = direction
+        return is_vouched(self.axes.lever or _ALONG_Z, (x, y, z))
 
     def _in_grams(self, quaternion: Quaternion) -> str:
         """A hint for a mass that is told in g; empty where it is none."""
@@ -170,8 +192,12 @@ class Zeroing:
             return ""
         return f"nothing has moved; tool.mass_kg is in kg: did you mean {lighter.mass:g}?"
 
-    async def _refuse(self, axes: Sequence[int], start: RobotReport, expected: Sequence[float]) -> None:
-        """Raise ConfigError for an axis that nothing has verified, unless a person takes it on."""
+    async def _refuse(
+        self, what: str, axes: Sequence[int], start: RobotReport, expected: Sequence[float]
+    ) -> None:
+        """Raise ConfigError for an axis that nothing has verified, unless a person takes it on. `what` says what goes
+        along these axes.
+        """
         sensor, limits = self._config.sensor, self._config.limits
         left = [AXES[k] for k in axes if AXES[k].lower() not in sensor.unverified]
         if not left or sensor.unchecked:
@@ -182,16 +208,17 @@ class Zeroing:
         )
         names = ", ".join(f'"{name.lower()}"' for name in left)
         raise ConfigError(
-            f"the approach presses on {told}, which the tool's weight does not verify: it takes more than "
+            f"{what} on {told}, which the tool's weight does not verify: it takes more than "
             f"{limits.weight_tolerance_n:g} N (limits.weight_tolerance_n); correct tool.mass_kg, take a heavier tool, "
-            f"hold it so that its weight lies on the approach, or take it on with sensor.unverified = [{names}] "
-            f"(--unverified {left[0].lower()}): then each touch is tested",
+            "hold it so that its weight lies there, let identify-tool verify the axes (sensor.verified), or take it on "
+            f"with sensor.unverified = [{names}] (--unverified {left[0].lower()}): then each touch is tested, and an "
+            f"approach goes no farther than {self._config.task.unverified_depth_mm:g} mm (task.unverified_depth_mm)",
             cause=Cause.UNVERIFIED_AXIS,
         )
 
     def doubt(self, force: float) -> Doubt:
         """Why a touch that shows with this force along the approach, N, must be proven."""
-        if self._unverified:
+        if self.axes.along:
             return Doubt.AXIS
         threshold, near = self._config.task.contact_threshold_n, self._config.task.zero_change_n
         if any(lost > threshold and abs(force - lost) <= near for lost in self._lost):

@@ -149,8 +149,11 @@ class SensorConfig(_Section):
     """
     unverified: tuple[Literal["fx", "fy", "fz"], ...] = ()
     """Axes that a person takes on although the tool's weight cannot verify them: the tool is light, or its weight does
-    not lie on them. Each touch along them is then tested: the force must rise as the tool goes deeper.
+    not lie on them. Each touch along them is then tested: the force must rise as the tool goes deeper. An approach goes
+    no farther than `task.unverified_depth_mm`.
     """
+    verified: tuple[Literal["fx", "fy", "fz"], ...] = ()
+    """Axes that `identify-tool` has verified by turning this sensor with this tool, in this mounting."""
     tare: bool = True
     """Take the sensor's reading before the movement for zero, whatever it is. Otherwise only the bias given here and
     the tool's weight are taken off, so that a force that is there already is seen.

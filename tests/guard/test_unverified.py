@@ -91,3 +91,17 @@ def test_a_healthy_axis_that_a_person_takes_on_tracks(guarded: Run, robot: str, 
     run = guarded(light(robot, stiffness, [], taken_on=True))
     assert run.result.outcome is Outcome.COMPLETED, run.cause
     assert any(record.phase == "track" for record in run.cycles)
+
+
+@ROBOTS
+@SURFACES
+def test_waived_dead_axis_presses_no_farther_than_its_depth(
+    guarded: Run, robot: str, stiffness: float
+) -> None:
+    """From 1 mm above the surface 3 mm go 2 mm deep."""
+    run = guarded(light(robot, stiffness, [from_power_up("dead")], taken_on=True))
+    assert run.result.outcome is Outcome.STOPPED
+    assert "no contact found within 3 mm" in run.cause
+    assert "task.unverified_depth_mm" in run.cause
+    assert run.largest <= 2.05e-3 * stiffness
+    assert run.result.left.endswith("(Fz not verified)")

@@ -29,6 +29,10 @@ Chosen: five poses that turn the tool by 11° to either side about two axes have
 three times worse than 35° to either side.
 """
 
+_SWING_N = 1.0
+"""Range of an axis from which its residuals verify it, N. Chosen: the usual tolerance of the weight."""
+_FOLLOWS_SHARE = 0.1
+"""Chosen: residuals of an axis as a share of its range, up to which it is verified: a sensor mounted 6° off."""
 _ADVICE = "turn the tool by 60° or more about two level axes"
 _SIGNIFICANT = 5.0
 """Chosen: a mass below this many standard uncertainties does not tell a centre of gravity."""
@@ -66,6 +70,8 @@ class ToolEstimate:
     """Reading less what the estimate explains, for each pose, sensor frame, N and N·m, shape (n, 6)."""
     turned: float
     """Largest angle between two directions of the weight in the tool frame, rad."""
+    swings: tuple[float, ...]
+    """Range of each force axis over the poses, sensor frame, N, shape (3,)."""
 
     @property
     def force_residual(self) -> float:
@@ -76,6 +82,16 @@ class ToolEstimate:
     def moment_residual(self) -> float:
         """Root mean square of the residuals of moments, N·m."""
         return _rms(np.array(self.residuals)[:, 3:])
+
+    @property
+    def verified(self) -> tuple[int, ...]:
+        """Numbers of the force axes that followed the turning weight: alive, with the right sign and scale."""
+        rest = np.array(self.residuals)
+        return tuple(
+            k
+            for k, swing in enumerate(self.swings)
+            if swing >= _SWING_N and _rms(rest[:, k]) <= _FOLLOWS_SHARE * swing
+        )
 
 
 def identify_tool(poses: Sequence[ToolPose], wrist: Wrist) -> ToolEstimate:
@@ -121,6 +137,7 @@ def identify_tool(poses: Sequence[ToolPose], wrist: Wrist) -> ToolEstimate:
         tuple(np.sqrt(variances).tolist()),
         tuple(map(tuple, np.hstack([force_rest, moment_rest]).tolist())),
         turned,
+        tuple(np.ptp(readings[:, :3], axis=0).tolist()),
     )
 
 

@@ -26,6 +26,10 @@ class TaskParameters:
     """Depth added at most in an approach before it is given up; so far at most does a sensor that does not answer let
     it press. Chosen: the start is taken to be some 10 mm above the surface.
     """
+    unverified_depth_mm: float = 3.0
+    """The same where nothing has verified the axis that measures the force. A dead one lets the tool press so far, less
+    its distance from the surface. Chosen: 15 N on 5 kN/m, and 150 N on 50 kN/m.
+    """
     search_depth_limit_mm: float = 5.0
     """Depth added at most after a contact loss before the surface counts as ended: an edge is no hole to dive
     into.
@@ -98,6 +102,7 @@ class TaskParameters:
             "approach_speed_mm_s",
             "expected_stiffness_n_m",
             "approach_depth_limit_mm",
+            "unverified_depth_mm",
             "search_depth_limit_mm",
             "contact_threshold_n",
             "loss_ms",

@@ -87,7 +87,7 @@ def _advance(limits: Limits, before: Retreat, seen: Observation) -> Retreat:
 
 def _ahead(seen: Observation) -> float:
     """Force from where the tool was going: along the approach, and against the travel, from which it yields, N."""
-    return math.hypot(max(seen.sample.force, 0.0), max(seen.against, 0.0))
+    return math.hypot(max(seen.sample.force, 0.0), max(seen.against, seen.aside, 0.0))
 
 
 def _from_front(limits: Limits, seen: Observation) -> bool:

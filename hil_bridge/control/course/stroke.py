@@ -185,12 +185,17 @@ class Stroke:
         ahead = measurement.commanded - measurement.position
         share = _CLOSING if self.position_step is None else 1.0
         depth = measurement.commanded + self.careful_step(ahead, measurement.dt, share)
-        limit_mm = self.parameters.approach_depth_limit_mm
-        if depth - turn > limit_mm * 1e-3 + _ROUNDING:
-            text = (
-                f"no contact found within {limit_mm:g} mm: start nearer, or set task.approach_depth_limit_mm "
-                "(at_most_mm of a step)"
+        limit_mm, setting = (
+            self.parameters.approach_depth_limit_mm,
+            "task.approach_depth_limit_mm (at_most_mm of a step)",
+        )
+        if state.doubt is Doubt.AXIS and limit_mm > self.parameters.unverified_depth_mm:
+            limit_mm, setting = (
+                self.parameters.unverified_depth_mm,
+                "task.unverified_depth_mm, for an axis is not verified",
             )
+        if depth - turn > limit_mm * 1e-3 + _ROUNDING:
+            text = f"no contact found within {limit_mm:g} mm: start nearer, or set {setting}"
             return self._give_up(state, measurement, Reason(Cause.NO_CONTACT, text))
         state = replace(state, turn=turn)
         if self._beyond_edge(state, depth):

@@ -16,6 +16,7 @@ from msgspec.structs import replace
 from hil_bridge.control.course import orientation, retreat
 from hil_bridge.control.course.free_space import FreeSpace, lifeless, watch_sample
 from hil_bridge.control.course.limits import Limits
+from hil_bridge.control.course.sideways import HIDDEN_N
 from hil_bridge.control.course.verdict import (
     LEAVES,
     NO_FARTHER,
@@ -46,6 +47,8 @@ class Supervisor:
     """Path velocity that the robot is given, m/s: a reported position that moves faster is not true."""
     witness: Witness | None = None
     """The rule for the robot's own force; None where it tells none."""
+    presses_aside: bool = False
+    """The tool may press against what is beside its way: a force from there is judged by `force_limit_n`."""
 
     def initial(self, position: Vector, depth: float = 0.0) -> SupervisorState:
         """State for a robot that stands at this position in the base frame and at this depth, m.
@@ -222,6 +225,8 @@ class Supervisor:
                 f"{limits.against_travel_n:g} N: something stands in the way"
             )
             return Stop(Cause.WALL, text)
+        if seen.aside and (stop := self._unsure_aside(seen)):
+            return stop
         if sample.saturated:
             return Stop(Cause.SATURATED, "the force sensor is at the end of its range")
         if -force > limits.pull_limit_n:
@@ -264,6 +269,24 @@ class Supervisor:
                 "or the direction is no unit vector"
             )
             return Stop(Cause.INCONSISTENT, text)
+        return None
+
+    def _unsure_aside(self, seen: Observation) -> Stop | None:
+        """Why a force across the approach ends the run, where nothing verified its axes; None while it may be."""
+        limits, hidden = self.limits, seen.sample.hidden or 0.0
+        if hidden > HIDDEN_N:
+            text = f"the moments show {hidden:.1f} N across the approach, the force axes do not: one is dead or wrong"
+            return Stop(Cause.DEAD_AXIS, text)
+        allowed = limits.force_limit_n if self.presses_aside else limits.against_travel_n
+        if (
+            seen.aside > allowed
+            and (beyond := beyond_friction(seen.aside, seen.sample.force, limits.friction_share)) > allowed
+        ):
+            text = (
+                f"a force of {seen.aside:.1f} N across the approach is {beyond:.1f} N more than friction, allowed are "
+                f"{allowed:g} N; no weight has verified its direction"
+            )
+            return Stop(Cause.WALL, text)
         return None
 
     def _untrue_pose(self, state: SupervisorState, sample: Sample, tilt: float) -> Stop | None:

@@ -26,6 +26,10 @@ class Observation(Struct, frozen=True):
     """Whether the tool is taken to be in contact."""
     against: float = 0.0
     """Contact force against the way, N; 0 where it is not known."""
+    aside: float = 0.0
+    """Length of the contact force across the approach, or what the moments tell of it, whichever is more, N. 0 where
+    the axes that measure it are verified.
+    """
     free_force: float | None = None
     """Contact force along the approach direction from the newest zero while the tool moves through free space, N; None
     elsewhere.

@@ -4,7 +4,7 @@ A reading is the mean of some frames in the sensor frame, fx fy fz in N and mx m
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +15,11 @@ from protocol.geometry import Quaternion
 
 AXES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 """Names of the sensor's axes, in the order of a reading."""
+
+UNVERIFIED_SHARE = 0.1
+"""Chosen: part of a force that may lie on axes which nothing has verified. Were they mirrored, the sensor would tell 80
+% of it.
+"""
 
 MAIN_SHARE = 0.5
 """Share of the approach direction on a sensor's axis from which that axis matters. Chosen: tilted by less than 60°."""
@@ -111,6 +116,20 @@ def unverified_axes(
     weight = weight_reading(replace(wrist, bias=NO_WRENCH), quaternion)
     tolerances = (tolerance_n,) * 3 + (tolerance_nm,) * 3
     return tuple(k for k, limit in enumerate(tolerances) if not abs(weight[k]) > limit)
+
+
+def doubtful_axes(
+    wrist: Wrist, direction: Sequence[float], quaternion: Quaternion, unverified: Collection[int]
+) -> tuple[int, ...]:
+    """Numbers of the force axes, of those that nothing has verified, on which too much of a force in this direction
+    lies; empty where they carry no more than `UNVERIFIED_SHARE` of it together. `direction` is a unit vector, base
+    frame.
+    """
+    shares = wrist.seen_by_sensor(direction, quaternion).tolist()
+    parts = {k: shares[k] ** 2 for k in range(3) if k in unverified}
+    if sum(parts.values()) <= UNVERIFIED_SHARE:
+        return ()
+    return tuple(k for k, part in parts.items() if part > UNVERIFIED_SHARE / 3.0)
 
 
 def main_axes(wrist: Wrist, approach: Sequence[float], quaternion: Quaternion) -> tuple[int, ...]:

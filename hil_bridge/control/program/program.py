@@ -20,7 +20,7 @@ from hil_bridge.control.program.leg import Leg, Row, StepFailed
 from hil_bridge.control.program.orienting import heading_of, turn_tool
 from hil_bridge.control.program.outcome import cut, ending, outcome
 from hil_bridge.control.program.state import Felt, ProgramState, Tally
-from hil_bridge.control.program.yielding import yield_to
+from hil_bridge.control.program.yielding import go_back, yield_to
 from hil_bridge.control.sample import Sample
 from hil_bridge.control.steps.paths import Place
 from hil_bridge.control.steps.seam import Taken
@@ -246,10 +246,15 @@ class Program:
         if state.began is not None:
             done = cut(state, self.row.legs[state.leg], felt.sample.now, state.reason)
             state = replace(state, done=(*state.done, done), began=None)
-        way = self.stroke.way(self.parameters.retract_speed_mm_s, felt.measurement.dt)
-        works_aside = self.row.legs[state.leg].works_aside
-        state = yield_to(state, felt, (way, self.stroke.friction_share), works_aside)
+        before, way = state.at, self.stroke.way(self.parameters.retract_speed_mm_s, felt.measurement.dt)
+        works_aside, phase = self.row.legs[state.leg].works_aside, self.row.legs[state.leg].phase
+        if state.failed and phase in (_MOVE, Phase.SEEK):
+            state = go_back(state, felt, way)
+        else:
+            state = yield_to(state, felt, (way, self.stroke.friction_share), works_aside)
         stroke, order = self.stroke.step(state.stroke, felt.measurement)
+        if state.at != before and stroke.phase is _END:  # not before the tool is off what pushed it
+            stroke = replace(stroke, phase=_RETRACT)
         state = replace(state, stroke=stroke)
         intent = self._intent(state, order)
         aside = math.hypot(felt.force[1], felt.force[2])

@@ -7,6 +7,7 @@ from hil_bridge.control.course.intent import Phase
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.program.felt import WorkFrame
 from hil_bridge.control.program.leg import Row
+from hil_bridge.control.program.program import Program
 from hil_bridge.errors import StepError
 from protocol.geometry import Vector
 
@@ -63,3 +64,22 @@ def outermost(row: Row, frame: WorkFrame, start: Vector) -> list[tuple[str, Vect
             for choose in (min, max):
                 found.setdefault(choose(places, key=itemgetter(axis)), label)
     return [(label, place) for place, label in found.items()]
+
+
+def ways_across(program: Program) -> tuple[Vector, ...]:
+    """Directions in which a program goes across the approach, unit vectors, base frame; both axes of the work frame
+    where they are many, or known in the run alone.
+    """
+    frame, headings = program.frame, set()
+    for leg in program.row.legs:
+        if leg.way is not None:
+            headings |= set(leg.way.headings)
+        if leg.phase is Phase.MOVE or leg.works_aside:
+            headings |= {(1.0, 0.0), (0.0, 1.0)}
+    if len(headings) > 2:
+        headings = {(1.0, 0.0), (0.0, 1.0)}
+    found = []
+    for h, k in sorted(headings):
+        x, y, z = (h * u + k * v for u, v in zip(frame.x, frame.y, strict=True))
+        found.append((x, y, z))
+    return tuple(found)

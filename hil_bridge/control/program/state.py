@@ -1,5 +1,6 @@
 """The state of a program from one sample to the next, and its input beside a measurement."""
 
+import math
 from typing import Any
 
 from msgspec import Struct
@@ -26,6 +27,14 @@ class Felt(Struct, frozen=True):
     """Contact force along the approach, x and y, N, positive where the tool presses that way; from the newest zero."""
     wrench: tuple[float, ...]
     """Contact wrench in the tool frame from the newest zero, N and N·m, (6,); empty where it is not known."""
+
+    @property
+    def aside(self) -> float:
+        """Length of the force across the approach, or what the moments tell of it, whichever is more, N. 0 where the
+        axes that measure it are verified.
+        """
+        hidden = self.sample.hidden
+        return 0.0 if hidden is None else max(math.hypot(self.force[1], self.force[2]), hidden)
 
     def against(self, heading: Place) -> float:
         """Force against a way in this direction of the work frame, N."""

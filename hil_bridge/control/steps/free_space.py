@@ -22,6 +22,10 @@ _ROUNDING = 1e-9
 """Slack for sums of steps, m."""
 _THERE = 0.5e-3
 """Chosen: distance from the place at which the tool counts as arrived, m."""
+_UNSURE_N = 5.0
+"""Chosen: force across the approach from which it must be one against the way, N, where nothing verified the axes."""
+_UNSURE_SHARE = 3.0
+"""Chosen: how many times the force against the way it may be: a face that is met at less than 70°."""
 _PATIENCE_S = 5.0
 """Chosen: time after the last order within which the tool must come to its place."""
 _AS_AT_HOME = math.radians(0.5)
@@ -32,7 +36,7 @@ def move(step: "Move", leg: Leg, state: ProgramState, felt: Felt) -> Taken:
     """Up to the safe height, across, and wait there until the tool has come."""
     task, measurement, now = leg.stroke, felt.measurement, felt.sample.now
     touch = step.contact_n or task.parameters.contact_threshold_n
-    depth, force = measurement.commanded, math.hypot(*felt.force)
+    depth, force = measurement.commanded, max(math.hypot(*felt.force), felt.sample.hidden or 0.0)
     if force > touch:
         text = f"the tool touches something in free space, with {force:.1f} N"
         return Taken(state, Order(Phase.MOVE, depth), trouble=Reason(Cause.TOUCH, text))
@@ -67,6 +71,9 @@ def seek(step: "Seek", leg: Leg, state: ProgramState, felt: Felt) -> Taken:
     )
     if state.stage == 0:
         force = felt.against((h, k))
+        if felt.aside > max(_UNSURE_N, _UNSURE_SHARE * force) and force < felt.aside:
+            text = f"{felt.aside:.1f} N across the approach, {force:.1f} N against the way: an axis is dead or wrong"
+            return Taken(state, order, trouble=Reason(Cause.DEAD_AXIS, text))
         if force > task.parameters.contact_threshold_n:
             back = max(reported - step.back_off_mm * 1e-3, 0.0)
             state = replace(state, stage=1, stage_at=back, since=now, found=(felt.sample.position, 1))

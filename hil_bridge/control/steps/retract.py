@@ -58,14 +58,15 @@ class Retract(Step):
         return ((begin[0] * 1e-3, begin[1] * 1e-3),), leg.stroke.parameters.retract_mm * 1e-3
 
     def take(self, leg: Leg, state: ProgramState, felt: Felt) -> Taken:
-        way = leg.stroke.way(leg.stroke.parameters.retract_speed_mm_s, felt.measurement.dt)
+        before, way = state.at, leg.stroke.way(leg.stroke.parameters.retract_speed_mm_s, felt.measurement.dt)
         state = yield_to(state, felt, (way, leg.stroke.friction_share), leg.works_aside)
         taken = take_stroke(leg, state, felt.measurement)
         stroke = taken.state.stroke
         if stroke.phase is not Phase.END:
             return taken
+        done = state.at == before  # not before the tool is off what pushed it
         return replace(
-            taken, state=replace(taken.state, stroke=replace(stroke, phase=Phase.RETRACT)), done=True
+            taken, state=replace(taken.state, stroke=replace(stroke, phase=Phase.RETRACT)), done=done
         )
 
     def describe(self, parameters: TaskParameters) -> Iterator[str]:

@@ -10,6 +10,7 @@ from hil_bridge.control import ToolEstimate, ToolPose
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.text_files import read_text, toml_value
 
+FORCE_AXES = ("fx", "fy", "fz")
 _AXES = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
 ORIENTATION_COLUMNS = ("qw", "qx", "qy", "qz")
 """Tool in base; need not have unit length."""
@@ -81,6 +82,7 @@ mass_kg = {round(estimate.mass, 5)!r}  # ± {estimate.mass_uncertainty:.5f}
 centre_of_gravity_mm = {vector(centre_mm, 3)}  # ± {vector(centre_uncertainty_mm, 3)}
 
 [sensor]
+verified = {toml_value([FORCE_AXES[k] for k in estimate.verified])}  # axes that followed the turning weight
 bias_n = {vector(estimate.bias[:3], 5)}  # ± {vector(estimate.bias_uncertainty[:3], 5)}
 bias_nm = {vector(estimate.bias[3:], 6)}  # ± {vector(estimate.bias_uncertainty[3:], 6)}
 """
