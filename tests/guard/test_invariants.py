@@ -18,10 +18,11 @@ from hil_bridge.lab.invariants import (
     Evidence,
     Promise,
     Trace,
+    World,
+    added_n,
     broken_promises,
     stated_bound_n,
     violation_text,
-    void_reasons,
 )
 from hil_bridge.lab.invariants.recorded import promises_broken
 from hil_bridge.record import EventRecord, Recording
@@ -164,20 +165,102 @@ def test_an_unknown_force_is_no_lie(healthy: Evidence) -> None:
     assert broken_promises(replace(stopped, exit_code=3)) == ()
 
 
-def test_a_fault_voids_what_the_table_says(healthy: Evidence) -> None:
-    surface = FaultConfig(on="surface", fault="step", phase="track")
-    moved = replace(healthy, config=healthy.config.model_copy(update={"faults": (surface,)}))
-    assert broken_promises(hard(moved)) == ()
-    assert [violation.promise for violation in broken_promises(decided_otherwise(moved))] == [Promise.REPLAY]
+def faulted(evidence: Evidence, *faults: dict[str, Any]) -> Evidence:
+    """The same run as one with these faults."""
+    rows = tuple(FaultConfig.model_validate(fault) for fault in faults)
+    return replace(evidence, config=evidence.config.model_copy(update={"faults": rows}))
 
 
-@pytest.mark.parametrize(
-    ("how", "void"),
-    [({"phase": "connect"}, False), ({"phase": "track"}, True), ({"phase": "tare", "after_s": 0.1}, True)],
-)
-def test_a_fault_that_the_check_can_find_voids_nothing(how: dict[str, Any], void: bool) -> None:
-    dead = FaultConfig(on="signal", fault="dead", **how)
-    assert bool(void_reasons(Promise.BOUND, [dead])) is void
+ADDED: list[tuple[dict[str, Any], float]] = [
+    ({"on": "surface", "fault": "step", "phase": "track"}, 5.0),  # 1 mm at 5 kN/m
+    ({"on": "surface", "fault": "step", "phase": "track", "with": {"mm": -4.0}}, 20.0),
+    ({"on": "surface", "fault": "swings", "phase": "track"}, 10.0),
+    ({"on": "surface", "fault": "rises", "phase": "track", "for_s": 0.5, "with": {"mm_s": 20.0}}, 50.0),
+    ({"on": "surface", "fault": "rises", "phase": "track", "for_s": 0.5, "with": {"mm_s": -20.0}}, 0.0),
+    ({"on": "signal", "fault": "offset", "phase": "track"}, 20.0),
+    ({"on": "signal", "fault": "offset", "phase": "connect"}, 0.0),  # the check before the run finds it
+    ({"on": "signal", "fault": "offset", "phase": "track", "with": {"axis": "mx"}}, 0.0),
+    ({"on": "signal", "fault": "drift", "phase": "track", "for_s": 2.0, "with": {"per_s": -0.5}}, 1.0),
+    ({"on": "signal", "fault": "scale", "phase": "track", "with": {"factor": 0.8}}, 25.0),
+    ({"on": "signal", "fault": "scale", "phase": "track", "with": {"factor": 2.0}}, 0.0),
+    ({"on": "signal", "fault": "dead", "phase": "track", "with": {"axis": "fx"}}, 0.0),  # across the approach
+    ({"on": "signal", "fault": "dead", "phase": "track"}, 75.0),  # 15 mm of approach
+    ({"on": "signal", "fault": "dead", "phase": "tare", "after_s": 0.1}, 75.0),
+    ({"on": "signal", "fault": "dead", "phase": "connect"}, 0.0),
+    ({"on": "sensor-wire", "fault": "late", "phase": "track", "with": {"ms": 100.0}}, 5.5),
+    ({"on": "sensor-wire", "fault": "late", "phase": "track", "with": {"ms": 5000.0}}, 11.0),
+    ({"on": "sensor-wire", "fault": "late", "phase": "connect", "with": {"ms": 5000.0}}, 275.0),
+    ({"on": "sensor-wire", "fault": "twice", "phase": "track"}, 0.0),
+    ({"on": "pose", "fault": "offset", "phase": "track", "with": {"x_mm": 3.0, "z_mm": 4.0}}, 25.0),
+    ({"on": "pose", "fault": "offset", "phase": "track", "with": {"z_mm": 400.0}}, 50.0),
+    ({"on": "computer", "fault": "pause", "phase": "track", "with": {"seconds": 0.2}}, 11.0),
+]
+"""Faults, and what each adds to the bound at 5 kN/m and 11 mm/s, N."""
+
+
+@pytest.mark.parametrize(("fault", "newtons"), ADDED, ids=lambda value: str(value)[:60])
+def test_a_fault_adds_its_number_to_the_bound(fault: dict[str, Any], newtons: float) -> None:
+    world = World(hil_bridge.load({}), 5e3, 11e-3, 0.3, 20.0, (0.0, 0.0, -1.0))
+    assert added_n([FaultConfig.model_validate(fault)], world) == pytest.approx(newtons)
+
+
+def test_a_surface_that_rises_adds_the_way_it_rises(healthy: Evidence) -> None:
+    """A rise by 10 mm adds 50 N: 40 N beyond the bound are those of the surface, of 60 N the guard has 10 N."""
+    fault = {"on": "surface", "fault": "step", "phase": "track", "with": {"mm": 10.0}}
+    assert healthy.trace is not None
+    for beyond_n, broken in ((40.0, []), (60.0, [Promise.BOUND])):
+        forces = healthy.trace.forces.copy()
+        forces[3] = stated_bound_n(healthy) + beyond_n
+        told = broken_promises(faulted(traced(healthy, forces=forces), fault))
+        assert [violation.promise for violation in told] == broken
+
+
+def test_a_force_to_the_side_has_the_bound_of_the_resultant(healthy: Evidence) -> None:
+    assert healthy.trace is not None
+    vectors = np.zeros((len(healthy.trace.times), 3))
+    for side_n, broken in ((90.0, []), (300.0, [Promise.BOUND])):
+        vectors[3] = side_n, 0.0, 0.0
+        told = broken_promises(traced(healthy, forces=np.linalg.norm(vectors, axis=1), vectors=vectors))
+        assert [violation.promise for violation in told] == broken
+
+
+@pytest.mark.parametrize("on", sorted({row.on for row in VOIDS}))
+def test_no_fault_excuses_an_end_told_free_that_presses(healthy: Evidence, on: str) -> None:
+    """A drift left 85 N, and the run told "retracted, 0.0 N"."""
+    row = next(row for row in VOIDS if row.on == on)
+    fault = {"on": on, "fault": min(row.faults, default="above"), "phase": "track"}
+    assert healthy.trace is not None
+    pressed = traced(healthy, forces=last(healthy.trace.forces, 85.0))
+    told = {violation.promise for violation in broken_promises(faulted(pressed, fault))}
+    assert {Promise.END, Promise.LAST_LINE} <= told
+
+
+def test_an_end_that_names_its_unverified_axes_is_told(healthy: Evidence) -> None:
+    assert healthy.trace is not None
+    both = {Promise.END, Promise.LAST_LINE}
+    pressed = traced(healthy, forces=last(healthy.trace.forces, 30.0))
+    assert {one.promise for one in broken_promises(pressed)} == both
+    assert broken_promises(rest(pressed, unverified=["fx"])) == ()
+    vectors = np.zeros((len(healthy.trace.times), 3))
+    vectors[-1, 0] = 30.0  # along the sensor's x axis
+    pressed = traced(pressed, vectors=vectors)
+    assert broken_promises(rest(pressed, unverified=["Fx"])) == ()
+    told = {one.promise for one in broken_promises(rest(pressed, unverified=["Fy"]))}
+    assert told == both, "an axis across excuses nothing"
+
+
+def test_a_sensor_that_lies_may_tell_too_much(healthy: Evidence) -> None:
+    offset = {"on": "signal", "fault": "offset", "phase": "track"}
+    assert broken_promises(faulted(rest(healthy, force_n=25.0), offset)) == ()
+    assert [one.promise for one in broken_promises(rest(healthy, force_n=25.0))] == [Promise.LAST_LINE]
+
+
+def test_a_robot_that_lies_is_off_by_its_number_alone(healthy: Evidence) -> None:
+    fault = {"on": "pose", "fault": "offset", "phase": "track", "with": {"z_mm": 5.0}}
+    depth_m = json.loads(healthy.recording.end["rest"])["depth_m"]
+    for off_m, broken in ((5e-3, []), (8e-3, [Promise.LAST_LINE])):
+        told = faulted(rest(healthy, depth_m=depth_m + off_m), fault)
+        assert [one.promise for one in broken_promises(told, without=(Promise.MODEL,))] == broken
 
 
 def test_the_table_names_faults_that_there_are() -> None:
@@ -188,7 +271,7 @@ def test_the_table_names_faults_that_there_are() -> None:
                 known.setdefault(on, set()).update(faults)
     for row in VOIDS:
         assert row.faults <= known[row.on], row
-        assert row.promises <= set(Promise)
+        assert not row.voids & {Promise.BOUND, Promise.END, Promise.LAST_LINE}, "these have numbers, or none"
 
 
 def test_a_recording_alone_is_judged_by_its_own_truth(healthy: Evidence) -> None:

@@ -16,6 +16,8 @@ from hil_bridge.runs.setup import Setup
 
 MOST_FAULTS = 9
 """Most faults of a run. Chosen: a person can still tell which of them did it."""
+MOST_WEIGHT = 1000
+"""Most chances of one option of a list. Chosen: rarer ones come in no campaign of a night."""
 _FAULT_KEYS = ("on", "fault", "phase", "after_s", "for_s", "when", "with")
 Problem = tuple[str, str]
 """Key, and what is wrong with it."""
@@ -58,7 +60,9 @@ def try_options(draw: Draw, config: str) -> Tried:
             ends = [_refusal(config, setting.values(number)) for number in (0.0, 1.0)]
             problems += [text for text in ends if text][:1]
             continue
-        texts = [_refusal(config, one) for one in setting.options]
+        distinct = {json.dumps(one, sort_keys=True): one for one in setting.options}
+        refusals = {text: _refusal(config, one) for text, one in distinct.items()}
+        texts = [refusals[json.dumps(one, sort_keys=True)] for one in setting.options]
         if all(texts):
             problems.append(texts[0])
         impossible += [(setting.key, place) for place, text in enumerate(texts) if text]
@@ -111,11 +115,18 @@ def _setting(key: str, value: object) -> Setting:
         return Setting(key, between)
     if not isinstance(value, list) or not value:
         raise ValueError(f"must be a range or a list, got {format_value(value)}")
-    options = [dict(_flat(one)) if isinstance(one, dict) else {key: one} for one in value]
-    for one in options:
-        one.pop("label", None)
-        if any(name == "run.seed" or name.startswith("faults") for name in one):
+    options: list[dict[str, Any]] = []
+    for one in value:
+        option = dict(_flat(one)) if isinstance(one, dict) else {key: one}
+        option.pop("label", None)
+        weight = option.pop("weight", 1)
+        if type(weight) is not int or not 1 <= weight <= MOST_WEIGHT:
+            raise ValueError(
+                f"weight must be a whole number from 1 to {MOST_WEIGHT}, got {format_value(weight)}"
+            )
+        if any(name == "run.seed" or name.startswith("faults") for name in option):
             raise ValueError("cannot be drawn here: faults and seeds have their own settings")
+        options += [option] * weight
     return Setting(key, None, tuple(options))
 
 

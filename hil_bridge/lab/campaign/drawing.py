@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 import msgspec
 
 from hil_bridge.devices.kinds import EmulatedKinds
-from hil_bridge.lab.invariants import Promise, void_reasons
+from hil_bridge.lab.invariants import rows_of
 from hil_bridge.runs.faults.lying import CONTROLLER, CONTROLLER_FAULTS
 from hil_bridge.settings.faults import FaultConfig
 
@@ -219,7 +219,7 @@ def _honest(table: dict[str, Any]) -> dict[str, Any]:
 
 
 def _voids(table: Mapping[str, Any]) -> bool:
-    return bool(void_reasons(Promise.BOUND, [FaultConfig.model_validate(table)]))
+    return bool(rows_of(FaultConfig.model_validate(table)))
 
 
 def fits(table: Mapping[str, Any], robot: str, sensor: str, surface: str) -> bool:

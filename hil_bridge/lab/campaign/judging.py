@@ -14,12 +14,10 @@ from hil_bridge.lab.campaign.striking import struck_causes, struck_faults
 from hil_bridge.lab.campaign.watching import Watch, recovery_s
 from hil_bridge.lab.invariants import (
     Evidence,
-    Promise,
-    Trace,
     broken_promises,
+    judged_forces,
     stated_bound_n,
     violation_words,
-    void_reasons,
 )
 from hil_bridge.record.analysis.summary import summarise
 from hil_bridge.runs.beside import going_on
@@ -149,7 +147,7 @@ def _measure(seen: _Seen, running: Simulation) -> Ran:
 
 def _promises(running: Simulation, watch: Watch) -> dict[str, Figure]:
     """The promises of the guard that a run did not keep, and how far its true force was beyond the bound."""
-    trace = Trace(*watch.truth(), watch.positions())
+    trace = watch.trace()
     evidence = Evidence(running.result.recording, running.config, trace)
     violations = broken_promises(evidence)
     figures: dict[str, Figure] = {"promises_broken": len(violations)}
@@ -161,6 +159,7 @@ def _promises(running: Simulation, watch: Watch) -> dict[str, Figure]:
     bound_n = stated_bound_n(evidence)
     if math.isfinite(bound_n):
         figures["force_bound_n"] = bound_n
-        if not void_reasons(Promise.BOUND, running.config.faults):
-            figures["force_beyond_n"] = float(trace.forces.max()) - bound_n
+        beyond = [float(forces.max()) - allowed_n for forces, allowed_n in judged_forces(evidence, trace)]
+        if math.isfinite(max(beyond)):
+            figures["force_beyond_n"] = max(beyond)
     return figures

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hil_bridge.api import Simulation
+from hil_bridge.lab.invariants import Trace
 from hil_bridge.record import Recording
 from hil_bridge.record.analysis.strokes import TRACK
 from hil_bridge.record.analysis.summary import phases
@@ -52,16 +53,16 @@ class Watch:
             times = end - self._every_s * np.arange(moments - 1, -1, -1)
         self._until = end
         self._times.append(times)
-        self._forces.append(np.linalg.norm(self._cell.contact_forces(times), axis=1))
+        self._forces.append(self._cell.contact_forces(times))
         self._positions.append(self._cell.robot.path.trajectory(times)[0])
 
     def truth(self) -> tuple[_Floats, _Floats]:
         """Moments, s, and lengths of the true contact force, N, both (n,)."""
-        return np.concatenate(self._times), np.concatenate(self._forces)
+        return np.concatenate(self._times), np.linalg.norm(np.concatenate(self._forces), axis=1)
 
-    def positions(self) -> _Floats:
-        """True positions (n, 3) of the tool centre point at the same moments, base frame, m."""
-        return np.concatenate(self._positions)
+    def trace(self) -> Trace:
+        """The same with positions and directions, as the checkers take it."""
+        return Trace(*self.truth(), np.concatenate(self._positions), np.concatenate(self._forces))
 
     def fault_ends(self) -> list[float]:
         """When each fault was over, s; infinity for one that lasted to the end of the run."""

@@ -13,8 +13,8 @@ from hil_bridge.lab.invariants.evidence import (
     violation_text,
     violation_words,
 )
-from hil_bridge.lab.invariants.force import stated_bound_n
-from hil_bridge.lab.invariants.voids import VOIDS, Void, void_reasons
+from hil_bridge.lab.invariants.force import judged_forces, stated_bound_n
+from hil_bridge.lab.invariants.voids import VOIDS, Void, World, added_n, rows_of, void_reasons
 
 __all__ = [
     "CHECKERS",
@@ -24,7 +24,11 @@ __all__ = [
     "Trace",
     "Violation",
     "Void",
+    "World",
+    "added_n",
     "broken_promises",
+    "judged_forces",
+    "rows_of",
     "stated_bound_n",
     "violation_text",
     "violation_words",

@@ -6,7 +6,10 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from hil_bridge.control.geometry.frames import rotation_matrix
 from hil_bridge.lab.invariants.evidence import Evidence, Promise, Trace, Violation
+from hil_bridge.lab.invariants.force import world_of
+from hil_bridge.lab.invariants.voids import FORCE_AXES, rows_of, told_off_m
 from hil_bridge.record import Outcome
 
 FORCE_OFF_N = 2.0
@@ -28,24 +31,31 @@ def untold_ends(evidence: Evidence) -> Iterator[Violation]:
     allowed_n = evidence.config.limits.weight_tolerance_n + FORCE_OFF_N
     if not rest:  # it never moved: it may have stood in the surface from the start
         allowed_n = max(allowed_n, float(trace.forces[0]) + FORCE_OFF_N)
-    if free and true_n > allowed_n:
+    if free and _verified_n(evidence, trace, rest) > allowed_n:
         yield Violation(Promise.END, at, {"true_n": true_n})
 
 
 def untrue_lines(evidence: Evidence) -> Iterator[Violation]:
-    """A force or a depth of the last line that is not the true one. What is told as unknown is no lie."""
-    trace, rest = evidence.trace, _rest(evidence)
+    """A force or a depth of the last line that is not the true one. What is told as unknown is no lie.
+
+    No fault excuses a force that is told too low. One that makes the sensor or the robot lie excuses a force that is
+    told too high, and a depth as far as the robot itself tells a false one.
+    """
+    trace, rest, faults = evidence.trace, _rest(evidence), evidence.config.faults
     if trace is None or not rest:
         return
     at, true_n = float(trace.times[-1]), float(trace.forces[-1])
     told_n = _number(rest.get("force_n"))
     at_least = bool(rest.get("at_least"))
     if math.isfinite(told_n):
-        off = told_n - true_n if at_least else abs(told_n - true_n)
+        low = 0.0 if at_least else _verified_n(evidence, trace, rest) - told_n
+        high = 0.0 if any(rows_of(fault) for fault in faults) else told_n - true_n
+        off = max(low, high)
         if off > max(FORCE_OFF_N, FORCE_OFF_SHARE * true_n):
             yield Violation(Promise.LAST_LINE, at, {"told": told_n, "true": true_n}, "N")
     told_m, true_m = _number(rest.get("depth_m")), _depth(evidence, trace)
-    if math.isfinite(told_m) and abs(told_m - true_m) > DEPTH_OFF_M:
+    allowed_m = DEPTH_OFF_M + told_off_m(faults, world_of(evidence, evidence.config.frame.approach))
+    if math.isfinite(told_m) and abs(told_m - true_m) > allowed_m:
         yield Violation(Promise.LAST_LINE, at, {"told": told_m * 1e3, "true": true_m * 1e3}, "mm")
 
 
@@ -54,6 +64,20 @@ def _rest(evidence: Evidence) -> Mapping[str, object]:
     text = evidence.recording.end.get("rest", "")
     rest = json.loads(text) if text else None
     return rest if isinstance(rest, dict) else {}
+
+
+def _verified_n(evidence: Evidence, trace: Trace, rest: Mapping[str, object]) -> float:
+    """Length of the true force at the end, N, without the axes of which it is told that nothing has verified them."""
+    unverified, truths = rest.get("unverified"), evidence.recording.truths
+    if not isinstance(unverified, list) or not unverified:
+        return float(trace.forces[-1])
+    if trace.vectors is None or not truths or not all(map(math.isfinite, truths[-1].quaternion)):
+        return 0.0
+    named = {str(name).lower() for name in unverified}
+    force = rotation_matrix(truths[-1].quaternion).T @ trace.vectors[-1]
+    return float(
+        np.linalg.norm([part for name, part in zip(FORCE_AXES, force, strict=True) if name not in named])
+    )
 
 
 def _depth(evidence: Evidence, trace: Trace) -> float:

@@ -81,6 +81,8 @@ class Trace:
     """Lengths (n,) of the true contact force, N."""
     positions: Floats | None = None
     """True positions (n, 3) of the tool centre point, base frame, m."""
+    vectors: Floats | None = None
+    """The true contact forces (n, 3) themselves, base frame, N; None where only their lengths are known."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -102,5 +104,7 @@ class Evidence:
         if self.trace is not None or not truths:
             return self.trace
         times = np.array([truth.at for truth in truths])
-        forces = np.array([math.hypot(*truth.force) for truth in truths])
-        return Trace(times, forces, np.array([truth.position for truth in truths]))
+        vectors = np.array([truth.force for truth in truths])
+        return Trace(
+            times, np.linalg.norm(vectors, axis=1), np.array([truth.position for truth in truths]), vectors
+        )

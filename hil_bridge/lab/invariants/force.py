@@ -1,34 +1,91 @@
-"""The bound of the true force: kept, as long as sensor and robot do not lie and nothing else moves."""
+"""The bound of the true force, along the approach and to the side, with what the injected faults add to it."""
 
 import math
 from collections.abc import Iterator
 
 import numpy as np
 
+from hil_bridge.control.course.reaction import bound_n
 from hil_bridge.errors import ConfigError
-from hil_bridge.lab.invariants.evidence import Evidence, Promise, Violation
+from hil_bridge.lab.invariants.evidence import Evidence, Floats, Promise, Trace, Violation
+from hil_bridge.lab.invariants.voids import World, added_n
 from hil_bridge.record.device_facts import devices_of
-from hil_bridge.runs.force_bound import force_bound_n
+from hil_bridge.runs.force_bound import deepest_speed, force_bound_n, usual_cycle_s
+from hil_bridge.runs.reaction_times import reaction
+from hil_bridge.settings.configuration import Config
+from protocol.geometry import Vector
 
 
 def stated_bound_n(evidence: Evidence) -> float:
-    """Largest true force that a run's facts allow, N; infinite where they do not tell it."""
-    surface = evidence.config.cell.surface
-    hardest = surface.stiffness_n_m
-    if surface.wall_at_mm is not None:
-        hardest = max(hardest, surface.wall_stiffness_n_m)
+    """Largest true force along the approach that a run's facts allow, N; infinite where they do not tell it."""
     try:
-        return force_bound_n(evidence.config, devices_of(evidence.recording), float(hardest))
+        return force_bound_n(evidence.config, devices_of(evidence.recording), _hardest(evidence.config))
     except ConfigError:  # the sensor was never ready, so that nothing has moved
         return math.inf
 
 
+def side_bound_n(evidence: Evidence) -> float:
+    """The same for the length of the whole force, by `limits.resultant_limit_n` and the fastest way aside, N."""
+    world, robot = world_of(evidence, evidence.config.frame.travel), devices_of(evidence.recording).robot
+    limit_n = evidence.config.limits.resultant_limit_n
+    return bound_n(
+        limit_n, world.stiffness_n_m, world.speed_m_s, world.reaction_s, robot.position_step_m or 0.0
+    )
+
+
+def world_of(evidence: Evidence, direction: Vector) -> World:
+    """Everything from which the additions of a run's faults follow, for a tool that presses in this direction."""
+    config, devices = evidence.config, devices_of(evidence.recording)
+    cycle_s = usual_cycle_s(config, devices.robot)
+    sensor = devices.sensor.facts
+    events = evidence.recording.events
+    speeds = [deepest_speed(config, devices.robot, cycle_s), *_speeds(config)]
+    return World(
+        config,
+        _hardest(config),
+        max(speeds),
+        math.inf if sensor is None else reaction(devices.robot, sensor, cycle_s).total_s,
+        events[-1].at - events[0].at if events else 0.0,
+        direction,
+    )
+
+
 def beyond_bound(evidence: Evidence) -> Iterator[Violation]:
-    """The largest true force, if it is beyond the bound."""
+    """The largest true force along the approach, and the largest of all, where they are beyond their bounds."""
     truth = evidence.truth
-    if truth is None or not len(truth.forces):
+    if truth is None or not len(truth.forces) or not math.isfinite(stated_bound_n(evidence)):
         return
-    place, bound_n = int(np.argmax(truth.forces)), stated_bound_n(evidence)
-    true_n = float(truth.forces[place])
-    if true_n > bound_n:
-        yield Violation(Promise.BOUND, float(truth.times[place]), {"true_n": true_n, "bound_n": bound_n})
+    for forces, allowed_n in judged_forces(evidence, truth):
+        place = int(np.argmax(forces))
+        true_n = float(forces[place])
+        if true_n > allowed_n:
+            figures = {"true_n": true_n, "bound_n": allowed_n}
+            yield Violation(Promise.BOUND, float(truth.times[place]), figures)
+            return
+
+
+def judged_forces(evidence: Evidence, truth: Trace) -> Iterator[tuple[Floats, float]]:
+    """True forces and what a run with its faults allows them, N: those along the approach, and their lengths."""
+    config = evidence.config
+    along_n = stated_bound_n(evidence) + added_n(config.faults, world_of(evidence, config.frame.approach))
+    if truth.vectors is None or config.frame.follow_normal:
+        yield truth.forces, along_n
+        return
+    yield np.abs(truth.vectors @ np.array(config.frame.approach)), along_n
+    ways = config.frame.approach, config.frame.travel, config.frame.across
+    added = max(added_n(config.faults, world_of(evidence, way)) for way in ways)
+    yield truth.forces, side_bound_n(evidence) + added
+
+
+def _hardest(config: Config) -> float:
+    """Stiffness of the hardest thing in the cell, N/m."""
+    surface = config.cell.surface
+    wall = surface.wall_stiffness_n_m if surface.wall_at_mm is not None else 0.0
+    return float(max(surface.stiffness_n_m, wall))
+
+
+def _speeds(config: Config) -> Iterator[float]:
+    """Speeds of the ways aside, m/s."""
+    yield config.task.speed_mm_s * 1e-3
+    for step in config.task.step:
+        yield (getattr(step, "speed_mm_s", None) or 0.0) * 1e-3

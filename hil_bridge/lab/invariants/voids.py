@@ -1,81 +1,401 @@
-"""Faults that void a promise, and why: one table of data.
+"""What an injected fault adds to the bound of the true force, N, and why: one table of data.
 
-The guard knows the world through one sensor and one robot. What it promises of the true force holds as long as these
-do not lie, and as long as nothing but the robot moves.
+The guard knows the world through one sensor and one robot. A fault that makes these lie, or that moves the surface,
+takes the true force beyond the bound by a number. It follows from the fault, the settings of the run and the surface.
+The end of a run and its last line are judged whatever was injected.
 """
 
-from collections.abc import Iterable
-from typing import NamedTuple
+import math
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from hil_bridge.control.course.intent import BEFORE_TOUCH
-from hil_bridge.lab.invariants.evidence import Promise
+from hil_bridge.control.geometry.frames import STANDARD_GRAVITY, rotation_matrix
+from hil_bridge.lab.invariants.evidence import Floats, Promise
+from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.faults import FaultConfig
+from protocol.geometry import Vector
 
 BEFORE = ("", *BEFORE_TOUCH)
 """Phases before anything moves. A fault without a phase begins in the first."""
+FORCE_AXES = ("fx", "fy", "fz")
+FRAME_S = 0.1
+"""Chosen: frames that are spoilt one by one hide the force for no longer, s."""
+
+
+class World(NamedTuple):
+    """Everything beside a fault from which its addition follows."""
+
+    config: Config
+    stiffness_n_m: float
+    """That of the hardest thing touched."""
+    speed_m_s: float
+    """Fastest ordered motion into it."""
+    reaction_s: float
+    """As the bound counts it."""
+    lasted_s: float
+    """Duration of the run: a fault without an end lasts as long."""
+    direction: Vector
+    """Unit vector in the base frame along which the tool presses."""
+
+    def told_share(self, changed: Callable[[Floats], Floats]) -> float:
+        """Share of a force along the direction that a sensor tells which changes a force in its frame so."""
+        along = rotation_matrix(self.config.cell.start_quaternion).T @ np.array(self.direction)
+        return float(along @ changed(along))
+
+    def hidden_n(self, share: float) -> float:
+        """True force beyond the limit while the sensor tells this share of it, N."""
+        limit_n = max(self.config.limits.force_limit_n, self.config.limits.resultant_limit_n)
+        return self.blind_m * self.stiffness_n_m if share <= 0.0 else limit_n * max(1.0 / share - 1.0, 0.0)
+
+    @property
+    def blind_m(self) -> float:
+        """Way into the surface that a run takes without an answer of the force, m."""
+        return self.config.task.approach_depth_limit_mm * 1e-3
+
+    def lasts_s(self, fault: FaultConfig) -> float:
+        """How long a fault may last in this run, s."""
+        return self.lasted_s if fault.for_s is None else min(fault.for_s, self.lasted_s)
+
+
+Adds = Callable[[FaultConfig, World], float]
 
 
 class Void(NamedTuple):
-    """Faults that void some promises."""
+    """Faults that add to the bound: a way of the tool that the guard does not know of, or newtons."""
 
-    promises: frozenset[Promise]
     on: str
     faults: frozenset[str]
-    """Names at that target; empty for all."""
+    """Names at that target; empty for all that no row before names."""
     why: str
+    metres: Adds | None = None
+    newtons: Adds | None = None
     unless_checked: bool = False
-    """A fault that is there before anything moves does not void: the check before the run has to find it."""
+    """A fault that is there before anything moves adds nothing: the check before the run has to find it."""
+    voids: frozenset[Promise] = frozenset()
+    """Promises of the orders that it takes away altogether, for the depth that they count from is a false one."""
 
-    def covers(self, promise: Promise, fault: FaultConfig) -> bool:
-        """Whether this fault voids this promise."""
-        if promise not in self.promises or fault.on != self.on:
-            return False
-        if self.faults and fault.fault not in self.faults:
+    def covers(self, fault: FaultConfig) -> bool:
+        """Whether this row tells of this fault."""
+        if fault.on != self.on or (self.faults and fault.fault not in self.faults):
             return False
         checked = fault.phase in BEFORE and not fault.after_s and not fault.when and fault.for_s is None
         return not (self.unless_checked and checked)
 
+    def added_n(self, fault: FaultConfig, world: World) -> float:
+        """What a fault adds to the bound, N."""
+        metres = 0.0 if self.metres is None else self.metres(fault, world)
+        pressed = metres * world.stiffness_n_m if metres else 0.0
+        return pressed + (0.0 if self.newtons is None else self.newtons(fault, world))
 
-_FORCES = frozenset({Promise.BOUND, Promise.END, Promise.LAST_LINE})
-_DEPTHS = frozenset({Promise.BOUND, Promise.END, Promise.LAST_LINE, Promise.ORDERS, Promise.SPEED})
-_BOUND = frozenset({Promise.BOUND})
-_SENSOR_LIES = "the sensor tells another force than there is"
-_ROBOT_LIES = "the robot tells another place than its own, or does not do what it took"
+
+def _value(fault: FaultConfig, name: str, default: float) -> float:
+    return float(fault.parameters.get(name, default))
+
+
+def _length(fault: FaultConfig, *names: str) -> float:
+    return math.hypot(*(_value(fault, name, 0.0) for name in names))
+
+
+def _axis(fault: FaultConfig, factor: float) -> Callable[[Floats], Floats]:
+    """A sensor that tells one axis of the force by this factor."""
+    axis = str(fault.parameters.get("axis", "fz"))
+    factors = [factor if axis in (name, "all") else 1.0 for name in FORCE_AXES]
+    return lambda force: force * factors
+
+
+def _swapped(fault: FaultConfig) -> Callable[[Floats], Floats]:
+    one, other = (str(fault.parameters.get(name, usual)) for name, usual in (("axis", "fz"), ("other", "fx")))
+    order = list(range(3))
+    if one in FORCE_AXES and other in FORCE_AXES:
+        i, j = FORCE_AXES.index(one), FORCE_AXES.index(other)
+        order[i], order[j] = order[j], order[i]
+        return lambda force: force[order]
+    lost = one if one in FORCE_AXES else other
+    return lambda force: force * [0.0 if name == lost else 1.0 for name in FORCE_AXES]
+
+
+def _turned(fault: FaultConfig) -> Callable[[Floats], Floats]:
+    angle = math.radians(_value(fault, "degrees", 90.0))
+    c, s = math.cos(angle), math.sin(angle)
+    return lambda force: np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ force
+
+
+def _of_force(fault: FaultConfig, amount: float) -> float:
+    """An amount on the axis of a fault, N; none where it is an axis of the moment."""
+    axis = fault.parameters.get("axis", "fz")
+    return abs(amount) * (math.sqrt(3.0) if axis == "all" else 1.0) if axis in (*FORCE_AXES, "all") else 0.0
+
+
+def _late_s(fault: FaultConfig, world: World) -> float:
+    """How late forces may come before the guard ends the run, s. From the first frame on nothing tells a delay."""
+    late_s = _value(fault, "ms", 100.0) * 1e-3
+    return late_s if fault.phase in BEFORE else min(late_s, world.config.limits.stale_after_ms * 1e-3)
+
+
+def _rises(fault: FaultConfig, world: World) -> float:
+    """Way of a surface that rises, m: until the tool goes back as fast, or all of it where it is faster."""
+    speed = _value(fault, "mm_s", 2.0) * 1e-3
+    lasts_s = min(1.0 if fault.for_s is None else fault.for_s, world.lasted_s)
+    followed = speed <= world.speed_m_s
+    return max(speed, 0.0) * (min(world.reaction_s, lasts_s) if followed else lasts_s)
+
+
+def _harder(fault: FaultConfig, world: World) -> float:
+    limit_n = world.config.limits.force_limit_n
+    bound_n = limit_n + world.stiffness_n_m * world.speed_m_s * world.reaction_s
+    return max(_value(fault, "factor", 10.0) - 1.0, 0.0) * bound_n
+
+
+def _behind(fault: FaultConfig, world: World) -> float:
+    limits = world.config.limits
+    way = limits.escape_mm_s * 1e-3 * world.reaction_s + limits.blind_retract_mm * 1e-3
+    return _value(fault, "stiffness_n_m", 50e3) * way
+
+
+def _weight_n(fault: FaultConfig, world: World) -> float:
+    """Weight of the tool that a false orientation moves to another axis, N."""
+    tilt = min(abs(_value(fault, "degrees", 30.0)), world.config.limits.tilt_deg)
+    return world.config.cell.tool.mass_kg * STANDARD_GRAVITY * math.radians(tilt)
+
+
+def _stale(fault: FaultConfig, world: World) -> float:
+    return world.speed_m_s * world.config.limits.stale_after_ms * 1e-3
+
+
+def _stuck(fault: FaultConfig, world: World) -> float:
+    limits = world.config.limits
+    return max(limits.unchanged_mm, limits.unanswered_mm) * 1e-3 + _stale(fault, world)
+
+
+def _followed(fault: FaultConfig, world: World) -> float:
+    return world.config.limits.following_error_mm * 1e-3
+
+
+def _believed(way: Adds) -> Adds:
+    """A false place, m, as far as the guard believes it."""
+    return lambda fault, world: min(way(fault, world), _followed(fault, world))
+
+
+def _astray(fault: FaultConfig, world: World) -> float:
+    return _length(fault, "x_mm_s", "y_mm_s", "z_mm_s") * 1e-3 * world.lasts_s(fault)
+
+
+def _off(fault: FaultConfig, world: World) -> float:
+    return _length(fault, "x_mm", "y_mm", "z_mm") * 1e-3
+
+
+def _any_order(fault: FaultConfig, world: World) -> float:
+    return world.config.robot.velocity_mm_s * 1e-3 * world.reaction_s
+
+
+def _path_error(fault: FaultConfig, world: World) -> float:
+    return world.config.limits.path_error_mm * 1e-3 + world.speed_m_s * world.reaction_s
+
+
+_FORCE, _PLACE = "the sensor tells another force than there is", "the robot tells another place than its own"
 _MOVES = "the surface or an obstacle moves by itself, however the tool stands still"
-_LATE = "forces or orders come late or twice, and nothing on the wire tells it"
+_LATE = "forces or orders come late, and nothing on the wire tells it"
+_ORDERS = frozenset({Promise.ORDERS, Promise.SPEED})
+
+
+def _row(on: str, faults: str, why: str, **how: Any) -> Void:
+    return Void(on, frozenset(faults.split()), why, **how)
+
 
 VOIDS: tuple[Void, ...] = (
-    Void(
-        _FORCES,
+    _row(
         "signal",
-        frozenset({"dead", "scale", "offset", "sign", "swapped"}),
-        _SENSOR_LIES,
+        "dead",
+        _FORCE,
+        newtons=lambda fault, world: world.hidden_n(world.told_share(_axis(fault, 0.0))),
         unless_checked=True,
     ),
-    Void(
-        _FORCES,
+    _row(
         "signal",
-        frozenset({"stuck", "replayed", "drift", "turned", "noise", "spike", "intermittent"}),
-        _SENSOR_LIES,
+        "scale",
+        _FORCE,
+        newtons=lambda fault, world: world.hidden_n(
+            world.told_share(_axis(fault, _value(fault, "factor", 0.1)))
+        ),
+        unless_checked=True,
     ),
-    Void(_FORCES, "sensor", frozenset({"wrong-scales"}), _SENSOR_LIES, unless_checked=True),
-    Void(_FORCES, "sensor", frozenset({"biased", "saturated", "threshold", "unplugged"}), _SENSOR_LIES),
-    Void(_FORCES, "sensor-wire", frozenset({"corrupted", "garbled"}), _SENSOR_LIES),
-    Void(_FORCES, "bus", frozenset({"babble", "errors"}), _SENSOR_LIES),
-    Void(_FORCES, "sensor", frozenset({"slow", "frozen-counter"}), _LATE),
-    Void(_FORCES, "sensor-wire", frozenset({"late", "twice", "reordered"}), _LATE),
-    Void(_DEPTHS, "pose", frozenset(), _ROBOT_LIES),
-    Void(_DEPTHS, "wire", frozenset({"late", "twice", "reordered", "corrupted", "garbled", "babble"}), _LATE),
-    Void(_DEPTHS, "robot", frozenset({"spontaneous", "limit", "slider"}), _ROBOT_LIES),
-    Void(_DEPTHS, "robot", frozenset({"clock-jump"}), _LATE),
-    Void(_FORCES, "surface", frozenset(), _MOVES),
-    Void(_FORCES, "obstacle", frozenset(), _MOVES),
-    Void(_BOUND, "computer", frozenset({"pause"}), "the computer decides nothing meanwhile"),
+    _row(
+        "signal",
+        "sign",
+        _FORCE,
+        newtons=lambda fault, world: world.hidden_n(world.told_share(_axis(fault, -1.0))),
+        unless_checked=True,
+    ),
+    _row(
+        "signal",
+        "swapped",
+        _FORCE,
+        newtons=lambda fault, world: world.hidden_n(world.told_share(_swapped(fault))),
+        unless_checked=True,
+    ),
+    _row(
+        "signal",
+        "turned",
+        _FORCE,
+        newtons=lambda fault, world: world.hidden_n(world.told_share(_turned(fault))),
+        unless_checked=True,
+    ),
+    _row(
+        "sensor",
+        "wrong-scales",
+        _FORCE,
+        newtons=lambda fault, world: world.hidden_n(_value(fault, "factor", 0.5)),
+        unless_checked=True,
+    ),
+    _row(
+        "signal",
+        "offset",
+        _FORCE,
+        newtons=lambda fault, world: _of_force(fault, _value(fault, "amount", 20.0)),
+        unless_checked=True,
+    ),
+    _row(
+        "signal",
+        "drift",
+        "a force that drifts is told too low by its rate and the time that it lasts",
+        newtons=lambda fault, world: _of_force(fault, _value(fault, "per_s", 1.0)) * world.lasts_s(fault),
+    ),
+    _row(
+        "signal",
+        "spike",
+        _FORCE,
+        metres=lambda fault, world: (
+            world.speed_m_s * (0.005 if fault.for_s is None else world.lasts_s(fault))
+        ),
+    ),
+    _row(
+        "signal",
+        "intermittent",
+        _FORCE,
+        metres=lambda fault, world: min(
+            world.speed_m_s * _value(fault, "period_s", 0.5) * (1.0 - _value(fault, "duty", 0.5)),
+            world.blind_m,
+        ),
+    ),
+    _row("signal", "stuck", "counts that stay the same end a run after some way", metres=_stuck),
+    _row(
+        "signal",
+        "replayed",
+        "a force that is replayed answers nothing, so that the tool goes as far as the limits of depth allow",
+        metres=lambda fault, world: world.config.limits.correction_total_mm * 1e-3,
+    ),
+    _row(
+        "sensor",
+        "biased",
+        "another program takes the force of that moment for zero: it may be that of the limit",
+        newtons=lambda fault, world: world.config.limits.force_limit_n,
+    ),
+    _row("sensor", "unplugged", _FORCE, metres=lambda fault, world: world.blind_m),
+    _row("sensor", "slow frozen-counter", _LATE, metres=_stale),
+    _row("sensor-wire", "late", _LATE, metres=lambda fault, world: world.speed_m_s * _late_s(fault, world)),
+    _row("sensor-wire", "reordered", _LATE, metres=lambda fault, world: world.speed_m_s * FRAME_S),
+    _row(
+        "sensor-wire",
+        "corrupted garbled",
+        "a frame that is spoilt and passes its check tells any force",
+        metres=_stale,
+    ),
+    _row("bus", "babble errors", "frames wait on the bus", metres=_stale),
+    _row("pose", "encoder-offset", "the arm itself moves by as much", metres=_off, voids=_ORDERS),
+    _row("pose", "offset", _PLACE, metres=_believed(_off), voids=_ORDERS),
+    _row("pose", "drift", _PLACE, metres=_believed(_astray), voids=_ORDERS),
+    _row(
+        "pose",
+        "late",
+        _PLACE,
+        metres=_believed(lambda fault, world: world.speed_m_s * _value(fault, "ms", 200.0) * 1e-3),
+        voids=_ORDERS,
+    ),
+    _row(
+        "pose",
+        "mirrored frozen",
+        _PLACE,
+        metres=_followed,
+        voids=_ORDERS,
+    ),
+    _row(
+        "pose",
+        "turned",
+        "the tool's weight is taken off along another axis",
+        newtons=_weight_n,
+        voids=_ORDERS,
+    ),
+    _row("pose", "", _PLACE, voids=_ORDERS),
+    _row(
+        "wire",
+        "late",
+        _LATE,
+        metres=lambda fault, world: world.speed_m_s * _value(fault, "ms", 100.0) * 1e-3,
+        voids=_ORDERS,
+    ),
+    _row(
+        "wire",
+        "twice reordered",
+        "an order is done twice, or an old one again",
+        metres=_path_error,
+        voids=_ORDERS,
+    ),
+    _row(
+        "wire",
+        "corrupted garbled babble",
+        "an order that is spoilt and passes its check leads anywhere, at the robot's own speed",
+        metres=_any_order,
+        voids=_ORDERS,
+    ),
+    _row(
+        "robot",
+        "spontaneous limit slider",
+        "the robot does not do what it took",
+        metres=_path_error,
+        voids=_ORDERS,
+    ),
+    _row("robot", "clock-jump", _LATE, metres=_path_error, voids=_ORDERS),
+    _row(
+        "surface",
+        "step",
+        _MOVES,
+        metres=lambda fault, world: abs(_value(fault, "mm", 1.0)) * 1e-3,
+    ),
+    _row("surface", "hole", _MOVES, metres=lambda fault, world: _value(fault, "depth_mm", 20.0) * 1e-3),
+    _row("surface", "rises", _MOVES, metres=_rises),
+    _row("surface", "swings", _MOVES, metres=lambda fault, world: 2.0 * _value(fault, "mm", 1.0) * 1e-3),
+    _row("surface", "hard", "what the tool has pressed in presses back harder", newtons=_harder),
+    _row("obstacle", "", "the tool goes back into it", newtons=_behind),
+    _row(
+        "computer",
+        "pause",
+        "the computer decides nothing meanwhile",
+        metres=lambda fault, world: world.speed_m_s * _value(fault, "seconds", 0.5),
+    ),
 )
-"""Every fault that voids a promise. What is not in it voids nothing."""
+"""Every fault that adds to the bound. What is not in it adds nothing."""
+
+
+def rows_of(fault: FaultConfig) -> tuple[Void, ...]:
+    """The row of a fault; none where it adds nothing."""
+    return tuple(row for row in VOIDS if row.covers(fault))[:1]
+
+
+def added_n(faults: Iterable[FaultConfig], world: World) -> float:
+    """What these faults add to the bound together, N."""
+    return sum(row.added_n(fault, world) for fault in faults for row in rows_of(fault))
+
+
+def told_off_m(faults: Iterable[FaultConfig], world: World) -> float:
+    """How far the place that the robot tells may be from its own by these faults, m."""
+    ways: dict[str, Adds] = {"encoder-offset": _off, "offset": _off, "drift": _astray}
+    return sum(ways.get(fault.fault, _followed)(fault, world) for fault in faults if fault.on == "pose")
 
 
 def void_reasons(promise: Promise, faults: Iterable[FaultConfig]) -> tuple[str, ...]:
     """Why a promise is void in a run with these faults; empty where it holds."""
-    reasons = (row.why for fault in faults for row in VOIDS if row.covers(promise, fault))
+    reasons = (row.why for fault in faults for row in rows_of(fault) if promise in row.voids)
     return tuple(dict.fromkeys(reasons))
