@@ -245,7 +245,11 @@ def _say_beside(text: str) -> None:
 @click.option(
     "--workers", type=click.IntRange(min=1), metavar="N", help="Processes.  [default: one for each core]"
 )
-@click.option("--voided", is_flag=True, help="Hunt also where faults void the bound: what stays uncovered.")
+@click.option(
+    "--voided",
+    is_flag=True,
+    help="Count the force beyond the bound without what the faults add: what stays uncovered.",
+)
 @set_option
 @json_option
 def hunt(
@@ -272,7 +276,7 @@ def hunt(
     from hil_bridge.lab.campaign.telling import describe_run, hunt_values
     from hil_bridge.runs.signals import as_ctrl_c
 
-    plan = plan_hunt(_plan_of(file, (), given), voided)
+    plan = plan_hunt(_plan_of(file, (), given))
     place = out or Path(f"{file.stem}-hunt.sqlite")
     worth = badness_voided if voided else badness
     with Store.begin(place, plan) as store:

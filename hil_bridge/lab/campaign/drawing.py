@@ -13,7 +13,6 @@ from typing import Any, TypeAlias
 import msgspec
 
 from hil_bridge.devices.kinds import EmulatedKinds
-from hil_bridge.lab.invariants import rows_of
 from hil_bridge.runs.faults.lying import CONTROLLER, CONTROLLER_FAULTS
 from hil_bridge.settings.faults import FaultConfig
 
@@ -87,8 +86,6 @@ class Draw(msgspec.Struct, frozen=True):
     """Faults of a run."""
     without: dict[str, tuple[tuple[str, int], ...]] = {}
     """Options that a cell cannot have, by its label: key of the setting, and place in its options."""
-    honest: bool = False
-    """Faults that void the bound of the force come in no other form than one that the check before the run finds."""
 
     def settings_in(self, cell: str) -> Iterator[Setting]:
         """The settings with those options that a cell can have."""
@@ -143,8 +140,6 @@ def faults_for(draw: Draw, config: str, slots: Sequence[Numbers]) -> list[dict[s
         return chosen
     for slot in slots:
         table = fault_of_slot(_pick(templates, slot[0]), slot, *_devices(config))
-        if draw.honest:
-            table = _honest(table)
         same = any((one["on"], one["fault"]) == (table["on"], table["fault"]) for one in chosen)
         if not same and fits(table, *_devices(config)):
             chosen.append(table)
@@ -194,7 +189,7 @@ def possible_faults(text: str, robot: str, sensor: str, surface: str) -> tuple[M
     """The tables of a plan's faults that a cell with these devices can have, one for each name."""
     words = _words(robot, sensor, surface)
     draw = Draw.read(text)
-    tables, honest = draw.faults, draw.honest
+    tables = draw.faults
     named = {(table["on"], table["fault"]) for table in tables}
     chosen = []
     for table in tables:
@@ -204,22 +199,9 @@ def possible_faults(text: str, robot: str, sensor: str, surface: str) -> tuple[M
                 continue
             one = {**table, "on": on, "fault": fault}
             middle = fault_of_slot(one, [0.9] * SLOT, robot, sensor, surface)
-            if not fits(middle, robot, sensor, surface):
-                continue
-            if not (honest and _voids(_honest(middle))):
+            if fits(middle, robot, sensor, surface):
                 chosen.append(one)
     return tuple(chosen)
-
-
-def _honest(table: dict[str, Any]) -> dict[str, Any]:
-    """The fault as it is, or from before anything moves on where it would void the bound of the force."""
-    if not _voids(table):
-        return table
-    return {"on": table["on"], "fault": table["fault"], "phase": "connect", "with": table.get("with", {})}
-
-
-def _voids(table: Mapping[str, Any]) -> bool:
-    return bool(rows_of(FaultConfig.model_validate(table)))
 
 
 def fits(table: Mapping[str, Any], robot: str, sensor: str, surface: str) -> bool:

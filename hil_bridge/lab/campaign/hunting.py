@@ -12,8 +12,6 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
-import msgspec
-
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.campaign.drawing import DRAWN
 from hil_bridge.lab.campaign.judging import Job, carry_out
@@ -41,33 +39,34 @@ Advance = Callable[[int, int], object]
 """Told how many runs have ended since, and how many of them broke a promise."""
 
 
-def plan_hunt(plan: Plan, voided: bool = False) -> Plan:
-    """The plan of a hunt over the draws of a campaign. `voided` hunts also where faults void the bound.
+def plan_hunt(plan: Plan) -> Plan:
+    """The plan of a hunt over the draws of a campaign.
 
     Raises ConfigError for a plan without draws.
     """
     if plan.draw is None or not plan.draw.most:
         raise ConfigError("the plan draws no faults: a hunt needs campaign.faults_per_run")
-    draw = msgspec.structs.replace(plan.draw, honest=not voided)
     cases = tuple(replace(case, fault=DRAWN) for case in plan.possible)
-    return replace(plan, name=f"hunt of {plan.name}", seeds=(SEED,), cases=cases, draw=draw, cases_per_seed=0)
+    return replace(plan, name=f"hunt of {plan.name}", seeds=(SEED,), cases=cases, cases_per_seed=0)
 
 
 def badness(done: Done) -> float:
-    """How bad a run was, N: true force beyond the bound, or at an end that is told to be free; and broken promises."""
+    """How bad a run was, N: true force beyond the bound with what its faults add, or at an end that is told to be free;
+    and broken promises.
+    """
     figures = done.figures
     if done.outcome == "error":
         return BUG_N
     beyond = _number(figures.get("force_beyond_n"), NOTHING_N)
     end = _number(figures.get("force_true_end_n"), 0.0) - END_N
-    if "force_beyond_n" in figures and figures.get("retracted") and end > 0.0:
+    if figures.get("cycles") and figures.get("retracted") and end > 0.0:
         beyond = max(beyond, end)
     broken = _number(figures.get("promises_broken"), 0.0)
     return max(beyond, 0.0) + PROMISE_N * broken if broken else beyond
 
 
 def badness_voided(done: Done) -> float:
-    """The same, whatever the faults void."""
+    """The same, whatever the faults add."""
     force = _number(done.figures.get("force_true_max_n"), 0.0)
     bound = _number(done.figures.get("force_bound_n"), math.nan)
     return badness(done) if math.isnan(bound) else max(force - bound, badness(done))
