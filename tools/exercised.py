@@ -23,17 +23,22 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from hil_bridge.devices.kinds import EmulatedKinds
 from hil_bridge.errors import BridgeError, Cause
 from hil_bridge.errors.cause_row import Reaction
 from hil_bridge.errors.cause_table import ROWS
+from hil_bridge.lab.campaign.drawing import faults_of_cell
 from hil_bridge.lab.campaign.judging import run
+from hil_bridge.lab.campaign.overlay import config_with
 from hil_bridge.lab.campaign.plan import code_version
 from hil_bridge.lab.campaign.plan_file import read_plan
 from hil_bridge.lab.campaign.store import Store
-from hil_bridge.lab.campaign.striking import fault_key
+from hil_bridge.lab.campaign.striking import fault_key, owner_of
 from hil_bridge.lab.invariants import Promise
 from hil_bridge.lab.processes import in_order, own_processes
+from hil_bridge.runs.faults.lying import CONTROLLER, CONTROLLER_FAULTS
 from hil_bridge.settings.configuration import load_config
+from hil_bridge.settings.faults import PHASES
 from tools.faults_doc import CELL, ROBOT_NAMES, SENSOR_NAMES, Job, faults_of_device, settings
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -41,12 +46,14 @@ TESTS, STRUCK, CAMPAIGN = (
     ROOT / "runs" / name for name in ("tests/exercised.json", "tests/struck.json", "guard.sqlite")
 )
 PLAN = ROOT / "examples" / "campaigns" / "guard.toml"
-CONDITIONS, REACTIONS, FAULTS, PROMISES, CRITERIA = GROUPS = (
+CONDITIONS, REACTIONS, FAULTS, PROMISES, CRITERIA, PHASED, TARGETS = GROUPS = (
     "conditions",
     "reactions",
     "faults",
     "promises found broken",
     "criteria missed",
+    "faults that the campaign draws in a phase",
+    "targets that the campaign draws for a robot and a sensor",
 )
 
 _ALONE = (
@@ -54,7 +61,10 @@ _ALONE = (
 )
 _PRESSED = "only a person presses it: tests in real time do, in processes that the plug-in does not watch"
 _PROGRAM = "no run of the bridge opens that wire; tests/emulation strikes it at the emulated robot alone"
+_LEADS = "a controller is asked while the tool tracks, and in no other phase"
+_CONTROLLER = tuple(fault_key(CELL, CONTROLLER, lie) for lie in CONTROLLER_FAULTS)
 EXCEPTIONS: Mapping[str, str] = {
+    **{f"{lie} in {phase}": _LEADS for lie in _CONTROLLER for phase in PHASES[1:] if phase != "track"},
     "zero-changed": "a force that changes within the one frame before a zero has no fault of its own",
     "retract-border": _ALONE,
     "leaves-workspace": "a program checks its path before it moves, and the clamp that it follows from is exercised",
@@ -120,6 +130,7 @@ class Balance:
 def all_names() -> dict[str, list[str]]:
     """Everything that could be exercised."""
     devices = (*ROBOT_NAMES, *SENSOR_NAMES, CELL)
+    pairs = [(robot, sensor) for robot in ROBOT_NAMES for sensor in SENSOR_NAMES]
     faults = [
         fault_key(device, on, fault)
         for device in devices
@@ -132,6 +143,12 @@ def all_names() -> dict[str, list[str]]:
         FAULTS: faults,
         PROMISES: [str(promise) for promise in Promise],
         CRITERIA: [criterion.figure for criterion in read_plan(PLAN, (1,)).criteria],
+        PHASED: [f"{fault} in {phase}" for fault in (*faults, *_CONTROLLER) for phase in PHASES[1:]],
+        TARGETS: [
+            f"{robot}, {sensor}: {on}"
+            for robot, sensor in pairs
+            for on in (*EmulatedKinds.named(robot, sensor).faults, CONTROLLER)
+        ],
     }
 
 
@@ -155,6 +172,26 @@ def of_campaign(path: Path) -> Iterator[Kept]:
             for group, key in ((CONDITIONS, "causes"), (FAULTS, "faults_struck")):
                 counts = done.figures.get(key)
                 yield from (Kept(group, name, where) for name in (counts if isinstance(counts, dict) else ()))
+
+
+@cache
+def of_plan(path: Path) -> tuple[Kept, ...]:
+    """The matrix of what a campaign may inject where, from its own draws: faults by phase, targets by devices."""
+    plan, cells = read_plan(path, (1,)), dict[tuple[str, str], None]()
+    assert plan.draw is not None
+    for case in plan.possible:
+        config = config_with(case.config, "{}", 0)
+        kinds = f"{config.robot.emulated}, {config.sensor.emulated}"
+        for table in faults_of_cell(plan.draw, case.config):
+            on, fault, phases = table["on"], table["fault"], table.get("phase", "")
+            key = fault_key(owner_of(config, on, fault), on, fault)
+            cells |= {(PHASED, f"{key} in {each}"): None for each in _listed(phases)}
+            cells[TARGETS, f"{kinds}: {on}"] = None
+    return tuple(Kept(group, name, path.name) for group, name in cells)
+
+
+def _listed(phases: object) -> Sequence[str]:
+    return phases if isinstance(phases, list) else [str(phases)]
 
 
 def balance(kept: Iterable[Kept], unaccepted: Iterable[str] = ()) -> Balance:
@@ -223,8 +260,8 @@ def strike(job: Job) -> tuple[str, str, str]:
                 for key, value in given.items()
                 if key not in ("run.period_ms", "controller.sample_ms")
             }
-        (fault,) = given["faults"]  # type: ignore[misc]
-        plain = {key: value for key, value in fault.items() if key not in ("phase", "after_s")}
+        (injected,) = given["faults"]  # type: ignore[misc]
+        plain = {key: value for key, value in injected.items() if key not in ("phase", "after_s")}
         try:
             figures = run(load_config(None, {**given, "faults": [{**plain, **moment}]})).figures
         except BridgeError:  # it cannot come then
@@ -268,6 +305,7 @@ def _judge(chosen: argparse.Namespace) -> int:
     files = [*chosen.tests, *([STRUCK] if STRUCK.is_file() and not chosen.strike else [])]
     kept = [one for path in files for one in of_tests(path)]
     kept += [one for path in chosen.campaign for one in of_campaign(path)]
+    kept += of_plan(PLAN)
     if chosen.strike:
         struck = strike_all(balance(kept).never(FAULTS))
         STRUCK.parent.mkdir(parents=True, exist_ok=True)

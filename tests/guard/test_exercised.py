@@ -20,7 +20,9 @@ from tools.exercised import (
     CONDITIONS,
     FAULTS,
     GROUPS,
+    PHASED,
     REACTIONS,
+    TARGETS,
     Balance,
     Kept,
     balance,
@@ -179,3 +181,26 @@ def test_each_criterion_of_the_guards_campaign_can_be_missed() -> None:
     for figure, wrong in (("outcome", "interrupted"), ("promises_broken", 1), ("retracted", False)):
         (text,) = find_unmet(criteria, {**well, figure: wrong})
         assert text.startswith(figure)
+
+
+def test_the_campaign_leaves_no_cell_of_its_matrix_empty() -> None:
+    """Each fault in each phase, each target with each robot and sensor; what is left has a reason."""
+    drawn = balance(exercised.of_plan(exercised.PLAN))
+    left = [name for group in (PHASED, TARGETS) for name in drawn.never(group)]
+    assert [name for name in left if name not in exercised.EXCEPTIONS] == []
+    matrix = {name for group in (PHASED, TARGETS) for name in drawn.all_names[group]}
+    assert [name for name in exercised.EXCEPTIONS if name in matrix and name not in left] == []
+    assert {one.name for one in exercised.of_plan(exercised.PLAN)} <= matrix
+
+
+def test_a_phase_that_no_draw_reaches_is_listed(tmp_path: Path) -> None:
+    text = exercised.PLAN.read_text(encoding="utf-8").replace(', "seek", "zero"]', ', "zero"]')
+    others = ('label = "s3"', 'label = "rsi"', 'label = "rtde"', "boot_s", "board", 'label = "ati-can"')
+    path = tmp_path / "guard.toml"
+    path.write_text(
+        "\n".join(line for line in text.splitlines() if not any(other in line for other in others)),
+        encoding="utf-8",
+    )
+    left = balance(exercised.of_plan(path)).never(PHASED)
+    assert "egm: robot: emergency-stop in seek" in left
+    assert "egm: robot: emergency-stop in zero" not in left

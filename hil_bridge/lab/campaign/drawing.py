@@ -24,7 +24,7 @@ SLOT = 4 + PARAMETERS
 """Numbers for one fault: which one, phase, delay, duration, parameters."""
 FACTOR = 10.0
 """Chosen: a parameter without a range is drawn within this factor of its default, either way."""
-SPREAD: Mapping[str, float] = {"mm": 50.0, "mm/s": 50.0}
+SPREAD: Mapping[str, float] = {"mm": 50.0, "mm/s": 50.0, "N": 50.0}
 """Chosen: a parameter whose default is 0 and that the fault needs is drawn up to this, either way, by its unit."""
 SHORTEST_S, LONGEST_S = 0.05, 3.0
 """Chosen: durations of half of those faults that have one and no range of their own; the others keep the default."""
