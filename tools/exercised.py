@@ -260,7 +260,7 @@ def strike(job: Job) -> tuple[str, str, str]:
                 for key, value in given.items()
                 if key not in ("run.period_ms", "controller.sample_ms")
             }
-        (injected,) = given["faults"]  # type: ignore[misc]
+        injected: Mapping[str, Any] = given["faults"][0]  # type: ignore[index]
         plain = {key: value for key, value in injected.items() if key not in ("phase", "after_s")}
         try:
             figures = run(load_config(None, {**given, "faults": [{**plain, **moment}]})).figures

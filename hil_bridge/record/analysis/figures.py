@@ -114,7 +114,7 @@ _TABLE = (
         "force_beyond_n",
         "true force beyond its bound",
         "N",
-        "largest true force less that bound; left out where a fault voids the bound",
+        "largest true force less that bound and what the faults add to it; left out where that is infinite",
         _CAMPAIGN,
     ),
     Definition(
