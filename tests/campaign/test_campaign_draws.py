@@ -181,6 +181,40 @@ def test_a_controller_that_lies_changes_a_run_and_its_replay_alike(tmp_path: Pat
     assert not any(cycle.differences for cycle in replay(lying.recording, config, forced=False))
 
 
+def test_faults_that_come_together_begin_together(tmp_path: Path) -> None:
+    table = """[[campaign.fault]]
+on = "sensor-wire"
+fault = "twice"
+phase = ["approach", "track"]
+together = [{ on = "sensor-wire", fault = "late", with = { ms = { from = 20.0, to = 50.0 } } }]
+
+[campaign.criteria]"""
+    head, _, tail = STUDY.partition("[[campaign.fault]]")
+    plan = planned(tmp_path, head + table + tail.partition("[campaign.criteria]")[2])
+    (case,) = plan.cases
+    for seed in range(20):
+        copies, late = faults_of_table(plan.table_of(case, seed))[:2]
+        assert (copies["fault"], late["fault"]) == ("twice", "late")
+        assert (copies["phase"], copies.get("after_s", 0.0)) == (late["phase"], late.get("after_s", 0.0))
+        assert 20.0 <= late["with"]["ms"] <= 50.0
+    for wrong in ('"late"', '[{ on = "*", fault = "late" }]', '[{ on = "wire" }]'):
+        text = head + table.replace(table.partition("together = ")[2].partition("\n")[0], wrong)
+        with pytest.raises(ConfigError, match="together"):
+            planned(tmp_path, text + tail.partition("[campaign.criteria]")[2])
+
+
+def test_an_option_with_a_weight_has_as_many_chances(tmp_path: Path) -> None:
+    drawn = "task.force_n = [5.0, 8.0]\nwall = [{ weight = 3 }, { cell.surface.wall_at_mm = 20.0 }]"
+    head, _, tail = STUDY.partition("[campaign.draw]")
+    _, mark, rest = tail.partition("[[campaign.fault]]")
+    plan = planned(tmp_path, f"{head}[campaign.draw]\n{drawn}\n\n{mark}{rest}")
+    assert plan.draw is not None
+    (wall,) = [setting for setting in plan.draw.settings if setting.key == "wall"]
+    assert wall.options == ({}, {}, {}, {"cell.surface.wall_at_mm": 20.0})
+    with pytest.raises(ConfigError, match="weight must be a whole number from 1 to 1000, got 0"):
+        planned(tmp_path, f"{head}[campaign.draw]\n{drawn.replace('= 3', '= 0')}\n\n{mark}{rest}")
+
+
 def test_a_hunt_reaches_every_draw_of_its_campaign(tmp_path: Path) -> None:
     whole = planned(tmp_path)
     plan = plan_hunt(whole)

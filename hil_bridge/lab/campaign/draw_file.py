@@ -18,7 +18,7 @@ MOST_FAULTS = 9
 """Most faults of a run. Chosen: a person can still tell which of them did it."""
 MOST_WEIGHT = 1000
 """Most chances of one option of a list. Chosen: rarer ones come in no campaign of a night."""
-_FAULT_KEYS = ("on", "fault", "phase", "after_s", "for_s", "when", "with")
+_FAULT_KEYS = ("on", "fault", "phase", "after_s", "for_s", "when", "with", "together")
 Problem = tuple[str, str]
 """Key, and what is wrong with it."""
 
@@ -150,6 +150,14 @@ def _problems_of_fault(table: Mapping[str, Any]) -> Iterator[str]:
         isinstance(phases, list) and phases and all(isinstance(phase, str) for phase in phases)
     ):
         yield "phase must be a name or a list of names"
+    together = table.get("together", [])
+    if not isinstance(together, list) or not all(isinstance(other, dict) for other in together):
+        yield "together must be a list of tables with `on`, `fault` and `with`"
+        return
+    for other in together:
+        yield from (f"together: {text}" for text in _problems_of_fault(other))
+        if EVERY in (other.get("on"), other.get("fault")):
+            yield f"together: needs names, not {EVERY!r}"
     given = table.get("with", {})
     if not isinstance(given, dict):
         yield "with must be a table"

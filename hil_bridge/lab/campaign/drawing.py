@@ -139,11 +139,20 @@ def faults_for(draw: Draw, config: str, slots: Sequence[Numbers]) -> list[dict[s
     if not templates:
         return chosen
     for slot in slots:
-        table = fault_of_slot(_pick(templates, slot[0]), slot, *_devices(config))
-        same = any((one["on"], one["fault"]) == (table["on"], table["fault"]) for one in chosen)
-        if not same and fits(table, *_devices(config)):
-            chosen.append(table)
+        template = _pick(templates, slot[0])
+        first = fault_of_slot(template, slot, *_devices(config))
+        moment = {key: first.get(key, 0.0) for key in ("phase", "after_s")}
+        others = [{**other, **moment} for other in template.get("together", ())]
+        for table in (first, *(fault_of_slot(other, slot, *_devices(config)) for other in others)):
+            _add(chosen, table, *_devices(config))
     return chosen
+
+
+def _add(chosen: list[dict[str, Any]], table: dict[str, Any], robot: str, sensor: str, surface: str) -> None:
+    """Keep a fault that is not there yet and that the cell can have."""
+    same = any((one["on"], one["fault"]) == (table["on"], table["fault"]) for one in chosen)
+    if not same and fits(table, robot, sensor, surface):
+        chosen.append(table)
 
 
 def faults_of_cell(draw: Draw, config: str) -> tuple[Mapping[str, Any], ...]:

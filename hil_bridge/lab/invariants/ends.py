@@ -9,7 +9,7 @@ import numpy as np
 from hil_bridge.control.geometry.frames import rotation_matrix
 from hil_bridge.lab.invariants.evidence import Evidence, Promise, Trace, Violation
 from hil_bridge.lab.invariants.force import world_of
-from hil_bridge.lab.invariants.voids import FORCE_AXES, rows_of, told_off_m
+from hil_bridge.lab.invariants.voids import FORCE_AXES, added_n, rows_of, told_off_m
 from hil_bridge.record import Outcome
 
 FORCE_OFF_N = 2.0
@@ -29,8 +29,9 @@ def untold_ends(evidence: Evidence) -> Iterator[Violation]:
     at, true_n = float(trace.times[-1]), float(trace.forces[-1])
     free = bool(rest.get("retracted")) or not rest or end.get("outcome") == Outcome.COMPLETED
     allowed_n = evidence.config.limits.weight_tolerance_n + FORCE_OFF_N
-    if not rest:  # it never moved: it may have stood in the surface from the start
-        allowed_n = max(allowed_n, float(trace.forces[0]) + FORCE_OFF_N)
+    if not rest:  # it never moved: it may have stood in the surface from the start, or the surface came to it
+        came_n = added_n(evidence.config.faults, world_of(evidence, evidence.config.frame.approach))
+        allowed_n = max(allowed_n, float(trace.forces[0]) + FORCE_OFF_N + came_n)
     if free and _verified_n(evidence, trace, rest) > allowed_n:
         yield Violation(Promise.END, at, {"true_n": true_n})
 
