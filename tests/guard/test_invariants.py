@@ -178,7 +178,15 @@ ADDED: list[tuple[dict[str, Any], float]] = [
     ({"on": "surface", "fault": "rises", "phase": "track", "for_s": 0.5, "with": {"mm_s": 20.0}}, 50.0),
     ({"on": "surface", "fault": "rises", "phase": "track", "for_s": 0.5, "with": {"mm_s": -20.0}}, 0.0),
     ({"on": "signal", "fault": "offset", "phase": "track"}, 20.0),
-    ({"on": "signal", "fault": "offset", "phase": "connect"}, 0.0),  # the check before the run finds it
+    (
+        {"on": "signal", "fault": "offset", "phase": "connect"},
+        1.0,
+    ),  # the check before the run finds all but 1 N
+    ({"on": "signal", "fault": "scale", "phase": "connect", "with": {"factor": 0.8}}, 0.0),
+    (
+        {"on": "signal", "fault": "scale", "phase": "connect", "with": {"factor": 0.9}},
+        100.0 / 9.0,
+    ),  # 0.6 N of weight
     ({"on": "signal", "fault": "offset", "phase": "track", "with": {"axis": "mx"}}, 0.0),
     ({"on": "signal", "fault": "drift", "phase": "track", "for_s": 2.0, "with": {"per_s": -0.5}}, 1.0),
     ({"on": "signal", "fault": "scale", "phase": "track", "with": {"factor": 0.8}}, 25.0),
@@ -200,7 +208,8 @@ ADDED: list[tuple[dict[str, Any], float]] = [
 
 @pytest.mark.parametrize(("fault", "newtons"), ADDED, ids=lambda value: str(value)[:60])
 def test_a_fault_adds_its_number_to_the_bound(fault: dict[str, Any], newtons: float) -> None:
-    world = World(hil_bridge.load({}), 5e3, 11e-3, 0.3, 20.0, (0.0, 0.0, -1.0))
+    config = hil_bridge.load({"cell": {"tool": {"mass_kg": 0.6}}})
+    world = World(config, 5e3, 11e-3, 0.3, 20.0, (0.0, 0.0, -1.0))
     assert added_n([FaultConfig.model_validate(fault)], world) == pytest.approx(newtons)
 
 

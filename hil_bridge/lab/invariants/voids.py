@@ -51,6 +51,12 @@ class World(NamedTuple):
         return self.blind_m * self.stiffness_n_m if share <= 0.0 else limit_n * max(1.0 / share - 1.0, 0.0)
 
     @property
+    def weight_n(self) -> tuple[float, ...]:
+        """Weight of the tool on each axis of the sensor, N, without its sign."""
+        down = rotation_matrix(self.config.cell.start_quaternion).T @ np.array((0.0, 0.0, STANDARD_GRAVITY))
+        return tuple(abs(self.config.cell.tool.mass_kg * down).tolist())
+
+    @property
     def blind_m(self) -> float:
         """Way into the surface that a run takes without an answer of the force, m."""
         return self.config.task.approach_depth_limit_mm * 1e-3
@@ -72,20 +78,20 @@ class Void(NamedTuple):
     why: str
     metres: Adds | None = None
     newtons: Adds | None = None
-    unless_checked: bool = False
-    """A fault that is there before anything moves adds nothing: the check before the run has to find it."""
+    missed: Adds | None = None
+    """What it adds if it is there before anything moves: the check before the run has to find all but that, N."""
     voids: frozenset[Promise] = frozenset()
     """Promises of the orders that it takes away altogether, for the depth that they count from is a false one."""
 
     def covers(self, fault: FaultConfig) -> bool:
         """Whether this row tells of this fault."""
-        if fault.on != self.on or (self.faults and fault.fault not in self.faults):
-            return False
-        checked = fault.phase in BEFORE and not fault.after_s and not fault.when and fault.for_s is None
-        return not (self.unless_checked and checked)
+        return fault.on == self.on and (not self.faults or fault.fault in self.faults)
 
     def added_n(self, fault: FaultConfig, world: World) -> float:
         """What a fault adds to the bound, N."""
+        checked = fault.phase in BEFORE and not fault.after_s and not fault.when and fault.for_s is None
+        if checked and self.missed is not None:
+            return self.missed(fault, world)
         metres = 0.0 if self.metres is None else self.metres(fault, world)
         pressed = metres * world.stiffness_n_m if metres else 0.0
         return pressed + (0.0 if self.newtons is None else self.newtons(fault, world))
@@ -127,6 +133,47 @@ def _of_force(fault: FaultConfig, amount: float) -> float:
     """An amount on the axis of a fault, N; none where it is an axis of the moment."""
     axis = fault.parameters.get("axis", "fz")
     return abs(amount) * (math.sqrt(3.0) if axis == "all" else 1.0) if axis in (*FORCE_AXES, "all") else 0.0
+
+
+def _hides(changed: Callable[[FaultConfig], Callable[[Floats], Floats]]) -> Adds:
+    """A sensor that changes the force so hides a part of it."""
+    return lambda fault, world: world.hidden_n(world.told_share(changed(fault)))
+
+
+def _scaled(fault: FaultConfig) -> Callable[[Floats], Floats]:
+    return _axis(fault, _value(fault, "factor", 0.1))
+
+
+def _wrong_scales(fault: FaultConfig, world: World) -> float:
+    return world.hidden_n(_value(fault, "factor", 0.5)) if fault.parameters.get("of") != "moments" else 0.0
+
+
+def _missed_scale(adds: Adds) -> Adds:
+    """The same for a scale that moves the tool's weight on its axes by less than the tolerance."""
+
+    def added(fault: FaultConfig, world: World) -> float:
+        axis = fault.parameters.get("axis", "fz" if fault.on == "signal" else "all")
+        weights = [
+            part for name, part in zip(FORCE_AXES, world.weight_n, strict=True) if axis in (name, "all")
+        ]
+        off_n = abs(1.0 - _value(fault, "factor", 0.1 if fault.on == "signal" else 0.5)) * max(
+            weights, default=0.0
+        )
+        return adds(fault, world) if 0.0 < off_n <= world.config.limits.weight_tolerance_n else 0.0
+
+    return added
+
+
+def _offset(fault: FaultConfig, world: World) -> float:
+    return _of_force(fault, _value(fault, "amount", 20.0))
+
+
+def _missed_offset(fault: FaultConfig, world: World) -> float:
+    return min(_offset(fault, world), world.config.limits.weight_tolerance_n)
+
+
+def _nothing(fault: FaultConfig, world: World) -> float:
+    return 0.0
 
 
 def _late_s(fault: FaultConfig, world: World) -> float:
@@ -206,57 +253,13 @@ def _row(on: str, faults: str, why: str, **how: Any) -> Void:
 
 
 VOIDS: tuple[Void, ...] = (
-    _row(
-        "signal",
-        "dead",
-        _FORCE,
-        newtons=lambda fault, world: world.hidden_n(world.told_share(_axis(fault, 0.0))),
-        unless_checked=True,
-    ),
-    _row(
-        "signal",
-        "scale",
-        _FORCE,
-        newtons=lambda fault, world: world.hidden_n(
-            world.told_share(_axis(fault, _value(fault, "factor", 0.1)))
-        ),
-        unless_checked=True,
-    ),
-    _row(
-        "signal",
-        "sign",
-        _FORCE,
-        newtons=lambda fault, world: world.hidden_n(world.told_share(_axis(fault, -1.0))),
-        unless_checked=True,
-    ),
-    _row(
-        "signal",
-        "swapped",
-        _FORCE,
-        newtons=lambda fault, world: world.hidden_n(world.told_share(_swapped(fault))),
-        unless_checked=True,
-    ),
-    _row(
-        "signal",
-        "turned",
-        _FORCE,
-        newtons=lambda fault, world: world.hidden_n(world.told_share(_turned(fault))),
-        unless_checked=True,
-    ),
-    _row(
-        "sensor",
-        "wrong-scales",
-        _FORCE,
-        newtons=lambda fault, world: world.hidden_n(_value(fault, "factor", 0.5)),
-        unless_checked=True,
-    ),
-    _row(
-        "signal",
-        "offset",
-        _FORCE,
-        newtons=lambda fault, world: _of_force(fault, _value(fault, "amount", 20.0)),
-        unless_checked=True,
-    ),
+    _row("signal", "dead", _FORCE, newtons=_hides(lambda fault: _axis(fault, 0.0)), missed=_nothing),
+    _row("signal", "scale", _FORCE, newtons=_hides(_scaled), missed=_missed_scale(_hides(_scaled))),
+    _row("signal", "sign", _FORCE, newtons=_hides(lambda fault: _axis(fault, -1.0)), missed=_nothing),
+    _row("signal", "swapped", _FORCE, newtons=_hides(_swapped), missed=_nothing),
+    _row("signal", "turned", _FORCE, newtons=_hides(_turned), missed=_nothing),
+    _row("sensor", "wrong-scales", _FORCE, newtons=_wrong_scales, missed=_missed_scale(_wrong_scales)),
+    _row("signal", "offset", _FORCE, newtons=_offset, missed=_missed_offset),
     _row(
         "signal",
         "drift",
