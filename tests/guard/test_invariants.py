@@ -265,9 +265,20 @@ def test_a_sensor_that_lies_may_tell_too_much(healthy: Evidence) -> None:
 
 
 def test_a_robot_that_lies_is_off_by_its_number_alone(healthy: Evidence) -> None:
-    fault = {"on": "pose", "fault": "offset", "phase": "track", "with": {"z_mm": 5.0}}
     depth_m = json.loads(healthy.recording.end["rest"])["depth_m"]
-    for off_m, broken in ((5e-3, []), (8e-3, [Promise.LAST_LINE])):
+    for name, off_m, broken in (
+        ("offset", 5e-3, []),
+        ("offset", 8e-3, [Promise.LAST_LINE]),
+        ("frozen", 0.08, []),
+        ("mirrored", 0.16, []),
+        ("turned", 0.08, [Promise.LAST_LINE]),
+    ):
+        fault = {
+            "on": "pose",
+            "fault": name,
+            "phase": "track",
+            "with": {"z_mm": 5.0} if name == "offset" else {},
+        }
         told = faulted(rest(healthy, depth_m=depth_m + off_m), fault)
         assert [one.promise for one in broken_promises(told, without=(Promise.MODEL,))] == broken
 

@@ -221,6 +221,11 @@ def _followed(fault: FaultConfig, world: World) -> float:
     return world.config.limits.following_error_mm * 1e-3
 
 
+def _whole_way(fault: FaultConfig, world: World) -> float:
+    """Way of the tool after a place that stays what it was, m."""
+    return world.config.limits.correction_total_mm * 1e-3
+
+
 def _believed(way: Adds) -> Adds:
     """A false place, m, as far as the guard believes it."""
     return lambda fault, world: min(way(fault, world), _followed(fault, world))
@@ -394,7 +399,13 @@ def added_n(faults: Iterable[FaultConfig], world: World) -> float:
 
 def told_off_m(faults: Iterable[FaultConfig], world: World) -> float:
     """How far the place that the robot tells may be from its own by these faults, m."""
-    ways: dict[str, Adds] = {"encoder-offset": _off, "offset": _off, "drift": _astray}
+    ways: dict[str, Adds] = {
+        "encoder-offset": _off,
+        "offset": _off,
+        "drift": _astray,
+        "frozen": _whole_way,
+        "mirrored": lambda fault, world: 2.0 * _whole_way(fault, world),
+    }
     return sum(ways.get(fault.fault, _followed)(fault, world) for fault in faults if fault.on == "pose")
 
 
