@@ -140,9 +140,11 @@ class SensorStatistics:
     """Faults of the samples that came, or of other bytes, since the client began."""
 
     lost: int = 0
-    """Samples that the counter says are missing, where the device has a cadence of its own."""
+    """Samples that the counter says are missing, where the device has a cadence of its own. Without a counter: those
+    that stood where bytes came that make no sample. The age of a force is counted by these and by those that came.
+    """
     repeated: int = 0
-    """Samples dropped because their counter was there before: duplicates and stragglers."""
+    """Samples dropped because they were there before, by their counter or their contents: duplicates, stragglers."""
     standing: int = 0
     """Samples in a row that came with the counter of the newest one, so that it stands still; 0 while it moves."""
     unpaired: int = 0

@@ -67,3 +67,43 @@ def test_a_zero_lets_the_count_begin_again() -> None:
     watch.begin()
     watch.frame(3.0, 101)
     assert watch.late == 0.0
+
+
+def copied(frames: int, every: int, first: int) -> list[tuple[float, int]]:
+    """Frames behind `first`, of which one of `every` comes twice and counts twice."""
+    arrivals, count = [], first
+    for k in range(frames):
+        for _ in range(2 if k % every == 0 else 1):
+            arrivals.append(((first + k) * PERIOD_S, count))
+            count += 1
+    return arrivals
+
+
+def test_copies_hide_no_delay_that_begins_behind_them() -> None:
+    arrivals = copied(300, 10, 100)
+    late = [(at + 0.15 * (at > 3.0), count) for at, count in arrivals]
+    assert fed(*steady(100), *late).late >= 0.15
+
+
+def test_frames_too_many_count_as_a_delay_that_they_may_hide() -> None:
+    watch = fed(*steady(200), *copied(300, 10, 200))
+    assert watch.late == pytest.approx(0.3 - 3.0 * 0.02, abs=0.02)
+
+
+def test_frames_that_waited_for_the_first_reading_hide_nothing() -> None:
+    waited = [(0.3, k) for k in range(30)]
+    assert fed(*waited, *steady(500, first=30)).late == 0.0
+
+
+def test_a_burst_after_a_pause_hides_nothing() -> None:
+    burst = [(3.0, k) for k in range(200, 300)]
+    assert fed(*steady(200), *burst, *steady(100, first=300)).late == 0.0
+
+
+@pytest.mark.parametrize("period", [0.00981, 0.01019])
+def test_another_clock_with_jitter_hides_nothing(period: float) -> None:
+    watch, latest = LatenessWatch(PERIOD_S), 0.0
+    for at, count in steady(20_000, period):
+        watch.frame(at + 0.03 * (count % 101 != 0), count)
+        latest = max(latest, watch.late)
+    assert latest == 0.0

@@ -35,10 +35,10 @@ def streamed(emulated: str, /, **more: Any) -> Config:
     return awake_config(values)
 
 
-def bound(config: Config) -> float:
+def bound(config: Config, stiffness: float = STIFFNESS) -> float:
     """The bound of the true force of a run whose robot and sensor do as their facts say, N."""
     sensor = SensorFacts("", (1.0,) * 6, None, None, 0.01, 0.0, "host")
-    return force_bound_n(config, Devices(Setup(config).facts, Sensor(facts=sensor)), STIFFNESS)
+    return force_bound_n(config, Devices(Setup(config).facts, Sensor(facts=sensor)), stiffness)
 
 
 def fault(on: str, name: str, **how: Any) -> dict[str, Any]:
@@ -60,6 +60,30 @@ def test_forces_later_and_later_are_not_taken_for_fresh(guarded: Run, sensor: st
     assert run.largest <= bound(config)
     assert "the newest force is" in run.cause
     assert run.result.left.startswith("retracted")
+
+
+@pytest.mark.parametrize("robot", ["egm", "rsi", "rtde", "s3"])
+@pytest.mark.parametrize("stiffness", [5e3, 5e4])
+def test_bytes_that_come_twice_hide_no_later_forces(guarded: Run, robot: str, stiffness: float) -> None:
+    """They once counted as messages, so that a stream looked punctual that came later and later."""
+    ramp = [
+        fault("sensor-wire", "late", ms=50.0, way="from") | {"after_s": 0.05 + 0.3 * k} for k in range(12)
+    ]
+    period = 180 if robot == "s3" else 20
+    config = streamed(
+        robot,
+        sensor={"emulated": "jr3-uart"},
+        run={"duration_s": 4.0, "period_ms": period},
+        controller={"sample_ms": period},
+        cell={"surface": {"stiffness_n_m": stiffness}},
+        task={"expected_stiffness_n_m": stiffness},
+        faults=[fault("sensor-wire", "twice", probability=0.01, way="from"), *ramp],
+    )
+    run = guarded(config)
+    assert "the newest force is" in run.cause
+    assert run.largest <= 0.5 * bound(config, stiffness)
+    assert run.result.left.startswith("retracted")
+    assert run.last == 0.0
 
 
 @pytest.mark.parametrize("robot", ["egm", "rsi", "rtde"])

@@ -16,6 +16,7 @@ VERSION, SERIAL = encode_words(READ, [0x4654, 0x5301, 0x0203]), encode_words(REA
 ASK_VERSION, ASK_SERIAL, START = encode_read(500, 3), encode_read(510, 4), encode_write(410, 0x0200)
 STARTED = bytes.fromhex("0910019A00012152")
 MESSAGE = encode_message((1, -2, 3, -4, 5, -6))
+OTHER = encode_message((1, -2, 4, -4, 5, -6))
 
 
 def events(client: Ft300Client) -> list[Any]:
@@ -67,8 +68,25 @@ def test_a_stream_whose_announcement_was_lost_is_taken() -> None:
     client = Ft300Client(Ft300ClientProfile(), T0)
     asked(client)
     expect(client, T0 + 0.15, START)
-    client.receive(MESSAGE * 2, T0 + 0.3)
+    client.receive(MESSAGE + OTHER, T0 + 0.3)
     assert [type(event) for event in events(client)] == [SensorReady, WrenchFrame, WrenchFrame]
+
+
+def test_client_message_that_comes_twice_is_told_once() -> None:
+    client = streaming()
+    client.receive(OTHER * 2 + MESSAGE, T0 + 0.21)
+    client.receive(MESSAGE, T0 + 0.212)
+    client.receive(MESSAGE, T0 + 0.222)  # in its own time: a sensor may stand still
+    assert [event.at - T0 for event in events(client)] == pytest.approx([0.21, 0.21, 0.222])
+    assert client.statistics.repeated == 2
+
+
+def test_client_bytes_between_messages_count_by_their_length() -> None:
+    client = streaming()
+    client.receive(MESSAGE[:1] + OTHER, T0 + 0.21)  # a byte that comes twice takes the place of nothing
+    assert (client.statistics.malformed, client.statistics.lost) == (1, 0)
+    client.receive(MESSAGE[:5] + b"\0" + MESSAGE[6:] + OTHER[1:] + MESSAGE, T0 + 0.25)
+    assert client.statistics.lost == 2
 
 
 def test_questions_that_are_not_answered_are_asked_again_behind_a_stop() -> None:

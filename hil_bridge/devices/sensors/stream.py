@@ -272,8 +272,7 @@ class ForceSensor:
                     if event.saturated:
                         peaks.saturated = True
                 self.received += 1
-                statistics = self._client.statistics
-                self._lateness.frame(event.at, self.received + statistics.lost + statistics.malformed)
+                self._lateness.frame(event.at, self.received + self._client.statistics.lost)
                 self._log.frame(event)
             case SensorReady(facts=facts):
                 self._facts, self._converted = facts, None

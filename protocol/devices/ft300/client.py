@@ -36,6 +36,10 @@ _ASKED_PERIOD_S = 0.017
 """Derived: a question and its answer on the line, and the turnaround, for the length of a zero."""
 _BUFFER_LIMIT = 512
 """Chosen: most bytes kept while an answer is awaited; a stream that does not stop fills it."""
+_COPY_PERIODS = 0.5
+"""Chosen: part of a period within which a message equal to the one before is a copy, for six values that are noisy do
+not stay the same.
+"""
 _STOPS = 3
 """Chosen: stops that are sent at the end while messages still come."""
 _READS = ((VERSION_REGISTER, 3), (SERIAL_REGISTER, 4))
@@ -65,6 +69,9 @@ class Ft300Client(Due):
         self._answer = b""
         self._reader = StreamReader()
         self._streaming = self._heard = False
+        self._newest: Sequence[int] = ()
+        """Message of the stream that came last, and when it did, s."""
+        self._newest_at = 0.0
         self._model = ""
         self._stops = 0
 
@@ -186,14 +193,21 @@ class Ft300Client(Due):
         self._due = now + self._profile.silence_s
 
     def _take_stream(self, data: bytes, now: float) -> None:
-        before = self._reader.noises
-        messages = self._reader.feed(data)
-        self.statistics.malformed += self._reader.noises - before
+        reader, statistics = self._reader, self.statistics
+        noises, missed = reader.noises, reader.missed
+        messages = reader.feed(data)
+        statistics.malformed += reader.noises - noises
+        if self._newest:  # a stream that is joined begins anywhere
+            statistics.lost += reader.missed - missed
         self._tell_all(messages, now)
 
     def _tell_all(self, messages: Sequence[Sequence[int]], now: float) -> None:
         for counts in messages:
             self._due = now + self._profile.silence_s
+            if counts == self._newest and now - self._newest_at < _COPY_PERIODS * PERIOD_S:
+                self.statistics.repeated += 1
+                continue
+            self._newest, self._newest_at = counts, now
             self._tell(counts, now)
 
     def _tell(self, counts: Sequence[int], now: float) -> None:

@@ -111,7 +111,10 @@ class StreamReader:
         self._waiting = b""
         self.noises = 0
         """Unbroken runs of bytes that belong to no message."""
+        self.missed = 0
+        """Messages that these runs take the place of: by their length, so that no byte that comes twice counts as one."""
         self._in_noise = False
+        self._noise_bytes = 0
 
     def feed(self, data: bytes) -> list[tuple[int, ...]]:
         """Take what came; the messages that are complete, oldest first. At most 15 bytes are kept."""
@@ -121,12 +124,14 @@ class StreamReader:
             if message.startswith(HEADER) and crc_fits(message):
                 found.append(_unpack_message(message))
                 at += MESSAGE_SIZE
-                self._in_noise = False
+                self.missed += round(self._noise_bytes / MESSAGE_SIZE)
+                self._in_noise, self._noise_bytes = False, 0
                 continue
             self.noises += not self._in_noise
             self._in_noise = True
             following = waiting.find(HEADER[:1], at + 1)
-            at = len(waiting) if following < 0 else following
+            end = len(waiting) if following < 0 else following
+            self._noise_bytes, at = self._noise_bytes + end - at, end
         self._waiting = waiting[at:]
         return found
 
