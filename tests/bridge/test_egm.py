@@ -121,7 +121,11 @@ REFUSALS: dict[str, tuple[str, str, str]] = {
         "",
         "sent nothing for 0.5 s; see whether its program still runs",
     ),
-    "another number": (fault("wire", "wrong-seqno"), "", SESSION),
+    "other numbers": (
+        fault("wire", "wrong-seqno", "with = {count = 50}"),
+        "",
+        "its datagrams are numbered anew",
+    ),
     "no number": (
         fault("pose", "nan", "with = {count = 1}"),
         "",

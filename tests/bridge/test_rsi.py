@@ -195,7 +195,7 @@ def test_urls_name_the_kind_and_settings_stand_in_its_sections(tmp_path: Path) -
         ("wire", "malformed", "sent nothing for 0.5 s"),
         ("pose", "nan", "no number"),
         ("pose", "missing", "sent nothing for 0.5 s"),
-        ("robot", "clock-jump", "its program has begun anew, or moves by itself"),
+        ("robot", "clock-jump", "its clock jumped"),
         ("wire", "deaf", "answers in a row"),
     ],
 )

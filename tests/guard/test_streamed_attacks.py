@@ -8,6 +8,7 @@ import pytest
 
 import hil_bridge
 from hil_bridge.devices.facts import Devices, Sensor
+from hil_bridge.record import Outcome
 from hil_bridge.runs.force_bound import force_bound_n
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config
@@ -203,3 +204,30 @@ def test_a_stuck_sensor_is_seen_although_the_reported_orientation_jitters() -> N
     )
     assert "the force stayed at" in result.recording.end["text"]
     assert max(math.hypot(*truth.force) for truth in result.recording.truths) < 30.0
+
+
+@pytest.mark.parametrize("by", [-1000, -3, 50, 1000])
+def test_one_stray_number_of_an_egm_robot_ends_nothing(guarded: Run, by: int) -> None:
+    """It once ended the movement, and the tool stayed pressed with 11 N."""
+    stray = {"on": "wire", "fault": "wrong-seqno", "phase": "track", "after_s": 0.5, "with": {"by": by}}
+    run = guarded(streamed("egm", faults=[stray]))
+    assert run.result.outcome is Outcome.COMPLETED
+    assert run.last == 0.0
+
+
+@pytest.mark.parametrize(
+    ("robot", "jump"),
+    [
+        ("egm", {"on": "wire", "fault": "wrong-seqno", "with": {"count": 50, "by": -1000}}),
+        ("rsi", {"on": "robot", "fault": "clock-jump", "with": {"ms": -5000}}),
+        ("rsi", {"on": "robot", "fault": "clock-jump", "with": {"ms": -500}}),
+        ("rsi", {"on": "robot", "fault": "clock-jump", "with": {"ms": 5000}}),
+    ],
+)
+def test_numbers_that_begin_anew_leave_no_tool_pressed(
+    guarded: Run, robot: str, jump: dict[str, Any]
+) -> None:
+    run = guarded(streamed(robot, faults=[jump | {"phase": "track", "after_s": 0.5}]))
+    assert run.result.outcome is Outcome.STOPPED
+    assert run.result.left.startswith("retracted")
+    assert run.last == 0.0

@@ -358,16 +358,17 @@ def test_a_robot_with_another_cycle_is_told_so() -> None:
 @pytest.mark.parametrize("moving", [True, False])
 def test_another_session_ends_a_movement_and_the_numbers_count_on(moving: bool) -> None:
     talk = Conversation()
-    for number in range(3):
+    for number in range(100, 103):
         talk.hears(told(number))
     if moving:
         talk.begins(moved())
         talk.goal = moved(z_mm=-1.0)
     elsewhere = place(PoseMm((602.0, 0.0, 500.0), DOWN))
-    (answer,) = talk.hears(told(0, tm_ms=5000, planned=elsewhere))
+    assert not any(talk.hears(told(k, tm_ms=4984 + 4 * k, planned=elsewhere)) for k in range(4))
+    (answer,) = talk.hears(told(4, tm_ms=5000, planned=elsewhere))
     assert (millimetres([answer]), answer.speed) == ((602.0, 0.0, 500.0), STILL)
     told_of = talk.texts(StreamLost if moving else StreamNotice)
-    assert ["another EGM session" in text for text in told_of] == [True]
+    assert ["another EGM session" in text for text in told_of if "not heeded" not in text] == [True]
     assert [report.sequence for report in talk.reports] == [1, 2, 3, 4]
 
 
@@ -387,6 +388,35 @@ def test_a_smaller_number_is_a_late_datagram_or_another_session(
     talk.hears(told(5, tm_ms=1020))
     talk.hears(told(number, tm_ms=tm), now=T0 + after_s)
     assert bool(talk.texts(StreamNotice)) is another
+
+
+@pytest.mark.parametrize("number", [2**32 - 200, 20, 70, 5000])
+def test_client_one_stray_number_is_not_answered(number: int) -> None:
+    talk = Conversation()
+    for k in range(8):
+        talk.hears(told(k))
+    talk.begins(moved(z_mm=-1.0))
+    assert talk.hears(told(number, tm_ms=6000)) == []
+    assert len(talk.hears(told(8))) == 1
+    assert talk.texts(StreamLost) == []
+    assert talk.texts(StreamNotice) == [f"datagram {number} behind 7 is not heeded"]
+
+
+def test_client_numbers_anew_while_guided_are_a_fault_once() -> None:
+    talk = Conversation()
+    for k in range(8):
+        talk.hears(told(k))
+    talk.begins(moved())
+    for k in range(4):
+        assert talk.hears(told(2**32 - 200 + k, tm_ms=1032 + 4 * k)) == []
+    talk.hears(told(2**32 - 200 + 4, tm_ms=1048))
+    assert talk.reports[-1].fault == "its datagrams are numbered anew"
+    talk.hears(told(2**32 - 200 + 5, tm_ms=1052))
+    talk.begins(moved())
+    talk.goal = moved(z_mm=1.0)
+    answers = talk.hears(told(2**32 - 200 + 6, tm_ms=1056))
+    assert (talk.reports[-1].fault, talk.texts(StreamLost)) == ("", [])
+    assert millimetres(answers) == (600.0, 0.0, 501.0)
 
 
 def test_numbers_wrap_around() -> None:

@@ -265,23 +265,52 @@ def test_a_correction_stays_within_its_limit_and_that_is_told_once() -> None:
 
 
 def test_a_program_that_begins_anew_ends_the_movement() -> None:
-    cases = {
-        "clock": telegram(500_000),
-        "clock backwards": telegram(10),
-        "late answers": telegram(100_008, late=0),
-        "set position": telegram(100_008, late=2, planned=moved(-3.0), pose=moved(-3.0)),
+    elsewhere = {"late": 0, "planned": moved(-3.0), "pose": moved(-3.0)}
+    cases: dict[str, list[bytes]] = {
+        "clock": [telegram(500_000 + 4 * k, **elsewhere) for k in range(5)],
+        "clock backwards": [telegram(10 + 4 * k, **elsewhere) for k in range(5)],
+        "late answers": [telegram(100_008, late=0)],
+        "set position": [telegram(100_008, late=2, planned=moved(-3.0), pose=moved(-3.0))],
     }
-    for raw in cases.values():
+    for *strays, raw in cases.values():
         driver = absolute()
         driver.give(telegram(100_000, late=2))
         driver.client.begin(START)
         driver.give(telegram(100_004, late=2), to=moved(-0.2))
+        assert not any(driver.give(stray, to=moved(-0.3)) for stray in strays)
         (answer,) = driver.give(raw, to=moved(-0.3))
         assert driver.lost == [
             "its program has begun anew, or moves by itself: the correction of before no longer holds"
         ]
         assert set(numbers(answer.values, TAGS) or ()) == {0.0}
         assert driver.reports[-1].sequence == 3
+
+
+@pytest.mark.parametrize("clock", [10, 99_000, 100_100, 500_000])
+def test_client_one_stray_clock_is_not_answered(clock: int) -> None:
+    driver = absolute()
+    driver.give(telegram(100_000))
+    driver.client.begin(START)
+    driver.value(telegram(100_004), to=moved(-0.2))
+    assert driver.give(telegram(clock), to=moved(-0.3)) == []
+    (answer,) = driver.give(telegram(100_012, pose=moved(-0.2)), to=moved(-0.3))
+    assert (answer.ipoc, driver.lost) == (100_012, [])
+    assert not any(report.fault for report in driver.reports)
+
+
+@pytest.mark.parametrize("clock", [10, 99_500, 500_000])
+def test_client_clock_that_jumps_is_a_fault_once(clock: int) -> None:
+    driver = absolute()
+    driver.give(telegram(100_000))
+    driver.client.begin(START)
+    driver.value(telegram(100_004), to=moved(-0.2))
+    for k in range(4):
+        assert driver.give(telegram(clock + 4 * k, pose=moved(-0.2)), to=moved(-0.2)) == []
+    driver.value(telegram(clock + 16, pose=moved(-0.2)), to=moved(-0.2))
+    assert driver.reports[-1].fault == "its clock jumped"
+    (answer,) = driver.give(telegram(clock + 20, pose=moved(-0.2)), to=moved(0.0))
+    assert (answer.ipoc, driver.reports[-1].fault, driver.lost) == (clock + 20, "", [])
+    assert numbers(answer.values, TAGS) == pytest.approx([0.0] * 6, abs=0.2)
 
 
 def test_a_silent_robot_is_asked_for_its_correction() -> None:

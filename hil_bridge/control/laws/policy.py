@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from hil_bridge.control.types import SAMPLE_MS, STREAM_SAMPLES_MS, Command, Measurement, Tuning
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.extras import install_command
+from hil_bridge.errors.text_files import open_ordinary, read_up_to
 from protocol.marks import SettingError
 
 Observed: TypeAlias = NDArray[np.float32]
@@ -32,6 +33,8 @@ AXES: tuple[Axis, ...] = ("along", "across", "turn")
 that direction, which tips the tool towards the way.
 """
 TURN = AXES[2]
+FILE_LIMIT_BYTES = 1 << 28
+"""Longest file of a policy. Chosen: as the longest text file; a policy of a million weights has 4 MB."""
 
 
 class Quantity(NamedTuple):
@@ -234,9 +237,12 @@ class PolicyFile:
         if not self.file:
             raise SettingError("file", "must be the path of an ONNX file")
         try:
-            content = Path(self.file).read_bytes()
-        except (OSError, ValueError) as error:
-            raise SettingError("file", f"{self.file} cannot be read: {error}") from error
+            with open_ordinary(Path(self.file)) as file:
+                content = read_up_to(file, FILE_LIMIT_BYTES + 1)
+        except ConfigError as error:
+            raise SettingError("file", str(error)) from error
+        if len(content) > FILE_LIMIT_BYTES:
+            raise SettingError("file", f"{self.file} is longer than {FILE_LIMIT_BYTES} bytes: no policy is")
         digest = hashlib.sha256(content).hexdigest()
         if self.sha256 and self.sha256.lower() != digest:
             raise SettingError("sha256", f"is not that of {self.file}, which has {digest}")

@@ -22,7 +22,7 @@ from collections.abc import Sequence
 from itertools import product
 
 from protocol.datagram import arrived_at
-from protocol.devices.egm.frames import Frames
+from protocol.devices.egm.frames import APART_MM, Frames
 from protocol.devices.egm.messages import (
     Guidance,
     Motors,
@@ -36,6 +36,7 @@ from protocol.devices.egm.messages import (
 from protocol.devices.egm.units import from_wire, to_wire
 from protocol.endpoint import NO_TROUBLE, RemoteProtocolError, Trouble
 from protocol.geometry import Pose, Vector, rotate, rotation_vector, turn_between
+from protocol.numbering import AHEAD_MAX, NewNumbers
 from protocol.robot import ReportReceived, RobotReport, StreamEvent, StreamLost, StreamNotice
 
 _NUMBERS = 2**32
@@ -84,6 +85,7 @@ _ERROR = Trouble(
     "read the controller's event log, then start the RAPID program",
 )
 _NO_POSE = Trouble("it tells no pose", "guide it by EGMActPose")
+_RENUMBERED = Trouble("its datagrams are numbered anew", "see which program sends to this port")
 
 
 _HEALTHY = frozenset(product(*(good for _, good, _ in _FAULTS)))
@@ -116,6 +118,10 @@ class EgmClient:
         """Number of the newest report."""
         self._seqno: int | None = None
         """Number of the newest datagram as sent; None before the first."""
+        self._strays = NewNumbers(cycle)
+        """Datagrams whose numbers do not follow; they are not answered."""
+        self._guided_on = False
+        """All of these are of a robot that is guided on and stands where it did."""
         self._tm = 0
         self._arrived_at = -math.inf
         self._again: deque[bool] = deque(maxlen=_EVENTS_MAX)
@@ -208,23 +214,25 @@ class EgmClient:
     # --- datagrams of the robot
 
     def _take(self, message: RobotMessage, at: float) -> None:
+        renumbered = NO_TROUBLE
         distance = self._distance(message, at)
         if distance is None:
-            if self._seqno is not None:
-                self._lose("the controller began another EGM session", "the tool stands where it was stopped")
-            distance = 1
-            self._session_at = at
-            self._first, self._wrong_cycle, self._frames = (
-                (message.seqno, message.tm_ms),
-                NO_TROUBLE,
-                Frames(),
-            )
+            if self._is_stray(message, at):
+                return
+            ahead = 0 if self._seqno is None else _signed(message.seqno - self._seqno)
+            if ahead <= 0 or self._silent(at):
+                renumbered = self._begin_session(message, at)
+            distance = max(ahead, 1)
+            self._strays.forget()
         number = self._number + distance
         measured = message.feedback.pose if message.feedback is not None else None
         self._time_cycle(message)
         planned = message.planned.pose if message.planned is not None else None
         trouble = (
-            find_trouble(message) or (NO_TROUBLE if measured is not None else _NO_POSE) or self._wrong_cycle
+            find_trouble(message)
+            or (NO_TROUBLE if measured is not None else _NO_POSE)
+            or self._wrong_cycle
+            or renumbered
         )
         if distance > 0:
             misplaced = self._misplaced(measured, planned, at)
@@ -277,15 +285,48 @@ class EgmClient:
         return self._session_at is not None and ready
 
     def _distance(self, message: RobotMessage, at: float) -> int | None:
-        """By how much the number of a datagram is larger than the newest one; None in another session."""
+        """By how much the number of a datagram is larger than the newest one; None where it does not follow."""
         if self._seqno is None:
             return None
         ahead = _signed(message.seqno - self._seqno)
-        if ahead > 0:
+        if 0 < ahead <= (at - self._arrived_at) / self._cycle + AHEAD_MAX:
+            self._strays.forget()
             return ahead
+        if ahead > 0:
+            return None
         later = _signed(message.tm_ms - self._tm) > 0  # the controller's clock goes on with a new session
-        silent = at - self._arrived_at > _SILENCE_S
-        return None if later or silent or ahead < -_LATE_MAX else ahead
+        return None if later or self._silent(at) or ahead < -_LATE_MAX else ahead
+
+    def _silent(self, at: float) -> bool:
+        return at - self._arrived_at > _SILENCE_S
+
+    def _is_stray(self, message: RobotMessage, at: float) -> bool:
+        """Whether a datagram that does not follow is not to be heeded: the robot has not been seen to count anew."""
+        if self._seqno is None or self._silent(at):
+            self._guided_on = False
+            return False
+        first = not self._strays.waits
+        anew = self._strays.take(message.seqno, at)
+        planned, reference = message.planned, self._reference
+        near = (
+            planned is not None
+            and planned.pose is not None
+            and reference is not None
+            and math.dist(planned.pose.position_mm, reference.position_mm) <= APART_MM
+        )
+        self._guided_on = (first or self._guided_on) and near and not find_trouble(message)
+        if not anew:
+            self._notice("numbers", f"datagram {message.seqno} behind {self._seqno} is not heeded", at)
+        return not anew
+
+    def _begin_session(self, message: RobotMessage, at: float) -> Trouble:
+        """Count anew from this datagram. A robot that is guided on meanwhile has a fault, and its movement goes on."""
+        goes_on = self._guided_on and self._moving
+        if self._seqno is not None and not goes_on:
+            self._lose("the controller began another EGM session", "the tool stands where it was stopped")
+        self._session_at = None if goes_on else at
+        self._first, self._wrong_cycle, self._frames = (message.seqno, message.tm_ms), NO_TROUBLE, Frames()
+        return _RENUMBERED if goes_on else NO_TROUBLE
 
     def _time_cycle(self, message: RobotMessage) -> None:
         """Measure the robot's cycle once in a session: all speeds are distances of a cycle."""

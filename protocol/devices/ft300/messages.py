@@ -112,7 +112,7 @@ class StreamReader:
         self.noises = 0
         """Unbroken runs of bytes that belong to no message."""
         self.missed = 0
-        """Messages that these runs take the place of: by their length, so that no byte that comes twice counts as one."""
+        """Messages that these runs take the place of: by their length, so that a byte that comes twice is none."""
         self._in_noise = False
         self._noise_bytes = 0
 

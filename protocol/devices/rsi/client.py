@@ -26,6 +26,7 @@ from protocol.devices.rsi.telegram import ROBOT, SENSOR, Telegram, decode, encod
 from protocol.endpoint import NO_TROUBLE, RemoteProtocolError, Trouble
 from protocol.geometry import Pose, angles_of, from_angles, inverse, product
 from protocol.kinematics import Joints
+from protocol.numbering import AHEAD_MAX, NewNumbers
 from protocol.robot import ReportReceived, RobotReport, StreamEvent, StreamLost, StreamNotice
 
 DECIMALS = 6
@@ -52,6 +53,7 @@ _STATUS = "ProgStatus.R"
 _ACTUAL, _SET, _LATE = pose_tags("RIst"), pose_tags("RSol"), "Delay.D"
 _ACTUAL_AXES, _SET_AXES = axis_tags("AIPos"), axis_tags("ASPos")
 _NOTHING = (0.0,) * 6
+_RENUMBERED = Trouble("its clock jumped", "see which program sends to this port")
 _NO_POSE = Pose((math.nan,) * 3, (1.0, 0.0, 0.0, 0.0))
 """Stands for a position that is told as something else than numbers: nothing moves with it."""
 
@@ -104,6 +106,8 @@ class RsiClient:
         """Clocks of the telegrams that were told and not answered yet."""
         self._newest: int | None = None
         """Clock of the newest telegram."""
+        self._strays = NewNumbers(link.cycle_ms * 1e-3, link.cycle_ms)
+        """Telegrams whose clocks do not follow; they are not answered."""
         self._sequence = 0
         self._heard_at = -math.inf
         self._late: int | None = None
@@ -202,17 +206,30 @@ class RsiClient:
 
     def _note(self, told: _Told, at: float) -> None:
         """Number a telegram, tell it, and see whether the robot has taken the answer before."""
-        cycles, anew = 1, False
+        cycles, anew, silent = 1, False, at - self._heard_at > SESSION_MS / 1e3
+        renumbered = False
         if self._newest is not None:
-            passed = told.ipoc - self._newest
-            anew = abs(passed) > SESSION_MS or (passed > 0 and self._is_other_program(told))
-            cycles = round(passed / self._link.cycle_ms) or (1 if passed > 0 else 0)
-            if passed <= 0 and not anew:
-                self._report(told, at, self._sequence + cycles)
+            passed, cycle = told.ipoc - self._newest, self._link.cycle_ms
+            cycles = round(passed / cycle) or (1 if passed > 0 else 0)
+            follows = silent or 0 < passed <= (at - self._heard_at) * 1e3 + AHEAD_MAX * cycle
+            first = not self._strays.waits
+            if not follows and not self._strays.take(told.ipoc, at):
+                if -SESSION_MS <= passed <= 0:
+                    self._report(told, at, self._sequence + cycles)  # it was held up, or came again
+                elif first:
+                    self._tell(
+                        "numbers", f"a telegram of clock {told.ipoc} behind {self._newest} is not heeded"
+                    )
                 return
+            self._strays.forget()
+            jumped = passed <= 0 or passed > SESSION_MS
+            renumbered = jumped and not silent and self._is_corrected(told)
+            anew = (jumped and not renumbered) or (passed > 0 and self._is_other_program(told))
+            if renumbered:
+                cycles = max(1, round((at - self._heard_at) * 1e3 / cycle))
         if self._axes is not None:
             self._learn(told, self._axes)
-        if anew or at - self._heard_at > SESSION_MS / 1e3:
+        if anew or silent:
             self._begin_session(told, anew)
         else:
             self._settle(told, cycles)
@@ -221,7 +238,7 @@ class RsiClient:
         self._planned = told.planned or self._planned
         self._planned_axes = told.planned_axes or self._planned_axes
         self._watch(told)
-        self._report(told, at, self._sequence)
+        self._report(told, at, self._sequence, _RENUMBERED if renumbered else NO_TROUBLE)
 
     def _learn(self, told: _Told, channel: AxisChannel) -> None:
         """Note where the axes are and would be."""
@@ -231,8 +248,17 @@ class RsiClient:
                 a, b, c, d, e, f = (at - by for at, by in zip(told.axes, told.planned_axes, strict=True))
                 self._axes_offset = a, b, c, d, e, f
 
-    def _report(self, told: _Told, at: float, sequence: int) -> None:
-        trouble = self._find_trouble(told)
+    def _is_corrected(self, told: _Told) -> bool:
+        """Whether the robot is where its correction brought it, so that only the numbers are others."""
+        offset = told.offset
+        return (
+            offset is not None
+            and not self._is_other_program(told)
+            and math.dist(offset[:3], self._total[:3]) <= self._link.stray_mm
+        )
+
+    def _report(self, told: _Told, at: float, sequence: int, otherwise: Trouble = NO_TROUBLE) -> None:
+        trouble = self._find_trouble(told) or otherwise
         self._halted = self._halted or bool(trouble)
         self._asked.append(told.ipoc)
         self._events.append(
