@@ -33,6 +33,12 @@ AXES = ("fx", "fy", "fz", "mx", "my", "mz")
 """Names of six values in their order; bit k of `WrenchFrame.saturated` stands for the k-th of them."""
 
 
+PERIOD_MAX_S = 10.0
+"""Longest time between two frames that is believed. Chosen: many times that of the slowest stream known."""
+DELAY_MAX_S = 20.0
+"""Longest delay of a filter that is believed. Chosen: above that of the smallest cut-off that a JR3 gateway takes."""
+
+
 @dataclass(frozen=True, slots=True)
 class SensorFacts:
     """Facts of a sensor once it streams. Raises ValueError for impossible values."""
@@ -59,10 +65,12 @@ class SensorFacts:
                 continue
             if len(six) != len(AXES) or not all(math.isfinite(one) and one > 0.0 for one in six):
                 raise ValueError(f"{name} of a sensor must be six numbers above 0, got {six}")
-        if self.period is not None and not 0.0 < self.period < math.inf:
-            raise ValueError(f"period of a sensor must be above 0 s, got {self.period:g}")
-        if not 0.0 <= self.delay < math.inf:
-            raise ValueError(f"delay of a sensor must be at least 0 s, got {self.delay:g}")
+        if self.period is not None and not 0.0 < self.period <= PERIOD_MAX_S:
+            raise ValueError(
+                f"period of a sensor must be above 0 s and at most {PERIOD_MAX_S:g} s, got {self.period:g}"
+            )
+        if not 0.0 <= self.delay <= DELAY_MAX_S:
+            raise ValueError(f"delay of a sensor must be 0 … {DELAY_MAX_S:g} s, got {self.delay:g}")
         if self.tares not in ("device", "host"):
             raise ValueError(f"tares of a sensor must be device or host, got {self.tares!r}")
 

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import math
+import os
 import pickle
 import re
 import runpy
@@ -84,11 +85,52 @@ def test_damaged_file_is_told_in_a_line(content: bytes, tmp_path: Path) -> None:
     assert "\n" not in str(told.value)
 
 
+@pytest.mark.parametrize("kind", ["pipe", "device"])
+def test_file_that_is_no_ordinary_one_is_refused(kind: str, tmp_path: Path) -> None:
+    place = tmp_path / "policy.onnx"
+    if kind == "pipe":
+        os.mkfifo(place)
+    with pytest.raises(ConfigError, match=f"it is a {kind}; name an ordinary file"):
+        make_controller("policy", file=str(place if kind == "pipe" else "/dev/zero"))
+
+
+def test_file_with_a_loop_that_never_ends_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    onnx = pytest.importorskip("onnx")
+    monkeypatch.setattr("hil_bridge.control.laws.policy.TRIAL_S", 0.2)
+    make, number = onnx.helper, onnx.TensorProto
+    value = make.make_tensor_value_info
+    body = make.make_graph(
+        [
+            make.make_node("Identity", ["go"], ["on"]),
+            make.make_node("Tanh", ["before"], ["after"]),
+        ],
+        "body",
+        [
+            value("k", number.INT64, []),
+            value("go", number.BOOL, []),
+            value("before", number.FLOAT, [1, len(OBSERVED)]),
+        ],
+        [value("on", number.BOOL, []), value("after", number.FLOAT, [1, len(OBSERVED)])],
+    )
+    graph = make.make_graph(
+        [make.make_node("Loop", ["times", "", "seen"], ["action"], body=body)],
+        "policy",
+        [value("seen", number.FLOAT, [1, len(OBSERVED)])],
+        [value("action", number.FLOAT, [1, len(OBSERVED)])],
+        [make.make_tensor("times", number.INT64, [], [1 << 40])],
+    )
+    place = tmp_path / "loop.onnx"
+    model = make.make_model(graph, opset_imports=[make.make_opsetid("", 17)], ir_version=8)
+    place.write_bytes(model.SerializeToString())
+    with pytest.raises(ConfigError, match="it has not answered within 0.2 s"):
+        make_controller("policy", file=str(place))
+
+
 @pytest.mark.parametrize(
     ("parameters", "words"),
     [
         ({}, "must be the path of an ONNX file"),
-        ({"file": "/nowhere/policy.onnx"}, "/nowhere/policy.onnx cannot be read"),
+        ({"file": "/nowhere/policy.onnx"}, "cannot read /nowhere/policy.onnx"),
         ({"file": "x", "speed_mm_s": 0.0}, "must be above 0"),
     ],
 )

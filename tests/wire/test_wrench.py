@@ -31,8 +31,10 @@ def test_values_times_scales_are_newtons() -> None:
         ({"scales": (*SIX[:5], 0.0)}, "scales of a sensor must be six numbers above 0"),
         ({"full_scales": (*SIX[:5], float("inf"))}, "full_scales of a sensor must be six numbers above 0"),
         ({"range": (*SIX[:5], float("nan"))}, "range of a sensor must be six numbers above 0"),
-        ({"period": 0.0}, "period of a sensor must be above 0 s, got 0"),
-        ({"delay": -0.5}, "delay of a sensor must be at least 0 s, got -0.5"),
+        ({"period": 0.0}, "period of a sensor must be above 0 s and at most 10 s, got 0"),
+        ({"period": 1000.0}, "period of a sensor must be above 0 s and at most 10 s, got 1000"),
+        ({"delay": -0.5}, "delay of a sensor must be 0 … 20 s, got -0.5"),
+        ({"delay": 1e308}, "delay of a sensor must be 0 … 20 s, got 1e"),
         ({"tares": "robot"}, "tares of a sensor must be device or host, got 'robot'"),
     ],
 )

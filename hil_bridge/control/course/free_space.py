@@ -50,7 +50,7 @@ def lifeless(
         return Reason(
             Cause.LOST_WEIGHT,
             f"the sensor reads a pull of {pull:.1f} N where the tool in free space must read 0: it lost the tool's "
-            "weight, or its zero has changed",
+            "weight, its zero has changed, or what the tool has left holds on to it",
         )
     still, position = unchanged
     moved_mm = math.dist(state.at, position) * 1e3

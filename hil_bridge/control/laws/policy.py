@@ -6,6 +6,7 @@ farthest way that the set point may move in one sample, on each axis that the po
 
 import hashlib
 import math
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache
@@ -35,6 +36,8 @@ that direction, which tips the tool towards the way.
 TURN = AXES[2]
 FILE_LIMIT_BYTES = 1 << 28
 """Longest file of a policy. Chosen: as the longest text file; a policy of a million weights has 4 MB."""
+TRIAL_S = 5.0
+"""Chosen: for so long a policy may think about its first observation; a loop in it might never end."""
 
 
 class Quantity(NamedTuple):
@@ -281,6 +284,8 @@ def _load(content: bytes, path: str) -> tuple[Policy, int]:
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1  # the same sums in the same order
     options.log_severity_level = 4
+    trial = onnxruntime.RunOptions()
+    trial.log_severity_level = 4
     try:
         session = onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
         (given,) = session.get_inputs()
@@ -292,9 +297,17 @@ def _load(content: bytes, path: str) -> tuple[Policy, int]:
             action: ArrayLike = answer
             return action
 
-        count = int(np.asarray(policy(np.zeros(len(OBSERVED), np.float32))).size)
+        patience = threading.Timer(TRIAL_S, setattr, (trial, "terminate", True))
+        patience.start()
+        try:
+            (first, *_) = session.run(None, {name: np.zeros(shape, np.float32)}, trial)
+        finally:
+            patience.cancel()
+        count = int(np.asarray(first).size)
     except Exception as error:  # the file may hold anything
         text = (str(error).splitlines() or [""])[0]
+        if trial.terminate:
+            text = f"it has not answered within {TRIAL_S:g} s"
         problem = f"{path} is no ONNX policy from {len(OBSERVED)} numbers (float32) to an action: {text}"
         raise SettingError("file", problem) from error
     if not 1 <= count <= len(AXES):
