@@ -56,6 +56,9 @@ THEN_EVENT = "then"
 """Kind of the events whose text is what followed the cause of a stop."""
 FOLLOWED_MAX = 5
 """Chosen: things told that followed the cause of a stop."""
+UNKNOWN_SERVO = (
+    "the robot's servo is not known: it is not held against its orders, and no bound of the force is known"
+)
 TURNED_RAD = math.radians(0.05)
 """Chosen: turn of a tool that a program turns, below which its wrist counts as the same: 0.01 N of 10 N."""
 
@@ -219,6 +222,8 @@ class Run:
                 self._end_as_asked()
                 return
             self._start = zero.start
+            if self._robot.facts.servo is None:
+                self._event("motion", UNKNOWN_SERVO)
             self._quaternion_tare = self._orientation if self._config.sensor.tare else None
             wrist = self._wrist_at(zero.start.pose.quaternion)
             self._sensor.peaks = self._peaks = Peaks(wrist, self._sensor.facts.scales, zero.contact)

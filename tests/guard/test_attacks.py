@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from hil_bridge.record import Outcome
+from hil_bridge.runs.cycle import UNKNOWN_SERVO
 from hil_bridge.runs.small_steps import SmallSteps
 from hil_bridge.settings.configuration import Config
 from protocol.devices.s3.arap import Status
@@ -158,3 +159,12 @@ def test_a_status_without_an_orientation_is_told_as_what_it_is(
     run = guarded(configured(5e3), strike)
     assert "reports the orientation (0.0, 0.0, 0.0, 0.0), which is none" in run.cause
     assert run.last == 0.0
+
+
+def test_run_with_an_unknown_servo_tells_what_is_not_watched(
+    guarded: Run, configured: Configured, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = configured(5e3, {"run": {"duration_s": 0.5}})
+    assert guarded(config).texts("motion") == []
+    monkeypatch.setattr("hil_bridge.devices.robots.s3.facts._servo_facts", lambda servo: None)
+    assert guarded(config).texts("motion") == [UNKNOWN_SERVO]
