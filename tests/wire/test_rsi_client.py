@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -265,7 +266,7 @@ def test_a_correction_stays_within_its_limit_and_that_is_told_once() -> None:
 
 
 def test_a_program_that_begins_anew_ends_the_movement() -> None:
-    elsewhere = {"late": 0, "planned": moved(-3.0), "pose": moved(-3.0)}
+    elsewhere: dict[str, Any] = {"late": 0, "planned": moved(-3.0), "pose": moved(-3.0)}
     cases: dict[str, list[bytes]] = {
         "clock": [telegram(500_000 + 4 * k, **elsewhere) for k in range(5)],
         "clock backwards": [telegram(10 + 4 * k, **elsewhere) for k in range(5)],
