@@ -245,7 +245,9 @@ class ControlLoop:
         if aside := intent.target.across:
             r, s, t = frame.y
             target = x + aside * r, y + aside * s, z + aside * t
-        return Request(depth, target, frame.approach, barrier, intent.turned)
+        learnt = None if intent.command is None else intent.command.stiffness
+        stiffness = learnt, self.program.stroke.parameters.expected_stiffness_n_m
+        return Request(depth, target, frame.approach, barrier, intent.turned, stiffness)
 
 
 def _reason(state: LoopState, intent: Intent, verdict: Verdict) -> Reason | None:

@@ -13,6 +13,7 @@ import math
 
 from msgspec.structs import replace
 
+from hil_bridge.control.course.depth_watch import Contact
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.verdict import Observation, Retreat, Stage
 from hil_bridge.errors.causes import Cause, Reason
@@ -33,11 +34,17 @@ def is_known(limits: Limits, before: Retreat | None, seen: Observation) -> bool:
     return not seen.sample.saturated or (before is not None and before.front > limits.force_limit_n)
 
 
-def watch(limits: Limits, before: Retreat | None, seen: Observation) -> tuple[Retreat, Reason | None]:
-    """State after one cycle whose force is known, and why the tool must stand still; None while it need not."""
+def watch(
+    limits: Limits, before: Retreat | None, seen: Observation, contact: Contact | None = None
+) -> tuple[Retreat, Reason | None]:
+    """State after one cycle whose force is known, and why the tool must stand still; None while it need not. `contact`
+    is the one from which the tool retracts.
+    """
     before = before or _begin(limits, seen)
     if seen.sample.saturated:
         return replace(before, stage=Stage.TRUSTED), None
+    if contact is not None and seen.sample.force < 0.0 < contact.untold:
+        before, seen = _without_false_pull(before, seen, contact)
     after = _advance(limits, before, seen)
     if -seen.sample.force > max(-before.force, 0.0) + limits.pull_limit_n:
         text = f"a force of {-seen.sample.force:.1f} N from behind met the tool while the tool retracted"
@@ -57,7 +64,7 @@ def longest_way(state: Retreat | None, dt: float) -> float:
         case Stage.SLOW:
             return _SLOW_M_S * dt
         case _:
-            return math.inf
+            return BLIND_M_S * dt if state is not None and state.pull else math.inf
 
 
 def blind_goal(limits: Limits, pressed: tuple[float, float] | None, before: Retreat | None) -> float:
@@ -67,11 +74,38 @@ def blind_goal(limits: Limits, pressed: tuple[float, float] | None, before: Retr
     return min(0.0, pressed[1] - limits.blind_retract_mm * 1e-3)
 
 
+def _without_false_pull(
+    before: Retreat, seen: Observation, contact: Contact
+) -> tuple[Retreat, Observation]:
+    """The retraction, and the cycle without the pull that only a false zero tells.
+
+    A tool that is deeper than its force explains reads a pull while the surface still presses it. That pull comes as
+    the tool is unloaded, no faster than stiffness and way explain, and until it is where it was last free. What comes
+    faster, or later, is something behind the tool.
+    """
+    sample, pull = seen.sample, before.pull
+    unloaded = contact.stiffness * max(before.begun - max(seen.depth, contact.free), 0.0)
+    if (explained := unloaded * _UNLOADS - before.force) > pull:
+        pull = max(pull, min(-sample.force, contact.false_pull, explained))
+    if not pull:
+        return before, seen
+    force = min(sample.force + pull, 0.0)
+    lateral = math.sqrt(max(sample.resultant * sample.resultant - sample.force * sample.force, 0.0))
+    sample = replace(sample, force=force, resultant=math.hypot(force, lateral))
+    return replace(before, pull=pull), replace(seen, sample=sample)
+
+
 def _begin(limits: Limits, seen: Observation) -> Retreat:
     """State of a retraction at its first known force."""
     within = max(seen.sample.resultant, seen.sample.peak_resultant) <= limits.force_limit_n
     return Retreat(
-        seen.sample.now, seen.pressing, seen.sample.resultant, seen.depth, within, seen.sample.force
+        seen.sample.now,
+        seen.pressing,
+        seen.sample.resultant,
+        seen.depth,
+        within,
+        seen.sample.force,
+        begun=seen.depth,
     )
 
 
@@ -171,6 +205,9 @@ _RESTS_S = 0.1
 """Time in which a robot comes to rest and the sensor tells so, s, beside two cycles. Chosen: twice what the slowest
 stream takes from a decision to the force.
 """
+
+_UNLOADS = 1.3
+"""Chosen: how many times the force may fall that stiffness and way explain. Estimates are off by a fifth."""
 
 BLIND_M_S = 2.75e-3
 """Speed without a force to go by, m/s. Chosen: that of an approach, for something may be in the way as there."""

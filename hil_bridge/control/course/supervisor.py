@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from msgspec.structs import replace
 
 from hil_bridge.control.course import orientation, retreat
+from hil_bridge.control.course.depth_watch import untold_depth, watch_contact
 from hil_bridge.control.course.free_space import FreeSpace, lifeless, watch_sample
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.sideways import HIDDEN_N
@@ -27,6 +28,7 @@ from hil_bridge.control.course.verdict import (
     Clamp,
     Observation,
     Request,
+    Stage,
     Stop,
     SupervisorState,
     Verdict,
@@ -77,6 +79,8 @@ class Supervisor:
         sample = observation.sample
         still = state.still + observation.dt if sample.sensor_sequence == state.sensor_sequence else 0.0
         pressed = _find_press(state.pressed, observation)
+        seen = sample, observation.depth, observation.dt, observation.pressing
+        contact = watch_contact(state.contact, seen, request.stiffness, self.limits)
         disagreed = None
         if self.witness is not None and sample.witness is not None:
             disagreed = self.witness.disagreed(state.disagreed, observation)
@@ -88,10 +92,18 @@ class Supervisor:
                 and (text := self.witness.fault(disagreed, observation))
             ):
                 stop = Stop(Cause.WITNESS, text)
+            elif (deeper := untold_depth(contact, self.limits)) > 0.0:
+                text = (
+                    f"the tool is {deeper * 1e3:.1f} mm deeper than a force of {sample.force:.1f} N explains: "
+                    f"the sensor may not tell {deeper * contact.stiffness:.0f} N"
+                )
+                stop = Stop(Cause.UNANSWERED, text)
             elif observation.free_force is not None:
                 free, stop = self._in_free_space(state, observation)
         if stop is not None:
-            return replace(state, still=still, pressed=pressed, stopped=stop, disagreed=disagreed), stop
+            return replace(
+                state, still=still, pressed=pressed, stopped=stop, disagreed=disagreed, contact=contact
+            ), stop
         verdict = _clamp(self.limits, state, request, observation.dt)
         if sample.overdue > 0.0 and verdict.depth > state.depth:
             verdict = _clamp(self.limits, state, _at_depth(request, state.depth), observation.dt)
@@ -114,6 +126,7 @@ class Supervisor:
                 lag,
                 disagreed,
                 free,
+                contact,
             ),
             verdict,
         )
@@ -164,11 +177,12 @@ class Supervisor:
         after = before
         known = retreat.is_known(limits, before, seen) and self._fresh(seen)
         if known:
-            after, reason = retreat.watch(limits, before, seen)
+            after, reason = retreat.watch(limits, before, seen, state.contact)
             if reason is not None:
                 stop = Stop(reason.cause, reason.text)
                 return replace(state, retreat=after, stopped=state.stopped or stop), stop
-            highest, held = state.depth - retreat.longest_way(after, seen.dt), WAITS
+            held = SLOWLY if after.pull and after.stage in (Stage.GOES, Stage.TRUSTED) else WAITS
+            highest = state.depth - retreat.longest_way(after, seen.dt)
         else:
             goal = retreat.blind_goal(limits, state.pressed, before)
             held = SLOWLY if goal < state.depth else NO_FARTHER

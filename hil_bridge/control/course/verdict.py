@@ -6,6 +6,7 @@ from typing import ClassVar, TypeAlias
 
 from msgspec import Struct
 
+from hil_bridge.control.course.depth_watch import Contact
 from hil_bridge.control.course.free_space import FreeSpace
 from hil_bridge.control.sample import Sample
 from hil_bridge.control.types import SAMPLE_MS
@@ -54,6 +55,8 @@ class Request(Struct, frozen=True):
     """Depth at which the force limit less its margin is predicted, m."""
     quaternion: Quaternion | None = None
     """Orientation wanted; None leaves it as it is."""
+    stiffness: tuple[float | None, float] = (None, 5000.0)
+    """Stiffness of the contact that the controller has learnt, None where it has none, and that expected, N/m."""
 
 
 class Allow(Struct, frozen=True):
@@ -149,6 +152,10 @@ class Retreat(Struct, frozen=True):
     """Force beyond which it must not rise at this stage, N."""
     dt: float = 0.0
     """Time of the cycle in which it began to wait, s."""
+    begun: float = 0.0
+    """Reported depth when the retraction began, m."""
+    pull: float = 0.0
+    """Pull that the unloading of a tool has made which is deeper than its force explains, N."""
 
 
 class SupervisorState(Struct, frozen=True):
@@ -178,3 +185,5 @@ class SupervisorState(Struct, frozen=True):
     """Weighted time for which force sensor and robot have disagreed, s; None while they agree."""
     free: FreeSpace | None = None
     """Watch over the sensor while the tool moves through free space; None elsewhere."""
+    contact: Contact | None = None
+    """Depth and force of the contact, and where the tool was last free; None before the first cycle."""
