@@ -116,9 +116,12 @@ STOPS: tuple[CauseRow, ...] = (
     ),
     rows.stop(
         _C.UNANSWERED,
-        "how far a pressing tool went deeper without the force changing, by one count or by 2 mN",
+        "how far a pressing tool went deeper without the force changing, by one count or by 2 mN; or than force, "
+        "stiffness and a slope of 45° explain, where a false force of so much could pass the limit",
         _P.SENSOR,
         "limits.unanswered_mm",
+        "limits.pull_limit_n",
+        "limits.force_limit_n",
         words=rows.SENSOR_OR_TOUCH,
         where=rows.FREELY,
     ),

@@ -90,7 +90,9 @@ def watch_contact(
         if now is None:
             return before if before.free == depth else Contact(depth)
         # A contact that is lost in its place may be lost by the zero alone.
-        lifted = depth <= before.free or _across(now.place, sample.position, now.depth - depth) > _SAME_PLACE_M
+        lifted = (
+            depth <= before.free or _across(now.place, sample.position, now.depth - depth) > _SAME_PLACE_M
+        )
         return Contact(depth) if lifted else before
     force = sample.force if sample.paired_force is None else sample.paired_force
     (x, y, z) = position = sample.position

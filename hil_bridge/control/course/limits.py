@@ -59,7 +59,9 @@ class Limits:
     """
     unanswered_mm: float = 2.0
     """Depth by which a pressing tool may go deeper without the force changing, by one count or by 2 mN. Beyond it
-    the axis that measures the force is dead, while the controller presses ever harder.
+    the axis that measures the force is dead, while the controller presses ever harder. It is also the depth that the
+    change of the force, the stiffness and a slope need not explain. On a soft surface that is more, by `pull_limit_n`,
+    and on a hard one less, by half of what is left to `force_limit_n`.
     """
     oscillation_guard: bool = True
     """Lower the gain of a loop whose force swings for long, and end the run when that does not help."""

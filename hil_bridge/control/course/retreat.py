@@ -74,9 +74,7 @@ def blind_goal(limits: Limits, pressed: tuple[float, float] | None, before: Retr
     return min(0.0, pressed[1] - limits.blind_retract_mm * 1e-3)
 
 
-def _without_false_pull(
-    before: Retreat, seen: Observation, contact: Contact
-) -> tuple[Retreat, Observation]:
+def _without_false_pull(before: Retreat, seen: Observation, contact: Contact) -> tuple[Retreat, Observation]:
     """The retraction, and the cycle without the pull that only a false zero tells.
 
     A tool that is deeper than its force explains reads a pull while the surface still presses it. That pull comes as
