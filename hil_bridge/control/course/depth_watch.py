@@ -17,7 +17,7 @@ from hil_bridge.control.sample import Sample
 from protocol.geometry import Vector
 
 SETTLES_S = 1.5
-"""Chosen: time in contact after which depth and force of the touch count: three of the mean's, and the force is held."""
+"""Chosen: time in contact after which depth and force of the touch count: three of the mean's; the force is held."""
 _MEAN_S = 0.5
 """Chosen: time constant of the means. A drift lasts for seconds; noise, vibration and a swing of the loop do not."""
 _STEEPEST = 1.0
@@ -149,7 +149,7 @@ def _across(before: Vector, after: Vector, deeper: float) -> float:
 
 
 def _known(stiffness: tuple[float | None, float], free: float, now: Level) -> float:
-    """Stiffness of a contact that has settled, N/m: the one learnt, else the force by the depth, up to that expected."""
+    """Stiffness of a contact that has settled, N/m: learnt, else force by depth, up to that expected."""
     learnt, expected = stiffness
     if learnt:
         return learnt
