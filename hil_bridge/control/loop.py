@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from hil_bridge.control.course.answers import calm, explain_halt
 from hil_bridge.control.course.following import Following, Trail
-from hil_bridge.control.course.intent import Intent, Phase, Target
+from hil_bridge.control.course.intent import FREE_SPACE, Intent, Phase, Target
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.oscillation import Advice, OscillationDetector, OscillationState
 from hil_bridge.control.course.supervisor import Supervisor
@@ -37,7 +37,6 @@ from protocol.geometry import Vector
 
 # Asked for in every cycle, by names of this module: until Python 3.12 an enum's own name costs ten times that.
 _APPROACH, _TRACK, _RETRACT, _END = Phase.APPROACH, Phase.TRACK, Phase.RETRACT, Phase.END
-_FREE = _APPROACH, Phase.MOVE, Phase.SEEK
 LONGEST_SAMPLES = 2.0
 """Sample times that one sample counts for at most. Chosen: as far off as a control period may be."""
 _NO_OSCILLATION = OscillationState()
@@ -271,7 +270,7 @@ def _observe(sample: Sample, proposal: Proposal, against: float) -> Observation:
     if proposal.program.zero:  # a zero of the program's own hides no force either
         force = felt.force[0] if abs(felt.force[0]) > abs(sample.force) else sample.force
         sample = replace(sample, force=force, resultant=max(sample.resultant, math.hypot(*felt.force)))
-    free = intent.phase in _FREE and not intent.in_contact
+    free = intent.phase in FREE_SPACE and not intent.in_contact
     return Observation(
         sample,
         measurement.position,

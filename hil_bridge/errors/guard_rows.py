@@ -154,7 +154,8 @@ STOPS: tuple[CauseRow, ...] = (
     ),
     rows.stop(
         _C.UNCHANGED,
-        "how far the tool moved through free space while frames carry identical counts on all axes",
+        "how far the tool moved through free space while frames carry identical counts on all axes, or repeat an "
+        "earlier part of the stream",
         _P.SENSOR,
         "limits.unchanged_mm",
         "limits.stale_after_ms",

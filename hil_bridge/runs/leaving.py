@@ -259,4 +259,6 @@ class WayOut:
             return math.nan
         if newest is None or peaks is None or newest.at - self._sensor.late < since:
             return math.nan
+        if not math.isnan(self._sensor.repeats_since):  # what it tells is not of now
+            return math.nan
         return peaks.resultant(newest.values)

@@ -28,6 +28,8 @@ class Phase(StrEnum):
     """Nothing more to command."""
 
 
+FREE_SPACE = Phase.APPROACH, Phase.MOVE, Phase.SEEK
+"""Phases in which the tool moves where nothing presses on it, until it touches."""
 CONNECT, TARE = "connect", "tare"
 BEFORE_TOUCH = CONNECT, TARE
 """Phases of a run before there is anything to decide: devices become ready, and the zero is taken."""

@@ -12,6 +12,7 @@ from hil_bridge.clock import Clock
 from hil_bridge.devices.device_log import DeviceLog
 from hil_bridge.devices.sensors.axis_watch import AxisWatch
 from hil_bridge.devices.sensors.lateness_watch import LatenessWatch
+from hil_bridge.devices.sensors.replay_watch import ReplayWatch
 from hil_bridge.errors import BridgeError, Cause, DeviceError, TransportClosed
 from hil_bridge.errors.failures import code_failed
 from hil_bridge.transports import Transport
@@ -102,6 +103,7 @@ class ForceSensor:
         self._watch: AxisWatch
         """Watch over the device since it was ready."""
         self._lateness = LatenessWatch(None)
+        self._replay = ReplayWatch(_HISTORY)
         self._converted: WrenchFrame | None = None
         """The frame whose wrench was asked for last."""
         self._wrench: Wrench = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -141,6 +143,19 @@ class ForceSensor:
     def late(self) -> float:
         """How much later than the device's quickest frames the newest came, s; 0 where that is jitter."""
         return self._lateness.late
+
+    @property
+    def repeats_since(self) -> float:
+        """When the first frame arrived from which on the stream repeats a part of itself, s; NaN while it is new."""
+        return self._replay.since
+
+    def nothing_new_since(self, free_space: bool) -> float:
+        """When the first of the newest frames arrived that bring nothing new, s: those with identical counts, and in
+        free space those that repeat an earlier part of the stream. A force that is held may repeat itself without
+        noise.
+        """
+        since, repeats = self.unchanged_since, self.repeats_since
+        return repeats if free_space and repeats < since else since
 
     @property
     def saturated(self) -> tuple[str, ...]:
@@ -266,6 +281,7 @@ class ForceSensor:
                 self.decoded_at = self._clock.now()
                 self._history.append(event)
                 self._watch.frame(event.values, event.at)
+                self._replay.frame(event.values, event.at)
                 self.saturated_axes = event.saturated
                 if (peaks := self.peaks) is not None:
                     peaks.frame(event.values)
@@ -281,12 +297,14 @@ class ForceSensor:
                     self._history = deque(self._history, maxlen=frames)
                 self._watch = AxisWatch(facts)
                 self._lateness = LatenessWatch(facts.period)
+                self._replay = ReplayWatch(self._history.maxlen or _HISTORY)
             case Zeroed(crossing=crossing):
                 if crossing is not None:
                     self.received += 1
                     self._log.frame(crossing)
                 self._watch.zeroed()
                 self._lateness.begin()
+                self._replay = ReplayWatch(self._history.maxlen or _HISTORY)
                 self.zeroed_from = self.newest
                 self.newest = None
                 self._history.clear()

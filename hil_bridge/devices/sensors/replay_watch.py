@@ -1,0 +1,76 @@
+"""Whether a stream repeats a part of itself, frame by frame. Pure.
+
+A converter, a driver or a recorder that hangs in a loop sends its last second again and again, noise included. Noise
+never repeats: a row of frames that equals an earlier row, in order, brings nothing new. Quiet sensors repeat single
+values by chance. So each repeated frame counts by its information, which is small for a value that is common.
+"""
+
+import math
+from collections import Counter, deque
+from collections.abc import Sequence
+
+_ROW = 8
+"""Chosen: frames in a row by which an earlier place of the stream is found again."""
+_LEAST_LAG = 16
+"""Chosen: frames between a row and its repetition at least. Hum, aliased at the rate of the stream, repeats sooner."""
+_BITS = 64.0
+"""Chosen: information of the repeated frames from which they are no chance: once in 10¹⁹."""
+
+
+class ReplayWatch:
+    """The newest frames of one stream."""
+
+    def __init__(self, frames: int) -> None:
+        """`frames` are kept for looking back."""
+        self._kept: deque[tuple[Sequence[float], int, float]] = deque(maxlen=frames)
+        """Values, the mark of the row that ends with them, and when they arrived, s."""
+        self._common: Counter[Sequence[float]] = Counter()
+        self._row: deque[Sequence[float]] = deque(maxlen=_ROW)
+        self._rows: dict[int, int] = {}
+        """Number of the frame with which a row ended last, by its mark."""
+        self._number = self._lag = 0
+        self._bits = 0.0
+        self._began = math.nan
+        self.since = math.nan
+        """When the first frame of a repetition that goes on arrived, s; NaN while the stream is new."""
+
+    def frame(self, values: Sequence[float], at: float) -> None:
+        """A frame arrived at this time, s."""
+        kept, common = self._kept, self._common
+        if self._lag and kept[-self._lag][0] == values:
+            self._bits += self._information(values)
+        else:
+            self._lag, self._bits, self.since = 0, 0.0, math.nan
+        if len(kept) == kept.maxlen:
+            oldest, mark, _ = kept[0]
+            common[oldest] -= 1
+            if not common[oldest]:
+                del common[oldest]
+            if self._rows.get(mark) == self._number - len(kept):
+                del self._rows[mark]
+        self._row.append(values)
+        mark = hash(tuple(self._row))
+        kept.append((values, mark, at))
+        common[values] += 1
+        if not self._lag and len(self._row) == _ROW and (before := self._rows.get(mark)) is not None:
+            self._find(self._number - before)
+        self._rows[mark] = self._number
+        self._number += 1
+        if self._lag and self._bits >= _BITS and math.isnan(self.since):
+            self.since = self._began
+
+    def _find(self, lag: int) -> None:
+        """A row has come that came so many frames before."""
+        if not _LEAST_LAG <= lag < len(self._kept) - _ROW:
+            return
+        newest = [self._kept[-k] for k in range(_ROW, 0, -1)]
+        if any(
+            self._kept[-k - lag][0] != values
+            for k, (values, _, _) in zip(range(_ROW, 0, -1), newest, strict=True)
+        ):
+            return  # marks that are equal by chance
+        self._lag, self._began = lag, newest[0][2]
+        self._bits = sum(self._information(values) for values, _, _ in newest)
+
+    def _information(self, values: Sequence[float]) -> float:
+        return math.log2(len(self._kept) / (self._common[values] or 1))

@@ -1,0 +1,44 @@
+"""A sensor that repeats its last second, noise included, on the way to the surface."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from hil_bridge.errors import Cause
+from hil_bridge.record import Outcome
+from hil_bridge.settings.configuration import Config
+from tests.near_surface import awake_config, merged
+
+Guarded = Any
+Run = Callable[..., Guarded]
+
+
+def replayed(robot: str, stiffness: float) -> Config:
+    """From 6 mm above the surface: the sensor repeats itself from 1.2 s of the approach on, and is found a second
+    later.
+    """
+    values: dict[str, Any] = {
+        "run": {"duration_s": 1.0},
+        "cell": {"start_position_mm": (900.0, -100.0, 596.0), "surface": {"stiffness_n_m": stiffness}},
+        "faults": [
+            {"on": "signal", "fault": "replayed", "phase": "approach", "after_s": 1.2, "for_s": 600.0}
+        ],
+    }
+    if robot != "s3":
+        stream = {"run": {"period_ms": 20}, "controller": {"sample_ms": 20}, "sensor": {"emulated": "netft"}}
+        values = merged(values, {**stream, "robot": {"emulated": robot}})
+    return awake_config(values)
+
+
+@pytest.mark.parametrize("stiffness", [5e3, 5e4])
+@pytest.mark.parametrize("robot", ["egm", "rtde", "rsi"])
+def test_replayed_second_in_the_approach_ends_within_a_millimetre(
+    guarded: Run, robot: str, stiffness: float
+) -> None:
+    run = guarded(replayed(robot, stiffness))
+    assert run.result.outcome is Outcome.STOPPED
+    assert run.result.cause is Cause.UNCHANGED, run.cause
+    assert run.largest < 0.8e-3 * stiffness
+    assert run.last == 0.0
+    assert not run.result.rest.retracted  # what such a sensor tells at the end is not of that moment
