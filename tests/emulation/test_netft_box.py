@@ -296,6 +296,61 @@ def test_the_latch_is_reset_and_an_axia_warns_without_the_summary() -> None:
     assert told(device, T0 + 0.04)[-1].status == 0
 
 
+@pytest.mark.parametrize(
+    ("fault", "parameters", "status"),
+    [
+        ("saturated", {}, 0x88000000),
+        ("unplugged", {}, 0x80000004),
+        ("status", {"bit": 3}, 0x80000008),
+        ("status", {"bit": 28}, 0x10000000),
+        ("status", {"bit": 0}, 0x80000001),
+        ("status", {"bit": 29}, 0xA0000000),
+    ],
+)
+def test_axia_faults_set_the_bits_of_its_manual(
+    fault: str, parameters: dict[str, object], status: int
+) -> None:
+    device = box(family="axia")
+    streamed(device)
+    ledger(device).inject("sensor", fault, T0 + 0.02, parameters)
+    assert told(device, T0 + 0.03)[-1].status == status
+
+
+@pytest.mark.parametrize(
+    ("load", "status"),
+    [
+        ((130.0, 0.0, 0.0, 0.0, 0.0, 0.4), 0),
+        ((130.0, 0.0, 0.0, 0.0, 0.0, 0.6), 0xC0000000),
+        ((0.0, 0.0, 430.0, 0.0, 0.0, 0.0), 0xC0000000),
+    ],
+)
+def test_axia_load_beyond_its_ratings_is_out_of_range(load: tuple[float, ...], status: int) -> None:
+    assert streamed(box(steady(load), family="axia"))[-1].status == status
+    assert streamed(box(steady(load)))[-1].status == 0
+
+
+def test_axia_samples_at_the_rate_that_is_set() -> None:
+    device = box(family="axia", rate_hz=976)
+    page = read_answer(get(device, "/netftapi2.xml")) or b""
+    assert b"<runrate>7812</runrate><setrate>7812</setrate>" in page
+    before = streamed(device, 0.1)
+    assert {b.ft_sequence - a.ft_sequence for a, b in itertools.pairwise(before)} == {8}
+    for refused in (1000, 7000, 0):
+        get(device, f"/setting.cgi?setadcrate={refused}", T0 + 0.1)
+    assert device.adc_rate_hz == 7812
+    get(device, "/setting.cgi?setadcrate=976", T0 + 0.1)
+    assert parse_page(read_answer(get(device, "/netftapi2.xml", T0 + 0.1)) or b"").internal_rate_hz == 976
+    after = told(device, T0 + 0.2)
+    assert {b.ft_sequence - a.ft_sequence for a, b in itertools.pairwise(after)} == {1}
+    assert len(after) == pytest.approx(97, abs=1)
+    at = device.sampled_at(after[-1].ft_sequence)
+    assert at == pytest.approx(T0 + 0.2, abs=0.0015)
+    assert after[0].ft_sequence > before[-1].ft_sequence
+    netbox = box()
+    get(netbox, "/setting.cgi?setadcrate=976")
+    assert netbox.adc_rate_hz == 7000
+
+
 @pytest.mark.parametrize(("persistent", "bias"), [(True, 1e6), (False, 0.0)])
 def test_a_power_cycle_counts_from_0_and_keeps_a_bias_or_not(persistent: bool, bias: float) -> None:
     device = box(boot_s=1.0, bias_persistent=persistent)
@@ -374,7 +429,16 @@ def test_a_box_that_boots_answers_no_browser() -> None:
 
 @pytest.mark.parametrize(
     "settings",
-    [{"rate_hz": 0}, {"filter": 13}, {"ratings_n": (1.0, 2.0)}, {"family": "other"}, {"noise_n": -1.0}],
+    [
+        {"rate_hz": 0},
+        {"filter": 13},
+        {"ratings_n": (1.0, 2.0)},
+        {"family": "other"},
+        {"noise_n": -1.0},
+        {"adc_rate_hz": 976},
+        {"family": "axia", "adc_rate_hz": 7000},
+        {"rate_hz": 7812},
+    ],
 )
 def test_settings_that_cannot_be_are_refused(settings: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match="must be"):

@@ -9,7 +9,9 @@ from hypothesis import strategies as st
 
 from protocol.devices.netft import NetFtClient, NetFtClientProfile, Record, encode_record
 from protocol.devices.netft.http import Page
+from protocol.devices.netft.records import AXIA
 from protocol.endpoint import LocalProtocolError
+from protocol.marks import SettingError
 from protocol.wrench import (
     SensorFailed,
     SensorNotice,
@@ -123,7 +125,7 @@ def test_another_internal_rate_is_named_with_the_setting_that_mends_it(rate: int
         return
     (failed,) = failures
     assert f"it takes about {rate} internal samples a second, and internal_rate_hz is 7000" in failed.text
-    assert failed.remedy == f"set internal_rate_hz in [sensor.netft] to {rate}"
+    assert failed.remedy == f'set family to "axia" and internal_rate_hz in [sensor.netft] to {rate}'
 
 
 def test_a_page_that_does_not_come_ends_the_session_with_the_reason() -> None:
@@ -214,6 +216,43 @@ def test_any_other_status_makes_all_axes_worthless_and_is_told(status: int) -> N
     notice, *told = events(client)
     assert f"{status:08X}" in notice.text
     assert [event.saturated for event in told] == [0b111111, 0b111111, 0]
+
+
+@pytest.mark.parametrize(
+    ("status", "saturated"),
+    [
+        (0x80000008, 0),
+        (0x10000000, 0),
+        (0x00010000, 0),
+        (0x88000000, 0b111111),
+        (0xC0000000, 0b111111),
+        (0x80000002, 0b111111),
+    ],
+)
+def test_axia_busy_and_simulated_are_no_faults(status: int, saturated: int) -> None:
+    client = streaming(family="axia")
+    client.receive([record(2, 707, status)], T0)
+    notice, frame = events(client)
+    assert notice.text == f"status {status:08X}: {AXIA.words(status)}"
+    assert frame.saturated == saturated
+
+
+@pytest.mark.parametrize(("status", "begins"), [(0x80000008, True), (0x88000000, True), (0x80000001, False)])
+def test_axia_session_begins_unless_it_is_faulty(status: int, begins: bool) -> None:
+    client = NetFtClient(NetFtClientProfile(family="axia"), T0)
+    client.receive([PAGE, record(1, 700, status)], T0)
+    told = events(client)
+    assert any(isinstance(event, SensorReady) for event in told) is begins
+    assert begins or "temperature out of range" in told[0].text
+
+
+def test_rate_of_an_axia_needs_its_family() -> None:
+    assert NetFtClientProfile().internal_rate_hz == 7000
+    assert NetFtClientProfile(family="axia").internal_rate_hz == 7812
+    with pytest.raises(SettingError, match='976 Hz is a rate of an Axia; set family = "axia"'):
+        NetFtClientProfile(internal_rate_hz=976)
+    with pytest.raises(SettingError, match="netbox or axia"):
+        NetFtClientProfile(family="other")  # type: ignore[arg-type]
 
 
 def test_a_status_that_changes_all_the_time_fills_no_recording() -> None:

@@ -17,7 +17,7 @@ from protocol.devices.netft import (
 )
 from protocol.devices.netft.http import encode_answer, encode_get, read_answer, read_get
 from protocol.devices.netft.page import filter_delay
-from protocol.devices.netft.records import decode_request, is_warning, output_step, status_words
+from protocol.devices.netft.records import AXIA, NETBOX, decode_request, output_step
 from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 
 RECORD = bytes.fromhex(
@@ -102,16 +102,50 @@ def test_words_for_datagrams() -> None:
     assert describe(PAGE.replace(b"<scfgfu>N<", b"<scfgfu>pond<"))[0]["fields"] == []
 
 
+def test_record_with_a_status_has_the_words_of_both_families() -> None:
+    (item,) = describe(encode_record(Record(1, 7, 0xC0000000, (0,) * 6)))
+    meanings = {field["name"]: field["meaning"] for field in item["fields"]}  # type: ignore[attr-defined]
+    assert meanings["status"] == "CPU or memory fault"
+    assert meanings["status of an Axia"] == "force or torque out of range"
+    (quiet,) = describe(encode_record(Record(1, 7, 0, (0,) * 6)))
+    assert len(quiet["fields"]) == len(item["fields"]) - 1  # type: ignore[arg-type]
+
+
 def test_status_in_words() -> None:
-    assert status_words(0x88000010) == "serial link to the transducer, no data from the transducer"
-    assert status_words(0x80000000) == "an error without a name"
-    assert status_words(0) == ""
-    assert [is_warning(status) for status in (0x80010000, 0x00010000, 0x80020000, 0x80030000)] == [
+    assert NETBOX.words(0x88000010) == "serial link to the transducer, no data from the transducer"
+    assert NETBOX.words(0x80000000) == "an error without a name"
+    assert NETBOX.words(0) == ""
+    assert [NETBOX.is_warning(status) for status in (0x80010000, 0x00010000, 0x80020000, 0x80030000)] == [
         True,
         True,
         False,
         False,
     ]
+
+
+@pytest.mark.parametrize(
+    ("status", "words", "harmless"),
+    [
+        (0x80000001, "temperature out of range", False),
+        (0x80000002, "supply voltage out of range", False),
+        (0x80000004, "broken gage", False),
+        (0x80000008, "busy", True),
+        (0x80000020, "other error", False),
+        (0x80000080, "calibration not accessible", False),
+        (0x00010000, "threshold passed", True),
+        (0x88000000, "gage out of range", False),
+        (0x10000000, "simulated error", True),
+        (0xA0000000, "calibration checksum", False),
+        (0xC0000000, "force or torque out of range", False),
+        (0x80000000, "an error without a name", False),
+        (0x90000000, "simulated error", False),
+        (0x8000000A, "busy, supply voltage out of range", False),
+    ],
+)
+def test_axia_status_has_the_manuals_meaning(status: int, words: str, harmless: bool) -> None:
+    """Bit patterns: manual 9610-05-Ethernet Axia-09, table 4.9."""
+    assert AXIA.words(status) == words
+    assert AXIA.is_warning(status) is harmless
 
 
 @pytest.mark.parametrize(
@@ -153,6 +187,25 @@ def test_what_a_page_may_leave_out() -> None:
 
 
 @pytest.mark.parametrize(
+    "row", [b"20,20,60,1,1,1", b"20, 20, 60, 1, 1, 1", b"20 20 60 1 1 1", b"20;20;60;1;1;1;"]
+)
+def test_full_scales_are_read_with_any_separator(row: bytes) -> None:
+    found = parse_page(PAGE.replace(b"20;20;60;1;1;1", row))
+    assert found.ratings == pytest.approx((20.0, 20.0, 60.0, 1.0, 1.0, 1.0))
+
+
+@pytest.mark.parametrize("row", [b"20;20;60", b"20;20;60;1;1;much", b"20;20;60;1;1;0", b"", b"2" * 200])
+def test_unreadable_full_scales_are_unknown(row: bytes) -> None:
+    assert parse_page(PAGE.replace(b"20;20;60;1;1;1", row)).ratings is None
+
+
+def test_period_follows_the_internal_rate_of_the_page() -> None:
+    axia = PAGE.replace(b"</netft>", b"<setrate>976</setrate></netft>")
+    found = parse_page(axia)
+    assert (found.internal_rate_hz, found.period) == (976.0, pytest.approx(1 / 976))
+
+
+@pytest.mark.parametrize(
     ("before", "after", "words"),
     [
         (b"<netft>", b"<html>", "none of a Net F/T"),
@@ -164,7 +217,6 @@ def test_what_a_page_may_leave_out() -> None:
         (b"<cfgcpf>1000000", b"<cfgcpf>much", "no number above 0"),
         (b"<prodname>Net F/T emulator", b"<prodname>", "does not tell prodname"),
         (b"</prodname>", b"</prodname><cfgcpf>2</cfgcpf>", "tells cfgcpf 2 times"),
-        (b"20;20;60;1;1;1", b"20;20;60", "3 full scales"),
         (b"Net F/T emulator", b"x" * 200, "no value"),
         (b"</netft>", b" " * 66000, "more than 65536"),
     ],

@@ -1,8 +1,11 @@
-"""An emulated Net F/T: samples at 7 kHz, a filter, records over UDP, and a page that tells its configuration.
+"""An emulated Net F/T: samples at some kHz, a filter, records over UDP, and a page that tells its configuration.
 
 It serves one client at a time: a start from another address takes the stream there, and the first client is told
 nothing. A stop from another address ends the stream, unless a setting says otherwise. A bias from there is taken, and
 the stream stays. What is no request changes nothing, wherever it comes from.
+
+Samples are numbered at the family's highest rate. An Axia with a lower one, `adc_rate_hz`, tells each second, fourth,
+eighth or sixteenth of them.
 """
 
 import math
@@ -25,11 +28,12 @@ from emulators.unmodelled import Unmodelled
 from protocol.datagram import Datagram, side_of
 from protocol.devices.netft.page import FILTERS_HZ, filter_weight
 from protocol.devices.netft.records import (
+    AXIA,
+    FAMILIES,
     INTERNAL_RATE_HZ,
     MONITOR,
-    SATURATED,
+    OUT_OF_RANGE,
     SUMMARY,
-    UNPLUGGED,
     WRAP,
     Command,
     decode_request,
@@ -41,6 +45,10 @@ from protocol.endpoint import RemoteProtocolError
 _COUNT_END = 2**31 - 1
 _MOST_AT_ONCE = 64
 """Chosen: records sent before others have their turn. After a pause of the computer they would overrun a reader."""
+_LOAD_MAX = 1.05
+"""Share of an Axia's ratings, in its plane with the turn about its axis, or along its axis with the tilt, above which
+a load is out of range. Source: manual 9610-05-EtherCAT Axia-09, 5.2.1.8; assumed: that the shares are added so.
+"""
 
 
 @lru_cache(maxsize=64)
@@ -75,16 +83,13 @@ class NetBox:
     """The box behind its wire, which `endpoint` is: takes and gives datagrams. An `EmulatedSensor`."""
 
     def __init__(self, profile: NetFtProfile, source: WrenchSource, powered_at: float, seed: int) -> None:
-        self.profile = profile
-        ends = np.minimum(
-            np.array((*profile.ratings_n, *profile.ratings_nm))
-            * (profile.saturation_share * profile.counts_per_unit),
-            _COUNT_END,
-        )
+        self.profile, self._family = profile, FAMILIES[profile.family]
+        ratings = np.array((*profile.ratings_n, *profile.ratings_nm))
+        ends = np.minimum(ratings * (profile.saturation_share * profile.counts_per_unit), _COUNT_END)
         noise = np.array((*per_axis(profile.noise_n), *per_axis(profile.noise_nm))) * profile.counts_per_unit
         matrix = np.eye(6) * float(profile.counts_per_unit)
         converter = Converter(matrix, noise, -ends, ends, unrest=unrest(profile, powered_at))
-        self._measured = MeasuredWrench(source, INTERNAL_RATE_HZ, converter, seed, "cell.netft.noise_n")
+        self._measured = MeasuredWrench(source, self._family.rate_hz, converter, seed, "cell.netft.noise_n")
         self._measured.on_invalidate.append(self._forget)
         self._ahead: deque[tuple[int, list[float]]] = deque()
         """Outputs that records will tell without a filter, by the numbers of their samples."""
@@ -96,6 +101,8 @@ class NetBox:
         self.streams = profile.rdt_enabled
         self.filter_number = profile.filter
         self.rate_hz: float = profile.rate_hz
+        self._every = round(self._family.rate_hz / profile.adc_rate_hz)
+        """So manieth sample of the highest rate is taken."""
         self.buffered_records = profile.buffered_records
         self._latched = False
         self._stream: _Stream | None = None
@@ -143,8 +150,8 @@ class NetBox:
 
     def sampled_at(self, counter: int) -> float | None:
         """When it measured the sample of this ft_sequence, s."""
-        number = self._first + counter
-        return number / INTERNAL_RATE_HZ if number <= self._read else None
+        number = self._first + counter * self._every
+        return number / self._family.rate_hz if number <= self._read else None
 
     # --- endpoint
 
@@ -187,7 +194,7 @@ class NetBox:
     def next_deadline(self) -> float | None:
         """When the next record goes out, s."""
         stream = self._stream
-        return None if stream is None else stream.next / INTERNAL_RATE_HZ + self.profile.latency_s
+        return None if stream is None else stream.next / self._family.rate_hz + self.profile.latency_s
 
     def handle_deadline(self, now: float) -> None:
         """Send every record that is due."""
@@ -222,9 +229,32 @@ class NetBox:
             most -= 1
 
     @property
+    def adc_rate_hz(self) -> int:
+        """Internal samples a second, as its page tells them."""
+        return self._family.rate_hz // self._every
+
+    def set_adc_rate(self, rate_hz: int, now: float) -> None:
+        """Take samples at another rate of the family, at once; their numbers go on (assumed)."""
+        newest = self._measured.number_at(now)
+        told = (newest - self._first) // self._every
+        self._every = round(self._family.rate_hz / rate_hz)
+        self._first = newest - told * self._every
+        if self._stream is not None:
+            self._stream.next = newest + self.step
+
+    @property
+    def rate_used_hz(self) -> int:
+        """Records a second, in whole numbers."""
+        return self._family.rate_hz // self.step
+
+    @property
     def step(self) -> int:
-        """Internal samples from one record to the next."""
-        return output_step(self.rate_hz)
+        """Samples of the highest rate from one record to the next."""
+        return self._every * output_step(self.rate_hz, self._family.rate_hz / self._every)
+
+    def newest(self, now: float) -> int:
+        """Number of the newest sample."""
+        return self._measured.number_at(now)
 
     @property
     def counts(self) -> tuple[int, ...]:
@@ -235,18 +265,33 @@ class NetBox:
         """The status word with the sample of this number."""
         faulty, status = self._faults.any, 0
         if faulty and self._faults.under_way("unplugged", now):
-            return UNPLUGGED
+            return self._family.unplugged
         if number <= self._saturated_until or (faulty and self._faults.under_way("saturated", now)):
-            status |= SATURATED | SUMMARY
+            status |= self._family.overloaded
+        if self._family is AXIA and self._is_out_of_range():
+            status |= OUT_OF_RANGE | SUMMARY
         if self._latched:
             status |= MONITOR | (SUMMARY if self.profile.family == "netbox" else 0)
         if faulty and (fault := self._faults.under_way("status", now)) is not None:
-            status |= SUMMARY | 1 << int(fault.number("bit"))
+            bit = 1 << int(fault.number("bit"))
+            status |= bit if bit & self._family.harmless & ~self._family.summarised else bit | SUMMARY
         return status
+
+    def _is_out_of_range(self) -> bool:
+        """Whether the load of the newest sample is more than an Axia's ratings bear together."""
+        units = [abs(count) / self.profile.counts_per_unit for count in self._state or [0.0] * 6]
+        ratings = (*self.profile.ratings_n, *self.profile.ratings_nm)
+        fx, fy, fz, mx, my, mz = (unit / rating for unit, rating in zip(units, ratings, strict=True))
+        return max(math.hypot(fx, fy) + mz, fz + math.hypot(mx, my)) > _LOAD_MAX
 
     def _sample(self, stream: _Stream, now: float) -> None:
         """Take the next sample that is told, and tell it."""
-        number, state, ft, step = stream.next, self._state, (stream.next - self._first) % WRAP, self.step
+        number, state, ft, step = (
+            stream.next,
+            self._state,
+            (stream.next - self._first) // self._every % WRAP,
+            self.step,
+        )
         if not self._faults.any:  # as in nearly every record
             state = self._filter(number)
         else:

@@ -5,7 +5,9 @@ from collections.abc import Mapping
 from emulators.faults.kinds import FOREVER, Fault, Parameter
 from emulators.faults.packets import DATAGRAMS, SENSOR_WIRE
 from emulators.sensing.faults import SIGNAL_FAULTS, WRONG_SCALES
-from protocol.devices.netft.records import STATUS_BITS
+from protocol.devices.netft.records import FAMILIES
+
+_BITS = {bit for family in FAMILIES.values() for bit in family.bits}
 
 SENSOR_FAULTS: Mapping[str, Fault] = {
     **WRONG_SCALES,
@@ -17,7 +19,7 @@ SENSOR_FAULTS: Mapping[str, Fault] = {
     "power-cycle": Fault("it loses its supply, and boots", {}),
     "status": Fault(
         "it tells an error in its status",
-        {"bit": Parameter(8, "number of the bit", min(STATUS_BITS), max(STATUS_BITS))},
+        {"bit": Parameter(8, "number of the bit", min(_BITS), max(_BITS))},
         FOREVER,
     ),
     "threshold": Fault("a threshold was passed: it warns until its latch is reset", {}),

@@ -8,13 +8,13 @@ import numpy as np
 from emulators.devices.netft.box import NetBox
 from protocol.devices.netft.http import encode_answer, read_get
 from protocol.devices.netft.page import FILTERS_HZ, PAGE
-from protocol.devices.netft.records import BUFFER_LIMIT, INTERNAL_RATE_HZ
+from protocol.devices.netft.records import AXIA_RATES_HZ, BUFFER_LIMIT, FAMILIES
 from protocol.endpoint import RemoteProtocolError
 
 CALIBRATION_PAGE = "/netftcalapi.xml"
 """Source: manual."""
 _FORMS = ("/setting.cgi", "/comm.cgi", "/config.cgi", "/moncon.cgi")
-_VARIABLES = ("setuserfilter", "setbias", "comrdte", "comrdtrate", "comrdtbsiz")
+_VARIABLES = ("setuserfilter", "setbias", "comrdte", "comrdtrate", "comrdtbsiz", "setadcrate")
 """Variables that are heeded, without the number of a gage."""
 _GAGE_END = 2.0**31 - 1.0
 
@@ -37,7 +37,7 @@ def answer(request: bytes, box: NetBox, now: float) -> bytes | None:
         return encode_answer(_document("netftCalibration", _calibration(box)))
     if parts.path in _FORMS:
         for name, value in parse_qsl(parts.query):
-            _set(box, parts.path, name, value)
+            _set(box, (parts.path, name, value), now)
         return encode_answer(b"<html><body>done</body></html>", kind="text/html")
     return encode_answer(b"", "404 Not Found", "text/plain")
 
@@ -53,12 +53,13 @@ def _configuration(box: NetBox, now: float) -> dict[str, str]:
         max(1, round(profile.counts_per_unit / (box.told_scale(kind, now) or 1.0)))
         for kind in ("forces", "moments")
     )
-    newest = round(now * INTERNAL_RATE_HZ)
+    rates = {"setrate": f"{box.adc_rate_hz}"} if profile.family == "axia" else {}
     return {
         "prodname": "Net F/T emulator",
-        "runstat": f"0x{box.status(newest, now):08x}",
+        "runstat": f"0x{box.status(box.newest(now), now):08x}",
         "runft": _row(box.counts),
-        "runrate": f"{INTERNAL_RATE_HZ}",
+        "runrate": f"{box.adc_rate_hz}",
+        **rates,
         "setcfgsel": "0",
         "setuserfilter": f"{box.filter_number}",
         "setbias": _row(round(value) for value in box.bias.tolist()),
@@ -72,7 +73,7 @@ def _configuration(box: NetBox, now: float) -> dict[str, str]:
         "cfgcpt": f"{per_torque}",
         "cfgmr": _row(f"{value:g}" for value in (*profile.ratings_n, *profile.ratings_nm)),
         "comrdte": "Enabled" if box.streams else "Disabled",
-        "comrdtrate": f"{INTERNAL_RATE_HZ // box.step}",
+        "comrdtrate": f"{box.rate_used_hz}",
         "comrdtbsiz": f"{box.buffered_records}",
         "netip": "127.0.0.1",
     }
@@ -94,8 +95,11 @@ def _row(values: object) -> str:
     return ";".join(str(value) for value in values)  # type: ignore[attr-defined]
 
 
-def _set(box: NetBox, form: str, name: str, text: str) -> None:
-    """Change a variable; one of another form, an unknown one, and a value that cannot be are ignored. Mark: assumed."""
+def _set(box: NetBox, asked: tuple[str, str, str], now: float) -> None:
+    """Change a variable: form, name and text. One of another form, an unknown one, and a value that cannot be are
+    ignored. Mark: assumed.
+    """
+    form, name, text = asked
     if name.rstrip("0123456789") not in _VARIABLES:
         box.unmodelled.touch(f"variable {name} of {form}", "answered as done, without effect")
     value = _number(text)
@@ -108,10 +112,12 @@ def _set(box: NetBox, form: str, name: str, text: str) -> None:
             bias = np.array(box.bias)
             bias[int(name[7:])] = value
             box.bias = bias
+        elif name == "setadcrate" and box.profile.family == "axia" and value in AXIA_RATES_HZ:
+            box.set_adc_rate(int(value), now)
     elif form == "/comm.cgi":
         if name == "comrdte" and value in (0, 1):
             box.streams = bool(value)
-        elif name == "comrdtrate" and 1 <= value <= INTERNAL_RATE_HZ:
+        elif name == "comrdtrate" and 1 <= value <= FAMILIES[box.profile.family].rate_hz:
             box.rate_hz = float(int(value))
         elif name == "comrdtbsiz" and 1 <= value <= BUFFER_LIMIT:
             box.buffered_records = int(value)

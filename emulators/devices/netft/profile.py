@@ -1,14 +1,26 @@
 """Settings of an emulated Net F/T."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
 from emulators.sensing import settings as errors
 from emulators.sensing.settings import PerAxis, check_errors
 from protocol.devices.netft.page import FILTERS_HZ
-from protocol.devices.netft.records import BUFFER_LIMIT, INTERNAL_RATE_HZ
+from protocol.devices.netft.records import AXIA_RATES_HZ, BUFFER_LIMIT, INTERNAL_RATE_HZ
 from protocol.geometry import Vector
-from protocol.marks import Mark, SettingError, above, between, check_settings, setting
+from protocol.marks import (
+    Mark,
+    Preset,
+    SettingError,
+    above,
+    between,
+    check_settings,
+    fill_presets,
+    setting,
+)
+
+_RATES_HZ: Mapping[str, tuple[int, ...]] = {"netbox": (INTERNAL_RATE_HZ,), "axia": AXIA_RATES_HZ}
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +60,7 @@ class NetFtProfile:
     """91 % of the variance of fz lay below 20 Hz; the rest is the white noise and this."""
     motion_n: PerAxis = setting((0.65, 0.32, 0.21), Mark.OBSERVED, *errors.MOTION_N)
     motion_mm_s: float = setting(100.0, Mark.ASSUMED, *errors.MOTION_MM_S)
-    rate_hz: int = setting(1000, Mark.ASSUMED, "records a second", between(1, INTERNAL_RATE_HZ), unit="Hz")
+    rate_hz: int = setting(1000, Mark.ASSUMED, "records a second", between(1, AXIA_RATES_HZ[-1]), unit="Hz")
     buffered_records: int = setting(
         BUFFER_LIMIT, Mark.ASSUMED, "records in a buffered datagram", between(1, BUFFER_LIMIT)
     )
@@ -72,7 +84,15 @@ class NetFtProfile:
         True, Mark.ASSUMED, "whether a stop from another address ends the stream"
     )
     family: Literal["netbox", "axia"] = setting(
-        "netbox", Mark.OBSERVED, "whose status word it sends: an Axia warns without the summary bit"
+        "netbox",
+        Mark.OBSERVED,
+        "whose status word and sample rates it has: of a Net Box, or of an Ethernet Axia",
+    )
+    adc_rate_hz: int = setting(
+        None,
+        Mark.OBSERVED,
+        "internal samples a second: 7000 of a Net Box; 488, 976, 1953, 3906 or 7812 of an Axia",
+        unit="Hz",
     )
     rdt_enabled: bool = setting(True, Mark.CHOSEN, "whether raw data transfer is switched on")
     http_port: int = setting(
@@ -82,11 +102,28 @@ class NetFtProfile:
         between(0, 65535),
     )
 
+    @property
+    def presets(self) -> Mapping[str, Preset]:
+        """Defaults that depend on the family."""
+        rates = _RATES_HZ[self.family]
+        return {"adc_rate_hz": Preset(rates[-1], Mark.OBSERVED if len(rates) == 1 else Mark.ASSUMED)}
+
     def __post_init__(self) -> None:
+        if self.family not in _RATES_HZ:
+            raise SettingError("family", f"must be netbox or axia, got {self.family}")
+        fill_presets(self)
         check_settings(self)
         check_errors(self)
         for name in ("ratings_n", "ratings_nm"):
             if len(getattr(self, name)) != 3:
                 raise SettingError(name, f"must be three values, got {len(getattr(self, name))}")
-        if self.family not in ("netbox", "axia"):
-            raise SettingError("family", f"must be netbox or axia, got {self.family}")
+        rates = _RATES_HZ[self.family]
+        if self.adc_rate_hz not in rates:
+            known = ", ".join(map(str, rates))
+            raise SettingError(
+                "adc_rate_hz", f"of family {self.family} must be {known}, got {self.adc_rate_hz}"
+            )
+        if self.rate_hz > rates[-1]:
+            raise SettingError(
+                "rate_hz", f"of family {self.family} must be at most {rates[-1]}, got {self.rate_hz}"
+            )

@@ -12,13 +12,12 @@ from protocol.devices.netft.page import Configuration, parse_page
 from protocol.devices.netft.profile import NetFtClientProfile
 from protocol.devices.netft.rate import APART, RateWatch, nearest_known
 from protocol.devices.netft.records import (
+    FAMILIES,
+    INTERNAL_RATE_HZ,
     RECORD_SIZE,
-    SATURATED,
     WRAP,
     Command,
     encode_request,
-    is_warning,
-    status_words,
     unpack_record,
 )
 from protocol.endpoint import RemoteProtocolError
@@ -48,7 +47,7 @@ class NetFtClient(Outbox[bytes]):
 
     def __init__(self, profile: NetFtClientProfile, now: float) -> None:
         self.statistics = SensorStatistics()
-        self._profile = profile
+        self._profile, self._family = profile, FAMILIES[profile.family]
         self._telling = telling = SensorTelling()
         self.next_event, self.zero = telling.next_event, telling.zero
         super().__init__()
@@ -157,14 +156,14 @@ class NetFtClient(Outbox[bytes]):
     def _take_record(self, datagram: bytes, now: float) -> None:
         rdt, ft, status, fx, fy, fz, tx, ty, tz = unpack_record(datagram)
         self._due = now + self._profile.silence_s
-        saturated, telling = 0, self._telling
+        saturated, telling, family = 0, self._telling, self._family
         if status and not telling.knows_status(status):
-            words = f"status {status:08X}: {status_words(status)}"
-            if not (telling.ready or status & SATURATED or is_warning(status)):
+            words = f"status {status:08X}: {family.words(status)}"
+            if not (telling.ready or status & family.saturated or family.is_warning(status)):
                 self._fail(f"it reports {words}", "look at its own pages")
                 return
             telling.notice_status(status, words)
-        if status and not is_warning(status):
+        if status and not family.is_warning(status):
             saturated = _ALL_AXES  # the values may be anything: a run retracts
         if not telling.ready:
             self._rdt, self._ft, self._sequence = rdt, ft, ft
@@ -233,10 +232,12 @@ class NetFtClient(Outbox[bytes]):
         self._telling.stop()
 
     def _fail_for_rate(self, begin: str, rate_hz: float) -> None:
+        of = "netbox" if abs(rate_hz / INTERNAL_RATE_HZ - 1.0) < APART else "axia"
+        family = "" if of == self._profile.family else f'family to "{of}" and '
         self._fail(
             f"{begin} {rate_hz:g} internal samples a second, and internal_rate_hz is "
             f"{self._profile.internal_rate_hz:g}: the age of a force would be wrong",
-            f"set internal_rate_hz in [sensor.netft] to {rate_hz:g}",
+            f"set {family}internal_rate_hz in [sensor.netft] to {rate_hz:g}",
         )
 
     def _fail(self, text: str, remedy: str = "") -> None:

@@ -2,6 +2,7 @@
 
 from protocol.devices.netft.page import parse_page
 from protocol.devices.netft.records import (
+    AXIA,
     BUFFER_LIMIT,
     RECORD,
     RECORD_SIZE,
@@ -62,11 +63,18 @@ def _page(raw: bytes) -> dict[str, object]:
 
 
 def _record(raw: bytes, at: int) -> dict[str, object]:
+    """A record does not say of which family it is: a status that is not 0 has the meanings of both."""
+    fields = RECORD.describe(raw)
+    place = next(number for number, field in enumerate(fields) if field["name"] == "status")
+    status = fields[place]
+    if status["raw"]:
+        words = AXIA.words(int(str(status["raw"])))
+        fields.insert(place + 1, {**status, "name": "status of an Axia", "meaning": words})
     return {
         "offset": at,
         "size": RECORD_SIZE,
         "kind": "record",
         "direction": "from sensor",
-        "fields": RECORD.describe(raw),
+        "fields": fields,
         "problems": [],
     }

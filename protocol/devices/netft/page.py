@@ -59,7 +59,7 @@ class Configuration:
     scales: Wrench
     """N or N·m for one count."""
     ratings: Wrench | None
-    """Calibrated range, N and N·m; None where the page does not tell it."""
+    """Calibrated range, N and N·m; None where the page tells none that can be read."""
     streams: bool
     """Whether RDT is switched on."""
     period: float | None
@@ -94,16 +94,21 @@ def parse_page(page: bytes) -> Configuration:
     units: Wrench = (force, force, force, torque, torque, torque)
     scales: Wrench = (*(force / per_force,) * 3, *(torque / per_torque,) * 3)
     rate, number = _value(text, "comrdtrate"), _value(text, "setuserfilter")
-    internal = _value(text, "runrate")
+    told = _value(text, "runrate") or _value(text, "setrate")
+    internal = _number(told, "runrate") if told else None
     return Configuration(
         " ".join((_needed(text, "prodname"), _value(text, "cfgnam") or "")).strip(),
         scales,
-        _ratings(_value(text, "cfgmr"), units),
+        _ratings(text, units),
         (_value(text, "comrdte") or "Enabled") not in ("Disabled", "0"),
-        output_step(_number(rate, "comrdtrate")) / INTERNAL_RATE_HZ if rate else None,
+        _period(_number(rate, "comrdtrate"), internal or INTERNAL_RATE_HZ) if rate else None,
         filter_delay(int(number) if number and number.isdigit() and len(number) < 3 else 0),
-        _number(internal, "runrate") if internal else None,
+        internal,
     )
+
+
+def _period(rate_hz: float, internal_rate_hz: float) -> float:
+    return output_step(rate_hz, internal_rate_hz) / internal_rate_hz
 
 
 def _value(text: str, name: str) -> str | None:
@@ -148,11 +153,13 @@ def _unit(text: str, code_tag: str, units: dict[str, float], codes: tuple[str, .
     return units[unit]
 
 
-def _ratings(text: str | None, units: Wrench) -> Wrench | None:
-    if not text:
+def _ratings(text: str, units: Wrench) -> Wrench | None:
+    """Full scales, with semicolons, commas or blanks between; None where they cannot be read."""
+    try:
+        found = [_number(part, "cfgmr") for part in re.split(r"[;,\s]+", _needed(text, "cfgmr").strip(";, "))]
+    except RemoteProtocolError:
         return None
-    found = [_number(part, "cfgmr") for part in text.rstrip(";").split(";")]
     if len(found) != len(units):
-        raise RemoteProtocolError(f"the page tells {len(found)} full scales, not six")
+        return None
     fx, fy, fz, tx, ty, tz = (a * b for a, b in zip(found, units, strict=True))
     return fx, fy, fz, tx, ty, tz

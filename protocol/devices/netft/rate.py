@@ -3,9 +3,9 @@
 The age of a force hangs on this rate: a Net Box takes 7000 samples a second, an Axia another number.
 """
 
-from protocol.devices.netft.records import INTERNAL_RATE_HZ
+from protocol.devices.netft.records import AXIA_RATES_HZ, INTERNAL_RATE_HZ
 
-KNOWN_RATES_HZ = (488, 976, 1953, 3906, INTERNAL_RATE_HZ, 7812)
+KNOWN_RATES_HZ = (INTERNAL_RATE_HZ, *AXIA_RATES_HZ)
 """Source: manuals of the Net Box and of the Ethernet Axia."""
 WINDOW_S = 0.2
 """Chosen: length of a look at the stream."""

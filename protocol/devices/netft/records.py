@@ -1,9 +1,12 @@
 """Datagrams of an ATI Net F/T's raw data transfer (RDT): requests of 8 bytes, records of 36, high byte first.
 
-Sources: ATI manuals 9620-05-NET FT and 9610-05-Ethernet Axia; the clients netft-cpp and NetFT, read for facts only.
+Sources: ATI manuals 9620-05-NET FT, 9610-05-Ethernet Axia-09 and 9620-05-C-Ethernet Axia-02; the clients netft-cpp
+and NetFT, read for facts only.
 """
 
 import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
 from enum import IntEnum
 from functools import lru_cache
 from typing import NamedTuple
@@ -18,7 +21,9 @@ RDT_PORT = 49152
 HEADER = 0x1234
 """Source: manual."""
 INTERNAL_RATE_HZ = 7000
-"""Internal samples a second. Source: manual."""
+"""Internal samples a second of a Net Box. Source: manual."""
+AXIA_RATES_HZ = (488, 976, 1953, 3906, 7812)
+"""Internal samples a second of an Axia, by its setting `setadcrate`. Source: manual; net_ft_driver's Axia interface."""
 WRAP = 1 << 32
 """Both sequence numbers begin again at 0 behind this many. Source: manual of the Axia."""
 BUFFER_LIMIT = 40
@@ -45,9 +50,13 @@ SATURATED = 1 << 17
 """Status bit: a gage is at the end of its range, or the converter fails; the counts are no longer valid."""
 MONITOR = 1 << 16
 """Status bit: a threshold was passed; latched."""
-UNPLUGGED = SUMMARY | 1 << 27 | 1 << 4
-"""Status of a box without its transducer. Mark: assumed."""
-STATUS_BITS = {
+OUT_OF_RANGE = 1 << 30
+"""Status bit of an Axia: the load is more than its ratings bear together."""
+BUSY = 1 << 3
+"""Status bit of an Axia: it stores or changes a setting. No error, though the summary bit may come with it."""
+SIMULATED = 1 << 28
+"""Status bit of an Axia: a simulated error. No error."""
+_NETBOX_BITS = {
     30: "CPU or memory fault",
     29: "digital board",
     28: "analog board",
@@ -78,7 +87,72 @@ STATUS_BITS = {
     2: "temperature",
     1: "HTTP",
 }
-"""Meaning of each bit but the summary, of a Net Box. Source: netft-cpp and the manual of the Axia."""
+"""Meaning of each bit but the summary, of a Net Box. Source: netft-cpp."""
+_AXIA_BITS = {
+    30: "force or torque out of range",
+    29: "calibration checksum",
+    28: "simulated error",
+    27: "gage out of range",
+    16: "threshold passed",
+    7: "calibration not accessible",
+    5: "other error",
+    3: "busy",
+    2: "broken gage",
+    1: "supply voltage out of range",
+    0: "temperature out of range",
+}
+"""The same of an Axia. Source: manuals 9610-05-Ethernet Axia-09, tables 4.7 and 4.9, and 9620-05-C-02, table 5.7."""
+
+
+@dataclass(frozen=True, slots=True)
+class Family:
+    """A family of sensors that speak RDT: its samples, and its status word."""
+
+    rate_hz: int
+    """Most internal samples a second."""
+    bits: Mapping[int, str]
+    """Meaning of each bit but the summary."""
+    harmless: int
+    """Bits that are no errors."""
+    summarised: int
+    """Those of them that the summary bit may come with."""
+    saturated: int
+    """Bits of a load that is too large; the counts are no longer valid."""
+    overloaded: int
+    """Status at the end of a gage."""
+    unplugged: int
+    """Status without a transducer. Mark: assumed."""
+
+    def words(self, status: int) -> str:
+        """The bits of a status in words, without the summary; empty for none."""
+        return bit_words(status, self.bits)
+
+    def is_warning(self, status: int) -> bool:
+        """Whether the record may be used all the same: the status has bits that are no errors, and no others."""
+        rest = status & ~SUMMARY if status & self.summarised else status
+        return bool(rest) and not rest & ~self.harmless
+
+
+NETBOX = Family(
+    INTERNAL_RATE_HZ,
+    _NETBOX_BITS,
+    MONITOR,
+    MONITOR,
+    SATURATED,
+    SATURATED | SUMMARY,
+    SUMMARY | 1 << 27 | 1 << 4,
+)
+AXIA = Family(
+    AXIA_RATES_HZ[-1],
+    _AXIA_BITS,
+    MONITOR | BUSY | SIMULATED,
+    MONITOR | BUSY,
+    OUT_OF_RANGE | 1 << 27,
+    SUMMARY | 1 << 27,
+    SUMMARY | 1 << 2,
+)
+FAMILIES: Mapping[str, Family] = {"netbox": NETBOX, "axia": AXIA}
+"""By the name of the setting `family`."""
 
 
 _REQUEST = (
@@ -96,7 +170,7 @@ RECORD = Layout(
     (
         Field("rdt_sequence", 0, "I", Mark.OBSERVED, "place in this stream"),
         Field("ft_sequence", 4, "I", Mark.OBSERVED, "number of the internal sample"),
-        Field("status", 8, "I", Mark.OBSERVED, bits=STATUS_BITS),
+        Field("status", 8, "I", Mark.OBSERVED, bits=_NETBOX_BITS),
         *(Field(axis, 12 + 4 * place, "i", Mark.OBSERVED, unit="counts") for place, axis in enumerate(AXES)),
     ),
 )
@@ -164,21 +238,9 @@ pack_record, unpack_record = RECORD.struct.pack, RECORD.struct.unpack
 """Records come 7000 times a second: by the table's struct itself, and by names of this module."""
 
 
-def status_words(status: int) -> str:
-    """The bits of a status in words, without the summary; empty for none."""
-    return bit_words(status, STATUS_BITS)
-
-
-def is_warning(status: int) -> bool:
-    """Whether the record may be used all the same: a threshold was passed, and nothing else. An Axia tells it without
-    the summary bit.
-    """
-    return status & ~SUMMARY == MONITOR
-
-
 @lru_cache(maxsize=64)
-def output_step(rate_hz: float) -> int:
-    """Internal samples from one record to the next at a rate that was asked for, 1 … 7000 Hz. Mark: assumed, rounded
-    so that the rate is never lower.
+def output_step(rate_hz: float, internal_rate_hz: float = INTERNAL_RATE_HZ) -> int:
+    """Internal samples from one record to the next at a rate that was asked for, Hz. Mark: assumed, rounded so that
+    the rate is never lower.
     """
-    return max(1, int(INTERNAL_RATE_HZ / rate_hz + 1e-6))  # a millionth keeps rounding from one step less
+    return max(1, int(internal_rate_hz / rate_hz + 1e-6))  # a millionth keeps rounding from one step less
