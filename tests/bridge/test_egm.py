@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from hil_bridge.errors import ConfigError
+from hil_bridge.errors import ConfigError, DeviceError
 from hil_bridge.record import Recording, read
 from hil_bridge.record.device_facts import devices_of
 from hil_bridge.runs.outputs import Outputs
@@ -178,6 +178,19 @@ def test_without_feed_forward_the_loop_closes_too(tmp_path: Path) -> None:
     code, _, summary = run(tmp_path, client="feed_forward = false", options={"run.duration_s": 3.0})
     assert code == 0
     assert summary["force_mean_steady_n"] == pytest.approx(10.0, abs=0.5)
+
+
+def test_joints_in_radians_are_read_where_they_are_set(
+    usual: tuple[Path, Recording, Any], tmp_path: Path
+) -> None:
+    with pytest.raises(
+        DeviceError, match="joints, read in degrees, contradict its own pose; they fit it in radi"
+    ):
+        go(tmp_path, egm='joints_in = "radians"')
+    code, record, _ = run(tmp_path, egm='joints_in = "radians"', client='joints_in = "radians"')
+    assert code == 0
+    pairs = zip(record.cycles, usual[1].cycles, strict=True)
+    assert all(one.position == other.position and one.wrench == other.wrench for one, other in pairs)
 
 
 def test_a_robot_that_is_guided_by_joints_is_refused_before_anything_moves(tmp_path: Path) -> None:

@@ -362,13 +362,15 @@ class EgmController:
         microseconds = round((at - self._powered_at) * 1e6)
         time_us = _EPOCH_S * 1_000_000 + microseconds
         told = self._told_pose.told(measured, at)
-        feedback = Place(_degrees(self._measured[1]), None if told is None else to_wire(told), (), time_us)
+        feedback = Place(
+            self._told_joints(self._measured[1]), None if told is None else to_wire(told), (), time_us
+        )
         newer = profile.rw == "7"
         message = RobotMessage(
             self._seqno,
             profile.tm_start + microseconds // 1000,
             feedback,
-            Place(_degrees(motion.joints), to_wire(motion.pose), (), time_us),
+            Place(self._told_joints(motion.joints), to_wire(motion.pose), (), time_us),
             motors,
             guidance,
             rapid,
@@ -383,6 +385,9 @@ class EgmController:
         self._seqno += 1
         self.counters["datagrams"] += 1
         self._out.append(encode_robot(self._altered(message, at), RobotWare(profile.rw)))
+
+    def _told_joints(self, joints: Joints) -> tuple[float, ...]:
+        return tuple(joints) if self._profile.joints_in == "radians" else tuple(map(math.degrees, joints))
 
     def _altered(self, message: RobotMessage, at: float) -> RobotMessage:
         """A message as faults let it be told."""
@@ -455,7 +460,3 @@ class EgmController:
         self.state = State.GUIDING
         self._heard_at = self._held_since = now
         self.motion.resume(now)
-
-
-def _degrees(joints: Joints) -> tuple[float, ...]:
-    return tuple(map(math.degrees, joints))

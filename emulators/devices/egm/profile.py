@@ -85,6 +85,9 @@ class EgmProfile:
         unit="ms",
     )
     rw: Literal["6.06", "6.10", "7"] = setting("7", Mark.CHOSEN, "RobotWare: which fields there are")
+    joints_in: Literal["degrees", "radians"] = setting(
+        "degrees", Mark.OBSERVED, "unit of the joints that it tells: radians before RobotWare 6.07.01"
+    )
     mode: Literal["pose", "joint", "path"] = setting(
         "pose",
         Mark.CHOSEN,

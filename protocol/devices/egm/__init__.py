@@ -2,6 +2,7 @@
 
 from protocol.devices.egm.client import EgmClient, find_trouble
 from protocol.devices.egm.describe import describe
+from protocol.devices.egm.joint_unit import JointCheck, JointUnit
 from protocol.devices.egm.messages import (
     Answer,
     Guidance,
@@ -26,6 +27,8 @@ __all__ = [
     "Answer",
     "EgmClient",
     "Guidance",
+    "JointCheck",
+    "JointUnit",
     "MessageType",
     "Motors",
     "PathCorrection",

@@ -23,9 +23,11 @@ from itertools import product
 
 from protocol.datagram import arrived_at
 from protocol.devices.egm.frames import APART_MM, Frames
+from protocol.devices.egm.joint_unit import JointCheck
 from protocol.devices.egm.messages import (
     Guidance,
     Motors,
+    Place,
     PoseMm,
     Rapid,
     RobotMessage,
@@ -106,11 +108,21 @@ def find_trouble(message: RobotMessage) -> Trouble:
 class EgmClient:
     """A `protocol.robot.StreamClient` over datagrams; the robot speaks first."""
 
-    def __init__(self, cycle: float, feed_forward: bool = True, force_axes: str = "tool") -> None:
+    def __init__(
+        self,
+        cycle: float,
+        feed_forward: bool = True,
+        force_axes: str = "tool",
+        joints: JointCheck | None = None,
+    ) -> None:
         """`cycle` is the time between two datagrams of the robot, s. With `feed_forward` answers carry a speed. The
-        measured force lies along the axes of the tool or of the base, or is not to be heeded (none).
+        measured force lies along the axes of the tool or of the base, or is not to be heeded (none). Joints are
+        compared with the pose by `joints`.
         """
         self._cycle, self._feed_forward, self._force_axes = cycle, feed_forward, force_axes
+        self._joint_check = joints
+        self._checked: tuple[Place | None, Trouble] = None, NO_TROUBLE
+        """The newest place whose joints were compared with its pose, and what was found."""
         self._events: deque[StreamEvent] = deque(maxlen=_EVENTS_MAX)
         self._due = False
         """A datagram waits for its answer."""
@@ -235,7 +247,7 @@ class EgmClient:
             or renumbered
         )
         if distance > 0:
-            misplaced = self._misplaced(measured, planned, at)
+            misplaced = self._misplaced(message.feedback, planned, at)
             trouble = self._frames.refused or trouble or misplaced
         if self._waiting_since is not None and at - self._waiting_since >= _ON_THE_WAY * self._cycle:
             self._waiting_since = None  # the robot has looked for it by now
@@ -266,12 +278,26 @@ class EgmClient:
         force = (a, b, c) if self._force_axes == "base" else rotate(pose.quaternion, (a, b, c))
         return force if all(map(math.isfinite, force)) else None
 
-    def _misplaced(self, measured: PoseMm | None, planned: PoseMm | None, at: float) -> Trouble:
+    def _misplaced(self, place: Place | None, planned: PoseMm | None, at: float) -> Trouble:
         """Reason for which the pose that is told outside of a movement is none to begin one at."""
+        measured = None if place is None else place.pose
         if self._moving:
             return NO_TROUBLE
         frames = self._frames
-        return frames.fault(measured, planned, at) or frames.leaves(self._reference, planned, at)
+        return (
+            self._joint_trouble(place)
+            or frames.fault(measured, planned, at)
+            or frames.leaves(self._reference, planned, at)
+        )
+
+    def _joint_trouble(self, place: Place | None) -> Trouble:
+        """Reason for which the joints that are told contradict the pose beside them."""
+        if self._joint_check is None or place is None:
+            return NO_TROUBLE
+        place = place._replace(time_us=None)
+        if place != self._checked[0]:
+            self._checked = place, self._joint_check.find_trouble(place)
+        return self._checked[1]
 
     def _begins(self, message: RobotMessage, at: float) -> bool:
         """Whether the guidance of a new session is still to begin, and may take so long. A session that has just ended

@@ -84,6 +84,7 @@ class Place(NamedTuple):
     """Where the robot is, or is to be."""
 
     joints_deg: tuple[float, ...] = ()
+    """In degrees; in radians from some controllers before RobotWare 6.07.01, see `joint_unit`."""
     pose: PoseMm | None = None
     external: tuple[float, ...] = ()
     """External axes, degrees or mm; of an arm with seven axes the third one comes first [M, O:lib]."""

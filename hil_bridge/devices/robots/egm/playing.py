@@ -20,7 +20,7 @@ def play(robot: Any, course: Course, settings: Any, now: float) -> Played:
     if mode != needed:
         raise ConfigError(f"cell.egm.mode is {mode}; set it to {needed} to play {course.family}")
     if course.family == "order_q":
-        return _Joints(robot.endpoint, course, now).played()
+        return _Joints(robot.endpoint, course, now, settings.emulated.joints_in).played()
     own: EgmSettings = settings.client
     client = EgmClient(own.sample_ms * 1e-3, own.feed_forward, own.force_axes)
     return play_stream(robot.endpoint, client, course, now)
@@ -29,7 +29,9 @@ def play(robot: Any, course: Course, settings: Any, now: float) -> Played:
 class _Joints:
     """A course of joints under way. It begins where the arm stands."""
 
-    def __init__(self, endpoint: Any, course: Course, now: float) -> None:
+    def __init__(self, endpoint: Any, course: Course, now: float, joints_in: str) -> None:
+        self._unit = 1.0 if joints_in == "radians" else math.radians(1.0)
+        """Of the joints in datagrams, rad."""
         self._endpoint, self._course, self._now = endpoint, course, now
         self._start: tuple[float, ...] = ()
         """Joints of the arm before the course, rad."""
@@ -62,7 +64,7 @@ class _Joints:
         feedback, planned = message.feedback, message.planned
         if feedback is None or planned is None:
             raise ConfigError("the emulated robot does not tell its joints")
-        joints = _radians(feedback.joints_deg)
+        joints = self._radians(feedback.joints_deg)
         self._start = self._start or joints
         if math.isnan(self._begin):
             if message.guidance is Guidance.RUNNING:
@@ -74,16 +76,15 @@ class _Joints:
         if time >= 0.0:
             self._times.append(time)
             self._rows["order_q"].append(order)
-            self._rows["target_q"].append(_moved(_radians(planned.joints_deg), self._start, first))
+            self._rows["target_q"].append(_moved(self._radians(planned.joints_deg), self._start, first))
             self._rows["q"].append(_moved(joints, self._start, first))
         ordered = tuple(map(math.degrees, _moved(order, first, self._start)))
         self._number += 1
         answer = SensorMessage(self._number, message.tm_ms, joints_deg=ordered)
         self._endpoint.receive([encode_answer(answer)], self._now)
 
-
-def _radians(joints_deg: Sequence[float]) -> tuple[float, ...]:
-    return tuple(map(math.radians, joints_deg))
+    def _radians(self, joints: Sequence[float]) -> tuple[float, ...]:
+        return tuple(joint * self._unit for joint in joints)
 
 
 def _moved(joints: Sequence[float], source: Sequence[float], goal: Sequence[float]) -> tuple[float, ...]:

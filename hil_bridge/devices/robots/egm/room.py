@@ -21,8 +21,9 @@ from hil_bridge.errors import ConfigError, DeviceError
 from hil_bridge.errors.extras import install_command
 from hil_bridge.transports import Datagrams
 from hil_bridge.transports.urls import CONNECT_DATAGRAMS, LISTEN_DATAGRAMS, WireUrl, parse_url, with_option
-from protocol.devices.egm import EgmClient, describe
+from protocol.devices.egm import EgmClient, JointCheck, describe
 from protocol.endpoint import Trouble
+from protocol.kinematics import Arm
 
 USUAL = "udp://127.0.0.1:6510"
 """Where the emulated robot sends in real time: the port of ABB's example and of other clients [M, O:flo]."""
@@ -37,7 +38,8 @@ async def connect(
         url = with_option(url, "strangers", "refuse")  # nothing else may take the robot's place
     wire = await wiring.datagrams(url, speak_first=False)
     own: EgmSettings = settings.client
-    client = EgmClient(own.sample_ms * 1e-3, own.feed_forward, own.force_axes)
+    joints = JointCheck(Arm(settings.emulated.arm, 0.0), own.joints_in)
+    client = EgmClient(own.sample_ms * 1e-3, own.feed_forward, own.force_axes, joints)
     return StreamedLink(wire, client, facts(url, settings), wiring.clock, wiring.log)
 
 

@@ -30,5 +30,12 @@ class EgmSettings:
         "axes of measuredForce, where datagrams have it: no source names them; none: it is not heeded",
     )
 
+    joints_in: Literal["degrees", "radians"] = setting(
+        "degrees",
+        Mark.OBSERVED,
+        "unit of the joints in datagrams: radians of controllers before RobotWare 6.07.01. A robot whose pose fits the "
+        "other unit, by the arm of cell.egm.arm, is refused",
+    )
+
     def __post_init__(self) -> None:
         check_settings(self)
