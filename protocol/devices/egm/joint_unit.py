@@ -1,7 +1,7 @@
 """Unit of the joints in a robot's datagrams: degrees, or radians from controllers before RobotWare 6.07.01. Pure.
 
-Source: abb_libegm took the joints for radians (commit eef43c6, RobotWare 6.0 to 6.06.01) until its commit 3e852f7, whose
-README (commit 6722d8b) asks for 6.07.01; its issue 42 has joints that are 57 times too large by the older one.
+Source: abb_libegm took the joints for radians (commit eef43c6, RobotWare 6.0 to 6.06.01) until its commit 3e852f7. Its
+README (commit 6722d8b) asks for 6.07.01 since. Its issue 42 has joints that are 57 times too large by the older one.
 """
 
 import math
