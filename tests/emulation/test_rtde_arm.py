@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from emulators.devices.rtde import RtdeProfile, RtdeRobot
-from emulators.devices.rtde.arm import JointArm, Servo
+from emulators.devices.rtde.arm import JointArm, Paces, Servo
 from emulators.devices.rtde.kinematics import ARMS, USUAL, flange, nearest, solutions
 from protocol.devices.rtde import packets
 from protocol.devices.rtde.packets import Kind
@@ -122,7 +122,7 @@ def test_servoj_answers_a_step_as_the_model_says(
     at = []
     for _ in range(200):
         arm.take(Servo((1.0,) * 6, lookahead, gain, 1))
-        arm.step(1.0)
+        arm.step(Paces())
         at.append(arm.joints[0])
     assert [at[round(ms / 2) - 1] for ms in (20, 50, 100, 200, 400)] == pytest.approx(places, abs=1e-4)
 

@@ -49,6 +49,13 @@ class Hold(NamedTuple):
     """Standstill at once, as with brakes."""
 
 
+class Paces(NamedTuple):
+    """Share of their speed, 0 … 1, that orders have by the speed slider."""
+
+    servo: float = 1.0
+    speed: float = 1.0
+
+
 Order: TypeAlias = Servo | Speed | Place | Brake | Hold
 
 
@@ -106,15 +113,15 @@ class JointArm:
         self.order = order
         self._left = order.cycles if isinstance(order, Servo) else 1
 
-    def step(self, pace: float) -> None:
-        """One cycle; `pace`, 0 … 1, slows servoj down."""
+    def step(self, paces: Paces) -> None:
+        """One cycle. A braking arm is not slowed down (assumed); a place has been slowed down by its move."""
         if self._left:
             self._left -= 1
         else:
             self.order = self._stop
         dt, order = self._period, self.order
         if isinstance(order, Servo):
-            self._servo(order, dt * pace)
+            self._servo(order, dt * paces.servo)
             return
         if isinstance(order, Place):
             a, b, c, d, e, f = ((new - old) / dt for new, old in zip(order.target, self.joints, strict=True))
@@ -124,7 +131,7 @@ class JointArm:
             self.speeds = ZERO
             self.target = self.joints
             return
-        wanted = order.speeds if isinstance(order, Speed) else ZERO
+        wanted = _scaled(order.speeds, paces.speed) if isinstance(order, Speed) else ZERO
         limit = (order.acceleration if isinstance(order, Speed) else order.deceleration) * dt
         self.speeds = _towards(self.speeds, wanted, limit)
         a, b, c, d, e, f = (old + dt * speed for old, speed in zip(self.joints, self.speeds, strict=True))
@@ -144,6 +151,10 @@ class JointArm:
         a, b, c, d, e, f = self.joints
         self.joints = a + dt * u, b + dt * v, c + dt * w, d + dt * p, e + dt * q, f + dt * r
         self.speeds = u, v, w, p, q, r
+
+
+def _scaled(speeds: Joints, share: float) -> Joints:
+    return speeds if share == 1.0 else _six([share * speed for speed in speeds])
 
 
 def _towards(speeds: Joints, wanted: Joints, limit: float) -> Joints:

@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from emulators.devices.rtde.arm import Hold, JointArm, Place
+from emulators.devices.rtde.arm import Hold, JointArm, Paces, Place
 from emulators.devices.rtde.contact import History
 from emulators.devices.rtde.force_mode import (
     Admittance,
@@ -86,8 +86,8 @@ class Compliance:
         scale = self.gain_scaling
         return Admittance(gain * scale, turn_gain * scale, self.damping, profile.force_mode_least_n)
 
-    def step(self, arm: JointArm, pace: float, plays: bool, felt: Felt) -> str:
-        """One cycle of the arm; `pace` as for `JointArm.step`. Why it must stop before that cycle, or empty.
+    def step(self, arm: JointArm, paces: Paces, plays: bool, felt: Felt) -> str:
+        """One cycle of the arm; `paces` as for `JointArm.step`. Why it must stop before that cycle, or empty.
 
         While no program plays, or the arm is held, nothing yields: it stands, or brakes from the speed that it has.
         """
@@ -95,7 +95,7 @@ class Compliance:
         if mode is None or not plays or isinstance(arm.order, Hold):
             arm.settle()
             before = arm.joints
-            arm.step(pace)
+            arm.step(paces)
             if all(-self._fastest <= speed <= self._fastest for speed in arm.speeds):
                 return ""
             arm.stay(before)  # also from a speed that is no number
@@ -103,7 +103,7 @@ class Compliance:
         before = arm.joints
         old_flange = flange(self._lengths, before)
         old = compose(old_flange, felt.tcp)
-        arm.step(pace)
+        arm.step(paces)
         if not all(map(math.isfinite, arm.joints)):
             arm.stay(before)
             return TOO_FAST

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 
 from emulators.arm.cycled import CycledPath
 from emulators.arm.own_force import OwnForce
-from emulators.devices.rtde.arm import ZERO, Brake, Hold, JointArm, Order, Place, Servo
+from emulators.devices.rtde.arm import ZERO, Brake, Hold, JointArm, Order, Paces, Place, Servo
 from emulators.devices.rtde.compliance import TOO_FAST, Compliance, Felt
 from emulators.devices.rtde.drives import ArmSensors, Drives, own_errors
 from emulators.devices.rtde.force_mode import external_wrench
@@ -89,6 +89,7 @@ class Controller:
         self.runtime = Runtime.STOPPED
         self.remote = profile.remote_control
         self.slider = 1.0
+        """Share of its speed that a motion has from the next cycle on, 0 … 1 (assumed: without a ramp)."""
         self.programs: Mapping[str, bytes] = {}
         """Stored programs by name: text in URScript."""
         self.loaded = ""
@@ -178,9 +179,9 @@ class Controller:
         if self.safety != self._told_safety:
             self._told_safety = self.safety
             self.console.tell_safety(self.safety)
-        pace = self.slider if self.profile.slider_slows_servo else 1.0
+        paces = Paces(self.slider if self.profile.slider_slows_servo else 1.0, self.slider)
         felt = Felt(self.tcp, self.snapshots[-1].force, self.external_force)
-        if problem := self.compliance.step(self.arm, pace, self.plays, felt):
+        if problem := self.compliance.step(self.arm, paces, self.plays, felt):
             self.protective_stop(problem)
         self.snapshots.append(self._snapshot(now))
         self.compliance.history.note(self.joints, self.snapshots[-1].force)

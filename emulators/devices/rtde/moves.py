@@ -152,7 +152,8 @@ def _along(controller: Controller, at: Callable[[float], Pose], ramp: Ramp) -> W
 
 
 def _paced(controller: Controller, joints_at: Callable[[float], Joints | None], ramp: Ramp) -> Walk:
-    """Places cycle by cycle, later than planned where a joint or the tool would be faster than it may be.
+    """Places cycle by cycle, later than planned by the speed slider, and where a joint or the tool would be faster than
+    it may be. With the slider at 0 the arm stands in its path (Universal_Robots_ROS_Driver, pull request 250).
 
     Derived: tests of Universal Robots' C++ client library order moves in too short a time, and expect their end.
     Assumed: how far a controller slows down. A move that would still be too fast makes a protective stop.
@@ -163,7 +164,7 @@ def _paced(controller: Controller, joints_at: Callable[[float], Joints | None], 
         before = number * dt - dt - late_s
         if before >= ramp.total and number > 1:
             return
-        step = dt
+        step = dt * controller.slider
         joints = joints_at(ramp.at(before + step))
         for _ in range(_SLOWER_TRIES):
             if (

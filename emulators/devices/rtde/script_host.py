@@ -137,6 +137,10 @@ class ControllerHost:
         return self._controller.arm.motion
 
     @property
+    def speed_scaling(self) -> float:
+        return self._controller.slider
+
+    @property
     def tcp(self) -> Pose:
         return self._controller.tcp
 

@@ -139,6 +139,10 @@ class Host(Protocol):
         """That the controller wants of the joints, rad/s."""
 
     @property
+    def speed_scaling(self) -> float:
+        """Share of its speed that a motion has by the speed slider, 0 … 1."""
+
+    @property
     def tcp(self) -> Pose:
         """Tool in the flange."""
 

@@ -144,12 +144,14 @@ def _turns(host: Host, time: Value, wanted: Six | None) -> Iterator[int]:
     seconds = 0.0 if time is None else _finite(time)[0]
     count = max(1, math.ceil(seconds / host.period - 1e-6))
     yield from range(count)
-    while seconds <= 0.0 and wanted is not None and not _reached(host.target_speeds, wanted):
+    while seconds <= 0.0 and wanted is not None and not _reached(host, wanted):
         yield 0
 
 
-def _reached(speeds: Six, wanted: Six) -> bool:
-    return max(abs(a - b) for a, b in zip(speeds, wanted, strict=True)) < _SPEED_REACHED
+def _reached(host: Host, wanted: Six) -> bool:
+    """Whether the joints have the share of these speeds that the speed slider leaves them."""
+    share = host.speed_scaling
+    return max(abs(a - share * b) for a, b in zip(host.target_speeds, wanted, strict=True)) < _SPEED_REACHED
 
 
 def _stopj(task: Any, deceleration: Value) -> Wait:
