@@ -21,6 +21,7 @@ from emulators.seams import (
     FeelingRobot,
     Floats,
     Joints,
+    LoadedRobot,
     ShapedSurface,
     StartPose,
     Surface,
@@ -218,6 +219,8 @@ class Cell(Generic[Robot, Sensor]):
         robot: object = self.robot
         if isinstance(robot, FeelingRobot):
             robot.feel(self._contact_at)
+        if isinstance(robot, LoadedRobot):
+            robot.carry(profile.tool.mass_kg, (u / 1000.0, v / 1000.0, w / 1000.0))
         self.ledger = Ledger({**parts.faults, **OWN_FAULTS, **parts.faults})
         """The faults of the cell."""
         for device in (self.robot, self.sensor):

@@ -115,6 +115,14 @@ class FeelingRobot(Protocol):
         """The force comes from here."""
 
 
+@runtime_checkable
+class LoadedRobot(Protocol):
+    """A robot that takes the weight of its tool into account. The cell tells it the tool."""
+
+    def carry(self, mass: float, centre: Vector) -> None:
+        """The flange carries this mass, kg, whose centre is there in the flange, m."""
+
+
 class WrenchSource(Protocol):
     """The true wrench that a sensor feels. The cell implements it.
 

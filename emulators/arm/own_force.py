@@ -47,6 +47,17 @@ WITNESS_FAULTS: Mapping[str, Fault] = {
 """Faults of the target `witness`."""
 
 
+class Slow(NamedTuple):
+    """A change that comes by a time constant."""
+
+    size: float = 0.0
+    seconds: float = 1.0
+
+    def share(self, passed: float) -> float:
+        """Of what is left of the change, after a time, s."""
+        return 1.0 - math.exp(-passed / self.seconds)
+
+
 class Errors(NamedTuple):
     """How wrong a healthy one is."""
 
@@ -64,6 +75,10 @@ class Errors(NamedTuple):
     """Largest steady slope of that zero, N/min; the seed draws it."""
     turns: bool = False
     """The offset stands still along the flange's axes, and not along those of the base."""
+    warm_up: Slow = Slow()
+    """Largest change of each axis of the offset since the power came, N; the seed draws it."""
+    creep: Slow = Slow()
+    """Share of the contact that comes and goes slowly."""
 
 
 class OwnForce:
@@ -76,6 +91,11 @@ class OwnForce:
         x, y, z = (rng.uniform(-errors.slope_n_min, errors.slope_n_min) / 60.0 for _ in _AXES)
         self._slope: Vector = (x, y, z)
         """N/s"""
+        x, y, z = (rng.uniform(-errors.warm_up.size, errors.warm_up.size) for _ in _AXES)
+        self._to_warm: Vector = (x, y, z)
+        """What the offset is still to change by, N."""
+        self._crept: Vector = (0.0, 0.0, 0.0)
+        """The contact as it is slowly taken, N."""
         self._errors = errors
         self._noise, self._walk = NoiseRows(seed, "own force"), NoiseRows(seed, "its zero")
         self._told = self._looks = 0
@@ -106,6 +126,9 @@ class OwnForce:
             force, is_noisy = self._wrong(now, offset)
         else:
             force, is_noisy = _sum(self._felt, offset), True
+            if share := self._errors.creep.size:
+                x, y, z = self._crept
+                force = _sum(force, (share * x, share * y, share * z))
         x, y, z = force
         self.level = x, y, z, 0.0, 0.0, 0.0
         return self._noisy(self._errors.moving if moving else self._errors.noise) if is_noisy else self.level
@@ -122,14 +145,24 @@ class OwnForce:
         """Let the contact through the filter, and the zero walk."""
         passed, self._looked_at = now - self._looked_at, now
         errors = self._errors
+        since = 0.0 if math.isinf(passed) else passed
         if errors.walk_n or errors.slope_n_min:
-            self._drift(0.0 if math.isinf(passed) else passed)
+            self._drift(since)
+        if errors.warm_up.size:
+            share = errors.warm_up.share(since)
+            x, y, z = self._to_warm
+            self._offset = _sum(self._offset, (share * x, share * y, share * z))
+            self._to_warm = (1.0 - share) * x, (1.0 - share) * y, (1.0 - share) * z
         if self._contact is None:
             return
         share = 1.0 if not errors.lag_s else 1.0 - math.exp(-passed / errors.lag_s)
         contact = self._contact(now - _PASSED_S)
         x, y, z = (f + share * (t - f) for f, t in zip(self._felt, contact, strict=True))
         self._felt = x, y, z
+        if errors.creep.size:
+            share = errors.creep.share(since)
+            x, y, z = (c + share * (t - c) for c, t in zip(self._crept, contact, strict=True))
+            self._crept = x, y, z
 
     def _drift(self, passed: float) -> None:
         step = self._errors.walk_n * math.sqrt(passed / _WALK_S)

@@ -187,7 +187,7 @@ def test_a_rehearsal_has_no_effect() -> None:
         controller.outputs,
         controller.tcp,
         controller.payload,
-        controller.force_zero,
+        controller.force.zeros,
         controller.arm.joints,
     )
     assert ur.write(3).words == "move in joints"
@@ -195,13 +195,14 @@ def test_a_rehearsal_has_no_effect() -> None:
         controller.outputs,
         controller.tcp,
         controller.payload,
-        controller.force_zero,
+        controller.force.zeros,
         controller.arm.joints,
     )
     assert not [saying for saying in controller.console.sayings if saying.text == "behind" or saying.line]
 
 
 READS = {
+    "speed_scaling",
     "popup_open", "clock", "random", "read_register", "read_whole", "read_digital", "read_analog", "output", "joints",
     "target", "speeds", "target_speeds", "tcp", "payload", "forward", "solve", "damping", "gain_scaling",
     "steps_since_contact", "joints_before",

@@ -16,6 +16,8 @@ SURFACE_Z = 0.598
 """Height of the surface, m: 2 mm below the tool at the start."""
 T_PUSHED = T0 + 0.3
 """A push of a hand ends then, s."""
+T_PLAYS = T0 + 0.1
+"""It begins then: a program that starts is zeroed, and does not feel a push from before."""
 HOLD = "force_mode(p[0,0,0,0,0,0], [0,0,1,0,0,0], [0,0,-10,0,0,0], 2, [0.1,0.1,0.1,0.2,0.2,0.2])"
 
 
@@ -146,7 +148,7 @@ def test_the_damping_takes_its_share_of_the_speed_that_no_force_holds() -> None:
     ways = []
     for damping in (0.0, 0.1, 1.0):
         bench = Bench()
-        bench.robot.feel(lambda at: (0.0, 0.0, 20.0 if at < T_PUSHED else 0.0))
+        bench.robot.feel(lambda at: (0.0, 0.0, 20.0 if T_PLAYS < at < T_PUSHED else 0.0))
         bench.send(
             f"def float():\n  force_mode_set_damping({damping})\n"
             "  force_mode(p[0,0,0,0,0,0], [0,0,1,0,0,0], [0,0,0,0,0,0], 2, [1,1,1,1,1,1])\n  sleep(9)\nend\n"
@@ -201,7 +203,7 @@ def test_a_frame_of_type_3_yields_nothing_until_the_tool_moves_and_then_across_i
 
 def test_freedrive_follows_a_hand_and_stands_without_one() -> None:
     bench = Bench()
-    bench.robot.feel(lambda at: (30.0 if at < T_PUSHED else 0.0, 0.0, 0.0))
+    bench.robot.feel(lambda at: (30.0 if T_PLAYS < at < T_PUSHED else 0.0, 0.0, 0.0))
     bench.send("def free():\n  freedrive_mode()\n  sleep(9)\nend\n")
     bench.run(0.5)
     after_push = bench.place

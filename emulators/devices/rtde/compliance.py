@@ -10,12 +10,11 @@ from emulators.devices.rtde.force_mode import (
     ForceMode,
     ForceTask,
     Steered,
-    about_tool,
     solve_motion,
 )
 from emulators.devices.rtde.kinematics import Arm, compose, flange
 from emulators.devices.rtde.profile import RtdeProfile
-from protocol.geometry import Pose, Wrench, rotate
+from protocol.geometry import Pose, Wrench
 
 TOO_FAST = "a joint is too fast"
 """Reason of a protective stop."""
@@ -27,9 +26,7 @@ class Felt(NamedTuple):
     tcp: Pose
     """Tool in the flange, as the controller takes it to be."""
     force: Wrench
-    """actual_TCP_force as a program reads it."""
-    external: bool
-    """A client gives it; the arm's own tells no moments, and force mode takes them as 0 about the tool."""
+    """actual_TCP_force with its moments about the tool. The arm's own tells none of a contact."""
 
 
 class Compliance:
@@ -101,17 +98,14 @@ class Compliance:
             arm.stay(before)  # also from a speed that is no number
             return TOO_FAST
         before = arm.joints
-        old_flange = flange(self._lengths, before)
-        old = compose(old_flange, felt.tcp)
+        old = compose(flange(self._lengths, before), felt.tcp)
         arm.step(paces)
         if not all(map(math.isfinite, arm.joints)):
             arm.stay(before)
             return TOO_FAST
         planned = compose(flange(self._lengths, arm.joints), felt.tcp)
-        wrench = felt.force
-        if felt.external and self._profile.force_point == "flange":
-            wrench = about_tool(wrench, rotate(old_flange.quaternion, felt.tcp.position))
-        poses = mode.step(self._admittance(), Steered(old, planned, isinstance(arm.order, Place)), wrench)
+        steered = Steered(old, planned, isinstance(arm.order, Place))
+        poses = mode.step(self._admittance(), steered, felt.force)
         motion = solve_motion(self._lengths, felt.tcp, poses, arm.joints)
         fastest = self._fastest * self._period
         if motion is None or max(abs(b - a) for a, b in zip(before, motion.joints, strict=True)) > fastest:

@@ -9,11 +9,10 @@ from collections import Counter, deque
 from collections.abc import Callable, Mapping
 
 from emulators.arm.cycled import CycledPath
-from emulators.arm.own_force import OwnForce
 from emulators.devices.rtde.arm import ZERO, Brake, Hold, JointArm, Order, Paces, Place, Servo
 from emulators.devices.rtde.compliance import TOO_FAST, Compliance, Felt
-from emulators.devices.rtde.drives import ArmSensors, Drives, own_errors
-from emulators.devices.rtde.force_mode import external_wrench
+from emulators.devices.rtde.drives import ArmSensors, Drives
+from emulators.devices.rtde.force_reading import ForceReading, Load, Tool
 from emulators.devices.rtde.io import MASKS, read_slider, switch_outputs
 from emulators.devices.rtde.kinematics import (
     ARMS,
@@ -38,7 +37,7 @@ from emulators.unmodelled import Unmodelled
 from protocol.devices.rtde.fields import Value
 from protocol.devices.rtde.packets import Version
 from protocol.devices.rtde.states import STOPPED_MODES, RobotMode, Runtime, SafetyMode
-from protocol.geometry import Pose, Wrench, normalise
+from protocol.geometry import Pose, Vector, Wrench, normalise
 
 LATE_S = 0.05
 """Chosen: a longer time between two looks is lateness of this process, and no silence of a client."""
@@ -106,11 +105,7 @@ class Controller:
         """Whether `external_force_torque` is its force sensor."""
         self._force_at = now
         """When the last external force came, s."""
-        self.force_zero: Wrench = _NO_FORCE
-        self.own_force = OwnForce(own_errors(profile), seed)
-        """The force that the arm feels by itself."""
-        self.measured: Wrench = _NO_FORCE
-        """actual_TCP_force without noise and zero, N and N·m, base axes."""
+        self.force = ForceReading(profile, seed)
         self.program: Program | None = None
         self.console = Console()
         """The messages of programs."""
@@ -169,6 +164,8 @@ class Controller:
             _, make = self._starting
             self._starting = None
             self.program, self.runtime = make(), Runtime.PLAYING
+            if self.profile.zero_at_start:
+                self.zero_force()
             self.console.tell(Saying(self.now, Message.STARTED, self.program.name))
         self._watch(now)
         if self.runtime == Runtime.PLAYING and self.program is not None and not self.program.cycle():
@@ -180,7 +177,7 @@ class Controller:
             self._told_safety = self.safety
             self.console.tell_safety(self.safety)
         paces = Paces(self.slider if self.profile.slider_slows_servo else 1.0, self.slider)
-        felt = Felt(self.tcp, self.snapshots[-1].force, self.external_force)
+        felt = Felt(self.tcp, self.force.felt)
         if problem := self.compliance.step(self.arm, paces, self.plays, felt):
             self.protective_stop(problem)
         self.snapshots.append(self._snapshot(now))
@@ -228,17 +225,22 @@ class Controller:
         )
 
     def _feel(self) -> Wrench:
-        """actual_TCP_force: a client's forces along the base axes, or those that the arm feels."""
+        """actual_TCP_force: of a client's forces, or of those that the arm feels."""
+        mass, *centre = self.payload
+        x, y, z = centre
+        tool = Tool(self._flange.quaternion, self.tcp, Load(mass, (x, y, z)))
         if self.external_force:
-            given, at_tcp = self.inputs.get("external_force_torque"), self.profile.force_point == "tcp"
-            told = self.measured = external_wrench(
-                given, self._flange.quaternion, self.tcp if at_tcp else None
-            )
-        else:
-            told = self.own_force.at(self.now, any(self.speeds), self._flange.quaternion)
-            self.measured = self.own_force.level
-        (a, b, c, d, e, f), (o, p, q, r, s, t) = told, self.force_zero
-        return a - o, b - p, c - q, d - r, e - s, f - t
+            return self.force.read_external(self.inputs.get("external_force_torque"), tool)
+        return self.force.read_own(self.now, any(self.speeds), tool)
+
+    def zero_force(self) -> None:
+        """Take the force that the arm feels now for zero."""
+        self.force.zero()
+        self.compliance.history.forget()
+
+    def carry(self, mass: float, centre: Vector) -> None:
+        """The flange carries this, kg and m, and its operator has set that for the payload."""
+        self.force.load, self.payload = Load(mass, centre), (mass, *centre)
 
     # --- inputs
 
@@ -406,7 +408,7 @@ class Controller:
                 self.protective_stop(TOO_FAST)
             elif moved > profile.max_tcp_speed_mm_s * 1e-3 * self.period:
                 self.protective_stop("the tool is too fast")
-            elif self.external_force and math.hypot(*self.measured[:3]) > profile.max_force_n:
+            elif self.external_force and math.hypot(*self.force.felt[:3]) > profile.max_force_n:
                 self.protective_stop("the force is too large")
             elif max(map(abs, arm.joints)) > RANGE:
                 self.protective_stop("a joint is at the end of its range")

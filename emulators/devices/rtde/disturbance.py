@@ -58,7 +58,7 @@ class Disturbance:
             "pose": self._told_pose.handlers,
             WIRE: {**wire, **own.striking({DROPPED: self._at(self._drop)})},
             PROGRAM_WIRE: program_wire,
-            "witness": controller.own_force.handlers,
+            "witness": controller.force.own.handlers,
         }
 
     # --- begin and end

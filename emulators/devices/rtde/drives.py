@@ -11,7 +11,7 @@ from collections import deque
 from operator import mul
 
 from emulators.arm.noise_rows import NoiseRows
-from emulators.arm.own_force import Errors
+from emulators.arm.own_force import Errors, Slow
 from emulators.devices.rtde.arm import ZERO
 from emulators.devices.rtde.kinematics import Joints
 from emulators.devices.rtde.profile import RtdeProfile
@@ -153,4 +153,6 @@ def own_errors(profile: RtdeProfile) -> Errors:
         profile.force_walk_n,
         profile.force_slope_n_min,
         profile.force_offset_axes == "flange",
+        Slow(profile.force_warm_up_n, profile.force_warm_up_s),
+        Slow(profile.force_creep_share, profile.force_creep_s),
     )

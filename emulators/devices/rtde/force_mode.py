@@ -174,14 +174,14 @@ def _moved(old: Pose, turn: Quaternion, step: list[float]) -> Pose:
     return Pose((x, y, z), product(turn_by(rotate(turn, step[3:])), old.quaternion))
 
 
-def external_wrench(given: Value | None, turn: Quaternion, tool: Pose | None) -> Wrench:
-    """A client's forces along the base axes, N and N·m: `given` along those of the flange, whose orientation is `turn`.
-    Its moments are about the flange, or about a tool in it. None given are none.
+def external_wrench(given: Value | None, turn: Quaternion, tool: Pose) -> Wrench:
+    """A client's forces along the base axes, N and N·m: `given` along those of the flange, whose orientation is `turn`,
+    and about it. Those here are about the tool. None given are none.
     """
     if not isinstance(given, tuple):
         return (0.0,) * 6
     wrench = (*rotate(turn, given[:3]), *rotate(turn, given[3:]))
-    return wrench if tool is None else about_tool(wrench, rotate(turn, tool.position))
+    return about_tool(wrench, rotate(turn, tool.position))
 
 
 def about_tool(wrench: Wrench, arm: Vector) -> Wrench:

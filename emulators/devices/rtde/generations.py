@@ -19,7 +19,7 @@ _E_SERIES: Mapping[str, Preset] = {
     "joint_speed_noise_mrad_s": Preset(0.9, _O),
     "current_noise_a": Preset(_CURRENTS_A, _O),
     "accelerometer_noise_m_s2": Preset(_ACCELERATIONS, _O),
-    "force_point": Preset("flange", _A),
+    "force_point": Preset("flange", _O),
     "force_noise_n": Preset((0.18, 0.15, 0.10), _O),
     "force_noise_nm": Preset((0.0045, 0.0048, 0.0035), _O),
     "moving_force_noise_n": Preset((0.34, 0.20, 0.13), _O),
@@ -27,7 +27,8 @@ _E_SERIES: Mapping[str, Preset] = {
     "force_walk_n": Preset(0.05, _O),
     "force_slope_n_min": Preset(0.08, _O),
     "force_offset_n": Preset(4.5, _O),
-    "force_offset_axes": Preset("base", _A),
+    "force_offset_axes": Preset("flange", _O),
+    "zero_at_start": Preset(True, _O),
 }
 _CB3: Mapping[str, Preset] = {
     "joint_noise_urad": Preset(15.0, Mark.DERIVED),  # a pose that turns by 23 to 30 µrad
@@ -35,7 +36,7 @@ _CB3: Mapping[str, Preset] = {
     "joint_speed_noise_mrad_s": Preset(0.9, _A),
     "current_noise_a": Preset(_CURRENTS_A, _A),
     "accelerometer_noise_m_s2": Preset(_ACCELERATIONS, _A),
-    "force_point": Preset("tcp", _A),
+    "force_point": Preset("tcp", _O),
     "force_noise_n": Preset((0.5, 0.5, 0.5), _O),
     "force_noise_nm": Preset((0.05, 0.05, 0.05), _O),
     "moving_force_noise_n": Preset((0.5, 0.5, 0.5), _A),
@@ -44,6 +45,7 @@ _CB3: Mapping[str, Preset] = {
     "force_slope_n_min": Preset(0.08, _A),
     "force_offset_n": Preset(28.0, _O),
     "force_offset_axes": Preset("flange", _A),
+    "zero_at_start": Preset(False, _A),
 }
 PRESETS: Mapping[str, Mapping[str, Preset]] = {
     "ur5e": _E_SERIES,

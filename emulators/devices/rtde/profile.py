@@ -171,7 +171,10 @@ class RtdeProfile:
         None, _O, "white noise of actual_tool_accelerometer; of lbusellato/CoLeCT", at_least(0.0), unit="m/s²"
     )
     force_point: Literal["flange", "tcp"] = setting(
-        None, _A, "point about which actual_TCP_force tells its moments; by the model: tcp on a CB3"
+        None,
+        _O,
+        "point about which actual_TCP_force tells moments of the own sensor; by the model: tcp on a CB3. Those of an "
+        "external force are about the tool",
     )
     force_noise_n: Vector = setting(
         None,
@@ -222,9 +225,35 @@ class RtdeProfile:
     )
     force_offset_axes: Literal["base", "flange"] = setting(
         None,
-        _A,
-        "axes along which that offset stands still; by the model: flange of a CB3, whose offset changes with the pose",
+        _O,
+        "axes along which that offset stands still: it turns with the flange (Universal_Robots_ROS_Driver, issues 294, "
+        "512 and 617)",
     )
+    zero_at_start: bool = setting(
+        None, _O, "whether actual_TCP_force is zeroed when a program starts; by the model: not of a CB3"
+    )
+    force_warm_up_n: float = setting(
+        0.0,
+        _A,
+        "largest change of that offset, of each axis, while the arm warms up, drawn by the seed; 4 of a UR at rest "
+        "within five minutes (Universal_Robots_ROS_Driver, issue 633)",
+        between(0.0, 100.0),
+        unit="N",
+    )
+    force_warm_up_s: float = setting(
+        100.0,
+        Mark.DERIVED,
+        "time constant of that change: 95 % of it within those five minutes",
+        above(0.0),
+        unit="s",
+    )
+    force_creep_share: float = setting(
+        0.0,
+        _A,
+        "share of a contact's force that comes and goes slowly (Universal_Robots_ROS_Driver, issue 670)",
+        between(0.0, 1.0),
+    )
+    force_creep_s: float = setting(30.0, _A, "time constant of that", above(0.0), unit="s")
     force_lag_ms: float = setting(10.0, _A, "time constant of its filter", between(0.0, 1000.0), unit="ms")
     force_mode_gain_mm_s_n: float = setting(
         0.4,

@@ -35,7 +35,7 @@ class RtdeRobot:
         self.begun_at = controller.begun_at
         self.orders, self.hindrance = controller.orders, controller.hindrance
         self.unmodelled = controller.unmodelled
-        self.feel = controller.own_force.feel
+        self.feel, self.carry = controller.force.own.feel, controller.carry
         self._open = dict.fromkeys(Port, 0)
         self._settings = Settings()
 

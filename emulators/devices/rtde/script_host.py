@@ -240,8 +240,7 @@ class ControllerHost:
     # --- force and stops
 
     def zero_force(self) -> None:
-        self._controller.force_zero = self._controller.measured
-        self._compliance.history.forget()
+        self._controller.zero_force()
 
     @property
     def _compliance(self) -> Compliance:
