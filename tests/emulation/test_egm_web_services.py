@@ -53,6 +53,12 @@ class Served:
         return self.controller.state
 
 
+def test_json_has_the_type_that_abb_robot_client_reads() -> None:
+    answer = Served().services.answer("GET", f"{EXECUTION}?json=1", "", 100.0)
+    assert answer.kind == "application/json"
+    assert json.loads(answer.body)["_embedded"]["_state"][0]["ctrlexecstate"] == "running"
+
+
 def test_a_stop_of_rapid_ends_the_guidance_and_a_start_lets_it_go_on() -> None:
     served = Served()
     assert (served.state, served.value(EXECUTION, "ctrlexecstate")) == (State.GUIDING, "running")
@@ -130,6 +136,7 @@ def test_documents_tell_what_the_public_library_looks_for() -> None:
     assert served.value("/rw/motionsystem/mechunits/ROB_1?resource=dynamic", "mode") == "Activated"
     place = [served.value("/rw/motionsystem/mechunits/ROB_1/robtarget", axis) for axis in "xyz"]
     assert [float(text) for text in place] == pytest.approx([900.0, -100.0, 600.0], abs=1e-3)
+    assert float(served.value("/rw/motionsystem/mechunits/ROB_1/robtarget", "eaxa")) > 8e9
     assert abs(float(served.value("/rw/motionsystem/mechunits/ROB_1/jointtarget", "rax_1"))) < 10.0
 
 

@@ -1,7 +1,9 @@
 """Documents of Robot Web Services 1.0: one tree of items, written as XHTML or as JSON.
 
 Source: the classes and titles that abb_librws (9ba0837) looks for. Observed: the JSON form of documents with one state,
-as public clients read it. Assumed: the frame around them, and the JSON form of others.
+as public clients read it, and its type: abb_robot_client (rws.py) reads a document of `?json=1` where its type is
+exactly application/json. Controllers of RWS 2.0 send application/hal+json;v=2.0, which they are asked for by Accept.
+Assumed: the frame around them, and the JSON form of others.
 """
 
 import json
@@ -9,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 from xml.sax.saxutils import escape, quoteattr
 
-XHTML, JSON = "application/xhtml+xml;v=1.0", "application/hal+json;v=1.0"
+XHTML, JSON = "application/xhtml+xml;v=1.0", "application/json"
 
 
 class Item(NamedTuple):

@@ -30,6 +30,8 @@ VALUE_MAX = 1024
 _NO_AXIS = "8.9999995E+09"
 """Stands for an external axis that there is not."""
 _EXTERNAL = {f"eax_{letter}": _NO_AXIS for letter in "abcdef"}
+_EXTERNAL_OF_TARGET = {f"eax{letter}": _NO_AXIS for letter in "abcdef"}
+"""The names that abb_robot_client reads in a robtarget, where abb_librws looks for those above; both are sent [A]."""
 _SIGNALS = "/rw/iosystem/signals"
 _DATA, _PROPERTIES = "/rw/rapid/symbol/data/rapid", "/rw/rapid/symbol/properties/rapid"
 _STATE, _ACTION = f"{TASK}/TRobMain/current_state", f"{TASK}/TRobEGM/current_action"
@@ -199,7 +201,9 @@ class WebServices:
         values = {axis: f"{value:.6g}" for axis, value in zip("xyz", told.position_mm, strict=True)}
         values |= {f"q{number}": f"{value:.6g}" for number, value in enumerate(told.quaternion, 1)}
         turns = {f"cf{axis}": f"{math.floor(joints[axis - 1] / (math.pi / 2.0))}" for axis in (1, 4, 6)}
-        return Item("ms-robtargets", "robtarget", {**values, **turns, "cfx": "0", **_EXTERNAL})
+        return Item(
+            "ms-robtargets", "robtarget", {**values, **turns, "cfx": "0", **_EXTERNAL_OF_TARGET, **_EXTERNAL}
+        )
 
     def _unit_facts(self, resource: str) -> Item:
         if resource == "dynamic":
