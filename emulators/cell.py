@@ -37,6 +37,8 @@ from protocol.marks import Mark, SettingError, between, check_settings, setting
 
 _GRAVITY = np.array([0.0, 0.0, -9.80665])
 """Standard gravity in the base frame, m/s²."""
+_DEEPEST_M = 0.02
+"""Chosen: a tool that starts deeper inside the surface, m, is no tool that presses, but a wrong start."""
 _HEAVIEST_KG = 10.0
 """Chosen: heaviest tool of the cell."""
 _UP = np.array([0.0, 0.0, 1.0])
@@ -199,6 +201,7 @@ class Cell(Generic[Robot, Sensor]):
             self._surface = parts.surface(self._changed)
             if self._face is not None and self.has_memory:
                 raise ValueError(ONE_POINT_REMEMBERED)
+        self._refuse_buried((x, y, z))
         self._obstacles = Obstacles(profile.obstacle, z, self._tip_height, self._changed)
         self._moment_of_tip = moment_matrix((0.0, 0.0, length))
         u, v, w = profile.tool.centre_of_gravity_mm
@@ -228,6 +231,17 @@ class Cell(Generic[Robot, Sensor]):
                 self.ledger.attach(target, handlers)
         self.ledger.attach("surface", self._surface.handlers)
         self.ledger.attach("obstacle", self._obstacles.handlers)
+
+    def _refuse_buried(self, start: Vector) -> None:
+        """Raise ValueError for a tool that starts deep inside our surface."""
+        if not isinstance(self._surface, Contact):
+            return
+        depth = float(self._surface.depth_and_normal(np.array([start]))[0][0])
+        if depth > _DEEPEST_M:
+            raise ValueError(
+                f"the tool starts {depth * 1e3:.0f} mm inside the surface (start_position_mm z "
+                f"{start[2] * 1e3:g}); start above {(start[2] + depth) * 1e3:.0f} mm, or lower the surface"
+            )
 
     def inject(self, target: str, fault: str, now: float, **parameters: object) -> Injection:
         """Let a fault happen from now on, or at its next opportunity; `for_s` is a parameter too.

@@ -132,6 +132,19 @@ def test_a_start_out_of_reach_is_refused() -> None:
         RtdeRobot(replace(EXACT, model="ur5e"), START, T0, 7)
 
 
+@pytest.mark.parametrize("model", ["ur5e", "ur5"])
+def test_refused_start_names_one_that_the_arm_holds(model: str) -> None:
+    profile = RtdeProfile(model=model)  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="set start_position_mm") as refused:
+        RtdeRobot(profile, START, T0, 7)
+    text = str(refused.value).partition("[")[2].partition("]")[0]
+    x, y, z = (float(part) / 1e3 for part in text.split(","))
+    robot = RtdeRobot(profile, START._replace(position=(x, y, z)), T0, 7)
+    assert robot.path.trajectory(np.array([T0]))[0][0] == pytest.approx((x, y, z), abs=1e-6)
+    with pytest.raises(ValueError, match="choose another start_position_mm, start_quaternion or model"):
+        RtdeRobot(profile, START._replace(position=(0.9, -0.1, 3.0)), T0, 7)
+
+
 def test_the_path_is_the_same_however_it_is_read() -> None:
     def path(read: bool) -> list[list[float]]:
         pair = ready(RtdeProfile())

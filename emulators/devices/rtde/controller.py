@@ -29,7 +29,7 @@ from emulators.devices.rtde.motions import Motions
 from emulators.devices.rtde.profile import RtdeProfile
 from emulators.devices.rtde.running import Console, Program, Saying, Watchdog
 from emulators.devices.rtde.state import Registers, Snapshot, number_in
-from emulators.devices.rtde.targets import problem_of_target
+from emulators.devices.rtde.targets import problem_of_start, problem_of_target
 from emulators.devices.rtde.urscript import Message
 from emulators.orders import Act, HeardOrder, Hindrance, Orders
 from emulators.seams import StartPose
@@ -69,9 +69,7 @@ class Controller:
         pose = Pose(start.position, normalise(start.quaternion))
         joints = nearest(self.lengths, compose(pose, invert(self.tool)), USUAL)
         if joints is None:
-            raise ValueError(
-                f"a {profile.model} cannot hold its tool at the start; choose another start_position_mm or model"
-            )
+            raise ValueError(problem_of_start(profile.model, pose, self.tool))
         self.arm = JointArm(joints, self.period, profile.servo_gain_scale, profile.stop_deceleration_rad_s2)
         self.compliance = Compliance(profile, self.period, self.lengths)
         self._flange = self._old_flange = self._next_flange = flange(self.lengths, joints)

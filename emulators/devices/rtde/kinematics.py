@@ -12,13 +12,15 @@ from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from typing import NamedTuple, TypeAlias
 
-from protocol.geometry import Pose, Quaternion, inverse, product, rotate
+from protocol.geometry import Pose, Quaternion, Vector, inverse, product, rotate
 
 Joints: TypeAlias = tuple[float, float, float, float, float, float]
 """Base, shoulder, elbow, wrist 1 to 3, rad."""
 
 RANGE = 2.0 * math.pi
 """Each joint turns so far either way, rad. Source: Universal Robots' user manuals."""
+_STEP_M, _ROOM_STEPS = 0.05, 3
+"""Chosen: a place that an arm can hold is looked for in such steps, and is so many of them inside its reach."""
 _SINGULAR = 1e-6
 """A sine below this leaves an angle open, which stays as it was."""
 _HALF = math.sqrt(0.5)
@@ -153,6 +155,23 @@ def nearest(arm: Arm, pose: Pose, near: Joints) -> Joints | None:
         if distance < _surely_nearest(arm, joints):
             break
     return best
+
+
+def reachable_start(arm: Arm, start: Pose, tool: Pose) -> Vector | None:
+    """Place for the tool, m, that the arm can hold in this orientation: towards the base at the same height, with room
+    for a path around it. None where there is none. `tool` is the tool in the flange.
+    """
+    x, y, z = start.position
+    radius = math.hypot(x, y)
+    found: list[Vector] = []
+    for step in range(1, int(radius / _STEP_M)):
+        share = 1.0 - step * _STEP_M / radius
+        pose = Pose((x * share, y * share, z), start.quaternion)
+        if nearest(arm, compose(pose, invert(tool)), USUAL) is not None:
+            found.append(pose.position)
+        elif found:
+            break
+    return found[min(_ROOM_STEPS, len(found) - 1)] if found else None
 
 
 def _surely_nearest(arm: Arm, joints: Joints) -> float:

@@ -2,12 +2,23 @@
 
 import math
 
-from emulators.devices.rtde.kinematics import RANGE, Arm, Joints, flange
+from emulators.devices.rtde.kinematics import ARMS, RANGE, Arm, Joints, flange, reachable_start
 from emulators.devices.rtde.profile import RtdeProfile
-from protocol.geometry import angle_between
+from protocol.geometry import Pose, angle_between
 
 SUDDEN_CHANGE = "a sudden change of the target"
 """Reason of a protective stop for a leap between two targets."""
+
+
+def problem_of_start(model: str, start: Pose, tool: Pose) -> str:
+    """Why an arm cannot begin there with this tool, and where it can."""
+    place = reachable_start(ARMS[model], start, tool)
+    x, y, z = (part * 1e3 for part in start.position)
+    problem = f"a {model} cannot hold its tool at the start, {x:g}, {y:g}, {z:g} mm"
+    if place is None:
+        return f"{problem}; choose another start_position_mm, start_quaternion or model"
+    x, y, z = (round(part * 1e3) for part in place)
+    return f"{problem}; set start_position_mm = [{x}, {y}, {z}], or another model"
 
 
 def _reach(arm: Arm) -> float:
