@@ -107,11 +107,11 @@ def free_port() -> int:
 
 
 @contextmanager
-def emulated_robot(port: int, settings: str, place: Path) -> Iterator[None]:
-    """An emulated robot in another process, which sends to this port."""
+def emulated_robot(port: int, settings: str, place: Path, options: str = "") -> Iterator[str]:
+    """An emulated robot in another process, which sends to this port; options of its URL as they are served."""
     config = place / "robot.toml"
     config.write_text(f"[cell.egm]\n{settings}\n")
-    url = f"egm+udp://127.0.0.1:{port}"
+    url = f"egm+udp://127.0.0.1:{port}{options}"
     command = [
         sys.executable,
         "-m",
@@ -128,8 +128,9 @@ def emulated_robot(port: int, settings: str, place: Path) -> Iterator[None]:
             assert process.stdout is not None
             line = process.stdout.readline()
             assert line, process.stderr and process.stderr.read()
-            assert json.loads(line) == {"robot": f"egm+udp-bind://127.0.0.1:{port}"}
-            yield
+            address, _, served = json.loads(line)["robot"].partition("?")
+            assert address == f"egm+udp-bind://127.0.0.1:{port}"
+            yield served
         finally:
             process.terminate()
 
@@ -188,3 +189,43 @@ def test_abb_robot_egm_corrects_a_path(client_python: Python, tmp_path: Path) ->
     moved = figures(client_python("ABBRobotEGM==1.0.7"), PATH, tmp_path, 40, settings)
     assert moved[1:] == pytest.approx([1.5, -0.5], abs=0.02)
     assert 0.0 <= moved[0] <= 5.0
+
+
+RWS = """
+import json, sys
+from abb_robot_client.rws import RWS
+
+robot = RWS(f"http://{sys.argv[1]}")
+target = robot.get_robtarget()
+print(json.dumps({
+    "execution": robot.get_execution_state().ctrlexecstate,
+    "motors": robot.get_controller_state(),
+    "mode": robot.get_operation_mode(),
+    "speed": robot.get_speedratio(),
+    "task": robot.get_tasks()["T_ROB1"].excstate,
+    "signal": robot.get_digital_io("EGM_STOP"),
+    "joints": len(robot.get_jointtarget().robax),
+    "position_mm": target.trans.tolist(),
+    "external": target.extax.tolist(),
+}))
+robot.stop()
+assert robot.get_execution_state().ctrlexecstate == "stopped"
+"""
+
+
+def test_abb_robot_client_reads_the_web_services(client_python: Python, tmp_path: Path) -> None:
+    python = client_python("abb_robot_client==0.4.0")
+    with emulated_robot(free_port(), "", tmp_path, "?rws=127.0.0.1:0") as served:
+        told = subprocess.run(
+            [python, "-c", RWS, served.removeprefix("rws=")],
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=PATIENCE_S,
+        )
+    assert told.returncode == 0, told.stderr
+    found = json.loads(told.stdout)
+    assert found["position_mm"] == pytest.approx([900.0, -100.0, 600.0], abs=0.01)
+    assert min(found["external"]) > 8e9
+    assert (found["execution"], found["motors"], found["mode"]) == ("running", "motoron", "AUTO")
+    assert (found["speed"], found["task"], found["signal"], found["joints"]) == (100.0, "star", 0, 6)

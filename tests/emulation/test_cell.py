@@ -226,7 +226,7 @@ def test_the_sensor_reads_the_same_however_far_it_looks_ahead(orders: Orders, ma
 
 def test_tool_that_starts_deep_in_the_surface_is_refused() -> None:
     deep = PaperCellProfile(start_position_mm=(900.0, 0.0, 390.0))
-    with pytest.raises(ValueError, match="the tool starts 200 mm inside the surface .*; start above 590 mm"):
+    with pytest.raises(ValueError, match=r"the tool starts 200 mm inside the surface .*; start above 590 mm"):
         s3_jr3_cell(deep, T0, seed=5)
     pressed = PaperCellProfile(start_position_mm=(900.0, 0.0, 588.0))
     assert s3_jr3_cell(pressed, T0, seed=5).true_state(T0).contact_force[2] == pytest.approx(10.0)

@@ -425,3 +425,24 @@ def test_a_slow_cable_carries_everything_both_ways_late() -> None:
     assert len(board.got) == before
     desk.run(0.012)
     assert board.got[before:] == b"Robotmode: RUNNING\n"
+
+
+def test_client_that_does_not_read_is_dropped_after_ten_seconds() -> None:
+    """Source: RTDE_Python_Client_Library, issue 6."""
+    desk = Desk()
+    plug = desk.plug()
+    outputs_of(plug, "timestamp")
+    plug.ask(packets.encode(Kind.START))
+    full = [True]
+    plug.server.spare(lambda: full[0])
+    desk.run(9.0)
+    assert plug.packets() == []
+    full[0] = False
+    desk.run(0.1)
+    assert len(plug.packets()) == 50
+    full[0] = True
+    desk.run(9.9)
+    assert not plug.server.closing
+    desk.run(0.2)
+    assert plug.server.closing
+    assert desk.controller.counts["clients dropped, not reading"] == 1

@@ -32,8 +32,8 @@ class Server:
         return self._inner.closing
 
     def spare(self, is_full: Callable[[], bool]) -> None:
-        """Leave a client out of a stream of states while its wire is full."""
-        if isinstance(self._inner, RealtimePort):
+        """Leave a client out of a stream while its wire is full."""
+        if isinstance(self._inner, RealtimePort | Connection):
             self._inner.is_full = is_full
 
     def close(self, now: float) -> None:

@@ -14,6 +14,13 @@ from protocol.endpoint import LocalProtocolError, RemoteProtocolError
 
 _RECIPES_MAX = 255
 _SOURCE = "RTDE"
+UNREAD_S = 10.0
+"""A client that has not read for so long is dropped. Source: RTDE_Python_Client_Library, issue 6."""
+
+
+def has_room() -> bool:
+    """A wire that takes everything is not full."""
+    return False
 
 
 class Connection:
@@ -35,6 +42,10 @@ class Connection:
         self._inputs: dict[int, Recipe] = {}
         self._claimed: set[str] = set()
         self.closing = False
+        self.is_full: Callable[[], bool] = has_room
+        """Whether the wire still holds data that the client has not read."""
+        self._unread_since: float | None = None
+        """From when on the wire was full in each cycle of the stream, s."""
         disturbance.connections.append(self)
 
     # --- as an endpoint
@@ -69,7 +80,8 @@ class Connection:
         cycle = newest - newest % self._every
         if self._sends and self._due <= cycle:
             self._controller.advance(path.cycle_at(cycle))
-            self._out.append(self._data())
+            if self._is_read(now):
+                self._out.append(self._data())
             self._due = self._next(cycle)
         self._controller.advance(now)
 
@@ -96,6 +108,18 @@ class Connection:
     @property
     def _sends(self) -> bool:
         return self._started and not self.closing
+
+    def _is_read(self, now: float) -> bool:
+        """Whether the client takes what it is sent. One that does not is left out, and dropped after a while."""
+        if not self.is_full():
+            self._unread_since = None
+            return True
+        if self._unread_since is None:
+            self._unread_since = now
+        elif now - self._unread_since > UNREAD_S:
+            self._controller.counts["clients dropped, not reading"] += 1
+            self.closing = True
+        return False
 
     def _next(self, cycle: int) -> int:
         """The next cycle in which data is sent."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+from emulators.devices.rtde.connection import has_room
 from emulators.devices.rtde.controller import Controller
 from emulators.devices.rtde.disturbance import Disturbance
 from emulators.devices.rtde.script import ScriptPort
@@ -26,7 +27,7 @@ class RealtimePort:
         self._getters = [getter(name) if name else _read_nothing for name in self._layout.outputs]
         self._due = controller.path.cycle + 1
         self._out: list[bytes] = []
-        self.is_full: Callable[[], bool] = _has_room
+        self.is_full: Callable[[], bool] = has_room
         """Whether the wire still holds data that the client has not read."""
 
     def receive(self, data: bytes, now: float) -> None:
@@ -64,7 +65,3 @@ class RealtimePort:
 
 def _read_nothing(state: Snapshot) -> tuple[float, ...]:
     return (0.0,)
-
-
-def _has_room() -> bool:
-    return False
