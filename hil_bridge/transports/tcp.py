@@ -29,6 +29,11 @@ cable is noticed within 10 s even on a wire that only listens.
 BACKLOG = 64
 """Clients that wait to be accepted, when many begin at once. Chosen: with 1, a third one tries anew after 1 s."""
 
+_UNREAD_BYTES = 1 << 16
+"""Chosen: what the operating system keeps for one of many clients, so that one that does not read is soon noticed; by
+default it keeps millions of bytes.
+"""
+
 SILENT_S = 5.0
 """For how long a client that has not said anything has the port to itself. Chosen: what uses a link speaks at once."""
 
@@ -105,6 +110,7 @@ async def listen_tcp_clients(
         except OSError:
             return  # it has gone again before we came to it
         connection.setblocking(False)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _UNREAD_BYTES)
         on_client(FileWire(name, _Connection(connection, f"{address[0]}:{address[1]}"), clock))
 
     def stop() -> None:
