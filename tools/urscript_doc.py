@@ -10,6 +10,7 @@ from pathlib import Path
 
 from emulators.devices.rtde.urscript import FUNCTIONS
 from emulators.devices.rtde.urscript.table import Support
+from protocol.devices.rtde.fields import NEVER, Number
 from tools.pages import parser, placed, table, write
 
 DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "reference" / "urscript.md"
@@ -18,10 +19,21 @@ DOCUMENT = Path(__file__).resolve().parent.parent / "docs" / "reference" / "ursc
 def function_table() -> str:
     """All functions by name."""
     rows = (
-        (f"`{function.signature}`", function.support, "yes" if function.waits else "")
+        (
+            f"`{function.signature}`",
+            function.support,
+            "yes" if function.waits else "",
+            _version(function.since_cb3),
+            _version(function.since),
+        )
         for _, function in sorted(FUNCTIONS.items())
     )
-    return table(("function", "support", "may wait"), rows)
+    return table(("function", "support", "may wait", "CB3 since", "e-Series since"), rows)
+
+
+def _version(since: Number) -> str:
+    """The first version of a function; empty for one that was always there, or is taken to be."""
+    return "never" if since == NEVER else ".".join(map(str, since)) if any(since) else ""
 
 
 def renewed(document: str) -> str:

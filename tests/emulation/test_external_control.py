@@ -18,7 +18,7 @@ from protocol.devices.rtde.rotation import six_of
 from protocol.devices.rtde.states import Runtime, SafetyMode
 from protocol.devices.rtde.wires import Port
 from protocol.geometry import Vector
-from tests.emulation.exact_arm import EXACT
+from tests.emulation.exact_arm import exact_profile
 from tools.external_control import (
     COMMANDS,
     REVERSE,
@@ -38,6 +38,8 @@ from tools.external_control import (
 )
 
 START = StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2)
+NEW = exact_profile(version="5.21.0.0")
+"""The first version with all functions of the program."""
 T0, DT = 1000.25, 0.002
 SURFACE_Z = 0.598
 """Height of the surface, m: 2 mm below the tool at the start."""
@@ -47,7 +49,7 @@ Six = tuple[float, ...]
 class Driver:
     """A client with its three servers, the controller with a surface below its tool, and the time."""
 
-    def __init__(self, profile: RtdeProfile = EXACT, absent: frozenset[int] = frozenset()) -> None:
+    def __init__(self, profile: RtdeProfile = NEW, absent: frozenset[int] = frozenset()) -> None:
         """Nothing listens on a port that is absent."""
         self.now = T0
         self.robot = RtdeRobot(profile, START, T0, 7)

@@ -247,12 +247,8 @@ def test_killing_none_and_joining_none_do_nothing() -> None:
 ERRORS = {
     "while True:\n  x = 1\nend": (2, "infinite loop"),
     "x = 1\ny = x / 0": (3, "division by zero"),
-    "textmsg(nothing)": (2, "nothing is not defined"),
     "x = [1, 2]\nx[2] = 1": (3, "no element 2"),
     "x = [1, 2][1.5]": (2, "whole number"),
-    "unheard_of(1)": (2, "compile_error_name_not_found:unheard_of:"),
-    "sin(1, 2)": (2, "sin takes 1 arguments"),
-    "movej()": (2, "movej needs the argument q"),
     'sin("a")': (2, "a number is needed, not a string"),
     "sqrt(-1)": (2, "arithmetic"),
     "if [1]:\n  x = 1\nend": (2, "condition"),
@@ -305,12 +301,24 @@ def test_a_function_without_effect_is_told_once() -> None:
     assert played.controller.unmodelled.counts == counts
 
 
-def test_an_unknown_function_is_told_beside_the_error() -> None:
-    played = Played(program("rg_grip(1)"))
-    assert played.play(2) == 0
-    assert [(told.thing, told.detail) for told in played.controller.unmodelled.things] == [
-        ("URScript rg_grip()", "not known: the program ends")
-    ]
+NOT_COMPILED = {
+    "if False:\n  textmsg(nothing)\nend": (3, 13, "compile_error_name_not_found:nothing:"),
+    "thread t():\n  unheard_of(1)\nend": (3, 5, "compile_error_name_not_found:unheard_of:"),
+    "x = y": (2, 7, "compile_error_name_not_found:y:"),
+    "run nobody()": (2, 7, "compile_error_name_not_found:nobody:"),
+    "sin(1, 2)": (2, 3, "sin takes 1 arguments"),
+    "movej()": (2, 3, "movej needs the argument q"),
+    "movej([0,0,0,0,0,0], speed=1)": (2, 3, "movej has no argument speed to give"),
+    "def f(a):\n  return a\nend\nf()": (5, 3, "f needs the argument a"),
+    "x = [1].nothing()": (2, 11, "there is no method nothing"),
+}
+
+
+@pytest.mark.parametrize("body", NOT_COMPILED)
+def test_a_text_that_does_not_compile_tells_its_place(body: str) -> None:
+    with pytest.raises(ScriptSyntaxError) as caught:
+        compile_program(program(body), FUNCTIONS)
+    assert caught.value.failure[:3] == NOT_COMPILED[body]
 
 
 def test_our_own_programs_are_programs() -> None:

@@ -89,6 +89,8 @@ class Controller:
         """Share of its speed that a motion has from the next cycle on, 0 … 1 (assumed: without a ramp)."""
         self.programs: Mapping[str, bytes] = {}
         """Stored programs by name: text in URScript."""
+        self.defined = ""
+        """Name of the newest program that came to it as text."""
         self.loaded = ""
         """Name of the stored program that is loaded; empty for none."""
         self._emergency_stops: set[str] = set()
@@ -97,6 +99,8 @@ class Controller:
         """When the last protective stop came, s."""
         self.inputs: Registers = {}
         self.outputs: Registers = {}
+        self.flags: set[int] = set()
+        """Flags of programs that are set. Assumed: they outlive the program that has set them."""
         self.claims: dict[str, object] = {}
         """Inputs that a connection holds, by name."""
         self.external_force = False

@@ -10,6 +10,7 @@ from emulators.devices.rtde.urscript import (
     RuntimeFailure,
     ScriptSyntaxError,
     compile_program,
+    functions_of,
 )
 from emulators.orders import Act
 from protocol.devices.rtde.program import NAME
@@ -20,10 +21,16 @@ _ASKS = ("read_input_", "socket_read_")
 
 
 def start_text(controller: Controller, name: str, text: bytes) -> None:
-    """Start the program of a text, where the controller takes programs. A text that is none is told."""
+    """Start the program of a text, where the controller takes programs.
+
+    A text that does not compile is reported and changes nothing: what runs goes on. So a client may send `f()` behind
+    `def f(): ... end`. The definition plays by itself; the call is a text of its own, in which f is not defined.
+    Source: ros-industrial/universal_robot, pull request 165, tried on controllers 1.5, 1.8, 3.0 and 3.1.
+    """
     compiled = compiled_or_told(controller, text)
     if compiled is None:
         return
+    controller.defined = compiled.name
     words = f"program {name}" if name else f"script {text[:64].decode('utf-8', 'replace')}"
     controller.told(Act.PROGRAM, words, controller.takes_programs, _moves_by_itself(compiled))
     ours = controller.motions.by_registers = compiled.name == NAME
@@ -47,12 +54,27 @@ def _moves_by_itself(compiled: CompiledProgram) -> bool:
 
 
 def compiled_or_told(controller: Controller, text: bytes) -> CompiledProgram | None:
-    """The program of a text; None for one that is none, which is told."""
+    """The program of a text; None for one that does not compile, which is reported."""
+    functions = functions_of(controller.version)
     try:
-        return compile_program(text.decode("utf-8", "replace"), FUNCTIONS)
+        return compile_program(text.decode("utf-8", "replace"), functions)
     except ScriptSyntaxError as error:
-        ControllerHost(controller).tell_failure(error.failure)
-        controller.told(Act.UNREADABLE, f"a program with an error: {error}", False)
+        failure = error.failure
+        ControllerHost(controller).tell_failure(failure)
+        if failure.function and text.strip() == f"{controller.defined}()".encode():
+            words = f"a call of {failure.function}() behind its definition, which plays by itself"
+            controller.told(Act.CONTACT, words, False)
+        elif failure.function in FUNCTIONS:
+            version = ".".join(map(str, controller.version[:3]))
+            controller.told(
+                Act.UNREADABLE, f"URScript {failure.function}(), which {version} does not have", False
+            )
+        elif failure.function:
+            thing = f"URScript {failure.function}()"
+            controller.unmodelled.touch(thing, "not known: the text does not compile")
+            controller.told(Act.REFUSED, f"{thing}, which is not known here", False)
+        else:
+            controller.told(Act.UNREADABLE, f"a program with an error: {failure.text}", False)
         return None
 
 
@@ -71,6 +93,7 @@ def run_secondary(controller: Controller, text: bytes) -> None:
     compiled = compiled_or_told(controller, text)
     if compiled is None:
         return
+    controller.defined = compiled.name
     if compiled.main.waits:
         failure = RuntimeFailure(1, "a secondary program must not move the arm, or wait")
         ControllerHost(controller).tell_failure(failure)

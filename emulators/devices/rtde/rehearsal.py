@@ -27,9 +27,6 @@ class DryHost(ControllerHost):
     def tell_tagged(self, function: str) -> None:
         """Not told."""
 
-    def tell_unknown(self, function: str) -> None:
-        """Not told."""
-
     def write_register(self, kind: str, number: int, value: float) -> None:
         """Not written."""
 
@@ -41,6 +38,9 @@ class DryHost(ControllerHost):
 
     def write_analog(self, number: int, share: float) -> None:
         """Not written."""
+
+    def set_flag(self, number: int, on: bool) -> None:
+        """Not set."""
 
     def open_socket(self, address: str, port: int) -> Socket | None:
         return None

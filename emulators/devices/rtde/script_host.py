@@ -2,7 +2,7 @@
 
 import math
 import random
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from functools import lru_cache
 
 from emulators.devices.rtde.arm import Brake, Servo, Speed
@@ -59,10 +59,6 @@ class ControllerHost:
         self._controller.unmodelled.touch(f"URScript {function}()", "accepted without effect")
         self._controller.told(Act.REFUSED, f"URScript {function}(), which has no effect here", False)
 
-    def tell_unknown(self, function: str) -> None:
-        self._controller.unmodelled.touch(f"URScript {function}()", "not known: the program ends")
-        self._controller.told(Act.REFUSED, f"URScript {function}(), which ends its program", False)
-
     # --- time and registers
 
     def clock(self) -> float:
@@ -109,6 +105,13 @@ class ControllerHost:
 
     def write_analog(self, number: int, share: float) -> None:
         self._controller.write_output(f"standard_analog_output{number}", share)
+
+    @property
+    def flags(self) -> Set[int]:
+        return self._controller.flags
+
+    def set_flag(self, number: int, on: bool) -> None:
+        (self._controller.flags.add if on else self._controller.flags.discard)(number)
 
     def open_socket(self, address: str, port: int) -> Socket | None:
         return self._controller.console.open_socket(address, port)

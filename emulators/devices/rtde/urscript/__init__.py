@@ -1,6 +1,6 @@
 """URScript: parsed, compiled and run, cycle by cycle, on a robot that `host.Host` describes."""
 
-from emulators.devices.rtde.urscript.catalogue import FUNCTIONS
+from emulators.devices.rtde.urscript.catalogue import FUNCTIONS, functions_of
 from emulators.devices.rtde.urscript.failures import RuntimeFailure, ScriptSyntaxError, SyntaxFailure
 from emulators.devices.rtde.urscript.host import ORDERED, Host, Message, Profile, Socket
 from emulators.devices.rtde.urscript.machine import Machine
@@ -20,5 +20,6 @@ __all__ = [
     "Socket",
     "SyntaxFailure",
     "compile_program",
+    "functions_of",
     "make_parser",
 ]

@@ -1,16 +1,26 @@
-"""All functions that a program may call, by name. A function that is missing here ends the program that calls it."""
+"""All functions that a program may call, by name. A text that calls another one does not compile."""
+
+from functools import lru_cache
 
 from emulators.devices.rtde.urscript.arithmetic import ARITHMETIC
 from emulators.devices.rtde.urscript.force import FORCE
 from emulators.devices.rtde.urscript.motion import MOTION
 from emulators.devices.rtde.urscript.poses import POSES
 from emulators.devices.rtde.urscript.system import SYSTEM
-from emulators.devices.rtde.urscript.table import Functions, by_name, tagged
+from emulators.devices.rtde.urscript.table import Function, Functions, by_name, tagged
+from emulators.devices.rtde.urscript.versions import SINCE
 
 _NONE = (0.0,) * 6
 
+
+def _dated(function: Function) -> Function:
+    since = SINCE.get(function.name)
+    return function if since is None else function._replace(since=since.e_series, since_cb3=since.cb3)
+
+
 FUNCTIONS: Functions = by_name(
-    (
+    _dated(function)
+    for function in (
         *ARITHMETIC,
         *POSES,
         *SYSTEM,
@@ -71,8 +81,6 @@ FUNCTIONS: Functions = by_name(
         tagged("set_euromap_output(port_number, signal_value)"),
         tagged("get_euromap_input(port_number)", False),
         tagged("get_euromap_output(port_number)", False),
-        tagged("get_flag(n)", False),
-        tagged("set_flag(n, b)"),
         tagged(
             "modbus_add_signal(IP, slave_number, signal_address, signal_type, signal_name, sequential_mode=False)"
         ),
@@ -83,3 +91,10 @@ FUNCTIONS: Functions = by_name(
         tagged("modbus_set_output_register(signal_name, register_value, is_secondary_program=False)"),
     )
 )
+"""Functions of all versions."""
+
+
+@lru_cache(maxsize=16)
+def functions_of(version: tuple[int, ...]) -> Functions:
+    """The functions of a controller of this version."""
+    return {name: function for name, function in FUNCTIONS.items() if function.is_in(version)}

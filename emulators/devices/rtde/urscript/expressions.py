@@ -13,7 +13,7 @@ from emulators.devices.rtde.urscript import values
 from emulators.devices.rtde.urscript.failures import ScriptError, ScriptSyntaxError, SyntaxFailure
 from emulators.devices.rtde.urscript.limits import CALLS_MAX, DEPTH_MAX, STRING_MAX
 from emulators.devices.rtde.urscript.lists import METHODS
-from emulators.devices.rtde.urscript.names import Code, is_pose, line_of
+from emulators.devices.rtde.urscript.names import Code, first_token, is_pose, line_of
 from emulators.devices.rtde.urscript.operators import binary
 from emulators.devices.rtde.urscript.parts import (
     NUMBERS,
@@ -113,7 +113,7 @@ class Expressions:
         name = str(node.children[0])
         found = self._code.find(name)
         if found is None:
-            return Part(False, _failing(f"{name} is not defined"))
+            raise _refused(node.children[0], f"compile_error_name_not_found:{name}:")
         hops, slot = found
 
         def read_own(frame: Frame) -> Any:
@@ -161,7 +161,7 @@ class Expressions:
         if trailer.data == "member":
             return combined([part], lambda frame, value: values.member(value, name))
         if name not in METHODS:
-            return Part(False, _failing(f"there is no method {name}"))
+            raise _refused(trailer, f"there is no method {name}")
         arguments = [self.value(child) for child in trailer.children[1].children]  # type: ignore[union-attr]
         question = METHODS[name].ask
 
@@ -170,7 +170,7 @@ class Expressions:
             return question(values.array(value), *given)
 
         if METHODS[name].arguments != len(arguments):
-            return Part(False, _failing(f"{name} takes {METHODS[name].arguments} arguments"))
+            raise _refused(trailer, f"{name} takes {METHODS[name].arguments} arguments")
         return combined([part, *arguments], ask)
 
     # --- operators
@@ -248,16 +248,8 @@ class Expressions:
             return self._struct(node)
         function = self._functions.get(name)
         if function is None:
-            column = getattr(node.children[0], "column", 1)
-
-            def refuse(frame: Frame) -> Any:
-                frame[1].host.tell_unknown(name)
-                raise ScriptError(f"compile_error_name_not_found:{name}:", column)
-
-            return Part(False, refuse)
+            raise _refused(node.children[0], f"compile_error_name_not_found:{name}:", name)
         parts = self.arguments(name, node, function.parameters, function.defaults)
-        if isinstance(parts, str):
-            return Part(False, _failing(parts))
         call = function.call
         if not function.waits:
             return answer(parts, call)
@@ -274,8 +266,8 @@ class Expressions:
         node: Tree[Token],
         parameters: Sequence[str],
         defaults: Mapping[str, Any],
-    ) -> list[Part] | str:
-        """The arguments of a call in the order of the parameters, or what is wrong with them."""
+    ) -> list[Part]:
+        """The arguments of a call in the order of the parameters. Raises ScriptSyntaxError for wrong ones."""
         given: dict[str, Part] = {}
         positions, known = iter(parameters), frozenset(parameters)
         for child in node.children[1].children:  # type: ignore[union-attr]
@@ -286,20 +278,21 @@ class Expressions:
                 parameter = next(positions, "")
                 part = self.value(child)
             if parameter not in known or parameter in given:
-                return (
-                    f"{name} takes {len(parameters)} arguments"
-                    if not parameter
-                    else (f"{name} has no argument {parameter} to give")
+                raise _refused(
+                    node,
+                    f"{name} has no argument {parameter} to give"
+                    if parameter
+                    else f"{name} takes {len(parameters)} arguments",
                 )
             given[parameter] = part
         for parameter in parameters:
             if parameter not in given:
                 if parameter not in defaults:
-                    return f"{name} needs the argument {parameter}"
+                    raise _refused(node, f"{name} needs the argument {parameter}")
                 given[parameter] = _default(defaults[parameter])
         return [given[parameter] for parameter in parameters]
 
-    def _own_arguments(self, code: Code, node: Tree[Token]) -> list[Part] | str:
+    def _own_arguments(self, code: Code, node: Tree[Token]) -> list[Part]:
         """The arguments of a call of the program's own function; its defaults are seen from where it stands."""
         assert code.parent is not None, "a function is inside something"
         hops = self._code.hops_to(code.parent)
@@ -317,8 +310,6 @@ class Expressions:
 
     def _own_call(self, code: Code, node: Tree[Token]) -> Part:
         parts = self._own_arguments(code, node)
-        if isinstance(parts, str):
-            return Part(False, _failing(parts))
         enter = self._entering(code)
 
         def run(frame: Frame, *given: Value) -> Any:
@@ -372,10 +363,8 @@ class Expressions:
         name = str(node.children[0])
         code = self._code.find_function(name)
         if code is None:
-            return Part(False, _failing(f"{name} is not a thread"))
+            raise _refused(node.children[0], f"compile_error_name_not_found:{name}:")
         parts = self._own_arguments(code, node)
-        if isinstance(parts, str):
-            return Part(False, _failing(parts))
         assert code.parent is not None, "a thread is inside something"
         hops, thread = self._code.hops_to(code.parent), code
 
@@ -394,7 +383,7 @@ class Expressions:
         names, parts = [], []
         for child in node.children[1].children:  # type: ignore[union-attr]
             if child.data != "named":  # type: ignore[union-attr]
-                return Part(False, _failing("a struct's members have names"))
+                raise _refused(node, "a struct's members have names")
             names.append(str(child.children[0]))  # type: ignore[union-attr]
             parts.append(self.value(child.children[1]))  # type: ignore[union-attr]
 
@@ -405,11 +394,11 @@ class Expressions:
         return combined(parts, make)
 
 
-def _failing(text: str) -> Run:
-    def fail(frame: Frame) -> Any:
-        raise ScriptError(text)
-
-    return fail
+def _refused(node: Tree[Token] | Token, text: str, function: str = "") -> ScriptSyntaxError:
+    """The error of a text that does not compile, at the first token of a node."""
+    token = first_token(node)
+    line, column = (token.line or 1, token.column or 1) if token else (1, 1)
+    return ScriptSyntaxError(SyntaxFailure(line, column, text, function))
 
 
 def _default(value: Any) -> Part:

@@ -4,12 +4,14 @@ from typing import NamedTuple
 
 
 class SyntaxFailure(NamedTuple):
-    """The text is no program."""
+    """The text does not compile."""
 
     line: int
     """1 is the first one."""
     column: int
     text: str
+    function: str = ""
+    """Name of the function that is called and is not known."""
 
 
 class RuntimeFailure(NamedTuple):
@@ -21,7 +23,7 @@ class RuntimeFailure(NamedTuple):
 
 
 class ScriptSyntaxError(Exception):
-    """The text is no program."""
+    """The text does not compile: nothing of it is run."""
 
     def __init__(self, failure: SyntaxFailure) -> None:
         super().__init__(failure.text)

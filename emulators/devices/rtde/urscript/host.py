@@ -4,7 +4,7 @@ Lengths are m, angles rad, times s, forces N, moments N·m. Poses are the tool's
 centre point that the program has set, unless a word says otherwise.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from enum import StrEnum
 from typing import NamedTuple, Protocol
 
@@ -85,9 +85,6 @@ class Host(Protocol):
     def tell_tagged(self, function: str) -> None:
         """The program calls a function that has no effect here."""
 
-    def tell_unknown(self, function: str) -> None:
-        """The program calls a function that is not there, and ends."""
-
     # --- time and registers
 
     def clock(self) -> float:
@@ -116,6 +113,13 @@ class Host(Protocol):
 
     def write_analog(self, number: int, share: float) -> None:
         """An output."""
+
+    @property
+    def flags(self) -> Set[int]:
+        """Numbers of the flags that are set."""
+
+    def set_flag(self, number: int, on: bool) -> None:
+        """Flags outlive their program."""
 
     def open_socket(self, address: str, port: int) -> Socket | None:
         """A connection to a server, which comes about in later cycles; None where none is to be had."""

@@ -147,15 +147,21 @@ def assigned(node: Tree[Token]) -> str | None:
     return str(place.children[0]) if isinstance(place, Tree) and place.data == "name" else None
 
 
-def line_of(node: Any) -> int:
-    """Where a node's first token stands; 1 where it has none."""
+def first_token(node: Any) -> Token | None:
+    """The first token of a node; None where it has none."""
     waiting = [node]
     while waiting:
         node = waiting.pop()
         if isinstance(node, Token):
-            return node.line or 1
+            return node
         waiting += reversed(node.children)
-    return 1
+    return None
+
+
+def line_of(node: Any) -> int:
+    """Line of a node's first token; 1 where it has none."""
+    token = first_token(node)
+    return (token.line if token else None) or 1
 
 
 def is_pose(node: Tree[Token]) -> bool:

@@ -147,6 +147,23 @@ _SIGNALS: tuple[Function, ...] = (
     *(modelled(f"set_{group}analog_out(n, f)", _set_analog) for group in ("", "standard_")),
 )
 
+# --- flags and modes
+
+
+def _flag(value: Value) -> int:
+    at = integer(value)
+    if not 0 <= at < _FLAGS:
+        raise ScriptError(f"there is no flag {at}")
+    return at
+
+
+_FLAGS = 32
+"""Flags of a program. Source: the script manual on `set_flag`."""
+_MODES: tuple[Function, ...] = (
+    modelled("get_flag(n)", lambda task, at: _flag(at) in task.host.flags),
+    modelled("set_flag(n, b)", lambda task, at, on: task.host.set_flag(_flag(at), truth(on))),
+)
+
 # --- sockets
 
 
@@ -322,5 +339,6 @@ SYSTEM: tuple[Function, ...] = (
     waiting('popup(s, title="Popup", warning=False, error=False, blocking=False)', _popup),
     *_REGISTERS,
     *_SIGNALS,
+    *_MODES,
     *_SOCKETS,
 )

@@ -1,11 +1,15 @@
 """Functions that a program may call: name, signature, and whether the emulator models them."""
 
 import ast
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from enum import StrEnum
 from typing import Any, NamedTuple
 
 from emulators.devices.rtde.urscript.values import Value
+from protocol.devices.rtde.fields import Number
+
+E_SERIES = 5
+"""Major version of the first e-Series."""
 
 
 class Support(StrEnum):
@@ -29,6 +33,15 @@ class Function(NamedTuple):
     support: Support
     waits: bool
     """Whether it may let cycles pass."""
+    since: Number = (0, 0, 0)
+    """First version of an e-Series controller that has it."""
+    since_cb3: Number = (0, 0, 0)
+    """The same of a CB3."""
+
+    def is_in(self, version: Sequence[int]) -> bool:
+        """Whether a controller of this version has it."""
+        since = self.since if version[0] >= E_SERIES else self.since_cb3
+        return tuple(version[:3]) >= since
 
     @property
     def signature(self) -> str:

@@ -1,0 +1,106 @@
+"""Texts that a controller compiles before it runs them: what is refused, and what goes on meanwhile."""
+
+import math
+
+import pytest
+
+from emulators.devices.rtde.urscript import Message
+from emulators.orders import Act, HeardOrder
+from emulators.unmodelled import NotModelled
+from protocol.devices.rtde.states import Runtime
+from tests.emulation.exact_arm import EXACT
+from tests.emulation.rtde_desk import Desk
+
+MOVE = "def f():\n  p = get_actual_tcp_pose()\n  movel(pose_add(p, p[0, 0.05, 0, 0, 0, 0]), 1.2, 0.25)\nend\n".replace(
+    "pose_add(p, p[", "pose_add(here, p["
+).replace("  p = get", "  here = get")
+MOVED_MM = 50.0
+
+
+def moved_mm(desk: Desk, text: str, seconds: float = 1.5) -> float:
+    start = desk.place
+    desk.upload(text)
+    desk.run(seconds)
+    return math.dist(start, desk.place) * 1e3
+
+
+def errors(desk: Desk) -> list[str]:
+    return [s.text for s in desk.controller.console.sayings if s.message is Message.SYNTAX]
+
+
+@pytest.mark.parametrize("call", ["", "f()\n", "\nf()\n", "unknown_name\n", "movej()\n"])
+def test_line_behind_a_definition_leaves_it_playing(call: str) -> None:
+    assert moved_mm(Desk(), MOVE + call) == pytest.approx(MOVED_MM, abs=0.05)
+
+
+def test_call_behind_a_definition_is_reported_as_an_error() -> None:
+    desk = Desk()
+    desk.upload(MOVE + "f()\n")
+    assert errors(desk) == ["compile_error_name_not_found:f:"]
+    assert desk.robot.unmodelled.things == ()
+
+
+def test_call_behind_a_secondary_program_leaves_the_arm_moving() -> None:
+    desk = Desk()
+    assert moved_mm(desk, MOVE + "sec g():\n  set_digital_out(1, True)\nend\ng()\n") == pytest.approx(
+        MOVED_MM, abs=0.05
+    )
+    assert desk.controller.outputs["actual_digital_output_bits"] == 2
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    ["  if False:\n    nothing_such()\n  end\n", "  thread t():\n    x = nothing\n  end\n", "  sin(1, 2)\n"],
+)
+def test_text_that_does_not_compile_moves_nothing(wrong: str) -> None:
+    desk = Desk()
+    assert moved_mm(desk, MOVE.replace("end\n", wrong + "end\n")) == 0.0
+    assert len(errors(desk)) == 1
+
+
+def test_text_that_does_not_compile_stops_no_program() -> None:
+    desk = Desk()
+    desk.upload("def mine():\n  while True:\n    sync()\n  end\nend\n")
+    desk.run(0.2)
+    desk.upload("def other():\n  nothing_such()\nend\n")
+    desk.run(0.2)
+    assert desk.controller.runtime is Runtime.PLAYING
+    assert desk.controller.program is not None
+    assert desk.controller.program.name == "mine"
+    assert desk.robot.unmodelled.things == (
+        NotModelled("rtde", "URScript nothing_such()", "not known: the text does not compile"),
+    )
+
+
+NEWER = {
+    ("5.8.2.0", "get_inverse_kin_has_solution(p[1, 2, 3, 0, 0, 0])"): False,
+    ("5.9.4.0", "get_inverse_kin_has_solution(p[1, 2, 3, 0, 0, 0])"): True,
+    ("3.3.0.0", "tool_contact([1, 0, 0, 0, 0, 0])"): False,
+    ("5.12.0.0", "tool_contact([1, 0, 0, 0, 0, 0])"): True,
+    ("5.20.0.0", "optimovej([0, 0, 0, 0, 0, 0])"): False,
+    ("5.21.0.0", "optimovej([0, 0, 0, 0, 0, 0])"): True,
+    ("3.5.0.0", "get_tcp_offset()"): False,
+    ("3.6.0.0", "get_tcp_offset()"): True,
+}
+
+
+@pytest.mark.parametrize(("version", "call"), NEWER)
+def test_function_of_another_version_does_not_compile(version: str, call: str) -> None:
+    model = "ur10" if version.startswith("3") else "ur10e"
+    desk = Desk(EXACT.__class__(version=version, model=model))
+    told: list[HeardOrder] = []
+    desk.controller.orders.listener = told.append
+    desk.upload(f"def f():\n  {call}\nend\n")
+    assert (errors(desk) == []) is NEWER[version, call]
+    refused = [order.words for order in told if order.act is Act.UNREADABLE]
+    name, number = call.partition("(")[0], version.rpartition(".")[0]
+    assert refused == ([] if NEWER[version, call] else [f"URScript {name}(), which {number} does not have"])
+
+
+def test_flag_is_kept_for_the_next_program() -> None:
+    desk = Desk()
+    desk.upload("def f():\n  set_flag(3, True)\nend\n")
+    desk.run(0.2)
+    desk.upload("def g():\n  textmsg(get_flag(3), get_flag(4))\nend\n")
+    desk.run(0.2)
+    assert [s.text for s in desk.controller.console.sayings if s.message is Message.TEXT] == ["TrueFalse"]
