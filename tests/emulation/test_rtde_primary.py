@@ -285,3 +285,43 @@ def test_each_line_of_controllers_has_its_outputs_since_a_version_of_its_own(
 ) -> None:
     assert [name for name in there if type_of(OUTPUTS, name, version) == NOT_FOUND] == []
     assert [name for name in missing if type_of(OUTPUTS, name, version) != NOT_FOUND] == []
+
+
+@pytest.mark.parametrize(
+    ("version", "mode", "cartesian", "board", "count"),
+    [
+        ("3.0.0.0", 38, 53, 72, 7),
+        ("3.1.0.0", 38, 53, 72, 7),
+        ("3.2.0.0", 46, 101, 74, 9),
+        ("3.4.0.0", 46, 101, 74, 9),
+        ("3.5.0.0", 47, 101, 75, 9),
+        ("5.0.0.0", 47, 101, 75, 9),
+    ],
+)
+def test_state_of_a_version_has_its_sizes(
+    version: str, mode: int, cartesian: int, board: int, count: int
+) -> None:
+    """Source: python-urx's reader, and the static checks of ur_modern_driver."""
+    client = Client(robot(version=version, model="ur10" if version[0] == "3" else "ur10e"))
+    client.wait(0.1)
+    states = [body for kind, body in primary.split(client.raw) if kind == PacketType.STATE]
+    sizes = {kind: len(body) + primary.HEADER.size for kind, body in primary.split(states[-1])}
+    assert [sizes[part] for part in (Part.ROBOT_MODE, Part.CARTESIAN, Part.MASTERBOARD)] == [
+        mode,
+        cartesian,
+        board,
+    ]
+    assert len(sizes) == count
+
+
+@pytest.mark.parametrize("port", [Port.SECONDARY, Port.SECONDARY_READ_ONLY])
+def test_secondary_interface_sends_version_and_states_alone(port: Port) -> None:
+    ur = robot()
+    client, speaker = Client(ur, port=port), Client(ur)
+    speaker.say('def hello():\n  textmsg("it")\n  popup("it")\n  x = 1 / 0\nend\n')
+    ur.controller.protective_stop("a test")
+    client.wait(0.5)
+    kinds = [kind for kind, _ in primary.split(client.raw)]
+    assert kinds[0] == PacketType.MESSAGE
+    assert set(kinds[1:]) == {PacketType.STATE}
+    assert len(client.messages(MessageKind.VERSION)) == 1

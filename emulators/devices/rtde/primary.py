@@ -1,6 +1,7 @@
 """The primary and the secondary interface: a controller's state ten times a second, its messages, and text for it.
 
-Both tell the same here. A read-only one takes no text, and neither does a connection that was made in local control.
+The secondary one sends the version first and then states alone, no other messages. Source: Universal Robots' guide to
+its client interfaces. A read-only one takes no text, and neither does a connection that was made in local control.
 """
 
 import math
@@ -18,6 +19,7 @@ from protocol.devices.rtde import primary
 from protocol.devices.rtde.primary import MessageKind, Part, ReportLevel
 from protocol.devices.rtde.rotation import six_of
 from protocol.devices.rtde.states import RobotMode, Runtime, SafetyMode
+from protocol.devices.rtde.wires import Port
 
 LOOK_S = 0.02
 """Chosen: a message is told so late at most."""
@@ -39,6 +41,7 @@ _CODES = {SUDDEN_CHANGE: primary.SUDDEN_CHANGE, ORDERED: primary.ORDERED}
 _EMERGENCY = (SafetyMode.SYSTEM_EMERGENCY_STOP, SafetyMode.ROBOT_EMERGENCY_STOP)
 _SPEED_LIMIT = 1.0
 """Observed in the frames of the library's tests."""
+_READ_ONLY = (Port.READ_ONLY, Port.SECONDARY_READ_ONLY)
 
 Values = Sequence[float]
 
@@ -162,8 +165,8 @@ def encode_state(controller: Controller) -> bytes:
     return primary.encode(
         primary.PacketType.STATE,
         b"".join(
-            primary.encode(part, layout.pack_row(*_PARTS[part](controller, snapshot)))
-            for part, layout in primary.PARTS.items()
+            primary.encode(part, layout.pack_row(*_PARTS[part](controller, snapshot)[: len(layout.fields)]))
+            for part, layout in primary.parts_of(controller.version).items()
         ),
     )
 
@@ -174,20 +177,21 @@ class PrimaryPort:
     closing = False
 
     def __init__(
-        self, controller: Controller, silences: Callable[[float], bool], now: float, read_only: bool = False
+        self, controller: Controller, silences: Callable[[float], bool], now: float, port: Port = Port.PRIMARY
     ) -> None:
         """`silences` tells whether a fault lets it say nothing at a time, s."""
         controller.advance(now)
         self._silences = silences
         self._controller = controller
         self._script = ScriptPort(controller)
-        self._read_only = read_only or not controller.remote
+        self._read_only = port in _READ_ONLY or not controller.remote
+        self._has_messages = port in (Port.PRIMARY, Port.READ_ONLY)
         self._out: list[bytes] = []
         self._modes: list[tuple[SafetyMode, str]] = []
         """Safety modes that are not told yet, with the reason of a stop."""
         self._state_at = self._look_at = now
         controller.console.listeners.append(self)
-        self._say(MessageKind.VERSION, primary.version_body(controller.version, BUILT))
+        self._put(MessageKind.VERSION, primary.version_body(controller.version, BUILT))
 
     def hear(self, saying: Saying) -> None:
         """A program has said something, or something is said about it."""
@@ -218,6 +222,10 @@ class PrimaryPort:
         self._modes.clear()
 
     def _say(self, kind: MessageKind, body: bytes) -> None:
+        if self._has_messages:
+            self._put(kind, body)
+
+    def _put(self, kind: MessageKind, body: bytes) -> None:
         time_ns = round(self._controller.snapshots[-1].time * 1e9)
         self._out.append(primary.encode_message(primary.Message(time_ns, primary.NO_SOURCE, kind, body)))
 

@@ -80,8 +80,8 @@ class RtdeRobot:
                 inner = Dashboard(self.controller, self._settings)
             case Port.SCRIPT:
                 inner = ScriptPort(self.controller)
-            case Port.PRIMARY | Port.READ_ONLY:
-                inner = PrimaryPort(self.controller, self._disturbance.silences, now, port is Port.READ_ONLY)
+            case Port.PRIMARY | Port.READ_ONLY | Port.SECONDARY | Port.SECONDARY_READ_ONLY:
+                inner = PrimaryPort(self.controller, self._disturbance.silences, now, port)
             case Port.REALTIME | Port.REALTIME_READ_ONLY:
                 read_only = port is Port.REALTIME_READ_ONLY
                 inner = RealtimePort(self.controller, self._disturbance, now, read_only)

@@ -10,6 +10,7 @@ Source: Universal Robots' C++ client library, `primary/` with the frames of its 
 import struct
 from collections.abc import Iterator, Mapping, Sequence
 from enum import IntEnum
+from functools import lru_cache
 from typing import NamedTuple
 
 from protocol.endpoint import RemoteProtocolError
@@ -224,7 +225,42 @@ PARTS = {
     Part.FORCE_MODE: FORCE_MODE,
     Part.ADDITIONAL: ADDITIONAL,
 }
-"""Layouts of the sub-packages, in the order in which a state has them."""
+"""Layouts of the sub-packages of the newest version, in the order in which a state has them."""
+_E_SERIES = 5
+_ADDED: Mapping[tuple[Part, str], tuple[int, int]] = {
+    (Part.ROBOT_MODE, "target_speed_fraction_limit"): (3, 2),
+    (Part.ROBOT_MODE, "reserved"): (3, 5),
+    (Part.CARTESIAN, "tcp_x"): (3, 2),
+    (Part.MASTERBOARD, "mode_selector"): (3, 2),
+    (Part.MASTERBOARD, "reserved1"): (3, 5),
+}
+"""First version of a CB3 that sends a field and those behind it; every e-Series sends all.
+
+Source: ROS's ur_modern_driver and its successor, `robot_mode.h` (bodies of 33, 41 and 42 bytes) and `master_board.h`
+(`V3_0__1`, `V3_2`); python-urx's `ursecmon.py` for cartesian data. Assumed: the last byte of the masterboard came with
+that of the mode.
+"""
+_SINCE_3_2 = frozenset({Part.FORCE_MODE, Part.ADDITIONAL})
+"""Parts that no 3.0 or 3.1 sends. Source: python-urx, which reads them from 3.2 on."""
+
+
+@lru_cache(maxsize=16)
+def parts_of(version: tuple[int, ...]) -> Mapping[Part, Layout]:
+    """Layouts of a controller of this version."""
+    found = dict[Part, Layout]()
+    for part, layout in PARTS.items():
+        if version[0] >= _E_SERIES or version[:2] >= (3, 2) or part not in _SINCE_3_2:
+            found[part] = _cut(part, layout, version)
+    return found
+
+
+def _cut(part: Part, layout: Layout, version: tuple[int, ...]) -> Layout:
+    """The fields of a layout that a version has."""
+    for at, field in enumerate(layout.fields):
+        since = _ADDED.get((part, field.name))
+        if since is not None and version[0] < _E_SERIES and version[:2] < since:
+            return Layout(layout.name, field.offset, layout.byte_order, layout.fields[:at])
+    return layout
 
 
 def encode(kind: int, body: bytes) -> bytes:

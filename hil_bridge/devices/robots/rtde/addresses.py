@@ -22,8 +22,10 @@ PORTS: Mapping[Port, tuple[int, ...]] = {
     Port.RTDE: (RTDE_PORT,),
     Port.DASHBOARD: (29999,),
     Port.SCRIPT: (),
-    Port.PRIMARY: (30001, 30002),
-    Port.READ_ONLY: (30011, 30012),
+    Port.PRIMARY: (30001,),
+    Port.SECONDARY: (30002,),
+    Port.READ_ONLY: (30011,),
+    Port.SECONDARY_READ_ONLY: (30012,),
     Port.REALTIME: (30003,),
     Port.REALTIME_READ_ONLY: (30013,),
 }
@@ -34,6 +36,8 @@ _OPTIONS = {
     "script": Port.SCRIPT,
     "primary": Port.PRIMARY,
     "read-only": Port.READ_ONLY,
+    "secondary": Port.SECONDARY,
+    "secondary-read-only": Port.SECONDARY_READ_ONLY,
     "realtime": Port.REALTIME,
     "realtime-read-only": Port.REALTIME_READ_ONLY,
 }
