@@ -238,3 +238,31 @@ def test_ur_rtde_is_told_that_the_robot_is_in_local_control(
     with emulated("127.0.0.23", str(config)):
         told = tell(python, script, ["127.0.0.23"])
     assert "remote control" in told["refusal"].lower()
+
+
+URX = ("urx==0.11.0", "math3d==3.4.1", "numpy==1.26.4")
+"""With the versions of its day of what it needs, and does not name."""
+PLAYS = """
+import json, sys, time
+import urx
+
+robot = urx.Robot(sys.argv[1])
+start = robot.getl()
+goal = [*start]
+goal[1] += 0.03
+robot.movel(goal, acc=0.5, vel=0.1, wait=True)
+robot.set_digital_out(1, True)
+time.sleep(0.4)
+print(json.dumps({"start": start, "there": robot.getl(), "out": robot.get_digital_out(1)}))
+robot.close()
+"""
+
+
+@pytest.mark.parametrize("version", ["3.1.0.0", "3.2.0.0", "3.5.0.0", "5.12.0.0"])
+def test_python_urx_moves_a_robot_of_each_version(version: str, client_python: Callable[..., Path]) -> None:
+    python, host = client_python(*URX), "127.0.0.26"
+    model = ("--set", "cell.rtde.model=ur10", "--set", "cell.rtde.cycle_ms=8.0") if version[0] == "3" else ()
+    with emulated(host, "--set", f"cell.rtde.version={version}", *model):
+        told = tell(python, PLAYS, [host])
+    assert told["there"][1] - told["start"][1] == pytest.approx(0.03, abs=2e-3)
+    assert told["out"] == 1

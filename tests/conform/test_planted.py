@@ -42,7 +42,13 @@ def played(client: type[Naive], mistake: str, scenario: str) -> Played[Seen]:
     return run_virtual(main)
 
 
-STREAMING = (EgmClient, RsiClient, RtdeClient, ScriptClient, OwnServoClient)
+class CallingClient(RtdeClient):
+    """Sends a definition and a line that calls it."""
+
+    program = RtdeClient.program + b"hil_bridge()\n"
+
+
+STREAMING = (EgmClient, RsiClient, RtdeClient, ScriptClient, OwnServoClient, CallingClient)
 USUAL = ("nominal", "late", "stopped", "cut")
 GOOD = [
     *[(client, scenario) for client in STREAMING for scenario in USUAL],
