@@ -104,3 +104,15 @@ def test_flag_is_kept_for_the_next_program() -> None:
     desk.upload("def g():\n  textmsg(get_flag(3), get_flag(4))\nend\n")
     desk.run(0.2)
     assert [s.text for s in desk.controller.console.sayings if s.message is Message.TEXT] == ["TrueFalse"]
+
+
+def test_force_node_with_feature_tool_plays() -> None:
+    """`tool_pose()` stands in what PolyScope exports for a Force node."""
+    desk = Desk()
+    desk.upload(
+        "def f():\n  force_mode(tool_pose(), [0, 0, 1, 0, 0, 0], [0, 0, 5, 0, 0, 0], 2, [0.1, 0.1, 0.1, 1, 1, 1])\n"
+        "  sleep(0.5)\n  end_force_mode()\n  textmsg(point_dist(tool_pose(), get_target_tcp_pose()))\nend\n"
+    )
+    desk.run(1.0)
+    texts = [s.text for s in desk.controller.console.sayings if s.message is not Message.STARTED]
+    assert texts == ["0", "f"]

@@ -250,6 +250,7 @@ ERRORS = {
     "x = [1, 2]\nx[2] = 1": (3, "no element 2"),
     "x = [1, 2][1.5]": (2, "whole number"),
     'sin("a")': (2, "a number is needed, not a string"),
+    "x = [1].nothing()": (2, "there is no method nothing"),
     "sqrt(-1)": (2, "arithmetic"),
     "if [1]:\n  x = 1\nend": (2, "condition"),
     "def f():\n  return f()\nend\nf()": (3, "called each other"),
@@ -310,7 +311,6 @@ NOT_COMPILED = {
     "movej()": (2, 3, "movej needs the argument q"),
     "movej([0,0,0,0,0,0], speed=1)": (2, 3, "movej has no argument speed to give"),
     "def f(a):\n  return a\nend\nf()": (5, 3, "f needs the argument a"),
-    "x = [1].nothing()": (2, 11, "there is no method nothing"),
 }
 
 

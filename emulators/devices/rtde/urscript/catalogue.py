@@ -26,6 +26,7 @@ FUNCTIONS: Functions = by_name(
         *SYSTEM,
         *MOTION,
         *FORCE,
+        tagged("rpc_factory(type, url)"),
         tagged("screw_driving(f, v_limit)"),
         tagged("end_screw_driving()"),
         tagged("direct_torque(torques, friction_comp=True, viscous_scale=None, coulomb_scale=None)"),

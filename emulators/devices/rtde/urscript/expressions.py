@@ -161,7 +161,14 @@ class Expressions:
         if trailer.data == "member":
             return combined([part], lambda frame, value: values.member(value, name))
         if name not in METHODS:
-            raise _refused(trailer, f"there is no method {name}")
+            parts = [self.value(child) for child in trailer.children[1].children]  # type: ignore[union-attr]
+
+            def refuse(frame: Frame, *given: Value) -> Any:
+                """A server of `rpc_factory` has any method, so that no text is refused for one."""
+                frame[1].tell_tagged(f"rpc_factory().{name}")
+                raise ScriptError(f"there is no method {name}")
+
+            return combined([part, *parts], refuse)
         arguments = [self.value(child) for child in trailer.children[1].children]  # type: ignore[union-attr]
         question = METHODS[name].ask
 

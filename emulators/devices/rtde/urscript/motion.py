@@ -265,6 +265,7 @@ MOTION: tuple[Function, ...] = (
     modelled("get_target_joint_speeds()", lambda task: task.host.target_speeds),
     modelled("get_actual_tcp_pose()", lambda task: value_of(task.host.forward(task.host.joints))),
     modelled("get_target_tcp_pose()", lambda task: value_of(task.host.forward(task.host.target))),
+    modelled("tool_pose()", lambda task: value_of(task.host.forward(task.host.target))),
     modelled("get_target_waypoint()", lambda task: value_of(task.host.forward(task.host.target))),
     modelled(
         "get_actual_tool_flange_pose()",
