@@ -110,7 +110,6 @@ SCRIPT = b"""def gripper():
     sleep(0.1)
     set_gravity([0, 0, 9])
   end
-  rg_grip(1)
   set_gravity([0, 0, 9.82])
 end
 """
@@ -136,6 +135,7 @@ def test_rtde_scripts_dashboard_commands_and_variables() -> None:
     assert told[3:] == ["URScript set_baselight_off()"]
     script.receive(SCRIPT, T0)
     robot.controller.advance(T0 + 1.0)
+    script.receive(b"def grips():\n  rg_grip(1)\nend\n", T0 + 1.0)
     assert told[4:] == ["URScript set_gravity()", "URScript rg_grip()"]
 
 
