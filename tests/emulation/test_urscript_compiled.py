@@ -116,3 +116,14 @@ def test_force_node_with_feature_tool_plays() -> None:
     desk.run(1.0)
     texts = [s.text for s in desk.controller.console.sayings if s.message is not Message.STARTED]
     assert texts == ["0", "f"]
+
+
+def test_array_of_outputs_switches_and_reads_them() -> None:
+    desk = Desk()
+    desk.upload("def f():\n  digital_out[2] = True\n  textmsg(digital_out[2], digital_in[2])\nend\n")
+    desk.run(0.2)
+    assert desk.controller.outputs["actual_digital_output_bits"] == 4
+    assert "TrueFalse" in [s.text for s in desk.controller.console.sayings]
+    desk.upload("digital_out[2] = False\n")
+    desk.run(0.2)
+    assert desk.controller.outputs["actual_digital_output_bits"] == 0

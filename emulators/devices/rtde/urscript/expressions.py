@@ -13,7 +13,7 @@ from emulators.devices.rtde.urscript import values
 from emulators.devices.rtde.urscript.failures import ScriptError, ScriptSyntaxError, SyntaxFailure
 from emulators.devices.rtde.urscript.limits import CALLS_MAX, DEPTH_MAX, STRING_MAX
 from emulators.devices.rtde.urscript.lists import METHODS
-from emulators.devices.rtde.urscript.names import Code, first_token, is_pose, line_of
+from emulators.devices.rtde.urscript.names import SIGNALS, Code, first_token, is_pose, line_of
 from emulators.devices.rtde.urscript.operators import binary
 from emulators.devices.rtde.urscript.parts import (
     NUMBERS,
@@ -145,12 +145,28 @@ class Expressions:
             literal, *trailers = trailers
             assert isinstance(literal, Tree), "an index"
             part = combined([self.value(child) for child in literal.children], _pose)
+        elif (
+            first.data == "name" and (read := SIGNALS.get(str(first.children[0]))) and self._is_signal(first)
+        ):
+            index, *trailers = trailers
+            part = self.signal(read, index)
         else:
             part = self.value(first)
         for trailer in trailers:
             assert isinstance(trailer, Tree), "a trailer"
             part = self._trailer(part, trailer)
         return part
+
+    def _is_signal(self, name: Tree[Token]) -> bool:
+        """Whether no variable of the program has the name of an array of signals."""
+        return self._code.find(str(name.children[0])) is None
+
+    def signal(self, function: str, index: Any, *values: Any) -> Part:
+        """A call for an element of an array of signals."""
+        if index.data != "index" or len(index.children) != 1:
+            raise _refused(index, "a signal has one number")
+        parts = [self.value(child) for child in (*index.children, *values)]
+        return answer(parts, self._functions[function].call)
 
     def _trailer(self, part: Part, trailer: Tree[Token]) -> Part:
         if trailer.data == "index":

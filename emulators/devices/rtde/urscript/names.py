@@ -15,6 +15,8 @@ from emulators.devices.rtde.urscript.table import Functions
 FIRST = 2
 """Slots before the variables of a frame: the enclosing frame, and the task."""
 _DEFINITIONS = frozenset({"def", "thread", "sec"})
+SIGNALS = {"digital_in": "get_digital_in", "digital_out": "get_digital_out"}
+"""Arrays of signals, and the functions that read them: `digital_out[1] = True`, as python-urx 0.11.0 writes."""
 _WAITING_STATEMENTS = frozenset({"join"})
 
 
@@ -127,7 +129,13 @@ def _collect(code: Code, codes: list[Code]) -> None:
         elif kind in _WAITING_STATEMENTS:
             code.waits = True
     for node in nodes(code.body):
-        if node.data == "assign" and (place := assigned(node)) and code.find(place) is None:
+        if (
+            node.data != "assign"
+            or not (place := assigned(node))
+            or (place in SIGNALS and not is_whole(node))
+        ):
+            continue
+        if code.find(place) is None:
             code.slot(place)
     for inner in inside:
         parameters = inner.tree.children[1]
@@ -145,6 +153,12 @@ def assigned(node: Tree[Token]) -> str | None:
     while isinstance(place, Tree) and place.data == "place":
         place = place.children[0]
     return str(place.children[0]) if isinstance(place, Tree) and place.data == "name" else None
+
+
+def is_whole(node: Tree[Token]) -> bool:
+    """Whether an assignment changes the whole of its variable."""
+    place = node.children[0]
+    return isinstance(place, Tree) and place.data == "name"
 
 
 def first_token(node: Any) -> Token | None:

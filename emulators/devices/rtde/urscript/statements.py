@@ -273,6 +273,8 @@ class Statements:
         assert isinstance(place, Tree), "a place"
         if name is None or (place.data == "place" and is_pose(place)):
             raise ScriptSyntaxError(SyntaxFailure(line_of(node), 1, "nothing can be assigned to this"))
+        if name == "digital_out" and self._code.find(name) is None and len(place.children) == 2:
+            return self._expressions.signal("set_digital_out", place.children[1], node.children[1])
         store, value = self._storing(name), self._expressions.value(node.children[1])
         if place.data == "name":
             return combined([value], store)
