@@ -240,21 +240,24 @@ def test_ur_rtde_is_told_that_the_robot_is_in_local_control(
     assert "remote control" in told["refusal"].lower()
 
 
-URX = ("urx==0.11.0", "math3d==3.4.1", "numpy==1.26.4")
-"""With the versions of its day of what it needs, and does not name."""
+URX = ("urx==0.11.0", "math3d==4.0.0", "numpy==1.26.4")
+"""With what it imports; of these it names math3d alone."""
 PLAYS = """
 import json, sys, time
-import urx
+from urx.urrobot import URRobot
 
-robot = urx.Robot(sys.argv[1])
-start = robot.getl()
-goal = [*start]
-goal[1] += 0.03
-robot.movel(goal, acc=0.5, vel=0.1, wait=True)
-robot.set_digital_out(1, True)
-time.sleep(0.4)
-print(json.dumps({"start": start, "there": robot.getl(), "out": robot.get_digital_out(1)}))
-robot.close()
+robot = URRobot(sys.argv[1])
+try:
+    start = robot.getl()
+    goal = [start[0], start[1] + 0.03, *start[2:]]
+    robot.movel(goal, acc=0.5, vel=0.1, wait=False)
+    time.sleep(2.0)
+    there = robot.getl()
+    robot.set_digital_out(1, True)
+    time.sleep(0.5)
+    print(json.dumps({"start": start, "there": there, "out": robot.get_digital_out(1)}))
+finally:
+    robot.close()
 """
 
 
