@@ -268,4 +268,5 @@ def test_python_urx_moves_a_robot_of_each_version(version: str, client_python: C
     with emulated(host, "--set", f"cell.rtde.version={version}", *model):
         told = tell(python, PLAYS, [host])
     assert told["there"][1] - told["start"][1] == pytest.approx(0.03, abs=2e-3)
-    assert told["out"] == 1
+    # its reader knows parts of the mode of 38 and 46 bytes; behind one of 47 it reads outputs of 16 bits
+    assert told["out"] == (version < "3.5")
