@@ -158,7 +158,7 @@ def _flag(value: Value) -> int:
 
 
 _FLAGS = 32
-"""Flags of a program. Source: the script manual on `set_flag`."""
+"""Assumed: flags of a program."""
 _MODES: tuple[Function, ...] = (
     modelled("get_flag(n)", lambda task, at: _flag(at) in task.host.flags),
     modelled("set_flag(n, b)", lambda task, at, on: task.host.set_flag(_flag(at), truth(on))),

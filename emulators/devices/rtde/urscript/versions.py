@@ -4,7 +4,7 @@ Sources: conditions by version in `rtde_control.script` of ur_rtde 1.6.2 (its li
 in `external_control.urscript` and `script_command_interface.cpp` of Universal Robots' C++ client library; of
 `get_inverse_kin_has_solution` the simulators 5.8.2 and 5.9.4, tried by the authors of a URCap (perceptronic-ps5). A
 version of one generation that no source tells of is that of the other one where both were released together, by the
-numbers of 3.x and 5.x: 3.11 with 5.4, 3.12 with 5.6, 3.13 with 5.8, 3.14 with 5.9, 3.15 with 5.10 (derived).
+numbers of 3.x and 5.x: 3.11 with 5.4, 3.12 with 5.6, 3.13 with 5.8, 3.14 with 5.9, 3.15 with 5.10 (assumed).
 """
 
 from collections.abc import Mapping
