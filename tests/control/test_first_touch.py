@@ -223,6 +223,24 @@ def test_a_step_in_trouble_orders_nothing_deeper_whatever_it_asks_for(
     assert intent.target.depth == 1e-3
 
 
+@pytest.mark.parametrize(("commanded", "ordered"), [(1e-3, 1e-3), (3e-3, 2e-3)])
+def test_step_in_trouble_is_held_at_the_commanded_depth(
+    commanded: float, ordered: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The robot reports 1.5 mm: neither that place nor the order of the step, 2 mm, is what was commanded."""
+    program = program_of(Approach(), Hold(for_s=1.0), Retract())
+    reason = Reason(Cause.STEP_TROUBLE, "it says so")
+
+    def take(step: Any, leg: Any, state: Any, felt: Any) -> Taken:
+        return Taken(state, Order(Phase.TRACK, 2e-3), trouble=reason)
+
+    monkeypatch.setattr(Approach, "take", take)
+    felt = seen(0.0, (0.0, 0.0), 1.5e-3, (0.0, 0.0, 0.0))
+    felt = replace(felt, measurement=replace(felt.measurement, commanded=commanded))
+    _, intent = program.step(*sense(program, program.initial(), felt))
+    assert intent.target.depth == ordered
+
+
 def test_an_edge_that_is_not_found_orders_nothing_deeper() -> None:
     program = program_of(Approach(), Seek(direction_deg=0.0, until="edge", at_most_mm=1.0), Retract())
     state, depth = program.initial(), 0.0

@@ -245,3 +245,80 @@ def test_each_leg_has_the_guard_of_the_run_with_its_own_limits():
         began = replace(state.program, leg=leg, began=99.0, stroke=StrokeState(Phase.TRACK, controller=0))
         _, decision = loop.step(replace(state, program=began), sample)
         assert isinstance(decision.verdict, Stop) is stops
+
+
+FAR_DOWN = 5e-3
+"""Depth of the last order, m."""
+
+
+def pressing_loop(**parameters):
+    """A loop and its state in contact on the track, whose controller asks for 1 mm more than was ordered last."""
+    program = plain_program(
+        TaskParameters(speed_mm_s=0.0, **parameters),
+        Broken(lambda m: Command(m.commanded + 1e-3, 1e-3), after=0),
+    )
+    loop = ControlLoop(program, Supervisor(Limits()))
+    state = loop.initial(START)
+    stroke = StrokeState(Phase.TRACK, controller=0, in_contact=True)
+    ordered = replace(state.supervisor, depth=FAR_DOWN, position=at_depth(FAR_DOWN))
+    return loop, replace(
+        state, supervisor=ordered, program=replace(state.program, leg=1, began=99.0, stroke=stroke)
+    )
+
+
+def at_depth(depth):
+    x, y, z = START
+    return x, y, z - depth
+
+
+@pytest.mark.parametrize(
+    ("newest", "paired", "barrier_mm"), [(40.0, 20.0, 4.5), (20.0, 40.0, 4.1), (20.0, None, 4.5)]
+)
+def test_barrier_counts_from_the_force_of_the_reported_position(newest, paired, barrier_mm):
+    """45 N are predicted on 50 kN/m, from the 4 mm that the robot reports."""
+    loop, state = pressing_loop(expected_stiffness_n_m=5e4)
+    sample = Sample(100.0, at_depth(4e-3), newest, newest, 99.99, 1, paired_force=paired)
+    _, decision = loop.step(state, sample)
+    assert decision.verdict.is_for(Cause.BARRIER)
+    assert decision.verdict.depth * 1e3 == pytest.approx(barrier_mm)
+
+
+@pytest.mark.parametrize(
+    ("force", "zero", "stops"),
+    [(47.0, 0.0, False), (52.0, 5.0, True), (47.0, -5.0, True), (47.0, -2.0, False), (44.0, 5.0, False)],
+)
+def test_zero_of_a_program_hides_no_force_and_adds_its_own(force, zero, stops):
+    """The limit of 50 N holds from the zero of the run and from that of the program, here down on the tool."""
+    loop, state = pressing_loop()
+    state = replace(state, program=replace(state.program, zero=(0.0, 0.0, -zero, 0.0, 0.0, 0.0)))
+    wrench = (0.0, 0.0, -force, 0.0, 0.0, 0.0)
+    sample = Sample(
+        100.0, at_depth(FAR_DOWN), force, force, 99.99, 1, wrench=wrench, quaternion=(0.0, 1.0, 0.0, 0.0)
+    )
+    _, decision = loop.step(state, sample)
+    assert decision.force == pytest.approx(force - zero)
+    assert isinstance(decision.verdict, Stop) is stops
+    assert not stops or decision.verdict.cause is Cause.FORCE
+
+
+@pytest.mark.parametrize(
+    ("across", "zero", "stops"), [(105.0, 10.0, True), (95.0, -10.0, True), (95.0, 10.0, False)]
+)
+def test_zero_of_a_program_hides_no_resultant_and_adds_its_own(across, zero, stops):
+    """The limit of 100 N of the resultant, with nothing but a force across the approach."""
+    loop, state = pressing_loop()
+    state = replace(state, program=replace(state.program, zero=(zero, 0.0, 0.0, 0.0, 0.0, 0.0)))
+    sample = Sample(
+        100.0,
+        at_depth(FAR_DOWN),
+        0.0,
+        across,
+        99.99,
+        1,
+        wrench=(across, 0.0, 0.0, 0.0, 0.0, 0.0),
+        quaternion=(0.0, 1.0, 0.0, 0.0),
+        force_across=across,
+    )
+    _, decision = loop.step(state, sample)
+    assert isinstance(decision.verdict, Stop) is stops
+    assert not stops or decision.verdict.cause is Cause.RESULTANT_FORCE

@@ -75,6 +75,16 @@ def test_from_a_programs_own_zero_its_wrench_is_taken_off() -> None:
     assert found.along(frame) == pytest.approx(wrist.force_along(0, left))
 
 
+def test_zero_of_a_program_hides_no_peak() -> None:
+    """60 N press, 15 N of them since the zero that the program took: the peaks stay those of the run's zero."""
+    down = Wrist().at_orientation((0.0, 1.0, 0.0, 0.0), None, APPROACH)
+    found = Peaks(down, SCALES)
+    found.rezero((0.0, 0.0, -45.0, 0.0, 0.0, 0.0))
+    found.frame((0, 0, -6000, 0, 0, 0))
+    assert found.take()[:2] == pytest.approx((60.0, 60.0))
+    assert found.along((0, 0, -6000, 0, 0, 0)) == pytest.approx(15.0)
+
+
 def test_a_saturated_frame_is_told_once() -> None:
     found = peaks()
     found.saturated = True

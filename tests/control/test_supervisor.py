@@ -277,3 +277,19 @@ def test_stop_is_latched(later):
 def test_impossible_limits_are_refused(wrong):
     with pytest.raises(ValueError, match=next(iter(wrong))):
         Limits(**wrong)
+
+
+@pytest.mark.parametrize(
+    ("pressed", "goal_mm"),
+    [(None, 0.0), ((20.0, 10e-3), 0.0), ((20.0, 3e-3), 0.0), ((20.0, 1e-3), -2.0), ((20.0, -4e-3), -7.0)],
+)
+def test_blind_retraction_goes_back_to_the_start_at_least(pressed, goal_mm):
+    """`blind_retract_mm` is 3 mm from where the tool pressed; that may not end it below the start."""
+    deep = 10e-3
+    state = replace(SUPERVISOR.initial((0.0, 0.0, -deep), deep), pressed=pressed)
+    verdict = None
+    for _ in range(100):
+        state, verdict = SUPERVISOR.retreat(state, observed(QUIET, force=math.nan), request(-9.0))
+    assert state.depth * 1e3 == pytest.approx(goal_mm)
+    assert verdict.is_for(Cause.NO_FORCE)
+    assert not verdict.goes_on

@@ -1,6 +1,7 @@
 """Texts that a controller compiles before it runs them: what is refused, and what goes on meanwhile."""
 
 import math
+from typing import Literal
 
 import pytest
 
@@ -86,7 +87,7 @@ NEWER = {
 
 @pytest.mark.parametrize(("version", "call"), NEWER)
 def test_function_of_another_version_does_not_compile(version: str, call: str) -> None:
-    model = "ur10" if version.startswith("3") else "ur10e"
+    model: Literal["ur10", "ur10e"] = "ur10" if version.startswith("3") else "ur10e"
     desk = Desk(EXACT.__class__(version=version, model=model))
     told: list[HeardOrder] = []
     desk.controller.orders.listener = told.append

@@ -216,3 +216,9 @@ def test_three_slow_cycles_in_a_row_are_told_once() -> None:
 
 def test_a_slow_period_is_a_persons_choice() -> None:
     assert not any(cycles_of(0.9, 0.9, 0.9, 0.9, run={"period_ms": 500.0}))
+
+
+@pytest.mark.parametrize(("period_ms", "allowed_s"), [(180.0, 0.5), (400.0, 0.8)])
+def test_slow_cycles_allow_the_larger_of_setting_and_two_periods(period_ms: float, allowed_s: float) -> None:
+    for took_s, ends in ((allowed_s - 0.01, False), (allowed_s + 0.01, True)):
+        assert any(cycles_of(took_s, took_s, took_s, run={"period_ms": period_ms})) is ends

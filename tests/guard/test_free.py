@@ -74,6 +74,13 @@ def test_an_obstacle_above_stands_still(configured: Configured) -> None:
         freed(config, 10.0)
 
 
+def test_free_under_a_soft_obstacle_stops_at_a_creeping_force(configured: Configured) -> None:
+    """0.8 kN/m above make 0.4 N at most in each step, less than what may rise, and 7 N on the whole path."""
+    obstacle = {"obstacle": {"height_mm": 1.0, "stiffness_n_m": 800.0}}
+    with pytest.raises(SafetyStop, match=r"the force rose to [01]\.\d N"):
+        freed(configured(5e3, {"cell": obstacle}), 10.0)
+
+
 def test_a_robot_in_emergency_stop_is_not_moved(configured: Configured) -> None:
     with pytest.raises(DeviceError, match="emergency stop"):
         freed(configured(5e3), 5.0, lambda cell: cell.robot.press_emergency_stop(0.0))

@@ -214,9 +214,10 @@ def test_axis_evidence_contradicted_once_stays_unverified() -> None:
 @pytest.mark.parametrize(("robot", "stiffness"), [("s3", 5e3), ("egm", 5e4), ("rtde", 5e4), ("rsi", 5e3)])
 def test_approach_on_doubtful_diagonal_is_refused(guarded: Run, robot: str, stiffness: float) -> None:
     angle = math.radians(30.0)
-    frame = {"approach": (0.0, math.sin(angle), -math.cos(angle)), "travel": (1.0, 0.0, 0.0)}
     config = beside_wall(robot, "plain", "sign", stiffness)
-    run = guarded(config.model_copy(update={"frame": type(config.frame)(**frame)}))
+    approach = 0.0, math.sin(angle), -math.cos(angle)
+    frame = type(config.frame)(approach=approach, travel=(1.0, 0.0, 0.0))
+    run = guarded(config.model_copy(update={"frame": frame}))
     assert run.error is not None
     assert run.error.cause is Cause.UNVERIFIED_AXIS
     assert "the approach presses on Fy (0.00 N of weight)" in run.cause
