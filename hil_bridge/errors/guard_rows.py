@@ -73,7 +73,8 @@ STOPS: tuple[CauseRow, ...] = (
     ),
     rows.stop(
         _C.FORCE_TOO_OLD,
-        "age of the newest frame, with the time by which a stream came to be later than its quickest frames were",
+        "age of the newest frame, with the time by which a stream came to be later than its quickest frames were; "
+        "frames that repeat an earlier part of the stream are as old as its begin",
         _P.SENSOR,
         "limits.stale_after_ms",
     ),
@@ -154,8 +155,7 @@ STOPS: tuple[CauseRow, ...] = (
     ),
     rows.stop(
         _C.UNCHANGED,
-        "how far the tool moved through free space while frames carry identical counts on all axes, or repeat an "
-        "earlier part of the stream",
+        "how far the tool moved through free space while frames carry identical counts on all axes",
         _P.SENSOR,
         "limits.unchanged_mm",
         "limits.stale_after_ms",

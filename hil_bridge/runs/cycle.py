@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from hil_bridge.clock import Clock, Heartbeat
 from hil_bridge.control import LoopState, Peaks, Phase, Sample, WristAtOrientation
-from hil_bridge.control.course.intent import CONNECT, FREE_SPACE, TARE
+from hil_bridge.control.course.intent import CONNECT, TARE
 from hil_bridge.control.program.leg import Leg
 from hil_bridge.control.program.reach import ways_across
 from hil_bridge.devices.robots.seam import (
@@ -406,7 +406,7 @@ class Run:
             position,
             force,
             math.hypot(wrench[0], wrench[1], wrench[2]),
-            frame.at - sensor.late,
+            sensor.newest_at,
             frame.sequence,
             sensor.repeated,
             saturated or bool(sensor.saturated),
@@ -420,7 +420,7 @@ class Run:
             peak_resultant,
             peak_moment,
             tilt,
-            unchanged=frame.at - sensor.nothing_new_since(self._phase in FREE_SPACE),
+            unchanged=frame.at - sensor.unchanged_since,
             quaternion=quaternion,
             held=self._held,
             witness=self._zeroing.own_force.along(report),

@@ -200,7 +200,7 @@ class WayOut:
             UNKNOWN,
             force,
             resultant,
-            math.nan if newest is None else newest.at - sensor.late,
+            sensor.newest_at,
             0 if newest is None else newest.sequence,
             saturated=bool(sensor.saturated),
             fault="" if fault is None else str(fault),
@@ -257,8 +257,6 @@ class WayOut:
             self._sensor.check()
         except BridgeError:
             return math.nan
-        if newest is None or peaks is None or newest.at - self._sensor.late < since:
-            return math.nan
-        if not math.isnan(self._sensor.repeats_since):  # what it tells is not of now
+        if newest is None or peaks is None or self._sensor.newest_at < since:
             return math.nan
         return peaks.resultant(newest.values)

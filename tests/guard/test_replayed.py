@@ -14,15 +14,16 @@ Guarded = Any
 Run = Callable[..., Guarded]
 
 
-def replayed(robot: str, stiffness: float) -> Config:
-    """From 6 mm above the surface: the sensor repeats itself from 1.2 s of the approach on, and is found a second
-    later.
-    """
+def replayed(robot: str, stiffness: float, height_mm: float = 6.0, after_s: float = 1.2) -> Config:
+    """From this height above the surface; the sensor repeats a second of the approach from this time on, for good."""
     values: dict[str, Any] = {
         "run": {"duration_s": 1.0},
-        "cell": {"start_position_mm": (900.0, -100.0, 596.0), "surface": {"stiffness_n_m": stiffness}},
+        "cell": {
+            "start_position_mm": (900.0, -100.0, 590.0 + height_mm),
+            "surface": {"stiffness_n_m": stiffness},
+        },
         "faults": [
-            {"on": "signal", "fault": "replayed", "phase": "approach", "after_s": 1.2, "for_s": 600.0}
+            {"on": "signal", "fault": "replayed", "phase": "approach", "after_s": after_s, "for_s": 600.0}
         ],
     }
     if robot != "s3":
@@ -33,12 +34,21 @@ def replayed(robot: str, stiffness: float) -> Config:
 
 @pytest.mark.parametrize("stiffness", [5e3, 5e4])
 @pytest.mark.parametrize("robot", ["egm", "rtde", "rsi"])
-def test_replayed_second_in_the_approach_ends_within_a_millimetre(
+def test_replayed_second_in_the_approach_ends_at_the_surface(
     guarded: Run, robot: str, stiffness: float
 ) -> None:
     run = guarded(replayed(robot, stiffness))
     assert run.result.outcome is Outcome.STOPPED
-    assert run.result.cause is Cause.UNCHANGED, run.cause
-    assert run.largest < 0.8e-3 * stiffness
+    assert run.result.cause is Cause.FORCE_TOO_OLD, run.cause
+    assert run.largest < 0.3e-3 * stiffness
     assert run.last == 0.0
     assert not run.result.rest.retracted  # what such a sensor tells at the end is not of that moment
+
+
+@pytest.mark.parametrize("robot", ["egm", "rsi"])
+def test_replayed_touch_ends_the_run_off_the_surface(guarded: Run, robot: str) -> None:
+    """The second that comes again has the touch in it, so that the sensor shows contact and none in turn."""
+    run = guarded(replayed(robot, 5e4, height_mm=2.5, after_s=0.2))
+    assert run.result.cause is Cause.FORCE_TOO_OLD, run.cause
+    assert run.largest < 50.0
+    assert run.last == 0.0

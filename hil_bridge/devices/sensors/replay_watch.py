@@ -2,7 +2,8 @@
 
 A converter, a driver or a recorder that hangs in a loop sends its last second again and again, noise included. Noise
 never repeats: a row of frames that equals an earlier row, in order, brings nothing new. Quiet sensors repeat single
-values by chance. So each repeated frame counts by its information, which is small for a value that is common.
+values by chance. So each repeated frame counts by its information, which is small for a value that is common. A sensor
+without noise at rest is not watched, for the force of a held contact may repeat itself then.
 """
 
 import math
@@ -15,6 +16,10 @@ _LEAST_LAG = 16
 """Chosen: frames between a row and its repetition at least. Hum, aliased at the rate of the stream, repeats sooner."""
 _BITS = 64.0
 """Chosen: information of the repeated frames from which they are no chance: once in 10¹⁹."""
+_AT_REST = 64
+"""Chosen: first frames of a stream, of a tool at rest, that show its noise."""
+_LIVELY_BITS = 3.0
+"""Chosen: mean information of one of them from which the stream is watched; they have six bits at most."""
 
 
 class ReplayWatch:
@@ -22,7 +27,15 @@ class ReplayWatch:
 
     def __init__(self, frames: int) -> None:
         """`frames` are kept for looking back."""
-        self._kept: deque[tuple[Sequence[float], int, float]] = deque(maxlen=frames)
+        self._frames = frames
+        self._lively: bool | None = None
+        self.since = math.nan
+        """When the first frame of a repetition that goes on arrived, s; NaN while the stream is new."""
+        self.zeroed()
+
+    def zeroed(self) -> None:
+        """The values count anew from the next frame."""
+        self._kept: deque[tuple[Sequence[float], int, float]] = deque(maxlen=self._frames)
         """Values, the mark of the row that ends with them, and when they arrived, s."""
         self._common: Counter[Sequence[float]] = Counter()
         self._row: deque[Sequence[float]] = deque(maxlen=_ROW)
@@ -30,17 +43,25 @@ class ReplayWatch:
         """Number of the frame with which a row ended last, by its mark."""
         self._number = self._lag = 0
         self._bits = 0.0
-        self._began = math.nan
-        self.since = math.nan
-        """When the first frame of a repetition that goes on arrived, s; NaN while the stream is new."""
+        self._began = self.since = math.nan
 
     def frame(self, values: Sequence[float], at: float) -> None:
         """A frame arrived at this time, s."""
-        kept, common = self._kept, self._common
-        if self._lag and kept[-self._lag][0] == values:
+        if self._lively is False:
+            return
+        if self._lag and self._kept[-self._lag][0] == values:
             self._bits += self._information(values)
         else:
             self._lag, self._bits, self.since = 0, 0.0, math.nan
+        self._keep(values, at)
+        if self._lively is None:
+            self._judge_noise()
+        elif self._lag and self._bits >= _BITS and math.isnan(self.since):
+            self.since = self._began
+
+    def _keep(self, values: Sequence[float], at: float) -> None:
+        """Keep a frame, forget the oldest, and look for the row that ends with it."""
+        kept, common = self._kept, self._common
         if len(kept) == kept.maxlen:
             oldest, mark, _ = kept[0]
             common[oldest] -= 1
@@ -56,18 +77,18 @@ class ReplayWatch:
             self._find(self._number - before)
         self._rows[mark] = self._number
         self._number += 1
-        if self._lag and self._bits >= _BITS and math.isnan(self.since):
-            self.since = self._began
+
+    def _judge_noise(self) -> None:
+        if len(self._kept) == _AT_REST:
+            bits = sum(self._information(values) for values, _, _ in self._kept)
+            self._lively = bits >= _LIVELY_BITS * _AT_REST
 
     def _find(self, lag: int) -> None:
         """A row has come that came so many frames before."""
         if not _LEAST_LAG <= lag < len(self._kept) - _ROW:
             return
         newest = [self._kept[-k] for k in range(_ROW, 0, -1)]
-        if any(
-            self._kept[-k - lag][0] != values
-            for k, (values, _, _) in zip(range(_ROW, 0, -1), newest, strict=True)
-        ):
+        if any(self._kept[-k - lag][0] != newest[-k][0] for k in range(1, _ROW + 1)):
             return  # marks that are equal by chance
         self._lag, self._began = lag, newest[0][2]
         self._bits = sum(self._information(values) for values, _, _ in newest)

@@ -145,17 +145,14 @@ class ForceSensor:
         return self._lateness.late
 
     @property
-    def repeats_since(self) -> float:
-        """When the first frame arrived from which on the stream repeats a part of itself, s; NaN while it is new."""
-        return self._replay.since
-
-    def nothing_new_since(self, free_space: bool) -> float:
-        """When the first of the newest frames arrived that bring nothing new, s: those with identical counts, and in
-        free space those that repeat an earlier part of the stream. A force that is held may repeat itself without
-        noise.
+    def newest_at(self) -> float:
+        """When the newest frame that brings something new was taken, s: its arrival less the lateness of the stream, or
+        the begin of a part that repeats an earlier one. NaN before the first frame.
         """
-        since, repeats = self.unchanged_since, self.repeats_since
-        return repeats if free_space and repeats < since else since
+        if self.newest is None:
+            return math.nan
+        at, since = self.newest.at - self.late, self._replay.since
+        return min(at, since) if since == since else at
 
     @property
     def saturated(self) -> tuple[str, ...]:
@@ -304,7 +301,7 @@ class ForceSensor:
                     self._log.frame(crossing)
                 self._watch.zeroed()
                 self._lateness.begin()
-                self._replay = ReplayWatch(self._history.maxlen or _HISTORY)
+                self._replay.zeroed()
                 self.zeroed_from = self.newest
                 self.newest = None
                 self._history.clear()
