@@ -76,7 +76,7 @@ FAULTS = [
     ("egm", "wire", "garbled", "a datagram is not heeded"),
     ("egm", "wire", "malformed", "a datagram is not heeded"),
     ("egm", "wire", "twice", "stale packets"),
-    ("egm", "wire", "wrong-seqno", "rate 250 Hz"),
+    ("egm", "wire", "wrong-seqno", "is not heeded"),
     ("egm", "pose", "nan", "position none"),
     ("egm", "pose", "missing", "tells no pose"),
     ("rtde", "robot", "protective-stop", "PROTECTIVE_STOP"),
