@@ -192,7 +192,8 @@ def test_an_obstacle_of_the_cell_pushes_back() -> None:
 
 def test_a_wrong_scale_is_what_the_bridge_reads() -> None:
     row = {"on": "sensor", "fault": "wrong-scales", "with": {"factor": 0.5}}
-    run = run_with(row, duration_s=6.0, sensor={"unchecked": True})
+    unchecked = {"sensor": {"unchecked": True}, "task": {"unverified_depth_mm": 15.0}}
+    run = run_with(row, duration_s=6.0, **unchecked)
     right = run_with(duration_s=6.0)
     wrong_depth, right_depth = (
         next(cycle.depth for cycle in reversed(each.cycles) if cycle.phase == "track")
