@@ -140,6 +140,25 @@ def test_a_frame_of_tf_is_a_pose(tmp_path: Path) -> None:
     assert recording.arrays.depth[-1] == pytest.approx(0.0199, abs=1e-9)
 
 
+@pytest.mark.parametrize("storage", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
+@pytest.mark.parametrize("topic", ["/tf", "/tf_static"])
+def test_transform_with_moving_parent_is_refused(tmp_path: Path, storage: StoragePlugin, topic: str) -> None:
+    """The place of a child in a moving parent is not its place in the base."""
+    wrenches, poses = press()
+    moving = [transform(*row) for row in poses]
+    fixed = [transform(*row) for row in poses[:1] * len(poses)]
+    for one in fixed:
+        del one.transforms[0]
+        (single,) = one.transforms
+        single.header.frame_id, single.child_frame_id = "tcp", "tip"
+    topics = {"/ft": (WRENCH, [wrench(*row) for row in wrenches]), "/tf": (TRANSFORMS, moving)}
+    topics[topic] = (TRANSFORMS, moving + fixed if topic == "/tf" else fixed)
+    bag = write(tmp_path / "chain", topics, storage)
+    said = refused(bag, topics={"pose": f"{topic}:tip"})
+    assert "frame 'tip' is given in 'tcp', which moves with 'tcp' in 'base_link'" in said
+    assert hil_bridge.read(bag, BagChoices(topics={"pose": "/tf:tcp"})).arrays.depth[-1] > 0.019
+
+
 def test_frames_axis_sign_and_zero_are_choices(tmp_path: Path) -> None:
     """One press, told in four ways: by the tool or the base, on the tool or by it, with an offset or without."""
     wrenches, poses = press()

@@ -4,7 +4,7 @@
 | --- | --- | --- | --- |
 | /force_torque_sensor_broadcaster/wrench | WrenchStamped | ft_frame | every frame of the sensor, from its zero |
 | /contact/wrench | WrenchStamped | tool0 | wrench on the tool after bias and gravity |
-| /truth/wrench | WrenchStamped | base | force of the emulated surface; its torque is not known, NaN |
+| /truth/wrench | WrenchStamped | base | force of the emulated surface; its torque is not known and written as 0 |
 | /pose_broadcaster/pose | PoseStamped | base | reported pose of the tool |
 | /target_pose | PoseStamped | base | commanded pose of the tool |
 | /joint_states | JointState | base | true joints of an emulated robot, rad |
@@ -117,7 +117,7 @@ class Messages:
     def _of_truth(self, truth: TruthRecord) -> Iterator[Stamped]:
         if not math.isfinite(truth.at):
             return
-        yield from self._wrench(_TRUTH, truth.at, BASE, (*truth.force, *[math.nan] * 3))
+        yield from self._wrench(_TRUTH, truth.at, BASE, (*truth.force, 0.0, 0.0, 0.0))
         yield from self._pose("", truth.at, TRUE, (truth.position, truth.quaternion))
         if all(map(math.isfinite, truth.joints_deg)):
             yield self._joints(truth)

@@ -1,5 +1,6 @@
 """Messages of a bag as checked arrays: the wrenches and the poses of the topics that were chosen."""
 
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -43,6 +44,8 @@ def wants_of(choices: BagChoices) -> Wants:
     """Which topics are needed."""
     named = {name.partition(CHILD)[0] for role in TYPES for name in choices.named(role)}
     free = {TYPES[role] for role in (WRENCH, POSE) if not choices.named(role)}
+    if any(CHILD in name for role in TYPES for name in choices.named(role)):
+        free.add(messages.TRANSFORMS)
     return lambda name, kind: name in named or kind in free
 
 
@@ -97,12 +100,37 @@ def stream_of(bag: Bag, role: str, choices: BagChoices, store: Any) -> Stream:
         listed = ", ".join(sorted(frames)[:4])
         raise ConfigError(f"{where} names several frames: {_show(listed)}; record one source alone")
     told = ForeignTopic(name, kind, frames.pop(), len(rows))
+    if child:
+        _refuse_moving_parent(bag, told.frame, f"{where}: frame {_show(child)!r}", store)
     try:
         stamps_ns = np.array(stamps, dtype=np.int64)
     except OverflowError as error:
         raise ConfigError(f"{where} has a time beyond all clocks") from error
     _check_times(stamps_ns, where, choices)
     return Stream(told, stamps_ns, _checked(np.array(rows, dtype=np.float64), role, where))
+
+
+def _refuse_moving_parent(bag: Bag, parent: str, where: str, store: Any) -> None:
+    """Raise ConfigError where the parent of a transform moves in a frame above it: it is no base then."""
+    poses, above = defaultdict[str, set[Any]](set), dict[str, str]()
+    for name in bag.of_type(messages.TRANSFORMS):
+        for _, data in bag.messages.get(name, ()):
+            try:
+                transforms = store.deserialize_cdr(data, messages.TRANSFORMS).transforms
+            except Exception as error:  # the library lets everything through
+                raise ConfigError(f"{format_path(bag.path)}: {_show(name)} has a damaged message") from error
+            for one in transforms:
+                poses[one.child_frame_id].add((one.header.frame_id, *_pose_row(one.transform)))
+                above[one.child_frame_id] = one.header.frame_id
+    frame, passed = parent, set[str]()
+    while frame in above and frame not in passed:
+        passed.add(frame)
+        if len(poses[frame]) > 1:
+            raise ConfigError(
+                f"{where} is given in {_show(parent)!r}, which moves with {_show(frame)!r} in "
+                f"{_show(above[frame])!r}: name a frame whose parent is fixed, or record its pose in the base"
+            )
+        frame = above[frame]
 
 
 def _show(name: str) -> str:
