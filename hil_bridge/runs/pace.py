@@ -23,6 +23,7 @@ from hil_bridge.control.steps.track import Track
 from hil_bridge.control.types import Controller, Tuning
 from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.errors import ConfigError, StepError
+from hil_bridge.runs.force_bound import ANSWERED_SHARE
 from hil_bridge.runs.reaction_times import following
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.given import GivenController
@@ -130,7 +131,10 @@ def control_loop(config: Config, robot: RobotFacts) -> ControlLoop:
         )
     if not (config.run.period_ms or robot.cycle_s or robot.line_floor_s):
         raise ConfigError(f"a {robot.kind} tells no cycle time of its own: set run.period_ms")
-    check_period(config.run.period_ms * 1e-3 or robot.cycle_s, controller, config.controller.sample_ms)
+    period = config.run.period_ms * 1e-3 or robot.cycle_s
+    if config.controller.sample_ms is not None and robot.line_floor_s:  # no decision is quicker than the line
+        period = max(period or 0.0, robot.line_floor_s * ANSWERED_SHARE)
+    check_period(period, controller, config.controller.sample_ms)
     escape_mm_s = min(config.limits.escape_mm_s, config.robot.velocity_mm_s)
     limits, step, numbers = (
         config.limits,

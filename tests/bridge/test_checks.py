@@ -36,6 +36,12 @@ def test_speeds_of_the_task_beyond_the_path_velocity_are_refused(tmp_path: Path)
     assert load_config(file, {}).task.speed_mm_s == 60.0
 
 
+def test_sample_time_below_the_line_of_the_robot_is_refused(tmp_path: Path) -> None:
+    told = refused(tmp_path, "[controller]\nsample_ms = 2.0\n")
+    assert "tuned for a sample every 2 ms, but the control period is 187 ms" in told
+    assert "run.period_ms" not in told
+
+
 def test_a_period_that_the_controller_is_not_tuned_for_is_refused(tmp_path: Path) -> None:
     told = refused(tmp_path, "[run]\nperiod_ms = 20.0\n")
     assert "controller predictive is tuned for a sample every 180 ms" in told
