@@ -124,11 +124,10 @@ def check_period(period_s: float | None, controller: Controller[Any], sample_ms:
     tuned = sample_time(controller, sample_ms)
     if period_s is None or tuned / PERIOD_FACTOR <= period_s <= tuned * PERIOD_FACTOR:
         return
-    slower = f", or run.period_ms = {tuned * 1e3:g}" if tuned > period_s else ""
     raise ConfigError(
         f"controller {controller.name} is tuned for a sample every {tuned * 1e3:g} ms, but the control period is "
-        f"{period_s * 1e3:g} ms: set controller.sample_ms = {period_s * 1e3:g} when its parameters fit that "
-        f"period{slower}"
+        f"{period_s * 1e3:g} ms: set controller.sample_ms = {period_s * 1e3:g} when its parameters fit that period, "
+        f"or run.period_ms = {tuned * 1e3:g}"
     )
 
 

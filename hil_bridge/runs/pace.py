@@ -131,10 +131,13 @@ def control_loop(config: Config, robot: RobotFacts) -> ControlLoop:
         )
     if not (config.run.period_ms or robot.cycle_s or robot.line_floor_s):
         raise ConfigError(f"a {robot.kind} tells no cycle time of its own: set run.period_ms")
-    period = config.run.period_ms * 1e-3 or robot.cycle_s
-    if config.controller.sample_ms is not None and robot.line_floor_s:  # no decision is quicker than the line
-        period = max(period or 0.0, robot.line_floor_s * ANSWERED_SHARE)
-    check_period(period, controller, config.controller.sample_ms)
+    check_period(config.run.period_ms * 1e-3 or robot.cycle_s, controller, config.controller.sample_ms)
+    line_ms = (robot.line_floor_s or 0.0) * ANSWERED_SHARE * 1e3
+    if config.controller.sample_ms is not None and line_ms > config.controller.sample_ms * PERIOD_FACTOR:
+        raise ConfigError(
+            f"controller.sample_ms of {config.controller.sample_ms:g} ms is shorter than the line of a {robot.kind} "
+            f"allows, where a decision takes {line_ms:.0f} ms: set {line_ms:.0f} where the parameters fit that"
+        )
     escape_mm_s = min(config.limits.escape_mm_s, config.robot.velocity_mm_s)
     limits, step, numbers = (
         config.limits,
