@@ -182,13 +182,19 @@ def _rows(layout: struct.Struct, data: bytes) -> Iterator[Sequence[int]]:
 # --- the program
 
 _TEXT = Path(__file__).with_suffix(".script").read_text(encoding="utf-8")
+_OPTIMISED = re.compile(r" *elif kind == \d+:\n *optimove.*\n")
 _RECORDED = re.compile(rb"def externalControl\(\):\n# (\S+)\nend\n")
 _HOST = re.compile(rb'connect_socket_with_retry\("([^"]+)"')
 
 
-def control_program(host: str = "127.0.0.1", lookahead_s: float = 0.03, gain: int = 2000) -> str:
-    """The program, with its client's address and the settings of servoj."""
-    return _TEXT.replace("HOST", host).replace("AHEAD", str(lookahead_s)).replace("GAIN", str(gain))
+def control_program(
+    host: str = "127.0.0.1", lookahead_s: float = 0.03, gain: int = 2000, *, optimised: bool = True
+) -> str:
+    """The program, with its client's address and the settings of servoj; without the motions that came with PolyScope
+    5.21 where `optimised` is false.
+    """
+    text = _TEXT if optimised else _OPTIMISED.sub("", _TEXT)
+    return text.replace("HOST", host).replace("AHEAD", str(lookahead_s)).replace("GAIN", str(gain))
 
 
 def recorded_form(text: bytes) -> bytes:
@@ -198,5 +204,5 @@ def recorded_form(text: bytes) -> bytes:
 
 
 def played_form(data: bytes) -> bytes:
-    """Data of a transcript, with our program in the place of its short form."""
-    return _RECORDED.sub(lambda short_form: control_program(short_form[1].decode()).encode(), data)
+    """Data of a transcript, with our program in the place of its short form. The controller is an older one."""
+    return _RECORDED.sub(lambda short: control_program(short[1].decode(), optimised=False).encode(), data)

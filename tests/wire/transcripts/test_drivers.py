@@ -236,8 +236,8 @@ def readings(transcript: Transcript, said: Sequence[Step]) -> list[Reading]:
 
 
 NOISE = (
-    ("actual_TCP_force", 2.0),
-    ("FORCE_MODE", 2.0),
+    ("actual_TCP_force", 16.0),
+    ("FORCE_MODE", 16.0),
     ("accelerometer", 1.0),
     ("current", 0.4),
     ("JOINTS i", 0.4),
@@ -245,7 +245,9 @@ NOISE = (
     ("JOINTS qd", 0.02),
     ("TCP_speed", 0.02),
 )
-"""How far a measured value may be off the recorded one by its noise."""
+"""How far a measured value may be off the recorded one by its noise. When the transcripts were made, the offset of the own
+force lay along the base, and the payload that a client sets did not act on it.
+"""
 NEAR = 2e-3
 """The same of all others, which a joint goes in a cycle."""
 
