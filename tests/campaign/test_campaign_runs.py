@@ -273,7 +273,10 @@ def test_compare_tells_what_differs_for_equal_runs(results: Path, tmp_path: Path
     done(read_plan(study(tmp_path, 1, STUDY.replace("0.3", "0.4"))), tmp_path / "other.sqlite")
     other = CliRunner().invoke(campaign, ["compare", str(results), str(tmp_path / "other.sqlite")])
     assert other.exit_code == 1
-    assert "4 runs in both, 2 of them differ" in other.output
+    assert other.output.splitlines()[2:4] == [
+        "setting run.duration_s: 0.3 → 0.4",
+        "4 runs in both, 2 of them differ",
+    ]
     assert re.search(r"task.force_n 8.0 \| none  \| seed 1: .*duration_s", other.output)
 
 

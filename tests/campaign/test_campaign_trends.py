@@ -12,9 +12,10 @@ from hil_bridge.cli import cli
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.campaign.digest import Tally
 from hil_bridge.lab.campaign.store import Store
-from hil_bridge.lab.campaign.trend_page import trend_charts, trend_page
+from hil_bridge.lab.campaign.trend_page import trend_charts, trend_lines, trend_page
 from hil_bridge.lab.campaign.trends import Change, Trend, trend_of
 from hil_bridge.lab.significance import fisher_exact, holm, rank_sum
+from tests.campaign.study import changed
 
 SEEDS = 12
 FORCES = {0: [8.0 + 0.1 * k for k in range(SEEDS)], 2: [10.0 + 0.1 * k for k in range(SEEDS)]}
@@ -91,6 +92,18 @@ def test_cell_in_which_fewer_passed_is_worse(short_results: Path, before: Path, 
     back = trend(tmp_path / "after.sqlite", before)
     assert back.cells[0].change is Change.BETTER
     assert not back.worse
+
+
+def test_trend_settings_that_differ_come_first(before: Path, tmp_path: Path) -> None:
+    """What got better or worse may be the effect of a setting."""
+    longer = "UPDATE cases SET config = json_set(config, '$.run.duration_s', 0.4)"
+    found = trend(before, changed(before, tmp_path / "after.sqlite", longer))
+    lines = list(trend_lines(found))
+    assert lines[2] == "setting run.duration_s: 0.3 → 0.4"
+    assert lines[3].startswith("before → after: ")
+    assert "<h2>Settings that differ</h2>" in trend_page(found)
+    same = changed(before, tmp_path / "same.sqlite")
+    assert "Settings that differ" not in trend_page(trend(before, same))
 
 
 def test_few_failures_are_no_significant_change(short_results: Path, before: Path, tmp_path: Path) -> None:

@@ -1,15 +1,18 @@
 """Differences between two campaigns."""
 
+import json
 import math
 import statistics
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TypeAlias
 
 from msgspec import Struct
 
+from hil_bridge.errors.text_files import harmless
 from hil_bridge.lab.campaign.criteria import Figure, Figures, figure_text
 from hil_bridge.lab.campaign.store import Done, Store
 from hil_bridge.record.analysis.figures import JUDGED
+from hil_bridge.show.report.differences import describe_value, flat
 
 LINES = 50
 """Most runs that are told one by one. Chosen: a screen or two."""
@@ -30,6 +33,19 @@ class Difference(Struct, frozen=True):
     def text(self) -> str:
         """In words."""
         return f"{self.figure} {figure_text(self.before) or _NOTHING} → {figure_text(self.after) or _NOTHING}"
+
+
+class SettingChange(Struct, frozen=True):
+    """A setting that is not the same in two campaigns: all its values in each, "–" where it is missing."""
+
+    key: str
+    before: str
+    after: str
+
+    @property
+    def text(self) -> str:
+        """In words."""
+        return f"setting {self.key}: {self.before} → {self.after}"
 
 
 class Side(Struct, frozen=True):
@@ -87,6 +103,8 @@ class Compared(Struct, frozen=True):
 
     before: Side
     after: Side
+    settings: tuple[SettingChange, ...]
+    """Settings that differ: what the runs show may be their effect."""
     common: int
     """Runs that are in both."""
     worse: int
@@ -104,9 +122,10 @@ class Compared(Struct, frozen=True):
 
     @property
     def lines(self) -> Iterator[str]:
-        """For people: the sums, the shifts, and at most LINES runs."""
+        """For people: the settings that differ, the sums, the shifts, and at most LINES runs."""
         yield self.before.text
         yield self.after.text
+        yield from setting_lines(self.settings)
         yield f"{self.common} runs in both, {self.differing} of them differ"
         if self.worse or self.better:
             yield f"{self.worse} passed and fail now, {self.better} failed and pass now"
@@ -124,6 +143,31 @@ def differences(before: Figures, after: Figures) -> Iterator[Difference]:
             yield Difference(name, old, new)
 
 
+def setting_changes(first: Store, second: Store) -> Iterator[SettingChange]:
+    """Settings whose values over all cases are not the same in both campaigns, by key."""
+    before, after = _settings(first), _settings(second)
+    for key in sorted(before | after):
+        old, new = (", ".join(sorted(side.get(key, {"–"}))) for side in (before, after))
+        if old != new:
+            yield SettingChange(key, old, new)
+
+
+def setting_lines(changes: Sequence[SettingChange]) -> Iterator[str]:
+    """At most LINES settings that differ, for people."""
+    yield from (harmless(one.text) for one in changes[:LINES])
+    if len(changes) > LINES:
+        yield f"and {len(changes) - LINES} settings more"
+
+
+def _settings(store: Store) -> dict[str, set[str]]:
+    """All values of each setting in the cases of a campaign."""
+    found: dict[str, set[str]] = {}
+    for config in {case.config for case in store.plan().cases}:
+        for key, value in flat(json.loads(config)).items():
+            found.setdefault(key, set()).add(describe_value(value))
+    return found
+
+
 def compare_campaigns(first: Store, second: Store) -> Compared:
     """Runs of the same cell, fault, phase and seed."""
     old, new = _by_name(first), _by_name(second)
@@ -135,6 +179,7 @@ def compare_campaigns(first: Store, second: Store) -> Compared:
     return Compared(
         Side(first.path.name, first.fact("name"), first.fact("code"), len(old)),
         Side(second.path.name, second.fact("name"), second.fact("code"), len(new)),
+        tuple(setting_changes(first, second)),
         len(common),
         sum(old[name].passed and not new[name].passed for name in common),
         sum(new[name].passed and not old[name].passed for name in common),

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 
+from hil_bridge.lab.campaign.comparison import setting_lines
 from hil_bridge.lab.campaign.digest import Tally
 from hil_bridge.lab.campaign.trends import CellChange, Change, FigureChange, Trend
 from hil_bridge.lab.text_tables import aligned
@@ -36,6 +37,7 @@ def trend_lines(trend: Trend) -> Iterator[str]:
     """The comparison, line by line."""
     for one in trend.results:
         yield f"{one.name}: {one.campaign}, {one.tally.text}; {one.facts.get('Code', '')}"
+    yield from setting_lines(trend.settings)
     yield headline(trend)
     names = [one.name for one in trend.results]
     yield ""
@@ -65,7 +67,7 @@ def trend_page(trend: Trend) -> str:
 <span class="badge {look}">{words}</span></header>
 <p>Tests compare the first results, {escape(names[0])}, with the last, {escape(names[-1])}. A change counts from a
 probability below {trend.level:g} on, adjusted after Holm for the number of tests.</p>
-<h2>Runs that passed, by cell</h2>
+{_setting_table(trend, names)}<h2>Runs that passed, by cell</h2>
 <p class="quiet">Fisher's exact test.</p>
 {_marked(("cell", *names, "p", "adjusted", ""), [(_cell_row(row), row.change) for row in _cells(trend)])}
 <h2>Course over the results</h2>{room("trend", trend_charts(trend))}
@@ -74,6 +76,13 @@ probability below {trend.level:g} on, adjusted after Holm for the number of test
 {_figure_table(trend, names)}
 <h2>The results</h2>{cells(("", *names), sides, "narrow")}"""
     return document(f"compared: {', '.join(names)}", body)
+
+
+def _setting_table(trend: Trend, names: Sequence[str]) -> str:
+    if not trend.settings:
+        return ""
+    rows = [(one.key, one.before, one.after) for one in trend.settings]
+    return f"<h2>Settings that differ</h2>{cells(('setting', names[0], names[-1]), rows, 'narrow settings')}"
 
 
 def _cells(trend: Trend) -> Sequence[CellChange]:

@@ -14,6 +14,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from hil_bridge.errors import ConfigError
+from hil_bridge.lab.campaign.comparison import SettingChange, setting_changes
 from hil_bridge.lab.campaign.digest import NUMBERS, Tally, facts_of, runs_by_cell, tally_of, values_of
 from hil_bridge.lab.campaign.store import Done, Store
 from hil_bridge.lab.significance import LEVEL, fisher_exact, holm, rank_sum
@@ -78,6 +79,8 @@ class Trend(Struct, frozen=True):
 
     level: float
     results: tuple[Results, ...]
+    settings: tuple[SettingChange, ...]
+    """Settings that differ between the first results and the last."""
     overall: CellChange
     """All cells together."""
     cells: tuple[CellChange, ...]
@@ -107,12 +110,14 @@ def trend_of(stores: Mapping[str, Store]) -> Trend:
             raise ConfigError(f"{store.path} has no run yet; run the campaign first")
         results.append(Results(name, plan.name, tally_of(runs), dict(facts_of(store, plan, runs))))
         by_cell.append(runs_by_cell(plan, runs))
+    first, *_, last = stores.values()
     cells = list(dict.fromkeys(chain.from_iterable(by_cell)))
     overall = _adjusted([_cell("all cells", [one.tally for one in results])], _cell_change)
     rows = [_cell(cell, [tally_of(found.get(cell, ())) for found in by_cell]) for cell in cells]
     return Trend(
         LEVEL,
         tuple(results),
+        tuple(setting_changes(first, last)),
         overall[0],
         tuple(_adjusted(rows, _cell_change)),
         tuple(_adjusted(list(_figures(cells, by_cell)), _figure_change)),
