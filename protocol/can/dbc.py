@@ -1,7 +1,8 @@
 """A DBC file, as CANoe, SavvyCAN and cantools read it, from the field tables of a device's frames.
 
 Neither multiplexed signals nor extended identifiers are written: no device here has them. Where one identifier carries
-payloads of several lengths, the message has the longest; a shorter frame holds the signals that its bytes reach.
+payloads of several lengths, its device chooses one: a strict decoder refuses a shorter frame and reads a longer one
+as far as the message goes.
 """
 
 import re

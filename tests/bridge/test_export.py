@@ -3,9 +3,12 @@
 import csv
 import io
 import math
+import re
 import shutil
+import subprocess
 import sys
 from collections.abc import Callable, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -72,15 +75,13 @@ def test_the_dbc_file_decodes_the_frames_of_its_recording(
     sensor: str, recordings: Recordings, tmp_path: Path
 ) -> None:
     path = made(recordings, tmp_path, sensor)
-    export(path, ["candump", "dbc"], tmp_path)
+    export(path, ["dbc"], tmp_path)
     database: Any = cantools.database.load_file(tmp_path / "run.dbc")
     known = {message.frame_id for message in database.messages}
-    samples = [
-        message
-        for message in can.CanutilsLogReader(tmp_path / "run.log")
-        if message.is_rx and len(message.data) >= 6 and message.arbitration_id in known
-    ]
-    counted = [database.decode_message(one.arbitration_id, bytes(one.data)) for one in samples]
+    frames = can_frames(read_with_traffic(path)[1].sensor)
+    assert {one.frame.identifier for one in frames if not one.sent} <= known
+    received = [one.frame for one in frames if sensor == "jr3" or not one.sent]
+    counted = [database.decode_message(one.identifier, one.data) for one in received]
     name = "fz" if sensor == "jr3" else "sg0"
     values = {values[name] for values in counted if name in values}
     assert len(values) > 10
@@ -110,10 +111,49 @@ def test_a_log_of_a_run_holds_every_recorded_frame(on_can: Path, tmp_path: Path,
     recorded = can_frames(traffic.sensor)
     told = read_back(tmp_path / f"run{suffix}")
     assert len(told) > 1000
-    assert [(sent, frame) for _, sent, frame in told] == [(one.sent, one.frame) for one in recorded]
-    assert {sent for _, sent, _ in told} == {True, False}
+    assert [frame for _, _, frame in told] == [one.frame for one in recorded]
+    if suffix != ".log":
+        assert [sent for _, sent, _ in told] == [one.sent for one in recorded]
+        assert {sent for _, sent, _ in told} == {True, False}
     begin = recorded[0].at if suffix == ".asc" else -recording.unix_zero_ns / 1e9
     assert [at for at, _, _ in told] == pytest.approx([one.at - begin for one in recorded], abs=RESOLUTION_S)
+
+
+def test_candump_log_has_the_form_of_can_utils(on_can: Path, tmp_path: Path) -> None:
+    """As candump -l writes it: time, interface and frame, and nothing behind the frame."""
+    export(on_can, ("candump",), tmp_path)
+    lines = (tmp_path / "run.log").read_text().splitlines()
+    assert len(lines) > 1000
+    assert all(re.fullmatch(r"\(\d+\.\d{6}\) can0 [0-9A-F]{3}#[0-9A-F]{0,16}", line) for line in lines)
+
+
+@pytest.mark.skipif(shutil.which("tshark") is None, reason="Wireshark's tshark is not installed")
+def test_candump_log_is_read_by_wireshark(on_can: Path, tmp_path: Path) -> None:
+    export(on_can, ("candump",), tmp_path)
+    fields = ("frame.time_epoch", "can.id", "can.len", "data.data")
+    shown = subprocess.run(
+        ["tshark", "-r", tmp_path / "run.log", "-T", "fields", *chain(*(("-e", name) for name in fields))],
+        capture_output=True,
+        check=True,
+        text=True,
+    ).stdout
+    recorded = can_frames(read_with_traffic(on_can)[1].sensor)
+    told = [line.split("\t")[1:] for line in shown.splitlines()]
+    assert told == [
+        [str(one.frame.identifier), str(len(one.frame.data)), one.frame.data.hex()] for one in recorded
+    ]
+
+
+@pytest.mark.skipif(shutil.which("log2asc") is None, reason="can-utils are not installed")
+def test_candump_log_is_read_by_log2asc(on_can: Path, tmp_path: Path) -> None:
+    export(on_can, ("candump",), tmp_path)
+    command = ["log2asc", "-I", str(tmp_path / "run.log"), "can0"]
+    shown = subprocess.run(command, capture_output=True, check=True, text=True).stdout
+    rows = [line.split() for line in shown.splitlines() if " Rx " in line]
+    recorded = can_frames(read_with_traffic(on_can)[1].sensor)
+    assert [(int(row[2], 16), "".join(row[6:])) for row in rows] == [
+        (one.frame.identifier, one.frame.data.hex().upper()) for one in recorded
+    ]
 
 
 def test_frames_of_a_log_are_the_samples_of_the_record(on_can: Path) -> None:
@@ -140,7 +180,8 @@ def test_odd_frames_are_whole(
     path.write_bytes(data)
     told = read_back(path)
     assert [frame for _, _, frame in told] == list(ODD)
-    assert [sent for _, sent, _ in told] == [True, False, True, False]
+    if path.suffix == ".blf":
+        assert [sent for _, sent, _ in told] == [True, False, True, False]
     assert [when for when, _, _ in told] == pytest.approx(
         [ZERO_NS / 1e9 + one.at for one in frames], abs=RESOLUTION_S
     )
@@ -149,7 +190,7 @@ def test_odd_frames_are_whole(
 def test_an_error_of_the_bus_is_told_as_candump_tells_it() -> None:
     error = CanFrame(0x4, bytes([0, 0x11, 0, 0, 0, 0, 0, 0]), error=True)
     assert candump([WireFrame(0.0, False, error)], 0, "can0") == (
-        b"(0.000000) can0 20000004#0011000000000000 R\n"
+        b"(0.000000) can0 20000004#0011000000000000\n"
     )
     (back,) = can.BLFReader(io.BytesIO(blf([WireFrame(0.0, False, error)], ZERO_NS)))
     assert from_message(back, 0.0) == error

@@ -137,7 +137,7 @@ def test_a_client_hears_one_board_alone() -> None:
         ("0207000F4240000F4240", "counts", "per force", 1_000_000),
         ("02080203", "units", "force", 1.0),
         ("020F03080002", "firmware", "minor", 8),
-        ("020600", "slot", "byte", 0),
+        ("020600", "slot", "slot", 0),
     ],
 )
 def test_words_for_a_frame(raw: str, op: str, name: str, value: object) -> None:

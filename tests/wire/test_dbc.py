@@ -94,10 +94,17 @@ def test_every_message_decodes_to_what_its_table_says(
         assert (signals[name].unit or "") == item["unit"]
 
 
-def test_a_frame_that_is_shorter_holds_the_signals_that_its_bytes_reach() -> None:
-    frame = gateway.encode_acknowledge(NODE, gateway.Acknowledge(1))
-    read = DATABASES["gateway"].decode_message(frame.identifier, frame.data, allow_truncated=True)
-    assert read == {"state": 1}
+def test_acknowledge_of_either_length_decodes_strictly() -> None:
+    """cantools refuses a frame that is shorter than its message, and reads a longer one as far as the message goes."""
+    for scales in (None, (115, 111, 185)):
+        frame = gateway.encode_acknowledge(NODE, gateway.Acknowledge(1, scales))
+        assert decoded("gateway", frame) == {"state": 1}
+
+
+def test_board_serial_number_and_slot_have_messages() -> None:
+    read = decoded("board", CanFrame(BASE << 4 | 5, b"FT4472\0\0"))
+    assert bytes(int(value) for value in read.values()) == b"FT4472\0\0"
+    assert decoded("board", CanFrame(BASE << 4 | 6, b"\x03")) == {"slot": 3}
 
 
 def test_both_orders_of_bytes_signs_and_kinds_of_numbers() -> None:

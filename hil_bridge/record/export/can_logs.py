@@ -1,8 +1,8 @@
-"""CAN frames as the log files of CAN tools, written by python-can. Times are UNIX time.
+"""CAN frames as the log files of CAN tools; BLF and ASC are written by python-can. Times are UNIX time.
 
 | format | time of a frame | besides |
 | --- | --- | --- |
-| candump | UNIX time, 1 µs | R behind a received frame, T behind a sent one; no length of a remote frame |
+| candump | UNIX time, 1 µs | no direction: Wireshark reads no line that has a letter behind its frame |
 | BLF | UNIX time, about 1 µs | the first frame's time lies at a whole millisecond before it |
 | ASC | since the first frame, 1 µs | that frame's time is in the header: local, 1 ms; an error tells no details |
 """
@@ -37,15 +37,17 @@ class _Bytes(io.BytesIO):
 
 
 def candump(frames: Sequence[WireFrame], unix_zero_ns: int, channel: str) -> bytes:
-    """As `candump -L` writes it and `canplayer` plays it, on a channel of this name."""
-    file = _Text()
-    with can.CanutilsLogWriter(file, channel=channel) as writer:
-        for message in _messages(frames, unix_zero_ns):
-            if message.is_error_frame:  # the writer knows one kind of error only
-                message.is_error_frame, message.is_extended_id = False, True
-                message.arbitration_id |= _ERROR_FLAG
-            writer.on_message_received(message)
-    return file.getvalue().encode()
+    """As `candump -l` writes it and `canplayer`, `log2asc` and Wireshark read it, on a channel of this name."""
+    return "".join(_candump_lines(frames, unix_zero_ns, channel)).encode()
+
+
+def _candump_lines(frames: Sequence[WireFrame], unix_zero_ns: int, channel: str) -> Iterator[str]:
+    for one in frames:
+        frame = one.frame
+        if frame.error:
+            frame = CanFrame(frame.identifier | _ERROR_FLAG, frame.data, extended=True)
+        seconds, part_us = divmod(round(unix_zero_ns / 1e3 + one.at * 1e6), 1_000_000)
+        yield f"({seconds}.{part_us:06d}) {channel} {frame}\n"
 
 
 def blf(frames: Sequence[WireFrame], unix_zero_ns: int) -> bytes:

@@ -103,6 +103,14 @@ STATUS = Field("status", 0, "H", Mark.OBSERVED, "0 without an error", bits=STATU
 SAMPLE = _layout("the first half of a sample", STATUS, *_gages(0, 2))
 SAMPLE_REST = _layout("the second half of a sample", *_gages(1, 0))
 ROW, ROW_MIDDLE, ROW_END = _coefficients(0), _coefficients(2), _coefficients(4)
+SERIAL = _layout(
+    "the serial number",
+    *(
+        Field(f"c{place}", place, "B", Mark.OBSERVED, "character of the number, 0 behind its end")
+        for place in range(8)
+    ),
+)
+SLOT = _layout("the slot", Field("slot", 0, "B", Mark.OBSERVED, "of the calibration that is in use"))
 COUNTS = _layout(
     "the counts",
     Field("per force", 0, "I", Mark.OBSERVED, "of the matrix for one unit of force", unit="counts"),
@@ -125,6 +133,8 @@ LAYOUTS: Mapping[Op, Layout] = {
     Op.ROW: ROW,
     Op.ROW_MIDDLE: ROW_MIDDLE,
     Op.ROW_END: ROW_END,
+    Op.SERIAL: SERIAL,
+    Op.SLOT: SLOT,
     Op.COUNTS: COUNTS,
     Op.UNITS: UNITS,
     Op.FIRMWARE: FIRMWARE,
@@ -133,8 +143,8 @@ LAYOUTS: Mapping[Op, Layout] = {
 
 
 def can_messages(identifiers: Iterable[int]) -> Sequence[CanMessage]:
-    """The answers of the board whose frames have these identifiers, or of one with the default base. Its questions have
-    the same identifiers, and at most a byte.
+    """The answers of the board whose frames have these identifiers, or of one with the default base. A DBC file cannot
+    hold its questions: they have the same identifiers and at most a byte, so a strict decoder refuses them.
     """
     base = next((each >> 4 for each in identifiers), BASE)
     return [CanMessage(identifier(base, op), op.name, layout, True) for op, layout in LAYOUTS.items()]

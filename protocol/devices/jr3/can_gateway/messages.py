@@ -102,14 +102,13 @@ LAYOUTS: Mapping[Op, Layout] = dict.fromkeys(Op, EMPTY) | {
 
 
 def can_messages(identifiers: Iterable[int]) -> Sequence[CanMessage]:
-    """The frames of the gateway whose frames have these identifiers, or of node 1. An acknowledge has the length of one
-    that tells full scales.
+    """The frames of the gateway whose frames have these identifiers, or of node 1. An acknowledge has its state alone:
+    one that carries full scales is longer, and strict decoders refuse a frame that is shorter than its message.
     """
     node = next((node for node in (each & _NODE_MASK for each in identifiers) if node), 1)
-    layouts = {**LAYOUTS, Op.ACKNOWLEDGE: FULL_SCALES}
     return [
         CanMessage(op if op is Op.SYNC else op | node, op.name, layout, op in FROM_GATEWAY)
-        for op, layout in layouts.items()
+        for op, layout in LAYOUTS.items()
     ]
 
 
