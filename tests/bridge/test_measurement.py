@@ -21,7 +21,8 @@ from hil_bridge.record import read
 from hil_bridge.record.device_facts import devices_of
 from hil_bridge.record.export import export
 from hil_bridge.record.export.measurement import measurement
-from protocol.wrench import wrench_of
+from hil_bridge.record.export.tables import cycle_table
+from protocol.wrench import AXES, wrench_of
 from tests.near_surface import WHOLE
 from tests.recordings import Recordings
 
@@ -49,14 +50,29 @@ def test_channels_are_those_of_the_recording(made: Path) -> None:
             "N",
             "N along the approach direction, positive while pressing.",
         )
-        assert (file.get("cycle.wrench_3").unit, fz.unit, file.get("truth.joints_deg_0").unit) == (
+        assert (file.get("cycle.wrench_mx").unit, fz.unit, file.get("truth.joints_deg_0").unit) == (
             "N·m",
             "N",
             "deg",
         )
-        true = file.get("truth.position_2")
+        true = file.get("truth.position_z")
         assert [*true.samples] == [truth.position[2] for truth in recording.truths]
         assert np.ptp(true.samples) > 1e-3
+
+
+def test_measurement_channels_have_names_and_units_of_the_table(made: Path) -> None:
+    recording = read(made)
+    columns = cycle_table(recording.cycles).columns
+    with MDF(made.with_suffix(".mf4")) as file:
+        (group,) = [group for group in file.groups if group.channel_group.acq_name == "cycle"]
+        names = [one.name.removeprefix("cycle.") for one in group.channels]
+        assert {one for one in names if not one.startswith(("time", "quaternion_commanded"))} <= set(columns)
+        units = [file.get(f"cycle.wrench_{axis}").unit for axis in AXES]
+        assert units == ["N", "N", "N", "N·m", "N·m", "N·m"]
+        (fz,) = {cycle.wrench[2] for cycle in recording.cycles[-1:]}
+        assert file.get("cycle.wrench_fz").samples[-1] == fz
+        assert file.get("cycle.explanation.feedback_m").unit == "m"
+        assert file.get("truth.joints_deg_5").unit == "deg"
 
 
 def test_a_group_has_one_rate_and_the_file_a_start(made: Path) -> None:

@@ -19,7 +19,7 @@ from hil_bridge.errors.extras import install_command
 from hil_bridge.record import CycleRecord, EventRecord, Recording, SensorRecord, TruthRecord
 from hil_bridge.record.analysis.columns import Columns
 from hil_bridge.record.device_facts import devices_of
-from hil_bridge.record.export.tables import COLUMNS_MAX, sensor_table
+from hil_bridge.record.export.tables import COLUMNS_MAX, column_names, sensor_table
 from hil_bridge.record.field_docstrings import field_docstrings
 from hil_bridge.record.scenes import whole_text
 
@@ -40,7 +40,9 @@ _UNITS: Mapping[str, str] = {
     "answer_s": "s",
 }
 """Unit of a record's field, as its docstring tells."""
-_TORQUE_PARTS = ("wrench_3", "wrench_4", "wrench_5")
+_ENDING_UNITS: Mapping[str, str] = {"n": "N", "nm": "N·m", "m": "m", "at": "s"}
+"""Unit of a channel by the end of its name, of a field that is not named above."""
+_TORQUE_PARTS = ("wrench_mx", "wrench_my", "wrench_mz")
 _ENCODINGS: Mapping[str, str] = {"S": "utf-8"}
 """Encoding of values, by the kind of NumPy's type."""
 _NS = 1e-9
@@ -118,9 +120,8 @@ def _sensor(frames: Sequence[SensorRecord], scales: Any) -> tuple[NDArray[Any], 
     table = sensor_table(frames, scales)
     time, *names = table.columns
     columns = {name: np.array([row[name] for row in table.rows]) for name in table.columns}
-    units = {"n": "N", "nm": "N·m"}
     return columns[time], [
-        (name, columns[name], units.get(name.rpartition("_")[2], ""), "") for name in names
+        (name, columns[name], _ENDING_UNITS.get(name.rpartition("_")[2], ""), "") for name in names
     ]
 
 
@@ -130,14 +131,29 @@ def _records(records: Sequence[Struct], kind: type[Struct], time: str) -> tuple[
     texts = field_docstrings(kind)
     order = np.argsort(columns[time], kind="stable")
     channels = []
-    for name, values in columns.flat().items():
+    for field, name, values in _named(columns):
         if values.dtype == object or name == time:
             continue
-        field = next((field for field in (name, name.rpartition("_")[0]) if field in texts), "")
-        unit = "N·m" if name in _TORQUE_PARTS else _UNITS.get(field, "s" if field.endswith("_at") else "")
+        unit = (
+            "N·m"
+            if name in _TORQUE_PARTS
+            else _UNITS.get(field) or _ENDING_UNITS.get(name.rpartition("_")[2], "")
+        )
         numbers = values.astype(np.uint8) if values.dtype == bool else values
         channels.append((name, numbers[order], unit, texts.get(field, "")))
     return columns[time][order], channels
+
+
+def _named(columns: Columns) -> Iterator[tuple[str, str, NDArray[Any]]]:
+    """Field, name as of the tables, and values of each column."""
+    for field, column in columns.items():
+        if isinstance(column, Mapping):
+            yield from ((field, f"{field}.{key}", values) for key, values in column.items())
+        elif column.ndim == 2:
+            names = column_names(field, column.shape[1])
+            yield from ((field, name, column[:, part]) for part, name in enumerate(names))
+        else:
+            yield field, field, column
 
 
 def _timed(events: Sequence[EventRecord]) -> list[EventRecord]:

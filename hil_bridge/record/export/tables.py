@@ -89,6 +89,12 @@ def as_parquet(table: Table) -> bytes:
     return data
 
 
+def column_names(field: str, parts: int) -> Sequence[str]:
+    """Names of the columns of an array with so many parts: by axes, and of joints by number."""
+    joints = field.startswith("joints")
+    return [f"{field}_{end}" for end in (_ENDS[parts] if parts in _ENDS and not joints else range(parts))]
+
+
 def _cells(name: str, value: Any) -> Iterator[tuple[str, Any]]:
     """Columns of a value, with their contents."""
     match value:
@@ -99,8 +105,7 @@ def _cells(name: str, value: Any) -> Iterator[tuple[str, Any]]:
             for key, each in value.items():
                 yield f"{name}.{key}", each
         case tuple() if len(value) in _ENDS and not isinstance(value[0], str):
-            for end, each in zip(_ENDS[len(value)], value, strict=True):
-                yield f"{name}_{end}", each
+            yield from zip(column_names(name, len(value)), value, strict=True)
         case tuple():
             yield name, "; ".join(map(str, value))
         case _:
