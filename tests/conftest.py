@@ -15,16 +15,11 @@ settings.register_profile("repeatable", deadline=None, derandomize=True)
 settings.register_profile("explore", deadline=None)
 settings.load_profile("repeatable")
 
-# A shell that starts these tests behind `&` lets them ignore Ctrl-C, and nohup a terminal that closes. The programs that
-# they start would inherit it.
-for number, usual in {
-    signal.SIGINT: signal.default_int_handler,
-    signal.SIGHUP: signal.SIG_DFL,
-    signal.SIGQUIT: signal.SIG_DFL,
-    signal.SIGTERM: signal.SIG_DFL,
-}.items():
+# A shell that starts these tests behind `&` lets them ignore Ctrl-C, and nohup a terminal that closes. The programs
+# that they start would inherit it.
+for number in (signal.SIGINT, signal.SIGHUP, signal.SIGQUIT, signal.SIGTERM):
     if signal.getsignal(number) is signal.SIG_IGN:
-        signal.signal(number, usual)
+        signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
 
 
 def pytest_collection_finish() -> None:

@@ -64,7 +64,8 @@ def test_measurement_channels_have_names_and_units_of_the_table(made: Path) -> N
     recording = read(made)
     columns = cycle_table(recording.cycles).columns
     with MDF(made.with_suffix(".mf4")) as file:
-        (group,) = [group for group in file.groups if group.channel_group.acq_name == "cycle"]
+        held: Any = file.groups
+        (group,) = [group for group in held if group.channel_group.acq_name == "cycle"]
         names = [one.name.removeprefix("cycle.") for one in group.channels]
         assert {one for one in names if not one.startswith(("time", "quaternion_commanded"))} <= set(columns)
         units = [file.get(f"cycle.wrench_{axis}").unit for axis in AXES]

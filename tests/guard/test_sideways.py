@@ -140,7 +140,7 @@ def wrench_of(force: tuple[float, float, float], arm: float = 0.2) -> tuple[floa
 def test_compare_moment_of_true_force_hides_nothing(force: tuple[float, float, float]) -> None:
     found = compare_moment(LEVER, wrench_of(force), DOWN, 10.0)
     assert found.hidden == 0.0
-    assert found.confirmed == (math.hypot(*force[:2]) > 1.0)
+    assert found.confirmed == (math.hypot(*force[:2]) > 0.5)
 
 
 @pytest.mark.parametrize(("shown", "hidden"), [(0.0, 20.0), (20.0, 40.0), (-2.0, 18.0), (-40.0, 0.0)])

@@ -21,8 +21,8 @@ HIDDEN_N = 10.0
 """Chosen: force that the moments show and the force axes do not, from which an axis counts as dead, N: half of
 `limits.against_travel_n`, and 2 N·m at a tool of 0.2 m, more than the moments of a peg in its hole.
 """
-SHOWS_N = 1.0
-"""Chosen: force across the approach from which the moments can confirm it, N: friction of 0.2 under 5 N."""
+SHOWS_N = 0.5
+"""Chosen: force across the approach from which the moments can confirm it, N: five times the noise."""
 _CONFIRMED_SHARE = 0.5
 """Chosen: part of it that they must show. A tool that touches nearer to the sensor makes a smaller moment."""
 

@@ -245,8 +245,8 @@ NOISE = (
     ("JOINTS qd", 0.02),
     ("TCP_speed", 0.02),
 )
-"""How far a measured value may be off the recorded one by its noise. When the transcripts were made, the offset of the own
-force lay along the base, and the payload that a client sets did not act on it.
+"""How far a measured value may be off the recorded one by its noise. When the transcripts were made, the offset of the
+own force lay along the base, and the payload that a client sets did not act on it.
 """
 NEAR = 2e-3
 """The same of all others, which a joint goes in a cycle."""
