@@ -43,7 +43,8 @@ def watch(
     before = before or _begin(limits, seen)
     if seen.sample.saturated:
         return replace(before, stage=Stage.TRUSTED), None
-    if contact is not None and seen.sample.force < 0.0 < contact.untold:
+    pulls = (before is not None and before.pull > 0.0) or -seen.sample.force > limits.retract_rise_n
+    if contact is not None and pulls and seen.sample.force < 0.0 < contact.untold:
         before, seen = _without_false_pull(before, seen, contact)
     after = _advance(limits, before, seen)
     if -seen.sample.force > max(-before.force, 0.0) + limits.pull_limit_n:
