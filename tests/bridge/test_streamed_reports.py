@@ -36,7 +36,9 @@ from tests.bridge.streamed_toy import (
     run_cell,
 )
 
-NO_SENSOR: Any = SimpleNamespace(newest=None, peaks=None, saturated=0, delay=0.0, check=lambda: None)
+NO_SENSOR: Any = SimpleNamespace(
+    newest=None, newest_at=math.nan, peaks=None, saturated=0, delay=0.0, check=lambda: None
+)
 
 
 # --- reports

@@ -11,16 +11,20 @@ from emulators.devices.rtde.urscript import Message
 from emulators.seams import StartPose
 from protocol.devices.rtde.states import Runtime, SafetyMode
 from protocol.devices.rtde.wires import Port
-from tests.emulation.exact_arm import EXACT
+from tests.emulation.exact_arm import exact_profile
 
 START = StartPose((0.9, -0.1, 0.6), (0.0, 1.0, 0.0, 0.0), 0.2)
 T0 = 1000.25
 
 
+NEW = exact_profile(version="5.21.0.0")
+"""The first version with all motions."""
+
+
 class Bench:
     """A robot, a client of its script port, and the time."""
 
-    def __init__(self, profile: RtdeProfile = EXACT) -> None:
+    def __init__(self, profile: RtdeProfile = NEW) -> None:
         self.now = T0
         self.robot = RtdeRobot(profile, START, T0, 7)
         self.controller = self.robot.controller
