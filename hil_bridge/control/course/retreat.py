@@ -43,7 +43,7 @@ def watch(
     before = before or _begin(limits, seen)
     if seen.sample.saturated:
         return replace(before, stage=Stage.TRUSTED), None
-    pulls = (before is not None and before.pull > 0.0) or -seen.sample.force > limits.retract_rise_n
+    pulls = before.pull > 0.0 or -seen.sample.force > limits.retract_rise_n
     if contact is not None and pulls and seen.sample.force < 0.0 < contact.untold:
         before, seen = _without_false_pull(before, seen, contact)
     after = _advance(limits, before, seen)
