@@ -202,8 +202,10 @@ async def with_robot(act: Callable[[RtdeRobot, Clock, Callable[[], Wiring]], Any
     return result
 
 
-def test_the_force_of_the_surface_comes_out_of_the_controller() -> None:
+@pytest.mark.parametrize("mass", [0.0, 0.5])
+def test_the_force_of_the_surface_comes_out_of_the_controller(mass: float) -> None:
     async def act(robot: RtdeRobot, clock: Clock, wiring: Callable[[], Wiring]) -> float:
+        robot.controller.carry(mass, (0.03, 0.0, 0.05))
         stopped = asyncio.Event()
         source = asyncio.create_task(feed("rtde+memory:ur", CONFIG, ForceOptions(), wiring(), stopped))
         await clock.sleep_until(clock.now() + 0.3)
@@ -226,7 +228,7 @@ def test_the_force_of_the_surface_comes_out_of_the_controller() -> None:
         found = await source
         await clock.sleep_until(clock.now() + 0.01)
         robot.controller.advance(clock.now())
-        assert robot.controller.snapshots[0].force == (0.0,) * 6, "it is taken away at the end"
+        assert robot.controller.snapshots[0].force == pytest.approx((0.0,) * 6, abs=1e-9), "it is taken away"
         assert robot.controller.runtime == Runtime.STOPPED
         return float(found.largest_n)
 

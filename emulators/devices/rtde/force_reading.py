@@ -16,10 +16,9 @@ from emulators.devices.rtde.drives import own_errors
 from emulators.devices.rtde.force_mode import about_tool, external_wrench
 from emulators.devices.rtde.profile import RtdeProfile
 from protocol.devices.rtde.fields import Value
+from protocol.devices.rtde.force import GRAVITY
 from protocol.geometry import Pose, Quaternion, Vector, Wrench, inverse, rotate
 
-_GRAVITY = 9.82
-"""Of the controller, m/s². Observed: in the forum's thread."""
 _BASE: Quaternion = (1.0, 0.0, 0.0, 0.0)
 
 
@@ -34,7 +33,7 @@ class Load(NamedTuple):
     def weight(self, turn: Quaternion) -> Wrench:
         """On a flange of this orientation: base axes, moments about the flange, N and N·m."""
         x, y, _ = rotate(turn, self.centre)
-        force = -_GRAVITY * self.mass
+        force = -GRAVITY * self.mass
         return 0.0, 0.0, force, y * force, -x * force, 0.0
 
 

@@ -13,15 +13,24 @@ from protocol.devices.rtde.program import force_program_text
 from protocol.devices.rtde.rotation import pose_of
 from protocol.devices.rtde.wires import Piece, Pieces, Port
 from protocol.endpoint import RemoteProtocolError
-from protocol.geometry import Pose, Vector, Wrench
+from protocol.geometry import Pose, Vector, Wrench, inverse, rotate
 from protocol.outbox import Mailbox
 
 OUTPUTS = ("timestamp", "actual_TCP_pose", "actual_TCP_speed", "tcp_offset")
+LOADED_OUTPUTS = (*OUTPUTS, "payload", "payload_cog")
+"""The same of a controller from 5.5.1 on."""
 INPUTS = ("external_force_torque",)
-_TYPES = {OUTPUTS: ("DOUBLE", *("VECTOR6D",) * 3), INPUTS: ("VECTOR6D",)}
+_TYPES = {
+    OUTPUTS: ("DOUBLE", *("VECTOR6D",) * 3),
+    LOADED_OUTPUTS: ("DOUBLE", *("VECTOR6D",) * 3, "DOUBLE", "VECTOR3D"),
+    INPUTS: ("VECTOR6D",),
+}
 PATIENCE_S = 1.0
 """How long the controller may be silent. Source: the time-out of UR's own Python client."""
 NO_FORCE: Wrench = (0.0,) * 6
+GRAVITY = 9.82
+"""By which a controller computes the weight of its payload, m/s². Observed: 1 kg is 9.82 N in Universal Robots' forum,
+thread 2053."""
 
 
 class Seen(NamedTuple):
@@ -35,6 +44,8 @@ class Seen(NamedTuple):
     """Along the base axes, m/s."""
     tip: Pose
     """The tool in the flange."""
+    payload: tuple[float, Vector] = (0.0, (0.0, 0.0, 0.0))
+    """Mass, kg, and its centre in the flange, m, as they are set; zeros before 5.5.1, which does not report them."""
 
 
 class Lost(NamedTuple):
@@ -58,6 +69,8 @@ class ForceClient(Mailbox[Piece, Event]):
         self._reader = Reader()
         super().__init__()
         self._recipes: dict[tuple[str, ...], Recipe] = {}
+        self._outputs: tuple[str, ...] = LOADED_OUTPUTS
+        self._weight = NO_FORCE
         self._expected: Kind | None = Kind.VERSION
         self._due: float | None = now + PATIENCE_S
         self._lost = False
@@ -79,12 +92,18 @@ class ForceClient(Mailbox[Piece, Event]):
             self._lose(f"nothing came for {PATIENCE_S:g} s", "look at its cable, and whether it is powered")
 
     def give(self, wrench: Wrench) -> None:
-        """Tell the controller this wrench along the tool's axes, N and N·m; nothing before it streams."""
+        """Tell the controller this wrench of a contact; nothing before it streams.
+
+        Along the flange's axes and about the flange, N and N·m. The weight of the payload is added, as a sensor would
+        measure it: the controller takes it off an external force too.
+        """
         if (recipe := self._recipes.get(INPUTS)) is not None:
-            self._put(recipe.pack(*wrench))
+            self._put(
+                recipe.pack(*(contact + weight for contact, weight in zip(wrench, self._weight, strict=True)))
+            )
 
     def farewell(self) -> Pieces:
-        """Pieces that take the force away, to be sent before the wires are closed."""
+        """Pieces that take the contact away, to be sent before the wires are closed."""
         self._out = []
         self.give(NO_FORCE)
         return self.data_to_send(0.0)
@@ -106,7 +125,10 @@ class ForceClient(Mailbox[Piece, Event]):
 
     def _go_on(self, packet: Packet) -> None:
         if packet.kind == Kind.OUTPUTS:
-            if self._agree(OUTPUTS, packet.payload):
+            if self._outputs is LOADED_OUTPUTS and NOT_FOUND in packets.read_types(packet.payload).types:
+                self._outputs = OUTPUTS
+                self._ask(Kind.OUTPUTS, packets.outputs_request(OUTPUTS, self._frequency))
+            elif self._agree(self._outputs, packet.payload):
                 self._ask(Kind.INPUTS, packets.inputs_request(INPUTS))
         elif packet.kind == Kind.INPUTS:
             if self._agree(INPUTS, packet.payload):
@@ -114,7 +136,7 @@ class ForceClient(Mailbox[Piece, Event]):
         elif not packets.read_accepted(packet.payload):
             self._lose("it refuses to speak version 2 of RTDE, or to start", "update its software")
         elif packet.kind == Kind.VERSION:
-            self._ask(Kind.OUTPUTS, packets.outputs_request(OUTPUTS, self._frequency))
+            self._ask(Kind.OUTPUTS, packets.outputs_request(self._outputs, self._frequency))
         else:
             self._expected = None
             if self._enable:
@@ -139,13 +161,27 @@ class ForceClient(Mailbox[Piece, Event]):
         return False
 
     def _see(self, payload: bytes) -> None:
-        values = self._recipes[OUTPUTS].unpack(payload)
+        values = self._recipes[self._outputs].unpack(payload)
         if not all(map(math.isfinite, values)):
             self._lose("it reports values that are no numbers", "see its log")
             return
         x, y, z = values[7:10]
-        self._events.append(Seen(values[0], pose_of(values[1:7]), (x, y, z), pose_of(values[13:19])))
+        seen = Seen(values[0], pose_of(values[1:7]), (x, y, z), pose_of(values[13:19]))
+        if len(values) > 19:
+            mass, *centre = values[19:]
+            seen = seen._replace(payload=(mass, (centre[0], centre[1], centre[2])))
+        self._weight = _weight(seen)
+        self._events.append(seen)
 
     def _lose(self, fact: str, remedy: str = "") -> None:
         self._lost, self._due = True, None
         self._events.append(Lost(fact, remedy))
+
+
+def _weight(seen: Seen) -> Wrench:
+    """Of the payload, along the flange's axes and about the flange."""
+    mass, centre = seen.payload
+    down = rotate(inverse(seen.pose.quaternion), (0.0, 0.0, -GRAVITY * mass))
+    u, v, w = rotate(seen.tip.quaternion, down)
+    a, b, c = centre
+    return u, v, w, b * w - c * v, c * u - a * w, a * v - b * u
