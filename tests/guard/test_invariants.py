@@ -239,9 +239,16 @@ def test_no_fault_excuses_an_end_told_free_that_presses(healthy: Evidence, on: s
     row = next(row for row in VOIDS if row.on == on)
     fault = {"on": on, "fault": min(row.faults, default="above"), "phase": "track"}
     assert healthy.trace is not None
-    pressed = traced(healthy, forces=last(healthy.trace.forces, 85.0))
+    pressed = traced(healthy, forces=np.full(len(healthy.trace.forces), 85.0))
     told = {violation.promise for violation in broken_promises(faulted(pressed, fault))}
     assert {Promise.END, Promise.LAST_LINE} <= told
+
+
+def test_surface_that_comes_after_the_newest_frame_breaks_no_end(healthy: Evidence) -> None:
+    assert healthy.trace is not None
+    pressed = traced(healthy, forces=last(healthy.trace.forces, 12.9))
+    swings = faulted(pressed, {"on": "surface", "fault": "swings", "phase": "track"})
+    assert not {Promise.END, Promise.LAST_LINE} & {one.promise for one in broken_promises(swings)}
 
 
 def test_an_end_that_names_its_unverified_axes_is_told(healthy: Evidence) -> None:

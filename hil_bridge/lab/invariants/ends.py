@@ -26,13 +26,13 @@ def untold_ends(evidence: Evidence) -> Iterator[Violation]:
     if trace is None:
         return
     rest, end = _rest(evidence), evidence.recording.end
-    at, true_n = float(trace.times[-1]), float(trace.forces[-1])
+    at, true_n = float(trace.times[-1]), _verified_n(evidence, trace, rest)
     free = bool(rest.get("retracted")) or not rest or end.get("outcome") == Outcome.COMPLETED
     allowed_n = evidence.config.limits.weight_tolerance_n + FORCE_OFF_N
     if not rest:  # it never moved: it may have stood in the surface from the start, or the surface came to it
         came_n = added_n(evidence.config.faults, world_of(evidence, evidence.config.frame.approach))
         allowed_n = max(allowed_n, float(trace.forces[0]) + FORCE_OFF_N + came_n)
-    if free and _verified_n(evidence, trace, rest) > allowed_n:
+    if free and true_n > allowed_n:
         yield Violation(Promise.END, at, {"true_n": true_n})
 
 
@@ -68,10 +68,17 @@ def _rest(evidence: Evidence) -> Mapping[str, object]:
 
 
 def _verified_n(evidence: Evidence, trace: Trace, rest: Mapping[str, object]) -> float:
-    """Length of the true force at the end, N, without the axes of which it is told that nothing has verified them."""
+    """Length of the true force at the end, N, without the axes that are reported as not verified.
+
+    A surface that moves by itself may come to the tool after the newest frame: then the least force since the oldest
+    frame that may be used counts.
+    """
     unverified, truths = rest.get("unverified"), evidence.recording.truths
     if not isinstance(unverified, list) or not unverified:
-        return float(trace.forces[-1])
+        end_s = truths[-1].at if truths else float(trace.times[-1])
+        begin_s = end_s - evidence.config.limits.stale_after_ms * 1e-3
+        moves = any(fault.on == "surface" for fault in evidence.config.faults)
+        return float(min(trace.forces[trace.times >= begin_s])) if moves else float(trace.forces[-1])
     if trace.vectors is None or not truths or not all(map(math.isfinite, truths[-1].quaternion)):
         return 0.0
     named = {str(name).lower() for name in unverified}
