@@ -34,22 +34,34 @@ from hil_bridge.cli.paths import FILE
     metavar="D",
     help="How far to move away.  [default: task.retract_mm]",
 )
+@click.option(
+    "--back-to",
+    metavar="RECORDING",
+    type=FILE,
+    help="Then go back to where this recorded run began, so that the next one begins there too.",
+)
 def free(
     config_file: Path | None,
     robot: str | None,
     sensor: str | None,
     tool_mass_kg: float | None,
     distance_mm: float | None,
+    back_to: Path | None,
 ) -> None:
     """Lift a tool off from whatever state a stop left it in; stand at the cell while it moves.
 
     The tool moves against frame.approach in small slow steps, and stands still if the force rises. A movement
     sequence that was left open is closed first. No zero is taken, and no program is run.
+
+    With --back-to it then goes across to above the recorded start and down to it, in small steps. It stands still at a
+    touch. The tool must be known, and the orientation stays as it is.
     """
     from hil_bridge.errors import ConfigError
+    from hil_bridge.record import read
     from hil_bridge.runs.signals import as_ctrl_c
     from hil_bridge.settings.configuration import load_config
     from hil_bridge.site.free import free as free_tool
+    from hil_bridge.site.return_path import start_of
 
     config = load_config(
         config_file, {"robot.url": robot, "sensor.url": sensor, "tool.mass_kg": tool_mass_kg}
@@ -58,6 +70,7 @@ def free(
         raise ConfigError(
             "name the robot and the sensor of the tool: --robot and --sensor, or robot.url and sensor.url"
         )
+    goal = None if back_to is None else start_of(read(back_to))
     with as_ctrl_c():
-        freed = free_tool(config, distance_mm or max(config.task.retract_mm, 1.0), click.echo)
+        freed = free_tool(config, distance_mm or max(config.task.retract_mm, 1.0), click.echo, goal)
     click.echo(freed.text)

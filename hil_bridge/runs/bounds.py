@@ -59,6 +59,24 @@ def free_bounds(config: Config, facts: RobotFacts, start: Pose) -> Bounds:
     )
 
 
+def return_bounds(config: Config, facts: RobotFacts, goal: Vector, start: Pose) -> Bounds:
+    """Bounds of a return to a place, m, from where the tool is: no deeper than that place."""
+    limits = config.limits
+    deeper = sum((b - a) * n for a, b, n in zip(start.position, goal, config.frame.approach, strict=True))
+    return Bounds(
+        start,
+        config.frame.approach,
+        max(deeper, 0.0),
+        limits.workspace_min_m,
+        limits.workspace_max_m,
+        tilt=0.0,
+        deeper=LIFT_SPEED_M_S,
+        across=LIFT_SPEED_M_S,
+        turn=0.0,
+        slack=_slack(facts),
+    )
+
+
 def turning_bounds(config: Config, facts: RobotFacts, angle: float, start: Pose) -> Bounds:
     """Bounds of turning a tool by an angle, rad, away from where it stands. The robot has its own speed of turning."""
     limits = config.limits

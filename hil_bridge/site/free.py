@@ -20,7 +20,8 @@ from hil_bridge.runs.setup import Setup
 from hil_bridge.runs.small_steps import LIFT_SPEED_M_S, SmallSteps, bring_up
 from hil_bridge.runs.zeroing import known_wrist, wrist
 from hil_bridge.settings.configuration import Config
-from protocol.geometry import Quaternion, normalise
+from hil_bridge.site.return_path import ReturnPath, check_goal, depth_between
+from protocol.geometry import Pose, Quaternion, Vector, normalise
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,19 +35,25 @@ class Freed:
     """The same at the end."""
     known: bool
     """The tool's weight was known and has been taken off."""
+    back_mm: float | None = None
+    """Length of the path back to a recorded start; None without `back_to`."""
 
     @property
     def text(self) -> str:
         """The result in words, for the last line."""
         what = "contact force" if self.known else "force that the sensor reads, the tool's weight included,"
         before, after = math.hypot(*self.before), math.hypot(*self.after)
-        return f"freed by {self.moved_mm:.1f} mm: {what} {before:.1f} N before, {after:.1f} N after"
+        back = "" if self.back_mm is None else f"; {self.back_mm:.1f} mm back to the start"
+        return f"freed by {self.moved_mm:.1f} mm: {what} {before:.1f} N before, {after:.1f} N after{back}"
 
 
-def free(config: Config, distance_mm: float, say: Callable[[str], None]) -> Freed:
+def free(
+    config: Config, distance_mm: float, say: Callable[[str], None], back_to: Vector | None = None
+) -> Freed:
     """Move the tool away from the surface, against `frame.approach`, by a distance. `say` is told how it goes.
 
-    Raises SafetyStop when the force rises on the way, or the robot does not follow; BridgeError as a run does.
+    `back_to` is a place in the robot's base frame, m, to go to then. Raises SafetyStop when the force rises on the way,
+    or the robot does not follow; BridgeError as a run does.
     """
 
     async def main() -> Freed:
@@ -56,7 +63,7 @@ def free(config: Config, distance_mm: float, say: Callable[[str], None]) -> Free
             async with open_devices(Setup(config), clock, LogTo()) as devices:
                 await bring_up(devices.robot, devices.sensor)
             async with open_devices(Setup(config), clock, LogTo()) as devices:
-                return await Freeing(config, clock, devices.robot, devices.sensor, say)(distance_mm)
+                return await Freeing(config, clock, devices.robot, devices.sensor, say)(distance_mm, back_to)
         finally:
             clock.close()
 
@@ -74,13 +81,17 @@ class Freeing:
         sensor: ForceSensor,
         say: Callable[[str], None],
     ) -> None:
-        self._config, self._robot, self._sensor, self._say = config, robot, sensor, say
+        self._config, self._clock, self._robot, self._sensor, self._say = config, clock, robot, sensor, say
         self._steps = SmallSteps(clock, robot, sensor)
 
-    async def __call__(self, distance_mm: float) -> Freed:
-        """Move away by so much. Raises as `free` does."""
+    async def __call__(self, distance_mm: float, back_to: Vector | None = None) -> Freed:
+        """Move away by so much, then back to a place. Raises as `free` does."""
         config, task = self._config, self._config.task
+        if back_to is not None:
+            check_goal(config, back_to)
         start = await bring_up(self._robot, self._sensor)
+        if back_to is not None:  # the way across is no lower than the start
+            distance_mm = max(distance_mm, depth_between(config, back_to, start.pose.position) * 1e3)
         await self._robot.release(start)
         known = known_wrist(config) if config.tool.mass_kg or not config.sensor.url else None
         seen, orientation = known or wrist(config), start.pose.quaternion
@@ -95,17 +106,24 @@ class Freeing:
             while moved < distance_mm - 1e-9:
                 careful = moved < task.zero_lift_mm - 1e-9
                 step = min(task.zero_step_mm if careful else task.single_step_mm, distance_mm - moved)
-                x, y, z = (
-                    p - n * (moved + step) * 1e-3
-                    for p, n in zip(start.pose.position, config.frame.approach, strict=True)
+                await self._steps.to(
+                    motion, _moved(start.pose, config, moved + step), orientation, step * 1e-3
                 )
-                await self._steps.to(motion, (x, y, z), orientation, step * 1e-3)
                 moved += step
                 _check_alive(self._sensor, config)
                 after = _force(seen, orientation, (await self._steps.quiet()).mean)
                 watch.see(after, moved)
                 self._say(f"moved {moved:.3f} mm, force {math.hypot(*after):.1f} N")
-        return Freed(moved, before, after, known is not None)
+        if back_to is None:
+            return Freed(moved, before, after, known is not None)
+        path = ReturnPath(config, self._clock, self._robot, self._sensor, self._say)
+        length = await path.follow(back_to, await self._robot.report())
+        return Freed(moved, before, after, True, length * 1e3)
+
+
+def _moved(pose: Pose, config: Config, by_mm: float) -> Vector:
+    x, y, z = (p - n * by_mm * 1e-3 for p, n in zip(pose.position, config.frame.approach, strict=True))
+    return x, y, z
 
 
 def _check_alive(sensor: ForceSensor, config: Config) -> None:

@@ -8,11 +8,12 @@ import pytest
 
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.devices.device_log import LogTo
-from hil_bridge.errors import DeviceError, SafetyStop
+from hil_bridge.errors import ConfigError, DeviceError, SafetyStop
 from hil_bridge.runs.compose import open_devices
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config
 from hil_bridge.site.free import Freed, Freeing
+from protocol.geometry import Vector
 from tests.paper_cell import PaperCell
 
 Configured = Callable[..., Config]
@@ -84,3 +85,74 @@ def test_free_under_a_soft_obstacle_stops_at_a_creeping_force(configured: Config
 def test_a_robot_in_emergency_stop_is_not_moved(configured: Configured) -> None:
     with pytest.raises(DeviceError, match="emergency stop"):
         freed(configured(5e3), 5.0, lambda cell: cell.robot.press_emergency_stop(0.0))
+
+
+# --- back to a recorded start
+
+ABOVE = {"cell": {"start_position_mm": (900.0, -92.0, 608.0)}}
+"""A tool that a good run left 18 mm above the surface, 8 mm along its way."""
+START_M = (0.9, -0.1, 0.6)
+
+
+def taken_back(config: Config, goal: Vector = START_M, dead: str = "") -> tuple[Freed, Vector]:
+    """Result, and where the tool truly is at the end, m, with a dead force axis or none."""
+
+    async def main() -> tuple[Freed, Vector]:
+        clock = Clock.running()
+        async with open_devices(Setup(config), clock, LogTo()) as devices:
+            assert devices.cell is not None
+            if dead:
+                devices.cell.inject("signal", "dead", clock.now(), axis=dead)
+            result = await Freeing(config, clock, devices.robot, devices.sensor, lambda text: None)(1.0, goal)
+            return result, devices.cell.true_state(clock.now()).position
+
+    return run_virtual(main)
+
+
+@pytest.mark.parametrize("robot", ["s3", "egm", "rtde", "rsi"])
+def test_free_back_to_a_start_ends_there(configured: Configured, robot: str) -> None:
+    result, place = taken_back(configured(5e3, ABOVE, {"robot": {"emulated": robot}}))
+    assert place == pytest.approx(START_M, abs=0.2e-3)
+    assert result.back_mm == pytest.approx(8.0 + 9.0, abs=0.2)
+    assert result.text.endswith(" mm back to the start")
+
+
+@pytest.mark.parametrize(("stiffness", "most_n"), [(5e3, 3.6), (5e4, 11.0)])
+def test_free_back_to_a_start_stands_still_at_a_touch(
+    configured: Configured, stiffness: float, most_n: float
+) -> None:
+    """The work piece is 8 mm thicker than in the run that is gone back to: 2 mm above its start."""
+    thick = {"cell": {"surface": {"height_mm": 602.0}}, "task": {"expected_stiffness_n_m": stiffness}}
+    with pytest.raises(SafetyStop, match=r"N on the tool after .* mm of the path back") as stopped:
+        taken_back(configured(stiffness, ABOVE, thick))
+    assert 1.0 < float(str(stopped.value).split()[0]) < most_n
+
+
+@pytest.mark.parametrize("axis", ["fx", "fy"])
+def test_free_back_to_start_stops_at_wall_on_dead_axis(configured: Configured, axis: str) -> None:
+    """No weight lies on either axis; the moments show what the dead one does not."""
+    cell = {"start_position_mm": (900.0, -100.0, 608.0), "surface": {"wall_at_mm": -96.0}}
+    with pytest.raises(SafetyStop, match=r"N on the tool after [34]\.\d* mm of the path back"):
+        taken_back(configured(5e3, {"cell": cell}), (0.9, -0.09, 0.6), axis)
+
+
+def test_free_back_to_start_refuses_sensor_that_lost_its_weight(configured: Configured) -> None:
+    with pytest.raises(DeviceError, match="Fz is dead"):
+        taken_back(configured(5e3, ABOVE), dead="fz")
+
+
+def test_free_back_to_a_start_goes_across_above_it(configured: Configured) -> None:
+    """A tool that a stop left pressing is first lifted to the height of the start."""
+    result, place = taken_back(configured(5e3, left_with(5e3, 20.0)))
+    assert result.moved_mm == pytest.approx(14.0, abs=0.2)
+    assert place == pytest.approx(START_M, abs=0.2e-3)
+
+
+def test_free_back_to_a_start_needs_a_known_tool_and_the_box(configured: Configured) -> None:
+    with pytest.raises(ConfigError, match="needs a tool that is known"):
+        taken_back(configured(5e3, ABOVE, {"sensor": {"unchecked": True}}))
+    box = {"limits": {"workspace_max_m": (3.0, 3.0, 0.599)}}
+    with pytest.raises(
+        ConfigError, match=r"the recorded start, 900\.0 -100\.0 600\.0 mm, lies outside limits"
+    ):
+        taken_back(configured(5e3, ABOVE, box))
