@@ -12,6 +12,13 @@ Data = TypeVar("Data", bound=Sized)
 Event = TypeVar("Event")
 
 
+STALL_S = 0.02
+"""Chosen: a timer that is later shows that this process stood still."""
+_HEAR_S = 0.001
+"""Chosen: time in which what came during a stall is received before a deadline is judged, also from a device that is
+emulated in this process."""
+
+
 class Pump(Generic[Data, Event]):
     """Moves data, events and time between one endpoint and one transport, by callbacks, without a task.
 
@@ -22,12 +29,14 @@ class Pump(Generic[Data, Event]):
 
     __slots__ = (
         "_armed",
+        "_armed_at",
         "_clock",
         "_deadline",
         "_ended",
         "_endpoint",
         "_on_end",
         "_on_event",
+        "_put_off",
         "_timer",
         "_transport",
         "_turning",
@@ -49,8 +58,12 @@ class Pump(Generic[Data, Event]):
         self._timer: Timer | None = None
         self._armed = 0.0
         """When the timer comes, if there is one."""
+        self._armed_at = 0.0
+        """When it was set."""
         self._deadline: float | None = None
         """The endpoint's, never before that."""
+        self._put_off: float | None = None
+        """The deadline that was put off after a stall, once."""
         self._turning = False
         self._ended = False
 
@@ -95,7 +108,7 @@ class Pump(Generic[Data, Event]):
     def _arm(self, deadline: float) -> None:
         if self._timer is not None:
             self._timer.cancel()
-        self._armed = deadline
+        self._armed, self._armed_at = deadline, self._clock.now()
         self._timer = self._clock.call_at(deadline, self._expired)
 
     def _received(self, data: Data) -> None:
@@ -116,9 +129,14 @@ class Pump(Generic[Data, Event]):
         if deadline > self._armed:
             self._arm(deadline)
             return
+        now = self._clock.now()
+        if now - max(self._armed, self._armed_at) > STALL_S and deadline != self._put_off:
+            self._put_off = deadline
+            self._arm(now + _HEAR_S)
+            return
         try:
             # a timer may come a rounding step early
-            self._endpoint.handle_deadline(max(deadline, self._clock.now()))
+            self._endpoint.handle_deadline(max(deadline, now))
         except RAISED as error:
             raise_if_asked(error)
             self._end(error)

@@ -1,7 +1,9 @@
 """The pump: data, events and deadlines between an endpoint and a wire, and no error lost."""
 
+import asyncio
 from asyncio import sleep as pass_time  # in virtual time, without waiting
 from collections import deque
+from typing import Any, cast
 
 import pytest
 
@@ -124,6 +126,32 @@ def test_deadlines_come_at_their_exact_time_and_follow_changes() -> None:
         rig.pump.kick()
         await pass_time(1)
         assert rig.endpoint.ticks == [start + 0.25, start + 0.25 + 0.1, start + 0.25 + 0.1 + 0.1]
+
+    run_virtual(main)
+
+
+def test_deadline_after_stall_waits_for_what_came_during_it() -> None:
+    """The process stands still for 80 ms, in which a device of the same process should have sent its data."""
+
+    async def main() -> None:
+        rig, loop = Rig(), cast(Any, asyncio.get_running_loop())
+        start = rig.clock.now()
+        rig.endpoint.deadline = start + 0.1
+
+        def stall() -> None:
+            loop._now += 0.08
+
+        def hear(event: object) -> None:
+            rig.endpoint.deadline = rig.clock.now() + 0.1
+
+        rig.pump = Pump(rig.endpoint, rig.near, rig.clock, hear, rig.causes.append)
+        rig.start()
+        rig.clock.call_at(start + 0.05, stall)
+        rig.clock.call_at(start + 0.09, lambda: rig.far.send(b"data"))
+        await pass_time(0.2)
+        assert rig.endpoint.ticks == []
+        await pass_time(0.1)
+        assert rig.endpoint.ticks[0] == pytest.approx(start + 0.23, abs=0.01), "then it is judged"
 
     run_virtual(main)
 

@@ -112,6 +112,15 @@ def test_units_are_read_from_their_codes_where_a_page_has_no_names(
     assert ready.facts.scales == pytest.approx((*(force_n,) * 3, *(moment_nm,) * 3))
 
 
+def test_a_computer_that_falls_behind_shows_no_other_rate() -> None:
+    """Each record of the first second comes later than the one before, by 5 to 12 ms in 0.1 s; then it catches up."""
+    client, at = streaming(), T0
+    for k in range(1, 1500):
+        at = max(at, T0 + k * 1e-3) if k > 1000 else T0 + k * (1.06 + 0.00007 * k) * 1e-3
+        client.receive([record(1 + k, 700 + 7 * k)], at)
+    assert not [event for event in events(client) if isinstance(event, SensorFailed)]
+
+
 @pytest.mark.parametrize(("rate", "jitter_s"), [(7812, 0.0), (3906, 0.003), (7000, 0.008)])
 def test_another_internal_rate_is_named_with_the_setting_that_mends_it(rate: int, jitter_s: float) -> None:
     """A record each millisecond; each twentieth one comes late."""

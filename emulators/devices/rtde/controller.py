@@ -8,7 +8,7 @@ import math
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
 
-from emulators.arm.cycled import CycledPath
+from emulators.arm.cycled import ROUNDING_S, CycledPath
 from emulators.devices.rtde.arm import ZERO, Brake, Hold, JointArm, Order, Paces, Place, Servo
 from emulators.devices.rtde.compliance import TOO_FAST, Compliance, Felt
 from emulators.devices.rtde.drives import ArmSensors, Drives
@@ -39,8 +39,6 @@ from protocol.devices.rtde.packets import Version
 from protocol.devices.rtde.states import STOPPED_MODES, RobotMode, Runtime, SafetyMode
 from protocol.geometry import Pose, Vector, Wrench, normalise
 
-LATE_S = 0.05
-"""Chosen: a longer time between two looks is lateness of this process, and no silence of a client."""
 _LEVEL: Pose = Pose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
 _NO_FORCE: Wrench = (0.0,) * 6
 BY_FAULT = "as a fault"
@@ -148,7 +146,7 @@ class Controller:
 
     def advance(self, now: float) -> None:
         """Let all cycles up to `now` happen. A process that was late has not heard its clients meanwhile."""
-        if (late := now - self.now - LATE_S) > 0.0:
+        if (late := now - self.now - self.period) > ROUNDING_S:
             self._force_at += late
             for watchdog in self.watchdogs:
                 watchdog.last += late

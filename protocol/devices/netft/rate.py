@@ -3,6 +3,8 @@
 The age of a force hangs on this rate: a Net Box takes 7000 samples a second, an Axia another number.
 """
 
+from collections import deque
+
 from protocol.devices.netft.records import AXIA_RATES_HZ, INTERNAL_RATE_HZ
 
 KNOWN_RATES_HZ = (INTERNAL_RATE_HZ, *AXIA_RATES_HZ)
@@ -10,11 +12,11 @@ KNOWN_RATES_HZ = (INTERNAL_RATE_HZ, *AXIA_RATES_HZ)
 WINDOW_S = 0.2
 """Chosen: length of a look at the stream."""
 WINDOWS = 3
-"""Chosen: looks in a row that agree before another rate is believed; a packet that is late makes one."""
+"""Chosen: looks in a row that agree before another rate is believed; a computer that is late makes some that differ."""
 APART = 0.05
 """Chosen: part by which another rate differs; the known ones are 11 % apart at least."""
 _NEAR = 0.03
-"""Chosen: part within which a rate that was measured is taken for a known one."""
+"""Chosen: part within which measured rates agree, and one is taken for a known one."""
 
 
 class RateWatch:
@@ -22,23 +24,30 @@ class RateWatch:
 
     def __init__(self, rate_hz: float) -> None:
         self._rate = rate_hz
-        self._left = 0
-        """Looks that are still to come."""
+        self._measured: deque[float] | None = None
+        """Other rates of the newest looks; None while it does not look."""
         self._since = (0, 0.0)
         """Sample and time, s, at which the present look began."""
 
     def begin(self, sequence: int, at: float) -> None:
         """A stream begins with this sample, which came at this time, s."""
-        self._left, self._since = WINDOWS, (sequence, at)
+        self._measured, self._since = deque(maxlen=WINDOWS), (sequence, at)
 
     def take(self, sequence: int, at: float) -> float | None:
         """Look at a sample and its arrival, s; the rate where it is another, Hz."""
-        if not self._left or at - self._since[1] < WINDOW_S:
+        begin, began_at = self._since
+        if self._measured is None or at - began_at < WINDOW_S:
             return None
-        rate = (sequence - self._since[0]) / (at - self._since[1])
-        self._left = self._left - 1 if abs(rate / self._rate - 1.0) > APART else 0
-        self._since = sequence, at
-        return rate if abs(rate / self._rate - 1.0) > APART and not self._left else None
+        rate, self._since = (sequence - begin) / (at - began_at), (sequence, at)
+        if abs(rate / self._rate - 1.0) <= APART:
+            self._measured = None
+            return None
+        self._measured.append(rate)
+        agree = max(self._measured) <= min(self._measured) * (1.0 + _NEAR)
+        if len(self._measured) < WINDOWS or not agree:
+            return None
+        self._measured = None
+        return rate
 
 
 def nearest_known(rate_hz: float) -> float:
