@@ -347,3 +347,24 @@ def test_no_bytes_raise(pieces: list[tuple[Port, bytes]], dashboard: bool) -> No
         talk.hear(raw, port)
     talk.wait(1.5)
     assert len(talk.lost) <= 2 + len(pieces)
+
+
+def test_pose_of_packet_read_late_is_as_much_older() -> None:
+    talk = streaming()
+    begin, ages = talk.now, []
+    for stamp, late in (
+        (100.010, 0.0),
+        (100.012, 0.040),
+        (100.014, 0.038),
+        (100.2, 0.0),
+        (3.0, 0.0),
+        (3.002, 0.0),
+    ):
+        now = begin + (stamp - 100.0 if stamp > 50.0 else 0.3 + stamp - 3.0) + late
+        talk.client.receive((Piece(Port.RTDE, data(stamp)),), now)
+        event = talk.client.next_event()
+        assert isinstance(event, ReportReceived)
+        ages.append(now - event.report.pose_at - 0.002)
+    assert ages == pytest.approx([0.0, 0.040, 0.038, 0.0, 0.0, 0.0], abs=3e-3), (
+        "a clock that jumps begins anew"
+    )

@@ -3,9 +3,9 @@
 It never biases the sensor: the zero is the host's. The page comes to it as a `Page` among the datagrams.
 """
 
-import math
 from collections.abc import Sequence
 
+from protocol.arrival_clock import ArrivalClock
 from protocol.datagram import arrived_at
 from protocol.devices.netft.http import Page
 from protocol.devices.netft.page import Configuration, parse_page
@@ -33,10 +33,6 @@ _USUAL_PERIOD_S = 0.001
 _BEHIND_LIMIT = 10
 """Chosen: so many records in a row that are older than the newest are no stragglers but a sensor that restarted."""
 _BACKWARD = WRAP // 2
-_CLOCKS_APART = 0.02
-"""Chosen: part by which the clocks of box and receiver may differ. What a record is later than that was held up on its
-way, and is as much older. So a delay that grows in small steps does not pass for a fresh force.
-"""
 _ALL_AXES = 0b111111
 
 
@@ -63,8 +59,7 @@ class NetFtClient(Outbox[bytes]):
         """Numbers of the newest record, and the second unwrapped."""
         self._behind = 0
         """Records in a row that are older than the newest."""
-        self._clock = self._heard_at = math.inf
-        """The receiver's time at the box's sample 0, by its quickest records, and arrival of the newest record, s."""
+        self._clock = ArrivalClock()
         self._rates = RateWatch(profile.internal_rate_hz)
         self._stops = 0
         """Stops that were sent."""
@@ -175,7 +170,8 @@ class NetFtClient(Outbox[bytes]):
             self._fail_for_rate("it takes about", nearest_known(rate))
             return
         self._asked = self._behind = self.statistics.standing = 0
-        at = self._measured_at(arrived_at(datagram, now))
+        counted = self._sequence / self._profile.internal_rate_hz
+        at = self._clock.sent_at(counted, arrived_at(datagram, now))
         telling.numbered_sample((fx, fy, fz, tx, ty, tz), ft, self._sequence, at, saturated)
 
     def _is_next(self, rdt: int, ft: int) -> bool:
@@ -192,7 +188,7 @@ class NetFtClient(Outbox[bytes]):
                 return False
             self._telling.tell(SensorRestarted())
             step = 1
-            self._rates.begin(self._sequence + 1, self._heard_at)
+            self._rates.begin(self._sequence + 1, self._clock.arrived_at)
         else:
             missing = (rdt - self._rdt) % WRAP - 1
             if missing >= _BACKWARD:  # it was asked for anew, and its records count from 1
@@ -201,13 +197,6 @@ class NetFtClient(Outbox[bytes]):
         self._rdt, self._ft = rdt, ft
         self._sequence += step
         return True
-
-    def _measured_at(self, arrived: float) -> float:
-        """When the newest record was measured, s: its arrival, less what it took longer than the quickest ones."""
-        counted = self._sequence / self._profile.internal_rate_hz
-        latest = self._clock + _CLOCKS_APART * max(arrived - self._heard_at, 0.0)
-        self._clock, self._heard_at = min(arrived - counted, latest), arrived
-        return arrived if arrived - counted <= latest else self._clock + counted
 
     def _facts(self) -> SensorFacts:
         found = self._configuration

@@ -8,6 +8,7 @@ import math
 from collections import deque
 from enum import Enum, auto
 
+from protocol.arrival_clock import ArrivalClock
 from protocol.devices.rtde import packets
 from protocol.devices.rtde.dashboard import GREETING, QUESTIONS, Lines, find_refusal
 from protocol.devices.rtde.fields import IN_USE, NOT_FOUND, Recipe
@@ -126,6 +127,7 @@ class RtdeClient(Mailbox[Piece, StreamEvent]):
         self._sequence = 0
         self._number = 0
         self._stamp: float | None = None
+        self._clock = ArrivalClock()
         """Time of the newest data packet, by the controller's clock, s."""
         self._moving = False
         self._latched = False
@@ -364,6 +366,19 @@ class RtdeClient(Mailbox[Piece, StreamEvent]):
         self._stamp = stamp if math.isfinite(stamp) else self._stamp
         self._number += steps
 
+    def _sent_at(self, now: float) -> float:
+        """When the newest packet was sent, s: one that this computer reads late is as much older.
+
+        A clock of the controller that jumps, and a packet older than the longest silence, begin the comparison anew.
+        """
+        if self._stamp is None:
+            return now
+        at = self._clock.sent_at(self._stamp, now)
+        if now - at > self._profile.silent_ms / 1000.0:
+            self._clock = ArrivalClock()
+            return self._clock.sent_at(self._stamp, now)
+        return at
+
     def _report(self, values: tuple[float, ...], now: float) -> RobotReport:
         active = self._moving or self._settling > 0
         trouble = (
@@ -381,7 +396,7 @@ class RtdeClient(Mailbox[Piece, StreamEvent]):
             trouble = Trouble(
                 "our program takes no targets", "see whether another client's program plays, and begin again"
             )
-        at = now - self._profile.report_age_cycles * self._profile.cycle_s
+        at = self._sent_at(now) - self._profile.report_age_cycles * self._profile.cycle_s
         if all(map(math.isfinite, values[1:7])):
             pose = pose_of(values[1:7])
         else:
