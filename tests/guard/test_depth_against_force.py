@@ -6,10 +6,17 @@ from typing import Any
 
 import pytest
 
+from hil_bridge.control.course.depth_watch import Contact, untold_depth, watch_contact
+from hil_bridge.control.course.limits import Limits
 from hil_bridge.errors import Cause
+from tests.observed import observation
 
 Guarded = Any
 Run = Callable[..., Guarded]
+LIMITS = Limits()
+HARD = 5e4
+"""N/m."""
+DT = 0.02
 
 
 def held(robot: str, *faults: dict[str, Any]) -> dict[str, Any]:
@@ -45,3 +52,53 @@ def test_a_healthy_hold_goes_to_its_end(guarded: Run, configured: Callable[..., 
     run = guarded(configured(5e4, held("s3")))
     assert run.result.left.startswith("retracted")
     assert math.isclose(run.last, 0.0)
+
+
+# --- the watch alone
+
+
+def press(
+    contact: Contact | None, seconds: float, depth_mm: float, x_mm: float = 0.0, **force: float | None
+) -> Contact:
+    """Return the contact after pressing in one place for this time, on a hard surface of known stiffness."""
+    position = (x_mm * 1e-3, 0.0, -depth_mm * 1e-3)
+    facts: dict[str, Any] = {"force": 10.0, **force, "position": position}
+    sample = observation(**facts).sample
+    for _ in range(round(seconds / DT)):
+        contact = watch_contact(contact, (sample, depth_mm * 1e-3, DT, True), (HARD, HARD), LIMITS)
+    assert contact is not None
+    return contact
+
+
+def test_watch_contact_back_at_touch_is_judged_by_touch() -> None:
+    """The tool travels 20 mm and back while 40 N of drift press it deeper. On the way it looks like a slope."""
+    contact, count = press(None, 3.0, 1.0), 400
+    for k in range(count):
+        x_mm = 20.0 * (1.0 - abs(2.0 * k / count - 1.0))
+        contact = press(contact, DT, 1.0 + 0.8 * k / count, x_mm)
+        assert untold_depth(contact, LIMITS) == 0.0 or k > 0.8 * count
+    contact = press(contact, 5.0, 1.8)
+    assert untold_depth(contact, LIMITS) == pytest.approx(0.8e-3, rel=1e-3)
+    assert contact.untold == pytest.approx(0.8e-3 * HARD, rel=1e-3)
+
+
+def test_watch_contact_after_travel_is_judged_by_its_place() -> None:
+    """After 20 mm of travel the tool stands, and drift presses it deeper. The travel does not explain that."""
+    contact = press(None, 3.0, 1.0)
+    for k in range(200):
+        contact = press(contact, DT, 1.0, 0.1 * k)
+    contact = press(contact, 5.0, 1.0, 20.0)
+    assert untold_depth(contact, LIMITS) == 0.0
+    contact = press(contact, 5.0, 1.8, 20.0)
+    assert 0.45e-3 < untold_depth(contact, LIMITS) < 0.8e-3, "less the distance from its newest place"
+
+
+@pytest.mark.parametrize(("paired_force", "expected"), [(7.0, 7.0), (None, 12.0)])
+def test_watch_contact_takes_the_force_paired_with_the_depth(
+    paired_force: float | None, expected: float
+) -> None:
+    contact = press(None, 3.0, 1.0, force=12.0, paired_force=paired_force)
+    assert contact.now is not None
+    assert contact.now.force == pytest.approx(expected)
+    deeper = press(contact, 5.0, 2.0, force=12.0 + 1e-3 * HARD, paired_force=paired_force)
+    assert untold_depth(deeper, LIMITS) == pytest.approx(0.0 if paired_force is None else 1e-3, rel=1e-3)
