@@ -173,6 +173,16 @@ def test_is_vouched_needs_a_lever_across_the_direction() -> None:
     assert not is_vouched(None, (1.0, 0.0, 0.0))
 
 
+@pytest.mark.parametrize("reach", [(0.0, 0.1, 0.1), (0.1, 0.0, 0.1), (0.1, 0.1, 0.0)])
+def test_is_vouched_of_slanted_lever_is_not_along_it(reach: tuple[float, float, float]) -> None:
+    lever = Lever(reach, (0.0, 0.0, 0.0))
+    x, y, z = (part / lever.length for part in reach)
+    assert not is_vouched(lever, (x, y, z))
+    first = next(k for k, part in enumerate(reach) if part)
+    x, y, z = (-part / lever.length if k == first else part / lever.length for k, part in enumerate(reach))
+    assert is_vouched(lever, (x, y, z))
+
+
 # --- shares of a direction
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
