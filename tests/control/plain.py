@@ -84,8 +84,9 @@ class PlainRun:
         controller: Any,
         limit: float = math.inf,
         position_step: float | None = None,
+        duration_s: float = LONG_S,
     ) -> None:
-        self.program = plain_program(parameters, controller, limit, position_step)
+        self.program = plain_program(parameters, controller, limit, position_step, duration_s)
         self.stroke = self.program.stroke
 
     def initial(self) -> ProgramState:

@@ -61,6 +61,14 @@ def test_whole_course():
     assert outputs[-1].losses == 0
 
 
+def test_plain_run_out_of_time_names_time_not_way():
+    task = PlainRun(PARAMETERS, FuzzyPi(), math.inf, STEP, duration_s=0.9)
+    state, outputs = drive(task, surface_at(3e-3), 60)
+    assert state.phase is Phase.END
+    assert outputs[-1].target.travel < 10e-3
+    assert state.led == Reason(Cause.TIME_IS_UP)
+
+
 def test_controller_is_stepped_in_track_only():
     state, outputs = drive(task_of(PARAMETERS, Watched()), surface_at(3e-3), 60)
     assert all((output.command is not None) == (output.phase is Phase.TRACK) for output in outputs)
