@@ -143,6 +143,19 @@ def test_the_clients_bits_are_the_saturated_axes_and_reach_the_guard() -> None:
     with_sensor(script)
 
 
+def test_identical_frames_are_counted_from_the_first_one() -> None:
+    async def script(sensor: ForceSensor, tell: Tell, clock: Clock) -> None:
+        await sensor.ready()
+        began = 0.0
+        for fz, repeated in ((1.0, 0), (1.0, 1), (1.0, 2), (2.0, 0), (1.0, 0), (1.0, 1)):
+            await tell(0.0, 0.0, fz, 0.0, 0.0, 0.0)
+            assert sensor.newest is not None
+            began = sensor.newest.at if repeated == 0 else began
+            assert (sensor.repeated, sensor.unchanged_since) == (repeated, began)
+
+    with_sensor(script)
+
+
 def test_a_zero_of_the_host_forgets_the_frames_before() -> None:
     async def script(sensor: ForceSensor, tell: Tell, clock: Clock) -> None:
         await sensor.ready()
