@@ -1,5 +1,6 @@
 """The zero of a run: what was read first is what the tool must still read at the end of the lift."""
 
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -7,6 +8,7 @@ import pytest
 
 from hil_bridge.control.course.touch import Doubt
 from hil_bridge.errors import Cause
+from hil_bridge.record.ending import Check
 from hil_bridge.settings.configuration import Config
 from tests.near_surface import awake_config
 
@@ -61,3 +63,16 @@ def test_touch_on_one_unverified_main_axis_is_in_doubt(guarded: Run, robot: str)
     run = guarded(config(robot, frame=SLANTED, sensor={"unverified": ["fy"]}))
     assert run.error is None, run.cause
     assert {cycle.sample.doubt for cycle in run.cycles} == {Doubt.AXIS}
+
+
+@ROBOTS
+def test_zeroing_reports_the_zero_and_its_unexplained_force(guarded: Run, robot: str) -> None:
+    """The tool of 0.5 kg explains 4.90 N of it."""
+    run = guarded(config(robot))
+    (text,) = [event.text for event in run.events if event.check is Check.ZERO]
+    match = re.fullmatch(r"zero taken: ([-.\d ]+) N, N·m; (\d\.\d\d) N of it unexplained", text)
+    assert match is not None, text
+    assert [float(value) for value in match[1].split()] == pytest.approx(
+        [0.0, 0.0, 4.9, 0.0, 0.0, 0.0], abs=0.1
+    )
+    assert float(match[2]) < 0.1
