@@ -80,6 +80,15 @@ def test_start_outside_the_workspace_is_a_configuration_error():
         SUPERVISOR.initial((0.0, 0.0, 0.5))
 
 
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_default_workspace_ends_3_m_from_the_base(axis, sign):
+    supervisor = Supervisor(Limits())
+    inside, outside = (tuple(sign * far if k == axis else 0.0 for k in range(3)) for far in (3.0, 3.001))
+    assert supervisor.allows(inside)
+    assert not supervisor.allows(outside)
+
+
 def test_a_box_in_millimetres_is_recognised():
     box = Limits(workspace_min_m=(60.0, -90.0, -90.0), workspace_max_m=(99.0, 90.0, 90.0))
     with pytest.raises(
