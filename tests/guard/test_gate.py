@@ -262,6 +262,18 @@ def test_a_credit_grows_with_the_time_and_no_farther() -> None:
     assert "faster" in gate.judge(deeper(6.7), -1.0), "a clock that goes back gives nothing"
 
 
+@pytest.mark.parametrize("goal", [(0.0, 0.0, 0.25), (0.25, 0.0, 0.0), (0.0, -0.25, 0.0), (0.0, 0.0, -0.25)])
+def test_gate_passes_an_order_of_the_full_credit_once(goal: Vector) -> None:
+    """Deeper, to both sides and back, in numbers that floats hold exactly; nothing is left for a second order."""
+    stands = Pose((0.0, 0.0, 0.0), UPRIGHT)
+    bounds = Bounds(stands, deeper=0.25, across=0.25, away=0.25, time=1.0, slack=0.0)
+    gate = Gate(bounds, 0.0)
+    assert gate.judge(Pose(goal, UPRIGHT), 0.0) == ""
+    x, y, z = (part * (1.0 + 2.0**-20) for part in goal)
+    assert "faster than may be ordered" in gate.judge(Pose((x, y, z), UPRIGHT), 0.0)
+    assert "faster than may be ordered" in Gate(bounds, 0.0).judge(Pose((x, y, z), UPRIGHT), 0.0)
+
+
 def test_one_way_back_pays_for_no_way_deeper() -> None:
     gate, depth, now = Gate(BOUNDS, 0.0), 0.0, 0.0
     for _ in range(3):
