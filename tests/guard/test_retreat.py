@@ -174,3 +174,12 @@ def test_a_force_from_the_side_keeps_its_ceiling() -> None:
     _, reason = stages([seen(0.0, 10.0), seen(1.0, 2.0), seen(1.1, 2.0, lateral=50.1)])
     assert reason is not None
     assert reason.cause is Cause.RETRACT_OVER
+
+
+@pytest.mark.parametrize(("begun", "most"), [(30.0, 10.0), (0.0, 10.0), (-8.0, 18.0)])
+def test_pull_limit_of_retraction_counts_from_a_pull_alone(begun: float, most: float) -> None:
+    """A pull that was there when the retraction began is no new one; a press that was there allows no more pull."""
+    assert stages([seen(0.0, begun), seen(0.5, -most)])[1] is None
+    _, reason = stages([seen(0.0, begun), seen(0.5, -most - 0.1)])
+    assert reason is not None
+    assert reason.cause is Cause.BEHIND
