@@ -81,6 +81,8 @@ def fidelity(
     if page is not None:
         check_place(page, overwrite)
     measured = read(recording, columns, kind, bag)
+    for note in measured.table.notes:
+        click.echo(note, err=True)
     if between is not None:
         measured = measured._replace(table=measured.table.between(*between))
     compared = compare_with(kind, measured, config_file, seed)

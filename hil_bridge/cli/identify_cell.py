@@ -67,7 +67,9 @@ def identify_cell(
     if out is not None:
         check_place(out, overwrite)
     if columns is not None:
-        identified = identify_table(recording, columns, config_file, between)
+        identified, notes = identify_table(recording, columns, config_file, between)
+        for note in notes:
+            click.echo(note, err=True)
     elif config_file is not None or between is not None:
         raise ConfigError(
             "--config and --between are for a table with --columns: a recording has its own settings"

@@ -3,6 +3,7 @@
 Whatever is in a file, reading it ends in values of ordinary size or in one line that says what is wrong.
 """
 
+import codecs
 import errno
 import json
 import os
@@ -29,6 +30,12 @@ SHOWN_CHARACTERS = 80
 NUMBER_CHARACTERS = 12
 """A number that is longer is rounded in messages. Chosen: longer ones come from arithmetic."""
 
+_MARKS = {
+    codecs.BOM_UTF8: "utf-8-sig",
+    codecs.BOM_UTF32_LE: "utf-32",  # before UTF-16, whose mark it begins with
+    codecs.BOM_UTF16_LE: "utf-16",
+    codecs.BOM_UTF16_BE: "utf-16",
+}
 _PIECE_BYTES = 1 << 20
 _KINDS = (
     (stat.S_ISFIFO, "a pipe"),
@@ -44,11 +51,15 @@ _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def read_text(path: Path, limit: int = TEXT_LIMIT_BYTES, encoding: str = "utf-8") -> str:
-    """The text of a file of at most `limit` bytes. Raises ConfigError naming the file."""
+    """The text of a file of at most `limit` bytes; a byte-order mark tells its encoding. Raises ConfigError naming the
+    file.
+    """
     with open_ordinary(path) as file:
         data = read_up_to(file, limit + 1)
     if len(data) > limit:
         raise ConfigError(f"{format_path(path)} is longer than {limit} bytes: it is not what is wanted here")
+    marks = (name for mark, name in _MARKS.items() if data.startswith(mark) and len(data) > len(mark))
+    encoding = next(marks, encoding)
     try:
         return data.decode(encoding).replace("\r\n", "\n")
     except UnicodeDecodeError as error:

@@ -323,7 +323,7 @@ def test_the_command_reads_text_captures_and_names_what_is_wrong(tmp_path: Path)
     file.write_bytes(b"\xff\xfe\x00")
     error = CliRunner().invoke(cli, ["monitor", str(file)]).exception
     assert isinstance(error, ConfigError)
-    assert "is no text in utf-8" in str(error)
+    assert "is no text in utf-16" in str(error)
 
 
 @pytest.mark.parametrize(

@@ -284,3 +284,10 @@ def test_any_url_is_taken_or_one_line(scheme: str, rest: str) -> None:
 )
 def test_a_long_number_is_rounded_in_messages(value: object, text: str) -> None:
     assert format_value(value).startswith(text)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-32"])
+def test_configuration_with_a_byte_order_mark_is_read(tmp_path: Path, encoding: str) -> None:
+    path = tmp_path / "c.toml"
+    path.write_text("[run]\r\nduration_s = 7.0  # µ\r\n", encoding=encoding, newline="")
+    assert load_config(path, {}).run.duration_s == 7.0

@@ -21,7 +21,8 @@ from hil_bridge.lab.fidelity.emulating import emulate_robot
 from hil_bridge.lab.fidelity.measures import LEAST_SAMPLES
 from hil_bridge.lab.fidelity.sensing import emulate_sensor, with_load
 from hil_bridge.lab.fidelity.subjects import STANDS, Measured, compare_with
-from hil_bridge.lab.fidelity.tables import FAMILIES, ROTATION, UNITS, WRENCH, Table, read_table
+from hil_bridge.lab.fidelity.tables import Table, read_table
+from hil_bridge.lab.fidelity.units import FAMILIES, ROTATION, UNITS, WRENCH
 from hil_bridge.settings.configuration import load_config
 from tests.emulation.exact_arm import NO_ERROR
 from tests.near_surface import STILL
@@ -343,7 +344,7 @@ GOOD = [("t", "q1"), *((f"{k / 100}", "1.0") for k in range(60))]
     ("rows", "mapping", "words"),
     [
         (GOOD[:20], "", "19 rows; at least 50 are compared"),
-        ([*GOOD[:30], GOOD[29], *GOOD[30:]], "", "the time does not rise in line 31"),
+        ([*GOOD[:30], GOOD[28], *GOOD[30:]], "", "the time does not rise in line 31"),
         ([*GOOD[:30], ("0.29", "nan"), *GOOD[31:]], "", "q1 in line 31 is no number: 'nan'"),
         ([*GOOD[:30], ("0.29", "one"), *GOOD[31:]], "", "q1 in line 31 is no number: 'one'"),
         ([*GOOD[:30], ("0.29",), *GOOD[31:]], "", "line 31 has 1 columns, q1 is in column 2"),
@@ -359,7 +360,7 @@ GOOD = [("t", "q1"), *((f"{k / 100}", "1.0") for k in range(60))]
         (
             GOOD,
             '[time]\ncolumn = "t"\n[columns]\ndepth = { columns = ["q1"], unit = "inch" }\n',
-            "columns.depth.unit must be one of m, mm, µm, um, got 'inch'",
+            "columns.depth.unit must be one of m, cm, mm, µm, in, got 'inch'",
         ),
         (
             GOOD,

@@ -4,7 +4,8 @@ import numpy as np
 
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.fidelity.measures import LEAST_SAMPLES
-from hil_bridge.lab.fidelity.tables import FAMILIES, ROTATION, WRENCH, Table
+from hil_bridge.lab.fidelity.tables import Table
+from hil_bridge.lab.fidelity.units import FAMILIES, ROTATION, WRENCH
 from hil_bridge.record import Recording
 from protocol.geometry import rotation_rows
 

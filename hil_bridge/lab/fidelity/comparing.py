@@ -15,7 +15,8 @@ from msgspec.structs import replace
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.fidelity import measures
 from hil_bridge.lab.fidelity.measures import Floats
-from hil_bridge.lab.fidelity.tables import FAMILIES, Table, unit_of
+from hil_bridge.lab.fidelity.tables import Table
+from hil_bridge.lab.fidelity.units import FAMILIES, unit_of
 
 SLOW_HZ = 20.0
 """Chosen: below it variance counts as slow. Vibrations of an arm that were recorded have 9 to 16 Hz."""

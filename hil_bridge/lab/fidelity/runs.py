@@ -8,7 +8,8 @@ from hil_bridge.control.course.intent import Phase
 from hil_bridge.devices.facts import Pacing
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.fidelity.measures import LEAST_SAMPLES
-from hil_bridge.lab.fidelity.tables import FAMILIES, WRENCH, Table
+from hil_bridge.lab.fidelity.tables import Table
+from hil_bridge.lab.fidelity.units import FAMILIES, WRENCH
 from hil_bridge.record import Recording
 from hil_bridge.record.device_facts import devices_of
 from protocol.wrench import wrench_of

@@ -19,7 +19,8 @@ from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.devices.wiring import Serving, Wiring
 from hil_bridge.errors import ConfigError
 from hil_bridge.lab.fidelity.measures import Floats
-from hil_bridge.lab.fidelity.tables import WRENCH, Table
+from hil_bridge.lab.fidelity.tables import Table
+from hil_bridge.lab.fidelity.units import WRENCH
 from hil_bridge.settings.configuration import Config
 from hil_bridge.settings.devices import Sensor, sensor_in
 from protocol.geometry import Quaternion

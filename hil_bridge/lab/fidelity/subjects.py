@@ -22,7 +22,8 @@ from hil_bridge.lab.fidelity.contact import emulate_contact, laws_of
 from hil_bridge.lab.fidelity.emulating import drive_of, emulate_robot
 from hil_bridge.lab.fidelity.runs import places_of, wrench_before_contact
 from hil_bridge.lab.fidelity.sensing import LOADS, emulate_sensor, with_load
-from hil_bridge.lab.fidelity.tables import WRENCH, Table, read_table
+from hil_bridge.lab.fidelity.tables import Table, read_table
+from hil_bridge.lab.fidelity.units import WRENCH
 from hil_bridge.record import Recording
 from hil_bridge.record import read as read_recording
 from hil_bridge.record.foreign import BagChoices

@@ -1,73 +1,46 @@
-"""A measured recording as columns of known quantities, from a table in a file.
-
-A mapping in TOML says which column of a table is which quantity, and in which unit:
-
-    separator = ","            # or "space", "tab", ";"
-    header = true              # false: columns have their numbers, from 1
-    [time]
-    column = "timestamp"       # or rate_hz = 500 where there is no such column
-    unit = "s"
-    clock = "device"           # or "arrival" where the computer has stamped the samples
-    [columns]
-    q = { columns = ["q_1", "q_2", "q_3", "q_4", "q_5", "q_6"], unit = "rad" }
+"""A measured recording as columns of known quantities, from a table in a file and its mapping.
 
 Nothing in a file is trusted: the first fault of one is an error of one line.
 """
 
-import csv
-import io
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from hil_bridge.devices.playing import FAMILIES as OF_ROBOTS
 from hil_bridge.errors import ConfigError
-from hil_bridge.errors.text_files import format_path, format_value, read_text, read_toml
+from hil_bridge.errors.text_files import format_path, format_value
+from hil_bridge.lab.fidelity.cells import (
+    NUMBERS,
+    Sheet,
+    cells_of,
+    decimal_of,
+    is_iso,
+    place_of,
+    read_iso_times,
+    read_numbers,
+    read_sheet,
+)
+from hil_bridge.lab.fidelity.mapping import QUATERNION, Column, TableMapping, counts_problem, read_mapping
 from hil_bridge.lab.fidelity.measures import LEAST_SAMPLES, Floats
+from hil_bridge.lab.fidelity.units import (
+    COUNTS,
+    FAMILIES,
+    ROTATION,
+    is_unit,
+    plain_unit,
+    split_heading,
+    unit_of,
+)
 from hil_bridge.record.foreign import LARGEST
 
-ROTATION = tuple(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
-FAMILIES: Mapping[str, tuple[str, ...]] = {
-    **OF_ROBOTS,
-    "rotation": ROTATION,
-    "depth": ("depth",),
-    "press": ("press",),
-}
-"""Quantities by family. Beside those of robots: the rotation of the sensor in the base, row by row; the depth of a tip
-below where it is measured from, m; the force that presses it back, N.
-"""
-WRENCH = (*FAMILIES["force"], *FAMILIES["moment"])
-"""Columns of a wrench in their order."""
-_ANGLE = {"rad": 1.0, "mrad": 1e-3, "µrad": 1e-6, "urad": 1e-6, "deg": math.pi / 180.0, "°": math.pi / 180.0}
-_SPEED = {"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": math.pi / 180.0, "°/s": math.pi / 180.0}
-_LENGTH = {"m": 1.0, "mm": 1e-3, "µm": 1e-6, "um": 1e-6}
-_FORCE = {"N": 1.0, "mN": 1e-3, "kN": 1e3}
-_MOMENT = {"N·m": 1.0, "Nm": 1.0, "N*m": 1.0, "N·mm": 1e-3, "Nmm": 1e-3}
-_TIME = {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "us": 1e-6, "ns": 1e-9}
-_NUMBER = {"1": 1.0}
-UNITS: Mapping[str, Mapping[str, float]] = {
-    **dict.fromkeys(("order_q", "target_q", "q"), _ANGLE),
-    **dict.fromkeys(("order_qd", "target_qd", "qd"), _SPEED),
-    **dict.fromkeys(("order_position", "target_position", "position", "depth"), _LENGTH),
-    **dict.fromkeys(("force", "press"), _FORCE),
-    "moment": _MOMENT,
-    "rotation": _NUMBER,
-}
-"""Units of each family, and their sizes in its own, which is the first."""
+UNIT_ERROR = 0.02
+"""Chosen: a quaternion of two decimals is off unit length by less."""
 LONGEST_S = 3600.0
 """Chosen: the longest recording that is played. It keeps a wrong unit of time from running for days."""
-ROWS_MOST = 2_000_000
-"""Chosen: rows of a table at most. An hour at 500 Hz has less."""
-_SEPARATORS = {",": ",", ";": ";", "tab": "\t", "space": None}
-_KEYS = {
-    "": ("separator", "header", "time", "columns"),
-    "time": ("column", "unit", "rate_hz", "clock"),
-    "columns": ("columns", "unit", "sign", "file"),
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +53,8 @@ class Table:
     """(n,) each, in the units of `UNITS`, by the names in `FAMILIES`."""
     at_arrival: bool = False
     """Times are those at which samples came to the computer, and not those of the device's own clock."""
+    notes: tuple[str, ...] = ()
+    """What was left out of the file, and what its header decided; for people."""
 
     def family(self, name: str) -> tuple[str, ...]:
         """The columns of a family that are there."""
@@ -116,206 +91,170 @@ class Table:
             )
         times = self.times[inside]
         columns = {name: values[inside] for name, values in self.columns.items()}
-        return Table(times - times[0], columns, self.at_arrival)
+        return Table(times - times[0], columns, self.at_arrival, self.notes)
 
 
-def unit_of(column: str) -> str:
-    """The unit of a quantity; empty for a number without one."""
-    family = next(name for name, parts in FAMILIES.items() if column in parts)
-    unit = next(iter(UNITS[family]))
-    return "" if unit == "1" else unit
+class _Extract(NamedTuple):
+    """Wanted columns of one file."""
 
-
-class _Entry(NamedTuple):
-    """Columns of a family in a file."""
-
-    parts: tuple[tuple[str, str | int], ...]
-    """Quantity and the name of its column."""
-    factor: float
-    file: Path
-
-
-class _Mapping(NamedTuple):
-    separator: str | None
-    header: bool
-    time: str | int | None
-    rate: float
-    time_size: float
-    at_arrival: bool
-    entries: tuple[_Entry, ...]
+    times: Floats
+    """s."""
+    kind: str
+    """What its column of times holds."""
+    columns: dict[str, Floats]
+    notes: list[str]
 
 
 def read_table(recording: Path, mapping: Path) -> Table:
     """The quantities of a table. Raises ConfigError for a file, a column, a unit or a value that cannot be used."""
-    plan = _read_mapping(mapping, recording)
-    times, columns = _columns_of(recording, plan)
+    plan = read_mapping(mapping, recording)
+    times, kind, columns, notes = _extract(recording, plan)
     for file in dict.fromkeys(entry.file for entry in plan.entries):
         if file == recording:
             continue
         if plan.time is None:
             raise ConfigError(f"{format_path(mapping)}: columns of another file need a time.column")
-        others_times, others = _columns_of(file, plan)
-        if others_times[-1] < times[0] or times[-1] < others_times[0]:
+        other = _extract(file, plan)
+        if other.kind != kind:
+            raise ConfigError(f"{format_path(file)} has {other.kind}, and {recording.name} {kind}")
+        if other.times[-1] < times[0] or times[-1] < other.times[0]:
             raise ConfigError(f"{format_path(file)} and {recording.name} have no time in common")
-        columns |= {name: np.interp(times, others_times, values) for name, values in others.items()}
-    return Table(times - times[0], columns, plan.at_arrival)
+        columns |= {name: np.interp(times, other.times, values) for name, values in other.columns.items()}
+        notes += other.notes
+    return Table(times - times[0], columns, plan.at_arrival, tuple(notes))
 
 
-def _columns_of(file: Path, plan: _Mapping) -> tuple[Floats, dict[str, Floats]]:
-    """Times and quantities that stand in one file."""
-    source = format_path(file)
-    names, rows = _read_rows(file, plan)
-    places = {
-        name: (_place(column, names, source), entry.factor)
-        for entry in plan.entries
-        if entry.file == file
-        for name, column in entry.parts
+def _extract(file: Path, plan: TableMapping) -> _Extract:
+    """Times and quantities that are in one file. Raises ConfigError."""
+    sheet = read_sheet(file, plan)
+    notes: list[str] = []
+    wanted = plan.columns_in(file)
+    places = {column.part: place_of(column.name, sheet) for column in wanted}
+    units = _units_line(sheet, [*places.values()])
+    sizes = _sizes(wanted, places, units, sheet, notes)
+    count = len(sheet.rows)
+    cells = {part: cells_of(sheet, place, part) for part, place in places.items()}
+    even = np.arange(count) / plan.rate
+    full, blank = _full_rows(cells, sheet)
+    notes += filter(None, [blank])
+    if len(full) < LEAST_SAMPLES:
+        left = f"; {blank}" if blank else ""
+        raise ConfigError(f"{sheet.source} has {count} rows; at least {LEAST_SAMPLES} are compared{left}")
+    sheet = sheet._replace(rows=[], lines=[sheet.lines[k] for k in full])
+    cells = {part: [column[k] for k in full] for part, column in cells.items()}
+    times, kind = even[full], NUMBERS
+    dated = plan.time is not None and is_iso(cells["time"][0])
+    numeric = {part: column for part, column in cells.items() if not (dated and part == "time")}
+    decimal = plan.decimal or decimal_of(numeric, sheet)
+    values = {
+        part: read_numbers(column, decimal, part, sheet) * sizes[part] for part, column in numeric.items()
     }
-    if len(rows) < LEAST_SAMPLES:
-        raise ConfigError(f"{source} has {len(rows)} rows; at least {LEAST_SAMPLES} are compared")
-    first = 2 if plan.header else 1
-    if plan.time is None:
-        times = np.arange(len(rows)) / plan.rate
-    else:
-        times = (
-            _numbers(rows, _place(plan.time, names, source), str(plan.time), source, first) * plan.time_size
-        )
-        steps = np.diff(times)
-        if (steps <= 0.0).any():
-            line = first + 1 + int(np.argmax(steps <= 0.0))
-            raise ConfigError(f"{source}: the time does not rise in line {line}")
-    return times, {
-        name: factor * _numbers(rows, place, name, source, first) for name, (place, factor) in places.items()
-    }
+    if plan.time is not None:
+        if dated:
+            if sizes.pop("time", 1.0) != 1.0:
+                raise ConfigError(f"{sheet.source}: its times are dates of ISO 8601; leave time.unit out")
+            times, kind = read_iso_times(cells["time"], sheet)
+        else:
+            times = values.pop("time")
+        kept = _rising(times, sheet, notes)
+        times, values = times[kept], {part: column[kept] for part, column in values.items()}
+        sheet = sheet._replace(lines=[sheet.lines[k] for k in kept])
+    return _Extract(times, kind, _with_rotation(values, sheet), notes)
 
 
-def _read_rows(file: Path, plan: _Mapping) -> tuple[list[str], list[list[str]]]:
-    text = read_text(file)
-    if plan.separator is None:
-        rows = [line.split() for line in text.splitlines() if line.strip()]
-    else:
-        try:
-            rows = [row for row in csv.reader(io.StringIO(text), delimiter=plan.separator) if row]
-        except csv.Error as error:
-            raise ConfigError(f"{format_path(file)} is no table: {error}") from error
-    if len(rows) > ROWS_MOST:
-        raise ConfigError(f"{format_path(file)} has {len(rows)} rows; at most {ROWS_MOST} are read")
-    names = [name.strip() for name in rows[0]] if plan.header and rows else []
-    return names, rows[1:] if plan.header else rows
-
-
-def _place(column: str | int, names: Sequence[str], source: str) -> int:
-    if isinstance(column, int):
-        return column - 1
-    if column not in names:
-        near = format_value(", ".join(names[:8])) if names else "no names"
-        raise ConfigError(f"{source} has no column {format_value(column)}; its header begins with {near}")
-    return names.index(column)
-
-
-def _numbers(rows: Sequence[Sequence[str]], place: int, name: str, source: str, first: int) -> Floats:
-    values = np.empty(len(rows))
-    for k, row in enumerate(rows):
-        if place >= len(row):
+def _sizes(
+    wanted: Sequence[Column], places: Mapping[str, int], units: Sequence[str], sheet: Sheet, notes: list[str]
+) -> dict[str, float]:
+    """Factor of each column to the unit of its family. Raises ConfigError where mapping and header differ."""
+    sizes: dict[str, float] = {}
+    by_header: dict[str, list[str]] = {}
+    for column in wanted:
+        place = places[column.part]
+        heading = sheet.names[place] if place < len(sheet.names) else ""
+        _, named, is_sure = split_heading(heading)
+        if units:
+            named, is_sure = units[place], True
+        unit = column.unit or named
+        if column.part == "time" and not unit:
+            unit = "s"
+        if unit in COUNTS:
+            raise ConfigError(counts_problem(f"{sheet.source}: {column.part}", next(iter(column.units))))
+        if unit not in column.units:
             raise ConfigError(
-                f"{source}: line {first + k} has {len(row)} columns, {name} is in column {place + 1}"
+                f"{sheet.source}: the header names no unit of {column.part} that is known here, got "
+                f"{format_value(heading)}; give unit in the mapping, one of {', '.join(column.units)}"
             )
-        try:
-            values[k] = float(row[place])
-        except ValueError:
-            values[k] = math.nan
-        if not math.isfinite(values[k]):
+        is_other = column.units.get(named) != column.units[unit] and (is_sure or named in column.units)
+        if named and is_other and not column.is_scaled and isinstance(column.name, str):
             raise ConfigError(
-                f"{source}: {name} in line {first + k} is no number: {format_value(row[place])}"
+                f"{sheet.source}: {column.part} is in {named} by its header and in {unit} by the mapping; correct the "
+                "mapping, or give the column's number where the header is wrong"
             )
-    return values
+        if not column.unit and named:
+            by_header.setdefault(unit, []).append(column.part)
+        sizes[column.part] = column.units[unit] * column.factor
+    told = ", ".join(f"{' '.join(parts)} in {unit}" for unit, parts in by_header.items())
+    notes += [f"{sheet.source}: by its header {told}"] if told else []
+    return sizes
 
 
-# --- the mapping
+def _units_line(sheet: Sheet, places: Sequence[int]) -> list[str]:
+    """The units in a line below the names, which is taken out; empty where there is none."""
+    if not sheet.names or not sheet.rows:
+        return []
+    units = [plain_unit(cell.strip("[]() ")) for cell in sheet.rows[0]]
+    given = [units[place] for place in places if place < len(units)]
+    if not any(map(is_unit, given)) or not all(unit in ("", "1", "·") or is_unit(unit) for unit in given):
+        return []
+    del sheet.rows[0], sheet.lines[0]
+    return [unit if is_unit(unit) else "" for unit in (*units, *[""] * len(sheet.names))]
 
 
-def _read_mapping(path: Path, recording: Path) -> _Mapping:
-    source = format_path(path)
-    values = read_toml(path)
-    _check_keys(values, "", source)
-    separator = values.get("separator", ",")
-    if separator not in _SEPARATORS:
-        raise ConfigError(
-            f"{source}: separator must be one of {', '.join(_SEPARATORS)}, got {format_value(separator)}"
-        )
-    header = values.get("header", True)
-    if not isinstance(header, bool):
-        raise ConfigError(f"{source}: header must be true or false, got {format_value(header)}")
-    time, columns = values.get("time"), values.get("columns")
-    if not isinstance(time, dict) or not isinstance(columns, dict) or not columns:
-        raise ConfigError(f"{source} must have the sections [time] and [columns]")
-    _check_keys(time, "time", source)
-    column, rate = time.get("column"), time.get("rate_hz")
-    if (column is None) == (rate is None):
-        raise ConfigError(f"{source}: [time] must have either column or rate_hz")
-    if rate is not None and (
-        not isinstance(rate, (int, float)) or isinstance(rate, bool) or not 0.0 < rate < 1e6
-    ):
-        raise ConfigError(
-            f"{source}: time.rate_hz must be above 0 and below 1000000, got {format_value(rate)}"
-        )
-    if column is not None:
-        _check_name(column, header, "time.column", source)
-    size = _size(time.get("unit", "s"), _TIME, "time", source)
-    entries = tuple(_entry(name, given, header, recording, source) for name, given in columns.items())
-    clock = time.get("clock", "device")
-    if clock not in ("device", "arrival"):
-        raise ConfigError(f"{source}: time.clock must be device or arrival, got {format_value(clock)}")
-    return _Mapping(
-        _SEPARATORS[separator], header, column, float(rate or 1.0), size, clock == "arrival", entries
+def _full_rows(cells: Mapping[str, Sequence[str]], sheet: Sheet) -> tuple[list[int], str]:
+    """Rows without a blank cell, and a note on those that are left out; a blank cell is no zero."""
+    blank = {part: [k for k, cell in enumerate(column) if not cell] for part, column in cells.items()}
+    out = {k for rows in blank.values() for k in rows}
+    if not out:
+        return [*range(len(sheet.rows))], ""
+    counts = ", ".join(f"{part} in {len(rows)}" for part, rows in blank.items() if rows)
+    note = (
+        f"{sheet.source}: {len(out)} of {len(sheet.rows)} rows left out for blank cells, the first in line "
+        f"{sheet.lines[min(out)]}: {counts}"
     )
+    return [k for k in range(len(sheet.rows)) if k not in out], note
 
 
-def _entry(name: str, given: Any, header: bool, recording: Path, source: str) -> _Entry:
-    if name not in FAMILIES:
+def _rising(times: Floats, sheet: Sheet, notes: list[str]) -> list[int]:
+    """Rows whose time is later than that of the row before. Raises ConfigError for one that is earlier."""
+    steps = np.diff(times)
+    if (steps < 0.0).any():
+        line = sheet.lines[1 + int(np.argmax(steps < 0.0))]
+        raise ConfigError(f"{sheet.source}: the time does not rise in line {line}; sort the rows by time")
+    same = 1 + np.flatnonzero(steps == 0.0)
+    if not len(same):
+        return [*range(len(times))]
+    if len(times) - len(same) < LEAST_SAMPLES:
         raise ConfigError(
-            f"{source}: there is no quantity {format_value(name)}; there are {', '.join(FAMILIES)}"
+            f"{sheet.source} has {len(times) - len(same)} different times in {len(times)} rows; at least "
+            f"{LEAST_SAMPLES} are compared. Is the clock too coarse? time.rate_hz counts the rows"
         )
-    if not isinstance(given, dict):
+    notes.append(
+        f"{sheet.source}: {len(same)} of {len(times)} rows left out for a time that the row before has, the first in "
+        f"line {sheet.lines[same[0]]}: of equal times the first row counts"
+    )
+    return [k for k in range(len(times)) if k == 0 or steps[k - 1] > 0.0]
+
+
+def _with_rotation(values: dict[str, Floats], sheet: Sheet) -> dict[str, Floats]:
+    """The same with a matrix in the place of a quaternion. Raises ConfigError for one that is no rotation."""
+    if not set(QUATERNION) <= set(values):
+        return values
+    quaternions = np.column_stack([values.pop(part) for part in QUATERNION])
+    wrong = np.abs(np.linalg.norm(quaternions, axis=1) - 1.0) > UNIT_ERROR
+    if wrong.any():
+        line = sheet.lines[int(np.argmax(wrong))]
         raise ConfigError(
-            f'{source}: columns.{name} must be a table as {{ columns = ["NAME"], unit = "UNIT" }}'
+            f"{sheet.source}: the quaternion in line {line} is no rotation: its length is not 1 within {UNIT_ERROR:g}"
         )
-    _check_keys(given, "columns", source)
-    listed, parts = given.get("columns"), FAMILIES[name]
-    if not isinstance(listed, list) or len(listed) != len(parts):
-        count = "one column" if len(parts) == 1 else f"{len(parts)} columns"
-        raise ConfigError(f'{source}: columns.{name}.columns must name {count}, "" for one that is missing')
-    named = [(part, column) for part, column in zip(parts, listed, strict=True) if column != ""]
-    for _, column in named:
-        _check_name(column, header, f"columns.{name}", source)
-    sign = given.get("sign", 1)
-    if sign not in (1, -1) or isinstance(sign, bool):
-        raise ConfigError(f"{source}: columns.{name}.sign must be 1 or -1, got {format_value(sign)}")
-    unit = given.get("unit", "1" if name == "rotation" else None)
-    size = _size(unit, UNITS[name], f"columns.{name}", source)
-    file = given.get("file", "")
-    if not isinstance(file, str):
-        raise ConfigError(f"{source}: columns.{name}.file must be a file's name, got {format_value(file)}")
-    return _Entry(tuple(named), sign * size, recording.parent / file if file else recording)
-
-
-def _size(unit: Any, units: Mapping[str, float], where: str, source: str) -> float:
-    if not isinstance(unit, str) or unit not in units:
-        raise ConfigError(
-            f"{source}: {where}.unit must be one of {', '.join(units)}, got {format_value(unit)}"
-        )
-    return units[unit]
-
-
-def _check_name(column: Any, header: bool, where: str, source: str) -> None:
-    number = isinstance(column, int) and not isinstance(column, bool) and 1 <= column <= 10_000
-    if not number and not (header and isinstance(column, str)):
-        what = "a name of the header, or its number from 1" if header else "a number from 1"
-        raise ConfigError(f"{source}: {where} must be {what}, got {format_value(column)}")
-
-
-def _check_keys(values: Mapping[str, Any], section: str, source: str) -> None:
-    for key in values:
-        if key not in _KEYS[section]:
-            known = ", ".join(_KEYS[section])
-            raise ConfigError(f"{source}: {key!r} is not known here; there are {known}")
+    rows = Rotation.from_quat(quaternions).as_matrix().reshape(-1, len(ROTATION))
+    return values | {name: rows[:, k] for k, name in enumerate(ROTATION)}

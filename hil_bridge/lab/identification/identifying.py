@@ -46,13 +46,15 @@ def identify_run(run: Recording) -> Identified:
 
 def identify_table(
     recording: Path, mapping: Path, config_file: Path | None, between: tuple[float, float] | None
-) -> Identified:
-    """The values of a table with a mapping; the file has the settings of the cell. Raises ConfigError."""
+) -> tuple[Identified, tuple[str, ...]]:
+    """The values of a table with a mapping, and the notes on its file; the configuration has the settings of the cell.
+    Raises ConfigError.
+    """
     table = read_table(recording, mapping)
     if between is not None:
         table = table.between(*between)
     table.check()
-    return _identified(see_table(table), load_config(config_file, {}), None)
+    return _identified(see_table(table), load_config(config_file, {}), None), table.notes
 
 
 def client_config(run: Recording) -> Config:

@@ -8,7 +8,8 @@ import numpy as np
 
 from hil_bridge.devices.facts import Owner, Pacing, ServoFacts
 from hil_bridge.lab.fidelity.measures import PARTS, Floats, grid_of, shift_of, smooth_noise_of
-from hil_bridge.lab.fidelity.tables import FAMILIES, Table
+from hil_bridge.lab.fidelity.tables import Table
+from hil_bridge.lab.fidelity.units import FAMILIES
 from hil_bridge.lab.identification.blocks import (
     LEAST_BLOCKS,
     Estimate,

@@ -10,7 +10,8 @@ import numpy as np
 
 from hil_bridge.devices.robots.ramp import Pace, Ramp
 from hil_bridge.lab.fidelity.runs import places_of
-from hil_bridge.lab.fidelity.tables import FAMILIES, Table
+from hil_bridge.lab.fidelity.tables import Table
+from hil_bridge.lab.fidelity.units import FAMILIES
 from hil_bridge.record import Recording
 from protocol.geometry import Pose, Vector
 

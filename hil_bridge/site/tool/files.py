@@ -25,7 +25,7 @@ def read_poses(path: Path) -> list[ToolPose]:
 
     Raises ConfigError with file, line and column.
     """
-    text = read_text(path, encoding="utf-8-sig")
+    text = read_text(path)
     lines = csv.DictReader(io.StringIO(text), skipinitialspace=True)
     names = lines.fieldnames or ()
     if missing := [name for name in (*ORIENTATION_COLUMNS, *WRENCH_COLUMNS) if name not in names]:
