@@ -8,6 +8,7 @@ import click
 from hil_bridge.cli.bag_options import bag_options
 from hil_bridge.cli.paths import FILE
 from hil_bridge.errors import ConfigError
+from hil_bridge.errors.text_files import refuse_known_file
 
 if TYPE_CHECKING:
     from hil_bridge.record.foreign import BagChoices
@@ -51,6 +52,7 @@ def view(file: Path, port: int, bag: "BagChoices") -> None:
 
         show(teller_of(read(file), str(file)), "page.html", port, click.echo)
     else:
+        refuse_known_file(file)
         raise ConfigError(
             f"{file} is neither a recording ({RECORDING}), nor results of a campaign ({RESULTS}), nor a bag of ROS 2"
         )

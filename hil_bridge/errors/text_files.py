@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from hil_bridge.errors import ConfigError
+from hil_bridge.errors.file_kinds import HEAD_BYTES, refuse_known
 
 TEXT_LIMIT_BYTES = 1 << 28
 """Longest text file that is read. Chosen: a day and a half of a busy computer link as a text capture."""
@@ -57,12 +58,14 @@ def read_text(path: Path, limit: int = TEXT_LIMIT_BYTES, encoding: str = "utf-8"
     with open_ordinary(path) as file:
         data = read_up_to(file, limit + 1)
     if len(data) > limit:
+        refuse_known(format_path(path), data)
         raise ConfigError(f"{format_path(path)} is longer than {limit} bytes: it is not what is wanted here")
     marks = (name for mark, name in _MARKS.items() if data.startswith(mark) and len(data) > len(mark))
     encoding = next(marks, encoding)
     try:
         return data.decode(encoding).replace("\r\n", "\n")
     except UnicodeDecodeError as error:
+        refuse_known(format_path(path), data)
         raise ConfigError(f"{format_path(path)} is no text in {encoding}: {error.reason}") from error
 
 
@@ -100,6 +103,16 @@ def refuse_other_kinds(mode: int, name: str) -> None:
         raise ConfigError(f"cannot read {name}: it is {kind}; name an ordinary file")
 
 
+def refuse_known_file(path: Path) -> None:
+    """Raise ConfigError for a file that is known by its first bytes, and that its reader refuses."""
+    try:
+        with open_ordinary(path) as file:
+            head = file.read(HEAD_BYTES)
+    except ConfigError:
+        return
+    refuse_known(format_path(path), head)
+
+
 def read_up_to(file: BinaryIO, limit: int) -> bytes:
     """The next bytes of a file, `limit` at most, without the memory for more than there are."""
     data = bytearray()
@@ -122,6 +135,7 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
     except RecursionError as error:
         raise ConfigError(f"{source} is no TOML of ours: {_TOO_DEEP}") from error
     except ValueError as error:  # TOMLDecodeError is one; a number of 5000 digits is a plain one
+        refuse_known(source, text[:HEAD_BYTES].encode())
         raise ConfigError(f"{source} is no TOML: {_in_words(str(error))}") from error
     for problem in _problems(values):
         raise ConfigError(f"{source}: {problem}")

@@ -9,6 +9,7 @@ from typing import Any
 from mcap.records import Attachment, Channel, Header, Message, Metadata
 
 from hil_bridge.errors import ConfigError
+from hil_bridge.errors.text_files import refuse_known_file
 from hil_bridge.record import records
 from hil_bridge.record.foreign import Foreign
 from hil_bridge.record.mcap_file import (
@@ -151,6 +152,7 @@ def _contents(path: Path, topics: Sequence[Topic]) -> _Contents:
     if not data:
         raise ConfigError(f"{path} is empty: the run was ended before anything was recorded; record it again")
     if not data.startswith(MAGIC):
+        refuse_known_file(path)
         raise ConfigError(f"{path} is not an MCAP file: name the recording that a run has written")
     found = _Contents(
         records={topic.name: [] for topic in topics},

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hil_bridge.errors import ConfigError
+from hil_bridge.errors.file_kinds import refuse_known
 from hil_bridge.errors.text_files import format_path, format_value, read_text
 from hil_bridge.lab.fidelity.mapping import SEPARATORS, TableMapping
 from hil_bridge.lab.fidelity.measures import Floats
@@ -103,6 +104,7 @@ def _header(
                 count = len(wanted) - len(missing)
                 if count > nearest[0] and (count or k >= first):
                     nearest = (count, missing[0], names)
+    refuse_known(source, "\n".join(lines[:HEADER_LINES]).encode())
     near = format_value(", ".join(nearest[2][:8]))
     raise ConfigError(f"{source} has no column {format_value(nearest[1])}; its header begins with {near}")
 

@@ -14,7 +14,7 @@ from mcap.stream_reader import StreamReader
 
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.failures import quote_error
-from hil_bridge.errors.text_files import format_path, open_ordinary
+from hil_bridge.errors.text_files import format_path, open_ordinary, refuse_known_file
 from hil_bridge.record.mcap_file import (
     MAGIC,
     ROS_PROFILE,
@@ -138,6 +138,7 @@ def _take(bag: Bag, topic: str, at_ns: int, data: bytes) -> None:
 def _read_mcap(path: Path, wants: Wants, bag: Bag) -> None:
     data = read_mcap(path, "the bag")
     if not data.startswith(MAGIC):
+        refuse_known_file(path)
         raise ConfigError(
             f"{format_path(path)} is no MCAP file: it is empty or damaged, or another program's"
         )

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from hil_bridge.errors import ConfigError
+from hil_bridge.errors.file_kinds import HEAD_BYTES, refuse_known
 from hil_bridge.record import LinkRecord
 from hil_bridge.record.pieces import not_readable, recorded_pieces
 
@@ -62,6 +63,7 @@ def parse_capture(text: str, name: str) -> Iterator[Piece]:
             continue
         piece = _piece(content)
         if piece is None:
+            refuse_known(name, text[:HEAD_BYTES].encode())
             raise ConfigError(
                 f"{name}: line {number}: {content[:40]!r} is no piece; write like 0.013402 S3 06, "
                 f"who sent it being one of {', '.join(_SENDERS)}"

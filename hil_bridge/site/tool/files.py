@@ -8,6 +8,7 @@ from pathlib import Path
 
 from hil_bridge.control import ToolEstimate, ToolPose
 from hil_bridge.errors import ConfigError
+from hil_bridge.errors.file_kinds import HEAD_BYTES, refuse_known
 from hil_bridge.errors.text_files import read_text, toml_value
 
 FORCE_AXES = ("fx", "fy", "fz")
@@ -29,6 +30,7 @@ def read_poses(path: Path) -> list[ToolPose]:
     lines = csv.DictReader(io.StringIO(text), skipinitialspace=True)
     names = lines.fieldnames or ()
     if missing := [name for name in (*ORIENTATION_COLUMNS, *WRENCH_COLUMNS) if name not in names]:
+        refuse_known(str(path), text[:HEAD_BYTES].encode())
         raise ConfigError(f"{path}: there is no column {missing[0]}; the first line names the columns")
     scattered = set(SCATTER_COLUMNS) <= set(names)
 
