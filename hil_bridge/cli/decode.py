@@ -46,11 +46,15 @@ def _kind_command(name: str) -> click.Command | None:
     frames = getattr(kind, "bus", None) is not None
 
     def run(texts: tuple[str, ...]) -> None:
-        pasted = [text.encode(errors="replace") for text in texts] if frames else [_bytes(texts)]
+        pasted = [text.encode(errors="replace") for text in _frames(texts)] if frames else [_bytes(texts)]
         _print([item for raw in pasted for item in describe(raw)])
 
     argument = click.Argument(["texts"], metavar="ID#DATA…" if frames else "HEX…", nargs=-1, required=True)
-    pasted_as = "frames as candump writes them, 201#C800" if frames else "bytes, of one datagram or of a line"
+    pasted_as = (
+        "frames, 201#C800, or lines of candump, each quoted"
+        if frames
+        else "bytes, of one datagram or of a line"
+    )
     about = f"{kind.summary}: {pasted_as}.\n\nEnds with exit code 2 when anything in it is wrong."
     return click.Command(name, callback=run, params=[argument], help=about)
 
@@ -84,6 +88,29 @@ def _bytes(hex_bytes: tuple[str, ...]) -> bytes:
     return bytes.fromhex(text)
 
 
+def _frames(texts: tuple[str, ...]) -> tuple[str, ...]:
+    """The pasted frames as `ID#DATA`, of lines of candump those in them. Raises ConfigError naming a line."""
+    from hil_bridge.errors import ConfigError
+    from protocol.can.text import parse_candump
+
+    if any(
+        text.startswith("(") or len(text.split()) > 1 for text in texts
+    ):  # quoted, or a line that the shell split
+        quoted = all(len(text.split()) > 1 for text in texts)
+        lines = "\n".join(texts).splitlines() if quoted else [" ".join(texts)]
+    elif len(texts) > 1 and not all("#" in text for text in texts):
+        lines = [" ".join(texts)]
+    else:
+        return texts
+    frames = []
+    for line in filter(str.strip, lines):
+        try:
+            frames.append(str(parse_candump(line).frame))
+        except ValueError as error:
+            raise ConfigError(f"{line.strip()[:80]!r}: {error}; quote each line of candump") from error
+    return tuple(frames)
+
+
 @decode.command("computer-link", short_help="Decode bytes of the S3 computer link.")
 @click.argument("hex_bytes", metavar="HEX…", nargs=-1, required=True)
 @click.option(
@@ -114,7 +141,7 @@ def computer_link(hex_bytes: tuple[str, ...], orders_file: Path | None) -> None:
 @decode.command("jr3-can", short_help="Decode frames of the JR3 CAN gateway.")
 @click.argument("frames", metavar="ID#DATA…", nargs=-1, required=True)
 def jr3_can(frames: tuple[str, ...]) -> None:
-    """Decode frames of the JR3 CAN gateway, as candump writes them: 201#C80010270000.
+    """Decode frames of the JR3 CAN gateway, 201#C80010270000, or lines of candump, each quoted.
 
     Ends with exit code 2 when anything in it is wrong.
     """
@@ -122,7 +149,7 @@ def jr3_can(frames: tuple[str, ...]) -> None:
     from protocol.devices.jr3 import describe, parse_frame
 
     items = []
-    for text in frames:
+    for text in _frames(frames):
         try:
             items.append(describe(parse_frame(text)))
         except ValueError as error:

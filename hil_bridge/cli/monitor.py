@@ -18,7 +18,11 @@ from hil_bridge.cli.paths import FILE
 )
 @click.option("--save", type=FILE, metavar="FILE", help="Keep what is heard as a text capture.")
 @click.option(
-    "--config", "config_file", type=FILE, metavar="FILE", help="Configuration whose [robot.s3.link] holds."
+    "--config",
+    "config_file",
+    type=FILE,
+    metavar="FILE",
+    help="Configuration whose [robot.s3.link] holds, and whose sensor sent the frames of a log of candump.",
 )
 @click.option(
     "--orders", "orders_file", type=FILE, metavar="FILE", help="TOML file of orders that the site knows."
@@ -34,7 +38,8 @@ def monitor(
     """Show a link as one line for each block: time, time since the line before, direction, time on the line, meaning.
 
     FILE is a recording of a run with any devices, or a text capture of an S3 with lines like `0.013402 S3 06`. Bytes
-    of a device without words are shown hexadecimal. Two URLs are two ports: the first hears the PC, the second the
+    of a device without words are shown hexadecimal. FILE may be a log of candump, of its console or of `candump -l`;
+    with --config it is in the words of that sensor. Two URLs are two ports: the first hears the PC, the second the
     robot. One URL is a port that hears both. Each is named as the S3's, `s3+serial:///dev/ttyUSB0`. A URL
     `jr3+can+socketcan://can0` shows the frames of a JR3 gateway.
     Nothing is ever sent. Times are those at which the bytes were seen. In a recording, bytes from the PC are seen when
@@ -46,9 +51,16 @@ def monitor(
     from hil_bridge.devices.sensors.jr3.monitor import monitor_can
     from hil_bridge.errors import ConfigError
     from hil_bridge.settings.configuration import load_config
+    from hil_bridge.settings.devices import sensor_in
     from hil_bridge.settings.kinds import settings_of
     from hil_bridge.site.s3.monitor import monitor_file, monitor_link
-    from hil_bridge.site.traffic import is_recording, monitor_traffic, recorded_robot
+    from hil_bridge.site.traffic import (
+        is_candump,
+        is_recording,
+        monitor_candump,
+        monitor_traffic,
+        recorded_robot,
+    )
     from protocol.devices.s3.arap import KNOWN
 
     first = sources[0]
@@ -62,6 +74,14 @@ def monitor(
         monitor_traffic(Path(first), device or "both", raw)
         return
     config = load_config(config_file, {})
+    if len(sources) == 1 and is_candump(Path(first)):
+        sensor = sensor_in(config).kind if config_file else None
+        if sensor is not None and sensor.bus is None:
+            raise ConfigError(
+                f"{first} has frames of CAN, and the sensor of {config_file} is a {sensor.name}"
+            )
+        monitor_candump(Path(first), sensor, raw)
+        return
     settings = settings_of(config, S3).client
     link, file = settings.link, settings.orders_file
     named = orders_file or (Path(file) if file else None)

@@ -1,6 +1,7 @@
 """Rows of a monitor on a terminal, and its end by a signal or by its wire."""
 
 import asyncio
+import math
 import signal
 from collections.abc import Mapping
 from contextlib import suppress
@@ -18,7 +19,7 @@ class Row(NamedTuple):
     """A line of a monitor."""
 
     at: float
-    """Time, s."""
+    """Time, s; NaN where it is not known."""
     direction: str
     text: str
     data: bytes = b""
@@ -42,7 +43,10 @@ class Printer:
         since = row.at - (row.at if self._before is None else self._before)
         self._before = row.at
         took = "" if row.line_time is None else f"{row.line_time * 1e3:.1f} ms"
-        times = f"{row.at - self._begun:12.6f} {since:+10.6f} {row.direction:<6} {took:>8}"
+        times = f"{row.at - self._begun:12.6f} {since:+10.6f}"
+        if math.isnan(row.at):
+            times = f"{'-':>12} {'-':>10}"
+        times += f" {row.direction:<6} {took:>8}"
         hexed = f"  {{{row.data.hex(' ').upper()}}}" if self._raw and row.data else ""
         click.echo(f"{times} {'!' if row.trouble else ' '} {harmless(row.text)}{hexed}")
 

@@ -1,5 +1,7 @@
 """The recorded traffic of any devices, put into words by their kinds; bytes without words are shown as they are."""
 
+import math
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, TypeAlias
@@ -18,12 +20,13 @@ from hil_bridge.devices.kinds import (
     words_of,
 )
 from hil_bridge.errors import ConfigError
-from hil_bridge.errors.text_files import open_ordinary
+from hil_bridge.errors.file_kinds import CANDUMP, HEAD_BYTES
+from hil_bridge.errors.text_files import format_path, open_ordinary, read_text
 from hil_bridge.record import LINK_EVENT, LinkRecord, WireRecord, read_link, read_with_traffic
 from hil_bridge.record.device_facts import json_or_none
 from hil_bridge.record.pieces import is_frame, not_readable, recorded_pieces
 from protocol.can.error import decode_error
-from protocol.can.text import parse_frame
+from protocol.can.text import parse_candump, parse_frame
 
 Side: TypeAlias = Literal["robot", "sensor", "both"]
 """The devices whose traffic is wanted."""
@@ -46,7 +49,7 @@ class Piece(NamedTuple):
     at: float
     """Time on the run's clock, s."""
     direction: str
-    """`tx` or `rx` as the PC sees it; `--` for an event."""
+    """`tx` or `rx` as the PC sees it; `--` for an event; the channel where the direction is not known."""
     data: bytes
     frame: str = ""
     """A CAN frame as candump writes it; "" for bytes."""
@@ -130,6 +133,46 @@ def pieces(records: Iterable[LinkRecord | WireRecord], name: str) -> Iterator[Pi
                 raise not_readable(part, "neither bytes nor a frame", name) from error
 
 
+# --- from a log of candump
+
+
+def is_candump(path: Path) -> bool:
+    """Whether there is such a file and its first line is one of candump."""
+    try:
+        with open_ordinary(path) as file:
+            return re.match(CANDUMP, file.read(HEAD_BYTES).lstrip()) is not None
+    except ConfigError:
+        return False
+
+
+def monitor_candump(path: Path, sensor: DeviceKind | None, raw: bool) -> None:
+    """Print the frames of a log of candump, in the words of a kind of sensor where there is one.
+
+    Raises ConfigError for a line that is none of candump, and for a time before that of the line before.
+    """
+    show = Printer(raw)
+    for row in in_words(_candump_pieces(path), sensor, "sensor"):
+        show.row(row)
+
+
+def _candump_pieces(path: Path) -> Iterator[Piece]:
+    newest = -math.inf
+    for number, line in enumerate(read_text(path).splitlines(), 1):
+        if not line.strip():
+            continue
+        try:
+            at, channel, frame = parse_candump(line)
+        except ValueError as error:
+            raise ConfigError(f"{format_path(path)}: line {number}: {error}") from error
+        if at is not None and at < newest:
+            raise ConfigError(
+                f"{format_path(path)}: line {number}: its time is before that of the line before; `candump -t d` "
+                "writes differences, `-l` and `-t a` write times"
+            )
+        newest = newest if at is None else at
+        yield Piece(math.nan if at is None else at, channel, b"", frame=str(frame))
+
+
 # --- in words
 
 
@@ -176,7 +219,7 @@ def _alone(piece: Piece, words: Words | None, arrows: Mapping[str, str]) -> Row:
     """The line of an event, of a frame, of an empty datagram, or of bytes without words."""
     if piece.event:
         return Row(piece.at, LINK_EVENT, piece.event, b"", False)
-    arrow = arrows[piece.direction]
+    arrow = arrows.get(piece.direction, piece.direction)
     if not piece.frame:
         return Row(piece.at, arrow, piece.data.hex(" ").upper() or "empty", b"", False)
     if "!" in piece.frame:

@@ -1,10 +1,78 @@
-"""A CAN frame as text, as candump writes it, read back. `str` of a frame writes it."""
+"""CAN frames as text, as candump writes them, read back. `str` of a frame writes it.
 
+Source: candump.c and lib.c of can-utils.
+"""
+
+import math
+import re
 import string
+from datetime import UTC, datetime
+from typing import NamedTuple
 
 from protocol.can.frame import CanFrame
 
 _HEX = frozenset(string.hexdigits)
+_ERROR_FLAG = 0x20000000
+"""In an identifier of candump. Source: CAN_ERR_FLAG of linux/can.h."""
+_BEGIN = r"(?:\((?P<at>[^()]+)\)\s+)?(?P<channel>[A-Za-z][\w.-]*)\s+(?:[RT]X\s+[B-]\s[E-]\s+)?"
+_LOG = re.compile(_BEGIN + r"(?P<frame>[0-9A-Fa-f]+#\S*)(?:\s+[RT])?")
+_CONSOLE = re.compile(
+    _BEGIN + r"(?P<id>[0-9A-Fa-f]+)\s+\[(?P<count>\d+)\]\s*(?P<data>remote request|(?:\s*[0-9A-Fa-f]{2}\b)*)"
+    r"(?:\s+'.*'|\s+ERRORFRAME)*"
+)
+
+
+class LogLine(NamedTuple):
+    """A line of candump."""
+
+    at: float | None
+    """s, since whatever its clock counts from; None for a line without a time."""
+    channel: str
+    frame: CanFrame
+
+
+def parse_candump(line: str) -> LogLine:
+    """A frame of candump's console, `can0  123   [2]  11 22`, or of `candump -l`, `(1436509052.249713) can0 123#1122`.
+
+    Raises ValueError for anything else, CAN FD included.
+    """
+    if log := _LOG.fullmatch(line.strip()):
+        text = log["frame"]
+        if "##" in text:
+            raise ValueError("a frame of CAN FD; classical frames are read")
+    elif log := _CONSOLE.fullmatch(line.strip()):
+        count, data = log["count"], "".join(log["data"].split())
+        if len(count) > 1:
+            raise ValueError(f"a frame of CAN FD or with [{count}] bytes; classical frames have up to [8]")
+        remote = log["data"].startswith("remote")
+        if not remote and len(data) != 2 * int(count):
+            raise ValueError(f"[{count}] bytes are announced, and {len(data) // 2} are there")
+        text = f"{log['id']}#{f'R{count}' if remote else data}"
+    else:
+        raise ValueError("no line of candump, as can0  123   [2]  11 22 or (1436509052.249713) can0 123#1122")
+    return LogLine(_time(log["at"]), log["channel"], _flagged(text))
+
+
+def _time(text: str | None) -> float | None:
+    """The time of a line. Raises ValueError for one that is none."""
+    if text is None:
+        return None
+    try:
+        at = float(text)
+    except ValueError:
+        at = datetime.fromisoformat(text).replace(tzinfo=UTC).timestamp()
+    if not math.isfinite(at):
+        raise ValueError(f"{text!r} is no time")
+    return at
+
+
+def _flagged(text: str) -> CanFrame:
+    """A frame of candump, which sets a bit in the identifier of an error's report."""
+    name, _, data = text.partition("#")
+    if len(name) == 8 and set(name) <= _HEX and int(name, 16) & _ERROR_FLAG:
+        error = parse_frame(f"{int(name, 16) & ~_ERROR_FLAG:08X}#{data}")
+        return error._replace(extended=False, error=True)
+    return parse_frame(text)
 
 
 def parse_frame(text: str) -> CanFrame:

@@ -391,3 +391,60 @@ def test_two_wires_are_heard_until_one_ends(capsys: pytest.CaptureFixture[str]) 
     assert "! read status, order [bid 20.0 ms, no answer]" in line
     assert [piece.sender for piece in kept] == [Sender.PC, Sender.ROBOT, Sender.PC]
     assert kept[2].at == pytest.approx(0.04)
+
+
+LOG = "(1436509052.249713) can0 201#C80010270000\n(1436509052.349713) can0 20000004#0000000000000000\n"
+CONSOLE = "  can0  201   [6]  C8 00 10 27 00 00\n\n  can1  12345678   [1]  07\n"
+
+
+def monitored(folder: Path, text: str, *more: str, sensor: str = "") -> str:
+    file, config = folder / "can.log", folder / "cell.toml"
+    file.write_text(text)
+    config.write_text(f'[sensor]\nemulated = "{sensor}"\n')
+    result = CliRunner().invoke(
+        cli, ["monitor", str(file), *(["--config", str(config)] if sensor else []), *more]
+    )
+    return result.output if result.exit_code == 0 else str(result.exception)
+
+
+def test_monitor_of_a_candump_log_prints_its_frames(tmp_path: Path) -> None:
+    first, second = monitored(tmp_path, LOG).splitlines()
+    assert first.split() == ["0.000000", "+0.000000", "can0", "201#C80010270000"]
+    assert second.split()[:4] == ["0.100000", "+0.100000", "bus", "!"]
+    first, second = monitored(tmp_path, CONSOLE, "--raw", sensor="jr3").splitlines()
+    assert first.split("can0")[0].split() == ["-", "-"]
+    assert "start async: cutoff 2 Hz, period 0.01 s  {C8 00 10 27 00 00}" in first
+    assert "can1" in second
+    assert "11-bit identifiers only" in second
+
+
+def test_monitor_refuses_what_a_candump_log_cannot_have(tmp_path: Path) -> None:
+    falling = "(2.0) can0 201#00\n(1.0) can0 201#00\n"
+    assert "can.log: line 2: its time is before that of the line before" in monitored(tmp_path, falling)
+    assert "can.log: line 2: no line of candump" in monitored(tmp_path, "can0  201   [0]\nhello\n")
+    assert "the sensor of " in monitored(tmp_path, LOG, sensor="netft")
+    assert "--device chooses from a recording" in monitored(tmp_path, LOG, "--device", "sensor")
+
+
+@pytest.mark.parametrize(
+    "pasted",
+    [
+        ["can0", "201", "[6]", "C8", "00", "10", "27", "00", "00"],
+        ["can0  201   [6]  C8 00 10 27 00 00"],
+        ["(1436509052.249713)", "can0", "201#C80010270000"],
+        ["can0", "201#C80010270000"],
+        ["(1.0) can0 201#C80010270000\n(1.1) can0 201#C80010270000"],
+        ["(1.0) can0 201#C80010270000", "(1.1) can0 201#C80010270000"],
+    ],
+)
+@pytest.mark.parametrize("kind", ["jr3-can", "jr3"])
+def test_decode_takes_lines_of_candump(kind: str, pasted: list[str]) -> None:
+    result = CliRunner().invoke(cli, ["decode", kind, *pasted])
+    assert result.exit_code == 0, result.exception
+    assert result.output.count('"op": "start async"') == max(1, sum(text.count("(1.") for text in pasted))
+
+
+def test_decode_names_a_wrong_line_of_candump() -> None:
+    error = CliRunner().invoke(cli, ["decode", "jr3-can", "can0", "201", "[6]", "C8"]).exception
+    assert isinstance(error, ConfigError)
+    assert "[6] bytes are announced, and 1 are there; quote each line" in str(error)

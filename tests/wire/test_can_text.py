@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from protocol.can.frame import CanFrame
-from protocol.can.text import parse_frame
+from protocol.can.text import parse_candump, parse_frame
 
 
 @given(
@@ -43,3 +43,48 @@ def test_any_text_is_a_frame_or_a_value_error(text: str) -> None:
 def test_what_is_no_frame_is_told_by_its_column(text: str, fault: str) -> None:
     with pytest.raises(ValueError, match=fault):
         parse_frame(text)
+
+
+@pytest.mark.parametrize(
+    ("line", "at", "channel", "frame"),
+    [
+        ("  can0  123   [8]  11 22 33 44 55 66 77 88", None, "can0", "123#1122334455667788"),
+        (" (000.001000)  vcan0  00000123   [0] ", 0.001, "vcan0", "00000123#"),
+        ("  can0  RX - -  123   [2]  AB CD   '..'", None, "can0", "123#ABCD"),
+        ("  can0  123   [2]  remote request", None, "can0", "123#R2"),
+        (
+            " (2009-02-13 23:31:30.500000)  can0  20000004   [2]  00 01   ERRORFRAME",
+            1234567890.5,
+            "can0",
+            "004!0001",
+        ),
+        ("(1436509052.249713) can0 123#1122", 1436509052.249713, "can0", "123#1122"),
+        ("(1436509052.249713) can0 123#R", 1436509052.249713, "can0", "123#R"),
+        ("(1436509052.249713) can0 1FFFFFFF#00 T\r", 1436509052.249713, "can0", "1FFFFFFF#00"),
+    ],
+)
+def test_line_of_candump_is_read(line: str, at: float | None, channel: str, frame: str) -> None:
+    read = parse_candump(line)
+    assert read.at == at
+    assert (read.channel, str(read.frame)) == (channel, frame)
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("can0  123   [3]  11 22", r"\[3\] bytes are announced, and 2 are there"),
+        ("can0  123   [1]  11 22", r"\[1\] bytes are announced, and 2 are there"),
+        ("can0  123  [12]  11 22", "CAN FD"),
+        ("(1.0) can0 123##1112233", "CAN FD"),
+        ("(nan) can0 123#11", "'nan' is no time"),
+        ("(noon) can0 123#11", "noon"),
+        ("(1.0) can0 123#1", "half a byte"),
+        ("can0  123   [2]  11`22", "no line of candump"),
+        ("can0  1234   [0]", "3 or 8 digits"),
+        ("", "no line of candump"),
+        ("0.1 S3 06", "no line of candump"),
+    ],
+)
+def test_other_line_than_of_candump_is_refused(line: str, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        parse_candump(line)
