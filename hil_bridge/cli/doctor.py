@@ -14,10 +14,12 @@ EXIT_UNFIT = 3
 
 @click.command(short_help="Check ports, CAN interfaces, clock, scheduler.")
 @click.argument("config_file", metavar="[CONFIG.toml]", required=False, type=FILE)
+@click.argument("robot_file", metavar="[RSI.xml]", required=False, type=FILE)
 @json_option
-def doctor(config_file: Path | None, as_json: bool) -> None:
+def doctor(config_file: Path | None, robot_file: Path | None, as_json: bool) -> None:
     """Tell of ports, CAN interfaces, clock and scheduler what is good, what is not, and what to do: one line each.
 
+    With RSI.xml, the Ethernet configuration of a KUKA controller, it tells where that differs from CONFIG.toml.
     With a configuration it also checks what its URLs name, and ends with exit code 3 when that cannot work. Nothing
     is sent to any device, but four questions to web services that a robot's URL names.
     """
@@ -25,7 +27,7 @@ def doctor(config_file: Path | None, as_json: bool) -> None:
     from hil_bridge.site.facts import Fact
 
     facts: list[Fact] = []
-    can_work = examine(config_file, say=facts.append if as_json else None)
+    can_work = examine(config_file, say=facts.append if as_json else None, robot_file=robot_file)
     if as_json:
         tell_json({"can_work": can_work, "facts": facts})
     if not can_work:

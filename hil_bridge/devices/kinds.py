@@ -148,6 +148,10 @@ class RobotKind(Generic[_Client, _Emulated]):
     """Facts that the robot tells over another channel of its URL, a `Probed` without rows where it names none. It
     reads only. Raises DeviceError where nothing answers. None: there is no such channel.
     """
+    compare_file: Callable[[bytes, str, KindSettings[_Client, _Emulated]], Any] | None = None
+    """Findings of `hil-bridge doctor` in a file of the controller, a `Probed`: what it says, and its differences from a
+    wire's URL and the settings. Raises ValueError for another file. None: no file of the controller is read.
+    """
     usual_wire: str = ""
     """A wire's URL of a real robot, `{host}` in the place of its address: for a URL that has no wire."""
     largest_turn: Callable[[KindSettings[_Client, _Emulated]], float] | None = None

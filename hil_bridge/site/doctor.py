@@ -19,6 +19,7 @@ from hil_bridge.clock.realtime import RealTime, real_time_thread
 from hil_bridge.devices.kinds import CanBus
 from hil_bridge.devices.robots.probing import Probed
 from hil_bridge.errors import ConfigError, DeviceError, SettingRefused
+from hil_bridge.errors.text_files import TOML_LIMIT_BYTES, format_path, open_ordinary, read_up_to
 from hil_bridge.runs.checks import problems
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config, load_config
@@ -39,17 +40,25 @@ LOCKED_BYTES = 1 << 29
 
 
 def doctor(
-    config_file: Path | None, root: Path = Path("/"), say: Callable[[Fact], object] | None = None
+    config_file: Path | None,
+    root: Path = Path("/"),
+    say: Callable[[Fact], object] | None = None,
+    robot_file: Path | None = None,
 ) -> bool:
-    """Print a line for each fact, or give it to `say`; whether what the configuration names can work.
+    """Print a line for each fact, or give it to `say`; whether what the configuration names can work. `robot_file` is a
+    file of the controller.
 
-    Raises ConfigError for a configuration that cannot be read.
+    Raises ConfigError for a file that cannot be read.
     """
     say = say or _say
     config = None if config_file is None else load_config(config_file, {})
     details = can_details()
     can_work = True
     if config is not None:
+        in_file = [] if robot_file is None else differences(config, robot_file)
+        for fact in in_file:
+            can_work &= fact.level is not Level.FAIL
+            say(fact)
         for fact in wires(config, root, details):
             can_work &= fact.level is not Level.FAIL
             say(fact)
@@ -114,6 +123,25 @@ def wires(config: Config, root: Path, details: Mapping[str, Mapping[str, Any]] |
             rules = datagrams.firewall_rules()
             for fact in datagrams.surroundings(parsed, root, rules, config.realtime):
                 yield _under(key, fact)
+
+
+def differences(config: Config, file: Path) -> list[Fact]:
+    """What a file of the controller says, and where the configuration differs. Raises ConfigError for the file."""
+    robot = robot_in(config)
+    if robot.kind.compare_file is None:
+        raise ConfigError(
+            f"{format_path(file)}: no file of a controller is compared for the kind {robot.kind.name}"
+        )
+    with open_ordinary(file) as opened:
+        data = read_up_to(opened, TOML_LIMIT_BYTES + 1)
+    try:
+        if len(data) > TOML_LIMIT_BYTES:
+            raise ValueError(f"longer than {TOML_LIMIT_BYTES} bytes")
+        found: Probed = robot.kind.compare_file(data, robot.url, robot.settings)
+    except ValueError as error:
+        raise ConfigError(f"{format_path(file)} is no file of this controller: {error}") from error
+    facts = [ok(file.name, f"{name}: {text}") for name, text in found.rows]
+    return [*facts, *(fail(file.name, trouble.fact, trouble.remedy) for trouble in found.refusals)]
 
 
 def beside(key: str, robot: Robot) -> Iterator[Fact]:

@@ -3,6 +3,7 @@
 from protocol.devices.rsi.client import RsiClient
 from protocol.devices.rsi.describe import describe
 from protocol.devices.rsi.elements import axis_tags, pose_tags
+from protocol.devices.rsi.ethernet_file import EthernetFile, read_ethernet_file
 from protocol.devices.rsi.profile import RsiLink
 from protocol.devices.rsi.telegram import (
     ROBOT,
@@ -18,6 +19,7 @@ from protocol.devices.rsi.telegram import (
 __all__ = [
     "ROBOT",
     "SENSOR",
+    "EthernetFile",
     "RsiClient",
     "RsiLink",
     "Telegram",
@@ -29,4 +31,5 @@ __all__ = [
     "number",
     "numbers",
     "pose_tags",
+    "read_ethernet_file",
 ]

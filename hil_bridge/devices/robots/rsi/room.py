@@ -9,6 +9,7 @@ from hil_bridge.devices.facts import Pacing, RobotFacts, ServoFacts
 from hil_bridge.devices.kinds import KindSettings, RobotEmulation, RobotKind
 from hil_bridge.devices.playing import Course, Played, play_stream
 from hil_bridge.devices.robots.probing import Probed, probe_link
+from hil_bridge.devices.robots.rsi.ethernet_file import compare_file
 from hil_bridge.devices.robots.rsi.matching import match
 from hil_bridge.devices.robots.streamed import StreamedLink
 from hil_bridge.devices.wiring import Serving, Wiring
@@ -108,6 +109,7 @@ ROBOT = RobotKind(
     parse=lambda url, settings: parse_url(url, LISTEN_DATAGRAMS),
     describe=describe,
     probe=probe,
+    compare_file=compare_file,
     usual_wire=f"udp-bind://0.0.0.0:{PORT}",
     largest_turn=lambda settings: math.radians(settings.client.limit_deg),
 )

@@ -1,0 +1,92 @@
+"""A controller's Ethernet configuration against the settings of a run: what would not fit, HOLDON included.
+
+HOLDON is what no wire shows: it acts only in a cycle whose answer is lost.
+"""
+
+from collections.abc import Iterator
+from ipaddress import ip_address
+from typing import Any
+
+from hil_bridge.devices.kinds import KindSettings
+from hil_bridge.devices.robots.probing import Probed
+from hil_bridge.transports.urls import LISTEN_DATAGRAMS, parse_url
+from protocol.devices.rsi import EthernetFile, RsiLink, axis_tags, pose_tags, read_ethernet_file
+from protocol.endpoint import Trouble
+
+
+def compare_file(data: bytes, url: str, settings: KindSettings[RsiLink, Any]) -> Probed:
+    """What the file says, and each difference from the settings. Raises ValueError for another file."""
+    file, link = read_ethernet_file(data), settings.client
+    wanted = pose_tags(link.correction_tag) if link.correction == "pose" else axis_tags(link.axis_tag)
+    rows = [
+        ("sends", " ".join(file.sends)),
+        ("takes", ", ".join(f"{tag} (HOLDON {int(one.holds)})" for tag, one in file.receives.items())),
+    ]
+    if not any(tag.partition(".")[0] == "Delay" for tag in file.sends):
+        rows.append(("DEF_Delay", "not in SEND: an answer that the controller has not taken is not noticed"))
+    if unsent := [tag for tag in file.receives if tag not in wanted]:
+        rows.append(("not sent by a run", " ".join(unsent)))
+    troubles = (*_wire(file, url), *_telegrams(file, link), *_corrections(file, link, wanted))
+    return Probed(tuple(row for row in rows if row[1]), troubles)
+
+
+def _wire(file: EthernetFile, url: str) -> Iterator[Trouble]:
+    """Address and port, where a URL names them."""
+    wire = parse_url(url, LISTEN_DATAGRAMS) if url else None
+    if wire is None or wire.scheme != "udp-bind":
+        return
+    host, port = wire.host_port
+    if file.port != str(port):
+        yield Trouble(f"PORT is {file.port or 'missing'}, and robot.url listens on {port}", "make them equal")
+    if file.host != host and _is_one_address(host):
+        yield Trouble(
+            f"IP_NUMBER is {file.host or 'missing'}, and robot.url listens on {host}", "make them equal"
+        )
+
+
+def _is_one_address(host: str) -> bool:
+    """Whether it is an address of one interface, and neither a name nor that of all."""
+    try:
+        return not ip_address(host).is_unspecified
+    except ValueError:
+        return False
+
+
+def _telegrams(file: EthernetFile, link: RsiLink) -> Iterator[Trouble]:
+    if file.sentype != link.sentype:
+        yield Trouble(
+            f"SENTYPE is {file.sentype or 'missing'}, and robot.rsi.sentype is {link.sentype}: each answer would be "
+            "discarded",
+            "make them equal",
+        )
+    if file.sends_alone:
+        yield Trouble("ONLYSEND is TRUE: the controller takes no answers", "set it to FALSE")
+    needed = ("RIst", "RSol", "AIPos", "ASPos") if link.correction == "axes" else ("RIst",)
+    for tag in needed:
+        if tag not in file.sends:
+            yield Trouble(
+                f"DEF_{tag} is not in SEND", f"add it: robot.rsi.correction = {link.correction} reads it"
+            )
+
+
+def _corrections(file: EthernetFile, link: RsiLink, wanted: tuple[str, ...]) -> Iterator[Trouble]:
+    if missing := [tag for tag in wanted if tag not in file.receives]:
+        element = "correction_tag" if link.correction == "pose" else "axis_tag"
+        yield Trouble(
+            f"RECEIVE has no {' '.join(missing)}, which a run sends", f"add them, or set robot.rsi.{element}"
+        )
+    keeps = link.mode == "absolute"
+    effect = (
+        "one lost answer would send the robot back to its start"
+        if keeps
+        else "the last increment would be repeated in each lost cycle"
+    )
+    if wrong := [tag for tag in wanted if tag in file.receives and file.receives[tag].holds != keeps]:
+        yield Trouble(
+            f"HOLDON is {int(not keeps)} for {' '.join(wrong)}, and robot.rsi.mode is {link.mode}: {effect}",
+            f"set it to {int(keeps)}, or correct mode",
+        )
+    channels: dict[str, str] = {}
+    for tag in wanted:
+        if tag in file.receives and (other := channels.setdefault(file.receives[tag].channel, tag)) != tag:
+            yield Trouble(f"{other} and {tag} have the same INDX", "give each its own")
