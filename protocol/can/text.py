@@ -18,7 +18,7 @@ _BEGIN = r"(?:\((?P<at>[^()]+)\)\s+)?(?P<channel>[A-Za-z][\w.-]*)\s+(?:[RT]X\s+[
 _LOG = re.compile(_BEGIN + r"(?P<frame>[0-9A-Fa-f]+#\S*)(?:\s+[RT])?")
 _CONSOLE = re.compile(
     _BEGIN + r"(?P<id>[0-9A-Fa-f]+)\s+\[(?P<count>\d+)\]\s*(?P<data>remote request|(?:\s*[0-9A-Fa-f]{2}\b)*)"
-    r"(?:\s+'.*'|\s+ERRORFRAME)*"
+    r"(?:\s+'.*'|\s+ERRORFRAME)?"
 )
 
 

@@ -89,6 +89,17 @@ def test_unquoted_decimal_comma_between_commas_is_refused(tmp_path: Path) -> Non
     assert "line 3 has 3 cells" in refusal(tmp_path, text_of(rows=with_row(3, "0.01", "0", "5")))
 
 
+def test_quote_that_is_not_closed_is_refused(tmp_path: Path) -> None:
+    rows = [(f"{k / 100}", f"{k / 2}", '"ok"' if k != 70 else '"ok') for k in range(150)]
+    assert "line 72: it is no table: a quote is not closed" in refusal(tmp_path, text_of("t,f,note", rows=rows))
+
+
+def test_value_beyond_all_numbers_is_refused_by_its_quantity(tmp_path: Path) -> None:
+    table = table_of(tmp_path, text_of(rows=with_row(4, "0.02", "1e307")), PRESS.replace('"N"', '"kN"'))
+    with pytest.raises(ConfigError, match="press comes to inf N"):
+        table.check()
+
+
 @pytest.mark.parametrize("number", ["1_000", "1e999", "0x10", "--1", "1 5"])
 def test_number_of_python_alone_is_refused(tmp_path: Path, number: str) -> None:
     assert f"press in line 4 is no number: '{number}'" in refusal(

@@ -81,6 +81,7 @@ def test_line_of_candump_is_read(line: str, at: float | None, channel: str, fram
         ("(1.0) can0 123#1", "half a byte"),
         ("can0  123   [2]  11`22", "no line of candump"),
         ("can0  1234   [0]", "3 or 8 digits"),
+        ("can0  123   [0] " + " 'a'" * 100 + "x", "no line of candump"),
         ("", "no line of candump"),
         ("0.1 S3 06", "no line of candump"),
     ],

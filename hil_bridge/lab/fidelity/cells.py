@@ -66,7 +66,8 @@ def read_sheet(file: Path, mapping: TableMapping) -> Sheet:
             sheet.rows.append(row)
             sheet.lines.append(first + line)
     except csv.Error as error:
-        raise ConfigError(f"{source} is no table: {error}") from error
+        line = sheet.lines[-1] + 1 if sheet.lines else first + 1
+        raise ConfigError(f"{source}: line {line}: it is no table: {error}") from error
     _check_widths(sheet, separator)
     return sheet
 
@@ -78,7 +79,13 @@ def _split(lines: Sequence[str], separator: str) -> Iterator[tuple[int, list[str
         yield from ((k, line.split()) for k, line in enumerate(lines, 1) if line.strip())
         return
     reader = csv.reader(lines, delimiter=sign)
+    before = 0
     for row in reader:
+        if reader.line_num - before > 1:
+            raise csv.Error(
+                f"a quote is not closed in its line, and takes in {reader.line_num - before} lines"
+            )
+        before = reader.line_num
         if len(row) > 1 or "".join(row).strip():
             yield reader.line_num, [cell.strip() for cell in row]
 

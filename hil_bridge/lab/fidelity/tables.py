@@ -105,6 +105,7 @@ class _Extract(NamedTuple):
     notes: list[str]
 
 
+@np.errstate(over="ignore")  # `Table.check` names the quantity
 def read_table(recording: Path, mapping: Path) -> Table:
     """The quantities of a table. Raises ConfigError for a file, a column, a unit or a value that cannot be used."""
     plan = read_mapping(mapping, recording)
