@@ -91,7 +91,9 @@ def test_unquoted_decimal_comma_between_commas_is_refused(tmp_path: Path) -> Non
 
 def test_quote_that_is_not_closed_is_refused(tmp_path: Path) -> None:
     rows = [(f"{k / 100}", f"{k / 2}", '"ok"' if k != 70 else '"ok') for k in range(150)]
-    assert "line 72: it is no table: a quote is not closed" in refusal(tmp_path, text_of("t,f,note", rows=rows))
+    assert "line 72: it is no table: a quote is not closed" in refusal(
+        tmp_path, text_of("t,f,note", rows=rows)
+    )
 
 
 def test_value_beyond_all_numbers_is_refused_by_its_quantity(tmp_path: Path) -> None:
