@@ -481,4 +481,12 @@ def _instead(location: Sequence[str]) -> str:
     section = _at(location[:-1])
     if not is_section(section):
         return ""
+    if len(location) == 1:  # a setting without its section
+        homes = [
+            f"{name}.{location[0]}"
+            for name, field in items_of(section)
+            if is_section(field) and location[0] in dict(items_of(field))
+        ]
+        if homes:
+            return f"; did you mean {' or '.join(homes)}?"
     return instead_of([name for name, _ in items_of(section)], location[-1])

@@ -36,3 +36,17 @@ def test_a_box_in_millimetres_is_recognised_in_a_configuration() -> None:
         ConfigError, match=r"limits\.workspace_min_m is in m, .* did you mean \[0\.5, -0\.3, 0\.3\]\?"
     ):
         load({"limits": {"workspace_min_m": (500.0, -300.0, 300.0)}})
+
+
+def test_approach_speed_in_metres_a_second_is_recognised() -> None:
+    with pytest.raises(
+        ConfigError, match=r"task\.approach_speed_mm_s must be at least 0\.02, got 0\.005; .* mean 5\?"
+    ):
+        load({"task": {"approach_speed_mm_s": 0.005}})
+    with pytest.raises(ConfigError, match=r"mean 5\?"):
+        load({"task": {"step": [{"do": "approach", "speed_mm_s": 0.005}]}})
+
+
+def test_setting_without_its_section_is_named_with_it() -> None:
+    with pytest.raises(ConfigError, match=r"force_n is no setting; did you mean task\.force_n\?"):
+        load({"force_n": 5.0})

@@ -7,6 +7,9 @@ from hil_bridge.control.checks import require_above_zero, require_not_negative
 from hil_bridge.control.types import POSITION_STEP_MM, SAMPLE_MS
 from protocol.marks import SettingError
 
+SLOWEST_APPROACH_MM_S = 0.02
+"""Chosen: the default depth of an approach takes a quarter of an hour at this speed. A smaller one is meant in m/s."""
+
 
 @dataclass(frozen=True, slots=True)
 class TaskParameters:
@@ -121,6 +124,7 @@ class TaskParameters:
             "zero_lift_mm",
             "safe_height_mm",
         )
+        check_approach_speed("approach_speed_mm_s", self.approach_speed_mm_s)
         if self.least_stiffness_n_m is not None:
             require_above_zero(self, "least_stiffness_n_m")
         if self.travel_rise_s is not None:
@@ -131,3 +135,13 @@ class TaskParameters:
             raise SettingError("travel_from_share", "must not be above 1")
         if self.contact_threshold_n >= self.force_n:
             raise SettingError("contact_threshold_n", "must be below force_n")
+
+
+def check_approach_speed(setting: str, speed_mm_s: float) -> None:
+    """Raise SettingError for an approach that would take hours."""
+    if speed_mm_s < SLOWEST_APPROACH_MM_S:
+        raise SettingError(
+            setting,
+            f"must be at least {SLOWEST_APPROACH_MM_S:g}, got {speed_mm_s:g}; it is in mm/s: did you mean "
+            f"{speed_mm_s * 1e3:g}?",
+        )

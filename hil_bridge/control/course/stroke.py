@@ -195,7 +195,10 @@ class Stroke:
                 "task.unverified_depth_mm, for an axis is not verified",
             )
         if depth - turn > limit_mm * 1e-3 + _ROUNDING:
-            text = f"no contact found within {limit_mm:g} mm: start nearer, or set {setting}"
+            text = (
+                f"no contact found within {limit_mm:g} mm: start nearer, set {setting}, or see whether frame.approach "
+                "points to the surface"
+            )
             return self._give_up(state, measurement, Reason(Cause.NO_CONTACT, text))
         state = replace(state, turn=turn)
         if self._beyond_edge(state, depth):

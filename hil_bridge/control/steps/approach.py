@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Literal
 from hil_bridge.control.checks import FORBID_EXTRA
 from hil_bridge.control.course.intent import Phase
 from hil_bridge.control.course.limits import Limits
-from hil_bridge.control.course.parameters import TaskParameters
+from hil_bridge.control.course.parameters import TaskParameters, check_approach_speed
 from hil_bridge.control.program.leg import Leg
 from hil_bridge.control.program.state import Felt, ProgramState
 from hil_bridge.control.steps.seam import NO_LIMITS, Step, StepLimits, Taken, above_zero, need_free
@@ -30,6 +30,8 @@ class Approach(Step):
 
     def __post_init__(self) -> None:
         above_zero(self, "speed_mm_s", "contact_n", "at_most_mm")
+        if self.speed_mm_s is not None:
+            check_approach_speed("speed_mm_s", self.speed_mm_s)
 
     @property
     def phase(self) -> Phase:

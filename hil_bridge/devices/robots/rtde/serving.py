@@ -68,8 +68,9 @@ class Ports:
         for port, usual in PORTS.items():
             asked = (address.ports[port],) if port in address.ports else (0,) if free else usual
             for number in asked:
+                name = f"tcp-listen://{address.authority}:{number}"
                 stop, _, real = await listen_tcp_clients(
-                    address.host, number, self._serving.clock, address.text, self._door(port)
+                    address.host, number, self._serving.clock, name, self._door(port)
                 )
                 self._stops.append(stop)
                 found.setdefault(port, real)
