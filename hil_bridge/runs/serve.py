@@ -4,7 +4,7 @@ import asyncio
 import json
 import math
 import signal
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 
@@ -22,6 +22,11 @@ from hil_bridge.settings.devices import Robot
 from hil_bridge.show.terminal import REFRESH_SECONDS
 from hil_bridge.show.web.feed import PANEL_PAGE, Feed, WebOptions
 from protocol.unmodelled import NotModelled, relied_on
+
+_LOOK_S = 0.05
+"""Chosen: time between two looks at whether the robot may move."""
+_FREE_S = 1.0
+"""Chosen: a robot that could move for so long stops anew."""
 
 
 def serve(setup: Setup, as_json: bool, web_port: int | None = None) -> None:
@@ -95,6 +100,7 @@ async def _serve(setup: Setup, as_json: bool, executor: ThreadPoolExecutor | Non
             async with (
                 going_on(lateness.watch(clock), "lateness"),
                 going_on(_show_panel(feed), "page"),
+                going_on(report_hindrances(served, clock, _log), "hindrances"),
             ):
                 await stopped.wait()
             if lateness.describe():
@@ -114,6 +120,28 @@ async def _show_panel(feed: Feed | None) -> None:
     while feed is not None:
         feed.show_panel()
         await asyncio.sleep(REFRESH_SECONDS)
+
+
+async def report_hindrances(served: ServedCell, clock: Clock, log: Callable[[str], object]) -> None:
+    """Log each reason that keeps the emulated robot from moving; the same again only after it could move for a while.
+
+    A controller without a client begins and times out again and again.
+    """
+    if served.robot is None:
+        return
+    logged, free_s = set[str](), 0.0
+    while True:
+        await asyncio.sleep(_LOOK_S)
+        hindrance = served.cell.robot.hindrance(clock.now())
+        if hindrance is None:
+            free_s += _LOOK_S
+            continue
+        if free_s > _FREE_S:
+            logged.clear()
+        if hindrance.words not in logged:
+            logged.add(hindrance.words)
+            log(f"robot: {hindrance.words}")
+        free_s = 0.0
 
 
 def _log(text: str) -> None:

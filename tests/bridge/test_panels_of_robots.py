@@ -12,10 +12,11 @@ from click.testing import CliRunner
 from emulators.cell import Cell
 from emulators.panel import Panel
 from hil_bridge.cli import cli
-from hil_bridge.clock import Clock, run_real
+from hil_bridge.clock import Clock, run_real, run_virtual
 from hil_bridge.devices.kinds import ROBOTS
 from hil_bridge.errors import ConfigError
 from hil_bridge.runs.compose import emulated_cell, make_cell
+from hil_bridge.runs.serve import report_hindrances
 from hil_bridge.runs.setup import Listen, Setup
 from hil_bridge.settings.configuration import read_config
 
@@ -262,3 +263,26 @@ def test_the_help_lists_the_controls_with_their_robots() -> None:
     assert "emergency-stop press|release" in text
     assert "[s3, egm, rsi, rtde]" in text
     assert CliRunner().invoke(cli, ["panel", "tcp://127.0.0.1:1", "--quick"]).exit_code == 2
+
+
+def test_served_robot_reports_each_reason_not_to_move() -> None:
+    """A controller that waits for its client times out again and again: that is reported once."""
+    logged: list[str] = []
+
+    async def main() -> None:
+        clock = Clock.running()
+        config = read_config({"robot": {"emulated": "rsi"}})
+        async with emulated_cell(
+            Setup(config, Listen("", None)), clock, lambda cause: pytest.fail(repr(cause))
+        ) as served:
+            reports = asyncio.create_task(report_hindrances(served, clock, logged.append))
+            await asyncio.sleep(20.0)
+            served.cell.inject("robot", "emergency-stop", clock.now())
+            await asyncio.sleep(1.0)
+            reports.cancel()
+
+    run_virtual(main)
+    assert logged == [
+        "robot: KSS29002: object ETHERNET1 returns error RSITimeout",
+        "robot: the motion is stopped, telegrams go on",
+    ]
