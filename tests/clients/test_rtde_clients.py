@@ -163,6 +163,56 @@ def test_ur_rtde_feels_the_surface_that_the_force_source_gives(client_python: Ca
     assert told["contact"][2] == pytest.approx(10.0, abs=0.5)
 
 
+SETTINGS = """
+import json, sys, time
+from rtde_control import RTDEControlInterface
+from rtde_io import RTDEIOInterface
+from rtde_receive import RTDEReceiveInterface
+
+host = sys.argv[1]
+receive = RTDEReceiveInterface(host)
+control, io = RTDEControlInterface(host), RTDEIOInterface(host)
+
+def force():
+    time.sleep(0.3)
+    return receive.getActualTCPForce()[2]
+
+def took(up):
+    x, y, z, *turn = receive.getActualTCPPose()
+    begin = receive.getTimestamp()
+    control.moveL([x, y, z + up, *turn], 0.1, 1.2)
+    return receive.getTimestamp() - begin
+
+told = {"full": took(0.02)}
+io.setSpeedSlider(0.25)
+time.sleep(0.2)
+told["quarter"], told["slider"] = took(-0.02), receive.getTargetSpeedFraction()
+io.setSpeedSlider(1.0)
+control.zeroFtSensor()
+before = force()
+control.setPayload(1.5, [0.0, 0.0, 0.0])
+told["changed"] = force() - before
+told["payload"] = receive.getPayload()
+control.stopScript()
+control.disconnect()
+receive.disconnect()
+print(json.dumps(told))
+"""
+
+
+def test_ur_rtde_slider_and_payload_act(client_python: Callable[..., Path]) -> None:
+    python = client_python(UR_RTDE)
+    with emulated("127.0.0.23"):
+        told = tell(python, SETTINGS, ["127.0.0.23"])
+    assert told["slider"] == pytest.approx(0.25)
+    # 20 mm at 0.1 m/s and 1.2 m/s^2 take 0.28 s, at a quarter of that speed 0.82 s and more; a busy machine adds some
+    assert told["quarter"] > 2.0 * told["full"] > 0.5
+    assert told["quarter"] > 0.8
+    # the arm carries 0.5 kg: the weight of the other kilogram is taken off a force that has none of it
+    assert told["payload"] == pytest.approx(1.5)
+    assert told["changed"] == pytest.approx(1.0 * 9.82, abs=1.0)
+
+
 def wait_for_force(host: str) -> None:
     """Until another client is told that the input is in use. It asks for no_input too, so that it claims nothing."""
     for _ in range(200):
