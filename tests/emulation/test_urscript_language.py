@@ -7,7 +7,14 @@ import pytest
 
 from emulators.devices.rtde.controller import Controller
 from emulators.devices.rtde.script_host import ControllerHost
-from emulators.devices.rtde.urscript import FUNCTIONS, Machine, Message, ScriptSyntaxError, compile_program
+from emulators.devices.rtde.urscript import (
+    FUNCTIONS,
+    Machine,
+    Message,
+    ScriptSyntaxError,
+    compile_in_steps,
+    compile_program,
+)
 from emulators.devices.rtde.urscript.table import Support
 from emulators.seams import StartPose
 from protocol.devices.rtde.program import force_program_text, program_text
@@ -282,6 +289,11 @@ def test_an_error_tells_its_line(body: str) -> None:
         ("def mine():\n  break\nend", 2, 1),
         ("def mine():\n  f() = 1\nend", 2, 1),
         ("x = (1", 1, 6),
+        ("x = [1]\ny = x.(2)", 2, 7),
+        ("def f(a,):\nend", 1, 9),
+        ("x = p[]", 1, 7),
+        ("f(1, 2,)", 1, 8),
+        ("x = 'a", 1, 5),
         ("end", 1, 1),
     ],
 )
@@ -319,6 +331,28 @@ def test_a_text_that_does_not_compile_tells_its_place(body: str) -> None:
     with pytest.raises(ScriptSyntaxError) as caught:
         compile_program(program(body), FUNCTIONS)
     assert caught.value.failure[:3] == NOT_COMPILED[body]
+
+
+def test_compilation_takes_a_step_for_each_statement() -> None:
+    """Parsing one, and compiling it: so long a text keeps its device no longer than one statement does."""
+    body = "if True:\n  x = [1, 2, 3]\n  while x[0] > 1:\n    sync()\n  end\nend\n" * 200
+    text = program("local x = 1\n" + body)
+    assert sum(1 for _ in compile_in_steps(text, FUNCTIONS)) == pytest.approx(2 * (4 * 200 + 1), abs=3)
+
+
+def test_same_text_is_compiled_once() -> None:
+    text = program("x = 12345.678")
+    made = compile_program(text, FUNCTIONS)
+    assert list(compile_in_steps(text, FUNCTIONS)) == []
+    assert compile_program(text, FUNCTIONS) is made
+    assert compile_program(text, dict(FUNCTIONS)) is not made
+
+
+def test_newest_programs_alone_are_kept() -> None:
+    first = compile_program(program("x = 1"), FUNCTIONS)
+    for number in range(8):
+        compile_program(program(f"x = 1.{number}"), FUNCTIONS)
+    assert compile_program(program("x = 1"), FUNCTIONS) is not first
 
 
 def test_our_own_programs_are_programs() -> None:

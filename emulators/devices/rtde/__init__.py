@@ -7,7 +7,6 @@ from emulators.devices.rtde.profile import RtdeProfile
 from emulators.devices.rtde.program_socket import ProgramSocket
 from emulators.devices.rtde.robot import RtdeRobot, make_robot
 from emulators.devices.rtde.running import Saying
-from emulators.devices.rtde.urscript import make_parser
 from emulators.devices.rtde.urscript.limits import TEXT_MAX
 
 __all__ = [
@@ -19,6 +18,5 @@ __all__ = [
     "RtdeRobot",
     "Saying",
     "Server",
-    "make_parser",
     "make_robot",
 ]

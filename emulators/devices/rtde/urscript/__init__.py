@@ -4,8 +4,7 @@ from emulators.devices.rtde.urscript.catalogue import FUNCTIONS, functions_of
 from emulators.devices.rtde.urscript.failures import RuntimeFailure, ScriptSyntaxError, SyntaxFailure
 from emulators.devices.rtde.urscript.host import ORDERED, Host, Message, Profile, Socket
 from emulators.devices.rtde.urscript.machine import Machine
-from emulators.devices.rtde.urscript.parser import make_parser
-from emulators.devices.rtde.urscript.statements import CompiledProgram, compile_program
+from emulators.devices.rtde.urscript.statements import CompiledProgram, compile_in_steps, compile_program
 
 __all__ = [
     "FUNCTIONS",
@@ -19,7 +18,7 @@ __all__ = [
     "ScriptSyntaxError",
     "Socket",
     "SyntaxFailure",
+    "compile_in_steps",
     "compile_program",
     "functions_of",
-    "make_parser",
 ]

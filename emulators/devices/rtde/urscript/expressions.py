@@ -7,13 +7,11 @@ generator instead, and `Part.waits` says so. Nothing of a text is evaluated by P
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from lark import Token, Tree
-
 from emulators.devices.rtde.urscript import values
-from emulators.devices.rtde.urscript.failures import ScriptError, ScriptSyntaxError, SyntaxFailure
+from emulators.devices.rtde.urscript.failures import ScriptError
 from emulators.devices.rtde.urscript.limits import CALLS_MAX, DEPTH_MAX, STRING_MAX
 from emulators.devices.rtde.urscript.lists import METHODS
-from emulators.devices.rtde.urscript.names import SIGNALS, Code, first_token, is_pose, line_of
+from emulators.devices.rtde.urscript.names import SIGNALS, Code, Node, is_pose
 from emulators.devices.rtde.urscript.operators import binary
 from emulators.devices.rtde.urscript.parts import (
     NUMBERS,
@@ -62,39 +60,39 @@ class Expressions:
         """The expression of a node. Raises ScriptSyntaxError for one that means nothing."""
         self._depth += 1
         if self._depth > DEPTH_MAX:
-            raise ScriptSyntaxError(SyntaxFailure(line_of(node), 1, "the program is nested too deeply"))
-        compiled: Part = getattr(self, f"_{node.data}")(node)
+            raise node.misplaced("the program is nested too deeply")
+        compiled: Part = getattr(self, f"_{node.kind}")(node)
         self._depth -= 1
         return compiled
 
     # --- literals
 
-    def _number(self, node: Tree[Token]) -> Part:
-        text = str(node.children[0])
+    def _number(self, node: Node) -> Part:
+        text = node.children[0]
         if text[:2] in ("0x", "0X"):
             if len(text) > _HEX_MAX:
-                raise ScriptSyntaxError(SyntaxFailure(line_of(node), 1, "a number is too large"))
+                raise node.misplaced("a number is too large")
             number: float = float(int(text, 16)) if len(text) > 9 else int(text, 16)
         else:
             number = int(text) if text.isdecimal() and len(text) < 10 else float(text)
         return always(number)
 
-    def _string(self, node: Tree[Token]) -> Part:
-        text = str(node.children[0])[1:-1]
+    def _string(self, node: Node) -> Part:
+        text = node.children[0][1:-1]
         if len(text) > STRING_MAX:
-            raise ScriptSyntaxError(SyntaxFailure(line_of(node), 1, "a string is too long"))
+            raise node.misplaced("a string is too long")
         return Part(False, lambda frame: text)
 
-    def _true(self, node: Tree[Token]) -> Part:
+    def _true(self, node: Node) -> Part:
         return always(True)
 
-    def _false(self, node: Tree[Token]) -> Part:
+    def _false(self, node: Node) -> Part:
         return always(False)
 
-    def _none(self, node: Tree[Token]) -> Part:
+    def _none(self, node: Node) -> Part:
         return Part(False, lambda frame: None)
 
-    def _list(self, node: Tree[Token]) -> Part:
+    def _list(self, node: Node) -> Part:
         def make(frame: Frame, *parts: Value) -> Value:
             for part in parts:
                 if isinstance(part, (tuple, Struct)):
@@ -109,11 +107,11 @@ class Expressions:
 
     # --- variables and their parts
 
-    def _name(self, node: Tree[Token]) -> Part:
-        name = str(node.children[0])
+    def _name(self, node: Node) -> Part:
+        name = node.children[0]
         found = self._code.find(name)
         if found is None:
-            raise _refused(node.children[0], f"compile_error_name_not_found:{name}:")
+            raise node.refused(f"compile_error_name_not_found:{name}:")
         hops, slot = found
 
         def read_own(frame: Frame) -> Any:
@@ -138,46 +136,41 @@ class Expressions:
 
         return Part(False, (read_own, read_next)[hops] if hops < 2 else read_outer)
 
-    def _place(self, node: Tree[Token]) -> Part:
+    def _place(self, node: Node) -> Part:
         first, *trailers = node.children
-        assert isinstance(first, Tree), "an atom"
         if is_pose(node):
             literal, *trailers = trailers
-            assert isinstance(literal, Tree), "an index"
             part = combined([self.value(child) for child in literal.children], _pose)
-        elif (
-            first.data == "name" and (read := SIGNALS.get(str(first.children[0]))) and self._is_signal(first)
-        ):
+        elif first.kind == "name" and (read := SIGNALS.get(first.children[0])) and self._is_signal(first):
             index, *trailers = trailers
             part = self.signal(read, index)
         else:
             part = self.value(first)
         for trailer in trailers:
-            assert isinstance(trailer, Tree), "a trailer"
             part = self._trailer(part, trailer)
         return part
 
-    def _is_signal(self, name: Tree[Token]) -> bool:
+    def _is_signal(self, name: Node) -> bool:
         """Whether no variable of the program has the name of an array of signals."""
-        return self._code.find(str(name.children[0])) is None
+        return self._code.find(name.children[0]) is None
 
     def signal(self, function: str, index: Any, *values: Any) -> Part:
         """A call for an element of an array of signals."""
-        if index.data != "index" or len(index.children) != 1:
-            raise _refused(index, "a signal has one number")
+        if index.kind != "index" or len(index.children) != 1:
+            raise index.refused("a signal has one number")
         parts = [self.value(child) for child in (*index.children, *values)]
         return answer(parts, self._functions[function].call)
 
-    def _trailer(self, part: Part, trailer: Tree[Token]) -> Part:
-        if trailer.data == "index":
+    def _trailer(self, part: Part, trailer: Node) -> Part:
+        if trailer.kind == "index":
             for child in trailer.children:
                 part = combined([part, self.value(child)], _element)
             return part
-        name = str(trailer.children[0])
-        if trailer.data == "member":
+        name = trailer.children[0]
+        if trailer.kind == "member":
             return combined([part], lambda frame, value: values.member(value, name))
         if name not in METHODS:
-            parts = [self.value(child) for child in trailer.children[1].children]  # type: ignore[union-attr]
+            parts = [self.value(child) for child in trailer.children[1]]
 
             def refuse(frame: Frame, *given: Value) -> Any:
                 """A server of `rpc_factory` has any method, so that no text is refused for one."""
@@ -185,7 +178,7 @@ class Expressions:
                 raise ScriptError(f"there is no method {name}")
 
             return combined([part, *parts], refuse)
-        arguments = [self.value(child) for child in trailer.children[1].children]  # type: ignore[union-attr]
+        arguments = [self.value(child) for child in trailer.children[1]]
         question = METHODS[name].ask
 
         def ask(frame: Frame, value: Value, *given: Value) -> Value:
@@ -193,12 +186,12 @@ class Expressions:
             return question(values.array(value), *given)
 
         if METHODS[name].arguments != len(arguments):
-            raise _refused(trailer, f"{name} takes {METHODS[name].arguments} arguments")
+            raise trailer.refused(f"{name} takes {METHODS[name].arguments} arguments")
         return combined([part, *arguments], ask)
 
     # --- operators
 
-    def _sum(self, node: Tree[Token]) -> Part:
+    def _sum(self, node: Node) -> Part:
         first, *rest = node.children
         part = self.value(first)
         for sign, other in zip(rest[::2], rest[1::2], strict=True):
@@ -207,10 +200,10 @@ class Expressions:
 
     _product = _comparison = _sum
 
-    def _sign(self, node: Tree[Token]) -> Part:
+    def _sign(self, node: Node) -> Part:
         sign, operand = node.children
         negative = sign == "-"
-        if negative and isinstance(operand, Tree) and operand.data == "number":
+        if negative and operand.kind == "number":
             return always(-self.value(operand).constant)
 
         def change(frame: Frame, value: Value) -> Value:
@@ -219,14 +212,13 @@ class Expressions:
 
         return combined([self.value(operand)], change)
 
-    def _not_(self, node: Tree[Token]) -> Part:
+    def _not(self, node: Node) -> Part:
         return combined([self.value(node.children[0])], lambda frame, value: not values.truth(value))
 
-    def _conjunction(self, node: Tree[Token]) -> Part:
-        parts = [self.value(child) for child in node.children]
-        return self._shortened(parts, False)
+    def _conjunction(self, node: Node) -> Part:
+        return self._shortened([self.value(child) for child in node.children[::2]], False)
 
-    def _disjunction(self, node: Tree[Token]) -> Part:
+    def _disjunction(self, node: Node) -> Part:
         first, *rest = node.children
         if all(word == "or" for word in rest[::2]):
             return self._shortened([self.value(child) for child in (first, *rest[1::2])], True)
@@ -262,8 +254,8 @@ class Expressions:
 
     # --- calls
 
-    def _call(self, node: Tree[Token]) -> Part:
-        name = str(node.children[0])
+    def _call(self, node: Node) -> Part:
+        name = node.children[0]
         code = self._code.find_function(name)
         if code is not None:
             return self._own_call(code, node)
@@ -271,7 +263,7 @@ class Expressions:
             return self._struct(node)
         function = self._functions.get(name)
         if function is None:
-            raise _refused(node.children[0], f"compile_error_name_not_found:{name}:", name)
+            raise node.refused(f"compile_error_name_not_found:{name}:", name)
         parts = self.arguments(name, node, function.parameters, function.defaults)
         call = function.call
         if not function.waits:
@@ -286,36 +278,35 @@ class Expressions:
     def arguments(
         self,
         name: str,
-        node: Tree[Token],
+        node: Node,
         parameters: Sequence[str],
         defaults: Mapping[str, Any],
     ) -> list[Part]:
         """The arguments of a call in the order of the parameters. Raises ScriptSyntaxError for wrong ones."""
         given: dict[str, Part] = {}
         positions, known = iter(parameters), frozenset(parameters)
-        for child in node.children[1].children:  # type: ignore[union-attr]
-            if child.data == "named":  # type: ignore[union-attr]
-                parameter = str(child.children[0])  # type: ignore[union-attr]
-                part = self.value(child.children[1])  # type: ignore[union-attr]
+        for child in node.children[1]:
+            if child.kind == "named":
+                parameter = child.children[0]
+                part = self.value(child.children[1])
             else:
                 parameter = next(positions, "")
                 part = self.value(child)
             if parameter not in known or parameter in given:
-                raise _refused(
-                    node,
+                raise node.refused(
                     f"{name} has no argument {parameter} to give"
                     if parameter
-                    else f"{name} takes {len(parameters)} arguments",
+                    else f"{name} takes {len(parameters)} arguments"
                 )
             given[parameter] = part
         for parameter in parameters:
             if parameter not in given:
                 if parameter not in defaults:
-                    raise _refused(node, f"{name} needs the argument {parameter}")
+                    raise node.refused(f"{name} needs the argument {parameter}")
                 given[parameter] = _default(defaults[parameter])
         return [given[parameter] for parameter in parameters]
 
-    def _own_arguments(self, code: Code, node: Tree[Token]) -> list[Part]:
+    def _own_arguments(self, code: Code, node: Node) -> list[Part]:
         """The arguments of a call of the program's own function; its defaults are seen from where it stands."""
         assert code.parent is not None, "a function is inside something"
         hops = self._code.hops_to(code.parent)
@@ -331,7 +322,7 @@ class Expressions:
         defaults = {name: Part(False, outwards(run)) for name, run in code.defaults.items()}
         return self.arguments(code.name, node, code.parameters, defaults)
 
-    def _own_call(self, code: Code, node: Tree[Token]) -> Part:
+    def _own_call(self, code: Code, node: Node) -> Part:
         parts = self._own_arguments(code, node)
         enter = self._entering(code)
 
@@ -381,12 +372,12 @@ class Expressions:
 
         return enter
 
-    def _run(self, node: Tree[Token]) -> Part:
+    def _run(self, node: Node) -> Part:
         """A thread begins; its handle is the value."""
-        name = str(node.children[0])
+        name = node.children[0]
         code = self._code.find_function(name)
         if code is None:
-            raise _refused(node.children[0], f"compile_error_name_not_found:{name}:")
+            raise node.refused(f"compile_error_name_not_found:{name}:")
         parts = self._own_arguments(code, node)
         assert code.parent is not None, "a thread is inside something"
         hops, thread = self._code.hops_to(code.parent), code
@@ -402,26 +393,19 @@ class Expressions:
 
         return combined(parts, start)
 
-    def _struct(self, node: Tree[Token]) -> Part:
+    def _struct(self, node: Node) -> Part:
         names, parts = [], []
-        for child in node.children[1].children:  # type: ignore[union-attr]
-            if child.data != "named":  # type: ignore[union-attr]
-                raise _refused(node, "a struct's members have names")
-            names.append(str(child.children[0]))  # type: ignore[union-attr]
-            parts.append(self.value(child.children[1]))  # type: ignore[union-attr]
+        for child in node.children[1]:
+            if child.kind != "named":
+                raise node.refused("a struct's members have names")
+            names.append(child.children[0])
+            parts.append(self.value(child.children[1]))
 
         def make(frame: Frame, *given: Value) -> Value:
             charge(frame, given)
             return values.checked(Struct(dict(zip(names, given, strict=True))))
 
         return combined(parts, make)
-
-
-def _refused(node: Tree[Token] | Token, text: str, function: str = "") -> ScriptSyntaxError:
-    """The error of a text that does not compile, at the first token of a node."""
-    token = first_token(node)
-    line, column = (token.line or 1, token.column or 1) if token else (1, 1)
-    return ScriptSyntaxError(SyntaxFailure(line, column, text, function))
 
 
 def _default(value: Any) -> Part:

@@ -3,11 +3,8 @@
 A statement's closure gives None, or how it leaves its block: `BREAK`, `CONTINUE`, or a `Returned` value.
 """
 
-from collections.abc import Callable, Sequence
-from functools import lru_cache
-from typing import Any, NamedTuple
-
-from lark import Token, Tree
+from collections.abc import Callable, Generator, Sequence
+from typing import Any, NamedTuple, TypeAlias
 
 from emulators.devices.rtde.urscript import values
 from emulators.devices.rtde.urscript.expressions import UNSET, Expressions, Returned
@@ -18,7 +15,7 @@ from emulators.devices.rtde.urscript.failures import (
     SyntaxFailure,
 )
 from emulators.devices.rtde.urscript.lists import METHODS
-from emulators.devices.rtde.urscript.names import Code, analyse, assigned, is_pose, line_of, nodes
+from emulators.devices.rtde.urscript.names import Code, Node, assigned, is_pose, resolve
 from emulators.devices.rtde.urscript.parser import parse
 from emulators.devices.rtde.urscript.parts import Frame, Part, Run, charge, combined
 from emulators.devices.rtde.urscript.table import Functions
@@ -30,8 +27,15 @@ class Leaving:
 
 
 BREAK, CONTINUE = Leaving(), Leaving()
+Steps: TypeAlias = Generator[None, None, Part]
 _WRONG = (ScriptError, ArithmeticError, ValueError, RecursionError)
 """A program's faults: those that are known as such, those of Python's arithmetic, and too deep a nesting."""
+
+
+_KEPT = 8
+"""Chosen: programs that are kept."""
+_newest: dict[tuple[str, int], tuple[Functions, "CompiledProgram"]] = {}
+"""Programs by text and table of functions, the newest last."""
 
 
 class CompiledProgram(NamedTuple):
@@ -47,63 +51,57 @@ class CompiledProgram(NamedTuple):
     """Names of all functions that it calls."""
 
 
-@lru_cache(maxsize=8)
-def _compiled(text: str, tables: tuple[Any, ...]) -> CompiledProgram:
-    functions = tables[0].table
-    tree = parse(text)
-    root = analyse(tree, functions)
-    calls = _compile(root, functions)
-    block = root.body
-    only = block.children[0] if len(block.children) == 1 else None
-    if isinstance(only, Tree) and only.data in ("def", "sec"):
-        name = str(only.children[0])
-        return CompiledProgram(name, only.data == "sec", root, root.functions[name], calls)
+def compile_program(text: str, functions: Functions) -> CompiledProgram:
+    """The program of a text. Raises ScriptSyntaxError."""
+    steps = compile_in_steps(text, functions)
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            program: CompiledProgram = end.value
+            return program
+
+
+def compile_in_steps(text: str, functions: Functions) -> Generator[None, None, CompiledProgram]:
+    """Compile a text, one statement a step. Raises ScriptSyntaxError. The newest programs are kept."""
+    known = _newest.get(key := (text, id(functions)))
+    if known is None:
+        try:
+            known = functions, (yield from _compiled(text, functions))
+        except RecursionError:
+            raise ScriptSyntaxError(SyntaxFailure(1, 1, "the program is nested too deeply")) from None
+        while len(_newest) >= _KEPT:
+            del _newest[next(iter(_newest))]
+        _newest[key] = known
+    return known[1]
+
+
+def _compiled(text: str, functions: Functions) -> Generator[None, None, CompiledProgram]:
+    root = yield from parse(text)
+    codes = resolve(root, functions)
+    yield
+    for code in codes:
+        _compile_defaults(code, functions)
+    for code in codes:
+        part = yield from Statements(code, functions).block(code.body)
+        code.run = part.run if part.waits or not code.waits else _as_generator(part.run)
+        code.waits = code.waits or part.waits
+    calls = frozenset[str]().union(*(code.calls for code in codes))
+    statements = root.body.children
+    if len(statements) == 1 and statements[0].kind in ("def", "sec"):
+        name = statements[0].children[0]
+        return CompiledProgram(name, statements[0].kind == "sec", root, root.functions[name], calls)
     return CompiledProgram("", False, root, root, calls)
 
 
-class _Key:
-    """A table of functions, hashed by its identity."""
-
-    def __init__(self, table: Functions) -> None:
-        self.table = table
-
-    def __hash__(self) -> int:
-        return id(self.table)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Key) and other.table is self.table
-
-
-def compile_program(text: str, functions: Functions) -> CompiledProgram:
-    """The program of a text. Raises ScriptSyntaxError. The newest programs are kept."""
-    try:
-        return _compiled(text, (_Key(functions),))
-    except RecursionError:
-        raise ScriptSyntaxError(SyntaxFailure(1, 1, "the program is nested too deeply")) from None
-
-
-def _compile(root: Code, functions: Functions) -> frozenset[str]:
-    """Compile a text's functions; the names of all that they call."""
-    codes = [root]
-    for code in codes:
-        codes += code.functions.values()
-    for code in codes:
-        if code.parent is not None:
-            outer = Expressions(code.parent, functions)
-            for parameter in code.tree.children[1].children:  # type: ignore[union-attr]
-                name, *default = parameter.children  # type: ignore[union-attr]
-                if default:
-                    part = outer.value(default[0])
-                    if part.waits:
-                        raise ScriptSyntaxError(
-                            SyntaxFailure(line_of(parameter), 1, "a default must not wait")
-                        )
-                    code.defaults[str(name)] = part.run
-    for code in codes:
-        part = Statements(code, functions).block(code.body)
-        code.run = part.run if part.waits or not code.waits else _as_generator(part.run)
-        code.waits = code.waits or part.waits
-    return frozenset[str]().union(*(code.calls for code in codes))
+def _compile_defaults(code: Code, functions: Functions) -> None:
+    """Compile the defaults of a function's parameters, which are seen from where it stands."""
+    for name, node in code.default_nodes.items():
+        assert code.parent is not None, "a text has no parameters"
+        part = Expressions(code.parent, functions).value(node)
+        if part.waits:
+            raise node.misplaced("a default must not wait")
+        code.defaults[name] = part.run
 
 
 def _as_generator(run: Run) -> Run:
@@ -122,13 +120,15 @@ class Statements:
         self._expressions = Expressions(code, functions)
         self._loops = 0
 
-    def block(self, node: Any) -> Part:
-        """A row of statements."""
+    def block(self, node: Node) -> Steps:
+        """A row of statements; a step is one of them."""
         parts, lines = [], []
         for child in node.children:
-            if child.data not in ("def", "thread", "sec", "label"):
-                parts.append(getattr(self, f"_{child.data}")(child))
-                lines.append(line_of(child))
+            if child.kind not in ("def", "thread", "sec", "label"):
+                part = getattr(self, f"_{child.kind}")(child)
+                parts.append((yield from part) if child.kind in ("if", "while") else part)
+                lines.append(child.line)
+                yield
         runs = tuple(part.run for part in parts)
         if not any(part.waits for part in parts):
 
@@ -160,17 +160,13 @@ class Statements:
 
     # --- flow
 
-    def _if_(self, node: Tree[Token]) -> Part:
-        children = list(node.children[1:])
-        otherwise: Part | None = None
-        last = children[-1]
-        if isinstance(last, Tree) and last.data == "otherwise":
-            otherwise = self.block(last.children[0])
-            children.pop()
-        branches = [
-            (self._expressions.value(condition), self.block(block))
-            for condition, block in zip(children[::2], children[1::2], strict=True)
-        ]
+    def _if(self, node: Node) -> Steps:
+        children, otherwise = list(node.children), None
+        if len(children) % 2:
+            otherwise = yield from self.block(children.pop())
+        branches = []
+        for condition, block in zip(children[::2], children[1::2], strict=True):
+            branches.append((self._expressions.value(condition), (yield from self.block(block))))
         every = [part for branch in branches for part in branch] + ([otherwise] if otherwise else [])
         if any(part.waits for part in every):
 
@@ -196,13 +192,12 @@ class Statements:
 
         return Part(False, run)
 
-    def _while_(self, node: Tree[Token]) -> Part:
-        _, asked, body = node.children
+    def _while(self, node: Node) -> Steps:
+        asked, body, weight = node.children
         condition = self._expressions.value(asked)
         self._loops += 1
-        block = self.block(body)
+        block = yield from self.block(body)
         self._loops -= 1
-        weight = sum(1 for _ in nodes(node))
         if condition.waits or block.waits:
 
             def wait(frame: Frame) -> Any:
@@ -236,24 +231,23 @@ class Statements:
 
         return Part(False, run)
 
-    def _break_(self, node: Tree[Token]) -> Part:
+    def _break(self, node: Node) -> Part:
         return self._leave(node, BREAK)
 
-    def _continue_(self, node: Tree[Token]) -> Part:
+    def _continue(self, node: Node) -> Part:
         return self._leave(node, CONTINUE)
 
-    def _leave(self, node: Tree[Token], signal: Leaving) -> Part:
+    def _leave(self, node: Node, signal: Leaving) -> Part:
         if not self._loops:
-            raise ScriptSyntaxError(SyntaxFailure(line_of(node), 1, "there is no loop to leave"))
+            raise node.misplaced("there is no loop to leave")
         return Part(False, lambda frame: signal)
 
-    def _return_(self, node: Tree[Token]) -> Part:
-        _, *value = node.children
-        if not value:
+    def _return(self, node: Node) -> Part:
+        if not node.children:
             return Part(False, lambda frame: Returned(None))
-        return combined([self._expressions.value(value[0])], lambda frame, value: Returned(value))
+        return combined([self._expressions.value(node.children[0])], lambda frame, value: Returned(value))
 
-    def _halt(self, node: Tree[Token]) -> Part:
+    def _halt(self, node: Node) -> Part:
         def run(frame: Frame) -> Any:
             raise Halted
 
@@ -261,33 +255,31 @@ class Statements:
 
     # --- variables
 
-    def _declare(self, node: Tree[Token]) -> Part:
-        if len(node.children) < 3:
+    def _declare(self, node: Node) -> Part:
+        name, *value = node.children
+        if not value:
             return Part(False, lambda frame: None)
-        store = self._storing(str(node.children[1]))
-        return combined([self._expressions.value(node.children[2])], store)
+        return combined([self._expressions.value(value[0])], self._storing(name))
 
-    def _assign(self, node: Tree[Token]) -> Part:
+    def _assign(self, node: Node) -> Part:
         place = node.children[0]
-        name = assigned(node)
-        assert isinstance(place, Tree), "a place"
-        if name is None or (place.data == "place" and is_pose(place)):
-            raise ScriptSyntaxError(SyntaxFailure(line_of(node), 1, "nothing can be assigned to this"))
+        name = assigned(place)
+        if name is None or (place.kind == "place" and is_pose(place)):
+            raise node.misplaced("nothing can be assigned to this")
         if name == "digital_out" and self._code.find(name) is None and len(place.children) == 2:
             return self._expressions.signal("set_digital_out", place.children[1], node.children[1])
         store, value = self._storing(name), self._expressions.value(node.children[1])
-        if place.data == "name":
+        if place.kind == "name":
             return combined([value], store)
         first, *trailers = place.children
         keys: list[Part] = []
         path: list[str | None] = []
         """Names of members; None for an element, whose place is the next key."""
         for trailer in trailers:
-            assert isinstance(trailer, Tree), "a trailer"
-            if trailer.data == "method":
-                raise ScriptSyntaxError(SyntaxFailure(line_of(node), 1, "nothing can be assigned to a call"))
-            if trailer.data == "member":
-                path.append(str(trailer.children[0]))
+            if trailer.kind == "method":
+                raise node.misplaced("nothing can be assigned to a call")
+            if trailer.kind == "member":
+                path.append(trailer.children[0])
             else:
                 keys += [self._expressions.value(child) for child in trailer.children]
                 path += [None] * len(trailer.children)
@@ -315,25 +307,24 @@ class Statements:
 
     # --- others
 
-    def _expression(self, node: Tree[Token]) -> Part:
+    def _expression(self, node: Node) -> Part:
         place = node.children[0]
-        assert isinstance(place, Tree), "an expression"
         part = self._expressions.value(place)
-        if place.data == "place" and (change := self._changing(place)) is not None:
+        if place.kind == "place" and (change := self._changing(place)) is not None:
             return change
         return combined([part], lambda frame, value: None)
 
-    def _changing(self, place: Tree[Token]) -> Part | None:
+    def _changing(self, place: Node) -> Part | None:
         """`list.append(x)` as a statement; None for a call that changes nothing."""
         first, *trailers = place.children
-        if len(trailers) != 1 or not isinstance(first, Tree) or first.data != "name":
+        if len(trailers) != 1 or first.kind != "name":
             return None
         (call,) = trailers
-        if not isinstance(call, Tree) or call.data != "method":
+        if call.kind != "method":
             return None
-        method = METHODS.get(str(call.children[0]))
-        arguments = call.children[1].children  # type: ignore[union-attr]
-        name = str(first.children[0])
+        method = METHODS.get(call.children[0])
+        arguments = call.children[1]
+        name = first.children[0]
         if method is None or method.change is None or len(arguments) != method.arguments:
             return None
         if self._code.find(name) is None:
@@ -350,7 +341,7 @@ class Statements:
             [self._expressions.value(first), *(self._expressions.value(child) for child in arguments)], change
         )
 
-    def _join(self, node: Tree[Token]) -> Part:
+    def _join(self, node: Node) -> Part:
         part = self._expressions.value(node.children[0])
 
         def wait(frame: Frame) -> Any:
@@ -361,13 +352,13 @@ class Statements:
 
         return Part(True, wait)
 
-    def _kill(self, node: Tree[Token]) -> Part:
+    def _kill(self, node: Node) -> Part:
         return combined(
             [self._expressions.value(node.children[0])],
             lambda frame, handle: frame[1].machine.kill(handle),
         )
 
-    def _critical(self, node: Tree[Token]) -> Part:
+    def _critical(self, node: Node) -> Part:
         """Threads change over only where they wait, so that each row of statements is a critical section.
 
         Assumed: one that waits inside lets the others run. Universal Robots' C++ client library moves inside one for

@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable
 from typing import Any
 
-from emulators.devices.rtde import RtdeRobot, Saying, make_parser
+from emulators.devices.rtde import RtdeRobot, Saying
 from hil_bridge.clock import Timer
 from hil_bridge.devices.robots.rtde.addresses import PORTS, Address, parse_address
 from hil_bridge.devices.robots.rtde.program_wires import Hangup, ProgramWires, Served
@@ -52,7 +52,6 @@ class Ports:
 
     async def listen(self, address: Address) -> str:
         """Listen on an address; the URL for a client. Raises TransportUnavailable."""
-        make_parser()  # not at a client's first program, when a robot moves
         if not self._serving.clock.is_virtual:
             self._keep_pace()
         if address.name:
