@@ -11,7 +11,7 @@ from contextlib import contextmanager, suppress
 import click
 
 from hil_bridge.clock import Clock, run_real
-from hil_bridge.clock.realtime import real_time_thread
+from hil_bridge.clock.realtime import gc_frozen, real_time_thread
 from hil_bridge.devices.panel import panel_address
 from hil_bridge.errors import BridgeError, DeviceError
 from hil_bridge.runs.beside import going_on
@@ -97,12 +97,13 @@ async def _serve(setup: Setup, as_json: bool, executor: ThreadPoolExecutor | Non
                     click.echo(f"Operate it with: hil-bridge panel {where['panel']}")
                 click.echo("Stop with Ctrl-C.")
             lateness = Lateness(_cycle_of(served.robot), _log)
-            async with (
-                going_on(lateness.watch(clock), "lateness"),
-                going_on(_show_panel(feed), "page"),
-                going_on(report_hindrances(served, clock, _log), "hindrances"),
-            ):
-                await stopped.wait()
+            with gc_frozen():
+                async with (
+                    going_on(lateness.watch(clock), "lateness"),
+                    going_on(_show_panel(feed), "page"),
+                    going_on(report_hindrances(served, clock, _log), "hindrances"),
+                ):
+                    await stopped.wait()
             if lateness.describe():
                 _log(lateness.describe())
             if causes:

@@ -16,6 +16,8 @@ from hil_bridge.clock.realtime import (
     GIVE_WAY_S,
     RealTime,
     collect_generation_1,
+    gc_frozen,
+    gc_off,
     gc_paused,
     real_time_thread,
     short_switch_interval,
@@ -177,6 +179,18 @@ def test_garbage_waits_until_it_is_asked_for(collect: bool, frozen: bool) -> Non
         assert not gc.isenabled()
     assert gc.isenabled()
     assert (gc.get_freeze_count() > 0) == frozen
+    gc.freeze()  # the tests that were collected, as it was before
+
+
+def test_gc_frozen_leaves_the_collector_on() -> None:
+    gc.unfreeze()
+    with gc_frozen():
+        assert gc.get_freeze_count() > 0
+        assert gc.isenabled()
+        with gc_off():
+            assert not gc.isenabled()
+        assert gc.isenabled()
+    assert gc.get_freeze_count() == 0
     gc.freeze()  # the tests that were collected, as it was before
 
 

@@ -11,10 +11,12 @@ from pathlib import Path
 
 import pytest
 
+from hil_bridge.devices.robots.rtde.addresses import parse_address
 from protocol.devices.rtde import packets
 from protocol.devices.rtde.fields import Recipe
 from protocol.devices.rtde.packets import Kind
 from protocol.devices.rtde.states import Runtime
+from protocol.devices.rtde.wires import Port
 
 pytestmark = pytest.mark.live
 
@@ -118,5 +120,32 @@ def test_a_bridge_that_is_killed_leaves_the_arm_standing_and_the_program_stopped
                 while (speed > 0.0 or runtime != Runtime.STOPPED) and stamp < ends:
                     stamp, speed, runtime = seen.next_state()
             assert (speed, runtime) == (0.0, Runtime.STOPPED)
+        finally:
+            serving.kill()
+
+
+def test_upload_of_80_kb_does_not_hold_up_the_state() -> None:
+    """The state came 0.5 s late and more while such a text was parsed in the loop."""
+    row = "    if read_input_integer_register(24) == 7:\n      servoj(q, 0, 0, 0.002, 0.1, 300)\n    end\n"
+    unused = f"  def unused(q):\n{row * (80_000 // len(row))}  end\n"
+    text = f"def long():\n{unused}  while True:\n    sync()\n  end\nend\n"
+    with subprocess.Popen(
+        command("emulate", "robot", "--robot", "rtde", "--json"), stdout=subprocess.PIPE, text=True
+    ) as serving:
+        try:
+            assert serving.stdout is not None
+            url = json.loads(serving.stdout.readline())["robot"]
+            address = parse_address(url.removeprefix("rtde+"))
+            with (
+                Observer(address.host, address.ports[Port.RTDE]) as seen,
+                socket.create_connection((address.host, address.ports[Port.SCRIPT]), timeout=10) as script,
+            ):
+                newest, _, runtime = seen.next_state()
+                script.sendall(text.encode())
+                longest = 0.0
+                while runtime != Runtime.PLAYING:
+                    stamp, _, runtime = seen.next_state()
+                    longest, newest = max(longest, stamp - newest), stamp
+            assert longest < 0.1
         finally:
             serving.kill()

@@ -30,6 +30,7 @@ from emulators.devices.rtde.profile import RtdeProfile
 from emulators.devices.rtde.running import Console, Program, Saying, Watchdog
 from emulators.devices.rtde.state import Registers, Snapshot, number_in
 from emulators.devices.rtde.targets import problem_of_start, problem_of_target
+from emulators.devices.rtde.uploads import Uploads
 from emulators.devices.rtde.urscript import Message
 from emulators.orders import Act, HeardOrder, Hindrance, Orders
 from emulators.seams import StartPose
@@ -43,10 +44,6 @@ _LEVEL: Pose = Pose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
 _NO_FORCE: Wrench = (0.0,) * 6
 BY_FAULT = "as a fault"
 """Reason of a protective stop that no client has caused."""
-
-
-def _nothing() -> None:
-    """No program has come."""
 
 
 class Controller:
@@ -87,8 +84,7 @@ class Controller:
         """Share of its speed that a motion has from the next cycle on, 0 … 1 (assumed: without a ramp)."""
         self.programs: Mapping[str, bytes] = {}
         """Stored programs by name: text in URScript."""
-        self.defined = ""
-        """Name of the newest program that came to it as text."""
+        self.uploads = Uploads()
         self.loaded = ""
         """Name of the stored program that is loaded; empty for none."""
         self._emergency_stops: set[str] = set()
@@ -119,8 +115,6 @@ class Controller:
         self.orders, self.unmodelled = Orders(), Unmodelled("rtde")
         """Orders of its clients, for a judge of them."""
         self.motions = Motions(self)
-        self.rehearse: Callable[[], object] = _nothing
-        """Let the program that came last show what its client orders, in a cycle in which it does not play."""
         self.stop_reason = ""
         """Words of the last protective stop."""
         self.counts: Counter[str] = Counter()
@@ -169,9 +163,9 @@ class Controller:
             self.console.tell(Saying(self.now, Message.STARTED, self.program.name))
         self._watch(now)
         if self.runtime == Runtime.PLAYING and self.program is not None and not self.program.cycle():
-            self.stop_program()
+            self._end_program()
         if self.orders.listener is not None:
-            self.rehearse()
+            self.uploads.rehearse()
         self._guard()
         if self.safety != self._told_safety:
             self._told_safety = self.safety
@@ -306,16 +300,21 @@ class Controller:
         """Whether text on the script port is taken."""
         return self.remote and self.mode == RobotMode.RUNNING and self.safety not in STOPPED_MODES
 
-    def start_program(self, make: Callable[[], Program]) -> None:
-        """A whole program came; a running one is stopped first. Nothing happens where none is taken."""
-        if not self.takes_programs:
+    def start_program(self, make: Callable[[], Program], in_time: bool = True) -> bool:
+        """A whole program came; a running one is stopped first. False, and nothing else, where none is taken."""
+        if not (in_time and self.takes_programs):
             self.counts["programs refused"] += 1
-            return
-        self.stop_program()
+            return False
+        self._end_program()
         self._starting = self.now + self.profile.start_delay_ms / 1000.0, make
+        return True
 
     def stop_program(self) -> None:
-        """Stop what plays, or is paused; the arm brakes."""
+        """Stop what plays, is paused, or has come and does not play yet; the arm brakes."""
+        self.uploads.stops += 1
+        self._end_program()
+
+    def _end_program(self) -> None:
         if self.program is not None:
             self.program.close()
             self.console.tell(Saying(self.now, Message.STOPPED, self.program.name))
@@ -360,7 +359,7 @@ class Controller:
         for watchdog in self.watchdogs:
             if now - watchdog.last > watchdog.period + 1e-9:
                 self.counts[f"watchdog {watchdog.action}"] += 1
-                self.stop_program() if watchdog.action == "stop" else self.pause()
+                self._end_program() if watchdog.action == "stop" else self.pause()
                 return
 
     # --- orders to the arm

@@ -3,6 +3,7 @@
 Source: ur_rtde 1.6.5, Universal Robots' C++ client library, and a user's extract of the maker's dashboard manual.
 """
 
+from collections import deque
 from collections.abc import Callable, Mapping
 
 from emulators.devices.rtde.controller import Controller
@@ -106,21 +107,6 @@ def _load(controller: Controller, file: str) -> str:
     return f"Loading program: {file}, {controller.loaded}"
 
 
-def _play(controller: Controller) -> str:
-    """A paused program goes on; else the stored program begins."""
-    played = controller.play()
-    if (
-        not played
-        and controller.loaded
-        and controller.runtime == Runtime.STOPPED
-        and controller.takes_programs
-    ):
-        name = controller.loaded.removesuffix(".urp")
-        start_text(controller, name, controller.programs[name])
-        played = True
-    return _done(played, "play", "Starting program")
-
-
 def _power_on(controller: Controller) -> str:
     """It is no failure where the power is on."""
     on = controller.power_on() or controller.mode in (RobotMode.POWER_ON, RobotMode.IDLE, RobotMode.RUNNING)
@@ -211,7 +197,6 @@ _ANSWERS: Mapping[str, Callable[[Controller], str]] = {
     "safetymode": lambda controller: f"Safetymode: {controller.safety.name}",
     "running": lambda controller: f"Program running: {str(controller.runtime == Runtime.PLAYING).lower()}",
     "programstate": _state,
-    "play": _play,
     "pause": lambda controller: _done(controller.pause(), "pause", "Pausing program"),
     "stop": _stop,
     "unlock protective stop": _unlock,
@@ -237,16 +222,25 @@ class Dashboard:
         self._out = [GREETING]
         self._local = not controller.remote
         """The connection was made in local control."""
+        self._waiting: deque[str] = deque()
+        """Commands without an answer so far."""
+        self._starts = False
+        """Whether a program is being started, which is answered once it has compiled."""
         self.closing = False
 
     def receive(self, data: bytes, now: float) -> None:
         self._controller.advance(now)
-        for line in self._lines.feed(data):
-            if self.closing:
-                return
-            self._out.append(self._answer(line.strip()))
+        self._waiting += self._lines.feed(data)
+        self._answer_waiting()
 
-    def _answer(self, line: str) -> str:
+    def _answer_waiting(self) -> None:
+        while self._waiting and not self._starts and not self.closing:
+            answer = self._answer(self._waiting.popleft().strip())
+            if answer is not None:
+                self._out.append(answer)
+
+    def _answer(self, line: str) -> str | None:
+        """The answer to a command; None where it comes later."""
         command = " ".join(line.lower().split())
         if command == "quit":
             self.closing = True
@@ -255,6 +249,9 @@ class Dashboard:
             self._controller.told(Act.RELEASE, f"dashboard: {command}", self._controller.remote)
         if (self._local or not self._controller.remote) and command.startswith(_ACTS):
             return _LOCAL
+        if command == "play":
+            self._play()
+            return None
         cb3 = self._controller.version.major < _E_SERIES
         if not command.startswith(_OF_E_SERIES if cb3 else _OF_CB3):
             answer = self._known(command, line)
@@ -267,6 +264,21 @@ class Dashboard:
                 self._controller.unmodelled.touch(f"dashboard command {real}", detail)
                 self._controller.told(Act.REFUSED, f"dashboard command {real}", False)
         return f"could not understand: '{line[:80]}'"
+
+    def _play(self) -> None:
+        """Play on what is paused; else start the stored program, which is answered once it has compiled."""
+        controller, name = self._controller, self._controller.loaded.removesuffix(".urp")
+        self._starts = True
+        if controller.play():
+            self._played(True)
+        elif name and controller.runtime == Runtime.STOPPED and controller.takes_programs:
+            start_text(controller, name, controller.programs[name], self._played)
+        else:
+            self._played(False)
+
+    def _played(self, started: bool) -> None:
+        self._starts = False
+        self._out.append(_done(started, "play", "Starting program"))
 
     def _known(self, command: str, line: str) -> str | None:
         """The answer to a command that is known."""
@@ -291,14 +303,17 @@ class Dashboard:
         return None
 
     def data_to_send(self, now: float) -> bytes:
+        self._answer_waiting()
         out, self._out = self._out, []
         return "".join(f"{line}\n" for line in out).encode("ascii", "replace")
 
     def next_deadline(self) -> float | None:
-        return None
+        """The next cycle, while an answer is due."""
+        path = self._controller.path
+        return path.cycle_at(path.cycle + 1) if self._starts else None
 
     def handle_deadline(self, now: float) -> None:
-        """There is none."""
+        self._controller.advance(now)
 
     def close(self, now: float) -> None:
         """The connection has ended."""

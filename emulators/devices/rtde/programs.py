@@ -1,18 +1,21 @@
 """Programs of the emulated controller: text in URScript, and what it may order."""
 
+from collections.abc import Callable, Generator, Iterator
+
 from emulators.devices.rtde.controller import Controller
 from emulators.devices.rtde.rehearsal import Rehearsal
 from emulators.devices.rtde.script_host import ControllerHost
+from emulators.devices.rtde.uploads import nothing
 from emulators.devices.rtde.urscript import (
     FUNCTIONS,
     CompiledProgram,
     Machine,
     RuntimeFailure,
     ScriptSyntaxError,
-    compile_program,
+    compile_in_steps,
     functions_of,
 )
-from emulators.orders import Act
+from emulators.orders import Act, HeardOrder
 from protocol.devices.rtde.program import NAME
 
 _MOVES = frozenset({"movej", "movel", "movep", "movec", "servoj", "servoc", "speedj", "speedl"})
@@ -20,27 +23,33 @@ _ASKS = ("read_input_", "socket_read_")
 """Functions with these names get the orders of a client."""
 
 
-def start_text(controller: Controller, name: str, text: bytes) -> None:
-    """Start the program of a text, where the controller takes programs.
+def start_text(
+    controller: Controller, name: str, text: bytes, answer: Callable[[bool], object] = lambda started: None
+) -> None:
+    """Start the program of a text, where the controller takes programs; `answer` is told whether it starts.
 
     A text that does not compile is reported and changes nothing: what runs goes on. So a client may send `f()` behind
     `def f(): ... end`. The definition plays by itself; the call is a text of its own, in which f is not defined.
     Source: ros-industrial/universal_robot, pull request 165, tried on controllers 1.5, 1.8, 3.0 and 3.1.
     """
-    compiled = compiled_or_told(controller, text)
-    if compiled is None:
-        return
-    controller.defined = compiled.name
     words = f"program {name}" if name else f"script {text[:64].decode('utf-8', 'replace')}"
-    controller.told(Act.PROGRAM, words, controller.takes_programs, _moves_by_itself(compiled))
-    ours = controller.motions.by_registers = compiled.name == NAME
-    asks = _asks(compiled) and not ours
-    controller.rehearse = Rehearsal(controller, compiled).cycle if asks else _nothing
-    controller.start_program(lambda: Script(controller, compiled))
+    order = HeardOrder(controller.now, Act.PROGRAM, words, controller.takes_programs)
+    stops = controller.uploads.stops
 
+    def work() -> Iterator[None]:
+        compiled = yield from _compiled_or_told(controller, text)
+        if compiled is None:
+            answer(False)
+            return
+        controller.orders.tell(order._replace(moves=_moves_by_itself(compiled)))
+        ours = controller.motions.by_registers = compiled.name == NAME
+        uploads = controller.uploads
+        asks = _asks(compiled) and not ours
+        uploads.rehearse = Rehearsal(controller, compiled).cycle if asks else nothing
+        in_time = order.taken and uploads.stops == stops
+        answer(controller.start_program(lambda: Script(controller, compiled), in_time))
 
-def _nothing() -> None:
-    """A program that goes by no inputs orders nothing behind a stop."""
+    controller.uploads.add(work())
 
 
 def _asks(compiled: CompiledProgram) -> bool:
@@ -53,15 +62,17 @@ def _moves_by_itself(compiled: CompiledProgram) -> bool:
     return not _MOVES.isdisjoint(compiled.calls) and not _asks(compiled)
 
 
-def compiled_or_told(controller: Controller, text: bytes) -> CompiledProgram | None:
-    """The program of a text; None for one that does not compile, which is reported."""
-    functions = functions_of(controller.version)
+def _compiled_or_told(controller: Controller, text: bytes) -> Generator[None, None, CompiledProgram | None]:
+    """Compile a text in steps; None for one that does not compile, which is reported."""
+    functions, uploads = functions_of(controller.version), controller.uploads
     try:
-        return compile_program(text.decode("utf-8", "replace"), functions)
+        compiled = yield from compile_in_steps(text.decode("utf-8", "replace"), functions)
+        uploads.defined = compiled.name
+        return compiled
     except ScriptSyntaxError as error:
         failure = error.failure
         ControllerHost(controller).tell_failure(failure)
-        if failure.function and text.strip() == f"{controller.defined}()".encode():
+        if failure.function and text.strip() == f"{uploads.defined}()".encode():
             words = f"a call of {failure.function}() behind its definition, which plays by itself"
             controller.told(Act.CONTACT, words, False)
         elif failure.function in FUNCTIONS:
@@ -88,14 +99,17 @@ class Script:
 
 
 def run_secondary(controller: Controller, text: bytes) -> None:
-    """A program that runs beside another one, within this cycle, and cannot move the arm."""
+    """A program that runs beside another one, within one cycle, and cannot move the arm."""
     controller.counts["secondary programs"] += 1
-    compiled = compiled_or_told(controller, text)
-    if compiled is None:
-        return
-    controller.defined = compiled.name
-    if compiled.main.waits:
-        failure = RuntimeFailure(1, "a secondary program must not move the arm, or wait")
-        ControllerHost(controller).tell_failure(failure)
-        return
-    Script(controller, compiled).cycle()
+
+    def work() -> Iterator[None]:
+        compiled = yield from _compiled_or_told(controller, text)
+        if compiled is None:
+            return
+        if compiled.main.waits:
+            failure = RuntimeFailure(1, "a secondary program must not move the arm, or wait")
+            ControllerHost(controller).tell_failure(failure)
+            return
+        Script(controller, compiled).cycle()
+
+    controller.uploads.add(work())

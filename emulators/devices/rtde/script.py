@@ -14,8 +14,8 @@ from emulators.devices.rtde.urscript.limits import TEXT_MAX
 from emulators.orders import Act
 
 _BEGIN = re.compile(rb"^(def|sec)\s+(\w{1,64})\s*\(")
-_OPENS = re.compile(rb"^\s*(def|sec|thread|if|while)\b")
-_ENDS = re.compile(rb"^\s*end\b")
+_NESTS = re.compile(rb"^\s*(?:(end)|def|sec|thread|if|while)\b")
+"""A line that ends a block, or begins one."""
 _FREE = re.compile(rb"^[A-Za-z_]")
 
 
@@ -80,11 +80,13 @@ class ScriptPort:
             self._free = True
         self._lines.append(line)
         self._size += len(line) + 1
-        self._depth += bool(_OPENS.match(line)) - bool(_ENDS.match(line))
-        closed = self._depth <= 0 and bool(_ENDS.match(line))
+        ends = False
+        if nests := _NESTS.match(line):
+            ends = nests[1] is not None
+            self._depth += -1 if ends else 1
         if self._size > TEXT_MAX:
             self._forget()
-        elif closed or (line == b"end" and not self._free):
+        elif (ends and self._depth <= 0) or (line == b"end" and not self._free):
             name, text, secondary = self._name, b"\n".join(self._lines), self._secondary
             self._forget()
             self._start(name, text, secondary)
@@ -108,7 +110,7 @@ class ScriptPort:
             self._at, self._count, self._text = controller.now, 0, 0
         self._count += 1
         self._text += len(text)
-        if self._count > _PROGRAMS_MAX or self._text > TEXT_MAX:
+        if self._count > _PROGRAMS_MAX or self._text > TEXT_MAX or controller.uploads.full:
             controller.counts["programs dropped"] += 1
             return
         if secondary:

@@ -88,6 +88,8 @@ def _compiled(text: str, functions: Functions) -> Generator[None, None, Compiled
         code.waits = code.waits or part.waits
     calls = frozenset[str]().union(*(code.calls for code in codes))
     statements = root.body.children
+    for code in codes:
+        del code.body
     if len(statements) == 1 and statements[0].kind in ("def", "sec"):
         name = statements[0].children[0]
         return CompiledProgram(name, statements[0].kind == "sec", root, root.functions[name], calls)

@@ -2,10 +2,12 @@
 
 import asyncio
 from collections.abc import Callable
+from contextlib import ExitStack
 from typing import Any
 
 from emulators.devices.rtde import RtdeRobot, Saying
 from hil_bridge.clock import Timer
+from hil_bridge.clock.realtime import gc_off
 from hil_bridge.devices.robots.rtde.addresses import PORTS, Address, parse_address
 from hil_bridge.devices.robots.rtde.program_wires import Hangup, ProgramWires, Served
 from hil_bridge.devices.wiring import Serving
@@ -21,6 +23,8 @@ from protocol.devices.rtde.wires import Port
 
 BEAT_S = 0.02
 """Chosen: time between two looks at a controller without a client."""
+STEPS = 20
+"""Chosen: statements that are compiled at a time, which takes some 0.4 ms."""
 
 
 class _ErrorLog:
@@ -45,6 +49,8 @@ class Ports:
         self._wires: set[Transport[bytes]] = set()
         self._closing: set[asyncio.Task[None]] = set()
         self._stops: list[Callable[[], None]] = []
+        self._compiling = serving.stack.enter_context(ExitStack())
+        """What holds while a text is compiled."""
         serving.stack.push_async_callback(self._close)
         self._beat: Timer | None = None
         self._programs = ProgramWires(robot, serving)
@@ -54,6 +60,7 @@ class Ports:
         """Listen on an address; the URL for a client. Raises TransportUnavailable."""
         if not self._serving.clock.is_virtual:
             self._keep_pace()
+            self._robot.controller.uploads.spread = self._begin_to_compile
         if address.name:
             for port in PORTS:
                 door = self._door(port)
@@ -77,6 +84,25 @@ class Ports:
             return f"tcp://{address.authority}"
         options = "&".join(f"{port}={number}" for port, number in found.items() if port is not Port.RTDE)
         return f"tcp://{address.authority}:{found[Port.RTDE]}?{options}"
+
+    def _begin_to_compile(self) -> None:
+        """Without the collector, which would look through all nodes of a text again and again."""
+        self._compiling.enter_context(gc_off())
+        self._serving.clock.call_soon(self._compile)
+
+    def _compile(self) -> None:
+        """Compile some of what clients upload, and more of it behind all that is due meanwhile.
+
+        The clock is not asked: its time would be that of all deadlines that are late, and their cycles be left out.
+        """
+        try:
+            if all(self._robot.controller.uploads.step() for _ in range(STEPS)):
+                self._serving.clock.call_soon(self._compile)
+            else:
+                self._compiling.close()
+        except RAISED as error:
+            raise_if_asked(error)
+            self._serving.on_failure(error)
 
     def _keep_pace(self) -> None:
         """Let the controller's cycles happen while no client is there, so that the next one need not wait for them."""
