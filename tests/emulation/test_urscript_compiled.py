@@ -9,6 +9,7 @@ from emulators.devices.rtde.urscript import Message
 from emulators.orders import Act, HeardOrder
 from emulators.unmodelled import NotModelled
 from protocol.devices.rtde.states import Runtime
+from protocol.devices.rtde.wires import Port
 from tests.emulation.exact_arm import EXACT
 from tests.emulation.rtde_desk import Desk
 
@@ -78,6 +79,9 @@ NEWER = {
     ("5.9.4.0", "get_inverse_kin_has_solution(p[1, 2, 3, 0, 0, 0])"): True,
     ("3.3.0.0", "tool_contact([1, 0, 0, 0, 0, 0])"): False,
     ("5.12.0.0", "tool_contact([1, 0, 0, 0, 0, 0])"): True,
+    ("5.9.4.0", "interpreter_mode(clearOnEnd=False)"): False,
+    ("5.10.0.0", "interpreter_mode(clearOnEnd=False)"): True,
+    ("3.15.0.0", "end_interpreter()"): False,
     ("5.20.0.0", "optimovej([0, 0, 0, 0, 0, 0])"): False,
     ("5.21.0.0", "optimovej([0, 0, 0, 0, 0, 0])"): True,
     ("3.5.0.0", "get_tcp_offset()"): False,
@@ -96,6 +100,20 @@ def test_function_of_another_version_does_not_compile(version: str, call: str) -
     refused = [order.words for order in told if order.act is Act.UNREADABLE]
     name, number = call.partition("(")[0], version.rpartition(".")[0]
     assert refused == ([] if NEWER[version, call] else [f"URScript {name}(), which {number} does not have"])
+
+
+@pytest.mark.parametrize("line", ["set sim", "set real"])
+def test_cb3_takes_orders_about_its_simulation(line: str) -> None:
+    """As python-urx sends them to the secondary interface."""
+    cb3, e_series = Desk(EXACT.__class__(version="3.15.0.0", model="ur10")), Desk()
+    for desk in (cb3, e_series):
+        desk.upload("def mine():\n  while True:\n    sync()\n  end\nend\n")
+        desk.run(0.2)
+        desk.plug(Port.SECONDARY).send(f"{line}\n".encode())
+        assert desk.controller.runtime is Runtime.PLAYING
+    assert errors(cb3) == []
+    assert len(cb3.robot.unmodelled.things) == (line == "set sim")
+    assert len(errors(e_series)) == 1
 
 
 def test_flag_is_kept_for_the_next_program() -> None:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from emulators.devices.rtde.controller import Controller
 from emulators.devices.rtde.programs import run_secondary, start_text
 from emulators.devices.rtde.urscript.limits import TEXT_MAX
+from emulators.devices.rtde.urscript.table import E_SERIES
 from emulators.orders import Act
 
 _BEGIN = re.compile(rb"^(def|sec)\s+(\w{1,64})\s*\(")
@@ -28,6 +29,10 @@ def _unlock(controller: Controller) -> None:
         controller.counts["unlock refused"] += 1
 
 
+def _simulate(controller: Controller) -> None:
+    controller.unmodelled.touch("line set sim", "accepted without effect: the arm moves on")
+
+
 _ORDERS: Mapping[bytes, tuple[Act, Callable[[Controller], object]]] = {
     b"stop program": (Act.CONTACT, Controller.stop_program),
     b"pause program": (Act.CONTACT, Controller.pause),
@@ -38,6 +43,12 @@ _ORDERS: Mapping[bytes, tuple[Act, Callable[[Controller], object]]] = {
     b"set unlock protective stop": (Act.RELEASE, _unlock),
 }
 """Lines that are no script, which clients send on the same ports."""
+_ORDERS_OF_CB3: Mapping[bytes, tuple[Act, Callable[[Controller], object]]] = {
+    **_ORDERS,
+    b"set sim": (Act.CONTACT, _simulate),
+    b"set real": (Act.CONTACT, lambda controller: None),
+}
+"""Source: python-urx 0.11.0, `set_simulation`. Assumed: an e-Series does not know them."""
 _PROGRAMS_MAX = 16
 """Chosen: programs that one connection brings at one time; more are dropped, for each takes time to read."""
 
@@ -96,7 +107,8 @@ class ScriptPort:
         if not line or line.startswith(b"#"):
             return
         controller = self._controller
-        if known := _ORDERS.get(line.lower()):
+        orders = _ORDERS if controller.version.major >= E_SERIES else _ORDERS_OF_CB3
+        if known := orders.get(line.lower()):
             if controller.remote:
                 act, order = known
                 controller.told(act, line.decode(), True)
