@@ -90,8 +90,6 @@ class Freeing:
         if back_to is not None:
             check_goal(config, back_to)
         start = await bring_up(self._robot, self._sensor)
-        if back_to is not None:  # the way across is no lower than the start
-            distance_mm = max(distance_mm, depth_between(config, back_to, start.pose.position) * 1e3)
         await self._robot.release(start)
         known = known_wrist(config) if config.tool.mass_kg or not config.sensor.url else None
         seen, orientation = known or wrist(config), start.pose.quaternion
@@ -99,6 +97,10 @@ class Freeing:
         reading = await self._steps.steady(task.zero_change_n)
         before = after = _force(seen, orientation, reading.mean)
         watch.see(before, 0.0)
+        if back_to is not None:  # the path across is no lower than the start
+            if math.hypot(*before) <= task.contact_threshold_n:
+                distance_mm = min(distance_mm, 1.0)
+            distance_mm = max(distance_mm, depth_between(config, back_to, start.pose.position) * 1e3)
         self._say(f"force {math.hypot(*before):.1f} N; moving away by {distance_mm:g} mm")
         moved = 0.0
         bounds = free_bounds(config, self._robot.facts, start.pose)

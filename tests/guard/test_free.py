@@ -94,7 +94,9 @@ ABOVE = {"cell": {"start_position_mm": (900.0, -92.0, 608.0)}}
 START_M = (0.9, -0.1, 0.6)
 
 
-def taken_back(config: Config, goal: Vector = START_M, dead: str = "") -> tuple[Freed, Vector]:
+def taken_back(
+    config: Config, goal: Vector = START_M, dead: str = "", distance_mm: float = 20.0
+) -> tuple[Freed, Vector]:
     """Result, and where the tool truly is at the end, m, with a dead force axis or none."""
 
     async def main() -> tuple[Freed, Vector]:
@@ -103,7 +105,9 @@ def taken_back(config: Config, goal: Vector = START_M, dead: str = "") -> tuple[
             assert devices.cell is not None
             if dead:
                 devices.cell.inject("signal", "dead", clock.now(), axis=dead)
-            result = await Freeing(config, clock, devices.robot, devices.sensor, lambda text: None)(1.0, goal)
+            result = await Freeing(config, clock, devices.robot, devices.sensor, lambda text: None)(
+                distance_mm, goal
+            )
             return result, devices.cell.true_state(clock.now()).position
 
     return run_virtual(main)
@@ -138,13 +142,13 @@ def test_free_back_to_start_stops_at_wall_on_dead_axis(configured: Configured, a
 
 def test_free_back_to_start_refuses_sensor_that_lost_its_weight(configured: Configured) -> None:
     with pytest.raises(DeviceError, match="Fz is dead"):
-        taken_back(configured(5e3, ABOVE), dead="fz")
+        taken_back(configured(5e3, ABOVE), dead="fz", distance_mm=1.0)
 
 
 def test_free_back_to_a_start_goes_across_above_it(configured: Configured) -> None:
     """A tool that a stop left pressing is first lifted to the height of the start."""
     result, place = taken_back(configured(5e3, left_with(5e3, 20.0)))
-    assert result.moved_mm == pytest.approx(14.0, abs=0.2)
+    assert result.moved_mm == pytest.approx(20.0, abs=0.2)
     assert place == pytest.approx(START_M, abs=0.2e-3)
 
 
