@@ -35,6 +35,7 @@ class LiveView(AbstractContextManager["LiveView"]):
         self._gone = False
         self._line_phase: tuple[str, int] | None = None
         self._line_due = -math.inf
+        self._line_cause = ""
 
     def update(self, record: CycleRecord) -> None:
         """A cycle has ended."""
@@ -66,7 +67,8 @@ class LiveView(AbstractContextManager["LiveView"]):
             elif (snapshot.phase, snapshot.step) != self._line_phase or snapshot.elapsed_s >= self._line_due:
                 self._line_phase = snapshot.phase, snapshot.step
                 self._line_due = math.floor(snapshot.elapsed_s / LINE_SECONDS + 1) * LINE_SECONDS
-                print(line(snapshot), file=self._stream, flush=True)
+                print(line(snapshot, self._line_cause), file=self._stream, flush=True)
+                self._line_cause = snapshot.cause
         except (OSError, ValueError):  # ValueError: the stream has been closed
             self._gone = True
 
@@ -105,8 +107,10 @@ class LiveView(AbstractContextManager["LiveView"]):
         self.close()
 
 
-def line(snapshot: Snapshot) -> str:
-    """A snapshot as one line, in ASCII for log files and pipes of any encoding."""
+def line(snapshot: Snapshot, known_cause: str = "") -> str:
+    """A snapshot as one line, in ASCII for log files and pipes of any encoding. The cause that a line before had is left
+    out.
+    """
     parts = [f"{snapshot.elapsed_s:7.1f} s", f"{snapshot.phase:<8}"]
     if snapshot.step:
         parts.append(f"step {snapshot.step} of {len(snapshot.scene.steps)}: {snapshot.step_label}")
@@ -128,7 +132,7 @@ def line(snapshot: Snapshot) -> str:
     if snapshot.newest is None and snapshot.check:
         parts.append(snapshot.check.replace("·", " "))
     if snapshot.cause:
-        parts.append(f"STOPPED: {snapshot.cause}")
+        parts.append("STOPPED" if snapshot.cause == known_cause else f"STOPPED: {snapshot.cause}")
     if snapshot.warning:
         parts.append(f"WARNING: {snapshot.warning}")
     return harmless("  ".join(parts)).encode("ascii", "backslashreplace").decode()
