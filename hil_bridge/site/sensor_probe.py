@@ -214,7 +214,11 @@ async def _opened(
         while frame.at - frames[0].at > 2.0 * NOISE_S:
             frames.popleft()
 
-    sensor = await connect_sensor(sensor_at(config, url), Wiring("sensor", clock, LogTo(take, note)))
+    def pass_on(kind: str, text: str) -> None:
+        if not sensor.has_failed:  # its failure is raised, and so said once
+            note(kind, text)
+
+    sensor = await connect_sensor(sensor_at(config, url), Wiring("sensor", clock, LogTo(take, pass_on)))
     sensor.start()
     try:
         yield sensor, _Look(sensor, frames, clock)

@@ -34,12 +34,13 @@ def probed(
     prepare: Callable[[PaperCell], object] = lambda cell: None,
     duration_s: float = 2.0,
     seen_as: dict[str, Any] | None = None,
+    heard: list[str] | None = None,
     **sections: Any,
 ) -> list[str]:
     """The lines that a probe says; those of the live wrench begin with ~. `seen_as` is how the sensor really sits."""
     config = read_config(sections)
     sits = wrist(read_config({"sensor": seen_as or {}}))
-    said: list[str] = []
+    said = [] if heard is None else heard
 
     def laid_on(*arguments: Any) -> PaperCell:
         cell = make_cell(*arguments)
@@ -183,8 +184,10 @@ def test_nothing_but_the_start_of_a_run_is_sent() -> None:
 
 
 def test_a_sensor_that_is_not_there_is_one_line() -> None:
+    said: list[str] = []
     with pytest.raises(DeviceError, match="sensor unplugged"):
-        probed(cell={"jr3": {"sensor": {"connected": False}}})
+        probed(cell={"jr3": {"sensor": {"connected": False}}}, heard=said)
+    assert not any("sensor unplugged" in line for line in said), "the error alone says it"
 
 
 def test_a_sensor_that_falls_silent_ends_the_probe() -> None:

@@ -209,6 +209,11 @@ class ForceSensor:
         newer = takewhile(lambda frame: frame.at > since, reversed(self._history))
         return [self.wrench(frame) for frame in reversed(list(newer))]
 
+    @property
+    def has_failed(self) -> bool:
+        """Whether the stream has ended with a failure."""
+        return self._failure is not None
+
     def check(self) -> None:
         """Raise what ended the sensor, if anything did: for the cycle, before it trusts the newest frame."""
         if self._failure is not None:
