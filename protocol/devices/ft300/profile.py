@@ -36,6 +36,9 @@ class Ft300ClientProfile:
     zero_s: float = setting(
         0.1, Mark.CHOSEN, "time of which the mean makes a zero", between(0.0, 10.0), unit="s"
     )
+    urcap_measured: int = setting(
+        100, Mark.CHOSEN, "texts of a URCap by which its period is measured first", between(10, 1000)
+    )
 
     def __post_init__(self) -> None:
         check_settings(self)
