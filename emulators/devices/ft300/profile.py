@@ -48,6 +48,25 @@ class Ft300Profile:
     fc04: bool = setting(True, Mark.ASSUMED, "whether function 04 reads as 03 does")
     fc06: bool = setting(True, Mark.ASSUMED, "whether function 06 writes the mode as 16 does")
     boot_s: float = setting(0.5, Mark.ASSUMED, "deaf and silent after power-up", between(0.0, 60.0), unit="s")
+    urcap_period_s: float = setting(
+        0.0101,
+        Mark.ASSUMED,
+        "between two texts of the URCap, which sleeps 10 ms and works",
+        between(0.001, 1.0),
+        unit="s",
+    )
+    """Observed: the sleep; the maker's server sent 94 texts a second on a busy computer."""
+    urcap_clients: int = setting(
+        1, Mark.OBSERVED, "clients that the URCap serves; further ones wait in silence", between(1, 64)
+    )
+    """Source of this and the next: the maker's server, robotiq_ft_sensor_dev 1.0.1, run with two clients."""
+    urcap_repeats: int = setting(
+        41, Mark.OBSERVED, "texts that repeat the newest value of a sensor that is silent", between(0, 10_000)
+    )
+    urcap_search_s: float = setting(
+        1.5, Mark.ASSUMED, "from the sensor's return to the next text", between(0.0, 60.0), unit="s"
+    )
+    """Observed: one second between two searches."""
     version: tuple[int, int, int] = setting(
         (1, 0, 0), Mark.CHOSEN, "numbers of its firmware", between(0, 255)
     )

@@ -56,17 +56,24 @@ _REMEMBERED = 4096
 """Chosen: samples of which the time is known."""
 
 
+def measured_counts(
+    profile: Ft300Profile, source: WrenchSource, powered_at: float, seed: int
+) -> MeasuredWrench:
+    """The counts that the sensor measures, with its errors."""
+    per_unit = 1.0 / np.array(SCALES)
+    noise = np.array((*per_axis(profile.noise_n), *per_axis(profile.noise_nm))) * per_unit
+    high = np.full(6, float(COUNT_END))  # assumed: it clips
+    errors = unrest(profile, powered_at)
+    converter = Converter(np.diag(per_unit), noise, -high - 1.0, high, unrest=errors)
+    return MeasuredWrench(source, RATE_HZ, converter, seed, "cell.ft300.noise_n")
+
+
 class Ft300:
     """The sensor behind its wire, which `endpoint` is: takes and gives bytes, tells no events. An `EmulatedSensor`."""
 
     def __init__(self, profile: Ft300Profile, source: WrenchSource, powered_at: float, seed: int) -> None:
         self.profile = profile
-        per_unit = 1.0 / np.array(SCALES)
-        noise = np.array((*per_axis(profile.noise_n), *per_axis(profile.noise_nm))) * per_unit
-        high = np.full(6, float(COUNT_END))  # assumed: it clips
-        errors = unrest(profile, powered_at)
-        converter = Converter(np.diag(per_unit), noise, -high - 1.0, high, unrest=errors)
-        self._measured = MeasuredWrench(source, RATE_HZ, converter, seed, "cell.ft300.noise_n")
+        self._measured = measured_counts(profile, source, powered_at, seed)
         self.endpoint: Packets[bytes] = Packets(self, BYTES, f"{seed} frames")
         """The end of its wire."""
         self._seed = seed
