@@ -25,7 +25,7 @@ DOCS = Path(__file__).resolve().parent.parent / "docs" / "reference"
 DOCUMENT, FIGURES = DOCS / "faults.md", DOCS / "faults.json"
 
 ROBOT_NAMES = ("s3", "egm", "rtde", "rsi")
-SENSOR_NAMES = ("jr3", "jr3-uart", "jr3-board", "netft", "ati-can", "ft300")
+SENSOR_NAMES = ("jr3", "jr3-uart", "jr3-board", "netft", "ati-can", "ft300", "ft300-urcap")
 CELL = "every cell"
 """Stands for the faults that no device has: of surface, obstacle, bus and computer."""
 PARTNER_SENSOR, PARTNER_ROBOT, BUS_SENSOR = "ft300", "egm", "ati-can"

@@ -58,6 +58,7 @@ EVIDENCE: Mapping[str, Evidence] = {
         "netft", ("pynetft", "NetFT"), "Gamma and Axia80: noise, vibration, creep, noise in motion"
     ),
     "ft300": Evidence("ft300", ("ft300python", "robotiq_ft_sensor"), "two records at 10 Hz: noise, step"),
+    "ft300-urcap": Evidence("ft300", ("robotiq_ft_sensor_dev",), ""),
     "ati-can": Evidence("ati-can", ("the maker's manual", "ati_netcanoem_ft_driver"), ""),
 }
 """By kind."""

@@ -62,8 +62,8 @@ def device_options(command: Callable[..., Any]) -> Callable[..., Any]:
             shell_complete=complete(sensors),
             callback=not_empty,
             help="Force sensor, KIND+WIRE: jr3+can+socketcan://can0, jr3-uart+serial:///dev/ttyACM0, "
-            "netft+udp://192.168.1.1:49152. A kind alone is emulated: jr3, jr3-uart, jr3-board, netft, ft300, ati-can, "
-            "or one of `hil-bridge plugins`.",
+            "netft+udp://192.168.1.1:49152. A kind alone is emulated: jr3, jr3-uart, jr3-board, netft, ft300, "
+            "ft300-urcap, ati-can, or one of `hil-bridge plugins`.",
         ),
         click.option(
             "--robot",

@@ -81,6 +81,7 @@ def emulate(
               jr3-board+tcp-listen://127.0.0.1:0
               netft+udp-bind://127.0.0.1:0
               ft300+pty:
+              ft300-urcap+tcp-listen://127.0.0.1:63351
               ati-can+can+slcan+pty:
     """
     from hil_bridge.runs.serve import serve

@@ -56,6 +56,7 @@ _SENSORS = {
     "jr3-board": "hil_bridge.devices.sensors.jr3.room:RECEIVER_BOARD",
     "netft": "hil_bridge.devices.sensors.netft.room:SENSOR",
     "ft300": "hil_bridge.devices.sensors.ft300.room:SENSOR",
+    "ft300-urcap": "hil_bridge.devices.sensors.ft300.room:URCAP",
     "ati-can": "hil_bridge.devices.sensors.ati_can.room:SENSOR",
 }
 _SURFACES = {"soft-body": "hil_bridge.devices.surfaces.soft_body:SOFT_BODY"}

@@ -83,6 +83,7 @@ def refusal(*arguments: str) -> str:
         ("jr3-uart+serial:///dev/ttyACM0", "jr3-uart", "serial:///dev/ttyACM0"),
         ("jr3-board+tcp://10.0.0.1:1762", "jr3-board", "tcp://10.0.0.1:1762"),
         ("netft+udp://10.0.0.1:49152", "netft", "udp://10.0.0.1:49152"),
+        ("ft300-urcap+tcp://10.0.0.1:63351", "ft300-urcap", "tcp://10.0.0.1:63351"),
     ],
 )
 def test_a_sensors_url_names_its_kind(url: str, kind: str, wire: str) -> None:
@@ -212,7 +213,8 @@ def test_a_controller_decides_at_the_cycle_that_it_is_tuned_for(
 
 
 @pytest.mark.parametrize(
-    ("sensor", "period_ms"), [("netft", 0.0), ("jr3", 12.0), ("jr3-uart", 12.0), ("ft300", 12.0)]
+    ("sensor", "period_ms"),
+    [("netft", 0.0), ("jr3", 12.0), ("jr3-uart", 12.0), ("ft300", 12.0), ("ft300-urcap", 12.0)],
 )
 def test_no_decision_is_taken_without_a_new_force(sensor: str, period_ms: float) -> None:
     """A robot with a cycle of 4 ms waits for a sensor that tells a force every 10 ms."""

@@ -14,7 +14,7 @@ from hil_bridge.record import read
 from hil_bridge.record.device_facts import devices_of
 from tests.near_surface import NEAR_TOML
 
-KINDS = ("netft", "ft300", "ati-can")
+KINDS = ("netft", "ft300", "ft300-urcap", "ati-can")
 
 
 QUICK = "\n[cell.netft]\nrate_hz = 200\nboot_s = 0.1\n"
@@ -111,6 +111,9 @@ ENDS: Sequence[tuple[str, str, str, tuple[str, ...], bool]] = (
     ("ft300", "sensor", "unplugged", (), False),
     ("ft300", "sensor-wire", "off", (), False),
     ("ft300", "sensor", "power-cycle", (), False),
+    ("ft300-urcap", "sensor", "unplugged", (), False),
+    ("ft300-urcap", "sensor-wire", "off", (), False),
+    ("ft300-urcap", "sensor", "power-cycle", (), False),
     ("ati-can", "sensor", "unplugged", (), True),
     ("ati-can", "sensor", "status", ("bit = 5",), True),
     ("ati-can", "sensor", "watchdog", (), False),
@@ -157,7 +160,7 @@ def test_a_signal_that_goes_wrong_ends_a_run_with_any_sensor(
 def test_a_fault_that_a_sensor_cannot_have_is_refused_at_once(kind: str, tried: Try) -> None:
     assert "it can have" in tried(kind, fault("sensor-wire", "sleepy"))["error"]
     refused = tried("jr3", fault("sensor", "power-cycle"))["error"]
-    assert "power-cycle needs sensor.emulated = netft or ft300 or ati-can, not jr3" in refused
+    assert "power-cycle needs sensor.emulated = netft or ft300 or ft300-urcap or ati-can, not jr3" in refused
 
 
 STREAMS = "[run]\nperiod_ms = 20\n[controller]\nsample_ms = 20\n"

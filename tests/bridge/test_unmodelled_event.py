@@ -17,7 +17,9 @@ def events(result: Any) -> list[Any]:
     return [event for event in result.recording.events if event.kind == "not-modelled"]
 
 
-@pytest.mark.parametrize("sensor", ["netft", "ft300", "ati-can", "jr3", "jr3-uart", "jr3-board"])
+@pytest.mark.parametrize(
+    "sensor", ["netft", "ft300", "ft300-urcap", "ati-can", "jr3", "jr3-uart", "jr3-board"]
+)
 @pytest.mark.parametrize("robot", ["rsi", "rtde"])
 def test_a_run_with_our_own_clients_tells_nothing(robot: str, sensor: str) -> None:
     if robot == "rtde" and sensor != "jr3":

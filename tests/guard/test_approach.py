@@ -128,7 +128,9 @@ def test_a_healthy_touch_is_taken_for_one(guarded: Run, robot: str, stiffness: f
         assert run.result.outcome is Outcome.COMPLETED, run.cause
 
 
-@pytest.mark.parametrize("sensor", ["jr3", "jr3-uart", "jr3-board", "netft", "ati-can", "ft300"])
+@pytest.mark.parametrize(
+    "sensor", ["jr3", "jr3-uart", "jr3-board", "netft", "ati-can", "ft300", "ft300-urcap"]
+)
 @pytest.mark.parametrize("speed_mm_s", [0.9, 11.0])
 def test_a_quiet_sensor_is_not_taken_for_a_stuck_one(sensor: str, speed_mm_s: float) -> None:
     result = hil_bridge.simulate(

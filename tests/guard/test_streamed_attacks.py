@@ -53,7 +53,7 @@ LATER = [
 ]
 
 
-@pytest.mark.parametrize("sensor", ["netft", "ft300", "jr3", "jr3-uart"])
+@pytest.mark.parametrize("sensor", ["netft", "ft300", "ft300-urcap", "jr3", "jr3-uart"])
 def test_forces_later_and_later_are_not_taken_for_fresh(guarded: Run, sensor: str) -> None:
     """Each step of the delay is shorter than `limits.stale_after_ms`, and all together are three times as long."""
     config = streamed("egm", sensor={"emulated": sensor}, faults=LATER)

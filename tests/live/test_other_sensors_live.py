@@ -23,6 +23,7 @@ CASES = (
     ("netft", "netft+udp-bind://127.0.0.1:0", {"netft": {"boot_s": 0.0, "rate_hz": 7000}}, 1500),
     ("ft300", "ft300+pty:", {"ft300": {"boot_s": 0.0}}, 30),
     ("ft300", "ft300+tcp-listen://127.0.0.1:0", {"ft300": {"boot_s": 0.0, "power_up": "stream"}}, 30),
+    ("ft300-urcap", "ft300-urcap+tcp-listen://127.0.0.1:0", {"ft300": {"boot_s": 0.0}}, 30),
     ("ati-can", "ati-can+can+slcan+pty:", {"ati_can": {"boot_s": 0.2}}, 30),
 )
 

@@ -25,6 +25,7 @@ CASES = {
         SENSORS.kind("netft"), numbered=True, overload=6.0, settle_s=0.1, settings=still("netft")
     ),
     "ft300": SensorCase(SENSORS.kind("ft300"), checked=True, settings=still("ft300")),
+    "ft300-urcap": SensorCase(SENSORS.kind("ft300-urcap"), settings=still("ft300-urcap")),
     "ati-can": SensorCase(
         SENSORS.kind("ati-can"),
         full=(40.0, 40.0, 120.0, 2.0, 2.0, 2.0),
