@@ -84,6 +84,10 @@ NEWER = {
     ("3.15.0.0", "end_interpreter()"): False,
     ("5.20.0.0", "optimovej([0, 0, 0, 0, 0, 0])"): False,
     ("5.21.0.0", "optimovej([0, 0, 0, 0, 0, 0])"): True,
+    ("5.13.0.0", 'modbus_get_error("a")'): False,
+    ("5.14.0.0", 'modbus_get_error("a")'): True,
+    ("5.16.0.0", 'eip_reader_factory("1", 8)'): False,
+    ("5.17.0.0", 'eip_reader_factory("1", 8)'): True,
     ("3.5.0.0", "get_tcp_offset()"): False,
     ("3.6.0.0", "get_tcp_offset()"): True,
 }

@@ -314,6 +314,34 @@ def test_a_function_without_effect_is_told_once() -> None:
     assert played.controller.unmodelled.counts == counts
 
 
+TAGGED_CALLS = [
+    'modbus_add_signal("10.0.0.9", 255, 4, 3, "several", True, 8)',
+    'modbus_add_rw_signal("10.0.0.9", 255, 4, 8, 20, 8, "both")',
+    'modbus_set_signal_watchdog("several", 7.5)',
+    'modbus_set_output_register("several", [1, 2, 3])',
+    'modbus_set_runstate_dependent_choice("coil", 0)',
+    "write_port_register(130, read_port_register(129))",
+    "encoder_enable_set_tick_count(0, 2)",
+    "track_conveyor_linear(p[0, 1, 0, 0, 0, 0], 2000)",
+    "path_offset_set(p[0, 0, 0.01, 0, 0, 0], 1)",
+    "pause_on_error_code(153)",
+]
+"""Calls that the manual allows, of functions without effect here."""
+
+
+@pytest.mark.parametrize("call", TAGGED_CALLS)
+def test_tagged_function_takes_documented_call(call: str) -> None:
+    played = Played(program(call))
+    assert played.play(5) >= 0
+    assert played.said(Message.RUNTIME) == []
+    assert f"URScript {call.partition('(')[0]}()" in played.controller.unmodelled.counts
+
+
+def test_modbus_unit_that_is_missing_has_an_error() -> None:
+    body = 'modbus_add_signal("10.0.0.9", 255, 0, 1, "coil")\ntextmsg(modbus_get_error("coil") == 0)'
+    assert said(program(body)) == ["False"]
+
+
 NOT_COMPILED = {
     "if False:\n  textmsg(nothing)\nend": (3, 13, "compile_error_name_not_found:nothing:"),
     "thread t():\n  unheard_of(1)\nend": (3, 5, "compile_error_name_not_found:unheard_of:"),

@@ -3,7 +3,9 @@
 from functools import lru_cache
 
 from emulators.devices.rtde.urscript.arithmetic import ARITHMETIC
+from emulators.devices.rtde.urscript.conveyor import CONVEYOR
 from emulators.devices.rtde.urscript.force import FORCE
+from emulators.devices.rtde.urscript.modbus import MODBUS
 from emulators.devices.rtde.urscript.motion import MOTION
 from emulators.devices.rtde.urscript.poses import POSES
 from emulators.devices.rtde.urscript.system import SYSTEM
@@ -55,6 +57,7 @@ FUNCTIONS: Functions = by_name(
         tagged("set_tool_voltage(voltage)"),
         tagged("set_tool_communication(enabled, baud_rate, parity, stop_bits, rx_idle_chars, tx_idle_chars)"),
         tagged("set_tool_output_mode(mode)"),
+        tagged("set_pos(q)"),
         tagged("set_tool_digital_output_mode(n, mode)"),
         tagged("set_analog_inputrange(port, range)"),
         tagged("set_analog_outputdomain(port, domain)"),
@@ -79,20 +82,17 @@ FUNCTIONS: Functions = by_name(
         tagged("jerk_gain_scaling_get()", 1.0),
         tagged("path_offset_enable()"),
         tagged("path_offset_disable(a=20)"),
+        tagged("path_offset_set(offset, type)"),
         tagged("path_offset_set_alpha_filter(alpha)"),
         tagged("path_offset_set_max_offset(transLimit, rotLimit)"),
-        tagged("pause_on_error_code(code, argument)"),
+        tagged("pause_on_error_code(code, argument=None)"),
         tagged("set_euromap_output(port_number, signal_value)"),
         tagged("get_euromap_input(port_number)", False),
         tagged("get_euromap_output(port_number)", False),
-        tagged(
-            "modbus_add_signal(IP, slave_number, signal_address, signal_type, signal_name, sequential_mode=False)"
-        ),
-        tagged("modbus_delete_signal(signal_name)"),
-        tagged("modbus_get_signal_status(signal_name, is_secondary_program=False)", False),
-        tagged("modbus_set_signal_update_frequency(signal_name, update_frequency)"),
-        tagged("modbus_set_output_signal(signal_name, digital_value, is_secondary_program=False)"),
-        tagged("modbus_set_output_register(signal_name, register_value, is_secondary_program=False)"),
+        *MODBUS,
+        *CONVEYOR,
+        tagged("eip_reader_factory(instance_name, data_size)"),
+        tagged("eip_writer_factory(instance_name, data_size)"),
     )
 )
 """Functions of all versions."""

@@ -3,7 +3,8 @@
 Sources: conditions by version in `rtde_control.script` of ur_rtde 1.6.2 (its lines begin with `$5.4` and the like) and
 in `external_control.urscript` and `script_command_interface.cpp` of Universal Robots' C++ client library; of
 `get_inverse_kin_has_solution` the simulators 5.8.2 and 5.9.4, tried by the authors of a URCap (perceptronic-ps5); of
-interpreter mode the maker's article on it ("5.10 above, e-Series only"). A
+interpreter mode the maker's article on it ("5.10 above, e-Series only"); of EtherNet/IP and of signals with several
+registers the maker's examples, URScript_Examples (which of the Modbus functions came with 5.14 is assumed). A
 version of one generation that no source tells of is that of the other one where both were released together, by the
 numbers of 3.x and 5.x: 3.11 with 5.4, 3.12 with 5.6, 3.13 with 5.8, 3.14 with 5.9, 3.15 with 5.10 (assumed).
 """
@@ -24,6 +25,8 @@ class Since(NamedTuple):
 SINCE: Mapping[str, Since] = {
     "clear_interpreter": Since((5, 10, 0), NEVER),
     "direct_torque": Since((5, 23, 0), NEVER),
+    "eip_reader_factory": Since((5, 17, 0), NEVER),
+    "eip_writer_factory": Since((5, 17, 0), NEVER),
     "end_interpreter": Since((5, 10, 0), NEVER),
     "force_mode_set_damping": Since((5, 0, 0), (3, 5, 0)),
     "force_mode_set_gain_scaling": Since((5, 0, 0), NEVER),
@@ -36,6 +39,12 @@ SINCE: Mapping[str, Since] = {
     "get_target_waypoint": Since((5, 3, 0), (3, 10, 0)),
     "get_tcp_offset": Since((5, 0, 0), (3, 6, 0)),
     "interpreter_mode": Since((5, 10, 0), NEVER),
+    "modbus_add_rw_signal": Since((5, 14, 0), NEVER),
+    "modbus_get_error": Since((5, 14, 0), NEVER),
+    "modbus_get_time_since_signal_invalid": Since((5, 14, 0), NEVER),
+    "modbus_request_update_signal_value": Since((5, 14, 0), NEVER),
+    "modbus_reset_connection": Since((5, 14, 0), NEVER),
+    "modbus_set_signal_watchdog": Since((5, 14, 0), NEVER),
     "optimovej": Since((5, 21, 0), NEVER),
     "optimovel": Since((5, 21, 0), NEVER),
     "protective_stop": Since((5, 0, 0), (3, 8, 0)),
