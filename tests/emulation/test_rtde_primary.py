@@ -217,7 +217,7 @@ def test_a_silent_interface_says_nothing_and_goes_on_afterwards() -> None:
 def test_a_protective_stop_has_the_code_of_its_reason(statement: str, code: int) -> None:
     client = Client(robot())
     client.say(f"{statement}\n")
-    client.wait(0.3)
+    client.wait(8.0)
     (error,) = client.messages(MessageKind.ERROR_CODE)
     assert int.from_bytes(error.body[:4], "big") == code
     assert error.body[8:12] == b"\0\0\0\2", "a warning"

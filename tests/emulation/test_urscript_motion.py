@@ -136,16 +136,28 @@ def test_a_pose_out_of_reach_ends_the_program_and_moves_nothing() -> None:
 def test_a_line_out_of_reach_makes_a_stop_that_is_not_unlocked_too_early() -> None:
     bench = Bench()
     bench.send("movel(p[9, 9, 9, 0, 0, 0])\n")
-    bench.run(0.2)
-    assert bench.place == pytest.approx((0.9, -0.1, 0.6), abs=1e-9)
-    assert bench.controller.safety == SafetyMode.PROTECTIVE_STOP
+    while bench.controller.safety == SafetyMode.NORMAL:
+        assert bench.now < T0 + 10.0
+        bench.run(0.01)
     bench.send("set unlock protective stop\n")
-    bench.run(4.9)
+    bench.run(5.1)
     assert bench.controller.safety == SafetyMode.PROTECTIVE_STOP, "the early order is not kept"
     assert bench.controller.counts["unlock refused"] == 1
     bench.send("set unlock protective stop\n")
     bench.run(0.1)
     assert bench.controller.safety == SafetyMode.NORMAL
+
+
+def test_line_out_of_reach_is_followed_until_it_leaves_workspace() -> None:
+    """As a program orders it that moves in a direction until contact."""
+    bench = Bench()
+    bench.send("movel(pose_add(get_actual_tcp_pose(), p[0, 0, 1000, 0, 0, 0]), a=0.5, v=0.05)\n")
+    bench.run(2.0)
+    assert bench.place == pytest.approx((0.9, -0.1, 0.695), abs=3e-3)
+    assert bench.controller.safety == SafetyMode.NORMAL
+    bench.run(30.0)
+    assert bench.controller.safety == SafetyMode.PROTECTIVE_STOP
+    assert 0.7 < bench.place[2] < 1.3
 
 
 def test_a_program_that_never_waits_is_stopped() -> None:

@@ -67,10 +67,12 @@ def rates_in_time(length: float, acceleration: float, time: float) -> tuple[floa
 def line_walk(
     controller: Controller, goal: Pose, speed: float, acceleration: float, time: float = 0.0
 ) -> Walk | None:
-    """Along a straight line, m/s and m/s², or in a time, s; None where no joints hold the goal, or the values are no
-    numbers.
+    """Along a straight line, m/s and m/s², or in a time, s; None where the values are no numbers.
+
+    The goal may be out of reach: the move ends where the line leaves the workspace. Derived: PolyScope's node
+    "Direction, until tool contact" exports a line of 1000 m, which a contact ends.
     """
-    if not all(map(math.isfinite, (speed, acceleration))) or controller.solve(goal) is None:
+    if not all(map(math.isfinite, (speed, acceleration, *goal.position))):
         return None
     start = controller.forward(controller.arm.joints)
     turn = angle_between(start.quaternion, goal.quaternion)

@@ -183,7 +183,7 @@ class Host(Protocol):
         """The tool's velocity, base axes, for this cycle; False where no joints follow."""
 
     def line(self, goal: Pose, profile: Profile) -> Iterator[object] | None:
-        """A move along a line: one turn a cycle. None where no joints hold its end."""
+        """A move along a line: one turn a cycle. None where its values are no numbers."""
 
     def swing(self, goal: Six, profile: Profile) -> Iterator[object] | None:
         """The same straight in joints."""

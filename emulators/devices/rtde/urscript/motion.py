@@ -85,14 +85,14 @@ def _movej(task: Any, q: Value, *given: Value) -> Wait:
 
 
 def _movel(task: Any, goal: Value, *given: Value) -> Wait:
-    """`given` are a, v, t and r. An end out of reach makes a protective stop.
+    """`given` are a, v, t and r. A line out of reach makes a protective stop, where it leaves the workspace.
 
     Source: tests of Universal Robots' C++ client library.
     """
     host, (a, v, t, r) = task.host, given
     walk = host.line(_pose(host, goal), _profile(a, v, t))
     if walk is None:
-        host.protective_stop("a move along a line to an end that no joints hold")
+        host.protective_stop("a move along a line with invalid values")
         yield
     else:
         yield from _walk(task, walk, r)
