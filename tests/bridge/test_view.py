@@ -273,9 +273,9 @@ def test_the_panel_of_every_size_tells_what_matters_most(width: int, height: int
     stopped = text_of(made.snapshot(111.0, Health()), width, height)
     assert "STOPPED     the force rose" in stopped
     assert "TRACK  STOPPED" in stopped
-    stopped = made.snapshot(111.0, Health())
-    assert "STOPPED: the force rose" in line(stopped)
-    assert line(stopped, stopped.cause).endswith("  STOPPED"), "the cause is in the line before"
+    last = made.snapshot(111.0, Health())
+    assert "STOPPED: the force rose" in line(last)
+    assert line(last, last.cause).endswith("  STOPPED"), "the cause is in the line before"
 
 
 def test_the_chart_draws_columns_up_to_the_target() -> None:

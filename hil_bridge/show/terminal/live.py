@@ -108,9 +108,7 @@ class LiveView(AbstractContextManager["LiveView"]):
 
 
 def line(snapshot: Snapshot, known_cause: str = "") -> str:
-    """A snapshot as one line, in ASCII for log files and pipes of any encoding. The cause that a line before had is left
-    out.
-    """
+    """A snapshot as one line, in ASCII for log files and pipes of any encoding, without a cause that is known."""
     parts = [f"{snapshot.elapsed_s:7.1f} s", f"{snapshot.phase:<8}"]
     if snapshot.step:
         parts.append(f"step {snapshot.step} of {len(snapshot.scene.steps)}: {snapshot.step_label}")
