@@ -113,7 +113,7 @@ def test_an_approach_without_a_surface_is_short(guarded: Run, robot: str) -> Non
     )
     run = guarded(config)
     assert run.cause.startswith(
-        "no contact found within 15 mm: start nearer, or set task.approach_depth_limit_mm"
+        "no contact found within 15 mm: start nearer, set task.approach_depth_limit_mm"
     )
     assert max(record.depth for record in run.cycles) <= 15.2e-3
 
