@@ -53,12 +53,15 @@ def told_first(process: "subprocess.Popen[str]") -> dict[str, str]:
 
 
 def without_notices(errors: str) -> str:
-    """The errors of an emulator, without its lines on a late process, and on a client that is not there or left."""
+    """The errors of an emulator, without its lines on a late process, on a client that is not there or left, and on a
+    robot that stopped.
+    """
     notices = (
         "this process was late",
         "cannot be reached: no program listens there",
         "has left; it was heard before",
         "waits for its client",
+        "robot: ",
     )
     lines = errors.splitlines(keepends=True)
     return "".join(line for line in lines if not any(notice in line for notice in notices))
