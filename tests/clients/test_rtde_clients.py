@@ -244,8 +244,12 @@ for _ in range(50):
 told["force"] = sum(forces) / len(forces)
 told["ended"] = control.forceModeStop()
 told["jogged"] = control.jogStart([0, 0, 0.02, 0, 0, 0])
-time.sleep(1.0)
-told["speed"] = receive.getActualTCPSpeed()[2]
+time.sleep(0.2)
+speeds = []
+for _ in range(40):
+    speeds.append(receive.getActualTCPSpeed()[2])
+    time.sleep(0.02)
+told["speed"] = sum(speeds) / len(speeds)
 told["stopped"] = control.jogStop()
 time.sleep(0.2)
 there = receive.getActualTCPPose()
@@ -270,7 +274,7 @@ def test_ur_rtde_holds_a_force_by_the_controllers_own_force_mode(client_python: 
     assert told["force"] == pytest.approx(
         10.0, abs=1.5
     )  # the arm's own measurement has an offset of some newtons
-    assert told["speed"] == pytest.approx(0.02, abs=2e-3)
+    assert told["speed"] == pytest.approx(0.02, abs=2e-3)  # one reading has a noise of some mm/s
     assert told["moved"] == pytest.approx(0.02, abs=1e-3)
 
 
