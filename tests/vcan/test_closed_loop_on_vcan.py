@@ -28,7 +28,7 @@ def test_the_loop_holds_its_force_and_the_bus_log_agrees(
     record, summary, log = tmp_path / "r.mcap", tmp_path / "s.json", tmp_path / "can.log"
     config = tmp_path / "c.toml"
     config.write_text(
-        "[task]\nretract_mm = 1.0\n[cell]\nstart_position_mm = [900.0, -100.0, 592.0]\njr3.gateway.boot_s = 0.5\n"
+        "[task]\nretract_mm = 1.0\n[cell]\nstart_position_mm = [900.0, -100.0, 591.0]\njr3.gateway.boot_s = 0.5\n"
     )
     with log.open("wb") as file:
         logger = subprocess.Popen([command("candump"), "-L", vcan.name], stdout=file)
