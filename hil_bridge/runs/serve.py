@@ -128,9 +128,8 @@ async def report_hindrances(served: ServedCell, clock: Clock, log: Callable[[str
 
     A controller without a client begins and times out again and again.
     """
-    if (
-        not 0.0 < _cycle_of(served.robot) < math.inf
-    ):  # what stops one that is asked is an answer to its client
+    # a robot that is asked answers its client with what stops it
+    if not 0.0 < _cycle_of(served.robot) < math.inf:
         return
     logged, free_s = set[str](), 0.0
     while True:

@@ -20,7 +20,7 @@ from hil_bridge.runs.setup import Setup
 from hil_bridge.runs.small_steps import LIFT_SPEED_M_S, SmallSteps, bring_up
 from hil_bridge.runs.zeroing import known_wrist, wrist
 from hil_bridge.settings.configuration import Config
-from hil_bridge.site.return_path import ReturnPath, check_goal, depth_between
+from hil_bridge.site.return_path import ReturnPath, check_alive, check_goal, depth_between
 from protocol.geometry import Pose, Quaternion, Vector, normalise
 
 
@@ -112,7 +112,7 @@ class Freeing:
                     motion, _moved(start.pose, config, moved + step), orientation, step * 1e-3
                 )
                 moved += step
-                _check_alive(self._sensor, config)
+                check_alive(self._sensor, config)
                 after = _force(seen, orientation, (await self._steps.quiet()).mean)
                 watch.see(after, moved)
                 self._say(f"moved {moved:.3f} mm, force {math.hypot(*after):.1f} N")
@@ -126,15 +126,6 @@ class Freeing:
 def _moved(pose: Pose, config: Config, by_mm: float) -> Vector:
     x, y, z = (p - n * by_mm * 1e-3 for p, n in zip(pose.position, config.frame.approach, strict=True))
     return x, y, z
-
-
-def _check_alive(sensor: ForceSensor, config: Config) -> None:
-    """Raise SafetyStop for a sensor that cannot tell a force that rises."""
-    sensor.check()
-    newest = sensor.newest
-    unchanged_ms = 0.0 if newest is None else (newest.at - sensor.unchanged_since) * 1e3
-    if sensor.saturated or sensor.dead or unchanged_ms >= config.limits.frozen_after_ms:
-        raise SafetyStop("the force sensor is stuck, dead or saturated: free the tool by hand")
 
 
 class _Watch:

@@ -72,6 +72,7 @@ class ReturnPath:
         """Raise SafetyStop for a contact, also for one that only the moments show."""
         seen, frame, limits = known_wrist(self._config), self._config.frame, self._config.limits
         assert seen is not None, "check_goal has refused it"
+        check_alive(self._sensor, self._config)
         fx, fy, fz, mx, my, mz = (await self._steps.quiet()).mean
         measured = fx, fy, fz, mx, my, mz
         at = seen.at_orientation(quaternion, None, frame.approach)
@@ -112,6 +113,15 @@ def check_goal(config: Config, goal: Vector) -> None:
         raise ConfigError(
             f"the recorded start, {place} mm, lies outside limits.workspace_min_m … workspace_max_m"
         )
+
+
+def check_alive(sensor: ForceSensor, config: Config) -> None:
+    """Raise SafetyStop for a sensor that cannot tell a force that rises."""
+    sensor.check()
+    newest = sensor.newest
+    unchanged_ms = 0.0 if newest is None else (newest.at - sensor.unchanged_since) * 1e3
+    if sensor.saturated or sensor.dead or unchanged_ms >= config.limits.frozen_after_ms:
+        raise SafetyStop("the force sensor is stuck, dead or saturated: free the tool by hand")
 
 
 def _direction(begin: Vector, end: Vector) -> Vector | None:
