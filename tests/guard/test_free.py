@@ -140,6 +140,26 @@ def test_free_back_to_start_stops_at_wall_on_dead_axis(configured: Configured, a
         taken_back(configured(5e3, {"cell": cell}), (0.9, -0.09, 0.6), axis)
 
 
+def test_free_back_to_start_stops_for_stuck_sensor(configured: Configured) -> None:
+    """The sensor sticks once the tool is on its path back, where no force would rise any more."""
+
+    async def main() -> None:
+        clock = Clock.running()
+        async with open_devices(Setup(configured(5e3, ABOVE)), clock, LogTo()) as devices:
+            cell = devices.cell
+            assert cell is not None
+
+            def say(text: str) -> None:
+                if text.startswith("0.000 mm of the path back"):
+                    cell.inject("signal", "stuck", clock.now())
+
+            config = configured(5e3, ABOVE)
+            await Freeing(config, clock, devices.robot, devices.sensor, say)(1.0, START_M)
+
+    with pytest.raises(SafetyStop, match="stuck, dead or saturated"):
+        run_virtual(main)
+
+
 def test_free_back_to_start_refuses_sensor_that_lost_its_weight(configured: Configured) -> None:
     with pytest.raises(DeviceError, match="Fz is dead"):
         taken_back(configured(5e3, ABOVE), dead="fz", distance_mm=1.0)
