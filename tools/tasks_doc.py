@@ -13,7 +13,7 @@ from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin
 
 from hil_bridge.control import Limits, TaskParameters
-from hil_bridge.control.program.facing import Facing
+from hil_bridge.control.course.facing import Facing
 from hil_bridge.control.steps.seam import Criterion, StepLimits
 from hil_bridge.record.field_docstrings import field_docstrings
 from hil_bridge.runs.setup import Setup

@@ -24,7 +24,7 @@ from pydantic_core import InitErrorDetails
 from hil_bridge.clock.realtime import RealTime
 from hil_bridge.control import Limits, OscillationDetector
 from hil_bridge.control.controllers import controller_kind
-from hil_bridge.control.program.facing import Contour, Facing
+from hil_bridge.control.course.facing import Contour, Facing
 from hil_bridge.control.steps.settings import TaskSettings
 from hil_bridge.devices.kinds import (
     ROBOTS,

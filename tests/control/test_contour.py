@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from hil_bridge.control.program.facing import PACE_S, Contour, FacingState, Look, inward
+from hil_bridge.control.course.facing import PACE_S, Contour, FacingState, Look, inward
 
 CYCLE_S = 0.18
 """A cycle of the paper's chain, s."""

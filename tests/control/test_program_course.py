@@ -7,9 +7,9 @@ import pytest
 from msgspec.structs import replace
 
 from hil_bridge.control import Command, Measurement, Phase, Sample, Stroke, StrokeState, TaskParameters
+from hil_bridge.control.course.facing import FacingState, inward
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.stroke import Order
-from hil_bridge.control.program.facing import FacingState, inward
 from hil_bridge.control.program.felt import WorkFrame
 from hil_bridge.control.program.legs import Ground, legs_of
 from hil_bridge.control.program.orienting import turn_tool

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from scipy.spatial.transform import Rotation
 
 from hil_bridge.control import Measurement, Sample
-from hil_bridge.control.program.facing import Facing, FacingState, Look, inward
+from hil_bridge.control.course.facing import Facing, FacingState, Look, inward
 from hil_bridge.control.program.felt import (
     Face,
     WorkFrame,

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from hil_bridge.control import FuzzyPi, Measurement, Stroke, TaskParameters
+from hil_bridge.control.course.yielding import yield_to
 from hil_bridge.control.program.state import ProgramState
-from hil_bridge.control.program.yielding import yield_to
 from hil_bridge.control.steps.across import beside
 from hil_bridge.control.steps.feed import STUCK_S, feed_of, progress
 from hil_bridge.control.steps.paths import Line

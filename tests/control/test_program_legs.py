@@ -9,12 +9,13 @@ from hypothesis import strategies as st
 
 from hil_bridge.control import FuzzyPi, Stroke, TaskParameters
 from hil_bridge.control.course.limits import Limits
+from hil_bridge.control.geometry.ways import way_of
 from hil_bridge.control.program.legs import LEGS_MAX, Ground, legs_of, seconds
 from hil_bridge.control.program.resume import rest_of, resume_row
 from hil_bridge.control.steps.approach import Approach
 from hil_bridge.control.steps.hold import Hold
 from hil_bridge.control.steps.move import Move
-from hil_bridge.control.steps.paths import Line, Polyline, Raster, way_of
+from hil_bridge.control.steps.paths import Line, Polyline, Raster
 from hil_bridge.control.steps.repeat import Repeat
 from hil_bridge.control.steps.retract import Retract
 from hil_bridge.control.steps.seam import Criterion, StepLimits

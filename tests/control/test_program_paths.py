@@ -7,17 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil_bridge.control.steps.paths import (
-    CHORD_MM,
-    PIECES_MAX,
-    Arc,
-    Line,
-    Polyline,
-    Raster,
-    Spiral,
-    Way,
-    way_of,
-)
+from hil_bridge.control.geometry.ways import PIECES_MAX, Way, way_of
+from hil_bridge.control.steps.paths import CHORD_MM, Arc, Line, Polyline, Raster, Spiral
 
 HERE = (3.0, -2.0)
 

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from hil_bridge.control import Limits, TaskParameters
 from hil_bridge.control.course.intent import Phase
 from hil_bridge.control.course.stroke import Stroke
+from hil_bridge.control.geometry.ways import Place, Way, way_of
 from hil_bridge.control.program.felt import WorkFrame
 from hil_bridge.control.program.legs import Ground, legs_of
 from hil_bridge.control.program.program import Program
@@ -18,7 +19,7 @@ from hil_bridge.control.program.state import Felt, ProgramState
 from hil_bridge.control.sample import Sample
 from hil_bridge.control.steps.approach import Approach
 from hil_bridge.control.steps.move import Move
-from hil_bridge.control.steps.paths import Line, Place, Polyline, Way, way_of
+from hil_bridge.control.steps.paths import Line, Polyline
 from hil_bridge.control.steps.retract import Retract
 from hil_bridge.control.steps.seam import Step
 from hil_bridge.control.steps.track import Track

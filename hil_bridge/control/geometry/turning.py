@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from hil_bridge.control.steps.paths import Place
+from hil_bridge.control.geometry.ways import Place
 from protocol.geometry import Pose, Quaternion, Vector, angle_between, product, rotate, towards, turn_about
 
 _NOWHERE: Vector = (0.0, 0.0, 0.0)

@@ -5,11 +5,11 @@ from typing import NamedTuple
 
 from msgspec import Struct
 
+from hil_bridge.control.course.facing import inward
 from hil_bridge.control.geometry.turning import moment_at
-from hil_bridge.control.program.facing import inward
+from hil_bridge.control.geometry.ways import Place
 from hil_bridge.control.program.state import Felt, ProgramState
 from hil_bridge.control.sample import Sample
-from hil_bridge.control.steps.paths import Place
 from protocol.geometry import Vector, normalise, rotate
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from hil_bridge.control.course.intent import Phase
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.stroke import Stroke
-from hil_bridge.control.steps.paths import Place, Way
+from hil_bridge.control.geometry.ways import Place, Way
 
 if TYPE_CHECKING:
     from hil_bridge.control.steps.seam import Step

@@ -9,8 +9,8 @@ from hil_bridge.control.course.intent import Phase
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.parameters import TaskParameters
 from hil_bridge.control.course.stroke import Stroke
+from hil_bridge.control.geometry.ways import Place, Way
 from hil_bridge.control.program.leg import Leg, Row, label_of
-from hil_bridge.control.steps.paths import Place, Way
 from hil_bridge.control.steps.repeat import unroll
 from hil_bridge.control.steps.seam import Step, StepLimits
 from hil_bridge.errors import StepError

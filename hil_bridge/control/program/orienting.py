@@ -4,13 +4,13 @@ import math
 
 from msgspec.structs import replace
 
+from hil_bridge.control.course.facing import Facing, inward
 from hil_bridge.control.geometry.turning import brought, tip_tool, yaw_tool
-from hil_bridge.control.program.facing import Facing, inward
+from hil_bridge.control.geometry.ways import Place
 from hil_bridge.control.program.felt import WorkFrame
 from hil_bridge.control.program.leg import Leg
 from hil_bridge.control.program.state import ProgramState
 from hil_bridge.control.steps.across import TURNED_SHARE
-from hil_bridge.control.steps.paths import Place
 from protocol.geometry import Quaternion, product, turn_about
 
 

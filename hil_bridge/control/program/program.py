@@ -10,19 +10,19 @@ from typing import Any
 
 from msgspec.structs import replace
 
+from hil_bridge.control.course.facing import Facing, Look, elsewhere, inward
 from hil_bridge.control.course.intent import Intent, Phase, Target
 from hil_bridge.control.course.parameters import TaskParameters
 from hil_bridge.control.course.stroke import Order, Stroke
+from hil_bridge.control.course.yielding import go_back, yield_to
+from hil_bridge.control.geometry.ways import Place
 from hil_bridge.control.program.answer import check_taken
-from hil_bridge.control.program.facing import Facing, Look, elsewhere, inward
 from hil_bridge.control.program.felt import Face, WorkFrame, find_across, measure_skew, subtract_zero
 from hil_bridge.control.program.leg import Leg, Row, StepFailed
 from hil_bridge.control.program.orienting import heading_of, turn_tool
 from hil_bridge.control.program.outcome import cut, ending, outcome
 from hil_bridge.control.program.state import Felt, ProgramState, Tally
-from hil_bridge.control.program.yielding import go_back, yield_to
 from hil_bridge.control.sample import Sample
-from hil_bridge.control.steps.paths import Place
 from hil_bridge.control.steps.seam import Taken
 from hil_bridge.control.types import Controller, ControllerFailed, Measurement
 from hil_bridge.errors.causes import Reason

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from hil_bridge.control.course.stroke import Stroke
+from hil_bridge.control.geometry.ways import Place, Way
 from hil_bridge.control.program.leg import Leg, Row
 from hil_bridge.control.steps.approach import Approach
 from hil_bridge.control.steps.move import Move
-from hil_bridge.control.steps.paths import Place, Way
 from hil_bridge.control.steps.seam import Step
 from hil_bridge.control.steps.settings import ResumePoint
 from hil_bridge.control.steps.zero import Zero

@@ -5,11 +5,11 @@ from typing import Any
 
 from msgspec import Struct
 
+from hil_bridge.control.course.facing import FacingState
 from hil_bridge.control.course.intent import Phase
 from hil_bridge.control.course.stroke import StrokeState
-from hil_bridge.control.program.facing import FacingState
+from hil_bridge.control.geometry.ways import Place
 from hil_bridge.control.sample import Sample
-from hil_bridge.control.steps.paths import Place
 from hil_bridge.control.types import Measurement
 from hil_bridge.errors.causes import Reason
 from protocol.geometry import Quaternion, Vector

@@ -7,9 +7,9 @@ from msgspec.structs import replace
 
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.stroke import Order, Stride, StrokeState
+from hil_bridge.control.geometry.ways import Place
 from hil_bridge.control.program.leg import Leg
 from hil_bridge.control.program.state import Felt, ProgramState
-from hil_bridge.control.steps.paths import Place
 from hil_bridge.control.steps.pressing import Guide, Led, PressingStep, local_way
 from hil_bridge.control.steps.seam import Taken, need_travel_speed
 from hil_bridge.errors.causes import Cause, Reason

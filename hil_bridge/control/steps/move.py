@@ -9,10 +9,11 @@ from hil_bridge.control.checks import FORBID_EXTRA
 from hil_bridge.control.course.intent import Phase
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.parameters import TaskParameters
+from hil_bridge.control.geometry.ways import Place
 from hil_bridge.control.program.leg import Leg
 from hil_bridge.control.program.state import Felt, ProgramState
 from hil_bridge.control.steps import free_space
-from hil_bridge.control.steps.paths import Place, check_finite
+from hil_bridge.control.steps.paths import check_finite
 from hil_bridge.control.steps.seam import (
     NO_LIMITS,
     Drawing,

@@ -1,27 +1,18 @@
-"""Paths along the surface, as settings in millimetres of the work frame, and the ways that they make.
-
-A way is a chain of short straight pieces from the place where the step begins. Its points are relative to that place,
-m, along x (the travel direction) and y (across it) of the work frame.
-"""
+"""Paths along the surface, as settings in millimetres of the work frame."""
 
 import math
-from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal, TypeAlias
 
 from pydantic import Discriminator
 
 from hil_bridge.control.checks import FORBID_EXTRA, require_above_zero
+from hil_bridge.control.geometry.ways import PIECES_MAX, Place
 from protocol.marks import SettingError
-
-Place: TypeAlias = tuple[float, float]
-"""x and y in the work frame's plane; mm in settings, m elsewhere."""
 
 CHORD_MM = 0.05
 """Chosen: how far the straight pieces of a bend may lie beside it, mm."""
-PIECES_MAX = 100_000
-"""Chosen: most pieces of one way."""
 LONGEST_MM = 1e6
 """Chosen: no coordinate of a path may be larger, mm."""
 
@@ -244,82 +235,3 @@ def _crossing(outline: Sequence[Place], level: float) -> Place:
     if len(crossings) != 2:
         raise ValueError(f"crossed {len(crossings)} times")
     return min(crossings), max(crossings)
-
-
-@dataclass(frozen=True, slots=True)
-class Way:
-    """A chain of straight pieces, relative to its beginning, m."""
-
-    points: tuple[Place, ...]
-    headings: tuple[Place, ...]
-    """Unit vector of each piece."""
-    begins: tuple[float, ...]
-    """Length of the way at which each piece begins, m; the length of the whole comes last."""
-    length: float = field(init=False, repr=False, compare=False)
-    """m"""
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "length", self.begins[-1])
-
-    def piece(self, travel: float) -> int:
-        """Number of the piece on which this length of the way lies."""
-        return bisect_right(self.begins, travel, 1, len(self.headings)) - 1
-
-    def at(self, travel: float) -> Place:
-        """The place at this length of the way, m; straight on behind its end."""
-        return self.place_and_heading(travel)[0]
-
-    def place_and_heading(self, travel: float) -> tuple[Place, Place]:
-        """The place at this length of the way, m, as `at`, and the unit vector of its piece."""
-        number = self.piece(travel) if len(self.headings) > 1 else 0
-        (x, y), heading, rest = self.points[number], self.headings[number], travel - self.begins[number]
-        return (x + rest * heading[0], y + rest * heading[1]), heading
-
-    def points_until(self, travel: float) -> tuple[Place, ...]:
-        """Its corners up to this length of it, m, and the place there."""
-        if travel >= self.length:
-            return self.points
-        return (*self.points[: self.piece(travel) + 1], self.at(travel))
-
-    def along(self, low: float, high: float, place: Place) -> float:
-        """Length of the way, m, at its point nearest to a place, between two lengths of it."""
-        if len(self.headings) == 1:
-            return self._on(0, place)
-        first, last = self.piece(low), self.piece(high)
-        if first == last:
-            return self._on(first, place)
-        best, nearest = math.inf, high
-        for number in range(first, last + 1):
-            begin, end = max(self.begins[number], low), min(self.begins[number + 1], high)
-            length = min(max(self._on(number, place), begin), end)
-            (x, y), (u, v) = self.points[number], self.headings[number]
-            rest = length - self.begins[number]
-            apart = math.hypot(place[0] - x - rest * u, place[1] - y - rest * v)
-            if apart < best:
-                best, nearest = apart, length
-        return nearest
-
-    def _on(self, number: int, place: Place) -> float:
-        """Length of the way where a place is beside this piece."""
-        (x, y), (u, v) = self.points[number], self.headings[number]
-        return self.begins[number] + ((place[0] - x) * u + (place[1] - y) * v)
-
-
-def way_of(corners_mm: Sequence[Place]) -> Way:
-    """The way through these places, mm, relative to the first. Raises ValueError for one without length."""
-    x0, y0 = corners_mm[0]
-    places = [((x - x0) * 1e-3, (y - y0) * 1e-3) for x, y in corners_mm]
-    points, headings, begins = [places[0]], [], [0.0]
-    for x, y in places[1:]:
-        u, v = x - points[-1][0], y - points[-1][1]
-        length = math.hypot(u, v)
-        if length < 1e-9:
-            continue
-        points.append((x, y))
-        headings.append((u / length, v / length))
-        begins.append(begins[-1] + length)
-    if not headings:
-        raise ValueError("the path has no length")
-    if len(headings) > PIECES_MAX:
-        raise ValueError(f"a path of {len(headings)} pieces; {PIECES_MAX} are the most")
-    return Way(tuple(points), tuple(headings), tuple(begins))

@@ -13,11 +13,11 @@ from msgspec.structs import replace
 from hil_bridge.control.course.intent import Phase
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.stroke import Order, Stride, StrokeState
+from hil_bridge.control.geometry.ways import Place
 from hil_bridge.control.program.leg import Leg
 from hil_bridge.control.program.outcome import count_sample
 from hil_bridge.control.program.state import Felt, ProgramState
 from hil_bridge.control.steps.across import leaning
-from hil_bridge.control.steps.paths import Place
 from hil_bridge.control.steps.seam import Step, Taken, need_contact
 from hil_bridge.control.types import Command
 from hil_bridge.errors.causes import Reason

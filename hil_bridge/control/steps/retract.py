@@ -9,10 +9,10 @@ from msgspec.structs import replace
 from hil_bridge.control.checks import FORBID_EXTRA, require_not_negative
 from hil_bridge.control.course.intent import Phase
 from hil_bridge.control.course.parameters import TaskParameters
+from hil_bridge.control.course.yielding import yield_to
+from hil_bridge.control.geometry.ways import Place
 from hil_bridge.control.program.leg import Leg
 from hil_bridge.control.program.state import Felt, ProgramState
-from hil_bridge.control.program.yielding import yield_to
-from hil_bridge.control.steps.paths import Place
 from hil_bridge.control.steps.seam import NO_LIMITS, Step, StepLimits, Taken, above_zero
 from hil_bridge.control.steps.strokes import take_stroke
 

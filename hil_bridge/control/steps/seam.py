@@ -21,7 +21,7 @@ from hil_bridge.control.course.intent import Phase
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.parameters import TaskParameters
 from hil_bridge.control.course.stroke import Order
-from hil_bridge.control.steps.paths import Place, Way
+from hil_bridge.control.geometry.ways import Place, Way
 from hil_bridge.errors.causes import Reason
 from protocol.marks import SettingError
 

@@ -12,11 +12,12 @@ from hil_bridge.control.course.intent import Phase
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.parameters import TaskParameters
 from hil_bridge.control.course.stroke import Order, StrokeState
+from hil_bridge.control.geometry.ways import Place, Way, way_of
 from hil_bridge.control.program.leg import Leg
 from hil_bridge.control.program.outcome import ROUNDING
 from hil_bridge.control.program.state import Felt, ProgramState
 from hil_bridge.control.steps import free_space
-from hil_bridge.control.steps.paths import Line, Place, Way, way_of
+from hil_bridge.control.steps.paths import Line
 from hil_bridge.control.steps.pressing import Led, PressingStep
 from hil_bridge.control.steps.seam import (
     NO_LIMITS,

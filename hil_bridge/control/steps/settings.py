@@ -7,11 +7,12 @@ from pydantic import Discriminator, SerializeAsAny, WrapValidator
 
 from hil_bridge.control.checks import FORBID_EXTRA
 from hil_bridge.control.course.parameters import TaskParameters
+from hil_bridge.control.geometry.ways import Place
 from hil_bridge.control.steps.approach import Approach
 from hil_bridge.control.steps.hold import Hold
 from hil_bridge.control.steps.kinds import read_step
 from hil_bridge.control.steps.move import Move
-from hil_bridge.control.steps.paths import Line, Place
+from hil_bridge.control.steps.paths import Line
 from hil_bridge.control.steps.repeat import Repeat
 from hil_bridge.control.steps.retract import Retract
 from hil_bridge.control.steps.seam import Step

@@ -12,13 +12,14 @@ from hil_bridge.control.checks import FORBID_EXTRA
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.parameters import TaskParameters
 from hil_bridge.control.course.stroke import Order, Stride, StrokeState
+from hil_bridge.control.geometry.ways import Place, Way, way_of
 from hil_bridge.control.program.felt import lateral_of
 from hil_bridge.control.program.leg import Leg
 from hil_bridge.control.program.outcome import ROUNDING
 from hil_bridge.control.program.state import Felt, ProgramState
 from hil_bridge.control.steps.across import aside_by, beside
 from hil_bridge.control.steps.feed import STUCK_S, feed_of, progress
-from hil_bridge.control.steps.paths import Line, Path, Place, Way, way_of
+from hil_bridge.control.steps.paths import Line, Path
 from hil_bridge.control.steps.pressing import FLAT, Guide, Led, PressingStep
 from hil_bridge.control.steps.seam import (
     NO_LIMITS,

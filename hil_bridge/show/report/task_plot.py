@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from hil_bridge.control.steps.paths import Place
+from hil_bridge.control.geometry.ways import Place
 from hil_bridge.show.charts.painter import STYLE
 from hil_bridge.show.picture_files import drawing_library, save_figure
 from hil_bridge.show.report.task_steps import Shown

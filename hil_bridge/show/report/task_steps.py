@@ -5,9 +5,9 @@ import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from hil_bridge.control.geometry.ways import Place
 from hil_bridge.control.program.leg import Leg, Row
 from hil_bridge.control.program.legs import seconds
-from hil_bridge.control.steps.paths import Place
 from hil_bridge.control.steps.repeat import Repeat
 from hil_bridge.control.steps.seam import Step
 

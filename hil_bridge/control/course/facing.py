@@ -26,8 +26,8 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from hil_bridge.control.checks import FORBID_EXTRA, require_above_zero, require_shares_and_slope
+from hil_bridge.control.geometry.ways import Place
 from hil_bridge.control.limiting import within
-from hil_bridge.control.steps.paths import Place
 from protocol.geometry import Vector
 from protocol.marks import SettingError
 
