@@ -111,8 +111,8 @@ class Exercising:
             self._strike("causes", verdict.cause)
 
     def _led(self, state: ProgramState) -> None:
-        self._told(state.reason)
-        self._told(state.led)
+        self._told(state.course.reason)
+        self._told(state.course.travelled)
 
     def _told(self, reason: Reason | None) -> None:
         if reason is not None:

@@ -2,11 +2,12 @@
 
 from msgspec import Struct
 
+from hil_bridge.control.course.contact_sample import ContactSample
 from hil_bridge.control.course.following import Trail
 from hil_bridge.control.course.intent import Intent, Target
 from hil_bridge.control.course.oscillation import Advice, OscillationState
 from hil_bridge.control.course.verdict import Clamp, Stop, SupervisorState, Verdict
-from hil_bridge.control.program.state import Felt, ProgramState
+from hil_bridge.control.program.state import ProgramState
 from hil_bridge.errors.causes import Reason
 from protocol.geometry import Quaternion, Vector
 
@@ -28,8 +29,8 @@ class LoopState(Struct, frozen=True):
 class Proposal(Struct, frozen=True):
     """Command that program and controller ask for; the supervisor judges it."""
 
-    felt: Felt
-    """The sample as the program sees it."""
+    contact: ContactSample
+    """The sample in the work frame."""
     intent: Intent
     failure: Reason | None
     """Fault of the controller, with its package and place; None while there is none."""

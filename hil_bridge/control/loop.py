@@ -5,10 +5,13 @@ The same functions make the decisions of a run and of its replay; a run looks at
 
 import math
 from dataclasses import dataclass, field
+from enum import Enum
+from typing import NamedTuple
 
 from msgspec.structs import replace
 
 from hil_bridge.control.course.answers import calm, explain_halt
+from hil_bridge.control.course.contact_sample import ContactSample
 from hil_bridge.control.course.following import Following, Trail
 from hil_bridge.control.course.intent import FREE_SPACE, Intent, Phase, Target
 from hil_bridge.control.course.limits import Limits
@@ -22,13 +25,14 @@ from hil_bridge.control.course.verdict import (
     Observation,
     Request,
     Stop,
+    SupervisorState,
     Verdict,
 )
 from hil_bridge.control.decision import Decision, LoopState, Proposal
 from hil_bridge.control.failing import Failed, blame_answer, blame_error, is_stiffness
 from hil_bridge.control.program.answer import farthest_answer
 from hil_bridge.control.program.program import Program
-from hil_bridge.control.program.state import Felt, ProgramState
+from hil_bridge.control.program.state import ProgramState
 from hil_bridge.control.sample import Sample
 from hil_bridge.control.types import SAMPLE_MS, Command, Measurement
 from hil_bridge.errors.causes import Cause, Reason
@@ -42,6 +46,43 @@ LONGEST_SAMPLES = 2.0
 _NO_OSCILLATION = OscillationState()
 _ROUNDING = 1e-9
 """Slack for arithmetic, m."""
+
+
+class Route(Enum):
+    """How a proposal is judged."""
+
+    FAILURE = "failure"
+    """A controller or step has failed."""
+    RETRACTION = "retraction"
+    """The tool goes back: a retraction of the program, or of a step of ours."""
+    OSCILLATION = "oscillation"
+    """The force oscillates at the lowest gain."""
+    ORDER = "order"
+    """Anything else: an order that may press or travel."""
+
+
+class Case(NamedTuple):
+    """All that a proposal is judged by."""
+
+    route: Route
+    state: LoopState
+    sample: Sample
+    proposal: Proposal
+    guard: Supervisor
+    """The supervisor with the limits of the leg."""
+    observation: Observation
+
+
+class Ruling(NamedTuple):
+    """A proposal with the supervisor's verdict."""
+
+    program: ProgramState
+    intent: Intent
+    supervisor: SupervisorState
+    verdict: Verdict
+    """The verdict on what was proposed."""
+    order: Verdict
+    """The verdict on what is ordered: on the retraction after a stop, else the same."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,80 +134,130 @@ class ControlLoop:
         return 0.0 if passed < 0.0 else LONGEST_SAMPLES * self.sample_time
 
     def propose(self, state: LoopState, sample: Sample) -> Proposal:
-        """Intent of program and controller for a sample."""
+        """Return the intent of program and controller for a sample."""
         before, dt = state.program, self.since(state.seen_at, sample.now)
-        if sample.doubt != before.stroke.doubt:
-            before = replace(before, stroke=replace(before.stroke, doubt=Doubt(sample.doubt)))
-        before, felt = self.program.sense(before, sample, state.start, state.supervisor.depth, dt)
-        program, intent, failed = self._decide(before, felt)
-        oscillation, advice = self._watch(state.oscillation, felt.measurement, intent)
+        if sample.doubt != before.step.stroke.doubt:
+            stroke = replace(before.step.stroke, doubt=Doubt(sample.doubt))
+            before = replace(before, step=replace(before.step, stroke=stroke))
+        before, contact = self.program.sense(before, sample, state.start, state.supervisor.depth, dt)
+        program, intent, failed = self._decide(before, contact)
+        oscillation, advice = self._watch(state.oscillation, contact.measurement, intent)
         if advice is not None and advice.factor < 1.0:
-            intent = calm(intent, felt.measurement, advice)
+            intent = calm(intent, contact.measurement, advice)
         reason, trace = (None, "") if failed is None else failed
-        return Proposal(felt, intent, reason, advice, program, oscillation, trace)
+        return Proposal(contact, intent, reason, advice, program, oscillation, trace)
+
+    # --- the verdict on a proposal
 
     def judge(self, state: LoopState, sample: Sample, proposal: Proposal) -> tuple[LoopState, Decision]:
-        """The supervisor's word on what was proposed for this sample. A stop turns it into a retraction; while
-        retracting only the limits of motion apply, and the force that the retraction itself makes.
+        """Return the supervisor's verdict on what was proposed for this sample, as the decision of the cycle.
+
+        A stop turns the proposal into a retraction. While retracting only the limits of motion apply, and that of the
+        force which the retraction itself makes.
         """
-        program, intent, advice = proposal.program, proposal.intent, proposal.advice
-        begins, measurement = intent.leg != state.program.leg, proposal.felt.measurement
-        against = self._against(proposal) if begins else measurement.against
-        observation, reported = _observe(sample, proposal, against), measurement.position
-        guard, follows = self.guards[intent.leg], self.following
-        ends = intent.phase is _RETRACT or intent.phase is _END
-        backs = ends and proposal.failure is None and self._retracts(proposal)
-        verdict: Verdict
+        case = self._case(state, sample, proposal)
+        match case.route:
+            case Route.FAILURE:
+                ruling = _stop_failure(case)
+            case Route.OSCILLATION:
+                ruling = _stop_oscillation(case)
+            case Route.RETRACTION:
+                ruling = self._supervise_retraction(case)
+            case Route.ORDER:
+                ruling = self._supervise_order(case)
+        if (reason := _reason_to_end(case, ruling)) is not None:
+            ruling = self._retract(case, ruling, reason)
+        return self._conclude(case, ruling)
+
+    def _case(self, state: LoopState, sample: Sample, proposal: Proposal) -> Case:
+        """Return all that a proposal is judged by."""
+        intent, advice = proposal.intent, proposal.advice
+        begins = intent.leg != state.program.course.leg
+        against = self._against(proposal) if begins else proposal.contact.measurement.against
         if proposal.failure is not None:  # of a step that follows a retraction, too
-            supervisor, verdict = guard.stop(state.supervisor, proposal.failure.cause, proposal.failure.text)
-        elif backs:
-            request = self._request(state, intent)
-            supervisor, verdict = guard.retreat(state.supervisor, observation, request)
-            if isinstance(verdict, Stop):
-                intent = replace(intent, reason=verdict.reason, failed=True)
-        elif advice is not None and advice.retract:
-            text = f"the force goes on swinging by ±{advice.amplitude:.1f} N at the lowest gain"
-            supervisor, verdict = guard.stop(state.supervisor, Cause.OSCILLATION, text)
+            route = Route.FAILURE
+        elif (intent.phase is _RETRACT or intent.phase is _END) and self._retracts(proposal):
+            route = Route.RETRACTION
         else:
-            request = self._request(state, intent, self._barrier(proposal, guard.limits))
-            supervisor, verdict = guard.step(state.supervisor, observation, request)
-            strayed = "" if follows is None else follows.fault(state.trail, observation, guard.limits)
-            if strayed and not isinstance(verdict, Stop):
-                supervisor, verdict = guard.stop(state.supervisor, Cause.OFF_PATH, strayed)
-        reason = None if type(verdict) is Allow else _reason(state, intent, verdict)
-        way: Verdict = verdict
-        if reason is not None and not (backs and intent.phase is _RETRACT):
-            # From the state before this sample: the controller's answer to it no longer matters.
-            reason = proposal.failure or self.program.in_step(intent.leg, reason)
-            program, intent = self.program.step(self.program.fail(state.program, reason), proposal.felt)
-            supervisor, way = guard.retreat(supervisor, observation, self._request(state, intent))
-        elif advice is not None and advice.factor < 1.0 and not isinstance(verdict, Stop):
-            lowered = Reason(Cause.GAIN, f"the force swings: gain lowered to {advice.factor:g}")
+            route = Route.OSCILLATION if advice is not None and advice.retract else Route.ORDER
+        return Case(
+            route, state, sample, proposal, self.guards[intent.leg], _observe(sample, proposal, against)
+        )
+
+    def _supervise_retraction(self, case: Case) -> Ruling:
+        """A retraction ends at a stop: the tool stands still."""
+        state, intent = case.state, case.proposal.intent
+        supervisor, verdict = case.guard.retreat(
+            state.supervisor, case.observation, self._request(state, intent)
+        )
+        if isinstance(verdict, Stop):
+            intent = replace(intent, reason=verdict.reason, failed=True)
+        return Ruling(case.proposal.program, intent, supervisor, verdict, verdict)
+
+    def _supervise_order(self, case: Case) -> Ruling:
+        """An order that presses or travels passes the limits, and the watch over the robot's path."""
+        state, proposal, guard = case.state, case.proposal, case.guard
+        request = self._request(state, proposal.intent, self._barrier(proposal, guard.limits))
+        supervisor, verdict = guard.step(state.supervisor, case.observation, request)
+        if isinstance(verdict, Stop):
+            return Ruling(proposal.program, proposal.intent, supervisor, verdict, verdict)
+        strayed = (
+            ""
+            if self.following is None
+            else self.following.fault(state.trail, case.observation, guard.limits)
+        )
+        if strayed:
+            supervisor, stop = guard.stop(supervisor, Cause.OFF_PATH, strayed)
+            return Ruling(proposal.program, proposal.intent, supervisor, stop, stop)
+        if proposal.advice is not None and proposal.advice.factor < 1.0:
+            lowered = Reason(Cause.GAIN, f"the force swings: gain lowered to {proposal.advice.factor:g}")
             holds = verdict.holds if isinstance(verdict, Clamp) else ()
-            way = verdict = Clamp(verdict.depth, verdict.position, (*holds, lowered))
-        before, stands, held = state.supervisor, isinstance(way, Stop), False
-        last = before if isinstance(way, Stop) else way
-        depth, position = last.depth, last.position
+            verdict = Clamp(verdict.depth, verdict.position, (*holds, lowered))
+        return Ruling(proposal.program, proposal.intent, supervisor, verdict, verdict)
+
+    def _retract(self, case: Case, ruling: Ruling, reason: Reason) -> Ruling:
+        """The retraction in place of what was proposed, from the state before this sample: the controller's answer to
+        it no longer matters.
+        """
+        state, proposal = case.state, case.proposal
+        reason = proposal.failure or self.program.in_step(proposal.intent.leg, reason)
+        program, intent = self.program.step(self.program.fail(state.program, reason), proposal.contact)
+        request = self._request(state, intent)
+        supervisor, order = case.guard.retreat(ruling.supervisor, case.observation, request)
+        return Ruling(program, intent, supervisor, ruling.verdict, order)
+
+    def _conclude(self, case: Case, ruling: Ruling) -> tuple[LoopState, Decision]:
+        """Return the decision of a ruling, and the state behind it."""
+        state, sample, measurement = case.state, case.sample, case.proposal.contact.measurement
+        order, intent, before, held = ruling.order, ruling.intent, case.state.supervisor, False
+        stands = isinstance(order, Stop)
+        depth, position = (
+            (before.depth, before.position) if isinstance(order, Stop) else (order.depth, order.position)
+        )
         aside = math.dist(before.position, position) > _ROUNDING
         if intent.phase is _RETRACT and intent.target.depth < before.depth <= depth and not aside:
             # Held back at the border of the workspace, a retraction has come as far as it can.
-            held = not (isinstance(way, Clamp) and way.goes_on)
+            held = not (isinstance(order, Clamp) and order.goes_on)
             if held and intent.reason is None and intent.leg < len(self.program.row.legs) - 1:  # more to do
-                intent = replace(intent, reason=explain_halt(verdict, observation), failed=True)
+                reason = explain_halt(ruling.verdict, case.observation)
+                intent = replace(intent, reason=reason, failed=True)
         trail: Trail = ()
-        if follows is not None:
-            trail = follows.after(state.trail, (reported, depth), sample.now, sample.position_at)
-        after = LoopState(state.start, program, supervisor, proposal.oscillation, sample.now, trail)
+        if self.following is not None:
+            reported = measurement.position, depth
+            trail = self.following.after(state.trail, reported, sample.now, sample.position_at)
+        after = LoopState(
+            state.start, ruling.program, ruling.supervisor, case.proposal.oscillation, sample.now, trail
+        )
         return after, Decision(
-            reported,
+            measurement.position,
             measurement.force,
             Target(depth, intent.target.travel, intent.target.across),
             position,
             intent,
-            verdict,
-            ended=program.stroke.phase is _END or held or stands,
+            ruling.verdict,
+            ended=ruling.program.phase is _END or held or stands,
             stands=stands,
-            quaternion=supervisor.quaternion,
+            quaternion=ruling.supervisor.quaternion,
         )
 
     def _barrier(self, proposal: Proposal, limits: Limits) -> float:
@@ -174,7 +265,7 @@ class ControlLoop:
         the reported position and the force that belongs to it. What the robot has yet to do of its orders lies before
         it.
         """
-        measurement = proposal.felt.measurement
+        measurement = proposal.contact.measurement
         command = proposal.intent.command
         stiffness = self.program.stroke.parameters.expected_stiffness_n_m
         learnt = None if command is None else command.stiffness
@@ -184,22 +275,24 @@ class ControlLoop:
         barrier = measurement.position + left / stiffness
         return barrier if math.isfinite(barrier) else measurement.position
 
-    def _decide(self, state: ProgramState, felt: Felt) -> tuple[ProgramState, Intent, Failed | None]:
+    def _decide(
+        self, state: ProgramState, contact: ContactSample
+    ) -> tuple[ProgramState, Intent, Failed | None]:
         """The program's step, and what is wrong with its controller or its step; None while nothing is.
 
         Both may come from another package: every error that one raises, and an answer that is not of numbers or cannot
         be meant, is its failure.
         """
-        measurement = felt.measurement
+        measurement = contact.measurement
         try:
-            program, intent = self.program.step(state, felt)
+            program, intent = self.program.step(state, contact)
             command = intent.command
             if command is None or self._is_meant(command, measurement):
                 return program, intent, None
             failed = blame_answer(self.program.controller, command)
         except RAISED as error:
             raise_if_asked(error)
-            failed = blame_error(self.program.controller, self.program.row.legs[state.leg], error)
+            failed = blame_error(self.program.controller, self.program.row.legs[state.course.leg], error)
         return state, self.program.hold(state, measurement), failed
 
     def _is_meant(self, command: Command, measurement: Measurement) -> bool:
@@ -214,7 +307,10 @@ class ControlLoop:
         """Whether an intent is the retraction that its phase tells. That of a step of another package is watched as any
         other intent: a stop brings a retraction of ours.
         """
-        return proposal.program.reason is not None or not self.program.row.legs[proposal.intent.leg].foreign
+        return (
+            proposal.program.course.reason is not None
+            or not self.program.row.legs[proposal.intent.leg].foreign
+        )
 
     def _against(self, proposal: Proposal) -> float:
         """Force against the way of the step that has begun with this sample, N. The sample was felt on the way of the
@@ -223,7 +319,7 @@ class ControlLoop:
         leg = self.program.row.legs[proposal.intent.leg]
         if leg.way is None and leg.phase is Phase.MOVE:  # no path leads there
             return 0.0
-        return proposal.felt.against(proposal.program.heading)
+        return proposal.contact.against(proposal.program.step.heading)
 
     def _watch(
         self, state: OscillationState, measurement: Measurement, intent: Intent
@@ -249,13 +345,39 @@ class ControlLoop:
         return Request(depth, target, frame.approach, barrier, intent.turned, stiffness)
 
 
-def _reason(state: LoopState, intent: Intent, verdict: Verdict) -> Reason | None:
-    """Why the run must end; None while it need not. An approach that is held in place would last for ever."""
+def _stop_failure(case: Case) -> Ruling:
+    """A controller or step that failed stops the run."""
+    failure = case.proposal.failure
+    assert failure is not None
+    return _stopped(case, failure.cause, failure.text)
+
+
+def _stop_oscillation(case: Case) -> Ruling:
+    """A force that oscillates at the lowest gain stops the run."""
+    advice = case.proposal.advice
+    assert advice is not None
+    text = f"the force goes on swinging by ±{advice.amplitude:.1f} N at the lowest gain"
+    return _stopped(case, Cause.OSCILLATION, text)
+
+
+def _stopped(case: Case, cause: Cause, text: str) -> Ruling:
+    supervisor, stop = case.guard.stop(case.state.supervisor, cause, text)
+    return Ruling(case.proposal.program, case.proposal.intent, supervisor, stop, stop)
+
+
+def _reason_to_end(case: Case, ruling: Ruling) -> Reason | None:
+    """Return why a retraction must take the place of what was proposed; None while it need not.
+
+    A retraction stays one. An approach that is held in place would last for ever.
+    """
+    intent, verdict = ruling.intent, ruling.verdict
+    if type(verdict) is Allow or (case.route is Route.RETRACTION and intent.phase is _RETRACT):
+        return None
     match verdict:
         case Stop(reason=reason):
             return reason
         case Clamp(depth=depth, reasons=reasons) if (
-            intent.phase is _APPROACH and depth <= state.supervisor.depth and not verdict.goes_on
+            intent.phase is _APPROACH and depth <= case.state.supervisor.depth and not verdict.goes_on
         ):
             held = "the touch" if intent.in_contact else "no contact found: the approach"
             return Reason(Cause.HELD_APPROACH, f"{held} {', '.join(reasons)}")
@@ -266,10 +388,10 @@ def _reason(state: LoopState, intent: Intent, verdict: Verdict) -> Reason | None
 
 
 def _observe(sample: Sample, proposal: Proposal, against: float) -> Observation:
-    felt, measurement, intent = proposal.felt, proposal.felt.measurement, proposal.intent
-    if proposal.program.zero:  # a zero of the program's own hides no force either
-        force = felt.force[0] if abs(felt.force[0]) > abs(sample.force) else sample.force
-        sample = replace(sample, force=force, resultant=max(sample.resultant, math.hypot(*felt.force)))
+    contact, measurement, intent = proposal.contact, proposal.contact.measurement, proposal.intent
+    if proposal.program.course.zero:  # a zero of the program's own hides no force either
+        force = contact.force[0] if abs(contact.force[0]) > abs(sample.force) else sample.force
+        sample = replace(sample, force=force, resultant=max(sample.resultant, math.hypot(*contact.force)))
     free = intent.phase in FREE_SPACE and not intent.in_contact
     return Observation(
         sample,
@@ -277,6 +399,6 @@ def _observe(sample: Sample, proposal: Proposal, against: float) -> Observation:
         measurement.dt,
         intent.in_contact,
         against,
-        felt.aside,
+        contact.aside,
         measurement.force if free else None,
     )

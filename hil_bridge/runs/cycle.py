@@ -262,7 +262,7 @@ class Run:
     async def _left(self, start: RobotReport, commanded: Vector, answers: bool) -> Left:
         """Where the tool was left; a tool that is left pressing has not completed."""
         origin = (start if self._state is None else self._start).pose.position
-        zero = () if self._state is None else self._state.program.zero
+        zero = () if self._state is None else self._state.program.course.zero
         if zero and self._sensor.peaks is not None:
             self._sensor.peaks.rezero(zero)
         if self._state is None:  # it has come no farther than the way to the zero
@@ -276,7 +276,7 @@ class Run:
             axes, wrist = self._zeroing.axes, self._wrist_at(self._orientation)
             if newest is not None and math.isfinite(force):
                 hidden = axes.hidden_at_rest(wrist, self._sensor.wrench(newest), limits.weight_tolerance_n)
-            unverified = axes.unverified(aside=math.hypot(*self._state.program.at) > ARRIVED_M)
+            unverified = axes.unverified(aside=math.hypot(*self._state.program.step.at) > ARRIVED_M)
         pressing = saturated or not force <= limits.weight_tolerance_n or hidden > 0.0
         own = math.nan
         if answers and self._loop.supervisor.witness is not None:

@@ -15,7 +15,7 @@ from hil_bridge.clock import Clock
 from hil_bridge.control import ControlLoop, Stroke, Supervisor, TaskParameters, make_controller
 from hil_bridge.control.controllers import PERIOD_FACTOR, check_period, controller_kind, sample_time
 from hil_bridge.control.course.witness import witness_of
-from hil_bridge.control.program.felt import Face, WorkFrame
+from hil_bridge.control.geometry.work_frame import Face, WorkFrame
 from hil_bridge.control.program.legs import Ground, legs_of, seconds
 from hil_bridge.control.program.program import Program
 from hil_bridge.control.program.resume import resume_row

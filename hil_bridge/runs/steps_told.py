@@ -4,10 +4,11 @@ from collections.abc import Callable
 from typing import Protocol
 
 from hil_bridge.clock import Clock
+from hil_bridge.control.course.state import Done
 from hil_bridge.control.program.leg import Leg
 from hil_bridge.control.program.outcome import cut
 from hil_bridge.control.program.program import Program
-from hil_bridge.control.program.state import Done, ProgramState
+from hil_bridge.control.program.state import ProgramState
 from hil_bridge.errors.causes import Reason
 from hil_bridge.record.records import StepRecord
 
@@ -41,17 +42,17 @@ class StepTeller:
 
     def ended(self, state: ProgramState) -> None:
         """Tell the steps that have ended since the cycle before."""
-        if not self.legs or len(state.done) == self._count:
+        if not self.legs or len(state.course.done) == self._count:
             return
-        for done in state.done[self._count :]:
+        for done in state.course.done[self._count :]:
             self._tell(done)
-        self._count = len(state.done)
+        self._count = len(state.course.done)
 
     def cut(self, state: ProgramState, reason: Reason | None, at: float | None = None) -> None:
         """Tell the step that was under way when the run could decide no more, at this time, s; None for now."""
-        if self.legs and state.began is not None:
+        if self.legs and state.course.began is not None:
             now = self._clock.now() if at is None else at
-            self._tell(cut(state, self.legs[state.leg], now, reason))
+            self._tell(cut(state, self.legs[state.course.leg], now, reason))
 
     def _tell(self, done: Done) -> None:
         leg = self.legs[done.leg]
@@ -77,8 +78,8 @@ def step_record(leg: Leg, done: Done) -> StepRecord:
         done.text,
         done.resumable,
         leg.step.do,
-        leg.repeat,
-        leg.turn,
+        leg.repeat.number,
+        leg.repeat.turn,
         leg.number,
     )
 

@@ -24,15 +24,16 @@ import pytest
 from pydantic import TypeAdapter, ValidationError
 
 from hil_bridge.control.controllers import make_controller
+from hil_bridge.control.course.contact_sample import ContactSample
 from hil_bridge.control.course.intent import Intent, Phase
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.parameters import TaskParameters
 from hil_bridge.control.course.stroke import Stroke
-from hil_bridge.control.program.felt import WorkFrame
+from hil_bridge.control.geometry.work_frame import WorkFrame
 from hil_bridge.control.program.leg import Row, StepFailed
 from hil_bridge.control.program.legs import Ground, legs_of, seconds
 from hil_bridge.control.program.program import Program
-from hil_bridge.control.program.state import Felt, ProgramState
+from hil_bridge.control.program.state import ProgramState
 from hil_bridge.control.sample import Sample
 from hil_bridge.control.steps.approach import Approach
 from hil_bridge.control.steps.led import LedStep
@@ -94,7 +95,7 @@ class Walked(NamedTuple):
     """One sample of the step, as the program took it."""
 
     before: ProgramState
-    felt: Felt
+    contact: ContactSample
     after: ProgramState
     intent: Intent
 
@@ -109,9 +110,10 @@ def test_same_samples_give_the_same_orders(step: Step) -> None:
             "from the first"
         )
         for each in reversed(taken):
-            same = program.step(each.before, each.felt) == (each.after, each.intent)
+            same = program.step(each.before, each.contact) == (each.after, each.intent)
             assert same, (
-                f"the step keeps state in itself: asked again out of order, it answers otherwise to {each.felt.sample}"
+                "the step keeps state in itself: asked again out of order, it answers otherwise to "
+                f"{each.contact.sample}"
             )
 
 
@@ -119,12 +121,12 @@ def test_the_state_of_a_step_is_not_changed_in_place(step: Step) -> None:
     program, taken = _walk(step, _drawn(SEEDS[0]))
     for each in taken:
         before = copy.deepcopy(each.before)
-        program.step(before, each.felt)
-        assert before == each.before, f"the state that was given was changed by {each.felt.sample}"
-    kept = [copy.deepcopy(each.after.memory) for each in taken]
+        program.step(before, each.contact)
+        assert before == each.before, f"the state that was given was changed by {each.contact.sample}"
+    kept = [copy.deepcopy(each.after.step.memory) for each in taken]
     for each in taken:
-        program.step(each.before, each.felt)
-    same = kept == [each.after.memory for each in taken]
+        program.step(each.before, each.contact)
+    same = kept == [each.after.step.memory for each in taken]
     assert same, "a state that was answered was changed later"
 
 
@@ -135,17 +137,17 @@ def test_places_and_forces_stay_in_bounds(step: Step) -> None:
         for each in _walk(step, _drawn(seed))[1]:
             target, reference = each.intent.target, each.intent.reference
             place = target.depth, target.travel, target.across
-            assert all(map(math.isfinite, place)), f"it leads to {place} m, by {each.felt.sample}"
-            deeper = target.depth - each.felt.measurement.commanded
+            assert all(map(math.isfinite, place)), f"it leads to {place} m, by {each.contact.sample}"
+            deeper = target.depth - each.contact.measurement.commanded
             assert each.intent.phase is not Phase.RETRACT or deeper <= 1e-9, (
-                f"it calls an order a retraction that goes {deeper * 1e3:g} mm deeper, by {each.felt.sample}"
+                f"it calls an order a retraction that goes {deeper * 1e3:g} mm deeper, by {each.contact.sample}"
             )
-            moved = math.dist(each.before.at, each.after.at)
+            moved = math.dist(each.before.step.at, each.after.step.at)
             assert moved <= fastest * 1e-3 * CYCLE + 1e-9, (
                 f"one sample leads the tool {moved * 1e3:g} mm along the surface: faster than {fastest:g} mm/s"
             )
             assert reference is None or 0.0 < reference < limits.force_limit_n, (
-                f"it asks for a force of {reference} N, by {each.felt.sample}"
+                f"it asks for a force of {reference} N, by {each.contact.sample}"
             )
 
 
@@ -306,20 +308,20 @@ def _walk(step: Step, feel: Feel, most: int = SAMPLES) -> tuple[Program, list[Wa
     state, depth, place = program.initial(), 0.0, (0.0, 0.0)
     taken: list[Walked] = []
     for number in range(most + SAMPLES):
-        begun, felt3 = state.leg == own and state.began is not None, feel(depth)
+        begun, felt3 = state.course.leg == own and state.course.began is not None, feel(depth)
         if not begun:
             felt3 = _spring(depth)._replace(moment=felt3.moment)
         sample = _sample(number * CYCLE, depth, place, felt3)
-        before, felt = program.sense(state, sample, (0.0, 0.0, 0.0), depth, CYCLE)
+        before, contact = program.sense(state, sample, (0.0, 0.0, 0.0), depth, CYCLE)
         try:
-            state, intent = program.step(before, felt)
+            state, intent = program.step(before, contact)
         except StepFailed as error:
             raised = error.__cause__ or error
             said = failure(raised, place_of_method(step, "steer"))
             pytest.fail(f"it fails: {said}; it felt {felt3}, in contact: {before.in_contact}", pytrace=False)
         depth, place = intent.target.depth, (intent.target.travel, intent.target.across)
-        if state.leg == own or begun:
-            taken.append(Walked(before, felt, state, intent))
+        if state.course.leg == own or begun:
+            taken.append(Walked(before, contact, state, intent))
         if taken and (_is_left(state, own) or len(taken) >= most):
             break
     assert taken, f"the step {step.do} never began"
@@ -328,7 +330,7 @@ def _walk(step: Step, feel: Feel, most: int = SAMPLES) -> tuple[Program, list[Wa
 
 def _is_left(state: ProgramState, own: int) -> bool:
     """Whether the leg of this number is over, or the run retracts."""
-    return state.leg != own or state.began is None or state.reason is not None
+    return state.course.leg != own or state.course.began is None or state.course.reason is not None
 
 
 def _sample(now: float, depth: float, place: tuple[float, float], felt: Felt3) -> Sample:

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from matplotlib.figure import Figure
 from msgspec.structs import replace
 
-from hil_bridge.control.program.felt import WorkFrame, find_across
+from hil_bridge.control.geometry.work_frame import WorkFrame
+from hil_bridge.control.program.contact_force import find_across
 from hil_bridge.errors import ConfigError
 from hil_bridge.record import EventRecord, Recorder, Recording, TruthRecord, Writing, read
 from hil_bridge.record.removed_map import (

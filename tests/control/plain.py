@@ -15,11 +15,12 @@ from hil_bridge.control import (
     Supervisor,
     TaskParameters,
 )
+from hil_bridge.control.course.contact_sample import ContactSample
 from hil_bridge.control.decision import LoopState
-from hil_bridge.control.program.felt import WorkFrame
+from hil_bridge.control.geometry.work_frame import WorkFrame
 from hil_bridge.control.program.legs import Ground, legs_of
 from hil_bridge.control.program.program import Program
-from hil_bridge.control.program.state import Felt, ProgramState
+from hil_bridge.control.program.state import ProgramState
 from hil_bridge.control.steps.seam import Step
 from hil_bridge.control.steps.settings import plain_steps
 from hil_bridge.errors import Reason
@@ -96,10 +97,10 @@ class PlainRun:
         return self.program.finish(state, reason)
 
     def step(self, state: ProgramState, measurement: Measurement) -> tuple[ProgramState, Intent]:
-        return self.program.step(*sense(self.program, state, felt_of(measurement, state.at)))
+        return self.program.step(*sense(self.program, state, felt_of(measurement, state.step.at)))
 
 
-def sense(program: Program, state: ProgramState, felt: Felt) -> tuple[ProgramState, Felt]:
+def sense(program: Program, state: ProgramState, felt: ContactSample) -> tuple[ProgramState, ContactSample]:
     """The sample of a tool that began at 0, 0, 0, as this program sees it."""
     measurement = felt.measurement
     return program.sense(state, felt.sample, (0.0, 0.0, 0.0), measurement.commanded, measurement.dt)
@@ -107,7 +108,7 @@ def sense(program: Program, state: ProgramState, felt: Felt) -> tuple[ProgramSta
 
 def felt_of(
     measurement: Measurement, place: tuple[float, float] = (0.0, 0.0), aside: tuple[float, float] = (0.0, 0.0)
-) -> Felt:
+) -> ContactSample:
     """A sample as a program sees it, of a tool that points down; `aside` are the forces along x and y, N."""
     force = measurement.force
     position = place[0], place[1], -measurement.position
@@ -123,4 +124,4 @@ def felt_of(
         paired_force=measurement.paired_force,
         force_across=aside[1],
     )
-    return Felt(sample, measurement, place, (force, *aside), (0.0,) * 6)
+    return ContactSample(sample, measurement, place, (force, *aside), (0.0,) * 6)

@@ -23,7 +23,7 @@ from hil_bridge.control.course.stroke import Order, Stride
 from hil_bridge.control.steps.approach import Approach
 from hil_bridge.control.steps.hold import Hold
 from hil_bridge.control.steps.retract import Retract
-from hil_bridge.control.steps.seam import Taken
+from hil_bridge.control.steps.seam import StepResult
 from hil_bridge.control.steps.seek import Seek
 from hil_bridge.errors import Cause, Reason
 from tests.control.plain import plain_program, sense
@@ -213,13 +213,13 @@ def test_a_step_in_trouble_orders_nothing_deeper_whatever_it_asks_for(
     program = program_of(Approach(), Hold(for_s=1.0), Retract())
     reason = Reason(Cause.STEP_TROUBLE, "it says so")
 
-    def take(step: Any, leg: Any, state: Any, felt: Any) -> Taken:
-        return Taken(state, Order(phase, 2e-3), trouble=reason)
+    def take(step: Any, context: Any, state: Any) -> StepResult:
+        return StepResult(state, Order(phase, 2e-3), trouble=reason)
 
     monkeypatch.setattr(Approach, "take", take)
     felt = seen(0.0, (0.0, 0.0), 1e-3, (0.0, 0.0, 0.0))
     state, intent = program.step(*sense(program, program.initial(), felt))
-    assert state.failed
+    assert state.course.failed
     assert intent.target.depth == 1e-3
 
 
@@ -231,8 +231,8 @@ def test_step_in_trouble_is_held_at_the_commanded_depth(
     program = program_of(Approach(), Hold(for_s=1.0), Retract())
     reason = Reason(Cause.STEP_TROUBLE, "it says so")
 
-    def take(step: Any, leg: Any, state: Any, felt: Any) -> Taken:
-        return Taken(state, Order(Phase.TRACK, 2e-3), trouble=reason)
+    def take(step: Any, context: Any, state: Any) -> StepResult:
+        return StepResult(state, Order(Phase.TRACK, 2e-3), trouble=reason)
 
     monkeypatch.setattr(Approach, "take", take)
     felt = seen(0.0, (0.0, 0.0), 1.5e-3, (0.0, 0.0, 0.0))
@@ -245,11 +245,11 @@ def test_an_edge_that_is_not_found_orders_nothing_deeper() -> None:
     program = program_of(Approach(), Seek(direction_deg=0.0, until="edge", at_most_mm=1.0), Retract())
     state, depth = program.initial(), 0.0
     for k in range(200):
-        felt = seen(0.1 * k, state.at, depth, (8.0 if depth > 1e-3 else 0.0, 0.0, 0.0))
+        felt = seen(0.1 * k, state.step.at, depth, (8.0 if depth > 1e-3 else 0.0, 0.0, 0.0))
         state, intent = program.step(*sense(program, state, felt))
-        if state.failed:
+        if state.course.failed:
             break
         depth = intent.target.depth
-    assert state.reason is not None
-    assert state.reason.cause is Cause.NO_EDGE
+    assert state.course.reason is not None
+    assert state.course.reason.cause is Cause.NO_EDGE
     assert intent.target.depth <= depth

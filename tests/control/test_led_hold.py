@@ -5,7 +5,7 @@ from typing import Any, Literal
 
 from msgspec.structs import replace
 
-from hil_bridge.control.program.state import Felt
+from hil_bridge.control.course.contact_sample import ContactSample
 from hil_bridge.control.steps.approach import Approach
 from hil_bridge.control.steps.led import Lead, LedStep, StepSample
 from hil_bridge.control.steps.retract import Retract
@@ -36,21 +36,23 @@ def test_a_led_tool_stays_where_a_person_holds_it() -> None:
     state, depth, places, asked, forces = program.initial(), 0.0, [], [], []
     for k in range(80):
         now, held = DT * k, 20 <= k < 70
-        felt: Felt = seen(now, state.at, depth, (5e3 * max(depth - 1e-3, 0.0), 0.0, 0.0))
+        felt: ContactSample = seen(now, state.step.at, depth, (5e3 * max(depth - 1e-3, 0.0), 0.0, 0.0))
         felt = replace(felt, sample=replace(felt.sample, held=held))
         state, intent = program.step(*sense(program, state, felt))
-        if state.failed:
+        if state.course.failed:
             break
         depth = intent.target.depth
-        places.append(state.at)
-        asked.append(state.memory and state.memory[0])
+        places.append(state.step.at)
+        asked.append(state.step.memory and state.step.memory.own)
         forces.append(intent.reference)
-    assert state.began is not None
+    assert state.course.began is not None
     assert places[18] < places[19], "it moves before"
     assert len(set(places[19:70])) == 1, "it stays, and does not end although its time is up meanwhile"
     assert len(set(asked[19:70])) == 1, "and its step is not asked"
     assert set(forces[19:70]) == {8.0}, "the step's force is kept"
-    assert (k, str(state.reason)) == (70, "its time is up, in step 2 (slides)"), "then the step has its say"
+    assert (k, str(state.course.reason)) == (70, "its time is up, in step 2 (slides)"), (
+        "then the step has its say"
+    )
 
 
 def test_a_led_tool_may_lean_on_what_is_beside_it_until_it_has_lifted() -> None:

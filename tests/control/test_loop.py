@@ -24,10 +24,12 @@ from hil_bridge.control import (
     TaskParameters,
     numeric_explanation,
 )
+from hil_bridge.control.course.state import Course, StepState
 from hil_bridge.control.course.touch import Doubt
-from hil_bridge.control.program.felt import WorkFrame
+from hil_bridge.control.geometry.work_frame import WorkFrame
 from hil_bridge.control.program.legs import Ground, legs_of
 from hil_bridge.control.program.program import Program
+from hil_bridge.control.program.state import ProgramState
 from hil_bridge.control.steps.approach import Approach
 from hil_bridge.control.steps.paths import Line
 from hil_bridge.control.steps.retract import Retract
@@ -112,8 +114,8 @@ def test_a_controller_that_fails_ends_in_a_retraction_that_names_it(act, why):
     assert depths[-1] == pytest.approx(depths[0] - 4e-3)
     assert decisions[-1].ended
     assert {d.intent.phase for d in decisions[failed:]} == {Phase.RETRACT}
-    assert state.program.failed
-    assert str(state.program.reason) == verdict.text
+    assert state.program.course.failed
+    assert str(state.program.course.reason) == verdict.text
     assert state.supervisor.stopped == verdict
     assert all(math.isfinite(value) for d in decisions for value in d.position)
 
@@ -150,7 +152,7 @@ def test_a_doubt_of_the_sample_holds_until_the_next_sample_has_none():
     state = loop.initial(START)
     for k, doubt in enumerate((Doubt.NONE, Doubt.AXIS, Doubt.NONE)):
         state, _ = loop.step(state, Sample(100.0 + k, START, 0.0, 0.0, 99.99 + k, k, doubt=int(doubt)))
-        doubts.append(state.program.stroke.doubt)
+        doubts.append(state.program.step.stroke.doubt)
     assert doubts == [Doubt.NONE, Doubt.AXIS, Doubt.NONE]
 
 
@@ -179,10 +181,10 @@ def test_the_text_of_a_failure_is_one_line_of_whole_characters():
         raise ValueError("half \udc80\nand more")
 
     state, _ = drive(Broken(act))
-    assert str(state.program.reason).startswith(
+    assert str(state.program.course.reason).startswith(
         "controller broken failed: ValueError: half \\udc80 (tests/control/test_loop.py:"
     )
-    assert "\n" not in str(state.program.reason)
+    assert "\n" not in str(state.program.course.reason)
 
 
 def test_a_controller_that_fails_in_its_first_step_is_no_different():
@@ -193,7 +195,7 @@ def test_a_controller_that_fails_in_its_first_step_is_no_different():
     for controller in (Broken(give_up, after=0), Stillborn(give_up)):
         state, decisions = drive(controller)
         assert decisions[-1].ended
-        assert "controller broken failed" in str(state.program.reason)
+        assert "controller broken failed" in str(state.program.course.reason)
 
 
 def test_measurement_tells_travel_pair_and_saturation() -> None:
@@ -242,7 +244,7 @@ def test_each_leg_has_the_guard_of_the_run_with_its_own_limits():
     sample = Sample(100.0, START, 25.0, 25.0, 99.99, 1)
     for leg, stops in ((1, True), (2, False)):
         state = loop.initial(START)
-        began = replace(state.program, leg=leg, began=99.0, stroke=StrokeState(Phase.TRACK, controller=0))
+        began = ProgramState(Course(leg, 99.0), StepState(StrokeState(Phase.TRACK, controller=0)))
         _, decision = loop.step(replace(state, program=began), sample)
         assert isinstance(decision.verdict, Stop) is stops
 
@@ -261,9 +263,8 @@ def pressing_loop(**parameters):
     state = loop.initial(START)
     stroke = StrokeState(Phase.TRACK, controller=0, in_contact=True)
     ordered = replace(state.supervisor, depth=FAR_DOWN, position=at_depth(FAR_DOWN))
-    return loop, replace(
-        state, supervisor=ordered, program=replace(state.program, leg=1, began=99.0, stroke=stroke)
-    )
+    program_state = ProgramState(Course(leg=1, began=99.0), StepState(stroke))
+    return loop, replace(state, supervisor=ordered, program=program_state)
 
 
 def at_depth(depth):
@@ -290,7 +291,8 @@ def test_barrier_counts_from_the_force_of_the_reported_position(newest, paired, 
 def test_zero_of_a_program_hides_no_force_and_adds_its_own(force, zero, stops):
     """The limit of 50 N holds from the zero of the run and from that of the program, here down on the tool."""
     loop, state = pressing_loop()
-    state = replace(state, program=replace(state.program, zero=(0.0, 0.0, -zero, 0.0, 0.0, 0.0)))
+    course = replace(state.program.course, zero=(0.0, 0.0, -zero, 0.0, 0.0, 0.0))
+    state = replace(state, program=replace(state.program, course=course))
     wrench = (0.0, 0.0, -force, 0.0, 0.0, 0.0)
     sample = Sample(
         100.0, at_depth(FAR_DOWN), force, force, 99.99, 1, wrench=wrench, quaternion=(0.0, 1.0, 0.0, 0.0)
@@ -307,7 +309,8 @@ def test_zero_of_a_program_hides_no_force_and_adds_its_own(force, zero, stops):
 def test_zero_of_a_program_hides_no_resultant_and_adds_its_own(across, zero, stops):
     """The limit of 100 N of the resultant, with nothing but a force across the approach."""
     loop, state = pressing_loop()
-    state = replace(state, program=replace(state.program, zero=(zero, 0.0, 0.0, 0.0, 0.0, 0.0)))
+    course = replace(state.program.course, zero=(zero, 0.0, 0.0, 0.0, 0.0, 0.0))
+    state = replace(state, program=replace(state.program, course=course))
     sample = Sample(
         100.0,
         at_depth(FAR_DOWN),

@@ -7,22 +7,22 @@ import pytest
 from msgspec.structs import replace
 
 from hil_bridge.control import Command, Measurement, Phase, Sample, Stroke, StrokeState, TaskParameters
+from hil_bridge.control.course.contact_sample import ContactSample
 from hil_bridge.control.course.facing import FacingState, inward
 from hil_bridge.control.course.limits import Limits
+from hil_bridge.control.course.state import Course, StepState, Tally
 from hil_bridge.control.course.stroke import Order
-from hil_bridge.control.program.felt import WorkFrame
+from hil_bridge.control.geometry.work_frame import WorkFrame
 from hil_bridge.control.program.legs import Ground, legs_of
 from hil_bridge.control.program.orienting import turn_tool
-from hil_bridge.control.program.outcome import count_sample
 from hil_bridge.control.program.program import Program
-from hil_bridge.control.program.state import Felt, ProgramState, Tally
 from hil_bridge.control.steps.approach import Approach
 from hil_bridge.control.steps.hold import Hold
 from hil_bridge.control.steps.move import Move
 from hil_bridge.control.steps.paths import Line, Polyline
 from hil_bridge.control.steps.repeat import Repeat
 from hil_bridge.control.steps.retract import Retract
-from hil_bridge.control.steps.seam import Criterion, Taken
+from hil_bridge.control.steps.seam import Criterion, StepContext, StepResult
 from hil_bridge.control.steps.seek import Seek
 from hil_bridge.control.steps.track import Track
 from hil_bridge.errors import Cause, Reason
@@ -71,7 +71,7 @@ def seen(at, place, depth, force, orientation=DOWN):
         quaternion=orientation,
         force_across=force[2],
     )
-    return Felt(sample, measurement, place, force, (0.0,) * 6)
+    return ContactSample(sample, measurement, place, force, (0.0,) * 6)
 
 
 def flat(x, y):
@@ -96,7 +96,7 @@ def drive(program, surface=flat, push=lambda depth, x, y: (0.0, 0.0), told_at=la
 
 
 def done(told):
-    return told[-1][0].done
+    return told[-1][0].course.done
 
 
 # --- the row of steps
@@ -156,7 +156,7 @@ def test_a_criterion_that_is_not_met_fails_the_step_and_not_the_run():
     )
     told = drive(program)
     state = told[-1][0]
-    assert (state.reason, state.failed) == (None, False)
+    assert (state.course.reason, state.course.failed) == (None, False)
     assert not done(told)[1].passed
     assert "wanted 100 %" in done(told)[1].text
     assert len(done(told)) == 3
@@ -178,7 +178,7 @@ def test_a_repeat_is_left_when_enough_is_removed():
     )
     state, depth, place = program.initial(), 0.0, (0.0, 0.0)
     for k in range(5000):
-        passes[:] = [step for step in state.done if step.leg % 4 == 1]
+        passes[:] = [step for step in state.course.done if step.leg % 4 == 1]
         force = STIFFNESS * max(depth - worn(*place), 0.0)
         felt = seen(k * DT, place, depth, (force, 0.0, 0.0))
         state, output = program.step(*sense(program, state, felt))
@@ -187,7 +187,7 @@ def test_a_repeat_is_left_when_enough_is_removed():
             break
     assert state.phase is Phase.END
     assert len(passes) == 4, "0.1 mm a pass: the fourth lies 0.3 mm deeper than the first"
-    told = state.done[-2].text
+    told = state.course.done[-2].text
     assert float(told.removesuffix(" mm removed")) == pytest.approx(0.3, abs=0.01)
 
 
@@ -202,7 +202,7 @@ def test_the_depth_of_a_pass_is_the_mean_along_all_of_its_paths():
     told = drive(program, surface=lambda x, y: 2e-3 if y < 25e-3 else 3e-3)
     pressed = 10.0 / STIFFNESS
     mean = (20.0 * 2e-3 + (30.0 + 10.0) * 3e-3) / 60.0 + pressed
-    assert told[-1][0].first_pass == pytest.approx(mean, abs=0.05e-3)
+    assert told[-1][0].course.first_pass == pytest.approx(mean, abs=0.05e-3)
     sums = [step.force_mean for step in done(told) if step.force_mean is not None]
     assert sums == pytest.approx([10.0] * len(sums), abs=0.5)
 
@@ -210,18 +210,20 @@ def test_the_depth_of_a_pass_is_the_mean_along_all_of_its_paths():
 def test_a_way_back_counts_for_nothing_and_a_force_beyond_the_band_is_no_place_to_resume_from():
     program = program_of(Approach(), Track(path=LINE), Retract())
     leg, tracking = program.row.legs[1], StrokeState(Phase.TRACK, travel=5e-3, in_contact=True)
-    held = ProgramState(tracking, leg=1, base=1e-3)
+    course = Course(leg=1, base=1e-3)
+    held = StepState(tracking)
 
-    def count(travel, force, before=held):
-        after = replace(tracking, travel=travel)
-        return count_sample(before, leg, after, Measurement(0.0, force, 2e-3, 2e-3), 10.0)
+    def count(travel, force, before=held, depth=2e-3, in_contact=True):
+        after = replace(tracking, travel=travel, in_contact=in_contact)
+        context = StepContext(leg, course, seen(0.0, (0.0, 0.0), depth, (force, 0.0, 0.0)))
+        return leg.step.count_sample(context, before, after, 10.0)
 
     good = count(6e-3, 10.5)
     assert good == Tally(1e-3, 1e-3, pytest.approx(10.5e-3), pytest.approx(2e-6), pytest.approx(5e-3))
     assert count(4e-3, 10.5).total == 0.0
     off = count(7e-3, 12.0, replace(held, tally=good))
     assert (off.total, off.within, off.good) == pytest.approx((3e-3, 1e-3, 5e-3))
-    lost = count_sample(held, leg, replace(tracking, in_contact=False), Measurement(0.0, 0.0, 0.0, 0.0), 10.0)
+    lost = count(5e-3, 0.0, depth=0.0, in_contact=False)
     assert lost == Tally()
 
 
@@ -242,10 +244,12 @@ def test_a_touch_in_free_space_ends_the_run_with_the_step():
     program = program_of(Move(to_mm=(20.0, 0.0)), Retract(), safe_height=1e-3)
     told = drive(program, push=lambda depth, x, y: (5.0 if x > 10e-3 else 0.0, 0.0))
     state, output, _ = told[-1]
-    assert str(state.reason) == "the tool touches something in free space, with 5.0 N, in step 1 (move)"
-    assert state.reason.cause is Cause.TOUCH
+    assert (
+        str(state.course.reason) == "the tool touches something in free space, with 5.0 N, in step 1 (move)"
+    )
+    assert state.course.reason.cause is Cause.TOUCH
     assert not done(told)[0].passed
-    assert done(told)[0].text == str(state.reason)
+    assert done(told)[0].text == str(state.course.reason)
     assert output.target.travel <= 12e-3 + 1e-9, "20 mm/s, and so 2 mm a sample"
 
 
@@ -253,9 +257,9 @@ def test_a_wall_in_the_way_ends_the_step_and_nothing_is_pressed_further():
     program = program_of(Approach(), Track(path=LINE, lateral_limit_n=8.0), Retract())
     told = drive(program, push=lambda depth, x, y: (max(x - 10e-3, 0.0) * 20e3, 0.0))
     state = told[-1][0]
-    assert state.failed
-    assert str(state.reason).endswith("something stands in the way, in step 2 (track)")
-    assert state.reason.cause in (Cause.NO_PROGRESS, Cause.STEP_WALL)
+    assert state.course.failed
+    assert str(state.course.reason).endswith("something stands in the way, in step 2 (track)")
+    assert state.course.reason.cause in (Cause.NO_PROGRESS, Cause.STEP_WALL)
     assert max(output.target.travel for _, output, _ in told) <= 10e-3 + 8.0 / 20e3 + 5.5e-3 * DT
 
 
@@ -264,7 +268,7 @@ def test_an_edge_is_found_where_the_surface_ends():
         Approach(), Seek(direction_deg=0.0, until="edge", name="edge", speed_mm_s=2.0), Retract()
     )
     told = drive(program, surface=lambda x, y: 2e-3 if x < 12e-3 else 1.0)
-    assert not told[-1][0].failed
+    assert not told[-1][0].course.failed
     assert done(told)[1].found[0] == pytest.approx(12e-3, abs=0.5e-3)
 
 
@@ -276,7 +280,9 @@ def test_a_tool_presses_aside_from_any_place(aside_mm):
     wall = aside_mm * 1e-3 + 1e-3
     program = program_of(Approach(), to, along, Retract())
     told = drive(program, push=lambda depth, x, y: (0.0, STIFFNESS * max(y - wall, 0.0)))
-    places = [output.target.across for state, output, _ in told if state.leg == 2 and not state.failed]
+    places = [
+        output.target.across for state, output, _ in told if state.course.leg == 2 and not state.course.failed
+    ]
     pressed = wall + 5.0 / STIFFNESS
     assert places[-1] == pytest.approx(pressed, abs=0.1e-3)
     assert max(places) <= pressed + 0.1e-3
@@ -298,7 +304,9 @@ def test_a_tool_that_is_held_up_aside_is_not_ordered_on(aside_mm, direction_deg)
     path = Line(length_mm=20.0, direction_deg=direction_deg)
     along = Track(path=path, across="force", across_n=5.0, speed_mm_s=2.0)
     told = drive(program_of(Approach(), to, along, Retract()), told_at=told_at)
-    targets = [output.target for state, output, _ in told if state.leg == 2 and not state.failed]
+    targets = [
+        output.target for state, output, _ in told if state.course.leg == 2 and not state.course.failed
+    ]
     ahead = [target.travel * u + target.across * v - held for target in targets]
     allowed, slowly = 10.0 / STIFFNESS, 0.2e-3 * DT  # an approach never stands
     assert allowed - slowly <= ahead[12] <= allowed + 6 * slowly
@@ -311,7 +319,11 @@ def test_an_edge_is_looked_for_from_where_the_tool_is():
     program = program_of(
         Approach(), aside, Seek(direction_deg=0.0, until="edge", at_most_mm=9.0, speed_mm_s=2.0), Retract()
     )
-    sought = [output.target for state, output, _ in drive(program) if state.leg == 2 and not state.failed]
+    sought = [
+        output.target
+        for state, output, _ in drive(program)
+        if state.course.leg == 2 and not state.course.failed
+    ]
     assert all(target.across == pytest.approx(4e-3, abs=0.5e-3) for target in sought)
     assert max(
         math.dist((a.travel, a.across), (b.travel, b.across)) for a, b in itertools.pairwise(sought)
@@ -323,8 +335,8 @@ def test_an_edge_that_is_not_there_is_told_with_the_step():
     program = program_of(
         Approach(), Seek(direction_deg=0.0, until="edge", at_most_mm=10.0, speed_mm_s=2.0), Retract()
     )
-    assert str(drive(program)[-1][0].reason) == "no edge within 10 mm, in step 2 (seek)"
-    assert drive(program)[-1][0].reason.cause is Cause.NO_EDGE
+    assert str(drive(program)[-1][0].course.reason) == "no edge within 10 mm, in step 2 (seek)"
+    assert drive(program)[-1][0].course.reason.cause is Cause.NO_EDGE
 
 
 def test_something_to_touch_is_found_in_free_space():
@@ -373,7 +385,7 @@ def test_a_force_that_grows_on_a_flat_surface_is_no_slope():
     program = normal_program(force_n=((0.0, 5.0), (20.0, 25.0)))
     told = drive(program)
     state = told[-1][0]
-    assert math.degrees(math.atan(state.facing.fall[0])) == pytest.approx(0.0, abs=0.5)
+    assert math.degrees(math.atan(state.course.facing.fall[0])) == pytest.approx(0.0, abs=0.5)
 
 
 @pytest.mark.parametrize(("sigma_deg", "turns"), [(1.0, True), (3.0, False), (math.inf, False)])
@@ -382,13 +394,13 @@ def test_an_uncertain_normal_turns_no_tool(sigma_deg, turns):
     told = drive(program)
     state = next(state for state, output, _ in told if output.phase is Phase.TRACK)
     facing = FacingState(fall=(0.2, 0.0), sigma=math.radians(sigma_deg))
-    state = replace(state, facing=facing, turned=None)
-    leg = program.row.legs[state.leg]
+    state = replace(state, course=replace(state.course, facing=facing, turned=None))
+    leg = program.row.legs[state.course.leg]
     assert leg.step.do == "hold"
-    after = turn_tool(state, leg, program.frame, program.facing, DT)
-    assert (after.turned is not None) == turns
+    turned = turn_tool(state, leg, program.frame, program.facing, DT)
+    assert (turned is not None) == turns
     if turns:
-        found = rotate(after.turned, (0.0, 0.0, 1.0))
+        found = rotate(turned, (0.0, 0.0, 1.0))
         wanted = inward((0.2, 0.0))
         assert found[0] < 0.0
         assert abs(found[0]) < abs(wanted[1])
@@ -396,11 +408,12 @@ def test_an_uncertain_normal_turns_no_tool(sigma_deg, turns):
 
 def test_a_move_whose_tool_never_comes_ends_the_run():
     leg = program_of(Move(to_mm=(3.0, 0.0)), Retract()).row.legs[0]
-    state = ProgramState(StrokeState(Phase.MOVE), start=(0.0, 0.0), home=DOWN, began=0.0)
-    taken, at = Taken(state, Order(Phase.MOVE, 0.0)), 0.0
+    course, state = Course(start=(0.0, 0.0), home=DOWN, began=0.0), StepState(StrokeState(Phase.MOVE))
+    taken, at = StepResult(state, Order(Phase.MOVE, 0.0)), 0.0
     while taken.trouble is None and at < 60.0:
         at += DT
-        taken = leg.step.take(leg, taken.state, seen(at, (0.0, 0.0), 0.0, (0.0, 0.0, 0.0)))
+        contact = seen(at, (0.0, 0.0), 0.0, (0.0, 0.0, 0.0))
+        taken = leg.step.take(StepContext(leg, course, contact), taken.state)
         assert not taken.done
     assert "does not come to its place" in taken.trouble.text
     assert taken.trouble.cause is Cause.NOT_THERE

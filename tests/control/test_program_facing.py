@@ -10,15 +10,11 @@ from msgspec.structs import replace
 from scipy.spatial.transform import Rotation
 
 from hil_bridge.control import Measurement, Sample
-from hil_bridge.control.course.facing import Facing, FacingState, Look, inward
-from hil_bridge.control.program.felt import (
-    Face,
-    WorkFrame,
-    lateral_of,
-    measure_skew,
-    subtract_zero,
-)
-from hil_bridge.control.program.state import Felt, ProgramState
+from hil_bridge.control.course.contact_sample import ContactSample
+from hil_bridge.control.course.facing import Facing, FacingState, Look, inward, lateral_of
+from hil_bridge.control.course.state import Course
+from hil_bridge.control.geometry.work_frame import Face, WorkFrame
+from hil_bridge.control.program.contact_force import measure_skew, subtract_zero
 from protocol.geometry import Quaternion, normalise, rotate
 
 DT = 0.012
@@ -209,12 +205,12 @@ def disc_wrench(quaternion: Quaternion, centre: tuple[float, ...] = (0.0, 0.0, 0
     return (*forces.sum(axis=0), *np.cross(arms, forces).sum(axis=0))
 
 
-def felt_of(quaternion: Quaternion, wrench: tuple[float, ...]) -> Felt:
+def felt_of(quaternion: Quaternion, wrench: tuple[float, ...]) -> ContactSample:
     sample = Sample(0.0, (0.9, 0.0, 0.6), FORCE, FORCE, 0.0, 1, wrench=wrench, quaternion=quaternion)
-    return Felt(sample, Measurement(0.0, FORCE, 0.0, 0.0), (0.0, 0.0), (FORCE, 0.0, 0.0), wrench)
+    return ContactSample(sample, Measurement(0.0, FORCE, 0.0, 0.0), (0.0, 0.0), (FORCE, 0.0, 0.0), wrench)
 
 
-def unknown_pose(felt: Felt) -> Felt:
+def unknown_pose(felt: ContactSample) -> ContactSample:
     """The same where the orientation is not known."""
     return replace(felt, sample=replace(felt.sample, quaternion=()))
 
@@ -243,7 +239,7 @@ def test_the_zero_of_a_program_is_added_along_each_axis_of_the_frame():
     quaternion = normalise((0.2, 0.7, -0.5, 0.4))
     zero = (1.0, 2.0, -4.0, 0.1, -0.2, 0.3)
     force, wrench = (10.0, 0.5, -0.25), (3.0, -1.0, 7.0, 0.5, 0.6, 0.7)
-    sample, lost = felt_of(quaternion, wrench).sample, ProgramState(zero=zero)
+    sample, lost = felt_of(quaternion, wrench).sample, Course(zero=zero)
     w, x, y, z = quaternion
     added = axes @ Rotation.from_quat((x, y, z, w)).apply(zero[:3])
     for known, state in ((sample, lost), (replace(sample, quaternion=()), replace(lost, home=quaternion))):

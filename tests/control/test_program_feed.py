@@ -5,13 +5,12 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from msgspec.structs import replace
 
 from hil_bridge.control import FuzzyPi, Measurement, Stroke, TaskParameters
+from hil_bridge.control.course.state import StepState
 from hil_bridge.control.course.yielding import yield_to
-from hil_bridge.control.program.state import ProgramState
 from hil_bridge.control.steps.across import beside
-from hil_bridge.control.steps.feed import STUCK_S, feed_of, progress
+from hil_bridge.control.steps.feed import STUCK_S, TrackMemory, feed_of, watch_progress
 from hil_bridge.control.steps.paths import Line
 from hil_bridge.control.steps.track import Track
 from hil_bridge.errors import Cause, Reason
@@ -78,18 +77,18 @@ def test_the_feed_is_never_faster_than_the_step_nor_more_than_half_of_it_backwar
 
 
 def test_a_tool_that_gets_along_is_not_stuck():
-    state, local = ProgramState(), 0.0
+    memory, local = TrackMemory(), 0.0
     for _ in range(round(20.0 / DT)):
         local += 0.1 * 5e-3 * DT
-        state = progress(state, 5.0, DT, local)
-        assert state.stuck < STUCK_S
+        memory = watch_progress(memory, 5.0, DT, local)
+        assert memory.stuck < STUCK_S
 
 
 def test_a_tool_that_goes_to_and_fro_before_a_wall_is_stuck():
-    state = ProgramState()
+    memory = TrackMemory()
     for k in range(round(STUCK_S / DT) + 1):
-        state = progress(state, 5.0, DT, 0.2e-3 * math.sin(k))
-    assert state.stuck >= STUCK_S
+        memory = watch_progress(memory, 5.0, DT, 0.2e-3 * math.sin(k))
+    assert memory.stuck >= STUCK_S
 
 
 # --- out of the way of what pushes from the side
@@ -102,46 +101,46 @@ def yielding(state, force, way, works_aside=True):
 
 
 def test_a_tool_that_retracts_yields_to_a_force_from_the_side():
-    state = yielding(ProgramState(at=(1e-3, 2e-3)), (4.0, 6.0, 8.0), 1e-4)
+    state = yielding(StepState(at=(1e-3, 2e-3)), (4.0, 6.0, 8.0), 1e-4)
     assert state.at == pytest.approx((1e-3 - 0.6e-4, 2e-3 - 0.8e-4))
     assert state.yielded == pytest.approx(1e-4)
 
 
 def test_a_tool_that_works_along_its_path_alone_yields_back_along_it():
-    state = yielding(ProgramState(at=(1e-3, 2e-3)), (4.0, 8.0, 30.0), 1e-4, works_aside=False)
+    state = yielding(StepState(at=(1e-3, 2e-3)), (4.0, 8.0, 30.0), 1e-4, works_aside=False)
     assert state.at == pytest.approx((1e-3 - 1e-4, 2e-3))
-    aside = ProgramState(at=(1e-3, 2e-3))
+    aside = StepState(at=(1e-3, 2e-3))
     assert yielding(aside, (4.0, 0.0, 30.0), 1e-4, works_aside=False) == aside
 
 
 @pytest.mark.parametrize("works_aside", [False, True])
 def test_friction_pushes_no_tool_aside(works_aside):
-    state = ProgramState(at=(1e-3, 2e-3))
+    state = StepState(at=(1e-3, 2e-3))
     assert yielding(state, (20.0, 12.0, 5.0), 1e-4, works_aside) == state
     assert yielding(state, (20.0, 18.0, 5.0), 1e-4, works_aside) != state
 
 
 @pytest.mark.parametrize("works_aside", [False, True])
 def test_a_tool_that_yields_goes_on_until_it_is_let_go(works_aside):
-    begun = yielding(ProgramState(), (0.0, 6.0, 0.0), 1e-4, works_aside)
+    begun = yielding(StepState(), (0.0, 6.0, 0.0), 1e-4, works_aside)
     again = yielding(begun, (0.0, 2.0, 0.0), 1e-4, works_aside)
     assert again.yielded == pytest.approx(2e-4)
     assert yielding(again, (0.0, 0.9, 0.0), 1e-4, works_aside) == again
-    assert yielding(ProgramState(), (0.0, 2.0, 0.0), 1e-4, works_aside) == ProgramState()
+    assert yielding(StepState(), (0.0, 2.0, 0.0), 1e-4, works_aside) == StepState()
 
 
 @pytest.mark.parametrize("works_aside", [False, True])
 def test_a_tool_that_retracts_never_goes_on_along_its_path(works_aside):
-    assert yielding(ProgramState(), (0.0, -20.0, 0.0), 1e-4, works_aside) == ProgramState()
-    turned = ProgramState(heading=(-1.0, 0.0))
+    assert yielding(StepState(), (0.0, -20.0, 0.0), 1e-4, works_aside) == StepState()
+    turned = StepState(heading=(-1.0, 0.0))
     assert yielding(turned, (0.0, -20.0, 0.0), 1e-4, works_aside).at == pytest.approx((1e-4, 0.0))
-    aside = yielding(ProgramState(), (0.0, -20.0, 20.0), 1e-4)
+    aside = yielding(StepState(), (0.0, -20.0, 20.0), 1e-4)
     assert aside.at == pytest.approx((0.0, -1e-4))
 
 
 @given(st.lists(st.tuples(st.floats(-100.0, 100.0), st.floats(-100.0, 100.0)), max_size=40), st.booleans())
 def test_it_never_goes_aside_by_more_than_10_mm(forces, works_aside):
-    state = ProgramState()
+    state = StepState()
     for x, y in forces:
         state = yielding(state, (0.0, x, y), 1e-3, works_aside)
     assert math.hypot(*state.at) <= 10e-3 + 1e-9
@@ -157,11 +156,10 @@ def stroke_of():
 
 def across(step, force_of, seconds=10.0):
     """Way to the left, m, at each sample of a tool that follows at once; the force is a function of that way."""
-    stroke, state, ways = stroke_of(), ProgramState(), []
+    stroke, aside, memory, ways = stroke_of(), 0.0, None, []
     for k in range(round(seconds / DT)):
         seen = Measurement(k * DT, 10.0, 0.0, 0.0, dt=DT)
-        memory, aside = beside(stroke, step, state, seen, (force_of(state.aside), state.aside))
-        state = replace(state, aside=aside, memory=memory)
+        aside, memory = beside(stroke, step, (aside, memory), seen, (force_of(aside), aside))
         ways.append(aside)
     return ways
 

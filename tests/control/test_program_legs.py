@@ -153,9 +153,9 @@ def test_labels_count_as_a_person_does():
 def test_the_last_step_of_each_pass_knows_where_the_repeat_ends():
     stroke = (Approach(), Track(path=LINE), Retract(), Move(to_mm=(0.0, 0.0)))
     row = row_of(Retract(), Repeat(times=3, step=stroke, until_removed_mm=0.2), Retract())
-    assert [leg.leave_to for leg in row.legs] == [None, *[None, None, None, 13] * 3, None]
-    assert [leg.first_of_repeat for leg in row.legs] == [False, True, *[False] * 12]
-    assert {leg.removed for leg in row.legs[1:13]} == {0.2e-3}
+    assert [leg.repeat.leave_to for leg in row.legs] == [None, *[None, None, None, 13] * 3, None]
+    assert [leg.repeat.is_first for leg in row.legs] == [False, True, *[False] * 12]
+    assert {leg.repeat.removed for leg in row.legs[1:13]} == {0.2e-3}
 
 
 def test_places_follow_the_paths():

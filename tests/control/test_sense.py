@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,13 +10,16 @@ from msgspec.structs import replace
 from scipy.spatial.transform import Rotation
 
 from hil_bridge.control import Limits, TaskParameters
+from hil_bridge.control.course.contact_sample import ContactSample
+from hil_bridge.control.course.facing import FacingState
 from hil_bridge.control.course.intent import Phase
-from hil_bridge.control.course.stroke import Stroke
+from hil_bridge.control.course.state import Course, StepState
+from hil_bridge.control.course.stroke import Stroke, StrokeState
 from hil_bridge.control.geometry.ways import Place, Way, way_of
-from hil_bridge.control.program.felt import WorkFrame
+from hil_bridge.control.geometry.work_frame import WorkFrame
 from hil_bridge.control.program.legs import Ground, legs_of
 from hil_bridge.control.program.program import Program
-from hil_bridge.control.program.state import Felt, ProgramState
+from hil_bridge.control.program.state import ProgramState
 from hil_bridge.control.sample import Sample
 from hil_bridge.control.steps.approach import Approach
 from hil_bridge.control.steps.move import Move
@@ -65,11 +69,20 @@ def program_of(*steps: Step) -> Program:
 
 TRACKING = program_of(Approach(), Track(path=BENT), Retract())
 ON_THE_TRACK = ProgramState(
-    leg=1, began=0.0, start=(0.0, 0.0), heading=HEADING, origin=(3e-3, -2e-3), base=0.1
+    Course(leg=1, began=0.0, start=(0.0, 0.0), origin=(3e-3, -2e-3), base=0.1), StepState(heading=HEADING)
 )
 
 
-def sense(program: Program, state: ProgramState, sample: Sample = SAMPLE) -> tuple[ProgramState, Felt]:
+def changed(
+    state: ProgramState, *, heading: Place = HEADING, at: Place = (0.0, 0.0), **course: Any
+) -> ProgramState:
+    """The state with other parts of its course, and another path."""
+    return ProgramState(replace(state.course, **course), StepState(heading=heading, at=at))
+
+
+def sense(
+    program: Program, state: ProgramState, sample: Sample = SAMPLE
+) -> tuple[ProgramState, ContactSample]:
     return program.sense(state, sample, START, ORDERED, DT)
 
 
@@ -84,7 +97,7 @@ def test_places_and_forces_are_those_along_the_axes_of_the_frame() -> None:
     assert (measurement.time, measurement.commanded, measurement.dt) == (0.99, ORDERED, DT)
     assert measurement.travel == felt.place[0]
     assert measurement.advance == 1.0
-    assert state.start is not None
+    assert state.course.start is not None
 
 
 def test_a_held_tool_does_not_advance() -> None:
@@ -96,22 +109,22 @@ def test_the_way_along_a_path_counts_from_where_it_begins_and_the_force_against_
     x, y = felt.place
     along = (x - 3e-3) * HEADING[0] + (y + 2e-3) * HEADING[1]
     assert 0.0 < along < 50e-3, "on the first piece"
-    assert state.reached == pytest.approx(along, abs=1e-15)
+    assert state.course.reached == pytest.approx(along, abs=1e-15)
     assert felt.measurement.travel == pytest.approx(0.1 + along, abs=1e-15)
     assert felt.measurement.against == pytest.approx(2.0 * HEADING[0] - 3.0 * HEADING[1], abs=1e-15)
 
 
 def test_a_step_that_has_not_begun_is_felt_on_its_own_way_from_where_the_tool_was_ordered_to() -> None:
-    before = replace(ON_THE_TRACK, began=None, at=(2e-3, 1e-3), heading=(0.0, 1.0), reached=0.01)
+    before = changed(ON_THE_TRACK, began=None, at=(2e-3, 1e-3), heading=(0.0, 1.0), reached=0.01)
     _, felt = sense(TRACKING, before)
     x, y = felt.place
     along = (x - 2e-3) * HEADING[0] + (y - 1e-3) * HEADING[1]
-    assert felt.measurement.travel == pytest.approx(before.stroke.travel + along, abs=1e-15)
+    assert felt.measurement.travel == pytest.approx(before.step.stroke.travel + along, abs=1e-15)
     assert felt.measurement.against == pytest.approx(2.0 * HEADING[0] - 3.0 * HEADING[1], abs=1e-15)
 
 
 def test_a_tool_that_leaves_is_pushed_against_the_way_that_it_was_on() -> None:
-    leaving = replace(ON_THE_TRACK, began=None, reason=Reason(Cause.FORCE, "too much"), heading=(0.0, 1.0))
+    leaving = changed(ON_THE_TRACK, began=None, reason=Reason(Cause.FORCE, "too much"), heading=(0.0, 1.0))
     assert sense(TRACKING, leaving)[1].measurement.against == -3.0
 
 
@@ -119,14 +132,14 @@ def test_the_zero_of_a_program_comes_off_force_and_paired_force() -> None:
     zero = (1.0, 2.0, -4.0, 0.1, -0.2, 0.3)
     turn = Rotation.from_quat(SAMPLE.quaternion, scalar_first=True)
     added = AXES @ turn.apply(zero[:3])
-    measurement = (felt := sense(TRACKING, replace(ON_THE_TRACK, zero=zero))[1]).measurement
+    measurement = (felt := sense(TRACKING, changed(ON_THE_TRACK, zero=zero))[1]).measurement
     force = np.array((9.0, 2.0, -3.0)) + added
     assert felt.force == pytest.approx(force, abs=1e-12)
     assert measurement.force == felt.force[0]
     assert measurement.paired_force == pytest.approx(8.5 + added[0], abs=1e-12)
     assert measurement.against == pytest.approx(force[1] * HEADING[0] + force[2] * HEADING[1], abs=1e-12)
     assert felt.wrench == pytest.approx(np.array(SAMPLE.wrench) - zero, abs=1e-12)
-    unpaired = sense(TRACKING, replace(ON_THE_TRACK, zero=zero), replace(SAMPLE, paired_force=None))
+    unpaired = sense(TRACKING, changed(ON_THE_TRACK, zero=zero), replace(SAMPLE, paired_force=None))
     assert unpaired[1].measurement.paired_force is None
 
 
@@ -151,11 +164,8 @@ def test_a_force_along_the_normal_does_not_advance_a_tool_that_is_held() -> None
     stroke = Stroke(TaskParameters(approach_depth_limit_mm=30.0), Presses(), 50.0, 1e-6)
     row = legs_of((Approach(), Track(path=BENT), Retract()), Ground(stroke, Limits(), 50.0, follows=True))
     program = Program(row, stroke, FRAME)
-    tracking = replace(
-        ON_THE_TRACK,
-        stroke=replace(ON_THE_TRACK.stroke, phase=Phase.TRACK, in_contact=True),
-        facing=replace(ON_THE_TRACK.facing, fall=(0.2, 0.0)),
-    )
+    course = replace(ON_THE_TRACK.course, facing=FacingState(fall=(0.2, 0.0)))
+    tracking = ProgramState(course, StepState(StrokeState(Phase.TRACK, in_contact=True), heading=HEADING))
     slope = 0.2 * HEADING[0]
     advance = 1.0 / math.sqrt(1.0 + slope * slope)
     assert sense(program, tracking)[1].measurement.advance == pytest.approx(advance)

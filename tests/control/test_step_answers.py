@@ -19,22 +19,23 @@ from hil_bridge.control import (
     Stroke,
     TaskParameters,
 )
+from hil_bridge.control.course.contact_sample import ContactSample
 from hil_bridge.control.course.stroke import Order, StrokeState
 from hil_bridge.control.decision import LoopState
-from hil_bridge.control.program.leg import Leg
 from hil_bridge.control.program.legs import Ground, legs_of
-from hil_bridge.control.program.state import Felt, ProgramState
+from hil_bridge.control.program.state import StepState
 from hil_bridge.control.steps.approach import Approach
 from hil_bridge.control.steps.hold import Hold
+from hil_bridge.control.steps.plan import StepPlan
 from hil_bridge.control.steps.retract import Retract
-from hil_bridge.control.steps.seam import Step, Taken
+from hil_bridge.control.steps.seam import Step, StepContext, StepResult
 from hil_bridge.errors import Cause
 from protocol.geometry import Vector
 from tests.control.plain import DT, guarded, walk
 from tests.control.test_program_course import Presses
 
 LIMITS = Limits(workspace_min_m=(0.0, -1.0, 0.0), workspace_max_m=(2.0, 1.0, 2.0))
-Answer = Callable[[ProgramState, Felt], Any]
+Answer = Callable[[StepState, ContactSample], Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,12 +46,12 @@ class Takes(Step):
     do: str = "takes"
     for_s: float = 8.0
 
-    def seconds(self, leg: Leg, begin: object) -> float:
+    def seconds(self, plan: StepPlan, begin: object) -> float:
         return self.for_s
 
-    def take(self, leg: Leg, state: ProgramState, felt: Felt) -> Taken:
-        taken: Taken = self.answer(state, felt)
-        return taken
+    def take(self, context: StepContext, state: StepState) -> StepResult:
+        result: StepResult = self.answer(state, context.contact)
+        return result
 
 
 def run(answer: Answer, stiffness: float = 5e3, rises: float = 0.0) -> tuple[list[Decision], list[float]]:
@@ -70,7 +71,7 @@ def run(answer: Answer, stiffness: float = 5e3, rises: float = 0.0) -> tuple[lis
 
 def deeper(phase: Phase, rate: float) -> Answer:
     """One that orders the tool deeper by m/s and calls it that phase."""
-    return lambda state, felt: Taken(state, Order(phase, felt.measurement.commanded + rate * DT))
+    return lambda state, felt: StepResult(state, Order(phase, felt.measurement.commanded + rate * DT))
 
 
 # --- a retraction that is none
@@ -133,7 +134,9 @@ def test_a_retraction_of_ours_is_not_stopped_in_its_last_sample() -> None:
         guarded((Approach(), Hold(for_s=1.0), Retract()), stroke, LIMITS),
         lambda state, time, way: {
             "force": 5e3 * max(way[0] - 2e-3, 0.0),
-            "unchanged": 99.0 if state.program.leg == 2 and state.program.began is not None else 0.0,
+            "unchanged": 99.0
+            if state.program.course.leg == 2 and state.program.course.began is not None
+            else 0.0,
         },
     )
     assert decisions[-1].target.depth == decisions[-2].target.depth
@@ -143,7 +146,7 @@ def test_a_retraction_of_ours_is_not_stopped_in_its_last_sample() -> None:
 def test_a_retraction_of_ours_is_one_to_its_last_sample() -> None:
     """Its last order stands where it has come to."""
     decisions, _ = run(
-        lambda state, felt: Taken(state, Order(Phase.TRACK, felt.measurement.commanded), done=True)
+        lambda state, felt: StepResult(state, Order(Phase.TRACK, felt.measurement.commanded), done=True)
     )
     depths = [each.target.depth for each in decisions]
     assert depths[-1] == depths[-2]
@@ -154,16 +157,20 @@ def test_a_retraction_of_ours_is_one_to_its_last_sample() -> None:
 # --- what is no answer
 
 
-def at(state: ProgramState, felt: Felt, **changes: Any) -> Taken:
-    return Taken(replace(state, **changes), Order(Phase.TRACK, felt.measurement.commanded))
+def at(state: StepState, felt: ContactSample, **changes: Any) -> StepResult:
+    return StepResult(replace(state, **changes), Order(Phase.TRACK, felt.measurement.commanded))
 
 
-def order(state: ProgramState, felt: Felt, *parts: Any) -> Taken:
-    return Taken(state, Order(*parts) if parts else None)  # type: ignore[arg-type]
+def zero(state: StepState, felt: ContactSample, value: Any) -> StepResult:
+    return StepResult(state, Order(Phase.TRACK, felt.measurement.commanded), zero=value)
 
 
-def done(state: ProgramState, answer: Any) -> Taken:
-    return Taken(state, Order(Phase.TRACK, 0.0), answer)
+def order(state: StepState, felt: ContactSample, *parts: Any) -> StepResult:
+    return StepResult(state, Order(*parts) if parts else None)  # type: ignore[arg-type]
+
+
+def done(state: StepState, answer: Any) -> StepResult:
+    return StepResult(state, Order(Phase.TRACK, 0.0), answer)
 
 
 COMMAND = Command("x", 0.0)  # type: ignore[arg-type]
@@ -174,21 +181,20 @@ FAR = 10.0
 @pytest.mark.parametrize(
     ("answer", "says"),
     [
-        (lambda s, f: None, "take answers NoneType, not a Taken"),
-        (lambda s, f: Taken(None, Order(Phase.TRACK, 0.0)), "take answers NoneType, not a ProgramState"),  # type: ignore[arg-type]
-        (lambda s, f: order(s, f), "take answers NoneType, not an Order in its Taken"),
+        (lambda s, f: None, "take answers NoneType, not a StepResult"),
+        (lambda s, f: StepResult(None, Order(Phase.TRACK, 0.0)), "take answers NoneType, not a StepState"),  # type: ignore[arg-type]
+        (lambda s, f: order(s, f), "take answers NoneType, not an Order in its StepResult"),
         (lambda s, f: order(s, f, "track", 0.0), "take answers str, not a Phase in its Order"),
         (lambda s, f: order(s, f, Phase.TRACK, None), "TypeError: "),
         (lambda s, f: order(s, f, Phase.TRACK, "deep"), "TypeError: "),
         (lambda s, f: order(s, f, Phase.TRACK, 0.0, 3.0), "take answers float, not a Command in its Order"),
         (lambda s, f: done(s, np.zeros(2)), "ValueError: The truth value of an array"),
-        (lambda s, f: at(s, f, zero=np.zeros(6)), "take answers ndarray, not a tuple as zero"),
+        (lambda s, f: zero(s, f, np.zeros(6)), "take answers ndarray, not a tuple as zero"),
         (lambda s, f: at(s, f, heading=(1.0,)), "ValueError: not enough values to unpack"),
         (lambda s, f: at(s, f, found=None), "TypeError: cannot unpack"),
         (lambda s, f: at(s, f, tally=None), "take answers NoneType, not a Tally"),
-        (lambda s, f: at(s, f, this_pass=None), "it changes this_pass of the state"),
         (lambda s, f: order(s, f, Phase.TRACK, 0.0, COMMAND), "ValueError: could not convert string"),
-        (lambda s, f: Taken(s, Order(Phase.TRACK, 0.0), trouble="no"), "take answers str, not a Reason"),  # type: ignore[arg-type]
+        (lambda s, f: StepResult(s, Order(Phase.TRACK, 0.0), trouble="no"), "take answers str, not a Reason"),  # type: ignore[arg-type]
         (lambda s, f: order(s, f, Phase.TRACK, math.nan), "it leads to 0 m, 0 m at a depth of nan m"),
         (lambda s, f: order(s, f, Phase.RETRACT, math.nan), "it leads to 0 m, 0 m at a depth of nan m"),
         (lambda s, f: order(s, f, Phase.RETRACT, -math.inf), "it leads to 0 m, 0 m at a depth of -inf m"),
@@ -201,8 +207,8 @@ FAR = 10.0
         (lambda s, f: at(s, f, at=(FAR, 0.0)), "it leads to 10 m, 0 m at a depth of 0.00"),
         (lambda s, f: at(s, f, at=None), "TypeError: "),
         (lambda s, f: at(s, f, heading=(1.0, math.inf)), "it leads to 0 m, 0 m at a depth of 0.00"),
-        (lambda s, f: at(s, f, zero=(1.0,)), "its zero has 1 numbers, not the 6 of a wrench"),
-        (lambda s, f: at(s, f, zero=(0.0,) * 5 + (math.nan,)), "it leads to 0 m, 0 m at a depth of 0.00"),
+        (lambda s, f: zero(s, f, (1.0,)), "its zero has 1 numbers, not the 6 of a wrench"),
+        (lambda s, f: zero(s, f, (0.0,) * 5 + (math.nan,)), "it leads to 0 m, 0 m at a depth of 0.00"),
         (lambda s, f: at(s, f, stroke=None), "take answers NoneType, not a StrokeState"),
         (
             lambda s, f: at(s, f, stroke=StrokeState(Phase.RETRACT, turn=math.nan)),
@@ -213,13 +219,6 @@ FAR = 10.0
             "it ends the run by the phase end",
         ),
         (lambda s, f: order(s, f, Phase.END, 0.0), "it ends the run by the phase end"),
-        (lambda s, f: at(s, f, leg=99), "it changes leg of the state, which is the program's own"),
-        (lambda s, f: at(s, f, began=None), "it changes began of the state, which is the program's own"),
-        (
-            lambda s, f: at(s, f, turned=(1.0, 0.0)),
-            "it changes turned of the state, which is the program's own",
-        ),
-        (lambda s, f: at(s, f, done=()), "it changes done of the state, which is the program's own"),
     ],
 )
 def test_what_is_no_answer_is_the_steps_failure_and_the_tool_is_retracted(answer: Answer, says: str) -> None:
@@ -243,11 +242,14 @@ def test_answers_of_our_own_steps_are_not_looked_through() -> None:
 
 
 def test_numbers_of_numpy_are_numbers() -> None:
-    def answer(state: ProgramState, felt: Felt) -> Taken:
+    began: list[float] = []
+
+    def answer(state: StepState, felt: ContactSample) -> StepResult:
+        began.append(felt.sample.now)
         place = (np.float64(0.0), np.float32(0.0))
         depth = np.float32(felt.measurement.commanded)
-        done = np.bool_(felt.sample.now - (state.began or 0.0) > 0.5)
-        return Taken(replace(state, at=place), Order(Phase.TRACK, depth), done)  # type: ignore[arg-type]
+        done = np.bool_(felt.sample.now - began[0] > 0.5)
+        return StepResult(replace(state, at=place), Order(Phase.TRACK, depth), done)  # type: ignore[arg-type]
 
     decisions, _ = run(answer)
     assert decisions[-1].intent.reason is None

@@ -86,7 +86,7 @@ def test_a_touch_in_doubt_stays_so_when_its_step_ends(kind: type[Hold] | type[Wa
     def tell(state: LoopState, time: float, way: Vector) -> dict[str, Any]:
         nonlocal deepest
         deepest = max(deepest, press(way))
-        if state.program.leg == 0:
+        if state.program.course.leg == 0:
             return {"force": press(way)}
         jitter = 3e-3 * (round(time / 0.012) % 2)
         return {"force": 2.0 + jitter, "doubt": int(Doubt.WEIGHT)}
@@ -121,7 +121,7 @@ def test_a_touch_sought_while_its_step_ends_is_tested_in_the_next() -> None:
 
 def test_a_touch_that_is_not_answered_is_no_edge_that_was_not_found() -> None:
     def tell(state: LoopState, time: float, way: Vector) -> dict[str, Any]:
-        if state.program.leg == 0:
+        if state.program.course.leg == 0:
             return {"force": press(way)}
         return {"force": 2.0 + 3e-3 * (round(time / 0.012) % 2), "doubt": int(Doubt.WEIGHT)}
 
@@ -158,7 +158,7 @@ def test_the_way_of_a_step_is_that_of_its_first_sample(end: dict[str, float]) ->
     back = Track(path=Line(length_mm=4.0, direction_deg=180.0), speed_mm_s=4.0)
 
     def tell(state: LoopState, time: float, way: Vector) -> dict[str, Any]:
-        return {"force": press(way), "force_travel": 30.0 if state.program.leg in (1, 2) else 0.0}
+        return {"force": press(way), "force_travel": 30.0 if state.program.course.leg in (1, 2) else 0.0}
 
     decisions = walk(guarded((Approach(), there, back, Retract()), stroke_of(), Limits()), tell)
     assert decisions[-1].intent.reason is None
@@ -172,7 +172,10 @@ def test_a_step_that_begins_against_a_force_is_stopped_in_its_first_sample(end: 
     back = Track(path=Line(length_mm=4.0, direction_deg=180.0), speed_mm_s=4.0)
     decisions = walk(
         guarded((Approach(), there, back, Retract()), stroke_of(), Limits()),
-        lambda state, time, way: {"force": press(way), "force_travel": -40.0 * (state.program.leg in (1, 2))},
+        lambda state, time, way: {
+            "force": press(way),
+            "force_travel": -40.0 * (state.program.course.leg in (1, 2)),
+        },
     )
     stop = stop_of(decisions)
     number = next(i for i, each in enumerate(decisions) if each.verdict is stop)
@@ -208,7 +211,7 @@ def test_a_retraction_goes_on_slowly_while_its_force_is_no_number(name: str, sam
 
     def tell(state: LoopState, time: float, way: Vector) -> dict[str, Any]:
         nonlocal left
-        began = state.program.leg >= 1 and state.program.began is not None
+        began = state.program.course.leg >= 1 and state.program.course.began is not None
         if not left or (left == samples and not began):
             return {"force": press(way)}
         left -= 1

@@ -52,8 +52,8 @@ def test_whole_course():
     phases = [output.phase for output in outputs]
     assert sorted(set(phases), key=phases.index) == [Phase.APPROACH, Phase.TRACK, Phase.RETRACT, Phase.END]
     assert phases.count(Phase.TRACK) == 10
-    assert state.reason is None
-    assert state.led == Reason(Cause.TRAVELLED, "travelled 10 mm")
+    assert state.course.reason is None
+    assert state.course.travelled == Reason(Cause.TRAVELLED, "travelled 10 mm")
     tracked = [output for output in outputs if output.phase is Phase.TRACK]
     assert [o.target.travel for o in tracked] == pytest.approx([k * 1e-3 for k in range(1, 11)])
     assert outputs[-1].target.travel == pytest.approx(10e-3)
@@ -66,21 +66,21 @@ def test_plain_run_out_of_time_names_time_not_way():
     state, outputs = drive(task, surface_at(3e-3), 60)
     assert state.phase is Phase.END
     assert outputs[-1].target.travel < 10e-3
-    assert state.led == Reason(Cause.TIME_IS_UP)
+    assert state.course.travelled == Reason(Cause.TIME_IS_UP)
 
 
 def test_controller_is_stepped_in_track_only():
     state, outputs = drive(task_of(PARAMETERS, Watched()), surface_at(3e-3), 60)
     assert all((output.command is not None) == (output.phase is Phase.TRACK) for output in outputs)
-    assert state.stroke.controller == sum(output.phase is Phase.TRACK for output in outputs)
+    assert state.step.stroke.controller == sum(output.phase is Phase.TRACK for output in outputs)
 
 
 def test_nothing_there_is_a_cause_and_never_deeper_than_the_limit():
     state, outputs = drive(task_of(PARAMETERS, Watched()), lambda *_: 0.0, 40)
-    assert str(state.reason).startswith("no contact found within 5 mm: start nearer")
-    assert state.reason.cause is Cause.NO_CONTACT
+    assert str(state.course.reason).startswith("no contact found within 5 mm: start nearer")
+    assert state.course.reason.cause is Cause.NO_CONTACT
     assert state.phase is Phase.END
-    assert state.stroke.controller is None
+    assert state.step.stroke.controller is None
     assert max(output.target.depth for output in outputs) == pytest.approx(5e-3)
     assert outputs[-1].target.depth == 0.0
 
@@ -111,8 +111,8 @@ def test_loss_is_told_to_the_controller_and_has_hysteresis():
 def test_too_many_losses_end_the_run():
     task = task_of(replace(PARAMETERS, loss_limit=3, travel_limit_mm=1e3), Watched())
     state, _ = drive(task, lambda d, t, k: 5.0 * (k % 2 == 0), 30)
-    assert str(state.reason) == "contact lost 3 times"
-    assert state.reason.cause is Cause.CONTACT_LOST
+    assert str(state.course.reason) == "contact lost 3 times"
+    assert state.course.reason.cause is Cause.CONTACT_LOST
     assert state.phase is Phase.END
 
 
@@ -122,7 +122,7 @@ def test_finish_from_outside_retracts_once():
     state = task.finish(
         task.finish(state, Reason(Cause.TIME_IS_UP, "time is up")), Reason(Cause.SIGNAL, "again")
     )
-    assert str(state.reason) == "time is up"
+    assert str(state.course.reason) == "time is up"
     depth = outputs[-1].target.depth
     _, output = task.step(state, Measurement(1.0, 5.0, depth, depth))
     assert output.phase is Phase.RETRACT
@@ -134,7 +134,7 @@ def test_force_that_is_not_finite_never_moves_deeper(force):
     task = task_of(PARAMETERS, Watched())
     state = task.initial()
     after, output = task.step(state, Measurement(0.0, force, 0.0, 1e-3))
-    assert after.stroke is state.stroke
+    assert after.step.stroke is state.step.stroke
     assert output.target.depth == 1e-3
 
 
@@ -202,9 +202,9 @@ def test_an_edge_is_an_end_and_no_hole_to_dive_into():
         task = task_of(replace(parameters, search_depth_limit_mm=3.0), controller)
         state, outputs = drive(task, lambda d, t, k: 5e3 * max(d - 3e-3, 0.0) if t < 5e-3 else 0.0, 60)
         lost = next(i for i, output in enumerate(outputs) if i > 10 and not output.in_contact)
-        assert str(state.reason) == "the surface ended: no contact within 3 mm"
-        assert state.reason.cause is Cause.SURFACE_ENDED
-        assert state.failed
+        assert str(state.course.reason) == "the surface ended: no contact within 3 mm"
+        assert state.course.reason.cause is Cause.SURFACE_ENDED
+        assert state.course.failed
         assert state.phase is Phase.END
         deepest = max(output.target.depth for output in outputs)
         assert deepest <= outputs[lost - 1].target.depth + 3e-3 + 1e-9

@@ -114,7 +114,7 @@ def test_contact_is_given_up_after_the_same_time(dt: float) -> None:
         lost += 1
     assert 0.45 - 1e-9 <= lost * dt < 0.45 + dt + 1e-9
     assert state.phase is Phase.APPROACH
-    assert state.stroke.losses == 1
+    assert state.step.stroke.losses == 1
 
 
 SUPERVISOR = Supervisor(Limits())
@@ -167,7 +167,7 @@ def test_a_cycle_counts_for_its_time_and_the_first_for_the_sample_time() -> None
     state, seen = control.initial(START), []
     for now in (100.0, 100.004, 100.03, 100.030, 109.0, math.nan):
         proposal = control.propose(state, Sample(now, START, 0.0, 0.0, now, 1))
-        seen.append(proposal.felt.measurement.dt)
+        seen.append(proposal.contact.measurement.dt)
         state = structs.replace(state, seen_at=now)
     assert seen == pytest.approx([0.02, 0.004, 0.026, 0.0, LONGEST_SAMPLES * 0.02, 0.02])
 

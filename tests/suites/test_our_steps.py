@@ -7,17 +7,17 @@ from typing import Any, ClassVar, Literal
 import pytest
 
 from hil_bridge.control.course.intent import Phase
+from hil_bridge.control.course.state import StepState
 from hil_bridge.control.course.stroke import Order
-from hil_bridge.control.program.leg import Leg
-from hil_bridge.control.program.state import Felt, ProgramState
 from hil_bridge.control.steps.approach import Approach
 from hil_bridge.control.steps.hold import Hold
 from hil_bridge.control.steps.kinds import BUILT_IN
 from hil_bridge.control.steps.led import Lead, LedStep, StepSample
 from hil_bridge.control.steps.move import Move
 from hil_bridge.control.steps.paths import Line, Polyline
+from hil_bridge.control.steps.plan import StepPlan
 from hil_bridge.control.steps.retract import Retract
-from hil_bridge.control.steps.seam import NO_LIMITS, Criterion, Step, StepLimits, Taken
+from hil_bridge.control.steps.seam import NO_LIMITS, Criterion, Step, StepContext, StepLimits, StepResult
 from hil_bridge.control.steps.seek import Seek
 from hil_bridge.control.steps.track import Track
 from hil_bridge.control.steps.zero import Zero
@@ -84,11 +84,11 @@ class Deepens(Step):
     do: Literal["deepens"] = "deepens"
     for_s: float | None = 1.0
 
-    def seconds(self, leg: Leg, begin: object) -> float:
+    def seconds(self, plan: StepPlan, begin: object) -> float:
         return 1.0
 
-    def take(self, leg: Leg, state: ProgramState, felt: Felt) -> Taken:
-        return Taken(state, Order(Phase.RETRACT, felt.measurement.commanded + 1e-6))
+    def take(self, context: StepContext, state: StepState) -> StepResult:
+        return StepResult(state, Order(Phase.RETRACT, context.contact.measurement.commanded + 1e-6))
 
 
 def test_a_retraction_that_goes_deeper_is_found():

@@ -29,7 +29,7 @@ class Memory(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Insert(LedStep):
+class Insert(LedStep[Memory]):
     """Press lightly, search a hole by a spiral, and press down into it."""
 
     depth_mm: float

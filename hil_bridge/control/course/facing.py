@@ -284,3 +284,10 @@ def inward(fall: Place) -> Vector:
 
 def _spread(variance: float, error: float) -> float:
     return _REMEMBERED * variance + (1.0 - _REMEMBERED) * error * error
+
+
+def lateral_of(force: Vector, fall: Place) -> float:
+    """Length of the force along the surface, N."""
+    a, t, b = inward(fall)
+    pressed = force[0] * a + force[1] * t + force[2] * b
+    return math.hypot(force[0] - pressed * a, force[1] - pressed * t, force[2] - pressed * b)

@@ -14,6 +14,8 @@ Place: TypeAlias = tuple[float, float]
 
 PIECES_MAX = 100_000
 """Chosen: most pieces of one way."""
+ROUNDING = 1e-9
+"""Slack for sums of steps, m."""
 
 
 @dataclass(frozen=True, slots=True)

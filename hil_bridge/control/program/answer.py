@@ -1,55 +1,46 @@
-"""The answer of a step of another package, checked before it is used. Pure."""
+"""The answer of a plug-in's step, checked before it is used. Pure."""
 
 import math
 from typing import Any
 
 from hil_bridge.control.course.intent import Phase
 from hil_bridge.control.course.limits import Limits
+from hil_bridge.control.course.state import StepState, Tally
 from hil_bridge.control.course.stroke import Order, StrokeState
 from hil_bridge.control.program.leg import Leg
-from hil_bridge.control.program.state import ProgramState, Tally
-from hil_bridge.control.steps.seam import Taken
+from hil_bridge.control.steps.seam import StepResult
 from hil_bridge.control.types import Command, as_command
 from hil_bridge.errors.causes import Reason
 from hil_bridge.errors.failures import WrongAnswer
 
-_OF_THE_PROGRAM = (
-    *("leg", "began", "reason", "failed", "done", "start", "safe", "home", "turned", "facing"),
-    *("first_pass", "this_pass", "led"),
-)
-"""Parts of the state that the program alone changes."""
 
-
-def check_taken(leg: Leg, before: ProgramState, taken: Any, commanded: float) -> None:
+def check_result(leg: Leg, before: StepState, result: Any, commanded: float) -> None:
     """Check the answer of a step to one sample. `before` is the state that it was given, `commanded` the depth that
     was ordered before, m.
 
-    Raises WrongAnswer where a part has another type. Raises ValueError for an order that is no number or cannot be
-    meant, for a part of the state that is not the step's, and for an end of the run.
+    Raises WrongAnswer where a part has another type. Raises ValueError for an order that is not finite or out of
+    reach, and for an end of the run.
     """
-    _require(leg, taken, Taken, "a Taken")
-    state, order = taken.state, taken.order
-    _require(leg, state, ProgramState, "a ProgramState in its Taken")
-    _require(leg, state.stroke, StrokeState, "a StrokeState in the state of its Taken")
-    _require(leg, order, Order, "an Order in its Taken")
+    _require(leg, result, StepResult, "a StepResult")
+    state, order = result.state, result.order
+    _require(leg, state, StepState, "a StepState in its StepResult")
+    _require(leg, state.stroke, StrokeState, "a StrokeState in the state of its StepResult")
+    _require(leg, order, Order, "an Order in its StepResult")
     _require(leg, order.phase, Phase, "a Phase in its Order")
     _require(leg, order.command, (Command, type(None)), "a Command in its Order")
-    _require(leg, taken.trouble, (Reason, type(None)), "a Reason as its trouble")
-    _require(leg, state.tally, Tally, "a Tally in the state of its Taken")
-    _require(leg, state.zero, tuple, "a tuple as zero")
-    bool(taken.done)  # of numpy, too
+    _require(leg, result.trouble, (Reason, type(None)), "a Reason as its trouble")
+    _require(leg, state.tally, Tally, "a Tally in the state of its StepResult")
+    _require(leg, result.zero, tuple, "a tuple as zero")
+    bool(result.done)  # of numpy, too
     if order.command is not None:
         as_command(order.command)
-    for name in _OF_THE_PROGRAM:
-        if getattr(state, name) is not getattr(before, name):
-            raise ValueError(f"it changes {name} of the state, which is the program's own")
     if Phase.END in (order.phase, state.stroke.phase):
         raise ValueError("it ends the run by the phase end: a step that is over answers done = True")
-    if len(state.zero) not in (0, 6):
-        raise ValueError(f"its zero has {len(state.zero)} numbers, not the 6 of a wrench")
+    if len(result.zero) not in (0, 6):
+        raise ValueError(f"its zero has {len(result.zero)} numbers, not the 6 of a wrench")
     (h, k), ((a, b, c), _) = state.heading, state.found
     numbers = (
-        *(*state.at, h, k, a, b, c, *state.zero, state.local, state.aside, state.lean, state.ground),
+        *(*state.at, h, k, a, b, c, *result.zero, state.local, state.aside, state.lean, state.ground),
         *(state.stroke.travel, state.stroke.turn or 0.0, order.reference or 0.0),
     )
     (x, y), farthest = state.at, farthest_answer(leg.limits)

@@ -57,11 +57,7 @@ def legs_of(steps: Sequence[Step], ground: Ground, written: bool = True) -> Row:
             after = step.end(leg, place)
         leg = replace(
             leg,
-            leave_to=turn.leave_to,
-            removed=turn.removed,
-            first_of_repeat=turn.is_first,
-            repeat=turn.repeat,
-            turn=turn.turn,
+            repeat=turn,
             works_aside=leg.works_aside or _inherits_side(legs, leg),
         )
         legs.append(leg)
@@ -134,7 +130,6 @@ def _leg(number: str, step: Step, ground: Ground, before: tuple[Place | None, bo
     follows = ground.follows or step.orientation == "normal"
     return Leg(
         number,
-        step,
         replace(ground.stroke, parameters=parameters, force_limit_n=tight.force_limit_n),
         tight,
         profile,
@@ -144,6 +139,7 @@ def _leg(number: str, step: Step, ground: Ground, before: tuple[Place | None, bo
         phase=step.phase,
         works_aside=step.works_aside,
         turns=step.turns_home or step.orientation != "fixed",
+        step=step,
         foreign=not is_ours(step),
     )
 

@@ -2,12 +2,10 @@
 
 import math
 
-from msgspec.structs import replace
-
 from hil_bridge.control.course.facing import Facing, inward
 from hil_bridge.control.geometry.turning import brought, tip_tool, yaw_tool
 from hil_bridge.control.geometry.ways import Place
-from hil_bridge.control.program.felt import WorkFrame
+from hil_bridge.control.geometry.work_frame import WorkFrame
 from hil_bridge.control.program.leg import Leg
 from hil_bridge.control.program.state import ProgramState
 from hil_bridge.control.steps.across import TURNED_SHARE
@@ -17,34 +15,41 @@ from protocol.geometry import Quaternion, product, turn_about
 def heading_of(leg: Leg, state: ProgramState) -> Place:
     """Direction of the path at the commanded place, unit vector in x and y."""
     if leg.way is None:
-        return state.facing.heading
-    return leg.way.headings[leg.way.piece(state.local)]
+        return state.course.facing.heading
+    return leg.way.headings[leg.way.piece(state.step.local)]
 
 
-def turn_tool(state: ProgramState, leg: Leg, frame: WorkFrame, facing: Facing, dt: float) -> ProgramState:
-    """State with the orientation that the leg wants, as far as it may be turned in one sample."""
-    if state.home is None or (wanted := _choose_orientation(state, leg, frame, facing)) is None:
-        return state
+def turn_tool(
+    state: ProgramState, leg: Leg, frame: WorkFrame, facing: Facing, dt: float
+) -> Quaternion | None:
+    """Return the orientation to command, as far towards that of the leg as may be turned in one sample; None to leave
+    the tool alone.
+    """
+    home, turned = state.course.home, state.course.turned
+    if home is None or (goal := _choose_orientation(state, leg, frame, facing)) is None:
+        return turned
     rate = math.radians(leg.limits.turn_deg_s) * TURNED_SHARE
-    return replace(state, turned=brought(state.turned or state.home, wanted, rate * dt))
+    return brought(turned or home, goal, rate * dt)
 
 
 def _choose_orientation(state: ProgramState, leg: Leg, frame: WorkFrame, facing: Facing) -> Quaternion | None:
-    """The orientation that a leg wants in the end; None where it leaves the tool as it is."""
-    assert state.home is not None
+    """Return the orientation that a leg leads to; None where it leaves the tool as it is."""
+    course, lean = state.course, state.step.lean
+    home, turned = course.home, course.turned
+    assert home is not None
     if leg.step.turns_home:
-        return state.home if state.turned is not None else None
+        return home if turned is not None else None
     match leg.step.orientation:
         case "along-path" if leg.way is not None:
-            return yaw_tool(state.home, frame.approach, leg.way.headings[0], heading_of(leg, state))
-        case "normal" if math.degrees(state.facing.sigma) <= facing.uncertain_deg:
-            a, t, b = inward(state.facing.fall)
+            return yaw_tool(home, frame.approach, leg.way.headings[0], heading_of(leg, state))
+        case "normal" if math.degrees(course.facing.sigma) <= facing.uncertain_deg:
+            a, t, b = inward(course.facing.fall)
             x, y, z = (
                 a * i + t * j + b * k for i, j, k in zip(frame.approach, frame.x, frame.y, strict=True)
             )
-            return tip_tool(state.home, (x, y, z))
-        case "led" if state.lean or state.turned is not None:
+            return tip_tool(home, (x, y, z))
+        case "led" if lean or turned is not None:
             x, y, z = frame.y
-            return product(turn_about((-x, -y, -z), state.lean), state.home)
+            return product(turn_about((-x, -y, -z), lean), home)
         case _:
             return None

@@ -5,7 +5,7 @@ from operator import itemgetter
 
 from hil_bridge.control.course.intent import Phase
 from hil_bridge.control.course.limits import Limits
-from hil_bridge.control.program.felt import WorkFrame
+from hil_bridge.control.geometry.work_frame import WorkFrame
 from hil_bridge.control.program.leg import Row
 from hil_bridge.control.program.program import Program
 from hil_bridge.errors import StepError

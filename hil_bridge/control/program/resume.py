@@ -38,10 +38,12 @@ def resume_row(row: Row, point: ResumePoint, stroke: Stroke) -> Row:
         head.append(_leg(Approach(), first, stroke) if before is None else before)
     else:  # a zero more: the places of the rest stay the same
         head.append(_leg(Zero(), first, stroke))
-    head = [replace(leg, leave_to=None, first_of_repeat=False) for leg in head]
+    head = [replace(leg, repeat=leg.repeat._replace(leave_to=None, is_first=False)) for leg in head]
     shift = FIRST - point.leg
     rest = [
-        leg if leg.leave_to is None else replace(leg, leave_to=leg.leave_to + shift)
+        leg
+        if leg.repeat.leave_to is None
+        else replace(leg, repeat=leg.repeat._replace(leave_to=leg.repeat.leave_to + shift))
         for leg in row.legs[point.leg :]
     ]
     rest[0] = _cut(first, point)
@@ -54,8 +56,9 @@ def resume_row(row: Row, point: ResumePoint, stroke: Stroke) -> Row:
 
 def _leg(step: Step, like: Leg, stroke: Stroke) -> Leg:
     force = stroke.parameters.force_n
+    profile = ((0.0, force),)
     return Leg(
-        "resume", step, stroke, like.limits, ((0.0, force),), phase=step.phase, works_aside=step.works_aside
+        "resume", stroke, like.limits, profile, phase=step.phase, works_aside=step.works_aside, step=step
     )
 
 

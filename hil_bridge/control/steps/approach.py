@@ -8,14 +8,23 @@ from hil_bridge.control.checks import FORBID_EXTRA
 from hil_bridge.control.course.intent import Phase
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.parameters import TaskParameters, check_approach_speed
-from hil_bridge.control.program.leg import Leg
-from hil_bridge.control.program.state import Felt, ProgramState
-from hil_bridge.control.steps.seam import NO_LIMITS, Step, StepLimits, Taken, above_zero, need_free
+from hil_bridge.control.course.state import StepState
+from hil_bridge.control.steps.plan import StepPlan
+from hil_bridge.control.steps.seam import (
+    NO_LIMITS,
+    Plan,
+    Step,
+    StepContext,
+    StepLimits,
+    StepResult,
+    above_zero,
+    need_free,
+)
 from hil_bridge.control.steps.strokes import take_stroke
 
 
 @dataclass(frozen=True, slots=True)
-class Approach(Step):
+class Approach(Step[None]):
     """Step into the surface until the force says contact."""
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
@@ -49,28 +58,29 @@ class Approach(Step):
             "approach_depth_limit_mm": self.at_most_mm,
         }
 
-    def seconds(self, leg: Leg, begin: object) -> float:
-        task = leg.stroke.parameters
+    def seconds(self, plan: StepPlan, begin: object) -> float:
+        task = plan.stroke.parameters
         return task.approach_depth_limit_mm / task.approach_speed_mm_s / 4
 
-    def reach(self, leg: Leg, back_mm: float) -> Leg:
-        """It goes deeper by the way that the tool has come back, where no bound of its own is set."""
+    def reach(self, plan: Plan, back_mm: float) -> Plan:
+        """Reach deeper by the distance that the tool has come back, unless the step sets a bound of its own."""
         if self.at_most_mm is not None or not back_mm:
-            return leg
-        parameters = leg.stroke.parameters
+            return plan
+        parameters = plan.stroke.parameters
         deeper = replace(parameters, approach_depth_limit_mm=parameters.approach_depth_limit_mm + back_mm)
-        return replace(leg, stroke=replace(leg.stroke, parameters=deeper))
+        return replace(plan, stroke=replace(plan.stroke, parameters=deeper))
 
     @property
     def finds_end(self) -> bool:
         return True
 
-    def is_over(self, leg: Leg, state: ProgramState, felt: Felt) -> bool:
-        touches = felt.measurement.force > leg.stroke.parameters.contact_threshold_n
-        return touches and leg.stroke.is_proven(state.stroke)
+    def is_over(self, context: StepContext, state: StepState[None]) -> bool:
+        stroke = context.plan.stroke
+        touches = context.contact.measurement.force > stroke.parameters.contact_threshold_n
+        return touches and stroke.is_proven(state.stroke)
 
-    def take(self, leg: Leg, state: ProgramState, felt: Felt) -> Taken:
-        return take_stroke(leg, state, felt.measurement)
+    def take(self, context: StepContext, state: StepState[None]) -> StepResult[None]:
+        return take_stroke(context, state)
 
     def describe(self, parameters: TaskParameters) -> Iterator[str]:
         yield f"{parameters.approach_depth_limit_mm:g} mm at most"

@@ -1,14 +1,11 @@
 """How fast the tool goes along its path: slower where the force is off, or where something pushes against it. Pure."""
 
-from typing import TYPE_CHECKING
+from typing import Any, Protocol
 
+from msgspec import Struct
 from msgspec.structs import replace
 
-from hil_bridge.control.program.state import ProgramState
 from hil_bridge.errors.causes import Cause, Reason
-
-if TYPE_CHECKING:
-    from hil_bridge.control.steps.track import Track
 
 STUCK_S = 2.0
 """Chosen: time without progress along the path until the step fails."""
@@ -22,7 +19,29 @@ _BACK = -0.5
 """Chosen: share of the speed at which the tool backs away from a lateral force beyond its limit."""
 
 
-def feed_of(step: "Track", error: float, lateral: float, local: float) -> tuple[float, Reason | None]:
+class FeedSettings(Protocol):
+    """Settings of a step for its speed along the path, as in `Track`."""
+
+    @property
+    def feed_error_n(self) -> float | None: ...
+    @property
+    def lateral_limit_n(self) -> float | None: ...
+    @property
+    def at_wall(self) -> str: ...
+
+
+class TrackMemory(Struct, frozen=True):
+    """Memory of a step along a path."""
+
+    across: Any = None
+    """State of the controller across the path; None before it has pressed there."""
+    stuck: float = 0.0
+    """Time since the tool last made progress along its path, s."""
+    passed: float = 0.0
+    """Length along the path at that time, m."""
+
+
+def feed_of(step: FeedSettings, error: float, lateral: float, local: float) -> tuple[float, Reason | None]:
     """Share of the speed, and why the step must fail; None while it need not.
 
     `error` is the force beyond the wanted one, N, `lateral` the force along the surface, N, `local` the way so far, m.
@@ -43,9 +62,8 @@ def feed_of(step: "Track", error: float, lateral: float, local: float) -> tuple[
     return min(feed, max(left, _BACK)), None
 
 
-def progress(state: ProgramState, speed_mm_s: float, dt: float, local: float) -> ProgramState:
-    """State that knows for how long the tool has not got along its path. `local` is the way so far, m."""
-    stuck = state.stuck + dt
-    if local - state.passed >= _PROGRESS * speed_mm_s * 1e-3 * STUCK_S:
-        return replace(state, stuck=0.0, passed=local)
-    return replace(state, stuck=stuck)
+def watch_progress(memory: TrackMemory, speed_mm_s: float, dt: float, local: float) -> TrackMemory:
+    """Return the memory with the time for which the tool has made no progress. `local` is the length so far, m."""
+    if local - memory.passed >= _PROGRESS * speed_mm_s * 1e-3 * STUCK_S:
+        return replace(memory, stuck=0.0, passed=local)
+    return replace(memory, stuck=memory.stuck + dt)

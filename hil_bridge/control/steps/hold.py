@@ -7,23 +7,23 @@ from msgspec.structs import replace
 
 from hil_bridge.control.checks import FORBID_EXTRA
 from hil_bridge.control.course.parameters import TaskParameters
-from hil_bridge.control.program.leg import Leg
-from hil_bridge.control.program.outcome import added
-from hil_bridge.control.program.state import Felt, ProgramState
+from hil_bridge.control.course.state import StepState
+from hil_bridge.control.steps.plan import StepPlan
 from hil_bridge.control.steps.pressing import PressingStep
 from hil_bridge.control.steps.seam import (
     NO_LIMITS,
     Criterion,
     Drawing,
     Orientation,
+    StepContext,
     StepLimits,
-    Taken,
+    StepResult,
     above_zero,
 )
 
 
 @dataclass(frozen=True, slots=True)
-class Hold(PressingStep):
+class Hold(PressingStep[None]):
     """Press at the place for a time."""
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
@@ -43,14 +43,18 @@ class Hold(PressingStep):
     def parameters(self, task: TaskParameters) -> dict[str, float]:
         return {"speed_mm_s": 0.0}
 
-    def seconds(self, leg: Leg, begin: object) -> float:
+    def seconds(self, plan: StepPlan, begin: object) -> float:
         return self.for_s
 
-    def end_sample(self, leg: Leg, before: ProgramState, taken: Taken, felt: Felt) -> Taken:
-        state, began = taken.state, before.began
-        if began is None or felt.sample.now - began < self.for_s / 2:
-            return taken
-        return replace(taken, state=replace(state, found=added(state.found, felt.sample.position)))
+    def end_sample(
+        self, context: StepContext, before: StepState[None], result: StepResult[None]
+    ) -> StepResult[None]:
+        began, sample, state = context.course.began, context.contact.sample, result.state
+        if began is None or sample.now - began < self.for_s / 2:
+            return result
+        (x, y, z), count = state.found
+        u, v, w = sample.position
+        return replace(result, state=replace(state, found=((x + u, y + v, z + w), count + 1)))
 
     @property
     def drawing(self) -> Drawing:

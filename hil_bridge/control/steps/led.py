@@ -1,17 +1,18 @@
-"""A step that presses and leads the tool by what it feels: the base for steps of other packages. Pure."""
+"""A step that presses and leads the tool by what it senses: the base of a plug-in's steps. Pure."""
 
 import math
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple
 
+from msgspec import Struct
 from msgspec.structs import replace
 
 from hil_bridge.control.course.limits import Limits
-from hil_bridge.control.course.stroke import Order, Stride, StrokeState
+from hil_bridge.control.course.state import M, StepState
+from hil_bridge.control.course.stroke import Stride
 from hil_bridge.control.geometry.ways import Place
-from hil_bridge.control.program.leg import Leg
-from hil_bridge.control.program.state import Felt, ProgramState
-from hil_bridge.control.steps.pressing import Guide, Led, PressingStep, local_way
-from hil_bridge.control.steps.seam import Taken, need_travel_speed
+from hil_bridge.control.steps.plan import StepPlan
+from hil_bridge.control.steps.pressing import Guide, PathPoint, Pressed, PressingStep, local_way
+from hil_bridge.control.steps.seam import StepContext, StepResult, need_travel_speed
 from hil_bridge.errors.causes import Cause, Reason
 from hil_bridge.errors.failures import WrongAnswer, one_line
 from protocol.geometry import Vector
@@ -59,7 +60,17 @@ class Lead(NamedTuple):
     """Go there without contact, too: a tool in a hole may touch its wall alone."""
 
 
-class LedStep(PressingStep):
+class LedMemory(Struct, Generic[M], frozen=True):
+    """Memory of a led step."""
+
+    own: M
+    """Memory that `steer` has answered."""
+    first: float
+    """Reported depth at its first sample, m."""
+    lead: Lead
+
+
+class LedStep(PressingStep[LedMemory[M]], Generic[M]):
     """Presses with the run's controller and goes where `steer` says.
 
     A kind is a frozen dataclass with its settings, `do` and `limits` among them. It needs `for_s`, after which the step
@@ -68,15 +79,15 @@ class LedStep(PressingStep):
 
     __slots__ = ()
 
-    def begin(self) -> Any:
-        """The step's own state before its first sample."""
-        return None
+    def begin(self) -> M:
+        """Return the step's own memory before its first sample."""
+        return None  # type: ignore[return-value]
 
-    def steer(self, memory: Any, sample: StepSample) -> tuple[Any, Lead]:
-        """The step's own state after a sample, and where it wants the tool."""
+    def steer(self, memory: M, sample: StepSample) -> tuple[M, Lead]:
+        """Return the step's own memory after a sample, and where it leads the tool."""
         raise NotImplementedError
 
-    def answer(self, memory: Any, sample: StepSample) -> tuple[Any, Lead]:
+    def answer(self, memory: M, sample: StepSample) -> tuple[M, Lead]:
         """The answer of `steer`, its place in plain numbers. Raises WrongAnswer for one without a state and a Lead."""
         answer: Any = self.steer(memory, sample)
         if not (isinstance(answer, tuple) and len(answer) == 2 and isinstance(answer[1], Lead)):
@@ -98,49 +109,52 @@ class LedStep(PressingStep):
     def parameters(self, task: object) -> dict[str, float | None]:
         return {"speed_mm_s": self.speed_mm_s}
 
-    def end(self, leg: Leg, begin: Place | None) -> Place | None:
+    def end(self, plan: StepPlan, begin: Place | None) -> Place | None:
         return None
 
-    def seconds(self, leg: Leg, begin: object) -> float:
+    def seconds(self, plan: StepPlan, begin: object) -> float:
         return math.inf if self.for_s is None else self.for_s
 
     # --- in the run
 
-    def is_over(self, leg: Leg, state: ProgramState, felt: Felt) -> bool:
-        """Never before it has seen the sample: it may have to say that it has found nothing."""
+    def is_over(self, context: StepContext, state: StepState[LedMemory[M]]) -> bool:
+        """Never before it has seen the sample: it may have to report that it has located nothing."""
         return False
 
-    def _is_last(self, state: ProgramState, felt: Felt) -> bool:
+    def _is_last(self, context: StepContext) -> bool:
+        began = context.course.began
         return (
-            self.for_s is not None and state.began is not None and felt.sample.now - state.began >= self.for_s
+            self.for_s is not None and began is not None and context.contact.sample.now - began >= self.for_s
         )
 
-    def guide(self, leg: Leg, state: ProgramState, felt: Felt) -> Guide:
-        """Force of this sample. While a person holds the tool the step sees none: it stays where it was."""
-        if felt.sample.held and state.memory is not None:
-            return Guide(state, Stride(self._force(leg, state, state.memory[2])))
-        measurement, now, at = felt.measurement, felt.sample.now, state.origin
-        memory, first, _ = state.memory or (self.begin(), measurement.position, None)
-        moment = felt.wrench[3:6] if len(felt.wrench) == 6 else (math.nan, math.nan, math.nan)
+    def guide(self, context: StepContext, state: StepState[LedMemory[M]]) -> Guide[LedMemory[M]]:
+        """Return the force of this sample. While an operator holds the tool, the step is not asked."""
+        before, contact, course = state.memory, context.contact, context.course
+        if contact.sample.held and before is not None:
+            return Guide(state, Stride(self._force(context, state, before.lead)))
+        measurement, now, at, wrench = contact.measurement, contact.sample.now, course.origin, contact.wrench
+        first = measurement.position if before is None else before.first
+        moment = wrench[3:6] if len(wrench) == 6 else (math.nan, math.nan, math.nan)
         sample = StepSample(
-            now - (now if state.began is None else state.began),
+            now - (now if course.began is None else course.began),
             measurement.dt,
-            (measurement.force, felt.force[1], felt.force[2]),
+            (measurement.force, contact.force[1], contact.force[2]),
             moment,
-            (felt.place[0] - at[0], felt.place[1] - at[1]),
+            (contact.place[0] - at[0], contact.place[1] - at[1]),
             measurement.position - first,
-            state.in_contact,
-            leg.reference(local_way(state)),
-            self._is_last(state, felt),
+            state.stroke.in_contact,
+            context.plan.reference(local_way(context, state)),
+            self._is_last(context),
         )
-        memory, lead = self.answer(memory, sample)
+        own, lead = self.answer(self.begin() if before is None else before.own, sample)
         trouble = Reason(Cause.STEP_TROUBLE, one_line(str(lead.trouble))) if lead.trouble else None
-        force = self._force(leg, state, lead)
-        return Guide(replace(state, memory=(memory, first, lead)), Stride(force), trouble)
+        force = self._force(context, state, lead)
+        return Guide(replace(state, memory=LedMemory(own, first, lead)), Stride(force), trouble)
 
-    def _force(self, leg: Leg, state: ProgramState, lead: Lead) -> float:
-        """Wanted force, N. Raises ValueError for one that is not allowed."""
-        force, limit = leg.reference(local_way(state)), leg.stroke.force_limit_n
+    def _force(self, context: StepContext, state: StepState[LedMemory[M]], lead: Lead) -> float:
+        """Return the desired force, N. Raises ValueError for one that is not allowed."""
+        plan = context.plan
+        force, limit = plan.reference(local_way(context, state)), plan.stroke.force_limit_n
         if lead.force_n is not None:
             force = float(lead.force_n)
         if not 0.0 < force < limit:
@@ -149,23 +163,33 @@ class LedStep(PressingStep):
             )
         return force
 
-    def lead(self, leg: Leg, state: ProgramState, stroke: StrokeState, order: Order, felt: Felt) -> Led:
-        lead: Lead = state.memory[2]
-        (x, y), (u, v) = state.at, (state.origin[0] + lead.to[0], state.origin[1] + lead.to[1])
+    def lead(
+        self, context: StepContext, state: StepState[LedMemory[M]], pressed: Pressed
+    ) -> PathPoint[LedMemory[M]]:
+        contact, origin, memory = context.contact, context.course.origin, state.memory
+        assert memory is not None
+        lead = memory.lead
+        (x, y), (u, v) = state.at, (origin[0] + lead.to[0], origin[1] + lead.to[1])
         left = math.hypot(u - x, v - y)
-        goes = (stroke.in_contact or lead.without_contact) and not felt.sample.held
+        goes = (pressed.stroke.in_contact or lead.without_contact) and not contact.sample.held
         if left == 0.0 or not goes:
-            return Led(state.at, state.local, state.aside, state.heading, state.memory)
-        way = min(leg.stroke.parameters.speed_mm_s * 1e-3 * felt.measurement.dt, left)
+            return PathPoint(state.at, state.local, state.aside, state.heading, memory)
+        speed = context.plan.stroke.parameters.speed_mm_s * 1e-3
+        way = min(speed * contact.measurement.dt, left)
         heading = (u - x) / left, (v - y) / left
         at = x + way * heading[0], y + way * heading[1]
-        return Led(at, state.local + way, state.aside, heading, state.memory)
+        return PathPoint(at, state.local + way, state.aside, heading, memory)
 
-    def end_sample(self, leg: Leg, before: ProgramState, taken: Taken, felt: Felt) -> Taken:
-        lead: Lead = taken.state.memory[2]
-        last = self._is_last(before, felt)
-        if felt.sample.held or not (lead.done or last):
-            return taken
-        text = one_line(str(lead.done)) or f"ended after {self.for_s:g} s"
-        state = replace(taken.state, text=text, found=(felt.sample.position, 1))
-        return replace(taken, state=state, done=True)
+    def end_sample(
+        self,
+        context: StepContext,
+        before: StepState[LedMemory[M]],
+        result: StepResult[LedMemory[M]],
+    ) -> StepResult[LedMemory[M]]:
+        memory, sample = result.state.memory, context.contact.sample
+        assert memory is not None
+        if sample.held or not (memory.lead.done or self._is_last(context)):
+            return result
+        text = one_line(str(memory.lead.done)) or f"ended after {self.for_s:g} s"
+        state = replace(result.state, text=text, found=(sample.position, 1))
+        return replace(result, state=state, done=True)

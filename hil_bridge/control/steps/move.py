@@ -5,30 +5,42 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
+from msgspec.structs import replace
+
 from hil_bridge.control.checks import FORBID_EXTRA
 from hil_bridge.control.course.intent import Phase
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.parameters import TaskParameters
-from hil_bridge.control.geometry.ways import Place
-from hil_bridge.control.program.leg import Leg
-from hil_bridge.control.program.state import Felt, ProgramState
-from hil_bridge.control.steps import free_space
+from hil_bridge.control.course.state import StepState
+from hil_bridge.control.course.stroke import Order
+from hil_bridge.control.geometry.ways import ROUNDING, Place
+from hil_bridge.control.steps.free_space import come_to, not_there, towards
 from hil_bridge.control.steps.paths import check_finite
+from hil_bridge.control.steps.plan import StepPlan
 from hil_bridge.control.steps.seam import (
     NO_LIMITS,
     Drawing,
     Step,
+    StepContext,
     StepLimits,
-    Taken,
+    StepResult,
     above_zero,
     need_free,
     need_travel_speed,
 )
+from hil_bridge.errors.causes import Cause, Reason
+from protocol.geometry import angle_between
+
+_AS_AT_HOME = math.radians(0.5)
+"""Chosen: turn from the orientation of the start at which the tool counts as turned back."""
 
 
 @dataclass(frozen=True, slots=True)
-class Move(Step):
-    """Go to another place through free space, at the safe height; a touch on the way ends the run."""
+class Move(Step[float]):
+    """Go to another place through free space, at the safe height; a touch on the way ends the run.
+
+    Its memory is when the tool last had farther to go, s on the run's clock.
+    """
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
 
@@ -69,22 +81,44 @@ class Move(Step):
         need_free(pressing)
         need_travel_speed(self.speed_mm_s, limits)
 
-    def end(self, leg: Leg, begin: Place | None) -> Place:
+    def end(self, plan: StepPlan, begin: Place | None) -> Place:
         return self.to_mm
 
-    def seconds(self, leg: Leg, begin: Place | None) -> float:
+    def seconds(self, plan: StepPlan, begin: Place | None) -> float:
         return math.dist(begin, self.to_mm) / self.speed_mm_s if begin else 1.0
 
-    def back_from(self, leg: Leg, before: float) -> float:
-        return max(before, leg.stroke.parameters.safe_height_mm)
+    def back_from(self, plan: StepPlan, before: float) -> float:
+        return max(before, plan.stroke.parameters.safe_height_mm)
 
-    def places(self, leg: Leg, begin: Place | None) -> tuple[tuple[Place, ...], float]:
+    def places(self, plan: StepPlan, begin: Place | None) -> tuple[tuple[Place, ...], float]:
         ends = [self.to_mm] if begin is None else [begin, self.to_mm]
-        height = leg.stroke.parameters.safe_height_mm * 1e-3
+        height = plan.stroke.parameters.safe_height_mm * 1e-3
         return tuple((x * 1e-3, y * 1e-3) for x, y in ends), height
 
-    def take(self, leg: Leg, state: ProgramState, felt: Felt) -> Taken:
-        return free_space.move(self, leg, state, felt)
+    def take(self, context: StepContext, state: StepState[float]) -> StepResult[float]:
+        """Go up to the safe height, across, and wait there until the tool has come."""
+        course, contact, task = context.course, context.contact, context.plan.stroke
+        measurement, now = contact.measurement, contact.sample.now
+        touch = self.contact_n or task.parameters.contact_threshold_n
+        depth, force = measurement.commanded, max(math.hypot(*contact.force), contact.sample.hidden or 0.0)
+        if force > touch:
+            text = f"the tool touches something in free space, with {force:.1f} N"
+            return StepResult(state, Order(Phase.MOVE, depth), trouble=Reason(Cause.TOUCH, text))
+        if depth > course.safe + ROUNDING:
+            way = task.way(min(self.speed_mm_s, task.parameters.retract_speed_mm_s), measurement.dt)
+            if depth <= ROUNDING:  # above the start something may be in the way
+                way = min(way, task.careful_step(measurement.position - depth, measurement.dt))
+            return StepResult(replace(state, memory=now), Order(Phase.MOVE, max(depth - way, course.safe)))
+        assert course.start is not None
+        x, y = (place * 1e-3 - start for place, start in zip(self.to_mm, course.start, strict=True))
+        state, arrived = towards(state, (x, y), task.way(self.speed_mm_s, measurement.dt))
+        home, turned = course.home, course.turned
+        turned_back = home is None or turned is None or angle_between(turned, home) < _AS_AT_HOME
+        since = now if state.memory is None or not (arrived and turned_back) else state.memory
+        if since != state.memory:
+            state = replace(state, memory=since)
+        done = arrived and turned_back and come_to(contact, state.at, depth)
+        return StepResult(state, Order(Phase.MOVE, depth), done, not_there(since, now))
 
     def describe(self, parameters: TaskParameters) -> Iterator[str]:
         yield f"to {self.to_mm[0]:g}, {self.to_mm[1]:g} mm"

@@ -46,8 +46,8 @@ class Pass(NamedTuple):
     """Depth removed, m, at which the repeat is left there; None where all passes are made."""
     is_first: bool = False
     """The first leg of the first pass: the depths are counted from here."""
-    repeat: int = 0
-    """Number of the repeat that it belongs to, as a person counts; 0 for none."""
+    number: int = 0
+    """Number of the repeat that it belongs to, for the operator; 0 for none."""
     turn: int = 0
     """Its pass in that repeat, from 1; 0 for none."""
 

@@ -1,8 +1,11 @@
-"""The seam of steps: all that a kind of step says of itself, from its settings to its picture.
+"""The interface of steps: all that a kind of step defines, from its settings to its picture.
 
-A kind is a frozen dataclass with its settings, derived from `Step`. Its word is the field `do`. A kind of another
-package is found through the entry point `hil_bridge.steps`, under that word. Most derive from `steps.led.LedStep`,
-which presses and leads the tool along the surface.
+A kind is a frozen dataclass with its settings, derived from `Step`. Its word is the field `do`. The kind of a plug-in
+is found through the entry point `hil_bridge.steps`, under that word. Most derive from `steps.led.LedStep`, which
+presses and leads the tool along the surface.
+
+In a run a step is given a `StepContext`, which it cannot change, and its own `StepState`, which it answers. The type
+parameter of `Step` is that of `StepState.memory`.
 
 A value of None stands for that of the task or of the limits. Places in settings are mm in the work frame: its x axis is
 `frame.travel`, its z axis points away from the surface, against `frame.approach`. In a run they are m.
@@ -12,22 +15,23 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, TypeAlias
+from typing import Any, ClassVar, Generic, Literal, NamedTuple, TypeAlias, TypeVar
 
 from msgspec import Struct
 
 from hil_bridge.control.checks import FORBID_EXTRA, require_above_zero
+from hil_bridge.control.course.contact_sample import ContactSample
 from hil_bridge.control.course.intent import Phase
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.parameters import TaskParameters
+from hil_bridge.control.course.state import Course, M, StepState
 from hil_bridge.control.course.stroke import Order
 from hil_bridge.control.geometry.ways import Place, Way
+from hil_bridge.control.steps.plan import StepPlan
 from hil_bridge.errors.causes import Reason
 from protocol.marks import SettingError
 
-if TYPE_CHECKING:
-    from hil_bridge.control.program.leg import Leg
-    from hil_bridge.control.program.state import Felt, ProgramState
+Plan = TypeVar("Plan", bound=StepPlan)
 
 Orientation: TypeAlias = Literal["fixed", "along-path", "normal", "led"]
 """fixed: as at the start. along-path: turned about the approach so that it looks along the path as at its begin.
@@ -75,15 +79,25 @@ class Criterion:
             raise SettingError("for_percent", f"must be at most 100, got {self.for_percent:g}")
 
 
-class Taken(Struct, frozen=True):
+class StepContext(Struct, frozen=True):
+    """What a step is given for one sample beside its own state. All of it belongs to the program."""
+
+    plan: StepPlan
+    course: Course
+    contact: ContactSample
+
+
+class StepResult(Struct, Generic[M], frozen=True):
     """The answer of a step for one sample."""
 
-    state: "ProgramState"
+    state: StepState[M]
     order: Order
     done: bool = False
-    """The step ends with this sample."""
+    """Whether the step ends with this sample."""
     trouble: Reason | None = None
     """Why the run must end; None while it need not."""
+    zero: tuple[float, ...] = ()
+    """New zero of the program: contact wrench in the tool frame, N and N·m, (6,); empty for none."""
 
 
 class Drawing(NamedTuple):
@@ -97,7 +111,7 @@ class Drawing(NamedTuple):
     """Width of the line, points."""
 
 
-class Step:
+class Step(Generic[M]):
     """One step of a program: its settings, its part in a run, its words and its picture.
 
     The settings of a kind are the fields of a frozen dataclass. Those below have defaults here, so that a kind declares
@@ -203,32 +217,32 @@ class Step:
         """Settings of the task that are others in this step, by name; None for one that stays."""
         return {}
 
-    def end(self, leg: "Leg", begin: Place | None) -> Place | None:
+    def end(self, plan: StepPlan, begin: Place | None) -> Place | None:
         """Where the tool is behind the step, work frame, mm; None where the run alone knows."""
         return begin
 
-    def seconds(self, leg: "Leg", begin: Place | None) -> float:
+    def seconds(self, plan: StepPlan, begin: Place | None) -> float:
         """Time that the step takes about, s."""
         raise NotImplementedError
 
-    def reach(self, leg: "Leg", back_mm: float) -> "Leg":
-        """The leg where the tool has come back from the surface by up to `back_mm` before it, mm."""
-        return leg
+    def reach(self, plan: Plan, back_mm: float) -> Plan:
+        """Return the plan for a tool that has come back from the surface by up to `back_mm` before the step, mm."""
+        return plan
 
-    def back_from(self, leg: "Leg", before: float) -> float:
+    def back_from(self, plan: StepPlan, before: float) -> float:
         """How far the tool has come back from the surface behind the step, at most; `before` it likewise."""
         return 0.0 if self.presses else before
 
-    def places(self, leg: "Leg", begin: Place | None) -> tuple[tuple[Place, ...], float]:
+    def places(self, plan: StepPlan, begin: Place | None) -> tuple[tuple[Place, ...], float]:
         """Places where the path leads, work frame, m, and their height over the start, m. None are known in a step
         whose path begins where the run alone knows.
         """
         if begin is None:
             return (), 0.0
         x0, y0 = begin[0] * 1e-3, begin[1] * 1e-3
-        if leg.way is None:
+        if plan.way is None:
             return tuple((x0 + x * 1e-3, y0 + y * 1e-3) for x, y in self.sketch_mm), 0.0
-        return tuple((x0 + x, y0 + y) for x, y in leg.way.points), 0.0
+        return tuple((x0 + x, y0 + y) for x, y in plan.way.points), 0.0
 
     def resumed(self, spent_s: float) -> "Step":
         """The rest of a step that was cut after this time, s."""
@@ -241,13 +255,15 @@ class Step:
 
     # --- in the run
 
-    def is_over(self, leg: "Leg", state: "ProgramState", felt: "Felt") -> bool:
-        """Whether the step is over before it has used this sample."""
-        began = state.began
-        return self.for_s is not None and began is not None and felt.sample.now - began >= self.for_s
+    def is_over(self, context: StepContext, state: StepState[M]) -> bool:
+        """Return whether the step is over before it has used this sample."""
+        began = context.course.began
+        return (
+            self.for_s is not None and began is not None and context.contact.sample.now - began >= self.for_s
+        )
 
-    def take(self, leg: "Leg", state: "ProgramState", felt: "Felt") -> Taken:
-        """One sample of the step."""
+    def take(self, context: StepContext, state: StepState[M]) -> StepResult[M]:
+        """Return the step's answer to one sample."""
         raise NotImplementedError
 
     # --- words and picture

@@ -5,25 +5,26 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
+from msgspec import Struct
 from msgspec.structs import replace
 
 from hil_bridge.control.checks import FORBID_EXTRA, require_not_negative
 from hil_bridge.control.course.intent import Phase
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.parameters import TaskParameters
-from hil_bridge.control.course.stroke import Order, StrokeState
-from hil_bridge.control.geometry.ways import Place, Way, way_of
-from hil_bridge.control.program.leg import Leg
-from hil_bridge.control.program.outcome import ROUNDING
-from hil_bridge.control.program.state import Felt, ProgramState
-from hil_bridge.control.steps import free_space
+from hil_bridge.control.course.state import StepState
+from hil_bridge.control.course.stroke import Order
+from hil_bridge.control.geometry.ways import ROUNDING, Place, Way, way_of
+from hil_bridge.control.steps.free_space import come_to, not_there, towards
 from hil_bridge.control.steps.paths import Line
-from hil_bridge.control.steps.pressing import Led, PressingStep
+from hil_bridge.control.steps.plan import StepPlan
+from hil_bridge.control.steps.pressing import PathPoint, Pressed, PressingStep
 from hil_bridge.control.steps.seam import (
     NO_LIMITS,
     Drawing,
+    StepContext,
     StepLimits,
-    Taken,
+    StepResult,
     above_zero,
     need_free,
     need_travel_speed,
@@ -31,9 +32,23 @@ from hil_bridge.control.steps.seam import (
 from hil_bridge.errors.causes import Cause, Reason
 from protocol.marks import SettingError
 
+_UNSURE_N = 5.0
+"""Chosen: force across the approach from which it must be one against the motion, N, with unverified axes."""
+_UNSURE_SHARE = 3.0
+"""Chosen: how many times the force against the motion it may be: a face that is met at less than 70°."""
+
+
+class BackOff(Struct, frozen=True):
+    """Memory of a seek that has found what it seeks."""
+
+    to: float
+    """Length along the path to which the tool goes back, m."""
+    since: float
+    """When the tool last had farther to go, s on the run's clock."""
+
 
 @dataclass(frozen=True, slots=True)
-class Seek(PressingStep):
+class Seek(PressingStep[BackOff]):
     """Move along the surface until something is found: a force against the tool, or the edge of the surface."""
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
@@ -96,43 +111,92 @@ class Seek(PressingStep):
         speed = self.speed_mm_s or task.approach_speed_mm_s
         return {"speed_mm_s": speed, "contact_threshold_n": self.contact_n}
 
-    def end(self, leg: Leg, begin: Place | None) -> None:
+    def end(self, plan: StepPlan, begin: Place | None) -> None:
         return None
 
-    def seconds(self, leg: Leg, begin: object) -> float:
-        return self.at_most_mm / leg.stroke.parameters.speed_mm_s
+    def seconds(self, plan: StepPlan, begin: object) -> float:
+        return self.at_most_mm / plan.stroke.parameters.speed_mm_s
 
     # --- in the run
 
-    def take(self, leg: Leg, state: ProgramState, felt: Felt) -> Taken:
+    def take(self, context: StepContext, state: StepState[BackOff]) -> StepResult[BackOff]:
         if self.presses:
-            return PressingStep.take(self, leg, state, felt)
-        return free_space.seek(self, leg, state, felt)
+            return PressingStep.take(self, context, state)
+        return self._advance(context, state) if state.memory is None else self._back_off(context, state)
 
-    def lead(self, leg: Leg, state: ProgramState, stroke: StrokeState, order: Order, felt: Felt) -> Led:
-        assert leg.way is not None
-        local = stroke.travel - state.base
-        x, y = leg.way.at(local)
-        at = state.origin[0] + x, state.origin[1] + y
-        return Led(at, local, state.aside, leg.way.headings[0], state.memory)
+    def _advance(self, context: StepContext, state: StepState[BackOff]) -> StepResult[BackOff]:
+        """Return the answer while the tool moves on until something pushes back."""
+        plan, contact, measurement = context.plan, context.contact, context.contact.measurement
+        task, way, order = plan.stroke, plan.way, Order(Phase.SEEK, measurement.commanded)
+        assert way is not None
+        (h, k), (u, v) = way.headings[0], context.course.origin
+        local, reported = ((x - u) * h + (y - v) * k for x, y in (state.at, contact.place))
+        force = contact.against((h, k))
+        if contact.aside > max(_UNSURE_N, _UNSURE_SHARE * force) and force < contact.aside:
+            text = f"{contact.aside:.1f} N across the approach, {force:.1f} N against the way: an axis is dead or wrong"
+            return StepResult(state, order, trouble=Reason(Cause.DEAD_AXIS, text))
+        if force > task.parameters.contact_threshold_n:
+            back = BackOff(max(reported - self.back_off_mm * 1e-3, 0.0), contact.sample.now)
+            return StepResult(replace(state, memory=back, found=(contact.sample.position, 1)), order)
+        if local >= way.length - ROUNDING:
+            text = f"nothing found within {self.at_most_mm:g} mm"
+            return StepResult(state, order, trouble=Reason(Cause.NOT_FOUND, text))
+        forth = min(
+            task.way(task.parameters.speed_mm_s, measurement.dt),
+            task.careful_step(local - reported, measurement.dt),
+            way.length - local,
+        )
+        return StepResult(replace(state, at=(state.at[0] + forth * h, state.at[1] + forth * k)), order)
 
-    def end_sample(self, leg: Leg, before: ProgramState, taken: Taken, felt: Felt) -> Taken:
-        """A loss of contact is what the step wants."""
-        assert leg.way is not None
-        state, stroke = taken.state, taken.state.stroke
+    def _back_off(self, context: StepContext, state: StepState[BackOff]) -> StepResult[BackOff]:
+        """Return the answer while the tool goes back from what it has found."""
+        plan, contact, measurement, back = (
+            context.plan,
+            context.contact,
+            context.contact.measurement,
+            state.memory,
+        )
+        assert plan.way is not None
+        assert back is not None
+        (x, y), (h, k) = context.course.origin, plan.way.headings[0]
+        speed = plan.stroke.parameters.retract_speed_mm_s
+        state, arrived = towards(
+            state, (x + back.to * h, y + back.to * k), plan.stroke.way(speed, measurement.dt)
+        )
+        if not arrived:
+            back = replace(back, since=contact.sample.now)
+            state = replace(state, memory=back)
+        order, there = Order(Phase.SEEK, measurement.commanded), arrived and come_to(contact, state.at)
+        return StepResult(state, order, there, not_there(back.since, contact.sample.now))
+
+    def lead(self, context: StepContext, state: StepState[BackOff], pressed: Pressed) -> PathPoint[BackOff]:
+        way, origin = context.plan.way, context.course.origin
+        assert way is not None
+        local = pressed.stroke.travel - context.course.base
+        x, y = way.at(local)
+        at = origin[0] + x, origin[1] + y
+        return PathPoint(at, local, state.aside, way.headings[0], state.memory)
+
+    def end_sample(
+        self, context: StepContext, before: StepState[BackOff], result: StepResult[BackOff]
+    ) -> StepResult[BackOff]:
+        """End at a loss of contact: the step seeks it."""
+        way, contact = context.plan.way, context.contact
+        assert way is not None
+        state, stroke = result.state, result.state.stroke
         if stroke.in_contact:
-            state = replace(state, found=(felt.sample.position, 1))
-            trouble = taken.trouble
-            if stroke.travel - state.base >= leg.way.length - ROUNDING and trouble is None:
-                trouble = Reason(Cause.NO_EDGE, f"no edge within {leg.way.length * 1e3:g} mm")
-            return replace(taken, state=state, trouble=trouble)
+            state = replace(state, found=(contact.sample.position, 1))
+            trouble = result.trouble
+            if stroke.travel - context.course.base >= way.length - ROUNDING and trouble is None:
+                trouble = Reason(Cause.NO_EDGE, f"no edge within {way.length * 1e3:g} mm")
+            return replace(result, state=state, trouble=trouble)
         lost, pressed = stroke.phase is not Phase.TRACK, before.found[1] > 0
         if not (lost and pressed):  # a contact that this step has not had yet is sought on
-            return taken
+            return result
         # stand still: the next leg leads away
         state = replace(state, stroke=replace(before.stroke, travel=stroke.travel))
-        order = replace(taken.order, phase=Phase.TRACK, depth=felt.measurement.commanded)
-        return Taken(state, order, done=True)
+        order = replace(result.order, phase=Phase.TRACK, depth=contact.measurement.commanded)
+        return StepResult(state, order, done=True)
 
     # --- words and picture
 

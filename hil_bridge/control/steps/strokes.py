@@ -2,13 +2,11 @@
 
 from msgspec.structs import replace
 
-from hil_bridge.control.program.leg import Leg
-from hil_bridge.control.program.state import ProgramState
-from hil_bridge.control.steps.seam import Taken
-from hil_bridge.control.types import Measurement
+from hil_bridge.control.course.state import M, StepState
+from hil_bridge.control.steps.seam import StepContext, StepResult
 
 
-def take_stroke(leg: Leg, state: ProgramState, measurement: Measurement) -> Taken:
-    """One sample of a leg that the stroke takes alone."""
-    stroke, order = leg.stroke.step(state.stroke, measurement)
-    return Taken(replace(state, stroke=stroke), order, trouble=stroke.trouble)
+def take_stroke(context: StepContext, state: StepState[M]) -> StepResult[M]:
+    """Return the answer to one sample of a step that the stroke takes alone."""
+    stroke, order = context.plan.stroke.step(state.stroke, context.contact.measurement)
+    return StepResult(replace(state, stroke=stroke), order, trouble=stroke.trouble)

@@ -9,26 +9,27 @@ from typing import ClassVar, Literal
 from msgspec.structs import replace
 
 from hil_bridge.control.checks import FORBID_EXTRA
+from hil_bridge.control.course.contact_sample import ContactSample
+from hil_bridge.control.course.facing import lateral_of
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.parameters import TaskParameters
-from hil_bridge.control.course.stroke import Order, Stride, StrokeState
-from hil_bridge.control.geometry.ways import Place, Way, way_of
-from hil_bridge.control.program.felt import lateral_of
-from hil_bridge.control.program.leg import Leg
-from hil_bridge.control.program.outcome import ROUNDING
-from hil_bridge.control.program.state import Felt, ProgramState
+from hil_bridge.control.course.state import StepState
+from hil_bridge.control.course.stroke import Stride
+from hil_bridge.control.geometry.ways import ROUNDING, Place, Way, way_of
 from hil_bridge.control.steps.across import aside_by, beside
-from hil_bridge.control.steps.feed import STUCK_S, feed_of, progress
+from hil_bridge.control.steps.feed import STUCK_S, TrackMemory, feed_of, watch_progress
 from hil_bridge.control.steps.paths import Line, Path
-from hil_bridge.control.steps.pressing import FLAT, Guide, Led, PressingStep
+from hil_bridge.control.steps.plan import StepPlan
+from hil_bridge.control.steps.pressing import FLAT, Guide, PathPoint, Pressed, PressingStep
 from hil_bridge.control.steps.seam import (
     NO_LIMITS,
     Criterion,
     Drawing,
     ForceProfile,
     Orientation,
+    StepContext,
     StepLimits,
-    Taken,
+    StepResult,
     above_zero,
     check_profile,
     need_travel_speed,
@@ -41,7 +42,7 @@ _NEAR_MM = 0.01
 
 
 @dataclass(frozen=True, slots=True)
-class Track(PressingStep):
+class Track(PressingStep[TrackMemory]):
     """Press with a force while the tool goes along a path."""
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
@@ -114,23 +115,23 @@ class Track(PressingStep):
     def parameters(self, task: TaskParameters) -> dict[str, float | None]:
         return {"speed_mm_s": self.speed_mm_s}
 
-    def end(self, leg: Leg, begin: Place | None) -> Place | None:
-        if self.for_s or self.across != "position" or leg.way is None or begin is None:
+    def end(self, plan: StepPlan, begin: Place | None) -> Place | None:
+        if self.for_s or self.across != "position" or plan.way is None or begin is None:
             return None
-        x, y = leg.way.points[-1]
+        x, y = plan.way.points[-1]
         return begin[0] + x * 1e3, begin[1] + y * 1e3
 
-    def seconds(self, leg: Leg, begin: object) -> float:
-        assert leg.way is not None
-        speed = leg.stroke.parameters.speed_mm_s * 1e-3
-        along = leg.way.length / speed if speed else math.inf
+    def seconds(self, plan: StepPlan, begin: object) -> float:
+        assert plan.way is not None
+        speed = plan.stroke.parameters.speed_mm_s * 1e-3
+        along = plan.way.length / speed if speed else math.inf
         return min(along, self.for_s or math.inf)
 
-    def places(self, leg: Leg, begin: Place | None) -> tuple[tuple[Place, ...], float]:
-        if leg.way is None or begin is None:
+    def places(self, plan: StepPlan, begin: Place | None) -> tuple[tuple[Place, ...], float]:
+        if plan.way is None or begin is None:
             return (), 0.0
-        farthest = math.inf if self.for_s is None else self.for_s * leg.stroke.parameters.speed_mm_s * 1e-3
-        points = leg.way.points_until(farthest)
+        farthest = math.inf if self.for_s is None else self.for_s * plan.stroke.parameters.speed_mm_s * 1e-3
+        points = plan.way.points_until(farthest)
         return tuple((begin[0] * 1e-3 + x, begin[1] * 1e-3 + y) for x, y in points), 0.0
 
     def resumed(self, spent_s: float) -> "Track":
@@ -138,20 +139,23 @@ class Track(PressingStep):
 
     # --- in the run
 
-    def guide(self, leg: Leg, state: ProgramState, felt: Felt) -> Guide:
-        local = state.stroke.travel - state.base
-        reference = leg.reference(local)
-        limit, held, lateral, feed, trouble = self.lateral_limit_n, felt.sample.held, 0.0, 1.0, None
+    def guide(self, context: StepContext, state: StepState[TrackMemory]) -> Guide[TrackMemory]:
+        plan, contact = context.plan, context.contact
+        local = state.stroke.travel - context.course.base
+        reference = plan.reference(local)
+        limit, held, lateral, feed, trouble = self.lateral_limit_n, contact.sample.held, 0.0, 1.0, None
         if limit is not None or self.feed_error_n is not None:
-            lateral = lateral_of(felt.force, state.facing.fall if leg.shows_ground else FLAT)
-            feed, trouble = feed_of(self, felt.measurement.force - reference, lateral, local)
+            lateral = lateral_of(contact.force, context.course.facing.fall if plan.shows_ground else FLAT)
+            feed, trouble = feed_of(self, contact.measurement.force - reference, lateral, local)
         if held:
             feed = min(feed, 0.0)
         if feed != state.feed:
             state = replace(state, feed=feed)
-        if limit is not None and state.in_contact and not held:
-            state = progress(state, leg.stroke.parameters.speed_mm_s, felt.measurement.dt, local)
-            if state.stuck >= STUCK_S and trouble is None:
+        if limit is not None and state.stroke.in_contact and not held:
+            memory = state.memory or _FRESH
+            memory = watch_progress(memory, plan.stroke.parameters.speed_mm_s, contact.measurement.dt, local)
+            state = replace(state, memory=memory)
+            if memory.stuck >= STUCK_S and trouble is None:
                 text = (
                     f"a lateral force of {lateral:.1f} N holds the feed {local * 1e3:.1f} mm along the path: "
                     "something stands in the way"
@@ -159,26 +163,33 @@ class Track(PressingStep):
                 trouble = Reason(Cause.NO_PROGRESS, text)
         return Guide(state, Stride(reference, feed), trouble)
 
-    def lead(self, leg: Leg, state: ProgramState, stroke: StrokeState, order: Order, felt: Felt) -> Led:
-        way = leg.way
+    def lead(
+        self, context: StepContext, state: StepState[TrackMemory], pressed: Pressed
+    ) -> PathPoint[TrackMemory]:
+        plan, origin, measurement = context.plan, context.course.origin, context.contact.measurement
+        way, command = plan.way, pressed.order.command
         assert way is not None
-        local, memory, aside = stroke.travel - state.base, state.memory, state.aside
+        local, memory, aside = pressed.stroke.travel - context.course.base, state.memory, state.aside
         place, heading = way.place_and_heading(local)
         if self.across != "position":
-            left = _leftwards(leg, state, place, felt)
-            memory, aside = beside(leg.stroke, self, state, felt.measurement, left)
-        elif order.command is not None and order.command.across:
-            aside = aside_by(leg, self, state, (stroke, order), felt.measurement.dt)
-        x, y = state.origin[0] + place[0], state.origin[1] + place[1]
+            left = _leftwards(way.headings[way.piece(state.local)], origin, place, context.contact)
+            memory = memory or _FRESH
+            aside, controller = beside(plan.stroke, self, (aside, memory.across), measurement, left)
+            memory = replace(memory, across=controller)
+        elif command is not None and command.across:
+            aside = aside_by(plan, self, aside, (pressed.stroke, pressed.order), measurement.dt)
+        x, y = origin[0] + place[0], origin[1] + place[1]
         if aside:
             x, y = x - aside * heading[1], y + aside * heading[0]
-        return Led((x, y), local, aside, heading, memory)
+        return PathPoint((x, y), local, aside, heading, memory)
 
-    def end_sample(self, leg: Leg, before: ProgramState, taken: Taken, felt: Felt) -> Taken:
-        assert leg.way is not None
-        if taken.state.local < leg.way.length - ROUNDING:
-            return taken
-        return replace(taken, done=True)
+    def end_sample(
+        self, context: StepContext, before: StepState[TrackMemory], result: StepResult[TrackMemory]
+    ) -> StepResult[TrackMemory]:
+        assert context.plan.way is not None
+        if result.state.local < context.plan.way.length - ROUNDING:
+            return result
+        return replace(result, done=True)
 
     # --- words and picture
 
@@ -203,9 +214,12 @@ class Track(PressingStep):
         return "#e3f3ec"
 
 
-def _leftwards(leg: Leg, state: ProgramState, place: Place, felt: Felt) -> tuple[float, float]:
-    """Force to the left of the path, N, and the reported way to the left of this place of it, m."""
-    assert leg.way is not None
-    h, k = leg.way.headings[leg.way.piece(state.local)]
-    dx, dy = felt.place[0] - state.origin[0] - place[0], felt.place[1] - state.origin[1] - place[1]
-    return h * felt.force[2] - k * felt.force[1], h * dy - k * dx
+_FRESH = TrackMemory()
+"""Memory before the first sample."""
+
+
+def _leftwards(heading: Place, origin: Place, place: Place, contact: ContactSample) -> tuple[float, float]:
+    """Return the force to the left of the path, N, and the reported distance to the left of this place of it, m."""
+    h, k = heading
+    dx, dy = contact.place[0] - origin[0] - place[0], contact.place[1] - origin[1] - place[1]
+    return h * contact.force[2] - k * contact.force[1], h * dy - k * dx

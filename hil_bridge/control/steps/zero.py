@@ -1,20 +1,45 @@
 """The step `zero`."""
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar, Literal
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from hil_bridge.control.checks import FORBID_EXTRA
 from hil_bridge.control.course.intent import Phase
 from hil_bridge.control.course.limits import Limits
-from hil_bridge.control.program.leg import Leg
-from hil_bridge.control.program.state import Felt, ProgramState
-from hil_bridge.control.steps import free_space
-from hil_bridge.control.steps.seam import NO_LIMITS, Step, StepLimits, Taken, above_zero, need_free
+from hil_bridge.control.course.state import StepState
+from hil_bridge.control.course.stroke import Order
+from hil_bridge.control.steps.plan import StepPlan
+from hil_bridge.control.steps.seam import (
+    NO_LIMITS,
+    Step,
+    StepContext,
+    StepLimits,
+    StepResult,
+    above_zero,
+    need_free,
+)
+from hil_bridge.errors.causes import Cause, Reason
+
+_NONE = (0.0,) * 6
+
+
+class Readings(Struct, frozen=True):
+    """Memory of a zero that is being averaged."""
+
+    sums: tuple[float, ...] = _NONE
+    """Sums of the wrenches, N and N·m."""
+    count: int = 0
+    newest: int = -1
+    """Counter of the newest frame."""
 
 
 @dataclass(frozen=True, slots=True)
-class Zero(Step):
-    """Stand still in free space, and take what the sensor reads there for zero: against drift between strokes."""
+class Zero(Step[Readings]):
+    """Stand still in free space, and average the sensor's reading there as the zero: against drift between strokes."""
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
 
@@ -41,11 +66,36 @@ class Zero(Step):
     def check(self, pressing: bool, limits: Limits) -> None:
         need_free(pressing)
 
-    def seconds(self, leg: Leg, begin: object) -> float:
+    def seconds(self, plan: StepPlan, begin: object) -> float:
         return (self.settle_ms + self.for_ms) * 1e-3
 
-    def take(self, leg: Leg, state: ProgramState, felt: Felt) -> Taken:
-        return free_space.zero(self, leg, state, felt)
+    def take(self, context: StepContext, state: StepState[Readings]) -> StepResult[Readings]:
+        course, sample, wrench = context.course, context.contact.sample, context.contact.wrench
+        order = Order(Phase.ZERO, context.contact.measurement.commanded)
+        passed = sample.now - (sample.now if course.began is None else course.began)
+        if passed < self.settle_ms * 1e-3:
+            return StepResult(state, order)
+        before, readings = course.zero or _NONE, state.memory or Readings()
+        if sample.sensor_sequence != readings.newest and len(wrench) == 6:
+            sums = tuple(
+                a + (value + zero) for a, value, zero in zip(readings.sums, wrench, before, strict=True)
+            )
+            readings = Readings(sums, readings.count + 1, sample.sensor_sequence)
+            state = replace(state, memory=readings)
+        if passed < (self.settle_ms + self.for_ms) * 1e-3:
+            return StepResult(state, order)
+        if not readings.count:
+            reason = Reason(Cause.NO_READING, "no force to take for zero")
+            return StepResult(state, order, trouble=reason)
+        mean = tuple(value / readings.count for value in readings.sums)
+        force = math.dist(mean[:3], before[:3])
+        if force > self.at_most_n:
+            text = (
+                f"{force:.1f} N would be taken for zero, allowed are {self.at_most_n:g} N: "
+                "the tool touches something, or the sensor drifts"
+            )
+            return StepResult(state, order, trouble=Reason(Cause.DRIFT, text))
+        return StepResult(state, order, done=True, zero=mean)
 
     @property
     def band(self) -> str:

@@ -17,10 +17,12 @@ from hil_bridge.control import (
     SupervisorState,
     Target,
 )
+from hil_bridge.control.course.contact_sample import ContactSample
 from hil_bridge.control.course.free_space import FreeSpace
 from hil_bridge.control.course.oscillation import Advice, Finding, OscillationState
+from hil_bridge.control.course.state import Course, StepState
 from hil_bridge.control.course.verdict import Retreat
-from hil_bridge.control.program.state import Felt, ProgramState
+from hil_bridge.control.program.state import ProgramState
 from hil_bridge.errors.causes import Cause, Reason
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config
@@ -164,15 +166,16 @@ class Asked:
             free=FreeSpace(self._at(start, depth - seen.unchanged_mm * 1e-3), _NOW - seen.pulled_ms * 1e-3),
         )
         leg = next(number for number, leg in enumerate(loop.program.row.legs) if leg.phase is seen.phase)
-        program = ProgramState(StrokeState(seen.phase, in_contact=pressing), leg=leg, began=_NOW)
+        stroke = StrokeState(seen.phase, in_contact=pressing)
+        program = ProgramState(Course(leg, _NOW), StepState(stroke))
         measurement = Measurement(
             _NOW, force, depth, commanded, pressing, saturated=seen.saturated, dt=dt, against=seen.against_n
         )
-        felt = Felt(sample, measurement, (0.0, 0.0), (force, seen.against_n, 0.0), ())
-        program, intent = self._intend(program, felt, seen)
+        contact = ContactSample(sample, measurement, (0.0, 0.0), (force, seen.against_n, 0.0), ())
+        program, intent = self._intend(program, contact, seen)
         advice = Advice(Finding.PERSISTING, 1.0, True, seen.swing_n) if seen.swing_n else None
         proposal = Proposal(
-            felt,
+            contact,
             intent,
             Reason(Cause.CONTROLLER, seen.controller_failure) if seen.controller_failure else None,
             advice,
@@ -217,11 +220,13 @@ class Asked:
         began = _NOW - seen.retracting_ms * 1e-3
         return Retreat(began, seen.from_contact, lowest, depth + seen.back_mm * 1e-3)
 
-    def _intend(self, program: ProgramState, felt: Felt, seen: Situation) -> tuple[ProgramState, Intent]:
+    def _intend(
+        self, program: ProgramState, contact: ContactSample, seen: Situation
+    ) -> tuple[ProgramState, Intent]:
         """Intent of program and controller; the stroke's own where it needs no memory of the controller."""
-        measurement = felt.measurement
+        measurement = contact.measurement
         if seen.phase is Phase.RETRACT and seen.wanted_mm is None:
-            return self._loop.program.step(program, felt)
+            return self._loop.program.step(program, contact)
         speed_mm_s = self.config.task.approach_speed_mm_s if seen.phase is Phase.APPROACH else 0.0
         step = self._loop.program.stroke.way(speed_mm_s, measurement.dt)
         wanted = measurement.commanded + step if seen.wanted_mm is None else seen.wanted_mm * 1e-3
@@ -229,7 +234,7 @@ class Asked:
         if seen.phase is Phase.TRACK:
             command = Command(wanted, wanted - measurement.commanded, seen.stiffness_n_m)
         target = Target(wanted, seen.across_mm * 1e-3)
-        return program, Intent(seen.phase, target, measurement.in_contact, command, leg=program.leg)
+        return program, Intent(seen.phase, target, measurement.in_contact, command, leg=program.course.leg)
 
 
 def middle(config: Config) -> Vector:
