@@ -6,8 +6,8 @@ The same functions make the decisions of a run and of its replay; a run looks at
 import math
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import NamedTuple
 
+from msgspec import Struct
 from msgspec.structs import replace
 
 from hil_bridge.control.course.answers import calm, explain_halt
@@ -61,7 +61,10 @@ class Route(Enum):
     """Anything else: an order that may press or travel."""
 
 
-class Case(NamedTuple):
+_FAILURE, _RETRACTION, _OSCILLATION, _ORDER = Route
+
+
+class Case(Struct, frozen=True, gc=False):
     """All that a proposal is judged by."""
 
     route: Route
@@ -73,7 +76,7 @@ class Case(NamedTuple):
     observation: Observation
 
 
-class Ruling(NamedTuple):
+class Ruling(Struct, frozen=True, gc=False):
     """A proposal with the supervisor's verdict."""
 
     program: ProgramState
@@ -156,16 +159,14 @@ class ControlLoop:
         force which the retraction itself makes.
         """
         case = self._case(state, sample, proposal)
-        match case.route:
-            case Route.FAILURE:
-                ruling = _stop_failure(case)
-            case Route.OSCILLATION:
-                ruling = _stop_oscillation(case)
-            case Route.RETRACTION:
-                ruling = self._supervise_retraction(case)
-            case Route.ORDER:
-                ruling = self._supervise_order(case)
-        if (reason := _reason_to_end(case, ruling)) is not None:
+        route = case.route
+        if route is _ORDER:
+            ruling = self._supervise_order(case)
+        elif route is _RETRACTION:
+            ruling = self._supervise_retraction(case)
+        else:
+            ruling = _stop_failure(case) if route is _FAILURE else _stop_oscillation(case)
+        if type(ruling.verdict) is not Allow and (reason := _reason_to_end(case, ruling)) is not None:
             ruling = self._retract(case, ruling, reason)
         return self._conclude(case, ruling)
 
@@ -175,11 +176,11 @@ class ControlLoop:
         begins = intent.leg != state.program.course.leg
         against = self._against(proposal) if begins else proposal.contact.measurement.against
         if proposal.failure is not None:  # of a step that follows a retraction, too
-            route = Route.FAILURE
+            route = _FAILURE
         elif (intent.phase is _RETRACT or intent.phase is _END) and self._retracts(proposal):
-            route = Route.RETRACTION
+            route = _RETRACTION
         else:
-            route = Route.OSCILLATION if advice is not None and advice.retract else Route.ORDER
+            route = _OSCILLATION if advice is not None and advice.retract else _ORDER
         return Case(
             route, state, sample, proposal, self.guards[intent.leg], _observe(sample, proposal, against)
         )
@@ -255,7 +256,7 @@ class ControlLoop:
             position,
             intent,
             ruling.verdict,
-            ended=ruling.program.phase is _END or held or stands,
+            ended=ruling.program.step.stroke.phase is _END or held or stands,
             stands=stands,
             quaternion=ruling.supervisor.quaternion,
         )
@@ -366,12 +367,12 @@ def _stopped(case: Case, cause: Cause, text: str) -> Ruling:
 
 
 def _reason_to_end(case: Case, ruling: Ruling) -> Reason | None:
-    """Return why a retraction must take the place of what was proposed; None while it need not.
+    """Return why a retraction must take the place of what was proposed and not allowed; None while it need not.
 
     A retraction stays one. An approach that is held in place would last for ever.
     """
     intent, verdict = ruling.intent, ruling.verdict
-    if type(verdict) is Allow or (case.route is Route.RETRACTION and intent.phase is _RETRACT):
+    if case.route is _RETRACTION and intent.phase is _RETRACT:
         return None
     match verdict:
         case Stop(reason=reason):

@@ -89,27 +89,27 @@ class Pair:
                     self.now += (1 + value) / 8000.0
                     looking, not_looking = (board.burst(0x90, 100, self.now) for board in self.boards)
                     assert looking == not_looking
-            case "write":
+            case _:
                 for board in self.boards:
-                    board.write_word(REGISTERS[WRITES[value % len(WRITES)]].address, VALUES[value], self.now)
-            case "envelope":
-                for board in self.boards:
-                    board.write(ENVELOPE, (0x0003, 1, 1, 0x92, 900 * value, 1, 0xA1, -500, 6), self.now)
-            case "command":
-                code, word1 = list(CommandCode)[value + 2] | value % 4, 0xF1 if value % 2 else 0xA0
-                for board in self.boards:
-                    board.command(code, self.now, word1, value)
-            case "reset":
-                for board in self.boards:
-                    board.reset(self.now)
-            case "unplug":
-                for board in self.boards:
-                    board.unplug(self.now)
-            case "plug in":
-                for board in self.boards:
-                    board.plug_in(self.now)
+                    self._act(board, what, value)
         looking, not_looking = (pack_words(board.read(0, 256, self.now)) for board in self.boards)
         assert looking == not_looking
+
+    def _act(self, board: Board, what: str, value: int) -> None:
+        match what:
+            case "write":
+                board.write_word(REGISTERS[WRITES[value % len(WRITES)]].address, VALUES[value], self.now)
+            case "envelope":
+                board.write(ENVELOPE, (0x0003, 1, 1, 0x92, 900 * value, 1, 0xA1, -500, 6), self.now)
+            case "command":
+                code, word1 = list(CommandCode)[value + 2] | value % 4, 0xF1 if value % 2 else 0xA0
+                board.command(code, self.now, word1, value)
+            case "reset":
+                board.reset(self.now)
+            case "unplug":
+                board.unplug(self.now)
+            case "plug in":
+                board.plug_in(self.now)
 
 
 Steps = list[tuple[str, int, float]]

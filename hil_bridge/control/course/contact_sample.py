@@ -10,7 +10,7 @@ from hil_bridge.control.types import Measurement
 from protocol.geometry import Vector
 
 
-class ContactSample(Struct, frozen=True):
+class ContactSample(Struct, frozen=True, gc=False):
     """Contact force and place of the tool in one sample, in the work frame."""
 
     sample: Sample

@@ -17,7 +17,7 @@ from hil_bridge.control.course import orientation, retreat
 from hil_bridge.control.course.depth_watch import untold_depth, watch_contact
 from hil_bridge.control.course.free_space import FreeSpace, lifeless, watch_sample
 from hil_bridge.control.course.limits import Limits
-from hil_bridge.control.course.sideways import HIDDEN_N
+from hil_bridge.control.course.stop_checks import Cycle, find_stop, is_inside, is_nearly_inside, slip_of
 from hil_bridge.control.course.verdict import (
     LEAVES,
     NO_FARTHER,
@@ -33,9 +33,7 @@ from hil_bridge.control.course.verdict import (
     SupervisorState,
     Verdict,
 )
-from hil_bridge.control.course.wall import beyond_friction
 from hil_bridge.control.course.witness import Witness
-from hil_bridge.control.sample import Sample
 from hil_bridge.errors import Cause, ConfigError, Reason
 from protocol.geometry import Quaternion, Vector, angle_between, normalise
 
@@ -58,7 +56,7 @@ class Supervisor:
         Raises ConfigError when that is outside the workspace. A reported position is taken with the same tolerance as
         in a run: a tool may stand that far outside, and goes no farther out.
         """
-        if not _inside_nearly(self.limits, position):
+        if not is_nearly_inside(self.limits, position):
             raise ConfigError(
                 f"the robot stands at {position} m, outside the box of limits.workspace_…_m",
                 remedy=_in_millimetres(self.limits, position),
@@ -68,7 +66,7 @@ class Supervisor:
 
     def allows(self, position: Vector) -> bool:
         """Whether a place, base frame, m, is in the box of the workspace, to the letter."""
-        return _inside(self.limits, position)
+        return is_inside(self.limits, position)
 
     def step(
         self, state: SupervisorState, observation: Observation, request: Request
@@ -84,7 +82,18 @@ class Supervisor:
         disagreed = None
         if self.witness is not None and sample.witness is not None:
             disagreed = self.witness.disagreed(state.disagreed, observation)
-        stop, free = self._first_fault(state, observation, request, still, pressed), None
+        cycle = Cycle(
+            self.limits,
+            state,
+            observation,
+            request,
+            slip_of(state, request),
+            still,
+            pressed,
+            self.speed,
+            self.presses_aside,
+        )
+        stop, free = find_stop(cycle), None
         if stop is None:
             if (
                 disagreed
@@ -196,178 +205,15 @@ class Supervisor:
     def _fresh(self, seen: Observation) -> bool:
         return 0.0 <= (seen.sample.now - seen.sample.sensor_at) * 1e3 <= self.limits.stale_after_ms
 
-    def _first_fault(
-        self,
-        state: SupervisorState,
-        seen: Observation,
-        request: Request,
-        still: float,
-        pressed: tuple[float, float] | None,
-    ) -> Stop | None:
-        """The first reason to end the run, None while there is none. One straight line: this runs in every cycle."""
-        limits, sample, force = self.limits, seen.sample, seen.sample.force
-        age, peak = sample.now - sample.sensor_at, sample.peak_force
-        (x, y, z), (a, b, c), (u, v, w) = state.position, request.direction, request.position
-        slip = a * (u - x) + b * (v - y) + c * (w - z) - (request.depth - state.depth)
-        # A sum is a number only if all its parts are, and no part is infinite. The places are in the slip.
-        of_forces = (
-            force + sample.resultant + seen.against + peak + sample.peak_resultant + sample.peak_moment
-        )
-        of_scalars = age + seen.depth + (sample.tilt or 0.0) + sample.gap + seen.dt
-        if not math.isfinite(of_scalars + of_forces + slip):
-            return Stop(_not_a_number(seen), "a measurement or command is no number")
-        if sample.fault:
-            return Stop((sample.fault_cause or Cause.ROBOT_STATE), sample.fault, sample.fault_remedy)
-        if abs(force) > limits.force_limit_n or abs(peak) > limits.force_limit_n:
-            most = force if abs(force) >= abs(peak) else peak
-            size = f"of at least {abs(most):.1f}" if sample.saturated else f"{most:.1f}"
-            return Stop(Cause.FORCE, f"contact force {size} N is beyond {limits.force_limit_n:g} N")
-        if sample.resultant > limits.resultant_limit_n or sample.peak_resultant > limits.resultant_limit_n:
-            resultant = max(sample.resultant, sample.peak_resultant)
-            text = f"resultant force {resultant:.1f} N is beyond {limits.resultant_limit_n:g} N"
-            return Stop(Cause.RESULTANT_FORCE, text)
-        if sample.peak_moment > limits.moment_limit_nm:
-            text = f"moment {sample.peak_moment:.2f} N·m is beyond {limits.moment_limit_nm:g} N·m"
-            return Stop(Cause.MOMENT, text)
-        if (
-            seen.against > limits.against_travel_n
-            and (wall := beyond_friction(seen.against, force, limits.friction_share))
-            > limits.against_travel_n
-        ):
-            text = (
-                f"a force of {seen.against:.1f} N against the travel is {wall:.1f} N more than friction, allowed are "
-                f"{limits.against_travel_n:g} N: something stands in the way"
-            )
-            return Stop(Cause.WALL, text)
-        if seen.aside and (stop := self._unsure_aside(seen)):
-            return stop
-        if sample.saturated:
-            return Stop(Cause.SATURATED, "the force sensor is at the end of its range")
-        if -force > limits.pull_limit_n:
-            text = (
-                f"a pull of {-force:.1f} N is beyond {limits.pull_limit_n:g} N: "
-                "a surface does not pull, so the sensor or its zero is wrong, or the tool hangs on to something"
-            )
-            return Stop(Cause.PULL, text)
-        age_ms = age * 1e3
-        if not 0.0 <= age_ms <= limits.stale_after_ms:  # as `_fresh`
-            digits = 0 if age_ms - limits.stale_after_ms >= 1.0 else 2
-            text = f"the newest force is {age_ms:.{digits}f} ms old, allowed are {limits.stale_after_ms:g} ms"
-            return Stop(Cause.FORCE_TOO_OLD, text)
-        if sample.unchanged * 1e3 >= limits.frozen_after_ms:
-            text = f"the force sensor repeated the same counts for {sample.unchanged:.1f} s"
-            return Stop(Cause.SAME_COUNTS, text)
-        if still * 1e3 >= limits.still_after_ms:
-            return Stop(Cause.NO_NEW_FRAME, f"no new force for {still * 1e3:.0f} ms")
-        if sample.dead_axis:
-            return Stop(Cause.DEAD_AXIS, sample.dead_axis)
-        # before the checks that use the reported depth
-        if sample.tilt is not None and (stop := self._untrue_pose(state, sample, sample.tilt)):
-            return stop
-        if pressed is not None and (deeper_mm := (seen.depth - pressed[1]) * 1e3) > limits.unanswered_mm:
-            text = f"the force stayed at {force:.2f} N while the tool went {deeper_mm:.1f} mm deeper"
-            return Stop(Cause.UNANSWERED, text)
-        before = state.sensor_sequence
-        if before is not None and sample.sensor_sequence < before:
-            text = f"the sensor's frame counter went back from {before} to {sample.sensor_sequence}"
-            return Stop(Cause.SEQUENCE, text)
-        if sample.gap * 1e3 > limits.cycle_deadline_ms:
-            text = (
-                f"no decision for {sample.gap * 1e3:.0f} ms, allowed are {limits.cycle_deadline_ms:g} ms: "
-                "the computer or the controller stood still"
-            )
-            return Stop(Cause.DEADLINE, text)
-        if abs(slip) > _CONSISTENT or abs(math.hypot(a, b, c) - 1.0) > 1e-6:
-            text = (
-                f"requested depth and position differ by {abs(slip) * 1e3:.3f} mm, "
-                "or the direction is no unit vector"
-            )
-            return Stop(Cause.INCONSISTENT, text)
-        return None
-
-    def _unsure_aside(self, seen: Observation) -> Stop | None:
-        """Why a force across the approach ends the run, where nothing verified its axes; None while it may be."""
-        limits, hidden = self.limits, seen.sample.hidden or 0.0
-        if hidden > HIDDEN_N:
-            text = f"the moments show {hidden:.1f} N across the approach, the force axes do not: one is dead or wrong"
-            return Stop(Cause.DEAD_AXIS, text)
-        allowed = limits.force_limit_n if self.presses_aside else limits.against_travel_n
-        if (
-            seen.aside > allowed
-            and (beyond := beyond_friction(seen.aside, seen.sample.force, limits.friction_share)) > allowed
-        ):
-            text = (
-                f"a force of {seen.aside:.1f} N across the approach is {beyond:.1f} N more than friction, allowed are "
-                f"{allowed:g} N; no weight has verified its direction"
-            )
-            return Stop(Cause.WALL, text)
-        return None
-
-    def _untrue_pose(self, state: SupervisorState, sample: Sample, tilt: float) -> Stop | None:
-        """Why the reported pose cannot be true, or is not where it was ordered to be; None while it may be."""
-        limits, position = self.limits, sample.position
-        if state.reported is not None:
-            at, before = state.reported
-            moved = math.dist(before, position)
-            if moved > (sample.now - at) * self.speed * _FASTER + _STANDS:
-                text = (
-                    f"the reported position jumped by {moved * 1e3:.1f} mm in {(sample.now - at) * 1e3:.0f} ms, "
-                    f"the robot moves at {self.speed * 1e3:g} mm/s"
-                )
-                return Stop(Cause.JUMP, text)
-        apart = math.dist(position, state.position)
-        if apart * 1e3 > limits.following_error_mm:
-            text = (
-                f"the reported position is {apart * 1e3:.1f} mm from the commanded one, "
-                f"allowed are {limits.following_error_mm:g} mm"
-            )
-            return Stop(Cause.FOLLOWING, text)
-        tilt_deg = math.degrees(tilt) if tilt else 0.0
-        if tilt_deg > limits.tilt_deg and tilt_deg > limits.tilt_deg + math.degrees(state.lag):
-            where = "start" if state.quaternion is None else "ordered orientation"
-            text = (
-                f"the robot reports a tool turned by {tilt_deg:.1f}° from the {where}, "
-                f"allowed are {limits.tilt_deg:g}°"
-            )
-            return Stop(Cause.TILT, text)
-        if not (_inside(limits, position) or _inside_nearly(limits, position)):
-            text = f"the robot reports {position} m, outside the box of limits.workspace_…_m"
-            return Stop(Cause.OUTSIDE, text)
-        return None
-
-
-def _not_a_number(seen: Observation) -> Cause:
-    """Which part of a cycle's numbers is none, given that one is."""
-    of_sensor = seen.sample.force + seen.sample.resultant + seen.sample.sensor_at + seen.against
-    if not math.isfinite(
-        of_sensor + seen.sample.peak_force + seen.sample.peak_resultant + seen.sample.peak_moment
-    ):
-        return Cause.FORCE_NOT_A_NUMBER
-    known = math.isfinite(
-        seen.sample.now + seen.depth + (seen.sample.tilt or 0.0) + seen.sample.gap + seen.dt
-    )
-    return Cause.COMMAND_NOT_A_NUMBER if known else Cause.POSE_NOT_A_NUMBER
-
 
 _BEYOND_BARRIER = Reason(Cause.BARRIER, "deeper than where the force limit is predicted")
-
-
-def _inside(limits: Limits, position: Vector) -> bool:
-    (a, b, c), (x, y, z), (d, e, f) = limits.workspace_min_m, position, limits.workspace_max_m
-    return a <= x <= d and b <= y <= e and c <= z <= f
-
-
-def _inside_nearly(limits: Limits, position: Vector) -> bool:
-    """Inside, or as little outside as a reported position may be wrong."""
-    corners = limits.workspace_min_m, position, limits.workspace_max_m
-    return all(low - _STANDS <= at <= high + _STANDS for low, at, high in zip(*corners, strict=True))
 
 
 def _in_millimetres(limits: Limits, position: Vector) -> str:
     """A hint for a box whose corners are told in mm; empty where it is none."""
     x, y, z = position
     corners = limits.workspace_min_m, limits.workspace_max_m
-    if not _inside(limits, (x * 1e3, y * 1e3, z * 1e3)):
+    if not is_inside(limits, (x * 1e3, y * 1e3, z * 1e3)):
         return ""
     low, high = ([round(part * 1e-3, 6) for part in corner] for corner in corners)
     return f"its corners are in m; did you mean {low} and {high}?"
@@ -425,7 +271,7 @@ def _clamp(limits: Limits, state: SupervisorState, request: Request, dt: float) 
             target = x - a * cut, y - b * cut, z - c * cut
             reasons.append(Reason(Cause.ACROSS, f"across faster than {limits.travel_mm_s:g} mm/s"))
 
-    if not _inside(limits, target):
+    if not is_inside(limits, target):
         (x, y, z), low, high = target, limits.workspace_min_m, limits.workspace_max_m
         u, v, w = state.position
         # A tool that stands a little outside since its start may stay there, and come back.
@@ -467,17 +313,6 @@ def _share_inside(before: float, target: float, low: float, high: float) -> floa
 
 _ROUNDING = 1e-9
 """Slack for arithmetic, m: a clamped request that comes again must be allowed."""
-
-_CONSISTENT = 1e-5
-"""Largest difference between a request's depth and its position, m. Chosen: far above what rounding makes of
-metres, far below what a force would show.
-"""
-
-_STANDS = 1e-3
-"""Largest error of a reported position that still counts as true, m. Chosen: some steps of a coarse robot."""
-
-_FASTER = 1.5
-"""Chosen: how many times the path velocity a reported position may move at, for two answers are not evenly spaced."""
 
 _SAME_N = 2e-3
 """A force that differs by less is no answer to a tool that presses. Chosen: some times what the jitter of a reported

@@ -15,7 +15,7 @@ from hil_bridge.control.course.facing import Facing, Look, elsewhere, inward
 from hil_bridge.control.course.intent import Intent, Phase, Target
 from hil_bridge.control.course.parameters import TaskParameters
 from hil_bridge.control.course.state import Course, StepState
-from hil_bridge.control.course.stroke import Order, Stroke, StrokeState
+from hil_bridge.control.course.stroke import Order, Stroke
 from hil_bridge.control.course.yielding import go_back, yield_to
 from hil_bridge.control.geometry.ways import Place
 from hil_bridge.control.geometry.work_frame import Face, WorkFrame
@@ -227,26 +227,24 @@ class Program:
             leg = self.row.legs[state.course.leg]
             if leg.phase is not _RETRACT or leg.foreign:
                 return state, self.hold(state, measurement)
-        while state.course.reason is None and state.phase is not _END:
+        while state.course.reason is None and state.step.stroke.phase is not _END:
             if state.course.began is None:
                 state = self._begin(state, contact.sample.now)
-            leg = self.row.legs[state.course.leg]
-            result = _ask(leg, StepContext(leg, state.course, contact), state.step)
+            course = state.course
+            leg = self.row.legs[course.leg]
+            result = _ask(leg, StepContext(leg, course, contact), state.step)
             if result is None:
                 state = self._next(state, leg, contact)
                 continue
-            state = ProgramState(state.course, result.state)
+            state = ProgramState(replace(course, zero=result.zero) if result.zero else course, result.state)
             if result.trouble is not None:  # whatever the step asked for: nothing goes deeper from here on
                 depth = min(result.order.depth, measurement.commanded)
                 state = self.fail(state, result.trouble)
                 return state, self._intent(state, replace(result.order, depth=depth))
-            changes: dict[str, Any] = {"zero": result.zero} if result.zero else {}
             if leg.turns:
                 turned = turn_tool(state, leg, self.frame, self.facing, measurement.dt)
-                if turned is not state.course.turned:
-                    changes["turned"] = turned
-            if changes:
-                state = ProgramState(replace(state.course, **changes), state.step)
+                if turned is not course.turned:
+                    state = ProgramState(replace(state.course, turned=turned), state.step)
             intent = self._intent(state, result.order)
             return (self._next(state, leg, contact) if result.done else state), intent
         return self._leave(state, contact)
@@ -329,7 +327,7 @@ class Program:
 
     def _intent(self, state: ProgramState, order: Order) -> Intent:
         """Return the order of a step with the place and orientation of the program."""
-        course, step, notes = state.course, state.step, {}
+        course, step, stroke, notes = state.course, state.step, state.step.stroke, {}
         if step.feed != 1.0:
             notes["feed"] = step.feed
         if math.isfinite(course.facing.sigma):
@@ -338,7 +336,6 @@ class Program:
                 math.degrees(math.atan(slope)) for slope in (p, q)
             )
             notes["normal_sigma_deg"] = math.degrees(course.facing.sigma)
-        stroke: StrokeState = step.stroke
         return Intent(
             order.phase,
             Target(order.depth, *step.at),

@@ -6,7 +6,7 @@ from hil_bridge.control.course.intent import Phase
 from hil_bridge.control.course.state import Course, StepState
 
 
-class ProgramState(Struct, frozen=True):
+class ProgramState(Struct, frozen=True, gc=False):
     """Where a program is: its own part, and that of its step."""
 
     course: Course = Course()

@@ -28,7 +28,7 @@ _BAND_SHARE = 0.1
 """Chosen: share of the desired force by which it may be off and still counts as held, without a criterion."""
 
 
-class Guide(Struct, Generic[M], frozen=True):
+class Guide(Struct, Generic[M], frozen=True, gc=False):
     """Force and feed of one sample, and the state with them."""
 
     state: StepState[M]
@@ -37,14 +37,14 @@ class Guide(Struct, Generic[M], frozen=True):
     """Why the run must end; None while it need not."""
 
 
-class Pressed(Struct, frozen=True):
+class Pressed(Struct, frozen=True, gc=False):
     """What the stroke has made of a sample."""
 
     stroke: StrokeState
     order: Order
 
 
-class PathPoint(Struct, Generic[M], frozen=True):
+class PathPoint(Struct, Generic[M], frozen=True, gc=False):
     """Where a step leads the tool, by the names of its state."""
 
     at: Place

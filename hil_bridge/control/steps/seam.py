@@ -79,7 +79,7 @@ class Criterion:
             raise SettingError("for_percent", f"must be at most 100, got {self.for_percent:g}")
 
 
-class StepContext(Struct, frozen=True):
+class StepContext(Struct, frozen=True, gc=False):
     """What a step is given for one sample beside its own state. All of it belongs to the program."""
 
     plan: StepPlan
@@ -87,7 +87,7 @@ class StepContext(Struct, frozen=True):
     contact: ContactSample
 
 
-class StepResult(Struct, Generic[M], frozen=True):
+class StepResult(Struct, Generic[M], frozen=True, gc=False):
     """The answer of a step for one sample."""
 
     state: StepState[M]
