@@ -90,7 +90,7 @@ class Run:
         """Age of the newest frame from which the next one is late, s."""
         self._start: RobotReport
         self._orientation: Quaternion
-        """Orientation that was ordered last; that of the start where no program turns the tool."""
+        """Orientation of the last order that was taken; that of the start where no program turns the tool."""
         self._quaternion_tare: Quaternion | None = None
         self._state: LoopState | None = None
         self._peaks: Peaks | None = None
@@ -347,9 +347,10 @@ class Run:
             if decision.stands:
                 sent = await stand_still(motion)
             else:
-                self._orientation = decision.quaternion or self._orientation
+                orientation = decision.quaternion or self._orientation
                 check_depth(decision.position, self._start.pose, self._config, decision.target.depth)
-                sent = await motion.to(Pose(decision.position, self._orientation), soon=unpaced)
+                sent = await motion.to(Pose(decision.position, orientation), soon=unpaced)
+                self._orientation = orientation  # an order that was refused turns no way out
             state = self._state = after
             self._log.cycle(
                 cycle_record(

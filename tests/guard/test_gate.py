@@ -22,7 +22,8 @@ from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config
 from hil_bridge.site.free import Freeing
 from hil_bridge.site.tool.measuring import Sweep, measure
-from protocol.geometry import Pose, Vector, towards
+from protocol import geometry
+from protocol.geometry import Pose, Quaternion, Vector, towards
 from tests.near_surface import awake_config
 
 Guarded = Any
@@ -199,6 +200,28 @@ def test_the_gate_stops_a_set_point_that_leaps(
     run = guarded(config)
     assert len(calls) > 150
     assert BUG in run.cause
+    assert run.largest <= bound(config)
+    assert run.result.left.startswith("retracted, ")
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_gate_stops_a_turn_that_shared_arithmetic_gets_wrong(
+    guarded: Run, monkeypatch: pytest.MonkeyPatch, robot: str
+) -> None:
+    """Whoever measures a turn by `protocol.geometry` sees a twentieth of it: 90° at a corner pass for 4.5°."""
+    right = geometry.turn_between
+
+    def wrong(*arguments: Any) -> Quaternion:
+        w, x, y, z = right(*arguments)
+        return w, x / 20.0, y / 20.0, z / 20.0
+
+    corner = {"kind": "polyline", "points_mm": [(0, 0), (1, 0), (1, 2)]}
+    track = {"do": "track", "path": corner, "orientation": "along-path"}
+    steps = {"step": [{"do": "approach"}, track, {"do": "retract"}]}
+    config = tracking(robot, 5e4, run={"duration_s": 60.0}, task=steps)
+    monkeypatch.setattr(geometry, "turn_between", wrong)
+    run = guarded(config)
+    assert "turned faster than may be ordered" in run.cause
     assert run.largest <= bound(config)
     assert run.result.left.startswith("retracted, ")
 

@@ -1,17 +1,35 @@
-"""The last gate: what is looked at once more on the very pose that goes to a robot, by arithmetic of its own.
+"""The last gate: a check of the very pose that goes to a robot, by arithmetic of its own.
 
-It stands behind all that decides, and shares no code with it. So it stops what a bug there lets through, and nothing
-else: its bounds are a little wider than what may be ordered. A pose that it stops is not sent.
+It stands behind all that decides and imports none of it, nor what that calculates with; a contract holds this. So it
+stops what a bug there lets through, and nothing else: its bounds are a little wider than what may be ordered. A pose
+that it stops is not sent.
 
 Ways are counted against a credit. The credit grows with the time by the largest speed, and holds no more than some time
 of it. Deciding takes another time in every cycle, so two orders may come sooner one after the other than was decided.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple, Protocol, TypeAlias
 
-from protocol.geometry import Pose, Quaternion, Vector, angle_between, angle_of_vectors
+Vector: TypeAlias = tuple[float, float, float]
+Quaternion: TypeAlias = tuple[float, float, float, float]
+
+
+class Pose(Protocol):
+    """Position in the base frame, m, and orientation, w x y z, of a tool."""
+
+    @property
+    def position(self) -> Vector: ...
+    @property
+    def quaternion(self) -> Quaternion: ...
+
+
+class _Place(NamedTuple):
+    position: Vector
+    quaternion: Quaternion
+
 
 REPORT = "this is a bug of the program: report it with the recording"
 """Words at the end of each sentence of the gate."""
@@ -38,7 +56,7 @@ OUTSIDE_M = 1e-3
 
 ANY = 1e9
 """Chosen: a speed that bounds nothing; infinity times no time is no number."""
-_ORIGIN = Pose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+_ORIGIN = _Place((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +139,7 @@ class Gate:
                 return _beyond(outside * 1e3, "mm outside the workspace")
         if turned and bounds.tilt < math.pi:
             over = _tilt(bounds.start.quaternion, pose.quaternion) - bounds.tilt
-            if over > TURN_SLACK_RAD:
+            if not over <= TURN_SLACK_RAD:  # nor NaN
                 return _beyond(math.degrees(over), "° tilted more than may be ordered")
 
         x, y, z = x - i, y - j, z - k
@@ -144,10 +162,10 @@ class Gate:
         if (over := away - bounds.away * time - slack) > 0.0:
             return _beyond(over * 1e3, "mm off the surface faster than may be ordered")
         if turned:
-            turn = angle_between(last.quaternion, pose.quaternion)
+            turn = _turn(last.quaternion, pose.quaternion)
             turn += max(self._turned - bounds.turn * (now - self._turned_at), 0.0)
             over = turn - bounds.turn * time - TURN_SLACK_RAD
-            if over > 0.0:
+            if not over <= 0.0:  # nor NaN
                 return _beyond(math.degrees(over), "° turned faster than may be ordered")
         self._before = (
             last,
@@ -202,12 +220,31 @@ def contradiction(position: Vector, origin: Vector, approach: Vector, depth: flo
     return f"the last gate stopped an order that is {apart * 1e3:.1f} mm from the depth that was decided; {REPORT}"
 
 
+def _turn(start: Quaternion, goal: Quaternion) -> float:
+    """Return the angle of the shorter turn between two orientations, rad; NaN where one is zero.
+
+    By the lengths of sum and difference: two unit quaternions at an angle α of their own make a turn of 2α.
+    """
+    difference, total = _chords(start, goal)
+    return 4.0 * math.atan2(min(difference, total), max(difference, total))
+
+
 def _tilt(start: Quaternion, goal: Quaternion) -> float:
-    """Angle between the tool's axes of two orientations, rad."""
-    return angle_of_vectors(_axis(start), _axis(goal))
+    """Return the angle between the tool's axes of two orientations, rad; NaN where one is zero."""
+    difference, total = _chords(_axis(start), _axis(goal))
+    return 2.0 * math.atan2(difference, total)
+
+
+def _chords(a: Sequence[float], b: Sequence[float]) -> tuple[float, float]:
+    """Return the lengths of difference and sum of two vectors, each made a unit vector."""
+    p, q = math.hypot(*a), math.hypot(*b)
+    if not (p and q):
+        return math.nan, math.nan
+    pairs = [(x / p, y / q) for x, y in zip(a, b, strict=True)]
+    return math.hypot(*(x - y for x, y in pairs)), math.hypot(*(x + y for x, y in pairs))
 
 
 def _axis(q: Quaternion) -> Vector:
-    """The tool's axis, base frame, as long as the square of the orientation's norm."""
+    """Return the tool's axis, base frame, as long as the square of the orientation's norm."""
     w, x, y, z = q
     return 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), w * w - x * x - y * y + z * z

@@ -2,8 +2,9 @@
 
 import math
 
+from hil_bridge.devices.robots.gate import Pose
 from protocol.endpoint import NO_TROUBLE, Trouble
-from protocol.geometry import Pose, angle_between
+from protocol.geometry import angle_between
 
 NEAR_M, NEAR_RAD = 0.5e-3, math.radians(0.5)
 """Chosen: how near to its set point a robot must report to stand to be led on after a fault, and how near to
