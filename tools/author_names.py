@@ -123,7 +123,7 @@ GROUPS: Mapping[str, Names] = {
     "Controllers": {"hil_bridge.control.types": ("Controller", "Measurement", "Command", "Tuning", "Range")},
     "Steps of a program": {
         "hil_bridge.control.steps.led": ("LedStep", "StepSample", "Lead"),
-        "hil_bridge.control.steps.pressing": ("PressingStep", "Guide", "Pressed", "PathPoint"),
+        "hil_bridge.control.steps.pressing": ("PressingStep", "Guide", "PathPoint"),
         "hil_bridge.control.steps.seam": (
             "Step",
             "StepLimits",

@@ -12,7 +12,7 @@ from hil_bridge.errors.causes import Reason
 from protocol.geometry import Quaternion, Vector
 
 
-class LoopState(Struct, frozen=True):
+class LoopState(Struct, frozen=True, gc=False):
     """Everything that one decision leaves to the next."""
 
     start: Vector
@@ -26,7 +26,7 @@ class LoopState(Struct, frozen=True):
     """Depths that were ordered lately."""
 
 
-class Proposal(Struct, frozen=True):
+class Proposal(Struct, frozen=True, gc=False):
     """Command that program and controller ask for; the supervisor judges it."""
 
     contact: ContactSample
@@ -42,7 +42,7 @@ class Proposal(Struct, frozen=True):
     """Traceback of the controller's fault; empty where it raised nothing."""
 
 
-class Decision(Struct, frozen=True):
+class Decision(Struct, frozen=True, gc=False):
     """Command of the cycle, with its reasons."""
 
     depth: float

@@ -158,8 +158,17 @@ class ControlLoop:
         A stop turns the proposal into a retraction. While retracting only the limits of motion apply, and that of the
         force which the retraction itself makes.
         """
-        case = self._case(state, sample, proposal)
-        route = case.route
+        intent, advice = proposal.intent, proposal.advice
+        if proposal.failure is not None:  # of a step that follows a retraction, too
+            route = _FAILURE
+        elif (intent.phase is _RETRACT or intent.phase is _END) and self._retracts(proposal):
+            route = _RETRACTION
+        else:
+            route = _OSCILLATION if advice is not None and advice.retract else _ORDER
+        begins = intent.leg != state.program.course.leg
+        against = self._against(proposal) if begins else proposal.contact.measurement.against
+        observation = _observe(sample, proposal, against)
+        case = Case(route, state, sample, proposal, self.guards[intent.leg], observation)
         if route is _ORDER:
             ruling = self._supervise_order(case)
         elif route is _RETRACTION:
@@ -169,21 +178,6 @@ class ControlLoop:
         if type(ruling.verdict) is not Allow and (reason := _reason_to_end(case, ruling)) is not None:
             ruling = self._retract(case, ruling, reason)
         return self._conclude(case, ruling)
-
-    def _case(self, state: LoopState, sample: Sample, proposal: Proposal) -> Case:
-        """Return all that a proposal is judged by."""
-        intent, advice = proposal.intent, proposal.advice
-        begins = intent.leg != state.program.course.leg
-        against = self._against(proposal) if begins else proposal.contact.measurement.against
-        if proposal.failure is not None:  # of a step that follows a retraction, too
-            route = _FAILURE
-        elif (intent.phase is _RETRACT or intent.phase is _END) and self._retracts(proposal):
-            route = _RETRACTION
-        else:
-            route = _OSCILLATION if advice is not None and advice.retract else _ORDER
-        return Case(
-            route, state, sample, proposal, self.guards[intent.leg], _observe(sample, proposal, against)
-        )
 
     def _supervise_retraction(self, case: Case) -> Ruling:
         """A retraction ends at a stop: the tool stands still."""
@@ -230,13 +224,15 @@ class ControlLoop:
     def _conclude(self, case: Case, ruling: Ruling) -> tuple[LoopState, Decision]:
         """Return the decision of a ruling, and the state behind it."""
         state, sample, measurement = case.state, case.sample, case.proposal.contact.measurement
-        order, intent, before, held = ruling.order, ruling.intent, case.state.supervisor, False
+        order, intent, before, held = ruling.order, ruling.intent, state.supervisor, False
         stands = isinstance(order, Stop)
-        depth, position = (
-            (before.depth, before.position) if isinstance(order, Stop) else (order.depth, order.position)
-        )
-        aside = math.dist(before.position, position) > _ROUNDING
-        if intent.phase is _RETRACT and intent.target.depth < before.depth <= depth and not aside:
+        last = before if isinstance(order, Stop) else order
+        depth, position = last.depth, last.position
+        if (
+            intent.phase is _RETRACT
+            and intent.target.depth < before.depth <= depth
+            and math.dist(before.position, position) <= _ROUNDING
+        ):
             # Held back at the border of the workspace, a retraction has come as far as it can.
             held = not (isinstance(order, Clamp) and order.goes_on)
             if held and intent.reason is None and intent.leg < len(self.program.row.legs) - 1:  # more to do
@@ -400,6 +396,6 @@ def _observe(sample: Sample, proposal: Proposal, against: float) -> Observation:
         measurement.dt,
         intent.in_contact,
         against,
-        contact.aside,
+        0.0 if sample.hidden is None else contact.aside,
         measurement.force if free else None,
     )

@@ -46,7 +46,7 @@ class Range(NamedTuple):
     """A factor is a step, as for gains: both ends are above 0."""
 
 
-class Measurement(Struct, frozen=True):
+class Measurement(Struct, frozen=True, gc=False):
     """One sample of the force-controlled direction."""
 
     time: float
@@ -92,7 +92,7 @@ class Measurement(Struct, frozen=True):
         return self.force if self.paired_force is None else self.paired_force
 
 
-class Command(Struct, frozen=True):
+class Command(Struct, frozen=True, gc=False):
     """A controller's answer for one sample."""
 
     position: float

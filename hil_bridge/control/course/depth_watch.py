@@ -32,7 +32,7 @@ _PULL = 1.3
 """Chosen: how many times the untold force a false pull may be: estimates of the stiffness are off by a fifth."""
 
 
-class Level(Struct, frozen=True):
+class Level(Struct, frozen=True, gc=False):
     """Means of a time in contact."""
 
     depth: float
@@ -43,7 +43,7 @@ class Level(Struct, frozen=True):
     """Reported position, base frame, m."""
 
 
-class Contact(Struct, frozen=True):
+class Contact(Struct, frozen=True, gc=False):
     """A contact as depth and force have shown it."""
 
     free: float
@@ -109,8 +109,9 @@ def watch_contact(
         known = _known(stiffness, before.free, now)
         return Contact(before.free, now, lasted, known, now, now)
     known, near = stiffness[0] or before.stiffness, before.near
-    away = _across(near.place, place, now.depth - near.depth)
-    if _STEEPEST * away > _allowed(limits, now.force, known):
+    away = _STEEPEST * _across(near.place, place, now.depth - near.depth)
+    # the first bound is never the larger one, and quickly made
+    if away > limits.pull_limit_n / known and away > _allowed(limits, now.force, known):
         near = now
     return Contact(before.free, now, lasted, known, before.touch, near)
 
@@ -120,10 +121,12 @@ def untold_depth(contact: Contact, limits: Limits) -> float:
     now, touch, near = contact.now, contact.touch, contact.near
     if now is None or touch is None or near is None:
         return 0.0
-    allowed = _allowed(limits, now.force, contact.stiffness)
-    for level in (touch, near):
-        deeper = _deeper(level, now, contact.stiffness)
-        if deeper > allowed:
+    stiffness = contact.stiffness
+    least = limits.pull_limit_n / stiffness
+    for level in (touch,) if near is touch else (touch, near):
+        deeper = now.depth - level.depth - (now.force - level.force) / stiffness
+        # the first bound is never the larger one, and quickly made
+        if deeper > least and deeper > (allowed := _allowed(limits, now.force, stiffness)):
             deeper -= _STEEPEST * _across(level.place, now.place, now.depth - level.depth)
             if deeper > allowed:
                 return deeper

@@ -35,7 +35,7 @@ BEFORE_TOUCH = CONNECT, TARE
 """Phases of a run before there is anything to decide: devices become ready, and the zero is taken."""
 
 
-class Target(Struct, frozen=True):
+class Target(Struct, frozen=True, gc=False):
     """Where the tool is wanted, from the start point."""
 
     depth: float
@@ -46,7 +46,7 @@ class Target(Struct, frozen=True):
     """Along the third direction of the work frame, m."""
 
 
-class Intent(Struct, frozen=True):
+class Intent(Struct, frozen=True, gc=False):
     """The answer of a program for one sample."""
 
     phase: Phase

@@ -47,8 +47,8 @@ class Cycle(Struct, frozen=True, gc=False):
     """The tool may press against what is beside its way."""
 
 
-def check_numbers(cycle: Cycle) -> Stop | None:
-    """Stop for a value that is not finite."""
+def check_input(cycle: Cycle) -> Stop | None:
+    """Stop for a value that is not finite, and for a fault that a device reports."""
     seen, sample = cycle.seen, cycle.seen.sample
     # A sum is finite only if all its parts are. The places are in the slip.
     of_forces = (
@@ -61,21 +61,16 @@ def check_numbers(cycle: Cycle) -> Stop | None:
         + sample.sensor_at
     )
     of_pose = sample.now + seen.depth + (sample.tilt or 0.0) + sample.gap + seen.dt
-    if math.isfinite(of_forces + of_pose + cycle.slip):
-        return None
-    if not math.isfinite(of_forces):
-        cause = Cause.FORCE_NOT_A_NUMBER
-    else:
-        cause = Cause.COMMAND_NOT_A_NUMBER if math.isfinite(of_pose) else Cause.POSE_NOT_A_NUMBER
-    return Stop(cause, "a measurement or command is no number")
-
-
-def check_devices(cycle: Cycle) -> Stop | None:
-    """Stop for a fault that a device reports."""
-    sample = cycle.seen.sample
-    if not sample.fault:
-        return None
-    return Stop((sample.fault_cause or Cause.ROBOT_STATE), sample.fault, sample.fault_remedy)
+    if not math.isfinite(of_forces + of_pose + cycle.slip):
+        cause = Cause.COMMAND_NOT_A_NUMBER
+        if not math.isfinite(of_forces):
+            cause = Cause.FORCE_NOT_A_NUMBER
+        elif not math.isfinite(of_pose):
+            cause = Cause.POSE_NOT_A_NUMBER
+        return Stop(cause, "a measurement or command is no number")
+    if sample.fault:
+        return Stop(sample.fault_cause or Cause.ROBOT_STATE, sample.fault, sample.fault_remedy)
+    return None
 
 
 def check_forces(cycle: Cycle) -> Stop | None:
@@ -185,40 +180,31 @@ def check_pose(cycle: Cycle) -> Stop | None:
     return None
 
 
-def check_answer(cycle: Cycle) -> Stop | None:
-    """Stop for a force that does not answer a tool that goes deeper, and for a sensor whose counter goes back."""
+def check_course(cycle: Cycle) -> Stop | None:
+    """Stop for what contradicts the cycle before: a force that does not answer a tool that goes deeper, a counter that
+    goes back, a decision that took too long, and a request that is not where its depth is.
+    """
     limits, seen, pressed, before = cycle.limits, cycle.seen, cycle.pressed, cycle.state.sensor_sequence
+    gap, slip, (a, b, c) = seen.sample.gap, cycle.slip, cycle.request.direction
     if pressed is not None and (deeper_mm := (seen.depth - pressed[1]) * 1e3) > limits.unanswered_mm:
         text = f"the force stayed at {seen.sample.force:.2f} N while the tool went {deeper_mm:.1f} mm deeper"
         return Stop(Cause.UNANSWERED, text)
     if before is not None and seen.sample.sensor_sequence < before:
         text = f"the sensor's frame counter went back from {before} to {seen.sample.sensor_sequence}"
         return Stop(Cause.SEQUENCE, text)
-    return None
-
-
-def check_program(cycle: Cycle) -> Stop | None:
-    """Stop for a decision that took too long, and for a request that contradicts itself."""
-    limits, gap, slip = cycle.limits, cycle.seen.sample.gap, cycle.slip
     if gap * 1e3 > limits.cycle_deadline_ms:
         text = (
             f"no decision for {gap * 1e3:.0f} ms, allowed are {limits.cycle_deadline_ms:g} ms: "
             "the computer or the controller stood still"
         )
         return Stop(Cause.DEADLINE, text)
-    if abs(slip) > _CONSISTENT or abs(math.hypot(*cycle.request.direction) - 1.0) > 1e-6:
+    if abs(slip) > _CONSISTENT or abs(math.hypot(a, b, c) - 1.0) > 1e-6:
         text = (
             f"requested depth and position differ by {abs(slip) * 1e3:.3f} mm, "
             "or the direction is no unit vector"
         )
         return Stop(Cause.INCONSISTENT, text)
     return None
-
-
-def slip_of(state: SupervisorState, request: Request) -> float:
-    """Return the difference between a request's depth and its position, m."""
-    (x, y, z), (a, b, c), (u, v, w) = state.position, request.direction, request.position
-    return a * (u - x) + b * (v - y) + c * (w - z) - (request.depth - state.depth)
 
 
 class Check(NamedTuple):
@@ -229,8 +215,17 @@ class Check(NamedTuple):
 
 
 CHECKS = (
-    Check(check_numbers, (Cause.FORCE_NOT_A_NUMBER, Cause.POSE_NOT_A_NUMBER, Cause.COMMAND_NOT_A_NUMBER)),
-    Check(check_devices, (Cause.ROBOT_STATE, Cause.ORIENTATION, Cause.SENSOR_FAILED)),
+    Check(
+        check_input,
+        (
+            Cause.FORCE_NOT_A_NUMBER,
+            Cause.POSE_NOT_A_NUMBER,
+            Cause.COMMAND_NOT_A_NUMBER,
+            Cause.ROBOT_STATE,
+            Cause.ORIENTATION,
+            Cause.SENSOR_FAILED,
+        ),
+    ),
     Check(
         check_forces,
         (
@@ -245,8 +240,7 @@ CHECKS = (
     ),
     Check(check_sensor, (Cause.FORCE_TOO_OLD, Cause.SAME_COUNTS, Cause.NO_NEW_FRAME, Cause.DEAD_AXIS)),
     Check(check_pose, (Cause.JUMP, Cause.FOLLOWING, Cause.TILT, Cause.OUTSIDE)),  # before the depth is used
-    Check(check_answer, (Cause.UNANSWERED, Cause.SEQUENCE)),
-    Check(check_program, (Cause.DEADLINE, Cause.INCONSISTENT)),
+    Check(check_course, (Cause.UNANSWERED, Cause.SEQUENCE, Cause.DEADLINE, Cause.INCONSISTENT)),
 )
 """In the order of their priority: the first stop counts."""
 

@@ -22,7 +22,7 @@ from hil_bridge.errors.causes import Cause, Reason
 _APPROACH, _TRACK, _RETRACT, _END = Phase.APPROACH, Phase.TRACK, Phase.RETRACT, Phase.END
 
 
-class Stride(Struct, frozen=True):
+class Stride(Struct, frozen=True, gc=False):
     """How a step leads one sample of tracking."""
 
     reference: float
@@ -31,7 +31,7 @@ class Stride(Struct, frozen=True):
     """Share of the speed along the surface; negative goes back."""
 
 
-class Order(Struct, frozen=True):
+class Order(Struct, frozen=True, gc=False):
     """The answer of a stroke, or of a step, for one sample."""
 
     phase: Phase

@@ -17,7 +17,7 @@ from hil_bridge.control.course import orientation, retreat
 from hil_bridge.control.course.depth_watch import untold_depth, watch_contact
 from hil_bridge.control.course.free_space import FreeSpace, lifeless, watch_sample
 from hil_bridge.control.course.limits import Limits
-from hil_bridge.control.course.stop_checks import Cycle, find_stop, is_inside, is_nearly_inside, slip_of
+from hil_bridge.control.course.stop_checks import Cycle, find_stop, is_inside, is_nearly_inside
 from hil_bridge.control.course.verdict import (
     LEAVES,
     NO_FARTHER,
@@ -82,12 +82,14 @@ class Supervisor:
         disagreed = None
         if self.witness is not None and sample.witness is not None:
             disagreed = self.witness.disagreed(state.disagreed, observation)
+        (x, y, z), (a, b, c), (u, v, w) = state.position, request.direction, request.position
+        slip = a * (u - x) + b * (v - y) + c * (w - z) - (request.depth - state.depth)
         cycle = Cycle(
             self.limits,
             state,
             observation,
             request,
-            slip_of(state, request),
+            slip,
             still,
             pressed,
             self.speed,

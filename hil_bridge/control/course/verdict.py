@@ -14,7 +14,7 @@ from hil_bridge.errors.causes import Cause, Reason
 from protocol.geometry import Quaternion, Vector
 
 
-class Observation(Struct, frozen=True):
+class Observation(Struct, frozen=True, gc=False):
     """The facts of a cycle as the guard sees them: the sample, and where it was taken."""
 
     sample: Sample
@@ -42,7 +42,7 @@ class Observation(Struct, frozen=True):
         return None if self.sample.tilt is None else self.sample.position
 
 
-class Request(Struct, frozen=True):
+class Request(Struct, frozen=True, gc=False):
     """Target that the task asks for."""
 
     depth: float
@@ -59,7 +59,7 @@ class Request(Struct, frozen=True):
     """Stiffness of the contact that the controller has learnt, None where it has none, and that expected, N/m."""
 
 
-class Allow(Struct, frozen=True):
+class Allow(Struct, frozen=True, gc=False):
     """Send the request as it is."""
 
     kind: ClassVar[str] = "allow"
@@ -158,7 +158,7 @@ class Retreat(Struct, frozen=True):
     """Pull that the unloading of a tool has made which is deeper than its force explains, N."""
 
 
-class SupervisorState(Struct, frozen=True):
+class SupervisorState(Struct, frozen=True, gc=False):
     """Place of the last allowed command, the reports of the devices, and the stop if there was one."""
 
     depth: float

@@ -328,6 +328,7 @@ class Program:
     def _intent(self, state: ProgramState, order: Order) -> Intent:
         """Return the order of a step with the place and orientation of the program."""
         course, step, stroke, notes = state.course, state.step, state.step.stroke, {}
+        x, y = step.at
         if step.feed != 1.0:
             notes["feed"] = step.feed
         if math.isfinite(course.facing.sigma):
@@ -338,7 +339,7 @@ class Program:
             notes["normal_sigma_deg"] = math.degrees(course.facing.sigma)
         return Intent(
             order.phase,
-            Target(order.depth, *step.at),
+            Target(order.depth, x, y),
             stroke.in_contact,
             order.command,
             stroke.losses,

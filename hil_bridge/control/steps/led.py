@@ -8,10 +8,10 @@ from msgspec.structs import replace
 
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.state import M, StepState
-from hil_bridge.control.course.stroke import Stride
+from hil_bridge.control.course.stroke import Order, Stride, StrokeState
 from hil_bridge.control.geometry.ways import Place
 from hil_bridge.control.steps.plan import StepPlan
-from hil_bridge.control.steps.pressing import Guide, PathPoint, Pressed, PressingStep, local_way
+from hil_bridge.control.steps.pressing import Guide, PathPoint, PressingStep, local_way
 from hil_bridge.control.steps.seam import StepContext, StepResult, need_travel_speed
 from hil_bridge.errors.causes import Cause, Reason
 from hil_bridge.errors.failures import WrongAnswer, one_line
@@ -164,14 +164,14 @@ class LedStep(PressingStep[LedMemory[M]], Generic[M]):
         return force
 
     def lead(
-        self, context: StepContext, state: StepState[LedMemory[M]], pressed: Pressed
+        self, context: StepContext, state: StepState[LedMemory[M]], stroke: StrokeState, order: Order
     ) -> PathPoint[LedMemory[M]]:
         contact, origin, memory = context.contact, context.course.origin, state.memory
         assert memory is not None
         lead = memory.lead
         (x, y), (u, v) = state.at, (origin[0] + lead.to[0], origin[1] + lead.to[1])
         left = math.hypot(u - x, v - y)
-        goes = (pressed.stroke.in_contact or lead.without_contact) and not contact.sample.held
+        goes = (stroke.in_contact or lead.without_contact) and not contact.sample.held
         if left == 0.0 or not goes:
             return PathPoint(state.at, state.local, state.aside, state.heading, memory)
         speed = context.plan.stroke.parameters.speed_mm_s * 1e-3

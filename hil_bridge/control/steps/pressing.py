@@ -37,13 +37,6 @@ class Guide(Struct, Generic[M], frozen=True, gc=False):
     """Why the run must end; None while it need not."""
 
 
-class Pressed(Struct, frozen=True, gc=False):
-    """What the stroke has made of a sample."""
-
-    stroke: StrokeState
-    order: Order
-
-
 class PathPoint(Struct, Generic[M], frozen=True, gc=False):
     """Where a step leads the tool, by the names of its state."""
 
@@ -75,8 +68,12 @@ class PressingStep(Step[M]):
         """Return the desired force and the feed of this sample."""
         return Guide(state, Stride(context.plan.reference(local_way(context, state))))
 
-    def lead(self, context: StepContext, state: StepState[M], pressed: Pressed) -> PathPoint[M]:
-        """Return where this sample leads the tool in the plane. `state` is that before the stroke, but for `guide`."""
+    def lead(
+        self, context: StepContext, state: StepState[M], stroke: StrokeState, order: Order
+    ) -> PathPoint[M]:
+        """Return where this sample leads the tool in the plane. `stroke` and `order` are what the stroke has made of
+        it; `state` is that before the stroke, but for `guide`.
+        """
         return PathPoint(state.at, state.local, state.aside, state.heading, state.memory)
 
     def end_sample(self, context: StepContext, before: StepState[M], result: StepResult[M]) -> StepResult[M]:
@@ -102,7 +99,7 @@ class PressingStep(Step[M]):
         stroke, order = plan.stroke.step(state.stroke, given, stride)
         if stroke.travel < context.course.base:
             stroke = replace(stroke, travel=context.course.base)
-        point, lean = self.lead(context, state, Pressed(stroke, order)), state.lean
+        point, lean = self.lead(context, state, stroke, order), state.lean
         if self.orientation == "led" and not contact.sample.held:
             lean = leaning(plan, lean, (stroke, order), measurement.dt)
         raised = ground + rise(fall, before.at, point.at) if slopes else ground

@@ -13,12 +13,12 @@ from hil_bridge.control.course.intent import Phase
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.parameters import TaskParameters
 from hil_bridge.control.course.state import StepState
-from hil_bridge.control.course.stroke import Order
+from hil_bridge.control.course.stroke import Order, StrokeState
 from hil_bridge.control.geometry.ways import ROUNDING, Place, Way, way_of
 from hil_bridge.control.steps.free_space import come_to, not_there, towards
 from hil_bridge.control.steps.paths import Line
 from hil_bridge.control.steps.plan import StepPlan
-from hil_bridge.control.steps.pressing import PathPoint, Pressed, PressingStep
+from hil_bridge.control.steps.pressing import PathPoint, PressingStep
 from hil_bridge.control.steps.seam import (
     NO_LIMITS,
     Drawing,
@@ -169,10 +169,12 @@ class Seek(PressingStep[BackOff]):
         order, there = Order(Phase.SEEK, measurement.commanded), arrived and come_to(contact, state.at)
         return StepResult(state, order, there, not_there(back.since, contact.sample.now))
 
-    def lead(self, context: StepContext, state: StepState[BackOff], pressed: Pressed) -> PathPoint[BackOff]:
+    def lead(
+        self, context: StepContext, state: StepState[BackOff], stroke: StrokeState, order: Order
+    ) -> PathPoint[BackOff]:
         way, origin = context.plan.way, context.course.origin
         assert way is not None
-        local = pressed.stroke.travel - context.course.base
+        local = stroke.travel - context.course.base
         x, y = way.at(local)
         at = origin[0] + x, origin[1] + y
         return PathPoint(at, local, state.aside, way.headings[0], state.memory)

@@ -14,13 +14,13 @@ from hil_bridge.control.course.facing import lateral_of
 from hil_bridge.control.course.limits import Limits
 from hil_bridge.control.course.parameters import TaskParameters
 from hil_bridge.control.course.state import StepState
-from hil_bridge.control.course.stroke import Stride
+from hil_bridge.control.course.stroke import Order, Stride, StrokeState
 from hil_bridge.control.geometry.ways import ROUNDING, Place, Way, way_of
 from hil_bridge.control.steps.across import aside_by, beside
 from hil_bridge.control.steps.feed import STUCK_S, TrackMemory, feed_of, watch_progress
 from hil_bridge.control.steps.paths import Line, Path
 from hil_bridge.control.steps.plan import StepPlan
-from hil_bridge.control.steps.pressing import FLAT, Guide, PathPoint, Pressed, PressingStep
+from hil_bridge.control.steps.pressing import FLAT, Guide, PathPoint, PressingStep
 from hil_bridge.control.steps.seam import (
     NO_LIMITS,
     Criterion,
@@ -164,12 +164,12 @@ class Track(PressingStep[TrackMemory]):
         return Guide(state, Stride(reference, feed), trouble)
 
     def lead(
-        self, context: StepContext, state: StepState[TrackMemory], pressed: Pressed
+        self, context: StepContext, state: StepState[TrackMemory], stroke: StrokeState, order: Order
     ) -> PathPoint[TrackMemory]:
         plan, origin, measurement = context.plan, context.course.origin, context.contact.measurement
-        way, command = plan.way, pressed.order.command
+        way, command = plan.way, order.command
         assert way is not None
-        local, memory, aside = pressed.stroke.travel - context.course.base, state.memory, state.aside
+        local, memory, aside = stroke.travel - context.course.base, state.memory, state.aside
         place, heading = way.place_and_heading(local)
         if self.across != "position":
             left = _leftwards(way.headings[way.piece(state.local)], origin, place, context.contact)
@@ -177,7 +177,7 @@ class Track(PressingStep[TrackMemory]):
             aside, controller = beside(plan.stroke, self, (aside, memory.across), measurement, left)
             memory = replace(memory, across=controller)
         elif command is not None and command.across:
-            aside = aside_by(plan, self, aside, (pressed.stroke, pressed.order), measurement.dt)
+            aside = aside_by(plan, self, aside, (stroke, order), measurement.dt)
         x, y = origin[0] + place[0], origin[1] + place[1]
         if aside:
             x, y = x - aside * heading[1], y + aside * heading[0]
