@@ -18,13 +18,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from hil_bridge.api import Config, Simulation, load, run_virtual, simulation
-from hil_bridge.errors.cause_row import When
+from hil_bridge.errors.cause_row import INTERRUPTED, When
 from hil_bridge.errors.cause_table import TABLE
 from hil_bridge.lab.campaign.watching import Watch
 from hil_bridge.lab.processes import in_order, own_processes
-from hil_bridge.record import PHASE_EVENT, STOP_EVENT
+from hil_bridge.record import PHASE_EVENT, STOP_EVENT, Outcome
 from hil_bridge.record.analysis.strokes import TRACK
 from hil_bridge.record.analysis.summary import RETRACT
+from hil_bridge.runs.ending import TRANSITIONS, RunState, Stimulus, Transition
 from hil_bridge.site.guard.conditions import HEAD, cells
 from protocol.devices.s3.arap import FunctionCode
 from tools.pages import parser, placed, table, write
@@ -299,6 +300,25 @@ def conditions_table() -> str:
     return "\n\n".join(parts)
 
 
+def ends_table() -> str:
+    """What each stimulus leads to in each state of a run."""
+    rows = (
+        (f"**{state}**", *(_transition(TRANSITIONS[state, stimulus]) for stimulus in Stimulus))
+        for state in RunState
+    )
+    return table(["the run is", *map(str, Stimulus)], rows)
+
+
+def _transition(transition: Transition) -> str:
+    match transition.outcome:
+        case Outcome.INTERRUPTED:
+            return f"{transition.act}, {INTERRUPTED}"
+        case Outcome.STOPPED:
+            return f"{transition.act}, code of its cause"
+        case _:
+            return str(transition.act)
+
+
 def times_table(figures: Mapping[str, Any]) -> str:
     """Median and largest of each case and stiffness, a table for each robot."""
     head = (
@@ -369,6 +389,7 @@ def renewed(text: str, figures: Mapping[str, Any]) -> str:
     """The document with every table as code and figures have it now. Raises ValueError for one without its place."""
     tables = {
         "conditions": conditions_table(),
+        "ends": ends_table(),
         "times": times_table(figures),
         "uncovered": uncovered_table(figures),
     }

@@ -68,13 +68,12 @@ def not_away(depth: float, force: str) -> Reason:
 class Left:
     """Where the tool was left, as far as it is known."""
 
-    retracted: bool
     depth: float
     """Reported position along the approach direction from the start point, m; NaN where it is not known."""
     force: float
     """Length of the contact force, N; NaN where it is not known."""
-    because: str = ""
-    """Why it was not retracted."""
+    tolerance: float
+    """Force up to which the tool counts as free, N."""
     saturated: bool = False
     """The sensor was at the end of its range, so that the force may be any above."""
     own_force: float = math.nan
@@ -83,6 +82,41 @@ class Left:
     """Force across the approach that the moments show and the force axes do not, N."""
     unverified: tuple[str, ...] = ()
     """Force axes on which something may press that nothing has verified in this run."""
+    because: str = ""
+    """Why it was not retracted."""
+
+    @property
+    def is_away(self) -> bool:
+        """Whether the tool is back at the depth of the start."""
+        return self.depth <= ARRIVED_M
+
+    @property
+    def is_pressing(self) -> bool:
+        """Whether the tool may press on something."""
+        return self.saturated or not self.force <= self.tolerance or self.hidden > 0.0
+
+    @property
+    def retracted(self) -> bool:
+        """Whether the tool is off the surface, by all that is known."""
+        return self.is_away and not self.is_pressing and math.isnan(self.own_force)
+
+    @property
+    def failure(self) -> Reason | None:
+        """Why a run that left the tool here has failed; None where it has not."""
+        force = in_words(self.force, self.saturated)
+        if not self.is_away:
+            return not_away(self.depth, force)
+        if self.is_pressing and not math.isfinite(self.force):
+            return Reason(Cause.LEFT_UNKNOWN, "the sensor tells no force after the retraction")
+        if self.is_pressing:
+            text = (
+                f"{force} after the retraction: the tool touches something, or the sensor's zero has changed"
+            )
+            return Reason(Cause.LEFT_PRESSING, text)
+        if math.isfinite(self.own_force):
+            text = f"the force sensor tells {force} after the retraction, the robot itself feels {self.own_force:.0f} N"
+            return Reason(Cause.LEFT_DISAGREEING, text)
+        return None
 
     @property
     def values(self) -> dict[str, bool | float | list[str] | None]:

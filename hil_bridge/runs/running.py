@@ -25,6 +25,7 @@ from hil_bridge.record.ending import NOT_MODELLED_EVENT
 from hil_bridge.record.removed_map import MEDIA_TYPE, REMOVED_NAME
 from hil_bridge.runs import compose
 from hil_bridge.runs.cycle import Run
+from hil_bridge.runs.ending import Ending
 from hil_bridge.runs.faults.schedule import FaultSchedule
 from hil_bridge.runs.result import RunResult
 from hil_bridge.runs.run_log import RunLog
@@ -37,13 +38,13 @@ from protocol.unmodelled import NotModelled
 class Running:
     """A run over its open devices; call it once. What acts on a run holds this, what watches it does not."""
 
-    def __init__(self, setup: Setup, log: RunLog, devices: compose.Devices) -> None:
+    def __init__(self, setup: Setup, log: RunLog, devices: compose.Devices, ending: Ending) -> None:
         self.setup, self.log, self.devices = setup, log, devices
         self.robot, self.sensor, self.cell = devices.robot, devices.sensor, devices.cell
         self.clock: Clock = log.clock
         self.facts: RobotFacts = setup.identified(devices.robot.facts)
         """Facts of the robot, with the line of its URL."""
-        self.run = Run(setup, log.clock, devices.robot, devices.sensor, log)
+        self.run = Run(setup, devices.robot, devices.sensor, log, ending)
 
     async def __call__(self) -> RunResult:
         """Run to the end. Raises BridgeError when a device fails before the movement has begun."""
@@ -101,13 +102,18 @@ class _Truth:
 
 @asynccontextmanager
 async def running(
-    setup: Setup, log: RunLog, cell: Cell[Any, Any] | None = None, wrap: Wrap = unwrapped
+    setup: Setup,
+    log: RunLog,
+    cell: Cell[Any, Any] | None = None,
+    wrap: Wrap = unwrapped,
+    ending: Ending | None = None,
 ) -> AsyncIterator[Running]:
     """A run over open devices, not begun; the devices are closed when the context is left.
 
     `cell` is the emulated cell where a check has made it, `wrap` may put something between each wire and its client.
-    Faults of the configuration are injected, and the truth of an emulated cell is told where a watcher takes it. The
-    owner of the log closes it. Raises as `compose.open_devices`.
+    `ending` is shared with what may end the run from outside. Faults of the configuration are injected, and the truth
+    of an emulated cell is recorded where a watcher takes it. The owner of the log closes it. Raises as
+    `compose.open_devices`.
     """
     run: Running | None = None
     failed: list[EventRecord] = []
@@ -120,7 +126,7 @@ async def running(
 
     log.join(Listener({EventRecord: hear}))
     async with AsyncExitStack() as after, compose.open_devices(setup, log.clock, log, wrap, cell) as devices:
-        run = Running(setup, log, devices)
+        run = Running(setup, log, devices, ending or Ending())
         log.byte_time_s = run.facts.byte_time_s or 0.0
         for record in failed:
             run.hear(record)

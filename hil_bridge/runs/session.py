@@ -18,7 +18,7 @@ from hil_bridge.errors import BridgeError, Cause
 from hil_bridge.errors.cause_row import CRITERION, INTERRUPTED
 from hil_bridge.errors.failures import last_line
 from hil_bridge.errors.text_files import format_path
-from hil_bridge.record import CycleRecord, EventRecord, Outcome, Recorder, RunEnd
+from hil_bridge.record import CycleRecord, Outcome, Recorder, RunEnd
 from hil_bridge.record.analysis.steps import failed_criteria, step_outcomes
 from hil_bridge.record.kept import READ_RECORDS, KeptRecords
 from hil_bridge.record.reader import Recording, read
@@ -198,15 +198,13 @@ class Session:
             watchers.append(self._kept)
         log = RunLog(clock, watchers)
         stopping = self._stopping = Stopping(self.signals, log)
-        log.join(Listener({EventRecord: stopping.hear}))
         log.join(Listener({CycleRecord: _collector(clock)}))
         log.join(Listener({CycleRecord: lambda _: self._look_at(recorder, log, view)}))
         run: Running | None = None
 
         async def with_devices() -> RunResult:
             nonlocal run
-            async with running(setup, log, self.cell) as run:
-                stopping.run = run.run
+            async with running(setup, log, self.cell, ending=stopping.ending) as run:
                 served = run.devices.served
                 if served is not None and served.panel is not None:
                     self.terminal.out.say(f"panel: {served.panel}")
@@ -215,8 +213,7 @@ class Session:
                 if page is not None:
                     page.begin(run)
                 async with view.showing(run, stopping, record):
-                    stopping.result = await run()
-                return stopping.result
+                    return await run()
 
         try:
             if recorder.error is not None:

@@ -5,7 +5,7 @@ import sys
 import warnings
 from collections.abc import AsyncIterator, Callable
 from contextlib import aclosing, asynccontextmanager
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,7 +30,7 @@ from hil_bridge.record.analysis.summary import Summary
 from hil_bridge.record.kept import KeptRecords
 from hil_bridge.runs import compose
 from hil_bridge.runs.checks import Start, check, check_wires
-from hil_bridge.runs.cycle import Run
+from hil_bridge.runs.ending import Act
 from hil_bridge.runs.faults.panel import FaultPanel
 from hil_bridge.runs.recorded import Arrays, Recording
 from hil_bridge.runs.result import RunResult
@@ -211,11 +211,10 @@ class Simulation(OpenDevices):
 
     def interrupt(self) -> None:
         """Let the run retract from the next cycle on, and end; at once where nothing has moved yet."""
-        if self._task is not None and not (self._reached.moved or self._run.moving):
+        if self._run.interrupt() is Act.CLOSE and self._task is not None:
             self._ended_early = True
             if self._begun:  # a task that is cancelled before its first step does not see it
                 self._task.cancel()
-        self._run.interrupt()
 
     async def _whole(self) -> RunResult:
         """The run, and its result also where `interrupt` ended it before anything moved."""
@@ -240,8 +239,6 @@ class _Reached:
 
     def __init__(self) -> None:
         self.phases: list[str] = []
-        self.moved = False
-        """The movement has begun, and may have ended."""
         self._changed = asyncio.Event()
         self._over = False
 
@@ -250,9 +247,8 @@ class _Reached:
             self._changed.clear()
             await self._changed.wait()
 
-    def hear(self, run: Run, record: EventRecord) -> None:
+    def hear(self, record: EventRecord) -> None:
         """Something happened in the run."""
-        self.moved |= run.moving
         if record.kind == PHASE_EVENT:
             self.phases.append(record.text)
             self._changed.set()
@@ -304,7 +300,7 @@ async def simulating(config: Config, observe: Observe | None) -> AsyncIterator[S
         simulation: Simulation | None = None
         try:
             async with running(setup, log, cell) as run:
-                log.join(Listener({EventRecord: partial(reached.hear, run.run)}))
+                log.join(Listener({EventRecord: reached.hear}))
                 simulation = Simulation(run, reached)
                 try:
                     yield simulation

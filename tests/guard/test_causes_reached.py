@@ -29,7 +29,7 @@ from hil_bridge.errors import (
 )
 from hil_bridge.errors.failures import CodeFailed, code_failed, explain_exception, link_cause
 from hil_bridge.record.analysis.summary import end_of
-from hil_bridge.runs.closing import ended_after, ended_before
+from hil_bridge.runs.ending import Ending, result_after
 from hil_bridge.runs.leaving import not_away
 from hil_bridge.runs.result import RunResult
 from hil_bridge.runs.small_steps import bring_up
@@ -134,10 +134,12 @@ def test_what_nothing_expected_names_whose_code_it_was() -> None:
 
 def test_the_ends_around_a_movement_name_their_row() -> None:
     with pytest.raises(DeviceError) as cancelled:
-        ended_before(asyncio.CancelledError(), None, None)
+        Ending().result_before(asyncio.CancelledError(), None)
     assert cancelled.value.cause is Cause.CANCELLED
-    assert ended_before(asyncio.CancelledError(), Cause.KEY, None).cause is Cause.KEY
-    written = ended_after(RunResult(api.Outcome.COMPLETED), BridgeError("the disk is full"))
+    by_key = Ending()
+    by_key.ask(Cause.KEY)
+    assert by_key.result_before(asyncio.CancelledError(), None).cause is Cause.KEY
+    written = result_after(RunResult(api.Outcome.COMPLETED), BridgeError("the disk is full"))
     assert (written.cause, written.exit_code) == (Cause.OUTPUT, 3)
     assert not_away(5e-3, "1.0 N").cause is Cause.NOT_AWAY
     assert not_away(math.nan, "1.0 N").cause is Cause.PLACE_UNKNOWN

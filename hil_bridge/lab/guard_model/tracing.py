@@ -25,7 +25,7 @@ from hil_bridge.lab.guard_model.model import (
     Way,
 )
 from hil_bridge.record import STOP_EVENT, CycleRecord, EventRecord, Outcome, Recording
-from hil_bridge.runs.cycle import THEN_EVENT
+from hil_bridge.runs.journal import THEN_EVENT
 from hil_bridge.runs.leaving import ARRIVED_M
 
 ROUNDING_M = 1e-6

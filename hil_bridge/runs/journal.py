@@ -1,0 +1,77 @@
+"""What a run reports beside its cycles: phases, checks, causes with their tracebacks; each to the log, once."""
+
+import math
+
+from msgspec.structs import replace
+
+from hil_bridge.clock import Clock, Heartbeat
+from hil_bridge.errors import BridgeError, Cause, Reason
+from hil_bridge.errors.failures import TRACEBACK_EVENT, CodeFailed, traceback_of
+from hil_bridge.record import CHECK_EVENT, PHASE_EVENT, STOP_EVENT, EventRecord
+from hil_bridge.record.ending import Check
+from hil_bridge.runs.ending import Ending, Stimulus
+from hil_bridge.runs.watching import Log
+
+THEN_EVENT = "then"
+"""Kind of the events whose text is what followed the cause of a stop."""
+
+
+class Journal:
+    """The events of one run, and the causes of its end."""
+
+    def __init__(self, clock: Clock, log: Log, ending: Ending, cycle_s: float = math.inf) -> None:
+        """`cycle_s` is the cycle of the robot, s."""
+        self.heart = Heartbeat(clock)
+        self.phase = ""
+        self.stopped_at: float | None = None
+        """When the run failed, s on the run's clock; None while it has not."""
+        self.error: Exception | None = None
+        """Error that the log raised for an event; the next cycle raises it."""
+        self._clock, self._log, self._ending, self._cycle_s = clock, log, ending, cycle_s
+        self._traced: BaseException | None = None
+        """Failure whose traceback has been reported."""
+
+    @property
+    def late_s(self) -> float:
+        """Time by which the computer was late lately, s."""
+        return self.heart.recent(self._cycle_s)
+
+    def enter(self, phase: str) -> None:
+        """Report the phase, if it is another one."""
+        if phase != self.phase:
+            self.phase = phase
+            self.event(PHASE_EVENT, phase)
+
+    def check(self, text: str, check: Check) -> None:
+        """Report the figures of a check."""
+        self.event(CHECK_EVENT, text, check=check)
+
+    def blame(self, reason: Reason, stimulus: Stimulus = Stimulus.FAILED) -> None:
+        """Stop for this reason, or note what followed the first one. A failure that is not answered yet goes first."""
+        ending = self._ending
+        pending, ending.failed = ending.failed, None
+        if pending is not None and pending != reason:
+            self.blame(pending)
+        if not ending.has_failed:
+            self.stopped_at = self._clock.now()
+            reason = replace(reason, late_s=self.late_s)
+            ending.fail(reason, stimulus)
+            self.event(STOP_EVENT, str(reason), reason.cause)
+        elif ending.follow(reason):
+            self.event(THEN_EVENT, str(reason), reason.cause)
+
+    def trace(self, error: BridgeError) -> None:
+        """Report the traceback of code that has failed, once."""
+        cause = error.__cause__ if isinstance(error, CodeFailed) else None
+        if cause is not None and cause is not self._traced:
+            self._traced = cause
+            self.event(TRACEBACK_EVENT, traceback_of(cause))
+
+    def event(self, kind: str, text: str, cause: Cause | None = None, *, check: Check | None = None) -> None:
+        """Hand an event to the log. An error of the log waits for the next cycle: nothing comes between a failure and
+        its retraction.
+        """
+        try:
+            self._log.event(EventRecord(self._clock.now(), kind, text, cause, check))
+        except Exception as error:
+            self.error = error
