@@ -134,8 +134,7 @@ def _picture(recording: Recording, surface: SurfaceProfile) -> str:
 
     tips = [place(one.position[1] * 1e3, one.position[2] * 1e3) for one in run.frames]
     shape = [place(y, _height_mm(surface, y)) for y in (first[1] * 1e3 - 6.0 + 0.5 * k for k in range(155))]
-    ground = " ".join(f"{x:.1f},{y:.1f}" for x, y in shape)
-    bottom = TOP + 176
+    ground, bottom = _points(shape), TOP + 176
     fault = next(event.at for event in run.events if event.kind == "fault") - run.began
     stop = next(event for event in run.events if event.kind == STOP_EVENT)
     rise = [(0.0, -min(1.0, max(0.0, (t - fault) / 0.1)) * RISE_MM * PX_MM) for t in run.times]
@@ -143,7 +142,7 @@ def _picture(recording: Recording, surface: SurfaceProfile) -> str:
         (CHART + t / run.lasts * CHART_WIDTH, FLOOR - min(force, MOST_N) * NEWTON_PX)
         for t, force in zip(run.times, run.forces, strict=True)
     ]
-    line = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
+    line = _points(points)
     limit, target = (FLOOR - newton * NEWTON_PX for newton in (50.0, 10.0))
     phases = [(event.text, event.at - run.began) for event in run.events if event.kind == PHASE_EVENT]
     phases = [(name, max(at, 0.0)) for name, at in phases if name in ("approach", "track", "retract")]
@@ -185,6 +184,10 @@ def _picture(recording: Recording, surface: SurfaceProfile) -> str:
   {recording.end["left"]}{run.between(run.lasts, run.whole)}</text>
 </svg>
 """
+
+
+def _points(places: Sequence[tuple[float, float]]) -> str:
+    return " ".join(f"{x:.1f},{y:.1f}" for x, y in places)
 
 
 def main() -> int:

@@ -26,6 +26,8 @@ MOST = 10
 """Functions that are named. Chosen."""
 PARAMETERS_MOST = 5
 """Of a function. Chosen: the style's own."""
+FUNCTION_LIMIT = 60
+"""Lines of a function. Chosen: the style's own."""
 COMMANDS = Path("hil_bridge", "cli")
 """Folder of the commands: their options are parameters."""
 
@@ -67,16 +69,22 @@ def functions(tree: Path, path: Path) -> Iterator[Function]:
             yield Function(place, length, len(names) + more - own)
 
 
-def too_wide(tree: Path) -> list[Function]:
-    """Functions with more parameters than the style allows, those of commands left out."""
+def own_functions(tree: Path) -> Iterator[Function]:
+    """Functions of product and tools, those of commands left out."""
     folders = (*KINDS["product"], *KINDS["tools"])
-    return [
-        each
-        for path in (path for folder in folders for path in files(tree, folder))
-        if path.suffix == ".py" and not path.is_relative_to(tree / COMMANDS)
-        for each in functions(tree, path)
-        if each.parameters > PARAMETERS_MOST
-    ]
+    for path in (path for folder in folders for path in files(tree, folder)):
+        if path.suffix == ".py" and not path.is_relative_to(tree / COMMANDS):
+            yield from functions(tree, path)
+
+
+def too_wide(tree: Path) -> list[Function]:
+    """Functions with more parameters than the style allows."""
+    return [each for each in own_functions(tree) if each.parameters > PARAMETERS_MOST]
+
+
+def too_long(tree: Path) -> list[Function]:
+    """Functions of more lines than the style allows."""
+    return [each for each in own_functions(tree) if each.lines > FUNCTION_LIMIT]
 
 
 def long_modules(tree: Path) -> list[Path]:

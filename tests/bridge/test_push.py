@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hil_bridge.control import Wrist
-from hil_bridge.runs.cycle import wrist
+from hil_bridge.runs.zeroing import wrist
 from hil_bridge.settings.configuration import read_config
 from hil_bridge.site.push import Answer, expect_push, judge_push, mounting_of, push_threshold
 

@@ -13,9 +13,8 @@ from hil_bridge.cli import cli
 from hil_bridge.devices.kinds import ROBOTS, robot_of
 from hil_bridge.errors import ConfigError, DeviceError
 from hil_bridge.lab.experiments import EmulatedRun, run_emulated
-from hil_bridge.record import read
+from hil_bridge.record import Outcome, read
 from hil_bridge.record.device_facts import devices_of
-from hil_bridge.runs.cycle import Outcome
 from hil_bridge.settings.configuration import load_config
 from hil_bridge.settings.kinds import settings_of
 from tests.near_surface import AWAKE_TOML

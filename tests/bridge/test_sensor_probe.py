@@ -12,8 +12,8 @@ from emulators.devices.jr3 import Gateway, SensorProfile
 from hil_bridge.clock import VIRTUAL_EPOCH, Clock, run_virtual
 from hil_bridge.errors import DeviceError
 from hil_bridge.runs.compose import emulated_cell, make_cell
-from hil_bridge.runs.cycle import wrist
 from hil_bridge.runs.setup import Listen, Setup
+from hil_bridge.runs.zeroing import wrist
 from hil_bridge.settings.configuration import read_config
 from hil_bridge.site.sensor_probe import Screen, Session, probe
 from tests.paper_cell import PaperCell

@@ -163,7 +163,7 @@ class Drawn:
             return self.cell
 
         @contextlib.asynccontextmanager
-        async def watched(setup: Setup, log: RunLog, cell: PaperCell) -> AsyncIterator[Running]:
+        async def watched(setup: Setup, log: RunLog, cell: PaperCell, **more: Any) -> AsyncIterator[Running]:
             assert cell is self.cell
             clock = log.clock
             self.began = clock.now()
@@ -179,7 +179,7 @@ class Drawn:
                 clock.call_at(now + WATCH_S, look)
 
             look()
-            async with running(setup, log, cell) as run:
+            async with running(setup, log, cell, **more) as run:
                 yield run
 
         output, errors = io.StringIO(), io.StringIO()

@@ -8,6 +8,7 @@ import pytest
 
 from hil_bridge.control.course.depth_watch import Contact, untold_depth, watch_contact
 from hil_bridge.control.course.limits import Limits
+from hil_bridge.control.course.verdict import Observation
 from hil_bridge.errors import Cause
 from tests.observed import observation
 
@@ -65,7 +66,7 @@ def press(
     facts: dict[str, Any] = {"force": 10.0, **force, "position": position}
     sample = observation(**facts).sample
     for _ in range(round(seconds / DT)):
-        contact = watch_contact(contact, (sample, depth_mm * 1e-3, DT, True), (HARD, HARD), LIMITS)
+        contact = watch_contact(contact, Observation(sample, depth_mm * 1e-3, DT, True), (HARD, HARD), LIMITS)
     assert contact is not None
     return contact
 

@@ -9,6 +9,7 @@ way from a place that it has been at lately: what drifts slowly while the tool g
 """
 
 import math
+from typing import Protocol
 
 from msgspec import Struct
 
@@ -72,17 +73,26 @@ class Contact(Struct, frozen=True, gc=False):
         return _PULL * self.untold
 
 
+class Seen(Protocol):
+    """The parts of an observation that the watch needs."""
+
+    @property
+    def sample(self) -> Sample: ...
+    @property
+    def depth(self) -> float: ...
+    @property
+    def dt(self) -> float: ...
+    @property
+    def pressing(self) -> bool: ...
+
+
 def watch_contact(
-    before: Contact | None,
-    seen: tuple[Sample, float, float, bool],
-    stiffness: tuple[float | None, float],
-    limits: Limits,
+    before: Contact | None, seen: Seen, stiffness: tuple[float | None, float], limits: Limits
 ) -> Contact:
-    """The contact after one more sample. `seen` are the sample, the reported depth, m, the time since the sample
-    before, s, and whether the tool is taken to be in contact. `stiffness` are the one learnt, None where there is
-    none, and the one expected, N/m.
+    """Return the contact after one more sample. `stiffness` are the one learnt, None where there is none, and the one
+    expected, N/m.
     """
-    sample, depth, dt, pressing = seen
+    sample, depth, dt, pressing = seen.sample, seen.depth, seen.dt, seen.pressing
     if before is None:
         before = Contact(depth)
     now = before.now

@@ -71,14 +71,13 @@ class Supervisor:
     def step(
         self, state: SupervisorState, observation: Observation, request: Request
     ) -> tuple[SupervisorState, Verdict]:
-        """One cycle. After the first stop every answer is that stop."""
+        """Judge one cycle. After the first stop every answer is that stop."""
         if state.stopped is not None:
             return state, state.stopped
         sample = observation.sample
         still = state.still + observation.dt if sample.sensor_sequence == state.sensor_sequence else 0.0
         pressed = _find_press(state.pressed, observation)
-        seen = sample, observation.depth, observation.dt, observation.pressing
-        contact = watch_contact(state.contact, seen, request.stiffness, self.limits)
+        contact = watch_contact(state.contact, observation, request.stiffness, self.limits)
         disagreed = None
         if self.witness is not None and sample.witness is not None:
             disagreed = self.witness.disagreed(state.disagreed, observation)
@@ -96,32 +95,20 @@ class Supervisor:
             self.presses_aside,
         )
         stop, free = find_stop(cycle), None
-        if stop is None:
-            if (
-                disagreed
-                and self.witness is not None
-                and (text := self.witness.fault(disagreed, observation))
-            ):
-                stop = Stop(Cause.WITNESS, text)
-            elif (deeper := untold_depth(contact, self.limits)) > 0.0:
-                text = (
-                    f"the tool is {deeper * 1e3:.1f} mm deeper than a force of {sample.force:.1f} N explains: "
-                    f"the sensor may not tell {deeper * contact.stiffness:.0f} N"
-                )
-                stop = Stop(Cause.UNANSWERED, text)
-            elif observation.free_force is not None:
-                free, stop = self._in_free_space(state, observation)
+        if stop is None and disagreed and self.witness is not None:
+            stop = self.witness.find_stop(disagreed, observation)
+        if stop is None and (deeper := untold_depth(contact, self.limits)) > 0.0:
+            text = (
+                f"the tool is {deeper * 1e3:.1f} mm deeper than a force of {sample.force:.1f} N explains: "
+                f"the sensor may not tell {deeper * contact.stiffness:.0f} N"
+            )
+            stop = Stop(Cause.UNANSWERED, text)
+        if stop is None and observation.free_force is not None:
+            free, stop = self._in_free_space(state, observation)
         if stop is not None:
-            return replace(
-                state, still=still, pressed=pressed, stopped=stop, disagreed=disagreed, contact=contact
-            ), stop
-        verdict = _clamp(self.limits, state, request, observation.dt)
-        if sample.overdue > 0.0 and verdict.depth > state.depth:
-            verdict = _clamp(self.limits, state, _at_depth(request, state.depth), observation.dt)
-            verdict = Clamp(verdict.depth, verdict.position, (OVERDUE,), goes_on=True)
-        quaternion, home, lag = state.quaternion, state.home, state.lag
-        if request.quaternion is not None:
-            verdict, quaternion, home, lag = self._turn(state, observation, request.quaternion, verdict)
+            known = {"still": still, "pressed": pressed, "disagreed": disagreed, "contact": contact}
+            return replace(state, stopped=stop, **known), stop
+        verdict, quaternion, home, lag = self._bound(state, observation, request)
         return (
             SupervisorState(
                 verdict.depth,
@@ -141,6 +128,18 @@ class Supervisor:
             ),
             verdict,
         )
+
+    def _bound(
+        self, state: SupervisorState, seen: Observation, request: Request
+    ) -> tuple[Allow | Clamp, Quaternion | None, Quaternion | None, float]:
+        """The request within the limits of motion; the orientation allowed, that of the start, and the lag."""
+        verdict = _clamp(self.limits, state, request, seen.dt)
+        if seen.sample.overdue > 0.0 and verdict.depth > state.depth:
+            verdict = _clamp(self.limits, state, _at_depth(request, state.depth), seen.dt)
+            verdict = Clamp(verdict.depth, verdict.position, (OVERDUE,), goes_on=True)
+        if request.quaternion is None:
+            return verdict, state.quaternion, state.home, state.lag
+        return self._turn(state, seen, request.quaternion, verdict)
 
     def _in_free_space(
         self, state: SupervisorState, seen: Observation

@@ -9,7 +9,8 @@ import math
 from dataclasses import dataclass
 
 from hil_bridge.control.course.limits import Limits
-from hil_bridge.control.course.verdict import Observation
+from hil_bridge.control.course.verdict import Observation, Stop
+from hil_bridge.errors.causes import Cause
 
 SHARE = 0.5
 """Share of the larger force that may always be missing in the other. Chosen: a touch that both see 25 ms apart stays
@@ -41,15 +42,16 @@ class Witness:
             return None
         return 0.0 if before is None else before + seen.dt * apart / allowed
 
-    def fault(self, disagreed: float | None, seen: Observation) -> str:
-        """Why the run must end, in words; empty while it need not."""
-        if disagreed is None or disagreed < self.lasting_s:
-            return ""
+    def find_stop(self, disagreed: float, seen: Observation) -> Stop | None:
+        """Return the stop of a difference that has lasted too long; None for another."""
+        if disagreed < self.lasting_s:
+            return None
         force, witness = seen.sample.force, seen.sample.witness
-        return (
+        text = (
             f"the force sensor tells {force:.1f} N, the robot itself feels {witness:.1f} N: look whether the "
             "sensor reads what presses on the tool, and whether anything else touches the robot"
         )
+        return Stop(Cause.WITNESS, text)
 
 
 def witness_of(limits: Limits, ordinary_n: float, delay_s: float) -> Witness | None:

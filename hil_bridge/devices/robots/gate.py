@@ -111,39 +111,44 @@ class Gate:
         """Last pose, its time and that of the turn, and the credits, before the newest pose."""
 
     def judge(self, pose: Pose, now: float, deepest: float = math.inf) -> str:
-        """Why this pose must not go to the robot, in words; empty where it may, and counts as ordered.
+        """Return why this pose must not go to the robot; empty where it may, and counts as ordered.
 
         `deepest` is one more bound of the depth, m. Written in single numbers, for this runs in every cycle.
         """
-        bounds, last = self.bounds, self._last
-        (x, y, z), (i, j, k), (u, v, w) = pose.position, last.position, bounds.start.position
-        (a, b, c), (lowest_x, lowest_y, lowest_z), (highest_x, highest_y, highest_z) = (
-            bounds.approach,
-            self._low,
-            self._high,
-        )
-        turned = pose.quaternion != last.quaternion
+        turned = pose.quaternion != self._last.quaternion
+        return self._judge_place(pose, turned, deepest) or self._judge_way(pose, turned, now)
+
+    def _judge_place(self, pose: Pose, turned: bool, deepest: float) -> str:
+        """Return why no tool may be ordered to this pose, wherever it comes from."""
+        bounds = self.bounds
+        (x, y, z), (u, v, w), (a, b, c) = pose.position, bounds.start.position, bounds.approach
+        (lowest_x, lowest_y, lowest_z), (highest_x, highest_y, highest_z) = self._low, self._high
         if not (abs(x) <= FARTHEST_M and abs(y) <= FARTHEST_M and abs(z) <= FARTHEST_M):
             return _stopped(f"to the position {pose.position}, which is none of an arm")
         if turned and not abs(math.hypot(*pose.quaternion) - 1.0) <= UNIT:
             return _stopped(f"to the orientation {pose.quaternion}, which is none")
-        slack, time = bounds.slack, bounds.time
         depth, limit = a * (x - u) + b * (y - v) + c * (z - w), min(self._deepest, deepest)
-        if depth > limit + slack:
+        if depth > limit + bounds.slack:
             return _beyond((depth - limit) * 1e3, "mm deeper than the deepest that may be ordered")
         if not (lowest_x <= x <= highest_x and lowest_y <= y <= highest_y and lowest_z <= z <= highest_z):
             outside = max(
                 lowest_x - x, x - highest_x, lowest_y - y, y - highest_y, lowest_z - z, z - highest_z
             )
-            if outside > slack:
+            if outside > bounds.slack:
                 return _beyond(outside * 1e3, "mm outside the workspace")
         if turned and bounds.tilt < math.pi:
             over = _tilt(bounds.start.quaternion, pose.quaternion) - bounds.tilt
             if not over <= TURN_SLACK_RAD:  # nor NaN
                 return _beyond(math.degrees(over), "° tilted more than may be ordered")
+        return ""
 
+    def _judge_way(self, pose: Pose, turned: bool, now: float) -> str:
+        """Return why the tool may not be ordered there from the pose before in this time; else count it as ordered."""
+        bounds, last = self.bounds, self._last
+        slack, time, passed, turn = bounds.slack, bounds.time, now - self._at, 0.0
+        (x, y, z), (i, j, k), (a, b, c) = pose.position, last.position, bounds.approach
         x, y, z = x - i, y - j, z - k
-        passed, along = now - self._at, a * x + b * y + c * z
+        along = a * x + b * y + c * z
         aside = x * x + y * y + z * z - along * along
         deeper, across, away = self._deeper, self._across, self._away
         if passed > 0.0:
@@ -167,15 +172,7 @@ class Gate:
             over = turn - bounds.turn * time - TURN_SLACK_RAD
             if not over <= 0.0:  # nor NaN
                 return _beyond(math.degrees(over), "° turned faster than may be ordered")
-        self._before = (
-            last,
-            self._at,
-            self._turned_at,
-            self._deeper,
-            self._across,
-            self._away,
-            self._turned,
-        )
+        self._before = last, self._at, self._turned_at, self._deeper, self._across, self._away, self._turned
         if turned:
             self._turned, self._turned_at = turn, now
         self._last, self._at = pose, now

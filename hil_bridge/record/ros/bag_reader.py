@@ -5,8 +5,9 @@ where a topic has it. What a bag does not tell, as decisions and verdicts, is Na
 """
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,6 +91,13 @@ def _places(at_ns: Nanoseconds, poses: Stream) -> tuple[NDArray[np.bool_], Float
     return known, places
 
 
+_UNKNOWN = (
+    *("status_at", "sensor_at", "sent_at", "answered_at"),
+    *("force_reference", "travel_commanded", "across_commanded", "correction", "gain"),
+)
+"""Fields of a cycle that no bag has."""
+
+
 def _records(samples: _Samples, target: Stream | None, choices: BagChoices) -> tuple[CycleRecord, ...]:
     times: Floats = (samples.stamps_ns - int(samples.stamps_ns[0])).astype(np.float64) * 1e-9
     turns = _matrices(samples.places[:, 3:])
@@ -104,57 +112,38 @@ def _records(samples: _Samples, target: Stream | None, choices: BagChoices) -> t
     depths = (positions - positions[0]) @ approach
     commanded = _commanded(samples, target)
     ordered = (commanded - positions[0]) @ approach
-    columns = (
-        times,
-        wrenches,
-        forces,
-        positions,
-        samples.places[:, 3:],
-        depths,
-        commanded,
-        ordered,
-        forces > choices.contact_n,
-    )
     start: tuple[float, ...] = tuple(positions[0].tolist())
+    columns = {
+        "started_at": times,
+        "controlled_at": times,
+        "wrench": wrenches,
+        "force": forces,
+        "position": positions,
+        "quaternion": samples.places[:, 3:],
+        "depth": depths,
+        "target": commanded,
+        "depth_commanded": ordered,
+        "in_contact": forces > choices.contact_n,
+    }
+    unknown: dict[str, Any] = dict.fromkeys(_UNKNOWN, _NAN)
+    rows = zip(*(_values(column) for column in columns.values()), strict=True)
     return tuple(
         CycleRecord(
             cycle=number,
             phase="",
-            started_at=at,
-            status_at=_NAN,
-            sensor_at=_NAN,
-            controlled_at=at,
-            sent_at=_NAN,
-            answered_at=_NAN,
             sensor_sequence=number,
-            force=force,
-            force_reference=_NAN,
-            wrench=tuple(wrench),
-            position=tuple(position),
-            quaternion=tuple(quaternion),
-            depth=depth,
-            depth_commanded=depth_ordered,
-            travel_commanded=_NAN,
-            correction=_NAN,
-            gain=_NAN,
-            in_contact=touches,
             verdict="",
-            target=tuple(place),
             start=start,
-            across_commanded=_NAN,
+            **unknown,
+            **dict(zip(columns, row, strict=True)),
         )
-        for number, (
-            at,
-            wrench,
-            force,
-            position,
-            quaternion,
-            depth,
-            place,
-            depth_ordered,
-            touches,
-        ) in enumerate(zip(*(column.tolist() for column in columns), strict=True))
+        for number, row in enumerate(rows)
     )
+
+
+def _values(column: NDArray[Any]) -> Iterator[Any]:
+    """Values of a column as a record has them: numbers, or tuples of numbers."""
+    return (tuple(each) if isinstance(each, list) else each for each in column.tolist())
 
 
 def _in_tool(wrenches: Floats, times: Floats, turns: Floats, choices: BagChoices) -> Floats:

@@ -129,28 +129,8 @@ class Asked:
         loop.initial(start)
         depth = commanded if seen.depth_mm is None else seen.depth_mm * 1e-3
         position, before = self._at(start, depth), self._at(start, depth - seen.moved_mm * 1e-3)
-        force = self.force(seen)
-        resultant = abs(force) if seen.resultant_n is None else seen.resultant_n
-        peak = force if seen.peak_n is None else seen.peak_n
-        sample = Sample(
-            _NOW,
-            position,
-            force,
-            resultant,
-            _NOW - seen.age_ms * 1e-3,
-            _SEQUENCE - seen.counter_back,
-            saturated=seen.saturated,
-            dead_axis=seen.dead_axis,
-            fault=seen.fault,
-            force_travel=seen.against_n,
-            peak_force=peak,
-            peak_resultant=max(resultant, abs(peak)),
-            peak_moment=seen.moment_nm,
-            tilt=math.radians(seen.tilt_deg),
-            gap=seen.gap_ms * 1e-3,
-            unchanged=seen.unchanged_ms * 1e-3,
-            witness=seen.witness_n,
-        )
+        sample = self._sample(seen, position)
+        force, resultant = sample.force, sample.resultant
         dt = loop.since(None if seen.cycle_ms is None else _NOW - seen.cycle_ms * 1e-3, _NOW)
         pressing = seen.phase is not Phase.APPROACH and force > config.task.loss_threshold_n
         supervisor = SupervisorState(
@@ -186,6 +166,30 @@ class Asked:
         trail = ((_NOW, lately, lately),) if seen.strayed_mm else ()
         _, decision = loop.judge(LoopState(start, program, supervisor, trail=trail), sample, proposal)
         return decision
+
+    def _sample(self, seen: Situation, position: Vector) -> Sample:
+        force = self.force(seen)
+        resultant = abs(force) if seen.resultant_n is None else seen.resultant_n
+        peak = force if seen.peak_n is None else seen.peak_n
+        return Sample(
+            _NOW,
+            position,
+            force,
+            resultant=resultant,
+            sensor_at=_NOW - seen.age_ms * 1e-3,
+            sensor_sequence=_SEQUENCE - seen.counter_back,
+            saturated=seen.saturated,
+            dead_axis=seen.dead_axis,
+            fault=seen.fault,
+            force_travel=seen.against_n,
+            peak_force=peak,
+            peak_resultant=max(resultant, abs(peak)),
+            peak_moment=seen.moment_nm,
+            tilt=math.radians(seen.tilt_deg),
+            gap=seen.gap_ms * 1e-3,
+            unchanged=seen.unchanged_ms * 1e-3,
+            witness=seen.witness_n,
+        )
 
     def force(self, seen: Situation) -> float:
         """Force along the approach, N."""
