@@ -251,6 +251,14 @@ def test_surface_that_comes_after_the_newest_frame_breaks_no_end(healthy: Eviden
     assert not {Promise.END, Promise.LAST_LINE} & {one.promise for one in broken_promises(swings)}
 
 
+def test_surface_that_hardens_excuses_no_force_of_the_end(healthy: Evidence) -> None:
+    """It stays where it is, so that the force of the newest instant counts."""
+    assert healthy.trace is not None
+    pressed = traced(healthy, forces=last(healthy.trace.forces, 12.9))
+    hardens = faulted(pressed, {"on": "surface", "fault": "hard", "phase": "track"})
+    assert {Promise.END, Promise.LAST_LINE} <= {one.promise for one in broken_promises(hardens)}
+
+
 def test_an_end_that_names_its_unverified_axes_is_told(healthy: Evidence) -> None:
     assert healthy.trace is not None
     both = {Promise.END, Promise.LAST_LINE}

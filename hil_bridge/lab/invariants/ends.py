@@ -9,7 +9,7 @@ import numpy as np
 from hil_bridge.control.geometry.frames import rotation_matrix
 from hil_bridge.lab.invariants.evidence import Evidence, Promise, Trace, Violation
 from hil_bridge.lab.invariants.force import world_of
-from hil_bridge.lab.invariants.voids import FORCE_AXES, added_n, rows_of, told_off_m
+from hil_bridge.lab.invariants.voids import FORCE_AXES, added_n, moves_surface, rows_of, told_off_m
 from hil_bridge.record import Outcome
 
 FORCE_OFF_N = 2.0
@@ -77,7 +77,7 @@ def _verified_n(evidence: Evidence, trace: Trace, rest: Mapping[str, object]) ->
     if not isinstance(unverified, list) or not unverified:
         end_s = truths[-1].at if truths else float(trace.times[-1])
         begin_s = end_s - evidence.config.limits.stale_after_ms * 1e-3
-        moves = any(fault.on == "surface" for fault in evidence.config.faults)
+        moves = any(moves_surface(fault) for fault in evidence.config.faults)
         return float(min(trace.forces[trace.times >= begin_s])) if moves else float(trace.forces[-1])
     if trace.vectors is None or not truths or not all(map(math.isfinite, truths[-1].quaternion)):
         return 0.0

@@ -392,6 +392,11 @@ def rows_of(fault: FaultConfig) -> tuple[Void, ...]:
     return tuple(row for row in VOIDS if row.covers(fault))[:1]
 
 
+def moves_surface(fault: FaultConfig) -> bool:
+    """Whether a fault moves the surface. One that the table does not name may do so."""
+    return fault.on == "surface" and all(row.why == _MOVES for row in rows_of(fault))
+
+
 def added_n(faults: Iterable[FaultConfig], world: World) -> float:
     """What these faults add to the bound together, N."""
     return sum(row.added_n(fault, world) for fault in faults for row in rows_of(fault))
