@@ -24,6 +24,10 @@ PACKETS, ANSWERS, LATE = "packets", "answers", "late answers"
 """Counters of a stream's link: the first two go up while all is well, the third with an answer that took longer than a
 cycle of the robot.
 """
+MISSING = "packets missing"
+"""Counter of a stream's link: numbers that the robot's packets leave out."""
+_CYCLES_MISSING = "cycles missing"
+"""Label of the same counter where the wire itself loses nothing."""
 
 
 class Owner(StrEnum):
@@ -166,6 +170,15 @@ class RobotFacts(Struct, frozen=True):
     """Reaction of a robot that streams to answers that come late, in words."""
     witness: WitnessFacts | None = None
     """None where the robot tells no force of its own."""
+
+    def counter_label(self, counter: str) -> str:
+        """Label of a counter of its link.
+
+        A stream whose errors do not name missing packets runs over a wire that loses nothing, such as TCP. Its
+        controller left those cycles out.
+        """
+        is_lossless = bool(self.errors) and MISSING not in self.errors
+        return _CYCLES_MISSING if counter == MISSING and is_lossless else counter
 
     def servo_source(self, *fields: str) -> str:
         """Where these numbers of its servo come from, in words."""

@@ -13,7 +13,9 @@ import numpy as np
 import pytest
 from msgspec import structs
 
-from hil_bridge.devices.facts import Devices, Sensor
+import hil_bridge
+from hil_bridge.devices.facts import MISSING, Devices, Sensor
+from hil_bridge.devices.robots.streamed import STALE
 from hil_bridge.errors import Cause, ConfigError, Reason
 from hil_bridge.record import (
     CycleRecord,
@@ -27,6 +29,7 @@ from hil_bridge.record import (
 from hil_bridge.record.analysis.stream import stream_force
 from hil_bridge.record.analysis.summary import summarise
 from hil_bridge.record.records import FaultNote
+from hil_bridge.runs.setup import Setup
 from hil_bridge.show.report import write_report
 from hil_bridge.show.report.differences import from_defaults
 from hil_bridge.show.report.page import page
@@ -305,3 +308,15 @@ def test_title_and_head_of_the_page_say_the_same() -> None:
     text = page(recording, summarise(recording))
     (head,) = re.findall("<h1>(.*?)</h1>", text)
     assert text.partition("<title>")[2].startswith(f"{head}, ")
+
+
+@pytest.mark.parametrize(("kind", "label"), [("rtde", "cycles missing"), ("egm", "packets missing")])
+def test_report_counts_cycles_that_a_tcp_robot_leaves_out(kind: str, label: str) -> None:
+    """TCP loses no packet; the recording keeps the counter's own name."""
+    end = dataclasses.replace(END, link={MISSING: 3, STALE: 0}).as_metadata()
+    devices = Devices(robot=Setup(hil_bridge.load({"robot": {"emulated": kind}})).facts)
+    recording = dataclasses.replace(run(1.0), devices=devices.as_metadata(), end=end)
+    summary = summarise(recording)
+    text = page(recording, summary).partition("Link counters")[2]
+    assert summary.link[MISSING] == 3
+    assert re.findall(r"(?:cycles|packets) missing", text) == [label]

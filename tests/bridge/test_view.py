@@ -249,6 +249,17 @@ def test_the_panel_fills_the_terminal_whatever_it_shows(width: int, height: int)
         assert {len(line) for line in lines} == {width}
 
 
+@pytest.mark.parametrize(
+    ("errors", "label"),
+    [(("packets missing",), "packets missing 3"), (("stale packets",), "cycles missing 3")],
+)
+def test_panel_labels_missing_packets_by_the_wire(errors: tuple[str, ...], label: str) -> None:
+    robot = RobotFacts(errors=errors)
+    made = ViewModel(Scene(50.0, robot, 30.0))
+    made.snapshot(100.0, Health())
+    assert label in text_of(made.snapshot(101.0, Health(link={"packets missing": 3})))
+
+
 @pytest.mark.parametrize(("width", "height"), SIZES)
 def test_the_panel_of_every_size_tells_what_matters_most(width: int, height: int) -> None:
     scene = Scene(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from hil_bridge.devices.facts import RobotFacts
+from hil_bridge.devices.facts import MISSING, RobotFacts
 from hil_bridge.lab.fidelity.tables import Table
 from hil_bridge.lab.identification.blocks import blocks_of, jackknife, mean_of
 from hil_bridge.lab.identification.line import line_values
@@ -166,6 +166,16 @@ def test_losses_have_the_interval_of_clopper_and_pearson() -> None:
     assert (lost.value, lost.low, lost.high) == pytest.approx((50.0, 16.43, 112.83), rel=1e-3)
     none = counted(packets=100.0)["line.robot.lost"]
     assert (none.value, none.low, none.high) == pytest.approx((0.0, 0.0, 36.22), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("errors", "words"),
+    [((MISSING,), "packets of the robot lost"), (("stale packets",), "cycles of the robot missing")],
+)
+def test_lossless_wire_is_told_by_cycles_missing(errors: tuple[str, ...], words: str) -> None:
+    seen = Seen(None, None, None, None, RobotFacts(errors=errors), (), {"packets": 95.0, MISSING: 5.0})
+    lost = by_key(line_values(seen))["line.robot.lost"]
+    assert (lost.words, lost.value) == (words, pytest.approx(50.0))
 
 
 def test_counters_that_cannot_be_are_not_believed() -> None:

@@ -22,7 +22,7 @@ from collections import Counter, deque
 from dataclasses import replace
 from typing import Generic
 
-from hil_bridge.devices.facts import ANSWERS, LATE, PACKETS
+from hil_bridge.devices.facts import ANSWERS, LATE, MISSING, PACKETS
 from hil_bridge.devices.robots.gate import Bounds, Gate, depth_of
 from hil_bridge.devices.robots.ramp import Pace, Ramp
 from hil_bridge.devices.robots.seam import ANSWER, PACKET, MotionLimits
@@ -178,7 +178,7 @@ class Answering(Generic[Data]):
                 self.counters["stale packets"] += 1
                 return False
             if missing:
-                self.counters["packets missing"] += missing
+                self.counters[MISSING] += missing
         if wrong := pose_fault(report.pose):
             report = report._replace(fault=report.fault or f"reports {wrong}")
         if self._setpoint is not None:

@@ -9,7 +9,7 @@ import msgspec
 
 from hil_bridge.clock import Clock
 from hil_bridge.devices.device_log import DeviceLog
-from hil_bridge.devices.facts import ANSWERS, PACKETS, Hop, Owner, RobotHops, Traffic
+from hil_bridge.devices.facts import ANSWERS, MISSING, PACKETS, Hop, Owner, RobotHops, Traffic
 from hil_bridge.devices.robots.answering import Answering
 from hil_bridge.devices.robots.gate import Bounds, Gate
 from hil_bridge.devices.robots.seam import MotionLimits, RobotFacts, RobotReport
@@ -52,7 +52,7 @@ HOPS = RobotHops(
 ROUTINE = PACKETS, ANSWERS
 """Counters of a stream that go up while all is well."""
 STALE = "stale packets"
-TROUBLES = "packets missing", STALE
+TROUBLES = MISSING, STALE
 """Counters that tell of a wire that loses or holds back. A late answer is none: the computer was late."""
 TRAFFIC = (Traffic("packets", ANSWERS, PACKETS),)
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.special import betaincinv
 
-from hil_bridge.devices.facts import PACKETS
+from hil_bridge.devices.facts import MISSING, PACKETS
 from hil_bridge.lab.identification.blocks import Estimate
 from hil_bridge.lab.identification.seen import Seen
 from hil_bridge.lab.identification.values import Part, Quantity, Value, Why
@@ -20,11 +20,13 @@ _TAIL = 0.025
 
 FRAMES_LOST = Quantity("line.sensor.lost", Part.LINE, "frames of the sensor lost", "‰")
 PACKETS_LOST = Quantity("line.robot.lost", Part.LINE, "packets of the robot lost", "‰")
+CYCLES_LOST = PACKETS_LOST._replace(words="cycles of the robot missing")
+"""The same of a robot whose wire loses nothing."""
 REPEATED = Quantity("line.robot.repeated", Part.LINE, "messages that had to be sent again", "‰")
 DAMAGED = Quantity("line.robot.damaged", Part.LINE, "blocks of the robot damaged", "‰")
 LATE = Quantity("line.robot.late", Part.LINE, "packets of the robot stale", "‰")
 """Words for the counters of the links, see `devices.robots`."""
-_MISSING, _STALE = "packets missing", "stale packets"
+_STALE = "stale packets"
 _BLOCKS = "blocks received"
 _BAD = ("bad block", "bad checksum", "gap in block")
 _SENT = "messages sent"
@@ -40,9 +42,13 @@ def line_values(seen: Seen) -> Iterator[Value]:
         yield from (quantity.unseen(why) for quantity in (PACKETS_LOST, LATE, DAMAGED, REPEATED))
         return
     came = packets.get(PACKETS)
-    missing = packets.get(_MISSING, 0.0)
+    missing = packets.get(MISSING, 0.0)
+    lossy = seen.robot.counter_label(MISSING) == MISSING
     yield _share(
-        PACKETS_LOST, missing, came and came + missing, "packets that the robot's own number says are missing"
+        PACKETS_LOST if lossy else CYCLES_LOST,
+        missing,
+        came and came + missing,
+        f"{'packets' if lossy else 'cycles'} that the robot's own number says are missing",
     )
     yield _share(LATE, packets.get(_STALE, 0.0), came, "packets that are older than the newest")
     blocks = packets.get(_BLOCKS)

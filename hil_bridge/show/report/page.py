@@ -4,10 +4,12 @@ from collections.abc import Iterator, Sequence
 from html import escape
 from pathlib import Path
 
+from hil_bridge.devices.facts import RobotFacts
 from hil_bridge.errors import ConfigError
 from hil_bridge.record.analysis.figures import quantity
 from hil_bridge.record.analysis.summary import Summary, end_of
 from hil_bridge.record.analysis.why import why
+from hil_bridge.record.device_facts import devices_of
 from hil_bridge.record.files import check_place, write_whole
 from hil_bridge.record.reader import Recording
 from hil_bridge.show.charts.facts import start_time
@@ -78,7 +80,7 @@ def page(recording: Recording, summary: Summary) -> str:
 {stability_section(recording, summary)}{controller_section(recording)}
 <h2>Events</h2>{_events(recording)}
 <h2>Settings that are not the defaults</h2>{_settings(recording)}
-{_counters(summary)}"""
+{_counters(summary, devices_of(recording).robot)}"""
     return document(f"{_title(summary)}, {summary.outcome}", body)
 
 
@@ -124,10 +126,10 @@ def _settings(recording: Recording) -> str:
     return cells(("setting", "value", "default"), from_defaults(recording), "narrow settings")
 
 
-def _counters(summary: Summary) -> str:
+def _counters(summary: Summary, robot: RobotFacts) -> str:
     """Counters of the links: those that counted something; the others by name."""
-    moved = [(name, f"{value:g}") for name, value in summary.link.items() if value]
-    still = [name for name, value in summary.link.items() if not value]
+    moved = [(robot.counter_label(name), f"{value:g}") for name, value in summary.link.items() if value]
+    still = [robot.counter_label(name) for name, value in summary.link.items() if not value]
     if not summary.link:
         return ""
     return "".join(_counted(moved, still))

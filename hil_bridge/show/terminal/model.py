@@ -175,8 +175,12 @@ class Snapshot:
     @property
     def link_troubles(self) -> dict[str, int]:
         """Counters of the robot link that are not 0 and would be in an undisturbed run, the largest first."""
-        routine = self.scene.robot.routine
-        counts = {name: count for name, count in self.link.items() if count and name not in routine}
+        robot = self.scene.robot
+        counts = {
+            robot.counter_label(name): count
+            for name, count in self.link.items()
+            if count and name not in robot.routine
+        }
         return dict(sorted(counts.items(), key=lambda item: -item[1]))
 
     @property
