@@ -83,7 +83,11 @@ def exercised(release: Release) -> str:
 
 
 def told_changes(release: Release) -> str:
-    """The changelog begins with this version."""
+    """The changelog begins with this version, which is no development version."""
+    if ".dev" in release.version:
+        raise RuntimeError(
+            f"pyproject.toml has {release.version}, a development version; name the release there"
+        )
     text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     first = re.search(r"^## (\S+)", text, re.MULTILINE)
     if first is None or first[1] != release.version:

@@ -1,7 +1,9 @@
 """The commands that measure the house: its arrows, its lines, and whether a run is the same as before."""
 
+import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import grimp
@@ -165,3 +167,19 @@ def test_a_device_knows_its_own_rooms_and_no_other():
     other = ("house.robots.red.part", "wire.devices.blue.part")
     general = ("house.run", "wire.devices.red")
     assert rooms_contract(own, other, general) == (False, [other, general])
+
+
+def test_changelog_begins_with_the_version_of_the_package():
+    """Changes of a development version are under Unreleased, and `make release-check` refuses such a version."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    newest, last = re.findall(
+        r"^## (\S+)", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE
+    )[:2]
+    developed = ".dev" in project["version"]
+    assert newest == ("Unreleased" if developed else project["version"])
+    assert not developed or numbers(project["version"]) > numbers(last)
+
+
+def numbers(version):
+    """Numbers of a version, to compare it with another one."""
+    return tuple(map(int, version.partition(".dev")[0].split(".")))
