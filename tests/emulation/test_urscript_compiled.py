@@ -88,6 +88,9 @@ NEWER = {
     ("5.14.0.0", 'modbus_get_error("a")'): True,
     ("5.16.0.0", 'eip_reader_factory("1", 8)'): False,
     ("5.17.0.0", 'eip_reader_factory("1", 8)'): True,
+    ("5.22.0.0", "get_jacobian()"): False,
+    ("5.23.0.0", "get_jacobian()"): True,
+    ("3.15.0.0", "get_mass_matrix()"): False,
     ("3.5.0.0", "get_tcp_offset()"): False,
     ("3.6.0.0", "get_tcp_offset()"): True,
 }

@@ -325,6 +325,10 @@ TAGGED_CALLS = [
     "track_conveyor_linear(p[0, 1, 0, 0, 0, 0], 2000)",
     "path_offset_set(p[0, 0, 0.01, 0, 0, 0], 1)",
     "pause_on_error_code(153)",
+    "get_jacobian([0, 0, 0, 0, 0, 0], p[0, 0, 0.1, 0, 0, 0])",
+    "get_jacobian_time_derivative([0, 0, 0, 0, 0, 0], [0, 0, 0, 0, 0, 0])",
+    "get_mass_matrix([0, 0, 0, 0, 0, 0], True)",
+    "get_coriolis_and_centrifugal_torques(get_actual_joint_positions(), get_actual_joint_speeds())",
 ]
 """Calls that the manual allows, of functions without effect here."""
 
@@ -335,6 +339,27 @@ def test_tagged_function_takes_documented_call(call: str) -> None:
     assert played.play(5) >= 0
     assert played.said(Message.RUNTIME) == []
     assert f"URScript {call.partition('(')[0]}()" in played.controller.unmodelled.counts
+
+
+def test_dynamics_of_the_arm_are_told_and_zero() -> None:
+    """Elements of the matrices as `rtde_control.script` of ur_rtde 1.6.5 reads them."""
+    body = (
+        "m = get_mass_matrix()\nj = get_jacobian()\nt = get_jacobian_time_derivative()\n"
+        "c = get_coriolis_and_centrifugal_torques()\ntextmsg(m[5, 5] + j[0, 5] + t[5, 0] + c[5])"
+    )
+    played = Played(program(body))
+    assert played.play(5) >= 0
+    assert played.said(Message.TEXT) == ["0"]
+    details = {one.thing: one.detail for one in played.controller.unmodelled.things}
+    assert details["URScript get_mass_matrix()"] == "always gives the same answer"
+    assert len(details) == 4
+
+
+def test_interpreter_mode_reports_that_its_port_is_missing() -> None:
+    played = Played(program("interpreter_mode()"))
+    played.play(5)
+    (told,) = played.controller.unmodelled.things
+    assert told.detail == "returns at once: port 30020 is not served"
 
 
 def test_modbus_unit_that_is_missing_has_an_error() -> None:

@@ -24,7 +24,7 @@ class DryHost(ControllerHost):
     def tell_failure(self, failure: RuntimeFailure | SyntaxFailure) -> None:
         """Not told."""
 
-    def tell_tagged(self, function: str) -> None:
+    def tell_tagged(self, function: str, detail: str) -> None:
         """Not told."""
 
     def write_register(self, kind: str, number: int, value: float) -> None:

@@ -55,8 +55,8 @@ class ControllerHost:
         place = failure.line, failure.column
         self._controller.console.tell(Saying(self._controller.now, kind, failure.text, "", *place))
 
-    def tell_tagged(self, function: str) -> None:
-        self._controller.unmodelled.touch(f"URScript {function}()", "accepted without effect")
+    def tell_tagged(self, function: str, detail: str) -> None:
+        self._controller.unmodelled.touch(f"URScript {function}()", detail)
         self._controller.told(Act.REFUSED, f"URScript {function}(), which has no effect here", False)
 
     # --- time and registers

@@ -4,6 +4,7 @@ from functools import lru_cache
 
 from emulators.devices.rtde.urscript.arithmetic import ARITHMETIC
 from emulators.devices.rtde.urscript.conveyor import CONVEYOR
+from emulators.devices.rtde.urscript.dynamics import DYNAMICS
 from emulators.devices.rtde.urscript.force import FORCE
 from emulators.devices.rtde.urscript.modbus import MODBUS
 from emulators.devices.rtde.urscript.motion import MOTION
@@ -13,6 +14,7 @@ from emulators.devices.rtde.urscript.table import Function, Functions, by_name, 
 from emulators.devices.rtde.urscript.versions import SINCE
 
 _NONE = (0.0,) * 6
+_INTERPRETER = "returns at once: port 30020 is not served"
 
 
 def _dated(function: Function) -> Function:
@@ -29,18 +31,14 @@ FUNCTIONS: Functions = by_name(
         *MOTION,
         *FORCE,
         tagged("rpc_factory(type, url)"),
-        tagged("interpreter_mode(clearQueueOnEnter=True, clearOnEnd=True)"),
+        tagged("interpreter_mode(clearQueueOnEnter=True, clearOnEnd=True)", detail=_INTERPRETER),
         tagged("clear_interpreter()"),
         tagged("end_interpreter()"),
         tagged("screw_driving(f, v_limit)"),
         tagged("end_screw_driving()"),
-        tagged("direct_torque(torques, friction_comp=True, viscous_scale=None, coulomb_scale=None)"),
         tagged("position_deviation_warning(enabled, threshold=0.8)"),
         tagged("set_safety_mode_transition_hardness(type)"),
         tagged("reset_revolution_counter(qNear=None)"),
-        tagged("get_joint_torques()", _NONE),
-        tagged("get_actual_joint_accelerations()", _NONE),
-        tagged("get_target_joint_accelerations()", _NONE),
         tagged("get_target_payload_inertia()", _NONE),
         tagged("get_tool_accelerometer_reading()", (0.0, 0.0, -9.82)),
         tagged("get_controller_temp()", 25.0),
@@ -89,6 +87,7 @@ FUNCTIONS: Functions = by_name(
         tagged("set_euromap_output(port_number, signal_value)"),
         tagged("get_euromap_input(port_number)", False),
         tagged("get_euromap_output(port_number)", False),
+        *DYNAMICS,
         *MODBUS,
         *CONVEYOR,
         tagged("eip_reader_factory(instance_name, data_size)"),

@@ -82,8 +82,8 @@ class Host(Protocol):
     def tell_failure(self, failure: RuntimeFailure | SyntaxFailure) -> None:
         """The program has ended, or did not begin."""
 
-    def tell_tagged(self, function: str) -> None:
-        """The program calls a function that has no effect here."""
+    def tell_tagged(self, function: str, detail: str) -> None:
+        """The program calls a function that has no effect here; `detail` is its treatment."""
 
     # --- time and registers
 

@@ -17,6 +17,7 @@ from emulators.devices.rtde.urscript.limits import (
 )
 from emulators.devices.rtde.urscript.names import Code
 from emulators.devices.rtde.urscript.statements import CompiledProgram, frame_of
+from emulators.devices.rtde.urscript.table import NO_EFFECT
 from emulators.devices.rtde.urscript.values import Struct, Value
 
 Turns: TypeAlias = Generator[Any, None, Any]
@@ -54,9 +55,9 @@ class Task:
         if self.left < 0:
             raise ScriptError("a thread runs too long without waiting: an infinite loop?")
 
-    def tell_tagged(self, function: str) -> None:
-        """The program calls a function that has no effect here."""
-        self.machine.tell_tagged(function)
+    def tell_tagged(self, function: str, detail: str = NO_EFFECT) -> None:
+        """The program calls a function that has no effect here; `detail` is its treatment."""
+        self.machine.tell_tagged(function, detail)
 
 
 def _nothing() -> Turns:
@@ -117,11 +118,11 @@ class Machine:
                 self._tasks.remove(task)
                 return
 
-    def tell_tagged(self, function: str) -> None:
+    def tell_tagged(self, function: str, detail: str) -> None:
         """Told once a program."""
         if function not in self._tagged:
             self._tagged.add(function)
-            self.host.tell_tagged(function)
+            self.host.tell_tagged(function, detail)
 
     # --- time
 

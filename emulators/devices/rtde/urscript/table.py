@@ -21,6 +21,10 @@ class Support(StrEnum):
     """It is accepted without effect, and told once a program."""
 
 
+NO_EFFECT, SAME_ANSWER = "accepted without effect", "always gives the same answer"
+"""Treatment of a tagged function without an answer, and of one with an answer."""
+
+
 class Function(NamedTuple):
     """One function."""
 
@@ -70,12 +74,13 @@ def waiting(signature: str, call: Callable[..., Any]) -> Function:
     return _made(signature, call, Support.MODELLED, True)
 
 
-def tagged(signature: str, answer: Value = None) -> Function:
-    """A function that is accepted, has no effect, and answers always the same."""
+def tagged(signature: str, answer: Value = None, detail: str = "") -> Function:
+    """A function that is accepted, has no effect, and answers always the same. `detail` names its treatment."""
     name = signature.partition("(")[0]
+    detail = detail or (NO_EFFECT if answer is None else SAME_ANSWER)
 
     def call(task: Any, *values: Value) -> Value:
-        task.tell_tagged(name)
+        task.tell_tagged(name, detail)
         return answer
 
     return _made(signature, call, Support.TAGGED, False)
