@@ -79,13 +79,14 @@ _TEXT = (
 _SKIPPED_XML = re.compile(rb"\s+|<\?.*?\?>|<!--.*?-->", re.DOTALL)
 _SKIPPED_TEXT = re.compile(rb"(?:\s+|[#;!%][^\n]*\n)*")
 
+_NUMBER = rb'"?[-+]?\d[\d.eE+-]*"?'
+_TABLE = re.compile(rb"(?!\[)(?:[^=\r\n]*\r?\n){0,8}? *%b(?: *[;,\t] *%b)+ *\r?\n" % (_NUMBER, _NUMBER))
+"""Some lines that assign nothing, then one of numbers."""
+
 
 def describe_content(head: bytes) -> str:
     """What a file with these first bytes is, and what to do with it; empty where it is not known."""
-    head = head[:HEAD_BYTES]
-    if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        head = head[2:].replace(b"\0", b"")
-    head = head.removeprefix(codecs.BOM_UTF8)
+    head = _decoded(head[:HEAD_BYTES])
     at = 0
     while head.lstrip().startswith(b"<") and (skipped := _SKIPPED_XML.match(head, at)):
         at = skipped.end()
@@ -97,7 +98,23 @@ def describe_content(head: bytes) -> str:
     return ""
 
 
+def _decoded(head: bytes) -> bytes:
+    """The first bytes of a text without its byte-order mark; characters of UTF-16 as those of ASCII."""
+    if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        head = head[2:].replace(b"\0", b"")
+    return head.removeprefix(codecs.BOM_UTF8)
+
+
 def refuse_known(name: str, head: bytes) -> None:
     """Raise ConfigError for a file that is known, and that its reader refuses. `name` names it."""
     if what := describe_content(head):
         raise ConfigError(f"{name} is {what}")
+
+
+def refuse_table(name: str, head: bytes) -> None:
+    """Raise ConfigError for a table of text at a reader that takes none. `name` names it."""
+    refuse_known(name, head)
+    if _TABLE.match(_decoded(head[:HEAD_BYTES])):
+        raise ConfigError(
+            f"{name} is a table of text; `hil-bridge fidelity` and `identify-cell` read one with --columns MAPPING.toml"
+        )

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from hil_bridge.errors import ConfigError
-from hil_bridge.errors.file_kinds import HEAD_BYTES, refuse_known
+from hil_bridge.errors.file_kinds import HEAD_BYTES, refuse_known, refuse_table
 
 TEXT_LIMIT_BYTES = 1 << 28
 """Longest text file that is read. Chosen: a day and a half of a busy computer link as a text capture."""
@@ -104,13 +104,13 @@ def refuse_other_kinds(mode: int, name: str) -> None:
 
 
 def refuse_known_file(path: Path) -> None:
-    """Raise ConfigError for a file that is known by its first bytes, and that its reader refuses."""
+    """Raise ConfigError for a file that is known by its first bytes, or a table, and that its reader refuses."""
     try:
         with open_ordinary(path) as file:
             head = file.read(HEAD_BYTES)
     except ConfigError:
         return
-    refuse_known(format_path(path), head)
+    refuse_table(format_path(path), head)
 
 
 def read_up_to(file: BinaryIO, limit: int) -> bytes:
@@ -135,7 +135,7 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
     except RecursionError as error:
         raise ConfigError(f"{source} is no TOML of ours: {_TOO_DEEP}") from error
     except ValueError as error:  # TOMLDecodeError is one; a number of 5000 digits is a plain one
-        refuse_known(source, text[:HEAD_BYTES].encode())
+        refuse_table(source, text[:HEAD_BYTES].encode())
         raise ConfigError(f"{source} is no TOML: {_in_words(str(error))}") from error
     for problem in _problems(values):
         raise ConfigError(f"{source}: {problem}")

@@ -1,5 +1,6 @@
 """Files of this trade at readers of other files: one line that says what each is, and where it goes."""
 
+import codecs
 import os
 import sqlite3
 from pathlib import Path
@@ -9,7 +10,7 @@ from click.testing import CliRunner
 
 from hil_bridge.cli import cli
 from hil_bridge.errors import ConfigError
-from hil_bridge.errors.file_kinds import HEAD_BYTES, describe_content
+from hil_bridge.errors.file_kinds import HEAD_BYTES, describe_content, refuse_table
 from hil_bridge.record import read
 from hil_bridge.settings.configuration import load_config
 from tests.bridge.written_recordings import stream, write
@@ -138,3 +139,36 @@ def test_results_as_a_recording_are_named(tmp_path: Path) -> None:
 )
 def test_other_file_is_not_taken_for_a_known_one(head: bytes) -> None:
     assert describe_content(head) == ""
+
+
+TABLES = [
+    b"time,force\n0,1\n",
+    b"Messung vom 3.4.2026\r\nZeit [s];Fx [N]\r\n0,000;-0,0644\r\n",
+    b"\xef\xbb\xbf# cell 4\nt\tfx\tfy\n 1e-3\t 2.5\t-3\n",
+    b'"0.1","2"\n',
+    codecs.BOM_UTF16_LE + "t;f\n0;1\n".encode("utf-16-le"),
+]
+
+
+@pytest.mark.parametrize("content", TABLES)
+@pytest.mark.parametrize("command", ["run", "report", "view", "why", "identify-cell", "doctor"])
+def test_table_at_another_reader_is_named(tmp_path: Path, command: str, content: bytes) -> None:
+    file = tmp_path / "force.csv"
+    file.write_bytes(content)
+    error = CliRunner().invoke(cli, [command, str(file)]).exception
+    assert isinstance(error, ConfigError)
+    assert "force.csv is a table of text; `hil-bridge fidelity` and `identify-cell`" in str(error)
+
+
+@pytest.mark.parametrize(
+    "head",
+    [
+        b"[run]\nx = [\n  1.0, 2.0,\n  3.0, 4.0\n",
+        b"x = [\n1, 2\n",
+        b"0.013402 S3 06\n",
+        b"1," * HEAD_BYTES,
+        b"\n" * HEAD_BYTES,
+    ],
+)
+def test_text_that_assigns_is_not_taken_for_a_table(head: bytes) -> None:
+    refuse_table("file", head)

@@ -121,7 +121,7 @@ def test_chunks_packed_by_other_programs_are_read(tmp_path: Path, compression: s
     ("content", "message"),
     [
         (b"", "is empty"),
-        (b"time,force\n0,1\n", "is not an MCAP file"),
+        (b"time,force\n", "is not an MCAP file"),
         (b"\x89MCAP0\r\n", "is damaged before the first event"),
         (b"\x89MCAP0\r\n" + b"\xff" * 200, "is damaged before the first event"),
         (b"\x89MCAP0\r\n" + struct.pack("<BQ", 6, 1 << 62) + b"x" * 50, "is damaged before"),
