@@ -442,6 +442,13 @@ def test_other_commands_name_those_that_read_a_bag(tmp_path: Path) -> None:
             assert str(done.exception).endswith(f"{path} {words}; {readers}")
 
 
+def test_folder_without_a_bag_is_named_without_rosbags(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "rosbags.typesys", None)
+    assert "is no bag of ROS 2: no file in it ends in" in refused(tmp_path)
+
+
 def test_without_rosbags_a_bag_is_refused_by_its_extra(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

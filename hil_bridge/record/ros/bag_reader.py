@@ -38,8 +38,8 @@ def read_bag(path: Path, choices: BagChoices | None = None) -> Recording:
     Raises ConfigError where rosbags is not installed, and for a bag that cannot be used.
     """
     choices = choices or BagChoices()
-    store = message_store()
     bag = read_messages(path, wants_of(choices))
+    store = message_store()
     streams = {role: stream_of(bag, role, choices, store) for role in (WRENCH, POSE)}
     if choices.named(TARGET):
         streams[TARGET] = stream_of(bag, TARGET, choices, store)
