@@ -376,6 +376,11 @@ NOT_COMPILED = {
     "movej()": (2, 3, "movej needs the argument q"),
     "movej([0,0,0,0,0,0], speed=1)": (2, 3, "movej has no argument speed to give"),
     "def f(a):\n  return a\nend\nf()": (5, 3, "f needs the argument a"),
+    'x = rpc_factory("xmlrpc", "http://10.0.0.1")\nx.go(speed=1)': (
+        3,
+        8,
+        "an argument of a method has no name, and speed is one",
+    ),
 }
 
 

@@ -189,6 +189,10 @@ class Expressions:
             raise trailer.refused(f"{name} takes {METHODS[name].arguments} arguments")
         return combined([part, *arguments], ask)
 
+    def _named(self, node: Node) -> Part:
+        """An argument with a name, at a method."""
+        raise node.refused(f"an argument of a method has no name, and {node.children[0]} is one")
+
     # --- operators
 
     def _sum(self, node: Node) -> Part:
