@@ -66,7 +66,10 @@ def read_text(path: Path, limit: int = TEXT_LIMIT_BYTES, encoding: str = "utf-8"
         return data.decode(encoding).replace("\r\n", "\n")
     except UnicodeDecodeError as error:
         refuse_known(format_path(path), data)
-        raise ConfigError(f"{format_path(path)} is no text in {encoding}: {error.reason}") from error
+        line = data.count(b"\n", 0, error.start) + 1
+        raise ConfigError(
+            f"{format_path(path)} is no text in {encoding}: {error.reason} in line {line}; save it as {encoding}"
+        ) from error
 
 
 @contextmanager

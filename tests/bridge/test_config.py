@@ -111,11 +111,11 @@ def test_an_option_is_named_as_it_was_typed(tmp_path: Path) -> None:
 
 
 def test_a_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
-    (tmp_path / "latin.toml").write_bytes(b"\xff\xfe")
+    (tmp_path / "latin.toml").write_bytes(b"[run]\n# \xb5m\n")
     for path, why in (
         (tmp_path, "Is a directory"),
         (tmp_path / "nothing.toml", "No such file"),
-        (tmp_path / "latin.toml", "is no text in utf-8"),
+        (tmp_path / "latin.toml", "is no text in utf-8: invalid start byte in line 2; save it as utf-8"),
     ):
         with pytest.raises(ConfigError, match=why) as caught:
             load_config(path, {})

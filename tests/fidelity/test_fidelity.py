@@ -312,6 +312,19 @@ def test_the_command_reads_a_table_and_writes_a_page(tmp_path: Path) -> None:
     assert "250 samples over 2.99 s" in short
 
 
+@pytest.mark.parametrize("kind", ["egm", "rtde", "rsi"])
+def test_recording_shorter_than_a_cycle_is_refused(tmp_path: Path, kind: str) -> None:
+    """As where a time in seconds is taken for one in milliseconds."""
+    rows = [("t", "x"), *((f"{0.004 * k:.5f}", f"{0.1 * k}") for k in range(200))]
+    mapping = (
+        '[time]\ncolumn = "t"\nunit = "ms"\n[columns]\nposition = { columns = ["x", "", ""], unit = "mm" }\n'
+    )
+    told = ask(tmp_path, kind, rows, mapping)
+    assert told == (
+        f"the recording lasts 0.000796 s, too short for two samples of the emulated {kind}; is time.unit right?"
+    )
+
+
 def test_a_run_is_compared_with_the_devices_that_it_had(tmp_path: Path) -> None:
     """Its settings are the devices'. The client's ramp stands between order and set point: a cycle may be left."""
     config, record = tmp_path / "run.toml", tmp_path / "run.mcap"

@@ -99,8 +99,19 @@ def compare_with(kind: str, measured: Measured, config_file: Path | None, seed: 
     return compare(kind, measured.table, recorded_config(measured.run, changes))
 
 
+def _sides(kind: str, measured: Table, emulated: Table) -> Sides:
+    """The tables to compare. Raises ConfigError where the recording is shorter than two samples of the device."""
+    if len(emulated.times) < 2:
+        lasts_s = measured.times[-1] - measured.times[0]
+        raise ConfigError(
+            f"the recording lasts {lasts_s:.3g} s, too short for two samples of the emulated {kind}; "
+            "is time.unit right?"
+        )
+    return Sides(kind, measured, emulated)
+
+
 def _robot(kind: str, measured: Table, config: Config) -> Compared:
-    sides = Sides(kind, measured, emulate_robot(config, measured))
+    sides = _sides(kind, measured, emulate_robot(config, measured))
     comparison = compare_robot(sides)
     if not drive_of(measured).family:
         comparison = replace(comparison, left_out=(*comparison.left_out, STANDS))
@@ -109,11 +120,11 @@ def _robot(kind: str, measured: Table, config: Config) -> Compared:
 
 def _sensor(kind: str, measured: Table, config: Config) -> Compared:
     measured = with_load(measured)
-    sides = Sides(kind, measured, emulate_sensor(config, measured))
+    sides = _sides(kind, measured, emulate_sensor(config, measured))
     pairs = [pair for pair in zip(LOADS, WRENCH, strict=True) if pair[1] in measured.columns]
     return Compared(sides, joined(sides, [followed_line(sides, *pair, free=1) for pair in pairs]))
 
 
 def _contact(kind: str, measured: Table, config: Config) -> Compared:
-    sides = Sides(kind, measured, emulate_contact(config, measured))
+    sides = _sides(kind, measured, emulate_contact(config, measured))
     return Compared(sides, joined(sides, [direct_line(sides, "press")], laws_of(*sides.tables)))
