@@ -16,6 +16,7 @@ from typing import Any
 
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.failures import failure
+from hil_bridge.errors.moved_names import SINCE, old_names
 from hil_bridge.errors.offers import offered, package_of
 
 
@@ -65,4 +66,14 @@ def find_plugin(group: str, thing: str, name: str, built_in: Collection[str] = (
         return Found(point.load(), where, point.value)
     # Foreign code may raise anything while it is imported.
     except (Exception, SystemExit) as error:
+        refuse_old_names(where, point.module)
         raise ConfigError(f"{where} cannot be loaded: {failure(error)}") from error
+
+
+def refuse_old_names(where: str, module: str) -> None:
+    """Raise ConfigError with all that a package uses by names of an earlier version; `where` names what it offers."""
+    if names := old_names(module):
+        raise ConfigError(
+            f"{where} was written for a version of hil-bridge before {SINCE}: {names}",
+            remedy="see Upgrading a package in the documentation",
+        )

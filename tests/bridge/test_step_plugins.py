@@ -271,7 +271,7 @@ class S(Step):
         pass
     def seconds(self, leg, begin):
         return 1.0
-    def take(self, leg, state, felt):
+    def take(self, context, state):
         raise RuntimeError("lost")
 """
 )

@@ -20,10 +20,10 @@ from hil_bridge.control import (
     TaskParameters,
 )
 from hil_bridge.control.course.contact_sample import ContactSample
+from hil_bridge.control.course.state import StepState
 from hil_bridge.control.course.stroke import Order, StrokeState
 from hil_bridge.control.decision import LoopState
 from hil_bridge.control.program.legs import Ground, legs_of
-from hil_bridge.control.program.state import StepState
 from hil_bridge.control.steps.approach import Approach
 from hil_bridge.control.steps.hold import Hold
 from hil_bridge.control.steps.plan import StepPlan

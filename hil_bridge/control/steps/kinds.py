@@ -29,7 +29,8 @@ from hil_bridge.control.steps.track import Track
 from hil_bridge.control.steps.zero import Zero
 from hil_bridge.errors import ConfigError
 from hil_bridge.errors.failures import failure, one_line, place_of_method
-from hil_bridge.errors.plugins import find_plugin, offers, plugin_names
+from hil_bridge.errors.moved_names import METHODS
+from hil_bridge.errors.plugins import find_plugin, offers, plugin_names, refuse_old_names
 
 GROUP = "hil_bridge.steps"
 """Entry points of steps of other packages."""
@@ -68,6 +69,8 @@ def step_kind(word: str) -> type[Step] | None:
     kind, where = found.value, f"{found.where}: {found.source}"
     if not _is_kind(kind):
         raise ConfigError(f"{where} is no frozen dataclass that derives from Step")
+    if any(_has_old_parameters(kind, method) for method in METHODS):
+        refuse_old_names(where, kind.__module__)
     fields = {field.name: field for field in dataclasses.fields(kind)}
     if "do" not in fields or fields["do"].default != word:
         raise ConfigError(f"{where} must bear the word {word!r} as the default of its field `do`")
@@ -107,6 +110,15 @@ def trial(word: str) -> str:
     if not math.isfinite(sum(lead.to)):
         return f"it leads to {lead.to} m at its first sample ({where})"
     return ""
+
+
+def _has_old_parameters(kind: Any, method: str) -> bool:
+    """Whether a kind has a method of an earlier version, by the number of its parameters."""
+    own = getattr(kind, method, None)
+    return (
+        inspect.isfunction(own)
+        and len(inspect.signature(own).parameters) == METHODS[method][0].count(",") + 2
+    )
 
 
 def _is_kind(kind: Any) -> bool:

@@ -1,0 +1,85 @@
+"""Names that packages were written for and that have changed since, and where a package uses them.
+
+A package that cannot be loaded, or whose step has methods of an earlier version, is told all of them at once.
+"""
+
+import ast
+import importlib.util
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+SINCE = "0.7"
+"""The version in which the names of this table changed."""
+_CONTROL = "hil_bridge.control"
+MOVED: Mapping[str, str] = {
+    f"{_CONTROL}.program.state.Felt": f"{_CONTROL}.course.contact_sample.ContactSample",
+    f"{_CONTROL}.program.state.ProgramState": f"{_CONTROL}.course.state.StepState (what a step answers) and Course",
+    f"{_CONTROL}.program.state.Tally": f"{_CONTROL}.course.state.Tally",
+    f"{_CONTROL}.program.state.Done": f"{_CONTROL}.course.state.Done",
+    f"{_CONTROL}.program.leg.Leg": f"{_CONTROL}.steps.plan.StepPlan",
+    f"{_CONTROL}.program.facing.Facing": f"{_CONTROL}.course.facing.Facing",
+    f"{_CONTROL}.program.felt.WorkFrame": f"{_CONTROL}.geometry.work_frame.WorkFrame",
+    f"{_CONTROL}.program.outcome.ROUNDING": f"{_CONTROL}.geometry.ways.ROUNDING",
+    f"{_CONTROL}.program.yielding.yield_to": f"{_CONTROL}.course.yielding.yield_to",
+    f"{_CONTROL}.steps.seam.Taken": f"{_CONTROL}.steps.seam.StepResult",
+    f"{_CONTROL}.steps.pressing.Led": f"{_CONTROL}.steps.pressing.PathPoint",
+    f"{_CONTROL}.steps.paths.Place": f"{_CONTROL}.geometry.ways.Place",
+    f"{_CONTROL}.steps.paths.Way": f"{_CONTROL}.geometry.ways.Way",
+    f"{_CONTROL}.steps.paths.way_of": f"{_CONTROL}.geometry.ways.way_of",
+}
+"""Old name and new one."""
+METHODS: Mapping[str, tuple[str, str]] = {
+    "take": ("leg, state, felt", "context, state"),
+    "is_over": ("leg, state, felt", "context, state"),
+    "guide": ("leg, state, felt", "context, state"),
+    "lead": ("leg, state, stroke, order, felt", "context, state, stroke, order"),
+    "end_sample": ("leg, before, taken, felt", "context, before, result"),
+}
+"""Parameters of a step's methods, old and new ones."""
+TOLD_MOST = 12
+"""Chosen: most places that one message names."""
+_FILES_MOST, _FILE_BYTES = 200, 1_000_000
+"""Chosen: of a package, so that a strange one takes no time."""
+
+
+def old_names(module: str) -> str:
+    """Return what of hil-bridge a package uses by an old name, with the new one, for one line; empty for nothing.
+
+    `module` is a module of the package. Its files are parsed, not imported.
+    """
+    found = [text for path in _sources(module) for text in _in_file(path)]
+    more = f"; and {len(found) - TOLD_MOST} more" if len(found) > TOLD_MOST else ""
+    return "; ".join(found[:TOLD_MOST]) + more
+
+
+def _sources(module: str) -> Iterator[Path]:
+    try:
+        spec = importlib.util.find_spec(module.partition(".")[0])
+    except (ImportError, ValueError):
+        return
+    if spec is None:
+        return
+    for folder in spec.submodule_search_locations or ():
+        yield from sorted(Path(folder).rglob("*.py"))[:_FILES_MOST]
+    if not spec.submodule_search_locations and spec.origin:
+        yield Path(spec.origin)
+
+
+def _in_file(path: Path) -> Iterator[str]:
+    try:
+        if path.stat().st_size > _FILE_BYTES:
+            return
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, SyntaxError):
+        return
+    for node in ast.walk(tree):
+        where = f"{path.parent.name}/{path.name}:{getattr(node, 'lineno', 0)}"
+        if isinstance(node, ast.ImportFrom):
+            for name in node.names:
+                if (new := MOVED.get(f"{node.module}.{name.name}")) is not None:
+                    yield f"{where}: {name.name} is now {new}"
+        elif isinstance(node, ast.FunctionDef) and node.name in METHODS:
+            old, new = METHODS[node.name]
+            names = [each.arg for each in node.args.args]
+            if names[:1] == ["self"] and len(names) == old.count(",") + 2:
+                yield f"{where}: {node.name}({old}) is now {node.name}({new})"
