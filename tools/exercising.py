@@ -80,7 +80,7 @@ class Exercising:
 
     def _listen(self) -> None:
         """Stand beside the places through which every run, decision, refusal and judgement goes."""
-        _beside(Running, "__init__", lambda answer, running, setup, log, devices: self._join(running, log))
+        _beside(Running, "__init__", lambda answer, running, setup, log, *given: self._join(running, log))
         _beside(ControlLoop, "judge", lambda answer, *given: self._decided(answer[1]))
         for name in ("step", "retreat", "stop"):
             _beside(Supervisor, name, lambda answer, *given: self._judged(answer[1]))
