@@ -20,7 +20,7 @@ def test_texts_are_read_by_name_and_other_files_are_passed_over(tmp_path: Path) 
     config = tmp_path / "c.toml"
     config.write_text('robot.emulated = "rtde"\ncell.rtde.program_folder = "."\n')
     cell = make_cell(Setup(load_config(config, {})), 100.0)
-    assert cell.robot.controller.programs == {"waits": b"sleep(1)\n"}, (
+    assert cell.robot.controller.player.stored == {"waits": b"sleep(1)\n"}, (
         "the folder is looked for beside its file"
     )
 

@@ -83,7 +83,7 @@ def test_a_program_talks_to_a_server_of_this_computer() -> None:
         site.play("127.0.0.1", site.port)
         await site.until(lambda: bool(site.clients))
         reader, writer = site.clients[0]
-        await site.until(lambda: site.robot.controller.runtime == Runtime.PLAYING)
+        await site.until(lambda: site.robot.controller.player.runtime == Runtime.PLAYING)
         async with asyncio.timeout(30):  # nothing but the connection drives the controller from here on
             assert await reader.readline() == b"here\n"
             writer.write(struct.pack(">2i", 40, 2))
@@ -150,7 +150,7 @@ def test_a_program_plays_on_where_its_client_has_left() -> None:
         assert script is not None
         script.receive(text, site.robot.controller.now)
         controller = site.robot.controller
-        await site.until(lambda: controller.outputs.get("output_int_register_1") == 7, drives=False)
+        await site.until(lambda: controller.io.outputs.get("output_int_register_1") == 7, drives=False)
 
     at_site(act)
 

@@ -205,11 +205,11 @@ async def with_robot(act: Callable[[RtdeRobot, Clock, Callable[[], Wiring]], Any
 @pytest.mark.parametrize("mass", [0.0, 0.5])
 def test_the_force_of_the_surface_comes_out_of_the_controller(mass: float) -> None:
     async def act(robot: RtdeRobot, clock: Clock, wiring: Callable[[], Wiring]) -> float:
-        robot.controller.carry(mass, (0.03, 0.0, 0.05))
+        robot.controller.force.carry(mass, (0.03, 0.0, 0.05))
         stopped = asyncio.Event()
         source = asyncio.create_task(feed("rtde+memory:ur", CONFIG, ForceOptions(), wiring(), stopped))
         await clock.sleep_until(clock.now() + 0.3)
-        assert robot.controller.external_force
+        assert robot.controller.force.external
         kind = ROBOTS.kind("rtde")
         link = await kind.connect("memory:ur", settings_of(CONFIG, kind), wiring())
         link.start()
@@ -229,7 +229,7 @@ def test_the_force_of_the_surface_comes_out_of_the_controller(mass: float) -> No
         await clock.sleep_until(clock.now() + 0.01)
         robot.controller.advance(clock.now())
         assert robot.controller.snapshots[0].force == pytest.approx((0.0,) * 6, abs=1e-9), "it is taken away"
-        assert robot.controller.runtime == Runtime.STOPPED
+        assert robot.controller.player.runtime == Runtime.STOPPED
         return float(found.largest_n)
 
     assert run_virtual(lambda: with_robot(act)) == pytest.approx(10.0, abs=1.0)

@@ -60,8 +60,8 @@ async def run_beside(folder: Path, seed: int, record: Path, takes_over: bool) ->
         robot.controller.advance(clock.now())
         controller = robot.controller
         assert controller.counts["secondary programs"] == 2
-        assert controller.runtime == Runtime.PLAYING
-        assert ("output_double_register_30" in controller.outputs) is takes_over
+        assert controller.player.runtime == Runtime.PLAYING
+        assert ("output_double_register_30" in controller.io.outputs) is takes_over
     run.result.save(record)
     return run.result
 

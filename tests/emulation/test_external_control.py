@@ -143,7 +143,7 @@ class Driver:
 
     @property
     def plays(self) -> bool:
-        return self.controller.runtime == Runtime.PLAYING
+        return self.controller.player.runtime == Runtime.PLAYING
 
     def said(self, kind: Message) -> list[str]:
         return [str(each) for each in self.controller.console.sayings if each.message == kind]
@@ -196,7 +196,7 @@ def test_the_arm_has_the_speed_of_an_order_and_stands_behind_it(driver: Driver, 
     way = driver.joints[1] - joint if mode is Mode.SPEEDJ else driver.place[1] - y
     assert way == pytest.approx(0.02, abs=1e-4)
     driver.stream(0.1, Mode.IDLE, (0.0,) * 6)
-    assert driver.controller.still
+    assert driver.controller.manipulator.still
     assert driver.plays
 
 
@@ -208,8 +208,8 @@ def test_a_client_that_falls_silent_stops_the_arm_and_ends_the_program(driver: D
     driver.run(0.3)
     assert not driver.plays
     assert driver.said(Message.TEXT) == ["the client is silent"]
-    assert driver.controller.still
-    assert driver.controller.safety == SafetyMode.NORMAL
+    assert driver.controller.manipulator.still
+    assert driver.controller.state.safety == SafetyMode.NORMAL
 
 
 @pytest.mark.parametrize(("fault", "lives"), [("late", True), ("deaf", False)])
@@ -227,7 +227,7 @@ def test_an_order_to_stop_ends_the_program_and_its_connections(driver: Driver) -
     driver.order(Mode.STOPPED)
     driver.run(0.3)
     assert not driver.plays
-    assert driver.controller.still
+    assert driver.controller.manipulator.still
     assert all(server.closing for server in driver.ends.values())
 
 
@@ -297,7 +297,7 @@ def test_a_trajectory_is_cancelled_and_the_next_one_is_followed(driver: Driver) 
     driver.forward(slow, slow, seconds=0.5)
     driver.act(Mode.FORWARD, Forward.CANCEL)
     assert driver.run(0.3).results == [Result.CANCELLED]
-    assert driver.controller.still
+    assert driver.controller.manipulator.still
     assert 0.0 < driver.joints[0] - start[0] < 0.1
     back = Point(Motion.MOVEJ, start, rest=(1.0, 1.0, 0.0, 0.0, 0.0, 0.0))
     assert driver.forward(back, seconds=1.0) == [Result.CANCELLED, Result.SUCCESS]
@@ -308,7 +308,7 @@ def test_another_mode_cancels_a_trajectory(driver: Driver) -> None:
     driver.forward(Point(Motion.MOVEJ, moved(driver.joints, 0.5), time=5.0), seconds=0.5)
     driver.order(Mode.IDLE, timeout_ms=0)
     assert driver.run(0.3).results == [Result.CANCELLED]
-    assert driver.controller.still
+    assert driver.controller.manipulator.still
 
 
 def test_points_are_streamed_until_their_number_is_told(driver: Driver) -> None:
@@ -332,7 +332,7 @@ def test_a_protective_stop_in_a_trajectory_pauses_it_and_play_ends_it(driver: Dr
     stopped = driver.run(0.1).joints
     driver.run(5.0)
     assert (driver.joints, driver.results) == (stopped, [])
-    assert driver.controller.unlock_protective_stop()
+    assert driver.controller.state.unlock(driver.controller.now)
     assert driver.controller.play()
     assert driver.run(1.2).results == [Result.SUCCESS]
     assert driver.joints == pytest.approx(target, abs=1e-6)
@@ -398,16 +398,16 @@ def test_a_contact_in_a_trajectory_ends_it(driver: Driver) -> None:
 def test_commands_set_what_they_name(driver: Driver) -> None:
     controller = driver.controller
     driver.command(Command.SET_PAYLOAD, 1.5, 0.0, 0.01, 0.05)
-    assert controller.payload == pytest.approx((1.5, 0.0, 0.01, 0.05))
+    assert controller.force.payload == pytest.approx((1.5, 0.0, 0.01, 0.05))
     driver.command(Command.SET_TARGET_PAYLOAD, 0.5, 0.0, 0.0, 0.02)
-    assert controller.payload == pytest.approx((0.5, 0.0, 0.0, 0.02))
+    assert controller.force.payload == pytest.approx((0.5, 0.0, 0.0, 0.02))
     driver.command(Command.SET_TCP_OFFSET, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0)
-    assert controller.tcp.position == pytest.approx((0.0, 0.0, 0.1))
+    assert controller.manipulator.tcp.position == pytest.approx((0.0, 0.0, 0.1))
     driver.ends[COMMANDS].receive(
         struct.pack(">28i", Command.FT_RTDE_INPUT_ENABLE, 1, *26 * (0,)), driver.now
     )
     driver.run(2 * DT)
-    assert controller.external_force
+    assert controller.force.external
 
 
 def test_a_zero_takes_the_force_of_the_contact_away(driver: Driver) -> None:

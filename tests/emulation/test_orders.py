@@ -184,17 +184,17 @@ def test_a_rehearsal_has_no_effect() -> None:
     ur.inject("protective-stop")
     controller = ur.robot.controller
     before = (
-        controller.outputs,
-        controller.tcp,
-        controller.payload,
+        controller.io.outputs,
+        controller.manipulator.tcp,
+        controller.force.payload,
         controller.force.zeros,
         controller.arm.joints,
     )
     assert ur.write(3).words == "move in joints"
     assert before == (
-        controller.outputs,
-        controller.tcp,
-        controller.payload,
+        controller.io.outputs,
+        controller.manipulator.tcp,
+        controller.force.payload,
         controller.force.zeros,
         controller.arm.joints,
     )

@@ -105,7 +105,7 @@ class Ear:
 
     @property
     def plays(self) -> bool:
-        return self.controller.runtime == Runtime.PLAYING
+        return self.controller.player.runtime == Runtime.PLAYING
 
 
 def message(joint: float, timeout_ms: int = 20, mode: int = 1) -> bytes:
@@ -144,7 +144,7 @@ def test_without_a_message_in_its_time_the_program_stops_the_arm(ear: Ear) -> No
     assert ear.plays
     ear.run(20)
     assert ear.said() == ["ended with 0"]
-    assert ear.controller.still
+    assert ear.controller.manipulator.still
 
 
 def test_a_message_comes_in_the_order_of_the_wire_in_whatever_pieces(ear: Ear) -> None:
@@ -186,7 +186,7 @@ def test_a_server_that_does_not_answer_is_given_up_after_two_seconds() -> None:
 
 
 def test_a_stopped_program_leaves_no_connection(ear: Ear) -> None:
-    ear.controller.stop_program()
+    ear.controller.player.stop(ear.controller.now)
     assert ear.ends[0][0].closing
 
 
@@ -223,11 +223,11 @@ def test_a_thread_reads_so_often_in_a_cycle_and_not_without_an_end() -> None:
     )
     ear = Ear(text).play().run(3)
     ear.send(bytes(4 * 1000))
-    numbers = [ear.run(1).controller.outputs.get("output_int_register_0") for _ in range(5)]
+    numbers = [ear.run(1).controller.io.outputs.get("output_int_register_0") for _ in range(5)]
     assert numbers == [READS_MAX * count + 1 for count in range(1, 6)], "one has begun before"
     ear.run(200)
     assert ear.plays
-    assert ear.controller.outputs["output_int_register_0"] == 1000
+    assert ear.controller.io.outputs["output_int_register_0"] == 1000
 
 
 # --- faults
@@ -250,7 +250,7 @@ def test_a_cut_wire_stops_the_program(ear: Ear, fault: str, target: str) -> None
     ear.inject(fault, on=target)
     ear.stream(20, base(ear), timeout_ms=20)
     assert ear.said() == ["ended with 0"]
-    assert ear.controller.still
+    assert ear.controller.manipulator.still
 
 
 def test_a_connection_that_is_closed_ends_a_read_at_once_and_another_can_be_opened(ear: Ear) -> None:
@@ -260,7 +260,7 @@ def test_a_connection_that_is_closed_ends_a_read_at_once_and_another_can_be_open
     assert ear.said() == ["ended with 0"]
     assert ear.ledger.injections[0].struck == 1
     ear.run(200)
-    assert ear.controller.still
+    assert ear.controller.manipulator.still
     ear.play().run(3).stream(5, base(ear))
     assert ear.plays
 
@@ -273,10 +273,10 @@ def test_a_fault_in_mid_motion_leaves_the_arm_standing_where_it_was() -> None:
         ear.run(200)
         stood = ear.controller.arm.joints
         ear.run(300)
-        assert ear.controller.still
+        assert ear.controller.manipulator.still
         assert ear.controller.arm.joints == stood
         ear.run(2000)
-        ear.controller.unlock_protective_stop()
+        ear.controller.state.unlock(ear.controller.now)
         ear.controller.play()
         ear.run(20)
         assert ear.controller.path.pose.position[2] == pytest.approx(0.6, abs=1e-3)

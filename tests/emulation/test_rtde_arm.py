@@ -38,12 +38,12 @@ def test_an_external_force_comes_out_along_the_base_axes() -> None:
     assert last["actual_TCP_force"] == pytest.approx((1.0, -2.0, 12.5, 0.5, 0.0, -0.3), abs=1e-9)
     assert last["ft_raw_wrench"] == (1.0, 2.0, -12.5, 0.1, 0.2, 0.3)
     desk.run(0.2)
-    assert desk.controller.runtime == Runtime.PAUSED, "the stream has stopped"
+    assert desk.controller.player.runtime == Runtime.PAUSED, "the stream has stopped"
     feeder.send(recipe.pack(0.0, 0.0, -300.0, 0.0, 0.0, 0.0))
     desk.run(2 * DT)
     assert desk.controller.counts["protective stop: the force is too large"] == 1
     feeder.send(recipe.pack(math.nan, 0.0, 0.0, 0.0, 0.0, 0.0))
-    assert desk.controller.inputs["external_force_torque"] == (0.0, 0.0, -300.0, 0.0, 0.0, 0.0)
+    assert desk.controller.io.inputs["external_force_torque"] == (0.0, 0.0, -300.0, 0.0, 0.0, 0.0)
 
 
 def test_a_pure_force_at_the_tip_has_no_moment_about_the_tip() -> None:

@@ -138,7 +138,7 @@ def test_the_pose_at_rest_is_that_of_the_joints_that_are_told() -> None:
     controller = RtdeRobot(RtdeProfile(model="ur5e"), START, T0, 7).controller
     for joints, told in zip(rest.outputs["actual_q"][:5], rest.outputs["actual_TCP_pose"][:5], strict=True):
         a, b, c, d, e, f = joints.tolist()
-        pose = controller.forward((a, b, c, d, e, f))
+        pose = controller.manipulator.forward((a, b, c, d, e, f))
         assert pose.position == pytest.approx(pose_of(told.tolist()).position, abs=1e-12)
 
 
@@ -208,12 +208,14 @@ def test_a_joint_that_stands_comes_to_its_target_and_one_that_brakes_hold_does_n
     for controller in (stands, held):
         controller.start_program(lambda controller=controller: Wave(controller))  # type: ignore[misc]
         controller.advance(T0 + 2.0)
-    stands.stop_program()
+    stands.player.stop(stands.now)
     held.power_off()
     for controller in (stands, held):
         controller.advance(T0 + 4.0)
     apart = [
-        math.dist(controller.path.pose.position, controller.forward(controller.arm.joints).position)
+        math.dist(
+            controller.path.pose.position, controller.manipulator.forward(controller.arm.joints).position
+        )
         for controller in (stands, held)
     ]
     assert apart[0] < 1e-9

@@ -26,7 +26,7 @@ from tests.emulation.rtde_desk import CONTROL, DT, START, Desk, Pair, inputs_of,
 def test_our_client_comes_to_its_stream_and_is_answered_each_cycle() -> None:
     pair = ready()
     assert not pair.lost
-    assert pair.controller.program is not None
+    assert pair.controller.player.program is not None
     assert pair.fault == ""
     before = len(pair.reports)
     pair.pass_time(0.1)
@@ -38,7 +38,7 @@ def test_our_client_comes_to_its_stream_and_is_answered_each_cycle() -> None:
 
 def test_the_first_package_orders_nothing_and_goes_before_the_program() -> None:
     pair = Pair()
-    pair.controller.inputs = {"input_int_register_24": 1, "input_int_register_25": 9}
+    pair.controller.io.inputs = {"input_int_register_24": 1, "input_int_register_25": 9}
     pair.pass_time(0.2)
     recipe = Recipe(1, INPUT_NAMES, EXPECTED[INPUT_NAMES])
     upload = next(number for number, data in enumerate(pair.sent) if data.startswith(b"def hil_bridge"))
@@ -58,7 +58,7 @@ def test_the_arm_follows_within_the_models_lag_and_stands_after_the_end() -> Non
     pair.pass_time(0.2)
     stood = pair.place
     assert stood == pytest.approx(pair.set_point.position, abs=3e-5)
-    assert pair.controller.outputs["output_int_register_24"] == 1
+    assert pair.controller.io.outputs["output_int_register_24"] == 1
     pair.pass_time(0.5)
     assert pair.place == stood
     assert pair.fault == ""
@@ -72,7 +72,7 @@ def test_a_client_that_falls_silent_leaves_the_arm_standing_and_the_program_stop
     pair.begin(dx=-0.2)
     pair.pass_time(0.3)
     pair.run(0.2)  # the client's process is gone; its connection stands
-    assert pair.controller.runtime == Runtime.STOPPED
+    assert pair.controller.player.runtime == Runtime.STOPPED
     assert pair.controller.counts["watchdog stop"] == 1
     stood = pair.place
     pair.run(1.0)
@@ -90,8 +90,8 @@ def test_targets_that_stop_while_packages_go_on_make_the_program_brake() -> None
     for _ in range(80):
         pair.run(DT)
         pair.ports[Port.RTDE].send(last)
-    assert pair.controller.outputs["output_int_register_24"] == 3
-    assert pair.controller.runtime == Runtime.PLAYING
+    assert pair.controller.io.outputs["output_int_register_24"] == 3
+    assert pair.controller.player.runtime == Runtime.PLAYING
     pair.exchange()
     assert "no new target for too long" in pair.reports[-1].fault
 
@@ -102,8 +102,8 @@ def test_the_program_of_another_client_takes_the_robot_away_and_that_is_told() -
     pair.pass_time(0.1)
     pair.upload(CONTROL)
     pair.pass_time(0.3)
-    assert pair.controller.program is not None
-    assert pair.controller.program.name == "rtde_control"
+    assert pair.controller.player.program is not None
+    assert pair.controller.player.program.name == "rtde_control"
     assert pair.fault == "our program was stopped, and another may play; begin again"
     stood = pair.place
     pair.pass_time(0.3)
@@ -115,8 +115,8 @@ def test_a_farewell_ends_the_program() -> None:
     for piece in pair.client.farewell():
         pair.ports[piece.port].send(piece.data)
     pair.run(0.1)
-    assert pair.controller.runtime == Runtime.STOPPED
-    assert pair.controller.outputs["output_int_register_24"] == 5
+    assert pair.controller.player.runtime == Runtime.STOPPED
+    assert pair.controller.io.outputs["output_int_register_24"] == 5
 
 
 def test_a_fault_behind_a_movement_lets_the_arm_settle_no_more() -> None:
@@ -194,7 +194,7 @@ def test_a_protective_stop_may_end_the_program() -> None:
     desk.upload(CONTROL)
     desk.run(0.06)
     desk.inject("robot", "protective-stop")
-    assert (desk.controller.runtime, desk.controller.program) == (Runtime.STOPPED, None)
+    assert (desk.controller.player.runtime, desk.controller.player.program) == (Runtime.STOPPED, None)
 
 
 def test_a_program_that_is_played_again_finds_no_old_order() -> None:
@@ -208,7 +208,7 @@ def test_a_program_that_is_played_again_finds_no_old_order() -> None:
     assert board.line("unlock protective stop") == "Protective stop releasing"
     assert board.line("play") == "Starting program"
     pair.pass_time(0.5)
-    assert pair.controller.runtime == Runtime.PLAYING
+    assert pair.controller.player.runtime == Runtime.PLAYING
     assert pair.place == stood
     assert pair.fault == ""
 
@@ -220,8 +220,8 @@ def test_the_drop_of_all_connections_closes_them_and_the_arm_brakes() -> None:
     pair.inject("wire", "dropped")
     assert pair.ports[Port.RTDE].server.closing
     pair.run(0.3)
-    assert pair.controller.runtime == Runtime.STOPPED
-    assert pair.controller.still
+    assert pair.controller.player.runtime == Runtime.STOPPED
+    assert pair.controller.manipulator.still
 
 
 def test_a_mute_robot_ends_the_movement_within_a_tenth_of_a_second() -> None:
@@ -329,7 +329,7 @@ def test_a_target_that_no_joints_hold_is_refused() -> None:
     pair.pass_time(0.1)
     assert next(report.fault for report in pair.reports if report.fault).startswith("no joints near")
     assert pair.place == pytest.approx(START.position, abs=1e-9)
-    assert pair.controller.safety == SafetyMode.NORMAL
+    assert pair.controller.state.safety == SafetyMode.NORMAL
 
 
 def test_at_the_end_of_its_reach_the_arm_does_not_swing_to_another_posture() -> None:
@@ -337,9 +337,9 @@ def test_at_the_end_of_its_reach_the_arm_does_not_swing_to_another_posture() -> 
     pair.begin(dx=0.4, dz=0.3)
     pair.pass_time(4.0)
     assert next(report.fault for report in pair.reports if report.fault).startswith("no joints near")
-    assert pair.controller.safety == SafetyMode.NORMAL
+    assert pair.controller.state.safety == SafetyMode.NORMAL
     assert max(abs(a - b) for a, b in zip(pair.controller.arm.joints, USUAL, strict=True)) < 2.5
-    assert pair.controller.still
+    assert pair.controller.manipulator.still
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
@@ -361,4 +361,4 @@ def test_too_fast_a_tool_is_a_protective_stop() -> None:
     client.send(recipe.pack(9, 3.3, 0, 0, 0, 0, 0, 40.0, 0.0))
     desk.run(0.3)
     assert [name for name in desk.controller.counts if "fast" in name]
-    assert desk.controller.runtime == Runtime.PAUSED
+    assert desk.controller.player.runtime == Runtime.PAUSED

@@ -40,7 +40,7 @@ def play(bench: Bench, line: str, seconds: float = 0.1) -> None:
 def test_payload_that_is_right_leaves_no_force() -> None:
     bench = carrying(1.0, (0.1, 0.0, 0.0))
     assert force(bench) == pytest.approx((0.0,) * 6, abs=1e-12)
-    assert bench.controller.payload == (1.0, 0.1, 0.0, 0.0)
+    assert bench.controller.force.payload == (1.0, 0.1, 0.0, 0.0)
     play(bench, "set_payload(1, [0.1, 0, 0])")
     assert force(bench) == pytest.approx((0.0,) * 6, abs=1e-12)
 

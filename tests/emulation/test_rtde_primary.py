@@ -90,8 +90,8 @@ def test_a_process_that_was_late_skips_the_states_that_it_has_missed() -> None:
 
 def test_the_state_is_that_of_the_model() -> None:
     ur = robot()
-    ur.controller.slider = 0.4
-    ur.controller.write_output("actual_digital_output_bits", 5)
+    ur.controller.io.slider = 0.4
+    ur.controller.io.write_output("actual_digital_output_bits", 5)
     state = Client(ur).wait(0.2).states[-1]
     mode, joints, place = state[Part.ROBOT_MODE], state[Part.JOINTS], state[Part.CARTESIAN]
     assert (mode["robot_mode"], mode["powered"], mode["running"], mode["speed_scaling"]) == (7, 1, 0, 0.4)
@@ -182,7 +182,7 @@ def test_each_safety_mode_is_told_once() -> None:
 def test_text_to_an_interface_that_takes_none_is_an_error(port: Port, remote: bool) -> None:
     ur = robot(remote_control=remote)
     client = Client(ur, port=port)
-    ur.controller.remote = True
+    ur.controller.state.remote = True
     client.say("def moves():\n  sleep(9)\nend\n")
     client.wait(0.5)
     assert [message.body[:4] for message in client.messages(MessageKind.ERROR_CODE)] == [b"\0\0\0\xd2"]

@@ -67,9 +67,9 @@ def test_a_state_comes_in_each_cycle_with_the_length_of_its_version(
 
 def test_the_values_are_those_of_rtde() -> None:
     ur = robot(version="5.12.0.0")
-    ur.controller.slider = 0.4
-    ur.controller.payload = (1.5, 0.0, 0.01, 0.05)
-    ur.controller.write_output("actual_digital_output_bits", 5)
+    ur.controller.io.slider = 0.4
+    ur.controller.force.payload = (1.5, 0.0, 0.01, 0.05)
+    ur.controller.io.write_output("actual_digital_output_bits", 5)
     client = Client(ur).wait(0.01)
     shown = ur.controller.snapshots[0]
     for name in (name for name in realtime.layout_of(ur.controller.version).outputs if name):
@@ -99,7 +99,7 @@ def test_text_is_a_program_unless_the_interface_is_read_only() -> None:
     Client(ur, port=Port.REALTIME_READ_ONLY).server.receive(b"sleep(5)\n", T0)
     client = Client(ur)
     client.wait(0.2)
-    assert (ur.controller.runtime, client.states[-1]["runtime_state"]) == (Runtime.STOPPED, 1)
+    assert (ur.controller.player.runtime, client.states[-1]["runtime_state"]) == (Runtime.STOPPED, 1)
     assert ur.controller.counts["text to a read-only interface"] == 1
     client.server.receive(b"sleep(5)\n", client.now)
     client.wait(0.1)

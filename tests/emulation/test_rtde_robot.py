@@ -146,7 +146,7 @@ def test_a_data_packet_of_another_recipe_or_length_has_no_effect(what: Any, clos
     recipe = inputs_of(plug, "input_int_register_0")
     for payload in (b"", b"\x09\x00\x00\x00\x01", recipe.pack(1)[3:] + b"\x00"):
         plug.send(packets.encode(Kind.DATA, payload))
-    assert desk.controller.inputs == {}
+    assert desk.controller.io.inputs == {}
     assert desk.controller.counts["bad inputs"] == (1 if closes else 3)
     assert plug.server.closing == closes
 
@@ -171,7 +171,7 @@ def test_no_bytes_upset_a_port(pieces: list[bytes]) -> None:
         for piece in pieces:
             plug.send(piece)
     desk.run(0.004)
-    assert desk.controller.mode == RobotMode.RUNNING
+    assert desk.controller.state.mode == RobotMode.RUNNING
 
 
 def test_each_port_takes_so_many_clients_and_no_more() -> None:
@@ -249,7 +249,7 @@ def test_local_control_takes_no_program_and_no_command_but_answers_questions() -
     assert board.line("is in remote control") == "false"
     desk.upload(program_text(50, 10.0, 2.0, 0.1))
     desk.run(0.1)
-    assert desk.controller.runtime == Runtime.STOPPED
+    assert desk.controller.player.runtime == Runtime.STOPPED
     assert desk.controller.counts["programs refused"] == 1
     desk.run(1.0)
     assert fault.ended_at is not None
@@ -263,9 +263,9 @@ def test_power_goes_with_the_emergency_stop_and_comes_back_step_by_step() -> Non
     board = desk.plug(Port.DASHBOARD)
     desk.upload(program_text(50, 10.0, 2.0, 0.1))
     desk.run(0.06)
-    assert desk.controller.runtime == Runtime.PLAYING
+    assert desk.controller.player.runtime == Runtime.PLAYING
     desk.inject("robot", "emergency-stop", for_s=1.0)
-    assert desk.controller.runtime == Runtime.STOPPED
+    assert desk.controller.player.runtime == Runtime.STOPPED
     assert board.line("safetystatus") == "Safetystatus: ROBOT_EMERGENCY_STOP"
     assert board.line("power on") == "Failed to execute: power on"
     desk.run(1.1)
@@ -297,7 +297,7 @@ def test_brakes_released_from_power_off_power_the_arm_first() -> None:
 
 def test_a_stored_program_is_loaded_played_paused_and_stopped() -> None:
     desk = Desk()
-    desk.controller.programs = {"waits": b"def waits():\n  while True:\n    sync()\n  end\nend"}
+    desk.controller.player.stored = {"waits": b"def waits():\n  while True:\n    sync()\n  end\nend"}
     board = desk.plug(Port.DASHBOARD)
     assert board.line("load sub/waits.urp").startswith("Loading program: ")
     assert board.line("programState") == "STOPPED waits.urp"
@@ -331,7 +331,7 @@ def test_a_pop_up_ends_with_its_program() -> None:
     desk.upload('def asks():\n  popup("go on?", blocking=True)\nend\n')
     desk.run(0.2)
     assert desk.controller.console.popup_open
-    desk.controller.stop_program()
+    desk.controller.player.stop(desk.controller.now)
     assert not desk.controller.console.popup_open
 
 
@@ -339,13 +339,13 @@ def test_a_process_that_was_late_is_no_silent_client() -> None:
     desk = Desk()
     desk.upload("def waits():\n  while True:\n    sync()\n  end\nend\n")
     desk.run(0.1)
-    desk.controller.watch_input("input_int_register_0", 10.0, "stop")
+    desk.controller.player.watch_input("input_int_register_0", 10.0, "stop", desk.controller.now)
     desk.run(0.02)
     desk.now += 1.0
     desk.controller.advance(desk.now)
-    assert desk.controller.runtime == Runtime.PLAYING, "nothing could be heard in this second"
+    assert desk.controller.player.runtime == Runtime.PLAYING, "nothing could be heard in this second"
     desk.run(0.12)
-    assert desk.controller.runtime == Runtime.STOPPED, "and nothing came behind it"
+    assert desk.controller.player.runtime == Runtime.STOPPED, "and nothing came behind it"
 
 
 def test_a_protective_stop_is_not_unlocked_within_five_seconds() -> None:
@@ -356,7 +356,7 @@ def test_a_protective_stop_is_not_unlocked_within_five_seconds() -> None:
     assert board.line("unlock protective stop").startswith("Cannot unlock protective stop until 5s")
     desk.run(0.2)
     assert board.line("unlock protective stop") == "Protective stop releasing"
-    assert desk.controller.safety == SafetyMode.NORMAL
+    assert desk.controller.state.safety == SafetyMode.NORMAL
 
 
 # --- the script port
@@ -370,8 +370,8 @@ def test_a_program_is_found_however_its_text_comes() -> None:
         for at in range(0, len(text), size):
             script.send(text[at : at + size].encode())
         desk.run(0.06)
-        assert desk.controller.program is not None
-        assert desk.controller.program.name == "hil_bridge"
+        assert desk.controller.player.program is not None
+        assert desk.controller.player.program.name == "hil_bridge"
         assert desk.controller.counts["secondary programs"] == 1
 
 
@@ -383,12 +383,12 @@ def test_a_program_of_a_user_runs(register: str) -> None:
         f"  write_output_integer_register({register}, 2)\nend\n"
     )
     desk.run(0.1)
-    assert (desk.controller.runtime, desk.controller.outputs) == (
+    assert (desk.controller.player.runtime, desk.controller.io.outputs) == (
         Runtime.PLAYING,
         {"output_int_register_0": 1},
     )
     desk.run(0.1)
-    assert (desk.controller.runtime, desk.controller.outputs) == (
+    assert (desk.controller.player.runtime, desk.controller.io.outputs) == (
         Runtime.STOPPED,
         {"output_int_register_0": 2},
     )

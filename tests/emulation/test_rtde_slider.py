@@ -25,11 +25,11 @@ MOVES = {
 def duration(move: str, slider: float) -> float:
     """Time that a program of this move plays, s."""
     bench = Bench()
-    bench.controller.slider = slider
+    bench.controller.io.slider = slider
     bench.send(f"def mine():\n  here = {HERE}\n  {move}\nend\n")
     bench.run(0.1)
     begin = bench.now
-    while bench.controller.program is not None:
+    while bench.controller.player.program is not None:
         bench.run(bench.controller.period)
     assert bench.place == pytest.approx((0.9, -0.04, 0.6), abs=1e-4)
     return bench.now - begin
@@ -47,13 +47,13 @@ def test_slider_at_0_stands_in_mid_move_and_goes_on() -> None:
     bench = Bench()
     bench.send(f"movel(pose_add({HERE}, p[0,0.06,0,0,0,0]), a=1.2, v=0.1)\n")
     bench.run(0.4)
-    bench.controller.slider = 0.0
+    bench.controller.io.slider = 0.0
     bench.run(0.02)
     stood = bench.place
     bench.run(1.0)
     assert bench.place == pytest.approx(stood, abs=1e-9)
     assert -0.08 < stood[1] < -0.05
-    bench.controller.slider = 0.5
+    bench.controller.io.slider = 0.5
     bench.run(1.0)
     assert bench.place == pytest.approx((0.9, -0.04, 0.6), abs=1e-6)
 
@@ -91,19 +91,19 @@ def _put_down(desk: Desk, by: str) -> None:
 
 def test_speed_of_joints_has_the_sliders_share() -> None:
     bench = Bench()
-    bench.controller.slider = 0.25
+    bench.controller.io.slider = 0.25
     bench.send("speedj([0, 0, 0, 0, 0, 0.4], a=2, t=1)\n")
     bench.run(0.5)
     assert bench.controller.arm.speeds[5] == pytest.approx(0.1)
-    bench.controller.slider = 0.0
+    bench.controller.io.slider = 0.0
     bench.run(0.2)
     assert bench.controller.arm.speeds[5] == 0.0
 
 
 def test_speedj_without_a_time_ends_at_the_sliders_share() -> None:
     bench = Bench()
-    bench.controller.slider = 0.5
+    bench.controller.io.slider = 0.5
     bench.send("def mine():\n  speedj([0, 0, 0, 0, 0, 0.4], a=2)\n  stopj(2)\nend\n")
     bench.run(0.5)
-    assert bench.controller.program is None
+    assert bench.controller.player.program is None
     assert math.isclose(max(map(abs, bench.controller.arm.speeds)), 0.0)

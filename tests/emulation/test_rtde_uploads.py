@@ -33,12 +33,12 @@ class Spread(Desk):
 
     def __init__(self) -> None:
         super().__init__(EXACT)
-        self.controller.uploads.spread = lambda: None
+        self.controller.player.uploads.spread = lambda: None
 
     def compile(self) -> int:
         """Compile all texts; how many steps it takes."""
         count = 1
-        while self.controller.uploads.step():
+        while self.controller.player.uploads.step():
             count += 1
         return count
 
@@ -46,8 +46,10 @@ class Spread(Desk):
     def playing(self) -> str:
         """Name of the program that plays, after its start."""
         self.run(0.1)
-        program = self.controller.program
-        return program.name if program is not None and self.controller.runtime == Runtime.PLAYING else ""
+        program = self.controller.player.program
+        return (
+            program.name if program is not None and self.controller.player.runtime == Runtime.PLAYING else ""
+        )
 
 
 def test_upload_of_80_kb_leaves_every_rtde_cycle() -> None:
@@ -60,7 +62,7 @@ def test_upload_of_80_kb_leaves_every_rtde_cycle() -> None:
 
     def step() -> None:
         nonlocal steps
-        steps += desk.controller.uploads.step()
+        steps += desk.controller.player.uploads.step()
 
     desk.run(2.0, step)
     stamps = [float(str(values["timestamp"])) for values in values_of(client, recipe)]
@@ -81,7 +83,7 @@ def test_later_text_does_not_overtake() -> None:
     assert desk.playing == "second"
     starts = [s.text for s in desk.controller.console.sayings if s.message is Message.STARTED]
     assert starts == ["second"], "the first one was stopped before it began"
-    assert desk.controller.outputs["actual_digital_output_bits"] == 2
+    assert desk.controller.io.outputs["actual_digital_output_bits"] == 2
 
 
 def test_call_behind_a_long_definition_leaves_it_playing() -> None:
@@ -96,7 +98,7 @@ def test_closed_connection_does_not_cancel_its_program() -> None:
     desk = Spread()
     script = desk.plug(Port.SCRIPT)
     script.send(program("mine", 10).encode())
-    desk.controller.uploads.step()
+    desk.controller.player.uploads.step()
     desk.unplug(script, Port.SCRIPT)
     desk.compile()
     assert desk.playing == "mine"
@@ -114,9 +116,9 @@ STOPS: dict[str, Callable[[Desk], object]] = {
 @pytest.mark.parametrize("stop", STOPS)
 def test_stop_during_compilation_cancels_the_program(stop: str) -> None:
     desk = Spread()
-    desk.controller.programs = {"stored": b"sync()"}
+    desk.controller.player.stored = {"stored": b"sync()"}
     desk.upload(program("mine", 10))
-    desk.controller.uploads.step()
+    desk.controller.player.uploads.step()
     STOPS[stop](desk)
     desk.compile()
     assert desk.playing == ""
@@ -130,7 +132,7 @@ def test_program_that_ends_does_not_cancel_the_next_one() -> None:
     desk.run(0.1)
     desk.upload(program("mine", 10))
     desk.run(0.3)
-    assert desk.controller.runtime == Runtime.STOPPED
+    assert desk.controller.player.runtime == Runtime.STOPPED
     desk.compile()
     assert desk.playing == "mine"
 
@@ -141,7 +143,7 @@ def test_text_that_comes_in_a_stop_does_not_start_after_it() -> None:
     desk.run(6.0)
     desk.upload(program("mine", 10))
     assert desk.plug(Port.DASHBOARD).line("unlock protective stop") == "Protective stop releasing"
-    assert desk.controller.safety == SafetyMode.NORMAL
+    assert desk.controller.state.safety == SafetyMode.NORMAL
     desk.compile()
     assert desk.playing == ""
 
@@ -162,7 +164,7 @@ def test_texts_beyond_a_bound_are_dropped() -> None:
 
 def load(desk: Desk, text: str) -> None:
     """Load a stored program."""
-    desk.controller.programs = {"mine": text.encode()}
+    desk.controller.player.stored = {"mine": text.encode()}
     desk.plug(Port.DASHBOARD).line("load mine.urp")
 
 

@@ -36,14 +36,14 @@ class UrClient:
     def do(self, number: int, values: Sequence[float] = (), flag: int = 0, seconds: float = 0.01) -> None:
         self.command(number, values, flag)
         self.desk.run(seconds)
-        assert self.desk.controller.outputs["output_int_register_0"] == 2
+        assert self.desk.controller.io.outputs["output_int_register_0"] == 2
         self.command(0)
         self.desk.run(2 * DT)
-        assert self.desk.controller.outputs["output_int_register_0"] == 1
+        assert self.desk.controller.io.outputs["output_int_register_0"] == 1
 
     @property
     def told(self) -> list[float]:
-        out = self.desk.controller.outputs
+        out = self.desk.controller.io.outputs
         return [float(out.get(f"output_double_register_{n}", 0.0)) for n in range(6)]  # type: ignore[arg-type]
 
 
@@ -56,14 +56,14 @@ def test_a_servo_of_ur_rtde_is_followed_until_it_is_stopped() -> None:
         ur.command(24, [*six, 0.0, 0.0, 0.002, 0.1, 300.0])
         desk.run(DT)
     assert desk.place[0] - six[0] == pytest.approx(0.04 * 0.1, abs=4e-4)
-    assert desk.controller.outputs["output_int_register_0"] == 1
+    assert desk.controller.io.outputs["output_int_register_0"] == 1
     desk.run(1.0)
     assert desk.place[0] == pytest.approx(six[0], abs=1e-6), "the last target is repeated for ever"
     ur.do(16, [10.0], seconds=0.1)
-    assert desk.controller.still
+    assert desk.controller.manipulator.still
     ur.command(255)
     desk.run(2 * DT)
-    assert desk.controller.runtime == Runtime.STOPPED
+    assert desk.controller.player.runtime == Runtime.STOPPED
 
 
 def test_moves_questions_and_settings_of_ur_rtde() -> None:
@@ -86,9 +86,9 @@ def test_moves_questions_and_settings_of_ur_rtde() -> None:
     ur.do(43)
     assert ur.told[2] == pytest.approx(0.7, abs=1e-6)
     ur.do(60, [9.0, 0.0, 0.0, 0.0, 0.0, 0.0])
-    assert desk.controller.outputs.get("output_int_register_1", 0) == 0
+    assert desk.controller.io.outputs.get("output_int_register_1", 0) == 0
     ur.do(47)
-    assert desk.controller.outputs["output_int_register_1"] == 1
+    assert desk.controller.io.outputs["output_int_register_1"] == 1
     ur.do(19)  # one that has no effect here
 
 
@@ -97,11 +97,11 @@ def test_a_move_beside_other_commands_tells_that_it_runs() -> None:
     ur = UrClient(desk)
     six = list(six_of(Pose(START.position, START.quaternion)))
     ur.do(3, [six[0] - 0.05, *six[1:], 0.1, 1.0], flag=1)
-    running = desk.controller.outputs["output_int_register_2"]
+    running = desk.controller.io.outputs["output_int_register_2"]
     assert int(running) & 1 << 15  # type: ignore[arg-type]
     ur.do(33, [2.0], seconds=0.3)
-    assert desk.controller.still
-    assert not int(desk.controller.outputs["output_int_register_2"]) & 1 << 15  # type: ignore[arg-type]
+    assert desk.controller.manipulator.still
+    assert not int(desk.controller.io.outputs["output_int_register_2"]) & 1 << 15  # type: ignore[arg-type]
     assert 0.85 < desk.place[0] < 0.9
 
 
@@ -110,7 +110,10 @@ def test_a_pose_out_of_reach_ends_ur_rtdes_program() -> None:
     ur = UrClient(desk)
     ur.command(24, [9.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.002, 0.1, 300.0])
     desk.run(0.02)
-    assert (desk.controller.runtime, desk.controller.safety) == (Runtime.STOPPED, SafetyMode.NORMAL)
+    assert (desk.controller.player.runtime, desk.controller.state.safety) == (
+        Runtime.STOPPED,
+        SafetyMode.NORMAL,
+    )
 
 
 def test_ur_rtdes_watchdog_stops_its_program() -> None:
@@ -118,9 +121,9 @@ def test_ur_rtdes_watchdog_stops_its_program() -> None:
     ur = UrClient(desk)
     ur.do(35, [10.0])
     desk.run(0.09)
-    assert desk.controller.runtime == Runtime.PLAYING
+    assert desk.controller.player.runtime == Runtime.PLAYING
     desk.run(0.02)
-    assert desk.controller.runtime == Runtime.STOPPED
+    assert desk.controller.player.runtime == Runtime.STOPPED
 
 
 UNSHRUNK = (Phase.explicit, Phase.generate)

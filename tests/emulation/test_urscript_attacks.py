@@ -151,15 +151,15 @@ def test_an_order_that_no_arm_can_follow_leaves_it_standing(statement: str) -> N
     before = bench.controller.arm.joints
     bench.send(statement + "\n")
     bench.run(0.1)
-    assert bench.controller.safety == SafetyMode.PROTECTIVE_STOP
-    assert bench.controller.stop_reason == "a joint is too fast"
+    assert bench.controller.state.safety == SafetyMode.PROTECTIVE_STOP
+    assert bench.controller.state.stop_reason == "a joint is too fast"
     assert bench.controller.arm.joints == before
     assert served_after_unlock(bench)
 
 
 def served_after_unlock(bench: Bench) -> bool:
     bench.run(5.1)
-    bench.controller.unlock_protective_stop()
+    bench.controller.state.unlock(bench.controller.now)
     return served(bench)
 
 
@@ -249,6 +249,6 @@ def test_no_program_and_no_bytes_upset_the_controller(seed: int) -> None:
             bench.run(bench.controller.period)
             assert all(map(math.isfinite, (*bench.controller.arm.joints, *bench.controller.arm.motion)))
     bench.port.receive(b"\n" + b"end\n" * 80, bench.now)
-    if bench.controller.safety == SafetyMode.NORMAL:
+    if bench.controller.state.safety == SafetyMode.NORMAL:
         bench.run(0.1)
         assert served(bench)

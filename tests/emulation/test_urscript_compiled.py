@@ -47,7 +47,7 @@ def test_call_behind_a_secondary_program_leaves_the_arm_moving() -> None:
     assert moved_mm(desk, MOVE + "sec g():\n  set_digital_out(1, True)\nend\ng()\n") == pytest.approx(
         MOVED_MM, abs=0.05
     )
-    assert desk.controller.outputs["actual_digital_output_bits"] == 2
+    assert desk.controller.io.outputs["actual_digital_output_bits"] == 2
 
 
 @pytest.mark.parametrize(
@@ -66,9 +66,9 @@ def test_text_that_does_not_compile_stops_no_program() -> None:
     desk.run(0.2)
     desk.upload("def other():\n  nothing_such()\nend\n")
     desk.run(0.2)
-    assert desk.controller.runtime is Runtime.PLAYING
-    assert desk.controller.program is not None
-    assert desk.controller.program.name == "mine"
+    assert desk.controller.player.runtime is Runtime.PLAYING
+    assert desk.controller.player.program is not None
+    assert desk.controller.player.program.name == "mine"
     assert desk.robot.unmodelled.things == (
         NotModelled("rtde", "URScript nothing_such()", "not known: the text does not compile"),
     )
@@ -117,7 +117,7 @@ def test_cb3_takes_orders_about_its_simulation(line: str) -> None:
         desk.upload("def mine():\n  while True:\n    sync()\n  end\nend\n")
         desk.run(0.2)
         desk.plug(Port.SECONDARY).send(f"{line}\n".encode())
-        assert desk.controller.runtime is Runtime.PLAYING
+        assert desk.controller.player.runtime is Runtime.PLAYING
     assert errors(cb3) == []
     assert len(cb3.robot.unmodelled.things) == (line == "set sim")
     assert len(errors(e_series)) == 1
@@ -148,8 +148,8 @@ def test_array_of_outputs_switches_and_reads_them() -> None:
     desk = Desk()
     desk.upload("def f():\n  digital_out[2] = True\n  textmsg(digital_out[2], digital_in[2])\nend\n")
     desk.run(0.2)
-    assert desk.controller.outputs["actual_digital_output_bits"] == 4
+    assert desk.controller.io.outputs["actual_digital_output_bits"] == 4
     assert "TrueFalse" in [s.text for s in desk.controller.console.sayings]
     desk.upload("digital_out[2] = False\n")
     desk.run(0.2)
-    assert desk.controller.outputs["actual_digital_output_bits"] == 0
+    assert desk.controller.io.outputs["actual_digital_output_bits"] == 0

@@ -91,7 +91,7 @@ def test_force_mode_ends_with_its_program_and_the_arm_stands() -> None:
     bench = Surface(5e3)
     bench.send(f"def hold():\n  {HOLD}\n  sleep(0.3)\nend\n")
     bench.run(0.6)
-    assert bench.controller.runtime == Runtime.STOPPED
+    assert bench.controller.player.runtime == Runtime.STOPPED
     assert not bench.controller.compliance.on
     before = bench.place
     bench.run(0.5)
@@ -102,7 +102,7 @@ def test_force_mode_yields_nothing_while_its_program_is_paused() -> None:
     bench = Surface(5e3)
     bench.send(f"def hold():\n  {HOLD}\n  sleep(9)\nend\n")
     bench.run(0.2)
-    bench.controller.pause()
+    bench.controller.player.pause()
     bench.run(0.1)
     before = bench.place
     bench.run(0.5)
@@ -129,8 +129,8 @@ def test_force_mode_that_makes_the_tool_too_fast_is_stopped() -> None:
         "def rush():\n  force_mode(p[0,0,0,0,0,0], [0,0,1,0,0,0], [0,0,100,0,0,0], 2, [1,1,1,1,1,1])\n  sleep(9)\nend\n"
     )
     bench.run(0.3)
-    assert bench.controller.safety == SafetyMode.PROTECTIVE_STOP
-    assert bench.controller.stop_reason == "the tool is too fast"
+    assert bench.controller.state.safety == SafetyMode.PROTECTIVE_STOP
+    assert bench.controller.state.stop_reason == "the tool is too fast"
 
 
 def test_force_mode_that_leaves_the_workspace_is_stopped() -> None:
@@ -139,8 +139,8 @@ def test_force_mode_that_leaves_the_workspace_is_stopped() -> None:
         "def away():\n  force_mode(p[0,0,0,0,0,0], [1,0,0,0,0,0], [900,0,0,0,0,0], 2, [1,1,1,1,1,1])\n  sleep(9)\nend\n"
     )
     bench.run(4.0)
-    assert bench.controller.safety == SafetyMode.PROTECTIVE_STOP
-    assert bench.controller.runtime == Runtime.PAUSED
+    assert bench.controller.state.safety == SafetyMode.PROTECTIVE_STOP
+    assert bench.controller.player.runtime == Runtime.PAUSED
 
 
 def test_the_damping_takes_its_share_of_the_speed_that_no_force_holds() -> None:
@@ -239,7 +239,7 @@ def test_a_contact_from_another_side_is_none() -> None:
         "    speedl([0,0,-0.005,0,0,0], 0.5, t=get_steptime())\n  end\nend\n"
     )
     bench.run(0.7)
-    assert bench.controller.runtime == Runtime.PLAYING
+    assert bench.controller.player.runtime == Runtime.PLAYING
     assert bench.force > 3.0 * EXACT.tool_contact_n
 
 

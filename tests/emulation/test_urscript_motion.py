@@ -53,7 +53,7 @@ def test_a_single_statement_moves_the_arm() -> None:
     bench.send("movel(pose_add(get_actual_tcp_pose(), p[0, 0.05, 0, 0, 0, 0]), a=1, v=0.1)\n")
     bench.run(1.0)
     assert bench.place == pytest.approx((0.9, -0.05, 0.6), abs=1e-6)
-    assert bench.controller.runtime == Runtime.STOPPED
+    assert bench.controller.player.runtime == Runtime.STOPPED
 
 
 @pytest.mark.parametrize("move", ["movej", "optimovej"])
@@ -62,24 +62,24 @@ def test_a_move_beyond_a_joints_range_ends_the_program_and_moves_nothing(move: s
     before = bench.place
     bench.send(f"def mine():\n  {move}([-123, 0, 0, 0, 0, 0])\n  movej([0, -1.57, 1.57, 0, 0, 0])\nend\n")
     bench.run(0.5)
-    assert bench.controller.runtime == Runtime.STOPPED
-    assert bench.controller.safety == SafetyMode.NORMAL
+    assert bench.controller.player.runtime == Runtime.STOPPED
+    assert bench.controller.state.safety == SafetyMode.NORMAL
     assert bench.said(Message.RUNTIME) == [
         "runtime error in line 2: the end of this move is beyond a joint's range"
     ]
     assert bench.place == before
     bench.send("movej([6.28, -1.57, 1.57, 0, 0, 0], t=20)\n")
     bench.run(0.5)
-    assert bench.controller.runtime == Runtime.PLAYING, "an end within the range"
+    assert bench.controller.player.runtime == Runtime.PLAYING, "an end within the range"
 
 
 def test_a_move_takes_the_time_that_it_is_given() -> None:
     bench = Bench()
     bench.send("movel(pose_add(get_actual_tcp_pose(), p[0, 0.05, 0, 0, 0, 0]), t=1)\n")
     bench.run(0.95)
-    assert bench.controller.runtime == Runtime.PLAYING
+    assert bench.controller.player.runtime == Runtime.PLAYING
     bench.run(0.15)
-    assert bench.controller.runtime == Runtime.STOPPED
+    assert bench.controller.player.runtime == Runtime.STOPPED
     assert bench.place[1] == pytest.approx(-0.05, abs=1e-6)
 
 
@@ -96,11 +96,11 @@ def test_a_move_in_too_short_a_time_takes_longer_and_is_no_stop(move: str, least
     bench = Bench()
     bench.send(f"{move}\n")
     bench.run(0.05 + least_s)
-    assert bench.controller.runtime == Runtime.PLAYING
+    assert bench.controller.player.runtime == Runtime.PLAYING
     bench.run(2.0)
-    assert bench.controller.safety == SafetyMode.NORMAL, bench.controller.stop_reason
-    assert bench.controller.runtime == Runtime.STOPPED
-    assert bench.controller.still
+    assert bench.controller.state.safety == SafetyMode.NORMAL, bench.controller.state.stop_reason
+    assert bench.controller.player.runtime == Runtime.STOPPED
+    assert bench.controller.manipulator.still
 
 
 def test_an_arc_leads_through_its_third_place() -> None:
@@ -122,7 +122,7 @@ def test_a_speed_holds_for_its_time_and_stops() -> None:
     bench.send("def mine():\n  speedl([0, 0, 0.05, 0, 0, 0], a=2, t=0.5)\n  stopl(2)\nend\n")
     bench.run(1.0)
     assert bench.place[2] == pytest.approx(0.625, abs=3e-3)
-    assert bench.controller.still
+    assert bench.controller.manipulator.still
 
 
 def test_a_pose_out_of_reach_ends_the_program_and_moves_nothing() -> None:
@@ -136,16 +136,16 @@ def test_a_pose_out_of_reach_ends_the_program_and_moves_nothing() -> None:
 def test_a_line_out_of_reach_makes_a_stop_that_is_not_unlocked_too_early() -> None:
     bench = Bench()
     bench.send("movel(p[9, 9, 9, 0, 0, 0])\n")
-    while bench.controller.safety == SafetyMode.NORMAL:
+    while bench.controller.state.safety == SafetyMode.NORMAL:
         assert bench.now < T0 + 10.0
         bench.run(0.01)
     bench.send("set unlock protective stop\n")
     bench.run(5.1)
-    assert bench.controller.safety == SafetyMode.PROTECTIVE_STOP, "the early order is not kept"
+    assert bench.controller.state.safety == SafetyMode.PROTECTIVE_STOP, "the early order is not kept"
     assert bench.controller.counts["unlock refused"] == 1
     bench.send("set unlock protective stop\n")
     bench.run(0.1)
-    assert bench.controller.safety == SafetyMode.NORMAL
+    assert bench.controller.state.safety == SafetyMode.NORMAL
 
 
 def test_line_out_of_reach_is_followed_until_it_leaves_workspace() -> None:
@@ -154,9 +154,9 @@ def test_line_out_of_reach_is_followed_until_it_leaves_workspace() -> None:
     bench.send("movel(pose_add(get_actual_tcp_pose(), p[0, 0, 1000, 0, 0, 0]), a=0.5, v=0.05)\n")
     bench.run(2.0)
     assert bench.place == pytest.approx((0.9, -0.1, 0.695), abs=3e-3)
-    assert bench.controller.safety == SafetyMode.NORMAL
+    assert bench.controller.state.safety == SafetyMode.NORMAL
     bench.run(30.0)
-    assert bench.controller.safety == SafetyMode.PROTECTIVE_STOP
+    assert bench.controller.state.safety == SafetyMode.PROTECTIVE_STOP
     assert 0.7 < bench.place[2] < 1.3
 
 
@@ -164,7 +164,7 @@ def test_a_program_that_never_waits_is_stopped() -> None:
     bench = Bench()
     bench.send("def mine():\n  while True:\n    x = 1\n  end\nend\n")
     bench.run(0.1)
-    assert bench.controller.runtime == Runtime.STOPPED
+    assert bench.controller.player.runtime == Runtime.STOPPED
     assert "infinite loop" in bench.said(Message.RUNTIME)[0]
 
 
@@ -189,8 +189,8 @@ def test_a_secondary_program_runs_beside_one_and_does_not_move() -> None:
     bench.send("def mine():\n  sleep(1)\nend\n")
     bench.run(0.1)
     bench.send("sec side():\n  set_digital_out(1, True)\nend\nsec moves():\n  stopl(1)\nend\n")
-    assert bench.controller.outputs["actual_digital_output_bits"] == 2
-    assert bench.controller.runtime == Runtime.PLAYING
+    assert bench.controller.io.outputs["actual_digital_output_bits"] == 2
+    assert bench.controller.player.runtime == Runtime.PLAYING
     assert "must not move" in bench.said(Message.RUNTIME)[0]
 
 

@@ -20,7 +20,7 @@ TOO_FAST = "a joint is too fast"
 """Reason of a protective stop."""
 
 
-class Felt(NamedTuple):
+class ToolState(NamedTuple):
     """The tool in a cycle, as force mode knows it."""
 
     tcp: Pose
@@ -83,7 +83,7 @@ class Compliance:
         scale = self.gain_scaling
         return Admittance(gain * scale, turn_gain * scale, self.damping, profile.force_mode_least_n)
 
-    def step(self, arm: JointArm, paces: Paces, plays: bool, felt: Felt) -> str:
+    def step(self, arm: JointArm, paces: Paces, plays: bool, tool: ToolState) -> str:
         """One cycle of the arm; `paces` as for `JointArm.step`. Why it must stop before that cycle, or empty.
 
         While no program plays, or the arm is held, nothing yields: it stands, or brakes from the speed that it has.
@@ -98,15 +98,15 @@ class Compliance:
             arm.stay(before)  # also from a speed that is no number
             return TOO_FAST
         before = arm.joints
-        old = compose(flange(self._lengths, before), felt.tcp)
+        old = compose(flange(self._lengths, before), tool.tcp)
         arm.step(paces)
         if not all(map(math.isfinite, arm.joints)):
             arm.stay(before)
             return TOO_FAST
-        planned = compose(flange(self._lengths, arm.joints), felt.tcp)
+        planned = compose(flange(self._lengths, arm.joints), tool.tcp)
         steered = Steered(old, planned, isinstance(arm.order, Place))
-        poses = mode.step(self._admittance(), steered, felt.force)
-        motion = solve_motion(self._lengths, felt.tcp, poses, arm.joints)
+        poses = mode.step(self._admittance(), steered, tool.force)
+        motion = solve_motion(self._lengths, tool.tcp, poses, arm.joints)
         fastest = self._fastest * self._period
         if motion is None or max(abs(b - a) for a, b in zip(before, motion.joints, strict=True)) > fastest:
             arm.stay(before)

@@ -94,12 +94,12 @@ class Connection:
 
         def free() -> None:
             for name in names:
-                if controller.claims.get(name) is self:
-                    del controller.claims[name]
+                if controller.io.claims.get(name) is self:
+                    del controller.io.claims[name]
 
         delay = controller.profile.release_delay_s
         if delay:
-            controller.later(delay, free)
+            controller.timers.add(controller.now + delay, free)
         else:
             free()
 
@@ -146,7 +146,7 @@ class Connection:
                 if known:
                     self._version = version
                 else:
-                    self._controller.told(Act.REFUSED, f"version {version} of the protocol", False)
+                    self._controller.report_order(Act.REFUSED, f"version {version} of the protocol", False)
                 self._out.append(packets.accepted(Kind.VERSION, known))
             case Kind.CONTROLLER_VERSION:
                 self._out.append(packets.controller_version(self._controller.version))
@@ -167,7 +167,7 @@ class Connection:
     def _complain(self, words: str, level: Level) -> None:
         """Say it to a client that takes data. One that waits for an answer would take this for it."""
         self._controller.counts["bad packets"] += 1
-        self._controller.told(Act.UNREADABLE, words, False)
+        self._controller.report_order(Act.UNREADABLE, words, False)
         if self._started:
             self._out.append(packets.text(Text(words, _SOURCE, level), self._version))
 
@@ -209,13 +209,13 @@ class Connection:
             self._inputs[number] = Recipe(number, names, types)
             self._claimed.update(names)
             self._tag(names)
-            controller.claims.update(dict.fromkeys(names, self))
+            controller.io.claims.update(dict.fromkeys(names, self))
         self._out.append(packets.types_answer(Kind.INPUTS, Types(number, types)))
 
     def _tell_missing(self, names: tuple[str, ...], types: tuple[str, ...]) -> None:
         """Tell a judge the variables that this controller does not have."""
         if missing := [name for name, kind in zip(names, types, strict=False) if kind == NOT_FOUND]:
-            self._controller.told(Act.REFUSED, f"variable {missing[0]}", False)
+            self._controller.report_order(Act.REFUSED, f"variable {missing[0]}", False)
 
     def _tag(self, names: tuple[str, ...]) -> None:
         """Tell the variables of a recipe that have no meaning here."""
@@ -225,7 +225,7 @@ class Connection:
 
     def _input_type(self, name: str) -> str:
         found = type_of(INPUTS, name, self._controller.version)
-        holder = self._controller.claims.get(name, self)
+        holder = self._controller.io.claims.get(name, self)
         if found == NOT_FOUND:
             return found
         return found if holder is self and not self._disturbance.in_use(name) else IN_USE
@@ -234,7 +234,7 @@ class Connection:
         recipe = self._inputs.get(payload[0]) if payload else None
         if recipe is None or len(payload) != recipe.size:
             self._controller.counts["bad inputs"] += 1
-            self._controller.told(Act.UNREADABLE, "an input package that fits no recipe", False)
+            self._controller.report_order(Act.UNREADABLE, "an input package that fits no recipe", False)
             self.closing = self._controller.profile.bad_input == "close"
             return
         try:

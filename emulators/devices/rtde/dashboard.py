@@ -9,10 +9,11 @@ from collections.abc import Callable, Mapping
 from emulators.devices.rtde.controller import Controller
 from emulators.devices.rtde.programs import start_text
 from emulators.devices.rtde.running import Saying
+from emulators.devices.rtde.safety import Stimulus
 from emulators.devices.rtde.urscript import Message
 from emulators.orders import Act
 from protocol.devices.rtde.dashboard import GREETING, Lines
-from protocol.devices.rtde.states import RobotMode, Runtime, SafetyMode
+from protocol.devices.rtde.states import RobotMode, Runtime
 
 _MODELS = {"ur5e": "UR5", "ur10e": "UR10", "ur5": "UR5", "ur10": "UR10"}
 _EARLY = (
@@ -72,19 +73,18 @@ _PLAYS = {Runtime.PLAYING: "PLAYING", Runtime.PAUSED: "PAUSED"}
 
 
 def _unlock(controller: Controller) -> str:
-    return "Protective stop releasing" if controller.unlock_protective_stop() else _EARLY
+    return "Protective stop releasing" if controller.state.unlock(controller.now) else _EARLY
 
 
 def _restart(controller: Controller) -> str:
     controller.power_off()
-    if controller.safety in (SafetyMode.VIOLATION, SafetyMode.FAULT):
-        controller.safety = SafetyMode.NORMAL
+    controller.state.apply(Stimulus.RESTART)
     return "Restarting safety"
 
 
 def _stop(controller: Controller) -> str:
     """Also without a program: ur_rtde ends its own one first, and then expects this answer."""
-    controller.stop_program()
+    controller.player.stop(controller.now)
     return "Stopped"
 
 
@@ -94,28 +94,34 @@ def _power_off(controller: Controller) -> str:
 
 
 def _state(controller: Controller) -> str:
-    playing = controller.program.name if controller.program is not None else ""
-    return f"{_PLAYS.get(controller.runtime, 'STOPPED')} {controller.loaded or playing or '<unnamed>'}"
+    player = controller.player
+    name = player.program.name if player.program is not None else ""
+    return f"{_PLAYS.get(player.runtime, 'STOPPED')} {player.loaded or name or '<unnamed>'}"
 
 
 def _load(controller: Controller, file: str) -> str:
     name = file.rpartition("/")[2].removesuffix(".urp")
-    if name not in controller.programs:
+    if name not in controller.player.stored:
         return f"File not found: {file}"
-    controller.stop_program()
-    controller.loaded = f"{name}.urp"
-    return f"Loading program: {file}, {controller.loaded}"
+    controller.player.stop(controller.now)
+    controller.player.loaded = f"{name}.urp"
+    return f"Loading program: {file}, {controller.player.loaded}"
 
 
 def _power_on(controller: Controller) -> str:
     """It is no failure where the power is on."""
-    on = controller.power_on() or controller.mode in (RobotMode.POWER_ON, RobotMode.IDLE, RobotMode.RUNNING)
+    state = controller.state
+    on = state.power_on(controller.now) or state.mode in (
+        RobotMode.POWER_ON,
+        RobotMode.IDLE,
+        RobotMode.RUNNING,
+    )
     return _done(on, "power on", "Powering on")
 
 
 def _release(controller: Controller) -> str:
     """From power off too, and harmless where they are released."""
-    released = controller.release_brakes() or controller.mode == RobotMode.RUNNING
+    released = controller.state.release_brakes(controller.now) or controller.state.mode == RobotMode.RUNNING
     return _done(released, "brake release", "Brake releasing")
 
 
@@ -189,15 +195,19 @@ _ANSWERS: Mapping[str, Callable[[Controller], str]] = {
     "get serial number": lambda controller: controller.profile.serial_number,
     "get robot model": lambda controller: _MODELS[controller.profile.model],
     "get loaded program": lambda controller: (
-        f"Loaded program: /programs/{controller.loaded}" if controller.loaded else "No program loaded"
+        f"Loaded program: /programs/{controller.player.loaded}"
+        if controller.player.loaded
+        else "No program loaded"
     ),
-    "is in remote control": lambda controller: str(controller.remote).lower(),
-    "robotmode": lambda controller: f"Robotmode: {controller.mode.name}",
-    "safetystatus": lambda controller: f"Safetystatus: {controller.safety.name}",
-    "safetymode": lambda controller: f"Safetymode: {controller.safety.name}",
-    "running": lambda controller: f"Program running: {str(controller.runtime == Runtime.PLAYING).lower()}",
+    "is in remote control": lambda controller: str(controller.state.remote).lower(),
+    "robotmode": lambda controller: f"Robotmode: {controller.state.mode.name}",
+    "safetystatus": lambda controller: f"Safetystatus: {controller.state.safety.name}",
+    "safetymode": lambda controller: f"Safetymode: {controller.state.safety.name}",
+    "running": lambda controller: (
+        f"Program running: {str(controller.player.runtime == Runtime.PLAYING).lower()}"
+    ),
     "programstate": _state,
-    "pause": lambda controller: _done(controller.pause(), "pause", "Pausing program"),
+    "pause": lambda controller: _done(controller.player.pause(), "pause", "Pausing program"),
     "stop": _stop,
     "unlock protective stop": _unlock,
     "close safety popup": lambda controller: "closing safety popup",
@@ -207,7 +217,7 @@ _ANSWERS: Mapping[str, Callable[[Controller], str]] = {
     "power off": _power_off,
     "brake release": _release,
     "version": lambda controller: ".".join(map(str, controller.version)),
-    "isprogramsaved": lambda controller: f"true {controller.loaded or '<unnamed>'}",
+    "isprogramsaved": lambda controller: f"true {controller.player.loaded or '<unnamed>'}",
     "savelog": lambda controller: "Log saved to disk",
     "shutdown": lambda controller: "Shutting down",
 }
@@ -220,7 +230,7 @@ class Dashboard:
         self._controller, self._settings = controller, settings
         self._lines = Lines()
         self._out = [GREETING]
-        self._local = not controller.remote
+        self._local = not controller.state.remote
         """The connection was made in local control."""
         self._waiting: deque[str] = deque()
         """Commands without an answer so far."""
@@ -246,8 +256,8 @@ class Dashboard:
             self.closing = True
             return "Disconnected"
         if command in _RELEASES:
-            self._controller.told(Act.RELEASE, f"dashboard: {command}", self._controller.remote)
-        if (self._local or not self._controller.remote) and command.startswith(_ACTS):
+            self._controller.report_order(Act.RELEASE, f"dashboard: {command}", self._controller.state.remote)
+        if (self._local or not self._controller.state.remote) and command.startswith(_ACTS):
             return _LOCAL
         if command == "play":
             self._play()
@@ -262,17 +272,17 @@ class Dashboard:
             if real := next(filter(command.startswith, _OF_THE_MAKER), ""):
                 detail = "answered as one that is not understood"
                 self._controller.unmodelled.touch(f"dashboard command {real}", detail)
-                self._controller.told(Act.REFUSED, f"dashboard command {real}", False)
+                self._controller.report_order(Act.REFUSED, f"dashboard command {real}", False)
         return f"could not understand: '{line[:80]}'"
 
     def _play(self) -> None:
         """Play on what is paused; else start the stored program, which is answered once it has compiled."""
-        controller, name = self._controller, self._controller.loaded.removesuffix(".urp")
+        controller, name = self._controller, self._controller.player.loaded.removesuffix(".urp")
         self._starts = True
         if controller.play():
             self._played(True)
-        elif name and controller.runtime == Runtime.STOPPED and controller.takes_programs:
-            start_text(controller, name, controller.programs[name], self._played)
+        elif name and controller.player.runtime == Runtime.STOPPED and controller.state.takes_programs:
+            start_text(controller, name, controller.player.stored[name], self._played)
         else:
             self._played(False)
 

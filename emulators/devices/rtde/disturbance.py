@@ -6,9 +6,10 @@ from typing import Protocol
 import numpy as np
 
 from emulators.arm.told_pose import ToldPose
-from emulators.devices.rtde.controller import BY_FAULT, Controller
+from emulators.devices.rtde.controller import Controller
 from emulators.devices.rtde.faults import DROPPED, POSE_FAULTS, PROGRAM_WIRE
 from emulators.devices.rtde.kinematics import compose, invert
+from emulators.devices.rtde.safety import BY_FAULT, Stimulus
 from emulators.devices.rtde.state import Snapshot
 from emulators.faults.ledger import Handler, Injection
 from emulators.faults.own import OwnFaults
@@ -40,16 +41,18 @@ class Disturbance:
         self._told_pose = ToldPose(self._measured_at, POSE_FAULTS)
         acts = {
             "protective-stop": lambda: controller.protective_stop(BY_FAULT),
-            "program-stopped": controller.stop_program,
-            "program-paused": controller.pause,
+            "program-stopped": lambda: controller.player.stop(controller.now),
+            "program-paused": controller.player.pause,
             "motors-off": controller.power_off,
         }
         self.handlers: Handlers = {
             "robot": {
                 **own.striking({name: self._at(act) for name, act in acts.items()}),
-                "emergency-stop": self._while(controller.emergency_stop, controller.release_emergency_stop),
+                "emergency-stop": self._while(
+                    controller.emergency_stop, controller.state.release_emergency_stop
+                ),
                 "safeguard-stop": self._while(
-                    lambda: controller.safeguard(True), lambda: controller.safeguard(False)
+                    controller.open_safeguard, lambda: controller.state.apply(Stimulus.SAFEGUARD_CLOSED)
                 ),
                 "local-control": self._while(lambda: self._control(False), lambda: self._control(True)),
                 "slider": Handler(self._slide, lambda injection, now: self._slide_to(1.0, now)),
@@ -82,7 +85,7 @@ class Disturbance:
         return Handler(begin, lambda injection, now: self._at(back)(now))
 
     def _control(self, remote: bool) -> None:
-        self._controller.remote = remote
+        self._controller.state.remote = remote
 
     def _slide(self, injection: Injection) -> None:
         self._slide_to(injection.number("percent") / 100.0, injection.injected_at)
@@ -90,7 +93,7 @@ class Disturbance:
 
     def _slide_to(self, share: float, now: float) -> None:
         self._controller.advance(now)
-        self._controller.slider = share
+        self._controller.io.slider = share
 
     def _drop(self) -> None:
         for connection in self.connections:
@@ -100,10 +103,10 @@ class Disturbance:
 
     def _measured_at(self, time: float) -> Pose:
         """The pose that it told as of a time that has passed, s, without noise."""
-        controller, at = self._controller, np.array([time])
-        x, y, z = controller.path.trajectory(at)[0][0].tolist()
-        ((_, quaternion),) = controller.path.orientations(at)
-        return compose(compose(Pose((x, y, z), quaternion), invert(controller.tool)), controller.tcp)
+        path, manipulator, at = self._controller.path, self._controller.manipulator, np.array([time])
+        x, y, z = path.trajectory(at)[0][0].tolist()
+        ((_, quaternion),) = path.orientations(at)
+        return compose(compose(Pose((x, y, z), quaternion), invert(manipulator.tool)), manipulator.tcp)
 
     def in_use(self, name: str) -> bool:
         """Whether another client holds this input."""

@@ -14,7 +14,10 @@ from typing import NamedTuple
 from emulators.arm.own_force import NO_WRENCH, OwnForce
 from emulators.devices.rtde.drives import own_errors
 from emulators.devices.rtde.force_mode import about_tool, external_wrench
+from emulators.devices.rtde.io import EXTERNAL_FORCE
+from emulators.devices.rtde.manipulator import Manipulator
 from emulators.devices.rtde.profile import RtdeProfile
+from emulators.devices.rtde.state import Registers
 from protocol.devices.rtde.fields import Value
 from protocol.devices.rtde.force import GRAVITY
 from protocol.geometry import Pose, Quaternion, Vector, Wrench, inverse, rotate
@@ -50,7 +53,14 @@ class Tool(NamedTuple):
 class ForceReading:
     """The force of one controller, cycle by cycle: base axes, N and N·m."""
 
-    def __init__(self, profile: RtdeProfile, seed: int) -> None:
+    def __init__(self, profile: RtdeProfile, seed: int, now: float) -> None:
+        self._profile = profile
+        self.external = False
+        """Whether `external_force_torque` is its force sensor."""
+        self._external_at = now
+        """Time of the last external force, s."""
+        self.payload: tuple[float, ...] = (0.0,) * 4
+        """Mass, kg, and its centre, m, as the controller takes them to be."""
         self.own = OwnForce(own_errors(profile), seed)
         """The force that the arm feels by itself, without weights."""
         self.load = Load()
@@ -66,6 +76,32 @@ class ForceReading:
         self.felt: Wrench = NO_WRENCH
         """As told, with moments about the tool."""
 
+    def carry(self, mass: float, centre: Vector) -> None:
+        """The flange carries this, kg and m, and its operator has set that for the payload."""
+        self.load, self.payload = Load(mass, centre), (mass, *centre)
+
+    def enable_external(self, enable: bool, now: float) -> None:
+        """Take `external_force_torque` for the force sensor, or the arm's own."""
+        self.external, self._external_at = enable, now
+
+    def refresh_external(self, now: float) -> None:
+        """An external force came."""
+        self._external_at = now
+
+    def delay_watchdog(self, time: float) -> None:
+        """Leave out a time, s, in which no force could be read."""
+        self._external_at += time
+
+    def is_overdue(self, now: float) -> bool:
+        """Whether an external force has not come for too long."""
+        rate = self._profile.force_watchdog_hz
+        return self.external and bool(rate) and now - self._external_at > 1.0 / rate + 1e-9
+
+    def problem(self) -> str:
+        """Reason of a protective stop for an external force, or an empty string."""
+        too_large = self.external and math.hypot(*self.felt[:3]) > self._profile.max_force_n
+        return "the force is too large" if too_large else ""
+
     def zero(self) -> None:
         """Take the present force of the own sensor for zero. A force that is no number stays."""
         turn = inverse(self._turn)
@@ -73,7 +109,15 @@ class ForceReading:
         if all(map(math.isfinite, (*told, *felt))):
             self.zeros = told, felt
 
-    def read_own(self, now: float, moving: bool, tool: Tool) -> Wrench:
+    def read(self, now: float, inputs: Registers, manipulator: Manipulator) -> Wrench:
+        """actual_TCP_force: of a client's forces, or of those that the arm feels."""
+        mass, x, y, z = self.payload
+        tool = Tool(manipulator.turn, manipulator.tcp, Load(mass, (x, y, z)))
+        if self.external:
+            return self._read_external(inputs.get(EXTERNAL_FORCE), tool)
+        return self._read_own(now, any(manipulator.speeds), tool)
+
+    def _read_own(self, now: float, moving: bool, tool: Tool) -> Wrench:
         """What the own sensor tells, at the time `now`, s. The arm tells no moments of a contact."""
         own = self.own.at(now, moving, tool.turn)
         arm = rotate(tool.turn, tool.tcp.position)
@@ -86,7 +130,7 @@ class ForceReading:
         self.felt = _minus(_plus(own, at_tool), zeros[1])
         return _minus(_plus(own, shown), zeros[0])
 
-    def read_external(self, given: Value | None, tool: Tool) -> Wrench:
+    def _read_external(self, given: Value | None, tool: Tool) -> Wrench:
         """What comes of a client's `external_force_torque`, along the flange's axes and about the flange."""
         arm = rotate(tool.turn, tool.tcp.position)
         weight = about_tool(tool.payload.weight(tool.turn), arm)

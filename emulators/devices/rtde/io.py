@@ -1,9 +1,15 @@
-"""Outputs and the speed slider as inputs of RTDE set them: each only where its mask lets it."""
+"""Inputs and outputs of the emulated controller.
+
+Inputs of RTDE set outputs and the speed slider, each only where its mask lets it.
+"""
 
 import math
+from collections.abc import Mapping
 
 from emulators.devices.rtde.state import ANALOG_TYPES, Registers, number_in
+from protocol.devices.rtde.fields import Value
 
+EXTERNAL_FORCE = "external_force_torque"
 _DIGITAL = "actual_digital_output_bits"
 _GROUPS = {"standard": 0, "configurable": 8, "tool": 16}
 """Digital outputs by group: the first bit of each."""
@@ -34,3 +40,34 @@ def read_slider(inputs: Registers, slider: float) -> float:
     fraction = number_in(inputs, "speed_slider_fraction")
     obeyed = number_in(inputs, "speed_slider_mask") and math.isfinite(fraction)
     return min(max(fraction, 0.0), 1.0) if obeyed else slider
+
+
+class RegisterBank:
+    """Inputs and outputs of a controller, and the speed slider that they move."""
+
+    def __init__(self) -> None:
+        self.inputs: Registers = {}
+        self.outputs: Registers = {}
+        self.flags: set[int] = set()
+        """Flags of programs that are set. Assumed: they outlive the program that has set them."""
+        self.claims: dict[str, object] = {}
+        """Inputs that a connection holds, by name."""
+        self.slider = 1.0
+        """Share of its speed that a motion has from the next cycle on, 0 … 1 (assumed: without a ramp)."""
+
+    def write_inputs(self, values: Mapping[str, Value]) -> None:
+        """A package of inputs came; they hold for ever."""
+        self.inputs = {**self.inputs, **values}
+        if not MASKS.isdisjoint(values):
+            self.outputs = switch_outputs(self.inputs, self.outputs)
+        if "speed_slider_fraction" in values:
+            self.slider = read_slider(self.inputs, self.slider)
+
+    def write_output(self, name: str, value: float) -> None:
+        """A program writes a register."""
+        if self.outputs.get(name, 0) != value:
+            self.outputs = {**self.outputs, name: value}
+
+    def number(self, name: str) -> float:
+        """An input that is a number, 0 where nothing was written."""
+        return number_in(self.inputs, name)

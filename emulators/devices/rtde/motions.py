@@ -3,7 +3,9 @@
 import math
 from typing import Protocol
 
+from emulators.devices.rtde.io import RegisterBank
 from emulators.devices.rtde.kinematics import Joints
+from emulators.devices.rtde.manipulator import Manipulator
 from emulators.devices.rtde.profile import RtdeProfile
 from emulators.orders import Act, HeardOrder, Orders, Reach
 from protocol.devices.rtde.program import COMMAND, POSE, Command
@@ -17,6 +19,8 @@ class Playing(Protocol):
     """The controller, as far as it is asked here."""
 
     profile: RtdeProfile
+    manipulator: Manipulator
+    io: RegisterBank
     orders: Orders
     now: float
 
@@ -24,15 +28,9 @@ class Playing(Protocol):
     def plays(self) -> bool:
         """Whether a program plays on an arm that may move."""
 
-    def number(self, name: str) -> float:
-        """An input that is a number, 0 where nothing was written."""
-
     @property
     def pose_told(self) -> Pose:
         """Pose of the controller's tool, without noise."""
-
-    def forward(self, joints: Joints, tcp: Pose | None = None) -> Pose:
-        """Pose of the controller's tool at these joints."""
 
 
 class Motions:
@@ -58,14 +56,14 @@ class Motions:
         controller = self._controller
         if not self.by_registers or controller.orders.listener is None:
             return
-        if _COMMAND in names and controller.number(_COMMAND) == Command.SERVO:
-            x, y, z, *turn = map(controller.number, _PLACE)
+        if _COMMAND in names and controller.io.number(_COMMAND) == Command.SERVO:
+            x, y, z, *turn = map(controller.io.number, _PLACE)
             self._tell("servo to a pose", Pose((x, y, z), turn_by(turn)), self._reach)
 
     def hear_servo(self, joints: Joints) -> None:
         """servoj to joints."""
         if self._is_new("servoj", joints):
-            place = self._controller.forward(joints) if all(map(math.isfinite, joints)) else None
+            place = self._controller.manipulator.forward(joints) if all(map(math.isfinite, joints)) else None
             self._tell("servoj", place, self._reach)
 
     def hear_speed(self, words: str, speeds: Joints) -> None:

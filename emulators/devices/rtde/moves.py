@@ -74,7 +74,7 @@ def line_walk(
     """
     if not all(map(math.isfinite, (speed, acceleration, *goal.position))):
         return None
-    start = controller.forward(controller.arm.joints)
+    start = controller.manipulator.forward(controller.arm.joints)
     turn = angle_between(start.quaternion, goal.quaternion)
     length = max(math.dist(start.position, goal.position), turn * _TURN_LENGTH)
     if time > 0.0:
@@ -89,11 +89,11 @@ def line_walk(
 
 def arc_walk(controller: Controller, via: Pose, goal: Pose, speed: float, acceleration: float) -> Walk | None:
     """Along the circle through three places, m/s and m/s²; a line where they lie on one. None as of `line_walk`."""
-    start = controller.forward(controller.arm.joints)
+    start = controller.manipulator.forward(controller.arm.joints)
     circle = _circle(start.position, via.position, goal.position)
     if circle is None:
         return line_walk(controller, goal, speed, acceleration)
-    if not all(map(math.isfinite, (speed, acceleration))) or controller.solve(goal) is None:
+    if not all(map(math.isfinite, (speed, acceleration))) or controller.manipulator.solve(goal) is None:
         return None
     centre, first, second, angle = circle
     length = max(math.hypot(*first) * angle, angle_between(start.quaternion, goal.quaternion) * _TURN_LENGTH)
@@ -145,7 +145,7 @@ def _along(controller: Controller, at: Callable[[float], Pose], ramp: Ramp) -> W
     """The joints of a path's poses."""
 
     def joints_at(share: float) -> Joints | None:
-        joints = controller.solve(at(share), controller.arm.joints)
+        joints = controller.manipulator.solve(at(share), controller.arm.joints)
         if joints is None:
             controller.protective_stop("a line leaves the workspace")
         return joints
@@ -166,7 +166,7 @@ def _paced(controller: Controller, joints_at: Callable[[float], Joints | None], 
         before = number * dt - dt - late_s
         if before >= ramp.total and number > 1:
             return
-        step = dt * controller.slider
+        step = dt * controller.io.slider
         joints = joints_at(ramp.at(before + step))
         for _ in range(_SLOWER_TRIES):
             if (
@@ -186,7 +186,7 @@ def _paced(controller: Controller, joints_at: Callable[[float], Joints | None], 
 
 def _excess(controller: Controller, here: Joints, joints: Joints) -> float:
     """How many times the limits of joints and tool are taken by going from joints to others in one cycle."""
-    profile, dt, lengths = controller.profile, controller.period, controller.lengths
+    profile, dt, lengths = controller.profile, controller.period, controller.manipulator.lengths
     turn = max(abs(b - a) for a, b in zip(here, joints, strict=True))
     way = math.dist(flange(lengths, here).position, flange(lengths, joints).position)
     return max(turn / profile.max_joint_speed_rad_s, way * 1e3 / profile.max_tcp_speed_mm_s) / dt

@@ -7,6 +7,7 @@ from typing import Any
 from emulators.devices.rtde.controller import Controller
 from emulators.devices.rtde.faults import RTDE_FAULTS
 from emulators.devices.rtde.robot import RtdeRobot
+from emulators.devices.rtde.safety import Stimulus
 from emulators.panel import Controls, Dial, Move, Switch, millimetres, motion_text, numbers_text
 from protocol.devices.rtde.states import SafetyMode
 
@@ -33,15 +34,15 @@ def _act(act: Callable[[Controller], object]) -> Move:
 
 def _give_control(remote: bool) -> Move:
     def give(controller: Controller) -> None:
-        controller.remote = remote
+        controller.state.remote = remote
 
     return _act(give)
 
 
 def _unlock(controller: Controller) -> None:
-    if controller.unlock_protective_stop():
+    if controller.state.unlock(controller.now):
         return
-    if controller.safety != SafetyMode.PROTECTIVE_STOP:
+    if controller.state.safety != SafetyMode.PROTECTIVE_STOP:
         raise ValueError("there is no protective stop")
     raise ValueError(
         f"the controller refuses to unlock a protective stop earlier than {controller.profile.unlock_s:g} s behind it"
@@ -54,7 +55,7 @@ def _close_popup(controller: Controller) -> None:
 
 def _slide(robot: RtdeRobot, percent: float, now: float) -> None:
     robot.controller.advance(now)
-    robot.controller.slider = percent / 100.0
+    robot.controller.io.slider = percent / 100.0
 
 
 _CONTROLS: Mapping[str, Switch | Dial] = {
@@ -62,7 +63,7 @@ _CONTROLS: Mapping[str, Switch | Dial] = {
         "Press the emergency stop, or release it.",
         {
             "press": _act(lambda controller: controller.emergency_stop(by=_PERSON)),
-            "release": _act(lambda controller: controller.release_emergency_stop(_PERSON)),
+            "release": _act(lambda controller: controller.state.release_emergency_stop(_PERSON)),
         },
         "press",
         lambda state: "press" if state["safety"] == "robot emergency stop" else "release",
@@ -70,8 +71,8 @@ _CONTROLS: Mapping[str, Switch | Dial] = {
     "safeguard": Switch(
         "Open a safeguard, or close it.",
         {
-            "open": _act(lambda controller: controller.safeguard(True)),
-            "close": _act(lambda controller: controller.safeguard(False)),
+            "open": _act(lambda controller: controller.open_safeguard()),
+            "close": _act(lambda controller: controller.state.apply(Stimulus.SAFEGUARD_CLOSED)),
         },
         at=lambda state: "open" if state["safety"] == "safeguard stop" else "close",
     ),
@@ -83,16 +84,23 @@ _CONTROLS: Mapping[str, Switch | Dial] = {
     ),
     "power": Switch(
         "Switch the arm's power.",
-        {"on": _act(Controller.power_on), "off": _act(Controller.power_off)},
+        {
+            "on": _act(lambda controller: controller.state.power_on(controller.now)),
+            "off": _act(Controller.power_off),
+        },
         at=lambda state: "off" if state["mode"] == "power off" else "on",
     ),
-    "brakes": Switch("Release the brakes.", {"release": _act(Controller.release_brakes)}, "release"),
+    "brakes": Switch(
+        "Release the brakes.",
+        {"release": _act(lambda controller: controller.state.release_brakes(controller.now))},
+        "release",
+    ),
     "program": Switch(
         "Let the program go on, pause it, or stop it.",
         {
             "play": _act(Controller.play),
-            "pause": _act(Controller.pause),
-            "stop": _act(Controller.stop_program),
+            "pause": _act(lambda controller: controller.player.pause()),
+            "stop": _act(lambda controller: controller.player.stop(controller.now)),
         },
         at=lambda state: _RUNTIME_AT.get(state["runtime"], ""),
     ),
@@ -111,16 +119,16 @@ def _state(robot: RtdeRobot, now: float) -> dict[str, Any]:
     controller = robot.controller
     controller.advance(now)
     snapshot = controller.snapshots[-1]
-    hindrance = controller.hindrance(now)
-    program = controller.program
+    hindrance = controller.state.hindrance(now)
+    program = controller.player.program
     return {
-        "mode": _words(controller.mode),
-        "safety": _words(controller.safety),
+        "mode": _words(controller.state.mode),
+        "safety": _words(controller.state.safety),
         "hindrance": "" if hindrance is None else hindrance.words,
-        "control": "remote" if controller.remote else "local",
+        "control": "remote" if controller.state.remote else "local",
         "program": "" if program is None else program.name,
-        "runtime": _words(controller.runtime),
-        "speed_percent": round(100.0 * controller.slider, 1),
+        "runtime": _words(controller.player.runtime),
+        "speed_percent": round(100.0 * controller.io.slider, 1),
         "position_mm": millimetres(snapshot.pose.position),
         "true_position_mm": millimetres(snapshot.now.position),
         "joints_deg": tuple(round(math.degrees(joint), 3) for joint in snapshot.joints),

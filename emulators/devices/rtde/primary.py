@@ -110,7 +110,7 @@ def _cartesian(controller: Controller, snapshot: Snapshot) -> Values:
 
 def _denavit_hartenberg(controller: Controller) -> Mapping[str, Values]:
     """The arm's lengths and angles by name, joint by joint; those of a real one are calibrated."""
-    arm = controller.lengths
+    arm = controller.manipulator.lengths
     return {
         "theta": (0.0,) * 6,
         "a": (0.0, arm.a2, arm.a3, 0.0, 0.0, 0.0),
@@ -184,7 +184,7 @@ class PrimaryPort:
         self._silences = silences
         self._controller = controller
         self._script = ScriptPort(controller)
-        self._read_only = port in _READ_ONLY or not controller.remote
+        self._read_only = port in _READ_ONLY or not controller.state.remote
         self._has_messages = port in (Port.PRIMARY, Port.READ_ONLY)
         self._out: list[bytes] = []
         self._modes: list[tuple[SafetyMode, str]] = []
@@ -209,7 +209,7 @@ class PrimaryPort:
 
     def hear_safety(self, mode: SafetyMode) -> None:
         """Another safety mode holds."""
-        self._modes.append((mode, self._controller.stop_reason))
+        self._modes.append((mode, self._controller.state.stop_reason))
 
     def _tell_modes(self) -> None:
         """Tell safety modes that have begun, behind a state that has the newest (assumed)."""

@@ -33,8 +33,8 @@ def start_text(
     Source: ros-industrial/universal_robot, pull request 165, tried on controllers 1.5, 1.8, 3.0 and 3.1.
     """
     words = f"program {name}" if name else f"script {text[:64].decode('utf-8', 'replace')}"
-    order = HeardOrder(controller.now, Act.PROGRAM, words, controller.takes_programs)
-    stops = controller.uploads.stops
+    order = HeardOrder(controller.now, Act.PROGRAM, words, controller.state.takes_programs)
+    stops = controller.player.uploads.stops
 
     def work() -> Iterator[None]:
         compiled = yield from _compiled_or_told(controller, text)
@@ -43,13 +43,13 @@ def start_text(
             return
         controller.orders.tell(order._replace(moves=_moves_by_itself(compiled)))
         ours = controller.motions.by_registers = compiled.name == NAME
-        uploads = controller.uploads
+        uploads = controller.player.uploads
         asks = _asks(compiled) and not ours
         uploads.rehearse = Rehearsal(controller, compiled).cycle if asks else nothing
         in_time = order.taken and uploads.stops == stops
         answer(controller.start_program(lambda: Script(controller, compiled), in_time))
 
-    controller.uploads.add(work())
+    controller.player.uploads.add(work())
 
 
 def _asks(compiled: CompiledProgram) -> bool:
@@ -64,7 +64,7 @@ def _moves_by_itself(compiled: CompiledProgram) -> bool:
 
 def _compiled_or_told(controller: Controller, text: bytes) -> Generator[None, None, CompiledProgram | None]:
     """Compile a text in steps; None for one that does not compile, which is reported."""
-    functions, uploads = functions_of(controller.version), controller.uploads
+    functions, uploads = functions_of(controller.version), controller.player.uploads
     try:
         compiled = yield from compile_in_steps(text.decode("utf-8", "replace"), functions)
         uploads.defined = compiled.name
@@ -74,18 +74,18 @@ def _compiled_or_told(controller: Controller, text: bytes) -> Generator[None, No
         ControllerHost(controller).tell_failure(failure)
         if failure.function and text.strip() == f"{uploads.defined}()".encode():
             words = f"a call of {failure.function}() behind its definition, which plays by itself"
-            controller.told(Act.CONTACT, words, False)
+            controller.report_order(Act.CONTACT, words, False)
         elif failure.function in FUNCTIONS:
             version = ".".join(map(str, controller.version[:3]))
-            controller.told(
+            controller.report_order(
                 Act.UNREADABLE, f"URScript {failure.function}(), which {version} does not have", False
             )
         elif failure.function:
             thing = f"URScript {failure.function}()"
             controller.unmodelled.touch(thing, "not known: the text does not compile")
-            controller.told(Act.REFUSED, f"{thing}, which is not known here", False)
+            controller.report_order(Act.REFUSED, f"{thing}, which is not known here", False)
         else:
-            controller.told(Act.UNREADABLE, f"a program with an error: {failure.text}", False)
+            controller.report_order(Act.UNREADABLE, f"a program with an error: {failure.text}", False)
         return None
 
 
@@ -112,4 +112,4 @@ def run_secondary(controller: Controller, text: bytes) -> None:
             return
         Script(controller, compiled).cycle()
 
-    controller.uploads.add(work())
+    controller.player.uploads.add(work())

@@ -32,10 +32,10 @@ class RtdeRobot:
         self._disturbance = Disturbance(controller, self._cable.handlers, self._cable.program_handlers)
         self.path: ArmPath = controller.path
         self.handlers: Handlers = self._disturbance.handlers
-        self.begun_at = controller.begun_at
-        self.orders, self.hindrance = controller.orders, controller.hindrance
+        self.begun_at = controller.path.begun_at
+        self.orders, self.hindrance = controller.orders, controller.state.hindrance
         self.unmodelled = controller.unmodelled
-        self.feel, self.carry = controller.force.own.feel, controller.carry
+        self.feel, self.carry = controller.force.own.feel, controller.force.carry
         self._open = dict.fromkeys(Port, 0)
         self._settings = Settings()
 
@@ -46,10 +46,10 @@ class RtdeRobot:
 
     @property
     def accepted(self) -> int:
-        return self.controller.accepted
+        return self.controller.path.accepted
 
     def joints_holding(self, pose: Pose, at: float) -> Joints | None:
-        return self.controller.joints_holding(pose, at)
+        return self.controller.manipulator.joints_holding(pose)
 
     def connect(self, port: Port, now: float) -> Server | None:
         """A client comes to a port; None where it has too many."""
@@ -93,7 +93,7 @@ def make_robot(profile: RtdeProfile, programs: Mapping[str, bytes] | None = None
 
     def make(start: StartPose, now: float, seed: int) -> RtdeRobot:
         robot = RtdeRobot(profile, start, now, seed)
-        robot.controller.programs = programs or {}
+        robot.controller.player.stored = programs or {}
         return robot
 
     return make

@@ -74,6 +74,7 @@ class Console:
         """A pop-up stands on the pendant."""
         self.open_socket: Callable[[str, int], Socket | None] = _no_server
         """Opens a connection to an address and a port. Set by the one that serves the controller."""
+        self._safety = SafetyMode.NORMAL
 
     def tell(self, saying: Saying) -> None:
         """A program says something, or something is said about it."""
@@ -84,6 +85,9 @@ class Console:
             listener.hear(saying)
 
     def tell_safety(self, mode: SafetyMode) -> None:
-        """Another safety mode holds."""
+        """The safety mode of this cycle; listeners hear it where it is another than before."""
+        if mode == self._safety:
+            return
+        self._safety = mode
         for listener in self.listeners:
             listener.hear_safety(mode)

@@ -25,7 +25,7 @@ def _unlock(controller: Controller) -> None:
 
     Derived: the C++ client library's examples order it again 5 s after an order without effect.
     """
-    if not controller.unlock_protective_stop():
+    if not controller.state.unlock(controller.now):
         controller.counts["unlock refused"] += 1
 
 
@@ -34,12 +34,12 @@ def _simulate(controller: Controller) -> None:
 
 
 _ORDERS: Mapping[bytes, tuple[Act, Callable[[Controller], object]]] = {
-    b"stop program": (Act.CONTACT, Controller.stop_program),
-    b"pause program": (Act.CONTACT, Controller.pause),
+    b"stop program": (Act.CONTACT, lambda controller: controller.player.stop(controller.now)),
+    b"pause program": (Act.CONTACT, lambda controller: controller.player.pause()),
     b"resume program": (Act.PROGRAM, Controller.play),
-    b"power on": (Act.RELEASE, Controller.power_on),
+    b"power on": (Act.RELEASE, lambda controller: controller.state.power_on(controller.now)),
     b"power off": (Act.CONTACT, Controller.power_off),
-    b"set robotmode run": (Act.RELEASE, Controller.release_brakes),
+    b"set robotmode run": (Act.RELEASE, lambda controller: controller.state.release_brakes(controller.now)),
     b"set unlock protective stop": (Act.RELEASE, _unlock),
 }
 """Lines that are no script, which clients send on the same ports."""
@@ -109,9 +109,9 @@ class ScriptPort:
         controller = self._controller
         orders = _ORDERS if controller.version.major >= E_SERIES else _ORDERS_OF_CB3
         if known := orders.get(line.lower()):
-            if controller.remote:
+            if controller.state.remote:
                 act, order = known
-                controller.told(act, line.decode(), True)
+                controller.report_order(act, line.decode(), True)
                 order(controller)
             return
         self._start("", line)
@@ -122,7 +122,7 @@ class ScriptPort:
             self._at, self._count, self._text = controller.now, 0, 0
         self._count += 1
         self._text += len(text)
-        if self._count > _PROGRAMS_MAX or self._text > TEXT_MAX or controller.uploads.full:
+        if self._count > _PROGRAMS_MAX or self._text > TEXT_MAX or controller.player.uploads.full:
             controller.counts["programs dropped"] += 1
             return
         if secondary:

@@ -34,7 +34,7 @@ class ControllerHost:
         self._random = random.Random(controller.now)
         self._servoing: Servo | None = None
         """The newest servoj, while no other motion has come since."""
-        self._inputs = controller.inputs
+        self._inputs = controller.io.inputs
         """Inputs at the newest servoj: a target that came again is another one."""
         self._solved: tuple[object, Joints | None] = (None, None)
         """The newest question of inverse kinematics, and its answer."""
@@ -57,7 +57,7 @@ class ControllerHost:
 
     def tell_tagged(self, function: str, detail: str) -> None:
         self._controller.unmodelled.touch(f"URScript {function}()", detail)
-        self._controller.told(Act.REFUSED, f"URScript {function}(), which has no effect here", False)
+        self._controller.report_order(Act.REFUSED, f"URScript {function}(), which has no effect here", False)
 
     # --- time and registers
 
@@ -71,7 +71,7 @@ class ControllerHost:
     def read_register(self, direction: str, kind: str, number: int) -> float:
         name, shift = _register(direction, kind, number)
         controller = self._controller
-        value = number_in(controller.inputs if direction == "input" else controller.outputs, name)
+        value = number_in(controller.io.inputs if direction == "input" else controller.io.outputs, name)
         return value if shift is None else int(value) >> shift & 1
 
     def write_register(self, kind: str, number: int, value: float) -> None:
@@ -81,14 +81,14 @@ class ControllerHost:
             value = bits | 1 << shift if value else bits & ~(1 << shift)
         elif kind == "int" and not -(2**31) <= value < 2**31:
             raise ScriptError("an integer register has 32 bits")
-        self._controller.write_output(name, value)
+        self._controller.io.write_output(name, value)
 
     def read_whole(self, name: str) -> float:
         """An output that is a number, 0 where nothing was written."""
-        return number_in(self._controller.outputs, name)
+        return number_in(self._controller.io.outputs, name)
 
     def watch_input(self, name: str, frequency_hz: float, action: str) -> None:
-        self._controller.watch_input(name, frequency_hz, action)
+        self._controller.player.watch_input(name, frequency_hz, action, self._controller.now)
 
     def read_digital(self, direction: str, number: int) -> bool:
         """No input is wired (assumed)."""
@@ -98,20 +98,20 @@ class ControllerHost:
     def write_digital(self, number: int, on: bool) -> None:
         bits = int(self.read_whole("actual_digital_output_bits"))
         bits = bits | 1 << number if on else bits & ~(1 << number)
-        self._controller.write_output("actual_digital_output_bits", bits)
+        self._controller.io.write_output("actual_digital_output_bits", bits)
 
     def read_analog(self, direction: str, number: int) -> float:
         return self.read_whole(f"standard_analog_output{number}") if direction == "output" else 0.0
 
     def write_analog(self, number: int, share: float) -> None:
-        self._controller.write_output(f"standard_analog_output{number}", share)
+        self._controller.io.write_output(f"standard_analog_output{number}", share)
 
     @property
     def flags(self) -> Set[int]:
-        return self._controller.flags
+        return self._controller.io.flags
 
     def set_flag(self, number: int, on: bool) -> None:
-        (self._controller.flags.add if on else self._controller.flags.discard)(number)
+        (self._controller.io.flags.add if on else self._controller.io.flags.discard)(number)
 
     def open_socket(self, address: str, port: int) -> Socket | None:
         return self._controller.console.open_socket(address, port)
@@ -125,7 +125,7 @@ class ControllerHost:
 
     @property
     def joints(self) -> Joints:
-        return self._controller.joints
+        return self._controller.manipulator.joints
 
     @property
     def target(self) -> Joints:
@@ -133,7 +133,7 @@ class ControllerHost:
 
     @property
     def speeds(self) -> Joints:
-        return self._controller.speeds
+        return self._controller.manipulator.speeds
 
     @property
     def target_speeds(self) -> Joints:
@@ -141,30 +141,30 @@ class ControllerHost:
 
     @property
     def speed_scaling(self) -> float:
-        return self._controller.slider
+        return self._controller.io.slider
 
     @property
     def tcp(self) -> Pose:
-        return self._controller.tcp
+        return self._controller.manipulator.tcp
 
     @property
     def payload(self) -> tuple[float, ...]:
-        return self._controller.payload
+        return self._controller.force.payload
 
     @property
     def still(self) -> bool:
-        return self._controller.still
+        return self._controller.manipulator.still
 
     def forward(self, joints: Joints, tcp: Pose | None = None) -> Pose:
-        return self._controller.forward(joints, tcp)
+        return self._controller.manipulator.forward(joints, tcp)
 
     def solve(self, pose: Pose, near: Joints | None = None, tcp: Pose | None = None) -> Joints | None:
         """The newest answer is kept: a program asks whether there are joints, and then which."""
         controller = self._controller
-        question = pose, near or controller.arm.target, tcp or controller.tcp
+        question = pose, near or controller.arm.target, tcp or controller.manipulator.tcp
         if question != self._solved[0]:
             flange = compose(pose, invert(question[2]))
-            self._solved = question, nearest(controller.lengths, flange, question[1])
+            self._solved = question, nearest(controller.manipulator.lengths, flange, question[1])
         return self._solved[1]
 
     def servo(self, joints: Joints, time: float, lookahead: float, gain: float) -> int:
@@ -175,9 +175,10 @@ class ControllerHost:
             controller.protective_stop("a servo's setting that is no number")
             return 1
         cycles = max(1, round(min(max(time, 0.0), 1.0) / controller.period))
-        if self._servoing is None or joints != self._servoing.target or controller.inputs is not self._inputs:
+        inputs = controller.io.inputs
+        if self._servoing is None or joints != self._servoing.target or inputs is not self._inputs:
             controller.target_taken()
-        self._inputs = controller.inputs
+        self._inputs = inputs
         servo = Servo(joints, min(max(lookahead, 0.03), 0.2), min(max(gain, 100.0), 2000.0), cycles)
         self._servoing = servo
         controller.order(servo)
@@ -195,11 +196,11 @@ class ControllerHost:
         controller = self._controller
         self._motions.hear_speed("speedl", velocity)
         dt, joints = controller.period, controller.arm.joints
-        here = controller.forward(joints)
+        here = controller.manipulator.forward(joints)
         turn = pose_of((0.0, 0.0, 0.0, *(part * dt for part in velocity[3:])))
         x, y, z = (p + v * dt for p, v in zip(here.position, velocity[:3], strict=True))
         there = Pose((x, y, z), compose(turn, Pose((0.0, 0.0, 0.0), here.quaternion)).quaternion)
-        found = controller.solve(there, joints)
+        found = controller.manipulator.solve(there, joints)
         if found is None:
             return False
         a, b, c, d, e, f = ((new - old) / dt for old, new in zip(joints, found, strict=True))
@@ -235,10 +236,10 @@ class ControllerHost:
             yield None
 
     def set_tcp(self, tcp: Pose) -> None:
-        self._controller.tcp = tcp
+        self._controller.manipulator.tcp = tcp
 
     def set_payload(self, mass: float, centre: tuple[float, ...]) -> None:
-        self._controller.payload = (mass, *centre)
+        self._controller.force.payload = (mass, *centre)
 
     # --- force and stops
 
@@ -282,7 +283,7 @@ class ControllerHost:
         return self._compliance.history.joints_before(steps) or self.joints
 
     def enable_external_force(self, enable: bool) -> None:
-        self._controller.enable_external_force(enable)
+        self._controller.force.enable_external(enable, self._controller.now)
 
     def protective_stop(self, why: str) -> None:
         self._controller.protective_stop(why)

@@ -60,7 +60,7 @@ class Ports:
         """Listen on an address; the URL for a client. Raises TransportUnavailable."""
         if not self._serving.clock.is_virtual:
             self._keep_pace()
-            self._robot.controller.uploads.spread = self._begin_to_compile
+            self._robot.controller.player.uploads.spread = self._begin_to_compile
         if address.name:
             for port in PORTS:
                 door = self._door(port)
@@ -96,7 +96,7 @@ class Ports:
         The clock is not asked: its time would be that of all deadlines that are late, and their cycles be left out.
         """
         try:
-            if all(self._robot.controller.uploads.step() for _ in range(STEPS)):
+            if all(self._robot.controller.player.uploads.step() for _ in range(STEPS)):
                 self._serving.clock.call_soon(self._compile)
             else:
                 self._compiling.close()
