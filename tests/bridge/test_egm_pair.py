@@ -53,7 +53,7 @@ class Pair:
             self.now = deadline
             self.ledger.handle_deadline(self.now)
             self.robot.endpoint.handle_deadline(self.now)
-            self.queued.append(len(self.robot._queue))
+            self.queued.append(len(self.robot.queue))
             told = network(list(self.robot.endpoint.data_to_send(self.now)))
             if told:
                 self.bridge.receive(told, self.now)
@@ -96,7 +96,7 @@ def test_behind_a_movement_the_tool_stands_at_its_last_point_for_good() -> None:
     pair.bridge.end()
     last = pair.cycles(500).true()
     assert pair.cycles(2500).true() == pytest.approx(last, abs=1e-7)
-    assert pair.robot.state is State.GUIDING
+    assert pair.robot.session.state is State.GUIDING
 
 
 @pytest.mark.parametrize("fault", ["motors-off", "program-stopped"])
@@ -107,7 +107,7 @@ def test_a_stop_by_people_is_left_standing_also_when_the_guidance_goes_on(fault:
     pair.cycles(300)
     stood = pair.true()
     pair.cycles(500)
-    assert pair.robot.state is State.GUIDING
+    assert pair.robot.session.state is State.GUIDING
     assert pair.true() == pytest.approx(stood, abs=1e-6)
     assert pair.bridge.faults.first
     pair.bridge.end()
@@ -126,7 +126,7 @@ def test_another_session_ends_the_movement_and_moves_nothing(fault: str) -> None
     )
     pair.cycles(500)
     stood = pair.true()
-    assert pair.cycles(1000).robot.state is State.GUIDING
+    assert pair.cycles(1000).robot.session.state is State.GUIDING
     assert pair.true() == pytest.approx(stood, abs=1e-6)
     assert not pair.bridge.moving
 

@@ -258,14 +258,14 @@ def test_a_message_that_cannot_be_used_is_dropped_and_does_not_put_the_time_out_
     line = Line().streams(1.2, message)
     assert line.robot.accepted == 0
     assert line.robot.counters["unusable"] > 200
-    assert line.robot.unusable
-    assert line.robot.state is State.TIMED_OUT
-    assert Line(bad_refreshes_timeout=True).streams(1.2, message).robot.state is State.GUIDING
+    assert line.robot.receiver.unusable
+    assert line.robot.session.state is State.TIMED_OUT
+    assert Line(bad_refreshes_timeout=True).streams(1.2, message).robot.session.state is State.GUIDING
 
 
 def test_a_message_that_says_nothing_puts_the_time_out_off_alone() -> None:
     line = Line().streams(1.2, SensorMessage(0))
-    assert (line.robot.state, line.robot.accepted) == (State.GUIDING, 0)
+    assert (line.robot.session.state, line.robot.accepted) == (State.GUIDING, 0)
 
 
 @given(st.lists(st.binary(max_size=90) | st.sampled_from([encode_answer(to(z=-1.0))]), max_size=8))

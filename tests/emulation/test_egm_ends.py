@@ -23,7 +23,7 @@ def test_silence_leaves_the_last_speed_in_force_until_the_time_out_and_then_the_
     line.cycles(10)
     stopped = line.z()[0]
     assert states(line.last) == (Motors.ON, Guidance.ERROR, Rapid.RUNNING)
-    assert line.robot.error == "event 41822: ERR_UDPUC_COMM, no message from the PC"
+    assert line.robot.session.error == "event 41822: ERR_UDPUC_COMM, no message from the PC"
     count = len(line.heard)
     line.cycles(100)
     assert len(line.heard) == count  # one datagram told of the error, and none follows
@@ -37,7 +37,7 @@ def test_with_a_position_the_last_speed_leads_no_farther_than_the_speed_over_the
 
 def test_after_a_time_out_the_program_begins_another_session_where_the_tool_stands() -> None:
     line = Line().streams(1.0, to(z=-5.0)).cycles(260)
-    assert line.robot.state is State.TIMED_OUT
+    assert line.robot.session.state is State.TIMED_OUT
     stands = line.robot.motion.pose
     line.heard.clear()
     line.cycles(500)
@@ -45,11 +45,11 @@ def test_after_a_time_out_the_program_begins_another_session_where_the_tool_stan
     assert line.heard[0].tm_ms > 3000  # the controller's clock goes on
     assert line.robot.motion.pose == stands
     never = Line(retry_s=0.0).cycles(2000)
-    assert never.robot.state is State.TIMED_OUT
+    assert never.robot.session.state is State.TIMED_OUT
 
 
 def test_silence_may_be_no_error() -> None:
-    assert Line(silence="never").cycles(1000).robot.state is State.GUIDING
+    assert Line(silence="never").cycles(1000).robot.session.state is State.GUIDING
 
 
 # --- the ends of a run
@@ -59,7 +59,7 @@ def test_a_window_that_is_held_ends_the_run() -> None:
     line = Line(cond_time_s=1.0).streams(0.9, to(z=-0.5))
     assert line.last.converged
     line.streams(0.5, to(z=-0.5))
-    assert line.robot.state is State.ENDED
+    assert line.robot.session.state is State.ENDED
     assert states(line.last) == (Motors.ON, Guidance.STOPPED, Rapid.RUNNING)
 
 
@@ -67,7 +67,7 @@ def test_a_window_that_is_left_is_held_anew() -> None:
     line = Line(cond_time_s=1.0).streams(0.9, to()).streams(0.3, to(z=-5.0))
     assert not line.last.converged
     line.streams(0.6, to())
-    assert line.robot.state is State.GUIDING
+    assert line.robot.session.state is State.GUIDING
 
 
 def test_without_a_reference_nothing_converges() -> None:
@@ -79,7 +79,7 @@ def test_without_a_reference_nothing_converges() -> None:
 )
 def test_a_digital_signal_may_end_the_run(rw: str, settings: dict[str, Any], ends: bool) -> None:
     line = Line(rw=rw, **settings).streams(0.1, to()).streams(0.1, to()._replace(digital=True))
-    assert (line.robot.state is State.ENDED) is ends
+    assert (line.robot.session.state is State.ENDED) is ends
 
 
 @pytest.mark.parametrize(("mode", "height"), [("hold", -3.0), ("ramp_down", 0.0)])
@@ -124,12 +124,12 @@ def test_a_reference_out_of_bounds_ends_the_guidance_with_an_error(
     settings: dict[str, Any], message: Answer
 ) -> None:
     line = Line(**settings).streams(3.0, message)
-    assert line.robot.state is State.FAILED
-    assert line.robot.error == "the input is out of bounds"
+    assert line.robot.session.state is State.FAILED
+    assert line.robot.session.error == "the input is out of bounds"
     assert states(line.last) == (Motors.ON, Guidance.ERROR, Rapid.STOPPED)
     position = line.robot.motion.pose.position
     line.streams(3.0, message)  # no error handler begins again
-    assert (line.robot.state, line.robot.motion.pose.position) == (State.FAILED, position)
+    assert (line.robot.session.state, line.robot.motion.pose.position) == (State.FAILED, position)
 
 
 # --- people at the controller
@@ -260,7 +260,7 @@ def test_a_damaged_datagram_goes_out(fault: str) -> None:
 def test_answers_that_are_lost_end_in_the_time_out(fault: str, values: dict[str, Any]) -> None:
     line = Line().streams(0.4, to())
     line.inject("wire", fault, **values)
-    assert line.streams(1.2, to()).robot.state is State.TIMED_OUT
+    assert line.streams(1.2, to()).robot.session.state is State.TIMED_OUT
 
 
 def test_late_answers_act_late() -> None:
@@ -293,7 +293,10 @@ def test_faults_of_the_pose_are_told_and_leave_the_motion_alone() -> None:
 def test_an_error_of_the_network_ends_the_guidance() -> None:
     line = Line().streams(0.1, to())
     line.inject("robot", "cannot-send")
-    assert line.robot.error.startswith("event 41830")
+    assert line.robot.session.error.startswith("event 41830")
     line.inject("robot", "program-restarted")
     line.inject("robot", "out-of-limits")
-    assert (line.robot.state, line.robot.error) == (State.FAILED, "the input is out of bounds")
+    assert (line.robot.session.state, line.robot.session.error) == (
+        State.FAILED,
+        "the input is out of bounds",
+    )

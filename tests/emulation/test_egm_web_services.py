@@ -50,7 +50,7 @@ class Served:
 
     @property
     def state(self) -> State:
-        return self.controller.state
+        return self.controller.session.state
 
 
 def test_json_has_the_type_that_abb_robot_client_reads() -> None:

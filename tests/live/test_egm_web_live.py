@@ -76,7 +76,7 @@ def test_a_client_stops_rapid_and_a_subscriber_is_told() -> None:
             stopped = await session.post("/rw/rapid/execution?action=stop", data={"stopmode": "stop"})
             event = await socket.receive_str(timeout=10.0)
             await socket.close()
-            return stopped.status, event, controller.state
+            return stopped.status, event, controller.session.state
 
     status, event, state = run_real(main)
     assert (status, state) == (204, State.RAPID_STOPPED)
@@ -109,7 +109,7 @@ def test_a_hostile_request_is_answered_with_its_status(data: bytes, status: byte
             line = await reader.readline()
             writer.transport.abort()
             await read_state(address)
-            return line, controller.state
+            return line, controller.session.state
 
     line, state = run_real(main)
     assert line.split()[1] == status

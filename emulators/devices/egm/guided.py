@@ -6,6 +6,7 @@ from collections.abc import Callable
 from emulators.arm.followed import FollowedProfile
 from emulators.devices.egm.law import STILL, Axes, MotionLaw, joint_load, pose_load
 from emulators.devices.egm.profile import EgmProfile
+from emulators.devices.egm.state import OUT_OF_BOUNDS
 from protocol.devices.egm import Answer, PathCorrection, SensorMessage, from_wire
 from protocol.geometry import (
     Pose,
@@ -27,8 +28,6 @@ Derived: tool0 of ABB's arms has the orientation 0.707 0 0.707 0 there."""
 _AT_HAND: Joints = (0.0,) * 6
 _QUICK = 1e9
 """Speed of the arm's own interpolation, mm/s and degrees/s: it takes each set point as it is."""
-OUT_OF_BOUNDS = "the input is out of bounds"
-"""Words of the controller's error [M]."""
 
 
 class ArmJoints:
@@ -104,6 +103,10 @@ class GuidedMotion:
         self._ahead: Axes = STILL
         self._offset: Vector = (0.0, 0.0, 0.0)
 
+    def holding(self, pose: Pose) -> Joints | None:
+        """The joints nearest to the set point that hold a pose, rad; None where none do."""
+        return self._kinematics.holding(pose, self.joints)
+
     @property
     def utilization_percent(self) -> float:
         """Speed that was asked for, in percent of the largest."""
@@ -161,7 +164,7 @@ class GuidedMotion:
         share = min(share, 1.0)
         x, y, z = (p + (q - p) * share for p, q in zip(origin.position, self.start.position, strict=True))
         pose = Pose((x, y, z), slerp(origin.quaternion, self.start.quaternion, share))
-        self._go(pose, self._kinematics.holding(pose, self.joints))
+        self._go(pose, self.holding(pose))
 
     def converged(self) -> bool:
         """Whether the reference is there and inside the window of convergence."""
@@ -217,7 +220,7 @@ class GuidedMotion:
             for p, t, j, k in zip(self.start.position, tangent, y, z, strict=True)
         )
         pose = Pose((a, b, c), self.start.quaternion)
-        return pose, self._kinematics.holding(pose, self.joints)
+        return pose, self.holding(pose)
 
     def _moved(self, velocity: Axes) -> tuple[Pose, Joints | None]:
         """The set point after a cycle at this speed."""
@@ -237,7 +240,7 @@ class GuidedMotion:
                 for p, s in zip((x, y, z), self.start.position, strict=True)
             )
         pose = Pose((x, y, z), normalise(product(turn_by(turn), self.pose.quaternion)))
-        return pose, self._kinematics.holding(pose, self.joints)
+        return pose, self.holding(pose)
 
     def _go(self, pose: Pose, joints: Joints | None) -> str:
         """Have this as the set point, unless it is out of bounds."""

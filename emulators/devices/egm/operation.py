@@ -23,7 +23,7 @@ class RefusedAct(ValueError):
 
 def runs(controller: EgmController) -> bool:
     """Whether RAPID runs."""
-    return not controller.stops and controller.state.value[2] is Rapid.RUNNING
+    return not controller.stops.names and controller.session.state.value[2] is Rapid.RUNNING
 
 
 def press_emergency_stop(controller: EgmController, now: float) -> None:
@@ -53,10 +53,10 @@ def switch_motors_off(controller: EgmController, now: float) -> None:
 
 def switch_motors_on(controller: EgmController, now: float) -> None:
     """Switch the motors on; RAPID stays as it is. In a manual mode this is the enabling device. Raises RefusedAct."""
-    if EMERGENCY_STOP in controller.stops:
+    if EMERGENCY_STOP in controller.stops.names:
         raise RefusedAct("an emergency stop is pressed")
     controller.start(MOTORS_OFF, now)
-    if MOTORS_OFF in controller.stops:
+    if MOTORS_OFF in controller.stops.names:
         raise RefusedAct("the motors are held off")
 
 
@@ -76,12 +76,12 @@ def start_program(controller: EgmController, now: float) -> None:
     """Start RAPID where it was stopped, or from main. Raises RefusedAct while it runs, and where it cannot."""
     if runs(controller):
         raise RefusedAct("the program runs already")
-    if set(controller.stops) & set(POWERLESS):
+    if set(controller.stops.names) & set(POWERLESS):
         raise RefusedAct("the motors are off")
     controller.start(PROGRAM_STOPPED, now)
-    if PROGRAM_STOPPED in controller.stops:
+    if PROGRAM_STOPPED in controller.stops.names:
         raise RefusedAct("the program is held")
-    if controller.desk.at_main or controller.state is State.FAILED:
+    if controller.desk.at_main or controller.session.state is State.FAILED:
         controller.restart_program(now)
     controller.desk.at_main = False
 

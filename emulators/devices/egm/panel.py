@@ -58,16 +58,16 @@ _CONTROLS: Mapping[str, Switch | Dial] = {
 
 
 def _state(robot: EgmController, now: float) -> dict[str, Any]:
-    guidance = robot.state.value[1]
+    guidance = robot.session.state.value[1]
     hindrance = robot.hindrance(now)
-    pose, joints = robot.measured
+    pose, joints = robot.reporter.measured
     return {
         "key": _KEY_WORDS[robot.desk.key],
-        "motors": "off" if set(POWERLESS) & set(robot.stops) else "on",
+        "motors": "off" if set(POWERLESS) & set(robot.stops.names) else "on",
         "guidance": guidance.name.lower(),
         "rapid": "running" if operation.runs(robot) else "stopped",
         "hindrance": "" if hindrance is None else hindrance.words,
-        "stops": list(robot.stops),
+        "stops": list(robot.stops.names),
         "speed_percent": robot.desk.speed_percent,
         "position_mm": millimetres(pose.position),
         "joints_deg": tuple(round(math.degrees(joint), 3) for joint in joints),

@@ -1,14 +1,20 @@
 """States of an emulated controller with Externally Guided Motion, and the reasons for which it stands."""
 
-from dataclasses import dataclass
+from collections import Counter
+from dataclasses import dataclass, field
 from enum import Enum
 
+from emulators.devices.egm.profile import EgmProfile
+from emulators.orders import Hindrance
 from protocol.devices.egm import Guidance, Motors, Rapid
+from protocol.geometry import Pose
 
 EMERGENCY_STOP, MOTORS_OFF, PROGRAM_STOPPED = "emergency-stop", "motors-off", "program-stopped"
 """Names of the stops by people."""
 POWERLESS = (EMERGENCY_STOP, MOTORS_OFF)
 """Stops by which the motors go off."""
+OUT_OF_BOUNDS = "the input is out of bounds"
+"""Words of the controller's error [M]."""
 
 
 class State(Enum):
@@ -49,3 +55,76 @@ class Desk:
 
 STOPPED = (State.RAPID_STOPPED, State.MOTORS_OFF)
 OVER = (State.ENDED, State.TIMED_OUT, State.FAILED)
+
+
+@dataclass(slots=True)
+class Stops:
+    """Stops that hold the robot."""
+
+    names: list[str] = field(default_factory=list)
+    """By faults and by hand; one name may be there by both."""
+    by_hand: set[str] = field(default_factory=set)
+    """Names of those of a person at the panel."""
+
+    @property
+    def state(self) -> State:
+        """The state to which they bring a session."""
+        return State.MOTORS_OFF if set(POWERLESS) & set(self.names) else State.RAPID_STOPPED
+
+
+class Session:
+    """The RAPID program from EGMSetupUC on: the state of its guidance, and what has ended it."""
+
+    def __init__(self, profile: EgmProfile, counters: Counter[str], now: float) -> None:
+        self._profile, self._counters = profile, counters
+        self.begin(now)
+
+    def begin(self, now: float) -> None:
+        """Another session: EGMReset, EGMSetupUC and what follows."""
+        self.state, self.error = State.SET_UP, ""
+        """`error` is in words, with the number of its event where that is known."""
+        self.since = self._converged_since = now
+        """When the state, and the window of convergence, were entered, s."""
+        self.converged = self.end_sent = False
+        """`end_sent`: a datagram has told that the guidance is over."""
+        self.origin: Pose | None = None
+        """Set point at which the return to the start of the guidance began; None without one."""
+        self._counters["sessions"] += 1
+
+    def enter(self, state: State, now: float) -> None:
+        """The guidance ends, or stops, in this state."""
+        self.state, self.since, self.end_sent = state, now, False
+        self._counters[f"ended: {state.name}"] += 1
+
+    def resume(self, now: float) -> None:
+        """The guidance goes on."""
+        self.state, self._converged_since = State.GUIDING, now
+
+    def has_converged(self, converged: bool, now: float) -> bool:
+        """Whether the reference was inside the window of convergence for long enough; it is `converged` now."""
+        self.converged = converged
+        if not converged:
+            self._converged_since = now
+        return converged and now - self._converged_since >= self._profile.cond_time_s
+
+    @property
+    def is_guidable(self) -> bool:
+        """Whether messages have an effect."""
+        return self.state in (State.SET_UP, State.GUIDING)
+
+    @property
+    def sends(self) -> bool:
+        """Whether the controller sends datagrams."""
+        profile = self._profile
+        if self.state in STOPPED:
+            return profile.sends_stopped
+        if self.state in OVER:
+            return profile.send_when == "setup" or (profile.last_datagram and not self.end_sent)
+        return True
+
+    def hindrance(self, now: float) -> Hindrance | None:
+        """Why messages have no effect."""
+        if self.is_guidable:
+            return None
+        words = self.state.name.lower().replace("_", " ")
+        return Hindrance(f"{words}: {self.error}" if self.error else words, self.error == OUT_OF_BOUNDS)

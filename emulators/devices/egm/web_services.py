@@ -147,7 +147,7 @@ class WebServices:
         raise _Refusal(404, "there is no such resource")
 
     def _controller_state(self) -> str:
-        stops = self._controller.stops
+        stops = self._controller.stops.names
         if EMERGENCY_STOP in stops:
             return "emergencystop"
         return "motoroff" if MOTORS_OFF in stops else "motoron"
@@ -174,7 +174,7 @@ class WebServices:
 
     def _symbol(self, path: str) -> tuple[str, str]:
         """Type and value of RAPID data."""
-        state = self._controller.state
+        state = self._controller.session.state
         guides = operation.runs(self._controller) and state in (State.SET_UP, State.GUIDING)
         if path == _STATE:
             return "num", f"{_RUNS_EGM if guides else _IDLE}"
@@ -189,7 +189,7 @@ class WebServices:
             raise _Refusal(404, "there is no such mechanical unit")
         if len(parts) == 1:
             return self._unit_facts(query.get("resource", "static"))
-        pose, joints = self._controller.measured
+        pose, joints = self._controller.reporter.measured
         if parts[1] == "jointtarget":
             axes = {f"rax_{axis}": f"{math.degrees(angle):.6g}" for axis, angle in enumerate(joints, 1)}
             return Item("ms-jointtarget", "jointtarget", {**axes, **_EXTERNAL})
@@ -283,7 +283,7 @@ class WebServices:
         if name == "EGM_STOP":
             self._controller.end_guidance(now)
         elif name == f"EGM_START_{self._profile.mode.upper()}":
-            if operation.runs(self._controller) and self._controller.state not in (
+            if operation.runs(self._controller) and self._controller.session.state not in (
                 State.SET_UP,
                 State.GUIDING,
             ):

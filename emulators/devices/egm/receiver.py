@@ -1,26 +1,82 @@
-"""Messages of a client as orders, for its judge, and the checks that a controller with EGM makes of them."""
+"""Messages of a client: as orders, for its judge, and as a controller with EGM checks and accepts them."""
 
 import math
+from collections import Counter
 
 from emulators.devices.egm.guided import ArmJoints
 from emulators.devices.egm.profile import EgmProfile
 from emulators.orders import Act, HeardOrder, Reach
-from protocol.devices.egm import Answer, PathCorrection, decode_answer, from_wire
+from emulators.unmodelled import Unmodelled
+from protocol.devices.egm import (
+    Answer,
+    PathCorrection,
+    SensorMessage,
+    decode_answer,
+    from_wire,
+    names_external_axes,
+)
 from protocol.endpoint import RemoteProtocolError
 
 _COUNTS = (0, 6)
 """Numbers of joints that a message may hold."""
 
 
-class Hearing:
-    """Reads messages in the mode of one controller."""
+class Receiver:
+    """Reads messages in the mode of one controller, and knows when the newest came."""
 
-    def __init__(self, profile: EgmProfile, kinematics: ArmJoints) -> None:
+    def __init__(
+        self,
+        profile: EgmProfile,
+        kinematics: ArmJoints,
+        counters: Counter[str],
+        unmodelled: Unmodelled,
+        now: float,
+    ) -> None:
         self._profile, self._kinematics = profile, kinematics
+        self._counters, self._unmodelled = counters, unmodelled
         self._number: int | None = None
         """Number of the newest message, in whatever state it came."""
+        self._newest: int | None = None
+        """Number of the newest message that was accepted; None before the first of a session."""
+        self.received_at = now
+        """Time of the newest message that keeps the session, s."""
+        self.unusable = ""
+        """Why the newest message that could not be used could not."""
 
-    def check(self, message: Answer) -> None:
+    def begin_session(self, now: float) -> None:
+        """Messages count from here on."""
+        self._newest, self.received_at = None, now
+
+    def accept(self, datagram: bytes, now: float) -> Answer | None:
+        """The message in a datagram for the controller's queue; None where there is none."""
+        try:
+            message = decode_answer(datagram)
+            self._check(message)
+        except RemoteProtocolError as error:
+            self._counters["unusable"] += 1
+            self.unusable = str(error)
+            if self._profile.bad_refreshes_timeout:
+                self.received_at = now
+            return None
+        if self._profile.seqno_check == "drop_old" and self._is_old(message.seqno):
+            self._counters["old number"] += 1
+            return None
+        self._newest, self.received_at = message.seqno, now
+        self._counters["messages"] += 1
+        if isinstance(message, SensorMessage):
+            if names_external_axes(datagram):
+                self._unmodelled.touch("externalJoints", "this arm has no external axes")
+            if message.dnum:
+                self._unmodelled.touch("RAPIDtoRobot.dnum", "no RAPID program reads it")
+            if not message.says_something:
+                return None
+        return message
+
+    def _is_old(self, seqno: int) -> bool:
+        """Whether a message came before the newest one; number 0 begins anew [A]."""
+        return bool(seqno) and self._newest is not None and (self._newest - seqno) % 2**32 < 2**31
+
+    def _check(self, message: Answer) -> None:
         """Raise RemoteProtocolError for a message that this mode has no use for."""
         if isinstance(message, PathCorrection) != (self._profile.mode == "path"):
             raise RemoteProtocolError(f"a {type(message).__name__} in mode {self._profile.mode}")
@@ -34,14 +90,14 @@ class Hearing:
         if pose is not None and abs(math.hypot(*pose.quaternion) - 1.0) > self._profile.quat_tol:
             raise RemoteProtocolError("a quaternion without unit length")
 
-    def hear(self, datagram: bytes, now: float, taken: bool) -> HeardOrder:
+    def read_order(self, datagram: bytes, now: float, taken: bool) -> HeardOrder:
         """A message as an order, whatever the state makes of it. `taken` says whether the robot acts by it now."""
         try:
             message = decode_answer(datagram)
             if other := self._other_mode(message):
                 words = f"{other}, and EGM runs in mode {self._profile.mode}, see cell.egm.mode"
                 return HeardOrder(now, Act.REFUSED, words, False)
-            self.check(message)
+            self._check(message)
         except RemoteProtocolError as error:
             return HeardOrder(now, Act.UNREADABLE, str(error), False)
         order = HeardOrder(
