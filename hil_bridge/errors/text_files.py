@@ -66,9 +66,9 @@ def read_text(path: Path, limit: int = TEXT_LIMIT_BYTES, encoding: str = "utf-8"
         return data.decode(encoding).replace("\r\n", "\n")
     except UnicodeDecodeError as error:
         refuse_known(format_path(path), data)
-        line = data.count(b"\n", 0, error.start) + 1
+        line, name = data.count(b"\n", 0, error.start) + 1, encoding.removesuffix("-sig")
         raise ConfigError(
-            f"{format_path(path)} is no text in {encoding}: {error.reason} in line {line}; save it as {encoding}"
+            f"{format_path(path)} is no text in {name}: {error.reason} in line {line}; save it as {name}"
         ) from error
 
 
