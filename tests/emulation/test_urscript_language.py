@@ -355,6 +355,12 @@ def test_dynamics_of_the_arm_are_told_and_zero() -> None:
     assert len(details) == 4
 
 
+def test_tool_centre_point_beyond_bounds_ends_the_program() -> None:
+    """At 1e308 m every place overflowed, and a panel wrote 300 digits for it."""
+    told = failure(program("set_tcp(p[0, -1e308, 0, 0, 0, 0])"))
+    assert told == "runtime error in line 2: a tool centre point is at most 100 m from the flange"
+
+
 def test_interpreter_mode_reports_that_its_port_is_missing() -> None:
     played = Played(program("interpreter_mode()"))
     played.play(5)

@@ -30,6 +30,8 @@ READS_MAX = 10
 """Reads of sockets by a thread in one cycle; the next one waits for the next cycle. Assumed: as many as the maker's
 external control reads at once. So a client that sends without a pause cannot keep a thread from its end.
 """
+TCP_MAX_M = 100.0
+"""Distance of the tool centre point from the flange along each axis, m: far beyond any tool, and no place overflows."""
 MEMORY_MAX = 1 << 20
 """Elements of lists and structs, and characters of strings, that a program keeps at a time."""
 MEMORY_LOOK_STEPS = 1_000_000

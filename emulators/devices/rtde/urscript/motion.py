@@ -7,7 +7,7 @@ from typing import Any, TypeAlias
 from emulators.devices.rtde.kinematics import RANGE
 from emulators.devices.rtde.urscript.failures import ScriptError
 from emulators.devices.rtde.urscript.host import ORDERED, Host, Profile, Six
-from emulators.devices.rtde.urscript.limits import SOLVE_STEPS
+from emulators.devices.rtde.urscript.limits import SOLVE_STEPS, TCP_MAX_M
 from emulators.devices.rtde.urscript.poses import pose, value_of
 from emulators.devices.rtde.urscript.table import Function, modelled, waiting
 from emulators.devices.rtde.urscript.values import PoseValue, Value, number, string, vector
@@ -223,7 +223,10 @@ def _set_payload(task: Any, mass: Value, centre: Value, *given: Value) -> None:
 
 
 def _set_tcp(task: Any, tcp: Value, *given: Value) -> None:
-    task.host.set_tcp(pose(tcp))
+    offset = pose(tcp)
+    if max(map(abs, offset.position)) > TCP_MAX_M:
+        raise ScriptError(f"a tool centre point is at most {TCP_MAX_M:g} m from the flange")
+    task.host.set_tcp(offset)
 
 
 def read_output(name: str) -> Any:
