@@ -12,7 +12,7 @@ import pytest
 from tools import house_doc
 from tools.device_rooms import DeviceRooms
 from tools.same_run import Run, compared, read
-from tools.size import Function, too_wide
+from tools.size import Function, too_long, too_wide
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -90,6 +90,10 @@ def test_a_function_with_too_many_parameters_is_found_but_not_a_command(tmp_path
 
 def test_no_function_of_ours_has_too_many_parameters():
     assert [each.place for each in too_wide(ROOT)] == []
+
+
+def test_no_function_is_longer_than_the_style_allows():
+    assert [each.place for each in too_long(ROOT)] == []
 
 
 def test_the_figures_of_the_architecture_are_those_of_the_house():
