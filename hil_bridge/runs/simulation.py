@@ -211,9 +211,9 @@ class Simulation(OpenDevices):
 
     def interrupt(self) -> None:
         """Let the run retract from the next cycle on, and end; at once where nothing has moved yet."""
-        if self._run.interrupt() is Act.CLOSE and self._task is not None:
+        if self._run.interrupt() is Act.CLOSE:
             self._ended_early = True
-            if self._begun:  # a task that is cancelled before its first step does not see it
+            if self._task is not None and self._begun:  # before its first step a task does not see that
                 self._task.cancel()
 
     async def _whole(self) -> RunResult:
