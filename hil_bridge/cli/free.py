@@ -54,12 +54,14 @@ def free(
     sequence that was left open is closed first. No zero is taken, and no program is run.
 
     With --back-to it then goes across to above the recorded start and down to it, in small steps. It stands still at a
-    touch. The tool must be known, and the orientation stays as it is.
+    touch. The tool must be known, and the orientation stays as it is. The recording must be of a run on this kind of
+    robot, and not of an emulated one.
     """
     from hil_bridge.errors import ConfigError
     from hil_bridge.record import read
     from hil_bridge.runs.signals import as_ctrl_c
     from hil_bridge.settings.configuration import load_config
+    from hil_bridge.settings.devices import robot_in
     from hil_bridge.site.free import free as free_tool
     from hil_bridge.site.return_path import start_of
 
@@ -70,7 +72,7 @@ def free(
         raise ConfigError(
             "name the robot and the sensor of the tool: --robot and --sensor, or robot.url and sensor.url"
         )
-    goal = None if back_to is None else start_of(read(back_to))
+    goal = None if back_to is None else start_of(read(back_to), robot_in(config).kind.name)
     with as_ctrl_c():
         freed = free_tool(config, distance_mm or max(config.task.retract_mm, 1.0), click.echo, goal)
     click.echo(freed.text)

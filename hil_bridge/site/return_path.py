@@ -12,6 +12,7 @@ from hil_bridge.devices.robots.seam import MotionLimits, RobotLink, RobotReport
 from hil_bridge.devices.sensors.stream import ForceSensor
 from hil_bridge.errors import ConfigError, SafetyStop
 from hil_bridge.record import Recording
+from hil_bridge.record.device_facts import devices_of
 from hil_bridge.runs.bounds import return_bounds
 from hil_bridge.runs.small_steps import LIFT_SPEED_M_S, SmallSteps
 from hil_bridge.runs.zeroing import Zeroing, known_wrist
@@ -89,8 +90,21 @@ class ReturnPath:
             )
 
 
-def start_of(recording: Recording) -> Vector:
-    """Return where a recorded run began, base frame, m. Raises ConfigError for a recording without a cycle."""
+def start_of(recording: Recording, kind: str) -> Vector:
+    """Return where a recorded run of a robot of this kind began, base frame, m.
+
+    Raises ConfigError for a recording without a cycle, of an emulated robot, or of a robot of another kind.
+    """
+    robot = devices_of(recording).robot
+    if robot.emulated:
+        raise ConfigError(
+            "the recording is of an emulated robot, whose start is no place of this cell; "
+            "name one of a run on this robot"
+        )
+    if robot.kind not in ("", kind):
+        raise ConfigError(
+            f"the recording is of a robot of kind {robot.kind}, and this one is of kind {kind}; name one of a run on it"
+        )
     if not recording.cycles:
         raise ConfigError("the recording has no cycle, so it does not say where its run began; name another")
     x, y, z = recording.cycles[0].start

@@ -8,11 +8,14 @@ import pytest
 
 from hil_bridge.clock import Clock, run_virtual
 from hil_bridge.devices.device_log import LogTo
+from hil_bridge.devices.facts import Devices, RobotFacts
 from hil_bridge.errors import ConfigError, DeviceError, SafetyStop
+from hil_bridge.record import Recording
 from hil_bridge.runs.compose import open_devices
 from hil_bridge.runs.setup import Setup
 from hil_bridge.settings.configuration import Config
 from hil_bridge.site.free import Freed, Freeing
+from hil_bridge.site.return_path import start_of
 from protocol.geometry import Vector
 from tests.paper_cell import PaperCell
 
@@ -180,3 +183,21 @@ def test_free_back_to_a_start_needs_a_known_tool_and_the_box(configured: Configu
         ConfigError, match=r"the recorded start, 900\.0 -100\.0 600\.0 mm, lies outside limits"
     ):
         taken_back(configured(5e3, ABOVE, box))
+
+
+@pytest.mark.parametrize(
+    ("robot", "words"),
+    [
+        (
+            RobotFacts(kind="rtde", emulated=True),
+            "of an emulated robot, whose start is no place of this cell",
+        ),
+        (RobotFacts(kind="egm"), "of a robot of kind egm, and this one is of kind rtde"),
+        (RobotFacts(kind="rtde"), "no cycle"),
+        (RobotFacts(), "no cycle"),
+    ],
+)
+def test_free_back_to_refuses_start_of_another_robot(robot: RobotFacts, words: str) -> None:
+    recording = Recording((), (), (), {}, devices=Devices(robot=robot).as_metadata())
+    with pytest.raises(ConfigError, match=words):
+        start_of(recording, "rtde")
