@@ -168,11 +168,13 @@ class WayOut:
         state: LoopState,
         orientation: Quaternion,
         blame: Callable[[Reason], None],
+        in_flight: bool = False,
     ) -> None:
         """Order the tool back to the depth of the start, where it has been, as long as the robot takes orders.
 
-        Orders that are refused or not answered are given again for `limits.retract_patience_s`. `blame` is told what
-        stands against it. Raises nothing but what cancels the task.
+        Orders that are refused or not answered are given again for `limits.retract_patience_s`. `blame` is given what
+        prevents it. `in_flight`: an order deeper than that of the state may be under way, so that at least one is
+        given. Raises nothing but what cancels the task.
         """
         limits, loop = self._config.limits, self._loop
         speed_mm_s, took = HASTE * loop.program.parameters.retract_speed_mm_s, loop.sample_time / HASTE
@@ -181,11 +183,9 @@ class WayOut:
         goal = 0.0
         if state.program.in_contact:  # a surface may have risen above the start
             goal = min(goal, supervisor.depth - self._config.task.retract_mm * 1e-3)
-        while supervisor.depth > goal:
-            begun, depth = (
-                self._clock.now(),
-                max(supervisor.depth - loop.program.stroke.way(speed_mm_s, took), goal),
-            )
+        while supervisor.depth > goal or in_flight:
+            begun, way = self._clock.now(), loop.program.stroke.way(speed_mm_s, took)
+            depth = min(max(supervisor.depth - way, goal), supervisor.depth)
             request = self._request(supervisor.depth, supervisor.position, depth)
             after, verdict = self._supervisor.retreat(
                 supervisor, self._observe(state, supervisor.depth), request
@@ -207,7 +207,7 @@ class WayOut:
                 continue
             if verdict.depth >= supervisor.depth and not (isinstance(verdict, Clamp) and verdict.goes_on):
                 return  # held back at the border of the workspace
-            supervisor = after
+            supervisor, in_flight = after, False
             if self._clock.now() < begun + SOONEST_S:
                 await self._clock.sleep_until(begun + SOONEST_S)
             took = min(self._clock.now() - begun, loop.sample_time)

@@ -336,9 +336,10 @@ async def _end(simulation: Simulation) -> None:
 
 def _how_ended(simulation: Simulation | None) -> RunResult:
     """The result of a run that has ended, or never began."""
-    task = None if simulation is None else simulation._task
-    if task is None or task.cancelled():
+    if simulation is None or (task := simulation._task) is None:
         return _NEVER_MOVED
+    if task.cancelled():
+        return simulation._run.ending.result or _NEVER_MOVED
     failure = task.exception()
     if failure is None:
         return task.result()

@@ -5,6 +5,7 @@ from itertools import product
 
 import pytest
 
+from hil_bridge import api
 from hil_bridge.errors import BridgeError, Cause, Reason
 from hil_bridge.record import Outcome
 from hil_bridge.runs.ending import (
@@ -120,3 +121,35 @@ def test_error_after_the_end_keeps_what_is_known(
 ) -> None:
     result = result_after(RunResult(outcome, left="retracted, 0.0 N"), error)
     assert (result.outcome, len(result.followed), result.left) == (after, followed, "retracted, 0.0 N")
+
+
+@pytest.mark.parametrize("phase", ["approach", "track", "retract"])
+def test_cancelled_task_keeps_where_the_tool_was_left(phase: str) -> None:
+    kept: list[api.Simulation] = []
+
+    async def main() -> None:
+        async with api.simulation({"run": {"duration_s": 1.0}}, seed=7) as running:
+            kept.append(running)
+            task = running.start()
+            await running.reached(phase)
+            task.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await running.finished()
+
+    api.run_virtual(main)
+    result = kept[0].result
+    assert (result.outcome, result.cause) == (Outcome.STOPPED, Cause.CANCELLED)
+    assert result.left.startswith("retracted")
+
+
+def test_interrupt_before_the_start_keeps_a_run_from_beginning() -> None:
+    kept: list[api.Simulation] = []
+
+    async def main() -> None:
+        async with api.simulation(None, seed=7) as running:
+            kept.append(running)
+            running.interrupt()
+            await running.finished()
+
+    api.run_virtual(main)
+    assert (kept[0].result.outcome, kept[0].result.left) == (Outcome.INTERRUPTED, "")
