@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from emulators.devices.rsi import RSI_CONTROLS, RSI_FAULTS, RsiController, RsiProfile
-from emulators.devices.rsi.controller import OUT_OF_REACH
+from emulators.devices.rsi.arm import OUT_OF_REACH
 from emulators.devices.rsi.correction import AXES_TOO_FAR, TOO_FAST
 from emulators.devices.rsi.session import State
 from emulators.faults import Ledger

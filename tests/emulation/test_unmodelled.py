@@ -97,7 +97,7 @@ def test_egm_fields_of_axes_and_programs_that_are_not_there() -> None:
     external = bytes.fromhex("12 0b 1a 09 09 00 00 00 00 00 00 24 40")
     rapid = bytes.fromhex("22 09 11 00 00 00 00 00 00 f0 3f")
     robot.receive([header + external + rapid], T0)
-    assert robot.counters["messages"] == 1, robot.unusable
+    assert robot.counters["messages"] == 1, robot.receiver.unusable
     assert told == ["externalJoints", "RAPIDtoRobot.dnum"]
 
 

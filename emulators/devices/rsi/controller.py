@@ -12,51 +12,28 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 
-from emulators.arm.followed import FollowedArm
-from emulators.arm.told_pose import ToldPose
-from emulators.devices.rsi.correction import (
-    AXES_TOO_FAR,
-    NOTHING,
-    TOO_FAR,
-    TOO_FAST,
-    AxisCorrection,
-    Correction,
-)
-from emulators.devices.rsi.desk import T1_M_S, TO_CONFIRM, Desk, Key
-from emulators.devices.rsi.ethernet import Ethernet, Inputs, channels_of
+from emulators.devices.rsi.arm import OUT_OF_REACH, CorrectedArm
+from emulators.devices.rsi.clock import Clock
+from emulators.devices.rsi.correction import AXES_TOO_FAR, TOO_FAR, TOO_FAST, AxisCorrection, Correction
+from emulators.devices.rsi.desk import TO_CONFIRM, Desk
+from emulators.devices.rsi.ethernet import Ethernet, Inputs
+from emulators.devices.rsi.order_reader import OrderReader
 from emulators.devices.rsi.profile import RsiProfile
+from emulators.devices.rsi.reporter import Reporter
 from emulators.devices.rsi.session import Session, State
 from emulators.faults import Handler, Injection
 from emulators.faults.own import OwnFaults
 from emulators.faults.packets import DATAGRAMS, WIRE, Packets
-from emulators.orders import Act, HeardOrder, Hindrance, Orders, Reach
-from emulators.seams import ArmPath, ContactSource, Handlers, Joints, StartPose
+from emulators.orders import Hindrance, Orders
+from emulators.seams import ArmPath, Handlers, Joints, StartPose
 from emulators.unmodelled import Unmodelled
-from protocol.devices.rsi import ROBOT, Telegram, axis_tags, encode, fixed, number, pose_tags
-from protocol.devices.rsi.angles import values_of
-from protocol.devices.rsi.arm import KukaArm
-from protocol.devices.rsi.telegram import LARGEST_IPOC
-from protocol.endpoint import RemoteProtocolError
 from protocol.geometry import Pose
-from protocol.kinematics import Joints as Axes
 
-MAKER = "KUKA"
-RUNS, STOPPED = "3", "4"
-"""Observed (FZI's configuration): states of the program."""
-_EXTERNAL = range(1, 7)
-OUT_OF_REACH = "the correction leads out of the reach of the arm's axes"
-"""Chosen: words of its own, for those of the controller are not known."""
-_PASSED_S = 1e-6
-"""Chosen: how long ago the moment of a look at the contact is, so that the path up to it is settled."""
-_ACTUAL, _LATE, _STATUS, _OVERRIDE = pose_tags("RIst"), "Delay.D", "ProgStatus.R", "OvPro.R"
-_AXES, _TORQUES = axis_tags("AIPos"), axis_tags("GearTorque")
 _ANSWERS_A_CYCLE = 64
 """Chosen: answers of a cycle that are looked at. A peer that floods the port is not served."""
 
-_ROUNDING_S = _ROUNDING_M = 1e-9
+_ROUNDING_S = 1e-9
 _EMERGENCY_STOP = "emergency-stop"
-_NO_NUMBER = "NaN"
-NO_AXES: Axes = (math.nan,) * 6
 
 _BY_ORDER = TOO_FAR, AXES_TOO_FAR, TOO_FAST, OUT_OF_REACH
 
@@ -67,44 +44,26 @@ class RsiController:
     def __init__(self, profile: RsiProfile, start: StartPose, now: float, seed: int = 0) -> None:
         """Powered up, with the program begun. Raises ValueError for a start that its axes cannot hold."""
         self.profile = profile
-        self._arm = FollowedArm(profile.arm, Pose(start.position, start.quaternion), now)
-        self._kinematics = KukaArm(profile.model, start.tool_length)
-        axes = self._kinematics.holding(self._arm.set_point(now))
-        if axes is None:
-            raise ValueError(
-                f"no axes of the {profile.model} hold the start pose; change start_position_mm or start_quaternion "
-                f"(tool at {', '.join(f'{p * 1e3:g}' for p in start.position)} mm)"
-            )
-        self._aimed: tuple[Pose, Axes] = self._arm.set_point(now), axes
-        """Pose that was ordered last, and its axes, degrees."""
-        self._standing: tuple[Pose, Axes] = self._aimed
-        """Pose that was told last, and its axes."""
-        self._contact: ContactSource | None = None
-        self._powered_at, self._beats = now, 0
-        self._ipoc = profile.ipoc_start - profile.cycle_ms
-        self._own = OwnFaults()
-        self._told_pose = ToldPose(self._arm.pose)
-        self._out: list[bytes] = []
-        self._restart_at = math.inf
-        self._stopped_by_fault = False
+        self._arm = CorrectedArm(profile, start, now)
+        self.path: ArmPath = self._arm.path
+        self.pose, self.feel = self._arm.pose, self._arm.feel
         self.desk = Desk()
         """What a person has done at the panel."""
+        self._clock = Clock(profile, now)
+        self._reporter = Reporter(profile, self._arm, self.desk)
+        self._reader = OrderReader(profile, self._arm, self.desk)
+        self._faults = OwnFaults()
+        self._out: list[bytes] = []
         self.error = ""
         """The error that has ended RSI; empty without."""
         self.discarded: Counter[str] = Counter()
         """Answers that were not taken, by reason."""
-        self._taken = 0
+        self._answers = 0
         """Answers that were looked at in this cycle."""
         self.endpoint: Packets[Sequence[bytes]] = Packets(self, DATAGRAMS, f"{seed} rsi")
-        self.orders = Orders()
-        self.unmodelled = Unmodelled("rsi")
-        self._ordered = NOTHING * 2
-        """Sum of the relative corrections that were ordered, taken or not."""
-        self._channels = channels_of(profile)
-        self.path: ArmPath = self._arm.path
-        self.handlers: Handlers = self._handlers()
+        self.orders, self.unmodelled = Orders(), Unmodelled("rsi")
         self.state = State.ON
-        self._session = self._begun(now)
+        self._session = self._make_session(now)
 
     @property
     def accepted(self) -> int:
@@ -114,19 +73,14 @@ class RsiController:
         return self._arm.path.begun_at(target)
 
     def joints_holding(self, pose: Pose, at: float) -> Joints | None:
-        axes = self._kinematics.holding(pose, self._standing[1])
-        return None if axes is None else tuple(map(math.radians, axes))
-
-    def feel(self, contact: ContactSource) -> None:
-        """The force at the tool comes from here."""
-        self._contact = contact
+        return self._arm.joints_holding(pose)
 
     def hindrance(self, now: float) -> Hindrance | None:
         if self.error:
-            return Hindrance(self.error, self.error in _BY_ORDER and not self._stopped_by_fault)
+            return Hindrance(self.error, self.error in _BY_ORDER and not self._session.ended_by_fault)
         if not self._sending:
             return Hindrance("RSI is off", False)
-        struck = self._own.holds(_EMERGENCY_STOP, now) or self._own.holds("stands", now)
+        struck = self._faults.holds(_EMERGENCY_STOP, now) or self._faults.holds("stands", now)
         words = "the motion is stopped" if struck else self.desk.hindrance or self._session.waits
         return Hindrance(f"{words}, telegrams go on", False) if words else None
 
@@ -138,11 +92,7 @@ class RsiController:
     @property
     def ordered_pose(self) -> Pose:
         """The pose that the corrections make, before any lag of the arm."""
-        return self._aimed[0]
-
-    def pose(self, now: float) -> Pose:
-        """Pose of the tool centre point at a time, s."""
-        return self._arm.pose(now)
+        return self._arm.ordered_pose
 
     @property
     def late(self) -> int:
@@ -153,52 +103,18 @@ class RsiController:
 
     def receive(self, data: Sequence[bytes], now: float) -> None:
         if self.orders.listener is not None:
+            acts = self.state is State.MOVECORR and self.hindrance(now) is None
             for datagram in data:
-                self.orders.tell(self._heard(datagram, now))
+                order = self._reader.read(datagram, now, self._session, self._clock.ipoc, acts)
+                self.orders.tell(order)
         if not self._sending:
             return
         for datagram in data:
-            self._taken += 1
-            if self._taken > _ANSWERS_A_CYCLE:
+            self._answers += 1
+            if self._answers > _ANSWERS_A_CYCLE:
                 return
-            if why := self._session.ethernet.take(datagram, self._ipoc):
+            if why := self._session.ethernet.take(datagram, self._clock.ipoc):
                 self.discarded[why if len(self.discarded) < _ANSWERS_A_CYCLE else "others"] += 1
-
-    def _heard(self, raw: bytes, now: float) -> HeardOrder:
-        """An answer as an order, whatever the state makes of it."""
-        try:
-            telegram = self._session.ethernet.read(raw)
-            *values, _ = self._values_of(telegram)
-        except RemoteProtocolError as error:
-            return HeardOrder(now, Act.UNREADABLE, str(error), False)
-        if telegram.values and self._channels.keys().isdisjoint(telegram.values):
-            words = f"tag {next(iter(telegram.values))}, see cell.rsi.correction_tag and axis_tags"
-            return HeardOrder(now, Act.REFUSED, words, False)
-        if self.profile.mode == "relative":
-            values = [before + more for before, more in zip(self._ordered, values, strict=True)]
-            self._ordered = tuple(values)
-        taken = self.state is State.MOVECORR and self.hindrance(now) is None
-        session = self._session
-        correction, period = session.correction, self.profile.period
-        base, speed, turn = correction.programmed, correction.step_mm * 1e-3, correction.step_rad
-        if any(values[6:]):
-            a, b, c, d, e, f = (at + by for at, by in zip(session.axes.programmed, values[6:], strict=True))
-            base = self._kinematics.pose((a, b, c, d, e, f))
-            by_axes = math.radians(sum(session.axes.steps))
-            speed, turn = speed + self._kinematics.reach * by_axes, turn + by_axes
-        pose = correction.corrected(base, tuple(values[:6]))
-        reach = Reach(period, min(speed, self._tool_step_m) / period, turn / period)
-        breach = "" if telegram.ipoc == self._ipoc else "the IPOC of another telegram than the newest"
-        words = f"{self.profile.mode} correction"
-        return HeardOrder(now, Act.MOTION, words, taken, pose, reach=reach, breach=breach)
-
-    def _values_of(self, telegram: Telegram) -> list[float]:
-        """Values of the channels in an answer: pose, axes, stop; 0 for one that is missing."""
-        values = dict.fromkeys(self._channels.values(), 0.0)
-        for tag in reversed(self._channels):
-            if tag in telegram.values:
-                values[self._channels[tag]] = number(telegram.values[tag])
-        return list(values.values())
 
     def next_event(self) -> None:
         return None
@@ -208,21 +124,14 @@ class RsiController:
         return out
 
     def next_deadline(self) -> float | None:
-        return self._next_beat()
+        return self._clock.next_beat
 
     def handle_deadline(self, now: float) -> None:
         """Cycles that a stalled process has missed are skipped: a real controller would not have missed them. The
         newest that is due is told as of its own time.
         """
-        due = self._next_beat()
-        if now < due:
-            return
-        missed = math.floor((now - due) / self.profile.period + _ROUNDING_S)
-        self._beats += missed
-        self._advance_clock(missed)
-        at = self._next_beat()
-        self._beats += 1
-        self._cycle(at)
+        if now >= self._clock.next_beat:
+            self._cycle(self._clock.take_beat(now))
 
     # --- cycles
 
@@ -230,24 +139,19 @@ class RsiController:
     def _sending(self) -> bool:
         return self.state in (State.ON, State.MOVECORR)
 
-    def _next_beat(self) -> float:
-        return self._powered_at + self._beats * self.profile.period
-
-    def _advance_clock(self, cycles: int) -> None:
-        self._ipoc = (self._ipoc + cycles * self.profile.cycle_ms) & LARGEST_IPOC
-
     def _cycle(self, now: float) -> None:
         """The end of a cycle, and the begin of the next."""
-        if now >= self._restart_at and not self.desk.hindrance:
+        if now >= self._session.restart_at and not self.desk.hindrance:
             self._begin(now)
         if self._sending and self._session.sent:
             self._end_cycle(now)
-        self._advance_clock(1)
+        self._clock.advance(1)
         if self._sending:
-            self._send(now)
+            runs, ipoc = self._runs(now), self._clock.ipoc
+            self._out.append(self._reporter.make_telegram(self._session, ipoc, runs, now))
 
     def _end_cycle(self, now: float) -> None:
-        self._taken = 0
+        self._answers = 0
         inputs = self._session.ethernet.close()
         if inputs.error:
             self._fail(inputs.error, now)
@@ -280,50 +184,23 @@ class RsiController:
     def _correct(self, inputs: Inputs, now: float) -> None:
         """Move by the values of a cycle, unless they are refused."""
         session = self._session
-        limit = self._own.under_way("limit", now)
+        limit = self._faults.under_way("limit", now)
         margin_mm = None if limit is None else limit.number("mm")
         session.correction.narrow(margin_mm)
-        reach_mm = self._kinematics.reach * 1e3
+        reach_mm = self._arm.kinematics.reach * 1e3
         session.axes.narrow(None if margin_mm is None else math.degrees(margin_mm / reach_mm))
-        before = self._aimed
         error = session.correction.take(inputs.correction) or session.axes.take(inputs.axes)
-        if not error and not self._aim():
-            error = OUT_OF_REACH
-        elif math.dist(self._aimed[0].position, before[0].position) > self._tool_step_m + _ROUNDING_M:
-            self._aimed, error = before, TOO_FAST
+        if not error:
+            step_m = self.desk.tool_step_m(self.profile.period)
+            error = self._arm.correct(session.correction, session.axes, step_m, now)
         if error:
             self._fail(error, now)
         else:
             session.standing = False
-            self._arm.follow(self._aimed[0], now)
-
-    @property
-    def _tool_step_m(self) -> float:
-        """Farthest that the operating mode lets the tool go in a cycle, m."""
-        return T1_M_S * self.profile.period if self.desk.key is Key.T1 else math.inf
-
-    def _aim(self) -> bool:
-        """Work out pose and axes of the corrections; False where the arm's axes cannot hold them."""
-        session = self._session
-        pose = session.correction.pose
-        axes: Axes | None
-        if session.axes.total != NOTHING:
-            axes = session.axes.joints
-            if not self._kinematics.allows(axes):
-                return False
-            pose = self._kinematics.pose(axes)
-            if session.correction.total != NOTHING:
-                pose = session.correction.applied_to(pose)
-        if pose != self._aimed[0]:
-            axes = self._kinematics.holding(pose, self._aimed[1])
-            if axes is None:
-                return False
-            self._aimed = pose, axes
-        return True
 
     def _stopped(self, now: float) -> bool:
         """Whether the motion is stopped while telegrams go on."""
-        struck = self._own.under_way(_EMERGENCY_STOP, now) or self._own.under_way("stands", now)
+        struck = self._faults.under_way(_EMERGENCY_STOP, now) or self._faults.under_way("stands", now)
         if struck or self.desk.hindrance:
             if not self._session.standing:
                 self._arm.hold(now)
@@ -333,35 +210,28 @@ class RsiController:
 
     def _runs(self, now: float) -> bool:
         """Whether the program runs, as its status tells it."""
-        return not (self.desk.hindrance or self._own.holds(_EMERGENCY_STOP, now))
+        return not (self.desk.hindrance or self._faults.holds(_EMERGENCY_STOP, now))
 
     def _begin(self, now: float) -> None:
         """The program is reset and begun anew, up to RSI_ON."""
         self.desk.to_confirm = False
         self.state, self.error = State.ON, ""
-        self._stopped_by_fault = False
-        self._restart_at = math.inf
-        self._session = self._begun(now)
+        self._session = self._make_session(now)
         if self.profile.ipoc_restart == "anew":
-            self._ipoc = self.profile.ipoc_start - self.profile.cycle_ms
+            self._clock.begin_anew()
 
-    def _begun(self, now: float) -> Session:
+    def _make_session(self, now: float) -> Session:
         """A session that corrects from where the robot stands."""
         programmed = self._arm.set_point(now)
-        ethernet = Ethernet(self.profile, self.unmodelled)
-        self._ordered = NOTHING * 2
-        axes = self._axes_of(programmed)
-        correction = AxisCorrection(self.profile, axes, self._kinematics.model)
+        axes = self._arm.axes_of(programmed)
+        self._reader.begin_session()
         return Session(
-            now, ethernet, Correction(self.profile, programmed), correction, self._lasting(programmed, axes)
+            now,
+            Ethernet(self.profile, self.unmodelled),
+            Correction(self.profile, programmed),
+            AxisCorrection(self.profile, axes, self._arm.kinematics.model),
+            self._reporter.constant_values(programmed, axes),
         )
-
-    def _axes_of(self, pose: Pose) -> Axes:
-        """The axes of a pose, next to those that were told last; those where no axes hold it."""
-        if pose != self._standing[0]:
-            axes = self._kinematics.holding(pose, self._standing[1])
-            self._standing = pose, axes or self._standing[1]
-        return self._standing[1]
 
     def _fail(self, error: str, now: float) -> None:
         """An error ends RSI: the robot stops on its path."""
@@ -370,67 +240,13 @@ class RsiController:
         self._restart_later(now)
 
     def _restart_later(self, now: float) -> None:
-        self._restart_at = now + self.profile.restart_s if self.profile.restart_s else math.inf
-
-    # --- telegrams
-
-    def _send(self, now: float) -> None:
-        empty = self.profile.empty_first and not self._session.sent
-        self._session.sent += 1
-        values = {} if empty else self._values(now)
-        self._out.append(encode(Telegram(ROBOT, MAKER, values, self._ipoc), self.profile.rob_type_attr))
-
-    def _values(self, now: float) -> dict[str, str]:
-        """The values of the tags that the configuration sends."""
-        values, session = dict(self._session.values), self._session
-        if _ACTUAL[0] in values:
-            pose = self._told_pose.told(self._arm.pose(now), now)
-            if pose is None:
-                values = {tag: text for tag, text in values.items() if tag not in (*_ACTUAL, *_AXES)}
-            else:
-                values.update(zip(_ACTUAL, self._texts(values_of(pose)), strict=True))
-                if _AXES[0] in values:
-                    axes = NO_AXES if math.isnan(pose.position[0]) else self._axes_of(pose)
-                    values.update(zip(_AXES, self._texts(axes), strict=True))
-        if any(tag in values for tag in _TORQUES) and self._contact is not None:
-            torques = self._texts(self._kinematics.torques(self._aimed[1], self._contact(now - _PASSED_S)))
-            values.update({tag: text for tag, text in zip(_TORQUES, torques, strict=True) if tag in values})
-        if _LATE in values:
-            values[_LATE] = str(session.ethernet.late)
-        if _STATUS in values:
-            values[_STATUS] = RUNS if self._runs(now) else STOPPED
-        if _OVERRIDE in values:
-            values[_OVERRIDE] = str(self.desk.override_percent)
-        return values
-
-    def _lasting(self, programmed: Pose, axes: Axes) -> dict[str, str]:
-        """The same as far as they stay the same in a session, in their order."""
-        values: dict[str, str] = {}
-        for tag in self.profile.send:
-            name = tag.removeprefix("DEF_")
-            match name:
-                case "RIst" | "RSol":
-                    group = dict(zip(pose_tags(name), self._texts(values_of(programmed)), strict=True))
-                case "AIPos" | "ASPos":
-                    group = dict(zip(axis_tags(name), self._texts(axes), strict=True))
-                case "MACur":
-                    group = dict.fromkeys(axis_tags(name), self._texts((0.0,))[0])
-                case "EIPos" | "ESPos" | "MECur":
-                    group = dict.fromkeys((f"{name}.E{axis}" for axis in _EXTERNAL), self._texts((0.0,))[0])
-                case "Delay":
-                    group = {_LATE: "0"}
-                case _:
-                    group = {name: "0"}
-            values |= group
-        return values
-
-    def _texts(self, values: Sequence[float]) -> list[str]:
-        return [_NO_NUMBER if math.isnan(v) else fixed(v, self.profile.precision) for v in values]
+        self._session.restart_at = now + self.profile.restart_s if self.profile.restart_s else math.inf
 
     # --- faults
 
-    def _handlers(self) -> Handlers:
-        own = self._own
+    @property
+    def handlers(self) -> Handlers:
+        own = self._faults
         acts = {
             "guidance-ended": self.end_program,
             "program-restarted": self.reset_program,
@@ -443,13 +259,13 @@ class RsiController:
                 **own.striking(acts),
                 "clock-jump": Handler(self._jump),
             },
-            "pose": self._told_pose.handlers,
+            "pose": self._reporter.pose.handlers,
             WIRE: self.endpoint.handlers,
         }
 
     def end_program(self, now: float) -> None:
         """RSI_OFF: nothing is sent any more, and the arm stands."""
-        self.state, self._restart_at = State.CREATED, math.inf
+        self.state, self._session.restart_at = State.CREATED, math.inf
         self._arm.hold(now)
 
     def reset_program(self, now: float) -> None:
@@ -459,9 +275,9 @@ class RsiController:
 
     def _stop_by(self, error: str, now: float) -> None:
         self._fail(error, now)
-        self._stopped_by_fault = True
+        self._session.ended_by_fault = True
 
     def _jump(self, injection: Injection) -> None:
-        self._ipoc = max(0, self._ipoc + int(injection.number("ms")))
+        self._clock.jump(int(injection.number("ms")))
         injection.struck += 1
         injection.finish(injection.injected_at)

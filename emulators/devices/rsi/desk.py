@@ -9,6 +9,7 @@ motion is stopped (assumed). 250 mm/s in T1: ISO 10218-1. Assumed: the key as ab
 motions alone, so a correction does not know it.
 """
 
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -64,6 +65,10 @@ class Desk:
     def is_test(self) -> bool:
         """Whether a person operates it step by step, in T1 or T2."""
         return self.key in (Key.T1, Key.T2)
+
+    def tool_step_m(self, period: float) -> float:
+        """Farthest that the operating mode lets the tool go in a cycle of `period`, s."""
+        return T1_M_S * period if self.key is Key.T1 else math.inf
 
     def press_emergency_stop(self) -> None:
         """Stop at once."""

@@ -39,5 +39,9 @@ class Session:
     """Stop channel of the cycle before."""
     standing: bool = False
     """The motion is stopped while telegrams go on."""
+    restart_at: float = math.inf
+    """When a person begins the program anew."""
+    ended_by_fault: bool = False
+    """The error that has ended it came by no order of a client."""
     waits: str = ""
     """Why RSI_MOVECORR has not begun although it is due, in words."""
