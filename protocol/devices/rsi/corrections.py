@@ -1,0 +1,50 @@
+"""Corrections of a pose: X Y Z in mm, and angles A B C in degrees whose turn comes after the robot's own."""
+
+import math
+
+from protocol.devices.rsi.angles import nearest
+from protocol.devices.rsi.profile import RsiLink
+from protocol.geometry import Pose, angles_of, from_angles, inverse, product
+
+Correction = tuple[float, ...]
+"""X Y Z in mm, A B C in degrees."""
+NO_CORRECTION: Correction = (0.0,) * 6
+
+
+def offset_between(actual: Pose, planned: Pose) -> Correction:
+    """The correction between two poses."""
+    x, y, z = ((there - here) * 1e3 for there, here in zip(actual.position, planned.position, strict=True))
+    return (x, y, z, *angles_of(product(actual.quaternion, inverse(planned.quaternion))))
+
+
+def correction_for(pose: Pose, origin: tuple[Pose, Correction], near: Correction) -> Correction:
+    """The correction that brings the robot to a pose, where another brings it to the pose of `origin`; its angles are
+    those next to `near`.
+    """
+    (position, quaternion), (x0, y0, z0, a0, b0, c0) = origin
+    (x, y, z), (u, v, w) = pose.position, position
+    turn = product(product(pose.quaternion, inverse(quaternion)), from_angles(a0, b0, c0))
+    (a, b, c), (_, _, _, a0, b0, c0) = angles_of(turn), near
+    x, y, z = x0 + (x - u) * 1e3, y0 + (y - v) * 1e3, z0 + (z - w) * 1e3
+    return x, y, z, nearest(a, a0), nearest(b, b0), nearest(c, c0)
+
+
+def clamp(correction: Correction, link: RsiLink) -> Correction:
+    """The part of a correction that is within the limits of the link."""
+    most, most_deg = link.limit_mm, link.limit_deg
+    return (
+        *[max(-most, min(most, value)) for value in correction[:3]],
+        *[max(-most_deg, min(most_deg, value)) for value in correction[3:]],
+    )
+
+
+def step_towards(goal: Correction, here: Correction, change: Correction, link: RsiLink) -> Correction:
+    """As much of the way as one cycle allows: the `change` of the set point, and a little of what the robot lags."""
+    x, y, z, a, b, c = [to - at for to, at in zip(goal, here, strict=True)]
+    u, v, w, d, e, f = change
+    cycle = link.cycle_ms / 1e3
+    most_mm = min(link.fastest_mm_s * cycle, math.hypot(u, v, w) + link.catch_up_mm_s * cycle)
+    most_deg = min(link.fastest_deg_s * cycle, math.hypot(d, e, f) + link.catch_up_deg_s * cycle)
+    share = min(1.0, most_mm / max(math.hypot(x, y, z), 1e-12), most_deg / max(math.hypot(a, b, c), 1e-12))
+    i, j, k, p, q, r = here
+    return i + share * x, j + share * y, k + share * z, p + share * a, q + share * b, r + share * c
