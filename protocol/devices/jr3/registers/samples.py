@@ -1,0 +1,151 @@
+"""Samples of a receiver board in bursts of its registers, and what its bits for warnings and errors mean for them."""
+
+import struct
+
+from protocol.devices.jr3.board import REGISTERS, SATURATIONS, Errors
+from protocol.devices.jr3.range import Range
+from protocol.devices.jr3.registers.profile import BoardClientProfile, filter_tick
+from protocol.devices.jr3.registers.startup import DEAF, NEW
+from protocol.devices.jr3.registers.telegrams import BURST
+from protocol.sensor_telling import SensorTelling
+from protocol.wrench import AXES, SensorStatistics, WrenchFrame
+
+_COUNTER_MODULUS = 65536
+_SEEN_S = 0.03
+"""Derived: a board reads a calibration for 33 ms, which samples not farther apart than this see."""
+_STOOD_S = 0.02
+"""Chosen: longer than a command of another client keeps the board busy, shorter than it reads a calibration."""
+_QUIET_S = 1.0
+"""Chosen: saturation is told again once it has been away for so long."""
+# plain numbers: an operation on flags costs as much as the rest of a sample
+_TROUBLE, _NEW = int(DEAF | NEW), int(NEW)
+_BUSY = int(Errors.SYSTEM_BUSY)
+
+
+class SampleLayout:
+    """Place of a filter's samples: a burst from its first word up to the word `errors`."""
+
+    def __init__(self, number: int) -> None:
+        """`number` is that of the filter."""
+        self.first = REGISTERS[f"filter{number}"].address
+        # filter0 has no counter of its own and the rate of filter1
+        counter_at = REGISTERS[f"count{max(number, 1)}"].address - self.first
+        warnings_at = REGISTERS["warnings"].address - self.first
+        self.words = REGISTERS["errors"].address - self.first + 1
+        # time stamp, axes, counter, warnings and errors of a burst; the words between them are not looked at
+        self.burst = struct.Struct(
+            f">Q6h{2 * (counter_at - len(AXES))}xH{2 * (warnings_at - counter_at - 1)}x2H"
+        )
+
+
+class Saturations:
+    """Axes that are saturated or nearly, each told once, and again only after a quiet time: a contact at the limit
+    rattles.
+    """
+
+    def __init__(self, now: float) -> None:
+        self.known = 0
+        """Bits of those that were told."""
+        self._known_until = now
+
+    def note(self, errors: int, warnings: int, now: float) -> str:
+        """Text of a notice for these bits, or an empty string."""
+        present = errors << len(AXES) | warnings
+        if not (present or self.known):
+            return ""
+        if present:
+            self._known_until = now + _QUIET_S
+        elif now >= self._known_until:
+            self.known = 0
+        new = present & ~self.known
+        if not new:
+            return ""
+        self.known |= new
+        texts = [f"{axis} saturated" for i, axis in enumerate(AXES) if new >> (len(AXES) + i) & 1]
+        texts += [f"{axis} near saturation" for i, axis in enumerate(AXES) if new >> i & 1]
+        return f"board: raw {', '.join(texts)}"
+
+
+class SampleReader:
+    """Makes frames of bursts, and tells them."""
+
+    def __init__(
+        self,
+        profile: BoardClientProfile,
+        burst: struct.Struct,
+        telling: SensorTelling,
+        statistics: SensorStatistics,
+        now: float,
+    ) -> None:
+        self._burst, self._telling, self._statistics = burst, telling, statistics
+        self._period = profile.period
+        self._longest_ns = 1.25e9 * profile.period
+        """Between two time stamps when none is missing, with room for a late one, ns."""
+        self._tick = filter_tick(profile.filter)
+        self._may_miss = profile.period > _SEEN_S
+        """Samples are so far apart that the sensor may be exchanged between two."""
+        self.range = Range()
+        self._saturations = Saturations(now)
+        self.counter: int | None = None
+        """Counter of the newest sample; None before the first."""
+        self._counted_ns = 0
+        self._sequence: int | None = None
+        self._stamp_ns: int | None = None
+        self._dated = self.sampled_at = now
+        """Time of the newest frame, and when it came, s."""
+
+    def begin(self, now: float) -> None:
+        """The stream begins, or goes on after a restart of the board."""
+        self.counter = self._stamp_ns = None
+        self.sampled_at = now
+
+    def read(self, data: bytes, begin: int, end: int, now: float) -> int:
+        """Read the bursts between these places of the data. The errors by which the sensor is lost, 0 for none."""
+        unpack, size = self._burst.unpack_from, self._burst.size
+        # one alone is the newest, whatever its time
+        newest = int.from_bytes(data[end - size : end - size + BURST.size]) if end - begin > size else 0
+        for place in range(begin, end, size):
+            time_ns, fx, fy, fz, mx, my, mz, counter, warnings, errors = unpack(data, place)
+            # Clocks of two machines cannot be compared: the newest burst is taken to be of the moment of its arrival.
+            at = now if time_ns >= newest else now - (newest - time_ns) * 1e-9
+            if at > self._dated:
+                self._dated = at
+            if self._stamp_ns is not None and time_ns - self._stamp_ns > self._longest_ns:
+                periods = (time_ns - self._stamp_ns) * 1e-9 / self._period
+                self._statistics.lost += max(0, round(periods) - 1)
+            self._stamp_ns = time_ns
+            if errors or warnings or self._saturations.known:
+                if errors & _TROUBLE:
+                    return int(errors)
+                text = self._saturations.note(errors & SATURATIONS, warnings & SATURATIONS, now)
+                if text:
+                    self._telling.notice(text)
+                if errors & _BUSY:
+                    continue  # the data are not of their moment
+            sequence = self._sequence
+            if sequence is None:
+                sequence = counter
+            elif self.counter is None:
+                sequence += 1
+            elif counter == self.counter:
+                self._statistics.repeated += 1
+                continue
+            else:
+                step = (counter - self.counter) % _COUNTER_MODULUS
+                if self._may_miss and self._stood((time_ns - self._counted_ns) * 1e-9, step):
+                    return _NEW
+                sequence += step
+            self._sequence, self.counter, self.sampled_at = sequence, counter, now
+            self._counted_ns = time_ns
+            counts = fx, fy, fz, mx, my, mz
+            saturated = self.range.saturated(counts)
+            for warning in self.range.warnings:
+                self._telling.notice(warning)
+            self._telling.tell(WrenchFrame(counts, counter, sequence, self._dated, saturated))
+        return 0
+
+    def _stood(self, elapsed: float, step: int) -> bool:
+        """Whether the counter, which went on by `step` in this time, s, stood still in between."""
+        wrap = _COUNTER_MODULUS * self._tick
+        missing = (elapsed - step * self._tick) % wrap
+        return _STOOD_S + self._tick < missing < wrap / 2

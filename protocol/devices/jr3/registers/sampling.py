@@ -1,0 +1,66 @@
+"""Requests for samples, one by one or as a stream, and the deliveries that answer them."""
+
+from protocol.devices.jr3.registers.procedure import RequestWriter
+from protocol.devices.jr3.registers.profile import BoardClientProfile
+from protocol.devices.jr3.registers.samples import SampleLayout
+from protocol.devices.jr3.registers.telegrams import RESPONSE, Op, Response, Status, encode_head
+
+
+class Sampling:
+    """The samples that a session has asked for."""
+
+    def __init__(
+        self, profile: BoardClientProfile, layout: SampleLayout, writer: RequestWriter, now: float
+    ) -> None:
+        self._profile, self._layout, self._writer = profile, layout, writer
+        self.by_poll = profile.mode == "poll"
+        self._timeout = max(profile.data_timeout_s, 5 * profile.period * profile.bursts)
+        self._at_once = 1 if self.by_poll else profile.bursts
+        self.delivery_size = RESPONSE.size + self._at_once * layout.burst.size
+        self._asked_at = self.received_at = now
+        self._polls = 0
+        self.end()
+
+    def end(self) -> None:
+        """No samples are expected any more."""
+        self.tag: int | None = None
+        """Tag of the request for samples."""
+        self.head: bytes | None = None
+        """Begin of each delivery of the stream, or of the answer to a poll."""
+        self.waits = False
+        """A poll is not answered yet."""
+        self.check_at: float | None = None
+        """When to look whether samples come, s; seldom, so that a sample costs no timer."""
+
+    def begin(self, now: float) -> None:
+        """Ask for the stream, or begin to poll."""
+        self._asked_at = self.received_at = now
+        self._polls = 0
+        self.check_at = now + self._timeout
+        if not self.by_poll:
+            self._ask(Op.STREAM, round(self._profile.period * 1e6))
+
+    @property
+    def poll_due(self) -> float:
+        """When to ask for the next sample, s."""
+        return self._asked_at + self._polls * self._profile.period
+
+    def poll(self, now: float) -> None:
+        """Ask for a sample."""
+        self.waits = True
+        self._polls = max(self._polls, int((now - self._asked_at) / self._profile.period)) + 1
+        self._ask(Op.READ, 0)
+
+    def _ask(self, op: Op, period_us: int) -> None:
+        first, words = self._layout.first, self._layout.words
+        self.tag = self._writer.write(op, first, words, period_us=period_us)
+        self.head = encode_head(Response(op, Status.OK, self.tag, first, words), self._at_once)
+
+    def check(self, sampled_at: float, counter: int | None, now: float) -> tuple[str, str]:
+        """What is wrong, and its remedy, if no sample has come since `sampled_at`, s; empty while there is time."""
+        if now < sampled_at + self._timeout:
+            self.check_at = sampled_at + self._timeout
+            return "", ""
+        if now < self.received_at + self._timeout:
+            return f"its counter has stood at {counter} for {self._timeout:g} s", "does its program run?"
+        return f"no data for {self._timeout:g} s", "server or network stuck?"
