@@ -1,6 +1,6 @@
 """Externally Guided Motion of an ABB robot: its datagrams, and the client that guides it."""
 
-from protocol.devices.egm.client import EgmClient, find_trouble
+from protocol.devices.egm.client import EgmClient
 from protocol.devices.egm.describe import describe
 from protocol.devices.egm.joint_unit import JointCheck, JointUnit
 from protocol.devices.egm.messages import (
@@ -21,6 +21,7 @@ from protocol.devices.egm.messages import (
     names_external_axes,
 )
 from protocol.devices.egm.schema import RobotWare
+from protocol.devices.egm.trouble import find_trouble
 from protocol.devices.egm.units import from_wire, to_wire
 
 __all__ = [

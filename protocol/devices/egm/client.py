@@ -19,9 +19,9 @@ is answered with the set point that it tells, without speed: it stands still, al
 import math
 from collections import deque
 from collections.abc import Sequence
-from itertools import product
 
 from protocol.datagram import arrived_at
+from protocol.devices.egm.answers import Answers
 from protocol.devices.egm.frames import APART_MM, Frames
 from protocol.devices.egm.joint_unit import JointCheck
 from protocol.devices.egm.messages import (
@@ -35,74 +35,20 @@ from protocol.devices.egm.messages import (
     decode_robot,
     encode_answer,
 )
+from protocol.devices.egm.numbering import CycleCheck, Numbering
+from protocol.devices.egm.trouble import NO_POSE, RENUMBERED, find_trouble
 from protocol.devices.egm.units import from_wire, to_wire
 from protocol.endpoint import NO_TROUBLE, RemoteProtocolError, Trouble
 from protocol.geometry import Pose, Vector, rotate, rotation_vector, turn_between
-from protocol.numbering import AHEAD_MAX, NewNumbers
 from protocol.robot import ReportReceived, RobotReport, StreamEvent, StreamLost, StreamNotice
 
-_NUMBERS = 2**32
-_LATE_MAX = 64
-"""A number that is smaller by more belongs to a new session. Chosen: a quarter of a second at 4 ms."""
-_SILENCE_S = 1.0
-"""Chosen: after so long without a datagram a number that is not larger belongs to a new session. Source: specification
-of EGM, section 8, rule 7."""
-_ON_THE_WAY = 0.1
-"""Chosen: part of a cycle that datagram and answer need to reach the other side, together, and to be looked at."""
 _BEGIN_S = 5.0
 """Chosen: how long a session may go on before its guidance begins until that is told as a fault. Such datagrams are
 answered, but not reported."""
-_CYCLES_TIMED = 25
-"""Chosen: datagrams over which the robot's cycle is measured by its own clock, before anything moves."""
-_CYCLE_TOLERANCE = 0.2
-"""Chosen: part by which that may differ; a cycle of 4.032 ms counts as 4 ms."""
 _EVENTS_MAX = 1024
 """Chosen: events that are kept until they are taken."""
 _NOWHERE = Pose((math.nan, math.nan, math.nan), (1.0, 0.0, 0.0, 0.0))
 _STILL = (0.0,) * 6
-
-_FAULTS: tuple[tuple[str, frozenset[int], Trouble], ...] = (
-    (
-        "motors",
-        frozenset({Motors.ON}),
-        Trouble("the motors are off", "switch them on and start the RAPID program"),
-    ),
-    (
-        "rapid",
-        frozenset({Rapid.RUNNING, Rapid.UNDEFINED}),  # it may stay undefined after a restart [O:lib]
-        Trouble("the RAPID program is stopped", "start it"),
-    ),
-    (
-        "guidance",
-        frozenset({Guidance.RUNNING}),
-        Trouble(
-            "it is not guided (mciState STOPPED): EGMRunPose has not begun or has ended",
-            "start the RAPID program, and give EGMRunPose a CondTime that does not end it",
-        ),
-    ),
-)
-"""Field of a robot's message, values with which it moves, and the trouble of any other one [O:lib]."""
-_ERROR = Trouble(
-    "EGM has ended with an error (mciState ERROR)",
-    "read the controller's event log, then start the RAPID program",
-)
-_NO_POSE = Trouble("it tells no pose", "guide it by EGMActPose")
-_RENUMBERED = Trouble("its datagrams are numbered anew", "see which program sends to this port")
-
-
-_HEALTHY = frozenset(product(*(good for _, good, _ in _FAULTS)))
-"""Values of these fields, in their order, of a robot that moves."""
-
-
-def find_trouble(message: RobotMessage) -> Trouble:
-    """Reason for which a robot that tells this cannot move."""
-    if (message.motors, message.rapid, message.guidance) in _HEALTHY:
-        return NO_TROUBLE
-    if message.guidance == Guidance.ERROR:
-        return _ERROR
-    return next(
-        (trouble for field, good, trouble in _FAULTS if getattr(message, field) not in good), NO_TROUBLE
-    )
 
 
 class EgmClient:
@@ -124,40 +70,11 @@ class EgmClient:
         self._checked: tuple[Place | None, Trouble] = None, NO_TROUBLE
         """The newest place whose joints were compared with its pose, and what was found."""
         self._events: deque[StreamEvent] = deque(maxlen=_EVENTS_MAX)
-        self._due = False
-        """A datagram waits for its answer."""
-        self._number = 0
-        """Number of the newest report."""
-        self._seqno: int | None = None
-        """Number of the newest datagram as sent; None before the first."""
-        self._strays = NewNumbers(cycle)
-        """Datagrams whose numbers do not follow; they are not answered."""
-        self._guided_on = False
-        """All of these are of a robot that is guided on and stands where it did."""
-        self._tm = 0
-        self._arrived_at = -math.inf
-        self._again: deque[bool] = deque(maxlen=_EVENTS_MAX)
-        """For each report that waits for its answer: whether it is one of a datagram that came again."""
-        self._own_seqno = 0
-        self._waiting_since: float | None = None
-        """When the answer left that may still be in the robot's queue, s; None where there is none."""
+        self._numbers, self._cycle_check, self._answers = Numbering(cycle), CycleCheck(cycle), Answers(cycle)
         self._reference: PoseMm | None = None
         """Pose for the next answer; None before there is one."""
-        self._sent: PoseMm | None = None
-        """Reference of the newest answer, and the number of the report that it answered."""
-        self._sent_number = 0
-        self._sent_speed = False
-        """That answer carried a speed."""
-        self._ends = False
-        """A movement has ended on its way: its speed is taken back at once, for no other datagram may be answered."""
-        self._left_out = False
-        """The next datagram has had its answer so."""
         self._session_at: float | None = None
         """When a session came whose guidance has not begun, s; None once it has."""
-        self._first: tuple[int, int] | None = None
-        """Number and tm of a session's first datagram until its cycle has been measured."""
-        self._wrong_cycle = NO_TROUBLE
-        """A cycle that is not as expected."""
         self._guided = False
         """The newest datagram told no fault."""
         self._moving = False
@@ -182,19 +99,12 @@ class EgmClient:
         return self._events.popleft() if self._events else None
 
     def data_to_send(self, now: float) -> Sequence[bytes]:
-        if self._reference is None or not (self._due or self._ends):
+        reference, answers = self._reference, self._answers
+        if reference is None or not answers.begin_answer(now):
             return []
-        if self._ends:
-            self._left_out = not self._due
-        elif self._left_out or self._waiting_since is not None:
-            self._due = self._left_out = False
-            return []
-        self._due = self._ends = False
-        self._waiting_since = now
-        speed = self._speed(self._reference) if self._feed_forward else ()
-        self._sent, self._sent_number, self._sent_speed = self._reference, self._number, any(speed)
-        message = SensorMessage(self._own_seqno, self._tm, self._reference, speed=speed)
-        self._own_seqno += 1
+        speed = self._speed(reference) if self._feed_forward else ()
+        message = SensorMessage(answers.count, self._numbers.tm, reference, speed=speed)
+        answers.note(reference, self._numbers.number, any(speed))
         return [encode_answer(message)]
 
     def next_deadline(self) -> float | None:
@@ -208,7 +118,7 @@ class EgmClient:
     def begin(self, pose: Pose) -> None:
         self._moving, self._stopped = True, not self._guided
         if self._guided:
-            self._reference = self._sent = to_wire(pose)
+            self._reference = self._answers.reference = to_wire(pose)
 
     def target(self, pose: Pose, now: float) -> None:
         if not self._stopped:
@@ -216,52 +126,49 @@ class EgmClient:
         self.hold(now)
 
     def hold(self, now: float) -> None:
-        again = self._again.popleft() if self._again else False
-        self._due |= not again and not self._frames.refused
+        self._answers.allow(not self._frames.refused)
 
     def end(self) -> None:
-        self._ends = self._moving and self._sent_speed
+        self._answers.end_movement(self._moving)
         self._moving = False
 
     # --- datagrams of the robot
 
     def _take(self, message: RobotMessage, at: float) -> None:
-        renumbered = NO_TROUBLE
-        distance = self._distance(message, at)
+        renumbered, numbers = NO_TROUBLE, self._numbers
+        distance = numbers.distance(message, at)
         if distance is None:
             if self._is_stray(message, at):
                 return
-            ahead = 0 if self._seqno is None else _signed(message.seqno - self._seqno)
-            if ahead <= 0 or self._silent(at):
+            ahead = numbers.ahead(message)
+            if ahead <= 0 or numbers.is_silent(at):
                 renumbered = self._begin_session(message, at)
             distance = max(ahead, 1)
-            self._strays.forget()
-        number = self._number + distance
+        number = numbers.number + distance
         measured = message.feedback.pose if message.feedback is not None else None
-        self._time_cycle(message)
+        self._cycle_check.take(message)
         planned = message.planned.pose if message.planned is not None else None
         trouble = (
             find_trouble(message)
-            or (NO_TROUBLE if measured is not None else _NO_POSE)
-            or self._wrong_cycle
+            or (NO_TROUBLE if measured is not None else NO_POSE)
+            or self._cycle_check.trouble
             or renumbered
         )
         if distance > 0:
             misplaced = self._misplaced(message.feedback, planned, at)
             trouble = self._frames.refused or trouble or misplaced
-        if self._waiting_since is not None and at - self._waiting_since >= _ON_THE_WAY * self._cycle:
-            self._waiting_since = None  # the robot has looked for it by now
+        self._answers.pass_time(at)
         begins = self._begins(message, at)
         if distance > 0:
-            self._number, self._seqno, self._tm, self._arrived_at = number, message.seqno, message.tm_ms, at
+            numbers.follow(message, distance, at)
             self._guided = not trouble
             self._stopped |= self._moving and bool(trouble)
             if trouble or self._reference is None:
                 self._stay_at(planned or measured)
         if begins and not self._frames.refused:
-            self._due |= distance != 0
+            self._answers.due |= distance != 0
             return
-        self._again.append(distance == 0)
+        self._answers.expect(distance == 0)
         pose = _NOWHERE if measured is None else from_wire(measured)
         force = self._measured_force(message.force, pose) if message.force else None
         self._events.append(
@@ -310,29 +217,8 @@ class EgmClient:
         ready = message.motors == Motors.ON and message.rapid in (Rapid.RUNNING, Rapid.UNDEFINED)
         return self._session_at is not None and ready
 
-    def _distance(self, message: RobotMessage, at: float) -> int | None:
-        """By how much the number of a datagram is larger than the newest one; None where it does not follow."""
-        if self._seqno is None:
-            return None
-        ahead = _signed(message.seqno - self._seqno)
-        if 0 < ahead <= (at - self._arrived_at) / self._cycle + AHEAD_MAX:
-            self._strays.forget()
-            return ahead
-        if ahead > 0:
-            return None
-        later = _signed(message.tm_ms - self._tm) > 0  # the controller's clock goes on with a new session
-        return None if later or self._silent(at) or ahead < -_LATE_MAX else ahead
-
-    def _silent(self, at: float) -> bool:
-        return at - self._arrived_at > _SILENCE_S
-
     def _is_stray(self, message: RobotMessage, at: float) -> bool:
-        """Whether a datagram that does not follow is not to be heeded: the robot has not been seen to count anew."""
-        if self._seqno is None or self._silent(at):
-            self._guided_on = False
-            return False
-        first = not self._strays.waits
-        anew = self._strays.take(message.seqno, at)
+        """Whether a datagram that does not follow is not to be heeded."""
         planned, reference = message.planned, self._reference
         near = (
             planned is not None
@@ -340,38 +226,22 @@ class EgmClient:
             and reference is not None
             and math.dist(planned.pose.position_mm, reference.position_mm) <= APART_MM
         )
-        self._guided_on = (first or self._guided_on) and near and not find_trouble(message)
-        if not anew:
-            self._notice("numbers", f"datagram {message.seqno} behind {self._seqno} is not heeded", at)
-        return not anew
+        stray = self._numbers.is_stray(message, near and not find_trouble(message), at)
+        if stray:
+            self._notice(
+                "numbers", f"datagram {message.seqno} behind {self._numbers.seqno} is not heeded", at
+            )
+        return stray
 
     def _begin_session(self, message: RobotMessage, at: float) -> Trouble:
         """Count anew from this datagram. A robot that is guided on meanwhile has a fault, and its movement goes on."""
-        goes_on = self._guided_on and self._moving
-        if self._seqno is not None and not goes_on:
+        goes_on = self._numbers.guided_on and self._moving
+        if self._numbers.seqno is not None and not goes_on:
             self._lose("the controller began another EGM session", "the tool stands where it was stopped")
         self._session_at = None if goes_on else at
-        self._first, self._wrong_cycle, self._frames = (message.seqno, message.tm_ms), NO_TROUBLE, Frames()
-        return _RENUMBERED if goes_on else NO_TROUBLE
-
-    def _time_cycle(self, message: RobotMessage) -> None:
-        """Measure the robot's cycle once in a session: all speeds are distances of a cycle."""
-        if self._first is None:
-            return
-        seqno, tm = self._first
-        count = _signed(message.seqno - seqno)
-        if count < _CYCLES_TIMED:
-            return
-        if count > 2 * _CYCLES_TIMED:  # numbers jumped
-            self._first = message.seqno, message.tm_ms
-            return
-        self._first = None
-        cycle = _signed(message.tm_ms - tm) * 1e-3 / count
-        if abs(cycle - self._cycle) > _CYCLE_TOLERANCE * self._cycle:
-            self._wrong_cycle = Trouble(
-                f"it sends every {cycle * 1e3:.1f} ms and not every {self._cycle * 1e3:g} ms",
-                "set robot.egm.sample_ms to the SampleRate of its program",
-            )
+        self._cycle_check.begin(message)
+        self._frames = Frames()
+        return RENUMBERED if goes_on else NO_TROUBLE
 
     def _stay_at(self, pose: PoseMm | None) -> None:
         """Let the robot stand at its own set point. One that is none must not be sent back."""
@@ -379,7 +249,7 @@ class EgmClient:
             self._reference = pose
 
     def _lose(self, fact: str, remedy: str) -> None:
-        self._reference = self._sent = None
+        self._reference = self._answers.reference = None
         self._stopped = self._moving
         notice = StreamNotice("link", str(Trouble(fact, remedy)))
         self._events.append(StreamLost(fact, remedy) if self._moving else notice)
@@ -392,15 +262,10 @@ class EgmClient:
 
     def _speed(self, reference: PoseMm) -> tuple[float, ...]:
         """Speed from the reference that was sent last to this one: mm/s, then degrees/s."""
-        before = self._sent
+        before = self._answers.reference
         if before is None or not self._moving or self._stopped:
             return _STILL
-        time = max(self._number - self._sent_number, 1) * self._cycle
+        time = max(self._numbers.number - self._answers.number, 1) * self._cycle
         (x, y, z), (a, b, c) = before.position_mm, reference.position_mm
         u, v, w = map(math.degrees, rotation_vector(turn_between(before.quaternion, reference.quaternion)))
         return (a - x) / time, (b - y) / time, (c - z) / time, u / time, v / time, w / time
-
-
-def _signed(difference: int) -> int:
-    """The difference of two counters of 32 bits that wrap around."""
-    return (difference + _NUMBERS // 2) % _NUMBERS - _NUMBERS // 2
