@@ -11,7 +11,8 @@ from emulators.devices.rtde import RTDE_FAULTS, RtdeProfile
 from emulators.devices.rtde.connection import Connection
 from emulators.devices.rtde.kinematics import USUAL
 from protocol.devices.rtde import packets
-from protocol.devices.rtde.client import EXPECTED, RtdeClient
+from protocol.devices.rtde.client import RtdeClient
+from protocol.devices.rtde.data_packet import EXPECTED
 from protocol.devices.rtde.fields import Recipe
 from protocol.devices.rtde.packets import Kind
 from protocol.devices.rtde.profile import ClientProfile

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from emulators.devices.rtde import RtdeRobot
 from emulators.devices.rtde.robot import CLIENTS_MAX
 from protocol.devices.rtde import packets
-from protocol.devices.rtde.client import EXPECTED, OUTPUT_NAMES
+from protocol.devices.rtde.data_packet import EXPECTED, OUTPUT_NAMES
 from protocol.devices.rtde.packets import Kind, Packet, Types
 from protocol.devices.rtde.profile import ClientProfile
 from protocol.devices.rtde.program import INPUT_NAMES, program_text

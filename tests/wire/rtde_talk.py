@@ -1,7 +1,8 @@
 """A client of a controller over RTDE, and the scripted controller that it talks with."""
 
 from protocol.devices.rtde import packets
-from protocol.devices.rtde.client import EXPECTED, OUTPUT_NAMES, RtdeClient
+from protocol.devices.rtde.client import RtdeClient
+from protocol.devices.rtde.data_packet import EXPECTED, OUTPUT_NAMES
 from protocol.devices.rtde.fields import Recipe
 from protocol.devices.rtde.packets import Kind, Types
 from protocol.devices.rtde.profile import ClientProfile

@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from protocol.devices.rtde import packets
-from protocol.devices.rtde.client import ANSWER_S, EXPECTED, OUTPUT_NAMES, PLAY_S, TRIES
+from protocol.devices.rtde.client import ANSWER_S, PLAY_S, TRIES
+from protocol.devices.rtde.data_packet import EXPECTED, OUTPUT_NAMES
 from protocol.devices.rtde.packets import HEADER, Kind, Text, Types
 from protocol.devices.rtde.profile import ClientProfile
 from protocol.devices.rtde.program import INPUT_NAMES

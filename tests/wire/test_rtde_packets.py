@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from protocol.devices.rtde import packets
-from protocol.devices.rtde.client import EXPECTED
 from protocol.devices.rtde.dashboard import LINE_MAX, Lines, find_refusal
+from protocol.devices.rtde.data_packet import EXPECTED
 from protocol.devices.rtde.describe import describe
 from protocol.devices.rtde.fields import CODES, INPUTS, NOT_FOUND, OUTPUTS, Recipe, type_of
 from protocol.devices.rtde.packets import Kind, Level, Packet, Reader, Text, Types, Version

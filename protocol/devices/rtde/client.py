@@ -4,52 +4,37 @@ It asks the dashboard whether the robot is ready, agrees on recipes, uploads our
 From then on each data packet becomes a report, and is answered at once with one input package.
 """
 
-import math
-from collections import deque
 from enum import Enum, auto
 
-from protocol.arrival_clock import ArrivalClock
 from protocol.devices.rtde import packets
-from protocol.devices.rtde.dashboard import GREETING, QUESTIONS, Lines, find_refusal
+from protocol.devices.rtde.dashboard import Questioning
+from protocol.devices.rtde.data_packet import (
+    EXPECTED,
+    OUTPUT_NAMES,
+    STATES,
+    Values,
+    describe_strange_types,
+    find_misplacement,
+    find_slow,
+    find_trouble,
+    read_force,
+    read_pose,
+)
 from protocol.devices.rtde.fields import IN_USE, NOT_FOUND, Recipe
+from protocol.devices.rtde.movement import Movement
+from protocol.devices.rtde.packet_clock import PacketClock
 from protocol.devices.rtde.packets import Kind, Packet, Reader
 from protocol.devices.rtde.profile import ClientProfile
 from protocol.devices.rtde.program import INPUT_NAMES, Command, State, program_text
-from protocol.devices.rtde.rotation import pose_of, six_of
-from protocol.devices.rtde.states import Runtime, name_of
+from protocol.devices.rtde.rotation import six_of
+from protocol.devices.rtde.states import Runtime
 from protocol.devices.rtde.stops import find_stop
 from protocol.devices.rtde.wires import Piece, Pieces, Port
 from protocol.endpoint import NO_TROUBLE, RemoteProtocolError, Trouble
-from protocol.geometry import Pose, angle_between, turn_by
+from protocol.geometry import Pose
 from protocol.outbox import Mailbox
 from protocol.robot import ReportReceived, RobotReport, StreamEvent, StreamLost, StreamNotice, pose_fault
 
-OUTPUT_NAMES = (
-    "timestamp",
-    "actual_TCP_pose",
-    "actual_TCP_speed",
-    "actual_TCP_force",
-    "target_TCP_pose",
-    "runtime_state",
-    "robot_mode",
-    "safety_status_bits",
-    "robot_status_bits",
-    "output_int_register_24",
-    "output_int_register_25",
-    "output_int_register_26",
-    "speed_scaling",
-)
-"""Output recipe of the client."""
-_SPEED, _TARGET, _STATES = 7, 19, 25
-"""Places of `actual_TCP_speed`, `target_TCP_pose` and `runtime_state` among the values; the pose stands from 1 on."""
-APART_M, APART_RAD = 1e-3, math.radians(1.0)
-"""Chosen: an arm that stands farther from its own target tells another pose than it is ordered to; some times what its
-joints give way by when the tool presses.
-"""
-STANDS_M_S = 1e-3
-"""Chosen: an arm whose tool is slower stands."""
-_FORCE = slice(13, 16)
-"""Place of the force of `actual_TCP_force`."""
 ANSWER_S = 1.0
 """How long the controller may take for an answer. Source: the time-out of UR's own Python client."""
 PLAY_S = 5.0
@@ -60,8 +45,6 @@ AGAIN_S = 0.2
 """Chosen: time between two of these tries."""
 SETTLE_LOOKAHEADS = 5.0
 """Chosen: for so many lookahead times behind a movement the arm is let come to its set point; 1 % of a lag is left."""
-FULL_SPEED = 0.995
-"""Chosen: below, the speed slider is down."""
 _SEQUENCE_MAX = 2**31 - 1
 _FIRST_MAX = 2**30
 """The first sequence number is at most this, so that it stands far from the end of its register."""
@@ -111,35 +94,25 @@ class RtdeClient(Mailbox[Piece, StreamEvent]):
         for the registers of a run, to see whether another client holds them; the end of its connection gives them back.
         """
         self._profile, self._looks = profile, looks
-        self._reader, self._lines = Reader(), Lines()
+        self._reader = Reader()
         super().__init__()
         self._now = now
         self._due: float | None = now + ANSWER_S
         self._play_by = now
         self._lost = NO_TROUBLE
         self._tries = TRIES
-        self._questions = deque(QUESTIONS if profile.dashboard_port else ())
-        self._greeted = False
+        self._dashboard = Questioning()
         self._outputs: Recipe | None = None
         self._inputs: Recipe | None = None
         self._pose = (0.0,) * 6
         """In the last input package."""
         self._sequence = 0
-        self._number = 0
-        self._stamp: float | None = None
-        self._clock = ArrivalClock()
-        """Time of the newest data packet, by the controller's clock, s."""
-        self._moving = False
-        self._latched = False
-        """A fault of this movement: nothing is ordered in it any more."""
+        self._clock = PacketClock(profile)
+        self._movement = Movement()
         self._gone = False
         """Our program was stopped; it is uploaded once."""
-        self._given = False
-        """A target was ordered in this movement."""
-        self._settling = 0
-        """Packages behind a movement in which the arm is let come to its last set point."""
         self._stage = _Stage.DASHBOARD
-        if not self._questions:
+        if not profile.dashboard_port:
             self._negotiate(now)
 
     # --- as an endpoint
@@ -150,8 +123,7 @@ class RtdeClient(Mailbox[Piece, StreamEvent]):
             if self._stage is _Stage.LOST:
                 return
             if piece.port is Port.DASHBOARD:
-                for line in self._lines.feed(piece.data):
-                    self._take_line(line, now)
+                self._take_lines(piece.data, now)
             elif piece.port is Port.RTDE:
                 self._reader.feed(piece.data)
                 self._take_packets(now)
@@ -166,8 +138,8 @@ class RtdeClient(Mailbox[Piece, StreamEvent]):
             self._ask_inputs(now)
         elif self._stage is _Stage.STREAMING:
             self._due = None
-            if self._moving:
-                self._latched = True
+            if self._movement.moving:
+                self._movement.latched = True
                 silent = f"nothing came for {self._profile.silent_ms:g} ms"
                 self._events.append(StreamLost(silent, "look at its cable, then begin again"))
         elif self._stage in _LATE:
@@ -178,29 +150,25 @@ class RtdeClient(Mailbox[Piece, StreamEvent]):
     # --- as a stream's client
 
     def begin(self, pose: Pose) -> None:
-        self._moving, self._settling = True, 0
-        self._latched = self._given = False
+        self._movement.begin()
 
     def target(self, pose: Pose, now: float) -> None:
-        if self._latched:
+        if self._movement.latched:
             self._send(Command.IDLE)
             return
-        self._pose, self._given = six_of(pose), True
+        self._pose, self._movement.given = six_of(pose), True
         self._servo()
 
     def hold(self, now: float) -> None:
-        if self._settling:
-            self._settling -= 1
+        if self._movement.settle():
             self._servo()
         else:
             self._send(Command.IDLE)
 
     def end(self) -> None:
         """The arm lags behind its set point. Without a fault it is let come there; else it brakes at once."""
-        self._moving = False
-        if self._given and not self._latched:
-            self._settling = round(SETTLE_LOOKAHEADS * self._profile.lookahead_s / self._profile.cycle_s)
-        else:
+        packages = round(SETTLE_LOOKAHEADS * self._profile.lookahead_s / self._profile.cycle_s)
+        if not self._movement.end(packages):
             self._send(Command.STOP)
 
     def _servo(self) -> None:
@@ -218,27 +186,17 @@ class RtdeClient(Mailbox[Piece, StreamEvent]):
 
     # --- the way to the stream
 
-    def _take_line(self, line: str, now: float) -> None:
-        if self._stage is not _Stage.DASHBOARD:
-            return
-        if not self._greeted:
-            self._greeted = True
-            if not line.startswith(GREETING.partition(":")[0]):
-                self._lose(
-                    Trouble(
-                        "no dashboard answers on its port", "look at the port, or set dashboard_port to 0"
-                    )
-                )
-                return
-        else:
-            if trouble := find_refusal(self._questions.popleft(), line):
+    def _take_lines(self, data: bytes, now: float) -> None:
+        for line in self._dashboard.feed(data):
+            if self._stage is not _Stage.DASHBOARD:
+                continue
+            if trouble := self._dashboard.take(line):
                 self._lose(trouble)
-                return
-            if not self._questions:
+            elif question := self._dashboard.question:
+                self._out.append(Piece(Port.DASHBOARD, f"{question}\n".encode()))
+                self._due = now + ANSWER_S
+            else:
                 self._negotiate(now)
-                return
-        self._out.append(Piece(Port.DASHBOARD, f"{self._questions[0]}\n".encode()))
-        self._due = now + ANSWER_S
 
     def _negotiate(self, now: float) -> None:
         self._ask(_Stage.VERSION, packets.version_request(), now)
@@ -316,7 +274,7 @@ class RtdeClient(Mailbox[Piece, StreamEvent]):
             self._lose(Trouble(f"its software has no {missing[0]}", "update it"))
             return None
         if not answer.recipe or answer.types != EXPECTED[names]:
-            self._lose(Trouble(_strange_types(names, answer), "update it"))
+            self._lose(Trouble(describe_strange_types(names, answer), "update it"))
             return None
         return Recipe(answer.recipe, names, answer.types)
 
@@ -326,7 +284,7 @@ class RtdeClient(Mailbox[Piece, StreamEvent]):
         assert self._outputs is not None, "there is no data without a recipe"
         values = self._outputs.unpack(payload)
         stage, self._due = self._stage, now + self._profile.silent_ms / 1000.0
-        self._count(values[0])
+        self._clock.take(values[0])
         if self._looks:
             self._stage = _Stage.STREAMING
             self._events.append(ReportReceived(self._report(values, now)))
@@ -334,12 +292,12 @@ class RtdeClient(Mailbox[Piece, StreamEvent]):
         if stage is _Stage.STREAMING:
             report = self._report(values, now)
             if report.fault:
-                self._latched, self._settling = True, 0
+                self._movement.latch()
             self._events.append(ReportReceived(report))
             return
         if stage is _Stage.FIRST:
             # Our program tells this number when it starts. An older program's state may still stand in the registers.
-            self._sequence = int(min(abs(self._stamp or 0.0), _FIRST_MAX) * 1e3) % _FIRST_MAX + 1
+            self._sequence = int(min(abs(self._clock.stamp or 0.0), _FIRST_MAX) * 1e3) % _FIRST_MAX + 1
         self._send(Command.IDLE)
         if stage is _Stage.FIRST:
             profile = self._profile
@@ -348,70 +306,45 @@ class RtdeClient(Mailbox[Piece, StreamEvent]):
             )
             self._out.append(Piece(Port.SCRIPT, text.encode()))
             self._stage, self._play_by = _Stage.UPLOADED, now + PLAY_S
-        elif values[_STATES : _STATES + 6 : 5] == (Runtime.PLAYING, self._sequence) and (
-            values[_STATES + 4] == State.READY
+        elif values[STATES : STATES + 6 : 5] == (Runtime.PLAYING, self._sequence) and (
+            values[STATES + 4] == State.READY
         ):
             self._stage = _Stage.STREAMING
             return
         elif now >= self._play_by:
-            self._lose(_find_trouble(values, False) or _LATE[_Stage.UPLOADED])
+            self._lose(find_trouble(values, False) or _LATE[_Stage.UPLOADED])
             return
         self._due = min(self._play_by, now + ANSWER_S)
 
-    def _count(self, stamp: float) -> None:
-        """Number the packet, by the controller's clock where that goes on."""
-        steps = 1
-        if self._stamp is not None and math.isfinite(stamp) and stamp > self._stamp:
-            steps = max(1, round(min((stamp - self._stamp) / self._profile.cycle_s, 1e6)))
-        self._stamp = stamp if math.isfinite(stamp) else self._stamp
-        self._number += steps
-
-    def _sent_at(self, now: float) -> float:
-        """When the newest packet was sent, s: one that this computer reads late is as much older.
-
-        A clock of the controller that jumps, and a packet older than the longest silence, begin the comparison anew.
-        """
-        if self._stamp is None:
-            return now
-        at = self._clock.sent_at(self._stamp, now)
-        if now - at > self._profile.silent_ms / 1000.0:
-            self._clock = ArrivalClock()
-            return self._clock.sent_at(self._stamp, now)
-        return at
-
-    def _report(self, values: tuple[float, ...], now: float) -> RobotReport:
-        active = self._moving or self._settling > 0
-        trouble = (
-            find_stop(values[_STATES + 1], int(values[_STATES + 2]))
-            if self._looks
-            else _find_trouble(values, active)
-        )
-        if self._looks and not trouble and not values[-1] >= FULL_SPEED:
-            trouble = _slow(values[-1])
-        self._gone = self._gone or values[_STATES] == Runtime.STOPPED
-        if self._gone and not trouble and not self._looks:
-            trouble = Trouble("our program was stopped, and another may play", "begin again")
-        waiting = (self._sequence - int(values[_STATES + 5])) % _SEQUENCE_MAX
-        if active and not trouble and waiting > self._profile.hold_cycles:
-            trouble = Trouble(
-                "our program takes no targets", "see whether another client's program plays, and begin again"
-            )
-        at = self._sent_at(now) - self._profile.report_age_cycles * self._profile.cycle_s
-        if all(map(math.isfinite, values[1:7])):
-            pose = pose_of(values[1:7])
-        else:
-            pose = Pose((math.nan,) * 3, (1.0, 0.0, 0.0, 0.0))
+    def _report(self, values: Values, now: float) -> RobotReport:
+        active = self._movement.active
+        trouble = self._find_trouble(values, active)
+        profile = self._profile
+        at = self._clock.sent_at(now) - profile.report_age_cycles * profile.cycle_s
+        pose = read_pose(values)
         if wrong := pose_fault(pose):
             told = f"it reports {wrong}"
             trouble = trouble._replace(fact=f"{trouble.fact}; {told}" if trouble else told)
         elif not (active or trouble):
-            trouble = _misplaced(values)
-        a, b, c = force = values[_FORCE]
-        # an arm that has no idea tells zeros
-        known = math.isfinite(a + b + c) and any(force)
-        return RobotReport(
-            self._number, pose, at, now, trouble.fact, (), (a, b, c) if known else None, trouble.remedy
-        )
+            trouble = find_misplacement(values)
+        force = read_force(values)
+        return RobotReport(self._clock.number, pose, at, now, trouble.fact, (), force, trouble.remedy)
+
+    def _find_trouble(self, values: Values, active: bool) -> Trouble:
+        """Reason for which nothing can be ordered, by a packet and those before."""
+        self._gone = self._gone or values[STATES] == Runtime.STOPPED
+        waiting = (self._sequence - int(values[STATES + 5])) % _SEQUENCE_MAX
+        if self._looks:
+            trouble = find_stop(values[STATES + 1], int(values[STATES + 2])) or find_slow(values[-1])
+        else:
+            trouble = find_trouble(values, active)
+        if self._gone and not trouble and not self._looks:
+            trouble = Trouble("our program was stopped, and another may play", "begin again")
+        if active and not trouble and waiting > self._profile.hold_cycles:
+            trouble = Trouble(
+                "our program takes no targets", "see whether another client's program plays, and begin again"
+            )
+        return trouble
 
     def _send(self, command: Command) -> None:
         if self._inputs is None or self._stage is _Stage.LOST:
@@ -426,73 +359,3 @@ class RtdeClient(Mailbox[Piece, StreamEvent]):
         """End; the reason is told again and again, for those that begin to wait later."""
         self._stage, self._due, self._lost = _Stage.LOST, self._now + ANSWER_S / 2.0, trouble
         self._events.append(StreamLost(*trouble))
-
-
-EXPECTED = {
-    OUTPUT_NAMES: (
-        "DOUBLE",
-        *("VECTOR6D",) * 4,
-        "UINT32",
-        "INT32",
-        *("UINT32",) * 2,
-        *("INT32",) * 3,
-        "DOUBLE",
-    ),
-    INPUT_NAMES: (*("DOUBLE",) * 9, "INT32", "INT32"),
-}
-"""Types of the client's variables, by its lists of names."""
-
-
-def _strange_types(names: tuple[str, ...], answer: packets.Types) -> str:
-    """Words for an answer to a list of variables that is not as its maker's guide has it."""
-    for name, kind, expected in zip(names, answer.types, EXPECTED[names], strict=False):
-        if kind != expected:
-            return f"it says that {name} is of type {kind[:24]!r}, and its maker's guide says {expected}"
-    return f"it answers {len(names)} variables with {len(answer.types)} types and recipe {answer.recipe}"
-
-
-_WHY_STOPPED = "see at the pendant whether a person, another client or the watchdog ended it, and begin again"
-
-
-def _slow(scaling: float) -> Trouble:
-    return Trouble(f"its speed slider stands at {100.0 * scaling:.0f} %", "put it to 100 %")
-
-
-def _find_trouble(values: tuple[float, ...], moving: bool) -> Trouble:
-    """Reason for which nothing can be ordered."""
-    if stop := find_stop(values[_STATES + 1], int(values[_STATES + 2])):
-        return stop
-    runtime, _, _, _, state, _, _, scaling = values[_STATES:]
-    if runtime != Runtime.PLAYING:
-        remedy = _WHY_STOPPED if runtime == Runtime.STOPPED else "begin again"
-        return Trouble(f"our program is {name_of(Runtime, runtime)}", remedy)
-    if state == State.REFUSED:
-        return Trouble(
-            "no joints near the present ones hold the pose that was ordered",
-            "choose another place, or turn the tool less",
-        )
-    if moving and state == State.STARVED:
-        return Trouble(
-            "our program had no new target for too long and has braked",
-            "look at the network, and begin again",
-        )
-    if state == State.ENDED:
-        return Trouble("our program has ended", "begin again")
-    if not scaling >= FULL_SPEED:
-        return _slow(scaling)
-    return NO_TROUBLE
-
-
-def _misplaced(values: tuple[float, ...]) -> Trouble:
-    """Reason for which a pose that is told while the arm stands is none to begin a movement at."""
-    actual, target = values[1:7], values[_TARGET : _TARGET + 6]
-    if not math.hypot(*values[_SPEED : _SPEED + 3]) <= STANDS_M_S:
-        return NO_TROUBLE
-    off = math.dist(actual[:3], target[:3])
-    turned = angle_between(turn_by(actual[3:]), turn_by(target[3:]))
-    if off <= APART_M and turned <= APART_RAD:
-        return NO_TROUBLE
-    return Trouble(
-        f"it tells to stand {off * 1e3:.1f} mm and {math.degrees(turned):.1f}° from its own target",
-        "look at its tool centre point and payload, and begin again",
-    )

@@ -4,6 +4,7 @@ Source: ur_rtde 1.6.5, `dashboard_client.cpp`; Universal Robots' C++ client libr
 `dashboard_client_implementation_g5.cpp`.
 """
 
+from collections import deque
 from collections.abc import Mapping
 
 from protocol.endpoint import NO_TROUBLE, Trouble
@@ -55,3 +56,26 @@ class Lines:
             lines, rest = [*lines, rest[:LINE_MAX]], b""
         self._rest = bytearray(rest)
         return [line.decode("ascii", "replace").replace("�", "?").rstrip("\r") for line in lines]
+
+
+class Questioning:
+    """The questions of our client, one after the other, behind the greeting."""
+
+    def __init__(self) -> None:
+        self.feed = Lines().feed
+        self._questions = deque(QUESTIONS)
+        self._greeted = False
+
+    @property
+    def question(self) -> str:
+        """The next question; empty behind the last answer."""
+        return self._questions[0] if self._questions else ""
+
+    def take(self, line: str) -> Trouble:
+        """Trouble for a line that forbids a program to start, or that no dashboard says."""
+        if self._greeted:
+            return find_refusal(self._questions.popleft(), line)
+        self._greeted = True
+        if line.startswith(GREETING.partition(":")[0]):
+            return NO_TROUBLE
+        return Trouble("no dashboard answers on its port", "look at the port, or set dashboard_port to 0")
