@@ -16,6 +16,7 @@ from hil_bridge.record import CycleRecord, read, read_with_traffic
 from hil_bridge.runs.cycle import Run
 from hil_bridge.runs.notes import Notes
 from hil_bridge.runs.outputs import Outputs
+from hil_bridge.runs.sampling import Sampler
 from hil_bridge.runs.session import execute
 from hil_bridge.settings.configuration import read_config
 from hil_bridge.show.web.recorded import teller_of
@@ -126,7 +127,7 @@ def test_a_device_that_fails_before_the_first_cycle_is_the_cause(
     def fail(self: Run, status: object, frame: object) -> None:
         raise DeviceError("the robot said no")
 
-    monkeypatch.setattr(Run, "_sample", fail)
+    monkeypatch.setattr(Sampler, "take", fail)
     code, output, errors = hil(*VIRTUAL, "--record", "r.mcap", "--report", "rep", "--summary", "s.json")
     assert (code, errors) == (3, "hil-bridge: stopped: the robot said no\n")
     assert output == "stopped\nrecord: r.mcap\nleft: retracted, 0.0 N\n"

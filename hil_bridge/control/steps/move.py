@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, TypeAlias
 
 from msgspec.structs import replace
 
@@ -35,12 +35,13 @@ _AS_AT_HOME = math.radians(0.5)
 """Chosen: turn from the orientation of the start at which the tool counts as turned back."""
 
 
-@dataclass(frozen=True, slots=True)
-class Move(Step[float]):
-    """Go to another place through free space, at the safe height; a touch on the way ends the run.
+Arrival: TypeAlias = float
+"""Memory of a move: when the tool last had farther to go, s on the run's clock."""
 
-    Its memory is when the tool last had farther to go, s on the run's clock.
-    """
+
+@dataclass(frozen=True, slots=True)
+class Move(Step[Arrival]):
+    """Go to another place through free space, at the safe height; a touch on the way ends the run."""
 
     __pydantic_config__: ClassVar = FORBID_EXTRA
 
@@ -95,7 +96,7 @@ class Move(Step[float]):
         height = plan.stroke.parameters.safe_height_mm * 1e-3
         return tuple((x * 1e-3, y * 1e-3) for x, y in ends), height
 
-    def take(self, context: StepContext, state: StepState[float]) -> StepResult[float]:
+    def take(self, context: StepContext, state: StepState[Arrival]) -> StepResult[Arrival]:
         """Go up to the safe height, across, and wait there until the tool has come."""
         course, contact, task = context.course, context.contact, context.plan.stroke
         measurement, now = contact.measurement, contact.sample.now
