@@ -124,7 +124,7 @@ def test_a_sensor_that_never_boots_is_one_line_and_keeps_the_record(hil: Command
 def test_a_device_that_fails_before_the_first_cycle_is_the_cause(
     hil: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fail(self: Run, status: object, frame: object) -> None:
+    def fail(*given: object) -> None:
         raise DeviceError("the robot said no")
 
     monkeypatch.setattr(Sampler, "take", fail)
