@@ -171,7 +171,7 @@ def test_a_difference_must_be_gross_and_last(force: float, witness: float | None
     for _ in range(50):
         before = RULE.disagreed(before, felt(force, witness))
         count += 1
-        if RULE.fault(before, felt(force, witness)):
+        if RULE.find_stop(before, felt(force, witness)) is not None:
             break
     assert (count if count < 50 else None) == cycles
 

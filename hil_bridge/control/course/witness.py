@@ -42,9 +42,9 @@ class Witness:
             return None
         return 0.0 if before is None else before + seen.dt * apart / allowed
 
-    def find_stop(self, disagreed: float, seen: Observation) -> Stop | None:
+    def find_stop(self, disagreed: float | None, seen: Observation) -> Stop | None:
         """Return the stop of a difference that has lasted too long; None for another."""
-        if disagreed < self.lasting_s:
+        if disagreed is None or disagreed < self.lasting_s:
             return None
         force, witness = seen.sample.force, seen.sample.witness
         text = (
