@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from emulators.devices.egm import controller
+from emulators.devices.egm import reporter
 from hil_bridge.settings.configuration import Config
 from protocol.devices.egm import PoseMm, to_wire
 from protocol.devices.egm.frames import STOOD_S, Frames
@@ -97,7 +97,7 @@ def test_a_robot_that_tells_metres_is_refused(guarded: Run, monkeypatch: pytest.
     def in_metres(pose: Pose) -> PoseMm:
         return PoseMm(pose.position, pose.quaternion)
 
-    monkeypatch.setattr(controller, "to_wire", in_metres)
+    monkeypatch.setattr(reporter, "to_wire", in_metres)
     run = guarded(tracking("egm", 5e4))
     assert "1.1 mm from the origin of its base" in run.cause
     assert "and millimetres" in run.cause
