@@ -95,7 +95,7 @@ class Supervisor:
             self.presses_aside,
         )
         stop, free = find_stop(cycle), None
-        if stop is None and self.witness is not None:
+        if stop is None and disagreed and self.witness is not None:
             stop = self.witness.find_stop(disagreed, observation)
         if stop is None and (deeper := untold_depth(contact, self.limits)) > 0.0:
             text = (
