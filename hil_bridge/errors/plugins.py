@@ -66,14 +66,17 @@ def find_plugin(group: str, thing: str, name: str, built_in: Collection[str] = (
         return Found(point.load(), where, point.value)
     # Foreign code may raise anything while it is imported.
     except (Exception, SystemExit) as error:
-        refuse_old_names(where, point.module)
+        refuse_old_names(where, point.module, failure(error))
         raise ConfigError(f"{where} cannot be loaded: {failure(error)}") from error
 
 
-def refuse_old_names(where: str, module: str) -> None:
-    """Raise ConfigError with all that a package uses by names of an earlier version; `where` names what it offers."""
+def refuse_old_names(where: str, module: str, failed: str = "") -> None:
+    """Raise ConfigError with all that a package uses by names of an earlier version. `where` names what it offers,
+    `failed` the error that it raised, which may have another cause.
+    """
     if names := old_names(module):
+        raised = f"; it fails with {failed}" if failed else ""
         raise ConfigError(
-            f"{where} was written for a version of hil-bridge before {SINCE}: {names}",
+            f"{where} was written for a version of hil-bridge before {SINCE}: {names}{raised}",
             remedy="see Upgrading a package in the documentation",
         )

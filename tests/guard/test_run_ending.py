@@ -66,6 +66,9 @@ def test_request_acts_as_the_table_says(state: RunState, stimulus: Stimulus) -> 
     taken = act in (Act.CLOSE, Act.RETRACT)
     assert ending.asked is (Cause.KEY if taken and before is None else before)
     assert ending.has_failed is failed, "a request is no failure"
+    if taken:
+        ending.end_as_asked()
+        assert ending.outcome is TRANSITIONS[state, stimulus].outcome
 
 
 @pytest.mark.parametrize("state", RunState)

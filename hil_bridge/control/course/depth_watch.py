@@ -73,7 +73,7 @@ class Contact(Struct, frozen=True, gc=False):
         return _PULL * self.untold
 
 
-class Seen(Protocol):
+class ContactFacts(Protocol):
     """The parts of an observation that the watch needs."""
 
     @property
@@ -87,7 +87,7 @@ class Seen(Protocol):
 
 
 def watch_contact(
-    before: Contact | None, seen: Seen, stiffness: tuple[float | None, float], limits: Limits
+    before: Contact | None, seen: ContactFacts, stiffness: tuple[float | None, float], limits: Limits
 ) -> Contact:
     """Return the contact after one more sample. `stiffness` are the one learnt, None where there is none, and the one
     expected, N/m.
