@@ -25,6 +25,7 @@ from hil_bridge.control.steps.retract import Retract
 from hil_bridge.control.steps.seam import Criterion, StepContext, StepResult
 from hil_bridge.control.steps.seek import Seek
 from hil_bridge.control.steps.track import Track
+from hil_bridge.control.steps.zero import Zero
 from hil_bridge.errors import Cause, Reason
 from protocol.geometry import angle_between, rotate
 from tests.control.plain import sense
@@ -434,3 +435,21 @@ def test_an_end_that_comes_in_a_longer_retraction_orders_nothing_deeper():
     state, intent = program.step(*sense(program, state, seen(0.2, (0.0, 0.0), depth, (0.0, 0.0, 0.0))))
     assert intent.phase is Phase.RETRACT
     assert intent.target.depth <= depth
+
+
+def test_a_zero_is_subtracted_from_the_next_step_on():
+    wrench = (0.5, 0.0, -1.0, 0.0, 0.01, 0.0)
+    program = program_of(Zero(settle_ms=100.0, for_ms=200.0), Approach(), Retract())
+    state = program.initial()
+    for k in range(20):
+        at = k * DT
+        sample = replace(seen(at, (0.0, 0.0), 0.0, (1.0, 0.0, 0.0)).sample, wrench=wrench)
+        state, contact = program.sense(state, sample, (0.0, 0.0, 0.0), 0.0, DT)
+        if state.course.leg == 1:
+            break
+        state, _ = program.step(state, contact)
+    assert state.course.zero == pytest.approx(wrench)
+    assert contact.wrench == pytest.approx((0.0,) * 6)
+    assert contact.force[0] == pytest.approx(0.0), (
+        "DOWN turns -1 N of the tool frame into 1 N along the approach"
+    )

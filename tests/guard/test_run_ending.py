@@ -7,7 +7,7 @@ import pytest
 
 from hil_bridge import api
 from hil_bridge.errors import BridgeError, Cause, Reason
-from hil_bridge.record import Outcome
+from hil_bridge.record import PHASE_EVENT, EventRecord, Outcome
 from hil_bridge.runs.ending import (
     FOLLOWED_MAX,
     TRANSITIONS,
@@ -18,6 +18,7 @@ from hil_bridge.runs.ending import (
     result_after,
 )
 from hil_bridge.runs.result import RunResult
+from hil_bridge.runs.watching import Listener
 
 ASKING = Stimulus.ASKED, Stimulus.ASKED_AGAIN, Stimulus.HUNG_UP_AGAIN
 MOVING = RunState.MOVING, RunState.LEAVING, RunState.STOPPING
@@ -156,3 +157,23 @@ def test_interrupt_before_the_start_keeps_a_run_from_beginning() -> None:
 
     api.run_virtual(main)
     assert (kept[0].result.outcome, kept[0].result.left) == (Outcome.INTERRUPTED, "")
+
+
+def test_failure_behind_the_last_cycle_is_reported() -> None:
+    kept: list[api.Simulation] = []
+
+    async def main() -> None:
+        async with api.simulation({"run": {"duration_s": 1.0}}, seed=7) as running:
+            kept.append(running)
+
+            def hear(record: EventRecord) -> None:
+                if (record.kind, record.text) == (PHASE_EVENT, "end"):
+                    running._run.fail(Reason(Cause.CELL_FAILED, "it broke"))
+
+            running._running.log.join(Listener({EventRecord: hear}))
+            await running.finished()
+
+    api.run_virtual(main)
+    result = kept[0].result
+    assert (result.outcome, result.cause) == (Outcome.STOPPED, Cause.CELL_FAILED)
+    assert result.left.startswith("retracted")
