@@ -46,6 +46,41 @@ _READS = ((VERSION_REGISTER, 3), (SERIAL_REGISTER, 4))
 _VERSION, _SERIAL, _START, _WRENCH = range(4)
 
 
+class _Question:
+    """The question under way."""
+
+    def __init__(self) -> None:
+        self.step: int | None = None
+        """None before the first question and in the stream."""
+        self.next = _VERSION
+        self.tries = 0
+        self.answer = b""
+        """What came behind it."""
+
+    def begin(self, step: int) -> bytes:
+        """Ask this, or ask it again; the bytes to send."""
+        self.tries = self.tries + 1 if step == self.next else 1
+        self.step = self.next = step
+        self.answer = b""
+        if step == _START:
+            return encode_write(MODE_REGISTER, STREAM_MODE)
+        return encode_read(WRENCH_REGISTER, 6) if step == _WRENCH else encode_read(*_READS[step])
+
+    def find_answer(self) -> tuple[bytes | int, bytes] | None:
+        """Payload of the answer, or number of its exception, and the bytes behind it; None while it is not there."""
+        if self.step == _START:
+            found = find_answer(self.answer, WRITE, 8)
+        else:
+            assert self.step is not None
+            words = 6 if self.step == _WRENCH else _READS[self.step][1]
+            found = find_answer(self.answer, READ, 5 + 2 * words)
+        if found is None:
+            return None
+        payload, end = found
+        rest, self.answer = self.answer[end:], b""
+        return payload, rest
+
+
 class Ft300Client(Due):
     """Endpoint of bytes: a `SensorClient`."""
 
@@ -62,11 +97,7 @@ class Ft300Client(Due):
         self.next_event, self.zero = telling.next_event, telling.zero
         self._out = bytearray(STOP)
         self._due: float | None = now + profile.rest_s
-        self._step: int | None = None
-        """The question under way, or None before the first question and in the stream."""
-        self._next = _VERSION
-        self._tries = 0
-        self._answer = b""
+        self._question = _Question()
         self._reader = StreamReader()
         self._streaming = self._heard = False
         self._newest: Sequence[int] = ()
@@ -85,10 +116,10 @@ class Ft300Client(Due):
             self._heard = True
         elif self._streaming:
             self._take_stream(data, now)
-        elif self._step is not None:
-            self._answer = (self._answer + data)[-_BUFFER_LIMIT:]
-            self._take_answer(now)
-            if self._step == _START and (messages := StreamReader().feed(self._answer)):
+        elif (question := self._question).step is not None:
+            question.answer = (question.answer + data)[-_BUFFER_LIMIT:]
+            self._take_answer(question.step, now)
+            if question.step == _START and (messages := StreamReader().feed(question.answer)):
                 self._begin_stream(now)  # its answer was lost, the stream runs
                 self._tell_all(messages, now)
 
@@ -102,22 +133,22 @@ class Ft300Client(Due):
         """Ask, ask again, or give up."""
         if self._due is None or now < self._due:
             return
-        profile = self._profile
+        profile, question = self._profile, self._question
         if self._stops:
             self._stop_again(now)
         elif self._streaming:
             self._fail(f"no message came for {profile.silence_s:g} s", "look at its supply and its cable")
-        elif self._step is None:
-            self._ask(self._next, now)
-        elif self._tries >= profile.tries:
+        elif question.step is None:
+            self._ask(question.next, now)
+        elif question.tries >= profile.tries:
             self._fail(
-                f"it does not answer; asked {self._tries} times",
+                f"it does not answer; asked {question.tries} times",
                 "look at its supply, its cable and the line: 19200 baud, 8 data bits, no parity",
             )
         else:
-            if self._step != _WRENCH:
+            if question.step != _WRENCH:
                 self._out += STOP  # it may stream
-                self._step, self._due = None, now + profile.rest_s
+                question.step, self._due = None, now + profile.rest_s
             else:
                 self._ask(_WRENCH, now)
 
@@ -134,28 +165,14 @@ class Ft300Client(Due):
     # --- questions
 
     def _ask(self, step: int, now: float) -> None:
-        self._tries = self._tries + 1 if step == self._next else 1
-        self._step = self._next = step
-        self._answer = b""
+        self._out += self._question.begin(step)
         self._due = now + self._profile.answer_timeout_s
-        if step == _START:
-            self._out += encode_write(MODE_REGISTER, STREAM_MODE)
-        elif step == _WRENCH:
-            self._out += encode_read(WRENCH_REGISTER, 6)
-        else:
-            self._out += encode_read(*_READS[step])
 
-    def _take_answer(self, now: float) -> None:
-        step = self._step
-        assert step is not None
-        words = 6 if step == _WRENCH else 0 if step == _START else _READS[step][1]
-        found = find_answer(
-            self._answer, WRITE if step == _START else READ, 8 if step == _START else 5 + 2 * words
-        )
+    def _take_answer(self, step: int, now: float) -> None:
+        found = self._question.find_answer()
         if found is None:
             return
-        payload, end = found
-        rest, self._answer = self._answer[end:], b""
+        payload, rest = found
         if isinstance(payload, int):
             self._fail(f"it refuses a question: {EXCEPTIONS.get(payload, 'exception')} ({payload})")
         elif step == _START:
@@ -168,7 +185,7 @@ class Ft300Client(Due):
                 self.statistics.malformed += 1
 
     def _take_words(self, step: int, words: Sequence[int], now: float) -> None:
-        self._tries = 0
+        self._question.tries = 0
         if step == _WRENCH:
             self._tell([signed(word) for word in words], now)
             self._ask(_WRENCH, now)
@@ -189,7 +206,7 @@ class Ft300Client(Due):
     # --- samples
 
     def _begin_stream(self, now: float) -> None:
-        self._streaming, self._step = True, None
+        self._streaming, self._question.step = True, None
         self._due = now + self._profile.silence_s
 
     def _take_stream(self, data: bytes, now: float) -> None:
