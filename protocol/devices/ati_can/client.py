@@ -28,6 +28,7 @@ from protocol.devices.ati_can.messages import (
 )
 from protocol.devices.ati_can.profile import AtiCanClientProfile
 from protocol.endpoint import RemoteProtocolError
+from protocol.geometry import Wrench
 from protocol.outbox import Outbox
 from protocol.sensor_telling import SensorTelling
 from protocol.wrench import AXES, SensorFacts, SensorRestarted, SensorStatistics
@@ -38,6 +39,59 @@ _OLDER_UNITS = (FORCE_UNITS[2], TORQUE_UNITS[3])
 """Assumed of an older one: N and N·m."""
 _ROW_OPS = (Op.ROW, Op.ROW_MIDDLE, Op.ROW_END)
 _ALL_AXES = 0b111111
+
+
+class _Calibration:
+    """The calibration that the board answers with, row by row."""
+
+    def __init__(self) -> None:
+        self._units, self._per_unit = _OLDER_UNITS, (1, 1)
+        self._row: list[float] = []
+        self._matrix: list[list[float]] = []
+
+    @property
+    def axis(self) -> int:
+        """Number of the row that comes next."""
+        return len(self._matrix)
+
+    def begin(self) -> None:
+        """Rows come from the first one on."""
+        self._matrix = []
+
+    def begin_row(self) -> None:
+        """What came of a row is given up."""
+        self._row = []
+
+    def take_row(self, op: int, data: bytes) -> bool:
+        """Take a part of a row; whether the row is complete. Raises RemoteProtocolError for one that is 0."""
+        if len(data) < 2 or op != _ROW_OPS[len(self._row) // 2]:
+            return False  # the question of another host, or an answer without those before it
+        self._row += decode_pair(data)
+        if len(self._row) < 6:
+            return False
+        if not any(self._row):
+            raise RemoteProtocolError(f"row {AXES[self.axis]} of the matrix is 0")
+        self._matrix.append(self._row)
+        return True
+
+    def take_counts(self, data: bytes) -> None:
+        """Take the counts for a unit."""
+        self._per_unit = decode_counts(data)
+
+    def take_units(self, data: bytes) -> None:
+        """Take the units."""
+        self._units = decode_units(data)
+
+    def apply(self, gages: tuple[int, ...]) -> list[float]:
+        """The wrench of these gages, in counts."""
+        g, h, i, j, k, m = gages
+        return [0.0 + a * g + b * h + c * i + d * j + e * k + f * m for a, b, c, d, e, f in self._matrix]
+
+    @property
+    def scales(self) -> Wrench:
+        """N and N·m for a count of each axis."""
+        force, torque = (unit / counts for unit, counts in zip(self._units, self._per_unit, strict=True))
+        return force, force, force, torque, torque, torque
 
 
 class AtiCanClient(Outbox[CanFrame]):
@@ -55,7 +109,7 @@ class AtiCanClient(Outbox[CanFrame]):
         super().__init__()
         self._given_up_at = now + profile.ready_timeout_s
         self._others = False
-        self._op, self._axis = Op.FIRMWARE, 0
+        self._op = Op.FIRMWARE
         """The question under way, or the next one."""
         self._tries = 0
         self._under_way = False
@@ -64,9 +118,7 @@ class AtiCanClient(Outbox[CanFrame]):
         self._asked_at = now
         self._model = ""
         self._firmware = (0, 0)
-        self._units, self._per_unit = _OLDER_UNITS, (1, 1)
-        self._row: list[float] = []
-        self._matrix: list[list[float]] = []
+        self._calibration = _Calibration()
         self._start: SampleStart | None = None
         self._status = 0
         self._bus = ""
@@ -121,10 +173,11 @@ class AtiCanClient(Outbox[CanFrame]):
         if self._op is Op.SLOT:
             self._out.append(question(profile.base, self._op, profile.slot))
         elif self._op is Op.ROW:
-            self._out.append(question(profile.base, self._op, self._axis))
+            self._out.append(question(profile.base, self._op, self._calibration.axis))
         else:
             self._out.append(question(profile.base, self._op))
-        self._row, self._start = [], None
+        self._calibration.begin_row()
+        self._start = None
         self._tries += 1
         self._under_way, self._asked_at = True, now
         self._due = now + profile.answer_timeout_s
@@ -154,28 +207,17 @@ class AtiCanClient(Outbox[CanFrame]):
         elif op == Op.SLOT:
             if data != bytes((self._profile.slot,)):
                 raise RemoteProtocolError(f"the board has not chosen slot {self._profile.slot}")
-            self._matrix, self._axis = [], 0
+            self._calibration.begin()
             self._then(Op.ROW, now)
         elif self._op is Op.ROW and op in _ROW_OPS:
-            self._take_row(op, data, now)
+            if self._calibration.take_row(op, data):
+                self._then(Op.ROW if self._calibration.axis < len(AXES) else Op.COUNTS, now)
         elif op == Op.COUNTS and data:
-            self._per_unit = decode_counts(data)
+            self._calibration.take_counts(data)
             self._then(Op.UNITS if self._firmware >= _UNITS_FROM else Op.SAMPLE, now)
         elif op == Op.UNITS and data:
-            self._units = decode_units(data)
+            self._calibration.take_units(data)
             self._then(Op.SAMPLE, now)
-
-    def _take_row(self, op: int, data: bytes, now: float) -> None:
-        if len(data) < 2 or op != _ROW_OPS[len(self._row) // 2]:
-            return  # the question of another host, or an answer without those before it
-        self._row += decode_pair(data)
-        if len(self._row) < 6:
-            return
-        if not any(self._row):
-            raise RemoteProtocolError(f"row {AXES[self._axis]} of the matrix is 0")
-        self._matrix.append(self._row)
-        self._axis += 1
-        self._then(Op.ROW if self._axis < len(AXES) else Op.COUNTS, now)
 
     # --- samples
 
@@ -218,14 +260,10 @@ class AtiCanClient(Outbox[CanFrame]):
             telling.begin(self._facts())
         # A gage at its end changes every axis.
         lost = status & CRITICAL or max(gages) >= GAGE_HIGH or min(gages) <= GAGE_LOW
-        g, h, i, j, k, m = gages
-        raw = [0.0 + a * g + b * h + c * i + d * j + e * k + f * m for a, b, c, d, e, f in self._matrix]
-        telling.sample(raw, at, _ALL_AXES if lost else 0)
+        telling.sample(self._calibration.apply(gages), at, _ALL_AXES if lost else 0)
 
     def _facts(self) -> SensorFacts:
-        force, torque = (unit / counts for unit, counts in zip(self._units, self._per_unit, strict=True))
-        scales = (force, force, force, torque, torque, torque)
-        return SensorFacts(self._model, scales, None, None, None, 0.0, "host")
+        return SensorFacts(self._model, self._calibration.scales, None, None, None, 0.0, "host")
 
     # --- end
 
