@@ -45,6 +45,41 @@ class _Past(NamedTuple):
     removal: State | None
 
 
+class _Friction(NamedTuple):
+    """Coulomb's friction, smoothed near zero velocity."""
+
+    coefficient: float
+    smoothing: float
+    """m/s"""
+
+    def apply(self, pressing: Floats, normal: Floats, sliding: Floats) -> Floats:
+        """Force (3, n), N, of a push (n,) along a normal and its friction against sliding (3, n), m/s."""
+        speed = np.einsum("ij,ij->j", sliding, sliding)
+        speed += self.smoothing**2
+        np.sqrt(speed, out=speed)
+        against = self.coefficient * pressing
+        against /= speed
+        force: Floats = pressing * normal
+        force -= against * sliding
+        return force
+
+
+class _Extent(NamedTuple):
+    """Where the surface begins and ends along the path, m; infinite where it does not."""
+
+    begin: float
+    end: float
+
+    @property
+    def is_bounded(self) -> bool:
+        """Whether there is a begin or an end."""
+        return self.begin > -math.inf or self.end < math.inf
+
+    def is_beyond(self, along: Floats) -> NDArray[np.bool_]:
+        """Which places (n,) are not on the surface."""
+        return (along < self.begin) | (along > self.end)
+
+
 class Contact:
     """The force that a surface exerts on the tool tip."""
 
@@ -79,21 +114,20 @@ class Contact:
         self._factors = np.array(places or [(0.0, 1.0)]).T
         self._uniform = not places
         begin, end = profile.begin_mm, profile.end_mm
-        self._ends = begin is not None or end is not None
-        self._begin = -math.inf if begin is None else begin / 1000.0
-        self._end = math.inf if end is None else end / 1000.0
+        self._extent = _Extent(
+            -math.inf if begin is None else begin / 1000.0, math.inf if end is None else end / 1000.0
+        )
         self._wall_at = math.inf if profile.wall_at_mm is None else profile.wall_at_mm / 1000.0
         self._wall_height = profile.wall_height_mm / 1000.0
         self._wall = Linear(profile.wall_stiffness_n_m, profile.damping_ns_m)
-        self._friction = profile.friction
-        self._smoothing = profile.friction_smoothing_mm_s / 1000.0
+        self._friction = _Friction(profile.friction, profile.friction_smoothing_mm_s / 1000.0)
         angle = math.radians(profile.path_deg)
         self._path = np.array([math.cos(angle), math.sin(angle), 0.0])
         self._left = np.array([-math.sin(angle), math.cos(angle), 0.0])
         self._origin = np.array([profile.origin_x_mm, profile.origin_y_mm, 0.0]) / 1000.0
         self._level: tuple[float, Floats] | None = None
         """Depth of the base frame's origin and normal (3, 1) of a surface whose normal is the same everywhere."""
-        if isinstance(self._surface, Plane) and not self._ends and profile.wall_at_mm is None:
+        if isinstance(self._surface, Plane) and not self._extent.is_bounded and profile.wall_at_mm is None:
             depth, normals = self._shaped(np.zeros((3, 1)))
             self._level = float(depth[0]), normals
 
@@ -117,7 +151,7 @@ class Contact:
             positions = positions - np.outer(self.faults.rise(times)[0], _UP)
         _, normals = self.depth_and_normal(positions)
         along, *_ = self._places(positions.T)
-        ended = (along < self._begin) | (along > self._end)
+        ended = self._extent.is_beyond(along)
         return np.where(ended[:, None], np.nan, normals + 0.0)  # no minus zero
 
     def aside(self) -> "Contact":
@@ -198,24 +232,13 @@ class Contact:
             along, across, _ = self._places(positions.T)
             way = np.sqrt(np.einsum("ij,ij->j", sliding, sliding)) * since
             self._removal.wear(along, across, pressing * way)
-        force = self._with_friction(pressing, normal, sliding)
+        force = self._friction.apply(pressing, normal, sliding)
         if beside is not None:
             inward = self._path[:, None]
             coming = self._path @ velocity
             against, _ = self._wall.press(beside, coming, 1.0, None, Memory())
-            force += self._with_friction(against, -inward, velocity - coming * inward)
+            force += self._friction.apply(against, -inward, velocity - coming * inward)
         return force.T
-
-    def _with_friction(self, pressing: Floats, normal: Floats, sliding: Floats) -> Floats:
-        """Force (3, n), N, of a push (n,) along a normal and its friction against sliding (3, n), m/s."""
-        speed = np.einsum("ij,ij->j", sliding, sliding)
-        speed += self._smoothing**2
-        np.sqrt(speed, out=speed)
-        against = self._friction * pressing
-        against /= speed
-        force: Floats = pressing * normal
-        force -= against * sliding
-        return force
 
     def _as_seen(self, positions: Floats, velocities: Floats, times: Floats) -> tuple[Floats, Floats]:
         """Positions and velocities (n, 3) against a surface that its faults have moved."""
@@ -252,8 +275,8 @@ class Contact:
             through_top = (along > self._wall_at) & ~self._through_face(along, across, height)
             height = np.where(through_top, self._under_top(height), height)
         depth, (n_along, n_left, n_up) = self._surface.depth_and_normal(along, across, height)
-        if self._ends:
-            beyond = (along < self._begin) | (along > self._end)
+        if self._extent.is_bounded:
+            beyond = self._extent.is_beyond(along)
             depth = np.where(beyond, np.minimum(depth, 0.0), depth)
         x, y, _ = self._path
         return depth, np.stack((n_along * x - n_left * y, n_along * y + n_left * x, n_up))
@@ -267,7 +290,7 @@ class Contact:
         """Which places (n,) are in the wall, and nearer to its upright face than to its top."""
         aside = along - self._wall_at
         below_top, _ = self._surface.depth_and_normal(along, across, self._under_top(height))
-        return (aside > 0.0) & (aside < below_top) & (along >= self._begin) & (along <= self._end)
+        return (aside > 0.0) & (aside < below_top) & ~self._extent.is_beyond(along)
 
     def _beside(self, positions: Floats) -> Floats | None:
         """How far places (3, n) are behind the upright face of the wall that pushes them back (n,), m; None where it
