@@ -86,6 +86,27 @@ class _Stream:
         self.due = self.anchor + self.sent * self.period
 
 
+class _FrozenCounters:
+    """Faults by which the counter stays what it was when each first had an effect."""
+
+    def __init__(self) -> None:
+        self._counters: dict[Injection, int | None] = {}
+
+    def begin(self, injection: Injection) -> None:
+        """A fault begins."""
+        self._counters[injection] = None
+
+    def apply(self, counter: int, at: float) -> int:
+        """The counter as it is told at a time, s."""
+        for injection, frozen in self._counters.items():
+            if injection.holds(at):
+                if frozen is None:
+                    self._counters[injection] = frozen = counter
+                injection.struck += frozen != counter
+                counter = frozen
+        return counter
+
+
 class Firmware:
     """Commands take effect only once `initialised`; the gateway sees to that. Times are in s and do not fall."""
 
@@ -102,9 +123,8 @@ class Firmware:
         self._sensor = sensor
         sensor.on_invalidate.append(self._invalidate)
         self._scales = WrongScales()
-        self._frozen_counters: list[Injection] = []
+        self._frozen_counters = _FrozenCounters()
         self._slow: list[Injection] = []
-        self._frozen_at: dict[Injection, int] = {}
         self._sample_period = profile.sample_period_us * 1e-6
         self._smoothing = 1.0
         self._zero_requested = False
@@ -133,7 +153,7 @@ class Firmware:
         """Handlers of the faults of its target `sensor`, for a ledger."""
         return {
             **self._scales.handlers,
-            "frozen-counter": Handler(self._frozen_counters.append),
+            "frozen-counter": Handler(self._frozen_counters.begin),
             "slow": Handler(self._slow.append),
             "unplugged": Handler(self._pulled, self._put_back),
         }
@@ -320,13 +340,7 @@ class Firmware:
         # Floor and wrap: the firmware shifts a fixed-point number right and sends its low 16 bits.
         zeroed = (self._filtered - self._offset).tolist()
         counts = [(math.floor(value) + 0x8000 & 0xFFFF) - 0x8000 for value in zeroed]
-        counter = sampling.taken % COUNTER_MODULUS
-        for injection in self._frozen_counters:
-            if injection.holds(at):
-                told = self._frozen_at.setdefault(injection, counter)
-                injection.struck += told != counter
-                counter = told
-        return Sample(counts, counter)
+        return Sample(counts, self._frozen_counters.apply(sampling.taken % COUNTER_MODULUS, at))
 
     def _begin_sampling(self, now: float) -> None:
         if self._sampling is None:
