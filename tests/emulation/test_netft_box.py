@@ -392,7 +392,7 @@ def test_its_forms_change_it_and_ignore_what_they_do_not_know() -> None:
     device = box()
     get(device, "/comm.cgi?comrdtrate=7000&comrdtbsiz=8")
     get(device, "/setting.cgi?setuserfilter=3&setbias2=1000000")
-    assert (device.rate_hz, device.buffered_records, device.filter_number) == (7000.0, 8, 3)
+    assert (device.rate_hz, device.buffered_records, device.filter.number) == (7000.0, 8, 3)
     assert streamed(device)[-1].counts[2] == 2000000
     for query in (
         "comm.cgi?commrdtrate&1000",
@@ -403,7 +403,7 @@ def test_its_forms_change_it_and_ignore_what_they_do_not_know() -> None:
         "config.cgi?cfgid=0&cfgfu=9",
     ):
         assert get(device, f"/{query}").startswith(b"HTTP/1.1 200")
-    assert (device.rate_hz, device.buffered_records, device.filter_number) == (7000.0, 8, 3)
+    assert (device.rate_hz, device.buffered_records, device.filter.number) == (7000.0, 8, 3)
     assert device.bias.tolist() == [0.0, 0.0, 1e6, 0.0, 0.0, 0.0]
     get(device, "/comm.cgi?comrdte=0")
     assert b"Disabled" in get(device, "/netftapi2.xml")

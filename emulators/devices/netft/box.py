@@ -9,14 +9,13 @@ eighth or sixteenth of them.
 """
 
 import math
-from collections import deque
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
 from operator import sub
 
 import numpy as np
 
+from emulators.devices.netft.filter import SampleFilter
 from emulators.devices.netft.profile import NetFtProfile
 from emulators.faults.ledger import Handler
 from emulators.faults.own import OwnFaults
@@ -26,7 +25,6 @@ from emulators.sensing import Converter, MeasuredWrench
 from emulators.sensing.settings import per_axis, unrest
 from emulators.unmodelled import Unmodelled
 from protocol.datagram import Datagram, side_of
-from protocol.devices.netft.page import FILTERS_HZ, filter_weight
 from protocol.devices.netft.records import (
     AXIA,
     FAMILIES,
@@ -49,18 +47,6 @@ _LOAD_MAX = 1.05
 """Share of an Axia's ratings, in its plane with the turn about its axis, or along its axis with the tilt, above which
 a load is out of range. Source: manual 9610-05-EtherCAT Axia-09, 5.2.1.8; assumed: that the shares are added so.
 """
-
-
-@lru_cache(maxsize=64)
-def _powers(share: float, count: int) -> Floats:
-    """Weight of each of so many samples in a filter's output, oldest first; `share` is left from one to the next."""
-    return np.asarray(share ** np.arange(count - 1, -1, -1), np.float64)
-
-
-@lru_cache(maxsize=len(FILTERS_HZ))
-def _weight(number: int) -> float:
-    """Weight of a new sample in the filter of this number."""
-    return filter_weight(FILTERS_HZ[number])
 
 
 @dataclass(slots=True)
@@ -90,16 +76,13 @@ class NetBox:
         matrix = np.eye(6) * float(profile.counts_per_unit)
         converter = Converter(matrix, noise, -ends, ends, unrest=unrest(profile, powered_at))
         self._measured = MeasuredWrench(source, self._family.rate_hz, converter, seed, "cell.netft.noise_n")
-        self._measured.on_invalidate.append(self._forget)
-        self._ahead: deque[tuple[int, list[float]]] = deque()
-        """Outputs that records will tell without a filter, by the numbers of their samples."""
+        self.filter = SampleFilter(self._measured, profile)
         self.endpoint: Packets[Sequence[bytes]] = Packets(self, DATAGRAMS, f"{seed} frames")
         """The end of its wire."""
         self._out: list[bytes] = []
         self.bias: Floats = np.zeros(6)
         """Counts that are taken off."""
         self.streams = profile.rdt_enabled
-        self.filter_number = profile.filter
         self.rate_hz: float = profile.rate_hz
         self._every = round(self._family.rate_hz / profile.adc_rate_hz)
         """So manieth sample of the highest rate is taken."""
@@ -133,11 +116,7 @@ class NetBox:
         """From when on it hears and answers, s."""
         self._first = self._measured.first_after(now)
         """Number of the sample that has the ft_sequence 0."""
-        self._read = self._first - 1
-        """Number of the newest sample that the filter has seen. Sample 0 is the one behind the power-up."""
-        self._state: list[float] | None = None
-        """Output of the filter, counts without the bias."""
-        self._saturated_until = -1
+        self.filter.restart(self._first)
         self._frozen_ft: int | None = None
         self._stop(now)
 
@@ -151,7 +130,7 @@ class NetBox:
     def sampled_at(self, counter: int) -> float | None:
         """When it measured the sample of this ft_sequence, s."""
         number = self._first + counter * self._every
-        return number / self._family.rate_hz if number <= self._read else None
+        return number / self._family.rate_hz if number <= self.filter.newest else None
 
     # --- endpoint
 
@@ -212,10 +191,10 @@ class NetBox:
 
     def _take_bias(self, now: float) -> None:
         newest = self._measured.number_at(now - self.profile.latency_s)
-        if newest > self._read:
-            self._filter(newest)
-        if self._state is not None:
-            self.bias = np.array(self._state)
+        if newest > self.filter.newest:
+            self.filter.read(newest, self.step)
+        if self.filter.output is not None:
+            self.bias = np.array(self.filter.output)
 
     def _latch(self, now: float) -> None:
         self._latched = True
@@ -259,14 +238,14 @@ class NetBox:
     @property
     def counts(self) -> tuple[int, ...]:
         """The counts that it told last, or would."""
-        return tuple(self._counts_of(self._state or [0.0] * 6))
+        return tuple(self._counts_of(self.filter.output or [0.0] * 6))
 
     def status(self, number: int, now: float) -> int:
         """The status word with the sample of this number."""
         faulty, status = self._faults.any, 0
         if faulty and self._faults.under_way("unplugged", now):
             return self._family.unplugged
-        if number <= self._saturated_until or (faulty and self._faults.under_way("saturated", now)):
+        if number <= self.filter.saturated_until or (faulty and self._faults.under_way("saturated", now)):
             status |= self._family.overloaded
         if self._family is AXIA and self._is_out_of_range():
             status |= OUT_OF_RANGE | SUMMARY
@@ -279,24 +258,20 @@ class NetBox:
 
     def _is_out_of_range(self) -> bool:
         """Whether the load of the newest sample is more than an Axia's ratings bear together."""
-        units = [abs(count) / self.profile.counts_per_unit for count in self._state or [0.0] * 6]
+        units = [abs(count) / self.profile.counts_per_unit for count in self.filter.output or [0.0] * 6]
         ratings = (*self.profile.ratings_n, *self.profile.ratings_nm)
         fx, fy, fz, mx, my, mz = (unit / rating for unit, rating in zip(units, ratings, strict=True))
         return max(math.hypot(fx, fy) + mz, fz + math.hypot(mx, my)) > _LOAD_MAX
 
     def _sample(self, stream: _Stream, now: float) -> None:
         """Take the next sample that is told, and tell it."""
-        number, state, ft, step = (
-            stream.next,
-            self._state,
-            (stream.next - self._first) // self._every % WRAP,
-            self.step,
-        )
+        number, state, step = stream.next, self.filter.output, self.step
+        ft = (number - self._first) // self._every % WRAP
         if not self._faults.any:  # as in nearly every record
-            state = self._filter(number)
+            state = self.filter.read(number, step)
         else:
             if state is None or self._faults.under_way("unplugged", now) is None:
-                state = self._filter(number)
+                state = self.filter.read(number, step)
             if (slow := self._faults.under_way("slow", now)) is not None:
                 step = max(1, round(step * slow.number("factor")))
             if self._faults.under_way("frozen-counter", now) is None:
@@ -320,41 +295,6 @@ class NetBox:
         if max(counts) > _COUNT_END or min(counts) < -_COUNT_END:
             counts = [max(-_COUNT_END, min(_COUNT_END, count)) for count in counts]
         return counts
-
-    def _filter(self, number: int) -> list[float]:
-        """Let the filter see every sample up to this number; its output."""
-        weight, step = _weight(self.filter_number), self.step
-        # After a pause the filter has long forgotten: it begins where it would have come to.
-        most = step if weight == 1.0 else math.ceil(20.0 / weight)
-        first = max(self._read + 1, number - most + 1)
-        state: list[float]
-        if weight == 1.0:
-            state = self._unfiltered(first, number, step)
-        else:
-            outputs = self._measured.outputs(first, number)
-            state = outputs[-1].tolist()
-            if self._state is not None:
-                share = 1.0 - weight
-                seen = weight * (_powers(share, len(outputs)) @ outputs)
-                state = (share ** len(outputs) * np.array(self._state) + seen).tolist()
-        if (at_end := self._measured.last_at_end(first, number)) is not None:
-            self._saturated_until = at_end + self.profile.saturation_hold_samples
-        self._read, self._state = number, state
-        return state
-
-    def _unfiltered(self, first: int, number: int, step: int) -> list[float]:
-        """Output of a sample; those from `first` on are read. With it come those that are told next, as they are."""
-        ahead = self._ahead
-        if not (ahead and ahead[0][0] == number):
-            rows = self._measured.outputs_ahead(first, number)[number - first :: step].tolist()
-            ahead.clear()
-            ahead.extend(zip(range(number, number + len(rows) * step, step), rows, strict=True))
-        return ahead.popleft()[1]
-
-    def _forget(self, number: int) -> None:
-        """The outputs from this number on are others than were read."""
-        while self._ahead and self._ahead[-1][0] >= number:
-            self._ahead.pop()
 
     # --- faults
 

@@ -61,7 +61,7 @@ def _configuration(box: NetBox, now: float) -> dict[str, str]:
         "runrate": f"{box.adc_rate_hz}",
         **rates,
         "setcfgsel": "0",
-        "setuserfilter": f"{box.filter_number}",
+        "setuserfilter": f"{box.filter.number}",
         "setbias": _row(round(value) for value in box.bias.tolist()),
         "cfgnam": "default",
         "cfgcalsel": "0",
@@ -107,7 +107,7 @@ def _set(box: NetBox, asked: tuple[str, str, str], now: float) -> None:
         return
     if form == "/setting.cgi":
         if name == "setuserfilter" and 0 <= value < len(FILTERS_HZ):
-            box.filter_number = int(value)
+            box.filter.number = int(value)
         elif name.startswith("setbias") and name[7:] in tuple("012345") and abs(value) <= _GAGE_END:
             bias = np.array(box.bias)
             bias[int(name[7:])] = value
